@@ -1,0 +1,41 @@
+# Two commands matter: `make demo` flies the built-in aircraft, `make test` proves the code. Both prepare .venv themselves.
+PYTHON ?= $(shell command -v python3.11 || command -v python3)
+BIN := .venv/bin
+STAMP := .venv/.prepared
+
+.PHONY: demo test check bench figures docs venv clean
+.DEFAULT_GOAL := demo
+
+demo: venv
+	$(BIN)/mkdaemon demo
+
+test: venv
+	$(BIN)/pytest -n 2 --dist loadfile
+
+check: venv
+	$(BIN)/ruff check src tests
+	$(BIN)/ruff format --check src tests
+	$(BIN)/mypy
+	$(BIN)/lint-imports
+	$(BIN)/mkdaemon docs --check
+
+bench: venv
+	$(BIN)/mkdaemon bench protocol --json
+	$(BIN)/mkdaemon bench link --json
+	$(BIN)/mkdaemon bench vision --quick --json
+
+figures: venv
+	$(BIN)/mkdaemon bench figures
+
+docs: venv
+	$(BIN)/mkdaemon docs
+
+venv: $(STAMP)
+
+$(STAMP): pyproject.toml constraints.txt
+	$(PYTHON) -m venv .venv
+	$(BIN)/pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[dev]'
+	touch $@
+
+clean:
+	rm -rf .venv build dist .mypy_cache .pytest_cache .ruff_cache .import_linter_cache .hypothesis

@@ -1,0 +1,1 @@
+"""Ground and companion software for MikroKopter aircraft."""
