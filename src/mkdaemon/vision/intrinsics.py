@@ -1,0 +1,67 @@
+"""The pinhole camera with Brown-Conrady distortion that every pose calculation uses."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+from pydantic import Field
+
+from mkdaemon.config.base import Section
+from mkdaemon.errors import ConfigError
+
+
+class Intrinsics(Section):
+    """Projection of a camera: RDF axes, pixel centres at integer coordinates.
+
+    Source: OpenCV camera model (k1, k2, p1, p2, k3), Brown, Photogrammetric Engineering 37(8), 1971.
+    """
+
+    width: int = Field(gt=0)
+    """Image width the figures hold for [px]."""
+    height: int = Field(gt=0)
+    """Image height the figures hold for [px]."""
+    fx: float = Field(gt=0)
+    """Focal length along x [px]."""
+    fy: float = Field(gt=0)
+    """Focal length along y [px]."""
+    cx: float
+    """Principal point, x [px]."""
+    cy: float
+    """Principal point, y [px]."""
+    k1: float = 0.0
+    """Radial distortion, second order."""
+    k2: float = 0.0
+    """Radial distortion, fourth order."""
+    p1: float = 0.0
+    """Tangential distortion."""
+    p2: float = 0.0
+    """Tangential distortion."""
+    k3: float = 0.0
+    """Radial distortion, sixth order."""
+
+    @property
+    def matrix(self) -> npt.NDArray[np.float64]:
+        """Camera matrix `(3, 3)` [px]."""
+        return np.array([[self.fx, 0.0, self.cx], [0.0, self.fy, self.cy], [0.0, 0.0, 1.0]])
+
+    @property
+    def distortion(self) -> npt.NDArray[np.float64]:
+        """`(5,)`: k1, k2, p1, p2, k3 in OpenCV's order."""
+        return np.array([self.k1, self.k2, self.p1, self.p2, self.k3])
+
+    @classmethod
+    def parse(cls, text: str, *, width: int, height: int) -> Intrinsics:
+        """Read the short form `FX,FY,CX,CY[,K1,K2,P1,P2,K3]`.
+
+        Raises:
+            ConfigError: not 4 to 9 finite numbers, or a focal length that is not positive.
+        """
+        try:
+            numbers = [float(part) for part in text.split(",")]
+        except ValueError:
+            numbers = []
+        names = ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3")
+        if not 4 <= len(numbers) <= len(names) or not np.isfinite(numbers).all() or min(numbers[:2]) <= 0:
+            msg = f"intrinsics '{text}': give FX,FY,CX,CY[,K1,K2,P1,P2,K3] as finite numbers, focal lengths above zero"
+            raise ConfigError(msg)
+        return cls(width=width, height=height, **dict(zip(names, numbers, strict=False)))
