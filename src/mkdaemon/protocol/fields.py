@@ -1,0 +1,209 @@
+"""Wire fields: one annotation carries type, firmware word, unit, scale, limits and bits of a field.
+
+Everything that must know a field reads it from here: codec, validation, JSON Schema, documentation, command line,
+simulator and tests.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from enum import IntEnum, IntFlag
+from typing import Any, Final, Self
+
+from pydantic import GetCoreSchemaHandler, GetJsonSchemaHandler
+from pydantic.json_schema import JsonSchemaValue
+from pydantic_core import CoreSchema, core_schema
+
+_RANGES: Final = {
+    "b": (-(2**7), 2**7 - 1),
+    "B": (0, 2**8 - 1),
+    "h": (-(2**15), 2**15 - 1),
+    "H": (0, 2**16 - 1),
+    "i": (-(2**31), 2**31 - 1),
+    "I": (0, 2**32 - 1),
+}
+_TYPE_NAMES: Final = {"b": "s8", "B": "u8", "h": "s16", "H": "u16", "i": "s32", "I": "u32", "s": "char"}
+
+
+class WireEnum(IntEnum):
+    """An enumeration that keeps values it does not know, because boards newer than this table exist."""
+
+    @classmethod
+    def _missing_(cls, value: object) -> Self | None:
+        if not isinstance(value, int):
+            return None
+        member = int.__new__(cls, value)
+        member._name_ = f"UNKNOWN_{value}"
+        member._value_ = value
+        return member
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class WireField:
+    """How one field stands in a packed little-endian structure.
+
+    Attributes:
+        code: `struct` letter of one item; `s` for characters.
+        mk: the firmware's word for it.
+        count: number of items, or of characters or bytes.
+        is_array: the Python value is a tuple of `count` integers.
+        is_bytes: the Python value is `bytes` of length `count`.
+        unit: unit of one count, in words; empty for a plain number.
+        scale: SI value in FLU/ENU axes = wire value * scale; its sign is the sign between the firmware's axis and ours.
+        minimum: smallest value that may be sent.
+        maximum: largest value that may be sent.
+        enum: meaning of the values or bits.
+        pad: what fills unused characters.
+        trim: whether padding is taken off when received.
+    """
+
+    code: str
+    mk: str
+    count: int = 1
+    is_array: bool = False
+    is_bytes: bool = False
+    unit: str = ""
+    scale: float | None = None
+    minimum: int = 0
+    maximum: int = 0
+    enum: type[IntEnum] | type[IntFlag] | None = None
+    pad: str = "\0"
+    trim: bool = True
+
+    @property
+    def is_text(self) -> bool:
+        """Whether the Python value is a string."""
+        return self.code == "s" and not self.is_bytes
+
+    @property
+    def format(self) -> str:
+        """The field in `struct` notation, without byte order."""
+        return self.code if self.count == 1 and self.code != "s" else f"{self.count}{self.code}"
+
+    @property
+    def type_name(self) -> str:
+        """The wire type in the words of the protocol documentation, for example `s16[32]`."""
+        if self.is_bytes:
+            return f"u8[{self.count}]"
+        name = _TYPE_NAMES[self.code]
+        return f"{name}[{self.count}]" if self.is_array or self.code == "s" else name
+
+    def reader(self) -> Callable[[Any], Any] | None:
+        """Conversion from what `struct` unpacks to the Python value; None where they are the same."""
+        if self.is_bytes:
+            return None
+        if self.is_text:
+            return self._read_text
+        if self.enum is not None and not self.is_array:
+            kind = self.enum
+            if self.code == "B":
+                return tuple(kind(value) for value in range(256)).__getitem__
+            return lambda value: kind(value)
+        return None
+
+    def _read_text(self, raw: bytes) -> str:
+        text = raw.decode("latin-1")
+        if not self.trim:
+            return text
+        return text.partition("\0")[0].rstrip(self.pad + " ") if self.pad == " " else text.partition("\0")[0]
+
+    def write(self, value: Any) -> Any:
+        """Conversion from the Python value to what `struct` packs (arrays stay tuples)."""
+        if self.is_text:
+            return str(value).ljust(self.count, self.pad).encode("latin-1")
+        return value
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
+        if self.is_bytes:
+            return core_schema.bytes_schema(min_length=self.count, max_length=self.count, strict=True)
+        if self.is_text:
+            return core_schema.str_schema(max_length=self.count, pattern=r"^[\x00-\xff]*$", strict=True)
+        item: CoreSchema = core_schema.int_schema(strict=True, ge=self.minimum, le=self.maximum)
+        if self.enum is not None:
+            item = core_schema.no_info_after_validator_function(self.enum, item)
+        if self.is_array:
+            return core_schema.tuple_schema(
+                [item], variadic_item_index=0, min_length=self.count, max_length=self.count, strict=False
+            )
+        return item
+
+    def __get_pydantic_json_schema__(self, schema: CoreSchema, handler: GetJsonSchemaHandler) -> JsonSchemaValue:
+        described = handler(schema)
+        described["x-firmware-word"] = self.mk
+        described["x-wire-type"] = self.type_name
+        if self.unit:
+            described["x-unit"] = self.unit
+        if self.scale is not None:
+            described["x-scale"] = self.scale
+        if self.enum is not None:
+            described["x-values"] = {member.name: int(member) for member in self.enum}
+        return described
+
+
+def _integer(
+    code: str,
+    mk: str,
+    *,
+    unit: str = "",
+    scale: float | None = None,
+    limit: int | None = None,
+    low: int | None = None,
+    high: int | None = None,
+    enum: type[IntEnum] | type[IntFlag] | None = None,
+    count: int | None = None,
+) -> WireField:
+    smallest, largest = _RANGES[code]
+    if limit is not None:
+        smallest, largest = max(smallest, -limit), min(largest, limit)
+    return WireField(
+        code=code,
+        mk=mk,
+        count=1 if count is None else count,
+        is_array=count is not None,
+        unit=unit,
+        scale=scale,
+        minimum=smallest if low is None else low,
+        maximum=largest if high is None else high,
+        enum=enum,
+    )
+
+
+def U8(mk: str, **options: Any) -> WireField:  # noqa: N802 - reads as the wire type it declares
+    """Declare an unsigned byte; options as `WireField` has, and `limit`, `low`, `high` to bound what is sent."""
+    return _integer("B", mk, **options)
+
+
+def S8(mk: str, **options: Any) -> WireField:  # noqa: N802
+    """Declare a signed byte."""
+    return _integer("b", mk, **options)
+
+
+def U16(mk: str, **options: Any) -> WireField:  # noqa: N802
+    """Declare an unsigned 16-bit integer."""
+    return _integer("H", mk, **options)
+
+
+def S16(mk: str, **options: Any) -> WireField:  # noqa: N802
+    """Declare a signed 16-bit integer."""
+    return _integer("h", mk, **options)
+
+
+def U32(mk: str, **options: Any) -> WireField:  # noqa: N802
+    """Declare an unsigned 32-bit integer."""
+    return _integer("I", mk, **options)
+
+
+def S32(mk: str, **options: Any) -> WireField:  # noqa: N802
+    """Declare a signed 32-bit integer."""
+    return _integer("i", mk, **options)
+
+
+def Text(mk: str, length: int, *, pad: str = "\0", trim: bool = True) -> WireField:  # noqa: N802
+    """Declare `length` Latin-1 characters; with `trim` all from the first NUL on, and final blanks, is dropped."""
+    return WireField(code="s", mk=mk, count=length, pad=pad, trim=trim)
+
+
+def Raw(mk: str, length: int) -> WireField:  # noqa: N802
+    """Declare `length` bytes without a meaning of their own here."""
+    return WireField(code="s", mk=mk, count=length, is_bytes=True)

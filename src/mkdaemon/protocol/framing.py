@@ -1,0 +1,180 @@
+r"""Frames of the MikroKopter serial line: ``# addr id payload c1 c2 CR``.
+
+The payload is base64 over the 64 consecutive characters ``=`` to ``|`` with zero bytes for padding; the checksum is the
+sum of all characters before it, modulo 4096, in two such characters. Source: docs/protocol.md, "Framing".
+
+The decoder is sans-IO: bytes in, frames and named losses out. It accepts any chunking, restarts at every ``#`` (boards
+interrupt their own frames), tolerates plain text between frames, keeps a bounded buffer and never raises.
+"""
+
+from __future__ import annotations
+
+import zlib
+from binascii import a2b_base64, b2a_base64
+from enum import StrEnum
+from typing import Final, NamedTuple
+
+from mkdaemon.errors import EncodeError
+
+MAX_FRAME_CHARS: Final = 512
+"""Longest frame accepted [characters]; the longest known reply (settings revision 108 and later) has 246."""
+
+_STANDARD: Final = b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/"
+_MODIFIED: Final = bytes(range(0x3D, 0x7D))
+_TO_STANDARD: Final = bytes.maketrans(_MODIFIED, _STANDARD)
+_TO_MODIFIED: Final = bytes.maketrans(_STANDARD + b"=", _MODIFIED + b"=")
+_IDLE: Final = b" \n\t\0"
+_ADDRESS_BASE: Final = 0x61
+_OVERHEAD: Final = 5
+
+
+class DropReason(StrEnum):
+    """Why bytes did not become a frame."""
+
+    TEXT = "text"
+    """Plain text outside any frame: boot banners, debug prints, escape sequences."""
+    LENGTH = "length"
+    """A frame cut short, interrupted by another `#`, not a whole number of character groups, or too long."""
+    CHARACTERS = "characters"
+    """A frame with a character outside the alphabet."""
+    CHECKSUM = "checksum"
+    """A frame whose checksum does not match."""
+
+
+class Frame(NamedTuple):
+    """One frame with a right checksum.
+
+    Attributes:
+        address: 0 any, 1 FlightCtrl, 2 NaviCtrl, 3 MK3Mag, 4 OSD, 5 BL-Ctrl; in a reply, the answering board.
+        id: the command letter.
+        payload: decoded bytes; a received payload is zero-padded to a multiple of three.
+        raw: the frame as it stands on the wire, from `#` to CR.
+    """
+
+    address: int
+    id: str
+    payload: bytes
+    raw: bytes
+
+
+class Dropped(NamedTuple):
+    """Bytes that did not become a frame, and why."""
+
+    reason: DropReason
+    raw: bytes
+
+
+def encode_frame(address: int, command: str, payload: bytes = b"") -> bytes:
+    """Build a frame.
+
+    Args:
+        address: 0..27; see `Frame.address`.
+        command: one ASCII letter or `!`, `?`, `0`.
+        payload: the whole structure; it is padded with zero bytes to a multiple of three.
+
+    Raises:
+        EncodeError: the address or the command letter cannot be framed, or the frame would be too long.
+    """
+    if not 0 <= address <= 27 or len(command) != 1 or not "!" <= command <= "~" or command == "#":
+        msg = f"cannot frame command {command!r} for address {address}: one printable letter, address 0..27"
+        raise EncodeError(msg)
+    body = b2a_base64(payload + bytes(-len(payload) % 3), newline=False).translate(_TO_MODIFIED)
+    head = b"#%c%b%b" % (_ADDRESS_BASE + address, command.encode("ascii"), body)
+    if len(head) + 3 > MAX_FRAME_CHARS:
+        msg = f"a payload of {len(payload)} bytes makes a frame over {MAX_FRAME_CHARS} characters"
+        raise EncodeError(msg)
+    total = _checksum(head)
+    return b"%b%c%c\r" % (head, 0x3D + (total >> 6), 0x3D + (total & 63))
+
+
+def padded_length(size: int) -> int:
+    """Length of a structure of `size` bytes once received: the next multiple of three [bytes]."""
+    return size + -size % 3
+
+
+def _checksum(head: bytes) -> int:
+    """Sum of all characters modulo 4096.
+
+    The low half of Adler-32 is one plus the byte sum modulo 65521 (RFC 1950), and a frame of at most
+    `MAX_FRAME_CHARS` characters up to 0x7E sums to less: the C routine is an exact byte sum here.
+    """
+    return (zlib.adler32(head) - 1) & 0xFFF
+
+
+class FrameDecoder:
+    """Turns a byte stream into frames and named losses.
+
+    Every byte fed is in exactly one result or was idle (carriage returns and white space between frames).
+    """
+
+    __slots__ = ("_rest",)
+
+    def __init__(self) -> None:
+        self._rest = b""
+
+    @property
+    def pending(self) -> int:
+        """Bytes held back because their frame is not complete; at most `MAX_FRAME_CHARS`."""
+        return len(self._rest)
+
+    def feed(self, chunk: bytes) -> list[Frame | Dropped]:
+        """Take the next bytes in order and return what they completed, in order."""
+        out: list[Frame | Dropped] = []
+        *lines, rest = (self._rest + chunk).split(b"\r")
+        for line in lines:
+            if line:
+                self._take_line(line, out)
+        if len(rest) > MAX_FRAME_CHARS:
+            rest = self._shed(rest, out)
+        self._rest = rest
+        return out
+
+    def flush(self) -> list[Frame | Dropped]:
+        """Give up on an unfinished frame, for example when the port closes, and name what it held."""
+        out: list[Frame | Dropped] = []
+        rest, self._rest = self._rest, b""
+        _drop_debris(rest, out)
+        return out
+
+    @staticmethod
+    def _take_line(line: bytes, out: list[Frame | Dropped]) -> None:
+        start = line.rfind(b"#")
+        if start:
+            _drop_debris(line if start < 0 else line[:start], out)
+            if start < 0:
+                return
+            line = line[start:]
+        out.append(_parse(line))
+
+    @staticmethod
+    def _shed(rest: bytes, out: list[Frame | Dropped]) -> bytes:
+        """Name the part of an overlong unfinished line that can no longer become a frame; keep the part that can."""
+        start = rest.rfind(b"#")
+        if start < 0 or len(rest) - start > MAX_FRAME_CHARS:
+            _drop_debris(rest, out)
+            return b""
+        _drop_debris(rest[:start], out)
+        return rest[start:]
+
+
+def _parse(line: bytes) -> Frame | Dropped:
+    """Judge one line that begins with its only `#`, without the final CR."""
+    size = len(line)
+    if size < _OVERHEAD or (size - _OVERHEAD) & 3 or size >= MAX_FRAME_CHARS:
+        return Dropped(DropReason.LENGTH, line + b"\r")
+    body = line[3:]
+    if body.translate(None, _MODIFIED) or not 0x61 <= line[1] <= 0x7C or not 0x21 <= line[2] <= 0x7E:
+        return Dropped(DropReason.CHARACTERS, line + b"\r")
+    total = _checksum(line[:-2])
+    if line[-2] != 0x3D + (total >> 6) or line[-1] != 0x3D + (total & 63):
+        return Dropped(DropReason.CHECKSUM, line + b"\r")
+    payload = a2b_base64(body[:-2].translate(_TO_STANDARD))
+    return Frame(line[1] - _ADDRESS_BASE, chr(line[2]), payload, line + b"\r")
+
+
+def _drop_debris(debris: bytes, out: list[Frame | Dropped]) -> None:
+    """Name text and interrupted frames; white space alone is idle line, not a loss."""
+    text, *cut = debris.split(b"#")
+    if text.strip(_IDLE):
+        out.append(Dropped(DropReason.TEXT, text))
+    out.extend(Dropped(DropReason.LENGTH, b"#" + part) for part in cut)

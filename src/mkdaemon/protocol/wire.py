@@ -1,0 +1,329 @@
+"""The declarative message class and the one table of all messages.
+
+A message is declared once, as a frozen pydantic model whose fields carry `WireField`s; the table is keyed by
+``(board, id, layout)`` because letters repeat between boards and structures between firmware generations.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field
+from enum import IntEnum
+from typing import Any, ClassVar, Final, NamedTuple, Self, TypeVar
+
+from pydantic import BaseModel, ConfigDict
+
+from mkdaemon.errors import EncodeError, ProtocolError
+from mkdaemon.protocol.fields import WireField
+from mkdaemon.protocol.framing import Frame, encode_frame, padded_length
+
+
+class Board(IntEnum):
+    """Addresses on the line."""
+
+    ANY = 0
+    FC = 1
+    NC = 2
+    MAG = 3
+    OSD = 4
+    BL = 5
+
+    @property
+    def word(self) -> str:
+        """Lower-case name used in keys and files."""
+        return self.name.lower()
+
+
+_ADDRESSES: Final = frozenset(int(board) for board in Board)
+
+
+class Direction(IntEnum):
+    """Which way a message travels, seen from the host."""
+
+    TO_BOARD = 0
+    FROM_BOARD = 1
+
+
+class Slot(NamedTuple):
+    """One field of a layout and where it stands."""
+
+    name: str
+    offset: int
+    wire: WireField
+
+
+@dataclass(frozen=True, slots=True)
+class MessageSpec:
+    """Everything the table knows about one message and layout.
+
+    Attributes:
+        name: the message, the same for all its layouts, for example `OsdData`.
+        key: the message in Zenoh keys, for example `osd`.
+        boards: whose it is: who answers with it, or who is asked with it.
+        id: command letter.
+        layout: which generation of the structure this is.
+        direction: host to board or board to host.
+        size: bytes of the structure.
+        slots: fields in wire order.
+        reply: command letter of the answer; None where none comes.
+        source: where the facts come from.
+        firmware: which firmware releases speak this layout.
+        marker: values of the first byte that tell this layout from others of the same length; empty for any.
+        open_ended: longer payloads are this message too (newer firmware appends fields).
+        danger: what harm it can do; empty where none.
+    """
+
+    name: str
+    key: str
+    boards: tuple[Board, ...]
+    id: str
+    layout: str
+    direction: Direction
+    size: int
+    slots: tuple[Slot, ...]
+    reply: str | None = None
+    source: str = ""
+    firmware: str = ""
+    marker: frozenset[int] = frozenset()
+    open_ended: bool = False
+    danger: str = ""
+    packer: struct.Struct = field(default_factory=lambda: struct.Struct("<"), repr=False)
+
+    def fits(self, payload: bytes) -> bool:
+        """Whether a received payload can be this layout (it arrives padded to a multiple of three)."""
+        length = len(payload)
+        wanted = padded_length(self.size)
+        if length != wanted and not (self.open_ended and length > wanted):
+            return False
+        return not self.marker or (length > 0 and payload[0] in self.marker)
+
+
+class WireMessage(BaseModel):
+    """Base of all messages: integers exactly as they stand on the wire, named in English.
+
+    Values become SI only in `translate`, with the scales declared on the fields. Construction validates ranges and
+    refuses floats, so nothing out of range can be encoded.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid", use_attribute_docstrings=True)
+    spec: ClassVar[MessageSpec]
+    _build: ClassVar[Callable[[tuple[Any, ...]], dict[str, Any]]]
+
+    @classmethod
+    def decode(cls, payload: bytes) -> Self:
+        """Read a payload (padded or not).
+
+        Raises:
+            ProtocolError: the payload is shorter than the structure.
+        """
+        spec = cls.spec
+        if len(payload) < spec.size:
+            msg = f"{spec.name} ({spec.layout}) needs {spec.size} bytes, got {len(payload)}"
+            raise ProtocolError(msg)
+        message = cls.__new__(cls)
+        # Ranges hold by construction of the wire types; skipping pydantic's validation is five times faster.
+        put = object.__setattr__
+        put(message, "__dict__", cls._build(spec.packer.unpack_from(payload)))
+        put(message, "__pydantic_fields_set__", _NOTHING_SET)
+        put(message, "__pydantic_extra__", None)
+        put(message, "__pydantic_private__", None)
+        return message
+
+    def encode(self) -> bytes:
+        """Return the structure, without padding.
+
+        Raises:
+            EncodeError: a value does not fit (possible only for an instance made without validation).
+        """
+        values: list[Any] = []
+        for name, _, wire in self.spec.slots:
+            value = wire.write(getattr(self, name))
+            if wire.is_array:
+                values.extend(value)
+            else:
+                values.append(value)
+        try:
+            return self.spec.packer.pack(*values)
+        except struct.error as error:
+            msg = f"{self.spec.name} ({self.spec.layout}): {error}"
+            raise EncodeError(msg) from error
+
+    def frame(self, address: Board | None = None) -> bytes:
+        """Return the message as a frame, addressed to its own board unless told otherwise.
+
+        Raises:
+            EncodeError: see `encode`.
+        """
+        board = self.spec.boards[0] if address is None else address
+        return encode_frame(int(board), self.spec.id, self.encode())
+
+
+_NOTHING_SET: Final[set[str]] = set()
+_Message = TypeVar("_Message", bound=type[WireMessage])
+
+MESSAGES: Final[dict[tuple[Board, str, str], type[WireMessage]]] = {}
+"""Every message and layout by (board, id, layout); a message of several boards stands once for each."""
+
+
+def message(
+    boards: Board | tuple[Board, ...],
+    command: str,
+    *,
+    key: str,
+    direction: Direction,
+    name: str | None = None,
+    layout: str = "1",
+    reply: str | None = None,
+    source: str = "",
+    firmware: str = "",
+    marker: Iterable[int] = (),
+    open_ended: bool = False,
+    danger: str = "",
+) -> Callable[[_Message], _Message]:
+    """Enter a message class into the table.
+
+    Raises:
+        ProtocolError: a field has no wire type, or the place in the table is taken.
+    """
+
+    def enter(cls: _Message) -> _Message:
+        slots, packer = _lay_out(cls)
+        owners = boards if isinstance(boards, tuple) else (boards,)
+        cls.spec = MessageSpec(
+            name=name or cls.__name__,
+            key=key,
+            boards=owners,
+            id=command,
+            layout=layout,
+            direction=direction,
+            size=packer.size,
+            slots=slots,
+            reply=reply,
+            source=source,
+            firmware=firmware,
+            marker=frozenset(marker),
+            open_ended=open_ended,
+            danger=danger,
+            packer=packer,
+        )
+        cls._build = _builder(slots)
+        for board in owners:
+            place = (board, command, layout)
+            if place in MESSAGES:
+                msg = f"{cls.__name__} and {MESSAGES[place].__name__} both claim {place}"
+                raise ProtocolError(msg)
+            MESSAGES[place] = cls
+        return cls
+
+    return enter
+
+
+def _lay_out(cls: type[WireMessage]) -> tuple[tuple[Slot, ...], struct.Struct]:
+    slots: list[Slot] = []
+    layout = "<"
+    for name, info in cls.model_fields.items():
+        wire = next((meta for meta in info.metadata if isinstance(meta, WireField)), None)
+        if wire is None:
+            msg = f"{cls.__name__}.{name} has no wire type"
+            raise ProtocolError(msg)
+        slots.append(Slot(name, struct.calcsize(layout), wire))
+        layout += wire.format
+    return tuple(slots), struct.Struct(layout)
+
+
+def _builder(slots: tuple[Slot, ...]) -> Callable[[tuple[Any, ...]], dict[str, Any]]:
+    """Make the function from unpacked values to field values, as short as the layout allows."""
+    names = tuple(slot.name for slot in slots)
+    fixes = tuple((slot.name, fix) for slot in slots if (fix := slot.wire.reader()) is not None)
+    if not any(slot.wire.is_array for slot in slots):
+
+        def build_flat(values: tuple[Any, ...]) -> dict[str, Any]:
+            fields = dict(zip(names, values, strict=True))
+            for name, fix in fixes:
+                fields[name] = fix(fields[name])
+            return fields
+
+        return build_flat
+
+    steps: list[tuple[str, int | slice]] = []
+    at = 0
+    for slot in slots:
+        steps.append((slot.name, slice(at, at + slot.wire.count) if slot.wire.is_array else at))
+        at += slot.wire.count if slot.wire.is_array else 1
+
+    def build_grouped(values: tuple[Any, ...]) -> dict[str, Any]:
+        fields = {name: values[where] for name, where in steps}
+        for name, fix in fixes:
+            fields[name] = fix(fields[name])
+        return fields
+
+    return build_grouped
+
+
+@dataclass(frozen=True, slots=True)
+class Unknown:
+    """A frame with a right checksum that no message in the table fits.
+
+    Attributes:
+        board: who sent it or was addressed; None for an address outside the table.
+        id: command letter.
+        payload: decoded bytes.
+        reason: one sentence: no such command, or a length no layout has.
+    """
+
+    board: Board | None
+    id: str
+    payload: bytes
+    reason: str
+
+
+Layouts = Mapping[tuple[Board, str], str]
+"""Which layout a board speaks for a command letter, where the dialect has decided it."""
+
+
+class MessageDecoder:
+    """Gives each frame its type; a dialect decides between layouts that look the same."""
+
+    def __init__(self, layouts: Layouts | None = None) -> None:
+        self._layouts = dict(layouts or {})
+        self._choices: dict[tuple[int, str, int], tuple[type[WireMessage], ...]] = {}
+
+    def decode(self, frame: Frame) -> WireMessage | Unknown:
+        """Return the typed message, or `Unknown` with the reason; never raises."""
+        payload = frame.payload
+        place = (frame.address, frame.id, len(payload))
+        choices = self._choices.get(place)
+        if choices is None:
+            choices = self._choices[place] = self._find(frame)
+        for cls in choices:
+            marker = cls.spec.marker
+            if not marker or payload[0] in marker:
+                return cls.decode(payload)
+        return self._unknown(frame)
+
+    def _find(self, frame: Frame) -> tuple[type[WireMessage], ...]:
+        """All layouts of this letter and length, the dialect's first."""
+        asked = frame.address
+        preferred = {letter_layout for place, letter_layout in self._layouts.items() if place == (asked, frame.id)}
+        found: list[type[WireMessage]] = []
+        for (board, letter, layout), cls in MESSAGES.items():
+            if letter != frame.id or (board != asked and asked != Board.ANY) or cls in found:
+                continue
+            length, wanted = len(frame.payload), padded_length(cls.spec.size)
+            if length != wanted and not (cls.spec.open_ended and length > wanted):
+                continue
+            found.insert(0 if layout in preferred else len(found), cls)
+        return tuple(found)
+
+    @staticmethod
+    def _unknown(frame: Frame) -> Unknown:
+        board = Board(frame.address) if frame.address in _ADDRESSES else None
+        letters = {letter for owner, letter, _ in MESSAGES if owner == board or frame.address == Board.ANY}
+        if board is None:
+            reason = f"no board has address {frame.address}"
+        elif frame.id in letters:
+            reason = f"no layout of {frame.id!r} has {len(frame.payload)} bytes like this"
+        else:
+            reason = f"{board.word} has no command {frame.id!r}"
+        return Unknown(board, frame.id, frame.payload, reason)
