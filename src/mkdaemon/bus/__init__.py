@@ -1,1 +1,1 @@
-"""."""
+"""The Zenoh edge: keys, encodings, last values, queries."""

@@ -1,1 +1,1 @@
-"""."""
+"""mkctl: commands that are Zenoh clients like any other."""

@@ -1,1 +1,1 @@
-"""."""
+"""The serial line: ports, transmit scheduler, requests, subscriptions, health, recovery."""

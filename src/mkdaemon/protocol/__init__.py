@@ -1,1 +1,1 @@
-"""."""
+"""The MikroKopter serial protocol, pure: framing, wire fields, messages, dialects, settings."""

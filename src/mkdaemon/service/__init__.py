@@ -1,1 +1,1 @@
-"""."""
+"""mkdaemon: the programs on the vehicle's side."""

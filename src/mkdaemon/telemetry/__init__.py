@@ -1,1 +1,1 @@
-"""."""
+"""Values that cross the bus, in SI units, one file a topic."""

@@ -1,1 +1,1 @@
-"""."""
+"""Tag localisation: cameras, calibration, detection, pose, tracking."""

@@ -1,0 +1,56 @@
+"""The tree keeps its own rules: links resolve, files stay small, firmware words stay on wire fields."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+PAGES = sorted([*ROOT.glob("*.md"), *ROOT.glob("docs/*.md")])
+SOURCES = sorted((ROOT / "src").rglob("*.py"))
+FIRMWARE_WORDS = re.compile(r"\b(nick|gier|gas_?stick|hoehe|luftdruck|drehzahl)\b", re.IGNORECASE)
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_every_relative_link_resolves(page):
+    text = page.read_text(encoding="utf-8")
+    targets = re.findall(r"\]\((?!https?://|#)([^)#\s]+)", text)
+    missing = [target for target in targets if not (page.parent / target).exists()]
+    assert missing == []
+
+
+@pytest.mark.parametrize("source", SOURCES, ids=lambda path: path.stem)
+def test_files_stay_readable(source):
+    text = source.read_text(encoding="utf-8")
+    assert text.count("\n") <= 400, "look for the seam"
+    assert not re.search(r"\b(TODO|FIXME|XXX)\b", text)
+
+
+def test_firmware_words_stand_only_where_a_wire_field_is_declared():
+    offenders = []
+    for source in SOURCES:
+        inside = source.relative_to(ROOT / "src" / "mkdaemon")
+        if inside.parts[0] == "protocol":
+            continue
+        for number, line in enumerate(source.read_text(encoding="utf-8").splitlines(), 1):
+            if FIRMWARE_WORDS.search(line) and "mk=" not in line:
+                offenders.append(f"{inside}:{number}: {line.strip()}")
+    assert offenders == []
+
+
+def test_nothing_names_a_machine_path_or_a_registry_host():
+    listing = subprocess.run(["git", "ls-files"], cwd=ROOT, capture_output=True, text=True, check=False)
+    if listing.returncode:
+        pytest.skip("not a git checkout: nothing says which files belong to the tree")
+    forbidden = re.compile("|".join(["/" + "work/", "/" + "tmp/", r"pypi" + r"\.org", "pythonhosted", "npmjs" + r"\."]))
+    offenders = []
+    for name in listing.stdout.splitlines():
+        path = ROOT / name
+        if path.suffix in {".png", ".jpg", ".mcap", ".bin", ".mkraw"} or not path.is_file():
+            continue
+        if forbidden.search(path.read_text(encoding="utf-8", errors="replace")):
+            offenders.append(name)
+    assert offenders == []
