@@ -1,0 +1,133 @@
+"""Configuration of targets, detector and tracker.
+
+A target file is TOML with one or more `[[targets]]`; each has `[[targets.tags]]` or a `[targets.board]`. Lengths are
+metres, angles of a target file are degrees and say so in their names.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal, Self
+
+from pydantic import Field, model_validator
+
+from mkdaemon.config.base import Section
+
+Metres3 = tuple[float, float, float]
+TagSize = Annotated[float, Field(ge=0.005, le=5.0)]
+
+
+class TagPlacement(Section):
+    """One printed tag and where it sits in its target."""
+
+    family: str = "tag36h11"
+    """AprilTag family."""
+    id: int = Field(ge=0)
+    """Code of the tag."""
+    size: TagSize
+    """Side of the black square, edge to edge, measured on the print [m]."""
+    position: Metres3 = (0.0, 0.0, 0.0)
+    """Centre of the tag in the target frame [m]."""
+    rpy_deg: Metres3 | None = None
+    """Roll, pitch, yaw of the tag in the target frame [deg]; a tag lying flat and upright is all zeros."""
+    quaternion: tuple[float, float, float, float] | None = None
+    """The same rotation as `(w, x, y, z)`; give this or `rpy_deg`."""
+    print: Literal["official", "opencv"] = "official"
+    """Who drew it: `opencv` for tags from cv2.aruco, which are upside down against the official prints."""
+
+    @model_validator(mode="after")
+    def _one_rotation(self) -> Self:
+        if self.rpy_deg is not None and self.quaternion is not None:
+            msg = "give rpy_deg or quaternion, not both"
+            raise ValueError(msg)
+        if self.quaternion is not None and sum(q * q for q in self.quaternion) < 1e-6:
+            msg = "quaternion has no length; (1, 0, 0, 0) is no rotation"
+            raise ValueError(msg)
+        return self
+
+
+class BoardSection(Section):
+    """A regular grid of tags, ids counting along the rows from the top left; the origin is the grid's centre."""
+
+    family: str = "tag36h11"
+    """AprilTag family."""
+    first_id: int = Field(ge=0)
+    """Id of the tag at the top left."""
+    rows: int = Field(ge=1, le=40)
+    """Number of rows."""
+    columns: int = Field(ge=1, le=40)
+    """Number of columns."""
+    size: TagSize
+    """Side of each black square [m]."""
+    spacing: float = Field(gt=0)
+    """White gap between neighbouring black squares [m]."""
+
+
+class TargetSection(Section):
+    """One rigid thing with tags on it."""
+
+    name: str = Field(min_length=1, pattern=r"^[a-z0-9][a-z0-9_-]*$")
+    """Name in results and on the bus."""
+    frame: str = ""
+    """Name of its frame in `tf`; empty: the target's name."""
+    moving: bool = False
+    """Whether it moves in the world (another vehicle, a deck): its pose is relative only."""
+    level: bool = True
+    """Whether its xy plane is horizontal when at rest, so that the vehicle's roll and pitch are known against it."""
+    tags: tuple[TagPlacement, ...] = ()
+    """Tags placed one by one."""
+    board: BoardSection | None = None
+    """Tags placed as a grid."""
+
+
+class TargetFile(Section):
+    """A whole target file."""
+
+    targets: tuple[TargetSection, ...] = Field(min_length=1)
+    """The targets; a tag may belong to one of them only."""
+
+
+class DetectorSection(Section):
+    """When a quad counts as a tag."""
+
+    max_hamming: int = Field(default=1, ge=0, le=3)
+    """Bits corrected at most; 1 keeps false positives at 1.7e-8 a quad with 8 whitelisted ids."""
+    min_decision_margin: float = Field(default=12.0, ge=0)
+    """Smallest mean contrast between bits and threshold [grey levels]."""
+    margin_px: float = Field(default=3.0, ge=0)
+    """A quad nearer to the image edge is refused: its corners may be cut [px]."""
+    quiet_zone: bool = True
+    """Whether the white surround is checked on all four sides."""
+
+
+class TrackerSection(Section):
+    """Gates of the tracker; see docs/accuracy.md for the measurements behind the figures."""
+
+    min_inlier_fraction: float = Field(default=0.35, gt=0, le=1)
+    """Share of edge points that must agree."""
+    min_points: int = Field(default=30, ge=12)
+    """Edge points that must agree."""
+    max_rms_px: float = Field(default=1.0, gt=0)
+    """Residual of the edge fit [px]."""
+    max_step: float = Field(default=0.02, gt=0)
+    """Last step of the edge fit against the range."""
+    min_bit_correlation: float = Field(default=0.6, gt=0, le=1)
+    """Correlation between the known bits and the image."""
+    min_ambiguity_ratio: float = Field(default=2.0, ge=1)
+    """Second over first reprojection error below which a single view decides nothing."""
+    redetect_period: float = Field(default=1.0, gt=0)
+    """Longest time without a decoded tag [s]."""
+    max_misses: int = Field(default=5, ge=1)
+    """Images without a pose after which the track is lost."""
+    attitude_gate_deg: float = Field(default=3.0, gt=0)
+    """Largest disagreement of roll and pitch with the vehicle's attitude, over a level target [deg]."""
+    max_attitude_age: float = Field(default=0.25, gt=0)
+    """Attitude samples farther from the capture time are not used [s]."""
+
+
+class VisionSection(Section):
+    """Detector and tracker of the daemon."""
+
+    detector: DetectorSection = DetectorSection()
+    """When a quad counts as a tag."""
+    tracker: TrackerSection = TrackerSection()
+    """When a pose is published."""
