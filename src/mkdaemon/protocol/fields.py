@@ -6,6 +6,7 @@ simulator and tests.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from enum import IntEnum, IntFlag
@@ -14,6 +15,9 @@ from typing import Any, Final, Self
 from pydantic import GetCoreSchemaHandler, GetJsonSchemaHandler
 from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema, core_schema
+
+from mkdaemon.errors import EncodeError
+from mkdaemon.protocol.units import Unit
 
 _RANGES: Final = {
     "b": (-(2**7), 2**7 - 1),
@@ -50,7 +54,10 @@ class WireField:
         is_array: the Python value is a tuple of `count` integers.
         is_bytes: the Python value is `bytes` of length `count`.
         unit: unit of one count, in words; empty for a plain number.
-        scale: SI value in FLU/ENU axes = wire value * scale; its sign is the sign between the firmware's axis and ours.
+        scale: SI value in FLU/ENU axes = (wire value - zero) * scale; its sign is the sign between the firmware's axis
+            and ours.
+        zero: wire value that means nothing of it.
+        si: unit after scaling.
         minimum: smallest value that may be sent.
         maximum: largest value that may be sent.
         enum: meaning of the values or bits.
@@ -65,6 +72,8 @@ class WireField:
     is_bytes: bool = False
     unit: str = ""
     scale: float | None = None
+    zero: int = 0
+    si: str = ""
     minimum: int = 0
     maximum: int = 0
     enum: type[IntEnum] | type[IntFlag] | None = None
@@ -102,6 +111,25 @@ class WireField:
             return lambda value: kind(value)
         return None
 
+    def to_si(self, value: int) -> float:
+        """Return the SI value [`si`; FLU] of a wire value; a field without a unit is its own value."""
+        return float(value) if self.scale is None else (value - self.zero) * self.scale
+
+    def from_si(self, value: float) -> int:
+        """Return the nearest wire value of an SI value [`si`; FLU].
+
+        Raises:
+            EncodeError: the value is no finite number or beyond what may be sent.
+        """
+        if not math.isfinite(value):
+            msg = f"{self.mk}: {value} cannot be sent"
+            raise EncodeError(msg)
+        wire = round(value if self.scale is None else value / self.scale) + self.zero
+        if not self.minimum <= wire <= self.maximum:
+            msg = f"{self.mk}: {value} {self.si} is {wire} on the wire, outside {self.minimum}..{self.maximum}"
+            raise EncodeError(msg)
+        return wire
+
     def _read_text(self, raw: bytes) -> str:
         text = raw.decode("latin-1")
         if not self.trim:
@@ -136,6 +164,9 @@ class WireField:
             described["x-unit"] = self.unit
         if self.scale is not None:
             described["x-scale"] = self.scale
+            described["x-si-unit"] = self.si
+        if self.zero:
+            described["x-zero"] = self.zero
         if self.enum is not None:
             described["x-values"] = {member.name: int(member) for member in self.enum}
         return described
@@ -144,9 +175,8 @@ class WireField:
 def _integer(
     code: str,
     mk: str,
+    unit: Unit | str = "",
     *,
-    unit: str = "",
-    scale: float | None = None,
     limit: int | None = None,
     low: int | None = None,
     high: int | None = None,
@@ -161,42 +191,44 @@ def _integer(
         mk=mk,
         count=1 if count is None else count,
         is_array=count is not None,
-        unit=unit,
-        scale=scale,
+        unit=unit if isinstance(unit, str) else unit.wire,
+        scale=None if isinstance(unit, str) else unit.scale,
+        zero=0 if isinstance(unit, str) else unit.zero,
+        si="" if isinstance(unit, str) else unit.si,
         minimum=smallest if low is None else low,
         maximum=largest if high is None else high,
         enum=enum,
     )
 
 
-def U8(mk: str, **options: Any) -> WireField:  # noqa: N802 - reads as the wire type it declares
-    """Declare an unsigned byte; options as `WireField` has, and `limit`, `low`, `high` to bound what is sent."""
-    return _integer("B", mk, **options)
+def U8(mk: str, unit: Unit | str = "", **options: Any) -> WireField:  # noqa: N802 - reads as the wire type it declares
+    """Declare an unsigned byte; `limit`, `low`, `high` bound what is sent, `count` makes an array, `enum` its words."""
+    return _integer("B", mk, unit, **options)
 
 
-def S8(mk: str, **options: Any) -> WireField:  # noqa: N802
+def S8(mk: str, unit: Unit | str = "", **options: Any) -> WireField:  # noqa: N802
     """Declare a signed byte."""
-    return _integer("b", mk, **options)
+    return _integer("b", mk, unit, **options)
 
 
-def U16(mk: str, **options: Any) -> WireField:  # noqa: N802
+def U16(mk: str, unit: Unit | str = "", **options: Any) -> WireField:  # noqa: N802
     """Declare an unsigned 16-bit integer."""
-    return _integer("H", mk, **options)
+    return _integer("H", mk, unit, **options)
 
 
-def S16(mk: str, **options: Any) -> WireField:  # noqa: N802
+def S16(mk: str, unit: Unit | str = "", **options: Any) -> WireField:  # noqa: N802
     """Declare a signed 16-bit integer."""
-    return _integer("h", mk, **options)
+    return _integer("h", mk, unit, **options)
 
 
-def U32(mk: str, **options: Any) -> WireField:  # noqa: N802
+def U32(mk: str, unit: Unit | str = "", **options: Any) -> WireField:  # noqa: N802
     """Declare an unsigned 32-bit integer."""
-    return _integer("I", mk, **options)
+    return _integer("I", mk, unit, **options)
 
 
-def S32(mk: str, **options: Any) -> WireField:  # noqa: N802
+def S32(mk: str, unit: Unit | str = "", **options: Any) -> WireField:  # noqa: N802
     """Declare a signed 32-bit integer."""
-    return _integer("i", mk, **options)
+    return _integer("i", mk, unit, **options)
 
 
 def Text(mk: str, length: int, *, pad: str = "\0", trim: bool = True) -> WireField:  # noqa: N802

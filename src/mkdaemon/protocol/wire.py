@@ -70,6 +70,8 @@ class MessageSpec:
         source: where the facts come from.
         firmware: which firmware releases speak this layout.
         marker: values of the first byte that tell this layout from others of the same length; empty for any.
+        recognise: whether a payload of the right length is this layout, where its contents tell; None for any.
+        any_address: boards also act on it when it is addressed to another board or to nobody.
         open_ended: longer payloads are this message too (newer firmware appends fields).
         danger: what harm it can do; empty where none.
     """
@@ -86,6 +88,8 @@ class MessageSpec:
     source: str = ""
     firmware: str = ""
     marker: frozenset[int] = frozenset()
+    recognise: Callable[[bytes], bool] | None = None
+    any_address: bool = False
     open_ended: bool = False
     danger: str = ""
     packer: struct.Struct = field(default_factory=lambda: struct.Struct("<"), repr=False)
@@ -96,7 +100,13 @@ class MessageSpec:
         wanted = padded_length(self.size)
         if length != wanted and not (self.open_ended and length > wanted):
             return False
-        return not self.marker or (length > 0 and payload[0] in self.marker)
+        return self.accepts(payload)
+
+    def accepts(self, payload: bytes) -> bool:
+        """Whether the contents of a payload of the right length speak for this layout."""
+        if self.marker and payload[0] not in self.marker:
+            return False
+        return self.recognise is None or self.recognise(payload)
 
 
 class WireMessage(BaseModel):
@@ -149,7 +159,7 @@ class WireMessage(BaseModel):
             msg = f"{self.spec.name} ({self.spec.layout}): {error}"
             raise EncodeError(msg) from error
 
-    def frame(self, address: Board | None = None) -> bytes:
+    def to_frame(self, address: Board | None = None) -> bytes:
         """Return the message as a frame, addressed to its own board unless told otherwise.
 
         Raises:
@@ -178,6 +188,8 @@ def message(
     source: str = "",
     firmware: str = "",
     marker: Iterable[int] = (),
+    recognise: Callable[[bytes], bool] | None = None,
+    any_address: bool = False,
     open_ended: bool = False,
     danger: str = "",
 ) -> Callable[[_Message], _Message]:
@@ -203,6 +215,8 @@ def message(
             source=source,
             firmware=firmware,
             marker=frozenset(marker),
+            recognise=recognise,
+            any_address=any_address,
             open_ended=open_ended,
             danger=danger,
             packer=packer,
@@ -297,8 +311,7 @@ class MessageDecoder:
         if choices is None:
             choices = self._choices[place] = self._find(frame)
         for cls in choices:
-            marker = cls.spec.marker
-            if not marker or payload[0] in marker:
+            if cls.spec.accepts(payload):
                 return cls.decode(payload)
         return self._unknown(frame)
 
@@ -308,7 +321,11 @@ class MessageDecoder:
         preferred = {letter_layout for place, letter_layout in self._layouts.items() if place == (asked, frame.id)}
         found: list[type[WireMessage]] = []
         for (board, letter, layout), cls in MESSAGES.items():
-            if letter != frame.id or (board != asked and asked != Board.ANY) or cls in found:
+            if (
+                letter != frame.id
+                or cls in found
+                or not (board == asked or (asked == Board.ANY and cls.spec.any_address))
+            ):
                 continue
             length, wanted = len(frame.payload), padded_length(cls.spec.size)
             if length != wanted and not (cls.spec.open_ended and length > wanted):

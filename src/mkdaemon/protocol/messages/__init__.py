@@ -1,1 +1,88 @@
-"""Every message of every board, one class for each layout; importing this package fills the table."""
+"""All messages; importing this package fills `MESSAGES`."""
+
+from mkdaemon.protocol.errorcodes import ErrorCode, describe_error
+from mkdaemon.protocol.messages.control import (
+    ControlConfirm,
+    ControlStateRequest,
+    ControlStateV1,
+    ControlStateV2,
+    ControlStateV3,
+    ExternControlV1,
+    ExternControlV2,
+    ExternControlV3,
+)
+from mkdaemon.protocol.messages.display import (
+    Display,
+    DisplayOld,
+    DisplayRequest,
+    Label,
+    LabelRequest,
+    Menu,
+    MenuRequest,
+)
+from mkdaemon.protocol.messages.linktest import Echo, EchoRequest, ErrorText, ErrorTextRequest
+from mkdaemon.protocol.messages.osd import OsdData4, OsdData5, OsdRequestV1, OsdRequestV2
+from mkdaemon.protocol.messages.streams import (
+    AttitudeDataFc210,
+    AttitudeDataFcOld,
+    AttitudeDataNc,
+    AttitudeDataNcSticks,
+    AttitudeRequest,
+    DebugDataFc,
+    DebugDataNc,
+    DebugRequest,
+)
+from mkdaemon.protocol.messages.version import (
+    CompassVersion,
+    NaviVersion200,
+    NaviVersionClassic,
+    VersionClassic,
+    VersionFc200,
+    VersionFc210,
+    VersionRequest,
+    VersionRequestWhich,
+)
+
+__all__ = [
+    "AttitudeDataFc210",
+    "AttitudeDataFcOld",
+    "AttitudeDataNc",
+    "AttitudeDataNcSticks",
+    "AttitudeRequest",
+    "CompassVersion",
+    "ControlConfirm",
+    "ControlStateRequest",
+    "ControlStateV1",
+    "ControlStateV2",
+    "ControlStateV3",
+    "DebugDataFc",
+    "DebugDataNc",
+    "DebugRequest",
+    "Display",
+    "DisplayOld",
+    "DisplayRequest",
+    "Echo",
+    "EchoRequest",
+    "ErrorCode",
+    "ErrorText",
+    "ErrorTextRequest",
+    "ExternControlV1",
+    "ExternControlV2",
+    "ExternControlV3",
+    "Label",
+    "LabelRequest",
+    "Menu",
+    "MenuRequest",
+    "NaviVersion200",
+    "NaviVersionClassic",
+    "OsdData4",
+    "OsdData5",
+    "OsdRequestV1",
+    "OsdRequestV2",
+    "VersionClassic",
+    "VersionFc200",
+    "VersionFc210",
+    "VersionRequest",
+    "VersionRequestWhich",
+    "describe_error",
+]

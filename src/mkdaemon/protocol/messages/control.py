@@ -1,0 +1,196 @@
+"""External control: offsets the FlightCtrl adds to the sticks of its receiver.
+
+Three layouts that differ in length, in the sense of yaw and in the meaning of throttle; the wrong one can fly the
+aircraft, so the dialect chooses before the first frame. Source: docs/protocol.md, "ExternalControl"; firmware notes 6.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from mkdaemon.protocol.fields import S8, U8
+from mkdaemon.protocol.flags import ControlConfig, ControlSwitches
+from mkdaemon.protocol.units import STICK, STICK_FROM_BOTTOM
+from mkdaemon.protocol.wire import Board, Direction, WireMessage, message
+
+_DANGER = "flies the aircraft"
+
+
+class _ControlV2(WireMessage):
+    pitch: Annotated[int, S8("Nick", STICK, limit=127)]
+    """Stick forward is positive; added to the receiver's channel."""
+    roll: Annotated[int, S8("Roll", -STICK, limit=127)]
+    """Positive on the wire: stick LEFT."""
+    yaw: Annotated[int, S8("Yaw", STICK, limit=127)]
+    """Positive on the wire: stick LEFT, counter-clockwise; dead band of 4."""
+    throttle: Annotated[int, S8("Gas", STICK, limit=127)]
+    """0 is the middle; the smaller of this and the receiver's channel rules, or their sum with THROTTLE_ADD."""
+    frame: Annotated[int, U8("Frame")] = 0
+    """Echoed in the confirmation; 0 asks for none."""
+    config: Annotated[ControlConfig, U8("Config", enum=ControlConfig)] = ControlConfig.NONE
+    """Without VALID nothing is controlled: the release."""
+    reserved: Annotated[int, U8("free")] = 0
+
+
+class _ControlV3(WireMessage):
+    pitch: Annotated[int, S8("Nick", STICK, limit=127)]
+    """Stick forward is positive; added to the receiver's channel."""
+    roll: Annotated[int, S8("Roll", -STICK, limit=127)]
+    """Positive on the wire: stick LEFT."""
+    yaw: Annotated[int, S8("Yaw", STICK, limit=127)]
+    """Positive on the wire: stick LEFT, counter-clockwise; dead band of 4."""
+    throttle: Annotated[int, S8("Gas", STICK, limit=127)]
+    """0 is the middle; the smaller of this and the receiver's channel rules, or their sum with THROTTLE_ADD."""
+    frame: Annotated[int, U8("Frame")] = 0
+    """Echoed in the confirmation; 0 asks for none."""
+    config: Annotated[ControlConfig, U8("Config", enum=ControlConfig)] = ControlConfig.NONE
+    """Without VALID nothing is controlled: the release."""
+    switches: Annotated[ControlSwitches, U8("Switches", enum=ControlSwitches)] = ControlSwitches.NONE
+    """In place of the transmitter's switches, with USE_SWITCHES."""
+    free_1: Annotated[int, U8("Free1")] = 0
+    free_2: Annotated[int, U8("Free2")] = 0
+
+
+class _ControlV1(WireMessage):
+    digital: Annotated[tuple[int, ...], U8("Digital", count=2)] = (0, 0)
+    remote_buttons: Annotated[int, U8("RemoteButtons")] = 0
+    pitch: Annotated[int, S8("Nick", STICK, limit=127)]
+    """Stick forward is positive; added to the receiver's command."""
+    roll: Annotated[int, S8("Roll", -STICK, limit=127)]
+    """Positive on the wire: stick LEFT."""
+    yaw: Annotated[int, S8("Yaw", -STICK, limit=127)]
+    """Positive on the wire: CLOCKWISE, opposite to the later layouts; no dead band."""
+    throttle: Annotated[int, U8("Gas", STICK_FROM_BOTTOM)]
+    """Upper bound of the receiver's throttle, on its scale plus 127."""
+    height: Annotated[int, S8("Height")] = 0
+    """Added, times the altitude gain, to the altitude set point in height-limit mode."""
+    reserved: Annotated[int, U8("free")] = 0
+    frame: Annotated[int, U8("Frame")] = 0
+    """Echoed in the confirmation; 0 asks for none."""
+    config: Annotated[ControlConfig, U8("Config", enum=ControlConfig)] = ControlConfig.NONE
+    """Without VALID nothing is controlled: the release."""
+
+
+@message(
+    Board.FC,
+    "b",
+    name="ExternControl",
+    key="extern_control",
+    layout="v2",
+    direction=Direction.TO_BOARD,
+    reply="B",
+    source="WIRE 6, ExternControl_v2",
+    firmware="FC 2.10a to 2.12a",
+    danger=_DANGER,
+    any_address=True,
+)
+class ExternControlV2(_ControlV2):
+    """Offsets the FlightCtrl adds to its receiver's channels.
+
+    Expires 2 s after the last frame on 2.12a: stream it, never send it once.
+    """
+
+
+@message(
+    (Board.FC, Board.NC),
+    "b",
+    name="ExternControl",
+    key="extern_control",
+    layout="v3",
+    direction=Direction.TO_BOARD,
+    reply="B",
+    source="WIRE 6, ExternControl_v3",
+    firmware="FC and NC 2.13 beta and later",
+    danger=_DANGER,
+    any_address=True,
+)
+class ExternControlV3(_ControlV3):
+    """Offsets the FlightCtrl adds to its receiver's channels; as long on the wire as v2."""
+
+
+@message(
+    Board.FC,
+    "b",
+    name="ExternControl",
+    key="extern_control",
+    layout="v1",
+    direction=Direction.TO_BOARD,
+    reply="B",
+    source="WIRE 6, ExternControl_v1",
+    firmware="FC up to 2.08; 2.09 unverified",
+    danger=_DANGER,
+    any_address=True,
+)
+class ExternControlV1(_ControlV1):
+    """Offsets the FlightCtrl adds to its receiver's commands; held 5.1 s, refreshed by any polling."""
+
+
+@message(
+    Board.FC,
+    "B",
+    key="control_confirm",
+    direction=Direction.FROM_BOARD,
+    source="WIRE 6.5, ConfirmFrame",
+    firmware="FC; never through an NC 0.24",
+)
+class ControlConfirm(WireMessage):
+    """An external control frame arrived (about 5 ms after it, before it acts)."""
+
+    frame: Annotated[int, U8("Frame")]
+    """That of the confirmed frame; never 0."""
+
+
+@message(
+    Board.FC,
+    "g",
+    key="control_state_request",
+    direction=Direction.TO_BOARD,
+    reply="G",
+    source="WIRE 5",
+    firmware="FC",
+    any_address=True,
+)
+class ControlStateRequest(WireMessage):
+    """Ask which external control the FlightCtrl holds; the length of the answer tells its layout."""
+
+
+@message(
+    Board.FC,
+    "G",
+    name="ControlState",
+    key="control_state",
+    layout="v2",
+    direction=Direction.FROM_BOARD,
+    source="WIRE 6, ExternControl_v2",
+    firmware="FC 2.10a to 2.12a",
+)
+class ControlStateV2(_ControlV2):
+    """External control as the FlightCtrl holds it."""
+
+
+@message(
+    Board.FC,
+    "G",
+    name="ControlState",
+    key="control_state",
+    layout="v3",
+    direction=Direction.FROM_BOARD,
+    source="WIRE 6, ExternControl_v3",
+    firmware="FC 2.13 beta and later",
+)
+class ControlStateV3(_ControlV3):
+    """External control as the FlightCtrl holds it."""
+
+
+@message(
+    Board.FC,
+    "G",
+    name="ControlState",
+    key="control_state",
+    layout="v1",
+    direction=Direction.FROM_BOARD,
+    source="WIRE 6, ExternControl_v1",
+    firmware="FC up to 2.08",
+)
+class ControlStateV1(_ControlV1):
+    """External control as the FlightCtrl holds it."""

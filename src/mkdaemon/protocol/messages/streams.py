@@ -1,0 +1,169 @@
+"""Streams every pilot board offers: debug channels and attitude. They end 4 s after the last request.
+
+Source: docs/protocol.md, "Common commands"; firmware notes 5.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from mkdaemon.protocol.fields import S8, S16, U8, U16
+from mkdaemon.protocol.flags import BoardStatus
+from mkdaemon.protocol.units import DECI_DEG, STICK, TEN_MS
+from mkdaemon.protocol.wire import Board, Direction, WireMessage, message
+
+
+@message(
+    (Board.FC, Board.NC, Board.MAG),
+    "d",
+    key="debug_request",
+    direction=Direction.TO_BOARD,
+    reply="D",
+    source="WIRE 5, IntervalRequest",
+    firmware="all",
+    any_address=True,
+)
+class DebugRequest(WireMessage):
+    """Stream the debug channels; the first frame comes at once."""
+
+    interval: Annotated[int, U8("Interval", TEN_MS)]
+    """0 stops; 1 starves everything else on an FC."""
+
+
+class _Debug(WireMessage):
+    status_green: Annotated[BoardStatus, U8("StatusGreen", enum=BoardStatus)]
+    """Boards present."""
+    status_red: Annotated[BoardStatus, U8("StatusRed", enum=BoardStatus)]
+    """Boards in error."""
+
+
+@message(
+    (Board.FC, Board.MAG),
+    "D",
+    name="DebugData",
+    key="debug",
+    layout="fc",
+    direction=Direction.FROM_BOARD,
+    source="WIRE 15, DebugOut_FC",
+    firmware="FC, MK3Mag",
+)
+class DebugDataFc(_Debug):
+    """32 debug channels; their labels tell meaning and unit."""
+
+    analog: Annotated[tuple[int, ...], S16("Analog", count=32)]
+
+
+@message(
+    Board.NC,
+    "D",
+    name="DebugData",
+    key="debug",
+    layout="nc",
+    direction=Direction.FROM_BOARD,
+    source="WIRE 15, DebugOut_NC",
+    firmware="NC",
+)
+class DebugDataNc(_Debug):
+    """32 debug channels; declared unsigned in the NC's source, but many are signed, so they are read as signed."""
+
+    analog: Annotated[tuple[int, ...], S16("Analog", count=32)]
+
+
+@message(
+    (Board.FC, Board.NC),
+    "c",
+    key="attitude_request",
+    direction=Direction.TO_BOARD,
+    reply="C",
+    source="WIRE 5, IntervalRequest",
+    firmware="FC 0.72o and later, NC",
+    any_address=True,
+)
+class AttitudeRequest(WireMessage):
+    """Stream the attitude; an FC sends the first frame after one interval."""
+
+    interval: Annotated[int, U8("Interval", TEN_MS)]
+    """0 stops."""
+
+
+class _Attitude(WireMessage):
+    pitch: Annotated[int, S16("AngleNick", DECI_DEG)]
+    """Positive: nose down."""
+    roll: Annotated[int, S16("AngleRoll", -DECI_DEG)]
+    """Positive on the wire: LEFT side down."""
+    heading: Annotated[int, S16("Heading", DECI_DEG)]
+    """Gyro compass, clockwise from magnetic north."""
+
+
+class _FcAttitude(_Attitude):
+    centroid: Annotated[tuple[int, ...], S8("Centroid", count=3)]
+    """Integrals of pitch, roll, yaw, shifted right by 9."""
+
+
+@message(
+    Board.FC,
+    "C",
+    name="AttitudeData",
+    key="attitude",
+    layout="fc210",
+    direction=Direction.FROM_BOARD,
+    source="WIRE 15, Data3D_FC210",
+    firmware="FC 2.09 and later",
+)
+class AttitudeDataFc210(_FcAttitude):
+    """Attitude of the FlightCtrl."""
+
+    accelerometer_z: Annotated[int, U16("AccZ", "raw")]
+    reserved: Annotated[tuple[int, ...], S8("reserve", count=3)]
+
+
+@message(
+    Board.FC,
+    "C",
+    name="AttitudeData",
+    key="attitude",
+    layout="fc_old",
+    direction=Direction.FROM_BOARD,
+    source="WIRE 15, Data3D_FC_old",
+    firmware="FC 0.72o to 2.08",
+)
+class AttitudeDataFcOld(_FcAttitude):
+    """Attitude of the FlightCtrl."""
+
+    reserved: Annotated[tuple[int, ...], S8("reserve", count=5)]
+
+
+@message(
+    Board.NC,
+    "C",
+    name="AttitudeData",
+    key="attitude",
+    layout="nc",
+    direction=Direction.FROM_BOARD,
+    source="WIRE 15, Data3D_NC",
+    firmware="NC 0.2x",
+)
+class AttitudeDataNc(_Attitude):
+    """Attitude of the FlightCtrl as the NaviCtrl knows it."""
+
+    reserved: Annotated[tuple[int, ...], U8("reserve", count=8)]
+
+
+@message(
+    Board.NC,
+    "C",
+    name="AttitudeData",
+    key="attitude",
+    layout="nc_sticks",
+    direction=Direction.FROM_BOARD,
+    source="WIRE 15, Data3D_NC_sticks",
+    firmware="NC 0.28 and later (about)",
+)
+class AttitudeDataNcSticks(_Attitude):
+    """Attitude of the FlightCtrl as the NaviCtrl knows it, with the pilot's sticks."""
+
+    stick_pitch: Annotated[int, U8("StickNick", STICK)]
+    stick_roll: Annotated[int, U8("StickRoll", -STICK)]
+    stick_yaw: Annotated[int, U8("StickYaw", STICK)]
+    stick_throttle: Annotated[int, U8("StickGas", STICK)]
+    reserved: Annotated[tuple[int, ...], U8("reserve", count=4)]

@@ -1,0 +1,220 @@
+"""Version exchange: who is on the line, and which dialect does it speak.
+
+All layouts are ten bytes; the release in the first two tells them apart, so a version reply needs no dialect.
+Source: docs/protocol.md, "VersionInfo"; vectors "version ...".
+"""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from mkdaemon.protocol.fields import U8
+from mkdaemon.protocol.flags import FlightFault0, FlightFault1, NaviFault0, VersionFlags
+from mkdaemon.protocol.wire import Board, Direction, WireMessage, message
+
+_BOARDS = (Board.FC, Board.NC, Board.MAG)
+
+
+@message(
+    _BOARDS,
+    "v",
+    key="version_request",
+    direction=Direction.TO_BOARD,
+    reply="V",
+    source="WIRE 5",
+    firmware="all",
+    any_address=True,
+)
+class VersionRequest(WireMessage):
+    """Ask a board for its firmware release."""
+
+
+@message(
+    Board.FC,
+    "v",
+    name="VersionRequest",
+    key="version_request",
+    layout="which",
+    direction=Direction.TO_BOARD,
+    reply="V",
+    source="WIRE 5, VersionRequestFC",
+    firmware="FC 2.x on ATmega1284",
+)
+class VersionRequestWhich(WireMessage):
+    """Ask a FlightCtrl for its own release or for that of the NaviCtrl behind it."""
+
+    which: Annotated[int, U8("Which")] = 2
+    """2: the NaviCtrl's release, as the FlightCtrl learnt it over SPI; anything else: its own."""
+
+
+def _release(payload: bytes) -> tuple[int, int]:
+    return payload[0], payload[1]
+
+
+def _is_fc210(payload: bytes) -> bool:
+    return _release(payload) >= (2, 9)
+
+
+def _is_fc200(payload: bytes) -> bool:
+    return (0, 91) <= _release(payload) < (2, 9)
+
+
+def _is_navi_200(payload: bytes) -> bool:
+    return payload[0] >= 2
+
+
+def _is_classic(payload: bytes) -> bool:
+    return payload[0] < 2
+
+
+class _Release(WireMessage):
+    """What every version reply begins with."""
+
+    major: Annotated[int, U8("SWMajor")]
+    minor: Annotated[int, U8("SWMinor")]
+    protocol_major: Annotated[int, U8("ProtoMajor")]
+    """Serial protocol generation: 7..11; anything else is no MikroKopter firmware."""
+
+    @property
+    def patch_letter(self) -> str:
+        """The patch as MikroKopter writes it: a, b, c, ..."""
+        patch: int = self.patch  # type: ignore[attr-defined]  # each layout has it, at a place of its own
+        return chr(ord("a") + patch) if patch < 26 else f"+{patch}"
+
+    @property
+    def release(self) -> str:
+        """The release as MikroKopter writes it, for example `2.12a` or `0.24b`."""
+        return f"{self.major}.{self.minor:02d}{self.patch_letter}"
+
+
+@message(
+    Board.FC,
+    "V",
+    name="Version",
+    key="version",
+    layout="fc210",
+    direction=Direction.FROM_BOARD,
+    source="WIRE 15, VersionInfo_FC210",
+    firmware="FC 2.09 and later",
+    recognise=_is_fc210,
+)
+class VersionFc210(_Release):
+    """Release and faults of a FlightCtrl."""
+
+    label_checksum: Annotated[int, U8("LabelTextCRC")]
+    """8-bit sum of all 512 label characters; labels known for it need not be read again."""
+    patch: Annotated[int, U8("SWPatch")]
+    fault_0: Annotated[FlightFault0, U8("HardwareError[0]", enum=FlightFault0)]
+    fault_1: Annotated[FlightFault1, U8("HardwareError[1]", enum=FlightFault1)]
+    hardware: Annotated[int, U8("HWMajor", "0.1")]
+    """Board revision times ten, for example 22."""
+    motor_controller: Annotated[int, U8("BL_Firmware", "0.01")]
+    """Lowest BL-Ctrl release times hundred; 255 unknown."""
+    flags: Annotated[VersionFlags, U8("Flags", enum=VersionFlags)]
+
+
+@message(
+    Board.FC,
+    "V",
+    name="Version",
+    key="version",
+    layout="fc200",
+    direction=Direction.FROM_BOARD,
+    source="WIRE 15, VersionInfo_FC200",
+    firmware="FC 0.91, 2.00a to 2.08",
+    recognise=_is_fc200,
+)
+class VersionFc200(_Release):
+    """Release and faults of a FlightCtrl."""
+
+    reserved_1: Annotated[int, U8("reserved1")]
+    patch: Annotated[int, U8("SWPatch")]
+    fault_0: Annotated[FlightFault0, U8("HardwareError[0]", enum=FlightFault0)]
+    fault_1: Annotated[FlightFault1, U8("HardwareError[1]", enum=FlightFault1)]
+    hardware: Annotated[int, U8("HWMajor", "0.1")]
+    """Board revision times ten, for example 22."""
+    motor_controller: Annotated[int, U8("reserved2", "0.01")]
+    """0; the BL-Ctrl release times hundred from about 2.06e on."""
+    flags: Annotated[VersionFlags, U8("Flags", enum=VersionFlags)]
+
+
+class _Classic(_Release):
+    protocol_minor: Annotated[int, U8("ProtoMinor")]
+    patch: Annotated[int, U8("SWPatch")]
+
+
+@message(
+    Board.FC,
+    "V",
+    name="Version",
+    key="version",
+    layout="classic",
+    direction=Direction.FROM_BOARD,
+    source="WIRE 15, VersionInfo_classic",
+    firmware="FC up to 0.90",
+    recognise=_is_classic,
+)
+class VersionClassic(_Classic):
+    """Release and faults of a FlightCtrl."""
+
+    fault_0: Annotated[FlightFault0, U8("HardwareError[0]", enum=FlightFault0)]
+    fault_1: Annotated[FlightFault1, U8("HardwareError[1]", enum=FlightFault1)]
+    fault_rest: Annotated[tuple[int, ...], U8("HardwareError[2..4]", count=3)]
+
+
+@message(
+    Board.NC,
+    "V",
+    name="Version",
+    key="version",
+    layout="classic",
+    direction=Direction.FROM_BOARD,
+    source="WIRE 15, VersionInfo_classic",
+    firmware="NC up to 0.3x",
+    recognise=_is_classic,
+)
+class NaviVersionClassic(_Classic):
+    """Release and faults of a NaviCtrl."""
+
+    fault_0: Annotated[NaviFault0, U8("HardwareError[0]", enum=NaviFault0)]
+    fault_rest: Annotated[tuple[int, ...], U8("HardwareError[1..4]", count=4)]
+
+
+@message(
+    Board.NC,
+    "V",
+    name="Version",
+    key="version",
+    layout="fc200",
+    direction=Direction.FROM_BOARD,
+    source="WIRE 15, VersionInfo_FC200, by continuity",
+    firmware="NC 2.x",
+    recognise=_is_navi_200,
+)
+class NaviVersion200(_Release):
+    """Release and faults of a NaviCtrl."""
+
+    reserved_1: Annotated[int, U8("reserved1")]
+    patch: Annotated[int, U8("SWPatch")]
+    fault_0: Annotated[NaviFault0, U8("HardwareError[0]", enum=NaviFault0)]
+    fault_1: Annotated[int, U8("HardwareError[1]")]
+    hardware: Annotated[int, U8("HWMajor", "0.1")]
+    """Board revision times ten."""
+    reserved_2: Annotated[int, U8("reserved2")]
+    flags: Annotated[VersionFlags, U8("Flags", enum=VersionFlags)]
+
+
+@message(
+    Board.MAG,
+    "V",
+    name="Version",
+    key="version",
+    layout="classic",
+    direction=Direction.FROM_BOARD,
+    source="WIRE 15, VersionInfo_classic",
+    firmware="MK3Mag",
+)
+class CompassVersion(_Classic):
+    """Release of a MK3Mag."""
+
+    fault: Annotated[tuple[int, ...], U8("HardwareError", count=5)]
