@@ -103,7 +103,9 @@ class Scene:
             return self._lit(still, conditions, rays)
         if spread < 0.5:
             return np.asarray(
-                cv2.filter2D(self._lit(still, conditions, rays), -1, streak(flow.mean(axis=0)), borderType=cv2.BORDER_REPLICATE),
+                cv2.filter2D(
+                    self._lit(still, conditions, rays), -1, streak(flow.mean(axis=0)), borderType=cv2.BORDER_REPLICATE
+                ),
                 dtype=np.float32,
             )
         count = int(np.clip(np.ceil(longest), 2, 32))
@@ -125,7 +127,9 @@ class Scene:
                 points = first.motion.pose_at(at.time).points(first.layers[0].outline())
             else:
                 reach = max(view.position_enu[2], 0.1)
-                points = view.position_enu + (np.array([[0.0, 0.0, reach], [0.2 * reach, 0.0, reach]]) @ view.enu_from_cam.T)
+                points = view.position_enu + (
+                    np.array([[0.0, 0.0, reach], [0.2 * reach, 0.0, reach]]) @ view.enu_from_cam.T
+                )
             ends.append(project(at.camera_points(points), view.intrinsics))
         flow = ends[1] - ends[0]
         good: Array = flow[np.isfinite(flow).all(axis=1)]
@@ -133,10 +137,7 @@ class Scene:
 
     def _lit(self, view: CameraView, conditions: Conditions, rays: RayGrid) -> Image32:
         """Reflected light of a standing scene seen by a standing camera, before the lens."""
-        if self._ground is not None:
-            image = self._ground.render(view, rays)
-        else:
-            image = np.full(rays.x.shape, 0.45, dtype=np.float32)
+        image = self._background(view, conditions, rays)
         if conditions.target_in_view:
             for target in self.targets:
                 self._draw_target(image, target, view, rays)
@@ -153,28 +154,26 @@ class Scene:
             add_glare(image, glare, seen[0], float(np.linalg.norm(seen[1] - seen[0])))
         return image
 
+    def _background(self, view: CameraView, conditions: Conditions, rays: RayGrid) -> Image32:
+        """The ground, unless a print hides all of it."""
+        hidden = conditions.target_in_view and any(
+            _fills_image(matrix, layer.cells.shape, rays)
+            for target in self.targets
+            for layer, matrix, _ in _visible_layers(target, view, rays)
+        )
+        if self._ground is None or hidden:
+            return np.full(rays.x.shape, 0.45, dtype=np.float32)
+        return self._ground.render(view, rays)
+
     def _draw_target(self, image: Image32, target: SceneTarget, view: CameraView, rays: RayGrid) -> None:
         """Composite a target's layers over `image` in place."""
-        pose = target.motion.pose_at(view.time)
-        for layer in target.layers:
-            body = Pose(pose.enu_from_body @ layer.rotation, pose.points(layer.position[None])[0])
-            toward = view.position_enu - body.position_enu
-            if float(toward @ body.enu_from_body[:, 2]) <= NEAR_M:
-                continue
-            outline = _clip_near(view.camera_points(pose.points(layer.outline(8))))
-            if len(outline) < 3:
-                continue
-            flat = outline[:, :2] / outline[:, 2:]
-            low, high = flat.min(axis=0), flat.max(axis=0)
-            rows, columns = rays.window((low[0], high[0]), (low[1], high[1]))
-            if rows.stop > rows.start and columns.stop > columns.start:
-                self._draw_layer(image, layer, _ray_from_plane(body, view), rays, (rows, columns))
+        for layer, cells_from_ray, window in _visible_layers(target, view, rays):
+            self._draw_layer(image, layer, cells_from_ray, rays, window)
 
     def _draw_layer(
-        self, image: Image32, layer: Layer, ray_from_plane: Array, rays: RayGrid, window: tuple[slice, slice]
+        self, image: Image32, layer: Layer, cells_from_ray: Array, rays: RayGrid, window: tuple[slice, slice]
     ) -> None:
         rows, columns = window
-        cells_from_ray = layer.cells_from_plane() @ np.linalg.inv(ray_from_plane)
         x, y = rays.x[rows, columns], rays.y[rows, columns]
         widest, narrowest = _cell_sizes(cells_from_ray, x, y, rays.intrinsics.fx, layer.cells.shape)
         if widest <= 0.0:
@@ -182,19 +181,70 @@ class Scene:
         allowed = max(int(np.sqrt(self._budget / x.size)), 1)
         factor = int(np.clip(np.ceil(0.8 * widest / narrowest), min(2, allowed), min(6, allowed)))
         density = layer.texels_per_cell(max(narrowest * factor, widest / 1.5))
-        x, y = rays.fine(rows, columns, factor)
-        m = cells_from_ray.astype(np.float32)
-        depth = m[2, 0] * x + m[2, 1] * y + m[2, 2]
-        inverse = np.float32(density) / np.where(depth > 1e-6, depth, np.float32(np.nan)) if depth.min() <= 1e-6 else density / depth
-        u = (m[0, 0] * x + m[0, 1] * y + m[0, 2]) * inverse + np.float32(PAD - 0.5)
-        v = (m[1, 0] * x + m[1, 1] * y + m[1, 2]) * inverse + np.float32(PAD - 0.5)
-        u, v = (np.nan_to_num(np.clip(c, -9.0, 9e3), nan=-9.0).astype(np.float32) for c in (u, v))
+        u, v = _texel_map(cells_from_ray, density, *rays.fine(rows, columns, factor))
         sampled = cv2.remap(layer.texture(density), u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT)
         if factor > 1:
             sampled = cv2.resize(sampled, None, fx=1 / factor, fy=1 / factor, interpolation=cv2.INTER_AREA)
+        reflected, covered = cv2.split(sampled)
         part = image[rows, columns]
-        part *= 1.0 - sampled[..., 1]
-        part += sampled[..., 0]
+        np.subtract(np.float32(1.0), covered, out=covered)
+        part *= covered
+        part += reflected
+
+
+def _visible_layers(
+    target: SceneTarget, view: CameraView, rays: RayGrid
+) -> list[tuple[Layer, Array, tuple[slice, slice]]]:
+    """Layers that can be seen, from the back, each with its homography from rays to cells and its window."""
+    pose = target.motion.pose_at(view.time)
+    found: list[tuple[Layer, Array, tuple[slice, slice]]] = []
+    for layer in target.layers:
+        body = Pose(pose.enu_from_body @ layer.rotation, pose.points(layer.position[None])[0])
+        if float((view.position_enu - body.position_enu) @ body.enu_from_body[:, 2]) <= NEAR_M:
+            continue
+        outline = _clip_near(view.camera_points(pose.points(layer.outline(8))))
+        if len(outline) < 3:
+            continue
+        flat = outline[:, :2] / outline[:, 2:]
+        low, high = flat.min(axis=0), flat.max(axis=0)
+        rows, columns = rays.window((low[0], high[0]), (low[1], high[1]))
+        if rows.stop <= rows.start or columns.stop <= columns.start:
+            continue
+        cells_from_ray = layer.cells_from_plane() @ np.linalg.inv(_ray_from_plane(body, view))
+        if _fills_image(cells_from_ray, layer.cells.shape, rays):
+            found.clear()
+        found.append((layer, cells_from_ray, (rows, columns)))
+    return found
+
+
+def _fills_image(cells_from_ray: Array, shape: tuple[int, ...], rays: RayGrid) -> bool:
+    """Whether the rim of the image, and so all of it, lies inside the layer."""
+    u, v, w = cells_from_ray @ rays.rim
+    return bool(
+        (w > 1e-6).all() and (u > 0).all() and (v > 0).all() and (u < shape[1] * w).all() and (v < shape[0] * w).all()
+    )
+
+
+def _texel_map(cells_from_ray: Array, density: float, x: Image32, y: Image32) -> tuple[Image32, Image32]:
+    """Where in a padded texture each ray lands; rays that miss the plane land on the clear rim."""
+    m = (np.diag([density, density, 1.0]) @ cells_from_ray).astype(np.float32)
+    depth = m[2, 0] * x
+    depth += m[2, 1] * y
+    depth += m[2, 2]
+    misses = depth <= np.float32(1e-6) if float(depth.min()) <= 1e-6 else None
+    if misses is not None:
+        depth[misses] = 1.0
+    found = []
+    for row in m[:2]:
+        along = row[0] * x
+        along += row[1] * y
+        along += row[2]
+        along /= depth
+        along += np.float32(PAD - 0.5)
+        if misses is not None:
+            along[misses] = -9.0
+        found.append(np.clip(along, np.float32(-9.0), np.float32(9000.0), out=along))
+    return found[0], found[1]
 
 
 def true_corners(target: SceneTarget, view: CameraView) -> dict[tuple[str, int], Array]:

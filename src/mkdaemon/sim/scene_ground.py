@@ -64,7 +64,9 @@ def _blades(rng: np.random.Generator) -> Image32:
         seeds = rng.standard_normal((SIDE_TEXELS, SIDE_TEXELS), dtype=np.float32)
         kernel = np.zeros((15, 15), dtype=np.float32)
         reach = 6 * np.array([np.cos(angle), np.sin(angle)])
-        cv2.line(kernel, tuple(np.rint(7 - reach).astype(int)), tuple(np.rint(7 + reach).astype(int)), 1.0, 1, cv2.LINE_AA)
+        cv2.line(
+            kernel, tuple(np.rint(7 - reach).astype(int)), tuple(np.rint(7 + reach).astype(int)), 1.0, 1, cv2.LINE_AA
+        )
         total += cv2.filter2D(np.pad(seeds, 8, mode="wrap"), -1, kernel)[8:-8, 8:-8]
     return np.asarray(total / total.std(), dtype=np.float32)
 
@@ -143,7 +145,7 @@ class Ground:
         x, y = rays.x[rows, columns], rays.y[rows, columns]
         r, position = view.enu_from_cam, view.position_enu
         reach = np.float32(position[2]) / np.maximum(slope, np.float32(1e-3))
-        middle = float(np.median(reach[:: max(reach.shape[0] // 8, 1), :: max(reach.shape[1] // 8, 1)]))
+        middle = float(reach[slope.shape[0] // 2, slope.shape[1] // 2])
         grazing = max(float(position[2]) / (middle * 1.2), 0.05)
         footprint = middle / view.intrinsics.fx / np.sqrt(grazing)
         index = int(np.clip(np.ceil(np.log2(max(footprint / TEXEL_M, 1e-9)) - 0.3), 0, len(self._levels) - 1))

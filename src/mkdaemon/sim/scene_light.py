@@ -108,12 +108,21 @@ def shade(image: Image32, shadow: Shadow, rays: RayGrid, plane_from_ray: Array) 
     left = np.array([-s, c, s * shadow.point[0] - c * shadow.point[1]])
     a, b, d = (left @ plane_from_ray).astype(np.float32)
     depth = plane_from_ray[2].astype(np.float32)
-    inverse_depth = depth[0] * rays.x + depth[1] * rays.y + depth[2]
-    side = (a * rays.x + b * rays.y + d) / np.where(inverse_depth > 1e-4, inverse_depth, np.float32(1e-4))
-    pixel = 1.0 / (rays.intrinsics.fx * max(float(np.median(inverse_depth)), 1e-4))
-    lit = np.clip(0.5 - side / np.float32(max(shadow.softness, pixel)), 0.0, 1.0)
+    x, y = rays.x, rays.y
+    inverse_depth = depth[0] * x + depth[1] * y + depth[2]
+    pixel = 1.0 / (rays.intrinsics.fx * max(float(inverse_depth[::16, ::16].mean()), 1e-4))
+    width = np.float32(max(shadow.softness, pixel))
+    sky = inverse_depth <= np.float32(1e-4)
+    lit = a * x + b * y + d
+    lit /= np.maximum(inverse_depth, np.float32(1e-4), out=inverse_depth)
+    lit *= -1 / width
+    lit += np.float32(0.5)
+    np.clip(lit, 0.0, 1.0, out=lit)
     dark = np.float32(1.0 / shadow.ratio)
-    image *= dark + (1 - dark) * lit
+    lit *= 1 - dark
+    lit += dark
+    lit[sky] = 1.0
+    image *= lit
 
 
 def add_glare(image: Image32, glare: Glare, centre_px: Array, radius_px: float) -> None:
@@ -172,7 +181,9 @@ class Sensor:
         """Turn light `(h, w)`, 1 is a perfect reflector in full light, into an image `(h, w)` uint8."""
         grey = light * self._field(light.shape, conditions)
         if conditions.noise_sd > 0.0 or conditions.shot_gain > 0.0:
-            spread = cv2.sqrt(np.maximum(grey, 0.0) * np.float32(conditions.shot_gain) + np.float32(conditions.noise_sd**2))
+            spread = cv2.sqrt(
+                np.maximum(grey, 0.0) * np.float32(conditions.shot_gain) + np.float32(conditions.noise_sd**2)
+            )
             start = int(self._rng.integers(0, NOISE_POOL - grey.size))
             grey += self._pool[start : start + grey.size].reshape(grey.shape) * spread
         pixels = np.clip(np.rint(grey, out=grey), 0.0, 255.0, out=grey).astype(np.uint8)

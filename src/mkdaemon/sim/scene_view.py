@@ -111,6 +111,17 @@ class RayGrid:
         self._x, self._y = x.astype(np.float32), y.astype(np.float32)
         self.x, self.y = self._x[1:-1, 1:-1].copy(), self._y[1:-1, 1:-1].copy()
         self._column_low, self._column_high = self.x.min(axis=0), self.x.max(axis=0)
+        rim = np.concatenate(
+            [
+                np.column_stack([g[i, ::16], h[i, ::16]])
+                for g, h in ((self.x, self.y), (self.x.T, self.y.T))
+                for i in (0, -1)
+            ]
+        )
+        corner = np.array(
+            [[self.x[-1, -1], self.y[-1, -1]], [self.x[0, -1], self.y[0, -1]], [self.x[-1, 0], self.y[-1, 0]]]
+        )
+        self.rim: Array = np.vstack([np.concatenate([rim, corner]).T, np.ones(len(rim) + 3)]).astype(np.float64)
         self._row_low, self._row_high = self.y.min(axis=1), self.y.max(axis=1)
 
     def window(self, x_range: tuple[float, float], y_range: tuple[float, float]) -> tuple[slice, slice]:
