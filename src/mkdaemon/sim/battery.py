@@ -44,7 +44,18 @@ class Battery:
         is_low: under the LOWBAT threshold.
     """
 
-    __slots__ = ("_cells", "_charge0", "_config", "_low_v", "_resistance", "current", "drop", "is_low", "used_mah", "voltage")
+    __slots__ = (
+        "_cells",
+        "_charge0",
+        "_config",
+        "_low_v",
+        "_resistance",
+        "current",
+        "drop",
+        "is_low",
+        "used_mah",
+        "voltage",
+    )
 
     def __init__(self, config: BatteryConfig) -> None:
         self._config = config

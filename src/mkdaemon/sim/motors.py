@@ -1,7 +1,8 @@
 """Plus mixer, motor lag and thrust of four rotors.
 
-Motor 1 is at the front, 2 at the rear, 3 right, 4 left; 1 and 2 turn against 3 and 4. Signs as seen on the motors:
-nose down lowers 1 and raises 2, left side down raises 3 and lowers 4, nose left raises 1 and 2 (docs/firmware-notes.md).
+Motor 1 is at the front, 2 at the rear, 3 right, 4 left; 1 and 2 turn against 3 and 4. Signs as seen on the motors
+(docs/firmware-notes.md): nose down lowers 1 and raises 2, left side down raises 3 and lowers 4, nose left raises 1
+and 2.
 """
 
 from __future__ import annotations
@@ -9,9 +10,8 @@ from __future__ import annotations
 from typing import Final
 
 from mkdaemon.config.sim_flight import AirframeConfig
+from mkdaemon.sim.airframe import GRAVITY
 
-GRAVITY: Final = 9.81
-"""Gravity [m/s2]."""
 MAX_COUNT: Final = 254.0
 """Largest motor set point."""
 MIN_COUNT: Final = 8.0

@@ -69,7 +69,7 @@ class Wind:
         self.update(0.0)
 
     def start_gust(self, now: float, *, speed: float, from_deg: float, duration: float) -> None:
-        """Add a 1-cosine gust (MIL-F-8785C, discrete gust) of `speed` [m/s] for `duration` [s] from `from_deg` [deg]."""
+        """Add a 1-cosine gust (MIL-F-8785C) of `speed` [m/s] for `duration` [s] from `from_deg` [deg]."""
         toward = math.radians(from_deg + 180.0)
         self._gust = (now, duration, speed * math.sin(toward), speed * math.cos(toward))
 

@@ -1,0 +1,272 @@
+"""Faults by name: one table says what exists, what it takes and who acts on it.
+
+The world applies its own; the boards, the radio and the scene read theirs with `is_active` and `value`.
+"""
+
+from __future__ import annotations
+
+import difflib
+import math
+from dataclasses import dataclass, field
+from enum import StrEnum
+from typing import Final
+
+from mkdaemon.errors import CommandRejectedError
+
+
+class Reader(StrEnum):
+    """Who acts on a fault."""
+
+    WORLD = "world"
+    BOARDS = "boards"
+    RADIO = "radio"
+    SCENE = "scene"
+
+
+@dataclass(frozen=True, slots=True)
+class FaultNumber:
+    """A number a fault takes, with its range and unit."""
+
+    default: float
+    low: float
+    high: float
+    unit: str
+    help: str
+
+
+@dataclass(frozen=True, slots=True)
+class FaultChoice:
+    """A word a fault takes."""
+
+    default: str
+    choices: tuple[str, ...]
+    help: str
+
+
+FaultParameter = FaultNumber | FaultChoice
+FaultValue = float | str
+
+
+@dataclass(frozen=True, slots=True)
+class FaultSpec:
+    """One fault.
+
+    Attributes:
+        reader: who acts on it.
+        effect: what happens, in one sentence.
+        parameters: what it takes.
+        duration: how long it lasts unless told otherwise [s]; None lasts until stopped.
+        once: an event: its reader takes it and it is over.
+    """
+
+    reader: Reader
+    effect: str
+    parameters: dict[str, FaultParameter] = field(default_factory=dict)
+    duration: float | None = None
+    once: bool = False
+
+
+def _number(default: float, low: float, high: float, unit: str, help_: str) -> FaultNumber:
+    return FaultNumber(default, low, high, unit, help_)
+
+
+FAULTS: Final[dict[str, FaultSpec]] = {
+    "motor_weak": FaultSpec(
+        Reader.WORLD,
+        "One rotor gives only a share of its thrust.",
+        {
+            "motor": _number(1, 1, 4, "", "1 front, 2 rear, 3 right, 4 left"),
+            "share": _number(0.8, 0.0, 1.0, "", "thrust left"),
+        },
+    ),
+    "rc_lost": FaultSpec(Reader.WORLD, "The receiver hears no transmitter."),
+    "gate_closed": FaultSpec(Reader.WORLD, "The pilot's external-control switch is closed."),
+    "wind_gust": FaultSpec(
+        Reader.WORLD,
+        "A single gust on top of the wind.",
+        {
+            "speed": _number(4.0, 0.0, 15.0, "m/s", "peak"),
+            "from_deg": _number(0.0, 0.0, 360.0, "deg", "where it comes from, clockwise from north"),
+        },
+        duration=2.0,
+    ),
+    "battery_drop": FaultSpec(
+        Reader.WORLD,
+        "The pack loses voltage, as with a broken cell.",
+        {"volts": _number(1.5, 0.0, 10.0, "V", "voltage lost")},
+    ),
+    "gps_lost": FaultSpec(Reader.WORLD, "The GPS receiver has no fix and no satellites."),
+    "compass_bias": FaultSpec(
+        Reader.WORLD,
+        "The compass is turned away, as beside steel.",
+        {"deg": _number(30.0, -180.0, 180.0, "deg", "added to the heading, clockwise")},
+    ),
+    "imu_bias": FaultSpec(
+        Reader.WORLD,
+        "Gyros drift and the accelerometer leans.",
+        {
+            "rate_deg": _number(1.0, -30.0, 30.0, "deg/s", "added to the pitch and roll gyros"),
+            "lean_deg": _number(2.0, -20.0, 20.0, "deg", "added to the accelerometer's pitch and roll"),
+        },
+    ),
+    "link_cut": FaultSpec(
+        Reader.RADIO,
+        "The serial link carries nothing.",
+        {"direction": FaultChoice("both", ("both", "to_board", "to_host"), "which way is cut")},
+    ),
+    "tag_covered": FaultSpec(
+        Reader.SCENE,
+        "Something lies on the landing target.",
+        {"share": _number(1.0, 0.0, 1.0, "", "share of the target that is hidden")},
+    ),
+    "light_off": FaultSpec(
+        Reader.SCENE,
+        "The lamps fail.",
+        {"share": _number(0.02, 0.0, 1.0, "", "light left")},
+    ),
+    "fc_reboot": FaultSpec(Reader.BOARDS, "The FlightCtrl restarts, in flight too.", once=True),
+    "nc_sd_stall": FaultSpec(Reader.BOARDS, "The NaviCtrl is busy with its SD card.", duration=2.0),
+}
+"""Every fault there is; keys, CLI, help and documentation are read from here."""
+
+
+@dataclass(frozen=True, slots=True)
+class ActiveFault:
+    """A running fault: its values, when it began and when it ends [s] (infinity: when stopped)."""
+
+    values: dict[str, FaultValue]
+    began: float
+    ends: float
+
+
+class Faults:
+    """The faults running now.
+
+    Attributes:
+        now: simulated time, kept by the world [s].
+        generation: grows with every change, so that a reader can tell cheaply.
+        active: running faults by name.
+    """
+
+    __slots__ = ("_next_end", "active", "generation", "now")
+
+    def __init__(self) -> None:
+        self.now = 0.0
+        self.generation = 0
+        self.active: dict[str, ActiveFault] = {}
+        self._next_end = math.inf
+
+    def start(self, name: str, *, duration: float | None = None, **values: FaultValue) -> None:
+        """Start a fault, or start it again with other values.
+
+        Args:
+            name: a key of `FAULTS`.
+            duration: how long [s]; unset takes the table's.
+            values: the fault's parameters; those left out take the table's.
+
+        Raises:
+            CommandRejectedError: no such fault or parameter, or a value out of range.
+        """
+        spec = _spec(name)
+        taken: dict[str, FaultValue] = {key: parameter.default for key, parameter in spec.parameters.items()}
+        for key, value in values.items():
+            taken[key] = _checked(name, spec, key, value)
+        if duration is not None and not 0.0 < duration < math.inf:
+            raise CommandRejectedError(
+                "out_of_range", f"Fault '{name}' cannot last {duration} s.", "Give a duration above 0 s."
+            )
+        lasts = spec.duration if duration is None else duration
+        self.active[name] = ActiveFault(taken, self.now, math.inf if lasts is None else self.now + lasts)
+        self._changed()
+
+    def stop(self, name: str) -> None:
+        """Stop a fault; stopping one that does not run is no mistake.
+
+        Raises:
+            CommandRejectedError: no such fault.
+        """
+        _spec(name)
+        if self.active.pop(name, None) is not None:
+            self._changed()
+
+    def clear(self) -> None:
+        """Stop everything."""
+        self.active.clear()
+        self._changed()
+
+    def is_active(self, name: str) -> bool:
+        """Say whether a fault runs."""
+        return name in self.active
+
+    def number(self, name: str, parameter: str) -> float:
+        """Return a number of a running fault; its default while the fault does not run."""
+        return float(self._value(name, parameter))
+
+    def word(self, name: str, parameter: str) -> str:
+        """Return a word of a running fault; its default while the fault does not run."""
+        return str(self._value(name, parameter))
+
+    def take(self, name: str) -> bool:
+        """Consume an event: true once after each start."""
+        if name not in self.active:
+            return False
+        self.stop(name)
+        return True
+
+    def is_link_cut(self, direction: str) -> bool:
+        """Say whether the link is cut in `direction`, `to_board` or `to_host`."""
+        return "link_cut" in self.active and self.word("link_cut", "direction") in ("both", direction)
+
+    def advance(self, now: float) -> None:
+        """Set the time [s] and end what has run out."""
+        self.now = now
+        if now < self._next_end:
+            return
+        for name in [name for name, fault in self.active.items() if fault.ends <= now]:
+            del self.active[name]
+        self._changed()
+
+    def _value(self, name: str, parameter: str) -> FaultValue:
+        fault = self.active.get(name)
+        return FAULTS[name].parameters[parameter].default if fault is None else fault.values[parameter]
+
+    def _changed(self) -> None:
+        self.generation += 1
+        self._next_end = min((fault.ends for fault in self.active.values()), default=math.inf)
+
+
+def _spec(name: str) -> FaultSpec:
+    spec = FAULTS.get(name)
+    if spec is None:
+        near = difflib.get_close_matches(name, FAULTS, n=1, cutoff=0.0)[0]
+        raise CommandRejectedError(
+            "unknown_fault", f"There is no fault '{name}'.", f"Did you mean '{near}'? All: {', '.join(FAULTS)}."
+        )
+    return spec
+
+
+def _checked(name: str, spec: FaultSpec, key: str, value: FaultValue) -> FaultValue:
+    parameter = spec.parameters.get(key)
+    if parameter is None:
+        known = ", ".join(spec.parameters) or "none"
+        raise CommandRejectedError(
+            "unknown_parameter", f"Fault '{name}' has no parameter '{key}'.", f"Its parameters: {known}."
+        )
+    if isinstance(parameter, FaultChoice):
+        if value not in parameter.choices:
+            raise CommandRejectedError(
+                "out_of_range", f"'{value}' is no {key} of '{name}'.", f"Choose {', '.join(parameter.choices)}."
+            )
+        return value
+    try:
+        number = float(value)
+    except ValueError:
+        number = math.nan
+    if not parameter.low <= number <= parameter.high:
+        unit = f" {parameter.unit}" if parameter.unit else ""
+        raise CommandRejectedError(
+            "out_of_range",
+            f"{key} of '{name}' cannot be {value}.",
+            f"Give {parameter.low:g} to {parameter.high:g}{unit}.",
+        )
+    return number
