@@ -1,0 +1,197 @@
+"""The daemon's side of the bus: publishes, remembers last values, answers queries, takes setpoints.
+
+Rules from measurements: a direct callback does nothing but stamp and hand over to the loop; everything is put with
+congestion control DROP, so a slow subscriber cannot slow the line's reader; the session is closed explicitly.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from collections.abc import AsyncIterator, Awaitable, Callable
+from contextlib import asynccontextmanager
+from typing import Final, Self
+
+import structlog
+import zenoh
+from pydantic import BaseModel
+
+from mkdaemon.bus.codec import decode_map, encode, encode_map, encoding_of
+from mkdaemon.bus.keys import Use, find, key, roots, suffix_of
+from mkdaemon.bus.schema import schema_json, schema_names
+from mkdaemon.bus.session import close_session, open_session, session_config
+from mkdaemon.config.bus import BusConfig
+from mkdaemon.errors import CommandRejectedError
+from mkdaemon.telemetry.command import REFUSALS, CommandResult, Status, refuse
+
+_log = structlog.get_logger(__name__)
+_RESULT_ENCODING: Final = encoding_of(CommandResult)
+_JSON: Final = "application/schema+json"
+
+Handler = Callable[[str, bytes], Awaitable[CommandResult]]
+"""Answers a command: suffix and payload to a result; may raise `CommandRejectedError`."""
+Taker = Callable[[float, bytes], None]
+"""Takes a setpoint: arrival [s; monotonic] and payload; called on the loop, returns at once, never raises."""
+Watcher = Callable[[str, bool], None]
+"""Takes a client's coming (True) or going (False), by its name; called on the loop."""
+
+
+class Bus:
+    """An open session. Everything runs on the loop it was opened on."""
+
+    def __init__(self, session: zenoh.Session, cfg: BusConfig, vehicle: str) -> None:
+        self.vehicle = vehicle
+        self._session = session
+        self._cfg = cfg
+        self._loop = asyncio.get_running_loop()
+        self._publishers: dict[str, tuple[zenoh.Publisher, str]] = {}
+        self._last: dict[str, tuple[bytes, str, float]] = {}
+        self._answering: set[asyncio.Task[None]] = set()
+
+    @classmethod
+    @asynccontextmanager
+    async def open(cls, cfg: BusConfig, vehicle: str) -> AsyncIterator[Self]:
+        """Open a session, show the liveliness token, answer last-value and schema queries; close all on leaving.
+
+        Raises:
+            ConfigError: an endpoint or the Zenoh file is wrong.
+            MkError: the endpoint is in use.
+        """
+        config = session_config(
+            "peer", listen=cfg.listen, connect=cfg.connect, zenoh_file=cfg.zenoh_file, lease=cfg.lease
+        )
+        session = await open_session(config, listen=cfg.listen)
+        try:
+            bus = cls(session, cfg, vehicle)
+            for root in roots(Use.PUBLISHED):
+                bus._declare_queryable(f"{root}/**", bus._answer_last)
+            bus._declare_queryable("schema/**", bus._answer_schema)
+            with session.liveliness().declare_token(key(vehicle, "alive")):
+                try:
+                    yield bus
+                finally:
+                    await bus._stop_answering()
+        finally:
+            await close_session(session)
+
+    def publish(self, suffix: str, value: BaseModel, *, schema: type[BaseModel] | None = None) -> None:
+        """Put a value and remember it as the key's last; never waits, drops where a subscriber is too slow.
+
+        Args:
+            suffix: key without `mk/<vehicle>/`; must be in the table of keys.
+            value: what to put.
+            schema: the model that describes it, if not its own class.
+
+        Raises:
+            ValueError: the table of keys has no such published key.
+        """
+        known = self._publishers.get(suffix)
+        if known is None:
+            spec = find(suffix)
+            if spec is None or spec.use is not Use.PUBLISHED:
+                msg = f"{suffix} is no published key of the table in bus/keys.py"
+                raise ValueError(msg)
+            publisher = self._session.declare_publisher(
+                key(self.vehicle, suffix), congestion_control=zenoh.CongestionControl.DROP
+            )
+            known = self._publishers[suffix] = (publisher, "")
+        publisher = known[0]
+        payload = encode(value)
+        encoding = encoding_of(schema or type(value))
+        self._last[suffix] = (payload, encoding, time.monotonic())
+        publisher.put(payload, encoding=encoding)
+
+    def serve(self, root: str, handler: Handler) -> None:
+        """Answer every command below a root (`cmd`, `do`) with `handler`, each in its own task."""
+
+        def take(query: zenoh.Query) -> None:
+            if len(self._answering) >= self._cfg.max_queries:
+                error = refuse("busy", detail=f"{len(self._answering)} commands are being worked on")
+                with query:
+                    self._reply_result(query, refused(error))
+                return
+            task = self._loop.create_task(self._answer_command(query, handler), name=f"answer {query.key_expr}")
+            self._answering.add(task)
+            task.add_done_callback(self._answering.discard)
+
+        self._declare_queryable(f"{root}/**", take)
+
+    def receive(self, suffix: str, take: Taker) -> None:
+        """Hand every setpoint of a key to `take`, with the time it arrived."""
+        loop = self._loop
+
+        def on_sample(sample: zenoh.Sample) -> None:
+            loop.call_soon_threadsafe(take, time.monotonic(), sample.payload.to_bytes())
+
+        self._session.declare_subscriber(key(self.vehicle, suffix), zenoh.handlers.Callback(on_sample, indirect=False))
+
+    def watch_clients(self, watcher: Watcher) -> None:
+        """Hear of every client that shows or loses its liveliness token, those already there first."""
+        loop = self._loop
+
+        def on_token(sample: zenoh.Sample) -> None:
+            name = str(sample.key_expr).rpartition("/")[2]
+            loop.call_soon_threadsafe(watcher, name, sample.kind == zenoh.SampleKind.PUT)
+
+        self._session.liveliness().declare_subscriber(
+            key(self.vehicle, "client/*"), zenoh.handlers.Callback(on_token, indirect=False), history=True
+        )
+
+    def _declare_queryable(self, suffix: str, answer: Callable[[zenoh.Query], None]) -> None:
+        loop = self._loop
+
+        def on_query(query: zenoh.Query) -> None:
+            loop.call_soon_threadsafe(answer, query)
+
+        self._session.declare_queryable(key(self.vehicle, suffix), zenoh.handlers.Callback(on_query, indirect=False))
+
+    def _answer_last(self, query: zenoh.Query) -> None:
+        """Reply with the last value of every key asked for, `age` added."""
+        now = time.monotonic()
+        with query:
+            for suffix, (payload, encoding, stamp) in self._last.items():
+                whole = key(self.vehicle, suffix)
+                if query.key_expr.intersects(whole):
+                    fields = decode_map(payload) | {"age": round(now - stamp, 6)}
+                    query.reply(whole, encode_map(fields), encoding=encoding)
+
+    def _answer_schema(self, query: zenoh.Query) -> None:
+        with query:
+            for name in schema_names():
+                whole = key(self.vehicle, f"schema/{name}")
+                if query.key_expr.intersects(whole) and (schema := schema_json(name)) is not None:
+                    query.reply(whole, schema, encoding=_JSON)
+
+    async def _answer_command(self, query: zenoh.Query, handler: Handler) -> None:
+        with query:
+            whole = str(query.key_expr)
+            if "*" in whole or "$" in whole:
+                return  # a wildcard that looks around commands nothing
+            started = time.monotonic()
+            payload = query.payload.to_bytes() if query.payload is not None else b""
+            try:
+                result = await handler(suffix_of(self.vehicle, whole), payload)
+            except CommandRejectedError as error:
+                result = refused(error)
+            except Exception as error:  # noqa: BLE001
+                # One client's strange request must not end the flight of another: answer, log, go on.
+                _log.exception("command failed", key=whole)
+                result = refused(refuse("internal", detail=f"{type(error).__name__}: {error}"))
+            took = round(time.monotonic() - started, 6)
+            self._reply_result(query, result.model_copy(update={"duration": took}))
+
+    @staticmethod
+    def _reply_result(query: zenoh.Query, result: CommandResult) -> None:
+        query.reply(query.key_expr, encode(result), encoding=_RESULT_ENCODING)
+
+    async def _stop_answering(self) -> None:
+        for task in self._answering:
+            task.cancel()
+        await asyncio.gather(*self._answering, return_exceptions=True)
+
+
+def refused(error: CommandRejectedError) -> CommandResult:
+    """The answer that carries a refusal."""
+    refusal = REFUSALS.get(error.token)
+    status = refusal.status if refusal else Status.DENIED
+    return CommandResult(status=status, token=error.token, reason=error.reason, fix=error.fix)

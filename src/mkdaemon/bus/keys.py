@@ -1,0 +1,143 @@
+"""The one table of all keys. Publishing, queries, schemas and docs/keys.md are made from it."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import Final
+
+from pydantic import BaseModel
+
+from mkdaemon.telemetry.command import CommandResult, LeaseRequest, RateRequest, ReleaseRequest
+from mkdaemon.telemetry.control import ControlOutput, ControlStatus
+from mkdaemon.telemetry.event import CommandEvent, FailsafeEvent, LogEvent, ModeEvent
+from mkdaemon.telemetry.link import LinkHealth, LinkState, LinkTraffic
+from mkdaemon.telemetry.setpoint import StickSetpoint
+from mkdaemon.telemetry.state import Attitude, Battery, Flight, Gps, Pilot, Position, Velocity
+from mkdaemon.telemetry.traffic import FrameSample, RawFrame
+from mkdaemon.telemetry.vehicle import VehicleHealth
+
+ROOT: Final = "mk"
+
+
+class Use(StrEnum):
+    """How a key is used."""
+
+    PUBLISHED = "published"
+    """The daemon puts it; a query answers with the last value and its `age`."""
+    QUERY = "query"
+    """A client asks; the answer is a `CommandResult` or a schema."""
+    SETPOINT = "setpoint"
+    """A client streams it; the newest wins."""
+    TOKEN = "token"
+    """A liveliness token."""
+
+
+@dataclass(frozen=True, slots=True)
+class KeySpec:
+    """One family of keys.
+
+    Attributes:
+        suffix: what follows `mk/<vehicle>/`; `<word>` stands for any one chunk.
+        use: how it is used.
+        carries: model of the payload; None for a payload described by `about`.
+        when: how often, or on what.
+        about: what it says.
+    """
+
+    suffix: str
+    use: Use
+    carries: type[BaseModel] | None
+    when: str
+    about: str
+
+    @property
+    def pattern(self) -> str:
+        """The suffix as a Zenoh key expression."""
+        return re.sub(r"<[^>]+>", "*", self.suffix)
+
+
+_P, _Q = Use.PUBLISHED, Use.QUERY
+
+KEYS: Final[tuple[KeySpec, ...]] = (
+    KeySpec(
+        "raw/rx", _P, RawFrame, "every frame and every loss", "Bytes received, and why they were dropped if they were."
+    ),
+    KeySpec("raw/tx", _P, RawFrame, "every frame", "Bytes sent, and what for."),
+    KeySpec("rx/<board>/<message>", _P, FrameSample, "every frame", "A message as it came; board: `fc nc mag osd bl`."),
+    KeySpec("tx/<board>/<message>", _P, FrameSample, "every frame", "A message as it went."),
+    KeySpec("state/attitude", _P, Attitude, "every C (O where there is none)", "Orientation."),
+    KeySpec("state/position", _P, Position, "every O with a valid position", "Position, home, altitude."),
+    KeySpec("state/velocity", _P, Velocity, "every O with a valid position", "Velocity."),
+    KeySpec("state/battery", _P, Battery, "every O; FlightCtrl D", "Voltage, current, charge used."),
+    KeySpec("state/gps", _P, Gps, "every O", "Satellites and fix."),
+    KeySpec("state/flight", _P, Flight, "every O", "What the aircraft is doing, its flags and its error."),
+    KeySpec("state/pilot", _P, Pilot, "every O; FlightCtrl D", "Receiver quality and the pilot's sticks."),
+    KeySpec("link/state", _P, LinkState, "on change", "The verdict on the line, its reason and since when."),
+    KeySpec("link/health", _P, LinkHealth, "5 Hz and on change", "Round trips, losses, rates and ages of streams."),
+    KeySpec("link/traffic", _P, LinkTraffic, "1 Hz", "Bytes and frames by kind, shares of the line."),
+    KeySpec("control/status", _P, ControlStatus, "1 Hz and on change", "Who flies, and why nobody does."),
+    KeySpec("control/output", _P, ControlOutput, "every stick frame", "What was sent, after the limiter."),
+    KeySpec("event/command", _P, CommandEvent, "every command", "Who asked what, what was decided and why."),
+    KeySpec("event/mode", _P, ModeEvent, "on change", "Authority or flight mode changed."),
+    KeySpec("event/failsafe", _P, FailsafeEvent, "on occurrence", "The daemon let go on its own."),
+    KeySpec("event/log", _P, LogEvent, "on occurrence", "Other things worth knowing."),
+    KeySpec(
+        "health", _P, VehicleHealth, "1 Hz and on change", "Whether the vehicle is alive (the daemon: see `alive`)."
+    ),
+    KeySpec("cmd/<board>/<message>", _Q, CommandResult, "", "A MikroKopter request; its typed reply, or a refusal."),
+    KeySpec("do/lease", _Q, LeaseRequest, "", "Take, renew, give back or show the lease."),
+    KeySpec("do/release", _Q, ReleaseRequest, "", "Let go of the aircraft now; anyone may."),
+    KeySpec("do/rate", _Q, RateRequest, "", "Ask for a stream at a rate."),
+    KeySpec("schema/<name>", _Q, None, "", "JSON Schema of `<Name>.v<N>`, as the encoding of every payload names it."),
+    KeySpec("setpoint/stick", Use.SETPOINT, StickSetpoint, "", "Stick offsets, under a lease."),
+    KeySpec("alive", Use.TOKEN, None, "", "The daemon is alive."),
+    KeySpec(
+        "client/<holder>",
+        Use.TOKEN,
+        None,
+        "",
+        "Declared by a client before it takes the lease; its end ends the lease.",
+    ),
+)
+"""Every key of a vehicle."""
+
+
+def key(vehicle: str, suffix: str) -> str:
+    """The whole key of a suffix."""
+    return f"{ROOT}/{vehicle}/{suffix}"
+
+
+def suffix_of(vehicle: str, whole: str) -> str:
+    """What follows `mk/<vehicle>/` in a key.
+
+    Raises:
+        ValueError: the key belongs to another vehicle.
+    """
+    head = f"{ROOT}/{vehicle}/"
+    if not whole.startswith(head):
+        msg = f"{whole} is no key of vehicle {vehicle}"
+        raise ValueError(msg)
+    return whole[len(head) :]
+
+
+def find(suffix: str) -> KeySpec | None:
+    """The table's line a concrete suffix belongs to."""
+    chunks = suffix.split("/")
+    for spec in KEYS:
+        pattern = spec.suffix.split("/")
+        if len(pattern) == len(chunks) and all(p[0] == "<" or p == c for p, c in zip(pattern, chunks, strict=True)):
+            return spec
+    return None
+
+
+def of_use(use: Use) -> Iterator[KeySpec]:
+    """All lines of one use."""
+    return (spec for spec in KEYS if spec.use is use)
+
+
+def roots(use: Use) -> tuple[str, ...]:
+    """First chunks of all keys of one use, each once."""
+    return tuple(dict.fromkeys(spec.suffix.partition("/")[0] for spec in of_use(use)))

@@ -1,0 +1,24 @@
+"""Configuration of the Zenoh session."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from pydantic import Field
+
+from mkdaemon.config.base import Section
+
+
+class BusConfig(Section):
+    """Where the daemon meets its clients."""
+
+    listen: tuple[str, ...] = ("tcp/127.0.0.1:7447",)
+    """Zenoh endpoints to listen on. Loopback only unless you also set up TLS and access control (configs/zenoh/)."""
+    connect: tuple[str, ...] = ()
+    """Zenoh endpoints to connect to, for example a router that joins several machines."""
+    zenoh_file: Path | None = None
+    """A Zenoh configuration file (JSON5), for TLS and access control; `listen` and `connect` are added to it."""
+    lease: float = Field(default=2.0, ge=0.5, le=30.0)
+    """A client whose session is silent for this long counts as gone [s]."""
+    max_queries: int = Field(default=64, ge=1, le=1024)
+    """Queries worked on at a time; further ones are answered `busy`."""

@@ -1,0 +1,75 @@
+"""Configuration of authority over the aircraft and of the final limiter."""
+
+from __future__ import annotations
+
+from typing import Self
+
+from pydantic import Field, model_validator
+
+from mkdaemon.config.base import Section
+
+
+class LimiterConfig(Section):
+    """Bounds of every stick command, whoever asks. Stick counts are the receiver's, full deflection about 125."""
+
+    max_pitch: float = Field(default=60.0, ge=0, le=127)
+    """Largest pitch command [stick]."""
+    max_roll: float = Field(default=60.0, ge=0, le=127)
+    """Largest roll command [stick]."""
+    max_yaw: float = Field(default=60.0, ge=0, le=127)
+    """Largest yaw command [stick]."""
+    min_throttle: float = Field(default=-100.0, ge=-127, le=127)
+    """Smallest throttle command [stick from the centre]."""
+    max_throttle: float = Field(default=80.0, ge=-127, le=127)
+    """Largest throttle command [stick from the centre]."""
+    slew: float = Field(default=600.0, gt=0, le=20_000)
+    """Fastest change of pitch, roll and yaw [stick/s]."""
+    throttle_slew: float = Field(default=300.0, gt=0, le=20_000)
+    """Fastest change of throttle [stick/s]."""
+    setpoint_ttl: float = Field(default=0.3, gt=0, le=1.0)
+    """Age from which a setpoint counts as stale, whatever longer life it claims [s]; docs/safety.md."""
+    hover_throttle: float = Field(default=-2.0, ge=-127, le=127)
+    """Throttle that carries the aircraft, held while a setpoint is stale [stick from the centre]; about 125 of 254."""
+
+    @model_validator(mode="after")
+    def _throttle_in_order(self) -> Self:
+        if not self.min_throttle <= self.hover_throttle <= self.max_throttle:
+            msg = (
+                f"min_throttle {self.min_throttle:g} <= hover_throttle {self.hover_throttle:g} <= "
+                f"max_throttle {self.max_throttle:g} does not hold"
+            )
+            raise ValueError(msg)
+        return self
+
+
+class LeaseConfig(Section):
+    """Who may fly, and for how long without a sign of life; docs/safety.md."""
+
+    ttl: float = Field(default=5.0, ge=0.5, le=60)
+    """A lease without setpoints or renewal ends after this time, unless the client asked for less [s]."""
+    release_after: float = Field(default=1.0, gt=0, le=5)
+    """Silence after which a flying client loses the lease and the aircraft is released [s]."""
+    engage_after: float = Field(default=1.0, ge=0, le=10)
+    """A stream must have lived this long, with neutral sticks, before its first command is sent [s]."""
+    engage_rate: float = Field(default=2.0, gt=0, le=50)
+    """A slower stream does not count as live [Hz]."""
+    neutral_band: float = Field(default=4.0, ge=0, le=20)
+    """Pitch, roll and yaw within this count as neutral [stick]."""
+
+
+class ControlConfig(Section):
+    """From setpoints to stick commands."""
+
+    rate: float = Field(default=50.0, ge=10, le=100)
+    """Stick frames a second while someone flies [Hz]; above 44 gains nothing, above 100 the boards lose frames."""
+    limiter: LimiterConfig = LimiterConfig()
+    """Bounds of every stick command."""
+    lease: LeaseConfig = LeaseConfig()
+    """Who may fly."""
+
+    @model_validator(mode="after")
+    def _stale_before_release(self) -> Self:
+        if self.limiter.setpoint_ttl >= self.lease.release_after:
+            msg = "lease.release_after must be longer than limiter.setpoint_ttl: first neutral sticks, then release"
+            raise ValueError(msg)
+        return self

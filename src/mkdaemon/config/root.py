@@ -1,0 +1,25 @@
+"""The whole configuration file."""
+
+from __future__ import annotations
+
+from mkdaemon.config.base import Section
+from mkdaemon.config.bus import BusConfig
+from mkdaemon.config.commands import CommandsConfig
+from mkdaemon.config.control import ControlConfig
+from mkdaemon.config.link import LinkConfig
+from mkdaemon.config.vehicle import VehicleConfig
+
+
+class Config(Section):
+    """One aircraft: every section may be left out, every key has a documented default."""
+
+    vehicle: VehicleConfig = VehicleConfig()
+    """Which aircraft this is."""
+    link: LinkConfig = LinkConfig()
+    """The serial line, streams and echo."""
+    bus: BusConfig = BusConfig()
+    """Where clients meet the daemon."""
+    commands: CommandsConfig = CommandsConfig()
+    """Dangerous requests that may be made."""
+    control: ControlConfig = ControlConfig()
+    """Authority, limiter, control rate."""

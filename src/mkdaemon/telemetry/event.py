@@ -1,0 +1,66 @@
+"""What was asked, decided and noticed: the audit trail under `event/`."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from mkdaemon.telemetry.base import Telemetry
+
+
+class Event(Telemetry):
+    """What every event carries."""
+
+    t_monotonic: float
+    """When, on the daemon's clock [s]."""
+    t_wall: float
+    """The same, Unix time [s]."""
+
+
+class CommandEvent(Event):
+    """A command or the first setpoint of an epoch, and what became of it: `event/command`."""
+
+    key: str
+    """Key it came by, without `mk/<vehicle>/`."""
+    fields: dict[str, Any]
+    """What it carried."""
+    status: str
+    """How it ended; see `CommandResult`."""
+    token: str | None = None
+    """Stable word of a refusal."""
+    reason: str | None = None
+    """Why it was refused."""
+    fix: str | None = None
+    """What to do about it."""
+    duration: float | None = None
+    """Time it took [s]."""
+
+
+class ModeEvent(Event):
+    """Authority or flight mode changed: `event/mode`."""
+
+    before: str
+    """Phase or mode until now."""
+    after: str
+    """Phase or mode from now on."""
+    reason: str
+    """Why."""
+
+
+class FailsafeEvent(Event):
+    """The ladder of docs/safety.md took a step on its own: `event/failsafe`."""
+
+    action: str
+    """What was done: `neutral`, `release`."""
+    reason: str
+    """Why."""
+    released: bool | None = None
+    """Whether the board confirmed the release; null where it cannot."""
+
+
+class LogEvent(Event):
+    """Something worth a line in a log: `event/log`."""
+
+    level: str
+    """info, warning or error."""
+    text: str
+    """One sentence."""

@@ -1,0 +1,167 @@
+"""The aircraft in SI units: ENU world, FLU body.
+
+Every value says when its bytes arrived and which message said so. A value is as old as its stamp says: nothing is
+repeated to look fresh. An answer to a query adds `age`, the time since arrival [s].
+"""
+
+from __future__ import annotations
+
+from enum import StrEnum
+
+from mkdaemon.telemetry.base import Telemetry
+
+Vector3 = tuple[float, float, float]
+
+
+class Stamped(Telemetry):
+    """When and from where."""
+
+    t_monotonic: float
+    """Arrival of the frame's last byte on the daemon's clock [s]."""
+    t_wall: float
+    """The same, Unix time [s]."""
+    source: str
+    """Board and message, for example `nc/osd`."""
+
+
+class Attitude(Stamped):
+    """Orientation: `state/attitude`."""
+
+    quaternion: tuple[float, float, float, float]
+    """Rotation ENU from FLU as (w, x, y, z)."""
+    roll: float
+    """Right side down positive [rad]."""
+    pitch: float
+    """Nose down positive [rad]."""
+    yaw: float
+    """Counter-clockwise from east, seen from above, in (-pi, pi] [rad]."""
+
+
+class Position(Stamped):
+    """Where it is: `state/position`. Published only while the GPS position is valid."""
+
+    latitude: float
+    """WGS-84 [deg]."""
+    longitude: float
+    """WGS-84 [deg]."""
+    altitude: float
+    """By GPS, as the receiver gives it [m]."""
+    altitude_above_start: float | None
+    """By barometer, above the point of calibration [m]."""
+    position_enu: Vector3 | None
+    """East, north, up of home [m]; null until home is known. Up is the barometer's."""
+    home_latitude: float | None
+    """WGS-84 [deg]."""
+    home_longitude: float | None
+    """WGS-84 [deg]."""
+    home_distance: float | None
+    """As the board says it [m]."""
+
+
+class Velocity(Stamped):
+    """How fast: `state/velocity`. Published only while the GPS position is valid."""
+
+    velocity_enu: Vector3
+    """By GPS: east, north, up [m/s]."""
+    ground_speed: float
+    """[m/s]."""
+    course: float
+    """Direction of travel, counter-clockwise from east [rad]."""
+    climb_rate: float
+    """Up positive, by GPS [m/s]."""
+
+
+class Battery(Stamped):
+    """Energy: `state/battery`."""
+
+    voltage: float
+    """[V]."""
+    current: float | None
+    """[A]; null where the board does not measure it."""
+    used_mah: float | None
+    """Charge taken since power-on [mAh]."""
+    is_low: bool | None
+    """The board's own alarm; null where this message does not carry it."""
+
+
+class GpsFix(StrEnum):
+    """What the board says of its position."""
+
+    NONE = "none"
+    VALID = "valid"
+
+
+class Gps(Stamped):
+    """Reception: `state/gps`."""
+
+    satellites: int
+    """Used for the solution."""
+    fix: GpsFix
+    """Whether the current position is valid."""
+    is_usable: bool
+    """The board's own judgement (GPS_OK): good enough to hold position."""
+    is_home_set: bool
+    """Whether a home position is stored."""
+
+
+class GpsMode(StrEnum):
+    """What the NaviCtrl's position control does."""
+
+    FREE = "free"
+    HOLD = "hold"
+    COME_HOME = "come_home"
+    UNKNOWN = "unknown"
+
+
+class Flight(Stamped):
+    """What the aircraft is doing: `state/flight`."""
+
+    motors_running: bool
+    is_flying: bool
+    is_calibrating: bool
+    is_starting: bool
+    emergency_landing: bool
+    battery_low: bool
+    care_free: bool | None
+    """Null where the firmware does not say."""
+    altitude_control: bool | None
+    rc_failsafe: bool | None
+    waiting_for_takeoff: bool | None
+    auto_starting: bool | None
+    auto_landing: bool | None
+    gps_mode: GpsMode
+    """The switch the NaviCtrl follows."""
+    manual_control: bool
+    """The pilot's sticks override position control."""
+    range_limit: bool
+    """The operating radius has been reached."""
+    target_reached: bool
+    serial_link_lost: bool
+    """The NaviCtrl has not heard a command for 5 s."""
+    error_code: int
+    """Of the NaviCtrl; 0 for none."""
+    error: str
+    """The same in words."""
+    flying_time: float
+    """Since motors started [s]."""
+    waypoint_index: int
+    """Waypoint on the way to, from 1; 0 for none."""
+    waypoint_count: int
+    """Waypoints stored."""
+    target_distance: float | None
+    """To the target the NaviCtrl flies to [m]."""
+    altitude_setpoint: float | None
+    """Of altitude control, above start [m]."""
+
+
+class Pilot(Stamped):
+    """What reaches the aircraft from the pilot: `state/pilot`."""
+
+    rc_quality: float
+    """Receiver quality, 0..1; the FlightCtrl flies below 0.5 only in an emergency."""
+    has_signal: bool
+    """Whether the quality suffices to fly (100 of 200 and more)."""
+    throttle: float | None
+    """Pilot's throttle, where the board reports it [stick from the centre]."""
+    sticks: Vector3 | None
+    """Pilot's pitch, roll, yaw, FLU signs, where the board reports them [stick]."""

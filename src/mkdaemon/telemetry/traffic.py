@@ -1,0 +1,47 @@
+"""Every frame on the line, as bytes and as a typed message."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from mkdaemon.telemetry.base import Telemetry
+
+
+class RawFrame(Telemetry):
+    """Bytes that crossed the line: `raw/rx`, `raw/tx`."""
+
+    t_monotonic: float
+    """When the last byte came, or was handed to the port [s]."""
+    t_wall: float
+    """The same, Unix time [s]."""
+    sequence: int
+    """Counts frames and losses of this direction; a gap is a loss on the bus."""
+    raw: bytes
+    """From `#` to CR, or what was dropped."""
+    dropped: str | None = None
+    """Why it is not a frame: `text`, `checksum`, `length`, `characters`; null for a good frame."""
+    purpose: str | None = None
+    """Why it was sent: `release`, `setpoint`, `request`, `subscription`, `echo`; null for received ones."""
+
+
+class FrameSample(Telemetry):
+    """A decoded message as it came or went: `rx/<board>/<message>`, `tx/<board>/<message>`."""
+
+    t_monotonic: float
+    """When the last byte came, or was handed to the port [s]."""
+    t_wall: float
+    """The same, Unix time [s]."""
+    sequence: int
+    """The same number as in `raw/rx` or `raw/tx`."""
+    board: str
+    """fc, nc, mag, osd, bl: who sent it or was addressed; any for a request to whoever listens."""
+    id: str
+    """Command letter."""
+    message: str
+    """Name of the message."""
+    layout: str | None
+    """Which generation of it; null for an unknown message."""
+    fields: Any
+    """Integers as on the wire, by English name; an unknown message has `payload` and `reason`."""
+    purpose: str | None = None
+    """Why it was sent; null for received ones."""

@@ -1,0 +1,32 @@
+"""Is the vehicle alive? Not the same question as whether the daemon is."""
+
+from __future__ import annotations
+
+from mkdaemon.telemetry.base import Telemetry
+
+
+class VehicleHealth(Telemetry):
+    """The vehicle's own signs of life: `health`, at 1 Hz and on every change."""
+
+    t_monotonic: float
+    """When this was so, on the daemon's clock [s]."""
+    t_wall: float
+    """The same, Unix time [s]."""
+    is_alive: bool
+    """A board was heard within the last half second and says nothing that forbids flight."""
+    reason: str
+    """Why not, or what speaks for it, one sentence."""
+    boards: tuple[str, ...]
+    """Boards heard since the line was opened."""
+    firmware: dict[str, str]
+    """Release of each board that answered a version request."""
+    read_only: str | None
+    """Why nothing that changes the aircraft is sent; null where control is possible."""
+    link: str
+    """State of the link, as in `link/state`."""
+    motors_running: bool | None
+    """Null where no message said so within the last two seconds."""
+    error: str | None
+    """The board's own error in words; null for none or unknown."""
+    note: str
+    """`vehicle.note` of the configuration."""

@@ -1,0 +1,229 @@
+"""The daemon's side of the bus, seen by a plain Zenoh client on loopback."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import threading
+import time
+
+import msgpack
+import pytest
+import zenoh
+
+from mkdaemon.bus.gateway import Bus
+from mkdaemon.config.bus import BusConfig
+from mkdaemon.errors import ConfigError, MkError
+from mkdaemon.telemetry.command import CommandResult, Status, refuse
+from mkdaemon.telemetry.event import LogEvent
+from mkdaemon.telemetry.state import Attitude, Battery
+from tests.bus.support import ask, client, free_endpoint
+
+BATTERY = Battery(t_monotonic=1.0, t_wall=2.0, source="nc/osd", voltage=11.4, current=2.5, used_mah=130.0, is_low=False)
+
+
+@pytest.fixture
+async def bus():
+    endpoint = free_endpoint()
+    async with Bus.open(BusConfig(listen=(endpoint,)), "t1") as opened:
+        yield opened, endpoint
+
+
+async def test_a_subscriber_receives_what_is_published(bus):
+    opened, endpoint = bus
+    with client(endpoint) as session:
+        subscriber = session.declare_subscriber("mk/t1/state/**", zenoh.handlers.FifoChannel(16))
+        await asyncio.to_thread(_wait_for_a_match, session, opened)
+        opened.publish("state/battery", BATTERY)
+        sample = await asyncio.to_thread(subscriber.handler.recv)
+    assert str(sample.key_expr) == "mk/t1/state/battery"
+    assert str(sample.encoding) == "application/msgpack;mk.Battery.v1"
+    assert msgpack.unpackb(sample.payload.to_bytes()) == BATTERY.model_dump()
+
+
+def _wait_for_a_match(session, opened):
+    publisher = opened._session.declare_publisher("mk/t1/state/battery")
+    deadline = time.monotonic() + 5
+    while not publisher.matching_status.matching:
+        assert time.monotonic() < deadline, "the subscription never reached the daemon"
+        time.sleep(0.002)
+    publisher.undeclare()
+
+
+async def test_every_key_answers_with_its_last_value_and_age(bus):
+    opened, endpoint = bus
+    opened.publish("state/battery", BATTERY.model_copy(update={"voltage": 12.0}))
+    opened.publish("state/battery", BATTERY)
+    opened.publish("event/log", LogEvent(t_monotonic=1.0, t_wall=2.0, level="info", text="hello"))
+    with client(endpoint) as session:
+        [(key, value, encoding)] = await asyncio.to_thread(ask, session, "mk/t1/state/*")
+        everything = await asyncio.to_thread(ask, session, "mk/t1/**")
+    assert key == "mk/t1/state/battery"
+    assert value.pop("age") >= 0
+    assert value == BATTERY.model_dump()
+    assert encoding == "application/msgpack;mk.Battery.v1"
+    assert {"mk/t1/state/battery", "mk/t1/event/log"} <= {reply[0] for reply in everything}
+
+
+async def test_only_keys_of_the_table_can_be_published(bus):
+    opened, _ = bus
+    with pytest.raises(ValueError, match="state/mood"):
+        opened.publish("state/mood", BATTERY)
+    with pytest.raises(ValueError, match="do/lease"):
+        opened.publish("do/lease", BATTERY)
+
+
+async def test_schemas_can_be_asked_for(bus):
+    _, endpoint = bus
+    with client(endpoint) as session:
+        [(_, raw, _)] = await asyncio.to_thread(ask, session, "mk/t1/schema/Attitude.v1")
+        [(_, osd, _)] = await asyncio.to_thread(ask, session, "mk/t1/schema/OsdData5.v1")
+        unknown = await asyncio.to_thread(ask, session, "mk/t1/schema/Nonsense.v1")
+    assert json.loads(raw) == Attitude.model_json_schema()
+    assert json.loads(osd)["properties"]["fields"]["properties"]["battery"]["x-unit"] == "0.1 V"
+    assert unknown == []
+
+
+async def test_a_command_is_answered_by_its_handler_and_refusals_keep_their_words(bus):
+    opened, endpoint = bus
+
+    async def handler(suffix: str, payload: bytes) -> CommandResult:
+        if suffix == "do/release":
+            return CommandResult(status=Status.ACCEPTED, reply={"heard": msgpack.unpackb(payload)})
+        if suffix == "do/rate":
+            raise refuse("not_leased")
+        raise RuntimeError("wires crossed")
+
+    opened.serve("do", handler)
+    with client(endpoint) as session:
+        [(_, good, encoding)] = await asyncio.to_thread(ask, session, "mk/t1/do/release", {"a": 1})
+        [(_, bad, _)] = await asyncio.to_thread(ask, session, "mk/t1/do/rate")
+        [(_, broken, _)] = await asyncio.to_thread(ask, session, "mk/t1/do/lease")
+        looking_around = await asyncio.to_thread(ask, session, "mk/t1/do/*")
+    assert (good["status"], good["reply"]) == ("accepted", {"heard": {"a": 1}})
+    assert good["duration"] >= 0
+    assert encoding == "application/msgpack;mk.CommandResult.v1"
+    assert (bad["status"], bad["token"]) == ("denied", "not_leased")
+    assert bad["reason"]
+    assert bad["fix"]
+    assert (broken["status"], broken["token"]) == ("denied", "internal")
+    assert looking_around == [], "a wildcard must command nothing"
+
+
+async def test_too_many_commands_at_once_are_answered_busy():
+    endpoint = free_endpoint()
+    gate = asyncio.Event()
+
+    async def handler(suffix: str, payload: bytes) -> CommandResult:
+        await gate.wait()
+        return CommandResult(status=Status.ACCEPTED)
+
+    async with Bus.open(BusConfig(listen=(endpoint,), max_queries=2), "t2") as opened:
+        opened.serve("cmd", handler)
+        with client(endpoint) as session:
+            asked = [asyncio.to_thread(ask, session, f"mk/t2/cmd/fc/m{n}") for n in range(3)]
+            tasks = [asyncio.ensure_future(one) for one in asked]
+            done, _ = await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED, timeout=5)
+            [(_, first, _)] = done.pop().result()
+            gate.set()
+            rest = [task.result()[0][1] for task in (await asyncio.wait(tasks, timeout=5))[0] if task.result()]
+    assert (first["status"], first["token"]) == ("busy", "busy")
+    assert sorted(result["status"] for result in rest) == ["accepted", "accepted", "busy"]
+
+
+async def test_leaving_ends_commands_that_still_run():
+    endpoint = free_endpoint()
+    begun = asyncio.Event()
+    ended = asyncio.Event()
+
+    async def handler(suffix: str, payload: bytes) -> CommandResult:
+        begun.set()
+        try:
+            await asyncio.Event().wait()
+        finally:
+            ended.set()
+        raise AssertionError
+
+    with pytest.raises(zenoh.ZError):
+        zenoh.open(_impatient(endpoint))
+    async with Bus.open(BusConfig(listen=(endpoint,)), "t3") as opened:
+        opened.serve("cmd", handler)
+        with client(endpoint) as session:
+            asking = asyncio.ensure_future(asyncio.to_thread(ask, session, "mk/t3/cmd/fc/version_request"))
+            await asyncio.wait_for(begun.wait(), 5)
+            await opened._stop_answering()
+            assert await asyncio.wait_for(asking, 5) == []
+    assert ended.is_set()
+
+
+def _impatient(endpoint):
+    from mkdaemon.bus.session import session_config
+
+    return session_config("client", connect=[endpoint], patience=0.05)
+
+
+async def test_setpoints_arrive_on_the_loop_with_their_time(bus):
+    opened, endpoint = bus
+    taken: asyncio.Queue[tuple[float, bytes]] = asyncio.Queue()
+    opened.receive("setpoint/stick", lambda t, raw: taken.put_nowait((t, raw)))
+    before = time.monotonic()
+    with client(endpoint) as session:
+        await asyncio.to_thread(session.put, "mk/t1/setpoint/stick", b"abc")
+        stamp, raw = await asyncio.wait_for(taken.get(), 5)
+    assert raw == b"abc"
+    assert before <= stamp <= time.monotonic()
+
+
+async def test_clients_are_seen_coming_and_going(bus):
+    opened, endpoint = bus
+    seen: asyncio.Queue[tuple[str, bool]] = asyncio.Queue()
+    with client(endpoint) as session:
+        token = session.liveliness().declare_token("mk/t1/client/alice")
+        opened.watch_clients(lambda name, here: seen.put_nowait((name, here)))
+        assert await asyncio.wait_for(seen.get(), 5) == ("alice", True)
+        token.undeclare()
+        assert await asyncio.wait_for(seen.get(), 5) == ("alice", False)
+        again = session.liveliness().declare_token("mk/t1/client/alice")
+        assert await asyncio.wait_for(seen.get(), 5) == ("alice", True)
+    assert again is not None
+    assert await asyncio.wait_for(seen.get(), 5) == ("alice", False)
+
+
+async def test_the_liveliness_token_lives_as_long_as_the_daemon():
+    endpoint = free_endpoint()
+    async with Bus.open(BusConfig(listen=(endpoint,)), "t4"):
+        with client(endpoint) as session:
+            tokens = await asyncio.to_thread(lambda: list(session.liveliness().get("mk/*/alive", timeout=2)))
+    assert [str(token.ok.key_expr) for token in tokens] == ["mk/t4/alive"]
+
+
+async def test_a_second_daemon_on_the_same_endpoint_is_told_so(bus):
+    _, endpoint = bus
+    with pytest.raises(MkError, match="is in use: another mkdaemon runs here") as caught:
+        async with Bus.open(BusConfig(listen=(endpoint,)), "t5"):
+            pass
+    assert "\n" not in str(caught.value)
+    assert "/root" not in str(caught.value)
+
+
+@pytest.mark.parametrize("endpoint", ["bogus", "tcp/127.0.0.1:99999", "tcp/nohost.invalid:1"])
+async def test_a_wrong_endpoint_is_a_configuration_error(endpoint):
+    with pytest.raises((ConfigError, MkError)) as caught:
+        async with Bus.open(BusConfig(listen=(endpoint,)), "t6"):
+            pass
+    assert "\n" not in str(caught.value)
+
+
+async def test_a_stopped_subscriber_does_not_hold_up_the_publisher(bus):
+    opened, endpoint = bus
+    go_on = threading.Event()
+    with client(endpoint) as session:
+        stuck = zenoh.handlers.Callback(lambda sample: go_on.wait(), indirect=False)
+        session.declare_subscriber("mk/t1/**", stuck)
+        await asyncio.to_thread(_wait_for_a_match, session, opened)
+        started = time.monotonic()
+        for _ in range(2000):
+            opened.publish("state/battery", BATTERY)
+        took = time.monotonic() - started
+        go_on.set()
+    assert took < 5.0, "BLOCK would have waited 5 s at the first full queue"

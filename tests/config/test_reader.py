@@ -1,0 +1,82 @@
+"""Configuration files: what is read, and how mistakes are named."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from mkdaemon.config.reader import load
+from mkdaemon.errors import ConfigError
+
+CONFIGS = Path(__file__).resolve().parents[2] / "configs"
+
+
+def test_no_file_is_all_defaults():
+    cfg = load(None)
+    assert cfg.vehicle.name == "mk1"
+    assert cfg.bus.listen == ("tcp/127.0.0.1:7447",)
+    assert cfg.commands.allow_reset is False
+
+
+def test_overrides_lie_over_the_file(tmp_path):
+    path = tmp_path / "x.toml"
+    path.write_text('[link]\nport = "/dev/ttyUSB0"\nbaud = 57600\n', encoding="utf-8")
+    cfg = load(path, {"link.port": "tcp:host:1", "vehicle.name": "m2"})
+    assert (cfg.link.port, cfg.link.baud, cfg.vehicle.name) == ("tcp:host:1", 57600, "m2")
+
+
+MISTAKES = [
+    ('[link]\nbaud = 57600\nprot = "x"\n', r'x\.toml:3: link\.prot: unknown key; did you mean "port"\?'),
+    ("[limk]\nbaud = 1\n", r'x\.toml:1: limk: unknown key; did you mean "link"\?'),
+    ("[control.limiter]\n\nmax_pich = 1\n", r'x\.toml:3: control\.limiter\.max_pich: .*did you mean "max_pitch"\?'),
+    ("control.limiter.max_pich = 1\n", r'x\.toml:1: control\.limiter\.max_pich: .*"max_pitch"'),
+    ("[vehicle]\nport = 'x'\n", r'x\.toml:2: vehicle\.port: unknown key here; "link\.port" is where it belongs'),
+    ("[vehicle]\nzzz = 'x'\n", r"x\.toml:2: vehicle\.zzz: unknown key; known here: name, note"),
+    ("[link]\nbaud = 'fast'\n", r"x\.toml:2: link\.baud: .*integer.*, not 'fast'"),
+    ("[link]\nbaud = 10\n", r"x\.toml:2: link\.baud: .*greater than or equal to 1200, not 10"),
+    ("[control.limiter]\nmax_yaw = inf\n", r"x\.toml:2: control\.limiter\.max_yaw: .*"),
+    ("[control.limiter]\nhover_throttle = 100\n", r"x\.toml:1: control\.limiter: .*does not hold"),
+    ("[control.lease]\nrelease_after = 0.2\n", r"x\.toml:1: control: lease\.release_after must be longer"),
+    ("vehicle = 3\n", r"x\.toml:1: vehicle: .*not 3"),
+    ("[vehicle]\nname = 'Mk One'\n", r"x\.toml:2: vehicle\.name: .*not 'Mk One'"),
+    ("[link\n", r"x\.toml: not valid TOML: .*line 1"),
+    ("[link]\nprot = 1\nbuad = 2\n", r'x\.toml:2: link\.prot: .*"port"\? \(and 1 more\)'),
+]
+
+
+@pytest.mark.parametrize(("text", "message"), MISTAKES)
+def test_a_mistake_is_one_line_with_place_and_fix(tmp_path, text, message):
+    path = tmp_path / "x.toml"
+    path.write_text(text, encoding="utf-8")
+    with pytest.raises(ConfigError, match=message) as caught:
+        load(path)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_wrong_override_is_named_as_the_command_lines():
+    with pytest.raises(ConfigError, match=r'command line: link\.prot: .*did you mean "port"'):
+        load(None, {"link.prot": "x"})
+    with pytest.raises(ConfigError, match=r"command line: vehicle: .*not 3"):
+        load(None, {"vehicle": 3, "vehicle.name": "x"})
+
+
+def test_a_missing_file_names_one_that_is_like_it(tmp_path):
+    (tmp_path / "cyberquad.toml").write_text("", encoding="utf-8")
+    with pytest.raises(ConfigError, match=r"did you mean .*cyberquad\.toml\?"):
+        load(tmp_path / "cyberqad.toml")
+    with pytest.raises(ConfigError, match="no such configuration file; configs/"):
+        load(tmp_path / "nothing" / "zzz.toml")
+
+
+def test_an_unreadable_file_is_named(tmp_path):
+    with pytest.raises(ConfigError, match="cannot be read: Is a directory"):
+        load(tmp_path)
+    (tmp_path / "b.toml").write_bytes(b"\xff\xfe\x00")
+    with pytest.raises(ConfigError, match="not UTF-8 text"):
+        load(tmp_path / "b.toml")
+
+
+@pytest.mark.parametrize("path", sorted(CONFIGS.glob("*.toml")), ids=lambda path: path.name)
+def test_shipped_configurations_load(path):
+    assert load(path).vehicle.name
