@@ -53,6 +53,7 @@ class WireField:
         count: number of items, or of characters or bytes.
         is_array: the Python value is a tuple of `count` integers.
         is_bytes: the Python value is `bytes` of length `count`.
+        longest: for the last field of a message of variable length, the most bytes it can have (`count` is the least).
         unit: unit of one count, in words; empty for a plain number.
         scale: SI value in FLU/ENU axes = (wire value - zero) * scale; its sign is the sign between the firmware's axis
             and ours.
@@ -60,6 +61,7 @@ class WireField:
         si: unit after scaling.
         minimum: smallest value that may be sent.
         maximum: largest value that may be sent.
+        only: the values that may be sent, where they are not a range; empty for all of the range.
         enum: meaning of the values or bits.
         pad: what fills unused characters.
         trim: whether padding is taken off when received.
@@ -70,12 +72,14 @@ class WireField:
     count: int = 1
     is_array: bool = False
     is_bytes: bool = False
+    longest: int = 0
     unit: str = ""
     scale: float | None = None
     zero: int = 0
     si: str = ""
     minimum: int = 0
     maximum: int = 0
+    only: frozenset[int] = frozenset()
     enum: type[IntEnum] | type[IntFlag] | None = None
     pad: str = "\0"
     trim: bool = True
@@ -94,7 +98,7 @@ class WireField:
     def type_name(self) -> str:
         """The wire type in the words of the protocol documentation, for example `s16[32]`."""
         if self.is_bytes:
-            return f"u8[{self.count}]"
+            return f"u8[{self.count}..{self.longest}]" if self.longest else f"u8[{self.count}]"
         name = _TYPE_NAMES[self.code]
         return f"{name}[{self.count}]" if self.is_array or self.code == "s" else name
 
@@ -110,6 +114,12 @@ class WireField:
                 return tuple(kind(value) for value in range(256)).__getitem__
             return lambda value: kind(value)
         return None
+
+    def _check_only(self, value: int) -> int:
+        if value not in self.only:
+            msg = f"{value} is none of {', '.join(str(allowed) for allowed in sorted(self.only))}"
+            raise ValueError(msg)
+        return value
 
     def to_si(self, value: int) -> float:
         """Return the SI value [`si`; FLU] of a wire value; a field without a unit is its own value."""
@@ -144,10 +154,12 @@ class WireField:
 
     def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
         if self.is_bytes:
-            return core_schema.bytes_schema(min_length=self.count, max_length=self.count, strict=True)
+            return core_schema.bytes_schema(min_length=self.count, max_length=self.longest or self.count, strict=True)
         if self.is_text:
             return core_schema.str_schema(max_length=self.count, pattern=r"^[\x00-\xff]*$", strict=True)
         item: CoreSchema = core_schema.int_schema(strict=True, ge=self.minimum, le=self.maximum)
+        if self.only:
+            item = core_schema.no_info_after_validator_function(self._check_only, item)
         if self.enum is not None:
             item = core_schema.no_info_after_validator_function(self.enum, item)
         if self.is_array:
@@ -165,6 +177,8 @@ class WireField:
         if self.scale is not None:
             described["x-scale"] = self.scale
             described["x-si-unit"] = self.si
+        if self.only:
+            described["enum"] = sorted(self.only)
         if self.zero:
             described["x-zero"] = self.zero
         if self.enum is not None:
@@ -180,6 +194,7 @@ def _integer(
     limit: int | None = None,
     low: int | None = None,
     high: int | None = None,
+    only: frozenset[int] = frozenset(),
     enum: type[IntEnum] | type[IntFlag] | None = None,
     count: int | None = None,
 ) -> WireField:
@@ -197,6 +212,7 @@ def _integer(
         si="" if isinstance(unit, str) else unit.si,
         minimum=smallest if low is None else low,
         maximum=largest if high is None else high,
+        only=only,
         enum=enum,
     )
 
@@ -239,3 +255,8 @@ def Text(mk: str, length: int, *, pad: str = "\0", trim: bool = True) -> WireFie
 def Raw(mk: str, length: int) -> WireField:  # noqa: N802
     """Declare `length` bytes without a meaning of their own here."""
     return WireField(code="s", mk=mk, count=length, is_bytes=True)
+
+
+def Rest(mk: str, shortest: int, longest: int) -> WireField:  # noqa: N802
+    """Declare the last field of a message of variable length: all bytes that follow, padding included."""
+    return WireField(code="s", mk=mk, count=shortest, is_bytes=True, longest=longest)

@@ -196,3 +196,67 @@ class NaviFault0(IntFlag):
     COMPASS_INCOMPATIBLE = 0x08
     NO_GPS = 0x10  # GPS_RX
     COMPASS_VALUE = 0x20
+
+
+class RedirectPort(WireEnum):
+    """Whose UART a NaviCtrl connects the host to."""
+
+    FC = 0
+    MAG = 1
+    GPS = 2
+
+
+class NaviParameterId(WireEnum):
+    """Parameters of a NaviCtrl that may change in flight."""
+
+    TARGET_SPEED = 0  # GPS_TARGETSPEED, 0.1 m/s, 50 at start
+    HEADING_SETPOINT = 1  # NEW_COMPASS_DIRECTION_SETPOINT, deg, -1 none
+    CAMERA_ELEVATION = 2  # NEW_CAMERA_ELEVATION
+    ALTITUDE_RATE = 3
+    ALTITUDE_SETPOINT = 4  # dm at the FlightCtrl
+
+
+class MotorControllerStatus(WireEnum):
+    """How access to a motor controller's configuration ended."""
+
+    SUCCESS = 0
+    MOTORS_RUNNING = 1  # MOTOR_RUNNING
+    NO_SUCH_MOTOR = 2  # MOTOR_NOT_EXIST
+    HARDWARE_INCOMPATIBLE = 3  # HW_NOT_COMPATIBLE
+    FIRMWARE_INCOMPATIBLE = 4  # SW_NOT_COMPATIBLE
+    CHECKSUM = 5
+    CANNOT_READ = 6  # READ_NOT_POSSIBLE
+
+
+class MotorControllerItems(IntFlag):
+    """SetMask: which items of a motor controller's configuration to apply."""
+
+    NONE = 0
+    PWM_SCALING = 0x01
+    CURRENT_LIMIT = 0x02
+    TEMPERATURE_LIMIT = 0x04
+    CURRENT_SCALING = 0x08
+    BITS = 0x10  # BITCONFIG
+    RESET_CAPACITY_OR_START_PWM = 0x20  # RESET_CAPCOUNTER (FC 2.00a) or STARTPWM (2.12a): never set it blindly
+    DEFAULTS = 0x40  # DEFAULT_PARAMS
+    SAVE = 0x80  # SAVE_EEPROM
+
+
+class MotorControllerBits(IntFlag):
+    """BitConfig of a motor controller; the start bits from 2.12 on."""
+
+    NONE = 0
+    REVERSE = 0x01  # REVERSE_ROTATION
+    START_1 = 0x02  # STARTGAS1
+    START_2 = 0x04  # STARTGAS2
+    START_3 = 0x08  # STARTGAS3
+
+
+class RedundancyBits(IntFlag):
+    """BitState a motor controller reports to a redundant FlightCtrl."""
+
+    I2C_OK = 0x01
+    I2C_VALUE = 0x02
+    I2C_BAD = 0x04
+    RECEIVER_OK = 0x08  # PPM_OK
+    MOTORS_RUNNING = 0x10  # MOTOR_RUN

@@ -35,7 +35,14 @@ class Board(IntEnum):
         return self.name.lower()
 
 
-_ADDRESSES: Final = frozenset(int(board) for board in Board)
+_REDUNDANT: Final = range(11, 27)
+
+
+def board_at(address: int) -> Board | None:
+    """Return whose an address is; 11..26 are the motor controllers on a redundant FlightCtrl's link."""
+    if 0 <= address <= Board.BL:
+        return Board(address)
+    return Board.BL if address in _REDUNDANT else None
 
 
 class Direction(IntEnum):
@@ -74,6 +81,8 @@ class MessageSpec:
         any_address: boards also act on it when it is addressed to another board or to nobody.
         open_ended: longer payloads are this message too (newer firmware appends fields).
         danger: what harm it can do; empty where none.
+        since: first release (major, minor) of its own board that knows it; None for all.
+        is_fork: only a public fork of the FlightCtrl knows it.
     """
 
     name: str
@@ -92,15 +101,36 @@ class MessageSpec:
     any_address: bool = False
     open_ended: bool = False
     danger: str = ""
+    since: tuple[int, int] | None = None
+    is_fork: bool = False
     packer: struct.Struct = field(default_factory=lambda: struct.Struct("<"), repr=False)
 
     def fits(self, payload: bytes) -> bool:
         """Whether a received payload can be this layout (it arrives padded to a multiple of three)."""
-        length = len(payload)
-        wanted = padded_length(self.size)
-        if length != wanted and not (self.open_ended and length > wanted):
-            return False
-        return self.accepts(payload)
+        return self.has_length(len(payload)) and self.accepts(payload)
+
+    def has_length(self, length: int) -> bool:
+        """Whether a received payload of this length can be this layout."""
+        shortest = padded_length(self.size)
+        return length == shortest or (length > shortest and (self.open_ended or length <= self.longest))
+
+    @property
+    def longest(self) -> int:
+        """Longest received payload of a message of variable length; 0 for a fixed structure."""
+        last = self.slots[-1].wire if self.slots else None
+        return padded_length(self.size - last.count + last.longest) if last is not None and last.longest else 0
+
+    def wire(self, name: str) -> WireField:
+        """Return how a field stands on the wire.
+
+        Raises:
+            ProtocolError: the message has no such field.
+        """
+        for slot in self.slots:
+            if slot.name == name:
+                return slot.wire
+        msg = f"{self.name} ({self.layout}) has no field {name!r}; it has {', '.join(s.name for s in self.slots)}"
+        raise ProtocolError(msg)
 
     def accepts(self, payload: bytes) -> bool:
         """Whether the contents of a payload of the right length speak for this layout."""
@@ -116,7 +146,9 @@ class WireMessage(BaseModel):
     refuses floats, so nothing out of range can be encoded.
     """
 
-    model_config = ConfigDict(frozen=True, extra="forbid", use_attribute_docstrings=True)
+    model_config = ConfigDict(
+        frozen=True, extra="forbid", use_attribute_docstrings=True, ser_json_bytes="hex", val_json_bytes="hex"
+    )
     spec: ClassVar[MessageSpec]
     _build: ClassVar[Callable[[tuple[Any, ...]], dict[str, Any]]]
 
@@ -134,7 +166,11 @@ class WireMessage(BaseModel):
         message = cls.__new__(cls)
         # Ranges hold by construction of the wire types; skipping pydantic's validation is five times faster.
         put = object.__setattr__
-        put(message, "__dict__", cls._build(spec.packer.unpack_from(payload)))
+        fields = cls._build(spec.packer.unpack_from(payload))
+        if spec.longest:
+            last = spec.slots[-1]
+            fields[last.name] = payload[last.offset :]
+        put(message, "__dict__", fields)
         put(message, "__pydantic_fields_set__", _NOTHING_SET)
         put(message, "__pydantic_extra__", None)
         put(message, "__pydantic_private__", None)
@@ -154,10 +190,21 @@ class WireMessage(BaseModel):
             else:
                 values.append(value)
         try:
+            if self.spec.longest:
+                rest: bytes = values[-1]
+                return self.spec.packer.pack(*values)[: self.spec.slots[-1].offset] + rest
             return self.spec.packer.pack(*values)
         except struct.error as error:
             msg = f"{self.spec.name} ({self.spec.layout}): {error}"
             raise EncodeError(msg) from error
+
+    def si(self, name: str) -> float:
+        """Return a field as SI value in FLU axes (see `WireField.to_si`).
+
+        Raises:
+            ProtocolError: there is no such field.
+        """
+        return self.spec.wire(name).to_si(getattr(self, name))
 
     def to_frame(self, address: Board | None = None) -> bytes:
         """Return the message as a frame, addressed to its own board unless told otherwise.
@@ -192,6 +239,8 @@ def message(
     any_address: bool = False,
     open_ended: bool = False,
     danger: str = "",
+    since: tuple[int, int] | None = None,
+    is_fork: bool = False,
 ) -> Callable[[_Message], _Message]:
     """Enter a message class into the table.
 
@@ -219,6 +268,8 @@ def message(
             any_address=any_address,
             open_ended=open_ended,
             danger=danger,
+            since=since,
+            is_fork=is_fork,
             packer=packer,
         )
         cls._build = _builder(slots)
@@ -317,8 +368,8 @@ class MessageDecoder:
 
     def _find(self, frame: Frame) -> tuple[type[WireMessage], ...]:
         """All layouts of this letter and length, the dialect's first."""
-        asked = frame.address
-        preferred = {letter_layout for place, letter_layout in self._layouts.items() if place == (asked, frame.id)}
+        asked = board_at(frame.address)
+        preferred = {layout for place, layout in self._layouts.items() if place == (asked, frame.id)}
         found: list[type[WireMessage]] = []
         for (board, letter, layout), cls in MESSAGES.items():
             if (
@@ -327,16 +378,15 @@ class MessageDecoder:
                 or not (board == asked or (asked == Board.ANY and cls.spec.any_address))
             ):
                 continue
-            length, wanted = len(frame.payload), padded_length(cls.spec.size)
-            if length != wanted and not (cls.spec.open_ended and length > wanted):
+            if not cls.spec.has_length(len(frame.payload)):
                 continue
             found.insert(0 if layout in preferred else len(found), cls)
         return tuple(found)
 
     @staticmethod
     def _unknown(frame: Frame) -> Unknown:
-        board = Board(frame.address) if frame.address in _ADDRESSES else None
-        letters = {letter for owner, letter, _ in MESSAGES if owner == board or frame.address == Board.ANY}
+        board = board_at(frame.address)
+        letters = {letter for owner, letter, _ in MESSAGES if board in {owner, Board.ANY}}
         if board is None:
             reason = f"no board has address {frame.address}"
         elif frame.id in letters:

@@ -1,0 +1,146 @@
+"""BL-Ctrl motor controllers: configuration through the FlightCtrl, and the internal redundancy link.
+
+Source: docs/protocol.md, "FlightCtrl commands" and "BL-Ctrl".
+"""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from mkdaemon.protocol.fields import U8, Rest
+from mkdaemon.protocol.flags import (
+    MotorControllerBits,
+    MotorControllerItems,
+    MotorControllerStatus,
+    RedundancyBits,
+)
+from mkdaemon.protocol.units import AMPERE, CELSIUS, DECIAMPERE
+from mkdaemon.protocol.wire import Board, Direction, WireMessage, message
+
+
+def motor_controller_checksum(configuration: bytes) -> int:
+    """Return the checksum of a configuration's first seven bytes: 0xAA plus their sum, modulo 256."""
+    return (0xAA + sum(configuration[:7])) & 0xFF
+
+
+class _Configuration(WireMessage):
+    revision: Annotated[int, U8("Revision")] = 2
+    """Its bits 0, 1 and 3 must read 2."""
+    items: Annotated[MotorControllerItems, U8("SetMask", enum=MotorControllerItems)]
+    """What to apply."""
+    pwm_scaling: Annotated[int, U8("PwmScaling")]
+    """Limits the largest PWM."""
+    current_limit: Annotated[int, U8("CurrentLimit", AMPERE)]
+    temperature_limit: Annotated[int, U8("TempLimit", CELSIUS)]
+    current_scaling: Annotated[int, U8("CurrentScaling")]
+    """Gain of the current measurement."""
+    bits: Annotated[MotorControllerBits, U8("BitConfig", enum=MotorControllerBits)]
+    checksum: Annotated[int, U8("crc")]
+    """See `motor_controller_checksum`."""
+
+
+class _Ack(WireMessage):
+    done: Annotated[int, U8("Ack")]
+    """1 done, 0 not."""
+    status: Annotated[MotorControllerStatus, U8("Status", enum=MotorControllerStatus)]
+
+
+class _Reply(_Ack):
+    motor: Annotated[int, U8("Motor")]
+
+
+class _Request(WireMessage):
+    motor: Annotated[int, U8("Motor", high=16)]
+    """1..16; 0 is all."""
+
+
+@message(
+    Board.FC,
+    "u",
+    key="motor_controller_request",
+    direction=Direction.TO_BOARD,
+    reply="U",
+    source="WIRE 7, BLConfigRequest",
+    firmware="FC 0.80 and later",
+    since=(0, 80),
+)
+class MotorControllerRequest(WireMessage):
+    """Ask for a motor controller's configuration; takes up to 1 s, not while motors run."""
+
+    motor: Annotated[int, U8("Motor", low=1, high=16)]
+
+
+@message(
+    Board.FC,
+    "U",
+    key="motor_controller",
+    direction=Direction.FROM_BOARD,
+    source="WIRE 7, BLConfigReply",
+    firmware="FC 0.80 and later",
+)
+class MotorController(_Configuration, _Reply):
+    """A motor controller's configuration."""
+
+
+@message(
+    Board.FC,
+    "w",
+    key="write_motor_controller",
+    direction=Direction.TO_BOARD,
+    reply="W",
+    source="WIRE 7, BLConfigWrite",
+    firmware="FC 0.80 and later",
+    danger="reprograms limits and direction of motor controllers",
+    since=(0, 80),
+)
+class WriteMotorController(_Configuration, _Request):
+    """Store a motor controller's configuration."""
+
+
+@message(
+    Board.FC,
+    "W",
+    key="motor_controller_written",
+    direction=Direction.FROM_BOARD,
+    source="WIRE 7, BLConfigWriteReply",
+    firmware="FC 0.80 and later",
+)
+class MotorControllerWritten(_Ack):
+    """How storing a motor controller's configuration ended."""
+
+
+@message(
+    Board.BL,
+    "?",
+    key="redundancy_status",
+    direction=Direction.FROM_BOARD,
+    source="WIRE 10, RedundantStatus",
+    firmware="FC built as redundant slave; address 11 + motor",
+)
+class RedundancyStatus(WireMessage):
+    """What a motor controller tells a redundant FlightCtrl; internal, only ever overheard."""
+
+    bits: Annotated[RedundancyBits, U8("BitState", enum=RedundancyBits)]
+    current: Annotated[int, U8("Current", DECIAMPERE)]
+    state: Annotated[int, U8("State")]
+    temperature: Annotated[int, U8("Temperature", CELSIUS)]
+    voltage: Annotated[int, U8("Voltage80")]
+
+
+@message(
+    Board.BL,
+    "!",
+    key="redundancy_setpoints",
+    direction=Direction.TO_BOARD,
+    reply="?",
+    source="WIRE 10",
+    firmware="FC built as redundant slave; address 11 + motor",
+    danger="drives motors past the FlightCtrl: never originate it",
+)
+class RedundancySetpoints(WireMessage):
+    """What a redundant FlightCtrl tells motor controllers; internal, only ever overheard."""
+
+    request: Annotated[int, U8("request")]
+    """Flags; bit 7: motor test."""
+    setpoints: Annotated[bytes, Rest("setpoint", 0, 17)]
+    """One a motor, and padding."""

@@ -1,0 +1,254 @@
+"""FlightCtrl: motors, receiver channels, compass, and the commands of a public fork.
+
+Source: docs/protocol.md, "FlightCtrl commands"; firmware notes 7.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from mkdaemon.protocol.fields import S8, S16, U8
+from mkdaemon.protocol.units import DEG, STICK
+from mkdaemon.protocol.wire import Board, Direction, WireMessage, message
+
+
+@message(
+    Board.FC,
+    "K",
+    key="compass_heading",
+    direction=Direction.TO_BOARD,
+    source="WIRE 7, CompassHeading",
+    firmware="all",
+    danger="falsifies the heading until the compass speaks again",
+    any_address=True,
+)
+class CompassHeading(WireMessage):
+    """Tell the FlightCtrl its heading, as a MK3Mag does."""
+
+    heading: Annotated[int, S16("Heading", DEG, low=-1, high=360)]
+    """0..360 clockwise from magnetic north; negative: invalid."""
+
+
+@message(
+    Board.FC,
+    "t",
+    key="motor_test",
+    layout="16",
+    direction=Direction.TO_BOARD,
+    reply="T",
+    source="WIRE 7, MotorTest16",
+    firmware="FC 0.73 and later",
+    danger="spins motors for 0.5 s; values sent while motors run take effect right after they stop",
+    any_address=True,
+    since=(0, 73),
+)
+class MotorTest(WireMessage):
+    """Turn motors on the ground; repeat at 5 to 20 Hz to keep them turning."""
+
+    motors: Annotated[tuple[int, ...], U8("Motor", count=16)]
+    """Set points of motors 1..16."""
+
+
+@message(
+    Board.FC,
+    "t",
+    name="MotorTest",
+    key="motor_test",
+    layout="4",
+    direction=Direction.TO_BOARD,
+    reply="T",
+    source="WIRE 7, MotorTest4",
+    firmware="FC",
+    danger="spins motors for 0.5 s; short frames are filled with checksum characters by the board",
+    any_address=True,
+)
+class MotorTest4(WireMessage):
+    """Turn motors 1..4 on the ground: for reading old traffic; the long form is sent."""
+
+    motors: Annotated[tuple[int, ...], U8("Motor", count=4)]
+
+
+@message(
+    Board.FC,
+    "T",
+    key="motor_test_done",
+    direction=Direction.FROM_BOARD,
+    source='WIRE 7; vector "motor test reply"',
+    firmware="FC; gone in 0.71h, back in 2.x: optional",
+)
+class MotorTestDone(WireMessage):
+    """A motor test was taken."""
+
+
+@message(
+    Board.FC,
+    "p",
+    key="receiver_request",
+    direction=Direction.TO_BOARD,
+    reply="P",
+    source="WIRE 7",
+    firmware="FC",
+)
+class ReceiverRequest(WireMessage):
+    """Ask for all channels the FlightCtrl receives."""
+
+
+@message(
+    Board.FC,
+    "P",
+    name="Receiver",
+    key="receiver",
+    layout="200",
+    direction=Direction.FROM_BOARD,
+    source="WIRE 7, PPM_200",
+    firmware="FC 0.91, 2.00a and later",
+)
+class Receiver200(WireMessage):
+    """Channels the FlightCtrl receives."""
+
+    channels: Annotated[tuple[int, ...], S16("PPM", STICK, count=35)]
+    """0 RSSI, 1..16 receiver, 17..28 serial, 29 waypoint event, 30 lowest, 31 highest, 32 middle, 33..34 spare."""
+
+
+@message(
+    Board.FC,
+    "P",
+    name="Receiver",
+    key="receiver",
+    layout="077",
+    direction=Direction.FROM_BOARD,
+    source="WIRE 7, PPM_077",
+    firmware="FC 0.77 to 0.90",
+)
+class Receiver077(WireMessage):
+    """Channels the FlightCtrl receives."""
+
+    channels: Annotated[tuple[int, ...], S16("PPM", STICK, count=25)]
+    """0 RSSI, 1..12 receiver, 13..24 serial (the split is inferred)."""
+
+
+@message(
+    Board.FC,
+    "P",
+    name="Receiver",
+    key="receiver",
+    layout="071",
+    direction=Direction.FROM_BOARD,
+    source="WIRE 7, PPM_071",
+    firmware="FC 0.71 to 0.76",
+)
+class Receiver071(WireMessage):
+    """Channels the FlightCtrl receives."""
+
+    channels: Annotated[tuple[int, ...], S16("PPM", STICK, count=11)]
+    """0 unused or RSSI, 1..10 receiver."""
+
+
+@message(
+    (Board.FC, Board.NC),
+    "y",
+    key="serial_channels",
+    direction=Direction.TO_BOARD,
+    source="WIRE 7, SerialPoti",
+    firmware="FC 0.77 and later; NC 0.24 forwards FC-addressed ones, NC 2.13 and later takes them itself",
+    danger="drives any function mapped to a serial channel: GPS mode, care-free, motor switch",
+)
+class SerialChannels(WireMessage):
+    """Set the serial channels; they become selectable channels 17..28 (2.x) or 13..24 (0.77 to 0.90)."""
+
+    channels: Annotated[tuple[int, ...], S8("Value", STICK, limit=127, count=12)]
+
+
+@message(
+    Board.FC,
+    "j",
+    key="receiver_bridge",
+    direction=Direction.TO_BOARD,
+    source="WIRE 7, ReceiverPassthrough",
+    firmware="FC 0.82 and later",
+    danger="turns the port into a bridge to the receiver until power-off; the FlightCtrl stops working",
+    since=(0, 82),
+)
+class ReceiverBridge(WireMessage):
+    """Hand the port to the receiver, for its firmware update."""
+
+    mode: Annotated[int, U8("Mode")]
+    """1 JetiBox, 100 HoTT update at 19200 baud, anything else receiver update at 38400 baud."""
+
+
+_FORK = "a public fork of FC 2.12a and 2.00a"
+
+
+@message(
+    Board.FC,
+    "x",
+    key="arm_motors",
+    direction=Direction.TO_BOARD,
+    source="WIRE 7; firmware notes 1",
+    firmware=_FORK,
+    danger="starts the motors",
+    is_fork=True,
+)
+class ArmMotors(WireMessage):
+    """Start the motors; needs a calibration and no errors."""
+
+
+@message(
+    Board.FC,
+    "e",
+    key="disarm_motors",
+    direction=Direction.TO_BOARD,
+    source="WIRE 7; firmware notes 1",
+    firmware=_FORK,
+    danger="stops the motors, in flight too",
+    is_fork=True,
+)
+class DisarmMotors(WireMessage):
+    """Stop the motors."""
+
+
+@message(
+    Board.FC,
+    "r",
+    key="recalibrate",
+    direction=Direction.TO_BOARD,
+    source="WIRE 7; firmware notes 1",
+    firmware=_FORK,
+    danger="recalibrates the sensors; the FlightCtrl is deaf for 1.5 s",
+    is_fork=True,
+)
+class Recalibrate(WireMessage):
+    """Calibrate gyros or accelerometers."""
+
+    what: Annotated[int, U8("mode", low=1, high=2)]
+
+
+@message(
+    Board.FC,
+    "o",
+    key="beep",
+    direction=Direction.TO_BOARD,
+    source="WIRE 7; firmware notes 1",
+    firmware=_FORK,
+    danger="the FlightCtrl is deaf for 0.24 to 2.5 s",
+    is_fork=True,
+)
+class Beep(WireMessage):
+    """Sound the buzzer."""
+
+    duration: Annotated[int, S16("duration", low=1)]
+    count: Annotated[int, U8("count", low=1)]
+
+
+@message(
+    (Board.FC, Board.NC),
+    "R",
+    key="reset",
+    direction=Direction.TO_BOARD,
+    source="WIRE 12",
+    firmware="all",
+    danger="reboots the board: FC up to 2.00a and NC 0.24 even in flight, the NC into its boot loader",
+    any_address=True,
+)
+class Reset(WireMessage):
+    """Reboot."""

@@ -1,0 +1,58 @@
+"""MK3Mag compass: what a FlightCtrl sends it. A host overhears it on FlightCtrl ports and never sends it.
+
+Source: docs/protocol.md, "MK3Mag".
+"""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from mkdaemon.protocol.fields import S16, U8
+from mkdaemon.protocol.units import DECI_DEG
+from mkdaemon.protocol.wire import Board, Direction, WireMessage, message
+
+_DANGER = "drives the compass calibration: can corrupt it"
+
+
+class _Feed(WireMessage):
+    pitch: Annotated[int, S16("AngleNick", DECI_DEG)]
+    """Positive: nose down."""
+    roll: Annotated[int, S16("AngleRoll", -DECI_DEG)]
+    """Positive on the wire: LEFT side down."""
+    user_parameter_1: Annotated[int, U8("UserParam[0]")]
+    user_parameter_2: Annotated[int, U8("UserParam[1]")]
+    calibration_step: Annotated[int, U8("CalState")]
+    """0 idle, 1..5 steps of the calibration."""
+    orientation: Annotated[int, U8("Orientation")]
+    """1 on FC 0.9x and later: a hint on how it is mounted."""
+
+
+@message(
+    Board.MAG,
+    "k",
+    key="compass_feed",
+    layout="k",
+    direction=Direction.TO_BOARD,
+    reply="K",
+    source="WIRE 9, ToMK3Mag",
+    firmware="FC 2.x",
+    danger=_DANGER,
+)
+class CompassFeed(_Feed):
+    """Attitude for tilt compensation, every 99 ms (999 ms with a NaviCtrl)."""
+
+
+@message(
+    Board.MAG,
+    "w",
+    name="CompassFeed",
+    key="compass_feed",
+    layout="w",
+    direction=Direction.TO_BOARD,
+    reply="K",
+    source="WIRE 9, ToMK3Mag",
+    firmware="FC 0.7x and 0.8x",
+    danger=_DANGER,
+)
+class CompassFeedOld(_Feed):
+    """Attitude for tilt compensation, every 99 ms (999 ms with a NaviCtrl)."""

@@ -1,0 +1,288 @@
+"""Routes: points the NaviCtrl stores and flies to. 30 bytes in every release; the tail changed its meaning.
+
+Source: docs/protocol.md, "Points"; firmware notes 4.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from mkdaemon.protocol.fields import S16, S32, U8, Text
+from mkdaemon.protocol.flags import PointEvent, PointType, PositionStatus
+from mkdaemon.protocol.units import DECIMETRE, DEG, DM_PER_S, GLOBE, METRE, SECOND
+from mkdaemon.protocol.wire import Board, Direction, WireMessage, message
+
+_OLD = "NC up to 0.20 (about)"
+_024 = "NC 0.22 to 0.26"
+_027 = "NC 0.27 to 2.0x"
+_2X = "NC 2.0x with automatic photo, and later"
+_TARGET_DANGER = "flies to a point in coming-home mode"
+_WRITE_DANGER = "changes the running route; status INVALID with index 0 clears it"
+
+
+class _Point(WireMessage):
+    longitude: Annotated[int, S32("Position.Longitude", GLOBE, limit=1_800_000_000)]
+    latitude: Annotated[int, S32("Position.Latitude", GLOBE, limit=900_000_000)]
+    altitude: Annotated[int, S32("Position.Altitude", DECIMETRE)]
+    """Waypoints: dm above the start. Points of interest: dm on NC 2.x, cm up to 0.28; read back to be sure."""
+    status: Annotated[PositionStatus, U8("Position.Status", enum=PositionStatus)]
+    """NEW to act on it; INVALID with index 0 clears the list."""
+    heading: Annotated[int, S16("Heading", DEG)] = 0
+    """0 leaves it, 1..360 clockwise from north, negative: minus the list index of a point of interest to look at."""
+    tolerance_radius: Annotated[int, U8("ToleranceRadius", METRE)] = 0
+    hold_time: Annotated[int, U8("HoldTime", SECOND)] = 0
+    event: Annotated[PointEvent, U8("Event_Flag", enum=PointEvent)] = PointEvent.NONE
+
+
+class _PointOld(_Point):
+    reserved: Annotated[tuple[int, ...], U8("reserve", count=12)] = (0,) * 12
+
+
+class _PointListed(_Point):
+    index: Annotated[int, U8("Index")]
+    """1.. in the list (to 31 on 0.24)."""
+    type: Annotated[PointType, U8("Type", enum=PointType)] = PointType.WAYPOINT
+    event_channel: Annotated[int, U8("WP_EventChannelValue")] = 0
+    """Appears on the FlightCtrl as a channel while the point is held."""
+    altitude_rate: Annotated[int, U8("AltitudeRate", DM_PER_S)] = 0
+
+
+class _Point024(_PointListed):
+    reserved: Annotated[tuple[int, ...], U8("reserve", count=8)] = (0,) * 8
+
+
+class _PointNamed(_PointListed):
+    speed: Annotated[int, U8("Speed", DM_PER_S)] = 0
+    """0: as fast as it can."""
+    camera_angle: Annotated[int, U8("CamAngle", DEG)] = 0
+    """255: automatic, at a point of interest."""
+    name: Annotated[str, Text("Name", 4)] = ""
+
+
+class _Point027(_PointNamed):
+    reserved: Annotated[tuple[int, ...], U8("reserve", count=2)] = (0, 0)
+
+
+class _Point2x(_PointNamed):
+    photo_distance: Annotated[int, U8("AutoPhotoDistance", METRE)] = 0
+    reserved: Annotated[int, U8("reserve")] = 0
+
+
+class _ReadBack(WireMessage):
+    count: Annotated[int, U8("PointCount")]
+    """Points stored, points of interest included."""
+    number: Annotated[int, U8("Index")]
+    """The one asked for."""
+
+
+@message(
+    Board.NC,
+    "s",
+    name="SendTarget",
+    key="send_target",
+    layout="024",
+    direction=Direction.TO_BOARD,
+    source="WIRE 8, Point_024",
+    firmware=_024,
+    danger=_TARGET_DANGER,
+)
+class SendTarget024(_Point024):
+    """Set the target; no answer but a beep."""
+
+
+@message(
+    Board.NC,
+    "s",
+    name="SendTarget",
+    key="send_target",
+    layout="027",
+    direction=Direction.TO_BOARD,
+    source="WIRE 8, Point_027",
+    firmware=_027,
+    danger=_TARGET_DANGER,
+)
+class SendTarget027(_Point027):
+    """Set the target; no answer but a beep."""
+
+
+@message(
+    Board.NC,
+    "s",
+    name="SendTarget",
+    key="send_target",
+    layout="2x",
+    direction=Direction.TO_BOARD,
+    source="WIRE 8, Point_2x",
+    firmware=_2X,
+    danger=_TARGET_DANGER,
+)
+class SendTarget2x(_Point2x):
+    """Set the target; no answer but a beep."""
+
+
+@message(
+    Board.NC,
+    "s",
+    name="SendTarget",
+    key="send_target",
+    layout="old",
+    direction=Direction.TO_BOARD,
+    source="WIRE 8, WayPoint_old",
+    firmware=_OLD,
+    danger=_TARGET_DANGER,
+)
+class SendTargetOld(_PointOld):
+    """Set the target; no answer but a beep."""
+
+
+@message(
+    Board.NC,
+    "w",
+    name="WriteWaypoint",
+    key="write_waypoint",
+    layout="024",
+    direction=Direction.TO_BOARD,
+    reply="W",
+    source="WIRE 8, Point_024",
+    firmware=_024,
+    danger=_WRITE_DANGER,
+)
+class WriteWaypoint024(_Point024):
+    """Store a point of the route."""
+
+
+@message(
+    Board.NC,
+    "w",
+    name="WriteWaypoint",
+    key="write_waypoint",
+    layout="027",
+    direction=Direction.TO_BOARD,
+    reply="W",
+    source="WIRE 8, Point_027",
+    firmware=_027,
+    danger=_WRITE_DANGER,
+)
+class WriteWaypoint027(_Point027):
+    """Store a point of the route."""
+
+
+@message(
+    Board.NC,
+    "w",
+    name="WriteWaypoint",
+    key="write_waypoint",
+    layout="2x",
+    direction=Direction.TO_BOARD,
+    reply="W",
+    source="WIRE 8, Point_2x",
+    firmware=_2X,
+    danger=_WRITE_DANGER,
+)
+class WriteWaypoint2x(_Point2x):
+    """Store a point of the route."""
+
+
+@message(
+    Board.NC,
+    "w",
+    name="WriteWaypoint",
+    key="write_waypoint",
+    layout="old",
+    direction=Direction.TO_BOARD,
+    reply="W",
+    source="WIRE 8, WayPoint_old",
+    firmware=_OLD,
+    danger=_WRITE_DANGER,
+)
+class WriteWaypointOld(_PointOld):
+    """Store a point of the route."""
+
+
+@message(
+    Board.NC,
+    "W",
+    key="waypoint_written",
+    direction=Direction.FROM_BOARD,
+    source="WIRE 8, PointWriteReply",
+    firmware="NC",
+)
+class WaypointWritten(WireMessage):
+    """How storing a point ended."""
+
+    index: Annotated[int, U8("Index")]
+    """The stored one; 0 means cleared AND refused: only the list's state tells them apart."""
+
+
+@message(
+    Board.NC,
+    "x",
+    key="waypoint_request",
+    direction=Direction.TO_BOARD,
+    reply="X",
+    source="WIRE 8, PointRequest",
+    firmware="NC",
+)
+class WaypointRequest(WireMessage):
+    """Ask for a stored point."""
+
+    index: Annotated[int, U8("Index", low=1)]
+    """1..; 0 gets no answer, above the count only the count."""
+
+
+@message(
+    Board.NC,
+    "X",
+    name="Waypoint",
+    key="waypoint",
+    layout="024",
+    direction=Direction.FROM_BOARD,
+    source="WIRE 8, PointReply, Point_024",
+    firmware=_024,
+)
+class Waypoint024(_Point024, _ReadBack):
+    """A stored point."""
+
+
+@message(
+    Board.NC,
+    "X",
+    name="Waypoint",
+    key="waypoint",
+    layout="027",
+    direction=Direction.FROM_BOARD,
+    source="WIRE 8, PointReply, Point_027",
+    firmware=_027,
+)
+class Waypoint027(_Point027, _ReadBack):
+    """A stored point."""
+
+
+@message(
+    Board.NC,
+    "X",
+    name="Waypoint",
+    key="waypoint",
+    layout="2x",
+    direction=Direction.FROM_BOARD,
+    source="WIRE 8, PointReply, Point_2x",
+    firmware=_2X,
+)
+class Waypoint2x(_Point2x, _ReadBack):
+    """A stored point."""
+
+
+@message(
+    Board.NC,
+    "X",
+    key="waypoint_count",
+    layout="count",
+    direction=Direction.FROM_BOARD,
+    source="WIRE 8, PointReply",
+    firmware="NC",
+)
+class WaypointCount(WireMessage):
+    """The answer when there is no such point."""
+
+    count: Annotated[int, U8("PointCount")]
+    """Points stored, points of interest included."""

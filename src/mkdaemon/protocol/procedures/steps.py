@@ -1,0 +1,151 @@
+"""Procedures: conversations with a board that take several requests, written without I/O and without a clock.
+
+A procedure is a generator. It yields what it wants done next and is sent what came back: the answer to a request, or
+None when none came in time. Whoever drives it owns the line: the command line over Zenoh queries, tests and benchmarks
+over a simulated line in virtual time. A procedure ends with its result or raises, so there is no third outcome.
+
+The line may lose, damage, delay and repeat frames, but keeps their order. Source: docs/firmware-notes, "Losses".
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Generator
+from dataclasses import dataclass
+from typing import TypeVar
+
+from mkdaemon.errors import RequestTimeoutError
+from mkdaemon.protocol.wire import Board, WireMessage
+
+
+@dataclass(frozen=True, slots=True)
+class Ask:
+    """Send a request once and wait for its answer.
+
+    Attributes:
+        board: who is asked; only this board's frames can answer.
+        message: the request.
+        accepts: whether a message of that board answers this very request; late answers to others do not.
+        timeout: how long to wait after the last byte was sent [s].
+    """
+
+    board: Board
+    message: WireMessage
+    accepts: Callable[[WireMessage], bool]
+    timeout: float
+
+
+@dataclass(frozen=True, slots=True)
+class Pause:
+    """Send nothing for a while, because the board is deaf.
+
+    Attributes:
+        seconds: how long [s].
+    """
+
+    seconds: float
+
+
+@dataclass(frozen=True, slots=True)
+class Progress:
+    """How far the procedure is, for a person to see.
+
+    Attributes:
+        done: finished parts.
+        total: all parts.
+        what: the present part in words.
+    """
+
+    done: int
+    total: int
+    what: str
+
+
+Step = Ask | Pause | Progress
+"""What a procedure may want."""
+
+_Result = TypeVar("_Result")
+Procedure = Generator[Step, WireMessage | None, _Result]
+"""A procedure that returns `_Result`."""
+
+
+@dataclass(frozen=True, slots=True)
+class Patience:
+    """How long to insist on one answer.
+
+    Attributes:
+        attempts: how often a request is sent before giving up.
+        timeout: wait for each answer [s]; four hundred milliseconds outlast every reply of an idle board.
+    """
+
+    attempts: int = 5
+    timeout: float = 0.4
+
+
+def ask(
+    board: Board,
+    message: WireMessage,
+    accepts: Callable[[WireMessage], bool],
+    patience: Patience,
+) -> Procedure[WireMessage | None]:
+    """Send a request until it is answered; None when patience ran out."""
+    for _ in range(patience.attempts):
+        answer = yield Ask(board, message, accepts, patience.timeout)
+        if answer is not None and accepts(answer):
+            return answer
+    return None
+
+
+def insist(
+    board: Board,
+    message: WireMessage,
+    accepts: Callable[[WireMessage], bool],
+    patience: Patience,
+    what: str,
+) -> Procedure[WireMessage]:
+    """Send a request until it is answered.
+
+    Args:
+        board: who is asked.
+        message: the request.
+        accepts: whether a message answers it.
+        patience: how long to insist.
+        what: the request in words, for the message.
+
+    Raises:
+        RequestTimeoutError: patience ran out.
+    """
+    answer = yield from ask(board, message, accepts, patience)
+    if answer is None:
+        msg = f"{what}: no answer from the {board.word.upper()} in {patience.attempts} attempts; check the line"
+        raise RequestTimeoutError(msg)
+    return answer
+
+
+def insist_twice(
+    board: Board,
+    message: WireMessage,
+    accepts: Callable[[WireMessage], bool],
+    patience: Patience,
+    what: str,
+) -> Procedure[WireMessage]:
+    """Ask until two answers in a row say the same.
+
+    The checksum has 12 bits: on a bad line about one damaged frame in four thousand passes it, but no two of them
+    agree. A clean line costs one repetition.
+
+    Raises:
+        RequestTimeoutError: patience ran out, or no two answers agreed in five.
+    """
+    before = yield from insist(board, message, accepts, patience, what)
+    for _ in range(4):
+        again = yield from insist(board, message, accepts, patience, what)
+        if again == before:
+            return again
+        before = again
+    msg = f"{what}: the {board.word.upper()} never said the same twice; the line is too bad or the value is changing"
+    raise RequestTimeoutError(msg)
+
+
+def is_reply(message: WireMessage, name: str) -> bool:
+    """Whether a message is of this kind, in whatever layout."""
+    return message.spec.name == name
