@@ -89,8 +89,10 @@ class TargetFile(Section):
 class DetectorSection(Section):
     """When a quad counts as a tag."""
 
-    max_hamming: int = Field(default=1, ge=0, le=3)
-    """Bits corrected at most; 1 keeps false positives at 1.7e-8 a quad with 8 whitelisted ids."""
+    max_hamming: int = Field(default=2, ge=0, le=3)
+    """Bits corrected at most."""
+    max_false_rate: float = Field(default=1e-7, gt=0)
+    """Chance that a random quad reads as a whitelisted code; long whitelists correct fewer bits to keep it."""
     min_decision_margin: float = Field(default=12.0, ge=0)
     """Smallest mean contrast between bits and threshold [grey levels]."""
     margin_px: float = Field(default=3.0, ge=0)

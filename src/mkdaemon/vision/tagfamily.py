@@ -57,7 +57,6 @@ FAMILIES: dict[str, TagFamily] = {
     family.name: family
     for family in (
         TagFamily("tag36h11", 6, 587, 11, cv2.aruco.DICT_APRILTAG_36h11),
-        TagFamily("tag36h10", 6, 2320, 10, cv2.aruco.DICT_APRILTAG_36h10),
         TagFamily("tag25h9", 5, 35, 9, cv2.aruco.DICT_APRILTAG_25h9),
         TagFamily("tag16h5", 4, 30, 5, cv2.aruco.DICT_APRILTAG_16h5),
     )
