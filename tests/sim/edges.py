@@ -15,8 +15,9 @@ Array = npt.NDArray[np.float64]
 def corner_errors(image: npt.NDArray[np.uint8], tag: Tag, pose: Pose, view: CameraView) -> Array:
     """Distance of each rendered corner from its exact projection `(4,)` [px].
 
-    Points on each side of the black square are projected exactly; the grey profile across the side gives the offset of the rendered edge by
-    the centroid of its derivative; a line through the offsets, met with its neighbour's, is the rendered corner.
+    Points on each side of the black square are projected exactly; the grey profile across the side gives the offset
+    of the rendered edge by the centroid of its derivative; a line through the offsets, met with its neighbour's, is
+    the rendered corner.
     """
     corners = project(view.camera_points(pose.points(tag.corners)), view.intrinsics)
     lines = []

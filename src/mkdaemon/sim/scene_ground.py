@@ -28,8 +28,8 @@ def ground_texture(kind: GroundKind, seed: int) -> Image32:
     """Reflectance `(2048, 2048)` of 10.24 m x 10.24 m, periodic in both directions.
 
     Args:
-        kind: grass, asphalt, paving tiles, or clutter (tiles strewn with bright and dark rectangles and boards of squares, the things
-            that look like tags and are none).
+        kind: grass, asphalt, paving tiles, or clutter (tiles strewn with bright and dark rectangles and boards of
+            squares, the things that look like tags and are none).
         seed: two seeds give two grounds.
     """
     rng = np.random.default_rng([seed, ("grass", "asphalt", "tiles", "clutter").index(kind)])
@@ -41,7 +41,7 @@ def ground_texture(kind: GroundKind, seed: int) -> Image32:
         ground = _paving(rng)
         if kind == "clutter":
             _strew(ground, rng)
-    return np.clip(ground, 0.02, 0.95).astype(np.float32)
+    return np.asarray(np.clip(ground, 0.02, 0.95), dtype=np.float32)
 
 
 def _cloud(rng: np.random.Generator, slope: float) -> Image32:
@@ -93,7 +93,12 @@ def _strew(ground: Image32, rng: np.random.Generator) -> None:
     for _ in range(260):
         centre = rng.uniform(0, SIDE_TEXELS, 2)
         box = cv2.boxPoints((tuple(centre), tuple(rng.uniform(8, 90, 2)), float(rng.uniform(0, 90))))
-        cv2.fillPoly(ground, [np.rint(box).astype(np.int32)], float(rng.choice([0.05, 0.1, 0.7, 0.85])), cv2.LINE_AA)
+        low = np.clip(box.min(axis=0).astype(int) - 2, 0, SIDE_TEXELS)
+        high = np.clip(box.max(axis=0).astype(int) + 3, 0, SIDE_TEXELS)
+        mask = np.zeros((high - low)[::-1], dtype=np.uint8)
+        cv2.fillPoly(mask, [np.rint((box - low) * 16).astype(np.int32)], 255, cv2.LINE_AA, shift=4)
+        part = ground[low[1] : high[1], low[0] : high[0]]
+        part += mask / np.float32(255) * (np.float32(rng.choice([0.05, 0.1, 0.7, 0.85])) - part)
     for _ in range(60):
         cells = int(rng.integers(4, 9))
         cell = int(rng.integers(2, 8))
@@ -129,7 +134,7 @@ class Ground:
         steepest, flattest = float(down.max()), float(down.min())
         if flattest > 0.4 * steepest:
             return self._sample(view, rays, down, slice(None), slice(None))
-        out = np.empty_like(down)
+        out: Image32 = np.empty_like(down)
         for top in range(0, down.shape[0], TILE_PX):
             for left in range(0, down.shape[1], TILE_PX):
                 rows, columns = slice(top, top + TILE_PX), slice(left, left + TILE_PX)
@@ -138,10 +143,10 @@ class Ground:
 
     def _sample(self, view: CameraView, rays: RayGrid, down: Image32, rows: slice, columns: slice) -> Image32:
         """One window at the texture level that fits its middle."""
-        slope = down[rows, columns]
+        slope: Image32 = down[rows, columns]
         visible = slope > 1e-3
         if not visible.any():
-            return np.full(slope.shape, SKY, dtype=np.float32)
+            return np.full_like(slope, SKY)
         x, y = rays.x[rows, columns], rays.y[rows, columns]
         r, position = view.enu_from_cam, view.position_enu
         reach = np.float32(position[2]) / np.maximum(slope, np.float32(1e-3))
@@ -161,5 +166,5 @@ class Ground:
             maps.append(np.clip(along, -16000, 16000, out=along))
         sampled = cv2.remap(padded, maps[0], maps[1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_WRAP)
         if not visible.all():
-            sampled = np.where(visible, sampled, np.float32(SKY))
+            sampled[~visible] = SKY
         return np.asarray(sampled, dtype=np.float32)

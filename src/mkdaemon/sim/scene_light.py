@@ -56,7 +56,7 @@ class Cover:
 
     Attributes:
         polygon: corners `(n, 2)` [m; target x, y].
-        reflectance: its mean brightness; it carries some texture of its own.
+        reflectance: share of the light it sends back, evenly.
     """
 
     polygon: tuple[tuple[float, float], ...]
@@ -103,7 +103,7 @@ CLEAN = Conditions(vignetting=0.0, noise_sd=0.0, shot_gain=0.0)
 
 
 def shade(image: Image32, shadow: Shadow, rays: RayGrid, plane_from_ray: Array) -> None:
-    """Darken the shadowed side in place; `plane_from_ray` `(3, 3)` carries (x, y, 1) rays to homogeneous plane points [m]."""
+    """Darken the shadowed side in place; `plane_from_ray` `(3, 3)` carries rays to homogeneous plane points."""
     c, s = np.cos(shadow.direction), np.sin(shadow.direction)
     left = np.array([-s, c, s * shadow.point[0] - c * shadow.point[1]])
     a, b, d = (left @ plane_from_ray).astype(np.float32)
@@ -166,11 +166,12 @@ def streak(displacement_px: Array) -> Image32:
         column, row = int(np.floor(x)), int(np.floor(y))
         fx, fy = x - column, y - row
         kernel[row : row + 2, column : column + 2] += np.outer((1 - fy, fy), (1 - fx, fx))
-    return (kernel / kernel.sum()).astype(np.float32)
+    kernel /= kernel.sum()
+    return kernel.astype(np.float32)
 
 
 class Sensor:
-    """Exposure, vignetting, noise and quantisation; noise comes from a seeded pool read at a seeded place each image."""
+    """Exposure, vignetting, noise and quantisation; the noise is a seeded pool, read at a seeded place each image."""
 
     def __init__(self, seed: int) -> None:
         self._rng = np.random.default_rng([seed, 0x5E50])
@@ -201,7 +202,7 @@ class Sensor:
 
 
 def _brightness(shape: tuple[int, ...], conditions: Conditions) -> Image32:
-    """Exposure times vignetting (quartic, as cos^4 falls off) times an exponential gradient around its geometric mean."""
+    """Exposure times vignetting times an exponential gradient around its geometric mean."""
     height, width = shape
     x = (np.arange(width) - (width - 1) / 2)[None, :]
     y = (np.arange(height) - (height - 1) / 2)[:, None]

@@ -18,8 +18,8 @@ class Platform:
     """A level platform that moves and faces along its path.
 
     Attributes:
-        kind: `still`; `straight` at `speed` along `heading`; `circle` of `radius` at `speed`, counter-clockwise; `ramp` from rest at
-            `acceleration` up to `speed`, then straight.
+        kind: `still`; `straight` at `speed` along `heading`; `circle` of `radius` at `speed`, counter-clockwise;
+            `ramp` from rest at `acceleration` up to `speed`, then straight.
         start_enu: where it is at time 0 [m].
         heading: direction of its x axis at time 0, counter-clockwise from east [rad].
         speed: [m/s].

@@ -1,8 +1,8 @@
 """A printed target as flat layers that can be sampled without aliasing and without moving an edge.
 
-A layer is a grid of equal cells. Its texture holds a whole number of texels per cell, so bilinear sampling turns each edge between cells
-into a linear ramp of one texel centred exactly on the edge. Picking the texture whose texel is about one sample wide therefore integrates over
-the sample's area and keeps the edge where it belongs, at any scale.
+A layer is a grid of equal cells. Its texture holds a whole number of texels per cell, so bilinear sampling turns each
+edge between cells into a linear ramp of one texel centred exactly on the edge. Picking the texture whose texel is
+about one sample wide therefore integrates over the sample's area and keeps the edge where it belongs, at any scale.
 """
 
 from __future__ import annotations
@@ -71,7 +71,7 @@ class Layer:
         return float(1.5 * power if 1.5 * power <= wanted and power >= 2 else power)
 
     def texture(self, density: float) -> Image32:
-        """Texture `(h, w, 2)` with `density` texels per cell: reflectance times coverage, and coverage; `PAD` clear texels around."""
+        """Texture `(h, w, 2)`, `density` texels per cell: inked and covered share; `PAD` clear texels around."""
         found = self._textures.get(density)
         if found is None:
             found = self._draw(density)
@@ -110,7 +110,7 @@ def board_layer(image: npt.NDArray[np.uint8], width: float, height: float) -> La
 
 
 def print_target(target: Target, margin: float = 1.0) -> tuple[Layer, ...]:
-    """Every tag of a target from the largest to the smallest, over a sheet with `margin` outer modules of white when it is flat."""
+    """Every tag of a target, largest first; a flat one lies on a sheet `margin` modules wider than its quiet zone."""
     layers = [tag_layer(tag) for tag in target.tags]
     if target.is_planar and np.allclose(target.tags[0].rotation[:, 2], (0.0, 0.0, 1.0)):
         corners = np.concatenate([tag.corners for tag in target.tags])[:, :2]

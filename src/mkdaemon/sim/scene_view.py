@@ -1,7 +1,7 @@
 """Where the camera is while the shutter is open, and what a point in the world becomes in the image.
 
-The projection here is the ground truth of every rendered image: it is written out from the lens equations and shares no code with the
-renderer (which maps pixels to planes) or with the pose estimation under test.
+The projection here is the ground truth of every rendered image: it is written out from the lens equations and shares
+no code with the renderer (which maps pixels to planes) or with the pose estimation under test.
 """
 
 from __future__ import annotations
@@ -100,7 +100,8 @@ def project(points_cam: Array, intrinsics: Intrinsics) -> Array:
 class RayGrid:
     """The direction each pixel looks along, undistorted: `x` and `y` at unit depth, `(height, width)` float32.
 
-    Finer grids for super-sampling are interpolated from one grid with a border of one pixel, so sub-sample centres are exact to 1e-5 px.
+    Finer grids for super-sampling are interpolated from one grid with a border of one pixel, so sub-sample centres
+    are exact to 1e-5 px.
     """
 
     def __init__(self, intrinsics: Intrinsics) -> None:
@@ -166,7 +167,7 @@ def _undistorted(xd: Array, yd: Array, intrinsics: Intrinsics) -> tuple[Array, A
 def view_towards(
     intrinsics: Intrinsics, position_enu: Array, point_enu: Array, *, turn: float = 0.0, time: float = 0.0
 ) -> CameraView:
-    """A camera at `position_enu` looking at `point_enu`, its image upright towards north (or up), turned by `turn` [rad] about its axis."""
+    """A camera at `position_enu` looking at `point_enu`, upright or north up, turned about its axis [rad]."""
     forward = (point_enu - position_enu) / np.linalg.norm(point_enu - position_enu)
     up = np.array([0.0, 0.0, 1.0]) if abs(forward[2]) < 0.99 else np.array([0.0, 1.0, 0.0])
     right = np.cross(forward, up)

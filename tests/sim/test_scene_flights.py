@@ -1,0 +1,79 @@
+"""Flights are repeatable, stay in their envelope, bring every hardship, and keep the target mostly in view."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from mkdaemon.frames import euler_from_rotation
+from mkdaemon.sim.scene import SceneTarget, true_corners
+from mkdaemon.sim.scene_flights import HIGHEST_M, LOWEST_M, attitude_deg, patches, random_flight, side_cut
+from mkdaemon.sim.scene_motion import Platform
+from mkdaemon.vision.intrinsics import Intrinsics
+from mkdaemon.vision.tagmap import single
+
+CAMERA = Intrinsics(width=640, height=480, fx=600, fy=600, cx=319.5, cy=239.5)
+SIZE = 0.3048
+
+
+def test_equal_seeds_give_equal_flights() -> None:
+    first, again, other = (list(random_flight(seed, CAMERA, tag_size=SIZE, duration=2.0)) for seed in (3, 3, 4))
+    assert len(first) == 30
+    for a, b in zip(first, again, strict=True):
+        np.testing.assert_array_equal(a.view.enu_from_cam, b.view.enu_from_cam)
+        assert a.conditions == b.conditions
+    assert not np.allclose(first[5].view.position_enu, other[5].view.position_enu)
+
+
+def test_flights_fill_their_envelope_and_bring_every_hardship() -> None:
+    target = SceneTarget.of(single(SIZE, 48), Platform())
+    heights, in_view, shake, seen = [], 0, [], set()
+    for seed in range(12):
+        frames = list(random_flight(seed, CAMERA, tag_size=SIZE))
+        heights += [frame.view.position_enu[2] for frame in frames]
+        rolls = np.array([euler_from_rotation(frame.enu_from_flu)[0] for frame in frames])
+        shake.append(np.degrees(np.diff(rolls, 2)).std() / np.sqrt(6))
+        for frame in frames:
+            middle = true_corners(target, frame.view)["tag36h11", 48].mean(axis=0)
+            in_view += bool((middle > 0).all() and (middle < (640, 480)).all())
+            conditions = frame.conditions
+            seen |= {name for name in ("covers", "glare", "shadow") if getattr(conditions, name)}
+            seen |= {"blur"} if frame.view.exposure_s > 0.01 else set()
+    assert len(heights) == 1440
+    assert LOWEST_M <= min(heights) < 0.4
+    assert 4.0 < max(heights) <= HIGHEST_M
+    assert in_view / 1440 > 0.95
+    assert np.mean(shake) == pytest.approx(0.7, rel=0.15)
+    assert seen == {"covers", "glare", "shadow", "blur"}
+
+
+def test_velocity_is_the_derivative_of_position() -> None:
+    frames = list(random_flight(1, CAMERA, tag_size=SIZE, rate_hz=100.0, duration=1.0))
+    moved = (frames[51].view.position_enu - frames[49].view.position_enu) * 50.0
+    np.testing.assert_allclose(frames[50].view.velocity_enu, moved, atol=0.01)
+
+
+@pytest.mark.parametrize("side", range(4))
+def test_a_side_cut_hides_its_share(side: int) -> None:
+    grid = np.linspace(-0.5, 0.5, 201) * 2.0
+    x, y = np.meshgrid(grid, grid)
+    polygon = np.array(side_cut(2.0, 0.25, side).polygon)
+    low, high = polygon.min(axis=0), polygon.max(axis=0)
+    hidden = (x >= low[0]) & (x <= high[0]) & (y >= low[1]) & (y <= high[1])
+    assert hidden.mean() == pytest.approx(0.25, abs=0.01)
+    assert np.sign(x[hidden].mean().round(6)) == (1, 0, -1, 0)[side]
+    assert np.sign(y[hidden].mean().round(6)) == (0, 1, 0, -1)[side]
+
+
+def test_patches_have_their_area() -> None:
+    covers = patches(np.random.default_rng(1), 2.0, 0.2)
+    area = 0.0
+    for cover in covers:
+        p = np.array(cover.polygon)
+        area += 0.5 * abs(np.sum(p[:, 0] * np.roll(p[:, 1], -1) - np.roll(p[:, 0], -1) * p[:, 1]))
+    assert area == pytest.approx(0.2 * 4.0)
+
+
+def test_attitude_reads_as_body_angles() -> None:
+    frame = next(iter(random_flight(2, CAMERA, tag_size=SIZE)))
+    assert all(abs(angle) < 25 for angle in attitude_deg(frame.enu_from_flu)[:2])
