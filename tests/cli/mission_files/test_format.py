@@ -98,7 +98,7 @@ BAD = [
     ("a.gpx", '<gpx>\n\n<wpt lat="93" lon="3"/></gpx>', r"a\.gpx:3: latitude_deg is 93\.0: .*less than or equal to 90"),
     ("a.gpx", '<gpx><wpt lat="nan" lon="3"/></gpx>', "latitude_deg is nan"),
     ("a.kml", "<kml><Document/></kml>", "no point and no path"),
-    ("a.kml", "<kml><LineString>\n<coordinates>1,2\n3,x</coordinates></LineString></kml>", r"a\.kml:3: latitude is 'x'"),
+    ("a.kml", "<kml><LineString>\n<coordinates>1,2\n3,x</coordinates></LineString></kml>", r"kml:3: latitude is .x."),
     ("a.kml", "<kml><Placemark><Point><coordinates>1,2,3</coordinates></Point></Placemark></kml>", "--altitude METRES"),
     ("a.csv", "lat,lon\n", r"a\.csv:1: no column is called 'lat'; use latitude_deg"),
     ("a.csv", "latitude_deg,longitude_deg\n", "column 'altitude' is missing"),

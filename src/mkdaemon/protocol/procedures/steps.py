@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Generator
 from dataclasses import dataclass
-from typing import TypeVar
+from typing import Generic, TypeVar
 
 from mkdaemon.errors import RequestTimeoutError
 from mkdaemon.protocol.wire import Board, WireMessage
@@ -64,6 +64,7 @@ Step = Ask | Pause | Progress
 """What a procedure may want."""
 
 _Result = TypeVar("_Result")
+_Answer = TypeVar("_Answer", bound=WireMessage)
 Procedure = Generator[Step, WireMessage | None, _Result]
 """A procedure that returns `_Result`."""
 
@@ -81,53 +82,53 @@ class Patience:
     timeout: float = 0.4
 
 
-def ask(
-    board: Board,
-    message: WireMessage,
-    accepts: Callable[[WireMessage], bool],
-    patience: Patience,
-) -> Procedure[WireMessage | None]:
-    """Send a request until it is answered; None when patience ran out."""
+@dataclass(frozen=True, slots=True)
+class Question(Generic[_Answer]):
+    """A request, and which message answers it.
+
+    Attributes:
+        board: who is asked.
+        message: the request.
+        kinds: classes of the answer, one for each layout.
+        fits: whether a message of these kinds answers this very request.
+        what: the request in words, for messages.
+    """
+
+    board: Board
+    message: WireMessage
+    kinds: tuple[type[_Answer], ...]
+    fits: Callable[[_Answer], bool]
+    what: str
+
+    def accepts(self, message: WireMessage) -> bool:
+        """Whether a message is the answer."""
+        return isinstance(message, self.kinds) and self.fits(message)
+
+
+def ask(question: Question[_Answer], patience: Patience) -> Procedure[_Answer | None]:
+    """Ask until there is an answer; None when patience ran out."""
     for _ in range(patience.attempts):
-        answer = yield Ask(board, message, accepts, patience.timeout)
-        if answer is not None and accepts(answer):
+        answer = yield Ask(question.board, question.message, question.accepts, patience.timeout)
+        if isinstance(answer, question.kinds) and question.fits(answer):
             return answer
     return None
 
 
-def insist(
-    board: Board,
-    message: WireMessage,
-    accepts: Callable[[WireMessage], bool],
-    patience: Patience,
-    what: str,
-) -> Procedure[WireMessage]:
-    """Send a request until it is answered.
-
-    Args:
-        board: who is asked.
-        message: the request.
-        accepts: whether a message answers it.
-        patience: how long to insist.
-        what: the request in words, for the message.
+def insist(question: Question[_Answer], patience: Patience) -> Procedure[_Answer]:
+    """Ask until there is an answer.
 
     Raises:
         RequestTimeoutError: patience ran out.
     """
-    answer = yield from ask(board, message, accepts, patience)
+    answer = yield from ask(question, patience)
     if answer is None:
-        msg = f"{what}: no answer from the {board.word.upper()} in {patience.attempts} attempts; check the line"
+        board = question.board.word.upper()
+        msg = f"{question.what}: no answer from the {board} in {patience.attempts} attempts; check the line"
         raise RequestTimeoutError(msg)
     return answer
 
 
-def insist_twice(
-    board: Board,
-    message: WireMessage,
-    accepts: Callable[[WireMessage], bool],
-    patience: Patience,
-    what: str,
-) -> Procedure[WireMessage]:
+def insist_twice(question: Question[_Answer], patience: Patience) -> Procedure[_Answer]:
     """Ask until two answers in a row say the same.
 
     The checksum has 12 bits: on a bad line about one damaged frame in four thousand passes it, but no two of them
@@ -136,16 +137,11 @@ def insist_twice(
     Raises:
         RequestTimeoutError: patience ran out, or no two answers agreed in five.
     """
-    before = yield from insist(board, message, accepts, patience, what)
+    before = yield from insist(question, patience)
     for _ in range(4):
-        again = yield from insist(board, message, accepts, patience, what)
+        again = yield from insist(question, patience)
         if again == before:
             return again
         before = again
-    msg = f"{what}: the {board.word.upper()} never said the same twice; the line is too bad or the value is changing"
+    msg = f"{question.what}: two answers never agreed; the line is too bad, or the value is changing"
     raise RequestTimeoutError(msg)
-
-
-def is_reply(message: WireMessage, name: str) -> bool:
-    """Whether a message is of this kind, in whatever layout."""
-    return message.spec.name == name

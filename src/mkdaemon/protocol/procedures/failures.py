@@ -1,0 +1,89 @@
+"""How a procedure can fail, besides silence: one table of names, reasons and fixes."""
+
+from __future__ import annotations
+
+from typing import Final, NamedTuple
+
+from mkdaemon.errors import CommandRejectedError
+
+
+class Failure(NamedTuple):
+    """One way to fail; both sentences may name `{words}` that are filled in."""
+
+    reason: str
+    fix: str
+
+
+FAILURES: Final = {
+    "not_cleared": Failure(
+        "the NaviCtrl still holds {count} points after the list was cleared {rounds} times.",
+        "Check that no other program uploads; then repeat.",
+    ),
+    "point_refused": Failure(
+        "the NaviCtrl refused point {number} of {total} (it answered 0 and still holds {count} points).",
+        "Shorten the mission: NaviCtrl 0.24 holds 31 points.",
+    ),
+    "not_verified": Failure(
+        "after {rounds} rounds the NaviCtrl still holds something else at {where}; do not fly this list.",
+        "Improve the line (`mkctl health`), then upload again; `mkctl waypoints clear` empties the list.",
+    ),
+    "list_changing": Failure(
+        "the waypoint list changed while it was read ({before} points, then {after}).",
+        "End the other program that uploads, then repeat.",
+    ),
+    "too_many_points": Failure(
+        "the mission has {count} points and this board holds {limit}.",
+        "Split the mission, or take points out.",
+    ),
+    "point_not_expressible": Failure(
+        "point {number}: {detail}.",
+        "Change the point; docs/waypoints.md shows what each NaviCtrl release can express.",
+    ),
+    "unknown_revision": Failure(
+        "parameter sets of revision {revision} ({size} bytes) are unknown to this version.",
+        "Back them up as raw bytes; they cannot be shown, edited or restored.",
+    ),
+    "revision_differs": Failure(
+        "the file holds revision {wanted} and the FlightCtrl speaks revision {present}.",
+        "Restore to the firmware the backup was made with; nothing was written.",
+    ),
+    "length_differs": Failure(
+        "the file holds {wanted} bytes for a parameter set and the FlightCtrl sends {present}.",
+        "The file is damaged or from another firmware; nothing was written.",
+    ),
+    "live_set_changed": Failure(
+        "the active parameter set {slot} is not what it was before: {where}.",
+        "Do not fly; restore the set from a backup and compare.",
+    ),
+    "live_set_unproven": Failure(
+        "reading stopped ({cause}), and set {slot} could not be made live again for certain.",
+        "Restart the FlightCtrl before flying: it then loads its active set; repeat on a better line.",
+    ),
+    "active_set_moved": Failure(
+        "the FlightCtrl says set {present} is active, and set {wanted} was before.",
+        "Choose the set on the transmitter or restore again; do not fly before.",
+    ),
+    "write_refused": Failure(
+        "the FlightCtrl refused to store set {slot} (it answered 0).",
+        "Stop the motors; check that the set was made for this firmware.",
+    ),
+    "unknown_parameter": Failure(
+        "revision {revision} has no parameter {name!r}.",
+        "Did you mean {near}? `mkctl settings show` lists all.",
+    ),
+    "labels_inconsistent": Failure(
+        "the labels read do not have the checksum the {board} tells ({found:#04x}, not {wanted:#04x}).",
+        "Read them again on a better line.",
+    ),
+}
+"""By token; stable words that scripts may test for."""
+
+
+def fail(token: str, **words: object) -> CommandRejectedError:
+    """Make the failure `token`, its sentences filled in.
+
+    Raises:
+        KeyError: the table has no such failure, or it names a word that is not given.
+    """
+    failure = FAILURES[token]
+    return CommandRejectedError(token, failure.reason.format(**words), failure.fix.format(**words))
