@@ -81,6 +81,7 @@ class _ControlV1(WireMessage):
     reply="B",
     source="WIRE 6, ExternControl_v2",
     firmware="FC 2.10a to 2.12a",
+    since=(2, 10),
     danger=_DANGER,
     any_address=True,
 )
@@ -101,6 +102,7 @@ class ExternControlV2(_ControlV2):
     reply="B",
     source="WIRE 6, ExternControl_v3",
     firmware="FC and NC 2.13 beta and later",
+    since=(2, 13),
     danger=_DANGER,
     any_address=True,
 )

@@ -63,6 +63,7 @@ class OsdRequestV1(WireMessage):
     reply="O",
     source="WIRE 8, OsdRequest_v2",
     firmware="NC 2.14 and later",
+    since=(2, 14),
     recognise=_asks_for_sets,
     any_address=True,
 )

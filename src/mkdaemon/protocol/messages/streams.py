@@ -77,6 +77,7 @@ class DebugDataNc(_Debug):
     reply="C",
     source="WIRE 5, IntervalRequest",
     firmware="FC 0.72o and later, NC",
+    since=(0, 18),
     any_address=True,
 )
 class AttitudeRequest(WireMessage):
