@@ -1,0 +1,182 @@
+"""One direction of the serial link, byte by byte: wire time, radio packets, loss in bursts, drop-outs, USB timer.
+
+Pure: time is an argument, randomness comes from a seed. Bytes never overtake each other.
+"""
+
+from __future__ import annotations
+
+import math
+import random
+from collections import deque
+from typing import Final
+
+from mkdaemon.config.sim_radio import ChannelConfig, RadioKind
+
+BITS_PER_BYTE: Final = 10
+"""8N1: start, eight data, stop."""
+PACKET_BYTES: Final = 100
+"""Largest packet of an XBee 802.15.4 module (XBee product manual, transparent operation)."""
+PACKET_GAP_BYTES: Final = 3
+"""Silence in characters that makes the module send what it has (the same, parameter RO)."""
+USB_PACKET_BYTES: Final = 62
+"""Payload that makes a full-speed serial adapter deliver before its timer (FTDI AN232B-04)."""
+
+
+class Channel:
+    """Carries bytes one way.
+
+    Attributes:
+        is_cut: nothing gets in while true (a pulled plug, a fault).
+        bytes_in: accepted from the sender.
+        bytes_out: handed to the receiver.
+        bytes_lost: cut or lost on the air.
+        packets: radio packets sent.
+        packets_lost: of these, lost.
+    """
+
+    def __init__(self, cfg: ChannelConfig, seed: int | str) -> None:
+        """Start with an idle line.
+
+        Args:
+            cfg: the figures.
+            seed: of this direction alone.
+        """
+        self._byte_s = BITS_PER_BYTE / cfg.baud
+        self._is_radio = cfg.kind is RadioKind.XBEE
+        self._latency_min = cfg.latency_min
+        self._span = cfg.latency_max - cfg.latency_min
+        self._scale = _exponential_scale(cfg.latency_mean - cfg.latency_min, self._span)
+        self._leave_burst = 1.0 / cfg.mean_burst
+        self._enter_burst = self._leave_burst * cfg.loss / (1.0 - cfg.loss)
+        self._rng = random.Random(f"{seed} radio")
+        self._in_burst = self._rng.random() < cfg.loss
+        self._outage_rng = random.Random(f"{seed} outage")
+        self._outage_gap = 60.0 / cfg.outages_per_minute if cfg.outages_per_minute else math.inf
+        self._outage_mean = cfg.outage_duration
+        self._outage = self._draw_outage(0.0)
+        self._usb_timer = cfg.usb_timer
+        self._usb_last = -self._rng.uniform(0.0, cfg.usb_timer)
+        self._usb_due = math.inf
+        self._usb = bytearray()
+        self._packet = bytearray()
+        self._packet_last = 0.0
+        self._packet_closes = math.inf
+        self._busy_until = -math.inf
+        self._out_until = -math.inf
+        self._arrivals: deque[tuple[float, bytes]] = deque()
+        self.is_cut = False
+        self.bytes_in = self.bytes_out = self.bytes_lost = self.packets = self.packets_lost = 0
+
+    @property
+    def next_time(self) -> float:
+        """When `poll` next has something to do [s]; infinity when the channel is empty."""
+        head = self._arrivals[0][0] if self._arrivals else math.inf
+        return min(head, self._usb_due, self._packet_closes)
+
+    def push(self, data: bytes, now: float) -> None:
+        """Start sending at `now` [s], or as soon as the line is free."""
+        self.bytes_in += len(data)
+        at = max(now, self._busy_until)
+        for value in data:
+            at += self._byte_s
+            if self.is_cut or self._is_out(at):
+                self.bytes_lost += 1
+            elif self._is_radio:
+                self._enter_packet(value, at)
+            else:
+                self._arrive(value, at)
+        self._busy_until = at
+
+    def poll(self, now: float) -> list[tuple[float, bytes]]:
+        """Return what has arrived by `now` [s], oldest first: the time of the last bit, and the bytes."""
+        if self._packet_closes <= now:
+            self._close_packet(self._packet_closes)
+        if self._usb_due <= now:
+            self._flush_usb(self._usb_due)
+        arrived = []
+        while self._arrivals and self._arrivals[0][0] <= now:
+            item = self._arrivals.popleft()
+            self.bytes_out += len(item[1])
+            arrived.append(item)
+        return arrived
+
+    def _enter_packet(self, value: int, at: float) -> None:
+        if at - self._byte_s > self._packet_closes:
+            self._close_packet(self._packet_closes)
+        self._packet.append(value)
+        self._packet_last = at
+        self._packet_closes = at + PACKET_GAP_BYTES * self._byte_s
+        if len(self._packet) >= PACKET_BYTES:
+            self._close_packet(at)
+
+    def _close_packet(self, at: float) -> None:
+        """Send the packet over the air, or lose it."""
+        data = bytes(self._packet)
+        last = self._packet_last
+        self._packet.clear()
+        self._packet_closes = math.inf
+        rng = self._rng
+        self.packets += 1
+        self._in_burst = rng.random() >= self._leave_burst if self._in_burst else rng.random() < self._enter_burst
+        latency = self._latency_min + self._draw_excess()
+        if self._in_burst:
+            self.packets_lost += 1
+            self.bytes_lost += len(data)
+            return
+        leaves = max(last + latency, at, self._out_until)
+        for value in data:
+            leaves += self._byte_s
+            self._arrive(value, leaves)
+        self._out_until = leaves
+
+    def _draw_excess(self) -> float:
+        """Latency above the minimum: exponential, cut off at the span, by inversion [s]."""
+        reach = 1.0 - math.exp(-self._span / self._scale)
+        return -self._scale * math.log(1.0 - self._rng.random() * reach)
+
+    def _arrive(self, value: int, at: float) -> None:
+        """Take a byte at the receiving end."""
+        if not self._usb_timer:
+            self._arrivals.append((at, bytes((value,))))
+            return
+        if at > self._usb_due:
+            self._flush_usb(self._usb_due)
+        if not self._usb:
+            # the adapter's timer runs on its own: a byte waits for its next expiry
+            ticks = math.ceil((at - self._usb_last) / self._usb_timer)
+            self._usb_due = self._usb_last + ticks * self._usb_timer
+        self._usb.append(value)
+        if len(self._usb) >= USB_PACKET_BYTES:
+            self._flush_usb(at)
+
+    def _flush_usb(self, at: float) -> None:
+        if self._usb:
+            self._arrivals.append((at, bytes(self._usb)))
+            self._usb.clear()
+        self._usb_last = at
+        self._usb_due = math.inf
+
+    def _is_out(self, at: float) -> bool:
+        """Say whether a random drop-out covers `at` [s]."""
+        while at >= self._outage[1]:
+            self._outage = self._draw_outage(self._outage[1])
+        return at >= self._outage[0]
+
+    def _draw_outage(self, after: float) -> tuple[float, float]:
+        if math.isinf(self._outage_gap):
+            return math.inf, math.inf
+        begins = after + self._outage_rng.expovariate(1.0 / self._outage_gap)
+        return begins, begins + self._outage_rng.expovariate(1.0 / self._outage_mean)
+
+
+def _exponential_scale(mean: float, span: float) -> float:
+    """Return the scale of an exponential cut off at `span` whose mean is `mean`, below half of `span` [s]."""
+    low, high = mean, 100.0 * span
+    for _ in range(80):
+        scale = 0.5 * (low + high)
+        tail = math.exp(-span / scale)
+        if scale - span * tail / (1.0 - tail) < mean:
+            low = scale
+        else:
+            high = scale
+    return 0.5 * (low + high)
