@@ -6,7 +6,7 @@ import importlib.util
 import math
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import cv2
 import numpy as np
@@ -18,11 +18,17 @@ from mkdaemon.vision.cellread import quiet_sides
 from mkdaemon.vision.detection import Detection, Search, Stage
 from mkdaemon.vision.tagfamily import find_family
 
+if TYPE_CHECKING:
+    from pyapriltags import Detector as LibDetector
+
 Grey = npt.NDArray[np.uint8]
 
 
 LADDER: tuple[Stage, ...] = ("decimate2", "decimate1", "log")
 """Cheapest first: 5, 18 and 6.5 ms on VGA."""
+
+SMALL_TAG_PX = 46.0
+"""Below this side both corner sets of a thorough search are averaged [px]."""
 
 LOST_WITHOUT_APRILTAG = (
     "pyapriltags is not installed: tags are searched with cv2.aruco, which loses range (4 m instead of 10 m for a"
@@ -30,10 +36,14 @@ LOST_WITHOUT_APRILTAG = (
     " tags; install mkdaemon with its pyapriltags wheel"
 )
 
-_LOG_LUT: Grey = (
-    np.round(100 + 14 * (np.log10(np.arange(256) + 4.0) - np.log10(64.0)) * 1.0).clip(0, 255).astype(np.uint8)
-)
+_LOG_LUT: Grey = np.round(100 + 14 * (np.log10(np.arange(256) + 4.0) - np.log10(64.0))).clip(0, 255).astype(np.uint8)
 """Compresses bright and dark halves of a shadow to equal steps; 14 levels a decade merge texture below a real edge."""
+
+
+def _lib_detector(families: tuple[str, ...], decimate: float, *, refine: bool) -> LibDetector:
+    from pyapriltags import Detector as LibDetector
+
+    return LibDetector(families=" ".join(families), nthreads=1, quad_decimate=decimate, refine_edges=int(refine))
 
 
 class AprilTagSearch:
@@ -43,17 +53,41 @@ class AprilTagSearch:
     """
 
     def __init__(self, families: tuple[str, ...]) -> None:
-        from pyapriltags import Detector as LibDetector
-
-        self._lib = {
-            decimate: LibDetector(families=" ".join(families), nthreads=1, quad_decimate=decimate)
-            for decimate in (1.0, 2.0)
-        }
+        self._lib = {decimate: _lib_detector(families, decimate, refine=True) for decimate in (1.0, 2.0)}
+        self._families = families
+        self._unrefined: LibDetector | None = None
 
     def find(self, pixels: Grey, stage: Stage) -> list[Detection]:
         """All codes libapriltag sees, in our corner order and pixel convention."""
-        image = cv2.LUT(pixels, _LOG_LUT) if stage == "log" else np.ascontiguousarray(pixels)
-        found = self._lib[2.0 if stage == "decimate2" else 1.0].detect(image)
+        image = np.asarray(cv2.LUT(pixels, _LOG_LUT) if stage == "log" else pixels, dtype=np.uint8, order="C")
+        found = self._read(self._lib[2.0 if stage == "decimate2" else 1.0], image, stage)
+        return self._merge(found, image) if stage == "thorough" else found
+
+    def _merge(self, refined: list[Detection], image: Grey) -> list[Detection]:
+        """Search again without `refine_edges`, which drags some tiny quads off their tag.
+
+        Up to 46 px a side the mean of both corner sets is nearer to the truth than either: rms 0.12 instead of 0.15 and
+        0.18 px on 18 px tags of rendered images.
+        """
+        if self._unrefined is None:
+            self._unrefined = _lib_detector(self._families, 1.0, refine=False)
+        merged = list(refined)
+        for found in self._read(self._unrefined, image, "thorough"):
+            middle = found.corners.mean(axis=0)
+            twins = [
+                k
+                for k, other in enumerate(merged)
+                if other.tag_id == found.tag_id and np.abs(other.corners.mean(axis=0) - middle).max() < 4.0
+            ]
+            if not twins:
+                merged.append(found)
+            elif found.side_px < SMALL_TAG_PX:
+                twin = merged[twins[0]]
+                merged[twins[0]] = replace(twin, corners=(twin.corners + found.corners) / 2)
+        return merged
+
+    @staticmethod
+    def _read(lib: LibDetector, image: Grey, stage: Stage) -> list[Detection]:
         return [
             Detection(
                 family=item.tag_family.decode(),
@@ -64,7 +98,7 @@ class AprilTagSearch:
                 corners=item.corners[[3, 2, 1, 0]] - 0.5,
                 stage=stage,
             )
-            for item in found
+            for item in lib.detect(image)
         ]
 
 
@@ -123,7 +157,7 @@ class Detector:
                 best[key] = moved
         return list(best.values())
 
-    def search_all(self, pixels: Grey, stage: Stage = "decimate1") -> list[Detection]:
+    def search_all(self, pixels: Grey, stage: Stage = "thorough") -> list[Detection]:
         """Every accepted tag of one search, also several with the same code."""
         frame = (0, 0, pixels.shape[1], pixels.shape[0])
         return [found for found in self._search.find(pixels, stage) if self._accepts(pixels, found, frame)]
