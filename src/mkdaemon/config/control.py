@@ -12,15 +12,15 @@ from mkdaemon.config.base import Section
 class LimiterConfig(Section):
     """Bounds of every stick command, whoever asks. Stick counts are the receiver's, full deflection about 125."""
 
-    max_pitch: float = Field(default=60.0, ge=0, le=127)
+    max_pitch: int = Field(default=60, ge=0, le=127)
     """Largest pitch command [stick]."""
-    max_roll: float = Field(default=60.0, ge=0, le=127)
+    max_roll: int = Field(default=60, ge=0, le=127)
     """Largest roll command [stick]."""
-    max_yaw: float = Field(default=60.0, ge=0, le=127)
+    max_yaw: int = Field(default=60, ge=0, le=127)
     """Largest yaw command [stick]."""
-    min_throttle: float = Field(default=-100.0, ge=-127, le=127)
+    min_throttle: int = Field(default=-100, ge=-127, le=127)
     """Smallest throttle command [stick from the centre]."""
-    max_throttle: float = Field(default=80.0, ge=-127, le=127)
+    max_throttle: int = Field(default=80, ge=-127, le=127)
     """Largest throttle command [stick from the centre]."""
     slew: float = Field(default=600.0, gt=0, le=20_000)
     """Fastest change of pitch, roll and yaw [stick/s]."""

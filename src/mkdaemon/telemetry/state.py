@@ -34,7 +34,7 @@ class Attitude(Stamped):
     pitch: float
     """Nose down positive [rad]."""
     yaw: float
-    """Counter-clockwise from east, seen from above, in (-pi, pi] [rad]."""
+    """Counter-clockwise from magnetic east, seen from above, in (-pi, pi] [rad]."""
 
 
 class Position(Stamped):
@@ -44,8 +44,8 @@ class Position(Stamped):
     """WGS-84 [deg]."""
     longitude: float
     """WGS-84 [deg]."""
-    altitude: float
-    """By GPS, as the receiver gives it [m]."""
+    altitude: float | None
+    """By GPS, as the receiver gives it [m]; null where this message does not carry it."""
     altitude_above_start: float | None
     """By barometer, above the point of calibration [m]."""
     position_enu: Vector3 | None
@@ -94,14 +94,14 @@ class GpsFix(StrEnum):
 class Gps(Stamped):
     """Reception: `state/gps`."""
 
-    satellites: int
-    """Used for the solution."""
+    satellites: int | None
+    """Used for the solution; null where this message does not say."""
     fix: GpsFix
     """Whether the current position is valid."""
     is_usable: bool
     """The board's own judgement (GPS_OK): good enough to hold position."""
-    is_home_set: bool
-    """Whether a home position is stored."""
+    is_home_set: bool | None
+    """Whether a home position is stored; null where this message does not say."""
 
 
 class GpsMode(StrEnum):
@@ -142,16 +142,16 @@ class Flight(Stamped):
     """Of the NaviCtrl; 0 for none."""
     error: str
     """The same in words."""
-    flying_time: float
+    flying_time: float | None
     """Since motors started [s]."""
-    waypoint_index: int
+    waypoint_index: int | None
     """Waypoint on the way to, from 1; 0 for none."""
-    waypoint_count: int
+    waypoint_count: int | None
     """Waypoints stored."""
     target_distance: float | None
     """To the target the NaviCtrl flies to [m]."""
     altitude_setpoint: float | None
-    """Of altitude control, above start [m]."""
+    """Of altitude control, above start [m]; null while it is off or not reported."""
 
 
 class Pilot(Stamped):

@@ -1,0 +1,6 @@
+"""The only place that knows both sides: wire messages in firmware units, and values in SI."""
+
+from mkdaemon.translate.control import extern_control
+from mkdaemon.translate.state import StateTranslator
+
+__all__ = ["StateTranslator", "extern_control"]

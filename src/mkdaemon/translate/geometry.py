@@ -1,0 +1,80 @@
+"""Angles and positions of the boards, in ENU and FLU."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from mkdaemon.frames import (
+    enu_from_geodetic,
+    quaternion_from_rotation,
+    rotation_from_euler,
+    yaw_enu_from_heading,
+)
+from mkdaemon.telemetry.state import Attitude, Position
+from mkdaemon.translate.stamp import Stamp
+
+
+@dataclass(frozen=True, slots=True)
+class Home:
+    """Where the aircraft started [deg; WGS-84]."""
+
+    latitude: float
+    longitude: float
+
+
+def attitude(stamp: Stamp, *, roll: float, pitch: float, heading: float) -> Attitude:
+    """Make an attitude.
+
+    Args:
+        stamp: when and from where.
+        roll: right side down positive [rad; FLU].
+        pitch: nose down positive [rad; FLU].
+        heading: clockwise from magnetic north [rad].
+    """
+    yaw = yaw_enu_from_heading(heading)
+    quaternion = quaternion_from_rotation(rotation_from_euler(roll, pitch, yaw))
+    return Attitude(**stamp._asdict(), quaternion=quaternion, roll=roll, pitch=pitch, yaw=yaw)
+
+
+def position(
+    stamp: Stamp,
+    *,
+    latitude: float,
+    longitude: float,
+    altitude: float | None,
+    above_start: float,
+    home: Home | None,
+    home_distance: float | None,
+) -> Position:
+    """Make a position; east and north of home by GPS, up by the barometer, which is the better of the two.
+
+    Args:
+        stamp: when and from where.
+        latitude: [deg].
+        longitude: [deg].
+        altitude: by GPS [m].
+        above_start: by barometer [m].
+        home: where it started, if known.
+        home_distance: as the board says it [m].
+    """
+    position_enu = None
+    if home is not None:
+        east, north, _ = enu_from_geodetic(
+            math.radians(latitude),
+            math.radians(longitude),
+            0.0,
+            (math.radians(home.latitude), math.radians(home.longitude), 0.0),
+        )
+        position_enu = (east, north, above_start)
+    return Position(
+        **stamp._asdict(),
+        latitude=latitude,
+        longitude=longitude,
+        altitude=altitude,
+        altitude_above_start=above_start,
+        position_enu=position_enu,
+        home_latitude=None if home is None else home.latitude,
+        home_longitude=None if home is None else home.longitude,
+        home_distance=home_distance,
+    )

@@ -1,0 +1,148 @@
+"""NaviData (3, 4, 5): one message, the whole aircraft."""
+
+from __future__ import annotations
+
+import math
+
+from mkdaemon.frames import yaw_enu_from_heading
+from mkdaemon.protocol.errorcodes import ErrorCode, describe_error
+from mkdaemon.protocol.flags import FlightStatus, FlightStatus2, NaviStatus, PositionStatus
+from mkdaemon.protocol.messages import OsdData4, OsdData5
+from mkdaemon.telemetry.state import Battery, Flight, Gps, GpsFix, GpsMode, Pilot, Position, Velocity
+from mkdaemon.translate.geometry import Home, position
+from mkdaemon.translate.stamp import Stamp, State
+
+RC_FULL = 200.0
+"""Receiver quality that counts as full; WIRE 7, channel 10."""
+RC_ENOUGH = 100.0
+"""Below this the FlightCtrl goes into emergency; WIRE 6.2."""
+
+_MODES = {
+    NaviStatus.FREE: GpsMode.FREE,
+    NaviStatus.POSITION_HOLD: GpsMode.HOLD,
+    NaviStatus.COMING_HOME: GpsMode.COME_HOME,
+}
+
+
+def gps_mode(flags: NaviStatus) -> GpsMode:
+    """What the GPS switch says."""
+    return next((mode for flag, mode in _MODES.items() if flags & flag), GpsMode.UNKNOWN)
+
+
+def error_text(code: ErrorCode) -> str:
+    """An error in words; empty for none."""
+    return describe_error(code) if code else ""
+
+
+def pilot(stamp: Stamp, quality: float, *, sticks: tuple[float, float, float] | None, throttle: float | None) -> Pilot:
+    """What reaches the aircraft from the pilot; quality in the board's 0..200."""
+    return Pilot(
+        **stamp._asdict(),
+        rc_quality=min(quality / RC_FULL, 1.0),
+        has_signal=quality >= RC_ENOUGH,
+        throttle=throttle,
+        sticks=sticks,
+    )
+
+
+def from_osd(osd: OsdData4 | OsdData5, stamp: Stamp) -> list[State]:
+    """Everything an OSD frame says, attitude aside (that one has a degree's resolution here)."""
+    states: list[State] = [
+        ("state/battery", _battery(osd, stamp)),
+        ("state/gps", _gps(osd, stamp)),
+        ("state/flight", _flight(osd, stamp)),
+        ("state/pilot", pilot(stamp, float(osd.rc_quality), sticks=None, throttle=None)),
+    ]
+    if osd.position_status != PositionStatus.INVALID:
+        states.append(("state/position", _position(osd, stamp)))
+        states.append(("state/velocity", _velocity(osd, stamp)))
+    return states
+
+
+def _home(osd: OsdData4 | OsdData5) -> Home | None:
+    if osd.home_status == PositionStatus.INVALID:
+        return None
+    return Home(osd.si("home_latitude"), osd.si("home_longitude"))
+
+
+def _position(osd: OsdData4 | OsdData5, stamp: Stamp) -> Position:
+    home = _home(osd)
+    return position(
+        stamp,
+        latitude=osd.si("position_latitude"),
+        longitude=osd.si("position_longitude"),
+        altitude=osd.si("position_altitude"),
+        above_start=osd.si("altimeter"),
+        home=home,
+        home_distance=None if home is None else osd.si("home_distance"),
+    )
+
+
+def _velocity(osd: OsdData4 | OsdData5, stamp: Stamp) -> Velocity:
+    speed, climb = osd.si("ground_speed"), osd.si("vertical_speed")
+    course = yaw_enu_from_heading(osd.si("course"))
+    return Velocity(
+        **stamp._asdict(),
+        velocity_enu=(speed * math.cos(course), speed * math.sin(course), climb),
+        ground_speed=speed,
+        course=course,
+        climb_rate=climb,
+    )
+
+
+def _battery(osd: OsdData4 | OsdData5, stamp: Stamp) -> Battery:
+    return Battery(
+        **stamp._asdict(),
+        voltage=osd.si("battery"),
+        current=osd.si("current"),
+        used_mah=float(osd.used_capacity),
+        is_low=bool(osd.fc_flags & FlightStatus.LOW_BATTERY),
+    )
+
+
+def _gps(osd: OsdData4 | OsdData5, stamp: Stamp) -> Gps:
+    return Gps(
+        **stamp._asdict(),
+        satellites=osd.satellites,
+        fix=GpsFix.NONE if osd.position_status == PositionStatus.INVALID else GpsFix.VALID,
+        is_usable=bool(osd.nc_flags & NaviStatus.GPS_OK),
+        is_home_set=osd.home_status != PositionStatus.INVALID,
+    )
+
+
+def _flight(osd: OsdData4 | OsdData5, stamp: Stamp) -> Flight:
+    first, navi = osd.fc_flags, osd.nc_flags
+    second = osd.fc_flags_2 if isinstance(osd, OsdData5) else None
+
+    def extra(flag: FlightStatus2) -> bool | None:
+        return None if second is None else bool(second & flag)
+
+    has_target = osd.target_status != PositionStatus.INVALID
+    return Flight(
+        **stamp._asdict(),
+        # The first six bits mean the same in both generations of the flags.
+        motors_running=bool(first & FlightStatus.MOTORS_RUNNING),
+        is_flying=bool(first & FlightStatus.FLYING),
+        is_calibrating=bool(first & FlightStatus.CALIBRATING),
+        is_starting=bool(first & FlightStatus.STARTING),
+        emergency_landing=bool(first & FlightStatus.EMERGENCY_LANDING),
+        battery_low=bool(first & FlightStatus.LOW_BATTERY),
+        care_free=extra(FlightStatus2.CARE_FREE),
+        altitude_control=extra(FlightStatus2.ALTITUDE_CONTROL),
+        rc_failsafe=extra(FlightStatus2.RC_FAILSAFE),
+        waiting_for_takeoff=extra(FlightStatus2.WAITING_FOR_TAKEOFF),
+        auto_starting=extra(FlightStatus2.AUTO_STARTING),
+        auto_landing=extra(FlightStatus2.AUTO_LANDING),
+        gps_mode=gps_mode(navi),
+        manual_control=bool(navi & NaviStatus.MANUAL_CONTROL),
+        range_limit=bool(navi & NaviStatus.RANGE_LIMIT),
+        target_reached=bool(navi & NaviStatus.TARGET_REACHED),
+        serial_link_lost=bool(navi & NaviStatus.NO_SERIAL_LINK),
+        error_code=int(osd.error_code),
+        error=error_text(osd.error_code),
+        flying_time=osd.si("flying_time"),
+        waypoint_index=osd.waypoint_index,
+        waypoint_count=osd.waypoint_count,
+        target_distance=osd.si("target_distance") if has_target else None,
+        altitude_setpoint=osd.si("altitude_setpoint"),
+    )

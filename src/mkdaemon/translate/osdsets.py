@@ -1,0 +1,115 @@
+"""The data sets 10..16 of newer NaviCtrls: each says a part, and only when it changed."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from mkdaemon.protocol.flags import NaviStatus, OsdStatus, OsdStatus2
+from mkdaemon.protocol.messages.osdsets import OsdDeviation, OsdFlags, OsdHome, OsdTarget, OsdVolatile, OsdWaypoint
+from mkdaemon.protocol.wire import WireMessage
+from mkdaemon.telemetry.state import Battery, Flight, Gps, GpsFix, Position
+from mkdaemon.translate.geometry import Home, attitude, position
+from mkdaemon.translate.osd import error_text, gps_mode, pilot
+from mkdaemon.translate.stamp import Stamp, State
+
+
+@dataclass(slots=True)
+class SetTranslator:
+    """Remembers what one set says and another needs."""
+
+    home: Home | None = None
+    heading: float | None = None
+    deviation: OsdDeviation | None = None
+    waypoint: OsdWaypoint | None = None
+    altitude_setpoint: float | None = None
+
+    def states(self, message: WireMessage, stamp: Stamp) -> list[State]:
+        """What one data set says."""
+        states: list[State] = []
+        if message.latitude or message.longitude:  # type: ignore[attr-defined]  # every set has the same head
+            states.append(("state/position", self._position(message, stamp)))
+        match message:
+            case OsdFlags():
+                states.append(("state/flight", self._flight(message, stamp)))
+                states.append(("state/gps", self._gps(message, stamp)))
+            case OsdTarget():
+                states.append(("state/pilot", pilot(stamp, float(message.rc_quality), sticks=None, throttle=None)))
+            case OsdHome():
+                self.home = Home(message.si("home_latitude"), message.si("home_longitude"))
+            case OsdDeviation():
+                self.deviation = message
+            case OsdWaypoint():
+                self.waypoint = message
+            case OsdVolatile():
+                self.heading = message.si("heading")
+                self.altitude_setpoint = message.si("altitude_setpoint")
+                states.append(("state/battery", _battery(message, stamp)))
+        return states
+
+    def attitude(self, message: WireMessage, stamp: Stamp) -> State | None:
+        """Attitude of a degree's resolution, once the heading is known from another set."""
+        if not isinstance(message, OsdDeviation) or self.heading is None:
+            return None
+        coarse = attitude(stamp, roll=message.si("roll"), pitch=message.si("pitch"), heading=self.heading)
+        return "state/attitude", coarse
+
+    def _position(self, message: WireMessage, stamp: Stamp) -> Position:
+        return position(
+            stamp,
+            latitude=message.si("latitude"),
+            longitude=message.si("longitude"),
+            altitude=None,
+            above_start=message.si("altimeter"),
+            home=self.home,
+            home_distance=None if self.deviation is None else self.deviation.si("home_distance"),
+        )
+
+    def _gps(self, flags: OsdFlags, stamp: Stamp) -> Gps:
+        usable = bool(flags.nc_flags & NaviStatus.GPS_OK)
+        return Gps(
+            **stamp._asdict(),
+            satellites=None if self.deviation is None else self.deviation.satellites,
+            fix=GpsFix.VALID if flags.latitude or flags.longitude else GpsFix.NONE,
+            is_usable=usable,
+            is_home_set=None if self.home is None else True,
+        )
+
+    def _flight(self, flags: OsdFlags, stamp: Stamp) -> Flight:
+        first, second, navi = flags.status, flags.status_2, flags.nc_flags
+        return Flight(
+            **stamp._asdict(),
+            motors_running=bool(second & OsdStatus2.MOTORS_RUNNING),
+            is_flying=bool(second & OsdStatus2.FLYING),
+            is_calibrating=bool(first & OsdStatus.CALIBRATING),
+            is_starting=bool(second & OsdStatus2.STARTING),
+            emergency_landing=bool(second & OsdStatus2.EMERGENCY_LANDING),
+            battery_low=bool(first & OsdStatus.LOW_BATTERY),
+            care_free=bool(first & OsdStatus.CARE_FREE),
+            altitude_control=bool(first & OsdStatus.ALTITUDE_CONTROL),
+            rc_failsafe=bool(second & OsdStatus2.RC_FAILSAFE),
+            waiting_for_takeoff=bool(second & OsdStatus2.WAITING_FOR_TAKEOFF),
+            auto_starting=bool(second & OsdStatus2.AUTO_STARTING),
+            auto_landing=bool(second & OsdStatus2.AUTO_LANDING),
+            gps_mode=gps_mode(navi),
+            manual_control=bool(navi & NaviStatus.MANUAL_CONTROL),
+            range_limit=bool(navi & NaviStatus.RANGE_LIMIT),
+            target_reached=bool(navi & NaviStatus.TARGET_REACHED),
+            serial_link_lost=bool(navi & NaviStatus.NO_SERIAL_LINK),
+            error_code=int(flags.error_code),
+            error=error_text(flags.error_code),
+            flying_time=None if self.deviation is None else self.deviation.si("flying_time"),
+            waypoint_index=None if self.waypoint is None else self.waypoint.waypoint_index,
+            waypoint_count=None if self.waypoint is None else self.waypoint.waypoint_count,
+            target_distance=None if self.deviation is None else self.deviation.si("target_distance"),
+            altitude_setpoint=self.altitude_setpoint,
+        )
+
+
+def _battery(message: OsdVolatile, stamp: Stamp) -> Battery:
+    return Battery(
+        **stamp._asdict(),
+        voltage=message.si("battery"),
+        current=message.si("current"),
+        used_mah=float(message.used_capacity),
+        is_low=bool(message.status & OsdStatus.LOW_BATTERY),
+    )

@@ -1,0 +1,91 @@
+"""Wire messages to the aircraft's state in SI units."""
+
+from __future__ import annotations
+
+from mkdaemon.protocol.messages import (
+    AttitudeDataFc210,
+    AttitudeDataFcOld,
+    AttitudeDataNc,
+    AttitudeDataNcSticks,
+    DebugDataFc,
+    OsdData4,
+    OsdData5,
+)
+from mkdaemon.protocol.wire import WireMessage
+from mkdaemon.telemetry.state import Battery
+from mkdaemon.translate.geometry import attitude
+from mkdaemon.translate.osd import from_osd, pilot
+from mkdaemon.translate.osdsets import SetTranslator
+from mkdaemon.translate.stamp import Stamp, State
+
+COARSE_AFTER = 0.5
+"""Attitude of a degree's resolution (OSD) is published once the attitude stream is this old [s]."""
+
+# Debug channels of a FlightCtrl; WIRE 7, "FC analog channels" (2.12a).
+_CHANNEL_VOLTAGE, _CHANNEL_RECEIVER, _CHANNEL_CURRENT, _CHANNEL_CAPACITY = 9, 10, 22, 23
+
+
+class StateTranslator:
+    """Translates one aircraft's messages; remembers only what one message says and another needs."""
+
+    def __init__(self) -> None:
+        self._fine_attitude_at = float("-inf")
+        self._sets = SetTranslator()
+
+    def states(self, board: str, message: WireMessage, t_monotonic: float, t_wall: float) -> list[State]:
+        """Return what a message says about the aircraft, keys without `mk/<vehicle>/`; often nothing.
+
+        Args:
+            board: who sent it, as in keys.
+            message: decoded.
+            t_monotonic: arrival [s; monotonic].
+            t_wall: arrival [s; Unix time].
+        """
+        stamp = Stamp(t_monotonic, t_wall, f"{board}/{message.spec.key}")
+        match message:
+            case AttitudeDataFc210() | AttitudeDataFcOld() | AttitudeDataNc() | AttitudeDataNcSticks():
+                self._fine_attitude_at = t_monotonic
+                return _from_attitude(message, stamp)
+            case OsdData4() | OsdData5():
+                states = from_osd(message, stamp)
+                if self._wants_coarse(t_monotonic):
+                    states.append(_coarse_attitude(message, stamp))
+                return states
+            case DebugDataFc() if board == "fc":
+                return _from_debug(message, stamp)
+            case _ if message.spec.id == "O":
+                states = self._sets.states(message, stamp)
+                coarse = self._sets.attitude(message, stamp)
+                if coarse is not None and self._wants_coarse(t_monotonic):
+                    states.append(coarse)
+                return states
+        return []
+
+    def _wants_coarse(self, now: float) -> bool:
+        return now - self._fine_attitude_at > COARSE_AFTER
+
+
+def _coarse_attitude(osd: OsdData4 | OsdData5, stamp: Stamp) -> State:
+    value = attitude(stamp, roll=osd.si("roll"), pitch=osd.si("pitch"), heading=osd.si("heading"))
+    return "state/attitude", value
+
+
+def _from_attitude(message: WireMessage, stamp: Stamp) -> list[State]:
+    value = attitude(stamp, roll=message.si("roll"), pitch=message.si("pitch"), heading=message.si("heading"))
+    return [("state/attitude", value)]
+
+
+def _from_debug(debug: DebugDataFc, stamp: Stamp) -> list[State]:
+    """Battery and receiver where no NaviCtrl tells them."""
+    channels = debug.analog
+    battery = Battery(
+        **stamp._asdict(),
+        voltage=channels[_CHANNEL_VOLTAGE] / 10,
+        current=channels[_CHANNEL_CURRENT] / 10,
+        used_mah=float(channels[_CHANNEL_CAPACITY]),
+        is_low=None,
+    )
+    return [
+        ("state/battery", battery),
+        ("state/pilot", pilot(stamp, float(channels[_CHANNEL_RECEIVER]), sticks=None, throttle=None)),
+    ]
