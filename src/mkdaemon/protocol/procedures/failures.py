@@ -39,6 +39,10 @@ FAILURES: Final = {
         "point {number}: {detail}.",
         "Change the point; docs/waypoints.md shows what each NaviCtrl release can express.",
     ),
+    "unknown_navictrl": Failure(
+        "the points of NaviCtrl {release} are not documented.",
+        "Nothing was sent; docs/protocol.md lists the releases this version knows.",
+    ),
     "unknown_revision": Failure(
         "parameter sets of revision {revision} ({size} bytes) are unknown to this version.",
         "Back them up as raw bytes; they cannot be shown, edited or restored.",

@@ -37,7 +37,7 @@ def read_version(board: Board, patience: Patience) -> Procedure[Version]:
     Raises:
         RequestTimeoutError: no answer.
     """
-    question = Question[Version](board, VersionRequest(), get_args(Version), lambda _: True, "version")
+    question: Question[Version] = Question(board, VersionRequest(), get_args(Version), lambda _: True, "version")
     return (yield from insist(question, patience))
 
 

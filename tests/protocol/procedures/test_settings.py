@@ -1,0 +1,185 @@
+from __future__ import annotations
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from mkdaemon.errors import CommandRejectedError, MkError, RequestTimeoutError
+from mkdaemon.protocol.messages import Settings, SettingsRequest, WriteSettings
+from mkdaemon.protocol.procedures import Patience
+from mkdaemon.protocol.procedures.settings import backup_settings, differing, restore_settings
+from mkdaemon.protocol.wire import WireMessage
+
+from .talk import FlightCtrl, Reply, drive, losing
+
+PATIENCE = Patience(attempts=4)
+
+
+def test_backup_reads_all_and_leaves_the_active_set_live() -> None:
+    board = FlightCtrl(active=3)
+    backup = drive(backup_settings(PATIENCE), board)
+    assert (backup.active, list(backup.sets)) == (3, [1, 2, 3, 4, 5])
+    assert all(backup.sets[slot] == board.sets[slot] + b"\0" for slot in board.sets)
+    assert board.live == board.sets[3]
+
+
+@given(st.lists(st.sampled_from(["ok", "request", "reply"]), max_size=80), st.integers(1, 5))
+def test_backup_is_right_or_raises_and_the_live_set_stays(fates: list[str], active: int) -> None:
+    board = FlightCtrl(active=active)
+    live, sets = board.live, dict(board.sets)
+    try:
+        backup = drive(backup_settings(PATIENCE), losing(board, iter(fates)))
+    except CommandRejectedError as error:
+        assert error.token == "live_set_unproven"
+    except RequestTimeoutError:
+        assert board.live == live
+    else:
+        assert board.live == live
+        assert {slot: raw[:-1] for slot, raw in backup.sets.items()} == sets
+    assert (board.sets, board.active) == (sets, active)
+
+
+def test_a_set_that_cannot_be_read_still_leaves_the_active_one_live() -> None:
+    board = FlightCtrl(active=2)
+
+    def talk(request: WireMessage) -> Reply:
+        reply = board(request)
+        return None if isinstance(request, SettingsRequest) and request.index == 4 else reply
+
+    with pytest.raises(RequestTimeoutError, match="read set 4: no answer"):
+        drive(backup_settings(PATIENCE), talk)
+    assert board.live == board.sets[2]
+
+
+def test_a_board_that_falls_silent_says_that_the_live_set_is_unproven() -> None:
+    board, asked = FlightCtrl(active=2), list[WireMessage]()
+
+    def talk(request: WireMessage) -> Reply:
+        asked.append(request)
+        return board(request) if len(asked) < 8 else None
+
+    with pytest.raises(CommandRejectedError, match=r"set 2 could not be made live again for certain\. Restart the Fl"):
+        drive(backup_settings(PATIENCE), talk)
+
+
+def test_a_live_set_that_changed_is_named_by_byte() -> None:
+    board = FlightCtrl(active=1)
+
+    def talk(request: WireMessage) -> Reply:
+        reply = board(request)
+        if isinstance(request, SettingsRequest) and request.index == 5:
+            board.sets[1] = board.sets[1][:40] + b"\x01\x02" + board.sets[1][42:]
+        return reply
+
+    with pytest.raises(CommandRejectedError, match=r"live_set_changed.*byte 40, byte 41"):
+        drive(backup_settings(PATIENCE), talk)
+
+
+def test_a_moved_active_set_is_named() -> None:
+    board = FlightCtrl(active=1)
+
+    def talk(request: WireMessage) -> Reply:
+        if isinstance(request, SettingsRequest) and request.index == 5:
+            board.active = 4
+        return board(request)
+
+    with pytest.raises(CommandRejectedError, match="says set 4 is active, and set 1 was before"):
+        drive(backup_settings(PATIENCE), talk)
+
+
+def changed(raw: bytes, at: int = 10) -> bytes:
+    return raw[:at] + bytes([raw[at] ^ 0x55]) + raw[at + 1 :]
+
+
+def test_restore_writes_only_what_differs_and_keeps_the_active_set() -> None:
+    board = FlightCtrl(active=3)
+    wanted = {1: changed(board.sets[1]), 2: board.sets[2]}
+    done = drive(restore_settings(wanted, PATIENCE), board)
+    assert done.written == (1, 3)
+    assert board.sets[1] == wanted[1]
+    assert (board.active, board.live) == (3, board.sets[3])
+    assert differing(wanted[1], done.stored[1]) == ()
+    assert differing(wanted[1], done.before[1]) == (10,)
+
+
+def test_nothing_to_restore_writes_nothing() -> None:
+    board = FlightCtrl(active=3)
+    assert drive(restore_settings(dict(board.sets), PATIENCE), board).written == ()
+    assert board.live == board.sets[3]
+
+
+def test_dry_run_writes_nothing() -> None:
+    board = FlightCtrl(active=3)
+    before = dict(board.sets)
+    done = drive(restore_settings({3: changed(board.sets[3])}, PATIENCE, dry_run=True), board)
+    assert (done.written, board.sets, board.live) == ((), before, before[3])
+
+
+def test_what_the_board_changed_is_told_not_hidden() -> None:
+    board = FlightCtrl(active=3)
+    board.rule = lambda raw: raw[:20] + bytes([min(raw[20], 7)]) + raw[21:]
+    wanted = board.sets[3][:20] + b"\x63" + board.sets[3][21:]
+    done = drive(restore_settings({3: wanted}, PATIENCE), board)
+    assert differing(wanted, done.stored[3]) == (20,)
+    assert (wanted[20], done.stored[3][20]) == (0x63, 7)
+
+
+def test_wrong_revision_and_length_write_nothing() -> None:
+    board = FlightCtrl()
+    before = dict(board.sets)
+    with pytest.raises(CommandRejectedError, match="holds revision 95 and the FlightCtrl speaks revision 106"):
+        drive(restore_settings({1: b"\x5f" + bytes(143)}, PATIENCE), board)
+    with pytest.raises(CommandRejectedError, match="holds 140 bytes for a parameter set and the FlightCtrl sends 145"):
+        drive(restore_settings({1: b"\x6a" + bytes(139)}, PATIENCE), board)
+    assert board.sets == before
+
+
+def test_running_motors_refuse_and_nothing_changes() -> None:
+    board = FlightCtrl(active=2)
+    before = dict(board.sets)
+    board.motors_running = True
+    with pytest.raises(CommandRejectedError, match=r"write_refused.*Stop the motors"):
+        drive(restore_settings({1: changed(before[1])}, PATIENCE), board)
+    assert (board.sets, board.live, board.active) == (before, before[2], 2)
+
+
+def test_a_failed_restore_puts_the_active_set_back() -> None:
+    board = FlightCtrl(active=2)
+    before = dict(board.sets)
+
+    def talk(request: WireMessage) -> Reply:
+        if isinstance(request, WriteSettings) and request.index == 4:
+            return None
+        return board(request)
+
+    with pytest.raises(RequestTimeoutError, match="write set 4: no answer"):
+        drive(restore_settings({1: changed(before[1]), 4: changed(before[4])}, PATIENCE), talk)
+    assert (board.active, board.live) == (2, before[2])
+
+
+@given(st.lists(st.sampled_from(["ok", "request", "reply"]), max_size=60))
+def test_restore_is_right_or_raises(fates: list[str]) -> None:
+    board = FlightCtrl(active=3)
+    wanted = {1: changed(board.sets[1]), 3: changed(board.sets[3])}
+    try:
+        done = drive(restore_settings(wanted, PATIENCE), losing(board, iter(fates)))
+    except MkError:
+        return
+    assert {slot: board.sets[slot] for slot in wanted} == wanted
+    assert (board.active, board.live) == (3, wanted[3])
+    assert set(done.written) == {1, 3}
+
+
+def test_a_damaged_reading_is_not_believed() -> None:
+    """A reading that passed the checksum by accident does not come twice."""
+    board, damaged = FlightCtrl(active=3), []
+
+    def talk(request: WireMessage) -> Reply:
+        reply = board(request)
+        if isinstance(reply, Settings) and reply.index == 5 and not damaged:
+            damaged.append(True)
+            return Settings(index=5, parameters=changed(reply.parameters, 30))
+        return reply
+
+    backup = drive(backup_settings(PATIENCE), talk)
+    assert backup.sets[5][:-1] == board.sets[5]

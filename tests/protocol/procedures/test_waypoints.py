@@ -1,0 +1,251 @@
+from __future__ import annotations
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from mkdaemon.errors import CommandRejectedError, MkError, RequestTimeoutError
+from mkdaemon.protocol.framing import encode_frame
+from mkdaemon.protocol.generations import Release
+from mkdaemon.protocol.messages import WaypointWritten, WriteWaypoint024
+from mkdaemon.protocol.mission import Mission, MissionPoint, PointKind
+from mkdaemon.protocol.procedures import Patience
+from mkdaemon.protocol.procedures.points import from_points, point_format, to_points
+from mkdaemon.protocol.procedures.steps import Progress, Step
+from mkdaemon.protocol.procedures.waypoints import (
+    clear_message,
+    clear_points,
+    content_hash,
+    download_points,
+    upload_points,
+    verify_points,
+)
+from mkdaemon.protocol.wire import WireMessage
+
+from .talk import NaviCtrl, Reply, drive, losing
+
+FORM = point_format(Release(0, 24))
+PATIENCE = Patience(attempts=4)
+
+
+def route(count: int) -> tuple[WireMessage, ...]:
+    points = [
+        MissionPoint(latitude_deg=53.07 + n / 1e4, longitude_deg=8.79 - n / 1e4, altitude=10 + n, hold=n % 7)
+        for n in range(count)
+    ]
+    return to_points(Mission(points=tuple(points)), FORM)
+
+
+def test_upload_of_31_points_is_read_back() -> None:
+    board, heard = NaviCtrl(), list[Step]()
+    points = route(31)
+    done = drive(upload_points(points, PATIENCE), board, heard)
+    assert board.points == [point.encode() for point in points]
+    assert (done.count, done.rounds, done.writes, done.digest) == (31, 1, 31, content_hash(points))
+    progress = [step for step in heard if isinstance(step, Progress)]
+    assert progress[-1] == Progress(62, 62, "verified")
+    assert [step.done for step in progress] == sorted(step.done for step in progress)
+
+
+@given(st.data(), st.integers(1, 6))
+def test_an_upload_is_right_or_raises_whatever_is_lost(data: st.DataObject, count: int) -> None:
+    board, points = NaviCtrl(), route(count)
+    fates = data.draw(st.lists(st.sampled_from(["ok", "request", "reply"]), max_size=60))
+    try:
+        done = drive(upload_points(points, PATIENCE), losing(board, iter(fates)))
+    except MkError:
+        return
+    assert done.count == count
+    assert board.points == [point.encode() for point in points]
+
+
+@given(st.data())
+def test_damage_that_passes_the_checksum_is_caught_by_reading_back(data: st.DataObject) -> None:
+    """Some writes arrive with another index, other contents, or as "clear"."""
+    board, points = NaviCtrl(), route(4)
+    fates = iter(data.draw(st.lists(st.sampled_from(["ok", "index", "contents", "status", "clear"]), max_size=30)))
+
+    def talk(request: WireMessage) -> Reply:
+        fate = next(fates, "ok")
+        if not isinstance(request, WriteWaypoint024) or fate == "ok":
+            return board(request)
+        if fate == "clear":
+            return board(clear_message(WriteWaypoint024))
+        raw = bytearray(request.encode())
+        raw[{"index": 18, "contents": 3, "status": 12}[fate]] ^= 2
+        return board(WriteWaypoint024.decode(bytes(raw)))
+
+    try:
+        drive(upload_points(points, PATIENCE), talk)
+    except CommandRejectedError as error:
+        assert error.token in ("not_verified", "point_refused", "not_cleared")
+        return
+    except RequestTimeoutError:
+        return
+    assert board.points == [point.encode() for point in points]
+
+
+def test_refused_points_are_told_from_a_cleared_list() -> None:
+    with pytest.raises(CommandRejectedError, match=r"refused point 4 of 5 \(it answered 0 and still holds 3 points\)"):
+        drive(upload_points(route(5), PATIENCE), NaviCtrl(limit=3))
+
+
+def test_a_late_answer_to_clear_is_not_a_refusal() -> None:
+    board = NaviCtrl()
+    late = iter([None, WaypointWritten(index=0)])
+
+    def talk(request: WireMessage) -> Reply:
+        reply = board(request)
+        if isinstance(request, WriteWaypoint024) and request.index == 1:
+            return next(late, None) or reply
+        return reply
+
+    drive(upload_points(route(3), PATIENCE), talk)
+    assert len(board.points) == 3
+
+
+def test_a_list_cleared_half_way_is_written_again() -> None:
+    board, fired = NaviCtrl(), []
+
+    def talk(request: WireMessage) -> Reply:
+        if isinstance(request, WriteWaypoint024) and request.index == 3 and not fired:
+            fired.append(True)
+            board.points.clear()
+        return board(request)
+
+    done = drive(upload_points(route(5), PATIENCE), talk)
+    assert (len(board.points), done.rounds) == (5, 2)
+
+
+def test_a_point_too_many_makes_the_upload_start_over() -> None:
+    board, fired = NaviCtrl(), []
+
+    def talk(request: WireMessage) -> Reply:
+        reply = board(request)
+        if isinstance(request, WriteWaypoint024) and request.index == 2 and not fired:
+            fired.append(True)
+            board.points.append(board.points[-1])
+        return reply
+
+    points = route(2)
+    done = drive(upload_points(points, PATIENCE), talk)
+    assert (board.points, done.rounds) == ([point.encode() for point in points], 2)
+
+
+def test_silence_names_the_step() -> None:
+    with pytest.raises(RequestTimeoutError, match="write waypoint 0: no answer from the NC in 4 attempts"):
+        drive(upload_points(route(2), PATIENCE), lambda _: None)
+
+
+def test_a_list_that_will_not_clear() -> None:
+    board = NaviCtrl()
+    board.points = [point.encode() for point in route(2)]
+
+    def talk(request: WireMessage) -> Reply:
+        return WaypointWritten(index=0) if isinstance(request, WriteWaypoint024) else board(request)
+
+    with pytest.raises(CommandRejectedError, match="still holds 2 points"):
+        drive(clear_points(WriteWaypoint024, PATIENCE), talk)
+
+
+def test_a_board_that_keeps_something_else_is_named() -> None:
+    board = NaviCtrl()
+
+    def talk(request: WireMessage) -> Reply:
+        reply = board(request)
+        if isinstance(request, WriteWaypoint024) and request.index == 2:
+            board.points[1] = board.points[1][:15] + b"\x09" + board.points[1][16:]
+        return reply
+
+    with pytest.raises(CommandRejectedError, match=r"not_verified.*at point 2; do not fly"):
+        drive(upload_points(route(3), PATIENCE), talk)
+
+
+def test_verify_names_point_and_field() -> None:
+    board, points = NaviCtrl(), route(3)
+    drive(upload_points(points, PATIENCE), board)
+    assert drive(verify_points(points, PATIENCE), board) == ()
+    changed = bytearray(board.points[1])
+    changed[16] = 99
+    board.points[1] = bytes(changed)
+    board.points.pop()
+    found = drive(verify_points(points, PATIENCE), board)
+    assert [str(difference) for difference in found] == [
+        "point 2: hold_time is 99, not 1",
+        "point 3 is absent",
+    ]
+    assert str(drive(verify_points(points[:1], PATIENCE), board)[-1]) == "point 2 is one too many"
+
+
+def test_a_point_flown_to_is_still_the_same() -> None:
+    board, points = NaviCtrl(), route(1)
+    drive(upload_points(points, PATIENCE), board)
+    board.points[0] = board.points[0][:12] + b"\x02" + board.points[0][13:]
+    assert drive(verify_points(points, PATIENCE), board) == ()
+    assert content_hash([WriteWaypoint024.decode(board.points[0])]) == content_hash(points)
+
+
+def test_download_is_the_mission() -> None:
+    board = NaviCtrl()
+    mission = Mission(
+        points=(
+            MissionPoint(latitude_deg=1.5, longitude_deg=-2.25, altitude=0.5, kind=PointKind.POI),
+            MissionPoint(latitude_deg=-33.5, longitude_deg=70.1234567, altitude=12.3, poi=1, event=100, climb=2.5),
+            MissionPoint(latitude_deg=-33.5, longitude_deg=70.1, altitude=12.3, heading_deg=270),
+        )
+    )
+    drive(upload_points(to_points(mission, FORM), PATIENCE), board)
+    assert from_points(drive(download_points(FORM.kind, PATIENCE), board), FORM) == mission
+
+
+def test_download_notices_a_changing_list() -> None:
+    board = NaviCtrl()
+    drive(upload_points(route(2), PATIENCE), board)
+    asked: list[WireMessage] = []
+
+    def talk(request: WireMessage) -> Reply:
+        asked.append(request)
+        if len(asked) == 5:
+            board.points.pop()
+        return board(request)
+
+    with pytest.raises(MkError, match=r"list_changing|never agreed|no answer"):
+        drive(download_points(FORM.kind, PATIENCE), talk)
+
+
+def test_clear_message_is_the_documented_frame() -> None:
+    # Vector "waypoint list clear".
+    wanted = b"#cw=========================Ly=============hM\r"
+    assert encode_frame(2, "w", clear_message(WriteWaypoint024).encode()) == wanted
+
+
+@pytest.mark.parametrize(
+    ("release", "point", "message"),
+    [
+        (Release(0, 24), {"speed": 3.0}, "NaviCtrl 0.24a points carry no speed, the mission says 3.0"),
+        (Release(0, 30), {"photo_distance": 5}, "points carry no photo_distance"),
+        (Release(0, 30), {"kind": PointKind.FAILSAFE}, r"knows no failsafe points \(since 2\.00\)"),
+        (Release(2, 14), {"kind": PointKind.LAND}, r"knows no land points \(since 2\.16\)"),
+    ],
+)
+def test_what_a_release_cannot_express_is_refused(release: Release, point: dict[str, object], message: str) -> None:
+    mission = Mission(
+        points=(MissionPoint.model_validate({"latitude_deg": 1, "longitude_deg": 2, "altitude": 3} | point),)
+    )
+    with pytest.raises(CommandRejectedError, match=message):
+        to_points(mission, point_format(release))
+
+
+def test_limits_and_units_follow_the_release() -> None:
+    mission = Mission(points=(MissionPoint(latitude_deg=1, longitude_deg=2, altitude=3, kind=PointKind.POI),) * 32)
+    with pytest.raises(CommandRejectedError, match="32 points and this board holds 31"):
+        to_points(mission, FORM)
+    assert to_points(mission, point_format(Release(2, 0)))[0].model_dump()["altitude"] == 30
+    assert to_points(Mission(points=mission.points[:1]), FORM)[0].model_dump()["altitude"] == 300
+    with pytest.raises(CommandRejectedError, match=r"NaviCtrl 9\.00a are not documented"):
+        point_format(Release(9, 0))
+
+
+def test_an_invalid_stored_point_is_named() -> None:
+    with pytest.raises(CommandRejectedError, match="point 1: the board holds an invalid one"):
+        from_points([clear_message(WriteWaypoint024)], FORM)
