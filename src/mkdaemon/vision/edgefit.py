@@ -30,7 +30,7 @@ MAX_SAMPLES = 320
 STEP_PX = 0.5
 MIN_CELL_PX = 2.2
 """Cells smaller than this along the normal blur into their neighbours [px]."""
-CORRELATION = 2.0
+CORRELATION = 1.0
 """Variance factor for neighbouring samples that share pixels; chosen so that NEES is 1 on development images."""
 SYSTEMATIC_PX = 0.01
 """Interpolation error of a located edge that does not average out [px]."""
@@ -222,17 +222,17 @@ def _robust_step(
 ) -> tuple[Array, Array, Array]:
     """Three rounds of Tukey-weighted least squares: step `(6,)`, weights `(n,)` and normal matrix `(6, 6)`."""
     step: Array = np.zeros(6)
-    weights = good.astype(np.float64)
+    weights: Array = good.astype(np.float64)
     normal = np.eye(6)
     for _ in range(3):
         residual = offsets - jacobian @ step
         spread = max(1.4826 * float(np.median(np.abs(residual[good]))), least_scale)
         inside = good & (np.abs(residual) < TUKEY * spread)
-        weights = np.where(inside, (1.0 - (residual / (TUKEY * spread)) ** 2) ** 2, 0.0)
+        weights[:] = np.where(inside, (1.0 - (residual / (TUKEY * spread)) ** 2) ** 2, 0.0)
         weighted = jacobian * weights[:, None]
         normal = weighted.T @ jacobian
         damping = 1e-9 * np.diag(np.diag(normal)) + 1e-12 * np.eye(6)
-        step = np.linalg.solve(normal + damping, weighted.T @ offsets)
+        step[:] = np.linalg.solve(normal + damping, weighted.T @ offsets)
     return step, weights, normal
 
 
