@@ -91,7 +91,7 @@ class FlightCtrl:
         if isinstance(request, SettingsRequest):
             index = self.active if request.index == 255 else request.index
             self.live = self.sets[index]
-            return Settings(index=index, parameters=self.live + b"\0")
+            return Settings(index=index, parameters=self.live + bytes(2))
         if isinstance(request, WriteSettings):
             if self.motors_running or request.parameters[0] != 106:
                 return SettingsWritten(index=0)

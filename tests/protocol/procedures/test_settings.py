@@ -19,7 +19,7 @@ def test_backup_reads_all_and_leaves_the_active_set_live() -> None:
     board = FlightCtrl(active=3)
     backup = drive(backup_settings(PATIENCE), board)
     assert (backup.active, list(backup.sets)) == (3, [1, 2, 3, 4, 5])
-    assert all(backup.sets[slot] == board.sets[slot] + b"\0" for slot in board.sets)
+    assert all(backup.sets[slot] == board.sets[slot] + bytes(2) for slot in board.sets)
     assert board.live == board.sets[3]
 
 
@@ -35,7 +35,7 @@ def test_backup_is_right_or_raises_and_the_live_set_stays(fates: list[str], acti
         assert board.live == live
     else:
         assert board.live == live
-        assert {slot: raw[:-1] for slot, raw in backup.sets.items()} == sets
+        assert {slot: raw[:144] for slot, raw in backup.sets.items()} == sets
     assert (board.sets, board.active) == (sets, active)
 
 
@@ -129,7 +129,7 @@ def test_wrong_revision_and_length_write_nothing() -> None:
     before = dict(board.sets)
     with pytest.raises(CommandRejectedError, match="holds revision 95 and the FlightCtrl speaks revision 106"):
         drive(restore_settings({1: b"\x5f" + bytes(143)}, PATIENCE), board)
-    with pytest.raises(CommandRejectedError, match="holds 140 bytes for a parameter set and the FlightCtrl sends 145"):
+    with pytest.raises(CommandRejectedError, match="holds 140 bytes for a parameter set and the FlightCtrl sends 146"):
         drive(restore_settings({1: b"\x6a" + bytes(139)}, PATIENCE), board)
     assert board.sets == before
 
@@ -182,4 +182,4 @@ def test_a_damaged_reading_is_not_believed() -> None:
         return reply
 
     backup = drive(backup_settings(PATIENCE), talk)
-    assert backup.sets[5][:-1] == board.sets[5]
+    assert backup.sets[5][:144] == board.sets[5]
