@@ -1,0 +1,66 @@
+"""Configuration of cameras: where images come from, how the camera sits on the vehicle, what is published."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from mkdaemon.config.base import Section
+
+CameraName = Annotated[str, Field(pattern=r"^[a-z0-9][a-z0-9_-]{0,31}$")]
+
+
+class MountSection(Section):
+    """How a camera sits on the vehicle."""
+
+    position_flu: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """Optical centre in the body frame: forward, left, up [m]."""
+    looks: Literal["down", "forward", "back", "left", "right", "up"] = "down"
+    """Direction of view before `rpy_deg`. Top of the image: to the nose for `down`, to the tail for `up`, else up."""
+    rpy_deg: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """Small turn from that direction about body forward, left, up, in the order yaw, pitch, roll [deg]."""
+
+
+class CameraSection(Section):
+    """One camera of the vehicle: `[[cameras]]`."""
+
+    name: CameraName = "down"
+    """Name on the bus, `vision/<name>/...`."""
+    source: str = Field(min_length=1)
+    """`/dev/video0` or `v4l2:PATH`, `rtsp://...`, `gstreamer:PIPELINE`, `file:CLIP`, `folder:DIR`, `zenoh:KEY`."""
+    calibration: Path | None = None
+    """Camera file of `mkctl calibrate camera`; without one tags are published, poses never."""
+    targets: tuple[Path, ...] = ()
+    """Target files this camera looks for."""
+    mount: MountSection | None = None
+    """How it sits on the vehicle; unset takes the mount of the camera file."""
+    width: int | None = Field(default=None, gt=0, le=8192)
+    """Wanted width [px]; unset takes the calibration's, or the driver's choice."""
+    height: int | None = Field(default=None, gt=0, le=8192)
+    """Wanted height [px]."""
+    fps: float | None = Field(default=None, gt=0, le=1000)
+    """Wanted rate [Hz]."""
+    exposure_ms: Literal["auto"] | Annotated[float, Field(gt=0, le=1000)] | None = None
+    """Shutter time [ms]; `auto` lets the camera choose; unset leaves the driver as it is."""
+    gain: float | None = Field(default=None, ge=0)
+    """Gain in the driver's own unit; unset leaves it."""
+    latency_ms: float = Field(default=0.0, ge=0, le=2000)
+    """From the middle of the exposure to the stamp, subtracted from every stamp [ms]; measure it once."""
+    loop: bool = False
+    """Play a file or folder again and again."""
+    paced: bool = True
+    """Play a file or folder at its own rate; otherwise as fast as images are taken."""
+    silent_after_s: float = Field(default=1.0, gt=0, le=60)
+    """Without an image for this long the camera counts as silent [s]."""
+    reopen_min_s: float = Field(default=0.2, gt=0, le=10)
+    """First delay before a lost camera is opened again [s]."""
+    reopen_max_s: float = Field(default=5.0, gt=0, le=60)
+    """Longest delay between two attempts [s]."""
+    jpeg_hz: float = Field(default=0.0, ge=0, le=60)
+    """Images published on the bus a second, at most; 0 publishes none."""
+    jpeg_quality: int = Field(default=60, ge=1, le=100)
+    """Quality of published images."""
+    jpeg_width: int = Field(default=640, gt=0, le=8192)
+    """Published images are scaled down to this width [px]."""

@@ -1,0 +1,102 @@
+"""Images to bytes and back; what comes from outside is checked and never raises."""
+
+from __future__ import annotations
+
+import math
+from functools import cache
+from pathlib import Path
+
+import cv2
+import msgpack
+import numpy as np
+import numpy.typing as npt
+from pydantic import ValidationError
+
+from mkdaemon.telemetry.image import CameraFrame
+
+Grey = npt.NDArray[np.uint8]
+
+MAX_PIXELS = 64_000_000
+
+
+@cache
+def boot_id() -> str:
+    """Name of this machine's monotonic clock since boot; empty where the system does not tell."""
+    try:
+        return Path("/proc/sys/kernel/random/boot_id").read_text(encoding="ascii").strip()
+    except OSError:
+        return ""
+
+
+def pack(frame: CameraFrame) -> bytes:
+    """Put a frame on the wire: a msgpack map of its fields, as every value on the bus."""
+    packed: bytes = msgpack.packb(dict(frame))
+    return packed
+
+
+def unpack(payload: bytes) -> tuple[CameraFrame, Grey] | str:
+    """Read a frame from outside.
+
+    Returns:
+        The frame and its pixels `(height, width)` uint8, or one sentence that says what is wrong with it.
+    """
+    try:
+        frame = CameraFrame.model_validate(msgpack.unpackb(payload, raw=False))
+    except ValidationError as error:
+        first = error.errors(include_url=False, include_input=False)[0]
+        return f"not an image: {'.'.join(map(str, first['loc'])) or 'payload'}: {first['msg']}"
+    except (ValueError, msgpack.exceptions.UnpackException, TypeError) as error:
+        return f"not an image: not msgpack ({type(error).__name__})"
+    if not math.isfinite(frame.captured_wall) or frame.width * frame.height > MAX_PIXELS:
+        return "not an image: impossible size or time"
+    if frame.coding == "gray8":
+        if len(frame.pixels) != frame.width * frame.height:
+            return f"image of {frame.width}x{frame.height} has {len(frame.pixels)} bytes"
+        return frame, np.frombuffer(frame.pixels, dtype=np.uint8).reshape(frame.height, frame.width)
+    pixels = decode_picture(frame.pixels)
+    if pixels is None:
+        return f"the {frame.coding} inside cannot be decoded"
+    if pixels.shape != (frame.height, frame.width):
+        return f"header says {frame.width}x{frame.height}, the picture is {pixels.shape[1]}x{pixels.shape[0]}"
+    return frame, pixels
+
+
+def decode_picture(content: bytes) -> Grey | None:
+    """Decode a JPEG, PNG or any other picture to grey `(h, w)` uint8; None when it is none."""
+    if not content:
+        return None
+    try:
+        pixels = cv2.imdecode(np.frombuffer(content, dtype=np.uint8), cv2.IMREAD_GRAYSCALE)
+    except cv2.error:
+        return None
+    return None if pixels is None else np.asarray(pixels, dtype=np.uint8)
+
+
+def encode_jpeg(pixels: Grey, quality: int, max_width: int) -> tuple[bytes, int, int]:
+    """Compress for viewing, scaled down to at most `max_width`; returns bytes, width, height."""
+    height, width = pixels.shape
+    if width > max_width:
+        size = (max_width, max(round(height * max_width / width), 1))
+        pixels = np.asarray(cv2.resize(pixels, size, interpolation=cv2.INTER_AREA), dtype=np.uint8)
+    _, coded = cv2.imencode(".jpg", pixels, [cv2.IMWRITE_JPEG_QUALITY, quality])
+    return coded.tobytes(), pixels.shape[1], pixels.shape[0]
+
+
+def to_grey(image: npt.NDArray[np.generic]) -> Grey | None:
+    """Any picture OpenCV captures to grey `(h, w)` uint8; None for something that is no picture."""
+    if image.size == 0 or image.ndim not in (2, 3):
+        return None
+    if image.dtype == np.uint16:
+        image = (image.astype(np.uint16) >> 8).astype(np.uint8)
+    if image.dtype != np.uint8:
+        return None
+    pixels = np.asarray(image, dtype=np.uint8)
+    if pixels.ndim == 3:
+        if pixels.shape[2] == 1:
+            pixels = pixels[:, :, 0]
+        elif pixels.shape[2] in (3, 4):
+            code = cv2.COLOR_BGR2GRAY if pixels.shape[2] == 3 else cv2.COLOR_BGRA2GRAY
+            pixels = np.asarray(cv2.cvtColor(pixels, code), dtype=np.uint8)
+        else:
+            return None
+    return np.ascontiguousarray(pixels)

@@ -1,0 +1,45 @@
+"""The only queue in the image path: one place, the newest wins."""
+
+from __future__ import annotations
+
+import threading
+from typing import Generic, TypeVar
+
+T = TypeVar("T")
+
+
+class NewestSlot(Generic[T]):
+    """Hands the newest value from one thread to another; an older one nobody took is dropped and counted."""
+
+    def __init__(self) -> None:
+        self._changed = threading.Condition()
+        self._value: T | None = None
+        self._closed = False
+        self.dropped = 0
+
+    def put(self, value: T) -> None:
+        """Replace whatever is there."""
+        with self._changed:
+            if self._value is not None:
+                self.dropped += 1
+            self._value = value
+            self._changed.notify()
+
+    def take(self, timeout: float) -> T | None:
+        """Wait up to `timeout` [s] for a value and empty the slot; None when there is none or the slot is closed."""
+        with self._changed:
+            self._changed.wait_for(lambda: self._value is not None or self._closed, timeout)
+            value, self._value = self._value, None
+            self._changed.notify_all()
+            return value
+
+    def wait_taken(self, timeout: float) -> bool:
+        """Wait until the slot is empty: for sources that must not outrun their reader."""
+        with self._changed:
+            return self._changed.wait_for(lambda: self._value is None or self._closed, timeout)
+
+    def close(self) -> None:
+        """Wake whoever waits; later values are never seen."""
+        with self._changed:
+            self._closed = True
+            self._changed.notify_all()

@@ -1,0 +1,282 @@
+"""A camera's life: streaming, unplugged and back, silent, at its end; stamps; what each source gives."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+import zenoh
+
+from mkdaemon.config.camera import CameraSection
+from mkdaemon.errors import ConfigError, VisionError
+from mkdaemon.telemetry.image import CameraFrame
+from mkdaemon.vision.camera import CameraStream, StreamState, StreamStatus, retry_delays
+from mkdaemon.vision.camera_files import list_pictures
+from mkdaemon.vision.camera_sources import source_of
+from mkdaemon.vision.image import CameraImage
+from mkdaemon.vision.imagecodec import boot_id, encode_jpeg, pack
+from mkdaemon.vision.shot import EndOfImages, Shot
+from mkdaemon.vision.slot import NewestSlot
+from mkdaemon.vision.stamping import StampClock
+
+PATIENCE = 10.0
+
+
+def picture(grey: int = 100) -> np.ndarray:
+    return np.full((48, 64), grey, dtype=np.uint8)
+
+
+class Scripted:
+    """A camera that does what the script says: an image, nothing, unplugged, at its end."""
+
+    live = True
+
+    def __init__(self, script: list[str]) -> None:
+        self.script: Iterator[str] = iter(script)
+        self.opened = 0
+        self.missing = False
+        self.drained = threading.Event()
+
+    def open(self) -> tuple[str, ...]:
+        self.opened += 1
+        if self.missing:
+            self.missing = False
+            raise VisionError("camera test: /dev/video7 is not there: plug it in")
+        return ("gain=3: the driver has 1",)
+
+    def read(self, timeout: float) -> Shot | None:
+        step = next(self.script, "")
+        if step == "image":
+            return Shot(picture(), time.monotonic(), None)
+        if step == "unplug":
+            self.missing = True
+            raise VisionError("camera test: /dev/video7 gives no more images")
+        if step == "end":
+            raise EndOfImages
+        self.drained.set()
+        threading.Event().wait(timeout)
+        return None
+
+    def close(self) -> None:
+        pass
+
+
+def run(source: Scripted, **options: object) -> tuple[CameraStream, NewestSlot[CameraImage]]:
+    cfg = CameraSection.model_validate(
+        {"name": "test", "source": "scripted", "reopen_min_s": 0.01, "reopen_max_s": 0.02, **options}
+    )
+    slot: NewestSlot[CameraImage] = NewestSlot()
+    stream = CameraStream(cfg, source, slot)
+    stream.start()
+    return stream, slot
+
+
+def until(stream: CameraStream, wanted: Callable[[StreamStatus], bool]) -> StreamStatus:
+    deadline = time.monotonic() + PATIENCE
+    while not wanted(stream.status()):
+        assert time.monotonic() < deadline, stream.status()
+        threading.Event().wait(0.005)
+    return stream.status()
+
+
+def test_an_unplugged_camera_is_named_and_comes_back() -> None:
+    source = Scripted(["image", "image", "unplug", "image"])
+    stream, slot = run(source)
+    assert source.drained.wait(PATIENCE)
+    status = until(stream, lambda s: s.images == 3)
+    assert status.state is StreamState.STREAMING
+    assert status.refused == ("gain=3: the driver has 1",)
+    assert (source.opened, status.reopened) == (3, 2)  # lost, missing once, back
+    image = slot.take(0.0)
+    assert image is not None
+    assert (image.sequence, image.camera, image.stamped_by) == (3, "test", "arrival")
+    assert slot.dropped == 2
+    stream.stop()
+
+
+def test_a_missing_camera_says_so_until_it_is_there() -> None:
+    source = Scripted([])
+    source.open = lambda: (_ for _ in ()).throw(VisionError("camera test: not there"))  # type: ignore[method-assign]
+    stream, _ = run(source)
+    status = until(stream, lambda s: s.state is StreamState.GONE and s.reopened >= 3)
+    assert status.reason == "camera test: not there"
+    stream.stop()
+
+
+def test_a_camera_without_images_is_silent_then_streaming_again() -> None:
+    gate = threading.Event()
+    source = Scripted(["image"])
+    original = source.read
+
+    def read(timeout: float) -> Shot | None:
+        return Shot(picture(), time.monotonic()) if gate.is_set() else original(timeout)
+
+    source.read = read  # type: ignore[method-assign]
+    stream, _ = run(source, silent_after_s=0.05)
+    status = until(stream, lambda s: s.state is StreamState.SILENT)
+    assert "no image for" in status.reason
+    assert status.fps == 0.0
+    gate.set()
+    until(stream, lambda s: s.state is StreamState.STREAMING)
+    stream.stop()
+
+
+def test_retry_delays_double_to_the_longest() -> None:
+    delays = retry_delays(0.2, 1.0)
+    assert [round(next(delays), 3) for _ in range(5)] == [0.2, 0.4, 0.8, 1.0, 1.0]
+
+
+def test_the_newest_image_wins() -> None:
+    slot: NewestSlot[int] = NewestSlot()
+    for value in range(5):
+        slot.put(value)
+    assert (slot.take(0.0), slot.take(0.0), slot.dropped) == (4, None, 4)
+    slot.close()
+    assert slot.take(PATIENCE) is None
+
+
+def test_a_stamp_on_our_clock_is_taken_as_it_is() -> None:
+    clock = StampClock(latency=0.01)
+    assert clock.stamp(99.97, 100.0) == (pytest.approx(99.96), "driver")
+    assert clock.stamp(None, 100.0) == (pytest.approx(99.99), "arrival")
+
+
+def test_on_another_clock_the_smallest_delay_is_the_offset() -> None:
+    clock, rng = StampClock(), np.random.default_rng(3)
+    errors = []
+    for k in range(400):
+        taken = 1000.0 + k / 30.0
+        arrived = taken + 0.04 + float(rng.exponential(0.01))
+        stamp, by = clock.stamp(taken - 990.0, arrived)
+        errors.append(stamp - taken - 0.04)
+    assert by == "driver"
+    assert 0.0 <= max(errors[50:]) < 0.001  # the constant 40 ms cannot be seen, the jitter is gone
+    restarted, _ = clock.stamp(0.5, 1100.0)
+    assert restarted == pytest.approx(1100.0)
+
+
+@pytest.mark.parametrize(
+    ("source", "words"),
+    [
+        ("v4l2:/dev/video99", "/dev/video99 is not there"),
+        ("file:missing.avi", "no such file: missing.avi"),
+        ("folder:missing", "no such folder: missing"),
+        ("rtsp://127.0.0.1:1/none", "cannot open rtsp"),
+    ],
+)
+def test_a_source_that_is_not_there_says_so(source: str, words: str) -> None:
+    with pytest.raises(VisionError, match=words):
+        source_of(CameraSection(source=source)).open()
+
+
+def test_a_backend_that_is_missing_or_fails_is_named() -> None:
+    with pytest.raises(VisionError, match=r"built without GSTREAMER|GSTREAMER cannot open nosuchelement"):
+        source_of(CameraSection(source="gstreamer:nosuchelement")).open()
+
+
+@pytest.mark.parametrize("source", ["webcam", "zenoh:key"])
+def test_a_source_nobody_understands_is_a_configuration_error(source: str) -> None:
+    with pytest.raises(ConfigError, match=r"camera down: source"):
+        source_of(CameraSection(source=source))
+
+
+def test_a_folder_is_shown_in_natural_order_to_its_end(tmp_path: Path) -> None:
+    for number in (10, 2, 1):
+        cv2.imwrite(str(tmp_path / f"image{number}.png"), picture(20 * number))
+    (tmp_path / "image3.png").write_bytes(b"no picture")
+    (tmp_path / "notes.txt").write_text("ignored")
+    assert [path.stem for path in list_pictures(tmp_path)] == ["image1", "image2", "image3", "image10"]
+    cfg = CameraSection(source=f"folder:{tmp_path}", paced=False)
+    slot: NewestSlot[CameraImage] = NewestSlot()
+    stream = CameraStream(cfg, source_of(cfg), slot)
+    stream.start()
+    seen = [image for _ in range(3) if (image := slot.take(PATIENCE)) is not None]
+    assert [int(image.pixels[0, 0]) for image in seen] == [20, 40, 200]
+    until(stream, lambda s: s.state is StreamState.ENDED)
+    assert slot.dropped == 0
+    stream.stop()
+
+
+def test_a_clip_is_played_at_its_own_rate(tmp_path: Path) -> None:
+    path = tmp_path / "clip.avi"
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"MJPG"), 50.0, (64, 48), isColor=False)
+    for k in range(6):
+        writer.write(picture(40 * k))
+    writer.release()
+    source = source_of(CameraSection(source=f"file:{path}"))
+    source.open()
+    shots = [shot for _ in range(6) if (shot := source.read(1.0)) is not None]
+    with pytest.raises(EndOfImages):
+        source.read(1.0)
+    source.close()
+    assert [round(int(shot.pixels.mean()) / 40) for shot in shots] == list(range(6))
+    assert shots[-1].arrived - shots[0].arrived >= 0.099
+
+
+@pytest.fixture
+def session() -> Iterator[zenoh.Session]:
+    config = zenoh.Config()
+    config.insert_json5("scouting/multicast/enabled", "false")
+    config.insert_json5("listen/endpoints", "[]")
+    opened = zenoh.open(config)
+    yield opened
+    opened.close()
+
+
+def frame(image: np.ndarray, sequence: int, **fields: object) -> CameraFrame:
+    base: dict[str, object] = {
+        "sequence": sequence,
+        "width": image.shape[1],
+        "height": image.shape[0],
+        "coding": "gray8",
+        "captured_wall": time.time(),
+        "pixels": image.tobytes(),
+    }
+    return CameraFrame.model_validate(base | fields)
+
+
+def test_images_from_the_bus_keep_their_capture_time(session: zenoh.Session) -> None:
+    cfg = CameraSection(source="zenoh:test/camera/image")
+    slot: NewestSlot[CameraImage] = NewestSlot()
+    stream = CameraStream(cfg, source_of(cfg, lambda: session), slot)
+    stream.start()
+    until(stream, lambda s: s.state is StreamState.STREAMING)
+    taken = time.monotonic() - 0.123
+    sent = frame(picture(77), 5, captured_monotonic=taken, clock=boot_id())
+    session.put("test/camera/image", pack(sent))
+    image = slot.take(PATIENCE)
+    assert image is not None
+    assert image.captured_at == pytest.approx(taken, abs=1e-6)
+    assert image.stamped_by == "header"
+    np.testing.assert_array_equal(image.pixels, picture(77))
+
+    session.put("test/camera/image", b"\xc1 not msgpack")
+    jpeg, width, height = encode_jpeg(picture(150), 90, 64)
+    taken_wall = time.time() - 0.2
+    session.put(
+        "test/camera/image",
+        pack(frame(picture(), 8, coding="jpeg", pixels=jpeg, width=width, height=height, captured_wall=taken_wall)),
+    )
+    image = slot.take(PATIENCE)
+    assert image is not None
+    assert abs(int(image.pixels.mean()) - 150) <= 1
+    assert time.monotonic() - image.captured_at == pytest.approx(0.2, abs=0.1)
+    assert stream.status().lost == 2  # 6 and 7
+    stream.stop()
+
+
+def test_rubbish_on_an_image_key_is_named(session: zenoh.Session) -> None:
+    cfg = CameraSection(source="zenoh:test/rubbish/image", silent_after_s=0.05)
+    slot: NewestSlot[CameraImage] = NewestSlot()
+    stream = CameraStream(cfg, source_of(cfg, lambda: session), slot)
+    stream.start()
+    until(stream, lambda s: s.state in (StreamState.STREAMING, StreamState.SILENT))
+    session.put("test/rubbish/image", b"hello")
+    status = until(stream, lambda s: s.state is StreamState.SILENT and "not an image" in s.reason)
+    assert status.images == 0
+    stream.stop()

@@ -1,0 +1,97 @@
+"""Images survive the wire; nothing from outside raises."""
+
+from __future__ import annotations
+
+import cv2
+import msgpack
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from mkdaemon.telemetry.image import CameraFrame
+from mkdaemon.vision.imagecodec import decode_picture, encode_jpeg, pack, to_grey, unpack
+
+PIXELS = np.arange(12 * 16, dtype=np.uint8).reshape(12, 16)
+FRAME = CameraFrame(
+    camera="c", sequence=3, width=16, height=12, coding="gray8", captured_wall=1.5e9, pixels=PIXELS.tobytes()
+)
+
+
+def test_grey_pixels_come_back_as_they_went() -> None:
+    found = unpack(pack(FRAME))
+    assert not isinstance(found, str)
+    assert found[0] == FRAME
+    np.testing.assert_array_equal(found[1], PIXELS)
+
+
+def test_png_comes_back_as_it_went() -> None:
+    png = cv2.imencode(".png", PIXELS)[1].tobytes()
+    found = unpack(pack(FRAME.model_copy(update={"coding": "png", "pixels": png})))
+    assert not isinstance(found, str)
+    np.testing.assert_array_equal(found[1], PIXELS)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"width": 15}, "has 192 bytes"),
+        ({"width": 0}, "width"),
+        ({"width": 16000, "height": 16000}, "impossible"),
+        ({"coding": "jpeg"}, "cannot be decoded"),
+        ({"coding": "gif"}, "coding"),
+        ({"captured_wall": float("nan")}, "captured_wall"),
+        ({"pixels": b""}, "has 0 bytes"),
+    ],
+)
+def test_what_is_wrong_is_named(change: dict[str, object], words: str) -> None:
+    answer = unpack(msgpack.packb({**dict(FRAME), **change}))
+    assert isinstance(answer, str)
+    assert words in answer
+
+
+def test_a_header_that_lies_about_its_picture_is_refused() -> None:
+    jpeg, _, _ = encode_jpeg(PIXELS, 80, 100)
+    answer = unpack(pack(FRAME.model_copy(update={"coding": "jpeg", "pixels": jpeg, "width": 32})))
+    assert answer == "header says 32x12, the picture is 16x12"
+
+
+@given(st.binary(max_size=200))
+def test_no_bytes_raise(payload: bytes) -> None:
+    assert isinstance(unpack(payload), str)
+    assert decode_picture(payload) is None
+
+
+@given(st.integers(0, len(pack(FRAME)) - 1), st.integers(0, 255))
+def test_no_damaged_image_raises(place: int, value: int) -> None:
+    damaged = bytearray(pack(FRAME))
+    damaged[place] = value
+    unpack(bytes(damaged))
+
+
+def test_published_pictures_keep_their_shape() -> None:
+    jpeg, width, height = encode_jpeg(np.full((480, 640), 90, np.uint8), 60, 320)
+    assert (width, height) == (320, 240)
+    picture = decode_picture(jpeg)
+    assert picture is not None
+    assert picture.shape == (240, 320)
+
+
+@pytest.mark.parametrize(
+    ("image", "shape"),
+    [
+        (np.zeros((4, 6, 3), np.uint8), (4, 6)),
+        (np.zeros((4, 6, 4), np.uint8), (4, 6)),
+        (np.zeros((4, 6, 1), np.uint8), (4, 6)),
+        (np.full((4, 6), 51200, np.uint16), (4, 6)),
+        (np.zeros((4, 6, 2), np.uint8), None),
+        (np.zeros((4, 6)), None),
+        (np.zeros((0, 6), np.uint8), None),
+    ],
+)
+def test_any_capture_becomes_grey_or_nothing(image: np.ndarray, shape: tuple[int, int] | None) -> None:
+    grey = to_grey(image)
+    assert (None if grey is None else grey.shape) == shape
+    if image.dtype == np.uint16:
+        assert grey is not None
+        assert grey[0, 0] == 200
