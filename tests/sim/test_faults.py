@@ -1,0 +1,125 @@
+"""The fault table and its running state."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+
+from mkdaemon.errors import CommandRejectedError
+from mkdaemon.sim.faults import FAULTS, FaultChoice, FaultNumber, Faults, Reader
+
+NAMES = (
+    "motor_weak",
+    "rc_lost",
+    "gate_closed",
+    "link_cut",
+    "tag_covered",
+    "light_off",
+    "wind_gust",
+    "battery_drop",
+    "fc_reboot",
+    "nc_sd_stall",
+    "gps_lost",
+    "compass_bias",
+    "imu_bias",
+)
+
+
+def test_every_fault_is_there() -> None:
+    assert sorted(FAULTS) == sorted(NAMES)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_every_fault_explains_itself(name: str) -> None:
+    spec = FAULTS[name]
+    assert spec.effect.endswith(".")
+    assert isinstance(spec.reader, Reader)
+    for parameter in spec.parameters.values():
+        assert parameter.help
+        if isinstance(parameter, FaultNumber):
+            assert parameter.low <= parameter.default <= parameter.high
+        else:
+            assert isinstance(parameter, FaultChoice)
+            assert parameter.default in parameter.choices
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_every_fault_starts_and_stops(name: str) -> None:
+    faults = Faults()
+    assert not faults.is_active(name)
+    before = faults.generation
+    faults.start(name)
+    assert faults.is_active(name)
+    assert faults.generation > before
+    faults.stop(name)
+    assert not faults.is_active(name)
+    faults.stop(name)
+
+
+def test_values_override_defaults() -> None:
+    faults = Faults()
+    faults.start("motor_weak", motor=3, share="0.5")
+    assert (faults.number("motor_weak", "motor"), faults.number("motor_weak", "share")) == (3.0, 0.5)
+    faults.stop("motor_weak")
+    assert faults.number("motor_weak", "motor") == 1.0
+
+
+@pytest.mark.parametrize(
+    ("name", "values", "token", "says"),
+    [
+        ("motor_week", {}, "unknown_fault", "motor_weak"),
+        ("gps_lost", {"deg": 1.0}, "unknown_parameter", "none"),
+        ("motor_weak", {"part": 1.0}, "unknown_parameter", "share"),
+        ("motor_weak", {"motor": 5.0}, "out_of_range", "1 to 4"),
+        ("motor_weak", {"share": "much"}, "out_of_range", "0 to 1"),
+        ("motor_weak", {"share": math.nan}, "out_of_range", "0 to 1"),
+        ("wind_gust", {"speed": 99.0}, "out_of_range", "0 to 15 m/s"),
+        ("link_cut", {"direction": "sideways"}, "out_of_range", "to_board"),
+        ("gps_lost", {"duration": -1.0}, "out_of_range", "above 0 s"),
+        ("gps_lost", {"duration": math.nan}, "out_of_range", "above 0 s"),
+    ],
+)
+def test_mistakes_are_refused_with_the_fix(name: str, values: dict[str, float], token: str, says: str) -> None:
+    faults = Faults()
+    with pytest.raises(CommandRejectedError) as refusal:
+        faults.start(name, **values)
+    assert refusal.value.token == token
+    assert says in refusal.value.fix
+    assert not faults.active
+
+
+def test_a_fault_ends_by_itself() -> None:
+    faults = Faults()
+    faults.advance(10.0)
+    faults.start("gps_lost", duration=2.0)
+    faults.start("rc_lost")
+    faults.start("wind_gust")
+    faults.advance(11.99)
+    assert faults.is_active("gps_lost")
+    before = faults.generation
+    faults.advance(12.0)
+    assert list(faults.active) == ["rc_lost"]
+    assert faults.generation > before
+    faults.clear()
+    assert not faults.active
+
+
+def test_an_event_is_taken_once() -> None:
+    faults = Faults()
+    assert not faults.take("fc_reboot")
+    faults.start("fc_reboot")
+    assert faults.take("fc_reboot")
+    assert not faults.take("fc_reboot")
+
+
+@pytest.mark.parametrize(
+    ("direction", "to_board", "to_host"),
+    [("both", True, True), ("to_board", True, False), ("to_host", False, True)],
+)
+def test_the_link_is_cut_one_way_or_both(direction: str, to_board: bool, to_host: bool) -> None:
+    faults = Faults()
+    assert not faults.is_link_cut("to_board")
+    faults.start("link_cut", direction=direction)
+    assert faults.is_link_cut("to_board") is to_board
+    assert faults.is_link_cut("to_host") is to_host
