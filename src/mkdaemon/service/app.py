@@ -1,0 +1,43 @@
+"""`mkdaemon`: the daemon and everything that runs beside it on the machine with the serial line."""
+
+from __future__ import annotations
+
+from typing import Final, NoReturn
+
+from mkdaemon.cli.program import CommandEntry
+from mkdaemon.cli.program import build as _build
+from mkdaemon.cli.program import main as _main
+
+COMMANDS: Final = (
+    CommandEntry("run", "mkdaemon.service.run:run", "The daemon: serial line, link check, control, bus.", "Fly"),
+    CommandEntry("sim", "mkdaemon.service.sim:sim", "A simulated aircraft on a pseudo terminal.", "Fly"),
+    CommandEntry("demo", "mkdaemon.service.demo:demo", "Both together, with a live table: a first look.", "Fly"),
+    CommandEntry("doctor", "mkdaemon.service.doctor:doctor", "Check this machine: port, permissions, bus, camera."),
+    CommandEntry("decode", "mkdaemon.service.decode:decode", "Recorded bytes to one JSON object a frame.", "Offline"),
+    CommandEntry("detect", "mkdaemon.service.detect:detect", "Tags and their poses in images and videos.", "Offline"),
+    CommandEntry(
+        "schema", "mkdaemon.service.schema:schema", "The message table, or a payload's schema, as JSON.", "Offline"
+    ),
+    CommandEntry("docs", "mkdaemon.service.docs:docs", "Write or check the generated pages of docs/.", "Develop"),
+    CommandEntry("bench", "mkdaemon.service.bench:app", "Measure; every figure in docs/ comes from here.", "Develop"),
+)
+"""Every command; a further one is one line here and its module."""
+
+ABOUT: Final = """Ground and companion software for MikroKopter aircraft.
+
+`mkdaemon run --port /dev/ttyUSB0` shows every frame on the line as a typed Zenoh key under `mk/mk1/`; look at it with
+`mkctl status`. No aircraft at hand: `mkdaemon demo`.
+
+Exit codes: 0 as asked, 1 failed while running, 2 wrong configuration or usage.
+"""
+
+app = _build("mkdaemon", ABOUT, COMMANDS)
+
+
+def main() -> NoReturn:
+    """Entry point."""
+    _main(app)
+
+
+if __name__ == "__main__":
+    main()
