@@ -1,0 +1,72 @@
+"""Recorded traffic as a stream of chunks: raw bytes, or lines of JSON with time, direction and bytes.
+
+A capture line is ``{"t": seconds, "dir": "rx" | "tx", "hex": "..."}``; everything else about a file is decided by its
+first byte, so standard input works the same.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from typing import BinaryIO, NamedTuple
+
+from mkdaemon.errors import MkError
+
+_BLOCK = 4096
+
+
+class Chunk(NamedTuple):
+    """Bytes that arrived together.
+
+    Attributes:
+        t: when [s]; None where not recorded.
+        direction: `rx` from the board, `tx` to the board.
+        raw: the bytes.
+    """
+
+    t: float | None
+    direction: str
+    raw: bytes
+
+
+def read_chunks(stream: BinaryIO, name: str) -> Iterator[Chunk]:
+    """Read a recording of either form.
+
+    Args:
+        stream: opened for reading bytes.
+        name: how to call it in errors.
+
+    Raises:
+        MkError: it is empty, or a capture line is damaged; names the line.
+    """
+    first = stream.read(1)
+    if not first:
+        msg = f"{name} is empty: nothing to decode"
+        raise MkError(msg)
+    if first == b"{":
+        yield from _read_lines(first, stream, name)
+    else:
+        yield Chunk(None, "rx", first)
+        # read1 hands over what a pipe has without waiting for a whole block.
+        read = getattr(stream, "read1", stream.read)
+        while block := read(_BLOCK):
+            yield Chunk(None, "rx", block)
+
+
+def _read_lines(first: bytes, stream: BinaryIO, name: str) -> Iterator[Chunk]:
+    yield _chunk(first + stream.readline(), name, 1)
+    for number, line in enumerate(stream, start=2):
+        if line.strip():
+            yield _chunk(line, name, number)
+
+
+def _chunk(line: bytes, name: str, number: int) -> Chunk:
+    try:
+        entry = json.loads(line)
+        t, direction, raw = float(entry["t"]), entry["dir"], bytes.fromhex(entry["hex"])
+        if direction not in {"rx", "tx"}:
+            raise ValueError(direction)
+    except (ValueError, KeyError, TypeError) as error:
+        msg = f'{name} line {number} is no capture line: {{"t": seconds, "dir": "rx" or "tx", "hex": "..."}} is needed'
+        raise MkError(msg) from error
+    return Chunk(t, direction, raw)
