@@ -1,0 +1,50 @@
+"""The serial line: which port, what to ask for, when to worry."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from mkdaemon.config.base import Section
+
+Milliseconds = Annotated[float, Field(ge=10, le=2550)]
+"""Interval of a stream; boards count it in steps of 10 ms up to 255."""
+
+
+class LinkConfig(Section):
+    """One line to a MikroKopter."""
+
+    port: str = ""
+    """`/dev/serial/by-id/...`, `pty:/dev/pts/N`, `tcp:host:port` or `replay:FILE?speed=20`."""
+    baud: Annotated[int, Field(ge=1200, le=921600)] = 57600
+    """Line rate [baud]; MikroKopter boards speak 57600."""
+    wait_for_port: bool = False
+    """Wait when the port is missing at the start, instead of ending with an error."""
+    rates: Literal["auto", "off"] | dict[str, Milliseconds] = "auto"
+    """Interval of each stream by message key [ms], for example `{osd = 100, attitude = 50}`; `auto`: the best mix."""
+    echo_hz: Literal["auto"] | Annotated[float, Field(ge=0, le=50)] = 5.0
+    """Rate of link tests [Hz]; 0 for none; `auto` sends one only where other traffic has not just proven the link."""
+    max_line_share: Annotated[float, Field(gt=0, le=1)] = 0.85
+    """Largest share of the line that streams may be planned for, per direction."""
+    gap_ms: Annotated[float, Field(ge=2.25, le=100)] = 5.0
+    """Idle line after each frame to a FlightCtrl, which has one receive buffer [ms]."""
+    setpoint_hz: Annotated[float, Field(gt=0, le=100)] = 100.0
+    """Most external control frames a second; 40 where a NaviCtrl 0.24 passes them on [Hz]."""
+    renew_s: Annotated[float, Field(ge=0.5, le=2.0)] = 1.5
+    """How often subscriptions are renewed [s]; boards drop them after 4.0 s (NaviCtrl) and 4.1 s (FlightCtrl)."""
+    max_loss_percent: Annotated[float, Field(gt=0, le=100)] = 5.0
+    """Loss over the moving window above which the link counts as degraded [%]."""
+    window_s: Annotated[float, Field(ge=1, le=120)] = 10.0
+    """Moving window of all statistics [s]."""
+    probe_baud: bool = True
+    """Try other line rates while nothing but garbage arrives."""
+    probe_flightctrl: bool = True
+    """With the motors known off, look once through a NaviCtrl for the FlightCtrl's version; telemetry pauses 0.3 s."""
+    reopen_min_s: Annotated[float, Field(gt=0, le=10)] = 0.05
+    """First delay before a lost port is opened again [s]."""
+    reopen_max_s: Annotated[float, Field(gt=0, le=60)] = 1.0
+    """Longest delay between two attempts [s]."""
+    label_cache: Path | None = None
+    """File in which analog labels are kept by board, version and checksum; None to keep them in memory."""

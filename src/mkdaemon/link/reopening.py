@@ -1,0 +1,99 @@
+"""Coming back: delays between attempts, a device that returns under another name, a line rate that is wrong."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Final
+
+from mkdaemon.errors import ConfigError
+from mkdaemon.link.health import Verdict
+from mkdaemon.link.port import parse_address
+from mkdaemon.telemetry.link import LinkCondition
+
+BAUDS: Final = (57600, 115200, 38400, 19200, 9600, 230400)
+"""Line rates to try; 57600 is MikroKopter's, the others are adapters and radios set wrongly."""
+GARBAGE_PATIENCE_S: Final = 1.0
+"""Garbage for this long means a wrong line rate rather than noise [s]."""
+SILENT_PATIENCE_S: Final = 0.8
+"""While searching: no frame for this long, and the next rate is tried [s]."""
+STUCK_PATIENCE_S: Final = 2.0
+"""A port that takes no bytes for this long is opened anew [s]."""
+
+
+def backoff(first: float, longest: float, *, factor: float = 1.6) -> Iterator[float]:
+    """Yield growing delays for ever.
+
+    Args:
+        first: the first delay [s].
+        longest: never more than this [s].
+        factor: growth.
+    """
+    delay = first
+    while True:
+        yield min(delay, longest)
+        delay = min(delay * factor, longest)
+
+
+class BaudSearch:
+    """Decides which line rate to open the port with."""
+
+    def __init__(self, configured: int, *, enabled: bool) -> None:
+        self.current = configured
+        self._configured = configured
+        self._enabled = enabled
+        self._searching = False
+
+    def judge(self, verdict: Verdict, now: float) -> str | None:
+        """Say why the port must be closed and opened again (perhaps at another rate); None where it need not."""
+        condition, age = verdict.condition, now - verdict.since
+        if condition in (LinkCondition.UP, LinkCondition.DEGRADED, LinkCondition.ONE_WAY):
+            self._searching = False
+            return None
+        if condition is LinkCondition.DOWN and "takes no bytes" in verdict.reason and age > STUCK_PATIENCE_S:
+            return verdict.reason
+        garbage = condition is LinkCondition.GARBAGE and "plain text" not in verdict.reason
+        if not self._enabled or not (garbage or self._searching):
+            return None
+        if age <= (SILENT_PATIENCE_S if self._searching else GARBAGE_PATIENCE_S):
+            return None
+        self._searching = True
+        tried, self.current = self.current, self._next()
+        return f"no frame at {tried} baud: trying {self.current}"
+
+    def _next(self) -> int:
+        rates = (self._configured, *(baud for baud in BAUDS if baud != self._configured))
+        return rates[(rates.index(self.current) + 1) % len(rates)]
+
+    @property
+    def advice(self) -> str:
+        """What the user should know about the line rate; empty where it is as configured."""
+        if self.current == self._configured or self._searching:
+            return ""
+        return f"the board speaks {self.current} baud: set link.baud = {self.current}"
+
+
+class AliasMemory:
+    """Remembers the by-id name of a device, because ttyUSB numbers change when a cable is plugged in again."""
+
+    def __init__(self, folder: Path = Path("/dev/serial/by-id")) -> None:
+        self._folder = folder
+        self._alias: str | None = None
+
+    def learn(self, url: str) -> None:
+        """A port was opened under this address: remember its lasting name."""
+        address = parse_address(url)
+        if address.scheme != "serial" or not self._folder.is_dir():
+            return
+        device = Path(address.target).resolve()
+        for entry in sorted(self._folder.iterdir()):
+            if entry.resolve() == device:
+                self._alias = str(entry)
+
+    def find(self, url: str) -> str | None:
+        """Return the lasting name of a device that is not where it was; None where there is none."""
+        try:
+            here = Path(parse_address(url).target).exists()
+        except ConfigError:
+            return None
+        return self._alias if not here and self._alias is not None and Path(self._alias).exists() else None

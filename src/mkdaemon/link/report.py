@@ -1,0 +1,134 @@
+"""Turns what the dialogue knows into the values that are published."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from typing import Final
+
+from mkdaemon.config.link import LinkConfig
+from mkdaemon.link import budget
+from mkdaemon.link.dialogue import Dialogue
+from mkdaemon.telemetry.link import LinkCondition, LinkHealth, LinkState, LinkTraffic
+
+HEALTH_EVERY_S: Final = 0.2
+"""Health is published at 5 Hz."""
+TRAFFIC_EVERY_S: Final = 1.0
+"""Traffic counters are published at 1 Hz."""
+_FRESH_S: Final = 0.5
+"""Evidence of a direction counts for this long [s]."""
+
+
+class Reporter:
+    """Builds state, health and traffic."""
+
+    def __init__(self, cfg: LinkConfig, dialogue: Dialogue, *, wall_offset: float) -> None:
+        """Read from a dialogue; `wall_offset` is Unix time less the link's clock [s]."""
+        self.health_due = -math.inf
+        self.traffic_due = -math.inf
+        self._cfg = cfg
+        self._dialogue = dialogue
+        self._offset = wall_offset
+        self._port = cfg.port
+        self._openings = 0
+        self._told: object = None
+        self._bytes: deque[tuple[float, int, int]] = deque(maxlen=4)
+
+    def port_opened(self, name: str) -> None:
+        """A port is open under this name."""
+        self._port = name
+        self._openings += 1
+        self._bytes.clear()
+
+    @property
+    def is_usable(self) -> bool:
+        """Whether both directions work, perhaps with losses."""
+        return self._dialogue.health.verdict.condition in (LinkCondition.UP, LinkCondition.DEGRADED)
+
+    def state_is_news(self) -> bool:
+        """Whether the state differs from the one told last."""
+        dialogue = self._dialogue
+        told = (dialogue.health.verdict, dialogue.dialect, dialogue.redirected, self._openings, len(dialogue.boards))
+        news, self._told = told != self._told, told
+        return news
+
+    def state(self, now: float) -> LinkState:
+        """The state of the line."""
+        dialogue = self._dialogue
+        verdict = dialogue.health.verdict
+        heard, heard_us = dialogue.health.ages(now)
+        return LinkState(
+            condition=verdict.condition,
+            reason=verdict.reason,
+            since_s=verdict.since + self._offset,
+            stamp_s=now + self._offset,
+            port=self._port,
+            baud=dialogue.rules.baud,
+            hears_board=dialogue.is_open and heard < _FRESH_S,
+            board_hears_us=dialogue.is_open and heard_us < _FRESH_S,
+            boards=tuple(board.word for board in sorted(dialogue.boards)),
+            firmware=_firmware(dialogue),
+            external_control=dialogue.dialect.extern_control_layout or "",
+            redirected_to="" if dialogue.redirected is None else dialogue.redirected.word,
+            openings=self._openings,
+        )
+
+    def health(self, now: float) -> LinkHealth:
+        """Everything measured."""
+        self.health_due = now + HEALTH_EVERY_S
+        dialogue, monitor = self._dialogue, self._dialogue.health
+        heard, heard_us = monitor.ages(now)
+        garbage, checksums = monitor.damage_rates(now)
+        return LinkHealth(
+            state=self.state(now),
+            echo=monitor.echo.statistics(now),
+            confirm=monitor.confirm.statistics(now),
+            confirm_hidden=dialogue.confirms_hidden,
+            requests_answered=dialogue.book.answered,
+            requests_unanswered=dialogue.book.unanswered,
+            heard_age_s=heard if math.isfinite(heard) else None,
+            heard_us_age_s=heard_us if math.isfinite(heard_us) else None,
+            garbage_bytes_per_s=garbage,
+            checksum_errors_per_s=checksums,
+            backlog_bytes=monitor.backlog,
+            kinds=monitor.kinds(now),
+        )
+
+    def traffic(self, now: float) -> LinkTraffic:
+        """What crossed the line."""
+        self.traffic_due = now + TRAFFIC_EVERY_S
+        dialogue = self._dialogue
+        counts = dialogue.counts
+        self._bytes.append((now, dialogue.bytes["rx"], dialogue.bytes["tx"]))
+        began, rx, tx = self._bytes[0]
+        span = now - began
+        per_byte = dialogue.rules.wire_time(b"#")
+        planned = budget.plan(dialogue.demand(dialogue.subscriptions.wanted), dialogue.rules)
+        return LinkTraffic(
+            stamp_s=now + self._offset,
+            rx_bytes=dialogue.bytes["rx"],
+            tx_bytes=dialogue.bytes["tx"],
+            rx_frames=counts["rx"].total(),
+            tx_frames=counts["tx"].total(),
+            rx_share=(dialogue.bytes["rx"] - rx) * per_byte / span if span > 0 else 0.0,
+            tx_share=(dialogue.bytes["tx"] - tx) * per_byte / span if span > 0 else 0.0,
+            rx_planned=planned.rx,
+            tx_planned=planned.tx,
+            rx_kinds=dict(counts["rx"]),
+            tx_kinds=dict(counts["tx"]),
+            dropped=dict(counts["dropped"]),
+        )
+
+
+def _firmware(dialogue: Dialogue) -> str:
+    """What the boards said about themselves, in words."""
+    dialect = dialogue.dialect
+    names = []
+    if dialect.nc_release is not None:
+        names.append(f"NaviCtrl {dialect.nc_release}")
+    if dialect.fc_release is not None:
+        names.append(f"FlightCtrl {dialect.fc_release}")
+    words = ", ".join(names)
+    if dialect.read_only_reason is not None:
+        return f"{words}; read only: {dialect.read_only_reason}" if words else f"read only: {dialect.read_only_reason}"
+    return words

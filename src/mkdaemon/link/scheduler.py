@@ -1,0 +1,267 @@
+"""The transmit scheduler: what goes on the wire next, and when. Pure; driven with `now`.
+
+Order: release, setpoint, retries, requests, subscriptions, echo, background. A setpoint replaces the older one in
+place. One request of a kind and board is outstanding at a time, because boards have one slot (NaviCtrl) or one
+receive buffer (FlightCtrl). Nothing is written ahead of the wire: a frame is given out when the line is free, so the
+newest setpoint never waits behind bytes already handed over. Source: docs/firmware-notes, "Losses".
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Final
+
+from mkdaemon.link.line import RESYNC, LineRules
+from mkdaemon.link.traffic import Purpose
+from mkdaemon.protocol.wire import Board, WireMessage
+
+QUEUE_LIMIT: Final = 64
+"""Entries waiting per purpose; more means that a caller does not look at the answers."""
+PATIENCE_S: Final = {
+    Purpose.RETRY: 0.03,
+    Purpose.REQUEST: 0.03,
+    Purpose.SUBSCRIPTION: 0.1,
+    Purpose.ECHO: 0.05,
+    Purpose.BACKGROUND: 0.2,
+}
+"""How long an entry lets the next expected setpoint pass first, before it takes its turn all the same [s]."""
+AFTER_SETPOINT_S: Final = 0.0015
+"""How long after the expected setpoint an entry looks again: setpoints come with some jitter [s]."""
+SLOWEST_SETPOINT_S: Final = 0.25
+"""Setpoints further apart have no rhythm worth keeping the line free for [s]."""
+RESYNC_AFTER_S: Final = 2.0
+"""After this silence on our side the next frame is led by CR CR: noise may have left a `#` in a receiver [s]."""
+
+
+@dataclass(slots=True, eq=False)
+class Entry:
+    """One transmission waiting for its turn.
+
+    Attributes:
+        raw: the bytes.
+        purpose: decides the order.
+        deadline: not sent after this [s].
+        board: who acts on it.
+        message: what it says; None for bytes that are no frame.
+        reaches_fc: a FlightCtrl receives it: directly, redirected or passed on.
+        slot: (board, reply letter) that may be outstanding only once; None where no reply is awaited.
+        reply_within: how long the slot stays taken without a reply [s].
+        not_before: earliest time [s].
+        queued: when it was handed in [s].
+        tag: the caller's handle.
+    """
+
+    raw: bytes
+    purpose: Purpose
+    deadline: float
+    board: Board = Board.ANY
+    message: WireMessage | None = None
+    reaches_fc: bool = False
+    slot: tuple[Board, str] | None = None
+    reply_within: float = 0.25
+    not_before: float = 0.0
+    queued: float = 0.0
+    tag: object = None
+
+
+class TransmitScheduler:
+    """Gives out one frame at a time, when the line and the boards can take it."""
+
+    def __init__(self, rules: LineRules) -> None:
+        self.rules = rules
+        self._queues: dict[Purpose, deque[Entry]] = {purpose: deque() for purpose in Purpose}
+        self._taken: dict[tuple[Board, str], float] = {}
+        self._line_free = 0.0
+        self._fc_free = 0.0
+        self._last_end: float | None = None
+        self._last_setpoint: float | None = None
+        self._arrived: float | None = None
+        self._setpoint_period: float | None = None
+        self._needs_resync = True
+        self._deaf: dict[Board, float] = {}
+        self._refreshes: Callable[[str], bool] | None = None
+        self._quiet_until = 0.0
+        self._only: Board | None = None
+        self._expired: list[Entry] = []
+
+    # -- what callers hand in -------------------------------------------------------------------------------------
+
+    def submit(self, entry: Entry, now: float) -> bool:
+        """Queue an entry; False when its queue is full. A setpoint replaces the one waiting."""
+        queue = self._queues[entry.purpose]
+        entry.queued = now
+        if entry.purpose is Purpose.SETPOINT:
+            self._expired.extend(queue)
+            queue.clear()
+            self._learn_period(now)
+        elif len(queue) >= QUEUE_LIMIT:
+            return False
+        queue.append(entry)
+        return True
+
+    def withdraw(self, entry: Entry) -> None:
+        """Take an entry back that was not sent yet; without effect otherwise."""
+        queue = self._queues[entry.purpose]
+        if entry in queue:
+            queue.remove(entry)
+
+    def drop_setpoint(self) -> None:
+        """Forget the waiting setpoint and the rhythm they came in."""
+        self._queues[Purpose.SETPOINT].clear()
+        self._setpoint_period = self._arrived = None
+
+    def clear(self) -> list[Entry]:
+        """Forget everything waiting, for example because the port was lost; returns it."""
+        left = [entry for queue in self._queues.values() for entry in queue]
+        for queue in self._queues.values():
+            queue.clear()
+        self._taken.clear()
+        self._deaf.clear()
+        self._only = None
+        self._setpoint_period = self._arrived = self._last_setpoint = None
+        self._line_free = self._fc_free = 0.0
+        self._last_end = None
+        self._needs_resync = True
+        return left
+
+    def reply_seen(self, board: Board, letter: str) -> None:
+        """A reply arrived: its kind may be asked again."""
+        self._taken.pop((board, letter), None)
+
+    def resynchronise(self) -> None:
+        """Lead the next frame by CR CR: something went wrong, a receiver may wait inside a broken frame."""
+        self._needs_resync = True
+
+    def deafen(self, board: Board, until: float) -> None:
+        """A board does not listen until then (it writes its EEPROM, beeps or boots): hold everything but releases."""
+        self._deaf[board] = max(until, self._deaf.get(board, 0.0))
+
+    def quieten(self, refreshes: Callable[[str], bool], until: float) -> None:
+        """Keep requests from the FlightCtrl until then whose letters would keep an old stick command alive."""
+        self._refreshes = refreshes
+        self._quiet_until = until
+
+    def reserve_line(self, board: Board | None) -> None:
+        """While a NaviCtrl passes the line through, only entries for that board go out; None ends it."""
+        self._only = board
+
+    # -- what the writer takes ------------------------------------------------------------------------------------
+
+    def take(self, now: float) -> Entry | None:
+        """Return the entry to write now, with CR CR in front where needed, and account for it; None to wait."""
+        self._expire(now)
+        if now < self._line_free:
+            return None
+        for queue in self._queues.values():
+            for entry in queue:
+                if self._ready_at(entry, now) <= now:
+                    queue.remove(entry)
+                    return self._give(entry, now)
+        return None
+
+    def next_time(self, now: float) -> float | None:
+        """When to call `take` again; None while nothing waits."""
+        times = [
+            min(max(self._ready_at(entry, now), self._line_free), entry.deadline + 1e-6)
+            for queue in self._queues.values()
+            for entry in queue
+        ]
+        return max(min(times), now) if times else None
+
+    def take_expired(self) -> list[Entry]:
+        """Return entries that were never sent: too old, or replaced by a newer setpoint."""
+        expired, self._expired = self._expired, []
+        return expired
+
+    @property
+    def waiting(self) -> int:
+        """Entries not sent yet."""
+        return sum(map(len, self._queues.values()))
+
+    @property
+    def setpoint_period(self) -> float | None:
+        """Rhythm in which setpoints come [s]; None while none do."""
+        return self._setpoint_period
+
+    # -- rules ----------------------------------------------------------------------------------------------------
+
+    def _touches_fc(self, entry: Entry) -> bool:
+        """Whether a FlightCtrl sees the frame; before the first answer any board may be one."""
+        return entry.reaches_fc or self.rules.direct is not Board.NC
+
+    def _ready_at(self, entry: Entry, now: float) -> float:
+        """Earliest time the boards can take this entry; infinite while something else must end first."""
+        touches_fc = self._touches_fc(entry)
+        ready = max(entry.not_before, self._fc_free if touches_fc else 0.0)
+        if entry.purpose is Purpose.RELEASE:
+            return ready
+        if self._only is not None and entry.board is not self._only and entry.message is not None:
+            return math.inf
+        ready = max(ready, self._deaf.get(entry.board, 0.0))
+        if now < self._quiet_until and touches_fc and self._would_refresh(entry):
+            ready = max(ready, self._quiet_until)
+        if entry.slot is not None:
+            ready = max(ready, self._taken.get(entry.slot, 0.0))
+        if entry.purpose is Purpose.SETPOINT:
+            return max(ready, self._setpoint_ready())
+        return self._let_setpoint_pass(entry, max(ready, now, self._line_free))
+
+    def _would_refresh(self, entry: Entry) -> bool:
+        return entry.message is not None and self._refreshes is not None and self._refreshes(entry.message.spec.id)
+
+    def _setpoint_ready(self) -> float:
+        """When the board can take the next external control frame."""
+        return 0.0 if self._last_setpoint is None else self._last_setpoint + self.rules.setpoint_interval
+
+    def _let_setpoint_pass(self, entry: Entry, begin: float) -> float:
+        """Do not begin a frame that would hold up the next setpoint, within the entry's patience."""
+        expected = self._expect_setpoint(begin)
+        if expected is None:
+            return begin
+        busy = self.rules.wire_time(entry.raw) + self.rules.gap_after(reaches_fc=entry.reaches_fc)
+        if begin + busy <= expected:
+            return begin
+        return max(begin, min(expected + AFTER_SETPOINT_S, entry.queued + PATIENCE_S[entry.purpose]))
+
+    def _expect_setpoint(self, begin: float) -> float | None:
+        """When the next setpoint will want the line; None while nobody sends any."""
+        if self._setpoint_period is None or self._arrived is None:
+            return None
+        if self._queues[Purpose.SETPOINT]:
+            return self._setpoint_ready()
+        expected = self._arrived + self._setpoint_period
+        if begin > expected + self._setpoint_period:
+            return None  # they stopped
+        return max(expected, self._setpoint_ready())
+
+    def _learn_period(self, now: float) -> None:
+        """Follow the rhythm of setpoints; a pause ends it."""
+        if self._arrived is not None:
+            period = now - self._arrived
+            self._setpoint_period = period if period <= SLOWEST_SETPOINT_S else None
+        self._arrived = now
+
+    def _give(self, entry: Entry, now: float) -> Entry:
+        silent = self._last_end is None or now - self._last_end > RESYNC_AFTER_S
+        if entry.message is not None and (self._needs_resync or silent):
+            entry.raw = RESYNC + entry.raw
+            self._needs_resync = False
+        end = now + self.rules.wire_time(entry.raw)
+        self._line_free = self._last_end = end
+        if self._touches_fc(entry):
+            self._fc_free = end + self.rules.gap_after(reaches_fc=True)
+        if entry.purpose is Purpose.SETPOINT:
+            self._last_setpoint = now
+        if entry.slot is not None:
+            self._taken[entry.slot] = end + entry.reply_within
+        return entry
+
+    def _expire(self, now: float) -> None:
+        for queue in self._queues.values():
+            late = [entry for entry in queue if entry.deadline < now]
+            for entry in late:
+                queue.remove(entry)
+            self._expired.extend(late)

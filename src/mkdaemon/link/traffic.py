@@ -1,0 +1,123 @@
+"""What crosses the line, stamped: the values the link hands to whoever listens."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import IntEnum
+from typing import Literal, NamedTuple, Protocol
+
+from mkdaemon.protocol.framing import Frame
+from mkdaemon.protocol.wire import Unknown, WireMessage
+from mkdaemon.telemetry.link import LinkHealth, LinkState, LinkTraffic
+
+
+class Purpose(IntEnum):
+    """Why a frame is sent; a smaller number goes first."""
+
+    RELEASE = 0
+    """Lets go of the aircraft."""
+    SETPOINT = 1
+    """External control, newest wins."""
+    RETRY = 2
+    """A request that was not answered."""
+    REQUEST = 3
+    """Somebody waits for the reply."""
+    SUBSCRIPTION = 4
+    """Starts, renews or stops a stream."""
+    ECHO = 5
+    """Tests the link."""
+    BACKGROUND = 6
+    """Labels, settings: whenever there is room."""
+
+
+class Received(NamedTuple):
+    """One right frame from a board.
+
+    Attributes:
+        t_monotonic: when its last byte was read [s; monotonic].
+        t_wall: the same instant [s; Unix time].
+        frame: as it stood on the wire.
+        message: typed, or `Unknown` with the reason.
+    """
+
+    t_monotonic: float
+    t_wall: float
+    frame: Frame
+    message: WireMessage | Unknown
+
+
+class Sent(NamedTuple):
+    """One transmission, handed to the port.
+
+    Attributes:
+        t_monotonic: when [s; monotonic].
+        t_wall: the same instant [s; Unix time].
+        raw: every byte written, a resynchronising `CR CR` included.
+        message: what it says; None for bytes that are not a frame (the escape sequence).
+        purpose: why it was sent.
+    """
+
+    t_monotonic: float
+    t_wall: float
+    raw: bytes
+    message: WireMessage | None
+    purpose: Purpose
+
+
+class Lost(NamedTuple):
+    """Something that did not get through.
+
+    Attributes:
+        t_monotonic: when it was noticed [s; monotonic].
+        t_wall: the same instant [s; Unix time].
+        direction: `rx` for bytes that did not become a frame, `tx` for a frame never sent.
+        reason: `text`, `length`, `characters`, `checksum`; `expired` for what was too old to send.
+        raw: the bytes.
+    """
+
+    t_monotonic: float
+    t_wall: float
+    direction: Literal["rx", "tx"]
+    reason: str
+    raw: bytes
+
+
+class LinkSink(Protocol):
+    """Who hears about the line; called from the reading task, so every method must return at once."""
+
+    def received(self, frame: Received) -> None:
+        """Take a right frame."""
+
+    def sent(self, frame: Sent) -> None:
+        """Take a transmission."""
+
+    def dropped(self, loss: Lost) -> None:
+        """Take a loss."""
+
+    def state_changed(self, state: LinkState) -> None:
+        """Take a new state, at once when the condition changes."""
+
+    def health_measured(self, health: LinkHealth) -> None:
+        """Take the measurements, five times a second and with every change of the condition."""
+
+    def traffic_counted(self, traffic: LinkTraffic) -> None:
+        """Take the counters, once a second."""
+
+
+@dataclass(frozen=True, slots=True)
+class ReleaseResult:
+    """How a release went.
+
+    Attributes:
+        status: `confirmed` (five `B` seen), `not_observable` (sent, no `B` can come here), `unconfirmed` (a `B` could
+            have come and did not; polling that keeps the sticks alive is silenced), `not_sent` (no open port: the
+            release is the first thing sent after opening).
+        sent: frames with Config = 0 sent.
+        confirmed: of those, confirmed by the board.
+        reason: why it was released.
+    """
+
+    status: Literal["confirmed", "not_observable", "unconfirmed", "not_sent"]
+    sent: int
+    confirmed: int
+    reason: str

@@ -1,0 +1,159 @@
+"""What the link says about itself: state, health and traffic."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+
+from mkdaemon.telemetry.base import Telemetry
+
+
+class LinkCondition(StrEnum):
+    """The one word for the line."""
+
+    UP = "up"
+    """Both directions are proven, every wanted stream is on time, losses are below the limit."""
+    DEGRADED = "degraded"
+    """Both directions are proven, but a stream is stale, losses are high, or bytes arrive damaged."""
+    ONE_WAY = "one_way"
+    """We hear the board; nothing shows that it hears us."""
+    MUTE = "mute"
+    """The port is open and we ask, but no byte comes."""
+    GARBAGE = "garbage"
+    """Bytes come, none of them a frame: wrong baud rate, noise, or only plain text."""
+    DOWN = "down"
+    """The port is there but cannot be used: lost, in use, forbidden, or it takes no bytes."""
+    ABSENT = "absent"
+    """There is no such port at the moment."""
+
+
+class LinkState(Telemetry):
+    """State of the line, with the reason and since when."""
+
+    condition: LinkCondition
+    """The one word."""
+    reason: str
+    """One sentence: what was seen, and what to do where something can be done."""
+    since_s: float
+    """When this condition began [s; Unix time]."""
+    stamp_s: float
+    """When this was written [s; Unix time]."""
+    port: str
+    """The port in use or looked for."""
+    baud: int
+    """Line rate in use [baud]."""
+    hears_board: bool
+    """A right frame arrived within the last half second."""
+    board_hears_us: bool
+    """A reply or confirmation within the last half second answers something we sent."""
+    boards: tuple[str, ...] = ()
+    """Boards that answered since the port was opened: fc, nc, mag."""
+    firmware: str = ""
+    """What the boards said about themselves, in words."""
+    external_control: str = ""
+    """Layout of external control frames in use; empty where external control is refused."""
+    redirected_to: str = ""
+    """Board a NaviCtrl passes the line through to at the moment; empty for none."""
+    openings: int = 0
+    """How often the port was opened since the start."""
+
+
+class RoundTripStats(Telemetry):
+    """Answered and unanswered probes over the moving window."""
+
+    sent: int = 0
+    """Probes sent within the window whose fate is known."""
+    lost: int = 0
+    """Of those, never answered."""
+    loss_percent: float = 0.0
+    """100 * lost / sent."""
+    last_ms: float | None = None
+    """Latest round trip [ms]."""
+    mean_ms: float | None = None
+    """Weighted mean; every new value counts an eighth [ms]."""
+    p50_ms: float | None = None
+    """Median round trip [ms]."""
+    p95_ms: float | None = None
+    """95th percentile [ms]."""
+    p99_ms: float | None = None
+    """99th percentile [ms]."""
+    late: int = 0
+    """Answers that came after their time-out, since the start."""
+    duplicate: int = 0
+    """Answers that came twice or to nothing we asked, since the start."""
+
+
+class KindHealth(Telemetry):
+    """How one kind of frame arrives, against what was asked."""
+
+    key: str
+    """The message, as in Zenoh keys: osd, attitude, debug, ..."""
+    board: str
+    """Who sends it."""
+    frames: int
+    """Frames since the port was opened."""
+    rate_hz: float
+    """Rate over the moving window [Hz]."""
+    asked_hz: float | None
+    """Rate asked for [Hz]; None where nobody subscribed."""
+    age_s: float
+    """Time since the latest frame [s]."""
+    is_stale: bool
+    """Three periods were missed."""
+
+
+class LinkHealth(Telemetry):
+    """Everything measured about the line; published at 5 Hz and at once when the condition changes."""
+
+    state: LinkState
+    """The verdict these numbers lead to."""
+    echo: RoundTripStats
+    """Link test frames: `z` on a NaviCtrl, version requests on a FlightCtrl, which has no link test."""
+    confirm: RoundTripStats
+    """External control frames and their confirmations (`B`): the control path."""
+    confirm_hidden: int = 0
+    """Confirmations that could not be seen because the board's transmitter was busy, since the start."""
+    requests_answered: int = 0
+    """Requests answered, since the start."""
+    requests_unanswered: int = 0
+    """Requests given up, since the start."""
+    heard_age_s: float | None = None
+    """Time since the latest right frame [s]; None before the first."""
+    heard_us_age_s: float | None = None
+    """Time since the latest proof that the board hears us [s]; None before the first."""
+    garbage_bytes_per_s: float = 0.0
+    """Bytes that did not become frames [bytes/s]."""
+    checksum_errors_per_s: float = 0.0
+    """Frames with a wrong checksum [1/s]."""
+    backlog_bytes: int = 0
+    """Bytes the port has not taken yet."""
+    kinds: tuple[KindHealth, ...] = ()
+    """Every kind of frame heard or asked for."""
+
+
+class LinkTraffic(Telemetry):
+    """What crossed the line, and how much of it is planned."""
+
+    stamp_s: float
+    """When this was written [s; Unix time]."""
+    rx_bytes: int
+    """Bytes received since the start."""
+    tx_bytes: int
+    """Bytes sent since the start."""
+    rx_frames: int
+    """Right frames received since the start."""
+    tx_frames: int
+    """Frames sent since the start."""
+    rx_share: float
+    """Share of the line used towards us over the last second [0..1]."""
+    tx_share: float
+    """Share of the line used towards the board over the last second [0..1]."""
+    rx_planned: float
+    """Share the wanted streams and replies need [0..1]."""
+    tx_planned: float
+    """Share the renewals, echoes and setpoints need [0..1]."""
+    rx_kinds: dict[str, int]
+    """Frames received since the start, by board and command letter (`nc.O`)."""
+    tx_kinds: dict[str, int]
+    """Frames sent since the start, by board and command letter."""
+    dropped: dict[str, int]
+    """Losses since the start by reason (`checksum`, `length`, `characters`, `text`, `expired`)."""
