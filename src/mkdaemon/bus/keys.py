@@ -14,6 +14,7 @@ from mkdaemon.telemetry.command import CommandResult, LeaseRequest, RateRequest,
 from mkdaemon.telemetry.control import ControlOutput, ControlStatus
 from mkdaemon.telemetry.event import CommandEvent, FailsafeEvent, LogEvent, ModeEvent
 from mkdaemon.telemetry.link import LinkHealth, LinkState, LinkTraffic
+from mkdaemon.telemetry.mission import MissionEvent
 from mkdaemon.telemetry.setpoint import StickSetpoint
 from mkdaemon.telemetry.state import Attitude, Battery, Flight, Gps, Pilot, Position, Velocity
 from mkdaemon.telemetry.traffic import FrameSample, RawFrame
@@ -83,6 +84,7 @@ KEYS: Final[tuple[KeySpec, ...]] = (
     KeySpec("event/command", _P, CommandEvent, "every command", "Who asked what, what was decided and why."),
     KeySpec("event/mode", _P, ModeEvent, "on change", "Authority or flight mode changed."),
     KeySpec("event/failsafe", _P, FailsafeEvent, "on occurrence", "The daemon let go on its own."),
+    KeySpec("event/mission", _P, MissionEvent, "upload, clear", "A client stored or cleared a waypoint list."),
     KeySpec("event/log", _P, LogEvent, "on occurrence", "Other things worth knowing."),
     KeySpec(
         "health", _P, VehicleHealth, "1 Hz and on change", "Whether the vehicle is alive (the daemon: see `alive`)."

@@ -44,8 +44,8 @@ FAILURES: Final = {
         "Nothing was sent; docs/protocol.md lists the releases this version knows.",
     ),
     "unknown_revision": Failure(
-        "parameter sets of revision {revision} ({size} bytes) are unknown to this version.",
-        "Back them up as raw bytes; they cannot be shown, edited or restored.",
+        "parameter sets of revision {revision} ({size} bytes) are not known for FlightCtrl {release}.",
+        "They can be backed up as raw bytes, not edited or restored; nothing was written.",
     ),
     "revision_differs": Failure(
         "the file holds revision {wanted} and the FlightCtrl speaks revision {present}.",
@@ -70,10 +70,6 @@ FAILURES: Final = {
     "write_refused": Failure(
         "the FlightCtrl refused to store set {slot} (it answered 0).",
         "Stop the motors; check that the set was made for this firmware.",
-    ),
-    "unknown_parameter": Failure(
-        "revision {revision} has no parameter {name!r}.",
-        "Did you mean {near}? `mkctl settings show` lists all.",
     ),
     "labels_inconsistent": Failure(
         "the labels read do not have the checksum the {board} tells ({found:#04x}, not {wanted:#04x}).",

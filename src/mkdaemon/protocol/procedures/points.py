@@ -16,7 +16,9 @@ from mkdaemon.protocol.generations import Release, nc_generation
 from mkdaemon.protocol.messages import WriteWaypoint024, WriteWaypoint027, WriteWaypoint2x
 from mkdaemon.protocol.mission import Mission, MissionPoint, PointKind
 from mkdaemon.protocol.procedures.failures import fail
-from mkdaemon.protocol.wire import WireMessage
+from mkdaemon.protocol.procedures.labels import read_version
+from mkdaemon.protocol.procedures.steps import Patience, Procedure
+from mkdaemon.protocol.wire import Board, WireMessage
 
 _CLASSES: Final[dict[str, type[WireMessage]]] = {
     "024": WriteWaypoint024,
@@ -155,3 +157,14 @@ def _from_point(number: int, point: WireMessage, form: PointFormat) -> MissionPo
         )
     except ValueError as error:
         raise fail("point_not_expressible", number=number, detail=f"the board holds {values}") from error
+
+
+def read_format(patience: Patience) -> Procedure[PointFormat]:
+    """Ask the NaviCtrl for its release, and return how it writes points.
+
+    Raises:
+        RequestTimeoutError: no answer.
+        CommandRejectedError: `unknown_navictrl`.
+    """
+    version = yield from read_version(Board.NC, patience)
+    return point_format(Release(version.major, version.minor, version.patch))

@@ -16,6 +16,7 @@ from dataclasses import dataclass, field
 
 from mkdaemon.errors import MkError, RequestTimeoutError
 from mkdaemon.protocol.framing import padded_length
+from mkdaemon.protocol.generations import Release, fc_generation
 from mkdaemon.protocol.messages import Settings, SettingsRequest, SettingsWritten, WriteSettings
 from mkdaemon.protocol.procedures.failures import fail
 from mkdaemon.protocol.procedures.labels import Version, read_version
@@ -25,10 +26,10 @@ from mkdaemon.protocol.procedures.steps import (
     Procedure,
     Progress,
     Question,
-    ask,
     insist,
     insist_twice,
 )
+from mkdaemon.protocol.settings import layout_of
 from mkdaemon.protocol.wire import Board
 
 SLOTS = (1, 2, 3, 4, 5)
@@ -129,10 +130,11 @@ def restore_settings(
 
     Raises:
         RequestTimeoutError: no answer; the set that was active has been made live again.
-        CommandRejectedError: `revision_differs`, `length_differs` (nothing was written), `write_refused`,
-            `live_set_changed`, `live_set_unproven` or `active_set_moved`.
+        CommandRejectedError: `unknown_revision`, `revision_differs`, `length_differs` (nothing was written),
+            `write_refused`, `live_set_changed`, `live_set_unproven` or `active_set_moved`.
     """
     session = yield from _open(patience)
+    _check_known(session)
     for raw in wanted.values():
         _check(raw, session.live)
     yield from _collect(session, tuple(sorted(wanted)))
@@ -180,25 +182,33 @@ def _collect(session: _Session, slots: tuple[int, ...]) -> Procedure[None]:
             yield Progress(done, len(slots) + 1, f"reading set {slot}")
             if slot not in session.sets:
                 session.sets[slot] = (yield from insist_twice(_read(slot), session.patience)).parameters
-    except RequestTimeoutError as cause:
-        yield from _make_live(session, cause)
+    except MkError as cause:
+        try:
+            yield from _load_live(session)
+        except RequestTimeoutError as second:
+            raise fail("live_set_unproven", cause=f"{cause}; then {second}", slot=session.active) from second
         raise
 
 
-def _make_live(session: _Session, cause: RequestTimeoutError | None = None) -> Procedure[None]:
-    """Read the active set, which loads it, and compare it with the first reading."""
-    answer = yield from ask(_read(session.active), session.patience)
-    if answer is not None and answer.parameters != session.live:
-        answer = yield from ask(_read(session.active), session.patience)
-    if answer is None:
-        raise fail("live_set_unproven", cause=cause or "no answer", slot=session.active)
-    if answer.parameters != session.live:
-        where = ", ".join(f"byte {offset}" for offset in differing(session.live, answer.parameters))
-        raise fail("live_set_changed", slot=session.active, where=where)
-    if cause is None:
+def _make_live(session: _Session) -> Procedure[None]:
+    """Make the active set live, and prove that it is what it was and still the active one."""
+    try:
+        yield from _load_live(session)
         present = (yield from insist(_read(ACTIVE), session.patience)).index
-        if present != session.active:
-            raise fail("active_set_moved", present=present, wanted=session.active)
+    except RequestTimeoutError as cause:
+        raise fail("live_set_unproven", cause=cause, slot=session.active) from cause
+    if present != session.active:
+        raise fail("active_set_moved", present=present, wanted=session.active)
+
+
+def _load_live(session: _Session) -> Procedure[None]:
+    """Read the active set, which loads it, and compare it with the first reading; twice, for a damaged answer."""
+    for _ in range(2):
+        found = (yield from insist(_read(session.active), session.patience)).parameters
+        if found == session.live:
+            return
+    where = ", ".join(f"byte {offset}" for offset in differing(session.live, found))
+    raise fail("live_set_changed", slot=session.active, where=where)
 
 
 def _write(slot: int, raw: bytes, patience: Patience) -> Procedure[bytes]:
@@ -227,6 +237,14 @@ def _write_back(session: _Session, cause: MkError) -> Procedure[None]:
         raise fail("live_set_unproven", cause=f"{cause}; then {second}", slot=session.active) from second
     if stored != session.live:
         raise fail("live_set_changed", slot=session.active, where=f"after {cause}")
+
+
+def _check_known(session: _Session) -> None:
+    """Writing needs a revision whose layout is known and that belongs to the FlightCtrl's release."""
+    version, revision = session.version, session.live[0]
+    generation = fc_generation(Release(version.major, version.minor, version.patch))
+    if layout_of(revision) is None or generation is None or revision not in generation.revisions:
+        raise fail("unknown_revision", revision=revision, size=len(session.live), release=version.release)
 
 
 def _check(raw: bytes, live: bytes) -> None:
