@@ -1,0 +1,59 @@
+"""`mkdaemon docs`: the pages of docs/ that are made from tables, written or compared.
+
+A page is made by a function without arguments that returns its whole text. To add one, add a line to `GENERATED`.
+"""
+
+from __future__ import annotations
+
+import importlib
+import sys
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Annotated, Final
+
+from cyclopts import Parameter
+
+GENERATED: Final[Mapping[str, str]] = {
+    "docs/protocol.md": "mkdaemon.service.protocol_page:protocol_page",
+}
+"""Page, relative to the root of the source tree, and the function that makes it (imported when it is needed)."""
+
+
+def make_page(maker: str) -> str:
+    """Return the text of a page."""
+    module, _, name = maker.partition(":")
+    function: Callable[[], str] = getattr(importlib.import_module(module), name)
+    return function()
+
+
+def stale_pages(root: Path) -> list[str]:
+    """Return the generated pages under `root` that are missing or differ from what would be written."""
+    stale = []
+    for page, maker in GENERATED.items():
+        path = root / page
+        if not path.is_file() or path.read_text(encoding="utf-8") != make_page(maker):
+            stale.append(page)
+    return stale
+
+
+def docs(
+    *,
+    check: Annotated[bool, Parameter(help="Only compare; exit code 1 when a page is not up to date.")] = False,
+    root: Annotated[Path, Parameter(help="Root of the source tree.")] = Path(),
+) -> None:
+    """Write the generated pages of docs/."""
+    if not (root / "docs").is_dir():
+        print(
+            f"mkdaemon docs: {root.resolve()} has no docs/: run it in the source tree or give --root", file=sys.stderr
+        )
+        raise SystemExit(1)
+    if check:
+        stale = stale_pages(root)
+        if stale:
+            print(f"mkdaemon docs: not up to date: {', '.join(stale)}; run `make docs`", file=sys.stderr)
+            raise SystemExit(1)
+        print(f"{len(GENERATED)} generated pages are up to date")
+        return
+    for page, maker in GENERATED.items():
+        (root / page).write_text(make_page(maker), encoding="utf-8")
+        print(f"wrote {page}")
