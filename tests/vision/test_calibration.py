@@ -1,0 +1,227 @@
+"""A known lens is recovered from rendered boards, with honest uncertainties; poor calibrations are refused."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from mkdaemon.config.camera import MountSection
+from mkdaemon.config.vision import BoardSection, TargetSection
+from mkdaemon.errors import ConfigError, VisionError
+from mkdaemon.sim.scene_flights import FLU_FROM_CAM_DOWN
+from mkdaemon.sim.scene_light import Conditions
+from mkdaemon.sim.scene_print import board_layer, sheet_layer, tag_layer
+from mkdaemon.vision.calibration import CalibrationResult, calibrate, hold_out_rms, rounded
+from mkdaemon.vision.calibration_board import BoardPoints, CharucoBoard, TagBoard
+from mkdaemon.vision.camera_file import CalibrationRecord, Camera, load_camera, mount_rotation, save_camera
+from mkdaemon.vision.coverage import Coverage
+from mkdaemon.vision.tagmap import build
+
+from .boardviews import LENS, PLACES, board_views
+
+CHARUCO = CharucoBoard(9, 6, 0.03)
+TAGS = build(
+    [TargetSection(name="board", board=BoardSection(first_id=100, rows=4, columns=6, size=0.036, spacing=0.009))],
+    origin="test",
+).targets[0]
+
+
+@cache
+def charuco_views() -> list[BoardPoints]:
+    layer = board_layer(CHARUCO.cells, 0.27, 0.18)
+    found = [CHARUCO.find(image) for image in board_views((layer,), 0.27)]
+    return [view for view in found if view is not None]
+
+
+@cache
+def charuco_result() -> CalibrationResult:
+    return calibrate(charuco_views(), 640, 480)
+
+
+def assert_lens(result: CalibrationResult) -> None:
+    for name in ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2"):
+        error = getattr(result.intrinsics, name) - getattr(LENS, name)
+        assert abs(error) < 4.5 * result.sd[name] + 1e-6, (name, error, result.sd[name])
+    assert abs(result.intrinsics.fx / LENS.fx - 1) < 0.003
+    assert abs(result.intrinsics.cx - LENS.cx) < 1.0
+
+
+def test_a_known_lens_is_recovered_from_a_charuco_board() -> None:
+    assert len(charuco_views()) == len(PLACES)
+    result = charuco_result()
+    assert_lens(result)
+    assert result.rms_px < 0.15
+    assert result.faults() == []
+
+
+def test_a_known_lens_is_recovered_from_a_tag_board() -> None:
+    layers = tuple(tag_layer(tag) for tag in TAGS.tags)
+    board = TagBoard(TAGS)
+    images = board_views((sheet_layer(0.28, 0.19), *layers), 0.27)
+    views = [view for image in images if (view := board.find(image)) is not None]
+    assert len(views) >= 12
+    result = calibrate(views, 640, 480)
+    assert abs(result.intrinsics.fx / LENS.fx - 1) < 0.004
+    assert result.rms_px < 0.3
+
+
+def test_a_held_out_view_fits_as_well_as_the_others() -> None:
+    views = charuco_views()
+    result = calibrate(views[:-1], 640, 480)
+    assert hold_out_rms(result, views[-1]) < 3 * result.rms_px
+
+
+def test_a_view_that_moved_is_left_out() -> None:
+    views = list(charuco_views())
+    sheared = views[3].image + 0.02 * (views[3].image - views[3].image.mean(axis=0))[:, ::-1]
+    views[3] = replace(views[3], image=sheared)
+    result = calibrate(views, 640, 480)
+    assert 3 not in result.used
+    assert np.isnan(result.view_rms_px[3])
+    assert_lens(result)
+
+
+def test_noise_and_flat_views_are_refused_with_the_reason() -> None:
+    rng = np.random.default_rng(1)
+    shaken = [replace(view, image=view.image + rng.normal(0, 0.8, view.image.shape)) for view in charuco_views()]
+    assert any("rms" in fault for fault in calibrate(shaken, 640, 480).faults())
+    front = tuple((0.5, 0.5, 1.2 + 0.01 * k, 2, 1, 10 * k) for k in range(7))
+    images = board_views((board_layer(CHARUCO.cells, 0.27, 0.18),), 0.27, places=front)
+    flat = [view for image in images if (view := CHARUCO.find(image)) is not None]
+    assert any("from the front alone" in fault for fault in calibrate(flat, 640, 480).faults())
+
+
+def test_too_few_views_say_how_many_are_needed() -> None:
+    with pytest.raises(VisionError, match=r"3 views of the board, at least 6"):
+        calibrate(charuco_views()[:3], 640, 480)
+
+
+def test_nothing_is_found_where_no_board_is() -> None:
+    assert CHARUCO.find(np.full((480, 640), 128, np.uint8)) is None
+    assert TagBoard(TAGS).find(np.full((480, 640), 128, np.uint8)) is None
+
+
+def test_the_board_survives_poor_light() -> None:
+    layer = board_layer(CHARUCO.cells, 0.27, 0.18)
+    (image,) = board_views((layer,), 0.27, places=PLACES[:1], conditions=Conditions(exposure=0.3, gradient=4.0))
+    found = CHARUCO.find(image)
+    assert found is not None
+    assert len(found.ids) > 30
+
+
+@pytest.mark.parametrize("size", [(2, 6, 0.03), (40, 40, 0.03), (6, 6, 0.0)])
+def test_impossible_boards_are_refused(size: tuple[int, int, float]) -> None:
+    with pytest.raises(ConfigError, match="board"):
+        CharucoBoard(*size)
+
+
+def test_coverage_leads_from_nothing_to_enough() -> None:
+    coverage = Coverage(640, 480)
+    first = coverage.missing()
+    assert any("top left" in words for words in first)
+    assert len([words for words in first if "lean" in words or "turn" in words]) == 4
+    shares = []
+    for view in charuco_views():
+        assert coverage.is_novel(view)
+        coverage.add(view)
+        assert not coverage.is_novel(view)
+        shares.append(coverage.share())
+    assert shares == sorted(shares)
+    assert coverage.missing() == []
+
+
+@pytest.mark.parametrize(("place", "side"), [(5, "left"), (6, "right"), (7, "top"), (8, "bottom")])
+def test_tilts_are_told_apart(place: int, side: str) -> None:
+    coverage = Coverage(640, 480)
+    before = set(coverage.missing())
+    coverage.add(charuco_views()[place])
+    gone = " ".join(before - set(coverage.missing()))
+    nearer = _nearer_side(charuco_views()[place])
+    assert nearer == side
+    assert f"its {side}" in gone
+
+
+def _nearer_side(view: BoardPoints) -> str:
+    """The side whose points stand farther apart in the picture: independent of any pose estimate."""
+    spread = {}
+    for side, axis, sign in (("left", 0, -1), ("right", 0, 1), ("top", 1, -1), ("bottom", 1, 1)):
+        order = np.argsort(sign * view.image[:, axis])[-10:]
+        points, board = view.image[order], view.board[order]
+        pairs = [(a, b) for a in range(10) for b in range(a)]
+        spread[side] = np.median(
+            [np.linalg.norm(points[a] - points[b]) / np.linalg.norm(board[a] - board[b]) for a, b in pairs]
+        )
+    return max(
+        spread,
+        key=lambda side: (
+            spread[side] / spread[{"left": "right", "right": "left", "top": "bottom", "bottom": "top"}[side]]
+        ),
+    )
+
+
+def test_a_camera_file_comes_back_as_it_went(tmp_path: Path) -> None:
+    result = charuco_result()
+    camera = Camera(
+        name='a "wide" lens \\ 2.8 mm\n\x7f',
+        intrinsics=rounded(result.intrinsics),
+        mount=MountSection(position_flu=(0.1, 0.0, -0.05), looks="down", rpy_deg=(0.5, -1.0, 0.0)),
+        calibration=CalibrationRecord(date="2026-05-01", views=14, rms_px=0.11, forced=True),
+    )
+    path = tmp_path / "deep" / "camera.toml"
+    save_camera(camera, path)
+    assert load_camera(path) == camera
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("", "intrinsics: Field required"),
+        ("[intrinsics]\nwidth = 640\nheight = 480\nfx = -1.0\nfy = 1.0\ncx = 1.0\ncy = 1.0\n", "intrinsics.fx"),
+        ("[intrinsics\n", "not TOML"),
+        (
+            "[intrinsics]\nwidth = 640\nheight = 480\nfx = 1.0\nfy = 1.0\ncx = 1.0\ncy = 1.0\nk9 = 1.0\n",
+            "intrinsics.k9",
+        ),
+    ],
+)
+def test_a_wrong_camera_file_is_named(tmp_path: Path, text: str, words: str) -> None:
+    path = tmp_path / "camera.toml"
+    path.write_text(text)
+    with pytest.raises(ConfigError, match=r"camera file .*camera\.toml: ") as caught:
+        load_camera(path)
+    assert words in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_missing_camera_file_is_named(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match=r"No such file.*mkctl calibrate camera"):
+        load_camera(tmp_path / "none.toml")
+
+
+def test_shipped_camera_files_load() -> None:
+    files = sorted((Path(__file__).resolve().parents[2] / "configs" / "cameras").glob("*.toml"))
+    assert files
+    for file in files:
+        load_camera(file)
+
+
+def test_mounts_look_where_they_say() -> None:
+    looks = {
+        "forward": (1, 0, 0),
+        "back": (-1, 0, 0),
+        "left": (0, 1, 0),
+        "right": (0, -1, 0),
+        "up": (0, 0, 1),
+        "down": (0, 0, -1),
+    }
+    for name, direction in looks.items():
+        rotation = mount_rotation(MountSection.model_validate({"looks": name}))
+        np.testing.assert_allclose(rotation[:, 2], direction, atol=1e-12)
+        assert np.linalg.det(rotation) == pytest.approx(1.0)
+    np.testing.assert_allclose(mount_rotation(MountSection()), FLU_FROM_CAM_DOWN, atol=1e-12)
+    nose_up = mount_rotation(MountSection(looks="forward", rpy_deg=(0.0, -10.0, 0.0)))
+    assert nose_up[2, 2] == pytest.approx(np.sin(np.radians(10.0)))
