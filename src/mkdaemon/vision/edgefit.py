@@ -32,6 +32,8 @@ MIN_CELL_PX = 2.2
 """Cells smaller than this along the normal blur into their neighbours [px]."""
 CORRELATION = 1.0
 """Variance factor for neighbouring samples that share pixels; chosen so that NEES is 1 on development images."""
+MISSED_PX = 0.6
+"""What a sample that found no edge, or a wrong one, costs when rival poses are compared [px]."""
 SYSTEMATIC_PX = 0.01
 """Interpolation error of a located edge that does not average out [px]."""
 
@@ -147,7 +149,7 @@ class EdgeFit:
             samples = self._project(pixels.shape, rotation, position, reach)
             if samples is None:
                 return None
-            offsets, good = _locate(pixels, samples)
+            offsets, good, width = _locate(pixels, samples)
             if int(good.sum()) < 12:
                 return None
             step, weights, normal = _robust_step(samples.jacobian, offsets, good, 0.15 if k == 0 else 0.02)
@@ -157,7 +159,7 @@ class EdgeFit:
                 return None
             if np.linalg.norm(position - start.position) > 0.2 * start.range_m + 0.02:
                 return None
-            fitted = _pose(rotation, position, samples, offsets, step, weights, normal)
+            fitted = _pose(rotation, position, samples, offsets, step, weights, normal, width)
         return fitted
 
     def _project(self, shape: tuple[int, ...], rotation: Array, position: Array, reach: float) -> _Samples | None:
@@ -185,11 +187,12 @@ class EdgeFit:
         return _Samples(index, uv[index], normals, np.minimum(reach, 0.55 * cell_px[index]), jacobian)
 
 
-def _locate(pixels: Grey, samples: _Samples) -> tuple[Array, npt.NDArray[np.bool_]]:
+def _locate(pixels: Grey, samples: _Samples) -> tuple[Array, npt.NDArray[np.bool_], float]:
     """Find each edge along its normal.
 
     Returns:
-        Offsets `(n,)` [px] towards the bright side and whether an edge of the right sense was found.
+        Offsets `(n,)` [px] towards the bright side, whether an edge of the right sense was found, and the width of the
+        edges [px].
     """
     count = int(np.ceil((float(samples.reach.max()) + 1.0) / STEP_PX))
     along = np.arange(-count, count + 1) * STEP_PX
@@ -214,7 +217,7 @@ def _locate(pixels: Grey, samples: _Samples) -> tuple[Array, npt.NDArray[np.bool
     offsets = (body * place).sum(axis=1) / np.maximum(body.sum(axis=1), 1e-6)
     enough = max(2.5, 0.15 * float(np.percentile(peak, 90)))
     good = (peak > enough) & (np.abs(offsets) < samples.reach)
-    return offsets.astype(np.float64), good
+    return offsets.astype(np.float64), good, width
 
 
 def _robust_step(
@@ -237,9 +240,17 @@ def _robust_step(
 
 
 def _pose(
-    rotation: Array, position: Array, samples: _Samples, offsets: Array, step: Array, weights: Array, normal: Array
+    rotation: Array,
+    position: Array,
+    samples: _Samples,
+    offsets: Array,
+    step: Array,
+    weights: Array,
+    normal: Array,
+    width: float,
 ) -> Pose:
     residual = offsets - samples.jacobian @ step
+    missed = np.where(weights > 0.0, residual, MISSED_PX)
     total = float(weights.sum())
     variance = float((weights * residual**2).sum()) / max(total - 6.0, 1.0)
     counted = weights > 0.1
@@ -254,4 +265,6 @@ def _pose(
         float(np.sqrt(variance)),
         float(counted.mean()),
         float(np.linalg.norm(step[:3])) / max(float(np.linalg.norm(position)), 1e-9),
+        loss=float(np.mean(np.minimum(np.abs(missed), MISSED_PX) ** 2)),
+        blur_px=width,
     )

@@ -7,7 +7,7 @@ Camera axes are RDF. `rotation` is camera from target, `position` the target's o
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Literal
 
 import cv2
@@ -44,6 +44,9 @@ class Pose:
         rms_px: their residual [px]; for `photometric` the residual over the contrast, in px of edge shift.
         inliers: share of the measurements that agree.
         step: length of the last step of the fit against the range.
+        loss: mean truncated squared residual over all samples, for comparing rival fits of one image.
+        match: correlation between model and image, where the fit knows it.
+        blur_px: width of an edge in the image, where the fit knows it.
     """
 
     rotation: Array
@@ -54,6 +57,9 @@ class Pose:
     rms_px: float
     inliers: float = 1.0
     step: float = 0.0
+    loss: float = 0.0
+    match: float | None = None
+    blur_px: float | None = None
 
     @property
     def range_m(self) -> float:
@@ -188,7 +194,7 @@ def _refine(
     dof = max(2 * len(points) - 6, 2)
     variance = max(CORNER_SD_PX**2, rms**2 * len(points) / dof)
     covariance = variance * np.linalg.inv(normal + 1e-9 * np.diag(np.diag(normal)))
-    return Pose(rotation, position, covariance, "corners", len(points), rms)
+    return Pose(rotation, position, covariance, "corners", len(points), rms, loss=rms**2)
 
 
 def inverse(pose: Pose, covariance: Array) -> tuple[Array, Array, Array]:
@@ -211,8 +217,3 @@ def inverse(pose: Pose, covariance: Array) -> tuple[Array, Array, Array]:
     jacobian[:3, 3:] = -back @ cross
     jacobian[3:, 3:] = -back
     return back, -back @ pose.position, jacobian @ covariance @ jacobian.T
-
-
-def scaled(pose: Pose, factor: float) -> Pose:
-    """The same pose with its covariance multiplied by `factor`."""
-    return replace(pose, covariance=pose.covariance * factor)

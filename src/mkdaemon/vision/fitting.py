@@ -1,0 +1,158 @@
+"""From decoded tags or a prediction to a measured pose of one target: which fit, which candidate, which gate."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from mkdaemon.config.vision import TrackerSection
+from mkdaemon.vision.cellread import sample
+from mkdaemon.vision.detection import Detection
+from mkdaemon.vision.edgefit import EdgeFit
+from mkdaemon.vision.gates import BitModel
+from mkdaemon.vision.photofit import PhotoFit
+from mkdaemon.vision.pose import Pose, solve
+from mkdaemon.vision.projection import NEAR_M, Projection
+from mkdaemon.vision.tagmap import Tag, Target
+
+Array = npt.NDArray[np.float64]
+Grey = npt.NDArray[np.uint8]
+
+PHOTOMETRIC_BELOW_PX = 4.0
+"""Cells smaller than this are fitted by their grey values [px]."""
+EDGES_UP_TO = np.radians(60.0)
+"""Tilt from which edges across the foreshortened direction run into each other [rad]."""
+AGREEMENT_PX = 1.5
+"""Corner residual above which the tags of a target contradict each other [px]."""
+
+
+class TargetFitter:
+    """Measures one target."""
+
+    def __init__(self, target: Target, projection: Projection, cfg: TrackerSection) -> None:
+        self.target = target
+        self._projection = projection
+        self._cfg = cfg
+        self._edges = EdgeFit(target, projection)
+        self._photo = PhotoFit(target, projection)
+        self._bits = BitModel(target, projection)
+        self._cell = target.tags[0].module
+        papers = [tag.paper / 2 for tag in target.tags]
+        square = np.array([[-1.0, 1.0], [1.0, 1.0], [1.0, -1.0], [-1.0, -1.0]])
+        self._outline = np.concatenate(
+            [tag.place(square * half) for tag, half in zip(target.tags, papers, strict=True)]
+        )
+        lattice = np.stack(np.meshgrid(np.linspace(-0.5, 0.5, 7), np.linspace(-0.5, 0.5, 7)), axis=-1).reshape(-1, 2)
+        step = max(len(target.tags) // 4, 1)
+        self._lattice = np.concatenate([tag.place(lattice * tag.size) for tag in target.tags[::step]])
+
+    def cold(self, pixels: Grey, tags: Sequence[tuple[Tag, Detection]]) -> list[Pose]:
+        """Fit every candidate that decoded tags allow; rival poses stay in the list."""
+        candidates = solve(tags, self._projection)
+        if len(tags) > 1 and (not candidates or candidates[0].rms_px > AGREEMENT_PX):
+            # A border faked by something lying over the tag: let every tag speak for itself.
+            candidates = [pose for pair in tags for pose in solve([pair], self._projection)]
+        fitted = [self.refine(pixels, candidate) or candidate for candidate in candidates]
+        if len({pose.source for pose in fitted}) > 1:
+            # Residuals of different fits do not compare: the ones that could not be fitted lose.
+            fitted = [pose for pose in fitted if pose.source != "corners"]
+        return fitted
+
+    def refine(self, pixels: Grey, start: Pose, *, iterations: int = 4, first_reach: int = 0) -> Pose | None:
+        """Improve a pose by the method its size and tilt ask for."""
+        depth = max(float(start.position[2]), NEAR_M)
+        cell_px = float(self._projection.focal[0]) * self._cell / depth
+        if cell_px < PHOTOMETRIC_BELOW_PX or start.tilt > EDGES_UP_TO:
+            fitted = self._photo.fit(pixels, start)
+            if fitted is not None and np.isfinite(fitted.rms_px):
+                return fitted
+        return self._edges.fit(pixels, start, iterations, first_reach)
+
+    def match(self, pixels: Grey, pose: Pose) -> float | None:
+        """How well the image shows the target where the pose puts it, -1 to 1; none when it cannot be told."""
+        read = self._bits.correlation(pixels, pose)
+        if read is None or pose.source == "photometric":
+            return pose.match if pose.match is not None else read
+        return read
+
+    def flow(self, before: Grey, now: Grey, last: Pose, predicted: Pose) -> Pose | None:
+        """Carry the last pose over by optical flow; for motions the prediction did not foresee."""
+        seen, visible = self._projection.project(self._lattice @ last.rotation.T + last.position)
+        height, width = now.shape
+        visible &= (seen > 4).all(axis=1) & (seen[:, 0] < width - 5) & (seen[:, 1] < height - 5)
+        if int(visible.sum()) < 8:
+            return None
+        points = self._lattice[visible]
+        guess, _ = self._projection.project(points @ predicted.rotation.T + predicted.position)
+        window = (21, 21)
+        moved, status, _ = cv2.calcOpticalFlowPyrLK(
+            before,
+            now,
+            seen[visible].astype(np.float32).reshape(-1, 1, 2),
+            guess.astype(np.float32).reshape(-1, 1, 2),
+            winSize=window,
+            maxLevel=3,
+            criteria=(cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 12, 0.03),
+            flags=cv2.OPTFLOW_USE_INITIAL_FLOW,
+        )
+        good = np.asarray(status).ravel() > 0
+        if int(good.sum()) < 8:
+            return None
+        rays = self._projection.undistort(np.asarray(moved, dtype=np.float64).reshape(-1, 2)[good])
+        start_r = cv2.Rodrigues(predicted.rotation)[0]
+        found, rvec, tvec, inliers = cv2.solvePnPRansac(
+            points[good],
+            rays,
+            np.eye(3),
+            np.zeros(0),
+            rvec=start_r.copy(),
+            tvec=predicted.position.reshape(3, 1).copy(),
+            useExtrinsicGuess=True,
+            iterationsCount=40,
+            reprojectionError=3.0 / float(self._projection.focal[0]),
+            flags=cv2.SOLVEPNP_ITERATIVE,
+        )
+        if not found or inliers is None or len(inliers) < 8:
+            return None
+        rotation = np.asarray(cv2.Rodrigues(rvec)[0], dtype=np.float64)
+        position = np.asarray(tvec, dtype=np.float64).ravel()
+        if not np.isfinite(position).all() or position[2] < NEAR_M:
+            return None
+        return replace(predicted, rotation=rotation, position=position)
+
+    def window(self, pose: Pose, shape: tuple[int, ...]) -> tuple[int, int, int, int] | None:
+        """Part of the image `(x0, y0, x1, y1)` [px] that holds the target with room to spare."""
+        seen, visible = self._projection.project(self._outline @ pose.rotation.T + pose.position)
+        if not bool(visible.any()):
+            return None
+        low, high = seen[visible].min(axis=0), seen[visible].max(axis=0)
+        room = 0.2 * float((high - low).max()) + 14.0
+        x0, y0 = np.maximum(low - room, 0).astype(int)
+        x1, y1 = np.minimum(high + room + 1, [shape[1], shape[0]]).astype(int)
+        if not bool(visible.all()):
+            return 0, 0, shape[1], shape[0]
+        return (int(x0), int(y0), int(x1), int(y1)) if x1 - x0 >= 16 and y1 - y0 >= 16 else None
+
+    def side_px(self, pose: Pose) -> float:
+        """Side of the largest tag in the image [px]."""
+        return float(self._projection.focal[0]) * self.target.tags[0].size / max(float(pose.position[2]), NEAR_M)
+
+    def disagreement_px(self, pose: Pose, tags: Sequence[tuple[Tag, Detection]]) -> float:
+        """Largest mean corner distance between decoded tags and where the pose puts them, in cells of the tag."""
+        worst = 0.0
+        for tag, found in tags:
+            seen, visible = self._projection.project(tag.corners @ pose.rotation.T + pose.position)
+            if not bool(visible.all()):
+                return float("inf")
+            distance = float(np.linalg.norm(seen - found.corners, axis=1).mean())
+            worst = max(worst, distance / max(found.side_px / tag.family.black_cells, 1.0))
+        return worst
+
+    def paper_contrast(self, pixels: Grey, pose: Pose) -> float:
+        """Spread of grey values over the target: what is left of its contrast in this image [grey]."""
+        seen, visible = self._projection.project(self._lattice @ pose.rotation.T + pose.position)
+        return float(np.ptp(sample(pixels, seen[visible]))) if bool(visible.any()) else 0.0

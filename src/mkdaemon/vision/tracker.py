@@ -1,0 +1,321 @@
+"""Following targets from image to image, and publishing only what has passed every gate.
+
+The order of an image: health of the image; for each known target prediction, fit and gates; for what is left optical
+flow, a search around the prediction, and at last a search of the whole image. A pose nobody contradicts is published,
+everything else is a refusal with its reason.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+import numpy.typing as npt
+
+from mkdaemon.config.vision import DetectorSection, TrackerSection
+from mkdaemon.vision.alarms import ImageHealth
+from mkdaemon.vision.ambiguity import Choice, choose
+from mkdaemon.vision.attitude import AttitudeHistory, Mounting, tilt_error
+from mkdaemon.vision.detection import Detection, Stage
+from mkdaemon.vision.detector import Detector
+from mkdaemon.vision.fitting import TargetFitter
+from mkdaemon.vision.gates import certainty_fault, fit_fault, innovation_fault
+from mkdaemon.vision.image import CameraImage
+from mkdaemon.vision.intrinsics import Intrinsics
+from mkdaemon.vision.pose import Pose
+from mkdaemon.vision.projection import Projection
+from mkdaemon.vision.result import TargetPose, VisionResult
+from mkdaemon.vision.tagmap import Tag, TagMap
+from mkdaemon.vision.track import Track
+
+Array = npt.NDArray[np.float64]
+Grey = npt.NDArray[np.uint8]
+
+UNDECODED_GRACE = 1.0
+"""How much longer than the re-detection period a track may go on without a decoded tag [s]."""
+STRONG_BITS = 0.8
+"""Cells this clear stand in for a decoded tag, where none fits into the image."""
+RETRY_DECODE = 0.1
+"""Pause between attempts to decode a tracked tag [s]."""
+SEARCH_EVERY = 5
+"""While one target is tracked, the others are searched for in every n-th image."""
+DECODE_AGREES = 0.5
+"""Decoded corners and pose may differ by this many cells."""
+
+
+@dataclass(slots=True)
+class _Frame:
+    """One image on its way through the tracker."""
+
+    image: CameraImage
+    enu_from_flu: Array | None
+    detections: list[Detection] = field(default_factory=list)
+    poses: list[TargetPose] = field(default_factory=list)
+    refused: dict[str, str] = field(default_factory=dict)
+
+    @property
+    def pixels(self) -> Grey:
+        """The image."""
+        return self.image.pixels
+
+
+class Tracker:
+    """Finds and follows the targets of one camera.
+
+    Without intrinsics it reports tags and never a pose.
+    """
+
+    def __init__(
+        self,
+        tagmap: TagMap,
+        intrinsics: Intrinsics | None,
+        mounting: Mounting | None = None,
+        cfg: TrackerSection | None = None,
+        detector: DetectorSection | None = None,
+    ) -> None:
+        self._cfg = cfg or TrackerSection()
+        self._mounting = mounting
+        self._tagmap = tagmap
+        self.detector = Detector(tagmap.whitelist, detector)
+        self._fitters: dict[str, TargetFitter] = {}
+        self._health = ImageHealth(*((intrinsics.width, intrinsics.height) if intrinsics is not None else (None, None)))
+        if intrinsics is not None:
+            projection = Projection(intrinsics)
+            self._fitters = {t.name: TargetFitter(t, projection, self._cfg) for t in tagmap.targets}
+        self._targets = {target.name: target for target in tagmap.targets}
+        self._tracks = {target.name: Track() for target in tagmap.targets}
+        self._previous: Grey | None = None
+        self._count = 0
+
+    def update(self, image: CameraImage, attitude: AttitudeHistory | None = None) -> VisionResult:
+        """Process one image.
+
+        Args:
+            image: the newest image of the camera.
+            attitude: recent attitudes of the vehicle; used for prediction and, over level targets, as a gate.
+
+        Returns:
+            Tags, poses, alarms and refusals; never raises on account of an image.
+        """
+        alarms = self._health.check(image.pixels)
+        if "wrong_size" in alarms or "frozen" in alarms:
+            self.reset()
+            return VisionResult(image.camera, image.sequence, image.captured_at, (), (), tuple(alarms))
+        known = attitude is not None and self._mounting is not None
+        enu_from_flu = attitude.at(image.captured_at, self._cfg.max_attitude_age) if known and attitude else None
+        frame = _Frame(image, enu_from_flu)
+        self._count += 1
+        if self._fitters:
+            for name in self._fitters:
+                self._follow(frame, name)
+            self._search(frame)
+            for name, track in self._tracks.items():
+                if all(found.target != name for found in frame.poses):
+                    track.misses += 1
+                    if track.misses > self._cfg.max_misses:
+                        track.lose()
+        else:
+            alarms.append("uncalibrated")
+            frame.detections.extend(self._climb(frame))
+        self._previous = image.pixels
+        return VisionResult(
+            image.camera,
+            image.sequence,
+            image.captured_at,
+            tuple(frame.detections),
+            tuple(frame.poses),
+            tuple(alarms),
+            tuple(frame.refused.items()),
+        )
+
+    def reset(self) -> None:
+        """Forget all tracks."""
+        for track in self._tracks.values():
+            track.lose()
+        self._previous = None
+
+    def _follow(self, frame: _Frame, name: str) -> None:
+        """Try to find a tracked target where it should be."""
+        track, fitter = self._tracks[name], self._fitters[name]
+        now = frame.image.captured_at
+        if track.is_live and not 0.0 < now - track.last_time < 1.0:
+            track.lose()
+        if not track.is_live:
+            return
+        predicted, used = track.predict(now, frame.enu_from_flu, self._mounting)
+        starts: list[tuple[str, Pose]] = []
+        if track.misses == 0 and (used or track.has_velocity):
+            starts.append(("predicted", predicted))
+        pose, mode = self._fit_from(frame, name, starts, predicted)
+        if pose is None and track.misses == 0 and self._previous is not None:
+            carried = fitter.flow(self._previous, frame.pixels, track.last, predicted)
+            if carried is not None:
+                pose, mode = self._fit_from(frame, name, [("flow", carried)], predicted)
+        if pose is not None and not self._confirm(frame, name, pose):
+            return
+        if pose is not None:
+            self._publish(frame, name, Choice(pose, float("inf"), "track"), mode)
+            return
+        window = fitter.window(predicted, frame.pixels.shape)
+        if window is not None:
+            stage: Stage = "log" if track.misses % 2 else "decimate1"
+            self._adopt(frame, name, self.detector.search(frame.pixels, stage, window), "roi", predicted)
+
+    def _fit_from(
+        self, frame: _Frame, name: str, starts: Sequence[tuple[str, Pose]], predicted: Pose
+    ) -> tuple[Pose | None, str]:
+        """First start whose fit passes the gates."""
+        fitter = self._fitters[name]
+        for mode, start in starts:
+            pose = fitter.refine(frame.pixels, start, iterations=3)
+            if pose is None:
+                frame.refused[name] = "no_fit"
+                continue
+            fault = self._fault(frame, name, pose, predicted)
+            if not fault:
+                return pose, mode
+            frame.refused[name] = fault
+        return None, ""
+
+    def _fault(self, frame: _Frame, name: str, pose: Pose, predicted: Pose | None) -> str:
+        """The first gate a pose fails; empty when it passes all."""
+        fault = fit_fault(pose, self._cfg) or certainty_fault(pose)
+        if fault:
+            return fault
+        bits = self._fitters[name].match(frame.pixels, pose)
+        if bits is not None and bits < self._cfg.min_bit_correlation:
+            return "bits"
+        tilt = self._tilt(frame, name, pose)
+        if tilt is not None and tilt > self._tilt_gate(pose):
+            return "attitude"
+        if predicted is not None:
+            age = frame.image.captured_at - self._tracks[name].last_time
+            return innovation_fault(pose, predicted, age, frame.enu_from_flu is not None)
+        return ""
+
+    def _tilt(self, frame: _Frame, name: str, pose: Pose) -> float | None:
+        if frame.enu_from_flu is None or self._mounting is None or not self._targets[name].level:
+            return None
+        return tilt_error(pose.rotation, self._mounting, frame.enu_from_flu)
+
+    def _tilt_gate(self, pose: Pose) -> float:
+        spread = float(np.sqrt(max(np.linalg.eigvalsh(pose.covariance[3:, 3:])[-1], 0.0)))
+        return float(np.radians(self._cfg.attitude_gate_deg)) + min(spread, float(np.radians(1.0)))
+
+    def _confirm(self, frame: _Frame, name: str, pose: Pose) -> bool:
+        """Decode a tracked target once a period; false ends the track."""
+        track, fitter = self._tracks[name], self._fitters[name]
+        now = frame.image.captured_at
+        overdue = now - track.decoded_at - self._cfg.redetect_period
+        if overdue < 0.0:
+            return True
+        if now - track.tried_at >= RETRY_DECODE:
+            track.tried_at = now
+            window = fitter.window(pose, frame.pixels.shape)
+            found = self.detector.search(frame.pixels, "decimate1", window) if window is not None else []
+            tags = self._tags_of(name, found)
+            frame.detections.extend(found)
+            if tags:
+                if fitter.disagreement_px(pose, tags) < DECODE_AGREES:
+                    track.decoded_at = now
+                    return True
+                frame.refused[name] = "decoded_elsewhere"
+                track.lose()
+                self._adopt(frame, name, found, "roi", None)
+                return False
+        if overdue < UNDECODED_GRACE:
+            return True
+        bits = fitter.match(frame.pixels, pose)
+        if bits is not None and bits >= STRONG_BITS and self._tilt(frame, name, pose) is not None:
+            return True
+        frame.refused[name] = "not_decoded"
+        track.lose()
+        return False
+
+    def _search(self, frame: _Frame) -> None:
+        """Look for what is still missing in the whole image."""
+        found_names = {pose.target for pose in frame.poses}
+        missing = [name for name in self._fitters if name not in found_names]
+        if not missing or (found_names and self._count % SEARCH_EVERY):
+            return
+        # Right after a miss the prediction is still good; the whole image comes when the neighbourhood gave nothing.
+        if all(self._tracks[name].is_live and self._tracks[name].misses < 1 for name in missing):
+            return
+        found = self._climb(frame)
+        frame.detections.extend(found)
+        for name in missing:
+            self._adopt(frame, name, found, "search", None)
+
+    def _climb(self, frame: _Frame) -> list[Detection]:
+        """Cheap search; when it sees nothing, one of the thorough ones in turn."""
+        stages = self.detector.stages
+        found = self.detector.search(frame.pixels, stages[0])
+        if not found and len(stages) > 1:
+            rest = stages[1:]
+            found = self.detector.search(frame.pixels, rest[self._count % len(rest)])
+        return found
+
+    def _tags_of(self, name: str, found: Sequence[Detection]) -> list[tuple[Tag, Detection]]:
+        owners = self._tagmap.owners
+        owned = ((owners[detection.family, detection.tag_id], detection) for detection in found)
+        return [(tag, detection) for (target, tag), detection in owned if target.name == name]
+
+    def _adopt(self, frame: _Frame, name: str, found: Sequence[Detection], mode: str, predicted: Pose | None) -> None:
+        """Start or restart a track from decoded tags."""
+        if mode == "roi":
+            frame.detections.extend(found)
+        tags = self._tags_of(name, found)
+        if not tags:
+            return
+        fitter, track = self._fitters[name], self._tracks[name]
+        believable: list[Pose] = []
+        for pose in fitter.cold(frame.pixels, tags):
+            fault = fit_fault(pose, self._cfg) or self._bits_fault(frame, name, pose)
+            if fault:
+                frame.refused[name] = fault
+            else:
+                believable.append(pose)
+        tilts = [self._tilt(frame, name, pose) for pose in believable]
+        known = [tilt for tilt in tilts if tilt is not None]
+        choice = choose(
+            believable,
+            min_ratio=self._cfg.min_ambiguity_ratio,
+            tilt_errors=known if len(known) == len(believable) and known else None,
+            tilt_gate=max((self._tilt_gate(pose) for pose in believable), default=0.0),
+            predicted=predicted.rotation if predicted is not None else None,
+        )
+        if choice is None:
+            if believable:
+                frame.refused[name] = (
+                    "attitude" if known and min(known) > self._tilt_gate(believable[0]) else "ambiguous"
+                )
+            return
+        fault = self._fault(frame, name, choice.pose, None)
+        if fault:
+            frame.refused[name] = fault
+            return
+        track.decoded_at = track.tried_at = frame.image.captured_at
+        self._publish(frame, name, choice, mode)
+
+    def _bits_fault(self, frame: _Frame, name: str, pose: Pose) -> str:
+        bits = self._fitters[name].match(frame.pixels, pose)
+        return "bits" if bits is not None and bits < self._cfg.min_bit_correlation else ""
+
+    def _publish(self, frame: _Frame, name: str, choice: Choice, mode: str) -> None:
+        track, fitter, now = self._tracks[name], self._fitters[name], frame.image.captured_at
+        track.accept(now, choice.pose, frame.enu_from_flu)
+        frame.refused.pop(name, None)
+        self._health.note(choice.pose, fitter.side_px(choice.pose))
+        frame.poses.append(
+            TargetPose(
+                name,
+                self._targets[name].frame,
+                choice.pose,
+                choice.ratio,
+                choice.decided_by,
+                mode,
+                fitter.match(frame.pixels, choice.pose),
+                now - track.decoded_at,
+            )
+        )
