@@ -9,9 +9,12 @@ import struct
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from mkdaemon.config.sim_flight import BatteryConfig, FlightConfig, SensorConfig, WindClass
 from mkdaemon.sim.attitude_loop import EASY, AttitudeGains
+from mkdaemon.sim.faults import FAULTS
 from mkdaemon.sim.hand_flight import CircleFlight
 from mkdaemon.sim.world import DT, MOTORS_OFF, StartState, StickInput, World
 
@@ -250,3 +253,40 @@ def test_truth_is_a_proper_rotation() -> None:
     assert rotation @ rotation.T == pytest.approx(np.eye(3), abs=1e-12)
     assert np.linalg.det(rotation) == pytest.approx(1.0)
     assert math.acos(rotation[2, 2]) == pytest.approx(world.truth.tilt, abs=1e-9)
+
+
+@settings(max_examples=40, deadline=None)
+@given(
+    seed=st.integers(0, 10_000),
+    height=st.sampled_from([0.0, 0.05, 1.0, 30.0]),
+    moves=st.lists(
+        st.tuples(
+            st.floats(-127, 127),
+            st.floats(-127, 127),
+            st.floats(-127, 127),
+            st.floats(0, 254),
+            st.booleans(),
+            st.booleans(),
+        ),
+        min_size=1,
+        max_size=8,
+    ),
+    faults=st.lists(st.sampled_from(sorted(FAULTS)), max_size=4),
+)
+def test_nothing_breaks_the_numbers(
+    seed: int, height: float, moves: list[tuple[float, float, float, float, bool, bool]], faults: list[str]
+) -> None:
+    """Whatever the sticks do and whatever fails: finite state, a proper rotation, never under the ground."""
+    world = World(FlightConfig(wind=WindClass.MODERATE), seed=seed, start=StartState(height=height))
+    for name in faults:
+        world.faults.start(name)
+    for move in moves:
+        for _ in range(80):
+            world.step(StickInput(*move))
+        truth, sensors = world.truth, world.sensors
+        assert np.isfinite([*truth.position_enu, *truth.velocity_enu, *truth.rates, truth.tilt]).all()
+        assert np.isfinite([sensors.fc_angle_pitch, sensors.fc_angle_roll, sensors.heading_deg, sensors.acc_z]).all()
+        assert np.linalg.det(truth.enu_from_flu) == pytest.approx(1.0)
+        assert truth.position_enu[2] >= 0.1 - 0.02
+        assert all(0 <= count <= 254 for count in sensors.motor_setpoints)
+        assert 0.0 <= sensors.heading_deg < 360.0

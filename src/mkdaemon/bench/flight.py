@@ -87,9 +87,8 @@ def measure_speed(wind: WindClass, *, by_hand: bool) -> Speed:
     return Speed(name, RUN_S / best, best / steps * 1e6)
 
 
-def measure_step(name: str, parameters: dict[str, int], *, stick_filter: bool, drag: float) -> Step:
+def measure_step(name: str, gains: AttitudeGains, *, drag: float) -> Step:
     """Command 8 deg from a still hover and watch for four seconds."""
-    gains = AttitudeGains.from_parameters(**parameters, stick_filter=stick_filter)
     config = FlightConfig(
         wind=WindClass.NONE,
         sensors=SensorConfig.ideal(),
@@ -107,7 +106,7 @@ def measure_step(name: str, parameters: dict[str, int], *, stick_filter: bool, d
     when = [round(t / DT) - 1 for t in (0.5, 1.0, 2.0, 4.0)]
     return Step(
         name,
-        stick_filter,
+        gains.ts > 0.0,
         drag,
         t63,
         max(believed_deg) / STEP_DEG - 1.0,
@@ -124,8 +123,8 @@ def main(as_json: bool = False) -> None:
         measure_speed(WindClass.LIGHT, by_hand=True),
     ]
     steps = [
-        measure_step(name, parameters, stick_filter=stick_filter, drag=drag)
-        for name, parameters in (("easy", EASY), ("fast", FAST))
+        measure_step(name, AttitudeGains.from_parameters(**gain_set, stick_filter=stick_filter), drag=drag)
+        for name, gain_set in (("easy", EASY), ("fast", FAST))
         for stick_filter in (True, False)
         for drag in (0.35, 0.18)
     ]

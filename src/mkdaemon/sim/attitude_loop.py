@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, TypedDict
 
 from mkdaemon.config.sim_flight import LoopConfig
 
@@ -50,6 +50,7 @@ class AttitudeGains:
         stick_p: set value Stick_P: resolution of the integer stick filter.
         yaw_linear: yaw rate per count [rad/s].
         yaw_square: yaw rate per squared count [rad/s].
+        compass: the set lets the compass hold the heading.
     """
 
     rad_per_count: float
@@ -60,6 +61,7 @@ class AttitudeGains:
     stick_p: float
     yaw_linear: float
     yaw_square: float
+    compass: bool = True
 
     @classmethod
     def from_parameters(
@@ -73,6 +75,7 @@ class AttitudeGains:
         stick_yaw_p: int = 6,
         stick_filter: bool = True,
         ta: float = LEAK_FAST_S,
+        compass: bool = True,
     ) -> AttitudeGains:
         """Compute the constants from a parameter set; the defaults are the Easy set.
 
@@ -85,6 +88,7 @@ class AttitudeGains:
             stick_yaw_p: StickGier_P.
             stick_filter: the firmware filters its sticks (FC >= 2.10).
             ta: leak time constant [s], `LEAK_FAST_S` or `LEAK_SLOW_S`.
+            compass: the compass bit of GlobalConfig.
 
         Source: docs/simulator.md, attitude loop.
         """
@@ -101,14 +105,25 @@ class AttitudeGains:
             stick_p=float(max(1, stick_p)),
             yaw_linear=math.radians(0.1 * stick_yaw_p),
             yaw_square=math.radians(0.0047 / 6.0 * stick_yaw_p),
+            compass=compass,
         )
 
 
-EASY: Final = {"stick_p": 6, "gyro_p": 100, "gyro_i": 120, "i_factor": 16, "gyro_stability": 6}
+class GainSet(TypedDict):
+    """The settings that shape pitch and roll."""
+
+    stick_p: int
+    gyro_p: int
+    gyro_i: int
+    i_factor: int
+    gyro_stability: int
+
+
+EASY: Final = GainSet(stick_p=6, gyro_p=100, gyro_i=120, i_factor=16, gyro_stability=6)
 """The default parameter set: 0.451 deg per count."""
-AGILE: Final = EASY | {"stick_p": 8}
+AGILE: Final = GainSet(stick_p=8, gyro_p=100, gyro_i=120, i_factor=16, gyro_stability=6)
 """0.601 deg per count."""
-FAST: Final = EASY | {"stick_p": 10, "gyro_p": 90, "i_factor": 32}
+FAST: Final = GainSet(stick_p=10, gyro_p=90, gyro_i=120, i_factor=32, gyro_stability=6)
 """0.751 deg per count, twice the integral gain."""
 
 
@@ -194,14 +209,24 @@ class YawLoop:
         locked_yaw: heading the lock holds, ENU yaw [rad].
     """
 
-    __slots__ = ("_gain", "_lag", "_linear", "_lock", "_square", "acceleration", "heading", "locked_yaw")
+    __slots__ = (
+        "_gain",
+        "_has_compass",
+        "_lag",
+        "_linear",
+        "_lock",
+        "_square",
+        "acceleration",
+        "heading",
+        "locked_yaw",
+    )
 
     FUSION_S: Final = 2.0
     """Time in which the compass pulls the gyro heading [s]."""
 
     def __init__(self, gains: AttitudeGains, config: LoopConfig, heading: float) -> None:
         self._lag = config.yaw_rate_lag
-        self._lock = config.compass_lock
+        self._has_compass = config.compass_lock
         self._gain = config.compass_lock_gain
         self.acceleration = 0.0
         self.heading = self.locked_yaw = heading
@@ -210,6 +235,7 @@ class YawLoop:
     def set_gains(self, gains: AttitudeGains) -> None:
         """Fly on with another parameter set."""
         self._linear, self._square = gains.yaw_linear, gains.yaw_square
+        self._lock = self._has_compass and gains.compass
 
     def update(self, stick: float, rate: float, compass: float, *, flying: bool) -> None:
         """Advance by one loop period.
@@ -221,17 +247,17 @@ class YawLoop:
             flying: on the ground the lock follows the heading.
         """
         self.heading += rate * LOOP_PERIOD_S
-        self.heading += _wrap(compass - self.heading) * (LOOP_PERIOD_S / self.FUSION_S)
+        if self._lock:
+            self.heading += _wrap(compass - self.heading) * (LOOP_PERIOD_S / self.FUSION_S)
         size = abs(stick)
         wanted = 0.0
         if size > YAW_DEAD_BAND:
             size -= YAW_DEAD_BAND
             wanted = math.copysign(self._linear * size + self._square * size * size, stick)
-        if self._lock:
-            if abs(stick) >= YAW_UNLOCK or not flying:
-                self.locked_yaw = self.heading
-            else:
-                wanted += self._gain * _wrap(self.locked_yaw - self.heading)
+        if not self._lock or not flying or abs(stick) >= YAW_UNLOCK:
+            self.locked_yaw = self.heading
+        else:
+            wanted += self._gain * _wrap(self.locked_yaw - self.heading)
         self.acceleration = (wanted - rate) / self._lag
 
 

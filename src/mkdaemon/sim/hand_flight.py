@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from enum import StrEnum
-from typing import Final
+from typing import Final, Self
 
 from mkdaemon.sim.airframe import GRAVITY
 from mkdaemon.sim.attitude_loop import AxisLoop
@@ -118,6 +118,13 @@ class HandFlight:
         self._anchor: tuple[float, float, float] | None = None
         self._hands = Hands(0.0 if flying else _GAS_START)
         self.phase = Phase.FLY if flying else Phase.CALIBRATE
+
+    @classmethod
+    def stopping(cls) -> Self:
+        """Return a flight that is over: on the ground, the motors to be stopped."""
+        flight = cls()
+        flight.phase = Phase.STOP
+        return flight
 
     def path(self, t: float) -> tuple[tuple[float, float], tuple[float, float]]:
         """Return place and velocity relative to the start, east and north [m, m/s], `t` [s] after reaching height."""

@@ -117,7 +117,6 @@ class World:
         self._gains = gains or AttitudeGains.from_parameters()
         self._pitch = AxisLoop(self._gains, cfg.loop)
         self._roll = AxisLoop(self._gains, cfg.loop)
-        self._yaw = YawLoop(self._gains, cfg.loop, begin.yaw)
         self._motors = Motors(cfg.airframe)
         if begin.height > 0.0:
             self._motors.spin_up(cfg.airframe.hover_count)
@@ -131,6 +130,7 @@ class World:
         self._view = FlightView(self._airframe, self._pitch, self._roll, self._gains, self._battery)
         self.sensors.update_slow(self._airframe, self._battery, 0.0)
         self.sensors.update_inertial(self._airframe)
+        self._yaw = YawLoop(self._gains, cfg.loop, self.sensors.compass_yaw)
         self._report()
 
     @property
