@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from typing import Any, Final, Protocol, TypeVar
 
 from mkdaemon.cli.session import Answer
-from mkdaemon.errors import CommandRejectedError, MkError, ProtocolError
+from mkdaemon.errors import MkError, ProtocolError
 from mkdaemon.protocol.procedures.steps import Pause, Procedure, Progress, Step
 from mkdaemon.protocol.wire import MESSAGES, Board, WireMessage
 
@@ -102,21 +102,26 @@ async def request(client: Commander, board: Board, message: WireMessage) -> Wire
     if answer.status in _TRY_AGAIN:
         return None
     reply = answer.require()
-    return read_reply(board, message, reply) if reply else None
+    return read_reply(board, message.spec.reply or "", reply) if reply else None
 
 
-def read_reply(board: Board, asked: WireMessage, reply: Mapping[str, Any]) -> WireMessage:
+def read_reply(board: Board, letter: str, reply: Mapping[str, Any]) -> WireMessage:
     """Make the message again that the daemon describes.
+
+    Args:
+        board: who answered.
+        letter: command letter of the answer.
+        reply: its fields.
 
     Raises:
         ProtocolError: no layout of the answer has these fields.
     """
-    for (owner, letter, _), cls in MESSAGES.items():
-        if owner is not board or letter != asked.spec.reply or cls.model_fields.keys() != reply.keys():
+    for (owner, known, _), cls in MESSAGES.items():
+        if owner is not board or known != letter or cls.model_fields.keys() != reply.keys():
             continue
         # Not validated: what a board says may be outside the limits of what may be sent.
         return cls.decode(cls.model_construct(**{name: _plain(value) for name, value in reply.items()}).encode())
-    msg = f"the daemon's answer to {asked.spec.key} has unknown fields: {', '.join(reply)}; update mkctl"
+    msg = f"the daemon's answer {letter!r} of the {board.word} has unknown fields: {', '.join(reply)}; update mkctl"
     raise ProtocolError(msg)
 
 
@@ -138,8 +143,3 @@ def progress_bar(title: str, *, quiet: bool = False) -> Iterator[Report]:
         yield lambda progress: bars.update(
             task, total=progress.total, completed=progress.done, description=progress.what
         )
-
-
-def refused_reason(error: CommandRejectedError) -> dict[str, str]:
-    """A refusal as fields, for `--json`."""
-    return {"status": "denied", "token": error.token, "reason": error.reason, "fix": error.fix}

@@ -1,0 +1,34 @@
+"""`mkctl labels`: the names of a board's debug channels."""
+
+from __future__ import annotations
+
+import json
+from typing import Annotated, Final, Literal
+
+from cyclopts import Parameter
+
+from mkdaemon.cli.conversation import converse, progress_bar
+from mkdaemon.cli.session import Client, Connection
+from mkdaemon.protocol.procedures.labels import read_labels
+from mkdaemon.protocol.procedures.steps import Patience
+from mkdaemon.protocol.wire import Board
+
+HERE: Final = Connection()
+PATIENCE: Final = Patience(attempts=4)
+
+
+async def labels(
+    board: Annotated[Literal["fc", "nc", "mag"], Parameter(help="Whose.")] = "fc",
+    /,
+    *,
+    connection: Connection = HERE,
+) -> None:
+    """Read all 32 labels; a FlightCtrl from 2.09 on proves them with a checksum."""
+    async with Client.open(connection) as client:
+        with progress_bar("labels", quiet=connection.json) as report:
+            names = await converse(client, read_labels(Board[board.upper()], PATIENCE), report)
+    if connection.json:
+        print(json.dumps(names))
+        return
+    for index, name in enumerate(names):
+        print(f"{index:2}  {name}")
