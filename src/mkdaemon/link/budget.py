@@ -126,9 +126,14 @@ def best_mix(board: Board, rules: LineRules, *, limit: float, demand: Demand | N
 
     Returns:
         Interval by key [s]. From the slowest mix on, the step worth most for its share is taken while it fits.
+
+    A board keeps one frame of a kind waiting: a stream faster than all kinds together take would be overtaken by its
+    own next frame whenever they fall due at once. So no interval is shorter than that.
     """
     others = demand or Demand({})
-    offered = {key: ladder for key, ladder in _LADDERS.items() if board in KINDS[key].boards}
+    kinds = [KINDS[key] for key in _LADDERS if board in KINDS[key].boards]
+    queue = rules.reply_time(sum(kind.characters for kind in kinds) + ECHO_CHARACTERS[board][1] + CONFIRM_CHARACTERS)
+    offered = {kind.key: tuple(step for step in _LADDERS[kind.key] if step >= queue) for kind in kinds}
     steps = dict.fromkeys(offered, 0)
 
     def share(at: Mapping[str, int]) -> float:

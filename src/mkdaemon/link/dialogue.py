@@ -7,36 +7,30 @@ with the frames to write now and `next_time` with when to poll again.
 from __future__ import annotations
 
 import math
-from collections import Counter, deque
+from collections import Counter
 from typing import Final
 
 from mkdaemon.config.link import LinkConfig
 from mkdaemon.errors import CommandRejectedError
 from mkdaemon.link import budget, release, requests
-from mkdaemon.link.health import SUSPICION_S, HealthMonitor, Verdict
-from mkdaemon.link.line import ESCAPE, LineRules
+from mkdaemon.link.acquaintance import PROOF_LETTERS, Acquaintance
+from mkdaemon.link.controlpath import ControlPath
+from mkdaemon.link.health import HealthMonitor, Verdict
+from mkdaemon.link.line import FORWARDING_GAP_S, LineRules
+from mkdaemon.link.prober import VERSION_TOKEN, Prober
 from mkdaemon.link.scheduler import Entry, TransmitScheduler
 from mkdaemon.link.subscriptions import KINDS, Subscriptions, kind_of
 from mkdaemon.link.traffic import Purpose
-from mkdaemon.protocol.dialect import Dialect, Evidence, decide
+from mkdaemon.protocol.dialect import Dialect
 from mkdaemon.protocol.framing import Dropped, DropReason, Frame
-from mkdaemon.protocol.messages.linktest import EchoRequest
-from mkdaemon.protocol.messages.version import VersionRequest
+from mkdaemon.protocol.messages.navictrl import ESCAPE
 from mkdaemon.protocol.wire import Board, Unknown, WireMessage
 from mkdaemon.telemetry.link import LinkCondition
 
-FORWARDED: Final = frozenset("by")
-"""Letters a NaviCtrl passes on to the FlightCtrl."""
-ECHO_EVERY_S: Final = 0.2
-"""Default rhythm of link tests, and how old other proof may be before `auto` sends one [s]."""
-PROOF_LETTERS: Final = frozenset("VQPGO")
-"""Replies that tell something about the firmware."""
 REBOOT_S: Final = 0.5
 """A silence longer than this may have been a reboot [s]."""
 Outcome = tuple[requests.Pending, WireMessage | str | None]
 """A question, and its answer; None where it was sent and none ever comes; or why there is none."""
-MOTORS_RUN: Final = 0x01
-"""FCStatusFlags bit 0."""
 
 
 class Dialogue:
@@ -47,31 +41,21 @@ class Dialogue:
         self.rules = LineRules(baud=cfg.baud, gap=cfg.gap_ms / 1000, setpoint_interval=1 / cfg.setpoint_hz)
         self.scheduler = TransmitScheduler(self.rules)
         self.health = HealthMonitor(window=cfg.window_s, max_loss_percent=cfg.max_loss_percent, now=now)
+        self.control = ControlPath(self.health)
+        self.prober = Prober(cfg.echo_hz, self.health)
         self.book = requests.RequestBook()
         self.subscriptions = Subscriptions(Board.ANY, renew=cfg.renew_s)
-        self.evidence = Evidence()
-        self.dialect: Dialect = decide(self.evidence)
-        self.direct = Board.ANY
-        self.redirected: Board | None = None
-        self.boards: set[Board] = set()
+        self.peers = Acquaintance()
         self.plan: release.ReleasePlan | None = None
         self.streams_on = False
         self.is_open = False
         self.is_recording = False
-        self.confirms_hidden = 0
         self._finished: list[Outcome] = []
         self._discarded: list[Entry] = []
         self.counts: dict[str, Counter[str]] = {"rx": Counter(), "tx": Counter(), "dropped": Counter()}
         self.bytes: dict[str, int] = {"rx": 0, "tx": 0}
         self._dialect_changed = True
-        self._number = 0
-        self._pattern = 0
-        self._echo_waiting = False
-        self._echo_sent = -math.inf
-        self._confirm_seen = False
-        self._last_command: WireMessage | None = None
-        self._rx_busy: deque[tuple[float, float]] = deque(maxlen=16)
-        self._motors: tuple[float, bool] = (-math.inf, True)
+        self._navictrl_confirms = False
         self._wishes: dict[str, float] = (
             {} if isinstance(cfg.rates, str) else {key: ms / 1000 for key, ms in cfg.rates.items()}
         )
@@ -82,12 +66,11 @@ class Dialogue:
         """A port is open. Whatever flew before may still obey its last command: a release is the first thing sent."""
         self.is_open = True
         self.is_recording = is_recording
-        self.direct, self.redirected = Board.ANY, None
-        self.boards.clear()
+        self.peers.restart()
+        self._navictrl_confirms = False
         self.streams_on = False
-        self._confirm_seen = False
-        self._echo_waiting = False
-        self._motors = (-math.inf, True)
+        self.control.restart()
+        self.prober.restart()
         self.rules = LineRules(baud=baud, gap=self.rules.gap, setpoint_interval=1 / self._cfg.setpoint_hz)
         self.scheduler.clear()
         self.scheduler.rules = self.rules
@@ -98,6 +81,7 @@ class Dialogue:
     def lost(self, now: float, reason: str, *, absent: bool = False) -> bool:
         """The port is gone; returns whether that is news."""
         self.is_open = False
+        self.control.restart()
         self.scheduler.clear()
         self._finished.extend((pending, reason) for pending in self.book.drain())
         return self.health.port_lost(now, reason, absent=absent)
@@ -120,19 +104,23 @@ class Dialogue:
         self._meet(board)
         letter = frame.id
         if letter != "B":
-            self._rx_busy.append((now - self.rules.reply_time(size), now))
+            self.control.board_was_busy(now - self.rules.reply_time(size), now)
         self.scheduler.reply_seen(board, letter)
         if key in KINDS:
             self.subscriptions.seen(key, now)
         match letter:
-            case "Z":
+            case "Z" if not self.is_recording:
                 self.health.probe_answered(message.pattern, now)  # type: ignore[attr-defined]
             case "B":
-                self._confirmed(message.frame, now)  # type: ignore[attr-defined]
-            case "V" if self.direct is not Board.NC or self.redirected is not None:
-                self.health.probe_answered(-1, now)
+                number: int = message.frame  # type: ignore[attr-defined]
+                self.control.confirmed(number, now)
+                self._navictrl_confirms |= self.peers.direct is Board.NC and self.peers.redirected is None
+                if self.plan is not None:
+                    self.plan.confirmed(number, now)
+            case "V" if self.health.echo.began(VERSION_TOKEN) is not None:
+                self.health.probe_answered(VERSION_TOKEN, now)
             case "O":
-                self._motors = (now, bool(getattr(message, "fc_flags", MOTORS_RUN) & MOTORS_RUN))
+                self.peers.note_motors(message, now)
             case _:
                 pass
         pending = self.book.received(message, board, now)
@@ -170,7 +158,7 @@ class Dialogue:
         """
         if self.is_recording:
             raise CommandRejectedError("recording", "A recording plays: nobody listens.", "Connect an aircraft.")
-        self._check_reach(message, board)
+        self.peers.check_reach(message, board)
         policy = requests.policy_for(board, message)
         pending = requests.Pending(
             message,
@@ -213,17 +201,14 @@ class Dialogue:
             )
         if self.is_releasing:
             raise CommandRejectedError("releasing", "A release is under way.", "Wait for its result.")
-        numbered = message.model_copy(update={"frame": self._take_number()})
-        self.scheduler.submit(
-            Entry(numbered.to_frame(), Purpose.SETPOINT, deadline, Board.FC, numbered, reaches_fc=True), now
-        )
+        self.scheduler.submit(self.control.entry(message, Purpose.SETPOINT, deadline), now)
 
     def release(self, reason: str, now: float) -> None:
         """Begin to let go of the aircraft; setpoints are refused until that is done."""
         self.scheduler.drop_setpoint()
         layout = self.dialect.extern_control
         self.plan = release.ReleasePlan(
-            layout=layout, last_setpoint=self._last_command, confirms=self.confirms, now=now, reason=reason
+            layout=layout, last_setpoint=self.control.last_command, confirms=self.confirms, now=now, reason=reason
         )
 
     def want(self, key: str, interval: float) -> None:
@@ -236,7 +221,7 @@ class Dialogue:
         if interval <= 0:
             del streams[key]
         else:
-            kind_of(key, self.direct)
+            kind_of(key, self.peers.direct)
             budget.check(self.demand(streams), self.rules, limit=self._cfg.max_line_share)
         self.subscriptions.want(key, interval)
         self._wishes = dict(streams)
@@ -246,7 +231,7 @@ class Dialogue:
         cfg, missing = self._cfg, []
         wishes = self._wishes
         if cfg.rates == "auto" and not wishes:
-            wishes = budget.best_mix(self.direct, self.rules, limit=cfg.max_line_share, demand=self.demand({}))
+            wishes = budget.best_mix(self.peers.direct, self.rules, limit=cfg.max_line_share, demand=self.demand({}))
         for key, interval in wishes.items():
             try:
                 self.subscriptions.want(key, interval)
@@ -258,17 +243,16 @@ class Dialogue:
     def demand(self, streams: dict[str, float]) -> budget.Demand:
         """What the line must carry with these streams [s]."""
         period = self.scheduler.setpoint_period
-        rate = self._cfg.echo_hz
         return budget.Demand(
             streams,
-            echo_hz=1 / ECHO_EVERY_S if rate == "auto" else rate,
+            echo_hz=self.prober.highest_rate,
             setpoint_hz=min(1 / period, 1 / self.rules.setpoint_interval) if period else 0.0,
             confirms=self.confirms,
         )
 
     def redirect(self, board: Board | None) -> None:
         """Note that a NaviCtrl passes the line through to a board; None: it speaks for itself again."""
-        self.redirected = board
+        self.peers.redirected = board
         self.scheduler.reserve_line(board)
         if board is None:
             self.subscriptions.forget()
@@ -286,7 +270,8 @@ class Dialogue:
         self._time_out(now)
         self._step_release(now)
         self._step_streams(now)
-        self._step_echo(now)
+        if now >= self._probe_time():
+            self.scheduler.submit(self.prober.make(self.peers.direct, now), now)
         out: list[Entry] = []
         while (entry := self.scheduler.take(now)) is not None:
             self._sent(entry, now)
@@ -300,27 +285,31 @@ class Dialogue:
         times = [self.scheduler.next_time(now) or math.inf, self.book.next_time()]
         if self.plan is not None:
             times.append(self.plan.next_time())
-        if self.streams_on and self.redirected is None:
+        if self.streams_on and self.peers.redirected is None:
             times.append(self.subscriptions.next_time())
-        times.append(self._echo_time())
+        times.append(self._probe_time())
         return min(times)
 
     # -- what is known --------------------------------------------------------------------------------------------
 
     @property
+    def dialect(self) -> Dialect:
+        """How to speak to this aircraft."""
+        return self.peers.dialect
+
+    @property
     def confirms(self) -> bool:
-        """Whether external control frames are confirmed here: by a FlightCtrl on the wire, or if one ever came."""
-        return self.direct is Board.FC or self.redirected is Board.FC or self._confirm_seen
+        """Whether external control frames are confirmed here.
+
+        A FlightCtrl on the wire does. A NaviCtrl 0.24 never does; whether a later one does, its first `B` tells.
+        """
+        fc_listens = self.peers.direct is Board.FC or self.peers.redirected is Board.FC
+        return fc_listens or (self._navictrl_confirms and self.peers.redirected is None)
 
     @property
     def is_releasing(self) -> bool:
         """Whether a release is under way."""
         return self.plan is not None and self.plan.is_running
-
-    def motors_known_off(self, now: float) -> bool:
-        """Whether fresh telemetry says that the motors stand still."""
-        stamp, running = self._motors
-        return now - stamp < 1.0 and not running
 
     def take_dialect_change(self) -> bool:
         """Whether the dialect changed since the last call."""
@@ -354,57 +343,27 @@ class Dialogue:
 
     def _meet(self, board: Board) -> None:
         """Learn from a sender who is at the other end of the wire."""
-        if board in (Board.FC, Board.NC):
-            self.boards.add(board)
-        if board is self.direct or board not in (Board.FC, Board.NC) or self.redirected is not None:
+        if not self.peers.meet(board):
             return
-        if board is Board.NC or self.direct is Board.ANY:
-            self._set_direct(board)
-
-    def _set_direct(self, board: Board) -> None:
-        self.direct = board
         interval = 1 / self._cfg.setpoint_hz
         if board is Board.NC:
-            interval = max(interval, 0.025)
+            interval = max(interval, FORWARDING_GAP_S)
         self.rules = LineRules(self.rules.baud, board, self.rules.gap, interval)
         self.scheduler.rules = self.rules
         wanted = self.subscriptions.wanted
         self.subscriptions = Subscriptions(board, renew=self._cfg.renew_s)
-        for key, interval in wanted.items():
+        for key, period in wanted.items():
             if board in KINDS[key].boards:
-                self.subscriptions.want(key, interval)
+                self.subscriptions.want(key, period)
 
     def _learn(self, board: Board, message: WireMessage | Unknown, now: float) -> None:
-        evidence = self.evidence.with_message(board, message)
-        if evidence == self.evidence:
+        layout = self.dialect.extern_control
+        if not self.peers.learn(board, message):
             return
-        self.evidence = evidence
-        dialect = decide(evidence)
-        if dialect == self.dialect:
-            return
-        layout, self.dialect = self.dialect.extern_control, dialect
         self._dialect_changed = True
-        if dialect.extern_control not in (None, layout):
+        if self.dialect.extern_control not in (None, layout):
             # The release of the opening went out in the layout that is safe everywhere but not understood everywhere.
             self.release("external control layout known", now)
-
-    def _check_reach(self, message: WireMessage, board: Board) -> None:
-        behind = self.direct is Board.NC and board is Board.FC and self.redirected is not Board.FC
-        if behind and message.spec.id not in FORWARDED:
-            raise CommandRejectedError(
-                "board_unreachable",
-                f"A NaviCtrl does not pass {message.spec.name} on to the FlightCtrl.",
-                "Connect to the FlightCtrl, or redirect the line first.",
-            )
-        if self.direct is Board.FC and board is Board.NC:
-            raise CommandRejectedError(
-                "board_unreachable", "The line ends at a FlightCtrl, not at a NaviCtrl.", "Connect to the NaviCtrl."
-            )
-
-    def _reaches_fc(self, message: WireMessage, board: Board) -> bool:
-        if self.direct is Board.NC and self.redirected is None:
-            return board is Board.FC and message.spec.id in FORWARDED
-        return True
 
     def _queue_request(self, pending: requests.Pending, purpose: Purpose, now: float) -> bool:
         message = pending.message
@@ -416,7 +375,7 @@ class Dialogue:
                 deadline=now + 10.0,
                 board=pending.board,
                 message=message,
-                reaches_fc=self._reaches_fc(message, pending.board),
+                reaches_fc=self.peers.reaches_fc(message, pending.board),
                 slot=None if letter is None else (pending.board, letter),
                 reply_within=pending.timeout,
                 tag=pending,
@@ -436,7 +395,7 @@ class Dialogue:
                 self._finished.append((pending, f"{pending.board.word} did not answer, asked {pending.sent} times"))
         for entry in self.scheduler.take_expired():
             if entry.purpose is Purpose.ECHO:
-                self._echo_waiting = False
+                self.prober.dropped()
             if isinstance(entry.tag, requests.Pending):
                 self.book.give_up(entry.tag, now)
                 self._finished.append((entry.tag, "the line was never free for it"))
@@ -449,60 +408,27 @@ class Dialogue:
             return
         message = plan.due(now)
         if message is not None:
-            numbered = message.model_copy(update={"frame": self._take_number()})
-            self.scheduler.submit(
-                Entry(numbered.to_frame(), Purpose.RELEASE, now + 1.0, Board.FC, numbered, reaches_fc=True, tag=plan),
-                now,
-            )
+            self.scheduler.submit(self.control.entry(message, Purpose.RELEASE, now + 1.0, tag=plan), now)
         if plan.is_running:
             return
         if plan.status == "unconfirmed":
             self.scheduler.quieten(self.dialect.dead_man.refreshed_by, now + release.QUIET_S)
-        self._last_command = None
+        self.control.last_command = None
 
     def _step_streams(self, now: float) -> None:
-        if not self.streams_on or self.redirected is not None or now < self.subscriptions.next_time():
+        if not self.streams_on or self.peers.redirected is not None or now < self.subscriptions.next_time():
             return
         for message in self.subscriptions.due(now):
             self.scheduler.submit(
-                Entry(message.to_frame(self.direct), Purpose.SUBSCRIPTION, now + 1.0, self.direct, message), now
+                Entry(message.to_frame(self.peers.direct), Purpose.SUBSCRIPTION, now + 1.0, self.peers.direct, message),
+                now,
             )
-        self.health.wanted(self.direct.word, self.subscriptions.wanted, now)
+        self.health.wanted(self.peers.direct.word, self.subscriptions.wanted, now)
 
-    def _echo_time(self) -> float:
-        """When the next link test is due [s]; infinite for never."""
-        rate = self._cfg.echo_hz
-        if self._echo_waiting or self.direct is Board.ANY or self.redirected is not None or rate == 0:
-            return math.inf
-        if self.health.is_suspicious:
-            return self._echo_sent + SUSPICION_S + 0.001
-        if rate == "auto":
-            return max(self._echo_sent, self.health.two_way_proof) + ECHO_EVERY_S
-        return self._echo_sent + 1 / rate
-
-    def _step_echo(self, now: float) -> None:
-        if now < self._echo_time():
-            return
-        self._echo_waiting = True
-        if self.direct is Board.NC:
-            self._pattern = self._pattern % 0xFFFF + 1
-            message: WireMessage = EchoRequest(pattern=self._pattern)
-            token = self._pattern
-        else:
-            message, token = VersionRequest(), -1
-        slot = (self.direct, message.spec.reply or "")
-        self.scheduler.submit(
-            Entry(
-                message.to_frame(self.direct),
-                Purpose.ECHO,
-                now + 0.5,
-                self.direct,
-                message,
-                slot=slot,
-                reply_within=SUSPICION_S,
-                tag=token,
-            ),
-            now,
+    def _probe_time(self) -> float:
+        """When the next link test is due [s]; infinite while nobody could answer it."""
+        return (
+            math.inf if self.peers.direct is Board.ANY or self.peers.redirected is not None else self.prober.next_time()
         )
 
     def _sent(self, entry: Entry, now: float) -> None:
@@ -514,16 +440,10 @@ class Dialogue:
         if isinstance(entry.tag, requests.Pending):
             self._request_sent(entry.tag, now)
         elif entry.purpose is Purpose.ECHO:
-            self._echo_waiting = False
-            self._echo_sent = now
-            self.health.probe_sent(entry.tag, now)  # type: ignore[arg-type]  # an echo's tag is its token
+            self.prober.sent(entry, now)
         elif entry.purpose in (Purpose.SETPOINT, Purpose.RELEASE):
-            number: int = message.frame  # type: ignore[attr-defined]  # every layout of external control has it
-            if self.confirms:
-                self.health.confirm.sent(number, now)
-            if entry.purpose is Purpose.SETPOINT:
-                self._last_command = message
-            elif isinstance(entry.tag, release.ReleasePlan):
+            number = self.control.sent(entry, now, confirms=self.confirms)
+            if isinstance(entry.tag, release.ReleasePlan):
                 entry.tag.sent(message, number, now)
 
     def _request_sent(self, pending: requests.Pending, now: float) -> None:
@@ -535,24 +455,6 @@ class Dialogue:
         if pending.message.spec.reply is None:
             self.book.withdraw(pending, now)
             self._finished.append((pending, None))
-
-    def _confirmed(self, number: int, now: float) -> None:
-        self._confirm_seen = True
-        began = self.health.confirm.began(number)
-        if began is not None:
-            for older, sent in self.health.confirm.before(began):
-                # One confirm variable: while the board sent a long frame, this number replaced the older one.
-                if any(start < began + 0.01 and end > sent for start, end in self._rx_busy):
-                    self.health.confirm.forget(older)
-                    self.confirms_hidden += 1
-        self.health.confirmed(number, now)
-        if self.plan is not None:
-            self.plan.confirmed(number, now)
-
-    def _take_number(self) -> int:
-        """Rolling and never 0, which would ask for no confirmation."""
-        self._number = self._number % 255 + 1
-        return self._number
 
 
 _ADDRESSES: Final = {int(board): board for board in Board}

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
+from collections.abc import Hashable
 from dataclasses import dataclass, field
 from typing import Final
 
@@ -147,17 +148,17 @@ class HealthMonitor:
         self._heard_us = now
         self._open_questions.clear()
 
-    def probe_sent(self, token: int, now: float) -> None:
+    def probe_sent(self, token: Hashable, now: float) -> None:
         """A link test went out."""
         self._open_questions.append(now)
         self.echo.sent(token, now)
 
-    def probe_answered(self, token: int, now: float) -> None:
+    def probe_answered(self, token: Hashable, now: float) -> None:
         """A link test came back."""
         if self.echo.answered(token, now) is not None:
             self.heard_us(now)
 
-    def confirmed(self, token: int, now: float) -> None:
+    def confirmed(self, token: Hashable, now: float) -> None:
         """An external control frame was confirmed."""
         if self.confirm.answered(token, now) is not None:
             self.heard_us(now)

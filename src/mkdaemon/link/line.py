@@ -20,8 +20,6 @@ FORWARDING_GAP_S: Final = 0.025
 """Between external control frames a NaviCtrl 0.24 passes on byte by byte: none of 40 Hz lost, half of 50 Hz [s]."""
 RESYNC: Final = b"\r\r"
 """Ends whatever a receiver may hold: a FlightCtrl does not restart at `#`."""
-ESCAPE: Final = b"\x1b\x1b\x55\xaa\x00"
-"""Ends a redirection through a NaviCtrl; all five bytes."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -84,12 +84,12 @@ class Link:
     @property
     def boards(self) -> frozenset[Board]:
         """Boards heard since the port was opened."""
-        return frozenset(self._dialogue.boards)
+        return frozenset(self._dialogue.peers.boards)
 
     @property
     def direct_board(self) -> Board:
         """The board the wire ends at; ANY while unknown."""
-        return self._dialogue.direct
+        return self._dialogue.peers.direct
 
     @property
     def is_up(self) -> bool:
@@ -192,7 +192,7 @@ class Link:
 
     def motors_known_off(self) -> bool:
         """Whether fresh telemetry says that the motors stand still."""
-        return self._dialogue.motors_known_off(self._clock())
+        return self._dialogue.peers.motors_known_off(self._clock())
 
     def note_redirect(self, board: Board | None) -> None:
         """A NaviCtrl passes the line through to a board from now on; None: no more."""
@@ -410,7 +410,7 @@ class Link:
             self._dialogue.withdraw(pending, self._clock())
 
     def _addressee(self, msg: WireMessage) -> Board:
-        here = self._dialogue.redirected or self._dialogue.direct
+        here = self._dialogue.peers.redirected or self._dialogue.peers.direct
         return here if here in msg.spec.boards else msg.spec.boards[0]
 
     def _break(self, error: LinkLostError) -> None:

@@ -48,7 +48,13 @@ class Reporter:
     def state_is_news(self) -> bool:
         """Whether the state differs from the one told last."""
         dialogue = self._dialogue
-        told = (dialogue.health.verdict, dialogue.dialect, dialogue.redirected, self._openings, len(dialogue.boards))
+        told = (
+            dialogue.health.verdict,
+            dialogue.dialect,
+            dialogue.peers.redirected,
+            self._openings,
+            len(dialogue.peers.boards),
+        )
         news, self._told = told != self._told, told
         return news
 
@@ -66,10 +72,10 @@ class Reporter:
             baud=dialogue.rules.baud,
             hears_board=dialogue.is_open and heard < _FRESH_S,
             board_hears_us=dialogue.is_open and heard_us < _FRESH_S,
-            boards=tuple(board.word for board in sorted(dialogue.boards)),
+            boards=tuple(board.word for board in sorted(dialogue.peers.boards)),
             firmware=_firmware(dialogue),
             external_control=dialogue.dialect.extern_control_layout or "",
-            redirected_to="" if dialogue.redirected is None else dialogue.redirected.word,
+            redirected_to="" if dialogue.peers.redirected is None else dialogue.peers.redirected.word,
             openings=self._openings,
         )
 
@@ -83,7 +89,7 @@ class Reporter:
             state=self.state(now),
             echo=monitor.echo.statistics(now),
             confirm=monitor.confirm.statistics(now),
-            confirm_hidden=dialogue.confirms_hidden,
+            confirm_hidden=dialogue.control.hidden,
             requests_answered=dialogue.book.answered,
             requests_unanswered=dialogue.book.unanswered,
             heard_age_s=heard if math.isfinite(heard) else None,

@@ -130,6 +130,7 @@ class TransmitScheduler:
     def reply_seen(self, board: Board, letter: str) -> None:
         """A reply arrived: its kind may be asked again."""
         self._taken.pop((board, letter), None)
+        self._taken.pop((Board.ANY, letter), None)
 
     def resynchronise(self) -> None:
         """Lead the next frame by CR CR: something went wrong, a receiver may wait inside a broken frame."""
