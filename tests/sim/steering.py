@@ -5,9 +5,8 @@ from __future__ import annotations
 from mkdaemon.sim.pilot import Pilot
 from mkdaemon.sim.world import DT, StickInput, World
 
-GAS_AT_REST = 108.0
-"""Motor count of a centred gas stick on 2.12a [count]."""
-GAS_PER_COUNT = 0.86
+GAS_AT_REST = 127.0
+"""Gas of a centred stick [count]."""
 CORNER_S = 0.7
 
 
@@ -25,7 +24,7 @@ class RcBoard:
     def sticks(self) -> StickInput:
         pilot = self.world.pilot
         self._watch_corners(pilot)
-        gas = max(0.0, min(254.0, GAS_AT_REST + GAS_PER_COUNT * pilot.gas))
+        gas = max(0.0, min(254.0, GAS_AT_REST + pilot.gas))
         return StickInput(
             pilot.pitch,
             pilot.roll,

@@ -28,7 +28,7 @@ def test_load_sags_the_voltage_at_once() -> None:
     idle = battery.voltage
     battery.update(1.0, 0.02)
     assert battery.current == pytest.approx(12.6)
-    assert idle - battery.voltage == pytest.approx(12.0 * 3 * 0.008, rel=0.01)
+    assert idle - battery.voltage == pytest.approx(12.0 * 4 * 0.008, rel=0.01)
 
 
 def test_hover_lasts_as_long_as_the_capacity_says() -> None:
@@ -40,7 +40,7 @@ def test_hover_lasts_as_long_as_the_capacity_says() -> None:
     nominal = 3300.0 / 12600.0 * 3600.0
     assert 0.85 * nominal < seconds < nominal
     assert battery.used_mah == pytest.approx(12600.0 * seconds / 3600.0)
-    assert battery.voltage < 9.9
+    assert battery.voltage < 4 * 3.3
 
 
 def test_an_empty_pack_stays_finite() -> None:
@@ -48,14 +48,14 @@ def test_an_empty_pack_stays_finite() -> None:
     for _ in range(1000):
         battery.update(2.0, 1.0)
     assert battery.charge == 0.0
-    assert 0.5 <= battery.voltage < 9.0
+    assert 0.5 <= battery.voltage < 4 * 3.0
 
 
 def test_a_fault_takes_volts_off() -> None:
     battery = Battery(BatteryConfig())
     battery.update(1.0, 0.02)
     before = battery.voltage
-    battery.drop = 3.0
+    battery.drop = 3.6
     battery.update(1.0, 0.02)
-    assert before - battery.voltage == pytest.approx(3.0, abs=0.01)
+    assert before - battery.voltage == pytest.approx(3.6, abs=0.01)
     assert battery.is_low

@@ -6,7 +6,7 @@ import pytest
 
 from mkdaemon.config.sim_flight import AirframeConfig
 from mkdaemon.sim.airframe import GRAVITY
-from mkdaemon.sim.motors import MAX_COUNT, MIN_COUNT, Motors
+from mkdaemon.sim.motors import COMPENSATION_V, MAX_COUNT, MIN_COUNT, Motors
 
 CONFIG = AirframeConfig()
 DT = 2.048e-3
@@ -77,6 +77,11 @@ def test_compensation_raises_counts_not_thrust() -> None:
     assert weak.thrust == pytest.approx(settled(125.0).thrust)
     assert weak.setpoints[0] == int(125 * 1.15)
     assert settled(250.0, comp=1.15).thrust < settled(250.0).thrust
+
+
+@pytest.mark.parametrize(("gas", "setpoint"), [(27.0, 22), (77.0, 65), (127.0, 108)])
+def test_set_points_at_the_bench_voltage(gas: float, setpoint: int) -> None:
+    assert settled(gas, comp=COMPENSATION_V / 14.8).setpoints[:4] == [setpoint] * 4
 
 
 def test_below_the_low_voltage_thrust_fades() -> None:

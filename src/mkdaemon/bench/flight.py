@@ -79,7 +79,7 @@ def measure_speed(wind: WindClass, *, by_hand: bool) -> Speed:
         pilot = world.pilot
         began = time.perf_counter()
         for _ in range(steps):
-            gas = 108.0 + 0.86 * pilot.gas if by_hand else 125.0
+            gas = 127.0 + pilot.gas if by_hand else 125.0
             pitch, roll = (float(pilot.pitch), float(pilot.roll)) if by_hand else (0.0, 0.0)
             world.step(StickInput(pitch, roll, 0.0, gas, motors_running=True, height_control=not by_hand))
         best = min(best, time.perf_counter() - began)

@@ -40,7 +40,7 @@ class AirframeConfig(Section):
     drag: float = Field(default=0.35, ge=0.0, le=2.0)
     """Linear drag over mass [1/s]: 0.35 with ducts; 0.18 reproduces the tilt run-away of an open airframe."""
     hover_count: float = Field(default=125.0, ge=80.0, le=180.0)
-    """Motor count that carries the flying mass out of ground effect, battery full [count]."""
+    """Gas that carries the flying mass out of ground effect [count]."""
     motor_lag: float = Field(default=0.060, ge=0.005, le=0.2)
     """First-order lag of the collective thrust [s]; 0.030 to 0.090 seen."""
     torque_per_thrust: float = Field(default=0.016, gt=0.0)
@@ -79,7 +79,7 @@ class LoopConfig(Section):
 class BatteryConfig(Section):
     """A lithium-polymer pack."""
 
-    cells: int = Field(default=3, ge=2, le=8)
+    cells: int = Field(default=4, ge=2, le=8)
     """Cells in series."""
     capacity_mah: float = Field(default=3300.0, gt=100.0)
     """Full charge [mAh]."""

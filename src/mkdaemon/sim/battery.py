@@ -70,11 +70,6 @@ class Battery:
         self.is_low = self.voltage < self._low_v
 
     @property
-    def full_voltage(self) -> float:
-        """Voltage of a full pack at rest [V]: the reference of the gas compensation."""
-        return self._cells * OPEN_CIRCUIT_V[-1][1]
-
-    @property
     def low_voltage(self) -> float:
         """Voltage of the LOWBAT warning [V]."""
         return self._low_v

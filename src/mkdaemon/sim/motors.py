@@ -16,6 +16,8 @@ MAX_COUNT: Final = 254.0
 """Largest motor set point."""
 MIN_COUNT: Final = 8.0
 """Smallest set point of a turning motor: the controller never lets a motor stop in flight."""
+COMPENSATION_V: Final = 12.6
+"""Voltage at which a set point is the gas itself: at 14.8 V gas 27, 77 and 127 left the board as 22, 65 and 108."""
 MOTORS_ON_BUS: Final = 12
 """Motor slots the FlightCtrl knows."""
 
@@ -93,7 +95,7 @@ class Motors:
             alpha_y: about body left [rad/s2].
             alpha_z: about body up [rad/s2].
             compensation: factor the FlightCtrl puts on its counts for the battery voltage.
-            strength: rotor speed per compensated count, over that of a full battery, times `compensation`.
+            strength: share of the rotor speed that compensation keeps up, 1 above LOWBAT.
             dt: [s].
         """
         self._collective += (gas - self._collective) * min(1.0, dt / self._lag)

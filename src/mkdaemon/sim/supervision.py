@@ -13,8 +13,8 @@ from typing import Final
 from mkdaemon.sim.hand_flight import HandFlight, Phase
 from mkdaemon.sim.pilot import STICK_LIMIT, FlightView, Pilot
 
-CEILING_GAS: Final = 45.0
-"""Gas stick while a machine flies: a quarter more thrust than hover (about 20) to climb with."""
+CEILING_GAS: Final = 15.0
+"""Gas stick while a machine flies: a quarter more thrust than hover (about -2) to climb with."""
 LANDED_S: Final = 0.5
 """Time on the ground that makes a landing."""
 

@@ -18,7 +18,7 @@ from mkdaemon.sim.battery import Battery
 from mkdaemon.sim.faults import ActiveFault, Faults
 from mkdaemon.sim.hand_flight import HandFlight
 from mkdaemon.sim.height_control import HeightControl
-from mkdaemon.sim.motors import Motors
+from mkdaemon.sim.motors import COMPENSATION_V, Motors
 from mkdaemon.sim.pilot import RC_PERIOD_S, FlightView, Pilot
 from mkdaemon.sim.sensors import Sensors
 from mkdaemon.sim.truth import Truth
@@ -206,7 +206,7 @@ class World:
             roll.acceleration,
             pitch.acceleration,
             yaw.acceleration,
-            battery.full_voltage / compensated,
+            COMPENSATION_V / compensated,
             min(1.0, battery.voltage / compensated),
             DT,
         )
