@@ -7,6 +7,7 @@ from mkdaemon.config.bus import BusConfig
 from mkdaemon.config.commands import CommandsConfig
 from mkdaemon.config.control import ControlConfig
 from mkdaemon.config.link import LinkConfig
+from mkdaemon.config.sim import SimConfig
 from mkdaemon.config.vehicle import VehicleConfig
 
 
@@ -23,3 +24,5 @@ class Config(Section):
     """Dangerous requests that may be made."""
     control: ControlConfig = ControlConfig()
     """Authority, limiter, control rate."""
+    sim: SimConfig = SimConfig()
+    """The simulated aircraft of `mkdaemon sim` and `mkdaemon demo`."""

@@ -1,0 +1,60 @@
+"""`mkdaemon sim`: the simulated aircraft on a pseudo terminal, for mkdaemon or any other program."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import signal
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from cyclopts import Parameter
+
+from mkdaemon.config.reader import load
+from mkdaemon.config.root import Config
+from mkdaemon.sim.runtime import Runtime
+from mkdaemon.sim.simulation import Simulation
+
+
+def sim(
+    *,
+    config: Annotated[Path | None, Parameter(help="Configuration file; section [sim] is read.")] = None,
+    board: Annotated[
+        Literal["nc", "fc"] | None, Parameter(help="Whose port: NaviCtrl (default) or FlightCtrl.")
+    ] = None,
+    fc: Annotated[str | None, Parameter(help="FlightCtrl release: early, 2.08, 2.12a, 2.14.")] = None,
+    nc: Annotated[str | None, Parameter(help="NaviCtrl release: 0.24, 2.14.")] = None,
+    seed: Annotated[int | None, Parameter(help="Of every random stream.")] = None,
+    pilot: Annotated[str | None, Parameter(help="circle, hover, supervise, wait, nothing.")] = None,
+    listen: Annotated[str | None, Parameter(help="Also offer the port over TCP, host:port.")] = None,
+    seconds: Annotated[float | None, Parameter(help="End after so long; otherwise on Ctrl-C.")] = None,
+) -> None:
+    """Simulate an aircraft. The first line on standard output is `{"port": "/dev/pts/N"}`: connect to that port.
+
+    The boards behave as measured ones do: byte timing, losses, time-outs, dead-man. Faults: `mkctl sim fault`.
+    """
+    given = {
+        "sim.board": board,
+        "sim.fc": fc,
+        "sim.nc": nc,
+        "sim.seed": seed,
+        "sim.pilot_plan": pilot,
+        "sim.listen": listen,
+    }
+    overrides: dict[str, Any] = {key: value for key, value in given.items() if value is not None}
+    asyncio.run(_serve(load(config, overrides), seconds))
+
+
+async def _serve(config: Config, seconds: float | None) -> None:
+    """Run until a signal comes or the time is over."""
+    stop = asyncio.Event()
+    loop = asyncio.get_running_loop()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        loop.add_signal_handler(number, stop.set)
+    runtime = Runtime(Simulation(config.sim), listen=config.sim.listen)
+    async with runtime.serve():
+        print(json.dumps({"port": runtime.port}), flush=True)
+        try:
+            await asyncio.wait_for(stop.wait(), seconds)
+        except TimeoutError:
+            return

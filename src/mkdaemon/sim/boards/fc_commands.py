@@ -1,0 +1,276 @@
+"""What each command letter does on a FlightCtrl: one handler a letter, one table.
+
+A handler reads the receive buffer as the firmware does, garbage of short payloads included. Letters of the first table
+need the board's own address; those of the second are obeyed whatever the address says. Source: docs/firmware-notes,
+"Sending" and "Commands with side effects"; docs/protocol.md, sections 5 to 7.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Final
+
+from mkdaemon.protocol.messages import (
+    Mixer,
+    MixerWritten,
+    Settings,
+    SettingsSelected,
+    SettingsWritten,
+)
+from mkdaemon.sim.boards.eeprom import BL_SIZE, MIXER_REVISION, MIXER_SIZE
+from mkdaemon.sim.boards.motors import READ_S, WRITE_S
+from mkdaemon.sim.boards.parameters import SETS, clamp_written, parameter_size
+
+if TYPE_CHECKING:
+    from mkdaemon.sim.boards.fc import FlightCtrl
+
+_OWN_ADDRESS: Final = 1
+_ACTIVE: Final = 255
+_EEPROM_READ_S: Final = 1.2e-3
+_SET_WRITE_S: Final = 0.64
+_MIXER_WRITE_S: Final = 0.3
+_RESET_SET_S: Final = 0.5
+_SELECT_S: Final = 0.04
+_BEEP_S: Final = 0.23
+"""Length of one of the beeps that count out the set number."""
+_SETTLE_S: Final = 0.1e-3
+_STOP_S: Final = 0.85
+_BEEP_UNIT_S: Final = 1e-4
+_LABELS: Final = 31
+_FORK_BUSY: Final = (0.24, 2.5)
+"""Shortest and longest time a fork's beep keeps the board busy."""
+
+
+def handle(board: FlightCtrl, now: float) -> None:
+    """Handle the frame in the receive buffer."""
+    buffer = board.rx.buffer
+    buffer.decode_in_place()
+    letter = buffer.command
+    if letter != "b" or board.external.accepts(buffer.length):
+        board.external.refresh(letter)
+    own = buffer.address == _OWN_ADDRESS
+    handler = (_OWN.get(letter) if own else None) or _ANY.get(letter)
+    if handler is None and own and board.is_fork:
+        handler = _FORK.get(letter)
+    if handler is not None:
+        handler(board, now)
+
+
+def _read(board: FlightCtrl, size: int) -> bytes:
+    return board.rx.buffer.payload(size)
+
+
+# --- any address ---
+
+
+def _version(board: FlightCtrl, now: float) -> None:
+    asked = _read(board, 1)[0]
+    board.wanted.version = asked if board.generation.release >= (2, 0, 0) else 0
+
+
+def _control_state(board: FlightCtrl, now: float) -> None:
+    board.wanted.control = True
+
+
+def _label(board: FlightCtrl, now: float) -> None:
+    board.wanted.label = min(_read(board, 1)[0], _LABELS)
+
+
+def _debug(board: FlightCtrl, now: float) -> None:
+    board.debug.interval = _read(board, 1)[0]
+    board.wanted.debug = board.debug.interval > 0
+    board.renew(now)
+
+
+def _attitude(board: FlightCtrl, now: float) -> None:
+    board.attitude.interval = _read(board, 1)[0]
+    board.attitude.restart(now)
+    board.renew(now)
+
+
+def _display(board: FlightCtrl, now: float) -> None:
+    keys, board.display.interval = _read(board, 2)
+    board.menu.press(board, keys)
+    board.wanted.display = True
+    board.renew(now)
+
+
+def _menu(board: FlightCtrl, now: float) -> None:
+    board.wanted.menu = _read(board, 1)[0]
+
+
+def _control(board: FlightCtrl, now: float) -> None:
+    external = board.external
+    if external.accepts(board.rx.buffer.length):
+        external.take(_read(board, external.size))
+
+
+def _compass(board: FlightCtrl, now: float) -> None:
+    board.forced_heading = int.from_bytes(_read(board, 2), "little", signed=True)
+
+
+def _motor_test(board: FlightCtrl, now: float) -> None:
+    board.renew(now)
+    reply = board.motors.test(_read(board, 16), board.rx.buffer.length, now)
+    if board.generation.release >= (2, 0, 0):
+        board.send_when_free(reply, now + _SETTLE_S)
+
+
+# --- own address ---
+
+
+def _receiver(board: FlightCtrl, now: float) -> None:
+    board.wanted.receiver = True
+
+
+def _mixer(board: FlightCtrl, now: float) -> None:
+    if board.generation.answers_mixer:
+        board.send_when_free(Mixer.decode(board.eeprom.mixer), now + _SETTLE_S)
+
+
+def _write_mixer(board: FlightCtrl, now: float) -> None:
+    if not board.generation.answers_mixer:
+        return
+    raw = _read(board, MIXER_SIZE)
+    stored = raw[0] == MIXER_REVISION
+    if stored:
+        board.eeprom.mixer = raw
+        board.eeprom.save()
+    done = now + (_MIXER_WRITE_S if stored else _SETTLE_S)
+    board.send_when_free(MixerWritten(stored=int(stored)), done)
+
+
+def _settings(board: FlightCtrl, now: float) -> None:
+    index = _read(board, 1)[0]
+    running = board.core.running
+    if running and "q" in board.generation.deaf_when_running:
+        return
+    if running:
+        _send_settings(board, board.eeprom.active, board.live.raw, now + _EEPROM_READ_S)
+        return
+    if 10 <= index < 30:
+        _reset_settings(board, index, now)
+        return
+    number = board.eeprom.active if index == _ACTIVE else min(max(index, 1), SETS)
+    board.load(number)
+    _send_settings(board, number, board.live.raw, now + _EEPROM_READ_S)
+
+
+def _reset_settings(board: FlightCtrl, index: int, now: float) -> None:
+    number = min(max(index % 10, 1), SETS)
+    eeprom = board.eeprom
+    eeprom.reset_set(number, keep_channels=index < 20)
+    eeprom.active = number
+    eeprom.save()
+    board.load(number)
+    _send_settings(board, number, board.live.raw, now + _RESET_SET_S)
+
+
+def _send_settings(board: FlightCtrl, number: int, raw: bytes, at: float) -> None:
+    board.send_when_free(Settings.decode(bytes([number]) + raw), at)
+
+
+def _write_settings(board: FlightCtrl, now: float) -> None:
+    size = parameter_size(board.generation.revision)
+    index, raw = _read(board, 1)[0], _read(board, 1 + size)[1:]
+    if not 1 <= index <= SETS or raw[0] != board.generation.revision or board.core.running:
+        board.send_when_free(SettingsWritten(index=0), now + _SETTLE_S)
+        return
+    eeprom = board.eeprom
+    eeprom.sets[index] = clamp_written(raw)
+    eeprom.active = index
+    eeprom.save()
+    board.load(index)
+    board.send_when_free(SettingsWritten(index=index), now + _SET_WRITE_S)
+    board.block(now + _SET_WRITE_S + index * _BEEP_S)
+
+
+def _select_settings(board: FlightCtrl, now: float) -> None:
+    if board.core.running:
+        return
+    number = _read(board, 1)[0]
+    if 1 <= number <= SETS:
+        board.load(number)
+    active = board.eeprom.active
+    board.send_when_free(SettingsSelected(index=active), now + _SELECT_S)
+    board.block(now + _SELECT_S + active * _BEEP_S)
+
+
+def _serial_channels(board: FlightCtrl, now: float) -> None:
+    raw = _read(board, 12)
+    board.serial_channels = [value - 256 if value > 127 else value for value in raw]
+
+
+def _read_motor_controller(board: FlightCtrl, now: float) -> None:
+    motor = _read(board, 1)[0]
+    reply = board.motors.read(motor, running=board.core.running)
+    took = READ_S if reply.done else _SETTLE_S
+    board.send_when_free(reply, now + took)
+
+
+def _write_motor_controller(board: FlightCtrl, now: float) -> None:
+    if board.rx.buffer.encoded_length < BL_SIZE + 1:
+        return
+    raw = _read(board, BL_SIZE + 1)
+    reply = board.motors.write(raw[0], raw[1:], running=board.core.running)
+    took = WRITE_S if reply.done else _SETTLE_S
+    board.send_when_free(reply, now + took)
+
+
+def _bridge(board: FlightCtrl, now: float) -> None:
+    board.bridged = not board.core.running
+
+
+# --- the fork ---
+
+
+def _arm(board: FlightCtrl, now: float) -> None:
+    if board.core.calibrated and not board.companion_error:
+        board.core.start()
+
+
+def _disarm(board: FlightCtrl, now: float) -> None:
+    board.core.stop()
+    board.block(now + _STOP_S)
+
+
+def _calibrate(board: FlightCtrl, now: float) -> None:
+    board.core.calibrate()
+    board.block(now + 1.5)
+
+
+def _beep(board: FlightCtrl, now: float) -> None:
+    if board.core.running:
+        return
+    raw = _read(board, 3)
+    length = int.from_bytes(raw[:2], "little", signed=True) * _BEEP_UNIT_S * raw[2]
+    board.block(now + max(_FORK_BUSY[0], min(_FORK_BUSY[1], length)))
+
+
+_Handler = Callable[["FlightCtrl", float], None]
+
+_ANY: Final[dict[str, _Handler]] = {
+    "v": _version,
+    "g": _control_state,
+    "a": _label,
+    "d": _debug,
+    "c": _attitude,
+    "h": _display,
+    "l": _menu,
+    "b": _control,
+    "K": _compass,
+    "t": _motor_test,
+}
+_OWN: Final[dict[str, _Handler]] = {
+    "p": _receiver,
+    "n": _mixer,
+    "m": _write_mixer,
+    "q": _settings,
+    "s": _write_settings,
+    "f": _select_settings,
+    "y": _serial_channels,
+    "u": _read_motor_controller,
+    "w": _write_motor_controller,
+    "j": _bridge,
+}
+_FORK: Final[dict[str, _Handler]] = {"x": _arm, "e": _disarm, "r": _calibrate, "o": _beep}

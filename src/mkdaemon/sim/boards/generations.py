@@ -1,0 +1,221 @@
+"""Firmware generations of the two boards: what differs between releases, as one table each.
+
+Sources: docs/protocol.md (compatibility matrix), docs/firmware-notes (measured), docs/safety.md (dead-man generations).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final, Literal
+
+from mkdaemon.protocol.messages import (
+    AttitudeDataFc210,
+    AttitudeDataFcOld,
+    AttitudeDataNc,
+    AttitudeDataNcSticks,
+    ControlStateV1,
+    ControlStateV2,
+    ControlStateV3,
+    VersionClassic,
+    VersionFc200,
+    VersionFc210,
+)
+
+FC_MS: Final = 1.038e-3
+"""The FlightCtrl's millisecond, as measured [s] (nominal 1.024)."""
+SLOW_TICK_S: Final = 20 * 1.0248e-3
+"""Period of the dead-man counter: 100 of them are the measured 2.05 s [s]."""
+
+
+@dataclass(frozen=True, slots=True)
+class DeadMan:
+    """How long a FlightCtrl holds the last sticks.
+
+    Attributes:
+        ticks: slow ticks until they are dropped.
+        refreshed_by: command letters that start the count anew; empty means every command.
+    """
+
+    ticks: int
+    refreshed_by: frozenset[str]
+
+    def is_refreshed_by(self, command: str) -> bool:
+        """Whether this command keeps stale sticks alive."""
+        return not self.refreshed_by or command in self.refreshed_by
+
+
+FcWord = Literal["early", "2.08", "2.12a", "2.14"]
+NcWord = Literal["0.24", "2.14"]
+
+
+@dataclass(frozen=True, slots=True)
+class FcGeneration:
+    """One FlightCtrl release.
+
+    Attributes:
+        word: how the configuration names it.
+        release: major, minor, patch letter as a number.
+        revision: of its parameter set.
+        version: message class of its version reply.
+        attitude: message class of its attitude stream.
+        control: message class of the external control it holds; its size is what a `b` frame is copied into.
+        longest_control: characters from which a `b` frame is ignored; None copies any length.
+        dead_man: see there.
+        gestures_mixed: arming gestures read the sticks after external control was added.
+        stick_filter: the sticks are low-pass filtered.
+        answers_mixer: `n`, `m` exist.
+        channels: values in the `P` reply.
+        menu_pages: last page of the display menu.
+        deaf_when_running: commands without any answer while motors run.
+        reset_gated: `R` is ignored while motors run.
+    """
+
+    word: FcWord
+    release: tuple[int, int, int]
+    revision: int
+    version: type[VersionClassic | VersionFc200 | VersionFc210]
+    attitude: type[AttitudeDataFc210 | AttitudeDataFcOld]
+    control: type[ControlStateV1 | ControlStateV2 | ControlStateV3]
+    longest_control: int | None
+    dead_man: DeadMan
+    gestures_mixed: bool
+    stick_filter: bool
+    answers_mixer: bool
+    channels: int
+    menu_pages: int
+    deaf_when_running: str
+    reset_gated: bool
+
+    @property
+    def label(self) -> str:
+        """The release as boards print it, for example `2.12a`."""
+        major, minor, patch = self.release
+        return f"{major}.{minor:02d}{chr(ord('a') + patch)}"
+
+
+@dataclass(frozen=True, slots=True)
+class NcGeneration:
+    """One NaviCtrl release.
+
+    Attributes:
+        word: how the configuration names it.
+        release: major, minor, patch letter as a number.
+        attitude: message class of its attitude stream.
+        takes_control: accepts `b` and `y` itself and confirms.
+        data_sets: answers a three-byte `o` with the data sets 10 to 16.
+        extras: further command letters it knows.
+        list_size: points its list holds.
+        menu_pages: last page of the display menu.
+    """
+
+    word: NcWord
+    release: tuple[int, int, int]
+    attitude: type[AttitudeDataNc | AttitudeDataNcSticks]
+    takes_control: bool
+    data_sets: bool
+    extras: str
+    list_size: int
+    menu_pages: int
+
+
+_POLLING: Final = frozenset("abdhlpt")
+
+FC_GENERATIONS: Final[dict[str, FcGeneration]] = {
+    generation.word: generation
+    for generation in (
+        FcGeneration(
+            word="early",
+            release=(0, 71, 5),
+            revision=73,
+            version=VersionClassic,
+            attitude=AttitudeDataFcOld,
+            control=ControlStateV1,
+            longest_control=None,
+            dead_man=DeadMan(25, frozenset()),
+            gestures_mixed=False,
+            stick_filter=False,
+            answers_mixer=False,
+            channels=11,
+            menu_pages=9,
+            deaf_when_running="q",
+            reset_gated=False,
+        ),
+        FcGeneration(
+            word="2.08",
+            release=(2, 8, 0),
+            revision=103,
+            version=VersionFc200,
+            attitude=AttitudeDataFcOld,
+            control=ControlStateV1,
+            longest_control=None,
+            dead_man=DeadMan(250, _POLLING),
+            gestures_mixed=False,
+            stick_filter=False,
+            answers_mixer=True,
+            channels=35,
+            menu_pages=19,
+            deaf_when_running="qf",
+            reset_gated=True,
+        ),
+        FcGeneration(
+            word="2.12a",
+            release=(2, 12, 0),
+            revision=106,
+            version=VersionFc210,
+            attitude=AttitudeDataFc210,
+            control=ControlStateV2,
+            longest_control=20,
+            dead_man=DeadMan(100, frozenset("b")),
+            gestures_mixed=True,
+            stick_filter=True,
+            answers_mixer=True,
+            channels=35,
+            menu_pages=19,
+            deaf_when_running="f",
+            reset_gated=True,
+        ),
+        FcGeneration(
+            word="2.14",
+            release=(2, 14, 0),
+            revision=108,
+            version=VersionFc210,
+            attitude=AttitudeDataFc210,
+            control=ControlStateV3,
+            longest_control=20,
+            dead_man=DeadMan(100, frozenset("b")),
+            gestures_mixed=True,
+            stick_filter=True,
+            answers_mixer=True,
+            channels=35,
+            menu_pages=19,
+            deaf_when_running="f",
+            reset_gated=True,
+        ),
+    )
+}
+
+NC_GENERATIONS: Final[dict[str, NcGeneration]] = {
+    generation.word: generation
+    for generation in (
+        NcGeneration(
+            word="0.24",
+            release=(0, 24, 0),
+            attitude=AttitudeDataNc,
+            takes_control=False,
+            data_sets=False,
+            extras="",
+            list_size=31,
+            menu_pages=15,
+        ),
+        NcGeneration(
+            word="2.14",
+            release=(2, 14, 0),
+            attitude=AttitudeDataNcSticks,
+            takes_control=True,
+            data_sets=True,
+            extras="kt",
+            list_size=100,
+            menu_pages=15,
+        ),
+    )
+}

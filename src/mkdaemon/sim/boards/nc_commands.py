@@ -1,0 +1,175 @@
+"""What each command letter does on a NaviCtrl: one handler a letter, one table.
+
+Letters of the first table need the board's own address, those of the second are obeyed whatever the address says.
+Source: docs/protocol.md, section 8; docs/firmware-notes, "Sending" and "Subscriptions".
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Final
+
+from mkdaemon.protocol.flags import PointType, PositionStatus
+from mkdaemon.protocol.messages import WriteWaypoint024
+from mkdaemon.sim.boards.redirect import TO_FLIGHTCTRL, TO_GPS
+from mkdaemon.sim.boards.waypoints import POINT_SIZE
+
+if TYPE_CHECKING:
+    from mkdaemon.sim.boards.nc import NaviCtrl
+
+_FC_ADDRESS: Final = 1
+_OWN_ADDRESS: Final = 2
+_WITHOUT_WATCHDOG: Final = "zby"
+_LABELS: Final = 31
+_CONTROL_SIZE: Final = 9
+_SET_PARAMETER: Final = 1
+
+
+def handle(board: NaviCtrl, now: float) -> None:
+    """Handle the collected frame."""
+    buffer = board.rx.buffer
+    letter, address = buffer.command, buffer.address
+    if letter == "R":
+        board.reboot(now)
+        return
+    if address == _FC_ADDRESS and letter in "by" and not board.generation.takes_control:
+        board.forward(bytes(buffer.bytes[: buffer.length]), now)
+        return
+    buffer.decode_in_place()
+    handler = (_OWN.get(letter) if address == _OWN_ADDRESS else None) or _ANY.get(letter)
+    if handler is None and letter in board.generation.extras:
+        handler = _EXTRAS.get(letter)
+    if handler is None and board.generation.takes_control:
+        handler = _CONTROL.get(letter)
+    if handler is None:
+        return
+    if letter not in _WITHOUT_WATCHDOG:
+        board.feed_watchdog(now)
+    handler(board, now)
+
+
+def _read(board: NaviCtrl, size: int) -> bytes:
+    return board.rx.buffer.payload(size)
+
+
+def _word(raw: bytes) -> int:
+    return int.from_bytes(raw, "little", signed=True)
+
+
+def _echo(board: NaviCtrl, now: float) -> None:
+    board.ask("Z", int.from_bytes(_read(board, 2), "little"))
+
+
+def _error_text(board: NaviCtrl, now: float) -> None:
+    board.ask("E")
+
+
+def _target(board: NaviCtrl, now: float) -> None:
+    raw = _read(board, POINT_SIZE)
+    point = WriteWaypoint024.decode(raw)
+    if point.status is PositionStatus.NEW and 1 <= point.index <= board.generation.list_size:
+        board.points.write(raw)
+        board.start_route()
+
+
+def _write_point(board: NaviCtrl, now: float) -> None:
+    raw = _read(board, POINT_SIZE)
+    was_active = board.points.active
+    index = board.points.write(raw)
+    if was_active and index and WriteWaypoint024.decode(raw).type is not PointType.INVALID:
+        board.start_route()
+    board.ask("W", index)
+
+
+def _read_point(board: NaviCtrl, now: float) -> None:
+    index = _read(board, 1)[0]
+    if index:
+        board.ask("X", index)
+
+
+def _redirect(board: NaviCtrl, now: float) -> None:
+    target = _read(board, 1)[0]
+    if target > TO_GPS or (target != TO_FLIGHTCTRL and board.flight.core.running):
+        return
+    board.redirection.start(target, now)
+
+
+def _parameter(board: NaviCtrl, now: float) -> None:
+    raw = _read(board, 4)
+    if raw[0] == _SET_PARAMETER:
+        board.parameters[raw[1]] = _word(raw[2:4])
+    board.ask("J", raw[1])
+
+
+def _osd(board: NaviCtrl, now: float) -> None:
+    raw = _read(board, 3)
+    budget = int.from_bytes(raw[1:3], "little") if board.generation.data_sets else 0
+    board.byte_budget = budget
+    board.subscribe("O", raw[0], now)
+
+
+def _stream(letter: str) -> _Handler:
+    def subscribe(board: NaviCtrl, now: float) -> None:
+        board.subscribe(letter, _read(board, 1)[0], now)
+
+    return subscribe
+
+
+def _display(board: NaviCtrl, now: float) -> None:
+    keys, interval = _read(board, 2)
+    board.menu.press(keys)
+    board.subscribe("H", interval, now)
+    if not interval:
+        board.ask("H")
+
+
+def _menu(board: NaviCtrl, now: float) -> None:
+    board.ask("L", _read(board, 1)[0])
+
+
+def _label(board: NaviCtrl, now: float) -> None:
+    board.ask("A", min(_read(board, 1)[0], _LABELS))
+
+
+def _version(board: NaviCtrl, now: float) -> None:
+    board.ask("V")
+
+
+def _time(board: NaviCtrl, now: float) -> None:
+    board.ask("T")
+
+
+def _control(board: NaviCtrl, now: float) -> None:
+    raw = _read(board, _CONTROL_SIZE)
+    board.flight.external.refresh("b")
+    board.control(raw[: board.flight.external.size], now)
+    if raw[4]:
+        board.ask("B", raw[4])
+
+
+def _serial_channels(board: NaviCtrl, now: float) -> None:
+    board.flight.serial_channels = [value - 256 if value > 127 else value for value in _read(board, 12)]
+
+
+_Handler = Callable[["NaviCtrl", float], None]
+
+_OWN: Final[dict[str, _Handler]] = {
+    "z": _echo,
+    "e": _error_text,
+    "s": _target,
+    "w": _write_point,
+    "x": _read_point,
+    "u": _redirect,
+    "j": _parameter,
+}
+_ANY: Final[dict[str, _Handler]] = {
+    "o": _osd,
+    "d": _stream("D"),
+    "c": _stream("C"),
+    "h": _display,
+    "l": _menu,
+    "a": _label,
+    "v": _version,
+}
+_EXTRAS: Final[dict[str, _Handler]] = {"k": _stream("K"), "t": _time}
+_CONTROL: Final[dict[str, _Handler]] = {"b": _control, "y": _serial_channels}
