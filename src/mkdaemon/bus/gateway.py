@@ -101,6 +101,22 @@ class Bus:
         self._last[suffix] = (payload, encoding, time.monotonic())
         publisher.put(payload, encoding=encoding)
 
+    async def wait_until_watched(self) -> None:
+        """Return as soon as anybody subscribes to anything of this vehicle."""
+        watched = asyncio.Event()
+        loop = self._loop
+
+        def on_change(status: zenoh.MatchingStatus) -> None:
+            if status.matching:
+                loop.call_soon_threadsafe(watched.set)
+
+        with self._session.declare_publisher(key(self.vehicle, "**")) as publisher:
+            listener = publisher.declare_matching_listener(zenoh.handlers.Callback(on_change, indirect=False))
+            with listener:
+                present: zenoh.MatchingStatus = publisher.matching_status  # type: ignore[assignment]  # the stub errs
+                if not present.matching:
+                    await watched.wait()
+
     def serve(self, root: str, handler: Handler) -> None:
         """Answer every command below a root (`cmd`, `do`) with `handler`, each in its own task."""
 

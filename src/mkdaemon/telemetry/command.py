@@ -99,9 +99,6 @@ REFUSALS: Final[dict[str, Refusal]] = {
     "stale_sequence": Refusal(
         Status.DENIED, "sequence {sequence} is not after {last}.", "Count sequence up from one setpoint to the next."
     ),
-    "holder_gone": Refusal(
-        Status.DENIED, "{holder} has no liveliness token {key}.", "Declare the token before taking the lease."
-    ),
     "no_control": Refusal(
         Status.DENIED, "external control is not possible: {detail}.", "`mkctl status` shows the firmware and the gate."
     ),
@@ -138,6 +135,8 @@ class CommandResult(Telemetry):
     """What to do about it, one sentence."""
     reply: dict[str, Any] | None = None
     """What the board or the daemon answered."""
+    reply_type: str | None = None
+    """Schema of `reply`, `<Name>.v<N>`; a board's reply has the fields of that message, as on the wire."""
     duration: float | None = None
     """Time from the query's arrival to this answer [s]."""
 
@@ -165,9 +164,16 @@ class ReleaseRequest(Command):
 
 
 class RateRequest(Command):
-    """Ask for a telemetry stream at a rate: `do/rate`."""
+    """Ask for a telemetry stream at a rate, or just for the present rates: `do/rate`."""
 
-    stream: str
-    """Name of the message, for example `osd`, `attitude`, `debug`, `display`."""
-    interval: float | None = Field(ge=0, le=2.55, strict=False)
-    """Time between two frames [s]; 0 stops the stream; null returns it to the configured rate."""
+    stream: str | None = None
+    """Key of the message, for example `osd`, `attitude`, `debug`, `display`; null to look only."""
+    interval: float | None = Field(default=None, ge=0, le=2.55, strict=False)
+    """Time between two frames [s]; 0 stops the stream; null to look only."""
+
+
+class Rates(Telemetry):
+    """The streams that are asked for: the answer to `do/rate`."""
+
+    intervals: dict[str, float]
+    """Time between two frames of each stream [s]."""

@@ -13,7 +13,7 @@ class VehicleHealth(Telemetry):
     t_wall: float
     """The same, Unix time [s]."""
     is_alive: bool
-    """A board was heard within the last half second and says nothing that forbids flight."""
+    """A board is heard: the link is up, degraded or one-way."""
     reason: str
     """Why not, or what speaks for it, one sentence."""
     boards: tuple[str, ...]

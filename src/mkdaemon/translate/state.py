@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from mkdaemon.protocol.flags import FlightStatus, OsdStatus2
 from mkdaemon.protocol.messages import (
     AttitudeDataFc210,
     AttitudeDataFcOld,
@@ -11,6 +12,7 @@ from mkdaemon.protocol.messages import (
     OsdData4,
     OsdData5,
 )
+from mkdaemon.protocol.messages.osdsets import OsdFlags
 from mkdaemon.protocol.wire import WireMessage
 from mkdaemon.telemetry.state import Battery
 from mkdaemon.translate.geometry import attitude
@@ -23,6 +25,7 @@ COARSE_AFTER = 0.5
 
 # Debug channels of a FlightCtrl; WIRE 7, "FC analog channels" (2.12a).
 _CHANNEL_VOLTAGE, _CHANNEL_RECEIVER, _CHANNEL_CURRENT, _CHANNEL_CAPACITY = 9, 10, 22, 23
+_CHANNEL_MOTORS = slice(12, 16)
 
 
 class StateTranslator:
@@ -63,6 +66,18 @@ class StateTranslator:
 
     def _wants_coarse(self, now: float) -> bool:
         return now - self._fine_attitude_at > COARSE_AFTER
+
+
+def motors_running(board: str, message: WireMessage) -> bool | None:
+    """Whether a message says that motors run; None where it says nothing about it."""
+    match message:
+        case OsdData4() | OsdData5():
+            return bool(message.fc_flags & FlightStatus.MOTORS_RUNNING)
+        case OsdFlags():
+            return bool(message.status_2 & OsdStatus2.MOTORS_RUNNING)
+        case DebugDataFc() if board == "fc":
+            return any(message.analog[_CHANNEL_MOTORS])
+    return None
 
 
 def _coarse_attitude(osd: OsdData4 | OsdData5, stamp: Stamp) -> State:

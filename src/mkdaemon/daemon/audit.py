@@ -1,0 +1,55 @@
+"""The audit trail: who asked what, what was decided and why; nothing that moves the aircraft is invisible."""
+
+from __future__ import annotations
+
+from typing import Any, Final
+
+import structlog
+
+from mkdaemon.bus.gateway import Bus
+from mkdaemon.daemon.clock import now
+from mkdaemon.telemetry.command import CommandResult
+from mkdaemon.telemetry.event import CommandEvent, FailsafeEvent, LogEvent, ModeEvent
+
+_log = structlog.get_logger("mkdaemon")
+_SHOWN: Final = 16
+"""Longest list or string shown in the log; the event carries everything."""
+
+
+class Audit:
+    """Publishes events, and logs them for whoever reads the journal."""
+
+    def __init__(self, bus: Bus) -> None:
+        self._bus = bus
+
+    def command(self, key: str, fields: dict[str, Any], result: CommandResult) -> None:
+        """A command and its end."""
+        event = CommandEvent(
+            **now()._asdict(),
+            key=key,
+            fields=fields,
+            status=result.status.value,
+            token=result.token,
+            reason=result.reason,
+            fix=result.fix,
+            duration=result.duration,
+        )
+        self._bus.publish("event/command", event)
+        shown = {name: value for name, value in fields.items() if len(str(value)) <= _SHOWN}
+        _log.info("command", key=key, status=event.status, token=event.token, reason=event.reason, fields=shown)
+
+    def mode(self, before: str, after: str, reason: str) -> None:
+        """Authority moved from one phase to another."""
+        self._bus.publish("event/mode", ModeEvent(**now()._asdict(), before=before, after=after, reason=reason))
+        _log.info("mode", before=before, after=after, reason=reason)
+
+    def failsafe(self, action: str, reason: str, released: bool | None = None) -> None:
+        """The daemon acted on its own."""
+        event = FailsafeEvent(**now()._asdict(), action=action, reason=reason, released=released)
+        self._bus.publish("event/failsafe", event)
+        _log.warning("failsafe", action=action, reason=reason, released=released)
+
+    def log(self, level: str, text: str) -> None:
+        """Something worth a line: info, warning or error."""
+        self._bus.publish("event/log", LogEvent(**now()._asdict(), level=level, text=text))
+        getattr(_log, level)(text)

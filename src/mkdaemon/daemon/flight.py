@@ -1,0 +1,285 @@
+"""From setpoints to stick frames: the control tick, the lease, the release.
+
+Setpoint out: Zenoh thread, `call_soon_threadsafe`, `Authority.offer` (newest wins), tick, limiter, translate,
+`Link.send_setpoint` with a deadline. The tick runs at once when a setpoint arrives and at the control rate otherwise.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from contextlib import suppress
+from dataclasses import asdict
+from typing import Any, Final
+
+from mkdaemon.bus.codec import decode_map, read_command, schema_name
+from mkdaemon.bus.gateway import Bus, refused
+from mkdaemon.config.control import ControlConfig
+from mkdaemon.control.authority import Authority, Fly, LetGo
+from mkdaemon.control.limiter import Sticks, count, limit
+from mkdaemon.daemon.audit import Audit
+from mkdaemon.daemon.clock import now
+from mkdaemon.daemon.vitals import Vitals
+from mkdaemon.errors import CommandRejectedError
+from mkdaemon.link.link import Link
+from mkdaemon.link.traffic import ReleaseResult
+from mkdaemon.telemetry.command import CommandResult, LeaseRequest, ReleaseRequest, Status, refuse
+from mkdaemon.telemetry.control import ControlOutput, ControlStatus, LeaseState, Phase
+from mkdaemon.telemetry.link import LinkCondition
+from mkdaemon.telemetry.setpoint import StickSetpoint
+from mkdaemon.translate import extern_control
+
+SHORTEST_STEP: Final = 0.01
+"""Stick frames are at least this far apart [s]: the boards lose frames beyond 100 Hz."""
+LONGEST_RELEASE: Final = 5.0
+"""A release that takes longer than this counts as not confirmed [s]; the link needs 1.5 s at most."""
+STATUS_PERIOD: Final = 1.0
+"""Status is published at least this often [s]."""
+IDLE_PERIOD: Final = 0.1
+"""Time between two looks at the lease while nobody flies [s]."""
+REFUSAL_PERIOD: Final = 0.2
+"""Refused setpoints are reported at most this often [s]."""
+
+LONGEST_QUEUE: Final = 0.1
+"""A stick frame that could not be sent for this long is never sent [s]."""
+
+_NO_BOARD: Final = frozenset({LinkCondition.DOWN, LinkCondition.ABSENT, LinkCondition.MUTE, LinkCondition.GARBAGE})
+
+
+class FlightControl:
+    """Holds the authority and moves the sticks; everything runs on the loop."""
+
+    def __init__(self, cfg: ControlConfig, link: Link, bus: Bus, vitals: Vitals, audit: Audit) -> None:
+        self._cfg = cfg
+        self._link = link
+        self._bus = bus
+        self._vitals = vitals
+        self._audit = audit
+        start = now()
+        # Milliseconds since 1970: above every epoch of an earlier run, whatever a client still streams.
+        self._authority = Authority(cfg, first_epoch=int(start.t_wall * 1000))
+        self._wake = asyncio.Event()
+        self._last = Sticks(0.0, 0.0, 0.0, cfg.limiter.hover_throttle)
+        self._sent_at = float("-inf")
+        self._told: tuple[Phase, str, int | None] | None = None
+        self._told_at = float("-inf")
+        self._refusal_told_at = float("-inf")
+        self._release_waiters: list[asyncio.Future[ReleaseResult | None]] = []
+        self._openings = 0
+        self.ticks = 0
+
+    # -- what the bus brings --------------------------------------------------------------------------------------
+
+    def stick_arrived(self, arrived: float, raw: bytes) -> None:
+        """Take a streamed setpoint; one that is refused is counted and reported."""
+        try:
+            setpoint = read_command(StickSetpoint, raw)
+            is_first = self._authority.offer(setpoint, arrived)
+        except CommandRejectedError as error:
+            self._setpoint_refused(arrived, raw, error)
+            return
+        if is_first:
+            self._audit.command("setpoint/stick", setpoint.__dict__, CommandResult(status=Status.ACCEPTED))
+        self._wake.set()
+
+    def client_changed(self, name: str, is_here: bool) -> None:
+        """A client showed or lost its liveliness token."""
+        if not is_here:
+            self._authority.client_gone(name)
+            self._wake.set()
+
+    async def lease(self, raw: bytes) -> CommandResult:
+        """Answer `do/lease`.
+
+        Raises:
+            CommandRejectedError: see `Authority`; also `no_control` and `link_down`.
+        """
+        request = read_command(LeaseRequest, raw)
+        t = now().t_monotonic
+        match request.action:
+            case "take":
+                self._check_control()
+                granted: LeaseState | None = self._authority.take(
+                    request.holder or "anonymous", t, ttl=request.ttl, force=request.force
+                )
+            case "renew":
+                granted = self._authority.renew(-1 if request.epoch is None else request.epoch, t)
+            case "release":
+                self._authority.give_back(-1 if request.epoch is None else request.epoch)
+                granted = None
+            case _:
+                granted = self._authority.lease(t)
+        self._wake.set()
+        reply: dict[str, Any] = {} if granted is None else dict(granted)
+        return CommandResult(status=Status.ACCEPTED, reply=reply, reply_type=schema_name(LeaseState))
+
+    async def release(self, raw: bytes) -> CommandResult:
+        """Answer `do/release`: whoever asks, the aircraft is let go of.
+
+        Raises:
+            CommandRejectedError: the request cannot be read.
+        """
+        request = read_command(ReleaseRequest, raw)
+        done: asyncio.Future[ReleaseResult | None] = asyncio.get_running_loop().create_future()
+        self._release_waiters.append(done)
+        self._authority.end(request.reason, asked=True)
+        self._wake.set()
+        result = await done
+        if result is None:
+            return refused(refuse("timeout", board="fc", name="release", detail=f"no end in {LONGEST_RELEASE:g} s"))
+        seen = result.status == "confirmed"
+        status = Status.ACCEPTED if seen else Status.NOT_OBSERVABLE
+        return CommandResult(status=status, reply=asdict(result), reply_type="ReleaseResult.v1")
+
+    # -- the tick -------------------------------------------------------------------------------------------------
+
+    async def run(self) -> None:
+        """Tick for ever."""
+        while True:
+            await self._wait()
+            self.ticks += 1
+            self._watch_line()
+            before, t = self._authority.phase, now().t_monotonic
+            action = self._authority.tick(t)
+            self._note_phase(before)
+            if isinstance(action, Fly):
+                self._fly(action, t, engaging=before is Phase.LEASED)
+            elif isinstance(action, LetGo):
+                await self._let_go(action)
+            self._publish_status()
+
+    def _watch_line(self) -> None:
+        """Without a board nobody flies, and not after a reopening either: what the board held is gone."""
+        state = self._vitals.link
+        if state is None or self._authority.phase not in {Phase.LEASED, Phase.FLYING, Phase.STALE}:
+            self._openings = 0 if state is None else state.openings
+            return
+        if state.condition in _NO_BOARD or state.openings != self._openings:
+            self._authority.end(f"the link is {state.condition.value}: {state.reason}", asked=False)
+
+    async def _wait(self) -> None:
+        """Until a setpoint arrives, or it is time to repeat one, and never sooner than the boards can take."""
+        flying = self._authority.phase in {Phase.FLYING, Phase.STALE}
+        # A repetition waits half a period longer than a client should, or it would delay the setpoint just behind it.
+        patience = 1.5 / self._cfg.rate if flying else IDLE_PERIOD
+        with suppress(TimeoutError):
+            async with asyncio.timeout(patience):
+                await self._wake.wait()
+        self._wake.clear()
+        early = self._sent_at + SHORTEST_STEP - now().t_monotonic
+        if flying and early > 0:
+            await asyncio.sleep(early)
+
+    def _fly(self, order: Fly, t: float, *, engaging: bool) -> None:
+        """One stick frame: limit, translate, hand to the line."""
+        dialect, cfg = self._link.dialect, self._cfg.limiter
+        if dialect.extern_control is None or dialect.extern_control_layout is None:
+            self._authority.end(f"external control is not possible: {dialect.read_only_reason}", asked=False)
+            self._wake.set()
+            return
+        if engaging:
+            # Tilt starts from neutral; throttle starts where the client holds it, because less would drop the aircraft.
+            self._last = Sticks(0.0, 0.0, 0.0, order.sticks.throttle)
+            self._sent_at = t - 1.0 / self._cfg.rate
+        ttl = min(order.ttl, cfg.setpoint_ttl)
+        sticks = limit(
+            order.sticks,
+            self._last,
+            age=order.age,
+            ttl=ttl,
+            dt=max(t - self._sent_at, SHORTEST_STEP),
+            layout=dialect.extern_control_layout,
+            cfg=cfg,
+            throttle_cap=self._throttle_cap(t),
+        )
+        counts = count(sticks)
+        message = extern_control(dialect.extern_control, counts)
+        is_fresh = order.age <= ttl
+        life = min(ttl - order.age, LONGEST_QUEUE) if is_fresh else LONGEST_QUEUE
+        try:
+            self._link.send_setpoint(message, deadline=t + life)
+        except CommandRejectedError as error:
+            self._audit.log("warning", f"stick frame not sent: {error}")
+            return
+        self._last, self._sent_at = sticks, t
+        output = ControlOutput(
+            **now()._asdict(),
+            epoch=order.epoch,
+            sequence=order.sequence,
+            age=order.age,
+            **asdict(counts),
+            limited=sticks != order.sticks,
+        )
+        self._bus.publish("control/output", output)
+
+    def _throttle_cap(self, t: float) -> float | None:
+        """Most throttle of a stale command: the pilot's where it is told, and never more than now on the ground."""
+        caps = [self._vitals.pilot_throttle(t)]
+        if not self._vitals.is_flying(t):
+            caps.append(self._last.throttle)
+        known = [cap for cap in caps if cap is not None]
+        return min(known) if known else None
+
+    async def _let_go(self, order: LetGo) -> None:
+        """Release the aircraft and tell everybody how it went."""
+        result: ReleaseResult | None = None
+        with suppress(TimeoutError):
+            async with asyncio.timeout(LONGEST_RELEASE):
+                result = await self._link.release(order.reason)
+        before = self._authority.phase
+        self._authority.released(now().t_monotonic)
+        self._note_phase(before)
+        confirmed = {"confirmed": True, "unconfirmed": False, "not_sent": False}
+        if not order.asked:
+            released = None if result is None else confirmed.get(result.status)
+            self._audit.failsafe("release", order.reason, released)
+        waiters, self._release_waiters = self._release_waiters, []
+        for waiter in waiters:
+            if not waiter.done():
+                waiter.set_result(result)
+
+    # -- what the bus is told -------------------------------------------------------------------------------------
+
+    def _check_control(self) -> None:
+        """Refuse a lease nobody could fly with."""
+        dialect, state = self._link.dialect, self._vitals.link
+        if dialect.extern_control is None:
+            raise refuse("no_control", detail=dialect.read_only_reason or "this firmware has no external control")
+        if not self._link.is_up:
+            condition = "absent" if state is None else state.condition.value
+            raise refuse("link_down", state=condition, detail="" if state is None else state.reason)
+
+    def _note_phase(self, before: Phase) -> None:
+        after = self._authority.phase
+        if after is before:
+            return
+        self._audit.mode(before.value, after.value, self._authority.reason)
+        if after is Phase.STALE:
+            self._audit.failsafe("neutral", self._authority.reason)
+
+    def _publish_status(self) -> None:
+        stamp = now()
+        lease = self._authority.lease(stamp.t_monotonic)
+        told = (self._authority.phase, self._authority.reason, lease.epoch if lease else None)
+        if told == self._told and stamp.t_monotonic - self._told_at < STATUS_PERIOD:
+            return
+        self._told, self._told_at = told, stamp.t_monotonic
+        status = ControlStatus(
+            **stamp._asdict(),
+            phase=self._authority.phase,
+            reason=self._authority.reason,
+            lease=lease,
+            setpoint_age=self._authority.setpoint_age(stamp.t_monotonic),
+            refused=self._authority.refused,
+            external_control=self._link.dialect.extern_control_layout,
+        )
+        self._bus.publish("control/status", status)
+
+    def _setpoint_refused(self, arrived: float, raw: bytes, error: CommandRejectedError) -> None:
+        if arrived - self._refusal_told_at < REFUSAL_PERIOD:
+            return
+        self._refusal_told_at = arrived
+        try:
+            fields = decode_map(raw)
+        except CommandRejectedError:
+            fields = {"bytes": len(raw)}
+        self._audit.command("setpoint/stick", fields, refused(error))

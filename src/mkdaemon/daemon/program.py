@@ -1,0 +1,130 @@
+"""The composition root: opens things, starts tasks, wires them, and leaves in reverse order.
+
+The order of leaving is a safety argument: control stops first, then the link ends with a release, then the bus closes.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from contextlib import suppress
+from typing import Final
+
+from mkdaemon.bus.gateway import Bus
+from mkdaemon.config.root import Config
+from mkdaemon.daemon.audit import Audit
+from mkdaemon.daemon.clock import now
+from mkdaemon.daemon.flight import FlightControl
+from mkdaemon.daemon.requests import BoardRequests
+from mkdaemon.daemon.sink import BusSink
+from mkdaemon.daemon.verbs import Verbs
+from mkdaemon.daemon.vitals import Vitals
+from mkdaemon.daemon.watchdog import Notifier, feed_watchdog
+from mkdaemon.errors import ConfigError, MkError
+from mkdaemon.link.link import Link
+
+HEALTH_PERIOD: Final = 1.0
+"""The vehicle's signs of life are published at least this often [s]."""
+HEALTH_LOOK: Final = 0.1
+"""Time between two looks at them [s]."""
+RECORDING: Final = "replay:"
+"""Ports that begin so are recordings."""
+AUDIENCE_WAIT: Final = 3.0
+"""A recording waits this long for its first subscriber, so that none of it is lost [s]."""
+SETTLE: Final = 0.3
+"""After the first subscriber has come: time for its other subscriptions, and for the last samples to leave [s]."""
+
+
+async def run(cfg: Config, stop: asyncio.Event) -> None:
+    """Fly until `stop` is set, or until a recording has ended.
+
+    Raises:
+        ConfigError: the configuration cannot work.
+        MkError: the bus endpoint is in use, or the port cannot be opened.
+    """
+    if not cfg.link.port:
+        msg = "link.port: no port is configured; set it, or give --port (mkdaemon doctor lists what is plugged in)"
+        raise ConfigError(msg)
+    notifier = Notifier()
+    async with Bus.open(cfg.bus, cfg.vehicle.name) as bus:
+        daemon = Daemon(cfg, bus)
+        try:
+            await daemon.serve(stop, notifier)
+        except BaseExceptionGroup as group:
+            expected, _ = group.split(MkError)
+            if expected is None:
+                raise
+            raise _first(expected) from None
+        finally:
+            notifier.send("STOPPING=1")
+
+
+class Daemon:
+    """Everything that runs, wired together."""
+
+    def __init__(self, cfg: Config, bus: Bus) -> None:
+        """Build and wire; nothing runs yet.
+
+        Raises:
+            ConfigError: the port cannot exist, or the line cannot carry the configured rates.
+        """
+        self._cfg = cfg
+        self._bus = bus
+        self._vitals = Vitals(cfg.vehicle.note)
+        audit = Audit(bus)
+        self._link = Link(cfg.link, BusSink(bus, self._vitals))
+        self._flight = FlightControl(cfg.control, self._link, bus, self._vitals, audit)
+        bus.serve("cmd", BoardRequests(cfg.commands, self._link, self._vitals, audit).answer)
+        bus.serve("do", Verbs(self._flight, self._link, audit).answer)
+        bus.receive("setpoint/stick", self._flight.stick_arrived)
+        bus.watch_clients(self._flight.client_changed)
+
+    async def serve(self, stop: asyncio.Event, notifier: Notifier) -> None:
+        """Run all tasks until `stop`, or until a recording has ended."""
+        async with asyncio.TaskGroup() as line:
+            link = line.create_task(self._run_line(), name="link")
+            async with asyncio.TaskGroup() as above:
+                tasks = [
+                    above.create_task(self._flight.run(), name="control"),
+                    above.create_task(self._tell_vitals(), name="vitals"),
+                    above.create_task(feed_watchdog(notifier, lambda: self._flight.ticks), name="watchdog"),
+                    (stopped := above.create_task(stop.wait(), name="stop")),
+                ]
+                await asyncio.wait({stopped, link}, return_when=asyncio.FIRST_COMPLETED)
+                for task in tasks:
+                    task.cancel()
+            link.cancel()
+
+    async def _run_line(self) -> None:
+        """Run the link; a recording waits for its audience, and gives it time to take the last samples."""
+        is_recording = self._cfg.link.port.startswith(RECORDING)
+        if is_recording:
+            await self._wait_for_audience()
+        await self._link.run()
+        if is_recording:
+            await asyncio.sleep(SETTLE)
+
+    async def _wait_for_audience(self) -> None:
+        with suppress(TimeoutError):
+            async with asyncio.timeout(AUDIENCE_WAIT):
+                await self._bus.wait_until_watched()
+            await asyncio.sleep(SETTLE)
+
+    async def _tell_vitals(self) -> None:
+        """Publish whether the vehicle is alive, once a second and at once when it changes."""
+        told, told_at = None, float("-inf")
+        while True:
+            health = self._vitals.health(**now()._asdict(), read_only=self._link.dialect.read_only_reason)
+            facts = health.model_copy(update={"t_monotonic": 0.0, "t_wall": 0.0})
+            if facts != told or health.t_monotonic - told_at >= HEALTH_PERIOD:
+                told, told_at = facts, health.t_monotonic
+                self._bus.publish("health", health)
+            await asyncio.sleep(HEALTH_LOOK)
+
+
+def _first(group: BaseExceptionGroup[MkError]) -> MkError:
+    """The first error inside nested groups."""
+    error: BaseException = group
+    while isinstance(error, BaseExceptionGroup):
+        error = error.exceptions[0]
+    assert isinstance(error, MkError)
+    return error

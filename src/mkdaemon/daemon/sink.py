@@ -1,0 +1,138 @@
+"""From the line to the bus: every frame as bytes, as a message, and as what it says about the aircraft."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from pydantic import BaseModel
+
+from mkdaemon.bus.gateway import Bus
+from mkdaemon.daemon.vitals import Vitals
+from mkdaemon.link.traffic import Lost, Received, Sent
+from mkdaemon.protocol.wire import Board, Unknown, WireMessage, board_at
+from mkdaemon.telemetry.link import LinkHealth, LinkState, LinkTraffic
+from mkdaemon.telemetry.state import Flight, Pilot
+from mkdaemon.telemetry.traffic import FrameSample, RawFrame
+from mkdaemon.translate import StateTranslator
+from mkdaemon.translate.state import motors_running
+
+_FOREIGN: Final = "other"
+"""Board chunk of a frame whose address no board has."""
+
+
+class BusSink:
+    """Hears about the line and publishes; every method returns at once."""
+
+    def __init__(self, bus: Bus, vitals: Vitals) -> None:
+        self._bus = bus
+        self._vitals = vitals
+        self._translator = StateTranslator()
+        self._counts = {"rx": 0, "tx": 0}
+
+    def received(self, frame: Received) -> None:
+        """Publish a frame as bytes, as a message and as state."""
+        sequence = self._count("rx")
+        when = {"t_monotonic": frame.t_monotonic, "t_wall": frame.t_wall}
+        self._bus.publish("raw/rx", RawFrame(**when, sequence=sequence, raw=frame.frame.raw))
+        board = board_at(frame.frame.address)
+        word = _FOREIGN if board is None else board.word
+        message = frame.message
+        sample, schema = _sample(message, word, frame.frame.id, sequence, frame.t_monotonic, frame.t_wall)
+        self._bus.publish(f"rx/{word}/{_key(message)}", sample, schema=schema)
+        if isinstance(message, Unknown):
+            return
+        running = motors_running(word, message)
+        if running is not None:
+            self._vitals.motors_said(running, frame.t_monotonic)
+        if message.spec.key == "version" and board is not None:
+            self._vitals.version_said(board, str(getattr(message, "release", "")), frame.t_monotonic)
+        for suffix, value in self._translator.states(word, message, frame.t_monotonic, frame.t_wall):
+            if isinstance(value, Flight):
+                self._vitals.flight_said(value)
+            elif isinstance(value, Pilot):
+                self._vitals.pilot_said(value)
+            self._bus.publish(suffix, value)
+
+    def sent(self, frame: Sent) -> None:
+        """Publish a transmission as bytes and as a message."""
+        sequence = self._count("tx")
+        when = {"t_monotonic": frame.t_monotonic, "t_wall": frame.t_wall}
+        purpose = frame.purpose.name.lower()
+        self._bus.publish("raw/tx", RawFrame(**when, sequence=sequence, raw=frame.raw, purpose=purpose))
+        message = frame.message
+        if message is None:
+            return
+        board = _addressee(frame.raw)
+        word = _FOREIGN if board is None else board.word
+        sample, schema = _sample(
+            message, word, message.spec.id, sequence, frame.t_monotonic, frame.t_wall, purpose=purpose
+        )
+        self._bus.publish(f"tx/{word}/{message.spec.key}", sample, schema=schema)
+
+    def dropped(self, loss: Lost) -> None:
+        """Publish bytes that did not get through, and why."""
+        raw = RawFrame(
+            t_monotonic=loss.t_monotonic,
+            t_wall=loss.t_wall,
+            sequence=self._count(loss.direction),
+            raw=loss.raw,
+            dropped=loss.reason,
+        )
+        self._bus.publish(f"raw/{loss.direction}", raw)
+
+    def state_changed(self, state: LinkState) -> None:
+        """Publish the verdict on the line."""
+        self._vitals.link_said(state)
+        self._bus.publish("link/state", state)
+
+    def health_measured(self, health: LinkHealth) -> None:
+        """Publish the measurements."""
+        self._bus.publish("link/health", health)
+
+    def traffic_counted(self, traffic: LinkTraffic) -> None:
+        """Publish the counters."""
+        self._bus.publish("link/traffic", traffic)
+
+    def _count(self, direction: str) -> int:
+        self._counts[direction] += 1
+        return self._counts[direction]
+
+
+def _key(message: WireMessage | Unknown) -> str:
+    return "unknown" if isinstance(message, Unknown) else message.spec.key
+
+
+def _addressee(raw: bytes) -> Board | None:
+    start = raw.find(b"#")
+    return board_at(raw[start + 1] - 0x61) if 0 <= start < len(raw) - 1 else None
+
+
+def _sample(
+    message: WireMessage | Unknown,
+    board: str,
+    letter: str,
+    sequence: int,
+    t_monotonic: float,
+    t_wall: float,
+    *,
+    purpose: str | None = None,
+) -> tuple[FrameSample, type[BaseModel]]:
+    """A message in its envelope, and the model that describes it."""
+    if isinstance(message, Unknown):
+        name, layout = "unknown", None
+        schema: type[BaseModel] = FrameSample
+        fields: object = {"payload": message.payload, "reason": message.reason}
+    else:
+        name, layout, schema, fields = message.spec.name, message.spec.layout, type(message), message
+    sample = FrameSample(
+        t_monotonic=t_monotonic,
+        t_wall=t_wall,
+        sequence=sequence,
+        board=board,
+        id=letter,
+        message=name,
+        layout=layout,
+        fields=fields,
+        purpose=purpose,
+    )
+    return sample, schema

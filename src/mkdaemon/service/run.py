@@ -1,0 +1,66 @@
+"""`mkdaemon run`: the daemon, until Ctrl-C, SIGTERM, or the end of a recording."""
+
+from __future__ import annotations
+
+import asyncio
+import signal
+from pathlib import Path
+from typing import Annotated, Any
+
+from cyclopts import Parameter
+
+from mkdaemon.config.reader import load
+from mkdaemon.config.root import Config
+from mkdaemon.daemon import run as run_daemon
+from mkdaemon.service.logs import Level, configure
+
+
+def run(
+    *,
+    config: Annotated[Path | None, Parameter(name=["--config", "-c"])] = None,
+    port: Annotated[str | None, Parameter(name=["--port", "-p"])] = None,
+    vehicle: Annotated[str | None, Parameter(env_var="MK_VEHICLE")] = None,
+    listen: str | None = None,
+    wait: Annotated[bool, Parameter(negative=())] = False,
+    log: Level = "info",
+) -> None:
+    """Run the daemon: show every frame on the line as a Zenoh key, answer requests, fly under a lease.
+
+    It ends in order on Ctrl-C, on SIGTERM and at the end of a recording: control stops, the aircraft is released, the
+    bus closes. Exit codes: 0 as asked, 1 failed while running, 2 wrong configuration.
+
+    Parameters
+    ----------
+    config
+        TOML file; `configs/` has commented samples. Without it every default holds.
+    port
+        `/dev/ttyUSB0`, `/dev/serial/by-id/...`, `pty:/dev/pts/N`, `tcp:HOST:PORT` or `replay:FILE?speed=20`; goes
+        before the file's `link.port`.
+    vehicle
+        Name in every key, `mk/<vehicle>/...`; goes before the file's `vehicle.name`.
+    listen
+        Zenoh endpoint for clients, for example `tcp/127.0.0.1:7448`; goes before the file's `bus.listen`.
+    wait
+        Wait for the port if it is missing at the start, in place of ending with an error.
+    log
+        Least severity written to stderr.
+    """
+    configure(log)
+    overrides: dict[str, Any] = {}
+    if port is not None:
+        overrides["link.port"] = port
+    if vehicle is not None:
+        overrides["vehicle.name"] = vehicle
+    if listen is not None:
+        overrides["bus.listen"] = [listen]
+    if wait:
+        overrides["link.wait_for_port"] = True
+    asyncio.run(_until_signalled(load(config, overrides)))
+
+
+async def _until_signalled(cfg: Config) -> None:
+    stop = asyncio.Event()
+    loop = asyncio.get_running_loop()
+    for name in (signal.SIGINT, signal.SIGTERM):
+        loop.add_signal_handler(name, stop.set)
+    await run_daemon(cfg, stop)
