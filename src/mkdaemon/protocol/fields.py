@@ -7,7 +7,6 @@ simulator and tests.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 from enum import IntEnum, IntFlag
 from typing import Any, Final, Self
@@ -102,19 +101,6 @@ class WireField:
         name = _TYPE_NAMES[self.code]
         return f"{name}[{self.count}]" if self.is_array or self.code == "s" else name
 
-    def reader(self) -> Callable[[Any], Any] | None:
-        """Conversion from what `struct` unpacks to the Python value; None where they are the same."""
-        if self.is_bytes:
-            return None
-        if self.is_text:
-            return self._read_text
-        if self.enum is not None and not self.is_array:
-            kind = self.enum
-            if self.code == "B":
-                return tuple(kind(value) for value in range(256)).__getitem__
-            return lambda value: kind(value)
-        return None
-
     def _check_only(self, value: int) -> int:
         if value not in self.only:
             msg = f"{value} is none of {', '.join(str(allowed) for allowed in sorted(self.only))}"
@@ -140,7 +126,8 @@ class WireField:
             raise EncodeError(msg)
         return wire
 
-    def _read_text(self, raw: bytes) -> str:
+    def read_text(self, raw: bytes) -> str:
+        """Return received characters as a string, padding taken off where the field is trimmed."""
         text = raw.decode("latin-1")
         if not self.trim:
             return text

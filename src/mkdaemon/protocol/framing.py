@@ -3,16 +3,20 @@ r"""Frames of the MikroKopter serial line: ``# addr id payload c1 c2 CR``.
 The payload is base64 over the 64 consecutive characters ``=`` to ``|`` with zero bytes for padding; the checksum is the
 sum of all characters before it, modulo 4096, in two such characters. Source: docs/protocol.md, "Framing".
 
+The low half of Adler-32 is one plus the byte sum modulo 65521 (RFC 1950), and a frame of at most `MAX_FRAME_CHARS`
+characters of the alphabet sums to less: the C routine is an exact byte sum here.
+
 The decoder is sans-IO: bytes in, frames and named losses out. It accepts any chunking, restarts at every ``#`` (boards
 interrupt their own frames), tolerates plain text between frames, keeps a bounded buffer and never raises.
 """
 
 from __future__ import annotations
 
-import zlib
+from binascii import Error as BinasciiError
 from binascii import a2b_base64, b2a_base64
 from enum import StrEnum
 from typing import Final, NamedTuple
+from zlib import adler32
 
 from mkdaemon.errors import EncodeError
 
@@ -21,7 +25,9 @@ MAX_FRAME_CHARS: Final = 512
 
 _STANDARD: Final = b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/"
 _MODIFIED: Final = bytes(range(0x3D, 0x7D))
-_TO_STANDARD: Final = bytes.maketrans(_MODIFIED, _STANDARD)
+_SKIPPED: Final = b"\0"
+"""Character that base64 decoding passes over."""
+_TO_STANDARD: Final = bytes(_STANDARD[code - 0x3D] if 0x3D <= code <= 0x7C else _SKIPPED[0] for code in range(256))
 _TO_MODIFIED: Final = bytes.maketrans(_STANDARD + b"=", _MODIFIED + b"=")
 _IDLE: Final = b" \n\t\0"
 _ADDRESS_BASE: Final = 0x61
@@ -64,6 +70,10 @@ class Dropped(NamedTuple):
     raw: bytes
 
 
+_new_frame: Final = tuple.__new__
+"""`Frame` without its Python-level constructor, which takes twice as long."""
+
+
 def encode_frame(address: int, command: str, payload: bytes = b"") -> bytes:
     """Build a frame.
 
@@ -83,22 +93,13 @@ def encode_frame(address: int, command: str, payload: bytes = b"") -> bytes:
     if len(head) + 3 > MAX_FRAME_CHARS:
         msg = f"a payload of {len(payload)} bytes makes a frame over {MAX_FRAME_CHARS} characters"
         raise EncodeError(msg)
-    total = _checksum(head)
+    total = (adler32(head) - 1) & 0xFFF
     return b"%b%c%c\r" % (head, 0x3D + (total >> 6), 0x3D + (total & 63))
 
 
 def padded_length(size: int) -> int:
     """Length of a structure of `size` bytes once received: the next multiple of three [bytes]."""
     return size + -size % 3
-
-
-def _checksum(head: bytes) -> int:
-    """Sum of all characters modulo 4096.
-
-    The low half of Adler-32 is one plus the byte sum modulo 65521 (RFC 1950), and a frame of at most
-    `MAX_FRAME_CHARS` characters up to 0x7E sums to less: the C routine is an exact byte sum here.
-    """
-    return (zlib.adler32(head) - 1) & 0xFFF
 
 
 class FrameDecoder:
@@ -122,8 +123,11 @@ class FrameDecoder:
         out: list[Frame | Dropped] = []
         *lines, rest = (self._rest + chunk).split(b"\r")
         for line in lines:
-            if line:
-                self._take_line(line, out)
+            start = line.rfind(b"#")
+            if start == 0:
+                out.append(_parse(line))
+            elif line:
+                _take_line(line, start, out)
         if len(rest) > MAX_FRAME_CHARS:
             rest = self._shed(rest, out)
         self._rest = rest
@@ -137,16 +141,6 @@ class FrameDecoder:
         return out
 
     @staticmethod
-    def _take_line(line: bytes, out: list[Frame | Dropped]) -> None:
-        start = line.rfind(b"#")
-        if start:
-            _drop_debris(line if start < 0 else line[:start], out)
-            if start < 0:
-                return
-            line = line[start:]
-        out.append(_parse(line))
-
-    @staticmethod
     def _shed(rest: bytes, out: list[Frame | Dropped]) -> bytes:
         """Name the part of an overlong unfinished line that can no longer become a frame; keep the part that can."""
         start = rest.rfind(b"#")
@@ -157,19 +151,39 @@ class FrameDecoder:
         return rest[start:]
 
 
+def _take_line(line: bytes, start: int, out: list[Frame | Dropped]) -> None:
+    """Take a line with something before its last `#`, or without any."""
+    if start < 0:
+        _drop_debris(line, out)
+    else:
+        _drop_debris(line[:start], out)
+        out.append(_parse(line[start:]))
+
+
 def _parse(line: bytes) -> Frame | Dropped:
     """Judge one line that begins with its only `#`, without the final CR."""
     size = len(line)
     if size < _OVERHEAD or (size - _OVERHEAD) & 3 or size >= MAX_FRAME_CHARS:
         return Dropped(DropReason.LENGTH, line + b"\r")
-    body = line[3:]
-    if body.translate(None, _MODIFIED) or not 0x61 <= line[1] <= 0x7C or not 0x21 <= line[2] <= 0x7E:
+    high, low = line[-2], line[-1]
+    total = (adler32(line) - 1 - high - low) & 0xFFF
+    if high != 0x3D + (total >> 6) or low != 0x3D + (total & 63):
+        return Dropped(_fault(line), line + b"\r")
+    try:
+        payload = a2b_base64(line[3:-2].translate(_TO_STANDARD))
+    except BinasciiError:
         return Dropped(DropReason.CHARACTERS, line + b"\r")
-    total = _checksum(line[:-2])
-    if line[-2] != 0x3D + (total >> 6) or line[-1] != 0x3D + (total & 63):
-        return Dropped(DropReason.CHECKSUM, line + b"\r")
-    payload = a2b_base64(body[:-2].translate(_TO_STANDARD))
-    return Frame(line[1] - _ADDRESS_BASE, chr(line[2]), payload, line + b"\r")
+    # Characters outside the alphabet were passed over, so they show in the length.
+    if len(payload) << 2 != (size - _OVERHEAD) * 3 or not 0x61 <= line[1] <= 0x7C or not 0x21 <= line[2] <= 0x7E:
+        return Dropped(DropReason.CHARACTERS, line + b"\r")
+    return _new_frame(Frame, (line[1] - _ADDRESS_BASE, chr(line[2]), payload, line + b"\r"))
+
+
+def _fault(line: bytes) -> DropReason:
+    """Name what is wrong with a line whose checksum does not match: the plainest fault first."""
+    if line[3:].translate(None, _MODIFIED) or not 0x61 <= line[1] <= 0x7C or not 0x21 <= line[2] <= 0x7E:
+        return DropReason.CHARACTERS
+    return DropReason.CHECKSUM
 
 
 def _drop_debris(debris: bytes, out: list[Frame | Dropped]) -> None:

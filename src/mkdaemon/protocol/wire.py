@@ -10,13 +10,14 @@ import struct
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from enum import IntEnum
-from typing import Any, ClassVar, Final, NamedTuple, Self, TypeVar
+from typing import Any, ClassVar, Final, Self, TypeVar
 
 from pydantic import BaseModel, ConfigDict
 
 from mkdaemon.errors import EncodeError, ProtocolError
 from mkdaemon.protocol.fields import WireField
 from mkdaemon.protocol.framing import Frame, encode_frame, padded_length
+from mkdaemon.protocol.layout import Slot, lay_out, make_reader
 
 
 class Board(IntEnum):
@@ -50,14 +51,6 @@ class Direction(IntEnum):
 
     TO_BOARD = 0
     FROM_BOARD = 1
-
-
-class Slot(NamedTuple):
-    """One field of a layout and where it stands."""
-
-    name: str
-    offset: int
-    wire: WireField
 
 
 @dataclass(frozen=True, slots=True)
@@ -107,7 +100,7 @@ class MessageSpec:
 
     def fits(self, payload: bytes) -> bool:
         """Whether a received payload can be this layout (it arrives padded to a multiple of three)."""
-        return self.has_length(len(payload)) and self.accepts(payload)
+        return self.has_length(len(payload)) and (self.test is None or self.test(payload))
 
     def has_length(self, length: int) -> bool:
         """Whether a received payload of this length can be this layout."""
@@ -132,11 +125,11 @@ class MessageSpec:
         msg = f"{self.name} ({self.layout}) has no field {name!r}; it has {', '.join(s.name for s in self.slots)}"
         raise ProtocolError(msg)
 
-    def accepts(self, payload: bytes) -> bool:
-        """Whether the contents of a payload of the right length speak for this layout."""
-        if self.marker and payload[0] not in self.marker:
-            return False
-        return self.recognise is None or self.recognise(payload)
+    @property
+    def test(self) -> Callable[[bytes], bool] | None:
+        """How to tell from the contents of a payload of the right length whether it is this layout; None: it is."""
+        marker = self.marker
+        return (lambda payload: payload[0] in marker) if marker else self.recognise
 
 
 class WireMessage(BaseModel):
@@ -150,7 +143,7 @@ class WireMessage(BaseModel):
         frozen=True, extra="forbid", use_attribute_docstrings=True, ser_json_bytes="hex", val_json_bytes="hex"
     )
     spec: ClassVar[MessageSpec]
-    _build: ClassVar[Callable[[tuple[Any, ...]], dict[str, Any]]]
+    _read: ClassVar[Callable[[bytes], Any]]
 
     @classmethod
     def decode(cls, payload: bytes) -> Self:
@@ -163,17 +156,7 @@ class WireMessage(BaseModel):
         if len(payload) < spec.size:
             msg = f"{spec.name} ({spec.layout}) needs {spec.size} bytes, got {len(payload)}"
             raise ProtocolError(msg)
-        message = cls.__new__(cls)
-        # Ranges hold by construction of the wire types; skipping pydantic's validation is five times faster.
-        put = object.__setattr__
-        fields = cls._build(spec.packer.unpack_from(payload))
-        if spec.longest:
-            last = spec.slots[-1]
-            fields[last.name] = payload[last.offset :]
-        put(message, "__dict__", fields)
-        put(message, "__pydantic_fields_set__", _NOTHING_SET)
-        put(message, "__pydantic_extra__", None)
-        put(message, "__pydantic_private__", None)
+        message: Self = cls._read(payload)
         return message
 
     def encode(self) -> bytes:
@@ -216,7 +199,6 @@ class WireMessage(BaseModel):
         return encode_frame(int(board), self.spec.id, self.encode())
 
 
-_NOTHING_SET: Final[set[str]] = set()
 _Message = TypeVar("_Message", bound=type[WireMessage])
 
 MESSAGES: Final[dict[tuple[Board, str, str], type[WireMessage]]] = {}
@@ -249,7 +231,7 @@ def message(
     """
 
     def enter(cls: _Message) -> _Message:
-        slots, packer = _lay_out(cls)
+        slots, packer = lay_out(cls)
         owners = boards if isinstance(boards, tuple) else (boards,)
         cls.spec = MessageSpec(
             name=name or cls.__name__,
@@ -272,7 +254,7 @@ def message(
             is_fork=is_fork,
             packer=packer,
         )
-        cls._build = _builder(slots)
+        cls._read = make_reader(cls, slots, packer)
         for board in owners:
             place = (board, command, layout)
             if place in MESSAGES:
@@ -282,48 +264,6 @@ def message(
         return cls
 
     return enter
-
-
-def _lay_out(cls: type[WireMessage]) -> tuple[tuple[Slot, ...], struct.Struct]:
-    slots: list[Slot] = []
-    layout = "<"
-    for name, info in cls.model_fields.items():
-        wire = next((meta for meta in info.metadata if isinstance(meta, WireField)), None)
-        if wire is None:
-            msg = f"{cls.__name__}.{name} has no wire type"
-            raise ProtocolError(msg)
-        slots.append(Slot(name, struct.calcsize(layout), wire))
-        layout += wire.format
-    return tuple(slots), struct.Struct(layout)
-
-
-def _builder(slots: tuple[Slot, ...]) -> Callable[[tuple[Any, ...]], dict[str, Any]]:
-    """Make the function from unpacked values to field values, as short as the layout allows."""
-    names = tuple(slot.name for slot in slots)
-    fixes = tuple((slot.name, fix) for slot in slots if (fix := slot.wire.reader()) is not None)
-    if not any(slot.wire.is_array for slot in slots):
-
-        def build_flat(values: tuple[Any, ...]) -> dict[str, Any]:
-            fields = dict(zip(names, values, strict=True))
-            for name, fix in fixes:
-                fields[name] = fix(fields[name])
-            return fields
-
-        return build_flat
-
-    steps: list[tuple[str, int | slice]] = []
-    at = 0
-    for slot in slots:
-        steps.append((slot.name, slice(at, at + slot.wire.count) if slot.wire.is_array else at))
-        at += slot.wire.count if slot.wire.is_array else 1
-
-    def build_grouped(values: tuple[Any, ...]) -> dict[str, Any]:
-        fields = {name: values[where] for name, where in steps}
-        for name, fix in fixes:
-            fields[name] = fix(fields[name])
-        return fields
-
-    return build_grouped
 
 
 @dataclass(frozen=True, slots=True)
@@ -347,23 +287,30 @@ Layouts = Mapping[tuple[Board, str], str]
 """Which layout a board speaks for a command letter, where the dialect has decided it."""
 
 
+_Choice = tuple[Callable[[bytes], bool] | None, Callable[[bytes], WireMessage]]
+
+
+def _choice(cls: type[WireMessage]) -> _Choice:
+    return cls.spec.test, cls._read
+
+
 class MessageDecoder:
     """Gives each frame its type; a dialect decides between layouts that look the same."""
 
     def __init__(self, layouts: Layouts | None = None) -> None:
         self._layouts = dict(layouts or {})
-        self._choices: dict[tuple[int, str, int], tuple[type[WireMessage], ...]] = {}
+        self._choices: dict[tuple[int, str, int], tuple[_Choice, ...]] = {}
 
     def decode(self, frame: Frame) -> WireMessage | Unknown:
         """Return the typed message, or `Unknown` with the reason; never raises."""
-        payload = frame.payload
-        place = (frame.address, frame.id, len(payload))
+        address, letter, payload, _ = frame
+        place = (address, letter, len(payload))
         choices = self._choices.get(place)
         if choices is None:
-            choices = self._choices[place] = self._find(frame)
-        for cls in choices:
-            if cls.spec.accepts(payload):
-                return cls.decode(payload)
+            choices = self._choices[place] = tuple(map(_choice, self._find(frame)))
+        for test, read in choices:
+            if test is None or test(payload):
+                return read(payload)
         return self._unknown(frame)
 
     def _find(self, frame: Frame) -> tuple[type[WireMessage], ...]:
