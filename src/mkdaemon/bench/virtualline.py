@@ -25,11 +25,11 @@ _Result = TypeVar("_Result")
 class VirtualBoard(Protocol):
     """A board as the simulator models it: bytes in and out in virtual time."""
 
-    def receive(self, data: bytes, t: float) -> None:
-        """Take a byte whose stop bit ends at `t` [s]."""
+    def receive(self, data: bytes, at: float) -> None:
+        """Take characters whose first start bit is at `at` [s]."""
 
-    def advance(self, t: float) -> None:
-        """Live until `t` [s]."""
+    def advance(self, to: float) -> None:
+        """Live until `to` [s]."""
 
     def poll(self) -> list[tuple[float, bytes]]:
         """Hand over what was sent since the last call, each with the time its stop bit ended [s]."""
@@ -117,9 +117,9 @@ class VirtualLine:
 
     def _send(self, raw: bytes) -> None:
         for byte in raw:
-            self.now += CHARACTER
             for heard in self._disturb(byte):
                 self._board.receive(bytes((heard,)), self.now)
+            self.now += CHARACTER
 
     def _wait(self, until: float, step: Ask | None) -> WireMessage | None:
         """Let time pass until an acceptable answer or the end; what else arrives is dropped."""

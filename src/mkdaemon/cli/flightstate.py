@@ -41,3 +41,17 @@ async def require_motors_off(client: Client, why: str, option: str) -> None:
         raise CommandRejectedError(
             "motors_running", f"motors are running, and {why}.", f"Land and stop them, or repeat with {option}."
         )
+
+
+async def refuse_running(client: Client, why: str) -> None:
+    """Go on unless motors are known to run; what is unknown is left to the daemon's own gate.
+
+    Args:
+        client: the daemon's client.
+        why: what running motors would mean, in words.
+
+    Raises:
+        CommandRejectedError: `motors_running`.
+    """
+    if await motors_running(client):
+        raise CommandRejectedError("motors_running", f"motors are running, and {why}.", "Stop them first.")

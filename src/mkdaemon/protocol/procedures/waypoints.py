@@ -182,6 +182,8 @@ def download_points(kind: type[WireMessage], patience: Patience) -> Procedure[tu
     for number in range(1, count + 1):
         yield Progress(number - 1, count, f"reading point {number}")
         answer = yield from insist_twice(_read(number), patience)
+        if isinstance(answer, WaypointCount):
+            raise fail("list_changing", before=count, after=answer.count)
         points.append(kind.decode(_stored(answer)))
     after = yield from count_points(patience)
     if after != count:
@@ -220,7 +222,7 @@ def _compare(points: Sequence[WireMessage], patience: Patience) -> Procedure[tup
             bad.append(index)
             continue
         answer = yield from insist(_read(index + 1), patience)
-        if not _is_same(point.encode(), _stored(answer)):
+        if isinstance(answer, WaypointCount) or not _is_same(point.encode(), _stored(answer)):
             bad.append(index)
     after = yield from count_points(patience)
     return bad, after
@@ -230,9 +232,14 @@ def _write(point: WireMessage, number: int) -> Question[WaypointWritten]:
     return Question(Board.NC, point, (WaypointWritten,), lambda w: w.index in (0, number), f"write waypoint {number}")
 
 
-def _read(number: int) -> Question[_Stored]:
-    request = WaypointRequest(index=number)
-    return Question(Board.NC, request, get_args(_Stored), lambda p: p.number == number, f"read waypoint {number}")
+def _read(number: int) -> Question[_Stored | WaypointCount]:
+    """Ask for one point; a shorter list answers with its count, and then the point is absent."""
+
+    def fits(answer: _Stored | WaypointCount) -> bool:
+        return answer.count < number if isinstance(answer, WaypointCount) else answer.number == number
+
+    kinds = (*get_args(_Stored), WaypointCount)
+    return Question(Board.NC, WaypointRequest(index=number), kinds, fits, f"read waypoint {number}")
 
 
 def _stored(answer: WireMessage) -> bytes:
