@@ -122,6 +122,8 @@ class TrackerSection(Section):
     """Images without a pose after which the track is lost."""
     attitude_gate_deg: float = Field(default=3.0, gt=0)
     """Largest disagreement of roll and pitch with the vehicle's attitude, over a level target [deg]."""
+    attitude_sd_deg: float = Field(default=1.0, gt=0)
+    """How well the vehicle knows its roll and pitch and the target lies level, standard deviation each [deg]."""
     max_attitude_age: float = Field(default=0.25, gt=0)
     """Attitude samples farther from the capture time are not used [s]."""
 

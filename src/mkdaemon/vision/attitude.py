@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from bisect import bisect_left
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
 import numpy.typing as npt
 
 from mkdaemon.frames import rotation_from_euler
+from mkdaemon.vision.pose import Pose, turn
 
 Array = npt.NDArray[np.float64]
 
@@ -93,3 +94,41 @@ def tilt_error(cam_from_target: Array, mounting: Mounting, enu_from_flu: Array) 
     """
     normal_enu = enu_from_flu @ mounting.flu_from_cam @ cam_from_target[:, 2]
     return float(np.arctan2(np.hypot(normal_enu[0], normal_enu[1]), normal_enu[2]))
+
+
+def fuse_level(pose: Pose, mounting: Mounting, enu_from_flu: Array, spread: float) -> Pose:
+    """Tell a pose that its target is level, as far as the vehicle knows what level is.
+
+    A Kalman update of the pose by the two angles between the target's normal and the vertical. Far away, where the
+    image hardly shows tilt, the tilt becomes the attitude's and the correlated position improves with it; nearby the
+    image outweighs the attitude and nothing changes.
+
+    Args:
+        pose: camera from target.
+        mounting: of the camera.
+        enu_from_flu: attitude at the moment of the image `(3, 3)`.
+        spread: standard deviation of that attitude and of the target's level, each axis [rad].
+
+    Returns:
+        The pose with its covariance.
+    """
+    normal = pose.rotation[:, 2]
+    up = (enu_from_flu @ mounting.flu_from_cam).T[:, 2]
+    error = np.cross(normal, up)
+    sine = float(np.linalg.norm(error))
+    if sine > 1e-12:
+        error = error / sine * float(np.arctan2(sine, normal @ up))
+    # Rotation vectors across the normal tilt it; the one along it is yaw, which the attitude says nothing about.
+    across = np.linalg.svd(normal.reshape(1, 3))[2][1:]
+    observe = np.zeros((2, 6))
+    observe[:, 3:] = across
+    prior = pose.covariance
+    gain = prior @ observe.T @ np.linalg.inv(observe @ prior @ observe.T + spread**2 * np.eye(2))
+    step = gain @ (across @ error)
+    posterior = prior - gain @ observe @ prior
+    return replace(
+        pose,
+        rotation=turn(pose.rotation, step[3:]),
+        position=pose.position + step[:3],
+        covariance=(posterior + posterior.T) / 2,
+    )

@@ -24,14 +24,19 @@ Grey = npt.NDArray[np.uint8]
 
 TUKEY = 4.685
 """95 % efficiency on Gaussian residuals."""
-REACH_PX = (6.0, 4.0, 3.0, 2.5)
-"""How far along the normal an edge may be, per iteration [px]."""
+REACH_PX = (12.0, 5.0, 3.0, 2.5)
+"""How far along the normal an edge may be, per iteration [px]; never more than 0.55 of a cell."""
 MAX_SAMPLES = 320
 STEP_PX = 0.5
+"""Distance of the samples along a normal [px]; twice that while the reach is long."""
+SETTLED_PX = 0.08
+"""A step that moves no sample farther than this ends the fit [px]."""
 MIN_CELL_PX = 2.2
 """Cells smaller than this along the normal blur into their neighbours [px]."""
 CORRELATION = 1.0
 """Variance factor for neighbouring samples that share pixels; chosen so that NEES is 1 on development images."""
+SHARP_PX = 1.75
+"""Half width of an edge in focus and at rest [px]."""
 MISSED_PX = 0.6
 """What a sample that found no edge, or a wrong one, costs when rival poses are compared [px]."""
 SYSTEMATIC_PX = 0.01
@@ -130,13 +135,13 @@ class EdgeFit:
         self._projection = projection
         self._max_samples = max_samples
 
-    def fit(self, pixels: Grey, start: Pose, iterations: int = 4, first_reach: int = 0) -> Pose | None:
+    def fit(self, pixels: Grey, start: Pose, iterations: int = 6, first_reach: int = 0) -> Pose | None:
         """Refine a pose.
 
         Args:
             pixels: `(h, w)` uint8.
             start: within about half a cell of the truth.
-            iterations: Gauss-Newton steps.
+            iterations: Gauss-Newton steps at most.
             first_reach: index into `REACH_PX` to begin with; 1 or more for a start that is known to be good.
 
         Returns:
@@ -159,7 +164,10 @@ class EdgeFit:
                 return None
             if np.linalg.norm(position - start.position) > 0.2 * start.range_m + 0.02:
                 return None
+            moved = float(np.median(np.abs(samples.jacobian @ step)))
             fitted = _pose(rotation, position, samples, offsets, step, weights, normal, width)
+            if moved < SETTLED_PX and reach <= REACH_PX[-2]:
+                break
         return fitted
 
     def _project(self, shape: tuple[int, ...], rotation: Array, position: Array, reach: float) -> _Samples | None:
@@ -170,7 +178,7 @@ class EdgeFit:
         direction = tips - uv
         length = np.sqrt((direction * direction).sum(axis=1))
         cell_px = 10.0 * length
-        edge = reach + 1.0
+        edge = np.minimum(reach, 0.55 * cell_px) + 1.0
         height, width = shape
         visible &= tips_visible & (cell_px > MIN_CELL_PX)
         visible &= (
@@ -194,8 +202,10 @@ def _locate(pixels: Grey, samples: _Samples) -> tuple[Array, npt.NDArray[np.bool
         Offsets `(n,)` [px] towards the bright side, whether an edge of the right sense was found, and the width of the
         edges [px].
     """
-    count = int(np.ceil((float(samples.reach.max()) + 1.0) / STEP_PX))
-    along = np.arange(-count, count + 1) * STEP_PX
+    longest = float(samples.reach.max())
+    spacing = 2 * STEP_PX if longest > 6.0 else STEP_PX
+    count = int(np.ceil((longest + 1.0) / spacing))
+    along = np.arange(-count, count + 1) * spacing
     x = (samples.pixels[:, :1] + samples.normals[:, :1] * along).astype(np.float32)
     y = (samples.pixels[:, 1:] + samples.normals[:, 1:] * along).astype(np.float32)
     profile = cv2.remap(pixels, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE).astype(np.float32)
@@ -206,10 +216,10 @@ def _locate(pixels: Grey, samples: _Samples) -> tuple[Array, npt.NDArray[np.bool
     peak_at = slope.argmax(axis=1)
     peak = slope.max(axis=1)
     # Half width of an edge in this image: the area of the slope over its peak; wide when out of focus or moving.
-    width = float(np.clip(0.9 * np.median(slope.sum(axis=1) * STEP_PX / np.maximum(peak, 1e-3)), 1.75, 8.0))
+    width = float(np.clip(0.9 * np.median(slope.sum(axis=1) * spacing / np.maximum(peak, 1e-3)), SHARP_PX, 8.0))
     centre = place[peak_at]
     window = np.abs(place - centre[:, None]) <= width
-    if width > 1.76:
+    if width > SHARP_PX + 0.01:
         body = np.where(window, np.maximum(slope - 0.25 * peak[:, None], 0.0), 0.0)
         centre = (body * place).sum(axis=1) / np.maximum(body.sum(axis=1), 1e-6)
         window = np.abs(place - centre[:, None]) <= width
@@ -255,7 +265,8 @@ def _pose(
     variance = float((weights * residual**2).sum()) / max(total - 6.0, 1.0)
     counted = weights > 0.1
     information = normal + 1e-9 * np.diag(np.diag(normal)) + 1e-12 * np.eye(6)
-    covariance = (CORRELATION * variance + SYSTEMATIC_PX**2) * np.linalg.inv(information)
+    # In a blurred image neighbours share pixels over the width of the blur.
+    covariance = (CORRELATION * width / SHARP_PX * variance + SYSTEMATIC_PX**2) * np.linalg.inv(information)
     return Pose(
         rotation,
         position,

@@ -15,7 +15,7 @@ from mkdaemon.vision.detection import Detection
 from mkdaemon.vision.edgefit import EdgeFit
 from mkdaemon.vision.gates import BitModel
 from mkdaemon.vision.photofit import PhotoFit
-from mkdaemon.vision.pose import Pose, solve
+from mkdaemon.vision.pose import Pose, angle_between, solve
 from mkdaemon.vision.projection import NEAR_M, Projection
 from mkdaemon.vision.tagmap import Tag, Target
 
@@ -62,7 +62,7 @@ class TargetFitter:
             fitted = [pose for pose in fitted if pose.source != "corners"]
         return fitted
 
-    def refine(self, pixels: Grey, start: Pose, *, iterations: int = 4, first_reach: int = 0) -> Pose | None:
+    def refine(self, pixels: Grey, start: Pose, *, iterations: int = 6, first_reach: int = 0) -> Pose | None:
         """Improve a pose by the method its size and tilt ask for."""
         depth = max(float(start.position[2]), NEAR_M)
         cell_px = float(self._projection.focal[0]) * self._cell / depth
@@ -78,6 +78,25 @@ class TargetFitter:
         if read is None or pose.source == "photometric":
             return pose.match if pose.match is not None else read
         return read
+
+    def mirrored(self, pixels: Grey, pose: Pose) -> Pose | None:
+        """Fit the rival of a pose: the same place, the normal mirrored about the line of sight.
+
+        Returns:
+            The rival where it stays one; none when it runs back into `pose` or fits nothing.
+        """
+        toward = -pose.position / max(pose.range_m, 1e-9)
+        normal = pose.rotation[:, 2]
+        axis = np.cross(normal, toward)
+        turned = (
+            np.asarray(cv2.Rodrigues(axis / max(float(np.linalg.norm(axis)), 1e-9) * 2 * pose.tilt)[0]) @ pose.rotation
+        )
+        middle = pose.rotation @ self.target.tags[0].position + pose.position
+        start = replace(pose, rotation=turned, position=middle - turned @ self.target.tags[0].position)
+        rival = self.refine(pixels, start)
+        if rival is None or rival.source != pose.source or angle_between(rival.rotation, pose.rotation) < pose.tilt:
+            return None
+        return rival
 
     def flow(self, before: Grey, now: Grey, last: Pose, predicted: Pose) -> Pose | None:
         """Carry the last pose over by optical flow; for motions the prediction did not foresee."""

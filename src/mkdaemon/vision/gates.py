@@ -18,8 +18,10 @@ Grey = npt.NDArray[np.uint8]
 MIN_CELL_PX = 2.5
 """Cells smaller than this carry no bit evidence [px]."""
 MIN_CELLS = 16
-MAX_ANGLE_SD = np.radians(1.6)
-"""A pose less certain than this is not published: three sd would be a wrong pose of 5 degrees [rad]."""
+MAX_ANGLE_SD = np.radians(1.25)
+"""A pose less certain than this is not published: four sd would be a wrong pose of 5 degrees [rad]."""
+BLIND_RMS_PX = 0.5
+"""Residual above which a fit is not believed while no attitude can contradict it [px]."""
 MAX_POSITION_SD = (0.015, 0.004)
 """Largest standard deviation that is published: metres, plus this share of the range."""
 
@@ -115,8 +117,10 @@ def fit_fault(pose: Pose, cfg: TrackerSection) -> str:
     return ""
 
 
-def certainty_fault(pose: Pose) -> str:
-    """Refuse poses whose own covariance says they may be wrong; empty when certain enough."""
+def certainty_fault(pose: Pose, *, has_attitude: bool) -> str:
+    """Refuse poses whose own covariance or residual says they may be wrong; empty when certain enough."""
+    if not has_attitude and pose.source == "edges" and pose.rms_px > BLIND_RMS_PX:
+        return "residual"
     variance = np.linalg.eigvalsh(pose.covariance[3:, 3:])[-1]
     if not np.isfinite(variance) or variance > MAX_ANGLE_SD**2:
         return "angle_uncertain"

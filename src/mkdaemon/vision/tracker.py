@@ -8,7 +8,7 @@ everything else is a refusal with its reason.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -16,7 +16,7 @@ import numpy.typing as npt
 from mkdaemon.config.vision import DetectorSection, TrackerSection
 from mkdaemon.vision.alarms import ImageHealth
 from mkdaemon.vision.ambiguity import Choice, choose
-from mkdaemon.vision.attitude import AttitudeHistory, Mounting, tilt_error
+from mkdaemon.vision.attitude import AttitudeHistory, Mounting, fuse_level, tilt_error
 from mkdaemon.vision.detection import Detection, Stage
 from mkdaemon.vision.detector import Detector
 from mkdaemon.vision.fitting import TargetFitter
@@ -36,6 +36,14 @@ UNDECODED_GRACE = 1.0
 """How much longer than the re-detection period a track may go on without a decoded tag [s]."""
 STRONG_BITS = 0.8
 """Cells this clear stand in for a decoded tag, where none fits into the image."""
+PREDICT_THROUGH = 4
+"""Images without a pose over which a prediction with attitude stays good enough to start from."""
+IMAGE_DECIDES_PX = 12.0
+"""Cells from this size on show perspective; without attitude, smaller ones are checked for the mirrored pose [px]."""
+BLURRED_PX = 3.5
+"""Width of an edge from which perspective drowns in blur [px]."""
+SMALL_TILT = float(np.radians(1.5))
+"""Below this tilt the mirrored pose is the pose [rad]."""
 RETRY_DECODE = 0.1
 """Pause between attempts to decode a tracked tag [s]."""
 SEARCH_EVERY = 5
@@ -145,7 +153,7 @@ class Tracker:
             return
         predicted, used = track.predict(now, frame.enu_from_flu, self._mounting)
         starts: list[tuple[str, Pose]] = []
-        if track.misses == 0 and (used or track.has_velocity):
+        if (track.misses == 0 and track.has_velocity) or (used and track.misses < PREDICT_THROUGH):
             starts.append(("predicted", predicted))
         pose, mode = self._fit_from(frame, name, starts, predicted)
         if pose is None and track.misses == 0 and self._previous is not None:
@@ -168,25 +176,47 @@ class Tracker:
         """First start whose fit passes the gates."""
         fitter = self._fitters[name]
         for mode, start in starts:
-            pose = fitter.refine(frame.pixels, start, iterations=3)
+            pose = fitter.refine(frame.pixels, start)
             if pose is None:
                 frame.refused[name] = "no_fit"
                 continue
-            fault = self._fault(frame, name, pose, predicted)
+            fault = self._fault(frame, name, pose, predicted) or self._mirror_fault(frame, name, pose, predicted)
             if not fault:
-                return pose, mode
+                return self._fused(frame, name, pose), mode
             frame.refused[name] = fault
         return None, ""
 
+    def _fused(self, frame: _Frame, name: str, pose: Pose) -> Pose:
+        """The pose with what the attitude knows about its tilt."""
+        if frame.enu_from_flu is None or self._mounting is None or not self._targets[name].level:
+            return pose
+        spread = float(np.radians(self._cfg.attitude_sd_deg))
+        return fuse_level(pose, self._mounting, frame.enu_from_flu, spread)
+
+    def _mirror_fault(self, frame: _Frame, name: str, pose: Pose, predicted: Pose) -> str:
+        """Without attitude a track can slip into the mirrored pose; the image or the track has to speak against it."""
+        fitter = self._fitters[name]
+        cell_px = fitter.side_px(pose) / self._targets[name].tags[0].family.black_cells
+        blurred = pose.blur_px is not None and pose.blur_px > BLURRED_PX
+        known = self._tilt(frame, name, pose) is not None
+        if known or (cell_px > IMAGE_DECIDES_PX and not blurred) or pose.tilt < SMALL_TILT:
+            return ""
+        rival = fitter.mirrored(frame.pixels, pose)
+        if rival is None:
+            return ""
+        choice = choose([pose, rival], min_ratio=self._cfg.min_ambiguity_ratio, predicted=predicted.rotation)
+        return "" if choice is not None and choice.pose is pose else "ambiguous"
+
     def _fault(self, frame: _Frame, name: str, pose: Pose, predicted: Pose | None) -> str:
         """The first gate a pose fails; empty when it passes all."""
-        fault = fit_fault(pose, self._cfg) or certainty_fault(pose)
+        tilt = self._tilt(frame, name, pose)
+        fused = self._fused(frame, name, pose)
+        fault = fit_fault(pose, self._cfg) or certainty_fault(fused, has_attitude=tilt is not None)
         if fault:
             return fault
         bits = self._fitters[name].match(frame.pixels, pose)
         if bits is not None and bits < self._cfg.min_bit_correlation:
             return "bits"
-        tilt = self._tilt(frame, name, pose)
         if tilt is not None and tilt > self._tilt_gate(pose):
             return "attitude"
         if predicted is not None:
@@ -296,7 +326,7 @@ class Tracker:
             frame.refused[name] = fault
             return
         track.decoded_at = track.tried_at = frame.image.captured_at
-        self._publish(frame, name, choice, mode)
+        self._publish(frame, name, replace(choice, pose=self._fused(frame, name, choice.pose)), mode)
 
     def _bits_fault(self, frame: _Frame, name: str, pose: Pose) -> str:
         bits = self._fitters[name].match(frame.pixels, pose)
