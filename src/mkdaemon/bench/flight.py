@@ -1,6 +1,6 @@
 """What the flight half of the simulator costs and how its attitude loop answers.
 
-Speed is simulated seconds per second of one core, without boards and camera. The open-loop figures are read off the
+Speed is simulated seconds per second of one core, without a camera. The open-loop figures are read off the
 flying model, not computed from its equations.
 """
 
@@ -10,14 +10,20 @@ import json
 import math
 import platform
 import time
+from collections.abc import Callable
 from dataclasses import asdict, dataclass
+from typing import Annotated
 
+from cyclopts import Parameter
 from rich.console import Console
 from rich.table import Table
 
 from mkdaemon.config.sim_flight import AirframeConfig, FlightConfig, LoopConfig, SensorConfig, WindClass
 from mkdaemon.sim.attitude_loop import EASY, FAST, AttitudeGains
-from mkdaemon.sim.hand_flight import HandFlight
+from mkdaemon.sim.boards.fc import FlightCtrl
+from mkdaemon.sim.boards.generations import FC_GENERATIONS, NC_GENERATIONS
+from mkdaemon.sim.boards.nc import NaviCtrl
+from mkdaemon.sim.hand_flight import CircleFlight
 from mkdaemon.sim.world import DT, StartState, StickInput, World
 
 GOAL_SPEED = 30.0
@@ -68,23 +74,40 @@ class Step:
     believed_deg: tuple[float, ...]
 
 
-def measure_speed(wind: WindClass, *, by_hand: bool) -> Speed:
-    """Fly `RUN_S` in this wind, sticks at rest or the pilot's."""
-    best = math.inf
-    steps = round(RUN_S / DT)
-    for _ in range(ROUNDS):
+def measure_world(wind: WindClass) -> Speed:
+    """Hover under height control, sticks at rest: the physics alone."""
+    sticks = StickInput(0.0, 0.0, 0.0, 125.0, motors_running=True, height_control=True)
+
+    def fly() -> None:
         world = World(FlightConfig(wind=wind), seed=1, start=StartState(height=3.0))
-        if by_hand:
-            world.pilot.program = HandFlight(height=3.0, flying=True)
-        pilot = world.pilot
+        for _ in range(round(RUN_S / DT)):
+            world.step(sticks)
+
+    return _timed(f"world alone, {wind} wind", fly)
+
+
+def measure_boards(*, with_navi: bool) -> Speed:
+    """Arm, take off and circle by hand over simulated boards, light wind, no serial traffic."""
+
+    def fly() -> None:
+        world = World(FlightConfig(wind=WindClass.LIGHT), seed=1)
+        world.pilot.program = CircleFlight()
+        flight = FlightCtrl(FC_GENERATIONS["2.12a"], world, seed=1)
+        board = NaviCtrl(NC_GENERATIONS["0.24"], flight, seed=1) if with_navi else flight
+        for k in range(round(RUN_S / 0.1)):
+            board.advance(0.1 * (k + 1))
+            board.poll()
+
+    return _timed("world, pilot, FlightCtrl" + (" and NaviCtrl" if with_navi else ""), fly)
+
+
+def _timed(flight: str, fly: Callable[[], None]) -> Speed:
+    best = math.inf
+    for _ in range(ROUNDS):
         began = time.perf_counter()
-        for _ in range(steps):
-            gas = 127.0 + pilot.gas if by_hand else 125.0
-            pitch, roll = (float(pilot.pitch), float(pilot.roll)) if by_hand else (0.0, 0.0)
-            world.step(StickInput(pitch, roll, 0.0, gas, motors_running=True, height_control=not by_hand))
+        fly()
         best = min(best, time.perf_counter() - began)
-    name = f"{wind} wind, {'hand-flown hover' if by_hand else 'sticks at rest'}"
-    return Speed(name, RUN_S / best, best / steps * 1e6)
+    return Speed(flight, RUN_S / best, best / (RUN_S / DT) * 1e6)
 
 
 def measure_step(name: str, gains: AttitudeGains, *, drag: float) -> Step:
@@ -115,12 +138,17 @@ def measure_step(name: str, gains: AttitudeGains, *, drag: float) -> Step:
     )
 
 
-def main(as_json: bool = False) -> None:
-    """Measure and print, as a table or as one JSON object."""
+def main(*, as_json: Annotated[bool, Parameter(name="--json", negative=())] = False) -> None:
+    """Measure the simulated flight: its speed and its answer to a tilt step.
+
+    Args:
+        as_json: print one JSON object instead of tables.
+    """
     speeds = [
-        measure_speed(WindClass.NONE, by_hand=False),
-        measure_speed(WindClass.LIGHT, by_hand=False),
-        measure_speed(WindClass.LIGHT, by_hand=True),
+        measure_world(WindClass.NONE),
+        measure_world(WindClass.LIGHT),
+        measure_boards(with_navi=False),
+        measure_boards(with_navi=True),
     ]
     steps = [
         measure_step(name, AttitudeGains.from_parameters(**gain_set, stick_filter=stick_filter), drag=drag)
@@ -136,7 +164,7 @@ def main(as_json: bool = False) -> None:
             "speed": [asdict(speed) for speed in speeds],
             "step": [asdict(step) for step in steps],
         }
-        Console(soft_wrap=True).print_json(json.dumps(result))
+        print(json.dumps(result))
         return
     console = Console()
     table = Table("flight", "x real time", "us a step", title=f"Speed of the flight, goal {GOAL_SPEED:g}")
