@@ -89,8 +89,10 @@ def _attitude(board: FlightCtrl, now: float) -> None:
 
 
 def _display(board: FlightCtrl, now: float) -> None:
-    keys, board.display.interval = _read(board, 2)
+    keys, interval = _read(board, 2)
     board.menu.press(board, keys)
+    # the obsolete format is refused once, not streamed
+    board.display.interval = interval if keys & 0x80 else 0
     board.wanted.display = True
     board.renew(now)
 

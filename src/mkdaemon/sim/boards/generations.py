@@ -199,7 +199,7 @@ NC_GENERATIONS: Final[dict[str, NcGeneration]] = {
     for generation in (
         NcGeneration(
             word="0.24",
-            release=(0, 24, 0),
+            release=(0, 24, 1),
             attitude=AttitudeDataNc,
             takes_control=False,
             data_sets=False,

@@ -91,7 +91,7 @@ class NaviCtrl:
         self.points = PointList(self.generation.list_size)
         self.wanted: dict[str, int] = {}
         self.streams = {letter: NaviStream() for letter in "ODCHK"}
-        self.parameters: dict[int, int] = {0: 50, 1: -1}
+        self.parameters: dict[int, int] = {}
         self.redirection = Redirection(self.flight, self._out)
         self.home = (0, 0)
         self.error_text = bytearray(25)

@@ -118,9 +118,9 @@ def _stream(letter: str) -> _Handler:
 def _display(board: NaviCtrl, now: float) -> None:
     keys, interval = _read(board, 2)
     board.menu.press(keys)
-    board.subscribe("H", interval, now)
-    if not interval:
-        board.ask("H")
+    # the obsolete format is refused once, not streamed
+    board.subscribe("H", interval if keys & 0x80 else 0, now)
+    board.ask("H")
 
 
 def _menu(board: NaviCtrl, now: float) -> None:
