@@ -104,7 +104,8 @@ def calibrate(views: Sequence[BoardPoints], width: int, height: int) -> Calibrat
     result = _best(views, used, width, height)
     for _ in range(2):
         errors = result.view_rms_px[used]
-        kept = [k for k, error in zip(used, errors, strict=True) if error <= OUTLIER_FACTOR * np.median(errors)]
+        limit = max(OUTLIER_FACTOR * float(np.median(errors)), MAX_RMS_PX)
+        kept = [k for k, error in zip(used, errors, strict=True) if error <= limit]
         if len(kept) == len(used) or len(kept) < MIN_VIEWS:
             break
         used = kept

@@ -41,7 +41,7 @@ class Coverage:
 
     def __init__(self, width: int, height: int) -> None:
         self.views: list[BoardPoints] = []
-        self._size = (width, height)
+        self.size = (width, height)
         self._cells = np.zeros((CELLS[1], CELLS[0]), dtype=np.int64)
         self._tilts: set[str] = set()
         self._near = self._far = False
@@ -49,7 +49,7 @@ class Coverage:
     def add(self, view: BoardPoints) -> None:
         """Count a view."""
         self.views.append(view)
-        width, height = self._size
+        width, height = self.size
         columns = np.clip(view.image[:, 0] * CELLS[0] / width, 0, CELLS[0] - 1).astype(int)
         rows = np.clip(view.image[:, 1] * CELLS[1] / height, 0, CELLS[1] - 1).astype(int)
         np.add.at(self._cells, (rows, columns), 1)
@@ -60,7 +60,7 @@ class Coverage:
 
     def is_novel(self, view: BoardPoints) -> bool:
         """Whether a view differs from all before by more than a shake of the hand."""
-        limit = NOVEL_SHARE * self._size[0]
+        limit = NOVEL_SHARE * self.size[0]
         for old in self.views:
             _, here, there = np.intersect1d(view.ids, old.ids, return_indices=True)
             if len(here) >= 4:
@@ -92,7 +92,7 @@ class Coverage:
 
     def _tilt(self, view: BoardPoints) -> set[str]:
         """Sides of the board that lean towards the camera, seen from the camera."""
-        normal = board_normal(view, *self._size)
+        normal = board_normal(view, *self.size)
         if normal is None:
             return set()
         limit = math.sin(math.radians(TILT_DEG))

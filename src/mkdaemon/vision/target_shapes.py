@@ -151,7 +151,7 @@ def _paper(tag: Tag) -> Array:
 
 def _finished(areas: Iterable[Area], width: float, height: float, title: str, note: str) -> Page:
     """Add cut marks, both rulers and the texts."""
-    page_width = max(width, float(RULER_MM)) + 2 * MARGIN_MM
+    page_width = max(width, float(RULER_MM)) + 2 * MARGIN_MM + 6.0
     page_height = height + 2 * MARGIN_MM + FOOT_MM
     foot = height + 2 * MARGIN_MM
     extras = [_box(x, y, dx, dy) for x, y, dx, dy in _cut_marks(width, height)]
