@@ -7,14 +7,12 @@ from collections import Counter
 from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
 
-from mkdaemon.bench.boardport import SimulatedBoard, Socket
+from mkdaemon.bench.boardport import Socket
 from mkdaemon.config.link import LinkConfig
+from mkdaemon.config.sim import PilotPlan, SimConfig
 from mkdaemon.link.link import Link
 from mkdaemon.link.traffic import Lost, Received, Sent
-from mkdaemon.sim.boards.aircraft import CircleFlight
-from mkdaemon.sim.boards.fc import FlightCtrl
-from mkdaemon.sim.boards.generations import FC_GENERATIONS, NC_GENERATIONS
-from mkdaemon.sim.boards.nc import NaviCtrl
+from mkdaemon.sim.simulation import Simulation
 from mkdaemon.telemetry.link import LinkHealth, LinkState, LinkTraffic
 
 
@@ -51,12 +49,17 @@ class Log:
         return Counter(frame.frame.id for frame in self.rx if frame.t_monotonic >= since)
 
 
-def flight_ctrl(word: str = "2.12a", seed: int = 1) -> Callable[[], FlightCtrl]:
-    return lambda: FlightCtrl(FC_GENERATIONS[word], CircleFlight(42.46, -71.27, 30.0), seed=seed, calibrated=True)
+def flight_ctrl(word: str = "2.12a", seed: int = 1, **sim: object) -> Callable[[], Simulation]:
+    return _aircraft(board="fc", fc=word, seed=seed, **sim)
 
 
-def navi_ctrl(word: str = "0.24", flight: str = "2.12a", seed: int = 1) -> Callable[[], NaviCtrl]:
-    return lambda: NaviCtrl(NC_GENERATIONS[word], flight_ctrl(flight, seed)(), seed=seed)
+def navi_ctrl(word: str = "0.24", flight: str = "2.12a", seed: int = 1, **sim: object) -> Callable[[], Simulation]:
+    return _aircraft(board="nc", nc=word, fc=flight, seed=seed, **sim)
+
+
+def _aircraft(**sim: object) -> Callable[[], Simulation]:
+    cfg = SimConfig.model_validate({"pilot_plan": PilotPlan.NOTHING, "calibrated": True, **sim})
+    return lambda: Simulation(cfg)
 
 
 class Rig:
@@ -83,11 +86,16 @@ class Rig:
 
 @asynccontextmanager
 async def rig(
-    make: Callable[[], SimulatedBoard], *, seed: int = 1, right_baud: int = 57600, **cfg: object
+    make: Callable[[], Simulation], *, seed: int = 1, right_baud: int = 57600, **cfg: object
 ) -> AsyncIterator[Rig]:
     log = Log()
     socket = Socket(make, seed=seed, right_baud=right_baud)
-    link = Link(LinkConfig(port="/dev/rig", **cfg), log, opener=socket.open, clock=asyncio.get_running_loop().time)
+    link = Link(
+        LinkConfig.model_validate({"port": "/dev/rig", **cfg}),
+        log,
+        opener=socket.open,
+        clock=asyncio.get_running_loop().time,
+    )
     task = asyncio.create_task(link.run())
     try:
         yield Rig(link, log, socket, task)

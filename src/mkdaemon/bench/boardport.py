@@ -10,28 +10,16 @@ import asyncio
 import random
 from collections.abc import Callable
 from enum import StrEnum
-from typing import Final, Protocol
+from typing import Final
 
 from mkdaemon.errors import LinkError, LinkLostError
 from mkdaemon.link.port import Port
 from mkdaemon.protocol.framing import Frame, FrameDecoder
+from mkdaemon.sim.simulation import Simulation
 
 TICK_S: Final = 1e-3
 """How often bytes are carried [s]."""
 BANNER: Final = b"\r\n\r\nFlight-Ctrl HW:2.2 SW:2.12a\r\nreceiver: PPM\r\nACC neutral: 510 512 700\r\n"
-
-
-class SimulatedBoard(Protocol):
-    """A board as the simulator models it."""
-
-    def receive(self, data: bytes, at: float) -> None:
-        """Take characters put on the line at this time [s]."""
-
-    def advance(self, to: float) -> None:
-        """Live until this time [s]."""
-
-    def poll(self) -> list[tuple[float, bytes]]:
-        """Hand over what was sent since the last call."""
 
 
 class LineFault(StrEnum):
@@ -74,10 +62,12 @@ class Socket:
         right_baud: line rate at which bytes can be understood.
         openings: ports opened so far.
         port: the latest one.
+        wire: everything written, with its time [s].
+        aircraft: the simulated boards and what they fly.
     """
 
-    def __init__(self, make: Callable[[], SimulatedBoard], *, seed: int, right_baud: int = 57600) -> None:
-        """Plug a board in; `make` powers a new one up."""
+    def __init__(self, make: Callable[[], Simulation], *, seed: int, right_baud: int = 57600) -> None:
+        """Plug an aircraft in; `make` powers a new one up."""
         self.rng = random.Random(f"{seed} line")
         self.is_present = True
         self.right_baud = right_baud
@@ -85,7 +75,7 @@ class Socket:
         self.port: BoardPort | None = None
         self.wire: list[tuple[float, bytes]] = []
         self._make = make
-        self.board = make()
+        self.aircraft = make()
         self._started = asyncio.get_running_loop().time()
 
     def now(self) -> float:
@@ -93,9 +83,9 @@ class Socket:
         return asyncio.get_running_loop().time() - self._started
 
     def power_cycle(self) -> None:
-        """Put a new board in the place of the old one."""
+        """Put a new aircraft in the place of the old one."""
         self._started = asyncio.get_running_loop().time()
-        self.board = self._make()
+        self.aircraft = self._make()
 
     async def open(self, url: str, *, baud: int) -> Port:
         """Open; see `mkdaemon.link.port.open_port`.
@@ -143,8 +133,7 @@ class BoardPort:
         self._back_at = 0.0
         self._loop = asyncio.get_running_loop()
         self._timer = self._loop.call_later(TICK_S, self._tick)
-        socket.board.advance(socket.now())
-        socket.board.poll()  # what was said while nobody listened is gone
+        socket.aircraft.advance(socket.now())  # what was said while nobody listened is gone
 
     @property
     def name(self) -> str:
@@ -187,7 +176,7 @@ class BoardPort:
         if self.fault is LineFault.STUCK_WRITER:
             self._stuck += len(data)
         elif self.fault not in (LineFault.ONE_WAY, LineFault.REBOOT) and self._baud == socket.right_baud:
-            socket.board.receive(self._spoil(data), socket.now())
+            socket.aircraft.write(self._spoil(data), socket.now())
 
     async def drain(self) -> None:
         """Return at once: virtual bytes need no draining."""
@@ -223,8 +212,7 @@ class BoardPort:
                 self.fault = LineFault.NONE
                 self._deliver(BANNER)
             return
-        socket.board.advance(now)
-        said = b"".join(chunk for _, chunk in socket.board.poll())
+        said = b"".join(chunk for _, chunk in socket.aircraft.advance(now))
         self._deliver(self._corrupt(said))
 
     def _deliver(self, data: bytes) -> None:

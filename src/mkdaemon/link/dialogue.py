@@ -62,7 +62,7 @@ class Dialogue:
 
     # -- the port -------------------------------------------------------------------------------------------------
 
-    def opened(self, now: float, *, baud: int, is_recording: bool = False) -> None:
+    def opened(self, now: float, *, baud: int, is_recording: bool = False, searching: str = "") -> None:
         """A port is open. Whatever flew before may still obey its last command: a release is the first thing sent."""
         self.is_open = True
         self.is_recording = is_recording
@@ -75,16 +75,16 @@ class Dialogue:
         self.scheduler.clear()
         self.scheduler.rules = self.rules
         self.subscriptions.forget()
-        self.health.port_opened(now, is_recording=is_recording)
+        self.health.port_opened(now, is_recording=is_recording, searching=searching)
         self.release("opened", now)
 
-    def lost(self, now: float, reason: str, *, absent: bool = False) -> bool:
-        """The port is gone; returns whether that is news."""
+    def lost(self, now: float, reason: str, condition: LinkCondition = LinkCondition.DOWN) -> None:
+        """The port is gone."""
         self.is_open = False
         self.control.restart()
         self.scheduler.clear()
         self._finished.extend((pending, reason) for pending in self.book.drain())
-        return self.health.port_lost(now, reason, absent=absent)
+        self.health.port_lost(now, reason, condition)
 
     # -- what arrives ---------------------------------------------------------------------------------------------
 
@@ -448,6 +448,8 @@ class Dialogue:
 
     def _request_sent(self, pending: requests.Pending, now: float) -> None:
         self.book.sent(pending, now)
+        if pending.message.spec.id == "v":
+            self.health.question_sent(now)
         policy = requests.policy_for(pending.board, pending.message)
         if policy.deaf:
             self.scheduler.deafen(pending.board, now + policy.deaf)

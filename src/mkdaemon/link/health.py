@@ -25,8 +25,10 @@ SUSPICION_S: Final = 0.1
 """A probe unanswered for this long is followed by another at once [s]; radios of 2010 answer within 0.13 s."""
 PROBES_MISSED: Final = 2
 """So many probes unanswered in a row, and the board does not hear us."""
-STUCK_S: Final = 0.3
+STUCK_S: Final = 0.15
 """A port that has not taken our bytes for this long is stuck [s]."""
+STUCK: Final = "the port takes no bytes: flow control stops it, or its reader hangs"
+"""Reason of a stuck port."""
 STALE_PERIODS: Final = 3
 """A stream is stale after this many missed periods."""
 OVERDUE_S: Final = 0.2
@@ -38,6 +40,8 @@ DAMAGE_LIMIT: Final = 0.1
 PROBE_TIMEOUT_S: Final = 0.25
 """A link test without an answer for this long is lost [s]; the longest measured wait beside a saturated line is 27 ms,
 the longest radio round trip 0.13 s."""
+
+_OUTAGES: Final = frozenset({LinkCondition.DOWN, LinkCondition.MUTE, LinkCondition.GARBAGE, LinkCondition.ONE_WAY})
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,8 +110,14 @@ class HealthMonitor:
 
     # -- what happened --------------------------------------------------------------------------------------------
 
-    def port_opened(self, now: float, *, is_recording: bool = False) -> None:
-        """A port is open; nothing is known about its other end."""
+    def port_opened(self, now: float, *, is_recording: bool = False, searching: str = "") -> None:
+        """A port is open; nothing is known about its other end.
+
+        Args:
+            now: [s; monotonic].
+            is_recording: nobody listens there.
+            searching: what is tried, where garbage made us open the port anew.
+        """
         self._opened = now
         self._is_recording = is_recording
         self._heard = self._heard_us = -math.inf
@@ -116,14 +126,15 @@ class HealthMonitor:
         self.backlog = 0
         self._damage.clear()
         self._kinds.clear()
-        self._judge_as(LinkCondition.DOWN, "just opened, nothing heard yet", now)
+        condition = LinkCondition.GARBAGE if searching else LinkCondition.DOWN
+        self._judge_as(condition, searching or "just opened, nothing heard yet", now)
 
-    def port_lost(self, now: float, reason: str, *, absent: bool = False) -> bool:
-        """The port is gone, or could not be opened; returns whether that is news."""
+    def port_lost(self, now: float, reason: str, condition: LinkCondition = LinkCondition.DOWN) -> None:
+        """The port is gone, or could not be opened."""
         self._opened = None
         self.echo.clear()
         self.confirm.clear()
-        return self._judge_as(LinkCondition.ABSENT if absent else LinkCondition.DOWN, reason, now)
+        self._judge_as(condition, reason, now)
 
     def frame_received(self, board: str, key: str, characters: int, now: float) -> None:
         """A right frame arrived."""
@@ -140,13 +151,17 @@ class HealthMonitor:
         """Bytes arrived that are no frame."""
         self._damage.append((now, len(raw), reason))
         self._rx.append((now, len(raw)))
-        if reason is DropReason.TEXT:
+        if reason is DropReason.TEXT and self._verdict.condition is not LinkCondition.GARBAGE:
             self._text = raw.decode("latin-1")
 
     def heard_us(self, now: float) -> None:
         """A reply or confirmation shows that the board received something from us."""
         self._heard_us = now
         self._open_questions.clear()
+
+    def question_sent(self, now: float) -> None:
+        """Something every board answers went out."""
+        self._open_questions.append(now)
 
     def probe_sent(self, token: Hashable, now: float) -> None:
         """A link test went out."""
@@ -212,7 +227,13 @@ class HealthMonitor:
         self.confirm.expire(now)
         if self._opened is None:
             return False
-        condition, reason = self._weigh(now)
+        before = self._verdict.condition
+        condition, reason = self._weigh(self._opened, now)
+        if before in _OUTAGES and condition not in _OUTAGES:
+            # What an outage swallowed was told as that; it says nothing about the line as it is now.
+            self.echo.forgive()
+            self.confirm.forgive()
+            self._damage.clear()
         return self._judge_as(condition, reason, now)
 
     def kinds(self, now: float) -> tuple[KindHealth, ...]:
@@ -236,22 +257,33 @@ class HealthMonitor:
         checksums = sum(1 for _, _, reason in self._damage if reason is DropReason.CHECKSUM)
         return sum(size for _, size, _ in self._damage) / self._window, checksums / self._window
 
-    def _weigh(self, now: float) -> tuple[LinkCondition, str]:
-        if self._backlog_since is not None and now - self._backlog_since > STUCK_S:
-            return (
-                LinkCondition.DOWN,
-                f"the port takes no bytes ({self.backlog} wait): flow control, or its reader hangs",
-            )
+    def _weigh(self, opened: float, now: float) -> tuple[LinkCondition, str]:
+        is_stuck = self._backlog_since is not None and now - self._backlog_since > STUCK_S
+        if is_stuck:
+            return LinkCondition.DOWN, STUCK
         if now < self._paused_until:
             return self._verdict.condition, self._verdict.reason
-        silent_for = now - max(self._heard, self._opened or now)
-        if silent_for > SILENCE_S and self._expects_something(now):
+        silent_for = now - max(self._heard, opened)
+        if silent_for > SILENCE_S and self._expects_something(now) and not self._talks_slowly(now):
             return self._explain_silence(now)
         if self._heard == -math.inf:
             return self._verdict.condition, self._verdict.reason
-        if self._missed(now) >= PROBES_MISSED:
-            return LinkCondition.ONE_WAY, "frames arrive, but nothing we send is answered: check the board's RX wire"
+        if self._missed(now) >= PROBES_MISSED and (silent_for < SILENCE_S / 2 or self._talks_slowly(now)):
+            return self._explain_deafness(now)
         return self._weigh_quality(now)
+
+    def _talks_slowly(self, now: float) -> bool:
+        """A board that hears nothing but sends what it was asked for, on time, is not mute between two frames."""
+        asked = [kind for kind in self._kinds.values() if kind.asked is not None]
+        on_time = bool(asked) and not any(kind.missed(now) > STALE_PERIODS for kind in asked)
+        return self._verdict.condition is LinkCondition.ONE_WAY and on_time
+
+    def _explain_deafness(self, now: float) -> tuple[LinkCondition, str]:
+        if self.backlog:
+            return self._verdict.condition, self._verdict.reason  # nothing left the port: the board is not to blame
+        if sum(size for at, size, _ in self._damage if at > now - SILENCE_S) >= GARBAGE_BYTES:
+            return LinkCondition.DEGRADED, "frames arrive damaged, and nothing we send is answered"
+        return LinkCondition.ONE_WAY, "frames arrive, but nothing we send is answered: check the board's RX wire"
 
     def _weigh_quality(self, now: float) -> tuple[LinkCondition, str]:
         stale = [kind for kind in self._kinds.values() if kind.is_overdue(now)]

@@ -23,7 +23,7 @@ from mkdaemon.link.traffic import LinkSink, Lost, Purpose, Received, ReleaseResu
 from mkdaemon.protocol.dialect import Dialect
 from mkdaemon.protocol.framing import Frame, FrameDecoder
 from mkdaemon.protocol.wire import Board, MessageDecoder, WireMessage
-from mkdaemon.telemetry.link import LinkHealth, LinkTraffic
+from mkdaemon.telemetry.link import LinkCondition, LinkHealth, LinkTraffic
 
 JUDGE_S: Final = 0.05
 """How often the evidence is weighed [s]; a twentieth of a second of the half second a verdict may take."""
@@ -73,6 +73,7 @@ class Link:
         self._release_waiters: list[asyncio.Future[ReleaseResult]] = []
         self._aliases = AliasMemory()
         self._has_ended = False
+        self._opened_at = 0.0
 
     # -- what callers use -----------------------------------------------------------------------------------------
 
@@ -221,7 +222,8 @@ class Link:
             try:
                 port = await self._open()
             except LinkError as error:
-                self._note_loss(str(error), absent=isinstance(error, LinkLostError))
+                missing = isinstance(error, LinkLostError)
+                self._note_loss(str(error), LinkCondition.ABSENT if missing else LinkCondition.DOWN)
                 if not has_been_open:
                     raise
                 await asyncio.sleep(next(delays))
@@ -255,7 +257,13 @@ class Link:
         self._broken = asyncio.get_running_loop().create_future()
         if not port.is_recording:
             self._wants_introduction.set()
-        self._dialogue.opened(self._clock(), baud=self._bauds.current, is_recording=port.is_recording)
+        self._opened_at = self._clock()
+        self._dialogue.opened(
+            self._opened_at,
+            baud=self._bauds.current,
+            is_recording=port.is_recording,
+            searching=self._bauds.attempt,
+        )
         self._reporter.port_opened(port.name)
         self._publish()
         reason = "closed by us"
@@ -267,7 +275,7 @@ class Link:
             raise
         finally:
             self._stop()
-            self._note_loss(reason)
+            self._note_loss(reason, LinkCondition.GARBAGE if self._bauds.attempt else LinkCondition.DOWN)
         return self._has_ended
 
     async def _talk(self, port: Port) -> str:
@@ -430,7 +438,7 @@ class Link:
             self._publish()
         if now >= self._reporter.traffic_due:
             self._sink.traffic_counted(self._reporter.traffic(now))
-        advice = self._bauds.judge(health.verdict, now)
+        advice = self._bauds.judge(health.verdict, self._opened_at, now)
         if advice is not None:
             self._break(LinkLostError(advice))
 
@@ -440,10 +448,10 @@ class Link:
             self._sink.state_changed(self._reporter.state(now))
         self._sink.health_measured(self._reporter.health(now))
 
-    def _note_loss(self, reason: str, *, absent: bool = False) -> None:
+    def _note_loss(self, reason: str, condition: LinkCondition = LinkCondition.DOWN) -> None:
         """Say at once that the port is gone, and why."""
         self._port = None
-        self._dialogue.lost(self._clock(), reason, absent=absent)
+        self._dialogue.lost(self._clock(), reason, condition)
         self._settle()
         for waiter in self._release_waiters:
             if not waiter.done():

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Final
 
 from mkdaemon.errors import ConfigError
-from mkdaemon.link.health import Verdict
+from mkdaemon.link.health import STUCK, Verdict
 from mkdaemon.link.port import parse_address
 from mkdaemon.telemetry.link import LinkCondition
 
@@ -36,41 +36,40 @@ def backoff(first: float, longest: float, *, factor: float = 1.6) -> Iterator[fl
 
 
 class BaudSearch:
-    """Decides which line rate to open the port with."""
+    """Decides which line rate to open the port with.
+
+    Attributes:
+        current: rate to open with [baud].
+        attempt: what is tried; empty while not searching.
+    """
 
     def __init__(self, configured: int, *, enabled: bool) -> None:
         self.current = configured
         self._configured = configured
         self._enabled = enabled
-        self._searching = False
+        self.attempt = ""
 
-    def judge(self, verdict: Verdict, now: float) -> str | None:
+    def judge(self, verdict: Verdict, opened: float, now: float) -> str | None:
         """Say why the port must be closed and opened again (perhaps at another rate); None where it need not."""
         condition, age = verdict.condition, now - verdict.since
         if condition in (LinkCondition.UP, LinkCondition.DEGRADED, LinkCondition.ONE_WAY):
-            self._searching = False
+            self.attempt = ""
             return None
-        if condition is LinkCondition.DOWN and "takes no bytes" in verdict.reason and age > STUCK_PATIENCE_S:
+        if verdict.reason == STUCK and age > STUCK_PATIENCE_S:
             return verdict.reason
         garbage = condition is LinkCondition.GARBAGE and "plain text" not in verdict.reason
-        if not self._enabled or not (garbage or self._searching):
+        if not self._enabled or not (garbage or self.attempt):
             return None
-        if age <= (SILENT_PATIENCE_S if self._searching else GARBAGE_PATIENCE_S):
+        patience, since = (SILENT_PATIENCE_S, opened) if self.attempt else (GARBAGE_PATIENCE_S, verdict.since)
+        if now - since <= patience:
             return None
-        self._searching = True
         tried, self.current = self.current, self._next()
-        return f"no frame at {tried} baud: trying {self.current}"
+        self.attempt = f"no frame at {tried} baud: trying {self.current}"
+        return self.attempt
 
     def _next(self) -> int:
         rates = (self._configured, *(baud for baud in BAUDS if baud != self._configured))
         return rates[(rates.index(self.current) + 1) % len(rates)]
-
-    @property
-    def advice(self) -> str:
-        """What the user should know about the line rate; empty where it is as configured."""
-        if self.current == self._configured or self._searching:
-            return ""
-        return f"the board speaks {self.current} baud: set link.baud = {self.current}"
 
 
 class AliasMemory:

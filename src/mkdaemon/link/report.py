@@ -47,14 +47,11 @@ class Reporter:
 
     def state_is_news(self) -> bool:
         """Whether the state differs from the one told last."""
-        dialogue = self._dialogue
-        told = (
-            dialogue.health.verdict,
-            dialogue.dialect,
-            dialogue.peers.redirected,
-            self._openings,
-            len(dialogue.peers.boards),
-        )
+        dialogue, peers = self._dialogue, self._dialogue.peers
+        verdict = dialogue.health.verdict
+        # While the port is open the reason follows the measurements; it changes too often to be an event.
+        reason = "" if dialogue.is_open else verdict.reason
+        told = (verdict.condition, reason, peers.dialect, peers.redirected, self._openings, len(peers.boards))
         news, self._told = told != self._told, told
         return news
 

@@ -87,6 +87,13 @@ class RoundTrips:
         self._open.clear()
         self._given_up.clear()
 
+    def forgive(self) -> None:
+        """Forget the losses of the window and what waits; round trips stay, and a late answer is known as late."""
+        self._given_up.extend(self._open.items())
+        self._open.clear()
+        self._fates = deque(fate for fate in self._fates if fate[1] is not None)
+        self._lost = 0
+
     def fates(self, now: float) -> tuple[int, int]:
         """Return how many probes of the window have a known fate, and how many of them are lost."""
         while self._fates and self._fates[0][0] < now - self._window:
