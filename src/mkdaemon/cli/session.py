@@ -41,6 +41,10 @@ class Connection:
     """Print JSON, one object a line, in place of text."""
 
 
+HERE: Final = Connection()
+"""The default of every command's `connection`: this machine, or what the environment says."""
+
+
 class Sample(NamedTuple):
     """A value from the bus.
 

@@ -1,0 +1,44 @@
+"""How values look on a terminal, and as JSON lines."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from typing import Any
+
+
+def json_line(value: Mapping[str, Any]) -> str:
+    """One object on one line; bytes as hexadecimal."""
+    return json.dumps(value, default=_plain, ensure_ascii=False)
+
+
+def _plain(value: object) -> object:
+    return value.hex() if isinstance(value, bytes) else str(value)
+
+
+def flat(fields: Mapping[str, Any]) -> str:
+    """One value on one line of text: `name=value`, times left out, floats short."""
+    skipped = {"t_monotonic", "t_wall", "source", "age"}
+    return " ".join(f"{name}={short(value)}" for name, value in fields.items() if name not in skipped)
+
+
+def short(value: Any) -> str:
+    """A value in few characters."""
+    match value:
+        case float():
+            return f"{value:.8g}"
+        case bytes():
+            return value.hex()
+        case dict():
+            return "{" + " ".join(f"{name}={short(inner)}" for name, inner in value.items()) + "}"
+        case list() | tuple():
+            return "(" + ", ".join(short(inner) for inner in value) + ")"
+        case None:
+            return "-"
+    return str(value)
+
+
+def age_of(fields: Mapping[str, Any]) -> str:
+    """How old a value from the bus is, in words."""
+    age = fields.get("age")
+    return "" if age is None else f"{age:.2f} s ago" if age < 60 else f"{age / 60:.0f} min ago"

@@ -1,0 +1,43 @@
+"""`mkctl watch`: values as they come."""
+
+from __future__ import annotations
+
+import asyncio
+from contextlib import suppress
+from typing import Annotated
+
+from cyclopts import Parameter
+
+from mkdaemon.cli.printing import flat, json_line
+from mkdaemon.cli.session import HERE, Client, Connection
+
+
+async def watch(
+    *patterns: str,
+    seconds: float | None = None,
+    count: Annotated[int | None, Parameter(name=["--count", "-n"])] = None,
+    connection: Connection = HERE,
+) -> None:
+    """Print values as they come, until Ctrl-C.
+
+    Parameters
+    ----------
+    patterns
+        Keys without `mk/<vehicle>/`: `state/**`, `event/*`, `rx/nc/osd`. Quote them, or the shell expands them.
+        Default: `state/**`.
+    seconds
+        End after so long.
+    count
+        End after so many values.
+    """
+    left = count
+    async with Client.open(connection) as client, client.watch(*(patterns or ("state/**",))) as samples:
+        with suppress(TimeoutError):
+            async with asyncio.timeout(seconds):
+                async for sample in samples:
+                    if connection.json:
+                        print(json_line({"key": sample.suffix, **sample.fields}), flush=True)
+                    else:
+                        print(f"{sample.suffix}  {flat(sample.fields)}", flush=True)
+                    if left is not None and (left := left - 1) <= 0:
+                        return
