@@ -7,10 +7,11 @@ the same on every machine and needs no waiting.
 from __future__ import annotations
 
 import random
+from collections import deque
 from dataclasses import dataclass
 from typing import Protocol, TypeVar
 
-from mkdaemon.protocol.framing import Dropped, FrameDecoder
+from mkdaemon.protocol.framing import Dropped, Frame, FrameDecoder
 from mkdaemon.protocol.procedures.steps import Ask, Pause, Procedure
 from mkdaemon.protocol.wire import MessageDecoder, Unknown, WireMessage
 
@@ -18,6 +19,9 @@ CHARACTER = 173.6e-6
 """Time of one character, host to board [s]. Source: docs/firmware-notes, "Timing"."""
 IDLE_GAP = 5e-3
 """Idle line after a carriage return before the next frame [s]. Source: docs/firmware-notes, "Losses"."""
+
+_SLICE = 2e-3
+"""Time the host lets pass between two looks at the line [s]."""
 
 _Result = TypeVar("_Result")
 
@@ -80,7 +84,7 @@ class VirtualLine:
         self._rng = rng
         self._frames = FrameDecoder()
         self._messages = MessageDecoder()
-        self._arriving: list[tuple[float, int]] = []
+        self._arriving: deque[tuple[float, int]] = deque()
         self._last_frame = bytearray()
         self._held_until = start
         self._after_error = True
@@ -122,19 +126,30 @@ class VirtualLine:
             self.now += CHARACTER
 
     def _wait(self, until: float, step: Ask | None) -> WireMessage | None:
-        """Let time pass until an acceptable answer or the end; what else arrives is dropped."""
+        """Let time pass until an acceptable answer or the end; what else arrives is dropped.
+
+        A damaged frame ends the wait when nothing follows it: asking again costs less than the rest of the time-out.
+        """
         while True:
-            self._collect(min(self.now + 2e-3, until))
+            self._collect(min(self.now + _SLICE, until))
+            heard = bytearray()
             while self._arriving and self._arriving[0][0] <= self.now:
-                _, byte = self._arriving.pop(0)
-                for found in self._frames.feed(bytes((byte,))):
-                    if isinstance(found, Dropped) or step is None or found.address != step.board:
-                        continue
-                    message = self._messages.decode(found)
-                    if not isinstance(message, Unknown) and step.accepts(message):
-                        return message
-            if self.now >= until:
+                heard.append(self._arriving.popleft()[1])
+            found = self._frames.feed(bytes(heard))
+            for frame in found:
+                answer = self._judge(frame, step)
+                if answer is not None:
+                    return answer
+            is_damaged = bool(found) and isinstance(found[-1], Dropped) and found[-1].raw[:1] == b"#"
+            if self.now >= until or (step is not None and is_damaged and not self._frames.pending):
                 return None
+
+    def _judge(self, found: Frame | Dropped, step: Ask | None) -> WireMessage | None:
+        """The answer to `step`, if this frame is it."""
+        if step is None or isinstance(found, Dropped) or found.address != step.board:
+            return None
+        message = self._messages.decode(found)
+        return None if isinstance(message, Unknown) or not step.accepts(message) else message
 
     def _collect(self, until: float) -> None:
         """Let the board live and put what it sent on the way."""
@@ -151,9 +166,9 @@ class VirtualLine:
                 self._held_until = t + self._rng.uniform(0.0, self._noise.longest_stall)
         self._last_frame.append(byte)
         at = max(t, self._held_until, self._arriving[-1][0] if self._arriving else 0.0)
-        self._arriving += ((at, heard) for heard in self._disturb(byte))
+        self._arriving.extend((at, heard) for heard in self._disturb(byte))
         if byte == 0x0D and self._rng.random() < self._noise.repeated:
-            self._arriving += ((at, heard) for copy in self._last_frame for heard in self._disturb(copy))
+            self._arriving.extend((at, heard) for copy in self._last_frame for heard in self._disturb(copy))
 
     def _disturb(self, byte: int) -> tuple[int, ...]:
         """One byte after the line: itself, another, or nothing."""
