@@ -118,8 +118,8 @@ class TrackerSection(Section):
     """Second over first reprojection error below which a single view decides nothing."""
     redetect_period: float = Field(default=1.0, gt=0)
     """Longest time without a decoded tag [s]."""
-    max_misses: int = Field(default=5, ge=1)
-    """Images without a pose after which the track is lost."""
+    coast: float = Field(default=0.6, gt=0, le=2.0)
+    """Time without a pose over which a track is still looked for where it should be [s]."""
     attitude_gate_deg: float = Field(default=3.0, gt=0)
     """Largest disagreement of roll and pitch with the vehicle's attitude, over a level target [deg]."""
     attitude_sd_deg: float = Field(default=1.0, gt=0)

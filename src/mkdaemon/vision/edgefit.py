@@ -24,11 +24,13 @@ Grey = npt.NDArray[np.uint8]
 
 TUKEY = 4.685
 """95 % efficiency on Gaussian residuals."""
-REACH_PX = (12.0, 5.0, 3.0, 2.5)
-"""How far along the normal an edge may be, per iteration [px]; never more than 0.55 of a cell."""
+REACH_PX = (24.0, 6.0, 3.0, 2.5)
+"""How far along the normal an edge may be, per iteration [px]; never more than `REACH_CELLS`."""
+REACH_CELLS = 0.5
+"""The same in cells: half way to the neighbouring edge."""
 MAX_SAMPLES = 320
 STEP_PX = 0.5
-"""Distance of the samples along a normal [px]; twice that while the reach is long."""
+"""Distance of the samples along a normal [px]; more while the reach is long."""
 SETTLED_PX = 0.08
 """A step that moves no sample farther than this ends the fit [px]."""
 MIN_CELL_PX = 2.2
@@ -178,7 +180,7 @@ class EdgeFit:
         direction = tips - uv
         length = np.sqrt((direction * direction).sum(axis=1))
         cell_px = 10.0 * length
-        edge = np.minimum(reach, 0.55 * cell_px) + 1.0
+        edge = np.minimum(reach, REACH_CELLS * cell_px) + 1.0
         height, width = shape
         visible &= tips_visible & (cell_px > MIN_CELL_PX)
         visible &= (
@@ -192,7 +194,7 @@ class EdgeFit:
             index = index[np.linspace(0, len(index) - 1, self._max_samples).astype(np.intp)]
         normals = direction[index] / length[index, None]
         jacobian = np.einsum("ni,nij->nj", normals, self._projection.pose_jacobian(seen[index], position))
-        return _Samples(index, uv[index], normals, np.minimum(reach, 0.55 * cell_px[index]), jacobian)
+        return _Samples(index, uv[index], normals, np.minimum(reach, REACH_CELLS * cell_px[index]), jacobian)
 
 
 def _locate(pixels: Grey, samples: _Samples) -> tuple[Array, npt.NDArray[np.bool_], float]:
@@ -203,7 +205,7 @@ def _locate(pixels: Grey, samples: _Samples) -> tuple[Array, npt.NDArray[np.bool
         edges [px].
     """
     longest = float(samples.reach.max())
-    spacing = 2 * STEP_PX if longest > 6.0 else STEP_PX
+    spacing = max(STEP_PX, longest / 12.0)
     count = int(np.ceil((longest + 1.0) / spacing))
     along = np.arange(-count, count + 1) * spacing
     x = (samples.pixels[:, :1] + samples.normals[:, :1] * along).astype(np.float32)

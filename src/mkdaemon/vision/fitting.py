@@ -10,7 +10,6 @@ import numpy as np
 import numpy.typing as npt
 
 from mkdaemon.config.vision import TrackerSection
-from mkdaemon.vision.cellread import sample
 from mkdaemon.vision.detection import Detection
 from mkdaemon.vision.edgefit import EdgeFit
 from mkdaemon.vision.gates import BitModel
@@ -171,7 +170,11 @@ class TargetFitter:
             worst = max(worst, distance / max(found.side_px / tag.family.black_cells, 1.0))
         return worst
 
-    def paper_contrast(self, pixels: Grey, pose: Pose) -> float:
-        """Spread of grey values over the target: what is left of its contrast in this image [grey]."""
-        seen, visible = self._projection.project(self._lattice @ pose.rotation.T + pose.position)
-        return float(np.ptp(sample(pixels, seen[visible]))) if bool(visible.any()) else 0.0
+    def shows_whole_tag(self, pose: Pose, shape: tuple[int, ...], room: float = 6.0) -> bool:
+        """Whether any tag lies in the image with all its corners, large enough to be decoded."""
+        for tag in self.target.tags:
+            seen, visible = self._projection.project(tag.corners @ pose.rotation.T + pose.position)
+            inside = (seen > room) & (seen < np.array([shape[1], shape[0]]) - 1 - room)
+            if bool(visible.all()) and bool(inside.all()) and float(np.ptp(seen, axis=0).min()) > 3 * len(tag.bitmap):
+                return True
+        return False

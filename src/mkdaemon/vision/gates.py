@@ -20,6 +20,10 @@ MIN_CELL_PX = 2.5
 MIN_CELLS = 16
 MAX_ANGLE_SD = np.radians(1.25)
 """A pose less certain than this is not published: four sd would be a wrong pose of 5 degrees [rad]."""
+BLIND_INLIERS = 0.6
+"""Share of agreeing points asked for while no attitude can contradict a fit."""
+BLIND_ANGLE_SD = np.radians(0.9)
+"""As `MAX_ANGLE_SD`, without attitude [rad]."""
 BLIND_RMS_PX = 0.5
 """Residual above which a fit is not believed while no attitude can contradict it [px]."""
 MAX_POSITION_SD = (0.015, 0.004)
@@ -119,10 +123,13 @@ def fit_fault(pose: Pose, cfg: TrackerSection) -> str:
 
 def certainty_fault(pose: Pose, *, has_attitude: bool) -> str:
     """Refuse poses whose own covariance or residual says they may be wrong; empty when certain enough."""
-    if not has_attitude and pose.source == "edges" and pose.rms_px > BLIND_RMS_PX:
-        return "residual"
+    if not has_attitude and pose.source == "edges":
+        if pose.rms_px > BLIND_RMS_PX:
+            return "residual"
+        if pose.inliers < BLIND_INLIERS:
+            return "inliers"
     variance = np.linalg.eigvalsh(pose.covariance[3:, 3:])[-1]
-    if not np.isfinite(variance) or variance > MAX_ANGLE_SD**2:
+    if not np.isfinite(variance) or variance > (MAX_ANGLE_SD if has_attitude else BLIND_ANGLE_SD) ** 2:
         return "angle_uncertain"
     spread = float(np.sqrt(max(np.linalg.eigvalsh(pose.covariance[:3, :3])[-1], 0.0)))
     if spread > MAX_POSITION_SD[0] + MAX_POSITION_SD[1] * pose.range_m:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -36,11 +35,13 @@ class Track:
         misses: images since the last accepted pose.
         decoded_at: when one of its tags was last decoded [s].
         tried_at: when decoding was last tried [s].
+        image: pixels of the last accepted pose, for optical flow.
     """
 
     misses: int = 0
     decoded_at: float = -np.inf
     tried_at: float = -np.inf
+    image: npt.NDArray[np.uint8] | None = None
     _moments: list[_Moment] = field(default_factory=list)
 
     @property
@@ -63,8 +64,9 @@ class Track:
         """When it was measured [s]."""
         return self._moments[-1].time
 
-    def accept(self, time: float, pose: Pose, enu_from_flu: Array | None) -> None:
-        """Remember a pose."""
+    def accept(self, time: float, pose: Pose, enu_from_flu: Array | None, image: npt.NDArray[np.uint8]) -> None:
+        """Remember a pose and the image it came from."""
+        self.image = image
         if self.misses > 2 or (self._moments and not 0 < time - self._moments[-1].time < FORGET_VELOCITY):
             self._moments.clear()
         self._moments = [*self._moments[-1:], _Moment(time, pose, enu_from_flu)]
@@ -73,6 +75,7 @@ class Track:
     def lose(self) -> None:
         """Forget everything: a wrong lock must not predict itself."""
         self._moments.clear()
+        self.image = None
         self.misses = 0
         self.decoded_at = -np.inf
 
@@ -104,8 +107,3 @@ class Track:
             if steady and angle_between(now.pose.rotation, before.pose.rotation) < MAX_TURN:
                 rotation = now.pose.rotation @ before.pose.rotation.T @ now.pose.rotation
         return replace(now.pose, rotation=rotation, position=-rotation @ centre), used
-
-
-def newest(tracks: Sequence[Track]) -> float:
-    """Time of the newest pose of several tracks [s]; minus infinity without any."""
-    return max((track.last_time for track in tracks if track.is_live), default=-np.inf)

@@ -34,10 +34,16 @@ Grey = npt.NDArray[np.uint8]
 
 UNDECODED_GRACE = 1.0
 """How much longer than the re-detection period a track may go on without a decoded tag [s]."""
+BLIND_GRACE = 5.0
+"""The same without attitude while the target is too near for a whole tag in the image [s]."""
 STRONG_BITS = 0.8
 """Cells this clear stand in for a decoded tag, where none fits into the image."""
-PREDICT_THROUGH = 4
+PREDICT_THROUGH = 18
 """Images without a pose over which a prediction with attitude stays good enough to start from."""
+FLOW_THROUGH = 5
+"""Images over which optical flow from the last good one finds its way."""
+LATE_BITS = 0.8
+"""Cells have to be this clear when a track comes back after more than that many images."""
 IMAGE_DECIDES_PX = 12.0
 """Cells from this size on show perspective; without attitude, smaller ones are checked for the mirrored pose [px]."""
 BLURRED_PX = 3.5
@@ -93,7 +99,6 @@ class Tracker:
             self._fitters = {t.name: TargetFitter(t, projection, self._cfg) for t in tagmap.targets}
         self._targets = {target.name: target for target in tagmap.targets}
         self._tracks = {target.name: Track() for target in tagmap.targets}
-        self._previous: Grey | None = None
         self._count = 0
 
     def update(self, image: CameraImage, attitude: AttitudeHistory | None = None) -> VisionResult:
@@ -121,12 +126,11 @@ class Tracker:
             for name, track in self._tracks.items():
                 if all(found.target != name for found in frame.poses):
                     track.misses += 1
-                    if track.misses > self._cfg.max_misses:
+                    if track.is_live and image.captured_at - track.last_time > self._cfg.coast:
                         track.lose()
         else:
             alarms.append("uncalibrated")
             frame.detections.extend(self._climb(frame))
-        self._previous = image.pixels
         return VisionResult(
             image.camera,
             image.sequence,
@@ -141,7 +145,6 @@ class Tracker:
         """Forget all tracks."""
         for track in self._tracks.values():
             track.lose()
-        self._previous = None
 
     def _follow(self, frame: _Frame, name: str) -> None:
         """Try to find a tracked target where it should be."""
@@ -156,8 +159,8 @@ class Tracker:
         if (track.misses == 0 and track.has_velocity) or (used and track.misses < PREDICT_THROUGH):
             starts.append(("predicted", predicted))
         pose, mode = self._fit_from(frame, name, starts, predicted)
-        if pose is None and track.misses == 0 and self._previous is not None:
-            carried = fitter.flow(self._previous, frame.pixels, track.last, predicted)
+        if pose is None and track.misses < FLOW_THROUGH and track.image is not None:
+            carried = fitter.flow(track.image, frame.pixels, track.last, predicted)
             if carried is not None:
                 pose, mode = self._fit_from(frame, name, [("flow", carried)], predicted)
         if pose is not None and not self._confirm(frame, name, pose):
@@ -215,7 +218,8 @@ class Tracker:
         if fault:
             return fault
         bits = self._fitters[name].match(frame.pixels, pose)
-        if bits is not None and bits < self._cfg.min_bit_correlation:
+        late = predicted is not None and self._tracks[name].misses > FLOW_THROUGH
+        if bits is not None and bits < (LATE_BITS if late else self._cfg.min_bit_correlation):
             return "bits"
         if tilt is not None and tilt > self._tilt_gate(pose):
             return "attitude"
@@ -257,7 +261,10 @@ class Tracker:
         if overdue < UNDECODED_GRACE:
             return True
         bits = fitter.match(frame.pixels, pose)
-        if bits is not None and bits >= STRONG_BITS and self._tilt(frame, name, pose) is not None:
+        # Where no tag is whole in the image, decoding cannot succeed and its failure says nothing.
+        cut = not fitter.shows_whole_tag(pose, frame.pixels.shape)
+        witness = self._tilt(frame, name, pose) is not None or (cut and overdue < BLIND_GRACE)
+        if bits is not None and bits >= STRONG_BITS and witness:
             return True
         frame.refused[name] = "not_decoded"
         track.lose()
@@ -334,7 +341,7 @@ class Tracker:
 
     def _publish(self, frame: _Frame, name: str, choice: Choice, mode: str) -> None:
         track, fitter, now = self._tracks[name], self._fitters[name], frame.image.captured_at
-        track.accept(now, choice.pose, frame.enu_from_flu)
+        track.accept(now, choice.pose, frame.enu_from_flu, frame.pixels)
         frame.refused.pop(name, None)
         self._health.note(choice.pose, fitter.side_px(choice.pose))
         frame.poses.append(
