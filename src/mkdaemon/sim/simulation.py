@@ -65,8 +65,8 @@ class Simulation:
             return HandFlight()
         if plan is PilotPlan.NOTHING:
             return None
-        core = self.flight.core
-        return Supervision(lambda: core.controlled, take_off=plan is PilotPlan.SUPERVISE)
+        flight = self.flight  # not its core: a reboot makes a new one
+        return Supervision(lambda: flight.core.controlled, take_off=plan is PilotPlan.SUPERVISE)
 
     def write(self, data: bytes, at: float) -> None:
         """Send bytes to the board at `at` [s]; they take their time on the line."""
