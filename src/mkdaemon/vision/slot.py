@@ -11,8 +11,8 @@ T = TypeVar("T")
 class NewestSlot(Generic[T]):
     """Hands the newest value from one thread to another; an older one nobody took is dropped and counted."""
 
-    def __init__(self) -> None:
-        self._changed = threading.Condition()
+    def __init__(self, changed: threading.Condition | None = None) -> None:
+        self._changed = changed or threading.Condition()
         self._value: T | None = None
         self._closed = False
         self.dropped = 0
@@ -23,7 +23,7 @@ class NewestSlot(Generic[T]):
             if self._value is not None:
                 self.dropped += 1
             self._value = value
-            self._changed.notify()
+            self._changed.notify_all()
 
     def take(self, timeout: float) -> T | None:
         """Wait up to `timeout` [s] for a value and empty the slot; None when there is none or the slot is closed."""
@@ -32,6 +32,11 @@ class NewestSlot(Generic[T]):
             value, self._value = self._value, None
             self._changed.notify_all()
             return value
+
+    @property
+    def is_full(self) -> bool:
+        """Whether a value waits."""
+        return self._value is not None
 
     def wait_taken(self, timeout: float) -> bool:
         """Wait until the slot is empty: for sources that must not outrun their reader."""
@@ -43,3 +48,29 @@ class NewestSlot(Generic[T]):
         with self._changed:
             self._closed = True
             self._changed.notify_all()
+
+
+class NewestSlots(Generic[T]):
+    """Several slots with one reader, who takes from each in turn."""
+
+    def __init__(self) -> None:
+        self._changed = threading.Condition()
+        self._slots: list[NewestSlot[T]] = []
+        self._turn = 0
+
+    def add(self) -> NewestSlot[T]:
+        """One more slot."""
+        slot: NewestSlot[T] = NewestSlot(self._changed)
+        self._slots.append(slot)
+        return slot
+
+    def take(self, timeout: float) -> T | None:
+        """Wait up to `timeout` [s] for a value in any slot; the slots take turns, so none starves."""
+        with self._changed:
+            self._changed.wait_for(lambda: any(slot.is_full for slot in self._slots), timeout)
+            for step in range(len(self._slots)):
+                place = (self._turn + step) % len(self._slots)
+                if self._slots[place].is_full:
+                    self._turn = place + 1
+                    return self._slots[place].take(0.0)
+            return None

@@ -1,0 +1,177 @@
+"""What the cameras see: tags, poses, how well the eyes work, and the tree of frames.
+
+Camera axes are right, down, forward; body is forward, left, up; a target has x to the right and y to the top of its
+print and z out of the paper. Times are of the exposure's middle.
+"""
+
+from __future__ import annotations
+
+from enum import StrEnum
+
+from mkdaemon.telemetry.base import Telemetry
+
+Vector3 = tuple[float, float, float]
+Quaternion = tuple[float, float, float, float]
+Pixel = tuple[float, float]
+
+
+class Seen(Telemetry):
+    """Which image a value comes from."""
+
+    camera: str
+    """Name of the camera."""
+    sequence: int
+    """Number of the image; a gap is a lost image."""
+    t_monotonic: float
+    """Middle of the exposure on the daemon's clock [s]."""
+    t_wall: float
+    """The same, Unix time [s]."""
+    stamped_by: str
+    """Who knew that time: `driver`, `header` or `arrival`."""
+
+
+class TagSighting(Telemetry):
+    """One decoded tag."""
+
+    family: str
+    """For example `tag36h11`."""
+    id: int
+    """Its code."""
+    hamming: int
+    """Bits corrected."""
+    decision_margin: float
+    """Mean distance of the bits from the threshold [grey levels]."""
+    corners: tuple[Pixel, Pixel, Pixel, Pixel]
+    """Top-left, top-right, bottom-right, bottom-left of the official print [px, centres at integers]."""
+    search: str
+    """Which search found it."""
+
+
+class Tags(Seen):
+    """Every tag decoded in an image: `vision/<camera>/tags`. Images that are tracked without decoding have none."""
+
+    tags: tuple[TagSighting, ...]
+    """The tags."""
+
+
+class VisionPose(Seen):
+    """Where the vehicle is against a target: `vision/<camera>/pose`, one value a target and image."""
+
+    target: str
+    """Name of the target."""
+    position_target: Vector3
+    """Vehicle (body origin) in the target frame [m]."""
+    quaternion_target_from_flu: Quaternion
+    """Attitude of the vehicle in the target frame (w, x, y, z)."""
+    position_flu: Vector3
+    """Target's origin in the body frame [m]."""
+    quaternion_flu_from_target: Quaternion
+    """The inverse rotation (w, x, y, z)."""
+    covariance: tuple[float, ...]
+    """Of the vehicle's pose, `(6, 6)` by rows over position [m] and rotation vector [rad], target axes; what a
+    calibration cannot know is included."""
+    position_cam: Vector3
+    """Target's origin as the camera measured it [m; RDF]."""
+    quaternion_cam_from_target: Quaternion
+    """Target's rotation as the camera measured it (w, x, y, z)."""
+    source: str
+    """How it was measured: `corners`, `edges`, `photometric`."""
+    mode: str
+    """How it was found: `predicted`, `flow`, `roi`, `search`."""
+    points: int
+    """Measurements that agree."""
+    rms_px: float
+    """Their residual [px]."""
+    ambiguity: float | None
+    """Residual of the mirrored pose over this one; none where there is no rival."""
+    decided_by: str
+    """What told them apart."""
+    decode_age: float
+    """Time since a tag of the target was last decoded [s]."""
+    latency: float
+    """From the middle of the exposure to this value [s]."""
+
+
+class EyeState(StrEnum):
+    """Whether a camera delivers poses, and what is in the way if not."""
+
+    OK = "ok"
+    DARK = "dark"
+    BLOWN = "blown"
+    FROZEN = "frozen"
+    WRONG_SIZE = "wrong_size"
+    UNCALIBRATED = "uncalibrated"
+    OPENING = "opening"
+    SILENT = "silent"
+    GONE = "gone"
+    ENDED = "ended"
+
+
+class VisionStats(Telemetry):
+    """How well a camera and its detector work: `vision/<camera>/stats`, once a second and on change."""
+
+    camera: str
+    """Name of the camera."""
+    t_monotonic: float
+    """Now, on the daemon's clock [s]."""
+    t_wall: float
+    """The same, Unix time [s]."""
+    state: EyeState
+    """Ready, or the first thing in the way."""
+    reason: str
+    """One sentence with what to do; empty when ready."""
+    alarms: dict[str, str]
+    """What else is wrong with the images, each with what to do."""
+    source: str
+    """Where images come from."""
+    width: int
+    """[px]; 0 before the first image."""
+    height: int
+    """[px]."""
+    fps: float
+    """Images a second from the camera [Hz]."""
+    processed: int
+    """Images looked at."""
+    dropped: int
+    """Images a newer one replaced before they were looked at."""
+    lost: int
+    """Images lost before they reached us, by the source's own count."""
+    reopened: int
+    """How often the camera had to be opened again."""
+    faults: int
+    """Images that made the detector fail."""
+    posed: float
+    """Share of the images of the last seconds that gave a pose, 0 to 1."""
+    refused: dict[str, int]
+    """Measured poses that were not believed, by reason, since the start."""
+    detect_ms_p50: float
+    """Time the detector takes an image, median of the last seconds [ms]."""
+    detect_ms_p99: float
+    """99th percentile [ms]."""
+    latency_ms_p50: float
+    """From exposure to result, median [ms]."""
+    latency_ms_p99: float
+    """99th percentile [ms]."""
+    settings_refused: tuple[str, ...]
+    """Settings the camera's driver did not take."""
+    detector: str
+    """What searches for tags; says what is lost when it is not the best one."""
+
+
+class Transform(Telemetry):
+    """One edge of the tree of frames: `tf`."""
+
+    parent: str
+    """Frame the child is expressed in: `body`, `camera/<name>`, a target's frame."""
+    child: str
+    """Frame that is described."""
+    t_monotonic: float
+    """When it was true on the daemon's clock [s]."""
+    t_wall: float
+    """The same, Unix time [s]."""
+    translation: Vector3
+    """Origin of the child in the parent [m]."""
+    quaternion: Quaternion
+    """Rotation parent from child (w, x, y, z)."""
+    static: bool
+    """It never changes: a mount from the configuration."""

@@ -1,0 +1,139 @@
+"""From a tracker's result to the values on the bus."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+import numpy.typing as npt
+
+from mkdaemon.frames import quaternion_from_rotation
+from mkdaemon.telemetry.base import Telemetry
+from mkdaemon.telemetry.vision import Tags, TagSighting, Transform, VisionPose
+from mkdaemon.vision.attitude import Mounting
+from mkdaemon.vision.detection import Detection
+from mkdaemon.vision.image import CameraImage
+from mkdaemon.vision.result import TargetPose, VisionResult
+
+Array = npt.NDArray[np.float64]
+
+BODY = "body"
+
+
+def camera_frame(name: str) -> str:
+    """Name of a camera's frame in `tf`."""
+    return f"camera/{name}"
+
+
+def values_of(
+    result: VisionResult, image: CameraImage, mounting: Mounting, ready_at: float
+) -> Iterator[tuple[str, Telemetry]]:
+    """Key suffixes and values of one image.
+
+    Args:
+        result: what the tracker found.
+        image: where it looked.
+        mounting: how the camera sits on the vehicle.
+        ready_at: when the result was there [s; monotonic].
+    """
+    if result.detections:
+        yield f"vision/{image.camera}/tags", tags_of(result, image)
+    for found in result.poses:
+        yield f"vision/{image.camera}/pose", pose_of(found, image, mounting, ready_at)
+        yield (
+            "tf",
+            transform(
+                camera_frame(image.camera),
+                found.frame,
+                found.pose.rotation,
+                found.pose.position,
+                image.captured_at,
+                image.captured_wall,
+            ),
+        )
+
+
+def tags_of(result: VisionResult, image: CameraImage) -> Tags:
+    """All decoded tags of one image."""
+    return Tags(**_seen(image), tags=tuple(sighting(found) for found in result.detections))
+
+
+def sighting(found: Detection) -> TagSighting:
+    """One decoded tag."""
+    tl, tr, br, bl = ((float(x), float(y)) for x, y in found.corners)
+    return TagSighting(
+        family=found.family,
+        id=found.tag_id,
+        hamming=found.hamming,
+        decision_margin=found.decision_margin,
+        corners=(tl, tr, br, bl),
+        search=found.stage,
+    )
+
+
+def pose_of(found: TargetPose, image: CameraImage, mounting: Mounting, ready_at: float) -> VisionPose:
+    """A pose both ways round, with the covariance carried from camera to body."""
+    target_from_cam, camera_target, covariance = found.camera_in_target()
+    cam_from_flu = mounting.flu_from_cam.T
+    target_from_flu = target_from_cam @ cam_from_flu
+    arm = -target_from_flu @ mounting.position_flu
+    vehicle_target = camera_target + arm
+    # A small turn w (target axes) moves the body by w x arm.
+    carry = np.eye(6)
+    carry[:3, 3:] = -np.array([[0.0, -arm[2], arm[1]], [arm[2], 0.0, -arm[0]], [-arm[1], arm[0], 0.0]])
+    body_covariance = carry @ covariance @ carry.T
+    return VisionPose(
+        **_seen(image),
+        target=found.target,
+        position_target=_vector(vehicle_target),
+        quaternion_target_from_flu=quaternion_from_rotation(target_from_flu),
+        position_flu=_vector(-target_from_flu.T @ vehicle_target),
+        quaternion_flu_from_target=quaternion_from_rotation(target_from_flu.T),
+        covariance=tuple(float(v) for v in body_covariance.ravel()),
+        position_cam=_vector(found.pose.position),
+        quaternion_cam_from_target=quaternion_from_rotation(found.pose.rotation),
+        source=found.pose.source,
+        mode=found.mode,
+        points=found.pose.points,
+        rms_px=found.pose.rms_px,
+        ambiguity=found.ratio if np.isfinite(found.ratio) else None,
+        decided_by=found.decided_by,
+        decode_age=max(found.decode_age, 0.0),
+        latency=ready_at - image.captured_at,
+    )
+
+
+def mount_transform(camera: str, mounting: Mounting, t_monotonic: float, t_wall: float) -> Transform:
+    """The camera in the body, from the configuration."""
+    edge = transform(BODY, camera_frame(camera), mounting.flu_from_cam, mounting.position_flu, t_monotonic, t_wall)
+    return edge.model_copy(update={"static": True})
+
+
+def transform(
+    parent: str, child: str, parent_from_child: Array, position: Array, t_monotonic: float, t_wall: float
+) -> Transform:
+    """One edge of the tree of frames."""
+    return Transform(
+        parent=parent,
+        child=child,
+        t_monotonic=t_monotonic,
+        t_wall=t_wall,
+        translation=_vector(position),
+        quaternion=quaternion_from_rotation(parent_from_child),
+        static=False,
+    )
+
+
+def _seen(image: CameraImage) -> dict[str, object]:
+    return {
+        "camera": image.camera,
+        "sequence": image.sequence,
+        "t_monotonic": image.captured_at,
+        "t_wall": image.captured_wall,
+        "stamped_by": image.stamped_by,
+    }
+
+
+def _vector(values: Array) -> tuple[float, float, float]:
+    x, y, z = (float(v) for v in values)
+    return x, y, z

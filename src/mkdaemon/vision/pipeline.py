@@ -1,0 +1,180 @@
+"""One camera's images through its tracker, with the figures that tell how well it goes."""
+
+from __future__ import annotations
+
+from collections import Counter, deque
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from mkdaemon.config.camera import CameraSection
+from mkdaemon.config.vision import VisionSection
+from mkdaemon.errors import ConfigError
+from mkdaemon.telemetry.base import Telemetry
+from mkdaemon.telemetry.image import CameraFrame
+from mkdaemon.telemetry.vision import EyeState, Transform, VisionStats
+from mkdaemon.vision.attitude import AttitudeHistory, Mounting
+from mkdaemon.vision.camera import StreamState, StreamStatus
+from mkdaemon.vision.camera_file import Camera, load_camera, mount_rotation
+from mkdaemon.vision.image import CameraImage
+from mkdaemon.vision.imagecodec import boot_id, encode_jpeg
+from mkdaemon.vision.output import mount_transform, values_of
+from mkdaemon.vision.tagmap import load
+from mkdaemon.vision.tracker import Tracker
+
+ALARM_WORDS = {
+    "wrong_size": "the images have another size than the calibration: set width and height, or calibrate at this size",
+    "uncalibrated": "no calibration: tags only, no poses; run mkctl calibrate camera and set `calibration`",
+    "frozen": "equal images in a row: the camera is frozen, unplug it or restart its driver",
+    "dark": "the images are dark: lens cap, light or exposure",
+    "blown": "the images are over-exposed: shorten the exposure or lower the gain",
+    "blurred": "edges are wide: clean and focus the lens, shorten the exposure",
+    "residual_drift": "tag edges no longer fit the calibration: calibrate again, check that the print is flat",
+}
+"""What to do about an alarm."""
+NEVER_POSED = ("wrong_size", "uncalibrated", "frozen")
+"""Alarms under which no pose is published, the first one first."""
+MAYBE_POSED = ("dark", "blown")
+"""Alarms that explain why there is no pose, while there is none."""
+Clock = Callable[[], float]
+WINDOW = 150
+"""Images the figures look back on: five seconds at 30 Hz."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Timing:
+    detect: float
+    latency: float
+    posed: bool
+
+
+class CameraPipeline:
+    """Everything that belongs to one camera except its threads.
+
+    Raises:
+        ConfigError: a camera or target file is wrong, or there is no target.
+    """
+
+    def __init__(self, cfg: CameraSection, vision: VisionSection) -> None:
+        self.cfg = cfg
+        self.camera: Camera | None = load_camera(cfg.calibration) if cfg.calibration is not None else None
+        if not cfg.targets:
+            msg = f'camera {cfg.name}: no targets; set `targets`, for example ["configs/targets/nested.toml"]'
+            raise ConfigError(msg)
+        mount = cfg.mount or (self.camera.mount if self.camera is not None else None)
+        self._has_mount = mount is not None
+        self.mounting = (
+            Mounting(mount_rotation(mount), np.array(mount.position_flu))
+            if mount is not None
+            else Mounting(np.eye(3), np.zeros(3))
+        )
+        intrinsics = self.camera.intrinsics if self.camera is not None else None
+        self.tracker = Tracker(load(cfg.targets), intrinsics, self.mounting, vision.tracker, vision.detector)
+        self._timings: deque[_Timing] = deque(maxlen=WINDOW)
+        self._refused: Counter[str] = Counter()
+        self._processed = self._faults = 0
+        self.alarms: tuple[str, ...] = ()
+        self._next_jpeg = -np.inf
+
+    def process(
+        self, image: CameraImage, attitude: AttitudeHistory | None, clock: Clock
+    ) -> list[tuple[str, Telemetry]]:
+        """Look at one image; an image that makes the detector fail is counted and forgotten.
+
+        Args:
+            image: the newest.
+            attitude: of the vehicle around its exposure.
+            clock: gives the time [s; monotonic].
+        """
+        started = clock()
+        self._processed += 1
+        try:
+            result = self.tracker.update(image, attitude)
+        except (cv2.error, ValueError, ArithmeticError, np.linalg.LinAlgError):
+            self._faults += 1
+            self.tracker.reset()
+            return []
+        ready = clock()
+        values = list(values_of(result, image, self.mounting, ready))
+        self.alarms = result.alarms
+        self._refused.update(reason for _, reason in result.refused)
+        self._timings.append(_Timing(ready - started, ready - image.captured_at, bool(result.poses)))
+        return values
+
+    def picture(self, image: CameraImage) -> tuple[str, Telemetry] | None:
+        """The image as JPEG, when one is due."""
+        if self.cfg.jpeg_hz <= 0.0 or image.received_at < self._next_jpeg:
+            return None
+        self._next_jpeg = max(self._next_jpeg + 1.0 / self.cfg.jpeg_hz, image.received_at)
+        pixels, width, height = encode_jpeg(image.pixels, self.cfg.jpeg_quality, self.cfg.jpeg_width)
+        frame = CameraFrame(
+            camera=image.camera,
+            sequence=image.sequence,
+            width=width,
+            height=height,
+            coding="jpeg",
+            captured_wall=image.captured_wall,
+            captured_monotonic=image.captured_at,
+            clock=boot_id(),
+            pixels=pixels,
+        )
+        return f"vision/{image.camera}/image", frame
+
+    def mount(self, t_monotonic: float, t_wall: float) -> Transform | None:
+        """The camera in the body; None where nobody said how it sits."""
+        return mount_transform(self.cfg.name, self.mounting, t_monotonic, t_wall) if self._has_mount else None
+
+    def stats(self, stream: StreamStatus, dropped: int, t_monotonic: float, t_wall: float) -> VisionStats:
+        """Figures of the last images."""
+        state, reason = self.state(stream)
+        detect, latency = ([getattr(timing, name) for timing in self._timings] for name in ("detect", "latency"))
+        return VisionStats(
+            camera=self.cfg.name,
+            t_monotonic=t_monotonic,
+            t_wall=t_wall,
+            state=state,
+            reason=reason,
+            alarms={name: ALARM_WORDS.get(name, "") for name in self.alarms},
+            source=self.cfg.source,
+            width=stream.width,
+            height=stream.height,
+            fps=stream.fps,
+            processed=self._processed,
+            dropped=dropped,
+            lost=stream.lost,
+            reopened=stream.reopened,
+            faults=self._faults,
+            posed=float(np.mean([timing.posed for timing in self._timings])) if self._timings else 0.0,
+            refused=dict(self._refused),
+            detect_ms_p50=_percentile_ms(detect, 50),
+            detect_ms_p99=_percentile_ms(detect, 99),
+            latency_ms_p50=_percentile_ms(latency, 50),
+            latency_ms_p99=_percentile_ms(latency, 99),
+            settings_refused=stream.refused,
+            detector=self.tracker.detector.warning or self.tracker.detector.backend,
+        )
+
+    def state(self, stream: StreamStatus) -> tuple[EyeState, str]:
+        """The first thing between the camera and a pose, with what to do; poor light only while nothing is posed."""
+        if stream.state is not StreamState.STREAMING:
+            return EyeState(stream.state.value), stream.reason
+        posed = bool(self._timings) and self._timings[-1].posed
+        for name in NEVER_POSED if posed else (*NEVER_POSED, *MAYBE_POSED):
+            if name in self.alarms:
+                return EyeState(name), self._size_words(stream) if name == "wrong_size" else ALARM_WORDS[name]
+        return EyeState.OK, ""
+
+    def _size_words(self, stream: StreamStatus) -> str:
+        if self.camera is None:
+            return ALARM_WORDS["wrong_size"]
+        k = self.camera.intrinsics
+        return (
+            f"the camera gives {stream.width}x{stream.height}, its calibration is for {k.width}x{k.height}:"
+            " set width and height, or calibrate at this size"
+        )
+
+
+def _percentile_ms(seconds: list[float], share: float) -> float:
+    return float(np.percentile(seconds, share)) * 1000.0 if seconds else 0.0

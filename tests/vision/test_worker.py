@@ -1,0 +1,284 @@
+"""Eyes from image to value: true poses on the loop, every unusable stream named, no crash, no pose."""
+
+from __future__ import annotations
+
+import asyncio
+import threading
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from mkdaemon.config.camera import CameraSection
+from mkdaemon.config.vision import VisionSection
+from mkdaemon.errors import ConfigError
+from mkdaemon.frames import rotation_from_quaternion
+from mkdaemon.sim.scene import Scene, SceneTarget
+from mkdaemon.sim.scene_light import Conditions
+from mkdaemon.sim.scene_motion import Platform
+from mkdaemon.sim.scene_view import CameraView, view_towards
+from mkdaemon.telemetry.base import Telemetry
+from mkdaemon.telemetry.image import CameraFrame
+from mkdaemon.telemetry.vision import EyeState, Tags, Transform, VisionPose, VisionStats
+from mkdaemon.vision.attitude import AttitudeSample
+from mkdaemon.vision.camera import StreamState, StreamStatus
+from mkdaemon.vision.camera_file import load_camera, mount_rotation
+from mkdaemon.vision.image import CameraImage
+from mkdaemon.vision.pipeline import ALARM_WORDS, CameraPipeline
+from mkdaemon.vision.slot import NewestSlots
+from mkdaemon.vision.tagmap import load
+from mkdaemon.vision.worker import VisionWorker
+
+ROOT = Path(__file__).resolve().parents[2]
+CAMERA_FILE = ROOT / "configs" / "cameras" / "sim.toml"
+TARGET_FILE = ROOT / "configs" / "targets" / "nested.toml"
+CAMERA = load_camera(CAMERA_FILE)
+PAD = SceneTarget.of(load([TARGET_FILE]).targets[0], Platform())
+SCENE = Scene([PAD], ground="tiles", seed=6, fine=False)
+STREAMING = StreamStatus(state=StreamState.STREAMING, width=640, height=480)
+PATIENCE = 20.0
+
+
+def view(k: int = 0) -> CameraView:
+    return view_towards(CAMERA.intrinsics, np.array([0.2 + 0.01 * k, -0.3, 1.1]), np.zeros(3), turn=0.4)
+
+
+def shot(k: int = 0, conditions: Conditions | None = None) -> np.ndarray:
+    return SCENE.render(view(k), conditions)
+
+
+def section(**change: object) -> CameraSection:
+    base = {"name": "down", "source": "folder:nowhere", "calibration": CAMERA_FILE, "targets": (TARGET_FILE,)}
+    return CameraSection.model_validate(base | change)
+
+
+def image(pixels: np.ndarray, k: int) -> CameraImage:
+    return CameraImage(pixels, 100.0 + k / 30, 1.7e9 + k / 30, 100.01 + k / 30, k, "down")
+
+
+def feed(pipeline: CameraPipeline, pictures: list[np.ndarray]) -> list[tuple[str, Telemetry]]:
+    values: list[tuple[str, Telemetry]] = []
+    for k, pixels in enumerate(pictures):
+        values += pipeline.process(image(pixels, k), None, lambda: 100.05)
+    return values
+
+
+def poses(values: list[tuple[str, Telemetry]]) -> list[VisionPose]:
+    return [value for _, value in values if isinstance(value, VisionPose)]
+
+
+def stats(pipeline: CameraPipeline, stream: StreamStatus = STREAMING) -> VisionStats:
+    return pipeline.stats(stream, 0, 1.0, 2.0)
+
+
+def test_a_rendered_target_becomes_the_true_pose_of_the_vehicle() -> None:
+    values = feed(CameraPipeline(section(), VisionSection()), [shot()])
+    assert [suffix for suffix, _ in values] == ["vision/down/tags", "vision/down/pose", "tf"]
+    (pose,) = poses(values)
+    enu_from_flu = view().enu_from_cam @ mount_rotation(CAMERA.mount).T
+    body = view().position_enu - enu_from_flu @ np.array(CAMERA.mount.position_flu)
+    np.testing.assert_allclose(pose.position_target, body, atol=0.004)
+    turned = rotation_from_quaternion(pose.quaternion_target_from_flu).T @ enu_from_flu
+    assert np.degrees(np.arccos((np.trace(turned) - 1) / 2)) < 0.2
+    back = rotation_from_quaternion(pose.quaternion_flu_from_target)
+    np.testing.assert_allclose(back @ np.array(pose.position_target) + pose.position_flu, 0.0, atol=1e-9)
+    covariance = np.array(pose.covariance).reshape(6, 6)
+    np.testing.assert_allclose(covariance, covariance.T, atol=1e-12)
+    assert (np.linalg.eigvalsh(covariance) > 0).all()
+    assert 0.001 < np.sqrt(covariance[2, 2]) < 0.02
+    assert pose.latency == pytest.approx(0.05)
+    tags = next(value for _, value in values if isinstance(value, Tags))
+    assert {tag.id for tag in tags.tags} >= {48} or {tag.id for tag in tags.tags} >= {1}
+    edge = next(value for _, value in values if isinstance(value, Transform))
+    assert (edge.parent, edge.child) == ("camera/down", "pad")
+    np.testing.assert_allclose(edge.translation, pose.position_cam)
+
+
+def test_the_covariance_is_carried_to_the_body() -> None:
+    """Against sampled small turns and shifts of the camera, which move the body with them."""
+    picture = shot()
+    near, far = (
+        poses(feed(CameraPipeline(section(mount={"position_flu": at}), VisionSection()), [picture]))[0]
+        for at in ((0.0, 0.0, 0.0), (3.0, 0.0, 0.0))
+    )
+    a, b = (np.array(pose.covariance).reshape(6, 6) for pose in (near, far))
+    np.testing.assert_allclose(a[3:, 3:], b[3:, 3:], rtol=1e-6)
+    arm = np.array(far.position_target) - np.array(near.position_target)
+    assert np.linalg.norm(arm) == pytest.approx(3.0)
+    rng = np.random.default_rng(1)
+    samples = rng.multivariate_normal(np.zeros(6), a, size=200_000)
+    moved = samples[:, :3] + np.cross(samples[:, 3:], arm)
+    np.testing.assert_allclose(np.cov(moved.T), b[:3, :3], atol=0.02 * b[:3, :3].max())
+
+
+BLACK, WHITE = np.zeros((480, 640), np.uint8), np.full((480, 640), 255, np.uint8)
+
+
+@pytest.mark.parametrize(
+    ("pictures", "change", "state", "words"),
+    [
+        ([BLACK] * 8, {}, EyeState.DARK, "lens cap"),
+        ([WHITE] * 8, {}, EyeState.BLOWN, "shorten the exposure"),
+        ([np.full((720, 1280), 90, np.uint8)] * 2, {}, EyeState.WRONG_SIZE, "1280x720, its calibration is for 640x480"),
+        ([shot()[:, :600]] * 2, {}, EyeState.WRONG_SIZE, "600x480, its calibration is for 640x480"),
+        ([shot()], {"calibration": None}, EyeState.UNCALIBRATED, "mkctl calibrate camera"),
+    ],
+    ids=["black", "blown", "mis-sized", "cropped", "uncalibrated"],
+)
+def test_unusable_images_are_named_and_give_no_pose(
+    pictures: list[np.ndarray], change: dict[str, object], state: EyeState, words: str
+) -> None:
+    pipeline = CameraPipeline(section(**change), VisionSection())
+    values = feed(pipeline, pictures)
+    height, width = pictures[-1].shape
+    found = stats(pipeline, replace(STREAMING, width=width, height=height))
+    assert poses(values) == []
+    assert (found.state, found.posed, found.faults) == (state, 0.0, 0)
+    assert words in found.reason
+
+
+def test_a_frozen_camera_stops_giving_poses_and_recovers() -> None:
+    pipeline = CameraPipeline(section(), VisionSection())
+    still = shot()
+    assert len(poses(feed(pipeline, [still] * 8))) < 8
+    found = stats(pipeline)
+    assert found.state is EyeState.FROZEN
+    values = pipeline.process(image(still, 9), None, lambda: 100.4)
+    assert poses(values) == []
+    assert poses(pipeline.process(image(shot(), 10), None, lambda: 100.4))
+    assert stats(pipeline).state is EyeState.OK
+
+
+def test_a_dark_image_that_is_posed_is_an_alarm_and_no_obstacle() -> None:
+    pipeline = CameraPipeline(section(), VisionSection())
+    values = feed(pipeline, [shot(k, Conditions(exposure=0.09)) for k in range(2)])
+    assert len(poses(values)) == 2
+    found = stats(pipeline)
+    assert found.state is EyeState.OK
+    assert found.alarms == {"dark": ALARM_WORDS["dark"]}
+    assert found.posed == 1.0
+
+
+def test_an_image_that_breaks_the_detector_is_counted() -> None:
+    pipeline = CameraPipeline(section(), VisionSection())
+
+    def broken(*_: object) -> None:
+        raise cv2.error("inside")
+
+    pipeline.tracker.update = broken  # type: ignore[method-assign,assignment]
+    assert feed(pipeline, [shot()]) == []
+    assert stats(pipeline).faults == 1
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"targets": ()}, "no targets"),
+        ({"calibration": Path("none.toml")}, "camera file none.toml"),
+        ({"targets": (Path("none.toml"),)}, "target file none.toml"),
+    ],
+)
+def test_wrong_files_stop_before_anything_runs(change: dict[str, object], words: str) -> None:
+    with pytest.raises(ConfigError, match=words):
+        CameraPipeline(section(**change), VisionSection())
+
+
+def test_a_target_of_wrong_size_is_a_configuration_error(tmp_path: Path) -> None:
+    wrong = tmp_path / "target.toml"
+    wrong.write_text(TARGET_FILE.read_text().replace("0.3048", "304.8"))
+    with pytest.raises(ConfigError, match=r"304\.8 is no tag size"):
+        CameraPipeline(section(targets=(wrong,)), VisionSection())
+
+
+class Collected:
+    """A sink that remembers, and wakes whoever waits for something."""
+
+    def __init__(self) -> None:
+        self.values: list[tuple[str, Telemetry]] = []
+        self.threads: set[int] = set()
+        self._more = asyncio.Event()
+
+    def publish(self, suffix: str, value: Telemetry) -> None:
+        self.values.append((suffix, value))
+        self.threads.add(threading.get_ident())
+        self._more.set()
+
+    async def until(self, wanted: Callable[[list[tuple[str, Telemetry]]], bool]) -> None:
+        async with asyncio.timeout(PATIENCE):
+            while not wanted(self.values):
+                self._more.clear()
+                await self._more.wait()
+
+    def stats(self) -> list[VisionStats]:
+        return [value for _, value in self.values if isinstance(value, VisionStats)]
+
+
+async def test_the_worker_publishes_on_the_loop_from_the_first_image_to_the_last(tmp_path: Path) -> None:
+    for k in range(6):
+        cv2.imwrite(str(tmp_path / f"{k}.png"), shot(k))
+    sink = Collected()
+    cfg = section(source=f"folder:{tmp_path}", fps=50, jpeg_hz=10, jpeg_width=320)
+    worker = VisionWorker([cfg], VisionSection(), sink, asyncio.get_running_loop())
+    worker.attitude_arrived(AttitudeSample(0.0, 0.0, 0.0, 0.0))
+    worker.start()
+    await sink.until(lambda _: any(found.state is EyeState.ENDED for found in sink.stats()))
+    worker.stop()
+    assert sink.threads == {threading.get_ident()}
+    sequences = [value.sequence for _, value in sink.values if isinstance(value, VisionPose)]
+    assert sequences == [1, 2, 3, 4, 5, 6]
+    mounts = [value for _, value in sink.values if isinstance(value, Transform) and value.static]
+    assert {(edge.parent, edge.child) for edge in mounts} == {("body", "camera/down")}
+    pictures = [value for _, value in sink.values if isinstance(value, CameraFrame)]
+    assert 1 <= len(pictures) <= 3  # six images in 0.1 s at 10 Hz
+    assert (pictures[0].width, pictures[0].height) == (320, 240)
+    last = sink.stats()[-1]
+    assert (last.processed, last.dropped, last.posed) == (6, 0, 1.0)
+    assert last.detect_ms_p50 > 0.0
+
+
+async def test_a_camera_that_comes_late_is_waited_for(tmp_path: Path) -> None:
+    sink = Collected()
+    folder = tmp_path / "later"
+    cfg = section(source=f"folder:{folder}", fps=50, reopen_min_s=0.02, reopen_max_s=0.05)
+    worker = VisionWorker([cfg], VisionSection(), sink, asyncio.get_running_loop())
+    worker.start()
+    await sink.until(lambda _: any(found.state is EyeState.GONE for found in sink.stats()))
+    assert "no such folder" in sink.stats()[-1].reason
+    prepared = tmp_path / "prepared"
+    prepared.mkdir()
+    cv2.imwrite(str(prepared / "0.png"), shot())
+    prepared.rename(folder)
+    await sink.until(lambda values: bool(poses(values)))
+    worker.stop()
+
+
+async def test_the_worker_ends_when_the_loop_is_gone() -> None:
+    other = asyncio.new_event_loop()
+    worker = VisionWorker([section()], VisionSection(), Collected(), other)
+    other.close()
+    worker.start()
+    async with asyncio.timeout(PATIENCE):
+        await asyncio.to_thread(worker._thread.join, PATIENCE)
+    assert not worker._thread.is_alive()
+    worker.stop()
+
+
+async def test_two_cameras_of_one_name_are_refused() -> None:
+    with pytest.raises(ConfigError, match="two cameras are called 'down'"):
+        VisionWorker([section(), section()], VisionSection(), Collected(), asyncio.get_running_loop())
+
+
+def test_cameras_take_turns() -> None:
+    slots: NewestSlots[str] = NewestSlots()
+    first, second = slots.add(), slots.add()
+    for text in "abc":
+        first.put(f"1{text}")
+    second.put("2a")
+    taken = [slots.take(0.0)]
+    first.put("1d")
+    taken += [slots.take(0.0), slots.take(0.0), slots.take(0.0)]
+    assert taken == ["1c", "2a", "1d", None]
+    assert (first.dropped, second.dropped) == (2, 0)
