@@ -32,6 +32,9 @@ AFTER_SETPOINT_S: Final = 0.0015
 """How long after the expected setpoint an entry looks again: setpoints come with some jitter [s]."""
 SLOWEST_SETPOINT_S: Final = 0.25
 """Setpoints further apart have no rhythm worth keeping the line free for [s]."""
+CATCH_UP: Final = 0.7
+"""Part of the setpoint interval a late setpoint may be followed sooner (the gap holds); a FlightCtrl loses none at 100 Hz
+with 3 ms of jitter, a NaviCtrl that passes them on has no such margin."""
 RESYNC_AFTER_S: Final = 2.0
 """After this silence on our side the next frame is led by CR CR: noise may have left a `#` in a receiver [s]."""
 
@@ -77,7 +80,7 @@ class TransmitScheduler:
         self._line_free = 0.0
         self._fc_free = 0.0
         self._last_end: float | None = None
-        self._last_setpoint: float | None = None
+        self._setpoint_turn = 0.0
         self._arrived: float | None = None
         self._setpoint_period: float | None = None
         self._needs_resync = True
@@ -121,7 +124,8 @@ class TransmitScheduler:
         self._taken.clear()
         self._deaf.clear()
         self._only = None
-        self._setpoint_period = self._arrived = self._last_setpoint = None
+        self._setpoint_period = self._arrived = None
+        self._setpoint_turn = 0.0
         self._line_free = self._fc_free = 0.0
         self._last_end = None
         self._needs_resync = True
@@ -207,15 +211,11 @@ class TransmitScheduler:
         if entry.slot is not None:
             ready = max(ready, self._taken.get(entry.slot, 0.0))
         if entry.purpose is Purpose.SETPOINT:
-            return max(ready, self._setpoint_ready())
+            return max(ready, self._setpoint_turn)
         return self._let_setpoint_pass(entry, max(ready, now, self._line_free))
 
     def _would_refresh(self, entry: Entry) -> bool:
         return entry.message is not None and self._refreshes is not None and self._refreshes(entry.message.spec.id)
-
-    def _setpoint_ready(self) -> float:
-        """When the board can take the next external control frame."""
-        return 0.0 if self._last_setpoint is None else self._last_setpoint + self.rules.setpoint_interval
 
     def _let_setpoint_pass(self, entry: Entry, begin: float) -> float:
         """Do not begin a frame that would hold up the next setpoint, within the entry's patience."""
@@ -232,11 +232,11 @@ class TransmitScheduler:
         if self._setpoint_period is None or self._arrived is None:
             return None
         if self._queues[Purpose.SETPOINT]:
-            return self._setpoint_ready()
+            return self._setpoint_turn
         expected = self._arrived + self._setpoint_period
         if begin > expected + self._setpoint_period:
             return None  # they stopped
-        return max(expected, self._setpoint_ready())
+        return max(expected, self._setpoint_turn)
 
     def _learn_period(self, now: float) -> None:
         """Follow the rhythm of setpoints; a pause ends it."""
@@ -255,7 +255,9 @@ class TransmitScheduler:
         if self._touches_fc(entry):
             self._fc_free = end + self.rules.gap_after(reaches_fc=True)
         if entry.purpose is Purpose.SETPOINT:
-            self._last_setpoint = now
+            # A setpoint that had to wait may be followed a little sooner, so that the delay does not stay.
+            slack = 0.0 if self.rules.direct is Board.NC else CATCH_UP * self.rules.setpoint_interval
+            self._setpoint_turn = max(self._setpoint_turn, now - slack) + self.rules.setpoint_interval
         if entry.slot is not None:
             self._taken[entry.slot] = end + entry.reply_within
         return entry

@@ -1,0 +1,366 @@
+"""Health: every condition from its evidence, each within half a second, and nothing claimed without evidence."""
+
+from __future__ import annotations
+
+import pytest
+
+from mkdaemon.link.health import STUCK, HealthMonitor
+from mkdaemon.protocol.framing import DropReason
+from mkdaemon.telemetry.link import LinkCondition
+
+STREAMS = {"osd": 0.1, "attitude": 0.05}
+
+
+class Line:
+    """A line in steps of 5 ms: streams on time, probes at 5 Hz (10 Hz while one is unanswered), answered after 4 ms."""
+
+    def __init__(self, *, probes: bool = True, streams: dict[str, float] | None = None, **options: float) -> None:
+        self.health = HealthMonitor(**options)
+        self.now = 100.0
+        self.streams = STREAMS if streams is None else streams
+        self.probes = probes
+        self.talks = self.listens = True
+        self.garbage: bytes = b""
+        self.reason = DropReason.CHARACTERS
+        self.backlog = 0
+        self.lose_every = 0
+        self._probe = 0
+        self._last_probe = 0.0
+        self.health.port_opened(self.now)
+        self.health.wanted("nc", self.streams, self.now)
+        self._due = dict.fromkeys(self.streams, self.now)
+
+    def run(self, seconds: float) -> None:
+        end = self.now + seconds
+        while self.now < end:
+            self.step()
+
+    def until(self, condition: LinkCondition, within: float) -> float:
+        began = self.now
+        while self.health.verdict.condition is not condition:
+            assert self.now - began < within, self.health.verdict
+            self.step()
+        return self.now - began
+
+    def step(self) -> None:
+        self.now += 0.005
+        now, health = self.now, self.health
+        for key, interval in self.streams.items():
+            if now >= self._due[key]:
+                self._due[key] += interval
+                if self.talks:
+                    health.frame_received("nc", key, 100, now)
+        if self.garbage:
+            health.damaged(self.reason, self.garbage, now)
+        rate = 0.101 if health.is_suspicious else 0.2
+        if self.probes and now - self._last_probe >= rate:
+            self._probe += 1
+            self._last_probe = now
+            health.probe_sent(self._probe, now)
+            lost = self.lose_every and self._probe % self.lose_every == 0
+            if self.listens and self.talks and not lost:
+                health.frame_received("nc", "echo", 10, now + 0.004)
+                health.probe_answered(self._probe, now + 0.004)
+        health.port_backlog(self.backlog, now)
+        health.judge(now)
+
+
+def up(**options: object) -> Line:
+    line = Line(**options)  # type: ignore[arg-type]
+    line.until(LinkCondition.UP, 0.5)
+    line.run(1.0)
+    assert line.health.verdict.condition is LinkCondition.UP
+    return line
+
+
+def test_before_the_first_opening_the_port_is_absent():
+    health = HealthMonitor(now=5.0)
+    assert health.verdict.condition is LinkCondition.ABSENT
+    assert not health.judge(6.0)
+    assert health.verdict.since == 5.0
+
+
+def test_a_line_that_works_is_up_and_says_both_directions():
+    line = up()
+    assert line.health.verdict.reason == "both directions proven"
+    assert line.health.two_way_proof > line.now - 0.3
+    heard, heard_us = line.health.ages(line.now)
+    assert heard < 0.1
+    assert heard_us < 0.3
+
+
+def test_just_opened_claims_nothing():
+    health = HealthMonitor()
+    health.port_opened(1.0)
+    health.judge(1.05)
+    assert health.verdict.condition is LinkCondition.DOWN
+    assert "nothing heard yet" in health.verdict.reason
+
+
+def test_silence_is_mute_within_half_a_second():
+    line = up()
+    line.talks = False
+    assert line.until(LinkCondition.MUTE, 0.5) <= 0.5
+    assert "nothing arrives" in line.health.verdict.reason
+    line.talks = True
+    line.until(LinkCondition.UP, 0.5)
+
+
+def test_silence_is_noticed_without_a_reply_when_nothing_streams():
+    line = up(streams={})
+    line.talks = False
+    line.until(LinkCondition.MUTE, 0.5)
+
+
+def test_silence_is_no_news_where_nothing_was_asked():
+    line = Line(streams={}, probes=False)
+    line.health.frame_received("nc", "version", 22, line.now)
+    line.run(5.0)
+    assert line.health.verdict.condition is LinkCondition.UP
+
+
+def test_a_silent_port_that_was_asked_is_mute():
+    health = HealthMonitor()
+    health.port_opened(1.0)
+    health.question_sent(1.0)
+    health.judge(1.4)
+    assert health.verdict.condition is LinkCondition.MUTE
+
+
+def test_one_way_when_frames_come_but_no_answers():
+    line = up()
+    line.listens = False
+    assert line.until(LinkCondition.ONE_WAY, 0.5) <= 0.5
+    line.run(3.0)
+    assert line.health.verdict.condition is LinkCondition.ONE_WAY
+    line.listens = True
+    line.until(LinkCondition.UP, 0.5)
+
+
+def test_one_way_does_not_flap_with_slow_streams_and_ends_in_mute():
+    line = up(streams={"osd": 1.0})
+    line.listens = False
+    line.run(1.5)
+    seen = set()
+    for _ in range(600):
+        line.step()
+        seen.add(line.health.verdict.condition)
+    assert seen <= {LinkCondition.ONE_WAY, LinkCondition.MUTE}
+    line.talks = False
+    line.run(4.0)
+    assert line.health.verdict.condition is LinkCondition.MUTE
+
+
+def test_a_stuck_port_is_down_and_not_blamed_on_the_board():
+    line = up()
+    line.listens, line.backlog = False, 10
+    assert line.until(LinkCondition.DOWN, 0.5) <= 0.5
+    assert line.health.verdict.reason == STUCK
+    line.listens, line.backlog = True, 0
+    line.until(LinkCondition.UP, 0.5)
+
+
+def test_bytes_waiting_inside_the_port_keep_the_verdict():
+    line = up()
+    line.run(0.1)
+    health, now = line.health, line.now + 1.0
+    health.probe_sent("a", now)
+    health.probe_sent("b", now + 0.1)
+    health.frame_received("nc", "osd", 100, now + 0.29)
+    health.frame_received("nc", "attitude", 26, now + 0.29)
+    health.port_backlog(5, now + 0.29)
+    health.judge(now + 0.3)
+    assert health.verdict.condition is LinkCondition.UP
+
+
+@pytest.mark.parametrize(
+    ("bytes_", "reason", "words"),
+    [
+        (b"\x91\xf3\x80", DropReason.CHARACTERS, "wrong baud rate"),
+        (b"\r\nACC neutral: 512\r\n", DropReason.TEXT, "plain text"),
+        (b"\x00\x91\xf3\x80", DropReason.TEXT, "wrong baud rate"),
+    ],
+)
+def test_garbage_within_half_a_second_and_named(bytes_: bytes, reason: DropReason, words: str):
+    line = up()
+    line.talks, line.garbage, line.reason = False, bytes_, reason
+    assert line.until(LinkCondition.GARBAGE, 0.5) <= 0.5
+    assert words in line.health.verdict.reason
+    line.talks, line.garbage = True, b""
+    line.until(LinkCondition.UP, 0.5)
+
+
+def test_a_glitch_is_no_garbage():
+    line = up()
+    line.talks = False
+    line.health.damaged(DropReason.LENGTH, b"#", line.now)
+    line.until(LinkCondition.MUTE, 0.5)
+
+
+def test_only_echoes_is_degraded():
+    line = up()
+    line.streams = {}
+    assert line.until(LinkCondition.DEGRADED, 0.5) <= 0.5
+    line.run(0.3)
+    assert "only link tests are answered" in line.health.verdict.reason
+
+
+def test_one_stale_stream_degrades_and_names_it():
+    line = up()
+    line.streams = {"attitude": 0.05}
+    line.until(LinkCondition.DEGRADED, 0.5)
+    assert line.health.verdict.reason == "nc osd is overdue: asked every 0.1 s"
+    kinds = {kind.key: kind for kind in line.health.kinds(line.now)}
+    assert kinds["osd"].is_stale
+    assert not kinds["attitude"].is_stale
+    assert kinds["osd"].asked_hz == pytest.approx(10)
+
+
+def test_a_stream_nobody_wants_any_more_is_not_missed():
+    line = up()
+    line.streams = {"attitude": 0.05}
+    line.health.wanted("nc", line.streams, line.now)
+    line.run(2.0)
+    assert line.health.verdict.condition is LinkCondition.UP
+    assert {kind.key: kind.asked_hz for kind in line.health.kinds(line.now)}["osd"] is None
+
+
+def test_streams_of_another_board_are_left_alone():
+    line = up()
+    line.health.frame_received("fc", "debug", 94, line.now)
+    line.health.wanted("fc", {}, line.now)
+    line.run(0.3)
+    assert line.health.verdict.condition is LinkCondition.UP
+
+
+def test_losses_above_the_limit_degrade_with_the_figure():
+    line = up(max_loss_percent=5.0)
+    line.lose_every = 5
+    line.until(LinkCondition.DEGRADED, 5.0)
+    assert "% of link tests lost in 10 s" in line.health.verdict.reason
+    line.lose_every = 0
+    line.run(11.0)
+    assert line.health.verdict.condition is LinkCondition.UP
+
+
+def test_a_single_lost_probe_proves_nothing():
+    line = up()
+    line.lose_every = 100_000
+    line.health.probe_sent("lost", line.now)
+    line.run(2.0)
+    assert line.health.verdict.condition is LinkCondition.UP
+    assert line.health.echo.statistics(line.now).lost == 1
+
+
+def test_lost_confirmations_degrade():
+    line = up()
+    for number in range(1, 20):
+        line.health.confirm.sent(number, line.now)
+        if number % 3:
+            line.health.confirmed(number, line.now + 0.005)
+    line.run(0.4)
+    assert line.health.verdict.condition is LinkCondition.DEGRADED
+    assert "control frames lost" in line.health.verdict.reason
+
+
+def test_damaged_bytes_degrade():
+    line = up()
+    for _ in range(30):
+        line.health.damaged(DropReason.CHECKSUM, bytes(50), line.now)
+        line.step()
+    line.run(0.05)
+    assert line.health.verdict.condition is LinkCondition.DEGRADED
+    assert "damaged" in line.health.verdict.reason
+    garbage, checksums = line.health.damage_rates(line.now)
+    assert garbage == pytest.approx(150)
+    assert checksums == pytest.approx(3)
+
+
+def test_unanswered_beside_damage_is_called_damage():
+    line = up()
+    line.listens = False
+    for _ in range(100):
+        line.health.damaged(DropReason.CHECKSUM, bytes(10), line.now)
+        line.step()
+    assert line.health.verdict.condition is LinkCondition.DEGRADED
+    assert line.health.verdict.reason == "frames arrive damaged, and nothing we send is answered"
+
+
+def test_an_outage_is_not_counted_as_loss_afterwards():
+    line = up()
+    line.talks = False
+    line.until(LinkCondition.MUTE, 0.5)
+    line.run(2.0)
+    line.talks = True
+    line.until(LinkCondition.UP, 0.5)
+    line.run(1.0)
+    assert line.health.verdict.condition is LinkCondition.UP
+    assert line.health.echo.statistics(line.now).lost == 0
+
+
+def test_a_lost_port_is_down_or_absent_at_once():
+    line = up()
+    line.health.port_lost(line.now, "unplugged")
+    assert line.health.verdict.condition is LinkCondition.DOWN
+    since = line.health.verdict.since
+    line.health.port_lost(line.now + 1, "still unplugged")
+    assert line.health.verdict.reason == "still unplugged"
+    assert line.health.verdict.since == since
+    line.health.port_lost(line.now + 2, "no such device", LinkCondition.ABSENT)
+    assert line.health.verdict.condition is LinkCondition.ABSENT
+    assert not line.health.judge(line.now + 3)
+
+
+def test_a_search_for_the_line_rate_stays_garbage():
+    health = HealthMonitor()
+    health.port_opened(1.0, searching="no frame at 9600 baud: trying 57600")
+    health.judge(1.1)
+    assert health.verdict.condition is LinkCondition.GARBAGE
+    assert "trying 57600" in health.verdict.reason
+
+
+def test_our_own_pause_is_nobodys_fault():
+    line = up()
+    line.talks = False
+    line.health.pause(line.now + 1.33)
+    line.health.pause(line.now + 0.5)
+    line.run(1.3)
+    assert line.health.verdict.condition is LinkCondition.UP
+    line.until(LinkCondition.MUTE, 0.5)
+
+
+def test_a_recording_needs_no_answers():
+    health = HealthMonitor()
+    health.port_opened(1.0, is_recording=True)
+    health.frame_received("nc", "osd", 118, 1.1)
+    health.judge(1.2)
+    assert health.verdict.condition is LinkCondition.UP
+    assert health.verdict.reason == "a recording plays"
+
+
+def test_rates_follow_the_window_and_a_stream_that_stopped():
+    line = up()
+    rates = {kind.key: kind.rate_hz for kind in line.health.kinds(line.now)}
+    assert rates["osd"] == pytest.approx(10, rel=0.1)
+    assert rates["attitude"] == pytest.approx(20, rel=0.1)
+    line.streams = {"attitude": 0.05}
+    line.run(3.0)
+    assert {kind.key: kind.rate_hz for kind in line.health.kinds(line.now)}["osd"] < 5
+    line.run(12.0)
+    assert {kind.key: kind.rate_hz for kind in line.health.kinds(line.now)}["osd"] == 0
+
+
+def test_frames_at_one_instant_have_no_rate():
+    health = HealthMonitor()
+    health.port_opened(1.0)
+    health.frame_received("nc", "version", 22, 1.0)
+    health.frame_received("nc", "version", 22, 1.0)
+    assert health.kinds(1.0)[0].rate_hz == 0
+
+
+def test_answers_to_nothing_change_nothing():
+    health = HealthMonitor()
+    health.port_opened(1.0)
+    health.probe_answered(7, 1.1)
+    health.confirmed(8, 1.1)
+    assert health.ages(1.2)[1] == float("inf")

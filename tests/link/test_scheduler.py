@@ -1,0 +1,330 @@
+"""The transmit scheduler: order, gaps, slots, deadlines, newest setpoint, quiet and deaf times."""
+
+from __future__ import annotations
+
+import itertools
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from mkdaemon.link.line import FC_GAP_S, FORWARDING_GAP_S, RESYNC, LineRules
+from mkdaemon.link.scheduler import CATCH_UP, PATIENCE_S, QUEUE_LIMIT, RESYNC_AFTER_S, Entry, TransmitScheduler
+from mkdaemon.link.traffic import Purpose
+from mkdaemon.protocol.messages import AttitudeRequest, EchoRequest, ExternControlV2, LabelRequest, VersionRequest
+from mkdaemon.protocol.wire import Board
+
+FC = LineRules(direct=Board.FC)
+NC = LineRules(direct=Board.NC, setpoint_interval=FORWARDING_GAP_S)
+NOBODY_YET = LineRules()
+
+
+def entry(purpose: Purpose, *, board: Board = Board.FC, number: int = 1, **options: object) -> Entry:
+    message = {
+        Purpose.RELEASE: ExternControlV2(pitch=0, roll=0, yaw=0, throttle=0, frame=number % 256),
+        Purpose.SETPOINT: ExternControlV2(pitch=number % 100, roll=0, yaw=0, throttle=0, frame=number % 256),
+        Purpose.SUBSCRIPTION: AttitudeRequest(interval=5),
+        Purpose.ECHO: EchoRequest(pattern=number),
+    }.get(purpose, LabelRequest(index=number % 32))
+    deadline = options.pop("deadline", 1e9)
+    return Entry(message.to_frame(board), purpose, deadline, board, message, **options)  # type: ignore[arg-type]
+
+
+def sent_until(scheduler: TransmitScheduler, end: float, *, now: float = 0.0) -> list[tuple[float, Entry]]:
+    """Ask as the link does: whenever the scheduler says."""
+    out = []
+    for _ in itertools.count():
+        assert len(out) < 10_000
+        while (taken := scheduler.take(now)) is not None:
+            out.append((now, taken))
+        at = scheduler.next_time(now)
+        if at is None or at > end:
+            return out
+        now = max(at, now + 1e-6)
+    raise AssertionError
+
+
+def test_order_is_release_setpoint_retry_request_subscription_echo_background():
+    scheduler = TransmitScheduler(FC)
+    for purpose in reversed(Purpose):
+        scheduler.submit(entry(purpose), 0.0)
+    assert [item.purpose for _, item in sent_until(scheduler, 1.0)] == list(Purpose)
+
+
+def test_a_flightctrl_gets_five_idle_milliseconds_after_each_carriage_return():
+    scheduler = TransmitScheduler(FC)
+    for number in range(20):
+        scheduler.submit(entry(Purpose.REQUEST, number=number), 0.0)
+    sent = sent_until(scheduler, 2.0)
+    gaps = [later - (at + FC.wire_time(item.raw)) for (at, item), (later, _) in itertools.pairwise(sent)]
+    assert len(sent) == 20
+    assert min(gaps) >= FC_GAP_S - 1e-9
+
+
+def test_before_anybody_answered_the_careful_gap_holds():
+    scheduler = TransmitScheduler(NOBODY_YET)
+    scheduler.submit(entry(Purpose.REQUEST), 0.0)
+    scheduler.submit(entry(Purpose.REQUEST), 0.0)
+    first, second = sent_until(scheduler, 1.0)
+    assert second[0] - first[0] >= NOBODY_YET.wire_time(first[1].raw) + FC_GAP_S - 1e-9
+
+
+def test_a_navictrl_needs_no_gap_but_frames_never_overlap():
+    scheduler = TransmitScheduler(NC)
+    for number in range(5):
+        scheduler.submit(entry(Purpose.REQUEST, board=Board.NC, number=number), 0.0)
+    sent = sent_until(scheduler, 1.0)
+    gaps = [later - (at + NC.wire_time(item.raw)) for (at, item), (later, _) in itertools.pairwise(sent)]
+    assert all(-1e-9 <= gap < 1e-4 for gap in gaps)
+
+
+def test_forwarded_setpoints_keep_forty_hertz():
+    scheduler = TransmitScheduler(NC)
+    times = []
+    for step in range(200):
+        now = step * 0.01
+        scheduler.submit(entry(Purpose.SETPOINT, number=step % 100, reaches_fc=True, deadline=now + 0.1), now)
+        times += [at for at, _ in sent_until(scheduler, now + 0.0099, now=now)]
+    assert 70 <= len(times) <= 81
+    assert min(b - a for a, b in itertools.pairwise(times)) >= FORWARDING_GAP_S - 1e-9
+
+
+def test_only_the_newest_setpoint_leaves():
+    scheduler = TransmitScheduler(FC)
+    scheduler.submit(entry(Purpose.REQUEST), 0.0)
+    scheduler.take(0.0)
+    for number in range(1, 6):
+        scheduler.submit(entry(Purpose.SETPOINT, number=number), 0.001 * number)
+    sent = sent_until(scheduler, 1.0, now=0.006)
+    assert [item.message.frame for _, item in sent] == [5]
+    assert [item.message.frame for item in scheduler.take_expired()] == [1, 2, 3, 4]
+
+
+def test_what_is_past_its_deadline_never_leaves():
+    scheduler = TransmitScheduler(FC)
+    scheduler.submit(entry(Purpose.SETPOINT, deadline=0.05), 0.0)
+    scheduler.submit(entry(Purpose.REQUEST, deadline=0.05), 0.0)
+    assert scheduler.take(0.06) is None
+    assert len(scheduler.take_expired()) == 2
+    assert scheduler.take_expired() == []
+    assert scheduler.next_time(0.06) is None
+
+
+def test_one_request_of_a_kind_and_board_is_outstanding():
+    scheduler = TransmitScheduler(NC)
+    slot = (Board.NC, "A")
+    for number in range(3):
+        scheduler.submit(entry(Purpose.REQUEST, board=Board.NC, number=number, slot=slot, reply_within=0.3), 0.0)
+    scheduler.submit(entry(Purpose.ECHO, board=Board.NC, slot=(Board.NC, "Z")), 0.0)
+    sent = sent_until(scheduler, 0.2)
+    assert [item.purpose for _, item in sent] == [Purpose.REQUEST, Purpose.ECHO]
+    scheduler.reply_seen(Board.NC, "A")
+    assert len(sent_until(scheduler, 0.2, now=0.15)) == 1
+    # without a reply the slot frees itself after the time-out
+    assert [at > 0.44 for at, _ in sent_until(scheduler, 1.0, now=0.2)] == [True]
+
+
+def test_an_answer_frees_a_question_to_anybody():
+    scheduler = TransmitScheduler(NC)
+    scheduler.submit(entry(Purpose.REQUEST, board=Board.ANY, slot=(Board.ANY, "V"), reply_within=9.0), 0.0)
+    scheduler.take(0.0)
+    scheduler.submit(entry(Purpose.REQUEST, board=Board.ANY, slot=(Board.ANY, "V")), 0.01)
+    assert scheduler.take(0.02) is None
+    scheduler.reply_seen(Board.NC, "V")
+    assert scheduler.take(0.02) is not None
+
+
+def test_the_first_frame_and_the_one_after_an_error_or_silence_lead_with_two_returns():
+    scheduler = TransmitScheduler(FC)
+    raws = []
+    for now in (0.0, 0.1, 0.2, 0.2 + RESYNC_AFTER_S + 0.1):
+        scheduler.submit(entry(Purpose.REQUEST), now)
+        taken = scheduler.take(now)
+        assert taken is not None
+        raws.append(taken.raw)
+        if now == 0.1:
+            scheduler.resynchronise()
+    assert [raw.startswith(RESYNC + b"#") for raw in raws] == [True, False, True, True]
+
+
+def test_bytes_that_are_no_frame_get_no_prefix():
+    scheduler = TransmitScheduler(FC)
+    scheduler.submit(Entry(b"\x1b\x1b\x55\xaa\x00", Purpose.REQUEST, 1.0, Board.NC), 0.0)
+    taken = scheduler.take(0.0)
+    assert taken is not None
+    assert taken.raw == b"\x1b\x1b\x55\xaa\x00"
+
+
+def test_a_full_queue_refuses():
+    scheduler = TransmitScheduler(FC)
+    assert all(scheduler.submit(entry(Purpose.BACKGROUND), 0.0) for _ in range(QUEUE_LIMIT))
+    assert not scheduler.submit(entry(Purpose.BACKGROUND), 0.0)
+    assert scheduler.waiting == QUEUE_LIMIT
+
+
+def test_withdrawn_entries_do_not_leave():
+    scheduler = TransmitScheduler(FC)
+    kept, gone = entry(Purpose.REQUEST, number=1), entry(Purpose.REQUEST, number=2)
+    scheduler.submit(kept, 0.0)
+    scheduler.submit(gone, 0.0)
+    scheduler.withdraw(gone)
+    scheduler.withdraw(gone)
+    assert [item for _, item in sent_until(scheduler, 1.0)] == [kept]
+
+
+def test_a_deaf_board_gets_releases_only():
+    scheduler = TransmitScheduler(FC)
+    scheduler.deafen(Board.FC, 1.3)
+    scheduler.deafen(Board.FC, 0.5)
+    for purpose in (Purpose.REQUEST, Purpose.SETPOINT, Purpose.RELEASE):
+        scheduler.submit(entry(purpose), 0.0)
+    sent = sent_until(scheduler, 2.0)
+    assert [item.purpose for _, item in sent] == [Purpose.RELEASE, Purpose.SETPOINT, Purpose.REQUEST]
+    assert sent[1][0] >= 1.3
+
+
+def test_quiet_keeps_back_what_would_refresh_the_dead_man():
+    scheduler = TransmitScheduler(FC)
+    scheduler.quieten("abdhlpt".__contains__, 6.0)
+    label, attitude = entry(Purpose.REQUEST), entry(Purpose.SUBSCRIPTION)
+    escape = Entry(b"\x1b\x1b\x55\xaa\x00", Purpose.REQUEST, 1e9, Board.NC)
+    for item in (label, attitude, escape, entry(Purpose.RELEASE)):
+        scheduler.submit(item, 0.0)
+    times = {item.purpose: at for at, item in sent_until(scheduler, 10.0) if item is not escape}
+    assert times[Purpose.RELEASE] == 0.0
+    assert times[Purpose.SUBSCRIPTION] < 0.1
+    assert times[Purpose.REQUEST] >= 6.0
+
+
+def test_quiet_does_not_touch_frames_a_navictrl_keeps_to_itself():
+    scheduler = TransmitScheduler(NC)
+    scheduler.quieten(lambda letter: True, 6.0)
+    scheduler.submit(entry(Purpose.REQUEST, board=Board.NC), 0.0)
+    scheduler.submit(entry(Purpose.SETPOINT, reaches_fc=True), 0.0)
+    sent = sent_until(scheduler, 10.0)
+    assert [(item.purpose, at >= 6.0) for at, item in sent] == [(Purpose.REQUEST, False), (Purpose.SETPOINT, True)]
+
+
+def test_while_redirected_only_that_board_is_spoken_to():
+    scheduler = TransmitScheduler(NC)
+    scheduler.reserve_line(Board.FC)
+    here = entry(Purpose.REQUEST, board=Board.FC, reaches_fc=True)
+    there = entry(Purpose.REQUEST, board=Board.NC)
+    escape = Entry(b"\x1b\x1b\x55\xaa\x00", Purpose.REQUEST, 1e9, Board.NC)
+    for item in (there, here, escape):
+        scheduler.submit(item, 0.0)
+    assert [item for _, item in sent_until(scheduler, 1.0)] == [here, escape]
+    scheduler.reserve_line(None)
+    assert scheduler.take(1.1) is there
+
+
+def test_clearing_forgets_everything_and_gives_it_back():
+    scheduler = TransmitScheduler(FC)
+    items = [entry(Purpose.REQUEST), entry(Purpose.SETPOINT)]
+    for item in items:
+        scheduler.submit(item, 0.0)
+    scheduler.deafen(Board.FC, 9.0)
+    assert set(map(id, scheduler.clear())) == set(map(id, items))
+    scheduler.submit(entry(Purpose.REQUEST), 0.1)
+    assert scheduler.take(0.1) is not None
+
+
+def steady(scheduler: TransmitScheduler, period: float, count: int, others: float) -> list[float]:
+    """Feed setpoints at a steady rate beside requests every `others` seconds; returns each setpoint's wait [s]."""
+    waits, due = [], 0.0
+    for step in range(count):
+        now = step * period
+        scheduler.submit(entry(Purpose.SETPOINT, number=step % 100, deadline=now + 0.1), now)
+        while due <= now:
+            scheduler.submit(entry(Purpose.ECHO, board=Board.FC, number=step), now)
+            due += others
+        for at, item in sent_until(scheduler, now + period - 1e-4, now=now):
+            if item.purpose is Purpose.SETPOINT:
+                waits.append(at - item.queued)
+    return waits
+
+
+@pytest.mark.parametrize("rules", [FC, LineRules(direct=Board.NC)], ids=["fc", "nc"])
+def test_at_fifty_hertz_no_setpoint_waits_for_another_frame(rules: LineRules):
+    waits = steady(TransmitScheduler(rules), 0.02, 300, 0.1)
+    assert len(waits) == 300
+    assert max(waits[3:]) < 0.001
+
+
+def test_at_a_hundred_hertz_other_frames_still_get_their_turn():
+    scheduler = TransmitScheduler(FC)
+    waits = steady(scheduler, 0.01, 600, 0.2)
+    assert scheduler.waiting <= 2
+    assert sorted(waits)[len(waits) // 2] < 0.001
+    assert max(waits) < 0.0075  # one echo, its gap, and nothing else
+
+
+def test_a_waiting_setpoint_is_not_overtaken_by_a_long_frame():
+    scheduler = TransmitScheduler(NC)
+    for step in range(3):
+        scheduler.submit(entry(Purpose.SETPOINT, number=step + 1, reaches_fc=True), step * 0.01)
+        scheduler.take(step * 0.01)
+    scheduler.submit(entry(Purpose.SUBSCRIPTION, board=Board.NC), 0.0245)
+    sent = sent_until(scheduler, 0.1, now=0.0245)
+    assert [item.purpose for _, item in sent] == [Purpose.SETPOINT, Purpose.SUBSCRIPTION]
+
+
+def test_when_setpoints_stop_nothing_is_held_back():
+    scheduler = TransmitScheduler(FC)
+    steady(scheduler, 0.02, 10, 9.0)
+    assert scheduler.setpoint_period == pytest.approx(0.02)
+    scheduler.submit(entry(Purpose.REQUEST), 0.5)
+    assert scheduler.take(0.5) is not None
+    scheduler.submit(entry(Purpose.SETPOINT), 1.0)
+    assert scheduler.setpoint_period is None
+    scheduler.drop_setpoint()
+    assert scheduler.take(1.1) is None
+
+
+def test_patience_ends():
+    """At 100 Hz nothing else fits between two setpoints; after its patience a request goes all the same."""
+    scheduler = TransmitScheduler(FC)
+    began = 0.1
+    asked = entry(Purpose.REQUEST)
+    for step in range(40):
+        now = step * 0.01
+        scheduler.submit(entry(Purpose.SETPOINT, number=step + 1, deadline=now + 0.1), now)
+        if step == 10:
+            scheduler.submit(asked, now)
+        for at, item in sent_until(scheduler, now + 0.0099, now=now):
+            if item is asked:
+                assert PATIENCE_S[Purpose.REQUEST] <= at - began + 1e-6 < PATIENCE_S[Purpose.REQUEST] + 0.02
+                return
+    raise AssertionError("never sent")
+
+
+@given(
+    steps=st.lists(
+        st.tuples(st.sampled_from(Purpose), st.floats(0.0, 0.05), st.sampled_from([Board.FC, Board.NC])), max_size=60
+    ),
+    rules=st.sampled_from([FC, NC, NOBODY_YET]),
+)
+def test_whatever_is_asked_the_line_and_the_boards_can_take_it(steps, rules):
+    scheduler = TransmitScheduler(rules)
+    now, sent = 0.0, []
+    for purpose, pause, board in steps:
+        now += pause
+        steers = purpose in (Purpose.RELEASE, Purpose.SETPOINT)
+        item = entry(purpose, board=Board.FC if steers else board, reaches_fc=steers, deadline=now + 1.0)
+        scheduler.submit(item, now)
+        sent += sent_until(scheduler, now + pause, now=now)
+    sent += sent_until(scheduler, now + 2.0, now=now)
+    assert scheduler.next_time(now + 3.0) is None
+    for (at, item), (later, following) in itertools.pairwise(sent):
+        idle = later - at - rules.wire_time(item.raw)
+        assert idle >= -1e-9
+        if rules.direct is not Board.NC:
+            assert idle >= FC_GAP_S - 1e-9
+    setpoints = [at for at, item in sent if item.purpose is Purpose.SETPOINT]
+    nearest = rules.setpoint_interval * (1.0 if rules.direct is Board.NC else 1.0 - CATCH_UP)
+    assert all(b - a >= nearest - 1e-9 for a, b in itertools.pairwise(setpoints))
+    assert all(at - setpoints[0] >= (n - CATCH_UP) * rules.setpoint_interval - 1e-9 for n, at in enumerate(setpoints))
+
+
+def test_a_version_request_is_short_enough_to_pass_between_setpoints():
+    assert FC.wire_time(VersionRequest().to_frame(Board.FC)) + FC_GAP_S < 0.0065
