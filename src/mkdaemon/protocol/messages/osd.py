@@ -137,6 +137,7 @@ class _Place(WireMessage):
 class OsdData5(_Place):
     """The whole state of the aircraft."""
 
+    version: Annotated[int, U8("Version", only=frozenset({5}))] = 5
     fc_flags: Annotated[FlightStatus, U8("FCStatusFlags", enum=FlightStatus)]
     nc_flags: Annotated[NaviStatus, U8("NCFlags", enum=NaviStatus)]
     error_code: Annotated[ErrorCode, U8("Errorcode", enum=ErrorCode)]
@@ -167,6 +168,7 @@ class OsdData5(_Place):
 class OsdData4(_Place):
     """The whole state of the aircraft, before FC 0.82."""
 
+    version: Annotated[int, U8("Version", only=frozenset({3, 4}))] = 4
     fc_flags: Annotated[FlightStatusOld, U8("FCStatusFlags", enum=FlightStatusOld)]
     nc_flags: Annotated[NaviStatus, U8("NCFlags", enum=NaviStatus)]
     error_code: Annotated[ErrorCode, U8("Errorcode", enum=ErrorCode)]

@@ -54,6 +54,7 @@ class _Head(WireMessage):
 class OsdTiny(_Head):
     """Data set 10: position."""
 
+    index: Annotated[int, U8("Index", only=frozenset({10}))] = 10
     camera: Annotated[int, U8("CamCtrlChar")]
     """Character: R recording, c ready, ! error."""
     reserved: Annotated[int, U8("reserve1")]
@@ -73,6 +74,7 @@ class OsdTiny(_Head):
 class OsdFlags(_Head):
     """Data set 11: flags; some releases append reserved bytes."""
 
+    index: Annotated[int, U8("Index", only=frozenset({11}))] = 11
     status_2: Annotated[OsdStatus2, U8("OSDStatusFlags2", enum=OsdStatus2)]
     nc_flags: Annotated[NaviStatus, U8("NCFlags", enum=NaviStatus)]
     reserved_flags: Annotated[int, U8("ReserveFlags")]
@@ -97,6 +99,7 @@ class OsdFlags(_Head):
 class OsdTarget(_Head):
     """Data set 12: target."""
 
+    index: Annotated[int, U8("Index", only=frozenset({12}))] = 12
     target_longitude: Annotated[int, S32("TargetLongitude", GLOBE)]
     target_latitude: Annotated[int, S32("TargetLatitude", GLOBE)]
     target_altitude: Annotated[int, S16("TargetAltitude")]
@@ -118,6 +121,7 @@ class OsdTarget(_Head):
 class OsdHome(_Head):
     """Data set 13: home and limits."""
 
+    index: Annotated[int, U8("Index", only=frozenset({13}))] = 13
     home_longitude: Annotated[int, S32("HomeLongitude", GLOBE)]
     home_latitude: Annotated[int, S32("HomeLatitude", GLOBE)]
     home_altitude: Annotated[int, S16("HomeAltitude")]
@@ -144,6 +148,7 @@ class OsdHome(_Head):
 class OsdDeviation(_Head):
     """Data set 14: distances and attitude."""
 
+    index: Annotated[int, U8("Index", only=frozenset({14}))] = 14
     flying_time: Annotated[int, U16("FlyingTime", SECOND)]
     home_distance: Annotated[int, U16("DistanceToHome", DECIMETRE)]
     home_bearing: Annotated[int, U8("HeadingToHome", TWO_DEG)]
@@ -171,6 +176,7 @@ class OsdDeviation(_Head):
 class OsdWaypoint(_Head):
     """Data set 15: route."""
 
+    index: Annotated[int, U8("Index", only=frozenset({15}))] = 15
     waypoint_index: Annotated[int, U8("WaypointIndex")]
     waypoint_count: Annotated[int, U8("WaypointNumber")]
     target_hold_time: Annotated[int, U8("TargetHoldTime", SECOND)]
@@ -191,6 +197,7 @@ class OsdWaypoint(_Head):
 class OsdVolatile(_Head):
     """Data set 16: energy and heading."""
 
+    index: Annotated[int, U8("Index", only=frozenset({16}))] = 16
     battery: Annotated[int, U16("UBat", DECIVOLT)]
     current: Annotated[int, U16("Current", DECIAMPERE)]
     used_capacity: Annotated[int, U16("UsedCapacity", MAH)]

@@ -1,0 +1,162 @@
+from __future__ import annotations
+
+import math
+from enum import IntFlag
+from typing import Annotated
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from pydantic import BaseModel, ValidationError
+
+from mkdaemon.errors import EncodeError
+from mkdaemon.protocol.fields import S8, S16, S32, U8, U16, U32, Raw, Rest, Text, WireEnum
+from mkdaemon.protocol.units import DECI_DEG, STICK, STICK_FROM_BOTTOM
+
+
+class Colour(WireEnum):
+    RED = 1
+
+
+class Bits(IntFlag):
+    ONE = 1
+
+
+class Sample(BaseModel):
+    angle: Annotated[int, S16("Nick", DECI_DEG)] = 0
+    stick: Annotated[int, S8("Roll", -STICK, limit=100)] = 0
+    slot: Annotated[int, U8("Slot", only=frozenset({1, 2, 255}))] = 1
+    colour: Annotated[Colour, U8("Farbe", enum=Colour)] = Colour.RED
+    bits: Annotated[Bits, U8("Bits", enum=Bits)] = Bits(0)
+    row: Annotated[tuple[int, ...], U16("Reihe", count=3)] = (0, 0, 0)
+    name: Annotated[str, Text("Name", 4)] = ""
+    raw: Annotated[bytes, Raw("Bytes", 2)] = b"\0\0"
+    rest: Annotated[bytes, Rest("Rest", 1, 3)] = b"\0"
+
+
+@pytest.mark.parametrize(
+    ("field", "value"),
+    [
+        ("angle", 32768),
+        ("angle", 1.0),
+        ("angle", math.nan),
+        ("angle", True),
+        ("angle", "1"),
+        ("stick", 101),
+        ("stick", -101),
+        ("slot", 3),
+        ("colour", 256),
+        ("colour", "RED"),
+        ("row", (1, 2)),
+        ("row", (1, 2, 65536)),
+        ("row", (1, 2, math.inf)),
+        ("name", "12345"),
+        ("name", "€"),
+        ("raw", b"1"),
+        ("raw", "12"),
+        ("rest", b""),
+        ("rest", b"1234"),
+    ],
+)
+def test_what_does_not_fit_the_wire_is_refused(field, value):
+    with pytest.raises(ValidationError):
+        Sample(**{field: value})
+
+
+def test_what_fits_is_kept_and_enumerated():
+    sample = Sample(colour=1, bits=1, row=[1, 2, 3], slot=255, name="Äb", rest=b"123")
+    assert sample.colour is Colour.RED
+    assert sample.bits is Bits.ONE
+    assert sample.row == (1, 2, 3)
+
+
+def test_an_unknown_value_of_an_enumeration_is_kept():
+    assert Colour(7).name == "UNKNOWN_7"
+    assert int(Colour(7)) == 7
+    assert Sample(colour=9).colour == 9
+    with pytest.raises(ValueError, match="red"):
+        Colour("red")
+
+
+def test_the_json_schema_carries_what_the_field_declares():
+    properties = Sample.model_json_schema()["properties"]
+    angle = properties["angle"]
+    assert angle["x-firmware-word"] == "Nick"
+    assert (angle["x-wire-type"], angle["x-unit"], angle["x-si-unit"]) == ("s16", "0.1 deg", "rad")
+    assert angle["x-scale"] == pytest.approx(math.radians(0.1))
+    assert (properties["stick"]["minimum"], properties["stick"]["maximum"]) == (-100, 100)
+    assert properties["slot"]["enum"] == [1, 2, 255]
+    assert properties["colour"]["x-values"] == {"RED": 1}
+    assert properties["row"]["x-wire-type"] == "u16[3]"
+    assert properties["name"]["x-wire-type"] == "char[4]"
+    assert properties["raw"]["x-wire-type"] == "u8[2]"
+    assert properties["rest"]["x-wire-type"] == "u8[1..3]"
+
+
+def test_a_shifted_unit_says_so_in_the_schema():
+    class Throttle(BaseModel):
+        gas: Annotated[int, U8("Gas", STICK_FROM_BOTTOM)]
+
+    assert Throttle.model_json_schema()["properties"]["gas"]["x-zero"] == 127
+
+
+@pytest.mark.parametrize(
+    ("declare", "low", "high"),
+    [
+        (U8, 0, 255),
+        (S8, -128, 127),
+        (U16, 0, 65535),
+        (S16, -32768, 32767),
+        (U32, 0, 2**32 - 1),
+        (S32, -(2**31), 2**31 - 1),
+    ],
+)
+def test_a_plain_field_has_the_range_of_its_type(declare, low, high):
+    field = declare("x")
+    assert (field.minimum, field.maximum) == (low, high)
+    assert declare("x", low=1, high=2).maximum == 2
+
+
+def test_si_values_turn_to_flu_and_back():
+    angle, roll, throttle = S16("AngleNick", DECI_DEG), S8("Roll", -STICK), U8("Gas", STICK_FROM_BOTTOM)
+    assert angle.to_si(900) == pytest.approx(math.pi / 2)
+    assert angle.from_si(-math.pi / 2) == -900
+    assert roll.to_si(20) == -20
+    assert roll.from_si(20.4) == -20
+    assert throttle.to_si(127) == 0
+    assert throttle.from_si(100) == 227
+    assert U8("plain").to_si(7) == 7.0
+    assert U8("plain").from_si(7.4) == 7
+
+
+@pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf, 128.0, -129.0])
+def test_an_si_value_that_cannot_be_sent_is_refused(value):
+    with pytest.raises(EncodeError, match="Roll"):
+        S8("Roll", STICK).from_si(value)
+
+
+@given(st.integers(-1800, 1800))
+def test_every_wire_angle_survives_si(wire):
+    field = S16("AngleRoll", -DECI_DEG)
+    assert field.from_si(field.to_si(wire)) == wire
+
+
+@pytest.mark.parametrize(
+    ("field", "raw", "text"),
+    [
+        (Text("t", 6), b"abc\0xy", "abc"),
+        (Text("t", 6), b"abc   ", "abc   "),
+        (Text("t", 6, pad=" "), b"abc   ", "abc"),
+        (Text("t", 6, pad=" "), b"ab\0 c ", "ab"),
+        (Text("t", 6, trim=False), b"a\0b   ", "a\0b   "),
+        (Text("t", 2), b"\xe4\xff", "äÿ"),
+    ],
+)
+def test_received_text_loses_its_padding_only_where_trimmed(field, raw, text):
+    assert field.read_text(raw) == text
+
+
+def test_sent_text_is_padded():
+    assert Text("t", 5, pad=" ").write("ab") == b"ab   "
+    assert Text("t", 5).write("ab") == b"ab\0\0\0"
+    assert U8("n").write(7) == 7

@@ -1,0 +1,210 @@
+from __future__ import annotations
+
+from typing import Annotated
+
+import pytest
+
+from mkdaemon.errors import EncodeError, ProtocolError
+from mkdaemon.protocol.fields import S8, U8, U16
+from mkdaemon.protocol.framing import Frame, FrameDecoder, encode_frame
+from mkdaemon.protocol.layout import lay_out
+from mkdaemon.protocol.messages import (
+    ControlConfirm,
+    DisplayOld,
+    Echo,
+    ExternControlV2,
+    ExternControlV3,
+    MotorTest,
+    OsdData5,
+    OsdFlags,
+    OsdRequestV1,
+    OsdRequestV2,
+    RedundancySetpoints,
+    Settings,
+    TimeRequest,
+    VersionRequest,
+)
+from mkdaemon.protocol.wire import (
+    MESSAGES,
+    Board,
+    Direction,
+    MessageDecoder,
+    Unknown,
+    WireMessage,
+    board_at,
+    message,
+)
+
+
+def frame(address: int, letter: str, payload: bytes) -> Frame:
+    (found,) = FrameDecoder().feed(encode_frame(address, letter, payload))
+    assert isinstance(found, Frame)
+    return found
+
+
+@pytest.mark.parametrize(
+    ("address", "board"),
+    [(0, Board.ANY), (1, Board.FC), (5, Board.BL), (6, None), (10, None), (11, Board.BL), (26, Board.BL), (27, None)],
+)
+def test_whose_an_address_is(address, board):
+    assert board_at(address) is board
+
+
+def test_a_message_is_immutable_strict_and_complete():
+    stick = ExternControlV2(pitch=1, roll=2, yaw=3, throttle=4)
+    for change in ({"extra": 1}, {"pitch": 1.5}, {"pitch": 128}, {}):
+        with pytest.raises(ValueError, match="validation error"):
+            ExternControlV2(**{"pitch": 0, "roll": 0, "yaw": 0, **change})
+    with pytest.raises(ValueError, match="frozen"):
+        stick.pitch = 5
+
+
+def test_a_decoded_message_equals_a_built_one_and_behaves_like_it():
+    built = ExternControlV2(pitch=1, roll=-2, yaw=3, throttle=-4, frame=5, config=1)
+    read = ExternControlV2.decode(built.encode())
+    assert read == built
+    assert repr(read) == repr(built)
+    assert read.model_dump() == built.model_dump()
+    assert read.model_copy(update={"pitch": 7}).pitch == 7
+    assert read.model_dump(exclude_unset=True) == read.model_dump()
+    assert ExternControlV2.model_validate_json(read.model_dump_json()) == built
+
+
+def test_decode_accepts_padding_and_refuses_what_is_too_short():
+    assert Echo.decode(b"\xa5\x5a\0") == Echo(pattern=0x5AA5)
+    with pytest.raises(ProtocolError, match=r"Echo \(1\) needs 2 bytes, got 1"):
+        Echo.decode(b"\xa5")
+
+
+def test_a_value_that_bypassed_validation_does_not_reach_the_wire():
+    broken = ExternControlV2.model_construct(pitch=300, roll=0, yaw=0, throttle=0)
+    with pytest.raises(EncodeError, match=r"ExternControl \(v2\)"):
+        broken.to_frame()
+
+
+def test_a_message_is_addressed_to_its_own_board_unless_told_otherwise():
+    assert VersionRequest().to_frame() == b"#bv@x\r"
+    assert VersionRequest().to_frame(Board.ANY) == b"#av@w\r"
+
+
+def test_si_of_a_field_by_name():
+    stick = ExternControlV2(pitch=10, roll=10, yaw=10, throttle=10)
+    assert (stick.si("pitch"), stick.si("roll"), stick.si("yaw")) == (10, -10, 10)
+    with pytest.raises(ProtocolError, match="'nick'; it has pitch, roll"):
+        stick.si("nick")
+
+
+def test_fits_looks_at_length_and_contents():
+    assert OsdData5.spec.fits(bytes([5]) + bytes(83))
+    assert not OsdData5.spec.fits(bytes([4]) + bytes(83))
+    assert not OsdData5.spec.fits(bytes([5]) + bytes(80))
+    assert OsdFlags.spec.fits(bytes([11]) + bytes(23))
+    assert Echo.spec.fits(bytes(3))
+    assert OsdRequestV2.spec.fits(b"\1\2\0")
+    assert not OsdRequestV2.spec.fits(b"\1\0\0")
+
+
+def test_variable_length_is_bounded():
+    spec = Settings.spec
+    assert spec.longest == 180
+    assert [spec.has_length(size) for size in (87, 90, 147, 180, 183)] == [False, True, True, True, False]
+    settings = Settings.decode(b"\3" + bytes(range(146)))
+    assert settings.parameters == bytes(range(146))
+    assert settings.encode() == b"\3" + bytes(range(146))
+    assert VersionRequest.spec.longest == 0
+    short = RedundancySetpoints(request=128, setpoints=b"")
+    assert RedundancySetpoints.decode(short.encode()) == short
+
+
+def test_open_ended_payloads_are_read_as_far_as_known():
+    found = MessageDecoder().decode(frame(2, "O", bytes([11]) + bytes(23)))
+    assert isinstance(found, OsdFlags)
+
+
+@pytest.mark.parametrize(
+    ("address", "letter", "payload", "cls"),
+    [
+        (2, "o", b"\x32\0\0", OsdRequestV1),
+        (2, "o", b"\x0a\0\4", OsdRequestV2),
+        (1, "H", bytes(21), DisplayOld),
+        (2, "b", bytes(9), ExternControlV3),
+        (1, "b", bytes(9), ExternControlV2),
+        (0, "b", bytes(9), ExternControlV2),
+        (0, "t", bytes(16), MotorTest),
+        (2, "t", b"\1", TimeRequest),
+        (20, "!", b"\1", RedundancySetpoints),
+    ],
+)
+def test_address_letter_length_and_contents_find_the_message(address, letter, payload, cls):
+    decoder = MessageDecoder()
+    for _ in range(2):
+        assert isinstance(decoder.decode(frame(address, letter, payload)), cls)
+
+
+def test_the_dialect_decides_between_layouts_that_look_the_same():
+    sticks = frame(1, "b", bytes(9))
+    assert isinstance(MessageDecoder({(Board.FC, "b"): "v3"}).decode(sticks), ExternControlV3)
+    assert isinstance(MessageDecoder({(Board.FC, "b"): "v2"}).decode(sticks), ExternControlV2)
+    assert isinstance(MessageDecoder({(Board.FC, "b"): "v1"}).decode(sticks), ExternControlV2)
+
+
+@pytest.mark.parametrize(
+    ("address", "letter", "payload", "reason"),
+    [
+        (2, "O", bytes([9]) + bytes(81), "no layout of 'O' has 84 bytes like this"),
+        (1, "V", b"", "no layout of 'V' has 0 bytes like this"),
+        (1, "z", b"", "fc has no command 'z'"),
+        (0, "X", b"", "no layout of 'X' has 0 bytes like this"),
+        (0, "~", b"", "any has no command '~'"),
+        (8, "v", b"", "no board has address 8"),
+        (0, "t", b"\1", "no layout of 't' has 3 bytes like this"),
+    ],
+)
+def test_what_fits_no_message_is_named(address, letter, payload, reason):
+    found = MessageDecoder().decode(frame(address, letter, payload))
+    assert isinstance(found, Unknown)
+    assert found.reason == reason
+    assert found.board is board_at(address)
+
+
+def test_a_message_of_a_board_is_not_read_from_another():
+    confirm = ControlConfirm(frame=1)
+    assert isinstance(MessageDecoder().decode(frame(2, "B", confirm.encode())), Unknown)
+
+
+def test_a_place_in_the_table_is_taken_once():
+    def declare() -> type[WireMessage]:
+        @message(Board.FC, "v", key="second", direction=Direction.TO_BOARD)
+        class Second(WireMessage):
+            """Claims a place that is taken."""
+
+        return Second
+
+    before = dict(MESSAGES)
+    with pytest.raises(ProtocolError, match="Second and VersionRequest both claim"):
+        declare()
+    assert before == MESSAGES
+
+
+def test_a_field_without_a_wire_type_is_refused():
+    class Loose(WireMessage):
+        """Has a field nobody can encode."""
+
+        value: int
+
+    with pytest.raises(ProtocolError, match=r"Loose\.value has no wire type"):
+        lay_out(Loose)
+
+
+def test_a_layout_is_packed_in_the_order_of_declaration():
+    class Packed(WireMessage):
+        """Would be padded by a compiler."""
+
+        small: Annotated[int, U8("a")]
+        large: Annotated[int, U16("b")]
+        row: Annotated[tuple[int, ...], S8("c", count=3)]
+        last: Annotated[int, U8("d")]
+
+    slots, packer = lay_out(Packed)
+    assert [(slot.name, slot.offset) for slot in slots] == [("small", 0), ("large", 1), ("row", 3), ("last", 6)]
+    assert packer.size == 7
