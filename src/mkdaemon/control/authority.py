@@ -228,7 +228,7 @@ class Authority:
     def _may_engage(self, lease: _Lease, newest: StickSetpoint, now: float) -> bool:
         """Whether the stream has lived long enough, lives, and its sticks are neutral."""
         cfg = self._cfg.lease
-        if now - lease.arrived > 1.0 / cfg.engage_rate or now - lease.since < cfg.engage_after:
+        if now - lease.arrived > 1.0 / cfg.engage_rate or lease.arrived - lease.since < cfg.engage_after:
             return False
         if max(abs(newest.pitch), abs(newest.roll), abs(newest.yaw)) > cfg.neutral_band:
             self.reason = f"{lease.holder} streams; waiting for neutral sticks"

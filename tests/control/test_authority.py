@@ -1,0 +1,418 @@
+"""Who may fly: the lease, the ladder from setpoint to release, and races for both."""
+
+from __future__ import annotations
+
+import pytest
+from hypothesis import settings
+from hypothesis import strategies as st
+from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, rule
+
+from mkdaemon.config.control import ControlConfig
+from mkdaemon.control.authority import Authority, Fly, LetGo, Silent
+from mkdaemon.errors import CommandRejectedError
+from mkdaemon.telemetry.control import Phase
+from mkdaemon.telemetry.setpoint import StickSetpoint
+
+CFG = ControlConfig()
+TICK = 0.02
+
+
+def setpoint(epoch, sequence, *, pitch=0.0, ttl=0.3):
+    return StickSetpoint(epoch=epoch, sequence=sequence, ttl=ttl, pitch=pitch, roll=0.0, yaw=0.0, throttle=10.0)
+
+
+class Cockpit:
+    """An authority driven through time, as the daemon drives it."""
+
+    def __init__(self) -> None:
+        self.authority = Authority(CFG, first_epoch=100)
+        self.now = 0.0
+        self.sequence = 0
+        self.actions: list[tuple[float, Fly | LetGo]] = []
+
+    def stream(self, seconds, epoch, *, pitch=0.0, ttl=0.3, rate=50.0):
+        """Setpoints at a rate, ticks in between."""
+        end = self.now + seconds
+        next_setpoint = self.now
+        while self.now < end:
+            if self.now >= next_setpoint:
+                self.sequence += 1
+                self.authority.offer(setpoint(epoch, self.sequence, pitch=pitch, ttl=ttl), self.now)
+                next_setpoint += 1 / rate
+            self.pass_time(TICK)
+
+    def pass_time(self, seconds):
+        """Ticks without setpoints."""
+        for _ in range(round(seconds / TICK)):
+            action = self.authority.tick(self.now)
+            if not isinstance(action, Silent):
+                self.actions.append((self.now, action))
+            self.now += TICK
+
+    def fly(self):
+        """Take the lease and stream until sticks are sent; returns the epoch."""
+        lease = self.authority.take("alice", self.now)
+        self.stream(1.2, lease.epoch)
+        assert self.authority.phase is Phase.FLYING
+        self.actions.clear()
+        return lease.epoch
+
+    @property
+    def flown(self):
+        return [(t, action) for t, action in self.actions if isinstance(action, Fly)]
+
+    @property
+    def releases(self):
+        return [(t, action) for t, action in self.actions if isinstance(action, LetGo)]
+
+
+@pytest.fixture
+def cockpit():
+    return Cockpit()
+
+
+def refused(call, token):
+    with pytest.raises(CommandRejectedError) as caught:
+        call()
+    assert caught.value.token == token
+    return caught.value
+
+
+# -- the lease -----------------------------------------------------------------------------------------------------
+
+
+def test_without_a_lease_nothing_is_sent(cockpit):
+    refused(lambda: cockpit.authority.offer(setpoint(100, 1), 0.0), "not_leased")
+    cockpit.pass_time(3.0)
+    assert cockpit.actions == []
+    assert cockpit.authority.phase is Phase.FREE
+    assert cockpit.authority.lease(cockpit.now) is None
+    assert cockpit.authority.setpoint_age(cockpit.now) is None
+    assert cockpit.authority.refused == 1
+
+
+def test_the_lease_is_one_clients_at_a_time(cockpit):
+    lease = cockpit.authority.take("alice", 0.0)
+    assert (lease.holder, lease.epoch, lease.ttl, lease.left) == ("alice", 100, CFG.lease.ttl, CFG.lease.ttl)
+    error = refused(lambda: cockpit.authority.take("bob", 1.0), "lease_held")
+    assert "alice" in error.reason
+    assert "4.0 s" in error.reason
+    assert cockpit.authority.lease(1.0).holder == "alice"
+
+
+def test_a_client_may_ask_for_a_shorter_life_but_not_a_longer_one(cockpit):
+    assert cockpit.authority.take("alice", 0.0, ttl=1.0).ttl == 1.0
+    assert cockpit.authority.take("alice", 0.0, ttl=60.0).ttl == CFG.lease.ttl
+
+
+def test_an_unused_lease_ends_by_itself_and_the_aircraft_is_released(cockpit):
+    cockpit.authority.take("alice", 0.0)
+    cockpit.pass_time(CFG.lease.ttl + 0.1)
+    [(t, release)] = cockpit.releases
+    assert t == pytest.approx(CFG.lease.ttl, abs=TICK)
+    assert (release.holder, release.asked) == ("alice", False)
+    assert "no sign of life from alice" in release.reason
+    assert cockpit.authority.phase is Phase.RELEASING
+    cockpit.authority.released(cockpit.now)
+    assert cockpit.authority.phase is Phase.FREE
+
+
+def test_renewal_keeps_an_unused_lease(cockpit):
+    epoch = cockpit.authority.take("alice", 0.0).epoch
+    for _ in range(4):
+        cockpit.pass_time(CFG.lease.ttl * 0.9)
+        assert cockpit.authority.renew(epoch, cockpit.now).left == pytest.approx(CFG.lease.ttl)
+    assert cockpit.actions == []
+    refused(lambda: cockpit.authority.renew(epoch + 1, cockpit.now), "wrong_epoch")
+
+
+def test_a_lease_that_has_run_out_can_be_taken_before_any_tick_noticed(cockpit):
+    cockpit.authority.take("alice", 0.0)
+    assert cockpit.authority.take("bob", CFG.lease.ttl + 1).holder == "bob"
+
+
+def test_giving_back_releases_and_wants_the_right_epoch(cockpit):
+    epoch = cockpit.fly()
+    refused(lambda: cockpit.authority.give_back(epoch - 1), "wrong_epoch")
+    cockpit.authority.give_back(epoch)
+    cockpit.pass_time(0.1)
+    [(_, release)] = cockpit.releases
+    assert release.asked
+    assert cockpit.flown == []
+    refused(lambda: cockpit.authority.give_back(epoch), "not_leased")
+
+
+def test_every_lease_has_an_epoch_of_its_own_also_for_the_same_holder(cockpit):
+    first = cockpit.fly()
+    second = cockpit.authority.take("alice", cockpit.now).epoch
+    assert second > first
+    refused(lambda: cockpit.authority.offer(setpoint(first, 10_000), cockpit.now), "wrong_epoch")
+
+
+# -- engaging ------------------------------------------------------------------------------------------------------
+
+
+def test_nothing_is_sent_before_the_stream_has_lived_a_second(cockpit):
+    epoch = cockpit.authority.take("alice", 0.0).epoch
+    cockpit.stream(CFG.lease.engage_after - TICK, epoch)
+    assert cockpit.actions == []
+    cockpit.stream(0.2, epoch)
+    t, first = cockpit.flown[0]
+    assert t == pytest.approx(CFG.lease.engage_after, abs=2 * TICK)
+    assert (first.epoch, first.age) == (epoch, 0.0)
+
+
+def test_sticks_must_be_neutral_to_engage(cockpit):
+    epoch = cockpit.authority.take("alice", 0.0).epoch
+    cockpit.stream(3.0, epoch, pitch=CFG.lease.neutral_band + 0.1)
+    assert cockpit.actions == []
+    assert "neutral" in cockpit.authority.reason
+    cockpit.stream(0.1, epoch, pitch=CFG.lease.neutral_band)
+    assert cockpit.flown
+    cockpit.stream(0.1, epoch, pitch=50.0)
+    assert cockpit.flown[-1][1].sticks.pitch == 50.0
+
+
+def test_a_stream_with_gaps_is_not_live(cockpit):
+    epoch = cockpit.authority.take("alice", 0.0).epoch
+    cockpit.stream(4.0, epoch, rate=0.9 * CFG.lease.engage_rate)
+    assert cockpit.actions == []
+
+
+def test_a_stream_that_has_just_stopped_does_not_engage(cockpit):
+    epoch = cockpit.authority.take("alice", 0.0).epoch
+    cockpit.stream(0.9, epoch)
+    cockpit.pass_time(2.0)
+    assert cockpit.flown == []
+
+
+# -- the ladder ----------------------------------------------------------------------------------------------------
+
+
+def test_silence_goes_stale_then_releases_then_nothing(cockpit):
+    epoch = cockpit.fly()
+    stopped = cockpit.now - TICK  # the last setpoint's arrival
+    cockpit.pass_time(3.0)
+    ages = [(t, fly.age, fly.ttl) for t, fly in cockpit.flown]
+    stale = [t for t, age, ttl in ages if age > ttl]
+    assert stale[0] - stopped == pytest.approx(CFG.limiter.setpoint_ttl, abs=2 * TICK)
+    [(released_at, release)] = cockpit.releases
+    assert released_at - stopped == pytest.approx(CFG.lease.release_after, abs=2 * TICK)
+    assert "no setpoint from alice" in release.reason
+    assert not release.asked
+    assert max(t for t, _ in cockpit.flown) < released_at
+    refused(lambda: cockpit.authority.offer(setpoint(epoch, 10_000), cockpit.now), "not_leased")
+
+
+def test_a_setpoint_in_time_resumes_after_staleness(cockpit):
+    epoch = cockpit.fly()
+    cockpit.pass_time(0.5)
+    assert cockpit.authority.phase is Phase.STALE
+    cockpit.stream(0.1, epoch, pitch=5.0)
+    assert cockpit.authority.phase is Phase.FLYING
+    assert cockpit.releases == []
+    assert cockpit.authority.setpoint_age(cockpit.now) == pytest.approx(TICK)
+
+
+def test_renewal_does_not_replace_setpoints_in_flight(cockpit):
+    epoch = cockpit.fly()
+    for _ in range(10):
+        cockpit.pass_time(0.2)
+        if cockpit.releases:
+            break
+        cockpit.authority.renew(epoch, cockpit.now)
+    assert len(cockpit.releases) == 1
+
+
+def test_a_setpoints_own_shorter_life_is_honoured(cockpit):
+    epoch = cockpit.fly()
+    cockpit.stream(TICK, epoch, ttl=0.05)
+    cockpit.pass_time(0.1)
+    assert cockpit.authority.phase is Phase.STALE
+
+
+@pytest.mark.parametrize("sequence", [0, 1, 5])
+def test_old_and_repeated_sequence_numbers_are_refused(cockpit, sequence):
+    epoch = cockpit.authority.take("alice", 0.0).epoch
+    assert cockpit.authority.offer(setpoint(epoch, 5), 0.0)
+    refused(lambda: cockpit.authority.offer(setpoint(epoch, sequence), 0.1), "stale_sequence")
+    assert not cockpit.authority.offer(setpoint(epoch, 6), 0.1)
+
+
+def test_the_death_of_the_holder_releases_at_once(cockpit):
+    cockpit.fly()
+    cockpit.authority.client_gone("bob")
+    cockpit.pass_time(TICK)
+    assert cockpit.releases == []
+    cockpit.authority.client_gone("alice")
+    cockpit.pass_time(TICK)
+    [(_, release)] = cockpit.releases
+    assert release.reason == "client alice is gone"
+    assert not release.asked
+
+
+def test_the_death_of_somebody_without_lease_means_nothing(cockpit):
+    cockpit.authority.client_gone("alice")
+    cockpit.pass_time(0.1)
+    assert cockpit.actions == []
+
+
+def test_anybody_may_end_it_even_when_nobody_flies(cockpit):
+    cockpit.authority.end("big red button", asked=True)
+    cockpit.pass_time(0.1)
+    [(_, release)] = cockpit.releases
+    assert (release.reason, release.holder) == ("big red button", "")
+
+
+# -- releasing -----------------------------------------------------------------------------------------------------
+
+
+def test_while_releasing_nothing_is_sent_and_nobody_can_take_over_without_waiting(cockpit):
+    epoch = cockpit.fly()
+    cockpit.authority.give_back(epoch)
+    cockpit.pass_time(TICK)
+    refused(lambda: cockpit.authority.take("bob", cockpit.now), "busy")
+    cockpit.pass_time(2.0)
+    assert len(cockpit.actions) == 1
+    cockpit.authority.released(cockpit.now)
+    assert cockpit.authority.take("bob", cockpit.now).holder == "bob"
+
+
+def test_taking_by_force_releases_first_and_the_new_holder_engages_anew(cockpit):
+    old = cockpit.fly()
+    lease = cockpit.authority.take("bob", cockpit.now, force=True)
+    refused(lambda: cockpit.authority.offer(setpoint(old, 10_000), cockpit.now), "wrong_epoch")
+    cockpit.stream(1.5, lease.epoch)
+    [(_, release)] = cockpit.releases
+    assert release.holder == "alice"
+    assert cockpit.flown == [], "the release is not done"
+    cockpit.authority.released(cockpit.now)
+    assert cockpit.authority.phase is Phase.LEASED
+    cockpit.stream(0.2, lease.epoch)
+    assert {fly.epoch for _, fly in cockpit.flown} == {lease.epoch}
+
+
+def test_a_second_end_during_a_release_is_carried_out_too(cockpit):
+    cockpit.fly()
+    cockpit.authority.end("first", asked=True)
+    cockpit.pass_time(TICK)
+    cockpit.authority.end("second", asked=True)
+    cockpit.authority.released(cockpit.now)  # of the first
+    cockpit.pass_time(TICK)
+    assert [release.reason for _, release in cockpit.releases] == ["first", "second"]
+    cockpit.authority.released(cockpit.now)
+    assert cockpit.authority.phase is Phase.FREE
+
+
+def test_a_lease_does_not_grow_old_while_the_release_before_it_runs(cockpit):
+    cockpit.fly()
+    cockpit.authority.take("bob", cockpit.now, force=True)
+    cockpit.pass_time(CFG.lease.ttl + 1)
+    assert len(cockpit.releases) == 1
+    cockpit.authority.released(cockpit.now)
+    assert cockpit.authority.lease(cockpit.now).left == pytest.approx(CFG.lease.ttl)
+
+
+def test_the_lease_can_change_hands_while_the_release_before_it_runs(cockpit):
+    cockpit.fly()
+    cockpit.authority.take("bob", cockpit.now, force=True)
+    cockpit.pass_time(TICK)
+    epoch = cockpit.authority.take("carol", cockpit.now, force=True).epoch
+    assert cockpit.authority.phase is Phase.RELEASING
+    cockpit.pass_time(TICK)
+    assert [release.holder for _, release in cockpit.releases] == ["alice", "bob"]
+    cockpit.authority.released(cockpit.now)
+    cockpit.stream(1.2, epoch)
+    assert cockpit.authority.phase is Phase.FLYING
+
+
+def test_released_out_of_place_changes_nothing(cockpit):
+    cockpit.fly()
+    cockpit.authority.released(cockpit.now)
+    assert cockpit.authority.phase is Phase.FLYING
+
+
+# -- everything at random ------------------------------------------------------------------------------------------
+
+
+class Race(RuleBasedStateMachine):
+    """Two clients, a dying line and a slow release, in any order: who flies is always who holds the lease."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.authority = Authority(CFG, first_epoch=1)
+        self.now = 0.0
+        self.epochs: dict[str, int] = {}
+        self.sequence = 0
+        self.newest_epoch = 0
+        self.releasing = False
+        self.last_offer: dict[int, float] = {}
+
+    @rule(who=st.sampled_from(["alice", "bob"]), force=st.booleans())
+    def take(self, who, force):
+        try:
+            lease = self.authority.take(who, self.now, force=force)
+        except CommandRejectedError as error:
+            assert error.token in {"lease_held", "busy"}
+            return
+        assert lease.epoch > self.newest_epoch
+        self.epochs[who] = self.newest_epoch = lease.epoch
+
+    @rule(who=st.sampled_from(["alice", "bob"]), pitch=st.sampled_from([0.0, 30.0]), times=st.integers(1, 80))
+    @precondition(lambda self: self.epochs)
+    def stream(self, who, pitch, times):
+        for _ in range(times):
+            epoch = self.epochs.get(who, 0)
+            self.sequence += 1
+            held = self.authority.lease(self.now)
+            try:
+                self.authority.offer(setpoint(epoch, self.sequence, pitch=pitch), self.now)
+            except CommandRejectedError as error:
+                assert error.token in {"not_leased", "wrong_epoch"}
+                assert held is None or held.epoch != epoch
+            else:
+                self.last_offer[epoch] = self.now
+            self.tick()
+
+    @rule(times=st.integers(1, 100))
+    def wait(self, times):
+        for _ in range(times):
+            self.tick()
+
+    @rule(who=st.sampled_from(["alice", "bob"]))
+    def die(self, who):
+        self.authority.client_gone(who)
+
+    @rule(reason=st.just("line lost"))
+    def end(self, reason):
+        self.authority.end(reason, asked=False)
+
+    @rule()
+    def released(self):
+        if self.releasing:
+            self.releasing = False
+            self.authority.released(self.now)
+
+    def tick(self):
+        held = self.authority.lease(self.now)
+        action = self.authority.tick(self.now)
+        if isinstance(action, LetGo):
+            self.releasing = True
+        if isinstance(action, Fly):
+            assert not self.releasing, "sticks while the aircraft is being let go of"
+            assert held is not None
+            assert action.epoch == held.epoch
+            assert action.epoch == max(self.epochs.values()), "a frame of an old epoch"
+            silence = self.now - self.last_offer[action.epoch]
+            assert action.age == pytest.approx(silence)
+            assert silence < CFG.lease.release_after
+        self.now += TICK
+
+    @invariant()
+    def phases_agree_with_the_lease(self):
+        if self.authority.phase in {Phase.FREE}:
+            assert self.authority.lease(self.now) is None
+
+
+TestRace = Race.TestCase
+TestRace.settings = settings(max_examples=40, stateful_step_count=30, deadline=None)
