@@ -135,7 +135,7 @@ class FlightCtrl:
     def _begin(self, *, calibrated: bool) -> None:
         """State that a reset loses."""
         self.core = FlightCore(self.generation, self.external, self.aircraft, calibrated=calibrated)
-        self.rx = FcReceiver()
+        self.rx = FcReceiver(self.generation.buffer)
         self.wanted = Wanted()
         self.debug = Stream()
         self.attitude = Stream()
@@ -213,12 +213,10 @@ class FlightCtrl:
     def _keep_time(self, now: float) -> None:
         while self._next_tick <= now:
             self._next_tick += SLOW_TICK_S
-            running = self.core.running
             self.core.tick(now, self.live)
             self.external.tick_until(now)
-            self.motors.pass_time(now, running=running)
-            if running != self.core.running:
-                self._command(now)
+            self.motors.pass_time(now, running=self.core.running)
+            self._command()
 
     def _evaluate(self, now: float) -> None:
         """A receiver frame: sample sticks, obey gestures, move the motors one pass later."""
@@ -229,9 +227,9 @@ class FlightCtrl:
                 self.load(self.core.chosen)
                 self.eeprom.save()
             self.block(now + CALIBRATE_BUSY_S)
-        self._command(now)
+        self._command()
 
-    def _command(self, now: float) -> None:
+    def _command(self) -> None:
         sticks = self.core.stick_input(self.live)
         if sticks != self._next_sticks:
             self._next_sticks = sticks

@@ -12,7 +12,7 @@ from typing import Final
 from mkdaemon.protocol.flags import FlightStatus, FlightStatus2
 from mkdaemon.sim.boards.aircraft import Aircraft, Transmitter
 from mkdaemon.sim.boards.external import FULL, RC_LOST, ExternalControl, Sticks
-from mkdaemon.sim.boards.generations import FC_MS, FcGeneration
+from mkdaemon.sim.boards.generations import FcGeneration
 from mkdaemon.sim.boards.gestures import Gesture, GestureReader, chosen_set
 from mkdaemon.sim.boards.parameters import Parameters
 from mkdaemon.sim.world import MOTORS_OFF, StickInput
@@ -30,6 +30,8 @@ _FLYING_GAS: Final = 40.0
 _FLYING_S: Final = 256 * 2.048e-3
 """Time with throttle after which the FlightCtrl counts itself flying."""
 _ALTITUDE_SWITCH: Final = 50
+_EMERGENCY_UNIT_S: Final = 0.1024
+"""Unit of the emergency time: nine seconds in the set are 9.2 on the clock."""
 _CELL_FULL: Final = 4.25
 
 
@@ -112,7 +114,7 @@ class FlightCore:
             self.stop()
             return
         self.emergency = True
-        self._emergency_until = now + 100.0 * parameters["emergency_time"] * FC_MS
+        self._emergency_until = now + _EMERGENCY_UNIT_S * parameters["emergency_time"]
 
     def _watch_throttle(self, now: float, parameters: Parameters) -> None:
         if not self.running or self.gas(parameters) <= _FLYING_GAS:

@@ -59,6 +59,7 @@ class FcGeneration:
         version: message class of its version reply.
         attitude: message class of its attitude stream.
         control: message class of the external control it holds; its size is what a `b` frame is copied into.
+        buffer: longest frame it receives [characters].
         longest_control: characters from which a `b` frame is ignored; None copies any length.
         dead_man: see there.
         gestures_mixed: arming gestures read the sticks after external control was added.
@@ -76,6 +77,7 @@ class FcGeneration:
     version: type[VersionClassic | VersionFc200 | VersionFc210]
     attitude: type[AttitudeDataFc210 | AttitudeDataFcOld]
     control: type[ControlStateV1 | ControlStateV2 | ControlStateV3]
+    buffer: int
     longest_control: int | None
     dead_man: DeadMan
     gestures_mixed: bool
@@ -130,6 +132,7 @@ FC_GENERATIONS: Final[dict[str, FcGeneration]] = {
             version=VersionClassic,
             attitude=AttitudeDataFcOld,
             control=ControlStateV1,
+            buffer=175,
             longest_control=None,
             dead_man=DeadMan(25, frozenset()),
             gestures_mixed=False,
@@ -147,6 +150,7 @@ FC_GENERATIONS: Final[dict[str, FcGeneration]] = {
             version=VersionFc200,
             attitude=AttitudeDataFcOld,
             control=ControlStateV1,
+            buffer=220,
             longest_control=None,
             dead_man=DeadMan(250, _POLLING),
             gestures_mixed=False,
@@ -164,6 +168,7 @@ FC_GENERATIONS: Final[dict[str, FcGeneration]] = {
             version=VersionFc210,
             attitude=AttitudeDataFc210,
             control=ControlStateV2,
+            buffer=220,
             longest_control=20,
             dead_man=DeadMan(100, frozenset("b")),
             gestures_mixed=True,
@@ -181,6 +186,7 @@ FC_GENERATIONS: Final[dict[str, FcGeneration]] = {
             version=VersionFc210,
             attitude=AttitudeDataFc210,
             control=ControlStateV3,
+            buffer=320,
             longest_control=20,
             dead_man=DeadMan(100, frozenset("b")),
             gestures_mixed=True,

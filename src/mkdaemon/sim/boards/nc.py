@@ -13,7 +13,6 @@ from typing import Final
 
 from mkdaemon.protocol.errorcodes import ErrorCode
 from mkdaemon.protocol.flags import FlightStatus, NaviStatus
-from mkdaemon.protocol.wire import Board, WireMessage
 from mkdaemon.sim.boards import nc_replies
 from mkdaemon.sim.boards.display import NcMenu
 from mkdaemon.sim.boards.external import RC_LOST
@@ -167,6 +166,8 @@ class NaviCtrl:
             due = max(self.rx.handed_at, self._last_pass + self._loop_s)
         elif not self.redirection.is_on:
             due = min(due, self._next_talk())
+        if due == _NEVER:
+            return _NEVER
         steps = math.ceil((due - self._phase) / self._loop_s - 1e-6)
         at = max(self._phase + steps * self._loop_s, self._last_pass + self._loop_s)
         stall = self.flight.aircraft.faults.active.get("nc_sd_stall")
@@ -224,9 +225,9 @@ class NaviCtrl:
                 continue
             if running is not None and is_due:
                 self._restart(running, now)
-            message = nc_replies.build(self, letter, self.wanted.pop(letter, 0))
-            if message is not None:
-                self.send(message, now)
+            frame = nc_replies.build(self, letter, self.wanted.pop(letter, 0))
+            if frame is not None:
+                self._send(frame, now)
                 return
 
     def _restart(self, stream: NaviStream, now: float) -> None:
@@ -238,13 +239,9 @@ class NaviCtrl:
         """Keep the data sets within their byte budget."""
         self._sets_after = self.now + frame_chars / max(1, self.byte_budget)
 
-    def send(self, message: WireMessage, now: float) -> None:
-        """Put a message on the line."""
-        self.send_text(message.to_frame(Board.NC), now)
-
-    def send_text(self, data: bytes, now: float) -> None:
-        """Put characters on the line; the buffer is free again when the hardware can send the rest alone."""
-        end = self._out.send(data, now)
+    def _send(self, frame: bytes, now: float) -> None:
+        """Put a frame on the line; the buffer is free again when the hardware can send the rest alone."""
+        end = self._out.send(frame, now)
         self._tx_free_at = max(now, end - TX_FIFO * HOST_CHAR_S)
 
     def may_send_set(self, now: float) -> bool:

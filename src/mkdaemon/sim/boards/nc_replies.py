@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Final
 
 from mkdaemon.protocol.errorcodes import describe_error
 from mkdaemon.protocol.flags import BoardStatus, PositionStatus
+from mkdaemon.protocol.framing import encode_frame
 from mkdaemon.protocol.messages import (
     AttitudeDataNc,
     AttitudeDataNcSticks,
@@ -28,7 +29,7 @@ from mkdaemon.protocol.messages import (
     WaypointCount,
     WaypointWritten,
 )
-from mkdaemon.protocol.wire import WireMessage
+from mkdaemon.protocol.wire import Board, WireMessage
 from mkdaemon.sim.boards.external import FULL
 from mkdaemon.sim.boards.fc_replies import PROTOCOL_MAJOR, bounded
 from mkdaemon.sim.boards.labels import NC_LABELS, label
@@ -44,9 +45,12 @@ _START_OF_TIME: Final = datetime(2026, 6, 1, 12, tzinfo=UTC)
 _SPI_PERIOD_S: Final = 0.02
 
 
-def build(board: NaviCtrl, letter: str, value: int) -> WireMessage | None:
-    """Build the reply of this letter; `value` is what the request slot held. None sends nothing."""
-    return _BUILDERS[letter](board, value)
+def build(board: NaviCtrl, letter: str, value: int) -> bytes | None:
+    """Build the reply frame of this letter; `value` is what the request slot held. None sends nothing."""
+    if letter == "E":
+        return encode_frame(int(Board.NC), letter, _error_text(board))
+    message = _BUILDERS[letter](board, value)
+    return None if message is None else message.to_frame(Board.NC)
 
 
 def _confirm(board: NaviCtrl, value: int) -> WireMessage:
@@ -86,10 +90,11 @@ def _version(board: NaviCtrl, value: int) -> WireMessage:
     return NaviVersionClassic.decode(bytes((major, minor, PROTOCOL_MAJOR, 0, patch, 0, 0, 0, 0, 0)))
 
 
-def _error(board: NaviCtrl, value: int) -> WireMessage:
-    text = describe_error(board.error_code)[:24].encode("latin-1", "replace") + b"\0"
-    board.error_text[: len(text)] = text  # what stood behind the end stays
-    return ErrorText.decode(bytes(board.error_text))
+def _error_text(board: NaviCtrl) -> bytes:
+    """The text and, behind its end, what stood there before: no message class can say that."""
+    text = describe_error(board.error_code)[: ErrorText.spec.size - 1].encode("latin-1", "replace") + b"\0"
+    board.error_text[: len(text)] = text
+    return bytes(board.error_text)
 
 
 def _display(board: NaviCtrl, value: int) -> WireMessage:
@@ -247,5 +252,4 @@ _BUILDERS: Final[dict[str, Callable[[NaviCtrl, int], WireMessage | None]]] = {
     "L": _menu,
     "V": _version,
     "T": _time,
-    "E": _error,
 }

@@ -111,6 +111,10 @@ class Parameters:
     def __contains__(self, key: str) -> bool:
         return key in self._places
 
+    def place(self, key: str) -> int:
+        """Offset of a parameter in `raw`."""
+        return self._places[key]
+
     def channel(self, number: int) -> int:
         """Receiver channel of function `number`: 0 pitch, 1 roll, 2 throttle, 3 yaw, 4.. the potis."""
         return self.raw[1 + number]

@@ -15,7 +15,6 @@ _CR: Final = 0x0D
 _HASH: Final = 0x23
 _PAYLOAD_AT: Final = 3
 
-FC_BUFFER: Final = 220
 NC_BUFFER: Final = 150
 NC_RING: Final = 512
 NC_FIFO_LEVEL: Final = 8
@@ -30,7 +29,8 @@ class FrameBuffer:
     __slots__ = ("bytes", "length")
 
     def __init__(self, size: int) -> None:
-        self.bytes = bytearray(size + 16)
+        # a wrong length makes the decoder read a third further than the frame
+        self.bytes = bytearray(size + size // 3 + 16)
         self.length = 0
 
     @property
@@ -81,7 +81,7 @@ class FcReceiver:
 
     __slots__ = ("_at", "_size", "_state", "buffer", "has_frame")
 
-    def __init__(self, size: int = FC_BUFFER) -> None:
+    def __init__(self, size: int) -> None:
         self.buffer = FrameBuffer(size)
         self.has_frame = False
         self._size = size

@@ -1,0 +1,185 @@
+"""The boards on a bench: frames in and out with exact virtual times, on an aircraft that stands still."""
+
+from __future__ import annotations
+
+import random
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+from mkdaemon.config.sim import GasLaw
+from mkdaemon.protocol.framing import Dropped, Frame, FrameDecoder
+from mkdaemon.sim.attitude_loop import AttitudeGains
+from mkdaemon.sim.boards.fc import FlightCtrl
+from mkdaemon.sim.boards.generations import FC_GENERATIONS, NC_GENERATIONS
+from mkdaemon.sim.boards.line import HOST_CHAR_S
+from mkdaemon.sim.boards.nc import NaviCtrl
+from mkdaemon.sim.faults import Faults
+from mkdaemon.sim.sensors import GpsFix
+from mkdaemon.sim.world import DT, StickInput
+
+FIX = GpsFix(532301000, 74591000, 12.0, (0.0, 0.0, 0.0), 9, True, 0.0, 1)
+
+
+@dataclass
+class Gauges:
+    """Readings of an aircraft on the bench."""
+
+    acc_x: float = 0.0
+    acc_y: float = 0.0
+    acc_z: float = 9.81
+    gyro_z: float = 0.0
+    fc_angle_pitch: float = 0.0
+    fc_angle_roll: float = 0.0
+    heading_deg: float = 90.0
+    compass_deg: float = 90.0
+    baro_height: float = 0.0
+    vertical_speed: float = 0.0
+    gps: GpsFix = FIX
+    battery_voltage: float = 12.4
+    battery_current: float = 0.6
+    battery_used_mah: float = 0.0
+    motor_setpoints: list[int] = field(default_factory=lambda: [0] * 12)
+
+
+@dataclass
+class Hands:
+    """A transmitter held still."""
+
+    pitch: int = 0
+    roll: int = 0
+    yaw: int = 0
+    gas: int = 0
+    gate: int = 255
+    rc_quality: int = 200
+    switches: dict[int, int] = field(default_factory=dict)
+
+
+class StillAircraft:
+    """Does not fly; remembers every change of what it was told, with its time."""
+
+    def __init__(self) -> None:
+        self.now = 0.0
+        self.faults = Faults()
+        self.sensors = Gauges()
+        self.pilot = Hands()
+        self.sticks: list[tuple[float, StickInput]] = []
+        self.gains: AttitudeGains | None = None
+        self.calibrations = 0
+        self._steps = 0
+
+    def step(self, sticks: StickInput) -> None:
+        if not self.sticks or self.sticks[-1][1] != sticks:
+            self.sticks.append((self.now, sticks))
+        self._steps += 1
+        self.now = self._steps * DT
+        self.faults.advance(self.now)
+
+    def calibrate(self) -> None:
+        self.calibrations += 1
+
+    def set_attitude_gains(self, gains: AttitudeGains) -> None:
+        self.gains = gains
+
+
+class Heard(NamedTuple):
+    """A frame from a board: when its first and last character was out [s]."""
+
+    first: float
+    last: float
+    frame: Frame
+
+    @property
+    def begins(self) -> float:
+        """When its first character began to leave [s]."""
+        return self.first - HOST_CHAR_S
+
+
+class Bench:
+    """One board with a host beside it."""
+
+    def __init__(self, board: FlightCtrl | NaviCtrl, aircraft: StillAircraft) -> None:
+        self.board = board
+        self.aircraft = aircraft
+        self.heard: list[Heard] = []
+        self.dropped: list[Dropped] = []
+        self.raw: list[tuple[float, bytes]] = []
+        self._decoder = FrameDecoder()
+        self._first = 0.0
+
+    def send(self, frame: bytes, at: float) -> float:
+        """Put a frame on the line at `at`; return when its CR has arrived, on an idle line [s]."""
+        self.board.receive(frame, at)
+        return at + len(frame) * HOST_CHAR_S
+
+    def run(self, to: float) -> list[Heard]:
+        """Run and return the frames that came meanwhile."""
+        before = len(self.heard)
+        self.board.advance(to)
+        for at, byte in self.board.poll():
+            self.raw.append((at, byte))
+            if byte == b"#":
+                self._first = at
+            for item in self._decoder.feed(byte):
+                if isinstance(item, Frame):
+                    self.heard.append(Heard(self._first, at, item))
+                else:
+                    self.dropped.append(item)
+        return self.heard[before:]
+
+    def ask(self, frame: bytes, at: float, patience: float = 0.5) -> Heard | None:
+        """Send a request and return the first frame that answers within `patience` [s]."""
+        self.send(frame, at)
+        came = self.run(at + patience)
+        return came[0] if came else None
+
+    def ids(self, heard: Iterable[Heard] | None = None) -> str:
+        """Letters of the frames heard."""
+        return "".join(item.frame.id for item in (self.heard if heard is None else heard))
+
+
+def fc_bench(
+    word: str = "2.12a",
+    *,
+    seed: int = 1,
+    gas_law: GasLaw = GasLaw.STOCK,
+    gate_parameter: int = 255,
+    calibrated: bool = True,
+) -> Bench:
+    """A FlightCtrl alone, its receiver good, the pilot's gate open."""
+    aircraft = StillAircraft()
+    board = FlightCtrl(
+        FC_GENERATIONS[word],
+        aircraft,
+        seed=seed,
+        gas_law=gas_law,
+        gate_parameter=gate_parameter,
+        calibrated=calibrated,
+    )
+    bench = Bench(board, aircraft)
+    bench.run(1.0)
+    return bench
+
+
+def nc_bench(word: str = "0.24", *, fc: str = "2.12a", seed: int = 1, loop_s: float = 0.1e-3) -> Bench:
+    """A NaviCtrl with a FlightCtrl behind it."""
+    aircraft = StillAircraft()
+    flight = FlightCtrl(FC_GENERATIONS[fc], aircraft, seed=seed, gate_parameter=255, calibrated=True)
+    bench = Bench(NaviCtrl(NC_GENERATIONS[word], flight, seed=seed, loop_s=loop_s), aircraft)
+    bench.run(1.0)
+    return bench
+
+
+def moments(seed: int, count: int, spacing: float, start: float = 1.0) -> Iterator[float]:
+    """Times [s] about `spacing` apart, without a fixed phase to any loop of the boards."""
+    rng = random.Random(seed)
+    at = start
+    for _ in range(count):
+        at += spacing * rng.uniform(0.9, 1.1)
+        yield at
+
+
+def median(values: Iterable[float]) -> float:
+    """Middle value."""
+    ordered = sorted(values)
+    return ordered[len(ordered) // 2]

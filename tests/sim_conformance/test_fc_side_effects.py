@@ -1,0 +1,308 @@
+"""FlightCtrl: settings, mixer, motor test, motor controllers, reset (docs/firmware-notes 7; docs/protocol.md 7, 12)."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+
+from mkdaemon.errors import ConfigError
+from mkdaemon.protocol.framing import encode_frame
+from mkdaemon.sim.attitude_loop import AttitudeGains
+from mkdaemon.sim.boards.eeprom import Eeprom, bl_checksum
+from tests.sim_conformance.bench import fc_bench
+
+GENERATIONS = ["early", "2.08", "2.12a", "2.14"]
+
+
+def ask(bench, letter, payload=b"", patience=1.0):
+    return bench.ask(encode_frame(1, letter, payload), bench.board.now + 0.01, patience)
+
+
+@pytest.mark.parametrize("word", GENERATIONS)
+def test_reading_another_set_loads_it_into_ram_and_255_brings_the_active_one_back(word):
+    bench = fc_bench(word)
+    active, fast = bench.board.eeprom.sets[3], bench.board.eeprom.sets[1]
+    gains = bench.aircraft.gains
+    heard = ask(bench, "q", b"\x01")
+    assert heard is not None
+    assert heard.frame.payload[0] == 1
+    assert bench.board.live.raw == fast
+    assert bench.aircraft.gains != gains, "it is flown with"
+    assert bench.board.eeprom.active == 3
+    heard = ask(bench, "q", b"\xff")
+    assert heard is not None
+    assert heard.frame.payload[0] == 3
+    assert bench.board.live.raw == active
+    assert bench.aircraft.gains == gains
+
+
+@pytest.mark.parametrize(("word", "filtered"), [("early", False), ("2.08", False), ("2.12a", True), ("2.14", True)])
+def test_gains_come_from_the_set_in_ram(word, filtered):
+    bench = fc_bench(word)
+    expected = AttitudeGains.from_parameters(stick_yaw_p=4, stick_filter=filtered)
+    assert bench.aircraft.gains == expected
+
+
+@pytest.mark.parametrize(("asked", "given"), [(0, 1), (1, 1), (5, 5), (6, 5), (9, 5), (30, 5), (254, 5)])
+def test_index_is_pulled_into_range(asked, given):
+    heard = ask(fc_bench(), "q", bytes([asked]))
+    assert heard is not None
+    assert heard.frame.payload[0] == given
+
+
+@pytest.mark.parametrize(
+    ("asked", "number", "keeps"),
+    [(10, 1, True), (11, 1, True), (14, 4, True), (19, 5, True), (20, 1, False), (22, 2, False), (29, 5, False)],
+)
+def test_resetting_a_set(asked, number, keeps):
+    bench = fc_bench()
+    eeprom = bench.board.eeprom
+    factory = eeprom.sets[number]
+    changed = bytearray(factory)
+    changed[1], changed[23] = 9, 99
+    eeprom.sets[number] = bytes(changed)
+    heard = ask(bench, "q", bytes([asked]))
+    assert heard is not None
+    assert heard.frame.payload[0] == number
+    assert eeprom.active == number
+    assert eeprom.sets[number][23] == factory[23]
+    assert eeprom.sets[number][1] == (9 if keeps else factory[1])
+
+
+@pytest.mark.parametrize("word", GENERATIONS)
+def test_writing_a_set_activates_it(word):
+    bench = fc_bench(word)
+    eeprom = bench.board.eeprom
+    changed = bytearray(eeprom.sets[2])
+    place = bench.board.live.place("stick_p")
+    changed[place] = 12
+    heard = ask(bench, "s", b"\x02" + bytes(changed), 1.5)
+    assert heard is not None
+    assert (heard.frame.id, heard.frame.payload[0]) == ("S", 2)
+    assert eeprom.active == 2
+    assert eeprom.sets[2][place] == bench.board.live.raw[place] == 12
+
+
+def test_values_out_of_range_are_pulled_in_on_writing():
+    bench = fc_bench()
+    raw = bytearray(bench.board.eeprom.sets[2])
+    raw[27] = 255
+    ask(bench, "s", b"\x02" + bytes(raw), 1.5)
+    heard = ask(bench, "q", b"\x02")
+    assert heard is not None
+    assert heard.frame.payload[1 + 27] == 247
+    assert [i for i in range(144) if heard.frame.payload[1 + i] != raw[i]] == [27]
+
+
+def spoil_revision(raw):
+    return bytes([raw[0] + 1]) + raw[1:]
+
+
+@pytest.mark.parametrize(
+    ("index", "spoil", "running"),
+    [(0, bytes, False), (6, bytes, False), (255, bytes, False), (2, spoil_revision, False), (2, bytes, True)],
+)
+def test_writing_is_refused_with_s_0(index, spoil, running):
+    bench = fc_bench()
+    if running:
+        bench.board.core.start()
+    before = dict(bench.board.eeprom.sets)
+    heard = ask(bench, "s", bytes([index]) + spoil(before[2]))
+    assert heard is not None
+    assert (heard.frame.id, heard.frame.payload[0]) == ("S", 0)
+    assert (bench.board.eeprom.sets, bench.board.eeprom.active) == (before, 3)
+
+
+def test_f_loads_a_set_and_answers_the_active_one():
+    bench = fc_bench()
+    heard = ask(bench, "f", b"\x01")
+    assert heard is not None
+    assert (heard.frame.id, heard.frame.payload[0]) == ("F", 3)
+    assert bench.board.live.raw == bench.board.eeprom.sets[1]
+    assert bench.board.eeprom.active == 3
+
+
+WHILE_RUNNING = [
+    # generation, letter, payload, answer or None; 2.12a answers the set in use
+    ("2.12a", "q", b"\x01", "Q"),
+    ("2.08", "q", b"\x01", None),
+    ("2.12a", "q", b"\x0b", "Q"),
+    ("2.12a", "f", b"\x01", None),
+    ("2.12a", "j", b"\x01", None),
+    ("2.12a", "n", b"", "N"),
+]
+
+
+@pytest.mark.parametrize(("word", "letter", "payload", "answer"), WHILE_RUNNING)
+def test_while_motors_run_settings_do_not_change(word, letter, payload, answer):
+    bench = fc_bench(word)
+    bench.board.core.start()
+    live, stored = bench.board.live.raw, dict(bench.board.eeprom.sets)
+    heard = ask(bench, letter, payload)
+    assert (heard.frame.id if heard else None) == answer
+    assert (bench.board.live.raw, bench.board.eeprom.sets) == (live, stored)
+    assert ask(bench, "v") is not None
+
+
+@pytest.mark.parametrize("running", [False, True])
+def test_the_mixer_is_written_in_flight_too(running):
+    bench = fc_bench()
+    if running:
+        bench.board.core.start()
+    table = bytearray(bench.board.eeprom.mixer)
+    table[13] = 60
+    heard = ask(bench, "m", bytes(table))
+    assert heard is not None
+    assert (heard.frame.id, heard.frame.payload[0]) == ("M", 1)
+    assert bench.board.eeprom.mixer == bytes(table)
+    table[0] = 2
+    heard = ask(bench, "m", bytes(table))
+    assert heard is not None
+    assert heard.frame.payload[0] == 0
+
+
+def test_motor_test_lasts_half_a_second():
+    bench = fc_bench()
+    bench.send(encode_frame(1, "t", bytes([30] * 16)), 2.0)
+    bench.run(2.4)
+    assert bench.board.motors.setpoints(2.4) == [30] * 16
+    bench.run(2.6)
+    assert bench.board.motors.setpoints(2.6) is None
+
+
+def test_motor_test_values_wait_while_motors_run():
+    bench = fc_bench()
+    bench.board.core.start()
+    bench.send(encode_frame(1, "t", bytes([30] * 16)), 2.0)
+    bench.run(5.0)
+    bench.board.core.stop()
+    bench.run(5.3)
+    assert bench.board.motors.is_testing, "the frozen half second runs after the motors stopped"
+    bench.run(5.7)
+    assert not bench.board.motors.is_testing
+
+
+MOTOR_CONFIGS = [
+    # motor, running, ack, status
+    (1, False, 1, 0),
+    (0, False, 0, 6),
+    (9, False, 0, 2),
+    (1, True, 0, 1),
+]
+
+
+@pytest.mark.parametrize(("motor", "running", "done", "status"), MOTOR_CONFIGS)
+def test_reading_motor_controllers(motor, running, done, status):
+    bench = fc_bench()
+    if running:
+        bench.board.core.start()
+    heard = ask(bench, "u", bytes([motor]))
+    assert heard is not None
+    assert heard.frame.payload[:3] == bytes([done, status, motor])
+    assert heard.frame.payload[3:11] == bytes.fromhex("0200ff1e6340006c")
+
+
+def configuration(*, current=40, revision=2, spoil=0):
+    raw = bytes([revision, 0x82, 255, current, 99, 64, 0])
+    return raw + bytes([(bl_checksum(raw) + spoil) & 0xFF])
+
+
+WRITES = [
+    (1, configuration(), 1, 0, 1),
+    (0, configuration(), 1, 0, 4),
+    (9, configuration(), 0, 2, 0),
+    (1, configuration(spoil=1), 0, 5, 0),
+    (1, configuration(revision=1), 0, 4, 0),
+]
+
+
+@pytest.mark.parametrize(("motor", "raw", "done", "status", "changed"), WRITES)
+def test_writing_motor_controllers(motor, raw, done, status, changed):
+    bench = fc_bench()
+    heard = ask(bench, "w", bytes([motor]) + raw)
+    assert heard is not None
+    assert heard.frame.payload[:2] == bytes([done, status])
+    assert sum(stored == raw for stored in bench.board.eeprom.motor_configs) == changed
+
+
+def test_a_short_write_has_no_answer():
+    assert ask(fc_bench(), "w", b"\x01\x02\x03") is None
+
+
+@pytest.mark.parametrize(
+    ("word", "running", "resets"),
+    [
+        ("early", True, True),
+        ("2.08", True, False),
+        ("2.12a", True, False),
+        ("2.12a", False, True),
+        ("early", False, True),
+    ],
+)
+def test_reset_in_flight(word, running, resets):
+    bench = fc_bench(word)
+    if running:
+        bench.board.core.start()
+    bench.send(encode_frame(7, "R"), 2.0)
+    bench.run(3.0)
+    assert bench.board.core.calibrated is not resets
+    assert bench.board.core.running is (running and not resets)
+
+
+def test_serial_channels_show_in_p():
+    bench = fc_bench()
+    ask(bench, "y", bytes([10, 20, 30, 40, 50, 60, 70, 80, 90, 100, 110, 0x81]))
+    heard = ask(bench, "p")
+    assert heard is not None
+    channels = [int.from_bytes(heard.frame.payload[i : i + 2], "little", signed=True) for i in range(0, 70, 2)]
+    assert channels[17:29] == [10, 20, 30, 40, 50, 60, 70, 80, 90, 100, 110, -127]
+
+
+def test_p_shows_sticks_and_the_gate_where_the_set_maps_them():
+    bench = fc_bench()
+    pilot = bench.aircraft.pilot
+    pilot.pitch, pilot.roll, pilot.gas, pilot.yaw, pilot.gate = 11, 22, 33, 44, 200
+    bench.run(1.2)
+    heard = ask(bench, "p")
+    assert heard is not None
+    channels = [int.from_bytes(heard.frame.payload[i : i + 2], "little", signed=True) for i in range(0, 70, 2)]
+    assert channels[1:6] == [33, 22, 11, 44, 73]
+
+
+def test_eeprom_survives_in_a_file(tmp_path):
+    path = tmp_path / "fc.json"
+    eeprom = Eeprom(106, path)
+    changed = bytearray(eeprom.sets[4])
+    changed[23] = 77
+    eeprom.sets[4], eeprom.active = bytes(changed), 4
+    eeprom.save()
+    again = Eeprom(106, path)
+    assert (again.sets, again.active, again.mixer, again.motor_configs) == (
+        eeprom.sets,
+        4,
+        eeprom.mixer,
+        eeprom.motor_configs,
+    )
+    assert [file.name for file in tmp_path.iterdir()] == ["fc.json"]
+
+
+SPOILT = [
+    ("{", "not a simulator EEPROM"),
+    ("[]", "not a simulator EEPROM"),
+    ('{"revision": 105}', "not a simulator EEPROM"),
+    (lambda good: {**good, "revision": 105}, "revision 105"),
+    (lambda good: {**good, "active": 9}, "incomplete"),
+    (lambda good: {**good, "mixer": "00"}, "incomplete"),
+    (lambda good: {**good, "sets": {"1": good["sets"]["1"]}}, "incomplete"),
+]
+
+
+@pytest.mark.parametrize(("spoil", "says"), SPOILT)
+def test_a_damaged_eeprom_file_is_named(tmp_path, spoil, says):
+    path = tmp_path / "fc.json"
+    Eeprom(106, path).save()
+    path.write_text(spoil if isinstance(spoil, str) else json.dumps(spoil(json.loads(path.read_text()))))
+    with pytest.raises(ConfigError, match=says) as caught:
+        Eeprom(106, path)
+    assert str(path) in str(caught.value)

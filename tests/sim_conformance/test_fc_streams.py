@@ -1,0 +1,161 @@
+"""FlightCtrl: subscriptions, starvation, deaf times (docs/firmware-notes, "Subscriptions", "Losses", "Timing")."""
+
+from __future__ import annotations
+
+import itertools
+
+import pytest
+
+from mkdaemon.config.sim import GasLaw
+from mkdaemon.protocol.framing import DropReason, encode_frame
+from tests.sim_conformance.bench import fc_bench, median
+
+V2 = bytes([0, 0, 0, 0, 1, 1, 0])
+KINDS = {"d": "D", "c": "C", "h": "H"}
+
+
+def request(letter, interval):
+    return encode_frame(1, letter, bytes([0xFF, interval]) if letter == "h" else bytes([interval]))
+
+
+@pytest.mark.parametrize(("interval", "period_ms"), [(2, 24.9), (10, 107.8), (100, 1039.0)])
+def test_debug_period(interval, period_ms):
+    bench = fc_bench(gas_law=GasLaw.FORK)
+    bench.send(request("d", interval), 1.1)
+    times = [heard.first for heard in bench.run(1.1 + 12 * period_ms * 1e-3) if heard.frame.id == "D"]
+    assert median(b - a for a, b in itertools.pairwise(times)) * 1e3 == pytest.approx(period_ms, rel=0.05)
+
+
+@pytest.mark.parametrize("letter", ["d", "c", "h"])
+def test_stream_ends_4_1_s_after_the_last_renewal(letter):
+    bench = fc_bench()
+    bench.send(request(letter, 10), 1.1)
+    bench.send(request(letter, 10), 3.0)
+    last = max(heard.first for heard in bench.run(12.0) if heard.frame.id == KINDS[letter])
+    assert last - 3.0 == pytest.approx(4.1, abs=0.15)
+
+
+def test_the_fork_never_stops_debug():
+    bench = fc_bench(gas_law=GasLaw.FORK)
+    bench.send(request("d", 50), 1.1)
+    assert max(heard.first for heard in bench.run(40.0)) > 39.0
+
+
+RENEWALS = [("c", True), ("d", True), ("h", True), ("t", True), ("b", False), ("v", False), ("a", False), ("g", False)]
+
+
+@pytest.mark.parametrize(("letter", "renews"), RENEWALS)
+def test_what_renews(letter, renews):
+    payloads = {"c": b"\x0a", "d": b"\x00", "h": b"\xff\x00", "t": bytes(16), "b": V2, "a": b"\x00"}
+    bench = fc_bench()
+    stream = "c" if letter != "c" else "d"
+    bench.send(request(stream, 20), 1.1)
+    for number in range(8):
+        bench.send(encode_frame(1, letter, payloads.get(letter, b"")), 2.0 + number)
+    last = max(heard.first for heard in bench.run(10.0) if heard.frame.id == KINDS[stream])
+    assert (last > 9.0) is renews
+
+
+def test_debug_comes_at_once_and_attitude_after_one_interval():
+    bench = fc_bench()
+    free = bench.send(request("d", 50), 1.1)
+    assert bench.run(1.3)[0].first - free < 5e-3
+    free = bench.send(request("c", 30), 2.0)
+    first = next(heard.first for heard in bench.run(2.6) if heard.frame.id == "C")
+    assert first - free == pytest.approx(0.315, abs=0.02)
+
+
+def test_interval_0_stops():
+    bench = fc_bench()
+    bench.send(request("d", 10), 1.1)
+    bench.send(request("d", 0), 2.0)
+    times = [heard.first for heard in bench.run(4.0) if heard.frame.id == "D"]
+    assert len(times) == 9
+    assert max(times) < 2.01
+
+
+def test_fast_debug_starves_confirmations_attitude_and_receiver():
+    bench = fc_bench()
+    bench.send(request("c", 5), 1.1)
+    bench.send(request("d", 1), 1.2)
+    for number in range(20):
+        bench.send(encode_frame(1, "b", V2), 1.5 + 0.1 * number)
+        bench.send(encode_frame(1, "p"), 1.55 + 0.1 * number)
+    assert set(bench.ids(heard for heard in bench.run(3.5) if heard.first > 1.3)) == {"D"}
+
+
+@pytest.mark.parametrize("interval", [2, 3, 5, 10])
+def test_slower_debug_lets_the_confirmation_through_within_25_ms(interval):
+    bench = fc_bench()
+    bench.send(request("d", interval), 1.1)
+    for number in range(25):
+        at = 1.5 + 0.0613 * number
+        free = bench.send(encode_frame(1, "b", V2), at)
+        confirmed = [heard for heard in bench.run(at + 0.06) if heard.frame.id == "B"]
+        assert confirmed
+        assert confirmed[0].last - free < 25e-3
+
+
+def test_a_label_asked_for_during_a_fast_stream_collides_and_is_still_readable():
+    bench = fc_bench()
+    bench.send(request("d", 1), 1.1)
+    for number in range(32):
+        bench.send(encode_frame(1, "a", bytes([number])), 1.5 + 0.06 * number)
+    bench.run(4.0)
+    raw = b"".join(byte for _, byte in bench.raw)
+    assert b"##bA" in raw
+    assert [heard.frame.payload[0] for heard in bench.heard if heard.frame.id == "A"] == list(range(32))
+    assert {drop.reason for drop in bench.dropped} == {DropReason.LENGTH}
+
+
+def parameter_set(bench):
+    return bench.board.eeprom.sets[3]
+
+
+DEAF = [
+    # what, frame payload letter, seconds until the next frame is handled, from firmware notes
+    ("s", lambda bench: encode_frame(1, "s", b"\x03" + parameter_set(bench)), 1.33),
+    ("f", lambda bench: encode_frame(1, "f", b"\x03"), 0.73),
+    ("m", lambda bench: encode_frame(1, "m", bench.board.eeprom.mixer), 0.3),
+    ("q13", lambda bench: encode_frame(1, "q", b"\x0d"), 0.5),
+    ("q23", lambda bench: encode_frame(1, "q", b"\x17"), 0.5),
+    ("o", lambda bench: encode_frame(1, "o", (100).to_bytes(2, "little") + b"\x01"), 0.24),
+    ("e", lambda bench: encode_frame(1, "e"), 0.85),
+    ("r", lambda bench: encode_frame(1, "r", b"\x01"), 1.5),
+    ("R", lambda bench: encode_frame(1, "R"), 5.25),
+]
+
+
+@pytest.mark.parametrize(("make", "deaf_s"), [row[1:] for row in DEAF], ids=[row[0] for row in DEAF])
+def test_deaf_times_keep_one_frame_and_answer_it_late(make, deaf_s):
+    bench = fc_bench(gas_law=GasLaw.FORK)
+    began = bench.send(make(bench), 2.0)
+    # one frame is kept, the others are lost
+    for number, letter in enumerate("vgg"):
+        bench.send(encode_frame(1, letter), 2.0 + 0.05 + 0.3 * (letter == "v" and deaf_s > 5) + 0.03 * number)
+    late = [heard for heard in bench.run(9.0) if heard.frame.id in "VG"]
+    assert late[0].frame.id == "V"
+    assert late[0].first - began == pytest.approx(deaf_s, rel=0.15, abs=0.02)
+    assert [heard.frame.id for heard in late if heard.first - began < deaf_s + 0.05] == ["V"]
+
+
+def test_boot_prints_text_and_forgets():
+    bench = fc_bench()
+    bench.send(request("d", 10), 1.1)
+    bench.send(encode_frame(1, "b", V2), 1.5)
+    bench.send(encode_frame(1, "R"), 2.0)
+    bench.run(12.0)
+    assert {drop.reason for drop in bench.dropped} >= {DropReason.TEXT}
+    assert max(heard.first for heard in bench.heard if heard.frame.id == "D") < 2.3
+    assert not bench.board.core.calibrated
+    assert bench.board.external.held.frame == 0
+
+
+def test_j_is_deaf_until_power_off():
+    bench = fc_bench()
+    bench.send(encode_frame(1, "j", b"\x01"), 2.0)
+    assert bench.ask(encode_frame(1, "v"), 3.0) is None
+    assert bench.ask(encode_frame(1, "v"), 60.0) is None
+    bench.aircraft.faults.start("fc_reboot")
+    bench.run(61.0)
+    assert bench.ask(encode_frame(1, "v"), 70.0) is not None

@@ -1,0 +1,164 @@
+"""FlightCtrl: latencies, frame lengths, losses (docs/firmware-notes, "Timing" and "Losses")."""
+
+from __future__ import annotations
+
+import itertools
+import random
+
+import pytest
+
+from mkdaemon.config.sim import GasLaw
+from mkdaemon.protocol.framing import encode_frame
+from mkdaemon.sim.boards.line import FC_CHAR_S, HOST_CHAR_S
+from tests.sim_conformance.bench import fc_bench, median, moments
+
+V2 = bytes([20, 0x14, 0xF6, 0, 1, 1, 0])
+
+COMPLETE = [
+    # request, payload, reply, frame characters, median time from CR to the last character [ms]
+    ("v", b"", "V", 22, 7.1),
+    ("b", V2, "B", 10, 4.9),
+    ("g", b"", "G", 18, 6.3),
+    ("a", b"\x05", "A", 30, 8.6),
+    ("p", b"", "P", 102, 22.0),
+    ("n", b"", "N", 110, 21.0),
+    ("h", b"\xff\x00", "H", 114, 25.0),
+    ("l", b"\x00", "L", 118, 25.0),
+    ("q", b"\xff", "Q", 202, 38.5),
+]
+
+
+@pytest.mark.parametrize(
+    ("letter", "payload", "reply", "chars", "median_ms"), COMPLETE, ids=[row[0] for row in COMPLETE]
+)
+def test_replies_are_as_long_and_as_late_as_measured(letter, payload, reply, chars, median_ms):
+    bench = fc_bench()
+    times = []
+    for at in moments(1, 60, 0.08):
+        frame = encode_frame(1, letter, payload)
+        heard = bench.ask(frame, at, 0.06)
+        assert heard is not None
+        assert heard.frame.id == reply
+        assert heard.frame.address == 1
+        assert len(heard.frame.raw) == chars
+        times.append((heard.last - at - len(frame) * HOST_CHAR_S) * 1e3)
+    assert median(times) == pytest.approx(median_ms, rel=0.15)
+
+
+FIRST = [
+    # request, payload, earliest and latest first character after the CR [ms]
+    *((letter, payload, 2.0, 4.8) for letter, payload, *_ in COMPLETE if letter in "vgabp"),
+    ("n", b"", 0.1, 3.5),
+    ("q", b"\xff", 0.1, 4.1),
+    ("t", bytes(16), 0.1, 3.5),
+]
+
+
+@pytest.mark.parametrize(("letter", "payload", "low_ms", "high_ms"), FIRST, ids=[row[0] for row in FIRST])
+def test_first_character_comes_in_the_measured_window(letter, payload, low_ms, high_ms):
+    bench = fc_bench()
+    frame = encode_frame(1, letter, payload)
+    times = []
+    for at in moments(2, 60, 0.08):
+        heard = bench.ask(frame, at, 0.06)
+        assert heard is not None
+        times.append((heard.first - FC_CHAR_S - at - len(frame) * HOST_CHAR_S) * 1e3)
+    # the window was measured on 40 requests each: its ends are 0.1 ms sharp at best
+    assert low_ms - 0.15 <= min(times)
+    assert max(times) <= high_ms + 0.15
+
+
+def test_characters_leave_182_us_apart():
+    bench = fc_bench()
+    bench.ask(encode_frame(1, "v"), 1.5)
+    times = [at for at, _ in bench.raw]
+    gaps = [b - a for a, b in itertools.pairwise(times)]
+    assert len(gaps) == 21
+    assert gaps == pytest.approx([182e-6] * 21)
+
+
+LOSS_OF_THE_SECOND = [
+    # gap after the CR [ms], share lost at least, at most; measured: 93, 73, 36, 26, 3, 0, 0 %
+    (0.0, 0.86, 0.97),
+    (0.4, 0.65, 0.81),
+    (1.0, 0.28, 0.50),
+    (1.5, 0.13, 0.33),
+    (2.0, 0.003, 0.08),
+    (2.25, 0.0, 0.0),
+    (3.0, 0.0, 0.0),
+]
+
+
+@pytest.mark.parametrize(("gap_ms", "low", "high"), LOSS_OF_THE_SECOND)
+def test_second_of_two_frames_is_lost_as_measured(gap_ms, low, high):
+    bench = fc_bench()
+    lost = 0
+    pairs = 800
+    version, state = encode_frame(1, "v"), encode_frame(1, "g")
+    for at in moments(3, pairs, 0.04):
+        free = bench.send(version, at)
+        bench.send(state, free + gap_ms * 1e-3)
+        ids = bench.ids(bench.run(at + 0.03))
+        assert "V" in ids, "the first is never lost"
+        lost += "G" not in ids
+    assert low <= lost / pairs <= high
+
+
+PERIODIC_B = [
+    # rate [Hz], jitter [ms], share lost at least, at most; measured to 0.1 %
+    (100, 0, 0.0, 0.0),
+    (100, 3, 0.0, 0.005),
+    (150, 0, 0.0, 0.01),
+    (150, 1, 0.0, 0.03),
+    (150, 3, 0.06, 0.26),
+    (200, 0, 0.0, 0.09),
+    (200, 3, 0.20, 0.42),
+    (250, 0, 0.18, 0.40),
+    (300, 0, 0.32, 0.52),
+    (300, 3, 0.35, 0.55),
+]
+
+
+@pytest.mark.parametrize(("rate", "jitter_ms", "low", "high"), PERIODIC_B)
+def test_periodic_b_is_lost_as_measured(rate, jitter_ms, low, high):
+    bench = fc_bench()
+    rng = random.Random(f"{rate} {jitter_ms}")
+    taken = []
+    take = bench.board.external.take
+    bench.board.external.take = lambda raw: (taken.append(raw), take(raw))
+    count, free = 600, 0.0
+    for number in range(count):
+        at = 1.5 + number / rate + rng.uniform(-jitter_ms, jitter_ms) * 1e-3
+        # a host writes in order: a frame never overtakes the one before
+        free = bench.send(encode_frame(1, "b", V2), max(at, free))
+    bench.run(2.0 + count / rate)
+    assert low <= 1.0 - len(taken) / count <= high
+
+
+def test_two_b_during_one_debug_frame_give_one_confirmation():
+    bench = fc_bench()
+    bench.send(encode_frame(1, "d", b"\x64"), 2.0)
+    begins = next(heard.begins for heard in bench.run(2.1) if heard.frame.id == "D")
+    bench = fc_bench()
+    bench.send(encode_frame(1, "d", b"\x64"), 2.0)
+    for number in (1, 2):
+        bench.send(encode_frame(1, "b", bytes([0, 0, 0, 0, number, 1, 0])), begins + number * 6e-3 - 4e-3)
+    confirmed = [heard.frame.payload[0] for heard in bench.run(2.2) if heard.frame.id == "B"]
+    assert confirmed == [2]
+
+
+def test_b_is_confirmed_before_it_acts_and_acts_with_the_receiver():
+    bench = fc_bench(gas_law=GasLaw.FORK)
+    bench.board.core.start()
+    bench.run(1.5)
+    delays = []
+    for number, at in enumerate(moments(4, 120, 0.11, 1.5), 1):
+        before = len(bench.aircraft.sticks)
+        free = bench.send(encode_frame(1, "b", bytes([0, 0, 0, number % 60, 1 + number % 250, 1, 0])), at)
+        confirmed = next(heard for heard in bench.run(at + 0.08) if heard.frame.id == "B")
+        acted = bench.aircraft.sticks[before][0]
+        delays.append((acted - free) * 1e3)
+        assert confirmed.first - free < 6e-3
+    assert min(delays) == pytest.approx(4.5, abs=1.5)
+    assert median(delays) == pytest.approx(15.0, rel=0.15)
+    assert max(delays) <= 28.2 + 1.5

@@ -1,0 +1,301 @@
+"""NaviCtrl: waypoints, parameters, redirection (docs/firmware-notes 4.4, 4.5; docs/protocol.md 8)."""
+
+from __future__ import annotations
+
+import pytest
+
+from mkdaemon.protocol.flags import PointType, PositionStatus
+from mkdaemon.protocol.framing import DropReason, FrameDecoder, encode_frame
+from mkdaemon.protocol.messages import SendTarget024, WriteWaypoint024
+from mkdaemon.sim.boards.redirect import ESCAPE
+from tests.sim_conformance.bench import nc_bench
+
+HOME = (74591000, 532301000)
+
+
+def point(
+    index, *, status=PositionStatus.NEW, what=PointType.WAYPOINT, north=0, kind=WriteWaypoint024, radius=3, hold=0
+):
+    return kind(
+        longitude=HOME[0],
+        latitude=HOME[1] + north,
+        altitude=50,
+        status=status,
+        tolerance_radius=radius,
+        hold_time=hold,
+        index=index,
+        type=what,
+    ).to_frame()
+
+
+def flying(bench):
+    bench.board.flight.core.start()
+    bench.run(bench.board.now + 1.0)
+    assert bench.board.flight.core.flying
+
+
+WRITES = [
+    # index, status, type, W carries, points stored
+    (1, PositionStatus.NEW, PointType.WAYPOINT, 1, 1),
+    (31, PositionStatus.NEW, PointType.WAYPOINT, 31, 1),
+    (32, PositionStatus.NEW, PointType.WAYPOINT, 0, 0),
+    (0, PositionStatus.NEW, PointType.WAYPOINT, 0, 0),
+    (2, PositionStatus.NEW, PointType.POINT_OF_INTEREST, 2, 1),
+    (1, PositionStatus.NEW, PointType.INVALID, 1, 0),
+]
+
+
+@pytest.mark.parametrize(("index", "status", "what", "reply", "stored"), WRITES)
+def test_write(index, status, what, reply, stored):
+    bench = nc_bench()
+    heard = bench.ask(point(index, status=status, what=what), 2.0)
+    assert heard is not None
+    assert (heard.frame.id, heard.frame.payload[0]) == ("W", reply)
+    assert bench.board.points.count == stored
+
+
+def test_w_0_means_cleared_as_well_as_refused():
+    bench = nc_bench()
+    for index in (1, 2, 3):
+        bench.ask(point(index), 2.0 + 0.1 * index, 0.05)
+    refused = bench.ask(point(99), 3.0, 0.05)
+    assert bench.board.points.count == 3
+    cleared = bench.ask(point(0, status=PositionStatus.INVALID, what=PointType.INVALID), 3.1, 0.05)
+    assert bench.board.points.count == 0
+    assert refused is not None
+    assert cleared is not None
+    assert refused.frame.payload == cleared.frame.payload == bytes(3)
+
+
+def test_read_back():
+    bench = nc_bench()
+    written = point(1, north=700)
+    bench.ask(written, 2.0, 0.05)
+    bench.ask(point(2, what=PointType.POINT_OF_INTEREST), 2.1, 0.05)
+    back = bench.ask(encode_frame(2, "x", b"\x01"), 2.2, 0.05)
+    assert back is not None
+    assert len(back.frame.raw) == 50
+    assert back.frame.payload[:2] == bytes([2, 1])
+    assert back.frame.payload[2:32] == point_payload(written)
+    assert bench.board.points.waypoints == 1
+    above = bench.ask(encode_frame(2, "x", b"\x03"), 2.3, 0.05)
+    assert above is not None
+    assert above.frame.payload == bytes([2, 0, 0])
+    assert bench.ask(encode_frame(2, "x", b"\x00"), 2.4, 0.2) is None
+
+
+def point_payload(frame):
+    return FrameDecoder().feed(frame)[0].payload
+
+
+def test_ten_writes_back_to_back_are_all_stored_and_not_all_confirmed():
+    bench = nc_bench()
+    bench.send(encode_frame(2, "o", b"\x02"), 2.0)
+    for index in range(1, 11):
+        bench.send(point(index), 2.1)
+    confirmed = bench.ids(bench.run(3.0)).count("W")
+    assert bench.board.points.count == 10
+    assert 3 <= confirmed <= 8
+
+
+def test_writing_alone_never_starts_the_route():
+    bench = nc_bench()
+    flying(bench)
+    for index in (1, 2):
+        bench.ask(point(index, north=2000 * index), 3.0 + 0.1 * index, 0.05)
+    bench.run(8.0)
+    assert bench.board.points.active == 0
+
+
+def test_a_change_to_coming_home_starts_it_and_leaving_ends_it():
+    bench = nc_bench()
+    flying(bench)
+    bench.ask(point(1, north=2000), 3.0, 0.05)
+    bench.aircraft.pilot.switches[2] = 255
+    bench.run(3.5)
+    assert bench.board.points.active == 1
+    bench.aircraft.pilot.switches[2] = 0
+    bench.run(4.0)
+    assert bench.board.points.active == 0
+
+
+def test_s_starts_it_when_flying_only():
+    frame = point(1, north=2000, kind=SendTarget024)
+    bench = nc_bench()
+    bench.send(frame, 2.0)
+    bench.run(2.5)
+    assert bench.board.points.active == 0
+    flying(bench)
+    bench.send(frame, bench.board.now)
+    bench.run(bench.board.now + 0.5)
+    assert bench.board.points.active == 1
+    assert bench.ids() == "", "s has no reply"
+
+
+@pytest.mark.parametrize("status", [PositionStatus.INVALID, PositionStatus.PROCESSED])
+def test_s_needs_new_data(status):
+    bench = nc_bench()
+    flying(bench)
+    bench.send(point(1, status=status, kind=SendTarget024), bench.board.now)
+    bench.run(bench.board.now + 0.5)
+    assert bench.board.points.count == 0
+
+
+def test_a_list_that_is_flown_takes_effect_at_once():
+    bench = nc_bench()
+    flying(bench)
+    for index in (1, 2):
+        bench.ask(point(index, north=0 if index == 1 else 5000), 3.0 + 0.1 * index, 0.05)
+    bench.aircraft.pilot.switches[2] = 255
+    bench.run(4.0)
+    assert bench.board.points.active == 2, "the first was reached at once"
+    bench.ask(point(1, north=9000), 4.1, 0.2)
+    assert bench.board.points.active == 1
+
+
+def test_the_route_holds_and_goes_on():
+    bench = nc_bench()
+    flying(bench)
+    bench.ask(point(1, hold=2), 3.0, 0.05)
+    bench.ask(point(2, what=PointType.POINT_OF_INTEREST), 3.1, 0.05)
+    bench.ask(point(3, north=5000), 3.2, 0.05)
+    bench.aircraft.pilot.switches[2] = 255
+    bench.run(4.5)
+    assert (bench.board.points.active, bench.board.points.reached) == (1, True)
+    assert bench.board.flags(bench.board.now) & 0x20
+    bench.run(6.5)
+    assert (bench.board.points.active, bench.board.points.reached) == (3, False), "a POI is not flown to"
+
+
+def test_parameters():
+    bench = nc_bench()
+    heard = bench.ask(encode_frame(2, "j", bytes([1, 0, 0x2C, 0x01])), 2.0, 0.05)
+    assert heard is not None
+    assert heard.frame.payload == bytes([0, 0x2C, 0x01])
+    heard = bench.ask(encode_frame(2, "j", bytes([0, 0, 0, 0])), 2.1, 0.05)
+    assert heard is not None
+    assert heard.frame.payload == bytes([0, 0x2C, 0x01])
+
+
+def redirected(target=0):
+    bench = nc_bench()
+    bench.send(encode_frame(2, "u", bytes([target])), 2.0)
+    bench.run(2.05)
+    return bench
+
+
+def test_redirection_prints_text_and_reaches_the_flightctrl():
+    bench = redirected()
+    assert b"UART" in b"".join(byte for _, byte in bench.raw)
+    for number, letter in enumerate("vnqp"):
+        heard = bench.ask(
+            b"\r\r" + encode_frame(1, letter, b"\xff" if letter == "q" else b""), 2.1 + 0.2 * number, 0.15
+        )
+        assert heard is not None
+        assert (heard.frame.address, heard.frame.id) == (1, letter.upper())
+    assert bench.dropped[0].reason is DropReason.TEXT
+
+
+def test_the_navictrl_is_deaf_while_redirected():
+    bench = redirected(1)
+    assert bench.ask(encode_frame(2, "z", b"\x01\x00"), 2.2) is None
+
+
+ESCAPES = [
+    (ESCAPE, True),
+    (ESCAPE + ESCAPE, True),
+    (b"abc" + ESCAPE, True),
+    (b"\x1b" + ESCAPE, False),
+    (ESCAPE[:4], False),
+    (ESCAPE[:-1] + b"\x01", False),
+]
+
+
+@pytest.mark.parametrize(("raw", "ends"), ESCAPES)
+def test_escape(raw, ends):
+    bench = redirected()
+    bench.send(raw, 2.1)
+    heard = bench.ask(encode_frame(2, "z", b"\x05\x00"), 2.2)
+    assert (heard is not None and heard.frame.id == "Z") is ends
+
+
+@pytest.mark.parametrize(("wait_ms", "heard"), [(0.2, False), (1.0, False), (2.2, True), (5.0, True)])
+def test_two_ms_after_the_escape_are_lost(wait_ms, heard):
+    bench = redirected()
+    free = bench.send(ESCAPE, 2.1)
+    bench.send(encode_frame(2, "z", b"\x05\x00"), free + wait_ms * 1e-3)
+    assert ("Z" in bench.ids(bench.run(2.5))) is heard
+
+
+def test_redirection_cuts_the_frame_being_sent_and_its_tail_comes_after_the_escape():
+    bench = nc_bench()
+    bench.send(encode_frame(2, "o", b"\x64"), 2.0)
+    bench.send(encode_frame(2, "u", b"\x00"), 2.005)
+    bench.run(2.3)
+    assert "O" not in bench.ids()
+    before = b"".join(byte for _, byte in bench.raw)
+    bench.send(ESCAPE, 2.3)
+    bench.run(2.5)
+    after = b"".join(byte for _, byte in bench.raw)[len(before) :]
+    start = before.index(b"#cO")
+    cut = before[start:].partition(b"\r\r\n")[0]
+    assert len(cut) + len(after) == 118
+    assert after.endswith(b"\r")
+
+
+@pytest.mark.parametrize(
+    ("target", "running", "redirects"),
+    [(0, True, True), (1, True, False), (2, True, False), (1, False, True), (3, False, False)],
+)
+def test_redirection_while_motors_run(target, running, redirects):
+    bench = nc_bench()
+    if running:
+        flying(bench)
+    bench.send(encode_frame(2, "u", bytes([target])), bench.board.now)
+    bench.run(bench.board.now + 0.1)
+    assert bench.board.redirection.is_on is redirects
+
+
+def test_error_text_leaves_stale_characters():
+    bench = nc_bench()
+    bench.aircraft.pilot.rc_quality = 0
+    bench.run(2.5)
+    lost = bench.ask(encode_frame(2, "e"), 2.6, 0.05)
+    bench.aircraft.pilot.rc_quality = 200
+    bench.run(4.0)
+    fine = bench.ask(encode_frame(2, "e"), 4.1, 0.05)
+    assert lost is not None
+    assert fine is not None
+    text = fine.frame.payload[:25]
+    ended = text.index(0)
+    assert ended < lost.frame.payload.index(0)
+    assert text[ended + 1 :] == lost.frame.payload[ended + 1 : 25]
+
+
+PAGES = [(0, 0), (1, 1), (15, 15), (16, 15), (64, 15), (255, 15)]
+
+
+@pytest.mark.parametrize(("asked", "given"), PAGES)
+def test_menu_pages(asked, given):
+    bench = nc_bench()
+    heard = bench.ask(encode_frame(2, "l", bytes([asked])), 2.0)
+    assert heard is not None
+    assert heard.frame.payload[:2] == bytes([given, 15])
+    assert f"[{given}]".encode() in heard.frame.payload[:22]
+
+
+def test_menu_keys():
+    bench = nc_bench()
+    shown = []
+    for number, keys in enumerate((0xFF, 0xFD, 0xFD, 0xFE, 0xFC, 0xFE)):
+        heard = bench.ask(encode_frame(2, "h", bytes([keys, 0])), 2.0 + 0.1 * number, 0.08)
+        shown.append(heard.frame.payload[:20].decode().rpartition("[")[2].rstrip("]"))
+    assert shown == ["0", "1", "2", "1", "0", "15"]
+
+
+def test_the_obsolete_display_format_is_refused_once():
+    bench = nc_bench()
+    heard = bench.ask(encode_frame(2, "h", b"\x05\x0a"), 2.0, 2.0)
+    assert heard is not None
+    assert len(heard.frame.raw) == 34
+    assert bench.ids() == "H"
