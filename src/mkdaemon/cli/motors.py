@@ -61,6 +61,7 @@ async def test(
         try:
             await _turn(client, points, seconds)
         finally:
+            # Also after a refusal and after Ctrl-C: without zeros the motors stop 0.5 s after the last frame.
             await _stop(client)
     print("motors stopped")
 

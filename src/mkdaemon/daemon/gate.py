@@ -68,7 +68,10 @@ RULES: Final[Mapping[tuple[Board, str], Rule]] = MappingProxyType(
         (Board.FC, "disarm_motors"): _FORK,
         (Board.FC, "recalibrate"): Rule(confirm=True, stopped=True, proven=True, option="allow_fork_arming"),
         (Board.FC, "beep"): Rule(confirm=True, stopped=True, proven=True, option="allow_fork_arming"),
-        (Board.FC, "motor_test"): _WRITES,
+        # All zero stops a test: it must never be refused.
+        (Board.FC, "motor_test"): Rule(
+            confirm=True, stopped=True, proven=True, applies=lambda fields: any(fields.get("motors", (1,)))
+        ),
         (Board.FC, "write_settings"): _WRITES,
         (Board.FC, "select_settings"): _WRITES,
         (Board.FC, "write_mixer"): _WRITES,
@@ -127,6 +130,8 @@ def check(
     if rule.option is not None and not getattr(cfg, rule.option):
         raise refuse("not_enabled", name=name, detail=spec.danger, option=rule.option)
     running = vitals.motors_running(now)
+    if running and spec.key == "motor_test" and vitals.is_testing_motors(now):
+        running = False  # they turn because of the frame before this one
     if rule.stopped and running:
         raise refuse("motors_running", name=name, detail=f"must not meet them: {spec.danger or 'the board refuses it'}")
     if rule.stopped and running is None:

@@ -61,6 +61,8 @@ class BoardRequests:
             )
             if rule.proven:
                 await self._prove(board)
+            if message.spec.key == "motor_test":
+                self._vitals.motor_test_sent(now().t_monotonic)
         return await self._converse(board, message)
 
     def _build(self, board: Board, name: str, fields: dict[str, Any]) -> WireMessage:

@@ -11,6 +11,8 @@ from mkdaemon.telemetry.vehicle import VehicleHealth
 
 MOTORS_AGE: Final = 2.0
 """Knowledge about the motors older than this is none [s]."""
+TEST_LASTS: Final = 1.0
+"""A motor test turns motors for 0.5 s, and the last message that shows them turning may be as old again [s]."""
 PROOF_AGE: Final = 10.0
 """A version reply older than this proves no longer who is on the line [s]."""
 
@@ -31,12 +33,17 @@ class Vitals:
         self._motors: _Motors | None = None
         self._flight: Flight | None = None
         self._pilot: Pilot | None = None
+        self._tested_at: float | None = None
         self._proof: tuple[Board, float] | None = None
         self._firmware: dict[str, str] = {}
 
     def motors_said(self, running: bool, at: float) -> None:
         """A message told whether motors run."""
         self._motors = _Motors(running, at)
+
+    def motor_test_sent(self, at: float) -> None:
+        """Motors are about to turn because a client tests them."""
+        self._tested_at = at
 
     def flight_said(self, flight: Flight) -> None:
         """A message told what the aircraft does."""
@@ -64,6 +71,10 @@ class Vitals:
         if self._motors is None or now - self._motors.at > MOTORS_AGE:
             return None
         return self._motors.running
+
+    def is_testing_motors(self, now: float) -> bool:
+        """Whether motors that turn may turn because of a motor test."""
+        return self._tested_at is not None and now - self._tested_at <= TEST_LASTS
 
     def is_flying(self, now: float) -> bool | None:
         """Whether it is in the air; None where nobody has said so lately."""
