@@ -202,5 +202,12 @@ def test_error_codes():
     assert error_since(200) == ""
 
 
+def test_a_version_names_its_release():
+    released = {
+        cls.decode(bytes([2, 12, 11, 0, 0, 0, 0, 0, 0, 0])).release for cls in CLASSES if cls.spec.name == "Version"
+    }
+    assert released == {"2.12a"}
+
+
 def test_motor_controller_checksum():
     assert motor_controller_checksum(bytes.fromhex("0200ff1e634000")) == 0x6C

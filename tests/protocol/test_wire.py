@@ -196,6 +196,16 @@ def test_a_field_without_a_wire_type_is_refused():
         lay_out(Loose)
 
 
+def test_an_enumeration_is_a_byte():
+    class Wide(WireMessage):
+        """Would need a table of 65536 members."""
+
+        board: Annotated[Board, U16("b", enum=Board)]
+
+    with pytest.raises(ProtocolError, match=r"Wide\.board is an enumeration of type u16"):
+        lay_out(Wide)
+
+
 def test_a_layout_is_packed_in_the_order_of_declaration():
     class Packed(WireMessage):
         """Would be padded by a compiler."""

@@ -245,8 +245,7 @@ def _layouts(
         layouts[Board.FC, "b"] = layouts[Board.FC, "G"] = control
     if nc is not None:
         layouts[Board.NC, "C"] = nc.attitude
-        if nc.point is not None:
-            layouts[Board.NC, "s"] = layouts[Board.NC, "w"] = layouts[Board.NC, "X"] = nc.point
+        layouts[Board.NC, "s"] = layouts[Board.NC, "w"] = layouts[Board.NC, "X"] = nc.point
     return layouts
 
 
@@ -275,8 +274,8 @@ def _unsupported(evidence: Evidence) -> dict[tuple[Board, str], str]:
         place = (board, spec.key)
         if spec.is_fork:
             missing[place] = "only a public fork of the firmware knows it"
-        elif spec.since is not None and release[:2] < spec.since:
-            missing[place] = f"needs {spec.since[0]}.{spec.since[1]:02d}, the board has {release}"
+        elif release[:2] < (since := spec.since.get(board, (0, 0))):
+            missing[place] = f"needs {since[0]}.{since[1]:02d}, the board has {release}"
         else:
             known.add(place)
     unsupported = {place: reason for place, reason in missing.items() if place not in known}

@@ -143,7 +143,7 @@ class NcGeneration:
     Attributes:
         since: first release (major, minor).
         until: last release (major, minor).
-        point: layout of the points of a route; None where it is not known.
+        point: layout of the points of a route.
         attitude: layout of the attitude stream.
         has_sets: it streams the data sets 10..16 when asked with a byte budget.
         takes_control: it takes external control itself; older ones forward it to the FlightCtrl, unconfirmed.
@@ -151,7 +151,7 @@ class NcGeneration:
 
     since: tuple[int, int]
     until: tuple[int, int]
-    point: str | None
+    point: str
     attitude: str
     has_sets: bool
     takes_control: bool

@@ -42,7 +42,7 @@ def lay_out(cls: type[BaseModel]) -> tuple[tuple[Slot, ...], struct.Struct]:
     """Return the fields in wire order with their offsets, and the whole as a packed little-endian structure.
 
     Raises:
-        ProtocolError: a field has no wire type.
+        ProtocolError: a field has no wire type, or is an enumeration that is no byte.
     """
     slots: list[Slot] = []
     layout = "<"
@@ -50,6 +50,9 @@ def lay_out(cls: type[BaseModel]) -> tuple[tuple[Slot, ...], struct.Struct]:
         wire = next((meta for meta in info.metadata if isinstance(meta, WireField)), None)
         if wire is None:
             msg = f"{cls.__name__}.{name} has no wire type"
+            raise ProtocolError(msg)
+        if wire.enum is not None and wire.code != "B":
+            msg = f"{cls.__name__}.{name} is an enumeration of type {wire.type_name}; only u8 is read as one"
             raise ProtocolError(msg)
         slots.append(Slot(name, struct.calcsize(layout), wire))
         layout += wire.format
@@ -106,11 +109,8 @@ def _converted(slot: Slot, value: str, names: dict[str, Any]) -> str:
         return f"text_{slot.name}({value})"
     if wire.enum is None or wire.is_array:
         return value
-    if wire.code == "B":
-        names[f"all_{slot.name}"] = _members(wire.enum)
-        return f"all_{slot.name}[{value}]"
-    names[f"one_{slot.name}"] = wire.enum
-    return f"one_{slot.name}({value})"
+    names[f"all_{slot.name}"] = _members(wire.enum)
+    return f"all_{slot.name}[{value}]"
 
 
 @cache

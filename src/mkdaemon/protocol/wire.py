@@ -74,7 +74,7 @@ class MessageSpec:
         any_address: boards also act on it when it is addressed to another board or to nobody.
         open_ended: longer payloads are this message too (newer firmware appends fields).
         danger: what harm it can do; empty where none.
-        since: first release (major, minor) of its own board that knows it; None for all.
+        since: first release (major, minor) of each board that knows it; a board that is absent always did.
         is_fork: only a public fork of the FlightCtrl knows it.
     """
 
@@ -94,7 +94,7 @@ class MessageSpec:
     any_address: bool = False
     open_ended: bool = False
     danger: str = ""
-    since: tuple[int, int] | None = None
+    since: Mapping[Board, tuple[int, int]] = field(default_factory=dict)
     is_fork: bool = False
     packer: struct.Struct = field(default_factory=lambda: struct.Struct("<"), repr=False)
 
@@ -221,7 +221,7 @@ def message(
     any_address: bool = False,
     open_ended: bool = False,
     danger: str = "",
-    since: tuple[int, int] | None = None,
+    since: tuple[int, int] | Mapping[Board, tuple[int, int]] | None = None,
     is_fork: bool = False,
 ) -> Callable[[_Message], _Message]:
     """Enter a message class into the table.
@@ -250,7 +250,7 @@ def message(
             any_address=any_address,
             open_ended=open_ended,
             danger=danger,
-            since=since,
+            since=dict.fromkeys(owners, since) if isinstance(since, tuple) else dict(since or {}),
             is_fork=is_fork,
             packer=packer,
         )

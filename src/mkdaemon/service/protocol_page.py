@@ -14,6 +14,7 @@ import mkdaemon.protocol.messages as _messages  # noqa: F401 - fills the table
 from mkdaemon.protocol import flags
 from mkdaemon.protocol.errorcodes import ErrorCode, describe_error, error_since
 from mkdaemon.protocol.generations import FC_GENERATIONS, NC_GENERATIONS
+from mkdaemon.protocol.layout import Slot
 from mkdaemon.protocol.messages import (
     blctrl,
     control,
@@ -31,7 +32,7 @@ from mkdaemon.protocol.messages import (
 )
 from mkdaemon.protocol.settings import known_revisions, layout_of
 from mkdaemon.protocol.settings_table import PARAMETERS, REVISIONS, Kind
-from mkdaemon.protocol.wire import MESSAGES, Direction, Slot, WireMessage
+from mkdaemon.protocol.wire import MESSAGES, Direction, WireMessage
 from mkdaemon.service.protocol_text import DISAGREEMENTS, INTRODUCTION, SETTINGS
 
 _SECTIONS: Final[tuple[tuple[str, tuple[ModuleType, ...]], ...]] = (
@@ -201,7 +202,7 @@ def _compatibility() -> Iterator[str]:
         (
             (
                 _releases(row.since, row.until),
-                row.point or "",
+                row.point,
                 row.attitude,
                 "yes" if row.has_sets else "no",
                 "taken" if row.takes_control else "forwarded to the FlightCtrl, unconfirmed",

@@ -151,7 +151,7 @@ class Receiver071(WireMessage):
     direction=Direction.TO_BOARD,
     source="WIRE 7, SerialPoti",
     firmware="FC 0.77 and later; NC 0.24 forwards FC-addressed ones, NC 2.13 and later takes them itself",
-    since=(0, 77),
+    since={Board.FC: (0, 77), Board.NC: (2, 13)},
     danger="drives any function mapped to a serial channel: GPS mode, care-free, motor switch",
 )
 class SerialChannels(WireMessage):

@@ -10,6 +10,7 @@ from typing import Annotated
 
 from mkdaemon.protocol.fields import U8
 from mkdaemon.protocol.flags import FlightFault0, FlightFault1, NaviFault0, VersionFlags
+from mkdaemon.protocol.generations import Release
 from mkdaemon.protocol.wire import Board, Direction, WireMessage, message
 
 _BOARDS = (Board.FC, Board.NC, Board.MAG)
@@ -76,15 +77,10 @@ class _Release(WireMessage):
     """Serial protocol generation: 7..11; anything else is no MikroKopter firmware."""
 
     @property
-    def patch_letter(self) -> str:
-        """The patch as MikroKopter writes it: a, b, c, ..."""
-        patch: int = self.patch  # type: ignore[attr-defined]  # each layout has it, at a place of its own
-        return chr(ord("a") + patch) if patch < 26 else f"+{patch}"
-
-    @property
     def release(self) -> str:
-        """The release as MikroKopter writes it, for example `2.12a` or `0.24b`."""
-        return f"{self.major}.{self.minor:02d}{self.patch_letter}"
+        """The release as MikroKopter writes it, for example `2.12a`."""
+        patch: int = self.patch  # type: ignore[attr-defined]  # each layout has it, at a place of its own
+        return str(Release(self.major, self.minor, patch))
 
 
 @message(

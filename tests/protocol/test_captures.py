@@ -1,0 +1,163 @@
+"""Recorded traffic of genuine boards: nothing is lost, held against a count made another way."""
+
+from __future__ import annotations
+
+import json
+import random
+from collections import Counter
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from mkdaemon.protocol.framing import Dropped, Frame, FrameDecoder
+from mkdaemon.protocol.messages import AttitudeDataNc, OsdData5
+from mkdaemon.protocol.wire import MESSAGES, MessageDecoder, Unknown, WireMessage
+from tests.conftest import ROOT
+
+NAMES = ("fc_commands", "fc_debug_stream_95s", "fc_latency", "nc_commands", "nc_mixed_60s")
+EXCERPTS = ROOT / "tests" / "data" / "captures"
+
+
+def chunks(path: Path) -> Iterator[tuple[str, bytes]]:
+    for line in path.read_text(encoding="utf-8").splitlines():
+        entry = json.loads(line)
+        yield entry["dir"], bytes.fromhex(entry["hex"])
+
+
+def independent_count(stream: bytes) -> tuple[Counter[tuple[int, str]], int]:
+    """Right frames by address and letter, and CR-ended pieces that are none; written bit by bit on purpose."""
+    good: Counter[tuple[int, str]] = Counter()
+    bad = 0
+    piece: list[int] = []
+    for byte in stream:
+        if byte == 0x23:
+            bad += bool(piece)
+            piece = [byte]
+        elif byte != 0x0D:
+            piece.append(byte)
+        else:
+            body, check = piece[:-2], piece[-2:]
+            total = sum(body) % 4096
+            right = (
+                len(piece) >= 5
+                and (len(piece) - 5) % 4 == 0
+                and check == [0x3D + total // 64, 0x3D + total % 64]
+                and all(0x3D <= character <= 0x7C for character in piece[3:])
+            )
+            if right:
+                good[piece[1] - 0x61, chr(piece[2])] += 1
+            else:
+                bad += bool(piece)
+            piece = []
+    return good, bad + bool(piece)
+
+
+def decoded(path: Path) -> tuple[dict[str, list[WireMessage | Unknown]], dict[str, list[Frame]], list[Dropped]]:
+    framing = {"rx": FrameDecoder(), "tx": FrameDecoder()}
+    typing = MessageDecoder()
+    messages: dict[str, list[WireMessage | Unknown]] = {"rx": [], "tx": []}
+    frames: dict[str, list[Frame]] = {"rx": [], "tx": []}
+    dropped: list[Dropped] = []
+    for direction, raw in chunks(path):
+        for item in framing[direction].feed(raw):
+            if isinstance(item, Dropped):
+                dropped.append(item)
+            else:
+                frames[direction].append(item)
+                messages[direction].append(typing.decode(item))
+    for decoder in framing.values():
+        dropped += [item for item in decoder.flush() if isinstance(item, Dropped)]
+    return messages, frames, dropped
+
+
+def check_against_independent_count(path: Path) -> None:
+    messages, frames, dropped = decoded(path)
+    bad_total = 0
+    for direction in ("rx", "tx"):
+        stream = b"".join(raw for where, raw in chunks(path) if where == direction)
+        good, bad = independent_count(stream)
+        bad_total += bad
+        assert Counter((frame.address, frame.id) for frame in frames[direction]) == good
+        assert len(messages[direction]) == good.total()
+        for message, frame in zip(messages[direction], frames[direction], strict=True):
+            if isinstance(message, Unknown):
+                assert (message.id, message.payload) == (frame.id, frame.payload)
+                assert message.reason
+            else:
+                text = any(slot.wire.is_text and slot.wire.trim for slot in message.spec.slots)
+                if not text and not message.spec.open_ended:
+                    rebuilt = type(message).model_construct(**dict(message)).encode()
+                    assert frame.payload.startswith(rebuilt), message
+    assert len(dropped) == bad_total
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_excerpt(name):
+    check_against_independent_count(EXCERPTS / f"{name}.jsonl")
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_whole_recording(name, shared):
+    check_against_independent_count(shared / "captures" / f"{name}.jsonl")
+
+
+def test_the_mixed_recording_holds_what_its_makers_counted(shared):
+    messages, _, dropped = decoded(shared / "captures" / "nc_mixed_60s.jsonl")
+    kinds = Counter(message.spec.name for message in messages["rx"] if isinstance(message, WireMessage))
+    assert (kinds["OsdData"], kinds["AttitudeData"], kinds["DebugData"], kinds["Echo"]) == (611, 1189, 302, 594)
+    sent = Counter(message.spec.name for message in messages["tx"] if isinstance(message, WireMessage))
+    assert sent["EchoRequest"] == 595
+    assert dropped == []
+    osd = [message for message in messages["rx"] if isinstance(message, OsdData5)]
+    assert all(abs(message.si("position_latitude") - 42.46) < 0.01 for message in osd)
+    assert all(abs(message.si("position_longitude") + 71.27) < 0.01 for message in osd)
+    pitches = [message.si("pitch") for message in messages["rx"] if isinstance(message, AttitudeDataNc)]
+    assert max(map(abs, pitches)) < 1.6
+
+
+def test_every_board_answer_in_the_excerpts_is_typed():
+    """What a genuine board says is never unknown; only a host's deliberate mistakes are."""
+    seen = set()
+    for name in NAMES:
+        messages, _, _ = decoded(EXCERPTS / f"{name}.jsonl")
+        for message in messages["rx"]:
+            assert isinstance(message, WireMessage), message
+            seen.add(message.spec.id)
+    assert seen == set("ABCDEGHJLNOPQTUVWXZ") & {letter for _, letter, _ in MESSAGES}
+
+
+def test_the_cut_frame_at_the_end_of_the_debug_recording_is_named():
+    _, _, dropped = decoded(EXCERPTS / "fc_debug_stream_95s.jsonl")
+    assert [(item.reason.value, item.raw[:3]) for item in dropped] == [("length", b"#bD")]
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_mutated_recordings_never_stop_the_decoder(name):
+    """Flips, deletions, insertions and swaps: every result is a frame or a named loss, and a good frame follows."""
+    rng = random.Random(20140)
+    stream = b"".join(raw for _, raw in chunks(EXCERPTS / f"{name}.jsonl"))
+    good = b"\r#bv@x\r"
+    typing = MessageDecoder()
+    for _ in range(12):
+        damaged = bytearray(stream)
+        for _ in range(len(stream) // 20):
+            at = rng.randrange(len(damaged))
+            fault = rng.randrange(4)
+            if fault == 0:
+                damaged[at] ^= 1 << rng.randrange(8)
+            elif fault == 1:
+                del damaged[at]
+            elif fault == 2:
+                damaged[at:at] = rng.randbytes(rng.randrange(1, 8))
+            else:
+                damaged[at : at + 6] = bytes(reversed(damaged[at : at + 6]))
+        decoder = FrameDecoder()
+        at = 0
+        while at < len(damaged):
+            step = rng.randrange(1, 200)
+            for item in decoder.feed(bytes(damaged[at : at + step])):
+                if isinstance(item, Frame):
+                    assert isinstance(typing.decode(item), (WireMessage, Unknown))
+            at += step
+        assert decoder.feed(good)[-1].raw == good[1:]

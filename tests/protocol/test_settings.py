@@ -1,0 +1,215 @@
+from __future__ import annotations
+
+import json
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from mkdaemon.errors import EncodeError, ProtocolError
+from mkdaemon.protocol.framing import Frame, FrameDecoder
+from mkdaemon.protocol.messages import Settings, WriteSettings
+from mkdaemon.protocol.settings import (
+    Change,
+    ParameterSet,
+    is_useful,
+    known_revisions,
+    layout_of,
+    poti_number,
+    poti_reference,
+)
+from mkdaemon.protocol.settings_table import PARAMETERS, SAME_LAYOUT, Kind
+
+REVISIONS = st.sampled_from(known_revisions())
+
+
+def blank(revision: int) -> ParameterSet:
+    layout = layout_of(revision)
+    assert layout is not None
+    return ParameterSet(bytes([revision]) + bytes(layout.size - 1))
+
+
+@st.composite
+def parameter_sets(draw) -> ParameterSet:
+    revision = draw(REVISIONS)
+    layout = layout_of(revision)
+    assert layout is not None
+    return ParameterSet(bytes([revision]) + draw(st.binary(min_size=layout.size - 1, max_size=layout.size - 1)))
+
+
+@given(parameter_sets(), st.integers(1, 5))
+def test_a_set_survives_the_line_byte_for_byte(parameters, slot):
+    wire = WriteSettings(index=slot, parameters=parameters.raw).to_frame()
+    (frame,) = FrameDecoder().feed(wire)
+    assert isinstance(frame, Frame)
+    read = WriteSettings.decode(frame.payload)
+    assert ParameterSet.from_payload(read.parameters) == parameters
+
+
+@given(parameter_sets())
+def test_reading_all_by_name_and_writing_it_back_changes_nothing(parameters):
+    assert parameters.layout is not None
+    values = parameters.values()
+    assert parameters.replaced(values) == parameters
+    assert sum(place.length for place in parameters.layout.places.values()) == len(parameters.raw)
+
+
+@given(parameter_sets(), st.data())
+def test_a_change_touches_its_own_byte_only(parameters, data):
+    assert parameters.layout is not None
+    single = [name for name, place in parameters.layout.places.items() if place.length == 1 and place.offset]
+    name = data.draw(st.sampled_from(single))
+    value = data.draw(st.integers(0, 255))
+    changed = parameters.replaced({name: value})
+    assert changed[name] == value
+    before = parameters[name]
+    assert parameters.changes_to(changed) == (() if before == value else (Change(name, before, value),))
+    differing = [at for at, (old, new) in enumerate(zip(parameters.raw, changed.raw, strict=True)) if old != new]
+    assert differing in ([], [parameters.layout.place(name).offset])
+
+
+def test_a_recorded_set(fixtures):
+    decoder = FrameDecoder()
+    sets = []
+    for line in (fixtures / "captures" / "fc_commands.jsonl").read_text(encoding="utf-8").splitlines():
+        entry = json.loads(line)
+        if entry["dir"] == "rx":
+            frames = [item for item in decoder.feed(bytes.fromhex(entry["hex"])) if isinstance(item, Frame)]
+            sets += [Settings.decode(frame.payload) for frame in frames if frame.id == "Q"]
+    assert len(sets) == 10
+    named = {reply.index: ParameterSet.from_payload(reply.parameters) for reply in sets}
+    assert {index: found.name for index, found in named.items()} == {
+        1: "Fast",
+        2: "Agile",
+        **dict.fromkeys((3, 4, 5), "Easy"),
+    }
+    easy = named[3]
+    assert (easy.revision, len(easy.raw), easy.reason) == (106, 144, None)
+    assert easy["channels"] == (3, 2, 1, 4, 5, 6, 7, 8, 9, 10, 11, 12)
+    assert easy["external_control"] == 0
+    assert easy.flags("global_config") == ("altitude_switch", "compass", "gps", "axis_coupling")
+    differences = {change.name for change in named[2].changes_to(easy)}
+    assert "name" in differences
+    assert differences < set(easy.values())
+
+
+@pytest.mark.parametrize("revision", [0, 72, 83, 99, 111, 115, 255])
+def test_an_unknown_revision_is_raw_only(revision):
+    parameters = ParameterSet.from_payload(bytes([revision]) + bytes(146))
+    assert parameters.layout is None
+    assert len(parameters.raw) == 147
+    assert parameters.values() == {}
+    assert parameters.name == ""
+    assert parameters.reason == f"parameter revision {revision} is not known: raw bytes only"
+    with pytest.raises(ProtocolError, match="raw bytes only"):
+        parameters["gyro_p"]
+    with pytest.raises(ProtocolError, match="raw bytes only"):
+        parameters.replaced({"gyro_p": 1})
+
+
+def test_a_known_revision_of_the_wrong_length_is_raw_only():
+    parameters = ParameterSet.from_payload(bytes([106]) + bytes(100))
+    assert parameters.reason == "parameter revision 106 has 144 bytes, these are 101: raw bytes only"
+
+
+def test_a_set_has_at_least_its_revision():
+    with pytest.raises(ProtocolError, match="at least its revision byte"):
+        ParameterSet.from_payload(b"")
+
+
+@pytest.mark.parametrize(("revision", "base"), SAME_LAYOUT.items())
+def test_revisions_that_share_a_layout(revision, base):
+    shared, first = layout_of(revision), layout_of(base)
+    assert shared is not None
+    assert first is not None
+    assert shared.places == first.places
+    assert shared.revision == revision
+
+
+def test_bits_follow_the_revision():
+    assert blank(106).replaced({"global_config": 0x40}).flags("global_config") == ("axis_coupling",)
+    assert blank(112).replaced({"global_config": 0x40}).flags("global_config") == ("land_outside_fly_zone",)
+    assert blank(90).replaced({"global_config_3": 0x08}).flags("global_config_3") == ("bit_3",)
+    assert blank(91).replaced({"global_config_3": 0x08}).flags("global_config_3") == ("motor_switch_mode",)
+
+
+def test_a_wrong_name_is_answered_with_the_nearest():
+    with pytest.raises(ProtocolError, match="106 has no 'gyro_ p'; the nearest name is 'gyro_p'"):
+        blank(106)["gyro_ p"]
+    with pytest.raises(ProtocolError, match="73 has no 'gyro_d'"):
+        blank(73)["gyro_d"]
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "reason"),
+    [
+        ("gyro_p", 256, "takes 0..255"),
+        ("gyro_p", -1, "takes 0..255"),
+        ("gyro_p", True, "takes 0..255"),
+        ("gyro_p", "12", "takes 0..255"),
+        ("gyro_p", (1, 2), "has 1 values, not 2"),
+        ("channels", (1, 2), "has 12 values, not 2"),
+        ("name", 5, "text of at most 12"),
+        ("name", "thirteen char", "text of at most 12"),
+        ("name", "€", "text of at most 12"),
+        ("revision", 105, "cannot be changed"),
+    ],
+)
+def test_a_value_that_does_not_fit_is_refused(name, value, reason):
+    with pytest.raises(EncodeError, match=reason):
+        blank(106).replaced({name: value})
+
+
+def test_the_name_keeps_what_stands_behind_its_end():
+    dirty = ParameterSet(blank(106).raw[:-12] + b"Easy\0rubbish")
+    assert dirty.name == "Easy"
+    assert dirty.replaced({"name": "Easy"}) == dirty
+    assert dirty.replaced({"name": "Fast"}).raw[-12:] == b"Fast" + bytes(8)
+
+
+def test_sets_that_cannot_be_compared_by_name_differ_as_a_whole():
+    known, unknown = blank(106), ParameterSet(b"\x01\x02")
+    assert known.changes_to(unknown) == (Change("raw", known.raw.hex(), "0102"),)
+    dirty = ParameterSet(known.raw[:-1] + b"x")
+    assert known.changes_to(dirty)[0].name == "raw"
+    assert known.changes_to(known) == ()
+
+
+def test_sets_of_two_revisions_differ_in_what_only_one_has():
+    changes = {change.name: change for change in blank(104).changes_to(blank(105))}
+    assert changes["servo_failsafe_positions"].before is None
+    assert changes["revision"] == Change("revision", 104, 105)
+
+
+@pytest.mark.parametrize(("value", "poti"), [(247, None), (248, 8), (255, 1), (0, None)])
+def test_poti_references(value, poti):
+    assert poti_number(value) == poti
+    if poti is not None:
+        assert poti_reference(poti) == value
+
+
+@pytest.mark.parametrize("poti", [0, 9])
+def test_a_poti_that_does_not_exist(poti):
+    with pytest.raises(EncodeError, match="1 to 8"):
+        poti_reference(poti)
+
+
+def test_useful_ranges():
+    by_name = {parameter.name: parameter for parameter in PARAMETERS}
+    assert is_useful(by_name["orientation_angle"], 23)
+    assert not is_useful(by_name["orientation_angle"], 24)
+    assert is_useful(by_name["gyro_p"], 255)
+    assert not is_useful(by_name["receiver"], 255)
+
+
+def test_the_table_is_consistent():
+    for revision in known_revisions():
+        layout = layout_of(revision)
+        assert layout is not None
+        assert next(iter(layout.places)) == "revision"
+        assert list(layout.places)[-1] == "name"
+        for name in layout.places:
+            bits = layout.bits(name)
+            assert len({bit.mask for bit in bits}) == len(bits), (revision, name)
+    for parameter in PARAMETERS:
+        assert (parameter.kind is Kind.BITS) == bool(parameter.bits)
