@@ -53,6 +53,8 @@ def session_config(
         "scouting/gossip/enabled": False,
         "scouting/delay": 0,
         "transport/link/tx/lease": int(lease * 1000),
+        # 1 MiB for telemetry in place of 128 KiB: a subscriber may stand still for a second before samples are dropped.
+        "transport/link/tx/queue/size/data": 16,
         "connect/retry": {"period_init_ms": 100, "period_max_ms": 500, "period_increase_factor": 1.5},
         "connect/timeout_ms": int(patience * 1000) if mode == "client" else -1,
     }

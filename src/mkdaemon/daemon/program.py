@@ -71,7 +71,7 @@ class Daemon:
         self._bus = bus
         self._vitals = Vitals(cfg.vehicle.note)
         audit = Audit(bus)
-        self._link = Link(cfg.link, BusSink(bus, self._vitals))
+        self._link = Link(cfg.link, BusSink(bus, self._vitals, audit))
         self._flight = FlightControl(cfg.control, self._link, bus, self._vitals, audit)
         bus.serve("cmd", BoardRequests(cfg.commands, self._link, self._vitals, audit).answer)
         bus.serve("do", Verbs(self._flight, self._link, audit).answer)

@@ -7,10 +7,11 @@ from typing import Final
 from pydantic import BaseModel
 
 from mkdaemon.bus.gateway import Bus
+from mkdaemon.daemon.audit import Audit
 from mkdaemon.daemon.vitals import Vitals
 from mkdaemon.link.traffic import Lost, Received, Sent
 from mkdaemon.protocol.wire import Board, Unknown, WireMessage, board_at
-from mkdaemon.telemetry.link import LinkHealth, LinkState, LinkTraffic
+from mkdaemon.telemetry.link import LinkCondition, LinkHealth, LinkState, LinkTraffic
 from mkdaemon.telemetry.state import Flight, Pilot
 from mkdaemon.telemetry.traffic import FrameSample, RawFrame
 from mkdaemon.translate import StateTranslator
@@ -23,9 +24,10 @@ _FOREIGN: Final = "other"
 class BusSink:
     """Hears about the line and publishes; every method returns at once."""
 
-    def __init__(self, bus: Bus, vitals: Vitals) -> None:
+    def __init__(self, bus: Bus, vitals: Vitals, audit: Audit) -> None:
         self._bus = bus
         self._vitals = vitals
+        self._audit = audit
         self._translator = StateTranslator()
         self._counts = {"rx": 0, "tx": 0}
 
@@ -81,7 +83,11 @@ class BusSink:
         self._bus.publish(f"raw/{loss.direction}", raw)
 
     def state_changed(self, state: LinkState) -> None:
-        """Publish the verdict on the line."""
+        """Publish the verdict on the line; a new condition is also a line in the log, with what to do about it."""
+        before = self._vitals.link
+        if before is None or before.condition != state.condition:
+            level = "info" if state.condition is LinkCondition.UP else "warning"
+            self._audit.log(level, f"{state.port}: {state.condition.value}: {state.reason}")
         self._vitals.link_said(state)
         self._bus.publish("link/state", state)
 

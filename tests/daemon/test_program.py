@@ -1,0 +1,164 @@
+"""Starting and ending: signals, exit codes, and mistakes named in one line."""
+
+from __future__ import annotations
+
+import contextlib
+import fcntl
+import os
+import re
+import signal
+import socket
+import termios
+import time
+import tty
+
+import pytest
+import zenoh
+
+from mkdaemon.bus.session import session_config
+from tests.bus.support import free_endpoint
+from tests.daemon.processes import PATIENCE, mkdaemon, run_mkdaemon
+
+
+@pytest.fixture
+def terminal():
+    """A pseudo terminal nobody answers on: near end, name of the far end."""
+    near, far = os.openpty()
+    tty.setraw(far, termios.TCSANOW)
+    yield near, os.ttyname(far)
+    for descriptor in (near, far):
+        os.close(descriptor)
+
+
+def wait_until_it_listens(endpoint, process):
+    deadline = time.monotonic() + PATIENCE
+    while True:
+        try:
+            return zenoh.open(session_config("client", connect=[endpoint], patience=0.2))
+        except zenoh.ZError:
+            assert process.poll() is None, process.communicate()[1]
+            assert time.monotonic() < deadline
+            time.sleep(0.05)
+
+
+@pytest.mark.parametrize("name", ["SIGINT", "SIGTERM"])
+def test_a_signal_ends_everything_in_order_and_the_last_bytes_are_a_release(terminal, name):
+    near, far = terminal
+    endpoint = free_endpoint()
+    with mkdaemon("run", "--port", f"pty:{far}", "--listen", endpoint) as process:
+        session = wait_until_it_listens(endpoint, process)
+        os.set_blocking(near, True)
+        first = os.read(near, 64)
+        process.send_signal(getattr(signal, name))
+        code = process.wait(PATIENCE)
+        out, err = process.communicate()
+        session.close()
+    os.set_blocking(near, False)
+    rest = os.read(near, 65536)
+    assert code == 0, err
+    assert "Traceback" not in out + err
+    # A release of the layout that is safe on every firmware: 22 characters, all zero but the frame number.
+    assert first.lstrip(b"\r").startswith(b"#bb=======")
+    assert rest.rstrip(b"\r").rpartition(b"#")[2].startswith(b"bb=======")
+
+
+def mistake(*arguments):
+    """Exit code and the one line of a start that must fail."""
+    code, out, err = run_mkdaemon("run", "--log", "error", *arguments)
+    lines = [line for line in err.splitlines() if line.startswith("mkdaemon:")]
+    assert out == ""
+    assert "Traceback" not in err
+    assert len(lines) == 1, err
+    return code, lines[0]
+
+
+def test_no_port_at_all():
+    assert mistake() == (
+        2,
+        "mkdaemon: link.port: no port is configured; set it, or give --port (mkdaemon doctor lists what is plugged in)",
+    )
+
+
+def test_an_unknown_key_names_the_nearest(tmp_path):
+    path = tmp_path / "my.toml"
+    path.write_text('[vehicle]\nname = "x"\n[link]\nprot = "tcp:localhost:1"\n', encoding="utf-8")
+    code, line = mistake("--config", str(path))
+    assert code == 2
+    assert re.fullmatch(r'mkdaemon: .*my\.toml:4: link\.prot: unknown key; did you mean "port"\?', line)
+
+
+def test_a_missing_configuration_file():
+    code, line = mistake("--config", "nothing/here.toml")
+    assert code == 2
+    assert "nothing/here.toml: no such configuration file" in line
+
+
+def test_a_missing_device():
+    code, line = mistake("--port", "/dev/ttyUSB-nothing", "--listen", free_endpoint())
+    assert code == 1
+    assert "/dev/ttyUSB-nothing" in line
+
+
+def test_a_port_of_no_known_kind():
+    code, line = mistake("--port", "usb:0", "--listen", free_endpoint())
+    assert code == 2
+    assert "usb:0" in line
+
+
+@pytest.mark.parametrize("content", [None, "", "no recording\n"])
+def test_a_recording_that_cannot_be_played(tmp_path, content):
+    path = tmp_path / "x.jsonl"
+    if content is not None:
+        path.write_text(content, encoding="utf-8")
+    code, line = mistake("--port", f"replay:{path}", "--listen", free_endpoint())
+    assert code in {1, 2}
+    assert str(path) in line
+
+
+def test_a_port_another_program_holds(terminal):
+    _, far = terminal
+    holder = os.open(far, os.O_RDWR | os.O_NOCTTY)
+    fcntl.flock(holder, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    try:
+        code, line = mistake("--port", far, "--listen", free_endpoint())
+    finally:
+        os.close(holder)
+    assert code == 1
+    assert far in line
+
+
+def test_a_bus_endpoint_in_use():
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        taken.listen()
+        endpoint = f"tcp/127.0.0.1:{taken.getsockname()[1]}"
+        code, line = mistake("--port", "tcp:localhost:9", "--listen", endpoint)
+    assert code == 1
+    assert f"bus.listen {endpoint} is in use: another mkdaemon runs here" in line
+
+
+@pytest.mark.parametrize(
+    ("bytes_from_device", "word"),
+    [(b"", "mute"), (bytes(range(128, 256)) * 4, "garbage")],
+    ids=["silent", "wrong baud"],
+)
+def test_a_device_that_does_not_speak_is_named_in_one_line(terminal, bytes_from_device, word):
+    near, far = terminal
+    endpoint = free_endpoint()
+    with mkdaemon("run", "--port", f"pty:{far}", "--listen", endpoint, "--log", "warning") as process:
+        wait_until_it_listens(endpoint, process).close()
+        deadline = time.monotonic() + PATIENCE
+        os.set_blocking(near, False)
+        os.set_blocking(process.stderr.fileno(), False)
+        said = ""
+        while word not in said:
+            assert time.monotonic() < deadline, said
+            if bytes_from_device:
+                os.write(near, bytes_from_device)
+            with contextlib.suppress(BlockingIOError):
+                os.read(near, 65536)
+            with contextlib.suppress(BlockingIOError):
+                said += os.read(process.stderr.fileno(), 65536).decode()
+            time.sleep(0.05)
+        line = next(line for line in said.splitlines() if word in line)
+        assert far in line

@@ -1,0 +1,114 @@
+"""The main job on recorded traffic of genuine boards, seen by a subscriber written with zenoh and msgpack only."""
+
+from __future__ import annotations
+
+import json
+import time
+from collections import Counter
+from pathlib import Path
+
+import msgpack
+import pytest
+import zenoh
+
+from tests.bus.support import free_endpoint
+from tests.daemon.processes import PATIENCE, mkdaemon
+
+ROOT = Path(__file__).resolve().parents[2]
+WHOLE = ROOT.parent / "shared" / "captures" / "nc_mixed_60s.jsonl"
+EXCERPT = ROOT / "tests" / "data" / "captures" / "nc_mixed_60s.jsonl"
+
+
+class Subscriber:
+    """Knows nothing of ours: a client session and msgpack."""
+
+    def __init__(self, endpoint: str) -> None:
+        config = zenoh.Config()
+        config.insert_json5("mode", '"client"')
+        config.insert_json5("connect/endpoints", json.dumps([endpoint]))
+        config.insert_json5("scouting/multicast/enabled", "false")
+        self.session = self._connect(config)
+        self.counts: Counter[str] = Counter()
+        self.values: dict[str, list[dict]] = {}
+        self.encodings: dict[str, str] = {}
+        self.session.declare_subscriber("mk/mk1/**", zenoh.handlers.Callback(self._take, indirect=False))
+
+    @staticmethod
+    def _connect(config: zenoh.Config) -> zenoh.Session:
+        deadline = time.monotonic() + PATIENCE
+        while True:
+            try:
+                return zenoh.open(config)
+            except zenoh.ZError:
+                assert time.monotonic() < deadline, "the daemon never listened"
+                time.sleep(0.05)
+
+    def _take(self, sample: zenoh.Sample) -> None:
+        key = str(sample.key_expr).removeprefix("mk/mk1/")
+        self.counts[key] += 1
+        self.encodings[key] = str(sample.encoding)
+        self.values.setdefault(key, []).append(msgpack.unpackb(sample.payload.to_bytes()))
+
+
+def replayed(recording: Path) -> Subscriber:
+    """Everything a subscriber hears while the daemon plays a recording twenty times as fast as it was recorded."""
+    endpoint = free_endpoint()
+    with mkdaemon("run", "--port", f"replay:{recording}?speed=20", "--listen", endpoint) as process:
+        subscriber = Subscriber(endpoint)
+        try:
+            assert process.wait(PATIENCE) == 0, process.communicate()[1]
+        finally:
+            subscriber.session.close()
+    return subscriber
+
+
+@pytest.fixture(scope="module")
+def heard() -> Subscriber:
+    if not WHOLE.is_file():
+        pytest.skip("the whole recording (../shared/captures) is not beside this checkout; the excerpt is tested")
+    return replayed(WHOLE)
+
+
+def test_not_one_frame_of_the_recording_is_lost(heard):
+    frames = {key: heard.counts[f"rx/nc/{key}"] for key in ("osd", "attitude", "debug", "echo")}
+    assert frames == {"osd": 611, "attitude": 1189, "debug": 302, "echo": 594}
+    sequence = [value["sequence"] for value in heard.values["raw/rx"]]
+    assert sequence == list(range(1, len(sequence) + 1))
+    assert len(sequence) == sum(count for key, count in heard.counts.items() if key.startswith("rx/"))
+
+
+def test_positions_are_where_it_flew(heard):
+    positions = heard.values["state/position"]
+    assert len(positions) == 611
+    assert all(abs(p["latitude"] - 42.46) < 0.001 and abs(p["longitude"] + 71.27) < 0.001 for p in positions)
+    assert heard.encodings["state/position"] == "application/msgpack;mk.Position.v1"
+
+
+def test_si_values_agree_with_the_frames_they_came_from(heard):
+    for frame, battery, position in zip(
+        heard.values["rx/nc/osd"], heard.values["state/battery"], heard.values["state/position"], strict=True
+    ):
+        fields = frame["fields"]
+        assert battery["voltage"] == pytest.approx(fields["battery"] / 10)
+        assert battery["t_monotonic"] == position["t_monotonic"] == frame["t_monotonic"]
+        assert position["latitude"] == pytest.approx(fields["position_latitude"] * 1e-7)
+        east, north, up = position["position_enu"]
+        assert (east**2 + north**2) ** 0.5 == pytest.approx(fields["home_distance"] / 10, abs=0.15, rel=0.01)
+        assert up == pytest.approx(fields["altimeter"] * 0.05)
+    assert heard.encodings["rx/nc/osd"] == "application/msgpack;mk.OsdData5.v1"
+
+
+def test_the_timing_of_the_recording_is_kept(heard):
+    stamps = [value["t_wall"] for value in heard.values["rx/nc/osd"]]
+    assert (stamps[-1] - stamps[0]) * 20 == pytest.approx(59.8, rel=0.2)
+    assert stamps == sorted(stamps)
+
+
+def test_the_excerpt_of_the_same_recording_decodes_alike():
+    if not EXCERPT.is_file():
+        pytest.fail(f"{EXCERPT.name} belongs to the tree")
+    heard = replayed(EXCERPT)
+    received = [json.loads(line) for line in EXCERPT.read_text(encoding="utf-8").splitlines()]
+    wire = b"".join(bytes.fromhex(line["hex"]) for line in received if line.get("dir") == "rx")
+    for key, letters in (("osd", b"#cO"), ("attitude", b"#cC"), ("debug", b"#cD")):
+        assert heard.counts[f"rx/nc/{key}"] == wire.count(letters) > 0
