@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
+from functools import cache
 from typing import Any, Final, Protocol, TypeVar
 
 from mkdaemon.cli.session import Answer
@@ -101,28 +102,30 @@ async def request(client: Commander, board: Board, message: WireMessage) -> Wire
         await asyncio.sleep(_BUSY_WAIT)
     if answer.status in _TRY_AGAIN:
         return None
-    reply = answer.require()
-    return read_reply(board, message.spec.reply or "", reply) if reply else None
+    return read_reply(answer.reply_type, answer.require())
 
 
-def read_reply(board: Board, letter: str, reply: Mapping[str, Any]) -> WireMessage:
+def read_reply(reply_type: str | None, reply: Mapping[str, Any]) -> WireMessage:
     """Make the message again that the daemon describes.
 
     Args:
-        board: who answered.
-        letter: command letter of the answer.
-        reply: its fields.
+        reply_type: schema the daemon names, for example `VersionFc210.v1`.
+        reply: the message's fields.
 
     Raises:
-        ProtocolError: no layout of the answer has these fields.
+        ProtocolError: the schema is unknown here, or has other fields.
     """
-    for (owner, known, _), cls in MESSAGES.items():
-        if owner is not board or known != letter or cls.model_fields.keys() != reply.keys():
-            continue
-        # Not validated: what a board says may be outside the limits of what may be sent.
-        return cls.decode(cls.model_construct(**{name: _plain(value) for name, value in reply.items()}).encode())
-    msg = f"the daemon's answer {letter!r} of the {board.word} has unknown fields: {', '.join(reply)}; update mkctl"
-    raise ProtocolError(msg)
+    cls = _classes().get((reply_type or "").partition(".")[0])
+    if cls is None or cls.model_fields.keys() != reply.keys():
+        msg = f"the daemon answers with {reply_type} ({', '.join(reply) or 'empty'}), unknown here; update mkctl"
+        raise ProtocolError(msg)
+    # Not validated: what a board says may be outside the limits of what may be sent.
+    return cls.decode(cls.model_construct(**{name: _plain(value) for name, value in reply.items()}).encode())
+
+
+@cache
+def _classes() -> dict[str, type[WireMessage]]:
+    return {cls.__name__: cls for cls in MESSAGES.values()}
 
 
 def _plain(value: Any) -> Any:

@@ -10,7 +10,8 @@ from typing import Any, Final
 import mkdaemon.protocol.messages as _messages  # noqa: F401 - fills the table
 from mkdaemon.errors import ConfigError
 from mkdaemon.protocol.fields import WireField
-from mkdaemon.protocol.wire import MESSAGES, Board, Direction, Slot, WireMessage
+from mkdaemon.protocol.layout import Slot
+from mkdaemon.protocol.wire import MESSAGES, Board, Direction, WireMessage
 
 _FILLERS: Final = ("reserved", "padding", "free_")
 """Beginnings of the names of fields nobody sets; the table has their values."""

@@ -12,7 +12,6 @@ from cyclopts import App, Parameter
 from mkdaemon.cli.conversation import read_reply
 from mkdaemon.cli.requests import FieldForm, RequestForm, request_forms
 from mkdaemon.cli.session import Client, Connection
-from mkdaemon.errors import ProtocolError
 from mkdaemon.protocol.wire import Board, WireMessage
 
 HERE: Final = Connection()
@@ -41,25 +40,20 @@ async def send(form: RequestForm, board: Board, given: dict[str, str | None], co
         shown = {name: value.hex() if isinstance(value, bytes) else value for name, value in reply.items()}
         print(json.dumps({"status": answer.status, "reply": shown, "duration": answer.duration}))
     elif reply:
-        print(describe_reply(board, form.reply or "", reply))
+        print(describe_reply(read_reply(answer.reply_type, reply)))
     else:
-        print("sent; this request has no answer" if form.reply is None else f"sent ({answer.status})")
+        print("sent; this request has no answer" if form.reply is None else f"answered: {answer.status}")
 
 
-def describe_reply(board: Board, letter: str, reply: dict[str, Any]) -> str:
+def describe_reply(message: WireMessage) -> str:
     """Return an answer as one line a field, with units."""
-    try:
-        message: WireMessage | None = read_reply(board, letter, reply)
-    except ProtocolError:
-        message = None
     lines = []
-    for name, value in (message.model_dump() if message else reply).items():
-        wire = message.spec.wire(name) if message else None
-        unit = f" {wire.unit}" if wire and wire.unit else ""
+    for slot in message.spec.slots:
+        value, unit = getattr(message, slot.name), f" {slot.wire.unit}" if slot.wire.unit else ""
         text = value.hex() if isinstance(value, bytes) else repr(value) if isinstance(value, str) else str(value)
-        if wire and wire.enum and isinstance(value, int):
-            text = f"{value} ({wire.enum(value).name or 'none'})"
-        lines.append(f"{name:24} {text}{unit}")
+        if slot.wire.enum and isinstance(value, int):
+            text = f"{int(value)} ({(slot.wire.enum(value).name or 'none').lower()})"
+        lines.append(f"{slot.name:24} {text}{unit}")
     return "\n".join(lines)
 
 

@@ -70,6 +70,7 @@ class Answer:
         reason: why it was refused.
         fix: what to do about it.
         duration: time the daemon took [s].
+        reply_type: schema of the reply, for example `VersionFc210.v1`; names the layout the board spoke.
     """
 
     status: str
@@ -78,6 +79,7 @@ class Answer:
     reason: str | None = None
     fix: str | None = None
     duration: float | None = None
+    reply_type: str | None = None
 
     @property
     def is_accepted(self) -> bool:
@@ -158,6 +160,7 @@ class Client:
             reason=result.get("reason"),
             fix=result.get("fix"),
             duration=result.get("duration"),
+            reply_type=result.get("reply_type"),
         )
 
     @asynccontextmanager
