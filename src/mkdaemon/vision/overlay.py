@@ -1,0 +1,67 @@
+"""What was found, drawn over the image for people to look at."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from mkdaemon.vision.intrinsics import Intrinsics
+from mkdaemon.vision.still import StillPose, StillResult
+
+Colour = tuple[int, int, int]
+
+SIDES: tuple[Colour, ...] = ((60, 60, 255), (80, 220, 80), (255, 160, 60), (220, 220, 220))
+"""Top, right, bottom, left of the print, blue-green-red: a turned tag shows at a glance."""
+AXES: tuple[Colour, ...] = ((60, 60, 255), (80, 220, 80), (255, 120, 60))
+
+
+def draw(pixels: npt.NDArray[np.uint8], result: StillResult, intrinsics: Intrinsics | None) -> npt.NDArray[np.uint8]:
+    """Draw tags with their ids, and the axes of every pose.
+
+    Args:
+        pixels: `(h, w)` uint8.
+        result: of the same image.
+        intrinsics: of the camera; without it no axes.
+
+    Returns:
+        `(h, w, 3)` uint8, blue-green-red.
+    """
+    picture = np.asarray(cv2.cvtColor(pixels, cv2.COLOR_GRAY2BGR), dtype=np.uint8)
+    scale = max(pixels.shape[1] / 1000.0, 0.5)
+    for tag in result.tags:
+        corners = tag.found.corners
+        for k in range(4):
+            _line(picture, corners[k], corners[(k + 1) % 4], SIDES[k], scale)
+        x, y = corners[3] + (0.0, 14.0 * scale)
+        label = f"{tag.found.tag_id}"
+        at = (round(float(x)), round(float(y)))
+        cv2.putText(picture, label, at, cv2.FONT_HERSHEY_SIMPLEX, 0.6 * scale, (0, 0, 0), 3, cv2.LINE_AA)
+        cv2.putText(picture, label, at, cv2.FONT_HERSHEY_SIMPLEX, 0.6 * scale, (60, 230, 255), 1, cv2.LINE_AA)
+    if intrinsics is not None:
+        for pose in result.poses:
+            _axes(picture, pose, intrinsics, scale)
+    return picture
+
+
+def _axes(picture: npt.NDArray[np.uint8], found: StillPose, k: Intrinsics, scale: float) -> None:
+    """Axes as long as a tenth of the distance; dotted down to nothing behind the lens."""
+    length = 0.1 * found.pose.range_m
+    points = np.array([[0, 0, 0], [length, 0, 0], [0, length, 0], [0, 0, length]]) @ found.pose.rotation.T
+    points = points + found.pose.position
+    if float(points[:, 2].min()) <= 0.01:
+        return
+    seen, _ = cv2.projectPoints(points, np.zeros(3), np.zeros(3), k.matrix, k.distortion)
+    for end, colour in zip(seen[1:, 0], AXES, strict=True):
+        _line(picture, seen[0, 0], end, colour, scale)
+
+
+def _line(
+    picture: npt.NDArray[np.uint8],
+    start: npt.NDArray[np.floating],
+    end: npt.NDArray[np.floating],
+    colour: Colour,
+    scale: float,
+) -> None:
+    a, b = (tuple(int(v) for v in np.clip(np.rint(point * 16), -(2**20), 2**20)) for point in (start, end))
+    cv2.line(picture, (a[0], a[1]), (b[0], b[1]), colour, max(round(2 * scale), 1), cv2.LINE_AA, shift=4)

@@ -1,0 +1,181 @@
+"""Tags and poses of single images: nothing is known before, everything is tried, what is doubtful says so."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from mkdaemon.config.vision import DetectorSection, TrackerSection
+from mkdaemon.vision.ambiguity import choose
+from mkdaemon.vision.detection import Detection
+from mkdaemon.vision.detector import Detector
+from mkdaemon.vision.fitting import TargetFitter
+from mkdaemon.vision.gates import fit_fault
+from mkdaemon.vision.intrinsics import Intrinsics
+from mkdaemon.vision.pose import Pose, angle_between, with_floor
+from mkdaemon.vision.projection import Projection
+from mkdaemon.vision.tagfamily import find_family
+from mkdaemon.vision.tagmap import Tag, TagMap, Target, single
+
+Array = npt.NDArray[np.float64]
+Grey = npt.NDArray[np.uint8]
+
+ANY_ID_FALSE_RATE = 2e-6
+"""Chance that a random quad reads as some code of the family, one bit corrected: with all 587 ids of tag36h11 allowed,
+the limit for a short whitelist would refuse even one wrong bit."""
+SAME_TAG = 0.5
+"""Detections whose centres are closer than this share of the side are one tag."""
+DISTINCT = np.radians(1.0)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StillPose:
+    """A pose from one image alone.
+
+    Attributes:
+        target: name of the target.
+        pose: camera from target.
+        ambiguity: residual of the mirrored pose over this one; infinite without a rival.
+        ambiguous: nothing in the image tells this pose from its mirror; it would not be published in flight.
+        fault: the gate it fails, empty when it passes all.
+    """
+
+    target: str
+    pose: Pose
+    ambiguity: float
+    ambiguous: bool
+    fault: str
+
+    @property
+    def covariance(self) -> Array:
+        """`(6, 6)` over position [m] and rotation vector [rad], camera axes, calibration floor included."""
+        return with_floor(self.pose)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StillTag:
+    """A decoded tag, and its own pose where tags stand alone."""
+
+    found: Detection
+    pose: StillPose | None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StillResult:
+    """Everything one image gave: tags, and poses of the targets."""
+
+    tags: tuple[StillTag, ...]
+    poses: tuple[StillPose, ...]
+
+
+class StillEye:
+    """Looks at images one by one.
+
+    Args:
+        intrinsics: calibration; without one there are tags and no poses.
+        tagmap: targets to look for, or
+        tag_size: side of every tag, each standing alone [m].
+        families: families of tags that stand alone.
+        ids: codes of tags that stand alone; None for all.
+
+    Raises:
+        VisionError: unknown family or id.
+        ConfigError: a tag size nobody prints.
+    """
+
+    def __init__(
+        self,
+        intrinsics: Intrinsics | None,
+        *,
+        tagmap: TagMap | None = None,
+        tag_size: float | None = None,
+        families: Sequence[str] = ("tag36h11",),
+        ids: Iterable[int] | None = None,
+    ) -> None:
+        self._tagmap = tagmap
+        self._tag_size = tag_size
+        self._cfg = TrackerSection()
+        self._projection = Projection(intrinsics) if intrinsics is not None else None
+        self._fitters: dict[tuple[str, int] | str, TargetFitter] = {}
+        wanted = None if ids is None else frozenset(ids)
+        if tagmap is not None:
+            self._detector = Detector(tagmap.whitelist)
+        else:
+            whitelist = {name: wanted or frozenset(range(find_family(name).ids)) for name in families}
+            cfg = DetectorSection() if wanted else DetectorSection(max_false_rate=ANY_ID_FALSE_RATE)
+            self._detector = Detector(whitelist, cfg)
+        if tag_size is not None:
+            single(tag_size, 0)  # says what is wrong with the size before any image
+
+    @property
+    def warning(self) -> str:
+        """What is lost when the best detector is not installed."""
+        return self._detector.warning
+
+    def look(self, pixels: Grey) -> StillResult:
+        """Find everything in `(h, w)` uint8."""
+        found = self._search(pixels)
+        if self._tagmap is not None:
+            return StillResult(tuple(StillTag(tag, None) for tag in found), tuple(self._targets(pixels, found)))
+        tags = tuple(StillTag(tag, self._alone(pixels, tag)) for tag in found)
+        return StillResult(tags, tuple(tag.pose for tag in tags if tag.pose is not None))
+
+    def _search(self, pixels: Grey) -> list[Detection]:
+        """All searches, thorough first; each adds what the ones before did not see. Largest tag first."""
+        found: list[Detection] = []
+        for stage in sorted(self._detector.stages, key=("decimate1", "log", "decimate2").index):
+            for tag in self._detector.search_all(pixels, stage):
+                middle = tag.corners.mean(axis=0)
+                known = (other for other in found if (other.family, other.tag_id) == (tag.family, tag.tag_id))
+                if all(np.linalg.norm(middle - k.corners.mean(axis=0)) > SAME_TAG * tag.side_px for k in known):
+                    found.append(tag)
+        return sorted(found, key=lambda tag: -tag.side_px)
+
+    def _targets(self, pixels: Grey, found: Sequence[Detection]) -> list[StillPose]:
+        if self._tagmap is None:
+            return []
+        owners = self._tagmap.owners
+        poses = []
+        for target in self._tagmap.targets:
+            tags: dict[int, tuple[Tag, Detection]] = {}
+            for detection in found:
+                owner, tag = owners[detection.family, detection.tag_id]
+                if owner is target:
+                    tags.setdefault(id(tag), (tag, detection))
+            pose = self._measure(pixels, target.name, target, list(tags.values()))
+            if pose is not None:
+                poses.append(pose)
+        return poses
+
+    def _alone(self, pixels: Grey, found: Detection) -> StillPose | None:
+        if self._tag_size is None:
+            return None
+        target = single(self._tag_size, found.tag_id, family=found.family)
+        return self._measure(pixels, (found.family, found.tag_id), target, [(target.tags[0], found)])
+
+    def _measure(
+        self, pixels: Grey, key: tuple[str, int] | str, target: Target, tags: list[tuple[Tag, Detection]]
+    ) -> StillPose | None:
+        """The best candidate of one target, with what speaks against it."""
+        if self._projection is None or not tags:
+            return None
+        fitter = self._fitters.get(key)
+        if fitter is None:
+            fitter = self._fitters.setdefault(key, TargetFitter(target, self._projection, self._cfg))
+        candidates = sorted(fitter.cold(pixels, tags), key=lambda pose: pose.loss)
+        if not candidates:
+            return None
+        choice = choose(candidates, min_ratio=self._cfg.min_ambiguity_ratio)
+        best = choice.pose if choice is not None else candidates[0]
+        rivals = [pose for pose in candidates if angle_between(pose.rotation, best.rotation) > DISTINCT]
+        ratio = float(np.sqrt(rivals[0].loss / max(best.loss, 1e-12))) if rivals else float("inf")
+        return StillPose(
+            f"{tags[0][1].family}:{tags[0][1].tag_id}" if isinstance(key, tuple) else target.name,
+            best,
+            ratio,
+            choice is None,
+            fit_fault(best, self._cfg),
+        )
