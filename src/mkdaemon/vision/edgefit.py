@@ -137,14 +137,13 @@ class EdgeFit:
         self._projection = projection
         self._max_samples = max_samples
 
-    def fit(self, pixels: Grey, start: Pose, iterations: int = 6, first_reach: int = 0) -> Pose | None:
+    def fit(self, pixels: Grey, start: Pose, iterations: int = 6) -> Pose | None:
         """Refine a pose.
 
         Args:
             pixels: `(h, w)` uint8.
             start: within about half a cell of the truth.
             iterations: Gauss-Newton steps at most.
-            first_reach: index into `REACH_PX` to begin with; 1 or more for a start that is known to be good.
 
         Returns:
             The pose, or none when too few edges were seen or the fit ran away.
@@ -152,7 +151,7 @@ class EdgeFit:
         rotation, position = start.rotation, start.position
         fitted: Pose | None = None
         for k in range(iterations):
-            reach = REACH_PX[min(k + first_reach, len(REACH_PX) - 1)]
+            reach = REACH_PX[min(k, len(REACH_PX) - 1)]
             samples = self._project(pixels.shape, rotation, position, reach)
             if samples is None:
                 return None
@@ -166,7 +165,7 @@ class EdgeFit:
                 return None
             if np.linalg.norm(position - start.position) > 0.2 * start.range_m + 0.02:
                 return None
-            moved = float(np.median(np.abs(samples.jacobian @ step)))
+            moved = _median(np.abs(samples.jacobian @ step))
             fitted = _pose(rotation, position, samples, offsets, step, weights, normal, width)
             if moved < SETTLED_PX and reach <= REACH_PX[-2]:
                 break
@@ -197,6 +196,12 @@ class EdgeFit:
         return _Samples(index, uv[index], normals, np.minimum(reach, REACH_CELLS * cell_px[index]), jacobian)
 
 
+def _median(values: npt.NDArray[np.floating]) -> float:
+    """Upper median by partition; a third of the time of `np.median`."""
+    half = values.size // 2
+    return float(np.partition(values, half)[half])
+
+
 def _locate(pixels: Grey, samples: _Samples) -> tuple[Array, npt.NDArray[np.bool_], float]:
     """Find each edge along its normal.
 
@@ -216,9 +221,9 @@ def _locate(pixels: Grey, samples: _Samples) -> tuple[Array, npt.NDArray[np.bool
     np.maximum(slope, 0.0, out=slope)
     slope *= np.abs(place) <= samples.reach[:, None] + 0.25
     peak_at = slope.argmax(axis=1)
-    peak = slope.max(axis=1)
+    peak = slope[np.arange(len(slope)), peak_at]
     # Half width of an edge in this image: the area of the slope over its peak; wide when out of focus or moving.
-    width = float(np.clip(0.9 * np.median(slope.sum(axis=1) * spacing / np.maximum(peak, 1e-3)), SHARP_PX, 8.0))
+    width = min(max(0.9 * _median(slope.sum(axis=1) * spacing / np.maximum(peak, 1e-3)), SHARP_PX), 8.0)
     centre = place[peak_at]
     window = np.abs(place - centre[:, None]) <= width
     if width > SHARP_PX + 0.01:
@@ -227,7 +232,8 @@ def _locate(pixels: Grey, samples: _Samples) -> tuple[Array, npt.NDArray[np.bool
         window = np.abs(place - centre[:, None]) <= width
     body = np.where(window, np.maximum(slope - 0.15 * peak[:, None], 0.0), 0.0)
     offsets = (body * place).sum(axis=1) / np.maximum(body.sum(axis=1), 1e-6)
-    enough = max(2.5, 0.15 * float(np.percentile(peak, 90)))
+    tenth = max(len(peak) // 10, 1)
+    enough = max(2.5, 0.15 * float(np.partition(peak, -tenth)[-tenth]))
     good = (peak > enough) & (np.abs(offsets) < samples.reach)
     return offsets.astype(np.float64), good, width
 
@@ -241,7 +247,7 @@ def _robust_step(
     normal = np.eye(6)
     for _ in range(3):
         residual = offsets - jacobian @ step
-        spread = max(1.4826 * float(np.median(np.abs(residual[good]))), least_scale)
+        spread = max(1.4826 * _median(np.abs(residual[good])), least_scale)
         inside = good & (np.abs(residual) < TUKEY * spread)
         weights[:] = np.where(inside, (1.0 - (residual / (TUKEY * spread)) ** 2) ** 2, 0.0)
         weighted = jacobian * weights[:, None]

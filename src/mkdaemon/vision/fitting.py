@@ -14,7 +14,7 @@ from mkdaemon.vision.detection import Detection
 from mkdaemon.vision.edgefit import EdgeFit
 from mkdaemon.vision.gates import BitModel
 from mkdaemon.vision.photofit import PhotoFit
-from mkdaemon.vision.pose import Pose, angle_between, solve
+from mkdaemon.vision.pose import Pose, solve
 from mkdaemon.vision.projection import NEAR_M, Projection
 from mkdaemon.vision.tagmap import Tag, Target
 
@@ -55,21 +55,32 @@ class TargetFitter:
         if len(tags) > 1 and (not candidates or candidates[0].rms_px > AGREEMENT_PX):
             # A border faked by something lying over the tag: let every tag speak for itself.
             candidates = [pose for pair in tags for pose in solve([pair], self._projection)]
-        fitted = [self.refine(pixels, candidate) or candidate for candidate in candidates]
-        if len({pose.source for pose in fitted}) > 1:
-            # Residuals of different fits do not compare: the ones that could not be fitted lose.
-            fitted = [pose for pose in fitted if pose.source != "corners"]
-        return fitted
+        # Losses compare only between fits of one kind, so all candidates get the one the first of them asks for.
+        for photometric in (True, False) if any(self._wants_photometric(c) for c in candidates) else (False,):
+            fitted = [self._fit(pixels, candidate, photometric=photometric) for candidate in candidates]
+            good = [pose for pose in fitted if pose is not None]
+            if good and (not photometric or len(good) == len(candidates)):
+                return good
+        return candidates
 
-    def refine(self, pixels: Grey, start: Pose, *, iterations: int = 6, first_reach: int = 0) -> Pose | None:
+    def refine(self, pixels: Grey, start: Pose) -> Pose | None:
         """Improve a pose by the method its size and tilt ask for."""
+        if self._wants_photometric(start):
+            fitted = self._fit(pixels, start, photometric=True)
+            if fitted is not None:
+                return fitted
+        return self._fit(pixels, start, photometric=False)
+
+    def _wants_photometric(self, start: Pose) -> bool:
         depth = max(float(start.position[2]), NEAR_M)
         cell_px = float(self._projection.focal[0]) * self._cell / depth
-        if cell_px < PHOTOMETRIC_BELOW_PX or start.tilt > EDGES_UP_TO:
-            fitted = self._photo.fit(pixels, start)
-            if fitted is not None and np.isfinite(fitted.rms_px):
-                return fitted
-        return self._edges.fit(pixels, start, iterations, first_reach)
+        return cell_px < PHOTOMETRIC_BELOW_PX or start.tilt > EDGES_UP_TO
+
+    def _fit(self, pixels: Grey, start: Pose, *, photometric: bool) -> Pose | None:
+        if not photometric:
+            return self._edges.fit(pixels, start)
+        fitted = self._photo.fit(pixels, start)
+        return fitted if fitted is not None and np.isfinite(fitted.rms_px) else None
 
     def match(self, pixels: Grey, pose: Pose) -> float | None:
         """How well the image shows the target where the pose puts it, -1 to 1; none when it cannot be told."""
@@ -82,7 +93,7 @@ class TargetFitter:
         """Fit the rival of a pose: the same place, the normal mirrored about the line of sight.
 
         Returns:
-            The rival where it stays one; none when it runs back into `pose` or fits nothing.
+            The rival, which may be `pose` again; none when it fits nothing.
         """
         toward = -pose.position / max(pose.range_m, 1e-9)
         normal = pose.rotation[:, 2]
@@ -93,9 +104,7 @@ class TargetFitter:
         middle = pose.rotation @ self.target.tags[0].position + pose.position
         start = replace(pose, rotation=turned, position=middle - turned @ self.target.tags[0].position)
         rival = self.refine(pixels, start)
-        if rival is None or rival.source != pose.source or angle_between(rival.rotation, pose.rotation) < pose.tilt:
-            return None
-        return rival
+        return rival if rival is not None and rival.source == pose.source else None
 
     def flow(self, before: Grey, now: Grey, last: Pose, predicted: Pose) -> Pose | None:
         """Carry the last pose over by optical flow; for motions the prediction did not foresee."""

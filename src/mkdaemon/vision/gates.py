@@ -8,7 +8,7 @@ import numpy.typing as npt
 from mkdaemon.config.vision import TrackerSection
 from mkdaemon.vision.cellread import sample
 from mkdaemon.vision.edgefit import covered
-from mkdaemon.vision.pose import Pose, angle_between
+from mkdaemon.vision.pose import Pose, angle_between, correlation, largest_variance
 from mkdaemon.vision.projection import Projection
 from mkdaemon.vision.tagmap import Target
 
@@ -94,15 +94,14 @@ class BitModel:
         if bool((known > 0).all()) or bool((known < 0).all()):
             return None
         design = np.column_stack([np.ones_like(known), self._plane[visible], known])
-        fitted, *_ = np.linalg.lstsq(design, grey[visible], rcond=None)
-        remainder = grey[visible] - design[:, :-1] @ fitted[:-1]
-        spread = float(remainder.std())
-        even = float(np.corrcoef(remainder, known)[0, 1]) if spread > 1e-6 else 0.0
+        normal = design.T @ design
+        fitted = np.linalg.solve(normal + 1e-9 * len(known) * np.eye(len(normal)), design.T @ grey[visible])
+        even = correlation(grey[visible] - design[:, :-1] @ fitted[:-1], known)
         both = visible[self._pairs].all(axis=1)
         if int(both.sum()) < MIN_CELLS:
             return even
         rise = grey[self._pairs[both, 1]] - grey[self._pairs[both, 0]]
-        clear = rise > max(2.0, 0.2 * float(np.median(np.abs(rise))))
+        clear = rise > max(2.0, 0.1 * float(np.abs(rise).mean()))
         return max(even, 2.0 * float(clear.mean()) - 1.0)
 
 
@@ -128,10 +127,10 @@ def certainty_fault(pose: Pose, *, has_attitude: bool) -> str:
             return "residual"
         if pose.inliers < BLIND_INLIERS:
             return "inliers"
-    variance = np.linalg.eigvalsh(pose.covariance[3:, 3:])[-1]
+    variance = largest_variance(pose.covariance[3:, 3:])
     if not np.isfinite(variance) or variance > (MAX_ANGLE_SD if has_attitude else BLIND_ANGLE_SD) ** 2:
         return "angle_uncertain"
-    spread = float(np.sqrt(max(np.linalg.eigvalsh(pose.covariance[:3, :3])[-1], 0.0)))
+    spread = float(np.sqrt(largest_variance(pose.covariance[:3, :3])))
     if spread > MAX_POSITION_SD[0] + MAX_POSITION_SD[1] * pose.range_m:
         return "position_uncertain"
     return ""

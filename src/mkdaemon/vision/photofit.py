@@ -15,7 +15,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from mkdaemon.vision.pose import Pose, turn
+from mkdaemon.vision.pose import Pose, correlation, turn
 from mkdaemon.vision.projection import NEAR_M, Projection
 from mkdaemon.vision.tagmap import Target
 
@@ -239,15 +239,10 @@ class PhotoFit:
             float((weights > 0.5).mean()),
             float(np.linalg.norm(solved[:3])) / max(float(np.linalg.norm(position)), 1e-9),
             cost,
-            _correlation(image, light @ gain) if gain[0] > 0 else -1.0,
+            correlation(image, light @ gain) if gain[0] > 0 else -1.0,
             model.blur,
         )
         return solved[:6], cost, pose, float(solved[10])
-
-
-def _correlation(a: Array, b: Array) -> float:
-    a, b = a - a.mean(), b - b.mean()
-    return float(a @ b) / max(float(np.sqrt((a @ a) * (b @ b))), 1e-9)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -71,7 +71,9 @@ class CameraPipeline:
             else Mounting(np.eye(3), np.zeros(3))
         )
         intrinsics = self.camera.intrinsics if self.camera is not None else None
-        self.tracker = Tracker(load(cfg.targets), intrinsics, self.mounting, vision.tracker, vision.detector)
+        # Without a known mounting the attitude says nothing about the camera: no gate, no prediction from it.
+        mounting = self.mounting if self._has_mount else None
+        self.tracker = Tracker(load(cfg.targets), intrinsics, mounting, vision.tracker, vision.detector)
         self._timings: deque[_Timing] = deque(maxlen=WINDOW)
         self._refused: Counter[str] = Counter()
         self._processed = self._faults = 0

@@ -217,3 +217,17 @@ def inverse(pose: Pose, covariance: Array) -> tuple[Array, Array, Array]:
     jacobian[:3, 3:] = -back @ cross
     jacobian[3:, 3:] = -back
     return back, -back @ pose.position, jacobian @ covariance @ jacobian.T
+
+
+def largest_variance(covariance: Array) -> float:
+    """Largest eigenvalue of a symmetric matrix; OpenCV's solver, LAPACK starts threads for three numbers."""
+    if not np.isfinite(covariance).all():
+        return float("inf")
+    return max(float(cv2.eigen(np.ascontiguousarray(covariance))[1][0, 0]), 0.0)
+
+
+def correlation(a: Array, b: Array) -> float:
+    """Pearson's correlation of two vectors; zero when one of them is constant."""
+    a, b = a - a.mean(), b - b.mean()
+    norm = float(np.sqrt((a @ a) * (b @ b)))
+    return float(a @ b) / norm if norm > 1e-9 else 0.0

@@ -23,7 +23,7 @@ from mkdaemon.vision.fitting import TargetFitter
 from mkdaemon.vision.gates import certainty_fault, fit_fault, innovation_fault
 from mkdaemon.vision.image import CameraImage
 from mkdaemon.vision.intrinsics import Intrinsics
-from mkdaemon.vision.pose import Pose
+from mkdaemon.vision.pose import Pose, largest_variance
 from mkdaemon.vision.projection import Projection
 from mkdaemon.vision.result import TargetPose, VisionResult
 from mkdaemon.vision.tagmap import Tag, TagMap
@@ -44,7 +44,7 @@ FLOW_THROUGH = 5
 """Images over which optical flow from the last good one finds its way."""
 LATE_BITS = 0.8
 """Cells have to be this clear when a track comes back after more than that many images."""
-IMAGE_DECIDES_PX = 12.0
+IMAGE_DECIDES_PX = 24.0
 """Cells from this size on show perspective; without attitude, smaller ones are checked for the mirrored pose [px]."""
 BLURRED_PX = 3.5
 """Width of an edge from which perspective drowns in blur [px]."""
@@ -183,7 +183,12 @@ class Tracker:
             if pose is None:
                 frame.refused[name] = "no_fit"
                 continue
-            fault = self._fault(frame, name, pose, predicted) or self._mirror_fault(frame, name, pose, predicted)
+            settled = self._settle_mirror(frame, name, pose, predicted)
+            if settled is None:
+                frame.refused[name] = "ambiguous"
+                continue
+            pose = settled
+            fault = self._fault(frame, name, pose, predicted)
             if not fault:
                 return self._fused(frame, name, pose), mode
             frame.refused[name] = fault
@@ -196,19 +201,19 @@ class Tracker:
         spread = float(np.radians(self._cfg.attitude_sd_deg))
         return fuse_level(pose, self._mounting, frame.enu_from_flu, spread)
 
-    def _mirror_fault(self, frame: _Frame, name: str, pose: Pose, predicted: Pose) -> str:
-        """Without attitude a track can slip into the mirrored pose; the image or the track has to speak against it."""
+    def _settle_mirror(self, frame: _Frame, name: str, pose: Pose, predicted: Pose) -> Pose | None:
+        """Without attitude a track can slip into the mirrored pose: image and track choose, or nobody does (none)."""
         fitter = self._fitters[name]
         cell_px = fitter.side_px(pose) / self._targets[name].tags[0].family.black_cells
         blurred = pose.blur_px is not None and pose.blur_px > BLURRED_PX
         known = self._tilt(frame, name, pose) is not None
         if known or (cell_px > IMAGE_DECIDES_PX and not blurred) or pose.tilt < SMALL_TILT:
-            return ""
+            return pose
         rival = fitter.mirrored(frame.pixels, pose)
         if rival is None:
-            return ""
+            return pose
         choice = choose([pose, rival], min_ratio=self._cfg.min_ambiguity_ratio, predicted=predicted.rotation)
-        return "" if choice is not None and choice.pose is pose else "ambiguous"
+        return choice.pose if choice is not None else None
 
     def _fault(self, frame: _Frame, name: str, pose: Pose, predicted: Pose | None) -> str:
         """The first gate a pose fails; empty when it passes all."""
@@ -234,7 +239,7 @@ class Tracker:
         return tilt_error(pose.rotation, self._mounting, frame.enu_from_flu)
 
     def _tilt_gate(self, pose: Pose) -> float:
-        spread = float(np.sqrt(max(np.linalg.eigvalsh(pose.covariance[3:, 3:])[-1], 0.0)))
+        spread = float(np.sqrt(largest_variance(pose.covariance[3:, 3:])))
         return float(np.radians(self._cfg.attitude_gate_deg)) + min(spread, float(np.radians(1.0)))
 
     def _confirm(self, frame: _Frame, name: str, pose: Pose) -> bool:
