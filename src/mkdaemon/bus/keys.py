@@ -16,6 +16,7 @@ from mkdaemon.telemetry.event import CommandEvent, FailsafeEvent, LogEvent, Mode
 from mkdaemon.telemetry.link import LinkHealth, LinkState, LinkTraffic
 from mkdaemon.telemetry.mission import MissionEvent
 from mkdaemon.telemetry.setpoint import StickSetpoint
+from mkdaemon.telemetry.sim import FaultRequest, SimFaults, SimTruth
 from mkdaemon.telemetry.state import Attitude, Battery, Flight, Gps, Pilot, Position, Velocity
 from mkdaemon.telemetry.traffic import FrameSample, RawFrame
 from mkdaemon.telemetry.vehicle import VehicleHealth
@@ -89,10 +90,13 @@ KEYS: Final[tuple[KeySpec, ...]] = (
     KeySpec(
         "health", _P, VehicleHealth, "1 Hz and on change", "Whether the vehicle is alive (the daemon: see `alive`)."
     ),
+    KeySpec("sim/truth", _P, SimTruth, "50 Hz, a simulator only", "The true state; no flight code reads it."),
+    KeySpec("sim/faults", _P, SimFaults, "1 Hz and on change, a simulator only", "The faults that run."),
     KeySpec("cmd/<board>/<message>", _Q, CommandResult, "", "A MikroKopter request; its typed reply, or a refusal."),
     KeySpec("do/lease", _Q, LeaseRequest, "", "Take, renew, give back or show the lease."),
     KeySpec("do/release", _Q, ReleaseRequest, "", "Let go of the aircraft now; anyone may."),
     KeySpec("do/rate", _Q, RateRequest, "", "Ask for a stream at a rate."),
+    KeySpec("sim/fault", _Q, FaultRequest, "", "Start and stop faults of a simulator."),
     KeySpec("schema/<name>", _Q, None, "", "JSON Schema of `<Name>.v<N>`, as the encoding of every payload names it."),
     KeySpec("setpoint/stick", Use.SETPOINT, StickSetpoint, "", "Stick offsets, under a lease."),
     KeySpec("alive", Use.TOKEN, None, "", "The daemon is alive."),

@@ -140,7 +140,8 @@ class Client:
         """Ask a board, or the daemon, to do something.
 
         Args:
-            target: `fc`, `nc`, `mag`, ... for a MikroKopter request, `do` for a verb of the daemon.
+            target: `fc`, `nc`, `mag`, ... for a MikroKopter request, `do` for a verb of the daemon, `sim` for one of
+                the simulator.
             name: key of the request, for example `version_request`, or the verb.
             fields: of the request; dangerous ones want `confirm = True`.
             patience: longest wait for the answer [s].
@@ -148,7 +149,7 @@ class Client:
         Raises:
             MkError: no daemon speaks for this vehicle at the endpoint.
         """
-        suffix = f"do/{name}" if target == "do" else f"cmd/{target}/{name}"
+        suffix = f"{target}/{name}" if target in {"do", "sim"} else f"cmd/{target}/{name}"
         replies = await self._query(suffix, encode_map(dict(fields or {})), patience)
         if not replies:
             raise MkError(await self._nobody_home())

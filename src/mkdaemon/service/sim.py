@@ -12,6 +12,7 @@ from cyclopts import Parameter
 
 from mkdaemon.config.reader import load
 from mkdaemon.config.root import Config
+from mkdaemon.service.sim_bus import joined
 from mkdaemon.sim.runtime import Runtime
 from mkdaemon.sim.simulation import Simulation
 
@@ -26,6 +27,8 @@ def sim(
     nc: Annotated[str | None, Parameter(help="NaviCtrl release: 0.24, 2.14.")] = None,
     seed: Annotated[int | None, Parameter(help="Of every random stream.")] = None,
     pilot: Annotated[str | None, Parameter(help="circle, hover, supervise, wait, nothing.")] = None,
+    vehicle: Annotated[str | None, Parameter(help="Name under which truth and faults stand on the bus.")] = None,
+    connect: Annotated[str | None, Parameter(help="Zenoh endpoint of the daemon, for truth and faults.")] = None,
     listen: Annotated[str | None, Parameter(help="Also offer the port over TCP, host:port.")] = None,
     seconds: Annotated[float | None, Parameter(help="End after so long; otherwise on Ctrl-C.")] = None,
 ) -> None:
@@ -40,6 +43,8 @@ def sim(
         "sim.seed": seed,
         "sim.pilot_plan": pilot,
         "sim.listen": listen,
+        "sim.connect": None if connect is None else [connect],
+        "vehicle.name": vehicle,
     }
     overrides: dict[str, Any] = {key: value for key, value in given.items() if value is not None}
     asyncio.run(_serve(load(config, overrides), seconds))
@@ -51,8 +56,9 @@ async def _serve(config: Config, seconds: float | None) -> None:
     loop = asyncio.get_running_loop()
     for number in (signal.SIGINT, signal.SIGTERM):
         loop.add_signal_handler(number, stop.set)
-    runtime = Runtime(Simulation(config.sim), listen=config.sim.listen)
-    async with runtime.serve():
+    simulation = Simulation(config.sim)
+    runtime = Runtime(simulation, listen=config.sim.listen)
+    async with runtime.serve(), joined(simulation, config.sim, config.vehicle.name):
         print(json.dumps({"port": runtime.port}), flush=True)
         try:
             await asyncio.wait_for(stop.wait(), seconds)
