@@ -36,7 +36,7 @@ STATUS_PERIOD: Final = 1.0
 """Status is published at least this often [s]."""
 IDLE_PERIOD: Final = 0.1
 """Time between two looks at the lease while nobody flies [s]."""
-REFUSAL_PERIOD: Final = 0.2
+REFUSAL_PERIOD: Final = 1.0
 """Refused setpoints are reported at most this often [s]."""
 
 LONGEST_QUEUE: Final = 0.1
@@ -151,7 +151,6 @@ class FlightControl:
         """Without a board nobody flies, and not after a reopening either: what the board held is gone."""
         state = self._vitals.link
         if state is None or self._authority.phase not in {Phase.LEASED, Phase.FLYING, Phase.STALE}:
-            self._openings = 0 if state is None else state.openings
             return
         if state.condition in _NO_BOARD or state.openings != self._openings:
             self._authority.end(f"the link is {state.condition.value}: {state.reason}", asked=False)
@@ -244,9 +243,10 @@ class FlightControl:
         dialect, state = self._link.dialect, self._vitals.link
         if dialect.extern_control is None:
             raise refuse("no_control", detail=dialect.read_only_reason or "this firmware has no external control")
-        if not self._link.is_up:
+        if state is None or not self._link.is_up:
             condition = "absent" if state is None else state.condition.value
             raise refuse("link_down", state=condition, detail="" if state is None else state.reason)
+        self._openings = state.openings
 
     def _note_phase(self, before: Phase) -> None:
         after = self._authority.phase

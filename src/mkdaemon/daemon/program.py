@@ -21,6 +21,7 @@ from mkdaemon.daemon.vitals import Vitals
 from mkdaemon.daemon.watchdog import Notifier, feed_watchdog
 from mkdaemon.errors import ConfigError, MkError
 from mkdaemon.link.link import Link
+from mkdaemon.link.port import open_port
 
 HEALTH_PERIOD: Final = 1.0
 """The vehicle's signs of life are published at least this often [s]."""
@@ -98,6 +99,9 @@ class Daemon:
         """Run the link; a recording waits for its audience, and gives it time to take the last samples."""
         is_recording = self._cfg.link.port.startswith(RECORDING)
         if is_recording:
+            # One that cannot be played is an error now and not after the wait.
+            port = await open_port(self._cfg.link.port, baud=self._cfg.link.baud)
+            await port.close()
             await self._wait_for_audience()
         await self._link.run()
         if is_recording:
