@@ -15,6 +15,7 @@ from mkdaemon.bench.procedures import (
     Run,
     campaign,
     run_backup,
+    run_hasty_backup,
     run_impatient_backup,
     run_upload,
 )
@@ -39,7 +40,7 @@ def test_no_upload_over_a_bad_line_claims_what_is_not_so(seed: int) -> None:
 
 @pytest.mark.parametrize("seed", range(20))
 def test_no_backup_claims_what_is_not_so_or_leaves_another_live_set(seed: int) -> None:
-    for run in (run_backup(seed, FAIR, SHORT_PATIENCE), run_impatient_backup(seed)):
+    for run in (run_backup(seed, FAIR, SHORT_PATIENCE), run_hasty_backup(seed), run_impatient_backup(seed)):
         assert not run.is_wrong
         assert not run.is_changed
         assert run.end in {"verified", "RequestTimeoutError", "live_set_unproven"}

@@ -40,6 +40,8 @@ _WRITE_TIMEOUT = 2.5
 _DEAF = 2.0
 """Quiet time after a write: the FlightCtrl beeps the set's number and hears nothing for 1.33 s [s]."""
 _WRITES = 3
+_STUBBORN = 5
+"""So many times the patience for the proof that the live set is what it was: giving up there costs the most."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -203,8 +205,9 @@ def _make_live(session: _Session) -> Procedure[None]:
 
 def _load_live(session: _Session) -> Procedure[None]:
     """Read the active set, which loads it, and compare it with the first reading; twice, for a damaged answer."""
+    stubborn = Patience(_STUBBORN * session.patience.attempts, session.patience.timeout)
     for _ in range(2):
-        found = (yield from insist(_read(session.active), session.patience)).parameters
+        found = (yield from insist(_read(session.active), stubborn)).parameters
         if found == session.live:
             return
     where = ", ".join(f"byte {offset}" for offset in differing(session.live, found))

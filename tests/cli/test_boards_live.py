@@ -1,0 +1,211 @@
+"""Every command for the boards against a running daemon and a simulated aircraft, over real Zenoh and real codec."""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+
+from mkdaemon.cli.app import app
+from mkdaemon.cli.mission_files import write_mission
+from mkdaemon.cli.program import EXIT_CONFIG, EXIT_FAILURE, EXIT_OK, run
+from mkdaemon.protocol.mission import Mission, MissionPoint
+from tests.bus.support import free_endpoint
+from tests.daemon.processes import mkdaemon
+
+pytestmark = pytest.mark.flight
+
+PATIENCE = 60.0
+"""Longest wait for an aircraft [s]; a loaded machine is slow, not wrong."""
+
+Ctl = Callable[..., tuple[int, str, str]]
+
+
+@contextmanager
+def aircraft(board: str, pilot: str = "nothing") -> Iterator[list[str]]:
+    """A simulator and a daemon on it; yields the options that reach them."""
+    endpoint, line, vehicle = free_endpoint(), free_endpoint().removeprefix("tcp/"), f"live{board}{pilot}"
+    at = ["--vehicle", vehicle, "--connect", endpoint]
+    with (
+        mkdaemon("sim", "--board", board, "--pilot", pilot, "--listen", line),
+        mkdaemon(
+            "run", "--port", f"tcp:{line}", "--wait", "--listen", endpoint, "--vehicle", vehicle, "--log", "error"
+        ) as daemon,
+    ):
+        deadline = time.monotonic() + PATIENCE
+        while run(app, ["send", "version-request", "--board", board, *at]) != EXIT_OK:
+            assert time.monotonic() < deadline, "the daemon never answered"
+            assert daemon.poll() is None, "the daemon ended"
+        yield at
+
+
+@pytest.fixture(scope="module")
+def navictrl() -> Iterator[list[str]]:
+    with aircraft("nc") as at:
+        yield at
+
+
+@pytest.fixture(scope="module")
+def flightctrl() -> Iterator[list[str]]:
+    with aircraft("fc") as at:
+        yield at
+
+
+@pytest.fixture
+def ctl(capsys: pytest.CaptureFixture[str]) -> Ctl:
+    def call(at: list[str], *words: str) -> tuple[int, str, str]:
+        capsys.readouterr()
+        code = run(app, [*words, *at])
+        out, err = capsys.readouterr()
+        return code, out, err
+
+    return call
+
+
+def mission(count: int) -> Mission:
+    points = (
+        MissionPoint(latitude_deg=53.07 + n / 1e4, longitude_deg=8.79, altitude=10 + n, hold=n) for n in range(count)
+    )
+    return Mission(points=tuple(points))
+
+
+def test_a_mission_goes_up_is_verified_comes_down_and_is_cleared(navictrl: list[str], ctl: Ctl, tmp_path: Path) -> None:
+    file, back = tmp_path / "mission.csv", tmp_path / "back.gpx"
+    write_mission(mission(31), file)
+    code, out, err = ctl(navictrl, "waypoints", "upload", str(file), "--json")
+    assert (code, err) == (EXIT_OK, "")
+    up = json.loads(out)
+    assert (up["count"], up["rounds"]) == (31, 1)
+    assert ctl(navictrl, "waypoints", "verify", str(file))[0] == EXIT_OK
+    code, out, _ = ctl(navictrl, "waypoints", "download", str(back), "--json")
+    assert (code, json.loads(out)["digest"]) == (EXIT_OK, up["digest"])
+    assert ctl(navictrl, "waypoints", "clear")[:2] == (EXIT_OK, "the list is empty\n")
+    code, out, _ = ctl(navictrl, "waypoints", "verify", str(back))
+    assert (code, out.splitlines()[0]) == (EXIT_FAILURE, "point 1 is absent")
+    code, _, err = ctl(navictrl, "waypoints", "download", str(tmp_path / "none.gpx"))
+    assert code == EXIT_FAILURE
+    assert "holds no points" in err
+
+
+def test_what_cannot_be_uploaded_is_one_line(navictrl: list[str], ctl: Ctl, tmp_path: Path) -> None:
+    file = tmp_path / "long.csv"
+    write_mission(mission(32), file)
+    code, _, err = ctl(navictrl, "waypoints", "upload", str(file))
+    assert (code, err.count("\n")) == (EXIT_FAILURE, 1)
+    assert "the mission has 32 points and this board holds 31" in err
+    file.write_text("latitude_deg,longitude_deg\n")
+    code, _, err = ctl(navictrl, "waypoints", "upload", str(file))
+    assert (code, err.count("\n")) == (EXIT_CONFIG, 1)
+    assert f"{file}:1: column 'altitude' is missing" in err
+
+
+def test_navictrl_parameters_labels_and_display(navictrl: list[str], ctl: Ctl) -> None:
+    assert ctl(navictrl, "nc-param", "set", "target-speed", "25")[:2] == (EXIT_OK, "target_speed 25 0.1 m/s\n")
+    assert ctl(navictrl, "nc-param", "get", "target_speed")[1] == "target_speed 25 0.1 m/s\n"
+    assert ctl(navictrl, "nc-param", "set", "heading_setpoint", "-1")[0] == EXIT_OK
+    code, _, err = ctl(navictrl, "nc-param", "get", "speed")
+    assert code == EXIT_CONFIG
+    assert "use one of target_speed, heading_setpoint" in err
+    assert len(ctl(navictrl, "labels", "nc")[1].splitlines()) == 32
+    lines = ctl(navictrl, "display", "nc", "--once")[1].splitlines()
+    assert [len(line) for line in lines] == [20] * 4
+
+
+def test_send_prints_the_typed_answer_and_refusals(navictrl: list[str], ctl: Ctl) -> None:
+    assert ctl(navictrl, "send", "echo-request", "--pattern", "0x5AA5")[1].split() == ["pattern", "23205"]
+    code, _, err = ctl(navictrl, "send", "echo-request", "--pattern", "70000")
+    assert (code, err.strip()) == (EXIT_CONFIG, "mkctl: --pattern: '70000' does not fit; it takes: 0..65535.")
+    code, out, _ = ctl(navictrl, "send", "waypoint-request", "--index", "9", "--json")
+    assert json.loads(out)["reply"] == {"count": 0}
+    code, _, err = ctl(navictrl, "send", "redirect", "--port", "fc")
+    assert code == EXIT_FAILURE
+    assert "not_confirmed" in err
+
+
+def test_settings_are_backed_up_changed_and_restored(flightctrl: list[str], ctl: Ctl, tmp_path: Path) -> None:
+    folder = tmp_path / "backup"
+    code, out, err = ctl(flightctrl, "settings", "backup", str(folder))
+    assert (code, err) == (EXIT_OK, "")
+    assert "set 3 is live, byte for byte as before" in out
+    assert sorted(path.name for path in folder.iterdir()) == [f"set{slot}.toml" for slot in range(1, 6)]
+    assert ctl(flightctrl, "settings", "diff", str(folder)) == (EXIT_OK, "no difference\n", "")
+
+    changes = ("gyro_p=85", "throttle_max=5")
+    out = ctl(flightctrl, "settings", "edit", *changes, "--slot", "1", "--dry-run")[1]
+    assert "set 1: would change gyro_p from 90 to 85" in out
+    assert ctl(flightctrl, "settings", "diff", str(folder))[0] == EXIT_OK
+    out = ctl(flightctrl, "settings", "edit", *changes, "--slot", "1")[1]
+    assert "the FC changed throttle_max from 5 to 100" in out
+    assert ctl(flightctrl, "settings", "diff", str(folder))[0] == EXIT_FAILURE
+
+    assert ctl(flightctrl, "settings", "restore", str(folder / "set1.toml"))[0] == EXIT_OK
+    assert ctl(flightctrl, "settings", "diff", str(folder))[0] == EXIT_OK
+    out = ctl(flightctrl, "settings", "list", "--json")[1]
+    assert [row["slot"] for row in json.loads(out) if row["active"]] == [3]
+    code, _, err = ctl(flightctrl, "settings", "backup", str(folder))
+    assert code == EXIT_CONFIG
+    assert "holds something already" in err
+
+
+def test_a_set_of_another_revision_is_refused_before_writing(flightctrl: list[str], ctl: Ctl, tmp_path: Path) -> None:
+    file = tmp_path / "set.toml"
+    assert ctl(flightctrl, "settings", "backup", str(file))[0] == EXIT_OK
+    text = file.read_text()
+    raw = next(line for line in text.splitlines() if line.startswith("raw"))
+    head = text.partition("[values]")[0]
+    file.write_text(head.replace("revision = 106", "revision = 103").replace(raw, f'raw = "67{"00" * 135}"'))
+    code, _, err = ctl(flightctrl, "settings", "restore", str(file))
+    assert code == EXIT_FAILURE
+    assert "the file holds revision 103 and the FlightCtrl speaks revision 106" in err
+    file.write_text(head.replace(raw, 'raw = "6a00"'))
+    code, _, err = ctl(flightctrl, "settings", "restore", str(file))
+    assert code == EXIT_CONFIG
+    assert "parameter revision 106 has 144 bytes, these are 2" in err
+
+
+def test_mixer_and_motor_controllers(flightctrl: list[str], ctl: Ctl, tmp_path: Path) -> None:
+    file = tmp_path / "mixer.toml"
+    assert ctl(flightctrl, "mixer", "get", str(file))[0] == EXIT_OK
+    file.write_text(file.read_text().replace("1 = [64, 64, 0, 64]", "1 = [60, 64, 0, 64]"))
+    code, _, err = ctl(flightctrl, "mixer", "set", str(file))
+    assert code == EXIT_CONFIG
+    assert "--confirm" in err
+    assert ctl(flightctrl, "mixer", "set", str(file), "--confirm")[0] == EXIT_OK
+    assert "1 = [60, 64, 0, 64]" in ctl(flightctrl, "mixer", "get")[1]
+
+    assert "current_limit        30 A" in ctl(flightctrl, "bl", "get", "2")[1]
+    code, out, _ = ctl(flightctrl, "bl", "set", "2", "--current-limit", "20", "--reverse", "--confirm", "--json")
+    found = json.loads(out)
+    assert (found["current_limit"], found["reverse"], found["pwm_scaling"]) == (20, True, 255)
+    assert json.loads(ctl(flightctrl, "bl", "get", "2", "--json")[1])["current_limit"] == 20
+    code, _, err = ctl(flightctrl, "bl", "set", "2", "--current-limit", "21")
+    assert code == EXIT_CONFIG
+    assert "repeat with --confirm" in err
+
+
+def test_motors_turn_and_stop(flightctrl: list[str], ctl: Ctl) -> None:
+    code, _, err = ctl(flightctrl, "motors", "test", "1")
+    assert code == EXIT_CONFIG
+    assert "take the propellers off" in err
+    assert ctl(flightctrl, "motors", "test", "1", "2", "--seconds", "1", "--propellers-off")[:2] == (
+        EXIT_OK,
+        "motors stopped\n",
+    )
+
+
+def test_in_flight_an_upload_needs_its_flag(ctl: Ctl, tmp_path: Path) -> None:
+    file = tmp_path / "mission.csv"
+    write_mission(mission(3), file)
+    with aircraft("nc", "hover") as at:
+        deadline = time.monotonic() + PATIENCE
+        while json.loads(ctl(at, "get", "state/flight", "--json")[1] or "{}").get("motors_running") is not True:
+            assert time.monotonic() < deadline, "the motors never started"
+        code, _, err = ctl(at, "waypoints", "upload", str(file))
+        assert code == EXIT_FAILURE
+        assert "motors_running: motors are running, and an upload takes effect at once" in err
+        assert "--in-flight" in err
+        assert ctl(at, "waypoints", "upload", str(file), "--in-flight")[0] == EXIT_OK
