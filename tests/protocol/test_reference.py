@@ -24,7 +24,7 @@ PLACES: dict[str, list[tuple[Board, str, str]]] = {
     "ExternControl_v1": [(FC, "b", "v1"), (FC, "G", "v1")],
     "ExternControl_v2": [(FC, "b", "v2"), (FC, "G", "v2")],
     "ExternControl_v3": [(FC, "b", "v3"), (NC, "b", "v3"), (FC, "G", "v3")],
-    "ConfirmFrame": [(FC, "B", "1")],
+    "ConfirmFrame": [(FC, "B", "1"), (NC, "B", "1")],
     "DisplayRequest": [(FC, "h", "1"), (NC, "h", "1")],
     "DisplayReply": [(FC, "H", "1"), (NC, "H", "1")],
     "DisplayReplyOld": [(FC, "H", "old"), (NC, "H", "old")],

@@ -168,8 +168,8 @@ def test_what_fits_no_message_is_named(address, letter, payload, reason):
 
 
 def test_a_message_of_a_board_is_not_read_from_another():
-    confirm = ControlConfirm(frame=1)
-    assert isinstance(MessageDecoder().decode(frame(2, "B", confirm.encode())), Unknown)
+    assert isinstance(MessageDecoder().decode(frame(1, "Z", Echo(pattern=1).encode())), Unknown)
+    assert isinstance(MessageDecoder().decode(frame(2, "B", ControlConfirm(frame=1).encode())), ControlConfirm)
 
 
 def test_a_place_in_the_table_is_taken_once():

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import sys
 from collections import Counter
 from collections.abc import Iterable, Iterator
@@ -92,25 +91,27 @@ class Decoding:
         return "\n".join(lines)
 
 
-def decode(file: Annotated[str, Parameter(help="Recording to read; - for standard input.")], /) -> None:
+def decode(
+    file: Annotated[str, Parameter(help="Recording to read; - for standard input.", allow_leading_hyphen=True)], /
+) -> None:
     """Decode recorded traffic: raw bytes, a capture (lines of t, dir, hex), or standard input.
 
     Prints one JSON object a frame and one for everything dropped, and a summary on standard error.
+
+    Raises:
+        MkError: the recording is missing, unreadable, empty, or a line of it is damaged.
     """
     decoding = Decoding()
-    try:
-        if file == "-":
-            _print(decoding.run(read_chunks(sys.stdin.buffer, "standard input")))
-        else:
-            with Path(file).open("rb") as stream:
-                _print(decoding.run(read_chunks(stream, file)))
-    except BrokenPipeError:
-        # The reader has seen enough, as with `| head`; Python must not complain when it flushes at exit.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-    except OSError as error:
-        _fail(f"cannot read {file}: {error.strerror or error}")
-    except MkError as error:
-        _fail(str(error))
+    if file == "-":
+        _print(decoding.run(read_chunks(sys.stdin.buffer, "standard input")))
+    else:
+        try:
+            stream = Path(file).open("rb")  # noqa: SIM115 - closed below; only opening may fail this way
+        except OSError as error:
+            msg = f"cannot read {file}: {error.strerror or error}"
+            raise MkError(msg) from error
+        with stream:
+            _print(decoding.run(read_chunks(stream, file)))
     print(decoding.summary(), file=sys.stderr)
 
 
@@ -118,9 +119,3 @@ def _print(objects: Iterable[dict[str, Any]]) -> None:
     for line in objects:
         sys.stdout.write(json.dumps(line, ensure_ascii=False) + "\n")
     sys.stdout.flush()
-
-
-def _fail(reason: str) -> None:
-    sys.stdout.flush()
-    print(f"mkdaemon decode: {reason}", file=sys.stderr)
-    raise SystemExit(1)

@@ -1,17 +1,19 @@
 """`mkdaemon docs`: the pages of docs/ that are made from tables, written or compared.
 
-A page is made by a function without arguments that returns its whole text. To add one, add a line to `GENERATED`.
+A page is made by a function that takes the root of the source tree and returns the whole text. To add one, add a line
+to `GENERATED`.
 """
 
 from __future__ import annotations
 
 import importlib
-import sys
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Annotated, Final
 
 from cyclopts import Parameter
+
+from mkdaemon.errors import MkError
 
 GENERATED: Final[Mapping[str, str]] = {
     "docs/protocol.md": "mkdaemon.service.protocol_page:protocol_page",
@@ -19,11 +21,16 @@ GENERATED: Final[Mapping[str, str]] = {
 """Page, relative to the root of the source tree, and the function that makes it (imported when it is needed)."""
 
 
-def make_page(maker: str) -> str:
-    """Return the text of a page."""
+def make_page(maker: str, root: Path) -> str:
+    """Return the text of a page.
+
+    Args:
+        maker: `module:function`, as in `GENERATED`.
+        root: root of the source tree.
+    """
     module, _, name = maker.partition(":")
-    function: Callable[[], str] = getattr(importlib.import_module(module), name)
-    return function()
+    function: Callable[[Path], str] = getattr(importlib.import_module(module), name)
+    return function(root)
 
 
 def stale_pages(root: Path) -> list[str]:
@@ -31,7 +38,7 @@ def stale_pages(root: Path) -> list[str]:
     stale = []
     for page, maker in GENERATED.items():
         path = root / page
-        if not path.is_file() or path.read_text(encoding="utf-8") != make_page(maker):
+        if not path.is_file() or path.read_text(encoding="utf-8") != make_page(maker, root):
             stale.append(page)
     return stale
 
@@ -41,19 +48,21 @@ def docs(
     check: Annotated[bool, Parameter(help="Only compare; exit code 1 when a page is not up to date.")] = False,
     root: Annotated[Path, Parameter(help="Root of the source tree.")] = Path(),
 ) -> None:
-    """Write the generated pages of docs/."""
+    """Write the generated pages of docs/.
+
+    Raises:
+        MkError: there is no docs/ under the root, or a page is not up to date.
+    """
     if not (root / "docs").is_dir():
-        print(
-            f"mkdaemon docs: {root.resolve()} has no docs/: run it in the source tree or give --root", file=sys.stderr
-        )
-        raise SystemExit(1)
-    if check:
-        stale = stale_pages(root)
-        if stale:
-            print(f"mkdaemon docs: not up to date: {', '.join(stale)}; run `make docs`", file=sys.stderr)
-            raise SystemExit(1)
-        print(f"{len(GENERATED)} generated pages are up to date")
+        msg = f"{root.resolve()} has no docs/: run it in the source tree or give --root"
+        raise MkError(msg)
+    if not check:
+        for page, maker in GENERATED.items():
+            (root / page).write_text(make_page(maker, root), encoding="utf-8")
+            print(f"wrote {page}")
         return
-    for page, maker in GENERATED.items():
-        (root / page).write_text(make_page(maker), encoding="utf-8")
-        print(f"wrote {page}")
+    stale = stale_pages(root)
+    if stale:
+        msg = f"not up to date: {', '.join(stale)}; run `make docs`"
+        raise MkError(msg)
+    print(f"generated pages up to date: {', '.join(GENERATED)}")

@@ -7,6 +7,7 @@ import math
 from collections.abc import Iterable, Iterator
 from enum import Enum, IntFlag
 from itertools import groupby
+from pathlib import Path
 from types import ModuleType
 from typing import Final
 
@@ -32,8 +33,9 @@ from mkdaemon.protocol.messages import (
 )
 from mkdaemon.protocol.settings import known_revisions, layout_of
 from mkdaemon.protocol.settings_table import PARAMETERS, REVISIONS, Kind
-from mkdaemon.protocol.wire import MESSAGES, Direction, WireMessage
-from mkdaemon.service.protocol_text import DISAGREEMENTS, INTRODUCTION, SETTINGS
+from mkdaemon.protocol.wire import MESSAGES, Board, Direction, WireMessage
+from mkdaemon.service.coverage_table import RECORDED, coverage, shown_releases
+from mkdaemon.service.protocol_text import APPENDED, DISAGREEMENTS, INTRODUCTION, SETTINGS
 
 _SECTIONS: Final[tuple[tuple[str, tuple[ModuleType, ...]], ...]] = (
     ("VersionInfo", (version,)),
@@ -48,8 +50,12 @@ _SECTIONS: Final[tuple[tuple[str, tuple[ModuleType, ...]], ...]] = (
 )
 
 
-def protocol_page() -> str:
-    """Return the whole page."""
+def protocol_page(root: Path) -> str:
+    """Return the whole page.
+
+    Args:
+        root: root of the source tree; recordings are looked for under it.
+    """
     lines = [INTRODUCTION.strip(), ""]
     for title, modules in _SECTIONS:
         lines += [f"## {title}", ""]
@@ -58,12 +64,15 @@ def protocol_page() -> str:
         classes = dict.fromkeys(cls for cls in MESSAGES.values() if inspect.getmodule(cls) in modules)
         for _, layouts in groupby(classes, key=lambda cls: (cls.spec.id, cls.spec.name, cls.spec.boards[0])):
             lines += _message(list(layouts))
+        if title in APPENDED:
+            lines += [APPENDED[title].strip(), ""]
     lines += _danger()
     lines += _flags()
     lines += _error_codes()
     lines += _compatibility()
     lines += _settings()
     lines += [DISAGREEMENTS.strip(), ""]
+    lines += _coverage(root / "tests" / "data" / "captures")
     return "\n".join(lines)
 
 
@@ -234,6 +243,8 @@ def _settings() -> Iterator[str]:
     )
     yield from _table(("revision", "bytes", "firmware"), sizes)
     yield ""
+    yield "### ParamSet layouts"
+    yield ""
     last = max(REVISIONS)
     rows = (
         (
@@ -262,6 +273,20 @@ def _bit_span(since: int, until: int, last: int) -> str:
     if since == 0 and until >= last:
         return ""
     return f"; {since or ''}..{until if until < last else ''}"
+
+
+def _coverage(recordings: Path) -> Iterator[str]:
+    releases = " and ".join(f"{board.word} {str(release)[:-1]}" for board, release in RECORDED.items())
+    yield "## Coverage"
+    yield ""
+    yield "Every message of the table is decoded and encoded, and tested in both directions. A cell names the layout that"
+    yield "a release speaks; `S`: the simulated board of that release acts on it or sends it; `R`: it stands in a recording"
+    yield f"of a genuine board ({releases}); `·`: the release does not know it. (fork): only a public fork knows it."
+    yield ""
+    for board, name in ((Board.FC, "FlightCtrl"), (Board.NC, "NaviCtrl")):
+        rows = ((f"`{row.letter}`", row.name, *row.cells) for row in coverage(board, recordings))
+        yield from _table((name, "message", *shown_releases(board)), rows)
+        yield ""
 
 
 def _table(head: tuple[str, ...], rows: Iterable[tuple[str, ...]]) -> Iterator[str]:

@@ -128,12 +128,12 @@ class ExternControlV1(_ControlV1):
 
 
 @message(
-    Board.FC,
+    (Board.FC, Board.NC),
     "B",
     key="control_confirm",
     direction=Direction.FROM_BOARD,
     source="WIRE 6.5, ConfirmFrame",
-    firmware="FC; never through an NC 0.24",
+    firmware="FC; never through an NC 0.24; NC 2.13 and later, which takes external control itself",
 )
 class ControlConfirm(WireMessage):
     """An external control frame arrived (about 5 ms after it, before it acts)."""

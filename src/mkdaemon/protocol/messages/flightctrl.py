@@ -102,6 +102,7 @@ class ReceiverRequest(WireMessage):
     direction=Direction.FROM_BOARD,
     source="WIRE 7, PPM_200",
     firmware="FC 0.91, 2.00a and later",
+    since=(0, 91),
 )
 class Receiver200(WireMessage):
     """Channels the FlightCtrl receives."""
@@ -119,6 +120,7 @@ class Receiver200(WireMessage):
     direction=Direction.FROM_BOARD,
     source="WIRE 7, PPM_077",
     firmware="FC 0.77 to 0.90",
+    since=(0, 77),
 )
 class Receiver077(WireMessage):
     """Channels the FlightCtrl receives."""

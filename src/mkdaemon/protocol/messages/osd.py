@@ -133,6 +133,7 @@ class _Place(WireMessage):
     source="WIRE 8.1, NaviData_v5",
     firmware="NC 0.22 to 2.1x with the 1-byte request",
     marker=(5,),
+    since=(0, 22),
 )
 class OsdData5(_Place):
     """The whole state of the aircraft."""

@@ -50,6 +50,7 @@ class _Head(WireMessage):
     source="WIRE 8.1, NaviTiny_10",
     firmware=_FIRMWARE,
     marker=(10,),
+    since=(2, 14),
 )
 class OsdTiny(_Head):
     """Data set 10: position."""
@@ -69,6 +70,7 @@ class OsdTiny(_Head):
     source="WIRE 8.1, NaviFlags_11",
     firmware=_FIRMWARE,
     marker=(11,),
+    since=(2, 14),
     open_ended=True,
 )
 class OsdFlags(_Head):
@@ -95,6 +97,7 @@ class OsdFlags(_Head):
     source="WIRE 8.1, NaviTarget_12",
     firmware=_FIRMWARE,
     marker=(12,),
+    since=(2, 14),
 )
 class OsdTarget(_Head):
     """Data set 12: target."""
@@ -117,6 +120,7 @@ class OsdTarget(_Head):
     source="WIRE 8.1, NaviHome_13",
     firmware=_FIRMWARE,
     marker=(13,),
+    since=(2, 14),
 )
 class OsdHome(_Head):
     """Data set 13: home and limits."""
@@ -144,6 +148,7 @@ class OsdHome(_Head):
     source="WIRE 8.1, NaviDeviation_14",
     firmware=_FIRMWARE,
     marker=(14,),
+    since=(2, 14),
 )
 class OsdDeviation(_Head):
     """Data set 14: distances and attitude."""
@@ -172,6 +177,7 @@ class OsdDeviation(_Head):
     source="WIRE 8.1, NaviWP_15",
     firmware=_FIRMWARE,
     marker=(15,),
+    since=(2, 14),
 )
 class OsdWaypoint(_Head):
     """Data set 15: route."""
@@ -193,6 +199,7 @@ class OsdWaypoint(_Head):
     source="WIRE 8.1, NaviVolatile_16",
     firmware=_FIRMWARE,
     marker=(16,),
+    since=(2, 14),
 )
 class OsdVolatile(_Head):
     """Data set 16: energy and heading."""

@@ -276,3 +276,5 @@ _OWN: Final[dict[str, _Handler]] = {
     "j": _bridge,
 }
 _FORK: Final[dict[str, _Handler]] = {"x": _arm, "e": _disarm, "r": _calibrate, "o": _beep}
+HANDLED: Final = frozenset({*_ANY, *_OWN, *_FORK, "R"})
+"""Every letter some generation acts on; the reset is taken in the receive interrupt."""

@@ -173,3 +173,5 @@ _ANY: Final[dict[str, _Handler]] = {
 }
 _EXTRAS: Final[dict[str, _Handler]] = {"k": _stream("K"), "t": _time}
 _CONTROL: Final[dict[str, _Handler]] = {"b": _control, "y": _serial_channels}
+HANDLED: Final = frozenset({*_ANY, *_OWN, *_EXTRAS, *_CONTROL, "R"})
+"""Every letter some generation acts on."""

@@ -1,0 +1,45 @@
+from __future__ import annotations
+
+import io
+
+import pytest
+
+from mkdaemon.errors import MkError
+from mkdaemon.service.capture import Chunk, read_chunks
+
+
+def test_raw_bytes_have_no_time():
+    chunks = list(read_chunks(io.BytesIO(b"#bv@x\r" * 2000), "x"))
+    assert all(chunk[:2] == (None, "rx") for chunk in chunks)
+    assert b"".join(chunk.raw for chunk in chunks) == b"#bv@x\r" * 2000
+
+
+def test_a_capture_keeps_time_and_direction():
+    text = b'{"t": 0.5, "dir": "tx", "hex": "2362"}\n\n{"t": 1, "dir": "rx", "hex": ""}\n'
+    assert list(read_chunks(io.BytesIO(text), "x")) == [Chunk(0.5, "tx", b"#b"), Chunk(1.0, "rx", b"")]
+
+
+@pytest.mark.parametrize(
+    ("text", "reason"),
+    [
+        (b"", "x is empty: nothing to decode"),
+        (b"{", "x line 1 is no capture line"),
+        (b'{"t": 1, "dir": "rx"}\n', "x line 1"),
+        (b'{"t": 1, "dir": "up", "hex": ""}\n', "x line 1"),
+        (b'{"t": null, "dir": "rx", "hex": ""}\n', "x line 1"),
+        (b'{"t": 0, "dir": "rx", "hex": ""}\n{"t": 1, "dir": "rx", "hex": "2"}\n', "x line 2"),
+        (b'{"t": 0, "dir": "rx", "hex": ""}\n[1]\n', "x line 2"),
+        (b'{"t": 0, "dir": "rx", "hex": ""}\n\xff\xfe\n', "x line 2"),
+    ],
+)
+def test_a_damaged_recording_is_named_with_its_line(text, reason):
+    with pytest.raises(MkError, match=reason):
+        list(read_chunks(io.BytesIO(text), "x"))
+
+
+def test_what_a_pipe_has_is_handed_over_without_waiting_for_more():
+    class Pipe(io.BytesIO):
+        def read1(self, size: int | None = -1) -> bytes:
+            return super().read(min(size or 0, 3))
+
+    assert [chunk.raw for chunk in read_chunks(Pipe(b"#bv@x\r"), "x")] == [b"#", b"bv@", b"x\r"]
