@@ -27,6 +27,8 @@ from mkdaemon.telemetry.sim import FaultAction, FaultRequest, RunningFault, SimF
 
 _log = structlog.get_logger(__name__)
 _RETRY_S = 2.0
+_PATIENCE_S = 0.5
+"""Longest attempt to find somebody who listens; the program's end waits for it."""
 _FAULTS_PERIOD_S = 1.0
 TRUTH = "sim/truth"
 FAULTS = "sim/faults"
@@ -162,7 +164,9 @@ async def _join(simulation: Simulation, config: SimConfig, vehicle: str) -> None
     while True:
         try:
             # shielded: a session that opens after we were cancelled must still be closed
-            opening = asyncio.ensure_future(open_session(session_config("client", connect=config.connect)))
+            opening = asyncio.ensure_future(
+                open_session(session_config("client", connect=config.connect, patience=_PATIENCE_S))
+            )
             session = await asyncio.shield(opening)
         except asyncio.CancelledError:
             await _close_late(opening)
