@@ -37,10 +37,14 @@ MIN_CELL_PX = 2.2
 """Cells smaller than this along the normal blur into their neighbours [px]."""
 CORRELATION = 1.0
 """Variance factor for neighbouring samples that share pixels; chosen so that NEES is 1 on development images."""
+LOCATED_PX = 0.3
+"""Error of a located edge in a bad image, against which prior knowledge is weighed [px]."""
 SHARP_PX = 1.75
 """Half width of an edge in focus and at rest [px]."""
 MISSED_PX = 0.6
 """What a sample that found no edge, or a wrong one, costs when rival poses are compared [px]."""
+SHARPEST_PX = 0.05
+"""Residuals below this are equally good when rival poses are compared [px]."""
 SYSTEMATIC_PX = 0.01
 """Interpolation error of a located edge that does not average out [px]."""
 
@@ -119,6 +123,30 @@ def _tag_edges(tag: Tag, per_cell: int) -> tuple[Array, Array, npt.NDArray[np.in
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class Level:
+    """What is known about the direction of a target's normal.
+
+    Attributes:
+        up: vertical `(3,)` [camera].
+        spread: standard deviation, each axis [rad].
+    """
+
+    up: Array
+    spread: float
+
+    def pull(self, rotation: Array) -> tuple[Array, Array]:
+        """Normal matrix `(6, 6)` and right side `(6,)`, in units of a located edge's variance."""
+        normal = rotation[:, 2]
+        error = np.cross(normal, self.up)
+        across = np.eye(3) - np.outer(normal, normal)
+        weight = (LOCATED_PX / self.spread) ** 2
+        matrix, right = np.zeros((6, 6)), np.zeros(6)
+        matrix[3:, 3:] = weight * across
+        right[3:] = weight * error
+        return matrix, right
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class _Samples:
     """Projected samples of one iteration."""
 
@@ -137,13 +165,15 @@ class EdgeFit:
         self._projection = projection
         self._max_samples = max_samples
 
-    def fit(self, pixels: Grey, start: Pose, iterations: int = 6) -> Pose | None:
+    def fit(self, pixels: Grey, start: Pose, iterations: int = 6, level: Level | None = None) -> Pose | None:
         """Refine a pose.
 
         Args:
             pixels: `(h, w)` uint8.
             start: within about half a cell of the truth.
             iterations: Gauss-Newton steps at most.
+            level: where the target's normal should point; edges of something lying over the target, which a free fit
+                would follow, then become outliers.
 
         Returns:
             The pose, or none when too few edges were seen or the fit ran away.
@@ -158,7 +188,8 @@ class EdgeFit:
             offsets, good, width = _locate(pixels, samples)
             if int(good.sum()) < 12:
                 return None
-            step, weights, normal = _robust_step(samples.jacobian, offsets, good, 0.15 if k == 0 else 0.02)
+            pull = level.pull(rotation) if level is not None else (np.zeros((6, 6)), np.zeros(6))
+            step, weights, normal = _robust_step(samples.jacobian, offsets, good, 0.15 if k == 0 else 0.02, pull)
             rotation = turn(rotation, step[3:])
             position = position + step[:3]
             if not np.isfinite(position).all() or position[2] < NEAR_M:
@@ -239,7 +270,7 @@ def _locate(pixels: Grey, samples: _Samples) -> tuple[Array, npt.NDArray[np.bool
 
 
 def _robust_step(
-    jacobian: Array, offsets: Array, good: npt.NDArray[np.bool_], least_scale: float
+    jacobian: Array, offsets: Array, good: npt.NDArray[np.bool_], least_scale: float, pull: tuple[Array, Array]
 ) -> tuple[Array, Array, Array]:
     """Three rounds of Tukey-weighted least squares: step `(6,)`, weights `(n,)` and normal matrix `(6, 6)`."""
     step: Array = np.zeros(6)
@@ -251,9 +282,9 @@ def _robust_step(
         inside = good & (np.abs(residual) < TUKEY * spread)
         weights[:] = np.where(inside, (1.0 - (residual / (TUKEY * spread)) ** 2) ** 2, 0.0)
         weighted = jacobian * weights[:, None]
-        normal = weighted.T @ jacobian
+        normal = weighted.T @ jacobian + pull[0]
         damping = 1e-9 * np.diag(np.diag(normal)) + 1e-12 * np.eye(6)
-        step[:] = np.linalg.solve(normal + damping, weighted.T @ offsets)
+        step[:] = np.linalg.solve(normal + damping, weighted.T @ offsets + pull[1])
     return step, weights, normal
 
 
@@ -284,6 +315,6 @@ def _pose(
         float(np.sqrt(variance)),
         float(counted.mean()),
         float(np.linalg.norm(step[:3])) / max(float(np.linalg.norm(position)), 1e-9),
-        loss=float(np.mean(np.minimum(np.abs(missed), MISSED_PX) ** 2)),
+        loss=float(np.exp(np.mean(np.log(np.minimum(np.abs(missed), MISSED_PX) ** 2 + SHARPEST_PX**2)))),
         blur_px=width,
     )

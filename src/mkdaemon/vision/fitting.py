@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from mkdaemon.config.vision import TrackerSection
 from mkdaemon.vision.detection import Detection
-from mkdaemon.vision.edgefit import EdgeFit
+from mkdaemon.vision.edgefit import EdgeFit, Level
 from mkdaemon.vision.gates import BitModel
 from mkdaemon.vision.photofit import PhotoFit
 from mkdaemon.vision.pose import Pose, solve
@@ -70,6 +70,10 @@ class TargetFitter:
             if fitted is not None:
                 return fitted
         return self._fit(pixels, start, photometric=False)
+
+    def refine_level(self, pixels: Grey, start: Pose, level: Level) -> Pose | None:
+        """Fit the edges with the tilt held near the vertical."""
+        return self._edges.fit(pixels, start, level=level)
 
     def _wants_photometric(self, start: Pose) -> bool:
         depth = max(float(start.position[2]), NEAR_M)

@@ -30,6 +30,8 @@ MAX_WINDOW_PX = 160
 START_BLUR_PX = 0.7
 VARIANCE_FACTOR = 1.3
 """Interpolated grey values and an imperfect model make the plain covariance optimistic; NEES of development images."""
+QUIET_GREY, LOST_GREY = 2.0, 60.0
+"""Residuals are told apart between these bounds when rival poses are compared [grey]."""
 MARGIN_CELLS = 0.3
 """Outermost part of the quiet zone that is left out: what lies beyond it blurs in."""
 
@@ -238,7 +240,7 @@ class PhotoFit:
             float(np.sqrt(cost)) / max(slope, 1e-3) if gain[0] > 0 else np.inf,
             float((weights > 0.5).mean()),
             float(np.linalg.norm(solved[:3])) / max(float(np.linalg.norm(position)), 1e-9),
-            cost,
+            float(np.exp(np.mean(np.log(np.minimum(size, LOST_GREY) ** 2 + QUIET_GREY**2)))),
             correlation(image, light @ gain) if gain[0] > 0 else -1.0,
             model.blur,
         )

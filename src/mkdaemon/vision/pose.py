@@ -44,7 +44,8 @@ class Pose:
         rms_px: their residual [px]; for `photometric` the residual over the contrast, in px of edge shift.
         inliers: share of the measurements that agree.
         step: length of the last step of the fit against the range.
-        loss: mean truncated squared residual over all samples, for comparing rival fits of one image.
+        loss: geometric mean of the bounded squared residuals of all samples, for comparing rival fits of one image:
+            hidden samples cost both rivals the same.
         match: correlation between model and image, where the fit knows it.
         blur_px: width of an edge in the image, where the fit knows it.
     """

@@ -16,6 +16,8 @@ MAX_SPEED = 8.0
 """Camera against target [m/s]; a faster step is a wrong pose, not a motion."""
 MAX_TURN = np.radians(25.0)
 """Largest turn between two images that is continued [rad]."""
+MAX_AHEAD = 6.0
+"""Steps over which a velocity is carried on through missing images."""
 FORGET_VELOCITY = 0.3
 """Poses farther apart than this do not make a velocity [s]."""
 
@@ -35,12 +37,14 @@ class Track:
         misses: images since the last accepted pose.
         decoded_at: when one of its tags was last decoded [s].
         tried_at: when decoding was last tried [s].
+        in_doubt: the poses remembered may be mirrored; they are good for following, not for deciding.
         image: pixels of the last accepted pose, for optical flow.
     """
 
     misses: int = 0
     decoded_at: float = -np.inf
     tried_at: float = -np.inf
+    in_doubt: bool = False
     image: npt.NDArray[np.uint8] | None = None
     _moments: list[_Moment] = field(default_factory=list)
 
@@ -76,34 +80,44 @@ class Track:
         """Forget everything: a wrong lock must not predict itself."""
         self._moments.clear()
         self.image = None
+        self.in_doubt = False
         self.misses = 0
         self.decoded_at = -np.inf
 
     def predict(self, time: float, enu_from_flu: Array | None, mounting: Mounting | None) -> tuple[Pose, bool]:
         """Expected pose at a time.
 
-        The vehicle's attitude change turns the camera; the camera's way through the target frame goes on at constant
-        velocity. Without attitude the last turn is repeated.
+        Motion is taken in the camera frame, where the position is known to a fraction of a pixel; in the target frame
+        every error of tilt would swing it by the range. With the vehicle's attitude the turn of the camera is taken
+        out first and put back for the new image; without, image motion and turn simply go on.
 
         Returns:
             The pose and whether the attitude was used.
         """
         now = self._moments[-1]
         before = self._moments[-2] if self.has_velocity else None
-        ahead = time - now.time
-        centre = -now.pose.rotation.T @ now.pose.position
+        turned = _camera_turn(enu_from_flu, now.enu_from_flu, mounting)
+        position, rotation = now.pose.position, now.pose.rotation
         if before is not None:
-            velocity = (centre + before.pose.rotation.T @ before.pose.position) / (now.time - before.time)
-            if float(np.linalg.norm(velocity)) < MAX_SPEED:
-                centre = centre + velocity * ahead
-        rotation = now.pose.rotation
-        used = False
-        if enu_from_flu is not None and now.enu_from_flu is not None and mounting is not None:
-            camera = mounting.flu_from_cam
-            rotation = camera.T @ enu_from_flu.T @ now.enu_from_flu @ camera @ rotation
-            used = True
-        elif before is not None:
-            steady = abs(ahead - (now.time - before.time)) < 0.5 * (now.time - before.time)
-            if steady and angle_between(now.pose.rotation, before.pose.rotation) < MAX_TURN:
-                rotation = now.pose.rotation @ before.pose.rotation.T @ now.pose.rotation
-        return replace(now.pose, rotation=rotation, position=-rotation @ centre), used
+            ahead = (time - now.time) / (now.time - before.time)
+            earlier = _camera_turn(now.enu_from_flu, before.enu_from_flu, mounting)
+            if turned is not None and earlier is not None:
+                step = position - earlier @ before.pose.position
+            else:
+                step = position - before.pose.position
+                if ahead < 1.5 and angle_between(now.pose.rotation, before.pose.rotation) < MAX_TURN:
+                    rotation = now.pose.rotation @ before.pose.rotation.T @ now.pose.rotation
+            if float(np.linalg.norm(step)) < MAX_SPEED * (now.time - before.time):
+                position = position + min(ahead, MAX_AHEAD) * step
+        if turned is None:
+            return replace(now.pose, rotation=rotation, position=position), False
+        return replace(now.pose, rotation=turned @ now.pose.rotation, position=turned @ position), True
+
+
+def _camera_turn(now: Array | None, then: Array | None, mounting: Mounting | None) -> Array | None:
+    """Camera now from camera then `(3, 3)`, from two attitudes; none when one of them is unknown."""
+    if now is None or then is None or mounting is None:
+        return None
+    camera = mounting.flu_from_cam
+    turn: Array = camera.T @ now.T @ then @ camera
+    return turn

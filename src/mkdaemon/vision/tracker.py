@@ -7,7 +7,7 @@ everything else is a refusal with its reason.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -19,11 +19,12 @@ from mkdaemon.vision.ambiguity import Choice, choose
 from mkdaemon.vision.attitude import AttitudeHistory, Mounting, fuse_level, tilt_error
 from mkdaemon.vision.detection import Detection, Stage
 from mkdaemon.vision.detector import Detector
+from mkdaemon.vision.edgefit import Level
 from mkdaemon.vision.fitting import TargetFitter
 from mkdaemon.vision.gates import certainty_fault, fit_fault, innovation_fault
 from mkdaemon.vision.image import CameraImage
 from mkdaemon.vision.intrinsics import Intrinsics
-from mkdaemon.vision.pose import Pose, largest_variance
+from mkdaemon.vision.pose import Pose, angle_between, largest_variance
 from mkdaemon.vision.projection import Projection
 from mkdaemon.vision.result import TargetPose, VisionResult
 from mkdaemon.vision.tagmap import Tag, TagMap
@@ -48,6 +49,8 @@ IMAGE_DECIDES_PX = 24.0
 """Cells from this size on show perspective; without attitude, smaller ones are checked for the mirrored pose [px]."""
 BLURRED_PX = 3.5
 """Width of an edge from which perspective drowns in blur [px]."""
+HARMLESS = float(np.radians(2.0))
+"""Rivals this close are published as one pose with the doubt in its covariance [rad]."""
 SMALL_TILT = float(np.radians(1.5))
 """Below this tilt the mirrored pose is the pose [rad]."""
 RETRY_DECODE = 0.1
@@ -67,6 +70,7 @@ class _Frame:
     detections: list[Detection] = field(default_factory=list)
     poses: list[TargetPose] = field(default_factory=list)
     refused: dict[str, str] = field(default_factory=dict)
+    followed: set[str] = field(default_factory=set)
 
     @property
     def pixels(self) -> Grey:
@@ -124,7 +128,7 @@ class Tracker:
                 self._follow(frame, name)
             self._search(frame)
             for name, track in self._tracks.items():
-                if all(found.target != name for found in frame.poses):
+                if name not in frame.followed and all(found.target != name for found in frame.poses):
                     track.misses += 1
                     if track.is_live and image.captured_at - track.last_time > self._cfg.coast:
                         track.lose()
@@ -155,44 +159,69 @@ class Tracker:
         if not track.is_live:
             return
         predicted, used = track.predict(now, frame.enu_from_flu, self._mounting)
-        starts: list[tuple[str, Pose]] = []
-        if (track.misses == 0 and track.has_velocity) or (used and track.misses < PREDICT_THROUGH):
-            starts.append(("predicted", predicted))
-        pose, mode = self._fit_from(frame, name, starts, predicted)
-        if pose is None and track.misses < FLOW_THROUGH and track.image is not None:
-            carried = fitter.flow(track.image, frame.pixels, track.last, predicted)
-            if carried is not None:
-                pose, mode = self._fit_from(frame, name, [("flow", carried)], predicted)
-        if pose is not None and not self._confirm(frame, name, pose):
-            return
-        if pose is not None:
-            self._publish(frame, name, Choice(pose, float("inf"), "track"), mode)
+        for mode, start in self._starts(frame, name, predicted, used):
+            measured = self._measure(frame, name, start, predicted)
+            if measured is None:
+                continue
+            pose, doubt = measured
+            if not self._confirm(frame, name, pose):
+                return
+            if doubt:
+                track.accept(now, pose, frame.enu_from_flu, frame.pixels)
+                track.in_doubt = track.in_doubt or doubt == "ambiguous"
+                frame.refused[name] = doubt
+                frame.followed.add(name)
+            else:
+                track.in_doubt = False
+                self._publish(frame, name, Choice(pose, float("inf"), "track"), mode)
             return
         window = fitter.window(predicted, frame.pixels.shape)
         if window is not None:
             stage: Stage = "log" if track.misses % 2 else "decimate1"
-            self._adopt(frame, name, self.detector.search(frame.pixels, stage, window), "roi", predicted)
+            expected = None if track.in_doubt else predicted
+            self._adopt(frame, name, self.detector.search(frame.pixels, stage, window), "roi", expected)
 
-    def _fit_from(
-        self, frame: _Frame, name: str, starts: Sequence[tuple[str, Pose]], predicted: Pose
-    ) -> tuple[Pose | None, str]:
-        """First start whose fit passes the gates."""
+    def _starts(self, frame: _Frame, name: str, predicted: Pose, used: bool) -> Iterator[tuple[str, Pose]]:
+        """Where to begin fitting, the cheapest first; later ones are computed only when the earlier ones failed."""
+        track = self._tracks[name]
+        if (track.misses == 0 and track.has_velocity) or (used and track.misses < PREDICT_THROUGH):
+            yield "predicted", predicted
+        if track.misses < FLOW_THROUGH and track.image is not None:
+            carried = self._fitters[name].flow(track.image, frame.pixels, track.last, predicted)
+            if carried is not None:
+                yield "flow", carried
+
+    def _measure(self, frame: _Frame, name: str, start: Pose, predicted: Pose) -> tuple[Pose, str] | None:
+        """Fit from one start.
+
+        Returns:
+            The pose and why it must not be published (empty when it may be); none when a gate stopped it.
+        """
         fitter = self._fitters[name]
-        for mode, start in starts:
-            pose = fitter.refine(frame.pixels, start)
-            if pose is None:
-                frame.refused[name] = "no_fit"
-                continue
+        pose = fitter.refine(frame.pixels, start)
+        fault = self._hard_fault(frame, name, pose, predicted) if pose is not None else "no_fit"
+        if pose is not None and not fault:
             settled = self._settle_mirror(frame, name, pose, predicted)
             if settled is None:
-                frame.refused[name] = "ambiguous"
-                continue
-            pose = settled
-            fault = self._fault(frame, name, pose, predicted)
+                return pose, "ambiguous"
+            fault = "" if settled is pose else self._hard_fault(frame, name, settled, predicted)
             if not fault:
-                return self._fused(frame, name, pose), mode
-            frame.refused[name] = fault
-        return None, ""
+                fused = self._fused(frame, name, settled)
+                return fused, certainty_fault(fused, has_attitude=self._tilt(frame, name, settled) is not None)
+        level = self._level(frame, name)
+        if level is not None:
+            # A free fit may follow something lying over the target: hold the tilt and try again.
+            held = fitter.refine_level(frame.pixels, replace(start, rotation=predicted.rotation), level)
+            if held is not None and not self._hard_fault(frame, name, held, predicted):
+                return held, certainty_fault(held, has_attitude=True)
+        frame.refused[name] = fault
+        return None
+
+    def _level(self, frame: _Frame, name: str) -> Level | None:
+        if frame.enu_from_flu is None or self._mounting is None or not self._targets[name].level:
+            return None
+        up = (frame.enu_from_flu @ self._mounting.flu_from_cam).T[:, 2]
+        return Level(up, float(np.radians(self._cfg.attitude_sd_deg)))
 
     def _fused(self, frame: _Frame, name: str, pose: Pose) -> Pose:
         """The pose with what the attitude knows about its tilt."""
@@ -212,20 +241,35 @@ class Tracker:
         rival = fitter.mirrored(frame.pixels, pose)
         if rival is None:
             return pose
-        choice = choose([pose, rival], min_ratio=self._cfg.min_ambiguity_ratio, predicted=predicted.rotation)
-        return choice.pose if choice is not None else None
+        expected = None if self._tracks[name].in_doubt else predicted.rotation
+        choice = choose([pose, rival], min_ratio=self._cfg.min_ambiguity_ratio, predicted=expected)
+        if choice is not None:
+            return choice.pose
+        between = angle_between(pose.rotation, rival.rotation)
+        if between > HARMLESS:
+            return None
+        better = min((pose, rival), key=lambda candidate: candidate.loss)
+        covariance = better.covariance.copy()
+        covariance[3:, 3:] += (between / 2) ** 2 * np.eye(3)
+        return replace(better, covariance=covariance)
 
-    def _fault(self, frame: _Frame, name: str, pose: Pose, predicted: Pose | None) -> str:
-        """The first gate a pose fails; empty when it passes all."""
-        tilt = self._tilt(frame, name, pose)
+    def _fault(self, frame: _Frame, name: str, pose: Pose) -> str:
+        """The first gate a newly found pose fails; empty when it passes all."""
         fused = self._fused(frame, name, pose)
-        fault = fit_fault(pose, self._cfg) or certainty_fault(fused, has_attitude=tilt is not None)
+        return self._hard_fault(frame, name, pose, None) or certainty_fault(
+            fused, has_attitude=self._tilt(frame, name, pose) is not None
+        )
+
+    def _hard_fault(self, frame: _Frame, name: str, pose: Pose, predicted: Pose | None) -> str:
+        """The first sign that a pose is wrong; empty without any."""
+        fault = fit_fault(pose, self._cfg)
         if fault:
             return fault
-        bits = self._fitters[name].match(frame.pixels, pose)
         late = predicted is not None and self._tracks[name].misses > FLOW_THROUGH
+        bits = self._fitters[name].match(frame.pixels, pose)
         if bits is not None and bits < (LATE_BITS if late else self._cfg.min_bit_correlation):
             return "bits"
+        tilt = self._tilt(frame, name, pose)
         if tilt is not None and tilt > self._tilt_gate(pose):
             return "attitude"
         if predicted is not None:
@@ -278,7 +322,7 @@ class Tracker:
     def _search(self, frame: _Frame) -> None:
         """Look for what is still missing in the whole image."""
         found_names = {pose.target for pose in frame.poses}
-        missing = [name for name in self._fitters if name not in found_names]
+        missing = [name for name in self._fitters if name not in found_names | frame.followed]
         if not missing or (found_names and self._count % SEARCH_EVERY):
             return
         # Right after a miss the prediction is still good; the whole image comes when the neighbourhood gave nothing.
@@ -333,11 +377,12 @@ class Tracker:
                     "attitude" if known and min(known) > self._tilt_gate(believable[0]) else "ambiguous"
                 )
             return
-        fault = self._fault(frame, name, choice.pose, None)
+        fault = self._fault(frame, name, choice.pose)
         if fault:
             frame.refused[name] = fault
             return
         track.decoded_at = track.tried_at = frame.image.captured_at
+        track.in_doubt = False
         self._publish(frame, name, replace(choice, pose=self._fused(frame, name, choice.pose)), mode)
 
     def _bits_fault(self, frame: _Frame, name: str, pose: Pose) -> str:
