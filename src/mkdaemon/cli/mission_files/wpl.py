@@ -3,10 +3,9 @@
 The format has no specification; these facts were taken from programs that exchange such files with the tool.
 
 * Version 3 (`Route+WPL` of the iPhone application iKopter, 2012, and several converters): `[General]` with
-  `FileVersion`, `NumberOfWaypoints` and sometimes `Name`, then `[Point1]`... with `Latitude`, `Longitude` [deg],
-  `Radius` [m], `Altitude` [m], `ClimbRate` [0.1 m/s], `DelayTime` [s], `WP_Event_Channel_Value`, `Heading` [deg,
-  negative: number of a point of interest], `Speed` [0.1 m/s], `CAM-Nick` [deg], `Type` (1 waypoint, 2 point of
-  interest), `Prefix`, and in later files `AutoTrigger` [m]. Early iKopter files have a `Name` and count `Type` from 0.
+  `FileVersion`, `NumberOfWaypoints` and sometimes `Name`, then `[Point1]`... with the keys of `_ENTRIES`, and
+  `Latitude`, `Longitude` [deg], `Heading` [deg, negative: number of a point of interest], `Type` (1 waypoint, 2 point
+  of interest) and `Prefix`. Early iKopter files have a `Name` and count `Type` from 0.
 * Version 2 (settings header of the portable terminal PKT, 2013, and a converter): sections `[Waypoint1]`... without
   speed, camera and type, and one `[POI]` with `UsePOI`; there, `Heading=-1` means that POI, which therefore stands
   first in the list that is sent.
@@ -17,11 +16,32 @@ QGroundControl's text format "QGC WPL" shares only the file name and is refused.
 from __future__ import annotations
 
 import re
-from typing import Any
+from typing import Any, Final, NamedTuple
 
 from mkdaemon.cli.mission_files.source import MissionDraft, Place, assemble
 from mkdaemon.protocol.mission import Mission, MissionPoint, PointKind
 
+
+class _Entry(NamedTuple):
+    """One key of a point: its word in the file, our field, how many counts make one of ours, and since when."""
+
+    mk: str
+    field: str
+    counts: int = 1
+    since: int = 2
+    is_optional: bool = False
+
+
+_ENTRIES: Final = (
+    _Entry(mk="Radius", field="radius"),
+    _Entry(mk="Altitude", field="altitude"),
+    _Entry(mk="ClimbRate", field="climb", counts=10),
+    _Entry(mk="DelayTime", field="hold"),
+    _Entry(mk="WP_Event_Channel_Value", field="event"),
+    _Entry(mk="Speed", field="speed", counts=10, since=3),
+    _Entry(mk="CAM-Nick", field="camera_angle_deg", since=3),
+    _Entry(mk="AutoTrigger", field="photo_distance", since=3, is_optional=True),
+)
 _KINDS = (PointKind.WAYPOINT, PointKind.POI, PointKind.FAILSAFE, PointKind.LAND)
 _SECTION = re.compile(r"\[(?P<name>[^\]]+)\]$")
 
@@ -67,17 +87,10 @@ def write(mission: Mission) -> str:
             f"[Point{number}]",
             f"Latitude={point.latitude_deg:.7f}",
             f"Longitude={point.longitude_deg:.7f}",
-            f"Radius={point.radius}",
-            f"Altitude={round(point.altitude)}",
-            f"ClimbRate={round(point.climb * 10)}",
-            f"DelayTime={point.hold}",
-            f"WP_Event_Channel_Value={point.event}",
+            *(f"{entry.mk}={round(getattr(point, entry.field) * entry.counts)}" for entry in _ENTRIES),
             f"Heading={-point.poi if point.poi else point.heading_deg or 0}",
-            f"Speed={round(point.speed * 10)}",
-            f"CAM-Nick={point.camera_angle_deg}",
             f"Type={_KINDS.index(point.kind) + 1}",
             f"Prefix={point.name or 'P'}",
-            f"AutoTrigger={point.photo_distance}",
         ]
     return "\n".join([*lines, ""])
 
@@ -126,35 +139,34 @@ def _position(section: Section) -> dict[str, Any]:
     return {
         "latitude_deg": _number(section, "Latitude"),
         "longitude_deg": _number(section, "Longitude"),
-        "altitude": _number(section, "Altitude"),
     }
 
 
 def _read_poi(section: Section) -> MissionPoint:
-    return section[""][1].point(**_position(section), kind=PointKind.POI)
+    return section[""][1].point(**_position(section), altitude=_number(section, "Altitude"), kind=PointKind.POI)
 
 
 def _read_point(section: Section, version: int, from_zero: bool, has_poi: bool) -> MissionPoint:
     place = section[""][1]
     heading = _whole(section, "Heading")
     fields = _position(section) | {
-        "radius": _whole(section, "Radius"),
-        "climb": _whole(section, "ClimbRate") / 10,
-        "hold": _whole(section, "DelayTime"),
-        "event": _whole(section, "WP_Event_Channel_Value"),
         "heading_deg": heading if heading > 0 else None,
         # Without a POI in the list, version 2 writes -1 for "no heading".
         "poi": -heading if heading < 0 and (version == 3 or has_poi) else None,
     }
+    for entry in _ENTRIES:
+        if entry.since <= version and not (entry.is_optional and entry.mk.lower() not in section):
+            fields[entry.field] = _value(section, entry)
     if version == 3:
         kind = _whole(section, "Type") - (0 if from_zero else 1)
         if not 0 <= kind < len(_KINDS):
             raise section["type"][1].wrong(f"Type={section['type'][0]} is unknown", "1 waypoint, 2 point of interest")
-        fields |= {
-            "kind": _KINDS[kind],
-            "speed": _whole(section, "Speed") / 10,
-            "camera_angle_deg": _whole(section, "CAM-Nick"),
-            "name": section["prefix"][0] if "prefix" in section else "",
-            "photo_distance": _whole(section, "AutoTrigger") if "autotrigger" in section else 0,
-        }
+        fields |= {"kind": _KINDS[kind], "name": section["prefix"][0] if "prefix" in section else ""}
     return place.point(**fields)
+
+
+def _value(section: Section, entry: _Entry) -> float | int:
+    if entry.field == "altitude":
+        return _number(section, entry.mk)
+    value = _whole(section, entry.mk)
+    return value / entry.counts if entry.counts > 1 else value
