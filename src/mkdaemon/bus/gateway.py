@@ -74,6 +74,11 @@ class Bus:
         finally:
             await close_session(session)
 
+    @property
+    def session(self) -> zenoh.Session:
+        """The session itself, for what subscribes on its own: cameras that take their images from the bus."""
+        return self._session
+
     def publish(self, suffix: str, value: BaseModel, *, schema: type[BaseModel] | None = None) -> None:
         """Put a value and remember it as the key's last; never waits, drops where a subscriber is too slow.
 

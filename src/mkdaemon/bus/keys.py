@@ -13,6 +13,7 @@ from pydantic import BaseModel
 from mkdaemon.telemetry.command import CommandResult, LeaseRequest, RateRequest, ReleaseRequest
 from mkdaemon.telemetry.control import ControlOutput, ControlStatus
 from mkdaemon.telemetry.event import CommandEvent, FailsafeEvent, LogEvent, ModeEvent
+from mkdaemon.telemetry.image import CameraFrame
 from mkdaemon.telemetry.link import LinkHealth, LinkState, LinkTraffic
 from mkdaemon.telemetry.mission import MissionEvent
 from mkdaemon.telemetry.setpoint import StickSetpoint
@@ -20,6 +21,7 @@ from mkdaemon.telemetry.sim import FaultRequest, SimFaults, SimTruth
 from mkdaemon.telemetry.state import Attitude, Battery, Flight, Gps, Pilot, Position, Velocity
 from mkdaemon.telemetry.traffic import FrameSample, RawFrame
 from mkdaemon.telemetry.vehicle import VehicleHealth
+from mkdaemon.telemetry.vision import Tags, Transform, VisionPose, VisionStats
 
 ROOT: Final = "mk"
 
@@ -29,6 +31,8 @@ class Use(StrEnum):
 
     PUBLISHED = "published"
     """The daemon puts it; a query answers with the last value and its `age`."""
+    CLIENT = "client"
+    """Another program than the daemon puts it."""
     QUERY = "query"
     """A client asks; the answer is a `CommandResult` or a schema."""
     SETPOINT = "setpoint"
@@ -82,21 +86,40 @@ KEYS: Final[tuple[KeySpec, ...]] = (
     KeySpec("link/traffic", _P, LinkTraffic, "1 Hz", "Bytes and frames by kind, shares of the line."),
     KeySpec("control/status", _P, ControlStatus, "1 Hz and on change", "Who flies, and why nobody does."),
     KeySpec("control/output", _P, ControlOutput, "every stick frame", "What was sent, after the limiter."),
+    KeySpec("vision/<camera>/tags", _P, Tags, "every image that was searched", "Tags found, with their corners."),
+    KeySpec(
+        "vision/<camera>/pose",
+        _P,
+        VisionPose,
+        "every image with a pose",
+        "The vehicle against a target, with covariance.",
+    ),
+    KeySpec(
+        "vision/<camera>/stats", _P, VisionStats, "1 Hz and on change", "Rate, latency, refusals, what is in the way."
+    ),
+    KeySpec("vision/<camera>/image", _P, CameraFrame, "as configured", "What the camera saw."),
+    KeySpec("tf", _P, Transform, "every pose; mounts at 1 Hz", "One edge of the tree of frames."),
     KeySpec("event/command", _P, CommandEvent, "every command", "Who asked what, what was decided and why."),
     KeySpec("event/mode", _P, ModeEvent, "on change", "Authority or flight mode changed."),
     KeySpec("event/failsafe", _P, FailsafeEvent, "on occurrence", "The daemon let go on its own."),
-    KeySpec("event/mission", _P, MissionEvent, "upload, clear", "A client stored or cleared a waypoint list."),
+    KeySpec(
+        "event/mission",
+        Use.CLIENT,
+        MissionEvent,
+        "after an upload",
+        "A client stored a waypoint list and read it back.",
+    ),
+    KeySpec("sim/truth", Use.CLIENT, SimTruth, "50 Hz", "The simulator's true state; never read by flight code."),
+    KeySpec("sim/faults", Use.CLIENT, SimFaults, "1 Hz and on change", "Faults the simulator plays."),
+    KeySpec("sim/fault", _Q, FaultRequest, "", "Begin or end a fault of the simulator."),
     KeySpec("event/log", _P, LogEvent, "on occurrence", "Other things worth knowing."),
     KeySpec(
         "health", _P, VehicleHealth, "1 Hz and on change", "Whether the vehicle is alive (the daemon: see `alive`)."
     ),
-    KeySpec("sim/truth", _P, SimTruth, "50 Hz, a simulator only", "The true state; no flight code reads it."),
-    KeySpec("sim/faults", _P, SimFaults, "1 Hz and on change, a simulator only", "The faults that run."),
     KeySpec("cmd/<board>/<message>", _Q, CommandResult, "", "A MikroKopter request; its typed reply, or a refusal."),
     KeySpec("do/lease", _Q, LeaseRequest, "", "Take, renew, give back or show the lease."),
     KeySpec("do/release", _Q, ReleaseRequest, "", "Let go of the aircraft now; anyone may."),
     KeySpec("do/rate", _Q, RateRequest, "", "Ask for a stream at a rate."),
-    KeySpec("sim/fault", _Q, FaultRequest, "", "Start and stop faults of a simulator."),
     KeySpec("schema/<name>", _Q, None, "", "JSON Schema of `<Name>.v<N>`, as the encoding of every payload names it."),
     KeySpec("setpoint/stick", Use.SETPOINT, StickSetpoint, "", "Stick offsets, under a lease."),
     KeySpec("alive", Use.TOKEN, None, "", "The daemon is alive."),

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from mkdaemon.config.base import Section
 from mkdaemon.config.bus import BusConfig
+from mkdaemon.config.camera import CameraSection
 from mkdaemon.config.commands import CommandsConfig
 from mkdaemon.config.control import ControlConfig
 from mkdaemon.config.link import LinkConfig
 from mkdaemon.config.sim import SimConfig
 from mkdaemon.config.vehicle import VehicleConfig
+from mkdaemon.config.vision import VisionSection
 
 
 class Config(Section):
@@ -24,5 +26,9 @@ class Config(Section):
     """Dangerous requests that may be made."""
     control: ControlConfig = ControlConfig()
     """Authority, limiter, control rate."""
+    cameras: tuple[CameraSection, ...] = ()
+    """Cameras, each a `[[cameras]]` table; none: the daemon does not look."""
+    vision: VisionSection = VisionSection()
+    """Detector and tracker of all cameras."""
     sim: SimConfig = SimConfig()
     """The simulated aircraft of `mkdaemon sim` and `mkdaemon demo`."""

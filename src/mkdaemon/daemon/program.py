@@ -13,6 +13,7 @@ from mkdaemon.bus.gateway import Bus
 from mkdaemon.config.root import Config
 from mkdaemon.daemon.audit import Audit
 from mkdaemon.daemon.clock import now
+from mkdaemon.daemon.eyes import open_eyes
 from mkdaemon.daemon.flight import FlightControl
 from mkdaemon.daemon.requests import BoardRequests
 from mkdaemon.daemon.sink import BusSink
@@ -72,7 +73,8 @@ class Daemon:
         self._bus = bus
         self._vitals = Vitals(cfg.vehicle.note)
         audit = Audit(bus)
-        self._link = Link(cfg.link, BusSink(bus, self._vitals, audit))
+        self._eyes = open_eyes(cfg, bus)
+        self._link = Link(cfg.link, BusSink(bus, self._vitals, audit, self._eyes))
         self._flight = FlightControl(cfg.control, self._link, bus, self._vitals, audit)
         bus.serve("cmd", BoardRequests(cfg.commands, self._link, self._vitals, audit).answer)
         bus.serve("do", Verbs(self._flight, self._link, audit).answer)
@@ -81,7 +83,7 @@ class Daemon:
 
     async def serve(self, stop: asyncio.Event, notifier: Notifier) -> None:
         """Run all tasks until `stop`, or until a recording has ended."""
-        async with asyncio.TaskGroup() as line:
+        async with self._eyes.open(), asyncio.TaskGroup() as line:
             link = line.create_task(self._run_line(), name="link")
             async with asyncio.TaskGroup() as above:
                 tasks = [

@@ -8,11 +8,12 @@ from pydantic import BaseModel
 
 from mkdaemon.bus.gateway import Bus
 from mkdaemon.daemon.audit import Audit
+from mkdaemon.daemon.eyes import Eyes
 from mkdaemon.daemon.vitals import Vitals
 from mkdaemon.link.traffic import Lost, Received, Sent
 from mkdaemon.protocol.wire import Board, Unknown, WireMessage, board_at
 from mkdaemon.telemetry.link import LinkCondition, LinkHealth, LinkState, LinkTraffic
-from mkdaemon.telemetry.state import Flight, Pilot
+from mkdaemon.telemetry.state import Attitude, Flight, Pilot
 from mkdaemon.telemetry.traffic import FrameSample, RawFrame
 from mkdaemon.translate import StateTranslator
 from mkdaemon.translate.state import motors_running
@@ -24,10 +25,11 @@ _FOREIGN: Final = "other"
 class BusSink:
     """Hears about the line and publishes; every method returns at once."""
 
-    def __init__(self, bus: Bus, vitals: Vitals, audit: Audit) -> None:
+    def __init__(self, bus: Bus, vitals: Vitals, audit: Audit, eyes: Eyes) -> None:
         self._bus = bus
         self._vitals = vitals
         self._audit = audit
+        self._eyes = eyes
         self._translator = StateTranslator()
         self._counts = {"rx": 0, "tx": 0}
 
@@ -49,10 +51,13 @@ class BusSink:
         if message.spec.key == "version" and board is not None:
             self._vitals.version_said(board, str(getattr(message, "release", "")), frame.t_monotonic)
         for suffix, value in self._translator.states(word, message, frame.t_monotonic, frame.t_wall):
-            if isinstance(value, Flight):
-                self._vitals.flight_said(value)
-            elif isinstance(value, Pilot):
-                self._vitals.pilot_said(value)
+            match value:
+                case Attitude():
+                    self._eyes.attitude_said(value)
+                case Flight():
+                    self._vitals.flight_said(value)
+                case Pilot():
+                    self._vitals.pilot_said(value)
             self._bus.publish(suffix, value)
 
     def sent(self, frame: Sent) -> None:

@@ -16,6 +16,7 @@ from cyclopts import Parameter
 from mkdaemon.errors import MkError
 
 GENERATED: Final[Mapping[str, str]] = {
+    "docs/keys.md": "mkdaemon.service.keys_page:keys_page",
     "docs/protocol.md": "mkdaemon.service.protocol_page:protocol_page",
 }
 """Page, relative to the root of the source tree, and the function that makes it (imported when it is needed)."""

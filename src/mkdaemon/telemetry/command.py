@@ -64,7 +64,23 @@ REFUSALS: Final[dict[str, Refusal]] = {
         "{board} did not answer {name}: {detail}.",
         "The boards never say no: check `mkctl health`, then whether docs/protocol.md lists a condition for {name}.",
     ),
-    "no_room": Refusal(Status.DENIED, "{detail}.", "Ask for a longer interval, or slow down another stream."),
+    "line_budget": Refusal(Status.DENIED, "{detail}.", "Make the intervals longer, or stop a stream."),
+    "no_such_stream": Refusal(Status.UNSUPPORTED, "{board} has no stream {name!r}.", "`mkctl rate` shows them."),
+    "board_unreachable": Refusal(
+        Status.DENIED, "{board} cannot be reached from here: {detail}.", "Connect to it, or redirect the line first."
+    ),
+    "no_reply": Refusal(Status.UNSUPPORTED, "{name} is never answered.", "Send it without waiting."),
+    "recording": Refusal(Status.DENIED, "a recording plays: nobody listens.", "Connect an aircraft."),
+    "not_redirectable": Refusal(
+        Status.UNSUPPORTED, "the line cannot be passed through to {board}.", "Connect to that board directly."
+    ),
+    "motors_not_known_off": Refusal(
+        Status.DENIED, "a redirection stops the NaviCtrl's telemetry and servos.", "Stop the motors first."
+    ),
+    "wrong_layout": Refusal(
+        Status.DENIED, "this FlightCtrl takes another layout of external control.", "This is a defect; see the log."
+    ),
+    "releasing": Refusal(Status.BUSY, "a release is under way.", "Wait for its result."),
     # danger gate
     "not_enabled": Refusal(
         Status.DENIED, "{name} is off: {detail}.", "Set commands.{option} = true in the configuration, knowing why."
