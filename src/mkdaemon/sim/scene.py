@@ -18,7 +18,7 @@ import numpy.typing as npt
 from mkdaemon.sim.scene_ground import Ground, GroundKind
 from mkdaemon.sim.scene_light import Conditions, Sensor, add_glare, lens_blur, shade, streak
 from mkdaemon.sim.scene_print import Layer, print_target
-from mkdaemon.sim.scene_raster import draw_cover, draw_layer, fills_image, ray_from_plane, visible_layers
+from mkdaemon.sim.scene_raster import draw_cover, draw_layer, ray_from_plane, visible_layers
 from mkdaemon.sim.scene_view import NEAR_M, CameraView, Pose, RayGrid, project
 from mkdaemon.vision.intrinsics import Intrinsics
 from mkdaemon.vision.tagmap import Target
@@ -30,7 +30,8 @@ FINE_SAMPLES = 5_000_000
 """Most sub-samples a print may take in a still for measurements."""
 LIVE_SAMPLES = 330_000
 """Most sub-samples a print may take in real time: one per pixel of 640 x 480."""
-FAR_PX = 1e6
+NEUTRAL = 0.45
+"""Reflectance of the ground where none is drawn."""
 
 
 class Motion(Protocol):
@@ -76,7 +77,7 @@ class Scene:
         self.targets = tuple(targets)
         self._ground = Ground(ground, seed) if ground is not None else None
         self._sensor = Sensor(seed)
-        self._sub_exposures = 6 if fine else 2
+        self._spread_px = 1.0 if fine else 4.0
         self._budget = FINE_SAMPLES if fine else LIVE_SAMPLES
         self._rays: dict[Intrinsics, RayGrid] = {}
 
@@ -105,7 +106,7 @@ class Scene:
         flow = self._flow(view, rays)
         shared = flow.mean(axis=0)
         spread = float(np.linalg.norm(flow - shared, axis=1).max())
-        count = int(np.clip(np.ceil(spread), 1, self._sub_exposures))
+        count = int(np.clip(np.ceil(spread / self._spread_px), 1, 6))
         light = np.zeros(rays.x.shape, dtype=np.float32)
         for along in (np.arange(count) + 0.5) / count - 0.5:
             light += self._lit(view.moved(float(along) * view.exposure_s), conditions, rays)
@@ -142,10 +143,20 @@ class Scene:
 
     def _lit(self, view: CameraView, conditions: Conditions, rays: RayGrid) -> Image32:
         """Reflected light of a standing scene seen by a standing camera, before the lens."""
-        image = self._background(view, conditions, rays)
-        if conditions.target_in_view:
-            for target in self.targets:
-                self._draw_target(image, target, view, rays)
+        layers = [
+            seen
+            for target in self.targets
+            if conditions.target_in_view
+            for seen in visible_layers(target.layers, target.motion.pose_at(view.time), view, rays)
+        ]
+        # What a print hides completely need not be drawn.
+        first = max((k for k, seen in enumerate(layers) if seen.fills_image), default=None)
+        if first is not None or self._ground is None:
+            image = np.full(rays.x.shape, NEUTRAL, dtype=np.float32)
+        else:
+            image = self._ground.render(view, rays)
+        for seen in layers[first or 0 :]:
+            draw_layer(image, seen, rays, self._budget)
         if not self.targets:
             return image
         pose = self.targets[0].motion.pose_at(view.time)
@@ -157,26 +168,9 @@ class Scene:
             )
         for glare in conditions.glare:
             point = np.array([[*glare.point, 0.0], [glare.point[0] + glare.radius, glare.point[1], 0.0]])
-            seen = project(view.camera_points(pose.points(point)), view.intrinsics)
-            add_glare(image, glare, seen[0], float(np.linalg.norm(seen[1] - seen[0])))
+            spot = project(view.camera_points(pose.points(point)), view.intrinsics)
+            add_glare(image, glare, spot[0], float(np.linalg.norm(spot[1] - spot[0])))
         return image
-
-    def _background(self, view: CameraView, conditions: Conditions, rays: RayGrid) -> Image32:
-        """The ground, unless a print hides all of it."""
-        hidden = conditions.target_in_view and any(
-            fills_image(matrix, layer.cells.shape, rays)
-            for target in self.targets
-            for layer, matrix, _ in visible_layers(target.layers, target.motion.pose_at(view.time), view, rays)
-        )
-        if self._ground is None or hidden:
-            return np.full(rays.x.shape, 0.45, dtype=np.float32)
-        return self._ground.render(view, rays)
-
-    def _draw_target(self, image: Image32, target: SceneTarget, view: CameraView, rays: RayGrid) -> None:
-        """Composite a target's layers over `image` in place."""
-        pose = target.motion.pose_at(view.time)
-        for layer, cells_from_ray, window in visible_layers(target.layers, pose, view, rays):
-            draw_layer(image, layer, cells_from_ray, rays, window, self._budget)
 
 
 def true_corners(target: SceneTarget, view: CameraView) -> dict[tuple[str, int], Array]:

@@ -46,7 +46,7 @@ class Layer:
     height: float
     position: Array = field(default_factory=lambda: np.zeros(3))
     rotation: Array = field(default_factory=lambda: np.eye(3))
-    _textures: dict[float, Image32] = field(default_factory=dict, repr=False)
+    _textures: dict[tuple[float, int | None], Image32] = field(default_factory=dict, repr=False)
 
     def outline(self, steps: int = 1) -> Array:
         """Points along the edge `(4 * steps, 3)` [m; target]: from top-left by top-right, bottom-right, bottom-left."""
@@ -70,12 +70,24 @@ class Layer:
         power = 2.0 ** np.floor(np.log2(wanted))
         return float(1.5 * power if 1.5 * power <= wanted and power >= 2 else power)
 
-    def texture(self, density: float) -> Image32:
-        """Texture `(h, w, 2)`, `density` texels per cell: inked and covered share; `PAD` clear texels around."""
-        found = self._textures.get(density)
+    @property
+    def shade(self) -> float | None:
+        """The reflectance where all cells share one, as on a blank sheet; None otherwise."""
+        first = float(self.cells.flat[0])
+        return first if bool((self.cells == first).all()) else None
+
+    def texture(self, density: float, channel: int | None = None) -> Image32:
+        """Texture with `density` texels per cell and `PAD` clear texels around.
+
+        Args:
+            density: one that `texels_per_cell` gave.
+            channel: 0 for reflectance times coverage `(h, w)`, 1 for coverage `(h, w)`, None for both `(h, w, 2)`.
+        """
+        found = self._textures.get((density, channel))
         if found is None:
-            found = self._draw(density)
-            self._textures[density] = found
+            both = self._draw(density)
+            found = both if channel is None else np.ascontiguousarray(both[..., channel])
+            self._textures[density, channel] = found
         return found
 
     def _draw(self, density: float) -> Image32:

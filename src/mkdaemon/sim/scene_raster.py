@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import cv2
 import numpy as np
@@ -14,12 +15,30 @@ from mkdaemon.sim.scene_view import NEAR_M, CameraView, Pose, RayGrid, project
 
 Image32 = npt.NDArray[np.float32]
 Array = npt.NDArray[np.float64]
-Window = tuple[slice, slice]
 
 
-def draw_layer(image: Image32, layer: Layer, cells_from_ray: Array, rays: RayGrid, window: Window, budget: int) -> None:
+@dataclass(frozen=True, slots=True, eq=False)
+class SeenLayer:
+    """A layer as one camera sees it.
+
+    Attributes:
+        layer: what was printed.
+        cells_from_ray: homography `(3, 3)` from rays (x, y, 1) to cells.
+        rows: part of the image that may show it.
+        columns: the same across.
+        fills_image: nothing else can be seen.
+    """
+
+    layer: Layer
+    cells_from_ray: Array
+    rows: slice
+    columns: slice
+    fills_image: bool
+
+
+def draw_layer(image: Image32, seen: SeenLayer, rays: RayGrid, budget: int) -> None:
     """Composite one layer over `image` in place, its window sampled with at most `budget` rays."""
-    rows, columns = window
+    layer, cells_from_ray, rows, columns = seen.layer, seen.cells_from_ray, seen.rows, seen.columns
     x, y = rays.x[rows, columns], rays.y[rows, columns]
     widest, narrowest = _cell_sizes(cells_from_ray, x, y, rays.intrinsics.fx, layer.cells.shape)
     if widest <= 0.0:
@@ -28,21 +47,27 @@ def draw_layer(image: Image32, layer: Layer, cells_from_ray: Array, rays: RayGri
     factor = int(np.clip(np.ceil(0.8 * widest / narrowest), min(2, allowed), min(6, allowed)))
     density = layer.texels_per_cell(max(narrowest * factor, widest / 1.5))
     u, v = _texel_map(cells_from_ray, density, *rays.fine(rows, columns, factor))
-    sampled = cv2.remap(layer.texture(density), u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT)
+    whole, shade = seen.fills_image, layer.shade
+    # One channel is enough where nothing shows through, and for a blank sheet.
+    texture = layer.texture(density, 0 if whole else 1 if shade is not None else None)
+    sampled = cv2.remap(texture, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT)
     if factor > 1:
         sampled = cv2.resize(sampled, None, fx=1 / factor, fy=1 / factor, interpolation=cv2.INTER_AREA)
-    reflected, covered = cv2.split(sampled)
     part = image[rows, columns]
-    np.subtract(np.float32(1.0), covered, out=covered)
-    part *= covered
-    part += reflected
+    if whole:
+        part[...] = sampled
+    elif shade is not None:
+        part += sampled * (np.float32(shade) - part)
+    else:
+        reflected, covered = cv2.split(sampled)
+        np.subtract(np.float32(1.0), covered, out=covered)
+        part *= covered
+        part += reflected
 
 
-def visible_layers(
-    layers: Sequence[Layer], pose: Pose, view: CameraView, rays: RayGrid
-) -> list[tuple[Layer, Array, Window]]:
-    """Layers that can be seen, from the back, each with its homography from rays to cells and its window."""
-    found: list[tuple[Layer, Array, Window]] = []
+def visible_layers(layers: Sequence[Layer], pose: Pose, view: CameraView, rays: RayGrid) -> list[SeenLayer]:
+    """Layers of one body that can be seen, from the back to the front."""
+    found: list[SeenLayer] = []
     for layer in layers:
         body = Pose(pose.enu_from_body @ layer.rotation, pose.points(layer.position[None])[0])
         if float((view.position_enu - body.position_enu) @ body.enu_from_body[:, 2]) <= NEAR_M:
@@ -56,18 +81,16 @@ def visible_layers(
         if rows.stop <= rows.start or columns.stop <= columns.start:
             continue
         cells_from_ray = layer.cells_from_plane() @ np.linalg.inv(ray_from_plane(body, view))
-        if fills_image(cells_from_ray, layer.cells.shape, rays):
-            found.clear()
-        found.append((layer, cells_from_ray, (rows, columns)))
+        fills = _fills_image(cells_from_ray, layer.cells.shape, rays)
+        found.append(SeenLayer(layer, cells_from_ray, rows, columns, fills))
     return found
 
 
-def fills_image(cells_from_ray: Array, shape: tuple[int, ...], rays: RayGrid) -> bool:
+def _fills_image(cells_from_ray: Array, shape: tuple[int, ...], rays: RayGrid) -> bool:
     """Whether the rim of the image, and so all of it, lies inside the layer."""
     u, v, w = cells_from_ray @ rays.rim
-    return bool(
-        (w > 1e-6).all() and (u > 0).all() and (v > 0).all() and (u < shape[1] * w).all() and (v < shape[0] * w).all()
-    )
+    in_front, left, top = w > 1e-6, u > 0, v > 0
+    return bool((in_front & left & top & (u < shape[1] * w) & (v < shape[0] * w)).all())
 
 
 def _texel_map(cells_from_ray: Array, density: float, x: Image32, y: Image32) -> tuple[Image32, Image32]:
