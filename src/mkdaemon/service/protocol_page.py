@@ -35,7 +35,7 @@ from mkdaemon.protocol.settings import known_revisions, layout_of
 from mkdaemon.protocol.settings_table import PARAMETERS, REVISIONS, Kind
 from mkdaemon.protocol.wire import MESSAGES, Board, Direction, WireMessage
 from mkdaemon.service.coverage_table import RECORDED, coverage, shown_releases
-from mkdaemon.service.protocol_text import APPENDED, DISAGREEMENTS, INTRODUCTION, SETTINGS
+from mkdaemon.service.protocol_text import APPENDED, COVERAGE, DISAGREEMENTS, INTRODUCTION, SETTINGS
 
 _SECTIONS: Final[tuple[tuple[str, tuple[ModuleType, ...]], ...]] = (
     ("VersionInfo", (version,)),
@@ -277,11 +277,7 @@ def _bit_span(since: int, until: int, last: int) -> str:
 
 def _coverage(recordings: Path) -> Iterator[str]:
     releases = " and ".join(f"{board.word} {str(release)[:-1]}" for board, release in RECORDED.items())
-    yield "## Coverage"
-    yield ""
-    yield "Every message of the table is decoded and encoded, and tested in both directions. A cell names the layout that"
-    yield "a release speaks; `S`: the simulated board of that release acts on it or sends it; `R`: it stands in a recording"
-    yield f"of a genuine board ({releases}); `·`: the release does not know it. (fork): only a public fork knows it."
+    yield COVERAGE.strip().format(releases=releases)
     yield ""
     for board, name in ((Board.FC, "FlightCtrl"), (Board.NC, "NaviCtrl")):
         rows = ((f"`{row.letter}`", row.name, *row.cells) for row in coverage(board, recordings))

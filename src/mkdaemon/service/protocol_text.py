@@ -119,3 +119,11 @@ Where the sources differ, and what is believed here:
 | `speak_all` in GlobalConfig3 | to revision 110, or later too | to 110 |
 | bit 0x80 of external control | defined in 2.12a, not evaluated | not relied on before 2.14 |
 """
+
+COVERAGE: Final = """
+## Coverage
+
+Every message of the table is decoded and encoded, and tested in both directions. A cell names the layout a release
+speaks; `S`: the simulated board of that release acts on it or sends it; `R`: it stands in a recording of a genuine
+board ({releases}); `·`: the release does not know it. (fork): only a public fork of the firmware knows it.
+"""
