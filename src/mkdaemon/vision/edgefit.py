@@ -43,7 +43,7 @@ SHARP_PX = 1.75
 """Half width of an edge in focus and at rest [px]."""
 MISSED_PX = 0.6
 """What a sample that found no edge, or a wrong one, costs when rival poses are compared [px]."""
-SHARPEST_PX = 0.05
+SHARPEST_PX = 0.02
 """Residuals below this are equally good when rival poses are compared [px]."""
 SYSTEMATIC_PX = 0.01
 """Interpolation error of a located edge that does not average out [px]."""

@@ -110,6 +110,11 @@ class TargetFitter:
         rival = self.refine(pixels, start)
         return rival if rival is not None and rival.source == pose.source else None
 
+    def by_grey_values(self, pixels: Grey, rivals: Sequence[Pose]) -> list[Pose]:
+        """Fit rivals of a small tag once more on all its pixels; empty when one of them cannot be."""
+        fitted = [self._fit(pixels, rival, photometric=True) for rival in rivals]
+        return [pose for pose in fitted if pose is not None] if all(fitted) else []
+
     def flow(self, before: Grey, now: Grey, last: Pose, predicted: Pose) -> Pose | None:
         """Carry the last pose over by optical flow; for motions the prediction did not foresee."""
         seen, visible = self._projection.project(self._lattice @ last.rotation.T + last.position)

@@ -243,6 +243,9 @@ class Tracker:
             return pose
         expected = None if self._tracks[name].in_doubt else predicted.rotation
         choice = choose([pose, rival], min_ratio=self._cfg.min_ambiguity_ratio, predicted=expected)
+        if choice is None and pose.source == "edges" and cell_px < IMAGE_DECIDES_PX / 3:
+            grey = fitter.by_grey_values(frame.pixels, (pose, rival))
+            choice = choose(grey, min_ratio=self._cfg.min_ambiguity_ratio, predicted=expected) if grey else None
         if choice is not None:
             return choice.pose
         between = angle_between(pose.rotation, rival.rotation)
