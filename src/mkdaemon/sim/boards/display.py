@@ -120,7 +120,7 @@ class FcMenu(_Pages):
             4: (
                 "Settings",
                 f"StickP {live['stick_p']:3d} GyroP {live['gyro_p']:3d}",
-                f"GyroI {live['gyro_i']:4d} IF {live['i_factor']:4d}",
+                f"GyroI {live['gyro_i']:4d} IF {live['integral_factor']:4d}",
             ),
             5: ("Accelerometer", f"Pitch {sensors.acc_x:9.2f}", f"Roll {sensors.acc_y:10.2f}", f"Trim {self.trim:10d}"),
             6: ("Battery", f"{sensors.battery_voltage:6.1f} V", f"{sensors.battery_current:6.1f} A"),

@@ -110,11 +110,11 @@ class FlightCore:
 
     def _lose_receiver(self, now: float, parameters: Parameters) -> None:
         """In flight the emergency throttle takes over for a while; on the ground the motors stop."""
-        if not self.flying or not parameters["emergency_time"]:
+        if not self.flying or not parameters["emergency_throttle_time"]:
             self.stop()
             return
         self.emergency = True
-        self._emergency_until = now + _EMERGENCY_UNIT_S * parameters["emergency_time"]
+        self._emergency_until = now + _EMERGENCY_UNIT_S * parameters["emergency_throttle_time"]
 
     def _watch_throttle(self, now: float, parameters: Parameters) -> None:
         if not self.running or self.gas(parameters) <= _FLYING_GAS:
@@ -134,7 +134,7 @@ class FlightCore:
         self.mixed = external.mix(self.receiver) if self.controlled else self.receiver
         self.height_control = (
             bool(parameters["global_config"] & 1)
-            and parameters.evaluate("height_channel", self.potis) > _ALTITUDE_SWITCH
+            and parameters.evaluate("altitude_channel", self.potis) > _ALTITUDE_SWITCH
         )
 
     def _act_on_gesture(self, now: float, parameters: Parameters, *, may_start: bool) -> Gesture | None:
@@ -174,8 +174,8 @@ class FlightCore:
     def gas(self, parameters: Parameters) -> float:
         """Collective count of running motors, 0..254."""
         if self.emergency:
-            return float(parameters["emergency_gas"])
-        low, high = parameters["gas_min"] + 10.0, parameters["gas_max"] - 20.0
+            return float(parameters["emergency_throttle"])
+        low, high = parameters["throttle_min"] + 10.0, parameters["throttle_max"] - 20.0
         return max(low, min(high, self.mixed.throttle + FULL))
 
     def stick_input(self, parameters: Parameters) -> StickInput:
@@ -197,7 +197,7 @@ class FlightCore:
 
     def battery_is_low(self, parameters: Parameters) -> bool:
         """Whether the voltage is under the warning level; values below 50 count per cell."""
-        level = parameters["low_voltage"]
+        level = parameters["low_voltage_warning"]
         if level < 50:
             level *= self.cells
         return self._aircraft.sensors.battery_voltage < 0.1 * level

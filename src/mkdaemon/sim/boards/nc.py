@@ -295,9 +295,12 @@ class NaviCtrl:
         core.take_pulses()
 
     def _read_mode(self) -> NaviStatus:
-        channel = self.flight.live["gps_mode_channel"]
-        potis = self.flight.core.potis
-        value = potis[channel - 5] if 5 <= channel < 5 + len(potis) else 0
+        live, potis = self.flight.live, self.flight.core.potis
+        if "gps_mode_channel" in live:
+            channel = live["gps_mode_channel"]
+            value = potis[channel - 5] if 5 <= channel < 5 + len(potis) else 0
+        else:
+            value = live.evaluate("gps_mode_control", potis)
         if value > _MODE_HOME:
             return NaviStatus.COMING_HOME
         return NaviStatus.POSITION_HOLD if value > _MODE_HOLD else NaviStatus.FREE
