@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Any, Final
+from collections.abc import Callable
+from typing import Any, Final, Protocol
 
 import structlog
+from pydantic import BaseModel
 
-from mkdaemon.bus.gateway import Bus
-from mkdaemon.daemon.clock import now
+from mkdaemon.daemon.clock import Instant, now
 from mkdaemon.telemetry.command import CommandResult
 from mkdaemon.telemetry.event import CommandEvent, FailsafeEvent, LogEvent, ModeEvent
 
@@ -16,16 +17,24 @@ _SHOWN: Final = 16
 """Longest list or string shown in the log; the event carries everything."""
 
 
+class Outlet(Protocol):
+    """Where values are published: `mkdaemon.bus.gateway.Bus` in earnest."""
+
+    def publish(self, suffix: str, value: BaseModel, *, schema: type[BaseModel] | None = None) -> None:
+        """Put a value under a key; see `Bus.publish`."""
+
+
 class Audit:
     """Publishes events, and logs them for whoever reads the journal."""
 
-    def __init__(self, bus: Bus) -> None:
+    def __init__(self, bus: Outlet, *, clock: Callable[[], Instant] = now) -> None:
         self._bus = bus
+        self._clock = clock
 
     def command(self, key: str, fields: dict[str, Any], result: CommandResult) -> None:
         """A command and its end."""
         event = CommandEvent(
-            **now()._asdict(),
+            **self._clock()._asdict(),
             key=key,
             fields=fields,
             status=result.status.value,
@@ -40,16 +49,16 @@ class Audit:
 
     def mode(self, before: str, after: str, reason: str) -> None:
         """Authority moved from one phase to another."""
-        self._bus.publish("event/mode", ModeEvent(**now()._asdict(), before=before, after=after, reason=reason))
+        self._bus.publish("event/mode", ModeEvent(**self._clock()._asdict(), before=before, after=after, reason=reason))
         _log.info("mode", before=before, after=after, reason=reason)
 
     def failsafe(self, action: str, reason: str, released: bool | None = None) -> None:
         """The daemon acted on its own."""
-        event = FailsafeEvent(**now()._asdict(), action=action, reason=reason, released=released)
+        event = FailsafeEvent(**self._clock()._asdict(), action=action, reason=reason, released=released)
         self._bus.publish("event/failsafe", event)
         _log.warning("failsafe", action=action, reason=reason, released=released)
 
     def log(self, level: str, text: str) -> None:
         """Something worth a line: info, warning or error."""
-        self._bus.publish("event/log", LogEvent(**now()._asdict(), level=level, text=text))
+        self._bus.publish("event/log", LogEvent(**self._clock()._asdict(), level=level, text=text))
         getattr(_log, level)(text)

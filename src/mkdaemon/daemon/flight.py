@@ -7,17 +7,18 @@ Setpoint out: Zenoh thread, `call_soon_threadsafe`, `Authority.offer` (newest wi
 from __future__ import annotations
 
 import asyncio
+from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import asdict
 from typing import Any, Final
 
 from mkdaemon.bus.codec import decode_map, read_command, schema_name
-from mkdaemon.bus.gateway import Bus, refused
+from mkdaemon.bus.gateway import refused
 from mkdaemon.config.control import ControlConfig
 from mkdaemon.control.authority import Authority, Fly, LetGo
 from mkdaemon.control.limiter import Sticks, count, limit
-from mkdaemon.daemon.audit import Audit
-from mkdaemon.daemon.clock import now
+from mkdaemon.daemon.audit import Audit, Outlet
+from mkdaemon.daemon.clock import Instant, now
 from mkdaemon.daemon.vitals import Vitals
 from mkdaemon.errors import CommandRejectedError
 from mkdaemon.link.link import Link
@@ -48,13 +49,23 @@ _NO_BOARD: Final = frozenset({LinkCondition.DOWN, LinkCondition.ABSENT, LinkCond
 class FlightControl:
     """Holds the authority and moves the sticks; everything runs on the loop."""
 
-    def __init__(self, cfg: ControlConfig, link: Link, bus: Bus, vitals: Vitals, audit: Audit) -> None:
+    def __init__(
+        self,
+        cfg: ControlConfig,
+        link: Link,
+        bus: Outlet,
+        vitals: Vitals,
+        audit: Audit,
+        *,
+        clock: Callable[[], Instant] = now,
+    ) -> None:
         self._cfg = cfg
         self._link = link
         self._bus = bus
         self._vitals = vitals
         self._audit = audit
-        start = now()
+        self._clock = clock
+        start = clock()
         # Milliseconds since 1970: above every epoch of an earlier run, whatever a client still streams.
         self._authority = Authority(cfg, first_epoch=int(start.t_wall * 1000))
         self._wake = asyncio.Event()
@@ -94,7 +105,7 @@ class FlightControl:
             CommandRejectedError: see `Authority`; also `no_control` and `link_down`.
         """
         request = read_command(LeaseRequest, raw)
-        t = now().t_monotonic
+        t = self._clock().t_monotonic
         match request.action:
             case "take":
                 self._check_control()
@@ -138,7 +149,7 @@ class FlightControl:
             await self._wait()
             self.ticks += 1
             self._watch_line()
-            before, t = self._authority.phase, now().t_monotonic
+            before, t = self._authority.phase, self._clock().t_monotonic
             action = self._authority.tick(t)
             self._note_phase(before)
             if isinstance(action, Fly):
@@ -164,7 +175,7 @@ class FlightControl:
             async with asyncio.timeout(patience):
                 await self._wake.wait()
         self._wake.clear()
-        early = self._sent_at + SHORTEST_STEP - now().t_monotonic
+        early = self._sent_at + SHORTEST_STEP - self._clock().t_monotonic
         if flying and early > 0:
             await asyncio.sleep(early)
 
@@ -201,7 +212,7 @@ class FlightControl:
             return
         self._last, self._sent_at = sticks, t
         output = ControlOutput(
-            **now()._asdict(),
+            **self._clock()._asdict(),
             epoch=order.epoch,
             sequence=order.sequence,
             age=order.age,
@@ -225,7 +236,7 @@ class FlightControl:
             async with asyncio.timeout(LONGEST_RELEASE):
                 result = await self._link.release(order.reason)
         before = self._authority.phase
-        self._authority.released(now().t_monotonic)
+        self._authority.released(self._clock().t_monotonic)
         self._note_phase(before)
         confirmed = {"confirmed": True, "unconfirmed": False, "not_sent": False}
         if not order.asked:
@@ -257,7 +268,7 @@ class FlightControl:
             self._audit.failsafe("neutral", self._authority.reason)
 
     def _publish_status(self) -> None:
-        stamp = now()
+        stamp = self._clock()
         lease = self._authority.lease(stamp.t_monotonic)
         told = (self._authority.phase, self._authority.reason, lease.epoch if lease else None)
         if told == self._told and stamp.t_monotonic - self._told_at < STATUS_PERIOD:

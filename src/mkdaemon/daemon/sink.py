@@ -6,8 +6,7 @@ from typing import Final
 
 from pydantic import BaseModel
 
-from mkdaemon.bus.gateway import Bus
-from mkdaemon.daemon.audit import Audit
+from mkdaemon.daemon.audit import Audit, Outlet
 from mkdaemon.daemon.eyes import Eyes
 from mkdaemon.daemon.vitals import Vitals
 from mkdaemon.link.traffic import Lost, Received, Sent
@@ -25,7 +24,7 @@ _FOREIGN: Final = "other"
 class BusSink:
     """Hears about the line and publishes; every method returns at once."""
 
-    def __init__(self, bus: Bus, vitals: Vitals, audit: Audit, eyes: Eyes) -> None:
+    def __init__(self, bus: Outlet, vitals: Vitals, audit: Audit, eyes: Eyes) -> None:
         self._bus = bus
         self._vitals = vitals
         self._audit = audit
