@@ -3,17 +3,30 @@
 from __future__ import annotations
 
 import asyncio
+import inspect
 from collections import Counter
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import asynccontextmanager
 
 from mkdaemon.bench.boardport import Socket
+from mkdaemon.bench.virtualloop import run_virtually
 from mkdaemon.config.link import LinkConfig
 from mkdaemon.config.sim import PilotPlan, SimConfig
 from mkdaemon.link.link import Link
 from mkdaemon.link.traffic import Lost, Received, Sent
 from mkdaemon.sim.simulation import Simulation
 from mkdaemon.telemetry.link import LinkHealth, LinkState, LinkTraffic
+
+
+def virtually(test: Callable[..., Awaitable[None]]) -> Callable[..., None]:
+    """Run a test in virtual time (pytest sees a plain function with the same arguments)."""
+
+    def run(**arguments: object) -> None:
+        run_virtually(test(**arguments))  # type: ignore[arg-type]
+
+    run.__name__, run.__doc__ = test.__name__, test.__doc__
+    run.__signature__ = inspect.signature(test)  # type: ignore[attr-defined]
+    return run
 
 
 class Log:

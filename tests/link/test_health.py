@@ -51,6 +51,7 @@ class Line:
                 if self.talks:
                     health.frame_received("nc", key, 100, now)
         if self.garbage:
+            health.bytes_received(len(self.garbage), now)
             health.damaged(self.reason, self.garbage, now)
         rate = 0.101 if health.is_suspicious else 0.2
         if self.probes and now - self._last_probe >= rate:
@@ -190,6 +191,27 @@ def test_garbage_within_half_a_second_and_named(bytes_: bytes, reason: DropReaso
     line.until(LinkCondition.UP, 0.5)
 
 
+def test_bytes_without_any_end_are_garbage_too():
+    line = up()
+    line.talks = False
+    for _ in range(100):
+        line.health.bytes_received(5, line.now)
+        line.step()
+    assert line.health.verdict.condition is LinkCondition.GARBAGE
+    assert "wrong baud rate" in line.health.verdict.reason
+    line.run(1.0)
+    assert line.health.verdict.condition is LinkCondition.GARBAGE
+    line.run(0.5)
+    assert line.health.verdict.condition is LinkCondition.MUTE
+
+
+def test_a_frame_cut_short_by_silence_is_no_garbage():
+    line = up()
+    line.talks = False
+    line.health.bytes_received(60, line.now + 0.02)
+    line.until(LinkCondition.MUTE, 0.5)
+
+
 def test_a_glitch_is_no_garbage():
     line = up()
     line.talks = False
@@ -313,7 +335,7 @@ def test_a_lost_port_is_down_or_absent_at_once():
 
 def test_a_search_for_the_line_rate_stays_garbage():
     health = HealthMonitor()
-    health.port_opened(1.0, searching="no frame at 9600 baud: trying 57600")
+    health.port_opened(1.0, searching=(LinkCondition.GARBAGE, "no frame at 9600 baud: trying 57600"))
     health.judge(1.1)
     assert health.verdict.condition is LinkCondition.GARBAGE
     assert "trying 57600" in health.verdict.reason

@@ -315,7 +315,7 @@ def test_whatever_is_asked_the_line_and_the_boards_can_take_it(steps, rules):
         sent += sent_until(scheduler, now + pause, now=now)
     sent += sent_until(scheduler, now + 2.0, now=now)
     assert scheduler.next_time(now + 3.0) is None
-    for (at, item), (later, following) in itertools.pairwise(sent):
+    for (at, item), (later, _) in itertools.pairwise(sent):
         idle = later - at - rules.wire_time(item.raw)
         assert idle >= -1e-9
         if rules.direct is not Board.NC:

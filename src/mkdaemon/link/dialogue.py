@@ -56,13 +56,21 @@ class Dialogue:
         self.bytes: dict[str, int] = {"rx": 0, "tx": 0}
         self._dialect_changed = True
         self._navictrl_confirms = False
+        self._plan_is_settled = True
         self._wishes: dict[str, float] = (
             {} if isinstance(cfg.rates, str) else {key: ms / 1000 for key, ms in cfg.rates.items()}
         )
 
     # -- the port -------------------------------------------------------------------------------------------------
 
-    def opened(self, now: float, *, baud: int, is_recording: bool = False, searching: str = "") -> None:
+    def opened(
+        self,
+        now: float,
+        *,
+        baud: int,
+        is_recording: bool = False,
+        searching: tuple[LinkCondition, str] | None = None,
+    ) -> None:
         """A port is open. Whatever flew before may still obey its last command: a release is the first thing sent."""
         self.is_open = True
         self.is_recording = is_recording
@@ -87,6 +95,11 @@ class Dialogue:
         self.health.port_lost(now, reason, condition)
 
     # -- what arrives ---------------------------------------------------------------------------------------------
+
+    def arrived(self, size: int, now: float) -> None:
+        """Bytes arrived, whatever they are."""
+        self.bytes["rx"] += size
+        self.health.bytes_received(size, now)
 
     def received(self, frame: Frame, message: WireMessage | Unknown, now: float) -> None:
         """A right frame arrived."""
@@ -207,6 +220,7 @@ class Dialogue:
         """Begin to let go of the aircraft; setpoints are refused until that is done."""
         self.scheduler.drop_setpoint()
         layout = self.dialect.extern_control
+        self._plan_is_settled = False
         self.plan = release.ReleasePlan(
             layout=layout, last_setpoint=self.control.last_command, confirms=self.confirms, now=now, reason=reason
         )
@@ -409,8 +423,9 @@ class Dialogue:
         message = plan.due(now)
         if message is not None:
             self.scheduler.submit(self.control.entry(message, Purpose.RELEASE, now + 1.0, tag=plan), now)
-        if plan.is_running:
+        if plan.is_running or self._plan_is_settled:
             return
+        self._plan_is_settled = True
         if plan.status == "unconfirmed":
             self.scheduler.quieten(self.dialect.dead_man.refreshed_by, now + release.QUIET_S)
         self.control.last_command = None

@@ -35,6 +35,8 @@ OVERDUE_S: Final = 0.2
 """A stale stream degrades the link after this at the earliest [s]; a radio's spike of 62 ms is 3 periods at 50 Hz."""
 GARBAGE_BYTES: Final = 6
 """Fewer undecodable bytes than this within the silence are a glitch, not a wrong baud rate; `#av@w` has 6."""
+GARBAGE_MEMORY_S: Final = 1.2
+"""Once garbage was seen, it is not silence before nothing came for this long [s]."""
 DAMAGE_LIMIT: Final = 0.1
 """Share of damaged among all received bytes above which the line counts as degraded."""
 PROBE_TIMEOUT_S: Final = 0.25
@@ -104,19 +106,22 @@ class HealthMonitor:
         self._backlog_since: float | None = None
         self._damage: deque[tuple[float, int, DropReason]] = deque(maxlen=1024)
         self._rx: deque[tuple[float, int]] = deque(maxlen=4096)
+        self._raw: deque[tuple[float, int]] = deque(maxlen=256)
         self._text = ""
         self._verdict = Verdict(LinkCondition.ABSENT, "not opened yet", now)
         self._paused_until = -math.inf
 
     # -- what happened --------------------------------------------------------------------------------------------
 
-    def port_opened(self, now: float, *, is_recording: bool = False, searching: str = "") -> None:
+    def port_opened(
+        self, now: float, *, is_recording: bool = False, searching: tuple[LinkCondition, str] | None = None
+    ) -> None:
         """A port is open; nothing is known about its other end.
 
         Args:
             now: [s; monotonic].
             is_recording: nobody listens there.
-            searching: what is tried, where garbage made us open the port anew.
+            searching: condition and what is tried, where a search for the line rate opened the port anew.
         """
         self._opened = now
         self._is_recording = is_recording
@@ -125,9 +130,10 @@ class HealthMonitor:
         self._backlog_since = None
         self.backlog = 0
         self._damage.clear()
+        self._raw.clear()
         self._kinds.clear()
-        condition = LinkCondition.GARBAGE if searching else LinkCondition.DOWN
-        self._judge_as(condition, searching or "just opened, nothing heard yet", now)
+        condition, reason = searching or (LinkCondition.DOWN, "just opened, nothing heard yet")
+        self._judge_as(condition, reason, now)
 
     def port_lost(self, now: float, reason: str, condition: LinkCondition = LinkCondition.DOWN) -> None:
         """The port is gone, or could not be opened."""
@@ -135,6 +141,10 @@ class HealthMonitor:
         self.echo.clear()
         self.confirm.clear()
         self._judge_as(condition, reason, now)
+
+    def bytes_received(self, size: int, now: float) -> None:
+        """Bytes arrived, whatever they are."""
+        self._raw.append((now, size))
 
     def frame_received(self, board: str, key: str, characters: int, now: float) -> None:
         """A right frame arrived."""
@@ -302,10 +312,13 @@ class HealthMonitor:
         return LinkCondition.UP, "a recording plays" if self._is_recording else "both directions proven"
 
     def _explain_silence(self, now: float) -> tuple[LinkCondition, str]:
-        recent = [entry for entry in self._damage if entry[0] > now - SILENCE_S]
-        if sum(size for _, size, _ in recent) < GARBAGE_BYTES:
+        # Half the silence: the end of a frame that was cut off is no garbage. Once it is, slow garbage stays it.
+        is_garbage = self._verdict.condition is LinkCondition.GARBAGE
+        since = now - (GARBAGE_MEMORY_S if is_garbage else SILENCE_S / 2)
+        if sum(size for at, size in self._raw if at > since) < GARBAGE_BYTES:
             return LinkCondition.MUTE, "nothing arrives: check power, wiring and that this is the right port"
-        if all(reason is DropReason.TEXT and _is_text(self._text) for _, _, reason in recent):
+        recent = [reason for at, _, reason in self._damage if at > since]
+        if recent and all(reason is DropReason.TEXT for reason in recent) and _is_text(self._text):
             shown = " ".join(self._text.split())[:40]
             return LinkCondition.GARBAGE, f'only plain text arrives ("{shown}"): the board boots, or prints something'
         return LinkCondition.GARBAGE, "bytes arrive, but no frame: wrong baud rate, or a damaged line"
@@ -341,5 +354,5 @@ class HealthMonitor:
 
 def _is_text(sample: str) -> bool:
     """Mostly printable, as boot banners are and a wrong baud rate is not."""
-    readable = sum(1 for character in sample if character.isprintable() or character.isspace())
+    readable = sum(1 for c in sample if c.isascii() and (c.isprintable() or c.isspace()))
     return readable >= 0.9 * len(sample)

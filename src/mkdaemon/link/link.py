@@ -54,7 +54,6 @@ class Link:
         Raises:
             ConfigError: the configured port cannot exist, or the line cannot carry the configured rates.
         """
-        parse_address(cfg.port)
         self._cfg = cfg
         self._sink = sink
         self._opener = opener
@@ -68,7 +67,8 @@ class Link:
         self._timer: asyncio.TimerHandle | None = None
         self._judge_at = 0.0
         self._reporter = Reporter(cfg, self._dialogue, wall_offset=self._wall_offset)
-        self._bauds = BaudSearch(cfg.baud, enabled=cfg.probe_baud)
+        has_rate = parse_address(cfg.port).scheme == "serial"
+        self._bauds = BaudSearch(cfg.baud, enabled=cfg.probe_baud and has_rate)
         self._wants_introduction = asyncio.Event()
         self._release_waiters: list[asyncio.Future[ReleaseResult]] = []
         self._aliases = AliasMemory()
@@ -262,7 +262,7 @@ class Link:
             self._opened_at,
             baud=self._bauds.current,
             is_recording=port.is_recording,
-            searching=self._bauds.attempt,
+            searching=(self._bauds.condition, self._bauds.attempt) if self._bauds.attempt else None,
         )
         self._reporter.port_opened(port.name)
         self._publish()
@@ -275,7 +275,7 @@ class Link:
             raise
         finally:
             self._stop()
-            self._note_loss(reason, LinkCondition.GARBAGE if self._bauds.attempt else LinkCondition.DOWN)
+            self._note_loss(reason, self._bauds.condition if self._bauds.attempt else LinkCondition.DOWN)
         return self._has_ended
 
     async def _talk(self, port: Port) -> str:
@@ -307,7 +307,7 @@ class Link:
         now = self._clock()
         wall = now + self._wall_offset
         dialogue, sink = self._dialogue, self._sink
-        dialogue.bytes["rx"] += len(chunk)
+        dialogue.arrived(len(chunk), now)
         for item in self._decoder.feed(chunk):
             if isinstance(item, Frame):
                 message = self._messages.decode(item)
@@ -427,16 +427,16 @@ class Link:
 
     def _judge(self, port: Port, now: float) -> None:
         """Weigh the evidence, report, and act on a verdict that needs the port closed."""
-        self._judge_at = now + JUDGE_S
+        self._judge_at = max(self._judge_at + JUDGE_S, now + JUDGE_S / 2)
         health = self._dialogue.health
         health.port_backlog(port.backlog, now)
         before = health.verdict
         changed = health.judge(now)
         if changed and self._dialogue.notice(before, now):
             self._wants_introduction.set()
-        if changed or now >= self._reporter.health_due:
+        if self._reporter.health_is_due(now) or changed:
             self._publish()
-        if now >= self._reporter.traffic_due:
+        if self._reporter.traffic_is_due(now):
             self._sink.traffic_counted(self._reporter.traffic(now))
         advice = self._bauds.judge(health.verdict, self._opened_at, now)
         if advice is not None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+import math
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Final
@@ -15,6 +17,8 @@ BAUDS: Final = (57600, 115200, 38400, 19200, 9600, 230400)
 """Line rates to try; 57600 is MikroKopter's, the others are adapters and radios set wrongly."""
 GARBAGE_PATIENCE_S: Final = 1.0
 """Garbage for this long means a wrong line rate rather than noise [s]."""
+MUTE_PATIENCE_S: Final = 3.0
+"""A line that never said anything may be a line at the wrong rate whose board understands nothing [s]."""
 SILENT_PATIENCE_S: Final = 0.8
 """While searching: no frame for this long, and the next rate is tried [s]."""
 STUCK_PATIENCE_S: Final = 2.0
@@ -41,35 +45,47 @@ class BaudSearch:
     Attributes:
         current: rate to open with [baud].
         attempt: what is tried; empty while not searching.
+        condition: what the search began with: garbage, or mute from the very start.
     """
 
     def __init__(self, configured: int, *, enabled: bool) -> None:
         self.current = configured
+        self.attempt = ""
+        self.condition = LinkCondition.DOWN
         self._configured = configured
         self._enabled = enabled
-        self.attempt = ""
+        self._others = itertools.cycle(baud for baud in BAUDS if baud != configured)
+        self._heard = False
 
     def judge(self, verdict: Verdict, opened: float, now: float) -> str | None:
         """Say why the port must be closed and opened again (perhaps at another rate); None where it need not."""
-        condition, age = verdict.condition, now - verdict.since
+        condition = verdict.condition
         if condition in (LinkCondition.UP, LinkCondition.DEGRADED, LinkCondition.ONE_WAY):
-            self.attempt = ""
+            self.attempt, self._heard = "", True
             return None
-        if verdict.reason == STUCK and age > STUCK_PATIENCE_S:
+        if verdict.reason == STUCK and now - verdict.since > STUCK_PATIENCE_S:
             return verdict.reason
-        garbage = condition is LinkCondition.GARBAGE and "plain text" not in verdict.reason
-        if not self._enabled or not (garbage or self.attempt):
+        if not self._enabled or now - self._begins(verdict, opened) <= 0:
             return None
-        patience, since = (SILENT_PATIENCE_S, opened) if self.attempt else (GARBAGE_PATIENCE_S, verdict.since)
-        if now - since <= patience:
-            return None
+        if not self.attempt:
+            self.condition = condition
         tried, self.current = self.current, self._next()
         self.attempt = f"no frame at {tried} baud: trying {self.current}"
         return self.attempt
 
+    def _begins(self, verdict: Verdict, opened: float) -> float:
+        """When to try the next rate [s]; infinite while the line rate is not in doubt."""
+        if self.attempt:
+            return opened + SILENT_PATIENCE_S
+        if verdict.condition is LinkCondition.GARBAGE and "plain text" not in verdict.reason:
+            return verdict.since + GARBAGE_PATIENCE_S
+        if verdict.condition is LinkCondition.MUTE and not self._heard:
+            return verdict.since + MUTE_PATIENCE_S
+        return math.inf
+
     def _next(self) -> int:
-        rates = (self._configured, *(baud for baud in BAUDS if baud != self._configured))
-        return rates[(rates.index(self.current) + 1) % len(rates)]
+        """The configured rate every second time: it is the likely one once the fault has gone."""
+        return self._configured if self.current != self._configured else next(self._others)
 
 
 class AliasMemory:

@@ -24,8 +24,8 @@ class Reporter:
 
     def __init__(self, cfg: LinkConfig, dialogue: Dialogue, *, wall_offset: float) -> None:
         """Read from a dialogue; `wall_offset` is Unix time less the link's clock [s]."""
-        self.health_due = -math.inf
-        self.traffic_due = -math.inf
+        self._health_at = -math.inf
+        self._traffic_at = -math.inf
         self._cfg = cfg
         self._dialogue = dialogue
         self._offset = wall_offset
@@ -55,6 +55,20 @@ class Reporter:
         news, self._told = told != self._told, told
         return news
 
+    def health_is_due(self, now: float) -> bool:
+        """Whether it is time for the next health; notes it as told."""
+        due = now >= self._health_at
+        if due:
+            self._health_at = max(self._health_at + HEALTH_EVERY_S, now + HEALTH_EVERY_S / 2)
+        return due
+
+    def traffic_is_due(self, now: float) -> bool:
+        """Whether it is time for the next counters; notes them as told."""
+        due = now >= self._traffic_at
+        if due:
+            self._traffic_at = max(self._traffic_at + TRAFFIC_EVERY_S, now + TRAFFIC_EVERY_S / 2)
+        return due
+
     def state(self, now: float) -> LinkState:
         """The state of the line."""
         dialogue = self._dialogue
@@ -78,7 +92,6 @@ class Reporter:
 
     def health(self, now: float) -> LinkHealth:
         """Everything measured."""
-        self.health_due = now + HEALTH_EVERY_S
         dialogue, monitor = self._dialogue, self._dialogue.health
         heard, heard_us = monitor.ages(now)
         garbage, checksums = monitor.damage_rates(now)
@@ -99,7 +112,6 @@ class Reporter:
 
     def traffic(self, now: float) -> LinkTraffic:
         """What crossed the line."""
-        self.traffic_due = now + TRAFFIC_EVERY_S
         dialogue = self._dialogue
         counts = dialogue.counts
         self._bytes.append((now, dialogue.bytes["rx"], dialogue.bytes["tx"]))

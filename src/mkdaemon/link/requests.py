@@ -95,7 +95,8 @@ def _settings_match(asked: Any, came: Any) -> bool:
 
 _MATCHES: Final[dict[tuple[Board, str], Callable[[Any, Any], bool]]] = {
     (Board.NC, "z"): _same("pattern"),
-    (Board.NC, "j"): _same("parameter"),
+    (Board.NC, "j"): _same("id"),
+    (Board.NC, "x"): lambda asked, came: came.number == asked.index,
     (Board.NC, "w"): _same_index_or(0),
     (Board.FC, "q"): _settings_match,
     (Board.FC, "u"): _same("motor"),

@@ -33,8 +33,8 @@ AFTER_SETPOINT_S: Final = 0.0015
 SLOWEST_SETPOINT_S: Final = 0.25
 """Setpoints further apart have no rhythm worth keeping the line free for [s]."""
 CATCH_UP: Final = 0.7
-"""Part of the setpoint interval a late setpoint may be followed sooner (the gap holds); a FlightCtrl loses none at 100 Hz
-with 3 ms of jitter, a NaviCtrl that passes them on has no such margin."""
+"""Part of the setpoint interval by which a late setpoint may be followed sooner, the gap kept; a FlightCtrl loses none
+at 100 Hz with 3 ms of jitter, a NaviCtrl that passes them on has no such margin."""
 RESYNC_AFTER_S: Final = 2.0
 """After this silence on our side the next frame is led by CR CR: noise may have left a `#` in a receiver [s]."""
 

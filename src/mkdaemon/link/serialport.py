@@ -155,6 +155,8 @@ def _errno(error: BaseException) -> int | None:
     while cause is not None:
         if isinstance(cause, OSError) and cause.errno:
             return cause.errno
+        if isinstance(cause, termios.error):
+            return int(cause.args[0])
         cause = cause.__cause__ or cause.__context__
     return None
 

@@ -1,0 +1,339 @@
+"""The whole link, in virtual time, against the simulated boards."""
+
+from __future__ import annotations
+
+import asyncio
+import itertools
+
+import pytest
+
+from mkdaemon.bench.boardport import LineFault
+from mkdaemon.errors import (
+    CommandRejectedError,
+    LinkLostError,
+    RequestTimeoutError,
+)
+from mkdaemon.link.discovery import redirected
+from mkdaemon.link.traffic import Purpose
+from mkdaemon.protocol.messages import (
+    ControlStateRequest,
+    EchoRequest,
+    ErrorTextRequest,
+    ExternControlV2,
+    LabelRequest,
+    SerialChannels,
+    VersionRequest,
+)
+from mkdaemon.protocol.wire import Board
+from tests.link.rig import flight_ctrl, navi_ctrl, rig, virtually
+
+EVERY_FC = ("early", "2.08", "2.12a", "2.14")
+
+
+@pytest.mark.parametrize("word", EVERY_FC)
+@virtually
+async def test_the_first_bytes_are_a_release_and_then_one_in_the_right_layout(word):
+    async with rig(flight_ctrl(word)) as r:
+        await r.until_up()
+        await asyncio.sleep(0.5)
+        assert r.socket.wire[0][1].startswith(b"\r\r#bb=============")
+        layout = r.link.dialect.extern_control
+        assert layout is not None
+        right = [s for s in r.log.tx if s.purpose is Purpose.RELEASE and type(s.message) is layout]
+        assert len(right) >= 5
+        assert all(int(s.message.config) == 0 for s in right)
+        assert r.link.health().confirm.lost == 0
+        assert r.link.boards == {Board.FC}
+
+
+@virtually
+async def test_a_navictrl_is_found_its_streams_started_and_the_flightctrl_behind_it_looked_up():
+    async with rig(navi_ctrl()) as r:
+        assert await r.until_up() <= 0.5
+        await r.until(lambda: r.link.dialect.extern_control is ExternControlV2, 3)
+        await asyncio.sleep(1)
+        state = r.link.health().state
+        assert state.boards == ("fc", "nc")
+        assert state.firmware.startswith("NaviCtrl 0.24")
+        assert state.firmware.endswith(", FlightCtrl 2.12a")
+        assert state.external_control == "v2"
+        assert state.redirected_to == ""
+        assert r.log.kinds(since=0.5).keys() >= {"O", "C", "D", "Z"}
+        assert r.link.direct_board is Board.NC
+
+
+@virtually
+async def test_looking_behind_a_navictrl_waits_for_motors_known_off():
+    async with rig(navi_ctrl(pilot_plan="hover")) as r:
+        await r.until_up()
+        await asyncio.sleep(0.2)
+        running = any(int(s.frame.payload[67]) & 1 for s in r.log.rx if s.frame.id == "O")
+        redirects = [s for s in r.log.tx if s.message is not None and s.message.spec.id == "u"]
+        assert redirects == [] or not running
+
+
+@virtually
+async def test_the_look_behind_can_be_switched_off():
+    async with rig(navi_ctrl(), probe_flightctrl=False) as r:
+        await r.until_up()
+        await asyncio.sleep(2)
+        assert all(s.message is None or s.message.spec.id != "u" for s in r.log.tx)
+        with pytest.raises(CommandRejectedError) as caught:
+            r.link.send_setpoint(ExternControlV2(pitch=0, roll=0, yaw=0, throttle=0, config=1), deadline=9e9)
+        assert caught.value.token == "read_only"
+
+
+@virtually
+async def test_a_redirection_left_open_by_another_program_is_ended():
+    async with rig(navi_ctrl()) as r:
+        socket = r.socket
+        await r.until_up()
+        await asyncio.sleep(1)
+        socket.aircraft.write(b"#cu====Dl\r", socket.now())
+        await asyncio.sleep(0.1)
+        socket.port.lose("pulled")
+        await r.until(lambda: socket.openings == 2, 3)
+        await r.until(lambda: r.link.direct_board is Board.NC and r.condition == "up", 3)
+
+
+@virtually
+async def test_nothing_that_could_harm_is_sent_by_itself():
+    """Only these: release, version, link test, streams, redirection to the FlightCtrl, escape."""
+    for make in (flight_ctrl("2.08"), flight_ctrl("2.12a"), navi_ctrl(), navi_ctrl("2.14", "2.14")):
+        async with rig(make) as r:
+            await r.until_up()
+            await asyncio.sleep(5)
+            letters = {s.message.spec.id for s in r.log.tx if s.message is not None}
+            assert letters <= set("bvzocdu")
+
+
+@pytest.mark.parametrize("rate", [15, 30, 50, 100])
+@virtually
+async def test_no_control_frame_is_lost_at_any_rate(rate):
+    async with rig(flight_ctrl(), rates={"attitude": 50, "debug": 200}) as r:
+        await r.until_up()
+        await asyncio.sleep(0.3)
+        loop = asyncio.get_running_loop()
+        began = loop.time()
+        for step in range(4 * rate):
+            await asyncio.sleep(max(0.0, began + step / rate - loop.time()))
+            setpoint = ExternControlV2(pitch=step % 20, roll=0, yaw=0, throttle=0, config=1)
+            r.link.send_setpoint(setpoint, deadline=loop.time() + 0.1)
+        await asyncio.sleep(0.4)
+        health = r.link.health()
+        assert health.confirm.lost == 0
+        assert health.echo.lost == 0
+        sent = sum(s.purpose is Purpose.SETPOINT for s in r.log.tx)
+        assert sent >= 4 * rate - 2
+        assert health.confirm.sent + health.confirm_hidden >= sent
+
+
+@virtually
+async def test_frames_to_a_flightctrl_keep_their_distance_whatever_is_asked():
+    async with rig(flight_ctrl(), echo_hz=20) as r:
+        await r.until_up()
+        questions = [r.link.request(LabelRequest(index=n)) for n in range(32)]
+        questions.append(r.link.request(ControlStateRequest()))
+        replies = await asyncio.gather(*questions)
+        assert [reply.index for reply in replies[:-1]] == list(range(32))
+        writes = r.socket.wire
+        for (at, raw), (later, _) in itertools.pairwise(writes):
+            assert later - at - len(raw) * 10 / 57600 >= 0.005 - 1e-6
+
+
+@pytest.mark.parametrize("seed", range(3))
+@virtually
+async def test_a_saturated_navictrl_answers_everything(seed):
+    async with rig(navi_ctrl(seed=seed), rates={"osd": 50, "attitude": 50, "debug": 50}, echo_hz=10) as r:
+        await r.until_up()
+        await asyncio.sleep(2)
+        names = await asyncio.gather(*(r.link.request(LabelRequest(index=n), board=Board.NC) for n in range(8)))
+        assert [name.index for name in names] == list(range(8))
+        await r.link.request(ErrorTextRequest())
+        await asyncio.sleep(5)
+        health = r.link.health()
+        assert health.echo.lost == 0
+        assert health.requests_unanswered == 0
+        for kind in health.kinds:
+            if kind.asked_hz is not None:
+                assert kind.rate_hz == pytest.approx(20, rel=0.05)
+
+
+@virtually
+async def test_requests_fail_in_the_words_of_the_tree():
+    async with rig(navi_ctrl()) as r:
+        with pytest.raises(LinkLostError):
+            await r.link.request(VersionRequest())
+        await r.until_up()
+        await asyncio.sleep(0.5)
+        with pytest.raises(CommandRejectedError) as caught:
+            await r.link.request(ControlStateRequest())
+        assert caught.value.token == "board_unreachable"
+        r.socket.port.inject(LineFault.ONE_WAY)
+        with pytest.raises(RequestTimeoutError, match="asked 3 times"):
+            await r.link.request(LabelRequest(index=1), timeout=0.05, retries=2)
+        asking = asyncio.create_task(r.link.request(LabelRequest(index=1)))
+        await asyncio.sleep(0.01)
+        r.socket.unplug()
+        with pytest.raises(LinkLostError):
+            await asking
+    async with rig(flight_ctrl()) as r:
+        await r.until_up()
+        with pytest.raises(CommandRejectedError) as caught:
+            await r.link.request(EchoRequest(pattern=1))
+        assert caught.value.token == "board_unreachable"
+
+
+@virtually
+async def test_a_question_that_is_lost_is_asked_again():
+    async with rig(navi_ctrl()) as r:
+        await r.until_up()
+        await asyncio.sleep(0.5)
+        r.socket.port.inject(LineFault.ONE_WAY)
+        asking = asyncio.create_task(r.link.request(LabelRequest(index=7)))
+        await asyncio.sleep(0.05)
+        r.socket.port.inject(LineFault.NONE)
+        assert (await asking).index == 7
+        assert [s.purpose for s in r.log.tx if s.message == LabelRequest(index=7)] == [Purpose.REQUEST, Purpose.RETRY]
+
+
+@virtually
+async def test_a_cancelled_question_leaves_nothing_behind():
+    async with rig(flight_ctrl()) as r:
+        await r.until_up()
+        r.socket.port.inject(LineFault.SILENCE)
+        asking = asyncio.create_task(r.link.request(LabelRequest(index=3)))
+        await asyncio.sleep(0.02)
+        asking.cancel()
+        await asyncio.gather(asking, return_exceptions=True)
+        r.socket.port.inject(LineFault.NONE)
+        await r.until_up(6)
+        sent = sum(s.message == LabelRequest(index=3) for s in r.log.tx)
+        assert sent == 1
+        assert (await r.link.request(LabelRequest(index=4))).index == 4
+
+
+@virtually
+async def test_too_many_questions_are_refused_not_queued_for_ever():
+    async with rig(flight_ctrl()) as r:
+        await r.until_up()
+        asked = [asyncio.create_task(r.link.request(LabelRequest(index=n % 32))) for n in range(200)]
+        done = await asyncio.gather(*asked, return_exceptions=True)
+        refused = [error for error in done if isinstance(error, CommandRejectedError)]
+        assert refused
+        assert {error.token for error in refused} == {"busy"}
+        assert sum(not isinstance(reply, Exception) for reply in done) + len(refused) == 200
+
+
+@virtually
+async def test_what_has_no_answer_is_sent_not_asked():
+    async with rig(flight_ctrl()) as r:
+        await r.until_up()
+        silent = SerialChannels(channels=(0,) * 12)
+        assert await r.link.send(silent) is None
+        assert r.log.tx[-1].message == silent
+        with pytest.raises(CommandRejectedError) as caught:
+            await r.link.request(silent)
+        assert caught.value.token == "no_reply"
+
+
+@virtually
+async def test_rates_change_at_run_time_and_only_within_the_line():
+    async with rig(navi_ctrl(), rates={"osd": 200}) as r:
+        await r.until_up()
+        await asyncio.sleep(3)
+        r.link.set_rate("osd", 0.05)
+        r.link.set_rate("attitude", 0.05)
+        await asyncio.sleep(12)
+        rates = {kind.key: kind.rate_hz for kind in r.link.health().kinds}
+        assert rates["osd"] == pytest.approx(20, rel=0.05)
+        assert rates["attitude"] == pytest.approx(20, rel=0.05)
+        with pytest.raises(CommandRejectedError, match=r"need .* % of the line"):
+            r.link.set_rate("debug", 0.02)
+        with pytest.raises(CommandRejectedError) as caught:
+            r.link.set_rate("weather", 0.1)
+        assert caught.value.token == "no_such_stream"
+        r.link.set_rate("osd", 0)
+        r.link.set_rate("osd", 0)
+        began = len(r.log.rx)
+        await asyncio.sleep(1)
+        assert all(f.frame.id != "O" for f in r.log.rx[began + 3 :])
+        assert r.link.rates() == {"attitude": pytest.approx(0.05)}
+
+
+@virtually
+async def test_streams_live_longer_than_the_boards_timer_and_rates_survive_a_replug():
+    async with rig(navi_ctrl(), rates={"osd": 100}) as r:
+        await r.until_up()
+        await asyncio.sleep(0.5)
+        r.link.set_rate("osd", 0.2)
+        await asyncio.sleep(20)
+        renewals = [s for s in r.log.tx if s.purpose is Purpose.SUBSCRIPTION]
+        assert all(s.message.interval == 0 for s in renewals[4:])
+        r.socket.unplug()
+        await asyncio.sleep(1)
+        r.socket.is_present = True
+        await r.until_up(3)
+        await asyncio.sleep(11)
+        rates = {kind.key: kind.rate_hz for kind in r.link.health().kinds}
+        assert rates["osd"] == pytest.approx(5, rel=0.1)
+
+
+@virtually
+async def test_streams_can_be_off_and_echo_alone_keeps_the_truth():
+    async with rig(navi_ctrl(), rates="off", probe_flightctrl=False) as r:
+        await r.until_up()
+        await asyncio.sleep(2)
+        assert not r.log.kinds(since=1.0).keys() & set("OCD")
+        r.socket.port.inject(LineFault.SILENCE)
+        assert await r.until(lambda: r.condition == "mute", 0.5) <= 0.5
+
+
+@virtually
+async def test_auto_echo_yields_to_confirmations_but_not_to_silence():
+    async with rig(flight_ctrl(), echo_hz="auto", rates={"attitude": 50}) as r:
+        await r.until_up()
+        loop = asyncio.get_running_loop()
+        await asyncio.sleep(0.5)
+        began = loop.time()
+        for _ in range(100):
+            r.link.send_setpoint(
+                ExternControlV2(pitch=0, roll=0, yaw=0, throttle=0, config=1), deadline=loop.time() + 0.1
+            )
+            await asyncio.sleep(0.02)
+        echoes = [s for s in r.log.tx if s.purpose is Purpose.ECHO and s.t_monotonic > began + 0.1]
+        assert echoes == []
+        await asyncio.sleep(2)
+        echoes = [s for s in r.log.tx if s.purpose is Purpose.ECHO and s.t_monotonic > began + 2.1]
+        assert len(echoes) >= 8
+
+
+@virtually
+async def test_a_flightctrl_behind_a_navictrl_can_be_asked_while_redirected():
+    async with rig(navi_ctrl()) as r:
+        await r.until(lambda: r.link.dialect.fc_release is not None, 3)
+        await asyncio.sleep(1)
+        async with redirected(r.link, Board.FC):
+            assert r.link.health().state.redirected_to == "fc"
+            reply = await r.link.request(ControlStateRequest())
+            assert int(reply.config) == 0
+        await asyncio.sleep(0.5)
+        assert r.condition == "up"
+        assert r.link.health().state.redirected_to == ""
+
+
+@virtually
+async def test_a_redirection_is_refused_with_motors_not_known_off_and_without_a_navictrl():
+    async with rig(navi_ctrl(), rates={"attitude": 100}) as r:
+        await r.until_up()
+        await asyncio.sleep(2)
+        with pytest.raises(CommandRejectedError) as caught:
+            async with redirected(r.link, Board.FC):
+                raise AssertionError
+        assert caught.value.token == "motors_not_known_off"
+    async with rig(flight_ctrl()) as r:
+        await r.until_up()
+        with pytest.raises(CommandRejectedError) as caught:
+            async with redirected(r.link, Board.MAG):
+                raise AssertionError
+        assert caught.value.token == "not_redirectable"

@@ -1,0 +1,167 @@
+"""The link lets go of the aircraft for certain; in virtual time, against the boards."""
+
+from __future__ import annotations
+
+import asyncio
+
+import pytest
+
+from mkdaemon.bench.boardport import LineFault
+from mkdaemon.errors import (
+    CommandRejectedError,
+)
+from mkdaemon.link.traffic import Purpose
+from mkdaemon.protocol.messages import (
+    ExternControlV1,
+    ExternControlV2,
+)
+from tests.link.rig import Rig, flight_ctrl, navi_ctrl, rig, virtually
+
+EVERY_FC = ("early", "2.08", "2.12a", "2.14")
+
+
+def released(r: Rig) -> bool:
+    """Whether the flight controller holds no valid external control."""
+    return not r.socket.aircraft.flight.core.controlled
+
+
+def steer(r: Rig, **fields: int) -> None:
+    layout = r.link.dialect.extern_control
+    assert layout is not None
+    r.link.send_setpoint(
+        layout(**{"pitch": 0, "roll": 0, "yaw": 0, "throttle": 60, "config": 1, **fields}),
+        deadline=asyncio.get_running_loop().time() + 0.1,
+    )
+
+
+async def hold(r: Rig, seconds: float, **fields: int) -> None:
+    for _ in range(int(seconds / 0.02)):
+        steer(r, **fields)
+        await asyncio.sleep(0.02)
+
+
+@pytest.mark.parametrize("word", EVERY_FC)
+@virtually
+async def test_a_release_is_confirmed_and_takes_effect(word):
+    async with rig(flight_ctrl(word, gate_parameter=200)) as r:
+        await r.until_up()
+        await asyncio.sleep(0.3)
+        await hold(r, 1.0, pitch=20)
+        assert not released(r)
+        began = asyncio.get_running_loop().time()
+        result = await r.link.release("test")
+        assert (result.status, result.confirmed) == ("confirmed", 5)
+        assert asyncio.get_running_loop().time() - began < 0.3
+        await asyncio.sleep(0.6)
+        assert released(r)
+        last = [s for s in r.log.tx if s.purpose in (Purpose.SETPOINT, Purpose.RELEASE)][-6:]
+        assert last[0].message.pitch == 0
+        assert int(last[0].message.config) == 1
+        await hold(r, 0.2)  # and control may be taken again
+
+
+@virtually
+async def test_through_a_navictrl_a_release_is_not_observable_but_effective():
+    async with rig(navi_ctrl(gate_parameter=200)) as r:
+        await r.until(lambda: r.link.dialect.extern_control is not None, 3)
+        await asyncio.sleep(1)
+        await hold(r, 1.0, pitch=20)
+        assert not released(r)
+        result = await r.link.release("test")
+        assert result.status == "not_observable"
+        assert result.sent == 5
+        await asyncio.sleep(0.6)
+        assert released(r)
+
+
+@virtually
+async def test_nothing_is_steered_during_a_release_nor_in_the_wrong_layout():
+    async with rig(flight_ctrl()) as r:
+        with pytest.raises(CommandRejectedError) as caught:
+            r.link.send_setpoint(ExternControlV2(pitch=0, roll=0, yaw=0, throttle=0), deadline=1e9)
+        assert caught.value.token == "link_down"
+        await r.until_up()
+        await asyncio.sleep(0.3)
+        with pytest.raises(CommandRejectedError) as caught:
+            r.link.send_setpoint(ExternControlV1(pitch=0, roll=0, yaw=0, throttle=0), deadline=1e9)
+        assert caught.value.token == "wrong_layout"
+        releasing = asyncio.create_task(r.link.release("test"))
+        await asyncio.sleep(0)
+        with pytest.raises(CommandRejectedError) as caught:
+            steer(r)
+        assert caught.value.token == "releasing"
+        await releasing
+
+
+@pytest.mark.parametrize("word", ["early", "2.08"])
+@virtually
+async def test_an_unconfirmed_release_silences_what_keeps_the_sticks_alive(word):
+    async with rig(flight_ctrl(word, gate_parameter=200)) as r:
+        await r.until_up()
+        await asyncio.sleep(0.3)
+        await hold(r, 0.5, pitch=20)
+        r.socket.port.inject(LineFault.ONE_WAY)
+        result = await r.link.release("test")
+        assert result.status == "unconfirmed"
+        r.socket.port.inject(LineFault.NONE)
+        began = asyncio.get_running_loop().time()
+        await asyncio.sleep(5.9)
+        dead_man = r.link.dialect.dead_man
+        after = [s for s in r.log.tx if s.t_monotonic > began and s.message is not None]
+        assert not [s for s in after if dead_man.refreshed_by(s.message.spec.id)]
+        assert released(r)
+        await asyncio.sleep(4)
+        assert r.log.kinds(began + 8).keys() >= {"C", "D", "V"}
+
+
+@virtually
+async def test_without_a_port_the_release_is_what_goes_out_first():
+    async with rig(flight_ctrl()) as r:
+        await r.until_up()
+        await asyncio.sleep(0.3)
+        await hold(r, 0.5, pitch=20)
+        r.socket.unplug()
+        await asyncio.sleep(0.1)
+        assert (await r.link.release("client died")).status == "not_sent"
+        written = len(r.socket.wire)
+        r.socket.is_present = True
+        await r.until_up()
+        first = r.socket.wire[written][1]
+        assert first.startswith(b"\r\r#bb")
+        sent = [s for s in r.log.tx if s.raw == first]
+        assert int(sent[-1].message.config) == 0
+
+
+@virtually
+async def test_losing_the_port_ends_a_release_that_waits():
+    async with rig(flight_ctrl()) as r:
+        await r.until_up()
+        r.socket.port.inject(LineFault.ONE_WAY)
+        releasing = asyncio.create_task(r.link.release("test"))
+        await asyncio.sleep(0.1)
+        r.socket.unplug()
+        assert (await releasing).status == "not_sent"
+
+
+@virtually
+async def test_an_orderly_exit_ends_with_a_confirmed_release():
+    async with rig(flight_ctrl(gate_parameter=200)) as r:
+        await r.until_up()
+        await asyncio.sleep(0.3)
+        await hold(r, 0.5, pitch=20)
+        assert not released(r)
+        aircraft = r.socket.aircraft
+    assert not aircraft.flight.core.controlled
+    last = [s for s in r.log.tx if s.purpose is Purpose.RELEASE][-5:]
+    assert all(int(s.message.config) == 0 for s in last)
+
+
+@virtually
+async def test_an_exit_beside_a_dead_board_is_bounded():
+    async with rig(flight_ctrl()) as r:
+        await r.until_up()
+        r.socket.port.inject(LineFault.SILENCE)
+        began = asyncio.get_running_loop().time()
+        r.task.cancel()
+        await asyncio.gather(r.task, return_exceptions=True)
+        assert asyncio.get_running_loop().time() - began < 1.0

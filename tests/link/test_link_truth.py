@@ -1,0 +1,172 @@
+"""The link tells the truth within half a second, and comes back by itself; in virtual time, against the boards."""
+
+from __future__ import annotations
+
+import asyncio
+
+import pytest
+
+from mkdaemon.bench.boardport import LineFault, Socket
+from mkdaemon.config.link import LinkConfig
+from mkdaemon.errors import (
+    ConfigError,
+    LinkError,
+    LinkLostError,
+)
+from mkdaemon.link.link import Link
+from mkdaemon.protocol.messages import (
+    OsdRequestV1,
+)
+from mkdaemon.telemetry.link import LinkCondition
+from tests.link.rig import Log, flight_ctrl, navi_ctrl, rig, virtually
+
+FAULTS = [
+    (LineFault.BYTE_LOSS, {"degraded", "garbage"}, 0.05),
+    (LineFault.BIT_FLIPS, {"degraded", "garbage"}, 0.03),
+    (LineFault.STUCK_WRITER, {"down"}, 0.0),
+    (LineFault.DEVICE_FULL, {"down"}, 0.0),
+    (LineFault.SILENCE, {"mute"}, 0.0),
+    (LineFault.ONE_WAY, {"one_way"}, 0.0),
+    (LineFault.ECHO_ONLY, {"degraded"}, 0.0),
+    (LineFault.GARBAGE, {"garbage"}, 0.0),
+    (LineFault.TEXT_FLOOD, {"garbage"}, 0.0),
+    (LineFault.REBOOT, {"mute"}, 0.0),
+    (LineFault.UNPLUGGED, {"down", "absent"}, 0.0),
+    (LineFault.GONE_DURING_WRITE, {"down", "absent"}, 0.0),
+]
+
+
+@pytest.mark.parametrize(("fault", "words", "amount"), FAULTS, ids=lambda value: getattr(value, "value", ""))
+@pytest.mark.parametrize("make", [navi_ctrl(), flight_ctrl()], ids=["nc", "fc"])
+@virtually
+async def test_the_right_word_within_half_a_second_and_back_again(make, fault, words, amount):
+    for seed, phase in ((1, 0.013), (2, 0.117)):
+        async with rig(make, seed=seed) as r:
+            await r.until_up()
+            await asyncio.sleep(1 + phase)
+            r.socket.port.inject(fault, amount)
+            assert await r.until(lambda r=r: r.condition in words, 0.5) <= 0.5
+            told = [s.condition.value for s in r.log.states]
+            assert set(told[-1:]) <= words
+            await asyncio.sleep(2.2)
+            r.socket.is_present = True
+            if r.socket.port.fault is not LineFault.NONE and not r.socket.port.is_closed:
+                r.socket.port.inject(LineFault.NONE)
+            await r.until(
+                lambda r=r: r.condition in ("up", "degraded") and r.log.kinds(r.log.tx[-1].t_monotonic) != {}, 3
+            )
+            await r.until_up(11 if fault in (LineFault.BYTE_LOSS, LineFault.BIT_FLIPS) else 4)
+
+
+@virtually
+async def test_one_byte_at_a_time_changes_nothing():
+    async with rig(navi_ctrl()) as r:
+        await r.until_up()
+        r.socket.port.inject(LineFault.ONE_BYTE_AT_A_TIME)
+        await asyncio.sleep(3)
+        assert r.condition == "up"
+        assert r.log.lost == [] or {loss.reason for loss in r.log.lost} <= {"text", "length"}
+
+
+@virtually
+async def test_health_is_published_at_five_hertz_and_at_once_on_change():
+    async with rig(navi_ctrl()) as r:
+        await r.until_up()
+        before = len(r.log.healths)
+        await asyncio.sleep(10)
+        assert 45 <= len(r.log.healths) - before <= 55
+        r.socket.unplug()
+        await asyncio.sleep(0.01)
+        assert r.log.healths[-1].state.condition is LinkCondition.DOWN
+        assert r.log.traffics[-1].rx_bytes > 1000
+
+
+@virtually
+async def test_twenty_replugs_come_back_within_three_seconds_and_begin_with_a_release():
+    async with rig(navi_ctrl()) as r:
+        await r.until_up()
+        for cycle in range(20):
+            r.socket.unplug()
+            await asyncio.sleep(0.2 + cycle * 0.07)
+            written = len(r.socket.wire)
+            if cycle % 3 == 0:
+                r.socket.power_cycle()
+            r.socket.is_present = True
+            assert await r.until_up(3) <= 3
+            assert r.socket.wire[written][1].startswith(b"\r\r#bb")
+            began = asyncio.get_running_loop().time()
+            await r.until(lambda began=began: "O" in r.log.kinds(began), 1)
+        assert r.link.health().state.openings == 21
+
+
+@virtually
+async def test_a_wrong_line_rate_is_found():
+    async with rig(navi_ctrl(), right_baud=38400) as r:
+        r.socket.aircraft.write(OsdRequestV1(interval=10).to_frame(), 0.0)  # an earlier session left its stream running
+        await r.until(lambda: r.condition == "garbage", 1)
+        await r.until(lambda: r.condition in ("up", "degraded"), 8)
+        assert r.link.health().state.baud == 38400
+
+
+@virtually
+async def test_a_line_that_never_said_anything_is_tried_at_other_rates():
+    async with rig(navi_ctrl(), right_baud=115200) as r:
+        await r.until(lambda: r.condition == "mute", 0.5)
+        await r.until(lambda: r.condition in ("up", "degraded"), 8)
+        assert r.link.health().state.baud == 115200
+
+
+@virtually
+async def test_the_search_can_be_switched_off():
+    async with rig(navi_ctrl(), probe_baud=False) as r:
+        await r.until_up()
+        r.socket.port.inject(LineFault.GARBAGE)
+        await asyncio.sleep(5)
+        assert r.socket.openings == 1
+        assert r.condition == "garbage"
+
+
+@virtually
+async def test_a_port_missing_at_the_start_ends_the_run_or_is_waited_for():
+    for wait in (False, True):
+        log, socket = Log(), Socket(navi_ctrl(), seed=1)
+        socket.is_present = False
+        cfg = LinkConfig(port="/dev/rig", wait_for_port=wait)
+        link = Link(cfg, log, opener=socket.open, clock=asyncio.get_running_loop().time)
+        task = asyncio.create_task(link.run())
+        await asyncio.sleep(1)
+        if wait:
+            assert log.states[-1].condition is LinkCondition.ABSENT
+            socket.is_present = True
+            await asyncio.sleep(2)
+            assert link.is_up
+            task.cancel()
+            await asyncio.gather(task, return_exceptions=True)
+        else:
+            with pytest.raises(LinkLostError, match="plug it in"):
+                await task
+
+
+@virtually
+async def test_a_port_somebody_else_has_is_down_and_tried_again():
+    async with rig(navi_ctrl()) as r:
+        await r.until_up()
+        honest, busy = r.socket.open, True
+
+        async def contested(url: str, *, baud: int) -> object:
+            if busy:
+                raise LinkError(f"{url} is in use by minicom (process 7): end that program, or give it another port")
+            return await honest(url, baud=baud)
+
+        r.link._opener = contested
+        r.socket.port.lose("reset")
+        await asyncio.sleep(1)
+        assert r.condition == "down"
+        assert "minicom" in r.link.health().state.reason
+        busy = False
+        await r.until_up(3)
+
+
+def test_impossible_configurations_are_refused_before_anything_runs():
+    with pytest.raises(ConfigError):
+        Link(LinkConfig(port="usb:0"), Log())
