@@ -1,7 +1,7 @@
 """Recorded traffic of genuine boards, replayed: fed the host's side, the simulated boards answer with the same frames.
 
-Equal are the kinds, addresses, lengths and order of all frames, and every byte of those that carry no measurement and no
-text of ours.
+Equal are the kinds, addresses, lengths and order of all frames, and every byte of those that carry no measurement and
+no text of ours.
 """
 
 from __future__ import annotations
