@@ -82,13 +82,14 @@ class FieldForm:
         return self._number(text)
 
     def _number(self, text: str) -> int:
+        """A number, or names of an enumeration; several names only where they are bits."""
         wire = self.wire
-        if wire.enum is not None and not text.lstrip("-").replace("0x", "").isalnum() | text.isdecimal():
-            number = sum(self._member(wire.enum, word) for word in text.split(",") if word)
-        elif wire.enum is not None and not text[:1].isdecimal():
-            number = self._member(wire.enum, text)
-        else:
+        try:
             number = int(text, 0)
+        except ValueError:
+            if wire.enum is None or ("," in text and not issubclass(wire.enum, IntFlag)):
+                raise
+            number = sum(self._member(wire.enum, word) for word in text.split(","))
         wires = (wire, *(other for _, other in self.others))
         fits = any(number in w.only if w.only else w.minimum <= number <= w.maximum for w in wires)
         return number if fits else _misfit()

@@ -1,5 +1,8 @@
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import partial
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -183,3 +186,93 @@ def test_a_damaged_reading_is_not_believed() -> None:
 
     backup = drive(backup_settings(PATIENCE), talk)
     assert backup.sets[5][:144] == board.sets[5]
+
+
+def test_a_board_that_never_says_the_same_is_not_believed() -> None:
+    count = iter(range(100))
+
+    def talk(request: WireMessage) -> Reply:
+        if isinstance(request, SettingsRequest):
+            return Settings(index=1, parameters=bytes((106, next(count))) + bytes(144))
+        return FlightCtrl()(request)
+
+    with pytest.raises(RequestTimeoutError, match="two answers never agreed"):
+        drive(backup_settings(PATIENCE), talk)
+
+
+def test_silence_in_the_proof_leaves_the_live_set_unproven() -> None:
+    board, asked = FlightCtrl(active=2), list[int]()
+
+    def talk(request: WireMessage) -> Reply:
+        if isinstance(request, SettingsRequest):
+            asked.append(request.index)
+            if asked.count(5) == 2 and request.index == 2:
+                return None
+        return board(request)
+
+    with pytest.raises(CommandRejectedError) as caught:
+        drive(backup_settings(PATIENCE), talk)
+    assert caught.value.token == "live_set_unproven"
+
+
+def test_a_revision_that_is_not_the_releases_own_is_never_written() -> None:
+    board = FlightCtrl()
+    board.sets = {slot: b"\x5f" + raw[1:126] for slot, raw in board.sets.items()}
+    before = dict(board.sets)
+    with pytest.raises(CommandRejectedError, match=r"revision 95 \(128 bytes\) are not known for FlightCtrl 2\.12a"):
+        drive(restore_settings({1: b"\x5f" + bytes(125)}, PATIENCE), board)
+    assert board.sets == before
+
+
+def stubborn_board(after: int) -> tuple[FlightCtrl, Callable[[WireMessage], Reply]]:
+    """A board that loses the active set while set 4 is written, and writes nothing but rubbish, or nothing at all."""
+    board, writes = FlightCtrl(active=2), list[int]()
+
+    def talk(request: WireMessage) -> Reply:
+        if isinstance(request, WriteSettings):
+            writes.append(request.index)
+            if request.index == 4:
+                board.active = 4
+                return None
+            if len(writes) > after:
+                return None
+            board.rule = lambda raw: changed(raw, 60)
+        return board(request)
+
+    return board, talk
+
+
+def test_an_active_set_that_cannot_be_put_back_is_named() -> None:
+    board, talk = stubborn_board(after=99)
+    with pytest.raises(CommandRejectedError, match=r"live_set_changed.*after write set 4: no answer"):
+        drive(restore_settings({4: changed(board.sets[4])}, PATIENCE), talk)
+    board, talk = stubborn_board(after=0)
+    with pytest.raises(CommandRejectedError, match=r"live_set_unproven.*then write set 2: no answer"):
+        drive(restore_settings({4: changed(board.sets[4])}, PATIENCE), talk)
+
+
+def test_a_write_that_was_damaged_is_repeated() -> None:
+    """The damaged one differs from what was sent once; the FlightCtrl's own will differs every time."""
+    board, rules = FlightCtrl(active=3), iter([lambda raw: changed(raw, 60), bytes, bytes])
+    wanted = changed(board.sets[3])
+
+    def talk(request: WireMessage) -> Reply:
+        if isinstance(request, WriteSettings):
+            board.rule = next(rules)
+        return board(request)
+
+    done = drive(restore_settings({3: wanted}, PATIENCE), talk)
+    assert differing(wanted, done.stored[3]) == ()
+
+
+def test_a_board_that_stores_something_else_each_time_is_told_as_it_is() -> None:
+    board, places = FlightCtrl(active=3), iter((60, 61, 62))
+    wanted = changed(board.sets[3])
+
+    def talk(request: WireMessage) -> Reply:
+        if isinstance(request, WriteSettings):
+            board.rule = partial(changed, at=next(places))
+        return board(request)
+
+    done = drive(restore_settings({3: wanted}, PATIENCE), talk)
+    assert differing(wanted, done.stored[3]) == (62,)

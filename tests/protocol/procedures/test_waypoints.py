@@ -7,10 +7,10 @@ from hypothesis import strategies as st
 from mkdaemon.errors import CommandRejectedError, MkError, RequestTimeoutError
 from mkdaemon.protocol.framing import encode_frame
 from mkdaemon.protocol.generations import Release
-from mkdaemon.protocol.messages import WaypointWritten, WriteWaypoint024
+from mkdaemon.protocol.messages import NaviVersionClassic, WaypointRequest, WaypointWritten, WriteWaypoint024
 from mkdaemon.protocol.mission import Mission, MissionPoint, PointKind
 from mkdaemon.protocol.procedures import Patience
-from mkdaemon.protocol.procedures.points import from_points, point_format, to_points
+from mkdaemon.protocol.procedures.points import from_points, point_format, read_format, to_points
 from mkdaemon.protocol.procedures.steps import Progress, Step
 from mkdaemon.protocol.procedures.waypoints import (
     clear_message,
@@ -198,21 +198,6 @@ def test_download_is_the_mission() -> None:
     assert from_points(drive(download_points(FORM.kind, PATIENCE), board), FORM) == mission
 
 
-def test_download_notices_a_changing_list() -> None:
-    board = NaviCtrl()
-    drive(upload_points(route(2), PATIENCE), board)
-    asked: list[WireMessage] = []
-
-    def talk(request: WireMessage) -> Reply:
-        asked.append(request)
-        if len(asked) == 5:
-            board.points.pop()
-        return board(request)
-
-    with pytest.raises(MkError, match=r"list_changing|never agreed|no answer"):
-        drive(download_points(FORM.kind, PATIENCE), talk)
-
-
 def test_clear_message_is_the_documented_frame() -> None:
     # Vector "waypoint list clear".
     wanted = b"#cw=========================Ly=============hM\r"
@@ -249,3 +234,74 @@ def test_limits_and_units_follow_the_release() -> None:
 def test_an_invalid_stored_point_is_named() -> None:
     with pytest.raises(CommandRejectedError, match="point 1: the board holds an invalid one"):
         from_points([clear_message(WriteWaypoint024)], FORM)
+
+
+def test_a_stored_point_that_looks_at_none_is_named() -> None:
+    looking = WriteWaypoint024.decode(route(1)[0].encode()).model_copy(update={"heading": -7})
+    with pytest.raises(CommandRejectedError, match=r"point 1: it looks at point 7, which is no point of interest"):
+        from_points([looking], FORM)
+
+
+def test_a_stored_point_off_the_globe_is_named() -> None:
+    lost = WriteWaypoint024.decode(b"\xff\xff\xff\x7f" * 2 + route(1)[0].encode()[8:])
+    with pytest.raises(CommandRejectedError, match=r"point 1: the board holds one out of range \(latitude 2147483647"):
+        from_points([lost], FORM)
+
+
+def test_points_of_later_releases_come_back_whole() -> None:
+    form = point_format(Release(2, 16))
+    mission = Mission(
+        points=(
+            MissionPoint(latitude_deg=1, longitude_deg=2, altitude=3, speed=4.5, camera_angle_deg=255, name="P1"),
+            MissionPoint(latitude_deg=1, longitude_deg=2, altitude=3, kind=PointKind.LAND, photo_distance=7),
+        )
+    )
+    assert from_points(to_points(mission, form), form) == mission
+
+
+def test_the_format_is_asked_of_the_board() -> None:
+    version = NaviVersionClassic.decode(bytes((0, 28, 11, 0, 2, 0, 0, 0, 0, 0)))
+    form = drive(read_format(PATIENCE), lambda _: version)
+    assert (str(form.release), form.kind.spec.layout, form.poi_scale, form.limit) == ("0.28c", "027", 100, 31)
+
+
+def test_a_list_that_shrinks_while_it_is_compared_is_written_again() -> None:
+    board, fired = NaviCtrl(), []
+
+    def talk(request: WireMessage) -> Reply:
+        if isinstance(request, WaypointRequest) and request.index == 2 and not fired:
+            fired.append(True)
+            board.points.clear()
+        return board(request)
+
+    done = drive(upload_points(route(3), PATIENCE), talk)
+    assert len(board.points) == 3
+    assert done.rounds > 1
+
+
+def test_a_list_that_shrinks_while_it_is_read_is_named() -> None:
+    board = NaviCtrl()
+    drive(upload_points(route(2), PATIENCE), board)
+
+    def talk(request: WireMessage) -> Reply:
+        if isinstance(request, WaypointRequest) and request.index == 2:
+            board.points[1:] = []
+        return board(request)
+
+    with pytest.raises(CommandRejectedError, match=r"changed while it was read \(2 points, then 1\)"):
+        drive(download_points(FORM.kind, PATIENCE), talk)
+
+
+def test_a_list_that_shrinks_after_it_was_read_is_named() -> None:
+    board, counted = NaviCtrl(), []
+    drive(upload_points(route(2), PATIENCE), board)
+
+    def talk(request: WireMessage) -> Reply:
+        if isinstance(request, WaypointRequest) and request.index == 255:
+            counted.append(True)
+            if len(counted) == 2:
+                board.points.pop()
+        return board(request)
+
+    with pytest.raises(CommandRejectedError, match=r"\(2 points, then 1\)"):
+        drive(download_points(FORM.kind, PATIENCE), talk)

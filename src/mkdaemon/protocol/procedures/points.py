@@ -96,7 +96,17 @@ def from_points(points: Sequence[WireMessage], form: PointFormat) -> Mission:
     Raises:
         CommandRejectedError: `point_not_expressible`: a stored point is no valid one.
     """
-    return Mission(points=tuple(_from_point(number, point, form) for number, point in enumerate(points, 1)))
+    found = tuple(_from_point(number, point, form) for number, point in enumerate(points, 1))
+    try:
+        return Mission(points=found)
+    except ValueError as error:
+        number = next(n for n, point in enumerate(found, 1) if point.poi and not _is_poi(found, point.poi))
+        detail = f"it looks at point {found[number - 1].poi}, which is no point of interest of this list"
+        raise fail("point_not_expressible", number=number, detail=detail) from error
+
+
+def _is_poi(points: Sequence[MissionPoint], number: int) -> bool:
+    return number <= len(points) and points[number - 1].kind is PointKind.POI
 
 
 def _to_point(number: int, point: MissionPoint, form: PointFormat) -> WireMessage:
@@ -156,7 +166,8 @@ def _from_point(number: int, point: WireMessage, form: PointFormat) -> MissionPo
             **fields,
         )
     except ValueError as error:
-        raise fail("point_not_expressible", number=number, detail=f"the board holds {values}") from error
+        detail = f"the board holds one out of range (latitude {values['latitude']}, longitude {values['longitude']})"
+        raise fail("point_not_expressible", number=number, detail=detail) from error
 
 
 def read_format(patience: Patience) -> Procedure[PointFormat]:
