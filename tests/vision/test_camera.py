@@ -166,12 +166,12 @@ def test_on_another_clock_the_smallest_delay_is_the_offset() -> None:
         ("v4l2:/dev/video99", "/dev/video99 is not there"),
         ("file:missing.avi", "no such file: missing.avi"),
         ("folder:missing", "no such folder: missing"),
-        ("rtsp://127.0.0.1:1/none", "cannot open rtsp"),
+        ("http://127.0.0.1:1/none", "FFMPEG cannot open http"),
     ],
 )
 def test_a_source_that_is_not_there_says_so(source: str, words: str) -> None:
     with pytest.raises(VisionError, match=words):
-        source_of(CameraSection(source=source)).open()
+        source_of(CameraSection(source=source, reopen_max_s=0.3)).open()
 
 
 def test_a_backend_that_is_missing_or_fails_is_named() -> None:
@@ -280,3 +280,52 @@ def test_rubbish_on_an_image_key_is_named(session: zenoh.Session) -> None:
     status = until(stream, lambda s: s.state is StreamState.SILENT and "not an image" in s.reason)
     assert status.images == 0
     stream.stop()
+
+
+class FakeDriver:
+    """A driver that takes some settings and delivers two images before it is pulled out."""
+
+    def __init__(self, taken: dict[int, float]) -> None:
+        self._taken = taken
+        self._values: dict[int, float] = {cv2.CAP_PROP_POS_MSEC: 123_456.5}
+        self._images = [picture(10), picture(20)]
+        self.released = False
+
+    def set(self, control: int, value: float) -> bool:
+        self._values[control] = self._taken.get(control, value)
+        return True
+
+    def get(self, control: int) -> float:
+        return self._values.get(control, 0.0)
+
+    def read(self) -> tuple[bool, np.ndarray | None]:
+        return (True, self._images.pop(0)) if self._images else (False, None)
+
+    def isOpened(self) -> bool:  # OpenCV's name
+        return True
+
+    def release(self) -> None:
+        self.released = True
+
+
+def test_a_driver_is_told_its_settings_and_what_it_refuses_is_named(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    driver = FakeDriver({cv2.CAP_PROP_FRAME_WIDTH: 800.0, cv2.CAP_PROP_FRAME_HEIGHT: 600.0})
+    monkeypatch.setattr(cv2, "VideoCapture", lambda *_: driver)
+    monkeypatch.setattr(cv2.videoio_registry, "hasBackend", lambda _: True)
+    device = tmp_path / "video0"
+    device.touch()
+    cfg = CameraSection(source=f"v4l2:{device}", width=1280, height=720, fps=60, exposure_ms=4.0, gain=12)
+    source = source_of(cfg)
+    refused = source.open()
+    assert refused == ("width=1280: the driver has 800", "height=720: the driver has 600")
+    assert driver.get(cv2.CAP_PROP_AUTO_EXPOSURE) == 1  # V4L2: manual
+    assert driver.get(cv2.CAP_PROP_EXPOSURE) == 40  # V4L2 counts 100 us
+    assert (driver.get(cv2.CAP_PROP_GAIN), driver.get(cv2.CAP_PROP_FPS)) == (12, 60)
+    shots = [source.read(1.0), source.read(1.0)]
+    assert [shot.stamp for shot in shots if shot is not None] == [123.4565, 123.4565]
+    with pytest.raises(VisionError, match="gives no more images"):
+        source.read(1.0)
+    source.close()
+    assert driver.released

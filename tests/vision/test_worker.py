@@ -225,6 +225,7 @@ async def test_the_worker_publishes_on_the_loop_from_the_first_image_to_the_last
     worker.attitude_arrived(AttitudeSample(0.0, 0.0, 0.0, 0.0))
     worker.start()
     await sink.until(lambda _: any(found.state is EyeState.ENDED for found in sink.stats()))
+    await sink.until(lambda values: len(poses(values)) == 6)
     worker.stop()
     assert sink.threads == {threading.get_ident()}
     sequences = [value.sequence for _, value in sink.values if isinstance(value, VisionPose)]

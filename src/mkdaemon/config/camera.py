@@ -57,7 +57,7 @@ class CameraSection(Section):
     reopen_min_s: float = Field(default=0.2, gt=0, le=10)
     """First delay before a lost camera is opened again [s]."""
     reopen_max_s: float = Field(default=5.0, gt=0, le=60)
-    """Longest delay between two attempts [s]."""
+    """Longest delay between two attempts, and longest wait for a network stream [s]."""
     jpeg_hz: float = Field(default=0.0, ge=0, le=60)
     """Images published on the bus a second, at most; 0 publishes none."""
     jpeg_quality: int = Field(default=60, ge=1, le=100)

@@ -140,6 +140,7 @@ class CameraStream:
                     if self._status.images > before:
                         delays = retry_delays(self.cfg.reopen_min_s, self.cfg.reopen_max_s)
             except EndOfImages:
+                self._wait_taken()
                 self._become(StreamState.ENDED, "all images were shown")
                 return
             except VisionError as error:
@@ -153,9 +154,13 @@ class CameraStream:
             if shot is None:
                 continue
             if not self._source.live:
-                while not self._slot.wait_taken(READ_TIMEOUT_S) and not self._stop.is_set():
-                    continue
+                self._wait_taken()
             self._hand_over(shot)
+
+    def _wait_taken(self) -> None:
+        """Files do not outrun their reader."""
+        while not self._slot.wait_taken(READ_TIMEOUT_S) and not self._stop.is_set():
+            continue
 
     def _hand_over(self, shot: Shot) -> None:
         captured_at, stamped_by = self._clock.stamp(shot.stamp, shot.arrived)

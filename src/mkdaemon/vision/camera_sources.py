@@ -82,7 +82,8 @@ class StreamSource:
         if self._backend == cv2.CAP_V4L2 and not Path(self._address).exists():
             msg = f"camera {self._cfg.name}: {self._address} is not there: plug it in, or see /dev/v4l/by-id"
             raise VisionError(msg)
-        options = [cv2.CAP_PROP_OPEN_TIMEOUT_MSEC, 5000, cv2.CAP_PROP_READ_TIMEOUT_MSEC, 2000]
+        patience_ms = round(1000 * self._cfg.reopen_max_s)
+        options = [cv2.CAP_PROP_OPEN_TIMEOUT_MSEC, patience_ms, cv2.CAP_PROP_READ_TIMEOUT_MSEC, patience_ms]
         capture = quietly(
             lambda: cv2.VideoCapture(self._address, self._backend, options if self._backend == cv2.CAP_FFMPEG else [])
         )
