@@ -18,6 +18,7 @@ from mkdaemon.sim.faults import Faults
 from mkdaemon.sim.sensors import GpsFix
 from mkdaemon.sim.world import DT, StickInput
 
+MAG = 3
 FIX = GpsFix(532301000, 74591000, 12.0, (0.0, 0.0, 0.0), 9, True, 0.0, 1)
 
 
@@ -128,9 +129,9 @@ class Bench:
         return self.heard[before:]
 
     def ask(self, frame: bytes, at: float, patience: float = 0.5) -> Heard | None:
-        """Send a request and return the first frame that answers within `patience` [s]."""
+        """Send a request and return the first frame that answers within `patience` [s]; compass feeds are no answer."""
         self.send(frame, at)
-        came = self.run(at + patience)
+        came = [heard for heard in self.run(at + patience) if heard.frame.address != MAG]
         return came[0] if came else None
 
     def ids(self, heard: Iterable[Heard] | None = None) -> str:

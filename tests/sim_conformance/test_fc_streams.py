@@ -159,3 +159,20 @@ def test_j_is_deaf_until_power_off():
     bench.aircraft.faults.start("fc_reboot")
     bench.run(61.0)
     assert bench.ask(encode_frame(1, "v"), 70.0) is not None
+
+
+@pytest.mark.parametrize(("companion", "period_s"), [(False, 0.099), (True, 0.999)])
+def test_early_firmware_feeds_a_compass_unasked(companion, period_s):
+    bench = fc_bench("early")
+    if companion:
+        bench.board.adopt_companion((0, 24, 1))
+    times = [heard.first for heard in bench.run(6.0) if (heard.frame.address, heard.frame.id) == (3, "w")][2:]
+    assert all(b - a == pytest.approx(period_s, abs=4e-3) for a, b in itertools.pairwise(times))
+    assert len(times) >= 3
+
+
+@pytest.mark.parametrize("word", ["2.08", "2.12a", "2.14"])
+def test_later_firmware_says_nothing_unasked(word):
+    bench = fc_bench(word)
+    bench.run(5.0)
+    assert bench.raw == []

@@ -42,6 +42,9 @@ _LONG_SHARE: Final = 0.3
 """Three of ten passes are long: mean 2.08 ms, and the measured loss of the second of two frames against their gap."""
 _ACTUATION_S: Final = 0.5e-3
 """From the pass after sticks were evaluated to the set points on the motor bus."""
+_COMPASS_S: Final = 0.099
+_COMPASS_SLOW_S: Final = 0.999
+"""Period of the compass feed without and with a NaviCtrl. Source: docs/protocol.md, section 9."""
 _BANNER: Final = "\r\n\r\nFlight-Ctrl HW:{hardware} SW:{release}\r\nreceiver: PPM\r\nACC neutral: {neutral}\r\n"
 
 
@@ -146,6 +149,7 @@ class FlightCtrl:
         self._expires = 0.0
         self._blocked_until = 0.0
         self._next_tick = self.now
+        self._compass_at = self.now
         self._reset_at: float | None = None
         self._sticks = self._next_sticks = MOTORS_OFF
         self._sticks_at = 0.0
@@ -244,7 +248,7 @@ class FlightCtrl:
             self.attitude.interval = self.display.interval = 0
             if not self.is_fork:
                 self.debug.interval = 0
-        if self._talk_first(now):
+        if self._talk_first(now) or self._feed_compass(now):
             return
         started = False
         if wanted.debug or self.debug.is_due(now):
@@ -273,6 +277,14 @@ class FlightCtrl:
             self.send(fc_replies.control_state(self), now)
             return True
         return False
+
+    def _feed_compass(self, now: float) -> bool:
+        """Early firmware tells an MK3Mag its attitude, whether there is one or not."""
+        if not self.generation.feeds_compass or now < self._compass_at:
+            return False
+        self._compass_at = now + (_COMPASS_SLOW_S if self.has_companion else _COMPASS_S)
+        self._out.send(fc_replies.compass_feed(self).to_frame(Board.MAG), now)
+        return True
 
     def _talk_last(self, now: float) -> None:
         """What a fast debug stream starves."""

@@ -9,6 +9,7 @@ from mkdaemon.protocol.flags import BoardStatus, FlightFault0, FlightFault1, Ver
 from mkdaemon.protocol.messages import (
     AttitudeDataFc210,
     AttitudeDataFcOld,
+    CompassFeedOld,
     ControlConfirm,
     DebugDataFc,
     Label,
@@ -189,3 +190,16 @@ def receiver(board: FlightCtrl) -> WireMessage:
 def confirm(frame: int) -> WireMessage:
     """Build B."""
     return ControlConfirm(frame=frame)
+
+
+def compass_feed(board: FlightCtrl) -> WireMessage:
+    """Build the attitude for an MK3Mag."""
+    sensors = board.aircraft.sensors
+    return CompassFeedOld(
+        pitch=bounded(math.degrees(sensors.fc_angle_pitch) * 10.0),
+        roll=bounded(-math.degrees(sensors.fc_angle_roll) * 10.0),
+        user_parameter_1=board.live["user_1"],
+        user_parameter_2=board.live["user_2"],
+        calibration_step=0,
+        orientation=0,
+    )

@@ -68,6 +68,7 @@ class FcGeneration:
         channels: values in the `P` reply.
         menu_pages: last page of the display menu.
         deaf_when_running: commands without any answer while motors run.
+        feeds_compass: sends its attitude to an MK3Mag unasked, also when there is none.
         reset_gated: `R` is ignored while motors run.
     """
 
@@ -86,6 +87,7 @@ class FcGeneration:
     channels: int
     menu_pages: int
     deaf_when_running: str
+    feeds_compass: bool
     reset_gated: bool
 
     @property
@@ -141,6 +143,7 @@ FC_GENERATIONS: Final[dict[str, FcGeneration]] = {
             channels=11,
             menu_pages=9,
             deaf_when_running="q",
+            feeds_compass=True,
             reset_gated=False,
         ),
         FcGeneration(
@@ -159,6 +162,7 @@ FC_GENERATIONS: Final[dict[str, FcGeneration]] = {
             channels=35,
             menu_pages=19,
             deaf_when_running="qf",
+            feeds_compass=False,
             reset_gated=True,
         ),
         FcGeneration(
@@ -177,6 +181,7 @@ FC_GENERATIONS: Final[dict[str, FcGeneration]] = {
             channels=35,
             menu_pages=19,
             deaf_when_running="f",
+            feeds_compass=False,
             reset_gated=True,
         ),
         FcGeneration(
@@ -195,6 +200,7 @@ FC_GENERATIONS: Final[dict[str, FcGeneration]] = {
             channels=35,
             menu_pages=19,
             deaf_when_running="f",
+            feeds_compass=False,
             reset_gated=True,
         ),
     )
