@@ -78,6 +78,11 @@ class FlightControl:
         self._openings = 0
         self.ticks = 0
 
+    @property
+    def phase(self) -> Phase:
+        """Where authority stands."""
+        return self._authority.phase
+
     # -- what the bus brings --------------------------------------------------------------------------------------
 
     def stick_arrived(self, arrived: float, raw: bytes) -> None:
