@@ -27,12 +27,11 @@ from mkdaemon.protocol.messages import (
 from mkdaemon.protocol.wire import (
     MESSAGES,
     Board,
-    Direction,
     MessageDecoder,
     Unknown,
     WireMessage,
     board_at,
-    message,
+    request,
 )
 
 
@@ -174,7 +173,7 @@ def test_a_message_of_a_board_is_not_read_from_another():
 
 def test_a_place_in_the_table_is_taken_once():
     def declare() -> type[WireMessage]:
-        @message(Board.FC, "v", key="second", direction=Direction.TO_BOARD)
+        @request(Board.FC, "v")
         class Second(WireMessage):
             """Claims a place that is taken."""
 

@@ -6,11 +6,12 @@ A message is declared once, as a frozen pydantic model whose fields carry `WireF
 
 from __future__ import annotations
 
+import re
 import struct
-from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
 from enum import IntEnum
-from typing import Any, ClassVar, Final, Self, TypeVar
+from typing import Any, ClassVar, Final, Self, TypedDict, TypeVar, Unpack
 
 from pydantic import BaseModel, ConfigDict
 
@@ -205,65 +206,95 @@ MESSAGES: Final[dict[tuple[Board, str, str], type[WireMessage]]] = {}
 """Every message and layout by (board, id, layout); a message of several boards stands once for each."""
 
 
-def message(
+class Facts(TypedDict, total=False):
+    """What may be said of any message; see `MessageSpec`.
+
+    `name` and `key` follow from the class name where they are left out; `since` as one release holds for all boards.
+    """
+
+    name: str
+    key: str
+    layout: str
+    firmware: str
+    source: str
+    marker: frozenset[int]
+    recognise: Callable[[bytes], bool]
+    open_ended: bool
+    since: tuple[int, int] | Mapping[Board, tuple[int, int]]
+
+
+def request(
     boards: Board | tuple[Board, ...],
     command: str,
     *,
-    key: str,
-    direction: Direction,
-    name: str | None = None,
-    layout: str = "1",
     reply: str | None = None,
-    source: str = "",
-    firmware: str = "",
-    marker: Iterable[int] = (),
-    recognise: Callable[[bytes], bool] | None = None,
-    any_address: bool = False,
-    open_ended: bool = False,
     danger: str = "",
-    since: tuple[int, int] | Mapping[Board, tuple[int, int]] | None = None,
+    any_address: bool = False,
     is_fork: bool = False,
+    **facts: Unpack[Facts],
 ) -> Callable[[_Message], _Message]:
-    """Enter a message class into the table.
+    """Enter a message from the host to a board into the table.
 
     Raises:
         ProtocolError: a field has no wire type, or the place in the table is taken.
     """
 
     def enter(cls: _Message) -> _Message:
-        slots, packer = lay_out(cls)
-        owners = boards if isinstance(boards, tuple) else (boards,)
-        cls.spec = MessageSpec(
-            name=name or cls.__name__,
-            key=key,
-            boards=owners,
-            id=command,
-            layout=layout,
-            direction=direction,
-            size=packer.size,
-            slots=slots,
-            reply=reply,
-            source=source,
-            firmware=firmware,
-            marker=frozenset(marker),
-            recognise=recognise,
-            any_address=any_address,
-            open_ended=open_ended,
-            danger=danger,
-            since=dict.fromkeys(owners, since) if isinstance(since, tuple) else dict(since or {}),
-            is_fork=is_fork,
-            packer=packer,
-        )
-        cls._read = make_reader(cls, slots, packer)
-        for board in owners:
-            place = (board, command, layout)
-            if place in MESSAGES:
-                msg = f"{cls.__name__} and {MESSAGES[place].__name__} both claim {place}"
-                raise ProtocolError(msg)
-            MESSAGES[place] = cls
-        return cls
+        spec = _specify(cls, Direction.TO_BOARD, boards, command, facts)
+        return _enter(cls, replace(spec, reply=reply, danger=danger, any_address=any_address, is_fork=is_fork))
 
     return enter
+
+
+def answer(boards: Board | tuple[Board, ...], command: str, **facts: Unpack[Facts]) -> Callable[[_Message], _Message]:
+    """Enter a message from a board to the host into the table.
+
+    Raises:
+        ProtocolError: a field has no wire type, or the place in the table is taken.
+    """
+
+    def enter(cls: _Message) -> _Message:
+        return _enter(cls, _specify(cls, Direction.FROM_BOARD, boards, command, facts))
+
+    return enter
+
+
+def _specify(
+    cls: _Message, direction: Direction, boards: Board | tuple[Board, ...], command: str, facts: Facts
+) -> MessageSpec:
+    slots, packer = lay_out(cls)
+    owners = boards if isinstance(boards, tuple) else (boards,)
+    name = facts.get("name", cls.__name__)
+    since = facts.get("since", {})
+    return MessageSpec(
+        name=name,
+        key=facts.get("key", re.sub("(?<=[a-z0-9])(?=[A-Z])", "_", name).lower()),
+        boards=owners,
+        id=command,
+        layout=facts.get("layout", "1"),
+        direction=direction,
+        size=packer.size,
+        slots=slots,
+        firmware=facts.get("firmware", ""),
+        source=facts.get("source", ""),
+        marker=facts.get("marker", frozenset()),
+        recognise=facts.get("recognise"),
+        open_ended=facts.get("open_ended", False),
+        since=dict.fromkeys(owners, since) if isinstance(since, tuple) else since,
+        packer=packer,
+    )
+
+
+def _enter(cls: _Message, spec: MessageSpec) -> _Message:
+    cls.spec = spec
+    cls._read = make_reader(cls, spec.slots, spec.packer)
+    for board in spec.boards:
+        place = (board, spec.id, spec.layout)
+        if place in MESSAGES:
+            msg = f"{cls.__name__} and {MESSAGES[place].__name__} both claim {place}"
+            raise ProtocolError(msg)
+        MESSAGES[place] = cls
+    return cls
 
 
 @dataclass(frozen=True, slots=True)

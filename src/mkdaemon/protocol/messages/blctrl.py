@@ -15,7 +15,7 @@ from mkdaemon.protocol.flags import (
     RedundancyBits,
 )
 from mkdaemon.protocol.units import AMPERE, CELSIUS, DECIAMPERE
-from mkdaemon.protocol.wire import Board, Direction, WireMessage, message
+from mkdaemon.protocol.wire import Board, WireMessage, answer, request
 
 
 def motor_controller_checksum(configuration: bytes) -> int:
@@ -54,42 +54,24 @@ class _Request(WireMessage):
     """1..16; 0 is all."""
 
 
-@message(
-    Board.FC,
-    "u",
-    key="motor_controller_request",
-    direction=Direction.TO_BOARD,
-    reply="U",
-    source="WIRE 7, BLConfigRequest",
-    firmware="FC 0.80 and later",
-    since=(0, 80),
-)
+@request(Board.FC, "u", reply="U", firmware="FC 0.80 and later", source="WIRE 7, BLConfigRequest", since=(0, 80))
 class MotorControllerRequest(WireMessage):
     """Ask for a motor controller's configuration; takes up to 1 s, not while motors run."""
 
     motor: Annotated[int, U8("Motor", low=1, high=16)]
 
 
-@message(
-    Board.FC,
-    "U",
-    key="motor_controller",
-    direction=Direction.FROM_BOARD,
-    source="WIRE 7, BLConfigReply",
-    firmware="FC 0.80 and later",
-)
+@answer(Board.FC, "U", firmware="FC 0.80 and later", source="WIRE 7, BLConfigReply")
 class MotorController(_Configuration, _Reply):
     """A motor controller's configuration."""
 
 
-@message(
+@request(
     Board.FC,
     "w",
-    key="write_motor_controller",
-    direction=Direction.TO_BOARD,
     reply="W",
-    source="WIRE 7, BLConfigWrite",
     firmware="FC 0.80 and later",
+    source="WIRE 7, BLConfigWrite",
     danger="reprograms limits and direction of motor controllers",
     since=(0, 80),
 )
@@ -97,26 +79,12 @@ class WriteMotorController(_Configuration, _Request):
     """Store a motor controller's configuration."""
 
 
-@message(
-    Board.FC,
-    "W",
-    key="motor_controller_written",
-    direction=Direction.FROM_BOARD,
-    source="WIRE 7, BLConfigWriteReply",
-    firmware="FC 0.80 and later",
-)
+@answer(Board.FC, "W", firmware="FC 0.80 and later", source="WIRE 7, BLConfigWriteReply")
 class MotorControllerWritten(_Ack):
     """How storing a motor controller's configuration ended."""
 
 
-@message(
-    Board.BL,
-    "?",
-    key="redundancy_status",
-    direction=Direction.FROM_BOARD,
-    source="WIRE 10, RedundantStatus",
-    firmware="FC built as redundant slave; address 11 + motor",
-)
+@answer(Board.BL, "?", firmware="FC built as redundant slave; address 11 + motor", source="WIRE 10, RedundantStatus")
 class RedundancyStatus(WireMessage):
     """What a motor controller tells a redundant FlightCtrl; internal, only ever overheard."""
 
@@ -127,14 +95,12 @@ class RedundancyStatus(WireMessage):
     voltage: Annotated[int, U8("Voltage80")]
 
 
-@message(
+@request(
     Board.BL,
     "!",
-    key="redundancy_setpoints",
-    direction=Direction.TO_BOARD,
     reply="?",
-    source="WIRE 10",
     firmware="FC built as redundant slave; address 11 + motor",
+    source="WIRE 10",
     danger="drives motors past the FlightCtrl: never originate it",
 )
 class RedundancySetpoints(WireMessage):

@@ -11,12 +11,12 @@ from typing import Annotated
 from mkdaemon.protocol.fields import S8, U8
 from mkdaemon.protocol.flags import ControlConfig, ControlSwitches
 from mkdaemon.protocol.units import STICK, STICK_FROM_BOTTOM
-from mkdaemon.protocol.wire import Board, Direction, WireMessage, message
+from mkdaemon.protocol.wire import Board, WireMessage, answer, request
 
 _DANGER = "flies the aircraft"
 
 
-class _ControlV2(WireMessage):
+class _Sticks(WireMessage):
     pitch: Annotated[int, S8("Nick", STICK, limit=127)]
     """Stick forward is positive; added to the receiver's channel."""
     roll: Annotated[int, S8("Roll", -STICK, limit=127)]
@@ -29,22 +29,13 @@ class _ControlV2(WireMessage):
     """Echoed in the confirmation; 0 asks for none."""
     config: Annotated[ControlConfig, U8("Config", enum=ControlConfig)] = ControlConfig.NONE
     """Without VALID nothing is controlled: the release."""
+
+
+class _ControlV2(_Sticks):
     reserved: Annotated[int, U8("free")] = 0
 
 
-class _ControlV3(WireMessage):
-    pitch: Annotated[int, S8("Nick", STICK, limit=127)]
-    """Stick forward is positive; added to the receiver's channel."""
-    roll: Annotated[int, S8("Roll", -STICK, limit=127)]
-    """Positive on the wire: stick LEFT."""
-    yaw: Annotated[int, S8("Yaw", STICK, limit=127)]
-    """Positive on the wire: stick LEFT, counter-clockwise; dead band of 4."""
-    throttle: Annotated[int, S8("Gas", STICK, limit=127)]
-    """0 is the middle; the smaller of this and the receiver's channel rules, or their sum with THROTTLE_ADD."""
-    frame: Annotated[int, U8("Frame")] = 0
-    """Echoed in the confirmation; 0 asks for none."""
-    config: Annotated[ControlConfig, U8("Config", enum=ControlConfig)] = ControlConfig.NONE
-    """Without VALID nothing is controlled: the release."""
+class _ControlV3(_Sticks):
     switches: Annotated[ControlSwitches, U8("Switches", enum=ControlSwitches)] = ControlSwitches.NONE
     """In place of the transmitter's switches, with USE_SWITCHES."""
     free_1: Annotated[int, U8("Free1")] = 0
@@ -71,18 +62,16 @@ class _ControlV1(WireMessage):
     """Without VALID nothing is controlled: the release."""
 
 
-@message(
+@request(
     Board.FC,
     "b",
     name="ExternControl",
-    key="extern_control",
     layout="v2",
-    direction=Direction.TO_BOARD,
     reply="B",
-    source="WIRE 6, ExternControl_v2",
     firmware="FC 2.10a to 2.12a",
-    since=(2, 10),
+    source="WIRE 6, ExternControl_v2",
     danger=_DANGER,
+    since=(2, 10),
     any_address=True,
 )
 class ExternControlV2(_ControlV2):
@@ -92,34 +81,30 @@ class ExternControlV2(_ControlV2):
     """
 
 
-@message(
+@request(
     (Board.FC, Board.NC),
     "b",
     name="ExternControl",
-    key="extern_control",
     layout="v3",
-    direction=Direction.TO_BOARD,
     reply="B",
-    source="WIRE 6, ExternControl_v3",
     firmware="FC and NC 2.13 beta and later",
-    since=(2, 13),
+    source="WIRE 6, ExternControl_v3",
     danger=_DANGER,
+    since=(2, 13),
     any_address=True,
 )
 class ExternControlV3(_ControlV3):
     """Offsets the FlightCtrl adds to its receiver's channels; as long on the wire as v2."""
 
 
-@message(
+@request(
     Board.FC,
     "b",
     name="ExternControl",
-    key="extern_control",
     layout="v1",
-    direction=Direction.TO_BOARD,
     reply="B",
-    source="WIRE 6, ExternControl_v1",
     firmware="FC up to 2.08; 2.09 unverified",
+    source="WIRE 6, ExternControl_v1",
     danger=_DANGER,
     any_address=True,
 )
@@ -127,13 +112,11 @@ class ExternControlV1(_ControlV1):
     """Offsets the FlightCtrl adds to its receiver's commands; held 5.1 s, refreshed by any polling."""
 
 
-@message(
+@answer(
     (Board.FC, Board.NC),
     "B",
-    key="control_confirm",
-    direction=Direction.FROM_BOARD,
-    source="WIRE 6.5, ConfirmFrame",
     firmware="FC; never through an NC 0.24; NC 2.13 and later, which takes external control itself",
+    source="WIRE 6.5, ConfirmFrame",
 )
 class ControlConfirm(WireMessage):
     """An external control frame arrived (about 5 ms after it, before it acts)."""
@@ -142,57 +125,30 @@ class ControlConfirm(WireMessage):
     """That of the confirmed frame; never 0."""
 
 
-@message(
-    Board.FC,
-    "g",
-    key="control_state_request",
-    direction=Direction.TO_BOARD,
-    reply="G",
-    source="WIRE 5",
-    firmware="FC",
-    any_address=True,
-)
+@request(Board.FC, "g", reply="G", firmware="FC", source="WIRE 5", any_address=True)
 class ControlStateRequest(WireMessage):
     """Ask which external control the FlightCtrl holds; the length of the answer tells its layout."""
 
 
-@message(
-    Board.FC,
-    "G",
-    name="ControlState",
-    key="control_state",
-    layout="v2",
-    direction=Direction.FROM_BOARD,
-    source="WIRE 6, ExternControl_v2",
-    firmware="FC 2.10a to 2.12a",
+@answer(
+    Board.FC, "G", name="ControlState", layout="v2", firmware="FC 2.10a to 2.12a", source="WIRE 6, ExternControl_v2"
 )
 class ControlStateV2(_ControlV2):
     """External control as the FlightCtrl holds it."""
 
 
-@message(
+@answer(
     Board.FC,
     "G",
     name="ControlState",
-    key="control_state",
     layout="v3",
-    direction=Direction.FROM_BOARD,
-    source="WIRE 6, ExternControl_v3",
     firmware="FC 2.13 beta and later",
+    source="WIRE 6, ExternControl_v3",
 )
 class ControlStateV3(_ControlV3):
     """External control as the FlightCtrl holds it."""
 
 
-@message(
-    Board.FC,
-    "G",
-    name="ControlState",
-    key="control_state",
-    layout="v1",
-    direction=Direction.FROM_BOARD,
-    source="WIRE 6, ExternControl_v1",
-    firmware="FC up to 2.08",
-)
+@answer(Board.FC, "G", name="ControlState", layout="v1", firmware="FC up to 2.08", source="WIRE 6, ExternControl_v1")
 class ControlStateV1(_ControlV1):
     """External control as the FlightCtrl holds it."""

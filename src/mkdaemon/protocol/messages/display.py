@@ -9,20 +9,18 @@ from typing import Annotated
 
 from mkdaemon.protocol.fields import U8, Text
 from mkdaemon.protocol.units import TEN_MS
-from mkdaemon.protocol.wire import Board, Direction, WireMessage, message
+from mkdaemon.protocol.wire import Board, WireMessage, answer, request
 
 _PILOTS = (Board.FC, Board.NC)
 _ALL = (Board.FC, Board.NC, Board.MAG)
 
 
-@message(
+@request(
     _PILOTS,
     "h",
-    key="display_request",
-    direction=Direction.TO_BOARD,
     reply="H",
-    source="WIRE 5, DisplayRequest",
     firmware="FC 0.7x and later, NC",
+    source="WIRE 5, DisplayRequest",
     danger="with keys: some pages change trim or calibration",
     any_address=True,
 )
@@ -35,30 +33,14 @@ class DisplayRequest(WireMessage):
     """0: one answer only."""
 
 
-@message(
-    _PILOTS,
-    "H",
-    key="display",
-    direction=Direction.FROM_BOARD,
-    source="WIRE 5, DisplayReply",
-    firmware="FC 0.7x and later, NC",
-)
+@answer(_PILOTS, "H", firmware="FC 0.7x and later, NC", source="WIRE 5, DisplayReply")
 class Display(WireMessage):
     """The menu: 4 lines of 20 characters."""
 
     text: Annotated[str, Text("Text", 80, trim=False)]
 
 
-@message(
-    _PILOTS,
-    "H",
-    name="Display",
-    key="display",
-    layout="old",
-    direction=Direction.FROM_BOARD,
-    source="WIRE 15, DisplayReplyOld",
-    firmware="obsolete",
-)
+@answer(_PILOTS, "H", name="Display", layout="old", firmware="obsolete", source="WIRE 15, DisplayReplyOld")
 class DisplayOld(WireMessage):
     """One line of the menu."""
 
@@ -66,16 +48,7 @@ class DisplayOld(WireMessage):
     text: Annotated[str, Text("Text", 20, trim=False)]
 
 
-@message(
-    _PILOTS,
-    "l",
-    key="menu_request",
-    direction=Direction.TO_BOARD,
-    reply="L",
-    source="WIRE 5, MenuRequest",
-    firmware="FC, NC",
-    any_address=True,
-)
+@request(_PILOTS, "l", reply="L", firmware="FC, NC", source="WIRE 5, MenuRequest", any_address=True)
 class MenuRequest(WireMessage):
     """Ask for one page of the menu."""
 
@@ -83,14 +56,7 @@ class MenuRequest(WireMessage):
     """0..last page (19 on FC 2.12a, 15 on NC 0.24)."""
 
 
-@message(
-    _PILOTS,
-    "L",
-    key="menu",
-    direction=Direction.FROM_BOARD,
-    source="WIRE 5, MenuReply",
-    firmware="FC, NC",
-)
+@answer(_PILOTS, "L", firmware="FC, NC", source="WIRE 5, MenuReply")
 class Menu(WireMessage):
     """One page of the menu: 4 lines of 20 characters."""
 
@@ -100,16 +66,7 @@ class Menu(WireMessage):
     text: Annotated[str, Text("Text", 80, trim=False)]
 
 
-@message(
-    _ALL,
-    "a",
-    key="label_request",
-    direction=Direction.TO_BOARD,
-    reply="A",
-    source="WIRE 5",
-    firmware="all",
-    any_address=True,
-)
+@request(_ALL, "a", reply="A", firmware="all", source="WIRE 5", any_address=True)
 class LabelRequest(WireMessage):
     """Ask for the name of one debug channel."""
 
@@ -117,14 +74,7 @@ class LabelRequest(WireMessage):
     """0..31; the board clamps."""
 
 
-@message(
-    _ALL,
-    "A",
-    key="label",
-    direction=Direction.FROM_BOARD,
-    source="WIRE 5, AnalogLabel",
-    firmware="all",
-)
+@answer(_ALL, "A", firmware="all", source="WIRE 5, AnalogLabel")
 class Label(WireMessage):
     """The name of one debug channel, often with its unit in brackets."""
 

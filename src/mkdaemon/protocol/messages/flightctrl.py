@@ -9,16 +9,14 @@ from typing import Annotated
 
 from mkdaemon.protocol.fields import S8, S16, U8
 from mkdaemon.protocol.units import DEG, STICK
-from mkdaemon.protocol.wire import Board, Direction, WireMessage, message
+from mkdaemon.protocol.wire import Board, WireMessage, answer, request
 
 
-@message(
+@request(
     Board.FC,
     "K",
-    key="compass_heading",
-    direction=Direction.TO_BOARD,
-    source="WIRE 7, CompassHeading",
     firmware="all",
+    source="WIRE 7, CompassHeading",
     danger="falsifies the heading until the compass speaks again",
     any_address=True,
 )
@@ -29,18 +27,16 @@ class CompassHeading(WireMessage):
     """0..360 clockwise from magnetic north; negative: invalid."""
 
 
-@message(
+@request(
     Board.FC,
     "t",
-    key="motor_test",
     layout="16",
-    direction=Direction.TO_BOARD,
     reply="T",
-    source="WIRE 7, MotorTest16",
     firmware="FC 0.73 and later",
+    source="WIRE 7, MotorTest16",
     danger="spins motors for 0.5 s; values sent while motors run take effect right after they stop",
-    any_address=True,
     since=(0, 73),
+    any_address=True,
 )
 class MotorTest(WireMessage):
     """Turn motors on the ground; repeat at 5 to 20 Hz to keep them turning."""
@@ -49,16 +45,14 @@ class MotorTest(WireMessage):
     """Set points of motors 1..16."""
 
 
-@message(
+@request(
     Board.FC,
     "t",
     name="MotorTest",
-    key="motor_test",
     layout="4",
-    direction=Direction.TO_BOARD,
     reply="T",
-    source="WIRE 7, MotorTest4",
     firmware="FC",
+    source="WIRE 7, MotorTest4",
     danger="spins motors for 0.5 s; short frames are filled with checksum characters by the board",
     any_address=True,
 )
@@ -68,40 +62,23 @@ class MotorTest4(WireMessage):
     motors: Annotated[tuple[int, ...], U8("Motor", count=4)]
 
 
-@message(
-    Board.FC,
-    "T",
-    key="motor_test_done",
-    direction=Direction.FROM_BOARD,
-    source='WIRE 7; vector "motor test reply"',
-    firmware="FC; gone in 0.71h, back in 2.x: optional",
-)
+@answer(Board.FC, "T", firmware="FC; gone in 0.71h, back in 2.x: optional", source='WIRE 7; vector "motor test reply"')
 class MotorTestDone(WireMessage):
     """A motor test was taken."""
 
 
-@message(
-    Board.FC,
-    "p",
-    key="receiver_request",
-    direction=Direction.TO_BOARD,
-    reply="P",
-    source="WIRE 7",
-    firmware="FC",
-)
+@request(Board.FC, "p", reply="P", firmware="FC", source="WIRE 7")
 class ReceiverRequest(WireMessage):
     """Ask for all channels the FlightCtrl receives."""
 
 
-@message(
+@answer(
     Board.FC,
     "P",
     name="Receiver",
-    key="receiver",
     layout="200",
-    direction=Direction.FROM_BOARD,
-    source="WIRE 7, PPM_200",
     firmware="FC 0.91, 2.00a and later",
+    source="WIRE 7, PPM_200",
     since=(0, 91),
 )
 class Receiver200(WireMessage):
@@ -111,16 +88,8 @@ class Receiver200(WireMessage):
     """0 RSSI, 1..16 receiver, 17..28 serial, 29 waypoint event, 30 lowest, 31 highest, 32 middle, 33..34 spare."""
 
 
-@message(
-    Board.FC,
-    "P",
-    name="Receiver",
-    key="receiver",
-    layout="077",
-    direction=Direction.FROM_BOARD,
-    source="WIRE 7, PPM_077",
-    firmware="FC 0.77 to 0.90",
-    since=(0, 77),
+@answer(
+    Board.FC, "P", name="Receiver", layout="077", firmware="FC 0.77 to 0.90", source="WIRE 7, PPM_077", since=(0, 77)
 )
 class Receiver077(WireMessage):
     """Channels the FlightCtrl receives."""
@@ -129,16 +98,7 @@ class Receiver077(WireMessage):
     """0 RSSI, 1..12 receiver, 13..24 serial (the split is inferred)."""
 
 
-@message(
-    Board.FC,
-    "P",
-    name="Receiver",
-    key="receiver",
-    layout="071",
-    direction=Direction.FROM_BOARD,
-    source="WIRE 7, PPM_071",
-    firmware="FC 0.71 to 0.76",
-)
+@answer(Board.FC, "P", name="Receiver", layout="071", firmware="FC 0.71 to 0.76", source="WIRE 7, PPM_071")
 class Receiver071(WireMessage):
     """Channels the FlightCtrl receives."""
 
@@ -146,15 +106,13 @@ class Receiver071(WireMessage):
     """0 unused or RSSI, 1..10 receiver."""
 
 
-@message(
+@request(
     (Board.FC, Board.NC),
     "y",
-    key="serial_channels",
-    direction=Direction.TO_BOARD,
-    source="WIRE 7, SerialPoti",
     firmware="FC 0.77 and later; NC 0.24 forwards FC-addressed ones, NC 2.13 and later takes them itself",
-    since={Board.FC: (0, 77), Board.NC: (2, 13)},
+    source="WIRE 7, SerialPoti",
     danger="drives any function mapped to a serial channel: GPS mode, care-free, motor switch",
+    since={Board.FC: (0, 77), Board.NC: (2, 13)},
 )
 class SerialChannels(WireMessage):
     """Set the serial channels; they become selectable channels 17..28 (2.x) or 13..24 (0.77 to 0.90)."""
@@ -162,13 +120,11 @@ class SerialChannels(WireMessage):
     channels: Annotated[tuple[int, ...], S8("Value", STICK, limit=127, count=12)]
 
 
-@message(
+@request(
     Board.FC,
     "j",
-    key="receiver_bridge",
-    direction=Direction.TO_BOARD,
-    source="WIRE 7, ReceiverPassthrough",
     firmware="FC 0.82 and later",
+    source="WIRE 7, ReceiverPassthrough",
     danger="turns the port into a bridge to the receiver until power-off; the FlightCtrl stops working",
     since=(0, 82),
 )
@@ -182,27 +138,16 @@ class ReceiverBridge(WireMessage):
 _FORK = "a public fork of FC 2.12a and 2.00a"
 
 
-@message(
-    Board.FC,
-    "x",
-    key="arm_motors",
-    direction=Direction.TO_BOARD,
-    source="WIRE 7; firmware notes 1",
-    firmware=_FORK,
-    danger="starts the motors",
-    is_fork=True,
-)
+@request(Board.FC, "x", firmware=_FORK, source="WIRE 7; firmware notes 1", danger="starts the motors", is_fork=True)
 class ArmMotors(WireMessage):
     """Start the motors; needs a calibration and no errors."""
 
 
-@message(
+@request(
     Board.FC,
     "e",
-    key="disarm_motors",
-    direction=Direction.TO_BOARD,
-    source="WIRE 7; firmware notes 1",
     firmware=_FORK,
+    source="WIRE 7; firmware notes 1",
     danger="stops the motors, in flight too",
     is_fork=True,
 )
@@ -210,13 +155,11 @@ class DisarmMotors(WireMessage):
     """Stop the motors."""
 
 
-@message(
+@request(
     Board.FC,
     "r",
-    key="recalibrate",
-    direction=Direction.TO_BOARD,
-    source="WIRE 7; firmware notes 1",
     firmware=_FORK,
+    source="WIRE 7; firmware notes 1",
     danger="recalibrates the sensors; the FlightCtrl is deaf for 1.5 s",
     is_fork=True,
 )
@@ -226,13 +169,11 @@ class Recalibrate(WireMessage):
     what: Annotated[int, U8("mode", low=1, high=2)]
 
 
-@message(
+@request(
     Board.FC,
     "o",
-    key="beep",
-    direction=Direction.TO_BOARD,
-    source="WIRE 7; firmware notes 1",
     firmware=_FORK,
+    source="WIRE 7; firmware notes 1",
     danger="the FlightCtrl is deaf for 0.24 to 2.5 s",
     is_fork=True,
 )
@@ -243,13 +184,11 @@ class Beep(WireMessage):
     count: Annotated[int, U8("count", low=1)]
 
 
-@message(
+@request(
     (Board.FC, Board.NC),
     "R",
-    key="reset",
-    direction=Direction.TO_BOARD,
-    source="WIRE 12",
     firmware="all",
+    source="WIRE 12",
     danger="reboots the board: FC up to 2.00a and NC 0.24 even in flight, the NC into its boot loader",
     any_address=True,
 )

@@ -8,59 +8,29 @@ from __future__ import annotations
 from typing import Annotated
 
 from mkdaemon.protocol.fields import U16, Text
-from mkdaemon.protocol.wire import Board, Direction, WireMessage, message
+from mkdaemon.protocol.wire import Board, WireMessage, answer, request
 
 
-@message(
-    Board.NC,
-    "z",
-    key="echo_request",
-    direction=Direction.TO_BOARD,
-    reply="Z",
-    source="WIRE 8, Echo",
-    firmware="NC",
-)
+@request(Board.NC, "z", reply="Z", firmware="NC", source="WIRE 8, Echo")
 class EchoRequest(WireMessage):
     """Ask for a pattern back; does not feed the NaviCtrl's serial-link watchdog."""
 
     pattern: Annotated[int, U16("Pattern")]
 
 
-@message(
-    Board.NC,
-    "Z",
-    key="echo",
-    direction=Direction.FROM_BOARD,
-    source="WIRE 8, Echo",
-    firmware="NC",
-)
+@answer(Board.NC, "Z", firmware="NC", source="WIRE 8, Echo")
 class Echo(WireMessage):
     """The pattern, unchanged."""
 
     pattern: Annotated[int, U16("Pattern")]
 
 
-@message(
-    Board.NC,
-    "e",
-    key="error_text_request",
-    direction=Direction.TO_BOARD,
-    reply="E",
-    source="WIRE 8",
-    firmware="NC",
-)
+@request(Board.NC, "e", reply="E", firmware="NC", source="WIRE 8")
 class ErrorTextRequest(WireMessage):
     """Ask for the current error in words."""
 
 
-@message(
-    Board.NC,
-    "E",
-    key="error_text",
-    direction=Direction.FROM_BOARD,
-    source="WIRE 8, ErrorText",
-    firmware="NC",
-)
+@answer(Board.NC, "E", firmware="NC", source="WIRE 8, ErrorText")
 class ErrorText(WireMessage):
     """The current error in words; they vary between releases, codes do not."""
 

@@ -9,7 +9,7 @@ from typing import Annotated
 
 from mkdaemon.protocol.fields import S16, U8
 from mkdaemon.protocol.units import DECI_DEG
-from mkdaemon.protocol.wire import Board, Direction, WireMessage, message
+from mkdaemon.protocol.wire import Board, WireMessage, request
 
 _DANGER = "drives the compass calibration: can corrupt it"
 
@@ -27,31 +27,19 @@ class _Feed(WireMessage):
     """1 on FC 0.9x and later: a hint on how it is mounted."""
 
 
-@message(
-    Board.MAG,
-    "k",
-    key="compass_feed",
-    layout="k",
-    direction=Direction.TO_BOARD,
-    reply="K",
-    source="WIRE 9, ToMK3Mag",
-    firmware="FC 2.x",
-    danger=_DANGER,
-)
+@request(Board.MAG, "k", layout="k", reply="K", firmware="FC 2.x", source="WIRE 9, ToMK3Mag", danger=_DANGER)
 class CompassFeed(_Feed):
     """Attitude for tilt compensation, every 99 ms (999 ms with a NaviCtrl)."""
 
 
-@message(
+@request(
     Board.MAG,
     "w",
     name="CompassFeed",
-    key="compass_feed",
     layout="w",
-    direction=Direction.TO_BOARD,
     reply="K",
-    source="WIRE 9, ToMK3Mag",
     firmware="FC 0.7x and 0.8x",
+    source="WIRE 9, ToMK3Mag",
     danger=_DANGER,
 )
 class CompassFeedOld(_Feed):

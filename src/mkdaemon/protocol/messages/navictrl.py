@@ -10,7 +10,7 @@ from typing import Annotated, Final
 from mkdaemon.protocol.fields import S16, U8, U16
 from mkdaemon.protocol.flags import NaviParameterId, RedirectPort
 from mkdaemon.protocol.units import CELSIUS, DECIAMPERE, MILLISECOND, TEN_MS
-from mkdaemon.protocol.wire import Board, Direction, WireMessage, message
+from mkdaemon.protocol.wire import Board, WireMessage, answer, request
 
 ESCAPE: Final = bytes.fromhex("1b1b55aa00")
 """Ends a redirection; no frame, all five bytes. Send it twice, 50 ms apart."""
@@ -18,13 +18,11 @@ ESCAPE: Final = bytes.fromhex("1b1b55aa00")
 _PARAMETER = NaviParameterId
 
 
-@message(
+@request(
     Board.NC,
     "u",
-    key="redirect",
-    direction=Direction.TO_BOARD,
-    source="WIRE 8, RedirectUart",
     firmware="NC",
+    source="WIRE 8, RedirectUart",
     danger="blinds the NaviCtrl's port and stops its servos; commands of the other board become reachable",
 )
 class Redirect(WireMessage):
@@ -41,16 +39,14 @@ def _is_set(payload: bytes) -> bool:
     return payload[0] == 1
 
 
-@message(
+@request(
     Board.NC,
     "j",
-    key="navi_parameter_request",
-    direction=Direction.TO_BOARD,
     reply="J",
-    source="WIRE 8, NcParamRequest",
     firmware="NC 0.24 and later",
-    recognise=_is_get,
+    source="WIRE 8, NcParamRequest",
     since=(0, 24),
+    recognise=_is_get,
 )
 class NaviParameterRequest(WireMessage):
     """Ask for a parameter; one that was never set answers garbage."""
@@ -60,18 +56,16 @@ class NaviParameterRequest(WireMessage):
     value: Annotated[int, S16("Value")] = 0
 
 
-@message(
+@request(
     Board.NC,
     "j",
     name="NaviParameterRequest",
-    key="navi_parameter_request",
     layout="short",
-    direction=Direction.TO_BOARD,
     reply="J",
-    source='WIRE 8; vector "NC parameter 0 get"',
     firmware="NC 0.24 and later",
-    recognise=_is_get,
+    source='WIRE 8; vector "NC parameter 0 get"',
     since=(0, 24),
+    recognise=_is_get,
 )
 class NaviParameterRequestShort(WireMessage):
     """Ask for a parameter, without the unused value: as other tools send it."""
@@ -80,18 +74,16 @@ class NaviParameterRequestShort(WireMessage):
     id: Annotated[NaviParameterId, U8("Id", high=4, enum=_PARAMETER)]
 
 
-@message(
+@request(
     Board.NC,
     "j",
-    key="write_navi_parameter",
     layout="set",
-    direction=Direction.TO_BOARD,
     reply="J",
-    source="WIRE 8, NcParamRequest",
     firmware="NC 0.24 and later",
+    source="WIRE 8, NcParamRequest",
     danger="changes speed, heading or altitude set points in flight",
-    recognise=_is_set,
     since=(0, 24),
+    recognise=_is_set,
 )
 class WriteNaviParameter(WireMessage):
     """Set a parameter."""
@@ -101,14 +93,7 @@ class WriteNaviParameter(WireMessage):
     value: Annotated[int, S16("Value")]
 
 
-@message(
-    Board.NC,
-    "J",
-    key="navi_parameter",
-    direction=Direction.FROM_BOARD,
-    source="WIRE 8, NcParamReply",
-    firmware="NC 0.24 and later",
-)
+@answer(Board.NC, "J", firmware="NC 0.24 and later", source="WIRE 8, NcParamReply")
 class NaviParameter(WireMessage):
     """A parameter."""
 
@@ -117,17 +102,7 @@ class NaviParameter(WireMessage):
     """TARGET_SPEED 0.1 m/s, HEADING_SETPOINT deg (-1 none), ALTITUDE_SETPOINT dm."""
 
 
-@message(
-    Board.NC,
-    "k",
-    key="motor_status_request",
-    direction=Direction.TO_BOARD,
-    reply="K",
-    source="WIRE 8",
-    firmware="NC 0.26/0.27 and later",
-    any_address=True,
-    since=(0, 26),
-)
+@request(Board.NC, "k", reply="K", firmware="NC 0.26/0.27 and later", source="WIRE 8", since=(0, 26), any_address=True)
 class MotorStatusRequest(WireMessage):
     """Stream the state of the motor controllers, one motor a frame."""
 
@@ -135,14 +110,7 @@ class MotorStatusRequest(WireMessage):
     """0 stops."""
 
 
-@message(
-    Board.NC,
-    "K",
-    key="motor_status",
-    direction=Direction.FROM_BOARD,
-    source="WIRE 8, BLData",
-    firmware="NC 0.26/0.27 and later",
-)
+@answer(Board.NC, "K", firmware="NC 0.26/0.27 and later", source="WIRE 8, BLData")
 class MotorStatus(WireMessage):
     """State of one motor controller; motors come in no fixed order, absent ones seldom."""
 
@@ -158,14 +126,12 @@ class MotorStatus(WireMessage):
     """Bit 7: present; the rest counts I2C errors."""
 
 
-@message(
+@request(
     Board.NC,
     "t",
-    key="time_request",
-    direction=Direction.TO_BOARD,
     reply="T",
-    source="WIRE 4, 8",
     firmware="NC 0.30g and later",
+    source="WIRE 4, 8",
     danger="a FlightCtrl reads it as a motor test: only while the last version reply came from a NaviCtrl",
     since=(0, 30),
 )
@@ -175,14 +141,7 @@ class TimeRequest(WireMessage):
     one: Annotated[int, U8("Interval", low=1, high=1)] = 1
 
 
-@message(
-    Board.NC,
-    "T",
-    key="time",
-    direction=Direction.FROM_BOARD,
-    source="WIRE 8, DateTime_arm",
-    firmware="NC 0.30g and later",
-)
+@answer(Board.NC, "T", key="time", firmware="NC 0.30g and later", source="WIRE 8, DateTime_arm")
 class NaviTime(WireMessage):
     """GPS time, UTC."""
 

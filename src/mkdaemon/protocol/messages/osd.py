@@ -25,7 +25,7 @@ from mkdaemon.protocol.units import (
     SECOND,
     TEN_MS,
 )
-from mkdaemon.protocol.wire import Board, Direction, WireMessage, message
+from mkdaemon.protocol.wire import Board, WireMessage, answer, request
 
 
 def _asks_for_sets(payload: bytes) -> bool:
@@ -33,16 +33,14 @@ def _asks_for_sets(payload: bytes) -> bool:
     return any(payload[1:3])
 
 
-@message(
+@request(
     Board.NC,
     "o",
     name="OsdRequest",
-    key="osd_request",
     layout="v1",
-    direction=Direction.TO_BOARD,
     reply="O",
-    source="WIRE 8, OsdRequest_v1",
     firmware="all NC",
+    source="WIRE 8, OsdRequest_v1",
     recognise=lambda payload: not _asks_for_sets(payload),
     any_address=True,
 )
@@ -53,16 +51,14 @@ class OsdRequestV1(WireMessage):
     """0 stops; below 3 the line is saturated."""
 
 
-@message(
+@request(
     Board.NC,
     "o",
     name="OsdRequest",
-    key="osd_request",
     layout="v2",
-    direction=Direction.TO_BOARD,
     reply="O",
-    source="WIRE 8, OsdRequest_v2",
     firmware="NC 2.14 and later",
+    source="WIRE 8, OsdRequest_v2",
     since=(2, 14),
     recognise=_asks_for_sets,
     any_address=True,
@@ -123,22 +119,9 @@ class _Place(WireMessage):
     """0..about 200."""
 
 
-@message(
-    Board.NC,
-    "O",
-    name="OsdData",
-    key="osd",
-    layout="5",
-    direction=Direction.FROM_BOARD,
-    source="WIRE 8.1, NaviData_v5",
-    firmware="NC 0.22 to 2.1x with the 1-byte request",
-    marker=(5,),
-    since=(0, 22),
-)
-class OsdData5(_Place):
-    """The whole state of the aircraft."""
+class _State(_Place):
+    """What flies and how, up to the byte that changed its meaning."""
 
-    version: Annotated[int, U8("Version", only=frozenset({5}))] = 5
     fc_flags: Annotated[FlightStatus, U8("FCStatusFlags", enum=FlightStatus)]
     nc_flags: Annotated[NaviStatus, U8("NCFlags", enum=NaviStatus)]
     error_code: Annotated[ErrorCode, U8("Errorcode", enum=ErrorCode)]
@@ -148,38 +131,52 @@ class OsdData5(_Place):
     """From GPS."""
     target_hold_time: Annotated[int, U8("TargetHoldTime", SECOND)]
     """Remaining."""
+
+
+class _State5(_State):
     fc_flags_2: Annotated[FlightStatus2, U8("FCStatusFlags2", enum=FlightStatus2)]
+
+
+class _State4(_State):
+    rc_rssi: Annotated[int, U8("RC_RSSI")]
+
+
+class _Power(WireMessage):
     altitude_setpoint: Annotated[int, S16("SetpointAltitude", FIVE_CM)]
     throttle: Annotated[int, U8("Gas")]
     current: Annotated[int, U16("Current", DECIAMPERE)]
     used_capacity: Annotated[int, U16("UsedCapacity", MAH)]
 
 
-@message(
+@answer(
+    Board.NC,
+    "O",
+    name="OsdData",
+    key="osd",
+    layout="5",
+    firmware="NC 0.22 to 2.1x with the 1-byte request",
+    source="WIRE 8.1, NaviData_v5",
+    since=(0, 22),
+    marker=frozenset({5}),
+)
+class OsdData5(_Power, _State5):
+    """The whole state of the aircraft."""
+
+    version: Annotated[int, U8("Version", only=frozenset({5}))] = 5
+
+
+@answer(
     Board.NC,
     "O",
     name="OsdData",
     key="osd",
     layout="4",
-    direction=Direction.FROM_BOARD,
-    source="WIRE 8.1, NaviData_v3_v4",
     firmware="NC 0.18 to 0.22 (about)",
-    marker=(3, 4),
+    source="WIRE 8.1, NaviData_v3_v4",
+    marker=frozenset({3, 4}),
 )
-class OsdData4(_Place):
+class OsdData4(_Power, _State4):
     """The whole state of the aircraft, before FC 0.82."""
 
     version: Annotated[int, U8("Version", only=frozenset({3, 4}))] = 4
-    fc_flags: Annotated[FlightStatusOld, U8("FCStatusFlags", enum=FlightStatusOld)]
-    nc_flags: Annotated[NaviStatus, U8("NCFlags", enum=NaviStatus)]
-    error_code: Annotated[ErrorCode, U8("Errorcode", enum=ErrorCode)]
-    operating_radius: Annotated[int, U8("OperatingRadius", METRE)]
-    vertical_speed: Annotated[int, S16("TopSpeed", CM_PER_S)]
-    """From GPS."""
-    target_hold_time: Annotated[int, U8("TargetHoldTime", SECOND)]
-    """Remaining."""
-    rc_rssi: Annotated[int, U8("RC_RSSI")]
-    altitude_setpoint: Annotated[int, S16("SetpointAltitude", FIVE_CM)]
-    throttle: Annotated[int, U8("Gas")]
-    current: Annotated[int, U16("Current", DECIAMPERE)]
-    used_capacity: Annotated[int, U16("UsedCapacity", MAH)]
+    fc_flags: Annotated[FlightStatusOld, U8("FCStatusFlags", enum=FlightStatusOld)]  # type: ignore[assignment]

@@ -24,7 +24,7 @@ from mkdaemon.protocol.units import (
     TEN_METRE,
     TWO_DEG,
 )
-from mkdaemon.protocol.wire import Board, Direction, WireMessage, message
+from mkdaemon.protocol.wire import Board, WireMessage, answer
 
 _FIRMWARE = "NC 2.14 and later, with the 3-byte request"
 
@@ -41,16 +41,14 @@ class _Head(WireMessage):
     status: Annotated[OsdStatus, U8("OSDStatusFlags", enum=OsdStatus)]
 
 
-@message(
+@answer(
     Board.NC,
     "O",
-    key="osd_tiny",
     layout="10",
-    direction=Direction.FROM_BOARD,
-    source="WIRE 8.1, NaviTiny_10",
     firmware=_FIRMWARE,
-    marker=(10,),
+    source="WIRE 8.1, NaviTiny_10",
     since=(2, 14),
+    marker=frozenset({10}),
 )
 class OsdTiny(_Head):
     """Data set 10: position."""
@@ -61,16 +59,14 @@ class OsdTiny(_Head):
     reserved: Annotated[int, U8("reserve1")]
 
 
-@message(
+@answer(
     Board.NC,
     "O",
-    key="osd_flags",
     layout="11",
-    direction=Direction.FROM_BOARD,
-    source="WIRE 8.1, NaviFlags_11",
     firmware=_FIRMWARE,
-    marker=(11,),
+    source="WIRE 8.1, NaviFlags_11",
     since=(2, 14),
+    marker=frozenset({11}),
     open_ended=True,
 )
 class OsdFlags(_Head):
@@ -88,16 +84,14 @@ class OsdFlags(_Head):
     """Below 255: a motor controller limits."""
 
 
-@message(
+@answer(
     Board.NC,
     "O",
-    key="osd_target",
     layout="12",
-    direction=Direction.FROM_BOARD,
-    source="WIRE 8.1, NaviTarget_12",
     firmware=_FIRMWARE,
-    marker=(12,),
+    source="WIRE 8.1, NaviTarget_12",
     since=(2, 14),
+    marker=frozenset({12}),
 )
 class OsdTarget(_Head):
     """Data set 12: target."""
@@ -111,16 +105,14 @@ class OsdTarget(_Head):
     """0..200."""
 
 
-@message(
+@answer(
     Board.NC,
     "O",
-    key="osd_home",
     layout="13",
-    direction=Direction.FROM_BOARD,
-    source="WIRE 8.1, NaviHome_13",
     firmware=_FIRMWARE,
-    marker=(13,),
+    source="WIRE 8.1, NaviHome_13",
     since=(2, 14),
+    marker=frozenset({13}),
 )
 class OsdHome(_Head):
     """Data set 13: home and limits."""
@@ -139,16 +131,14 @@ class OsdHome(_Head):
     reserved_2: Annotated[int, U8("reserved2")]
 
 
-@message(
+@answer(
     Board.NC,
     "O",
-    key="osd_deviation",
     layout="14",
-    direction=Direction.FROM_BOARD,
-    source="WIRE 8.1, NaviDeviation_14",
     firmware=_FIRMWARE,
-    marker=(14,),
+    source="WIRE 8.1, NaviDeviation_14",
     since=(2, 14),
+    marker=frozenset({14}),
 )
 class OsdDeviation(_Head):
     """Data set 14: distances and attitude."""
@@ -168,16 +158,8 @@ class OsdDeviation(_Head):
     satellites: Annotated[int, U8("SatsInUse")]
 
 
-@message(
-    Board.NC,
-    "O",
-    key="osd_waypoint",
-    layout="15",
-    direction=Direction.FROM_BOARD,
-    source="WIRE 8.1, NaviWP_15",
-    firmware=_FIRMWARE,
-    marker=(15,),
-    since=(2, 14),
+@answer(
+    Board.NC, "O", layout="15", firmware=_FIRMWARE, source="WIRE 8.1, NaviWP_15", since=(2, 14), marker=frozenset({15})
 )
 class OsdWaypoint(_Head):
     """Data set 15: route."""
@@ -190,16 +172,14 @@ class OsdWaypoint(_Head):
     reserved: Annotated[int, U8("reserve")]
 
 
-@message(
+@answer(
     Board.NC,
     "O",
-    key="osd_volatile",
     layout="16",
-    direction=Direction.FROM_BOARD,
-    source="WIRE 8.1, NaviVolatile_16",
     firmware=_FIRMWARE,
-    marker=(16,),
+    source="WIRE 8.1, NaviVolatile_16",
     since=(2, 14),
+    marker=frozenset({16}),
 )
 class OsdVolatile(_Head):
     """Data set 16: energy and heading."""

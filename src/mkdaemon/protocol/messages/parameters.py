@@ -9,7 +9,7 @@ from typing import Annotated, Final
 
 from mkdaemon.protocol.fields import S8, U8, Rest, Text
 from mkdaemon.protocol.units import MIX
-from mkdaemon.protocol.wire import Board, Direction, WireMessage, message
+from mkdaemon.protocol.wire import Board, WireMessage, answer, request
 
 ACTIVE_SET: Final = 255
 """Index that asks for the set in use."""
@@ -28,14 +28,12 @@ def _is_request(payload: bytes) -> bool:
     return not _is_reset(payload)
 
 
-@message(
+@request(
     Board.FC,
     "q",
-    key="settings_request",
-    direction=Direction.TO_BOARD,
     reply="Q",
-    source="WIRE 7, SettingsRequest",
     firmware="FC",
+    source="WIRE 7, SettingsRequest",
     danger="a set that is not active is loaded into the live parameters",
     recognise=_is_request,
 )
@@ -46,15 +44,13 @@ class SettingsRequest(WireMessage):
     """1..5, or 255 for the active set (the only one that changes nothing)."""
 
 
-@message(
+@request(
     Board.FC,
     "q",
-    key="settings_reset",
     layout="reset",
-    direction=Direction.TO_BOARD,
     reply="Q",
-    source="WIRE 7, SettingsRequest",
     firmware="FC",
+    source="WIRE 7, SettingsRequest",
     danger="resets a parameter set to defaults, stores it and makes it active",
     recognise=_is_reset,
 )
@@ -65,14 +61,7 @@ class SettingsReset(WireMessage):
     """10 + set: keep the channels; 20 + set: reset them too."""
 
 
-@message(
-    Board.FC,
-    "Q",
-    key="settings",
-    direction=Direction.FROM_BOARD,
-    source="WIRE 7, 16",
-    firmware="FC",
-)
+@answer(Board.FC, "Q", firmware="FC", source="WIRE 7, 16")
 class Settings(WireMessage):
     """A parameter set; its layout is that of the revision in its first byte."""
 
@@ -80,15 +69,8 @@ class Settings(WireMessage):
     parameters: Annotated[bytes, Rest("ParamSet", _SHORTEST, _LONGEST)]
 
 
-@message(
-    Board.FC,
-    "s",
-    key="write_settings",
-    direction=Direction.TO_BOARD,
-    reply="S",
-    source="WIRE 7, 16",
-    firmware="FC",
-    danger="overwrites a parameter set and activates it",
+@request(
+    Board.FC, "s", reply="S", firmware="FC", source="WIRE 7, 16", danger="overwrites a parameter set and activates it"
 )
 class WriteSettings(WireMessage):
     """Store a parameter set and activate it; refused with motors running or on another revision."""
@@ -97,14 +79,7 @@ class WriteSettings(WireMessage):
     parameters: Annotated[bytes, Rest("ParamSet", _SHORTEST, _LONGEST)]
 
 
-@message(
-    Board.FC,
-    "S",
-    key="settings_written",
-    direction=Direction.FROM_BOARD,
-    source="WIRE 7, SettingNumberReply",
-    firmware="FC",
-)
+@answer(Board.FC, "S", firmware="FC", source="WIRE 7, SettingNumberReply")
 class SettingsWritten(WireMessage):
     """How storing a parameter set ended."""
 
@@ -112,14 +87,12 @@ class SettingsWritten(WireMessage):
     """The active set; 0: refused."""
 
 
-@message(
+@request(
     Board.FC,
     "f",
-    key="select_settings",
-    direction=Direction.TO_BOARD,
     reply="F",
-    source="WIRE 7, ChangeSetting",
     firmware="FC 0.77a and later",
+    source="WIRE 7, ChangeSetting",
     danger="switches the live parameters; silence while motors run",
     since=(0, 77),
 )
@@ -129,14 +102,7 @@ class SelectSettings(WireMessage):
     index: Annotated[int, U8("Index", low=1, high=5)]
 
 
-@message(
-    Board.FC,
-    "F",
-    key="settings_selected",
-    direction=Direction.FROM_BOARD,
-    source="WIRE 7, SettingNumberReply",
-    firmware="FC 0.77a and later",
-)
+@answer(Board.FC, "F", firmware="FC 0.77a and later", source="WIRE 7, SettingNumberReply")
 class SettingsSelected(WireMessage):
     """A parameter set was loaded."""
 
@@ -151,40 +117,22 @@ class _MixerTable(WireMessage):
     """16 rows of throttle, pitch, roll, yaw."""
 
 
-@message(
-    Board.FC,
-    "n",
-    key="mixer_request",
-    direction=Direction.TO_BOARD,
-    reply="N",
-    source="WIRE 7",
-    firmware="FC 0.73 and later",
-    since=(0, 73),
-)
+@request(Board.FC, "n", reply="N", firmware="FC 0.73 and later", source="WIRE 7", since=(0, 73))
 class MixerRequest(WireMessage):
     """Ask for the mixer."""
 
 
-@message(
-    Board.FC,
-    "N",
-    key="mixer",
-    direction=Direction.FROM_BOARD,
-    source="WIRE 7, MixerTable",
-    firmware="FC 0.73 and later",
-)
+@answer(Board.FC, "N", firmware="FC 0.73 and later", source="WIRE 7, MixerTable")
 class Mixer(_MixerTable):
     """How throttle and sticks drive each motor."""
 
 
-@message(
+@request(
     Board.FC,
     "m",
-    key="write_mixer",
-    direction=Direction.TO_BOARD,
     reply="M",
-    source="WIRE 7, MixerTable",
     firmware="FC 0.73 and later",
+    source="WIRE 7, MixerTable",
     danger="overwrites the mixer at once, in flight too",
     since=(0, 73),
 )
@@ -192,14 +140,7 @@ class WriteMixer(_MixerTable):
     """Store a mixer and use it."""
 
 
-@message(
-    Board.FC,
-    "M",
-    key="mixer_written",
-    direction=Direction.FROM_BOARD,
-    source="WIRE 7, MixerWriteReply",
-    firmware="FC 0.73 and later",
-)
+@answer(Board.FC, "M", firmware="FC 0.73 and later", source="WIRE 7, MixerWriteReply")
 class MixerWritten(WireMessage):
     """How storing a mixer ended."""
 

@@ -10,18 +10,11 @@ from typing import Annotated
 from mkdaemon.protocol.fields import S8, S16, U8, U16
 from mkdaemon.protocol.flags import BoardStatus
 from mkdaemon.protocol.units import DECI_DEG, STICK, TEN_MS
-from mkdaemon.protocol.wire import Board, Direction, WireMessage, message
+from mkdaemon.protocol.wire import Board, WireMessage, answer, request
 
 
-@message(
-    (Board.FC, Board.NC, Board.MAG),
-    "d",
-    key="debug_request",
-    direction=Direction.TO_BOARD,
-    reply="D",
-    source="WIRE 5, IntervalRequest",
-    firmware="all",
-    any_address=True,
+@request(
+    (Board.FC, Board.NC, Board.MAG), "d", reply="D", firmware="all", source="WIRE 5, IntervalRequest", any_address=True
 )
 class DebugRequest(WireMessage):
     """Stream the debug channels; the first frame comes at once."""
@@ -37,15 +30,14 @@ class _Debug(WireMessage):
     """Boards in error."""
 
 
-@message(
+@answer(
     (Board.FC, Board.MAG),
     "D",
     name="DebugData",
     key="debug",
     layout="fc",
-    direction=Direction.FROM_BOARD,
-    source="WIRE 15, DebugOut_FC",
     firmware="FC, MK3Mag",
+    source="WIRE 15, DebugOut_FC",
 )
 class DebugDataFc(_Debug):
     """32 debug channels; their labels tell meaning and unit."""
@@ -53,30 +45,19 @@ class DebugDataFc(_Debug):
     analog: Annotated[tuple[int, ...], S16("Analog", count=32)]
 
 
-@message(
-    Board.NC,
-    "D",
-    name="DebugData",
-    key="debug",
-    layout="nc",
-    direction=Direction.FROM_BOARD,
-    source="WIRE 15, DebugOut_NC",
-    firmware="NC",
-)
+@answer(Board.NC, "D", name="DebugData", key="debug", layout="nc", firmware="NC", source="WIRE 15, DebugOut_NC")
 class DebugDataNc(_Debug):
     """32 debug channels; declared unsigned in the NC's source, but many are signed, so they are read as signed."""
 
     analog: Annotated[tuple[int, ...], S16("Analog", count=32)]
 
 
-@message(
+@request(
     (Board.FC, Board.NC),
     "c",
-    key="attitude_request",
-    direction=Direction.TO_BOARD,
     reply="C",
-    source="WIRE 5, IntervalRequest",
     firmware="FC 0.72o and later, NC",
+    source="WIRE 5, IntervalRequest",
     since=(0, 18),
     any_address=True,
 )
@@ -101,15 +82,14 @@ class _FcAttitude(_Attitude):
     """Integrals of pitch, roll, yaw, shifted right by 9."""
 
 
-@message(
+@answer(
     Board.FC,
     "C",
     name="AttitudeData",
     key="attitude",
     layout="fc210",
-    direction=Direction.FROM_BOARD,
-    source="WIRE 15, Data3D_FC210",
     firmware="FC 2.09 and later",
+    source="WIRE 15, Data3D_FC210",
 )
 class AttitudeDataFc210(_FcAttitude):
     """Attitude of the FlightCtrl."""
@@ -118,15 +98,14 @@ class AttitudeDataFc210(_FcAttitude):
     reserved: Annotated[tuple[int, ...], S8("reserve", count=3)]
 
 
-@message(
+@answer(
     Board.FC,
     "C",
     name="AttitudeData",
     key="attitude",
     layout="fc_old",
-    direction=Direction.FROM_BOARD,
-    source="WIRE 15, Data3D_FC_old",
     firmware="FC 0.72o to 2.08",
+    source="WIRE 15, Data3D_FC_old",
 )
 class AttitudeDataFcOld(_FcAttitude):
     """Attitude of the FlightCtrl."""
@@ -134,15 +113,8 @@ class AttitudeDataFcOld(_FcAttitude):
     reserved: Annotated[tuple[int, ...], S8("reserve", count=5)]
 
 
-@message(
-    Board.NC,
-    "C",
-    name="AttitudeData",
-    key="attitude",
-    layout="nc",
-    direction=Direction.FROM_BOARD,
-    source="WIRE 15, Data3D_NC",
-    firmware="NC 0.2x",
+@answer(
+    Board.NC, "C", name="AttitudeData", key="attitude", layout="nc", firmware="NC 0.2x", source="WIRE 15, Data3D_NC"
 )
 class AttitudeDataNc(_Attitude):
     """Attitude of the FlightCtrl as the NaviCtrl knows it."""
@@ -150,15 +122,14 @@ class AttitudeDataNc(_Attitude):
     reserved: Annotated[tuple[int, ...], U8("reserve", count=8)]
 
 
-@message(
+@answer(
     Board.NC,
     "C",
     name="AttitudeData",
     key="attitude",
     layout="nc_sticks",
-    direction=Direction.FROM_BOARD,
-    source="WIRE 15, Data3D_NC_sticks",
     firmware="NC 0.28 and later (about)",
+    source="WIRE 15, Data3D_NC_sticks",
 )
 class AttitudeDataNcSticks(_Attitude):
     """Attitude of the FlightCtrl as the NaviCtrl knows it, with the pilot's sticks."""

@@ -11,35 +11,24 @@ from typing import Annotated
 from mkdaemon.protocol.fields import U8
 from mkdaemon.protocol.flags import FlightFault0, FlightFault1, NaviFault0, VersionFlags
 from mkdaemon.protocol.generations import Release
-from mkdaemon.protocol.wire import Board, Direction, WireMessage, message
+from mkdaemon.protocol.wire import Board, WireMessage, answer, request
 
 _BOARDS = (Board.FC, Board.NC, Board.MAG)
 
 
-@message(
-    _BOARDS,
-    "v",
-    key="version_request",
-    direction=Direction.TO_BOARD,
-    reply="V",
-    source="WIRE 5",
-    firmware="all",
-    any_address=True,
-)
+@request(_BOARDS, "v", reply="V", firmware="all", source="WIRE 5", any_address=True)
 class VersionRequest(WireMessage):
     """Ask a board for its firmware release."""
 
 
-@message(
+@request(
     Board.FC,
     "v",
     name="VersionRequest",
-    key="version_request",
     layout="which",
-    direction=Direction.TO_BOARD,
     reply="V",
-    source="WIRE 5, VersionRequestFC",
     firmware="FC 2.x on ATmega1284",
+    source="WIRE 5, VersionRequestFC",
 )
 class VersionRequestWhich(WireMessage):
     """Ask a FlightCtrl for its own release or for that of the NaviCtrl behind it."""
@@ -83,22 +72,16 @@ class _Release(WireMessage):
         return str(Release(self.major, self.minor, patch))
 
 
-@message(
-    Board.FC,
-    "V",
-    name="Version",
-    key="version",
-    layout="fc210",
-    direction=Direction.FROM_BOARD,
-    source="WIRE 15, VersionInfo_FC210",
-    firmware="FC 2.09 and later",
-    recognise=_is_fc210,
-)
-class VersionFc210(_Release):
-    """Release and faults of a FlightCtrl."""
-
+class _Labelled(_Release):
     label_checksum: Annotated[int, U8("LabelTextCRC")]
     """8-bit sum of all 512 label characters; labels known for it need not be read again."""
+
+
+class _Reserved(_Release):
+    reserved_1: Annotated[int, U8("reserved1")]
+
+
+class _FcState(WireMessage):
     patch: Annotated[int, U8("SWPatch")]
     fault_0: Annotated[FlightFault0, U8("HardwareError[0]", enum=FlightFault0)]
     fault_1: Annotated[FlightFault1, U8("HardwareError[1]", enum=FlightFault1)]
@@ -109,29 +92,33 @@ class VersionFc210(_Release):
     flags: Annotated[VersionFlags, U8("Flags", enum=VersionFlags)]
 
 
-@message(
+@answer(
     Board.FC,
     "V",
     name="Version",
-    key="version",
-    layout="fc200",
-    direction=Direction.FROM_BOARD,
-    source="WIRE 15, VersionInfo_FC200",
-    firmware="FC 0.91, 2.00a to 2.08",
-    recognise=_is_fc200,
+    layout="fc210",
+    firmware="FC 2.09 and later",
+    source="WIRE 15, VersionInfo_FC210",
+    recognise=_is_fc210,
 )
-class VersionFc200(_Release):
+class VersionFc210(_FcState, _Labelled):
     """Release and faults of a FlightCtrl."""
 
-    reserved_1: Annotated[int, U8("reserved1")]
-    patch: Annotated[int, U8("SWPatch")]
-    fault_0: Annotated[FlightFault0, U8("HardwareError[0]", enum=FlightFault0)]
-    fault_1: Annotated[FlightFault1, U8("HardwareError[1]", enum=FlightFault1)]
-    hardware: Annotated[int, U8("HWMajor", "0.1")]
-    """Board revision times ten, for example 22."""
+
+@answer(
+    Board.FC,
+    "V",
+    name="Version",
+    layout="fc200",
+    firmware="FC 0.91, 2.00a to 2.08",
+    source="WIRE 15, VersionInfo_FC200",
+    recognise=_is_fc200,
+)
+class VersionFc200(_FcState, _Reserved):
+    """Release and faults of a FlightCtrl."""
+
     motor_controller: Annotated[int, U8("reserved2", "0.01")]
     """0; the BL-Ctrl release times hundred from about 2.06e on."""
-    flags: Annotated[VersionFlags, U8("Flags", enum=VersionFlags)]
 
 
 class _Classic(_Release):
@@ -139,15 +126,13 @@ class _Classic(_Release):
     patch: Annotated[int, U8("SWPatch")]
 
 
-@message(
+@answer(
     Board.FC,
     "V",
     name="Version",
-    key="version",
     layout="classic",
-    direction=Direction.FROM_BOARD,
-    source="WIRE 15, VersionInfo_classic",
     firmware="FC up to 0.90",
+    source="WIRE 15, VersionInfo_classic",
     recognise=_is_classic,
 )
 class VersionClassic(_Classic):
@@ -158,15 +143,13 @@ class VersionClassic(_Classic):
     fault_rest: Annotated[tuple[int, ...], U8("HardwareError[2..4]", count=3)]
 
 
-@message(
+@answer(
     Board.NC,
     "V",
     name="Version",
-    key="version",
     layout="classic",
-    direction=Direction.FROM_BOARD,
-    source="WIRE 15, VersionInfo_classic",
     firmware="NC up to 0.3x",
+    source="WIRE 15, VersionInfo_classic",
     recognise=_is_classic,
 )
 class NaviVersionClassic(_Classic):
@@ -176,21 +159,18 @@ class NaviVersionClassic(_Classic):
     fault_rest: Annotated[tuple[int, ...], U8("HardwareError[1..4]", count=4)]
 
 
-@message(
+@answer(
     Board.NC,
     "V",
     name="Version",
-    key="version",
     layout="fc200",
-    direction=Direction.FROM_BOARD,
-    source="WIRE 15, VersionInfo_FC200, by continuity",
     firmware="NC 2.x",
+    source="WIRE 15, VersionInfo_FC200, by continuity",
     recognise=_is_navi_200,
 )
-class NaviVersion200(_Release):
+class NaviVersion200(_Reserved):
     """Release and faults of a NaviCtrl."""
 
-    reserved_1: Annotated[int, U8("reserved1")]
     patch: Annotated[int, U8("SWPatch")]
     fault_0: Annotated[NaviFault0, U8("HardwareError[0]", enum=NaviFault0)]
     fault_1: Annotated[int, U8("HardwareError[1]")]
@@ -200,16 +180,7 @@ class NaviVersion200(_Release):
     flags: Annotated[VersionFlags, U8("Flags", enum=VersionFlags)]
 
 
-@message(
-    Board.MAG,
-    "V",
-    name="Version",
-    key="version",
-    layout="classic",
-    direction=Direction.FROM_BOARD,
-    source="WIRE 15, VersionInfo_classic",
-    firmware="MK3Mag",
-)
+@answer(Board.MAG, "V", name="Version", layout="classic", firmware="MK3Mag", source="WIRE 15, VersionInfo_classic")
 class CompassVersion(_Classic):
     """Release of a MK3Mag."""
 

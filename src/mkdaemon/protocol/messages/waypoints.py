@@ -10,7 +10,7 @@ from typing import Annotated
 from mkdaemon.protocol.fields import S16, S32, U8, Text
 from mkdaemon.protocol.flags import PointEvent, PointType, PositionStatus
 from mkdaemon.protocol.units import DECIMETRE, DEG, DM_PER_S, GLOBE, METRE, SECOND
-from mkdaemon.protocol.wire import Board, Direction, WireMessage, message
+from mkdaemon.protocol.wire import Board, WireMessage, answer, request
 
 _OLD = "NC up to 0.20 (about)"
 _024 = "NC 0.22 to 0.26"
@@ -75,138 +75,89 @@ class _ReadBack(WireMessage):
     """The one asked for."""
 
 
-@message(
-    Board.NC,
-    "s",
-    name="SendTarget",
-    key="send_target",
-    layout="024",
-    direction=Direction.TO_BOARD,
-    source="WIRE 8, Point_024",
-    firmware=_024,
-    danger=_TARGET_DANGER,
+@request(
+    Board.NC, "s", name="SendTarget", layout="024", firmware=_024, source="WIRE 8, Point_024", danger=_TARGET_DANGER
 )
 class SendTarget024(_Point024):
     """Set the target; no answer but a beep."""
 
 
-@message(
-    Board.NC,
-    "s",
-    name="SendTarget",
-    key="send_target",
-    layout="027",
-    direction=Direction.TO_BOARD,
-    source="WIRE 8, Point_027",
-    firmware=_027,
-    danger=_TARGET_DANGER,
+@request(
+    Board.NC, "s", name="SendTarget", layout="027", firmware=_027, source="WIRE 8, Point_027", danger=_TARGET_DANGER
 )
 class SendTarget027(_Point027):
     """Set the target; no answer but a beep."""
 
 
-@message(
-    Board.NC,
-    "s",
-    name="SendTarget",
-    key="send_target",
-    layout="2x",
-    direction=Direction.TO_BOARD,
-    source="WIRE 8, Point_2x",
-    firmware=_2X,
-    danger=_TARGET_DANGER,
-)
+@request(Board.NC, "s", name="SendTarget", layout="2x", firmware=_2X, source="WIRE 8, Point_2x", danger=_TARGET_DANGER)
 class SendTarget2x(_Point2x):
     """Set the target; no answer but a beep."""
 
 
-@message(
-    Board.NC,
-    "s",
-    name="SendTarget",
-    key="send_target",
-    layout="old",
-    direction=Direction.TO_BOARD,
-    source="WIRE 8, WayPoint_old",
-    firmware=_OLD,
-    danger=_TARGET_DANGER,
+@request(
+    Board.NC, "s", name="SendTarget", layout="old", firmware=_OLD, source="WIRE 8, WayPoint_old", danger=_TARGET_DANGER
 )
 class SendTargetOld(_PointOld):
     """Set the target; no answer but a beep."""
 
 
-@message(
+@request(
     Board.NC,
     "w",
     name="WriteWaypoint",
-    key="write_waypoint",
     layout="024",
-    direction=Direction.TO_BOARD,
     reply="W",
-    source="WIRE 8, Point_024",
     firmware=_024,
+    source="WIRE 8, Point_024",
     danger=_WRITE_DANGER,
 )
 class WriteWaypoint024(_Point024):
     """Store a point of the route."""
 
 
-@message(
+@request(
     Board.NC,
     "w",
     name="WriteWaypoint",
-    key="write_waypoint",
     layout="027",
-    direction=Direction.TO_BOARD,
     reply="W",
-    source="WIRE 8, Point_027",
     firmware=_027,
+    source="WIRE 8, Point_027",
     danger=_WRITE_DANGER,
 )
 class WriteWaypoint027(_Point027):
     """Store a point of the route."""
 
 
-@message(
+@request(
     Board.NC,
     "w",
     name="WriteWaypoint",
-    key="write_waypoint",
     layout="2x",
-    direction=Direction.TO_BOARD,
     reply="W",
-    source="WIRE 8, Point_2x",
     firmware=_2X,
+    source="WIRE 8, Point_2x",
     danger=_WRITE_DANGER,
 )
 class WriteWaypoint2x(_Point2x):
     """Store a point of the route."""
 
 
-@message(
+@request(
     Board.NC,
     "w",
     name="WriteWaypoint",
-    key="write_waypoint",
     layout="old",
-    direction=Direction.TO_BOARD,
     reply="W",
-    source="WIRE 8, WayPoint_old",
     firmware=_OLD,
+    source="WIRE 8, WayPoint_old",
     danger=_WRITE_DANGER,
 )
 class WriteWaypointOld(_PointOld):
     """Store a point of the route."""
 
 
-@message(
-    Board.NC,
-    "W",
-    key="waypoint_written",
-    direction=Direction.FROM_BOARD,
-    source="WIRE 8, PointWriteReply",
-    firmware="NC",
-)
+@answer(Board.NC, "W", firmware="NC", source="WIRE 8, PointWriteReply")
 class WaypointWritten(WireMessage):
     """How storing a point ended."""
 
@@ -214,15 +165,7 @@ class WaypointWritten(WireMessage):
     """The stored one; 0 means cleared AND refused: only the list's state tells them apart."""
 
 
-@message(
-    Board.NC,
-    "x",
-    key="waypoint_request",
-    direction=Direction.TO_BOARD,
-    reply="X",
-    source="WIRE 8, PointRequest",
-    firmware="NC",
-)
+@request(Board.NC, "x", reply="X", firmware="NC", source="WIRE 8, PointRequest")
 class WaypointRequest(WireMessage):
     """Ask for a stored point."""
 
@@ -230,57 +173,22 @@ class WaypointRequest(WireMessage):
     """1..; 0 gets no answer, above the count only the count."""
 
 
-@message(
-    Board.NC,
-    "X",
-    name="Waypoint",
-    key="waypoint",
-    layout="024",
-    direction=Direction.FROM_BOARD,
-    source="WIRE 8, PointReply, Point_024",
-    firmware=_024,
-)
+@answer(Board.NC, "X", name="Waypoint", layout="024", firmware=_024, source="WIRE 8, PointReply, Point_024")
 class Waypoint024(_Point024, _ReadBack):
     """A stored point."""
 
 
-@message(
-    Board.NC,
-    "X",
-    name="Waypoint",
-    key="waypoint",
-    layout="027",
-    direction=Direction.FROM_BOARD,
-    source="WIRE 8, PointReply, Point_027",
-    firmware=_027,
-)
+@answer(Board.NC, "X", name="Waypoint", layout="027", firmware=_027, source="WIRE 8, PointReply, Point_027")
 class Waypoint027(_Point027, _ReadBack):
     """A stored point."""
 
 
-@message(
-    Board.NC,
-    "X",
-    name="Waypoint",
-    key="waypoint",
-    layout="2x",
-    direction=Direction.FROM_BOARD,
-    source="WIRE 8, PointReply, Point_2x",
-    firmware=_2X,
-)
+@answer(Board.NC, "X", name="Waypoint", layout="2x", firmware=_2X, source="WIRE 8, PointReply, Point_2x")
 class Waypoint2x(_Point2x, _ReadBack):
     """A stored point."""
 
 
-@message(
-    Board.NC,
-    "X",
-    key="waypoint_count",
-    layout="count",
-    direction=Direction.FROM_BOARD,
-    source="WIRE 8, PointReply",
-    firmware="NC",
-)
+@answer(Board.NC, "X", layout="count", firmware="NC", source="WIRE 8, PointReply")
 class WaypointCount(WireMessage):
     """The answer when there is no such point."""
 
