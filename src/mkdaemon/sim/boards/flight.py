@@ -30,6 +30,10 @@ _FLYING_GAS: Final = 40.0
 _FLYING_S: Final = 256 * 2.048e-3
 """Time with throttle after which the FlightCtrl counts itself flying."""
 _ALTITUDE_SWITCH: Final = 50
+_IDLE_MARGIN: Final = 12.0
+"""Idle over the set's minimum: a set point of 17 where stick centre gives 108, as measured."""
+_MIXER_MARGIN: Final = 20.0
+"""Room under the set's maximum for the mixer."""
 _EMERGENCY_UNIT_S: Final = 0.1024
 """Unit of the emergency time: nine seconds in the set are 9.2 on the clock."""
 _CELL_FULL: Final = 4.25
@@ -175,7 +179,7 @@ class FlightCore:
         """Collective count of running motors, 0..254."""
         if self.emergency:
             return float(parameters["emergency_throttle"])
-        low, high = parameters["throttle_min"] + 10.0, parameters["throttle_max"] - 20.0
+        low, high = parameters["throttle_min"] + _IDLE_MARGIN, parameters["throttle_max"] - _MIXER_MARGIN
         return max(low, min(high, self.mixed.throttle + FULL))
 
     def stick_input(self, parameters: Parameters) -> StickInput:
