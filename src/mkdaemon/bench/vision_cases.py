@@ -23,7 +23,7 @@ ANGLES_DEG = (60, 70, 73, 75, 78, 80, 82, 84)
 
 def cold(quick: bool, seeds: SeedSet) -> dict[str, Any]:
     """Share of single images in which a target is decoded, and posed, by distance."""
-    count = 12 if quick else 60
+    count = 10 if quick else 40
     out: dict[str, Any] = {"images_each": count}
     for name, intrinsics, distances in (
         ("nested", VGA, COLD_DISTANCES),
@@ -67,7 +67,7 @@ def _is_wrong(rotation: Any, position: Any, still: Any) -> bool:
 
 def accuracy(quick: bool, seeds: SeedSet) -> dict[str, Any]:
     """Mean and deviation of position and angles, by distance: over many views, and over noise alone."""
-    count = 15 if quick else 80
+    count = 12 if quick else 60
     target = target_named("single")
     out: dict[str, Any] = {"images_each": count, "tilt_deg": [0, 40], "camera": "exact calibration"}
     rows = []
@@ -75,7 +75,7 @@ def accuracy(quick: bool, seeds: SeedSet) -> dict[str, Any]:
     for distance in ERROR_DISTANCES:
         errors = []
         for _ in range(count):
-            still = studio.shoot(distance, float(studio.rng.uniform(0, 0.7)), off=0.04 if distance < 0.6 else 0.12)
+            still = studio.shoot(distance, float(studio.rng.uniform(0, 0.7)), off=0.01 if distance < 0.7 else 0.12)
             pose = look_once(still, target, VGA, with_attitude=True).pose_of(target.name)
             if pose is not None:
                 errors.append(error_of(pose.pose.rotation, pose.pose.position, still.rotation, still.position))
@@ -100,7 +100,7 @@ def accuracy(quick: bool, seeds: SeedSet) -> dict[str, Any]:
 
 def view_angle(quick: bool, seeds: SeedSet) -> dict[str, Any]:
     """Share of images posed at steep views from 2 m, the target in the middle and near the edge of the image."""
-    count = 16 if quick else 80
+    count = 12 if quick else 50
     target = target_named("single")
     detector = Detector(TagMap((target,)).whitelist)
     out: dict[str, Any] = {"images_each": count, "distance": 2.0}
@@ -123,7 +123,7 @@ def view_angle(quick: bool, seeds: SeedSet) -> dict[str, Any]:
 
 def conditions(quick: bool, seeds: SeedSet) -> dict[str, Any]:
     """Cold start of the nested target under occlusion, light and lens faults, 0.5 to 4 m."""
-    count = 16 if quick else 80
+    count = 12 if quick else 50
     target = target_named("nested")
     side = target.tags[0].size
     detector = Detector(TagMap((target,)).whitelist)

@@ -1,4 +1,4 @@
-"""How long looking takes, beside plain OpenCV and plain AprilTag in the same run, and what it does to the event loop."""
+"""How long looking takes, beside plain OpenCV and AprilTag in the same run, and what it does to the event loop."""
 
 from __future__ import annotations
 

@@ -96,7 +96,7 @@ class _Tally:
 
 def flips(quick: bool, seeds: SeedSet) -> dict[str, Any]:
     """Single images of the single tag, 1 to 12 m, without attitude: mirrored poses published."""
-    count = 200 if quick else 5000
+    count = 150 if quick else 4000
     target = target_named("single")
     studio = Studio(target, seeds.base + 500, fine=False)
     tally = _Tally()
@@ -128,7 +128,7 @@ def false_positives(quick: bool, seeds: SeedSet) -> dict[str, Any]:
 
 def consistency(quick: bool, seeds: SeedSet) -> dict[str, Any]:
     """NEES per degree of freedom: of the measurement with an exact lens, of the published one with a drawn lens."""
-    count = 30 if quick else 300
+    count = 30 if quick else 200
     out: dict[str, Any] = {"images_each": count}
     for name, perturbed in (("measurement", False), ("published", True)):
         for target_name in ("single", "nested"):

@@ -25,6 +25,11 @@ SAMPLES_PER_FACT = 4.0
 MIN_LOG_ODDS = 12.0
 """Natural log of the odds from which the image alone decides: one in 160,000."""
 
+CLEAR_RATIO = 1.4
+"""Residual ratio asked for however many samples speak; unmodelled light and blur are shared by all of them."""
+MAX_ODDS_AGAINST = 2.0
+"""Log odds of the image against a candidate up to which the track may still choose it."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Choice:
@@ -86,9 +91,12 @@ def choose(
     if predicted is not None:
         by_track = sorted(distinct, key=lambda k: angle_between(candidates[k].rotation, predicted))
         near, far = (angle_between(candidates[k].rotation, predicted) for k in by_track[:2])
-        if near < np.radians(5.0) and far > 2.0 * near + np.radians(2.0):
-            return Choice(candidates[by_track[0]], ratio, "track")
-    if log_odds(first, second) >= 4 * MIN_LOG_ODDS:
+        chosen = candidates[by_track[0]]
+        # The track may break a tie; it may not overrule what the image says.
+        against = log_odds(first, chosen) if chosen is not first else 0.0
+        if near < np.radians(5.0) and far > 2.0 * near + np.radians(2.0) and against < MAX_ODDS_AGAINST:
+            return Choice(chosen, ratio, "track")
+    if ratio >= CLEAR_RATIO and log_odds(first, second) >= 4 * MIN_LOG_ODDS:
         return Choice(first, ratio, "image")
     return None
 

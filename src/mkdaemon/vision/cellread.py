@@ -45,16 +45,17 @@ def _grid(n: int) -> Array:
 
 
 @lru_cache(maxsize=16)
-def _rims(n: int) -> tuple[Array, Array]:
-    """Samples outside and inside each side, `(4, 2 * n, 2)` each: top, right, bottom, left."""
+def _rims(n: int, depth: float = 0.5) -> tuple[Array, Array]:
+    """Samples `depth` cells outside and half a cell inside top, right, bottom, left: `(4, 2 * n, 2)` each."""
     along = (np.arange(2 * n) + 0.5) / 2
     half = np.full_like(along, 0.5)
+    away = np.full_like(along, depth)
     outside = np.stack(
         [
-            np.column_stack([along, -half]),
-            np.column_stack([n + half, along]),
-            np.column_stack([along, n + half]),
-            np.column_stack([-half, along]),
+            np.column_stack([along, -away]),
+            np.column_stack([n + away, along]),
+            np.column_stack([along, n + away]),
+            np.column_stack([-away, along]),
         ]
     )
     inside = np.stack(
@@ -96,12 +97,15 @@ def quiet_sides(pixels: Grey, corners: Array, n: int) -> int:
     """Count the sides of a quad that have a white surround and a black border `(0..4)`.
 
     A quad whose side is the edge of something lying over the tag has grey or mixed cells there. White and black are
-    taken per side from its own neighbourhood, so shadow edges and gradients do not count against a side.
+    taken per side from its own neighbourhood, so shadow edges and gradients do not count against a side. White has to
+    begin right outside the quad: one whose side was cut by the image edge has black left there.
     """
     homography = image_from_cells(corners, n)
-    outside, inside = _rims(n)
-    white = sample(pixels, carry(homography, outside.reshape(-1, 2))).reshape(4, -1)
-    black = sample(pixels, carry(homography, inside.reshape(-1, 2))).reshape(4, -1)
-    contrast = white - black
-    floor = max(3.0, 0.15 * float(np.median(np.abs(contrast))))
-    return int(((contrast > floor).mean(axis=1) > QUIET_MIN_SHARE).sum())
+    black = sample(pixels, carry(homography, _rims(n)[1].reshape(-1, 2))).reshape(4, -1)
+    quiet = np.ones(4, dtype=bool)
+    for depth in (0.5, 0.3):
+        white = sample(pixels, carry(homography, _rims(n, depth)[0].reshape(-1, 2))).reshape(4, -1)
+        contrast = white - black
+        floor = max(3.0, 0.15 * float(np.median(np.abs(contrast))))
+        quiet &= (contrast > floor).mean(axis=1) > QUIET_MIN_SHARE
+    return int(quiet.sum())

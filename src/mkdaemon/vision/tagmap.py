@@ -130,7 +130,7 @@ def single(size: float, tag_id: int, *, family: str = "tag36h11", name: str = "t
     try:
         section = TargetSection(name=name, tags=(TagPlacement(family=family, id=tag_id, size=size),))
     except ValidationError as error:
-        msg = f"tag {tag_id} of {size} m: {_describe(error.errors()[0])}"
+        msg = f"tag {tag_id} of {size} m: {_describe(error)}"
         raise ConfigError(msg) from None
     return build([section], origin="tag").targets[0]
 
@@ -159,7 +159,7 @@ def load(paths: Iterable[Path]) -> TagMap:
             msg = f"target file {path}: not TOML ({error}); see configs/targets/nested.toml"
             raise ConfigError(msg) from None
         except ValidationError as error:
-            msg = f"target file {path}: {_describe(error.errors()[0])}"
+            msg = f"target file {path}: {_describe(error)}"
             raise ConfigError(msg) from None
         names.append(str(path))
     if not sections:
@@ -254,8 +254,9 @@ def _check_overlaps(target: Target, origin: str) -> None:
                 raise ConfigError(msg)
 
 
-def _describe(error: ErrorDetails) -> str:
-    """One line for one pydantic error: place, what is wrong, what to write."""
+def _describe(found: ValidationError) -> str:
+    """One line for the most telling error: place, wrong, right. A misspelt key explains a missing one."""
+    error: ErrorDetails = min(found.errors(), key=lambda item: item["type"] != "extra_forbidden")
     place = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in error["loc"]).lstrip(".")
     last = str(error["loc"][-1]) if error["loc"] else ""
     if error["type"] == "extra_forbidden":
@@ -265,11 +266,11 @@ def _describe(error: ErrorDetails) -> str:
         near = difflib.get_close_matches(last, known, n=1)
         hint = f"did you mean '{near[0]}'?" if near else "remove it"
         return f"{place}: unknown key; {hint}"
+    if error["type"] == "missing":
+        return f"{place}: missing; add it"
     if last == "size":
         return (
             f"{place}: {error['input']!r} is no tag size; give the side of the black square in metres, 0.005 to 5"
             " (12 inch = 0.3048)"
         )
-    if error["type"] == "missing":
-        return f"{place}: missing; add it"
     return f"{place}: {error['msg'].removeprefix('Value error, ')}"

@@ -1,0 +1,169 @@
+"""Corners in the right place and order, and nothing reported that is no tag."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import pytest
+
+from mkdaemon.config.vision import DetectorSection
+from mkdaemon.sim.scene_light import Conditions, Cover, Shadow
+from mkdaemon.vision.aruco_fallback import ArucoSearch
+from mkdaemon.vision.cellread import quiet_sides
+from mkdaemon.vision.detector import LADDER, Detector
+from mkdaemon.vision.tagfamily import cells, find_family
+from tests.vision.views import View, place, printed, shipped
+
+PX, MARGIN = 20, 3
+LOW, HIGH = PX * MARGIN - 0.5, PX * (MARGIN + 8) - 0.5
+UPRIGHT = np.array([[LOW, LOW], [HIGH, LOW], [HIGH, HIGH], [LOW, HIGH]])
+
+
+@pytest.mark.parametrize("stage", LADDER)
+def test_official_print_has_its_corners_in_order_with_pixel_centres_at_integers(stage):
+    # The black square covers pixels 60..219, so its edges lie at 59.5 and 219.5.
+    found = Detector({"tag36h11": frozenset({17})}).search(printed(cells("tag36h11", 17), PX, MARGIN), stage)
+    assert len(found) == 1
+    assert np.abs(found[0].corners - UPRIGHT).max() < 0.15
+
+
+@pytest.mark.parametrize("turns", [0, 1, 2, 3])
+def test_corners_follow_a_turned_print(turns):
+    image = np.ascontiguousarray(np.rot90(printed(cells("tag36h11", 17), PX, MARGIN), turns))
+    found = Detector({"tag36h11": frozenset({17})}).climb(image)
+    # A print turned counter-clockwise by quarters has its top-left where the next corner was.
+    assert np.abs(found[0].corners - np.roll(UPRIGHT, turns, axis=0)).max() < 0.15
+
+
+def test_tag_drawn_by_opencv_is_seen_upside_down():
+    dictionary = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_APRILTAG_36h11)
+    drawn = cv2.aruco.generateImageMarker(dictionary, 17, 8)
+    found = Detector({"tag36h11": frozenset({17})}).climb(printed(drawn, PX, MARGIN))
+    assert np.abs(found[0].corners - np.roll(UPRIGHT, 2, axis=0)).max() < 0.15
+
+
+@pytest.mark.parametrize("family", ["tag36h11", "tag25h9", "tag16h5"])
+def test_opencv_fallback_agrees_about_the_corners(family):
+    n = find_family(family).black_cells
+    image = printed(cells(family, 5), PX, MARGIN)
+    high = PX * (MARGIN + n) - 0.5
+    expected = np.array([[LOW, LOW], [high, LOW], [high, high], [LOW, high]])
+    with_lib = Detector({family: frozenset({5})}).climb(image)
+    without = Detector({family: frozenset({5})}, backend="aruco").climb(image)
+    assert np.abs(with_lib[0].corners - expected).max() < 0.15
+    assert np.abs(without[0].corners - expected).max() < 1.0
+    assert without[0].hamming == 0
+
+
+def test_fallback_says_what_is_lost():
+    fallback = Detector({"tag36h11": frozenset({0})}, backend="aruco")
+    assert "range" in fallback.warning
+    assert "pyapriltags" in fallback.warning
+    assert Detector({"tag36h11": frozenset({0})}, backend="apriltag").warning == ""
+    assert ArucoSearch(("tag36h11",)).find(np.full((100, 100), 200, np.uint8), "decimate1") == []
+
+
+@pytest.mark.parametrize("distance", [0.8, 2.0, 4.0, 8.0])
+def test_rendered_corners_are_where_projection_puts_them(distance):
+    target = shipped("single")
+    view = View(target, place(distance, 0.4, roll=0.7))
+    found = Detector({"tag36h11": frozenset({0})}).climb(view.pixels)
+    assert np.abs(found[0].corners - view.corners["tag36h11", 0]).max() < (0.1 if distance < 5 else 0.4)
+
+
+def test_both_tags_of_a_nested_target():
+    view = View(shipped("nested"), place(0.9, 0.2))
+    found = Detector({"tag36h11": frozenset({1, 48})}).climb(view.pixels)
+    assert {item.tag_id for item in found} == {1, 48}
+
+
+@pytest.mark.parametrize("distance", [0.2, 0.6, 1.5, 3.0, 6.0, 10.0])
+def test_landing_target_is_decoded_at_every_height(distance):
+    view = View(shipped("landing"), place(distance, 0.15))
+    found = Detector({"tag36h11": frozenset({46, 487, 373})}).climb(view.pixels)
+    assert found
+
+
+def test_whitelist_hamming_and_margin():
+    image = printed(cells("tag36h11", 17), PX, MARGIN)
+    assert Detector({"tag36h11": frozenset({18})}).climb(image) == []
+    wrong = cells("tag36h11", 17).copy()
+    for k in range(3):
+        assert bool(Detector({"tag36h11": frozenset({17})}).climb(printed(wrong, PX, MARGIN))) == (k <= 2)
+        wrong[2, 2 + k] ^= 255
+    many = frozenset(range(587))
+    one_wrong = cells("tag36h11", 17).copy()
+    one_wrong[2, 2] ^= 255
+    # With every id allowed a corrected bit is no evidence any more.
+    assert Detector({"tag36h11": many}).climb(printed(one_wrong, PX, MARGIN)) == []
+    # The edge of the tag two pixels from the edge of the image.
+    cut = image[:, int(LOW) - 1 :]
+    assert Detector({"tag36h11": frozenset({17})}).climb(np.ascontiguousarray(cut)) == []
+
+
+def test_quiet_zone_on_four_sides():
+    image = printed(cells("tag36h11", 17), PX, MARGIN)
+    assert quiet_sides(image, UPRIGHT, 8) == 4
+    for k, side in enumerate((np.s_[20:58, :], np.s_[:, 222:260], np.s_[222:260, :], np.s_[:, 20:58])):
+        dark = image.copy()
+        dark[side] = 0
+        assert quiet_sides(dark, UPRIGHT, 8) == 3, k
+    loose = Detector({"tag36h11": frozenset({17})}, DetectorSection(quiet_zone=False))
+    assert loose.climb(image)
+
+
+def test_roi_gives_image_coordinates():
+    image = np.full((480, 640), 255, np.uint8)
+    tag = printed(cells("tag36h11", 17), 10, 2)
+    image[200:320, 300:420] = tag
+    whole = Detector({"tag36h11": frozenset({17})}).search(image, "decimate1")
+    part = Detector({"tag36h11": frozenset({17})}).search(image, "decimate1", (280, 190, 440, 340))
+    assert np.allclose(whole[0].corners, part[0].corners, atol=0.05)
+    assert Detector({"tag36h11": frozenset({17})}).search(image, "decimate1", (0, 0, 10, 10)) == []
+
+
+def test_shadow_edge_is_found_by_the_log_search():
+    target = shipped("single")
+    condition = replace(Conditions(), shadow=Shadow(5.0, (0.02, 0.01), 0.6))
+    view = View(target, place(2.0, 0.2), condition)
+    detector = Detector({"tag36h11": frozenset({0})})
+    assert detector.search(view.pixels, "log")
+    assert detector.climb(view.pixels)
+
+
+def test_no_tag_in_a_tag_free_scene():
+    target = shipped("single")
+    view = View(target, place(2.0, 0.2), replace(Conditions(), target_in_view=False))
+    detector = Detector({"tag36h11": frozenset(range(8))})
+    assert [found for stage in LADDER for found in detector.search(view.pixels, stage)] == []
+
+
+def test_a_covered_border_is_no_tag():
+    half = 0.3048 / 2
+    strip = Cover(((-0.3, half - 0.05), (0.3, half - 0.05), (0.3, 0.3), (-0.3, 0.3)), 0.3)
+    view = View(shipped("single"), place(1.5, 0.1), replace(Conditions(), covers=(strip,)))
+    assert Detector({"tag36h11": frozenset({0})}).climb(view.pixels) == []
+
+
+def test_field_photographs(shared):
+    """Labels are libapriltag's without edge refinement, centres at +0.5, counter-clockwise from the bottom left."""
+    detector = Detector({"tag36h11": frozenset({0})})
+    labels = found = near = 0
+    for path in sorted((shared / "images" / "apriltag").glob("*.jpg")):
+        seen = detector.search_all(np.asarray(cv2.imread(str(path), cv2.IMREAD_GRAYSCALE), dtype=np.uint8))
+        for line in path.with_suffix(".txt").read_text().splitlines():
+            numbers = [float(text) for text in re.findall(r"-?\d+\.?\d*", line)]
+            if len(numbers) != 9:
+                continue
+            labels += 1
+            label = np.array(numbers[1:]).reshape(4, 2)[[3, 2, 1, 0]] - 0.5
+            errors = [np.linalg.norm(item.corners - label, axis=1) for item in seen]
+            match = [error for error in errors if error.max() < 5]
+            found += bool(match)
+            near += bool(match) and bool(match[0].mean() < 0.5)
+    assert labels == 47
+    assert found >= 45
+    assert near >= 45

@@ -1,0 +1,67 @@
+"""Bitmaps against libapriltag: the official orientation, and the trap of OpenCV's."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import pytest
+
+from mkdaemon.errors import VisionError
+from mkdaemon.vision.tagfamily import FAMILIES, cells, find_family
+from tests.vision.views import printed
+
+PYAPRILTAGS = pytest.importorskip("pyapriltags")
+
+
+@pytest.mark.parametrize("family", FAMILIES.values(), ids=lambda family: family.name)
+def test_libapriltag_reads_every_print_upright(family):
+    lib = PYAPRILTAGS.Detector(families=family.name, quad_decimate=1.0)
+    for tag_id in {0, 1, family.ids // 2, family.ids - 1}:
+        found = lib.detect(printed(cells(family.name, tag_id)))
+        assert [(item.tag_id, item.hamming) for item in found] == [(tag_id, 0)]
+        # Upright: the homography's axes point right and down in the image.
+        assert found[0].homography[0, 0] / found[0].homography[2, 2] > 0
+        assert found[0].homography[1, 1] / found[0].homography[2, 2] > 0
+
+
+@pytest.mark.parametrize("family", FAMILIES.values(), ids=lambda family: family.name)
+def test_opencv_draws_the_same_codes_upside_down(family):
+    dictionary = cv2.aruco.getPredefinedDictionary(family.dictionary)
+    assert dictionary.bytesList.shape[0] == family.ids
+    for tag_id in (0, family.ids - 1):
+        drawn = cv2.aruco.generateImageMarker(dictionary, tag_id, family.black_cells)
+        assert np.array_equal(cells(family.name, tag_id), np.rot90(drawn, 2))
+
+
+def test_bitmaps_have_a_black_border_and_their_distance():
+    for family in FAMILIES.values():
+        bitmaps = [cells(family.name, k) > 0 for k in range(0, family.ids, 7)]
+        for bitmap in bitmaps:
+            assert not bitmap[[0, -1]].any()
+            assert not bitmap[:, [0, -1]].any()
+        apart = [
+            int((a != np.rot90(b, turns)).sum())
+            for k, a in enumerate(bitmaps[:12])
+            for b in bitmaps[k + 1 : 12]
+            for turns in range(4)
+        ]
+        assert not apart or min(apart) >= family.min_distance
+
+
+def test_quiet_zone_is_white_and_bitmaps_are_read_only():
+    wide = cells("tag36h11", 0, quiet=2)
+    assert wide.shape == (12, 12)
+    assert wide[:2].all()
+    assert wide[:, -2:].all()
+    with pytest.raises(ValueError, match="read-only"):
+        cells("tag36h11", 0)[0, 0] = 255
+
+
+@pytest.mark.parametrize(
+    ("family", "tag_id", "words"),
+    [("tag36h12", 0, "tag36h11"), ("tag36h11", 587, "0 to 586"), ("tag16h5", -1, "0 to 29")],
+)
+def test_unknown_tags_are_named_with_the_fix(family, tag_id, words):
+    with pytest.raises(VisionError, match=words):
+        cells(family, tag_id)
+    assert find_family("tag36h11").black_cells == 8

@@ -1,0 +1,123 @@
+"""Target files: what is placed where, and every mistake named with its place and fix."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from mkdaemon.errors import ConfigError
+from mkdaemon.vision.tagmap import load, single
+from tests.vision.views import CONFIGS
+
+ONE = """
+[[targets]]
+name = "pad"
+[[targets.tags]]
+id = 3
+size = 0.3048
+"""
+
+
+def written(tmp_path, text, name="target.toml"):
+    path = tmp_path / name
+    path.write_text(text)
+    return path
+
+
+@pytest.mark.parametrize("path", sorted(CONFIGS.glob("*.toml")), ids=lambda path: path.stem)
+def test_shipped_targets_load(path):
+    tagmap = load([path])
+    assert all(tag.size >= 0.005 for target in tagmap.targets for tag in target.tags)
+
+
+def test_nested_target():
+    tagmap = load([CONFIGS / "nested.toml"])
+    target = tagmap.targets[0]
+    assert [(tag.tag_id, tag.size) for tag in target.tags] == [(48, 0.3048), (1, 0.048)]
+    assert tagmap.whitelist == {"tag36h11": frozenset({1, 48})}
+    assert target.is_planar
+    assert tagmap.owners["tag36h11", 1][0] is target
+
+
+def test_corners_are_those_of_the_upright_print(tmp_path):
+    tag = load([written(tmp_path, ONE)]).targets[0].tags[0]
+    h = 0.1524
+    assert np.allclose(tag.corners, [[-h, h, 0], [h, h, 0], [h, -h, 0], [-h, -h, 0]])
+
+
+def test_an_opencv_print_is_the_official_one_upside_down(tmp_path):
+    official = load([written(tmp_path, ONE)]).targets[0].tags[0]
+    drawn = load([written(tmp_path, ONE + 'print = "opencv"\n')]).targets[0].tags[0]
+    assert np.allclose(drawn.corners, np.roll(official.corners, 2, axis=0))
+
+
+def test_rotations_in_degrees_and_as_quaternion_agree(tmp_path):
+    rpy = load([written(tmp_path, ONE + "rpy_deg = [0, 0, 90]\nposition = [1, 2, 3]\n")]).targets[0].tags[0]
+    quaternion = load([written(tmp_path, ONE + "quaternion = [1, 0, 0, 1]\nposition = [1, 2, 3]\n")]).targets[0].tags[0]
+    assert np.allclose(rpy.corners, quaternion.corners)
+    assert np.allclose(rpy.corners[0], [1 - 0.1524, 2 - 0.1524, 3])
+
+
+def test_board_counts_along_rows_from_the_top_left(tmp_path):
+    text = '[[targets]]\nname = "wall"\nlevel = false\n[targets.board]\nfirst_id = 10\nrows = 2\ncolumns = 3\n'
+    target = load([written(tmp_path, text + "size = 0.1\nspacing = 0.05\n")]).targets[0]
+    by_id = {tag.tag_id: tag.position for tag in target.tags}
+    assert sorted(by_id) == [10, 11, 12, 13, 14, 15]
+    assert np.allclose(by_id[10], [-0.15, 0.075, 0])
+    assert np.allclose(by_id[15], [0.15, -0.075, 0])
+    assert not target.level
+
+
+def test_several_targets_from_several_files(tmp_path):
+    other = (
+        ONE.replace("pad", "deck").replace("id = 3", "id = 4").replace('name = "deck"', 'name = "deck"\nmoving = true')
+    )
+    tagmap = load([written(tmp_path, ONE), written(tmp_path, other, "b.toml")])
+    assert [target.name for target in tagmap.targets] == ["pad", "deck"]
+    assert [target.frame for target in tagmap.targets] == ["pad", "deck"]
+    assert tagmap.targets[1].moving
+
+
+def test_tags_on_two_faces_are_not_planar(tmp_path):
+    text = ONE + "[[targets.tags]]\nid = 4\nsize = 0.1\nposition = [0, 0.5, 0.5]\nrpy_deg = [90, 0, 0]\n"
+    assert not load([written(tmp_path, text)]).targets[0].is_planar
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        (ONE.replace("0.3048", "304.8"), r"targets\[0\]\.tags\[0\]\.size: 304\.8.*metres"),
+        (ONE.replace("0.3048", "0"), "size.*metres"),
+        (ONE.replace("0.3048", '"12in"'), "size.*metres"),
+        (ONE.replace("0.3048", "nan"), "size.*metres"),
+        (ONE.replace("size", "sise"), "sise: unknown key; did you mean 'size'|size: missing"),
+        (ONE.replace("id = 3", "id = 600"), "0 to 586"),
+        (ONE + 'family = "tag99h1"\n', "use one of tag36h11"),
+        (ONE + "[[targets.tags]]\nid = 3\nsize = 0.1\n", "id 3 is in target 'pad' and already in 'pad'"),
+        (ONE + "[[targets.tags]]\nid = 4\nsize = 0.29\n", "covers the border.*check the sizes"),
+        (ONE + ONE.replace("id = 3", "id = 5"), "two targets are called 'pad'"),
+        ('[[targets]]\nname = "pad"\n', "has no tags"),
+        (ONE + "rpy_deg = [0, 0, 0]\nquaternion = [1, 0, 0, 0]\n", "not both"),
+        ("[[targets]\n", "not TOML"),
+        ("", "targets: missing"),
+    ],
+)
+def test_mistakes_are_one_line_with_place_and_fix(tmp_path, text, words):
+    path = written(tmp_path, text)
+    with pytest.raises(ConfigError, match=words) as caught:
+        load([path])
+    assert str(path) in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_missing_file_and_no_file(tmp_path):
+    with pytest.raises(ConfigError, match="nowhere"):
+        load([tmp_path / "nowhere.toml"])
+    with pytest.raises(ConfigError, match="no target file"):
+        load([])
+
+
+def test_single_says_what_is_wrong():
+    assert single(0.2, 7).tags[0].tag_id == 7
+    with pytest.raises(ConfigError, match="metres"):
+        single(200.0, 7)

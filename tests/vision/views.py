@@ -1,0 +1,65 @@
+"""Views of targets with known pose for the tests of detector, pose and tracker."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from pathlib import Path
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from mkdaemon.sim.scene import Scene, SceneTarget, cam_from_target, true_corners
+from mkdaemon.sim.scene_light import Conditions
+from mkdaemon.sim.scene_motion import Platform
+from mkdaemon.sim.scene_view import CameraView
+from mkdaemon.vision.image import CameraImage
+from mkdaemon.vision.intrinsics import Intrinsics
+from mkdaemon.vision.tagmap import Target, load
+
+CONFIGS = Path(__file__).resolve().parents[2] / "configs" / "targets"
+VGA = Intrinsics(width=640, height=480, fx=600.0, fy=600.0, cx=319.5, cy=239.5)
+
+
+@lru_cache(maxsize=4)
+def shipped(name: str) -> Target:
+    return load([CONFIGS / f"{name}.toml"]).targets[0]
+
+
+@lru_cache(maxsize=8)
+def scene(target: Target) -> tuple[Scene, SceneTarget]:
+    placed = SceneTarget.of(target, Platform())
+    return Scene([placed], ground="asphalt", seed=11, fine=False), placed
+
+
+def place(distance: float, tilt: float, around: float = 0.3, roll: float = 0.0) -> CameraView:
+    """A camera looking at the origin from `distance` [m], `tilt` [rad] off the normal."""
+    side = np.array([np.cos(around), np.sin(around), 0.0])
+    position = distance * (np.sin(tilt) * side + np.cos(tilt) * np.array([0.0, 0.0, 1.0]))
+    forward = -position / distance
+    right = np.cross(forward, [np.sin(roll), np.cos(roll), 0.05])
+    right /= np.linalg.norm(right)
+    return CameraView(VGA, np.column_stack([right, np.cross(forward, right), forward]), position)
+
+
+class View:
+    """One rendered image and its truth."""
+
+    def __init__(self, target: Target, view: CameraView, conditions: Conditions | None = None) -> None:
+        rendered, placed = scene(target)
+        self.view = view
+        self.pixels = rendered.render(view, conditions)
+        self.rotation, self.position = cam_from_target(placed, view)
+        self.corners = true_corners(placed, view)
+
+    def image(self, time: float = 0.0, sequence: int = 0) -> CameraImage:
+        return CameraImage(self.pixels, time, time, time, sequence, "test", "driver")
+
+
+def printed(cells: npt.NDArray[np.uint8], pixels_per_cell: int = 20, margin: int = 3) -> npt.NDArray[np.uint8]:
+    """A print held upright: cells magnified, white around; the first black pixel is at `margin * pixels_per_cell`."""
+    return np.kron(np.pad(cells, margin, constant_values=255), np.ones((pixels_per_cell,) * 2, np.uint8))
+
+
+def angle_deg(a: npt.NDArray[np.float64], b: npt.NDArray[np.float64]) -> float:
+    return float(np.degrees(np.linalg.norm(cv2.Rodrigues(a @ b.T)[0])))
