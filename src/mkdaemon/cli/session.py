@@ -10,6 +10,7 @@ import json
 from collections.abc import AsyncIterator, Mapping
 from contextlib import asynccontextmanager, suppress
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Annotated, Any, Final, NamedTuple, Self
 
 import msgpack
@@ -37,6 +38,8 @@ class Connection:
     """Name of the vehicle."""
     connect: Annotated[str, Parameter(env_var="MK_CONNECT")] = DEFAULT_ENDPOINT
     """Zenoh endpoint of the daemon or of a router."""
+    zenoh_file: Annotated[Path | None, Parameter(env_var="MK_ZENOH_FILE")] = None
+    """Zenoh configuration of this client, for TLS: configs/zenoh/."""
     json: Annotated[bool, Parameter(negative=())] = False
     """Print JSON, one object a line, in place of text."""
 
@@ -115,7 +118,9 @@ class Client:
             MkError: nobody listens at the endpoint.
             ConfigError: the endpoint cannot be understood.
         """
-        session = await open_session(session_config("client", connect=[connection.connect]))
+        session = await open_session(
+            session_config("client", connect=[connection.connect], zenoh_file=connection.zenoh_file)
+        )
         try:
             yield cls(session, connection.vehicle, connection.connect)
         finally:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Final
 
 from pydantic import BaseModel
@@ -66,8 +67,8 @@ A refusal has a stable `token`, the `reason` and the `fix`. Words in braces are 
 """
 
 
-def keys_page() -> str:
-    """The whole page."""
+def keys_page(_root: Path | None = None) -> str:
+    """Return the whole page; nothing is read from the source tree."""
     return "".join(_parts())
 
 

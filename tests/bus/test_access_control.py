@@ -1,0 +1,140 @@
+"""The TLS and access control samples: they load, a pilot flies, a watcher only looks, a stranger gets nothing."""
+
+from __future__ import annotations
+
+import asyncio
+import shutil
+import subprocess
+from pathlib import Path
+
+import pytest
+import zenoh
+
+from mkdaemon.bus.gateway import Bus
+from mkdaemon.bus.session import session_config
+from mkdaemon.config.bus import BusConfig
+from mkdaemon.telemetry.command import CommandResult, Status
+from mkdaemon.telemetry.event import LogEvent
+from tests.bus.support import ask, free_endpoint
+
+SAMPLES = Path(__file__).resolve().parents[2] / "configs" / "zenoh"
+IN_SAMPLES = "configs/zenoh/certificates/"
+HELLO = LogEvent(t_monotonic=1.0, t_wall=2.0, level="info", text="hello")
+
+
+async def until(claim):
+    """Wait until a claim holds; a claim that never does fails."""
+    for _ in range(1000):
+        if claim():
+            return
+        await asyncio.sleep(0.01)
+    pytest.fail("waited for 10 s in vain")
+
+
+@pytest.fixture(scope="module")
+def certificates(tmp_path_factory) -> Path:
+    if shutil.which("openssl") is None:
+        pytest.skip("openssl is needed to make certificates")
+    folder = tmp_path_factory.mktemp("certificates")
+    for authority in ("ours", "strangers"):
+        script = ["sh", str(SAMPLES / "certificates.sh"), str(folder / authority)]
+        subprocess.run(script, check=True, capture_output=True)
+    return folder
+
+
+def sample(name, certificates, tmp_path, *, who="pilot", authority="ours"):
+    """A sample file with its paths turned to these certificates."""
+    text = (SAMPLES / name).read_text(encoding="utf-8")
+    assert IN_SAMPLES in text
+    text = text.replace(IN_SAMPLES + "pilot", f"{certificates / authority / who}")
+    path = tmp_path / f"{who}-{authority}-{name}"
+    path.write_text(text.replace(IN_SAMPLES, f"{certificates / authority}/"), encoding="utf-8")
+    return path
+
+
+@pytest.fixture
+async def guarded(certificates, tmp_path):
+    """A daemon's bus behind the samples; what it was commanded, and where it listens."""
+    endpoint = free_endpoint().replace("tcp/", "tls/")
+    commanded = []
+
+    async def handler(suffix, payload):
+        commanded.append(suffix)
+        return CommandResult(status=Status.ACCEPTED)
+
+    cfg = BusConfig(listen=(endpoint,), zenoh_file=sample("daemon-tls.json5", certificates, tmp_path))
+    async with Bus.open(cfg, "t1") as bus:
+        bus.serve("do", handler)
+        bus.receive("setpoint/stick", lambda stamp, raw: commanded.append(raw))
+        bus.publish("event/log", HELLO)
+        yield bus, endpoint, commanded
+
+
+@pytest.fixture
+def connect(certificates, tmp_path):
+    sessions = []
+
+    def open_as(who, endpoint, authority="ours"):
+        path = sample("client-tls.json5", certificates, tmp_path, who=who, authority=authority)
+        config = session_config("client", connect=[endpoint], zenoh_file=path, patience=2.0)
+        session = zenoh.open(config)
+        sessions.append(session)
+        return session
+
+    yield open_as
+    for session in sessions:
+        session.close()
+
+
+async def test_a_pilot_looks_and_commands(guarded, connect):
+    _, endpoint, commanded = guarded
+    pilot = await asyncio.to_thread(connect, "pilot", endpoint)
+    [(_, value, _)] = await asyncio.to_thread(ask, pilot, "mk/t1/event/log")
+    assert value["text"] == "hello"
+    [(_, result, _)] = await asyncio.to_thread(ask, pilot, "mk/t1/do/release")
+    assert result["status"] == "accepted"
+    pilot.put("mk/t1/setpoint/stick", b"sticks")
+    await until(lambda: b"sticks" in commanded)
+
+
+async def test_a_watcher_looks_and_cannot_command_or_fly(guarded, connect):
+    _, endpoint, commanded = guarded
+    watcher = await asyncio.to_thread(connect, "watcher", endpoint)
+    pilot = await asyncio.to_thread(connect, "pilot", endpoint)
+    [(_, value, _)] = await asyncio.to_thread(ask, watcher, "mk/t1/event/log")
+    assert value["text"] == "hello"
+    assert await asyncio.to_thread(ask, watcher, "mk/t1/do/release", None, 1.0) == []
+    watcher.put("mk/t1/setpoint/stick", b"forged")
+    await asyncio.to_thread(
+        ask, watcher, "mk/t1/event/log"
+    )  # the put went the same way, so it has arrived or never will
+    pilot.put("mk/t1/setpoint/stick", b"mine")
+    await until(lambda: b"mine" in commanded)
+    assert commanded == [b"mine"]
+
+
+async def test_nobody_forges_telemetry(guarded, connect):
+    _, endpoint, _ = guarded
+    heard = []
+    pilot = await asyncio.to_thread(connect, "pilot", endpoint)
+    other = await asyncio.to_thread(connect, "pilot", endpoint)
+    other.declare_subscriber(
+        "mk/t1/**", zenoh.handlers.Callback(lambda sample: heard.append(str(sample.key_expr)), indirect=False)
+    )
+
+    def hears_us() -> bool:
+        guarded[0].publish("event/log", HELLO)
+        return "mk/t1/event/log" in heard
+
+    await until(hears_us)
+    pilot.put("mk/t1/state/battery", b"full")
+    for _ in range(3):
+        await asyncio.to_thread(ask, pilot, "mk/t1/event/log")
+    assert "mk/t1/state/battery" not in heard
+
+
+@pytest.mark.parametrize("who", ["pilot", "watcher"])
+async def test_a_certificate_of_another_authority_gets_no_connection(guarded, connect, who):
+    _, endpoint, _ = guarded
+    with pytest.raises(zenoh.ZError):
+        await asyncio.to_thread(connect, who, endpoint, "strangers")
