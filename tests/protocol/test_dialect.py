@@ -94,6 +94,7 @@ def test_flight_control_by_release(release, control, layout, dead_man, stick_fil
     assert dialect.layouts[Board.FC, "b"] == dialect.layouts[Board.FC, "G"] == layout
     assert dialect.message(Board.FC, "ExternControl") is control
     assert dialect.via_navictrl is False
+    assert dialect.confirms_control is True
 
 
 @pytest.mark.parametrize("release", [(0, 70), (0, 95), (1, 5), (2, 23), (3, 0), (9, 9)])
@@ -157,6 +158,7 @@ def test_navictrl_by_release(release, point, attitude, sets):
     dialect = decide(evidence((Board.NC, nc_version(*release)), (Board.FC, fc_version(2, 12))))
     assert dialect.layouts[Board.NC, "C"] == attitude
     assert dialect.has_osd_sets is sets
+    assert dialect.confirms_control is (release >= (2, 13))
     assert dialect.via_navictrl
     assert dialect.read_only_reason is None
     if point is not None:
@@ -166,6 +168,7 @@ def test_navictrl_by_release(release, point, attitude, sets):
 def test_a_navictrl_in_no_table_is_read_only():
     dialect = decide(evidence((Board.NC, nc_version(0, 17)), (Board.FC, fc_version(0, 80))))
     assert dialect.read_only_reason == "NaviCtrl 0.17a is in no table"
+    assert not dialect.confirms_control
     assert (Board.NC, "s") not in dialect.layouts
 
 

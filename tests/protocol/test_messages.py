@@ -10,6 +10,7 @@ from enum import IntFlag
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from pydantic import ValidationError
 
 from mkdaemon.protocol import flags
 from mkdaemon.protocol.errorcodes import ErrorCode, describe_error, error_since
@@ -83,6 +84,37 @@ def test_random_values_survive_the_line_in_any_chunking(cls, data, cuts):
     assert isinstance(found, WireMessage)
     assert found.spec.id == cls.spec.id
     assert cls.spec.test is not None or isinstance(found, cls)
+
+
+JUNK = (
+    st.none()
+    | st.booleans()
+    | st.floats()
+    | st.integers()
+    | st.integers(-300, 300)
+    | st.text(max_size=30)
+    | st.binary(max_size=30)
+    | st.lists(st.integers(-300, 300) | st.floats(), max_size=70)
+)
+
+
+@pytest.mark.parametrize("cls", CLASSES, ids=class_name)
+@settings(max_examples=12, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@given(data=st.data())
+def test_whatever_is_put_in_a_message_is_refused_or_fits_the_wire(cls, data):
+    """No NaN, nothing out of range, nothing short gets out."""
+    fields = data.draw(messages(cls)).model_dump()
+    spoiled = data.draw(st.sets(st.sampled_from(sorted(fields)), min_size=1, max_size=3)) if fields else {"none"}
+    try:
+        built = cls(**{**fields, **{name: data.draw(JUNK) for name in spoiled}})
+    except ValidationError:
+        return
+    wire = built.encode()
+    assert len(wire) == cls.spec.size or cls.spec.longest
+    assert len(wire) >= cls.spec.size
+    # What stands behind a NUL in a text is stale to a reader.
+    if not any(slot.wire.is_text for slot in cls.spec.slots):
+        assert cls.decode(wire).encode() == wire
 
 
 @settings(max_examples=300, deadline=None)

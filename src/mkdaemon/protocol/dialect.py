@@ -132,7 +132,8 @@ class Dialect:
         stick_filter: external control passes the receiver's stick filter.
         read_only_reason: why nothing that acts may be sent; None where it may.
         unsupported: reason by (board, message key) for requests this firmware does not know.
-        via_navictrl: a NaviCtrl answers: the FlightCtrl sits behind it and confirms nothing.
+        via_navictrl: a NaviCtrl answers: the FlightCtrl sits behind it.
+        confirms_control: external control is confirmed, by a FlightCtrl on the line or a NaviCtrl that takes it.
         settings_revision: revision of the parameter sets; None while unknown.
         settings_read_only_reason: why parameter sets must not be written; None where they may.
         has_osd_sets: the NaviCtrl streams the data sets 10..16.
@@ -150,6 +151,7 @@ class Dialect:
     read_only_reason: str | None = "no board has named its release yet"
     unsupported: Mapping[tuple[Board, str], str] = field(default_factory=lambda: MappingProxyType({}))
     via_navictrl: bool = False
+    confirms_control: bool = False
     settings_revision: int | None = None
     settings_read_only_reason: str | None = "no parameter set has been read yet"
     has_osd_sets: bool = False
@@ -190,6 +192,7 @@ def decide(evidence: Evidence) -> Dialect:
         read_only_reason=reason,
         unsupported=MappingProxyType(_unsupported(evidence)),
         via_navictrl=nc_release is not None,
+        confirms_control=control is not None and (nc.takes_control if nc is not None else nc_release is None),
         settings_revision=evidence.settings_revision,
         settings_read_only_reason=_settings_reason(evidence, fc),
         has_osd_sets=(nc is not None and nc.has_sets) or not evidence.osd_versions.isdisjoint(OSD_SETS),

@@ -32,7 +32,7 @@ class PointEvent(IntFlag):
     """What happens at a point besides holding it."""
 
     NONE = 0
-    CAMERA_PITCH = 0x01  # camera nick control
+    CAMERA_PITCH = 0x01  # the camera follows in pitch
 
 
 class FlightStatus(IntFlag):

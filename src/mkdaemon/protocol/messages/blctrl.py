@@ -24,33 +24,33 @@ def motor_controller_checksum(configuration: bytes) -> int:
 
 
 class _Configuration(WireMessage):
-    revision: Annotated[int, U8("Revision")] = 2
+    revision: Annotated[int, U8(mk="Revision")] = 2
     """Its bits 0, 1 and 3 must read 2."""
-    items: Annotated[MotorControllerItems, U8("SetMask", enum=MotorControllerItems)]
+    items: Annotated[MotorControllerItems, U8(mk="SetMask", enum=MotorControllerItems)]
     """What to apply."""
-    pwm_scaling: Annotated[int, U8("PwmScaling")]
+    pwm_scaling: Annotated[int, U8(mk="PwmScaling")]
     """Limits the largest PWM."""
-    current_limit: Annotated[int, U8("CurrentLimit", AMPERE)]
-    temperature_limit: Annotated[int, U8("TempLimit", CELSIUS)]
-    current_scaling: Annotated[int, U8("CurrentScaling")]
+    current_limit: Annotated[int, U8(mk="CurrentLimit", unit=AMPERE)]
+    temperature_limit: Annotated[int, U8(mk="TempLimit", unit=CELSIUS)]
+    current_scaling: Annotated[int, U8(mk="CurrentScaling")]
     """Gain of the current measurement."""
-    bits: Annotated[MotorControllerBits, U8("BitConfig", enum=MotorControllerBits)]
-    checksum: Annotated[int, U8("crc")]
+    bits: Annotated[MotorControllerBits, U8(mk="BitConfig", enum=MotorControllerBits)]
+    checksum: Annotated[int, U8(mk="crc")]
     """See `motor_controller_checksum`."""
 
 
 class _Ack(WireMessage):
-    done: Annotated[int, U8("Ack")]
+    done: Annotated[int, U8(mk="Ack")]
     """1 done, 0 not."""
-    status: Annotated[MotorControllerStatus, U8("Status", enum=MotorControllerStatus)]
+    status: Annotated[MotorControllerStatus, U8(mk="Status", enum=MotorControllerStatus)]
 
 
 class _Reply(_Ack):
-    motor: Annotated[int, U8("Motor")]
+    motor: Annotated[int, U8(mk="Motor")]
 
 
 class _Request(WireMessage):
-    motor: Annotated[int, U8("Motor", high=16)]
+    motor: Annotated[int, U8(mk="Motor", high=16)]
     """1..16; 0 is all."""
 
 
@@ -58,7 +58,7 @@ class _Request(WireMessage):
 class MotorControllerRequest(WireMessage):
     """Ask for a motor controller's configuration; takes up to 1 s, not while motors run."""
 
-    motor: Annotated[int, U8("Motor", low=1, high=16)]
+    motor: Annotated[int, U8(mk="Motor", low=1, high=16)]
 
 
 @answer(Board.FC, "U", firmware="FC 0.80 and later", source="WIRE 7, BLConfigReply")
@@ -88,11 +88,11 @@ class MotorControllerWritten(_Ack):
 class RedundancyStatus(WireMessage):
     """What a motor controller tells a redundant FlightCtrl; internal, only ever overheard."""
 
-    bits: Annotated[RedundancyBits, U8("BitState", enum=RedundancyBits)]
-    current: Annotated[int, U8("Current", DECIAMPERE)]
-    state: Annotated[int, U8("State")]
-    temperature: Annotated[int, U8("Temperature", CELSIUS)]
-    voltage: Annotated[int, U8("Voltage80")]
+    bits: Annotated[RedundancyBits, U8(mk="BitState", enum=RedundancyBits)]
+    current: Annotated[int, U8(mk="Current", unit=DECIAMPERE)]
+    state: Annotated[int, U8(mk="State")]
+    temperature: Annotated[int, U8(mk="Temperature", unit=CELSIUS)]
+    voltage: Annotated[int, U8(mk="Voltage80")]
 
 
 @request(
@@ -106,7 +106,7 @@ class RedundancyStatus(WireMessage):
 class RedundancySetpoints(WireMessage):
     """What a redundant FlightCtrl tells motor controllers; internal, only ever overheard."""
 
-    request: Annotated[int, U8("request")]
+    request: Annotated[int, U8(mk="request")]
     """Flags; bit 7: motor test."""
-    setpoints: Annotated[bytes, Rest("setpoint", 0, 17)]
+    setpoints: Annotated[bytes, Rest(mk="setpoint", shortest=0, longest=17)]
     """One a motor, and padding."""

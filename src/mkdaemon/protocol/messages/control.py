@@ -17,48 +17,48 @@ _DANGER = "flies the aircraft"
 
 
 class _Sticks(WireMessage):
-    pitch: Annotated[int, S8("Nick", STICK, limit=127)]
+    pitch: Annotated[int, S8(mk="Nick", unit=STICK, limit=127)]
     """Stick forward is positive; added to the receiver's channel."""
-    roll: Annotated[int, S8("Roll", -STICK, limit=127)]
+    roll: Annotated[int, S8(mk="Roll", unit=-STICK, limit=127)]
     """Positive on the wire: stick LEFT."""
-    yaw: Annotated[int, S8("Yaw", STICK, limit=127)]
+    yaw: Annotated[int, S8(mk="Yaw", unit=STICK, limit=127)]
     """Positive on the wire: stick LEFT, counter-clockwise; dead band of 4."""
-    throttle: Annotated[int, S8("Gas", STICK, limit=127)]
+    throttle: Annotated[int, S8(mk="Gas", unit=STICK, limit=127)]
     """0 is the middle; the smaller of this and the receiver's channel rules, or their sum with THROTTLE_ADD."""
-    frame: Annotated[int, U8("Frame")] = 0
+    frame: Annotated[int, U8(mk="Frame")] = 0
     """Echoed in the confirmation; 0 asks for none."""
-    config: Annotated[ControlConfig, U8("Config", enum=ControlConfig)] = ControlConfig.NONE
+    config: Annotated[ControlConfig, U8(mk="Config", enum=ControlConfig)] = ControlConfig.NONE
     """Without VALID nothing is controlled: the release."""
 
 
 class _ControlV2(_Sticks):
-    reserved: Annotated[int, U8("free")] = 0
+    reserved: Annotated[int, U8(mk="free")] = 0
 
 
 class _ControlV3(_Sticks):
-    switches: Annotated[ControlSwitches, U8("Switches", enum=ControlSwitches)] = ControlSwitches.NONE
+    switches: Annotated[ControlSwitches, U8(mk="Switches", enum=ControlSwitches)] = ControlSwitches.NONE
     """In place of the transmitter's switches, with USE_SWITCHES."""
-    free_1: Annotated[int, U8("Free1")] = 0
-    free_2: Annotated[int, U8("Free2")] = 0
+    free_1: Annotated[int, U8(mk="Free1")] = 0
+    free_2: Annotated[int, U8(mk="Free2")] = 0
 
 
 class _ControlV1(WireMessage):
-    digital: Annotated[tuple[int, ...], U8("Digital", count=2)] = (0, 0)
-    remote_buttons: Annotated[int, U8("RemoteButtons")] = 0
-    pitch: Annotated[int, S8("Nick", STICK, limit=127)]
+    digital: Annotated[tuple[int, ...], U8(mk="Digital", count=2)] = (0, 0)
+    remote_buttons: Annotated[int, U8(mk="RemoteButtons")] = 0
+    pitch: Annotated[int, S8(mk="Nick", unit=STICK, limit=127)]
     """Stick forward is positive; added to the receiver's command."""
-    roll: Annotated[int, S8("Roll", -STICK, limit=127)]
+    roll: Annotated[int, S8(mk="Roll", unit=-STICK, limit=127)]
     """Positive on the wire: stick LEFT."""
-    yaw: Annotated[int, S8("Yaw", -STICK, limit=127)]
+    yaw: Annotated[int, S8(mk="Yaw", unit=-STICK, limit=127)]
     """Positive on the wire: CLOCKWISE, opposite to the later layouts; no dead band."""
-    throttle: Annotated[int, U8("Gas", STICK_FROM_BOTTOM)]
+    throttle: Annotated[int, U8(mk="Gas", unit=STICK_FROM_BOTTOM)]
     """Upper bound of the receiver's throttle, on its scale plus 127."""
-    height: Annotated[int, S8("Height")] = 0
+    height: Annotated[int, S8(mk="Height")] = 0
     """Added, times the altitude gain, to the altitude set point in height-limit mode."""
-    reserved: Annotated[int, U8("free")] = 0
-    frame: Annotated[int, U8("Frame")] = 0
+    reserved: Annotated[int, U8(mk="free")] = 0
+    frame: Annotated[int, U8(mk="Frame")] = 0
     """Echoed in the confirmation; 0 asks for none."""
-    config: Annotated[ControlConfig, U8("Config", enum=ControlConfig)] = ControlConfig.NONE
+    config: Annotated[ControlConfig, U8(mk="Config", enum=ControlConfig)] = ControlConfig.NONE
     """Without VALID nothing is controlled: the release."""
 
 
@@ -121,7 +121,7 @@ class ExternControlV1(_ControlV1):
 class ControlConfirm(WireMessage):
     """An external control frame arrived (about 5 ms after it, before it acts)."""
 
-    frame: Annotated[int, U8("Frame")]
+    frame: Annotated[int, U8(mk="Frame")]
     """That of the confirmed frame; never 0."""
 
 

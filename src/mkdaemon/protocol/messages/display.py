@@ -27,9 +27,9 @@ _ALL = (Board.FC, Board.NC, Board.MAG)
 class DisplayRequest(WireMessage):
     """Press keys of the menu, and stream it: once now, then every interval for 4 s."""
 
-    keys_inverted: Annotated[int, U8("KeysInverted", low=0x80)] = 0xFF
+    keys_inverted: Annotated[int, U8(mk="KeysInverted", low=0x80)] = 0xFF
     """Ones complement of `MenuKey`; 0xFF presses none; bit 7 stays 1 (clear asks for the obsolete line format)."""
-    interval: Annotated[int, U8("Interval", TEN_MS)] = 0
+    interval: Annotated[int, U8(mk="Interval", unit=TEN_MS)] = 0
     """0: one answer only."""
 
 
@@ -37,22 +37,22 @@ class DisplayRequest(WireMessage):
 class Display(WireMessage):
     """The menu: 4 lines of 20 characters."""
 
-    text: Annotated[str, Text("Text", 80, trim=False)]
+    text: Annotated[str, Text(mk="Text", length=80, trim=False)]
 
 
 @answer(_PILOTS, "H", name="Display", layout="old", firmware="obsolete", source="WIRE 15, DisplayReplyOld")
 class DisplayOld(WireMessage):
     """One line of the menu."""
 
-    line: Annotated[int, U8("Line")]
-    text: Annotated[str, Text("Text", 20, trim=False)]
+    line: Annotated[int, U8(mk="Line")]
+    text: Annotated[str, Text(mk="Text", length=20, trim=False)]
 
 
 @request(_PILOTS, "l", reply="L", firmware="FC, NC", source="WIRE 5, MenuRequest", any_address=True)
 class MenuRequest(WireMessage):
     """Ask for one page of the menu."""
 
-    page: Annotated[int, U8("MenuItem")]
+    page: Annotated[int, U8(mk="MenuItem")]
     """0..last page (19 on FC 2.12a, 15 on NC 0.24)."""
 
 
@@ -60,17 +60,17 @@ class MenuRequest(WireMessage):
 class Menu(WireMessage):
     """One page of the menu: 4 lines of 20 characters."""
 
-    page: Annotated[int, U8("MenuItem")]
-    last_page: Annotated[int, U8("MaxMenuItem")]
+    page: Annotated[int, U8(mk="MenuItem")]
+    last_page: Annotated[int, U8(mk="MaxMenuItem")]
     """Changes at run time."""
-    text: Annotated[str, Text("Text", 80, trim=False)]
+    text: Annotated[str, Text(mk="Text", length=80, trim=False)]
 
 
 @request(_ALL, "a", reply="A", firmware="all", source="WIRE 5", any_address=True)
 class LabelRequest(WireMessage):
     """Ask for the name of one debug channel."""
 
-    index: Annotated[int, U8("Index", high=31)]
+    index: Annotated[int, U8(mk="Index", high=31)]
     """0..31; the board clamps."""
 
 
@@ -78,5 +78,5 @@ class LabelRequest(WireMessage):
 class Label(WireMessage):
     """The name of one debug channel, often with its unit in brackets."""
 
-    index: Annotated[int, U8("Index")]
-    text: Annotated[str, Text("Label", 16, pad=" ")]
+    index: Annotated[int, U8(mk="Index")]
+    text: Annotated[str, Text(mk="Label", length=16, pad=" ")]

@@ -23,7 +23,7 @@ from mkdaemon.protocol.wire import Board, WireMessage, answer, request
 class CompassHeading(WireMessage):
     """Tell the FlightCtrl its heading, as a MK3Mag does."""
 
-    heading: Annotated[int, S16("Heading", DEG, low=-1, high=360)]
+    heading: Annotated[int, S16(mk="Heading", unit=DEG, low=-1, high=360)]
     """0..360 clockwise from magnetic north; negative: invalid."""
 
 
@@ -41,7 +41,7 @@ class CompassHeading(WireMessage):
 class MotorTest(WireMessage):
     """Turn motors on the ground; repeat at 5 to 20 Hz to keep them turning."""
 
-    motors: Annotated[tuple[int, ...], U8("Motor", count=16)]
+    motors: Annotated[tuple[int, ...], U8(mk="Motor", count=16)]
     """Set points of motors 1..16."""
 
 
@@ -59,7 +59,7 @@ class MotorTest(WireMessage):
 class MotorTest4(WireMessage):
     """Turn motors 1..4 on the ground: for reading old traffic; the long form is sent."""
 
-    motors: Annotated[tuple[int, ...], U8("Motor", count=4)]
+    motors: Annotated[tuple[int, ...], U8(mk="Motor", count=4)]
 
 
 @answer(Board.FC, "T", firmware="FC; gone in 0.71h, back in 2.x: optional", source='WIRE 7; vector "motor test reply"')
@@ -84,7 +84,7 @@ class ReceiverRequest(WireMessage):
 class Receiver200(WireMessage):
     """Channels the FlightCtrl receives."""
 
-    channels: Annotated[tuple[int, ...], S16("PPM", STICK, count=35)]
+    channels: Annotated[tuple[int, ...], S16(mk="PPM", unit=STICK, count=35)]
     """0 RSSI, 1..16 receiver, 17..28 serial, 29 waypoint event, 30 lowest, 31 highest, 32 middle, 33..34 spare."""
 
 
@@ -94,7 +94,7 @@ class Receiver200(WireMessage):
 class Receiver077(WireMessage):
     """Channels the FlightCtrl receives."""
 
-    channels: Annotated[tuple[int, ...], S16("PPM", STICK, count=25)]
+    channels: Annotated[tuple[int, ...], S16(mk="PPM", unit=STICK, count=25)]
     """0 RSSI, 1..12 receiver, 13..24 serial (the split is inferred)."""
 
 
@@ -102,7 +102,7 @@ class Receiver077(WireMessage):
 class Receiver071(WireMessage):
     """Channels the FlightCtrl receives."""
 
-    channels: Annotated[tuple[int, ...], S16("PPM", STICK, count=11)]
+    channels: Annotated[tuple[int, ...], S16(mk="PPM", unit=STICK, count=11)]
     """0 unused or RSSI, 1..10 receiver."""
 
 
@@ -117,7 +117,7 @@ class Receiver071(WireMessage):
 class SerialChannels(WireMessage):
     """Set the serial channels; they become selectable channels 17..28 (2.x) or 13..24 (0.77 to 0.90)."""
 
-    channels: Annotated[tuple[int, ...], S8("Value", STICK, limit=127, count=12)]
+    channels: Annotated[tuple[int, ...], S8(mk="Value", unit=STICK, limit=127, count=12)]
 
 
 @request(
@@ -131,7 +131,7 @@ class SerialChannels(WireMessage):
 class ReceiverBridge(WireMessage):
     """Hand the port to the receiver, for its firmware update."""
 
-    mode: Annotated[int, U8("Mode")]
+    mode: Annotated[int, U8(mk="Mode")]
     """1 JetiBox, 100 HoTT update at 19200 baud, anything else receiver update at 38400 baud."""
 
 
@@ -166,7 +166,7 @@ class DisarmMotors(WireMessage):
 class Recalibrate(WireMessage):
     """Calibrate gyros or accelerometers."""
 
-    what: Annotated[int, U8("mode", low=1, high=2)]
+    what: Annotated[int, U8(mk="mode", low=1, high=2)]
 
 
 @request(
@@ -180,8 +180,8 @@ class Recalibrate(WireMessage):
 class Beep(WireMessage):
     """Sound the buzzer."""
 
-    duration: Annotated[int, S16("duration", low=1)]
-    count: Annotated[int, U8("count", low=1)]
+    duration: Annotated[int, S16(mk="duration", low=1)]
+    count: Annotated[int, U8(mk="count", low=1)]
 
 
 @request(

@@ -15,14 +15,14 @@ from mkdaemon.protocol.wire import Board, WireMessage, answer, request
 class EchoRequest(WireMessage):
     """Ask for a pattern back; does not feed the NaviCtrl's serial-link watchdog."""
 
-    pattern: Annotated[int, U16("Pattern")]
+    pattern: Annotated[int, U16(mk="Pattern")]
 
 
 @answer(Board.NC, "Z", firmware="NC", source="WIRE 8, Echo")
 class Echo(WireMessage):
     """The pattern, unchanged."""
 
-    pattern: Annotated[int, U16("Pattern")]
+    pattern: Annotated[int, U16(mk="Pattern")]
 
 
 @request(Board.NC, "e", reply="E", firmware="NC", source="WIRE 8")
@@ -34,5 +34,5 @@ class ErrorTextRequest(WireMessage):
 class ErrorText(WireMessage):
     """The current error in words; they vary between releases, codes do not."""
 
-    text: Annotated[str, Text("Text", 25)]
+    text: Annotated[str, Text(mk="Text", length=25)]
     """Everything from the first NUL on is stale and taken off."""

@@ -15,15 +15,15 @@ _DANGER = "drives the compass calibration: can corrupt it"
 
 
 class _Feed(WireMessage):
-    pitch: Annotated[int, S16("AngleNick", DECI_DEG)]
+    pitch: Annotated[int, S16(mk="AngleNick", unit=DECI_DEG)]
     """Positive: nose down."""
-    roll: Annotated[int, S16("AngleRoll", -DECI_DEG)]
+    roll: Annotated[int, S16(mk="AngleRoll", unit=-DECI_DEG)]
     """Positive on the wire: LEFT side down."""
-    user_parameter_1: Annotated[int, U8("UserParam[0]")]
-    user_parameter_2: Annotated[int, U8("UserParam[1]")]
-    calibration_step: Annotated[int, U8("CalState")]
+    user_parameter_1: Annotated[int, U8(mk="UserParam[0]")]
+    user_parameter_2: Annotated[int, U8(mk="UserParam[1]")]
+    calibration_step: Annotated[int, U8(mk="CalState")]
     """0 idle, 1..5 steps of the calibration."""
-    orientation: Annotated[int, U8("Orientation")]
+    orientation: Annotated[int, U8(mk="Orientation")]
     """1 on FC 0.9x and later: a hint on how it is mounted."""
 
 

@@ -28,7 +28,7 @@ _PARAMETER = NaviParameterId
 class Redirect(WireMessage):
     """Connect the host to another board until the escape; 1 and 2 are refused while motors run."""
 
-    port: Annotated[RedirectPort, U8("Port", high=2, enum=RedirectPort)]
+    port: Annotated[RedirectPort, U8(mk="Port", high=2, enum=RedirectPort)]
 
 
 def _is_get(payload: bytes) -> bool:
@@ -51,9 +51,9 @@ def _is_set(payload: bytes) -> bool:
 class NaviParameterRequest(WireMessage):
     """Ask for a parameter; one that was never set answers garbage."""
 
-    command: Annotated[int, U8("Cmd", high=0)] = 0
-    id: Annotated[NaviParameterId, U8("Id", high=4, enum=_PARAMETER)]
-    value: Annotated[int, S16("Value")] = 0
+    command: Annotated[int, U8(mk="Cmd", high=0)] = 0
+    id: Annotated[NaviParameterId, U8(mk="Id", high=4, enum=_PARAMETER)]
+    value: Annotated[int, S16(mk="Value")] = 0
 
 
 @request(
@@ -70,8 +70,8 @@ class NaviParameterRequest(WireMessage):
 class NaviParameterRequestShort(WireMessage):
     """Ask for a parameter, without the unused value: as other tools send it."""
 
-    command: Annotated[int, U8("Cmd", high=0)] = 0
-    id: Annotated[NaviParameterId, U8("Id", high=4, enum=_PARAMETER)]
+    command: Annotated[int, U8(mk="Cmd", high=0)] = 0
+    id: Annotated[NaviParameterId, U8(mk="Id", high=4, enum=_PARAMETER)]
 
 
 @request(
@@ -88,17 +88,17 @@ class NaviParameterRequestShort(WireMessage):
 class WriteNaviParameter(WireMessage):
     """Set a parameter."""
 
-    command: Annotated[int, U8("Cmd", low=1, high=1)] = 1
-    id: Annotated[NaviParameterId, U8("Id", high=4, enum=_PARAMETER)]
-    value: Annotated[int, S16("Value")]
+    command: Annotated[int, U8(mk="Cmd", low=1, high=1)] = 1
+    id: Annotated[NaviParameterId, U8(mk="Id", high=4, enum=_PARAMETER)]
+    value: Annotated[int, S16(mk="Value")]
 
 
 @answer(Board.NC, "J", firmware="NC 0.24 and later", source="WIRE 8, NcParamReply")
 class NaviParameter(WireMessage):
     """A parameter."""
 
-    id: Annotated[NaviParameterId, U8("Id", enum=_PARAMETER)]
-    value: Annotated[int, S16("Value")]
+    id: Annotated[NaviParameterId, U8(mk="Id", enum=_PARAMETER)]
+    value: Annotated[int, S16(mk="Value")]
     """TARGET_SPEED 0.1 m/s, HEADING_SETPOINT deg (-1 none), ALTITUDE_SETPOINT dm."""
 
 
@@ -106,7 +106,7 @@ class NaviParameter(WireMessage):
 class MotorStatusRequest(WireMessage):
     """Stream the state of the motor controllers, one motor a frame."""
 
-    interval: Annotated[int, U8("Interval", TEN_MS)]
+    interval: Annotated[int, U8(mk="Interval", unit=TEN_MS)]
     """0 stops."""
 
 
@@ -114,15 +114,15 @@ class MotorStatusRequest(WireMessage):
 class MotorStatus(WireMessage):
     """State of one motor controller; motors come in no fixed order, absent ones seldom."""
 
-    index: Annotated[int, U8("Index")]
+    index: Annotated[int, U8(mk="Index")]
     """0 is motor 1."""
-    current: Annotated[int, U8("Current", DECIAMPERE)]
+    current: Annotated[int, U8(mk="Current", unit=DECIAMPERE)]
     """BL 3: 200 is 20 A, above in steps of 1 A."""
-    temperature: Annotated[int, U8("Temperature", CELSIUS)]
+    temperature: Annotated[int, U8(mk="Temperature", unit=CELSIUS)]
     """255 on old controllers."""
-    max_pwm: Annotated[int, U8("MaxPWM")]
+    max_pwm: Annotated[int, U8(mk="MaxPWM")]
     """255 normal, 250 not running, 40 starting, anything lower: limited."""
-    status: Annotated[int, U8("Status")]
+    status: Annotated[int, U8(mk="Status")]
     """Bit 7: present; the rest counts I2C errors."""
 
 
@@ -138,21 +138,21 @@ class MotorStatus(WireMessage):
 class TimeRequest(WireMessage):
     """Ask for the GPS time."""
 
-    one: Annotated[int, U8("Interval", low=1, high=1)] = 1
+    one: Annotated[int, U8(mk="Interval", low=1, high=1)] = 1
 
 
 @answer(Board.NC, "T", key="time", firmware="NC 0.30g and later", source="WIRE 8, DateTime_arm")
 class NaviTime(WireMessage):
     """GPS time, UTC."""
 
-    year: Annotated[int, U16("Year")]
-    month: Annotated[int, U8("Month")]
-    day: Annotated[int, U8("Day")]
-    hour: Annotated[int, U8("Hour")]
-    minute: Annotated[int, U8("Min")]
-    second: Annotated[int, U8("Sec")]
-    padding_0: Annotated[int, U8("pad0")] = 0
+    year: Annotated[int, U16(mk="Year")]
+    month: Annotated[int, U8(mk="Month")]
+    day: Annotated[int, U8(mk="Day")]
+    hour: Annotated[int, U8(mk="Hour")]
+    minute: Annotated[int, U8(mk="Min")]
+    second: Annotated[int, U8(mk="Sec")]
+    padding_0: Annotated[int, U8(mk="pad0")] = 0
     """From here on the places are inferred: right if the NaviCtrl's compiler pads."""
-    millisecond: Annotated[int, U16("mSec", MILLISECOND)]
-    valid: Annotated[int, U8("Valid")]
-    padding_1: Annotated[int, U8("pad1")] = 0
+    millisecond: Annotated[int, U16(mk="mSec", unit=MILLISECOND)]
+    valid: Annotated[int, U8(mk="Valid")]
+    padding_1: Annotated[int, U8(mk="pad1")] = 0

@@ -47,7 +47,7 @@ def _asks_for_sets(payload: bytes) -> bool:
 class OsdRequestV1(WireMessage):
     """Stream NaviData; the first frame comes at once."""
 
-    interval: Annotated[int, U8("Interval", TEN_MS)]
+    interval: Annotated[int, U8(mk="Interval", unit=TEN_MS)]
     """0 stops; below 3 the line is saturated."""
 
 
@@ -66,86 +66,86 @@ class OsdRequestV1(WireMessage):
 class OsdRequestV2(WireMessage):
     """Stream the data sets 10..16."""
 
-    interval: Annotated[int, U8("Interval", TEN_MS)]
+    interval: Annotated[int, U8(mk="Interval", unit=TEN_MS)]
     """0 stops."""
-    max_bytes_per_s: Annotated[int, U16("MaxBytesPerSecond", BYTES_PER_S, low=1)]
+    max_bytes_per_s: Annotated[int, U16(mk="MaxBytesPerSecond", unit=BYTES_PER_S, low=1)]
     """Budget of all sets together; 200, 1024 or 0x8000 are in use."""
 
 
 class _Place(WireMessage):
     """Where the aircraft is, should be and started."""
 
-    version: Annotated[int, U8("Version")]
-    position_longitude: Annotated[int, S32("CurrentPosition.Longitude", GLOBE)]
-    position_latitude: Annotated[int, S32("CurrentPosition.Latitude", GLOBE)]
-    position_altitude: Annotated[int, S32("CurrentPosition.Altitude", MILLIMETRE)]
+    version: Annotated[int, U8(mk="Version")]
+    position_longitude: Annotated[int, S32(mk="CurrentPosition.Longitude", unit=GLOBE)]
+    position_latitude: Annotated[int, S32(mk="CurrentPosition.Latitude", unit=GLOBE)]
+    position_altitude: Annotated[int, S32(mk="CurrentPosition.Altitude", unit=MILLIMETRE)]
     """GPS altitude."""
-    position_status: Annotated[PositionStatus, U8("CurrentPosition.Status", enum=PositionStatus)]
-    target_longitude: Annotated[int, S32("TargetPosition.Longitude", GLOBE)]
-    target_latitude: Annotated[int, S32("TargetPosition.Latitude", GLOBE)]
-    target_altitude: Annotated[int, S32("TargetPosition.Altitude", MILLIMETRE)]
-    target_status: Annotated[PositionStatus, U8("TargetPosition.Status", enum=PositionStatus)]
-    target_distance: Annotated[int, U16("TargetPositionDeviation.Distance", DECIMETRE)]
-    target_bearing: Annotated[int, S16("TargetPositionDeviation.Bearing", DEG)]
+    position_status: Annotated[PositionStatus, U8(mk="CurrentPosition.Status", enum=PositionStatus)]
+    target_longitude: Annotated[int, S32(mk="TargetPosition.Longitude", unit=GLOBE)]
+    target_latitude: Annotated[int, S32(mk="TargetPosition.Latitude", unit=GLOBE)]
+    target_altitude: Annotated[int, S32(mk="TargetPosition.Altitude", unit=MILLIMETRE)]
+    target_status: Annotated[PositionStatus, U8(mk="TargetPosition.Status", enum=PositionStatus)]
+    target_distance: Annotated[int, U16(mk="TargetPositionDeviation.Distance", unit=DECIMETRE)]
+    target_bearing: Annotated[int, S16(mk="TargetPositionDeviation.Bearing", unit=DEG)]
     """Clockwise from north."""
-    home_longitude: Annotated[int, S32("HomePosition.Longitude", GLOBE)]
-    home_latitude: Annotated[int, S32("HomePosition.Latitude", GLOBE)]
-    home_altitude: Annotated[int, S32("HomePosition.Altitude", MILLIMETRE)]
-    home_status: Annotated[PositionStatus, U8("HomePosition.Status", enum=PositionStatus)]
-    home_distance: Annotated[int, U16("HomePositionDeviation.Distance", DECIMETRE)]
-    home_bearing: Annotated[int, S16("HomePositionDeviation.Bearing", DEG)]
+    home_longitude: Annotated[int, S32(mk="HomePosition.Longitude", unit=GLOBE)]
+    home_latitude: Annotated[int, S32(mk="HomePosition.Latitude", unit=GLOBE)]
+    home_altitude: Annotated[int, S32(mk="HomePosition.Altitude", unit=MILLIMETRE)]
+    home_status: Annotated[PositionStatus, U8(mk="HomePosition.Status", enum=PositionStatus)]
+    home_distance: Annotated[int, U16(mk="HomePositionDeviation.Distance", unit=DECIMETRE)]
+    home_bearing: Annotated[int, S16(mk="HomePositionDeviation.Bearing", unit=DEG)]
     """Clockwise from north."""
-    waypoint_index: Annotated[int, U8("WaypointIndex")]
+    waypoint_index: Annotated[int, U8(mk="WaypointIndex")]
     """1.. while a route runs, 0 otherwise."""
-    waypoint_count: Annotated[int, U8("WaypointNumber")]
+    waypoint_count: Annotated[int, U8(mk="WaypointNumber")]
     """Stored waypoints without points of interest."""
-    satellites: Annotated[int, U8("SatsInUse")]
-    altimeter: Annotated[int, S16("Altimeter", FIVE_CM)]
+    satellites: Annotated[int, U8(mk="SatsInUse")]
+    altimeter: Annotated[int, S16(mk="Altimeter", unit=FIVE_CM)]
     """Barometric height above the start."""
-    variometer: Annotated[int, S16("Variometer", "5 cm per SPI step")]
+    variometer: Annotated[int, S16(mk="Variometer", unit="5 cm per SPI step")]
     """Positive: climbing; rough."""
-    flying_time: Annotated[int, U16("FlyingTime", SECOND)]
-    battery: Annotated[int, U8("UBat", DECIVOLT)]
-    ground_speed: Annotated[int, U16("GroundSpeed", CM_PER_S)]
-    course: Annotated[int, S16("Heading", DEG)]
+    flying_time: Annotated[int, U16(mk="FlyingTime", unit=SECOND)]
+    battery: Annotated[int, U8(mk="UBat", unit=DECIVOLT)]
+    ground_speed: Annotated[int, U16(mk="GroundSpeed", unit=CM_PER_S)]
+    course: Annotated[int, S16(mk="Heading", unit=DEG)]
     """Course over ground, clockwise from north."""
-    heading: Annotated[int, S16("CompassHeading", DEG)]
+    heading: Annotated[int, S16(mk="CompassHeading", unit=DEG)]
     """Clockwise from magnetic north."""
-    pitch: Annotated[int, S8("AngleNick", DEG)]
+    pitch: Annotated[int, S8(mk="AngleNick", unit=DEG)]
     """Positive: nose down."""
-    roll: Annotated[int, S8("AngleRoll", -DEG)]
+    roll: Annotated[int, S8(mk="AngleRoll", unit=-DEG)]
     """Positive on the wire: LEFT side down."""
-    rc_quality: Annotated[int, U8("RC_Quality")]
+    rc_quality: Annotated[int, U8(mk="RC_Quality")]
     """0..about 200."""
 
 
 class _State(_Place):
     """What flies and how, up to the byte that changed its meaning."""
 
-    fc_flags: Annotated[FlightStatus, U8("FCStatusFlags", enum=FlightStatus)]
-    nc_flags: Annotated[NaviStatus, U8("NCFlags", enum=NaviStatus)]
-    error_code: Annotated[ErrorCode, U8("Errorcode", enum=ErrorCode)]
-    operating_radius: Annotated[int, U8("OperatingRadius", METRE)]
+    fc_flags: Annotated[FlightStatus, U8(mk="FCStatusFlags", enum=FlightStatus)]
+    nc_flags: Annotated[NaviStatus, U8(mk="NCFlags", enum=NaviStatus)]
+    error_code: Annotated[ErrorCode, U8(mk="Errorcode", enum=ErrorCode)]
+    operating_radius: Annotated[int, U8(mk="OperatingRadius", unit=METRE)]
     """10 m a count on later NaviCtrls; from which release on is not verified."""
-    vertical_speed: Annotated[int, S16("TopSpeed", CM_PER_S)]
+    vertical_speed: Annotated[int, S16(mk="TopSpeed", unit=CM_PER_S)]
     """From GPS."""
-    target_hold_time: Annotated[int, U8("TargetHoldTime", SECOND)]
+    target_hold_time: Annotated[int, U8(mk="TargetHoldTime", unit=SECOND)]
     """Remaining."""
 
 
 class _State5(_State):
-    fc_flags_2: Annotated[FlightStatus2, U8("FCStatusFlags2", enum=FlightStatus2)]
+    fc_flags_2: Annotated[FlightStatus2, U8(mk="FCStatusFlags2", enum=FlightStatus2)]
 
 
 class _State4(_State):
-    rc_rssi: Annotated[int, U8("RC_RSSI")]
+    rc_rssi: Annotated[int, U8(mk="RC_RSSI")]
 
 
 class _Power(WireMessage):
-    altitude_setpoint: Annotated[int, S16("SetpointAltitude", FIVE_CM)]
-    throttle: Annotated[int, U8("Gas")]
-    current: Annotated[int, U16("Current", DECIAMPERE)]
-    used_capacity: Annotated[int, U16("UsedCapacity", MAH)]
+    altitude_setpoint: Annotated[int, S16(mk="SetpointAltitude", unit=FIVE_CM)]
+    throttle: Annotated[int, U8(mk="Gas")]
+    current: Annotated[int, U16(mk="Current", unit=DECIAMPERE)]
+    used_capacity: Annotated[int, U16(mk="UsedCapacity", unit=MAH)]
 
 
 @answer(
@@ -162,7 +162,7 @@ class _Power(WireMessage):
 class OsdData5(_Power, _State5):
     """The whole state of the aircraft."""
 
-    version: Annotated[int, U8("Version", only=frozenset({5}))] = 5
+    version: Annotated[int, U8(mk="Version", only=frozenset({5}))] = 5
 
 
 @answer(
@@ -178,5 +178,5 @@ class OsdData5(_Power, _State5):
 class OsdData4(_Power, _State4):
     """The whole state of the aircraft, before FC 0.82."""
 
-    version: Annotated[int, U8("Version", only=frozenset({3, 4}))] = 4
-    fc_flags: Annotated[FlightStatusOld, U8("FCStatusFlags", enum=FlightStatusOld)]  # type: ignore[assignment]
+    version: Annotated[int, U8(mk="Version", only=frozenset({3, 4}))] = 4
+    fc_flags: Annotated[FlightStatusOld, U8(mk="FCStatusFlags", enum=FlightStatusOld)]  # type: ignore[assignment]

@@ -30,15 +30,15 @@ _FIRMWARE = "NC 2.14 and later, with the 3-byte request"
 
 
 class _Head(WireMessage):
-    index: Annotated[int, U8("Index")]
+    index: Annotated[int, U8(mk="Index")]
     """Number of the data set."""
-    longitude: Annotated[int, S32("Longitude", GLOBE)]
-    latitude: Annotated[int, S32("Latitude", GLOBE)]
-    altimeter: Annotated[int, S16("Altimeter", FIVE_CM)]
+    longitude: Annotated[int, S32(mk="Longitude", unit=GLOBE)]
+    latitude: Annotated[int, S32(mk="Latitude", unit=GLOBE)]
+    altimeter: Annotated[int, S16(mk="Altimeter", unit=FIVE_CM)]
     """Barometric height above the start."""
-    ground_speed: Annotated[int, U8("GroundSpeed", DM_PER_S)]
+    ground_speed: Annotated[int, U8(mk="GroundSpeed", unit=DM_PER_S)]
     """255: 91 km/h or more."""
-    status: Annotated[OsdStatus, U8("OSDStatusFlags", enum=OsdStatus)]
+    status: Annotated[OsdStatus, U8(mk="OSDStatusFlags", enum=OsdStatus)]
 
 
 @answer(
@@ -53,10 +53,10 @@ class _Head(WireMessage):
 class OsdTiny(_Head):
     """Data set 10: position."""
 
-    index: Annotated[int, U8("Index", only=frozenset({10}))] = 10
-    camera: Annotated[int, U8("CamCtrlChar")]
+    index: Annotated[int, U8(mk="Index", only=frozenset({10}))] = 10
+    camera: Annotated[int, U8(mk="CamCtrlChar")]
     """Character: R recording, c ready, ! error."""
-    reserved: Annotated[int, U8("reserve1")]
+    reserved: Annotated[int, U8(mk="reserve1")]
 
 
 @answer(
@@ -72,15 +72,15 @@ class OsdTiny(_Head):
 class OsdFlags(_Head):
     """Data set 11: flags; some releases append reserved bytes."""
 
-    index: Annotated[int, U8("Index", only=frozenset({11}))] = 11
-    status_2: Annotated[OsdStatus2, U8("OSDStatusFlags2", enum=OsdStatus2)]
-    nc_flags: Annotated[NaviStatus, U8("NCFlags", enum=NaviStatus)]
-    reserved_flags: Annotated[int, U8("ReserveFlags")]
-    error_code: Annotated[ErrorCode, U8("Errorcode", enum=ErrorCode)]
-    spoken: Annotated[int, U8("SpeakHoTT")]
-    vario_character: Annotated[str, Text("VarioCharacter", 1, trim=False)]
-    gps_mode_character: Annotated[str, Text("GPS_ModeCharacter", 1, trim=False)]
-    lowest_max_pwm: Annotated[int, U8("BL_MinOfMaxPWM")]
+    index: Annotated[int, U8(mk="Index", only=frozenset({11}))] = 11
+    status_2: Annotated[OsdStatus2, U8(mk="OSDStatusFlags2", enum=OsdStatus2)]
+    nc_flags: Annotated[NaviStatus, U8(mk="NCFlags", enum=NaviStatus)]
+    reserved_flags: Annotated[int, U8(mk="ReserveFlags")]
+    error_code: Annotated[ErrorCode, U8(mk="Errorcode", enum=ErrorCode)]
+    spoken: Annotated[int, U8(mk="SpeakHoTT")]
+    vario_character: Annotated[str, Text(mk="VarioCharacter", length=1, trim=False)]
+    gps_mode_character: Annotated[str, Text(mk="GPS_ModeCharacter", length=1, trim=False)]
+    lowest_max_pwm: Annotated[int, U8(mk="BL_MinOfMaxPWM")]
     """Below 255: a motor controller limits."""
 
 
@@ -96,12 +96,12 @@ class OsdFlags(_Head):
 class OsdTarget(_Head):
     """Data set 12: target."""
 
-    index: Annotated[int, U8("Index", only=frozenset({12}))] = 12
-    target_longitude: Annotated[int, S32("TargetLongitude", GLOBE)]
-    target_latitude: Annotated[int, S32("TargetLatitude", GLOBE)]
-    target_altitude: Annotated[int, S16("TargetAltitude")]
+    index: Annotated[int, U8(mk="Index", only=frozenset({12}))] = 12
+    target_longitude: Annotated[int, S32(mk="TargetLongitude", unit=GLOBE)]
+    target_latitude: Annotated[int, S32(mk="TargetLatitude", unit=GLOBE)]
+    target_altitude: Annotated[int, S16(mk="TargetAltitude")]
     """Unit not known."""
-    rc_quality: Annotated[int, U8("RC_Quality")]
+    rc_quality: Annotated[int, U8(mk="RC_Quality")]
     """0..200."""
 
 
@@ -117,18 +117,18 @@ class OsdTarget(_Head):
 class OsdHome(_Head):
     """Data set 13: home and limits."""
 
-    index: Annotated[int, U8("Index", only=frozenset({13}))] = 13
-    home_longitude: Annotated[int, S32("HomeLongitude", GLOBE)]
-    home_latitude: Annotated[int, S32("HomeLatitude", GLOBE)]
-    home_altitude: Annotated[int, S16("HomeAltitude")]
+    index: Annotated[int, U8(mk="Index", only=frozenset({13}))] = 13
+    home_longitude: Annotated[int, S32(mk="HomeLongitude", unit=GLOBE)]
+    home_latitude: Annotated[int, S32(mk="HomeLatitude", unit=GLOBE)]
+    home_altitude: Annotated[int, S16(mk="HomeAltitude")]
     """Unit not known."""
-    operating_radius: Annotated[int, U16("WP_OperatingRadius", METRE)]
-    cell_count: Annotated[int, U8("LipoCellCount")]
-    descend_range: Annotated[int, U8("DescendRange", TEN_METRE)]
-    manual_range: Annotated[int, U8("ManualFlyingRange", TEN_METRE)]
-    reserved_1: Annotated[int, U8("reserved1")]
+    operating_radius: Annotated[int, U16(mk="WP_OperatingRadius", unit=METRE)]
+    cell_count: Annotated[int, U8(mk="LipoCellCount")]
+    descend_range: Annotated[int, U8(mk="DescendRange", unit=TEN_METRE)]
+    manual_range: Annotated[int, U8(mk="ManualFlyingRange", unit=TEN_METRE)]
+    reserved_1: Annotated[int, U8(mk="reserved1")]
     """OSDStatusFlags3 in the newest description."""
-    reserved_2: Annotated[int, U8("reserved2")]
+    reserved_2: Annotated[int, U8(mk="reserved2")]
 
 
 @answer(
@@ -143,19 +143,19 @@ class OsdHome(_Head):
 class OsdDeviation(_Head):
     """Data set 14: distances and attitude."""
 
-    index: Annotated[int, U8("Index", only=frozenset({14}))] = 14
-    flying_time: Annotated[int, U16("FlyingTime", SECOND)]
-    home_distance: Annotated[int, U16("DistanceToHome", DECIMETRE)]
-    home_bearing: Annotated[int, U8("HeadingToHome", TWO_DEG)]
+    index: Annotated[int, U8(mk="Index", only=frozenset({14}))] = 14
+    flying_time: Annotated[int, U16(mk="FlyingTime", unit=SECOND)]
+    home_distance: Annotated[int, U16(mk="DistanceToHome", unit=DECIMETRE)]
+    home_bearing: Annotated[int, U8(mk="HeadingToHome", unit=TWO_DEG)]
     """Clockwise from north."""
-    target_distance: Annotated[int, U16("DistanceToTarget", DECIMETRE)]
-    target_bearing: Annotated[int, U8("HeadingToTarget", TWO_DEG)]
+    target_distance: Annotated[int, U16(mk="DistanceToTarget", unit=DECIMETRE)]
+    target_bearing: Annotated[int, U8(mk="HeadingToTarget", unit=TWO_DEG)]
     """Clockwise from north."""
-    pitch: Annotated[int, S8("AngleNick", DEG)]
+    pitch: Annotated[int, S8(mk="AngleNick", unit=DEG)]
     """Positive: nose down."""
-    roll: Annotated[int, S8("AngleRoll", -DEG)]
+    roll: Annotated[int, S8(mk="AngleRoll", unit=-DEG)]
     """Positive on the wire: LEFT side down."""
-    satellites: Annotated[int, U8("SatsInUse")]
+    satellites: Annotated[int, U8(mk="SatsInUse")]
 
 
 @answer(
@@ -164,12 +164,12 @@ class OsdDeviation(_Head):
 class OsdWaypoint(_Head):
     """Data set 15: route."""
 
-    index: Annotated[int, U8("Index", only=frozenset({15}))] = 15
-    waypoint_index: Annotated[int, U8("WaypointIndex")]
-    waypoint_count: Annotated[int, U8("WaypointNumber")]
-    target_hold_time: Annotated[int, U8("TargetHoldTime", SECOND)]
-    event_channel: Annotated[int, U8("WP_EventChannel")]
-    reserved: Annotated[int, U8("reserve")]
+    index: Annotated[int, U8(mk="Index", only=frozenset({15}))] = 15
+    waypoint_index: Annotated[int, U8(mk="WaypointIndex")]
+    waypoint_count: Annotated[int, U8(mk="WaypointNumber")]
+    target_hold_time: Annotated[int, U8(mk="TargetHoldTime", unit=SECOND)]
+    event_channel: Annotated[int, U8(mk="WP_EventChannel")]
+    reserved: Annotated[int, U8(mk="reserve")]
 
 
 @answer(
@@ -184,15 +184,15 @@ class OsdWaypoint(_Head):
 class OsdVolatile(_Head):
     """Data set 16: energy and heading."""
 
-    index: Annotated[int, U8("Index", only=frozenset({16}))] = 16
-    battery: Annotated[int, U16("UBat", DECIVOLT)]
-    current: Annotated[int, U16("Current", DECIAMPERE)]
-    used_capacity: Annotated[int, U16("UsedCapacity", MAH)]
-    variometer: Annotated[int, S8("Variometer")]
-    course: Annotated[int, U8("Heading", TWO_DEG)]
+    index: Annotated[int, U8(mk="Index", only=frozenset({16}))] = 16
+    battery: Annotated[int, U16(mk="UBat", unit=DECIVOLT)]
+    current: Annotated[int, U16(mk="Current", unit=DECIAMPERE)]
+    used_capacity: Annotated[int, U16(mk="UsedCapacity", unit=MAH)]
+    variometer: Annotated[int, S8(mk="Variometer")]
+    course: Annotated[int, U8(mk="Heading", unit=TWO_DEG)]
     """Course over ground, clockwise from north."""
-    heading: Annotated[int, U8("CompassHeading", TWO_DEG)]
+    heading: Annotated[int, U8(mk="CompassHeading", unit=TWO_DEG)]
     """Clockwise from magnetic north."""
-    throttle: Annotated[int, U8("Gas")]
-    shutter_count: Annotated[int, U16("ShutterCounter")]
-    altitude_setpoint: Annotated[int, S16("SetpointAltitude", FIVE_CM)]
+    throttle: Annotated[int, U8(mk="Gas")]
+    shutter_count: Annotated[int, U16(mk="ShutterCounter")]
+    altitude_setpoint: Annotated[int, S16(mk="SetpointAltitude", unit=FIVE_CM)]

@@ -40,7 +40,7 @@ def _is_request(payload: bytes) -> bool:
 class SettingsRequest(WireMessage):
     """Ask for a parameter set."""
 
-    index: Annotated[int, U8("Index", only=frozenset({1, 2, 3, 4, 5, ACTIVE_SET}))]
+    index: Annotated[int, U8(mk="Index", only=frozenset({1, 2, 3, 4, 5, ACTIVE_SET}))]
     """1..5, or 255 for the active set (the only one that changes nothing)."""
 
 
@@ -57,7 +57,7 @@ class SettingsRequest(WireMessage):
 class SettingsReset(WireMessage):
     """Reset a parameter set to its defaults."""
 
-    index: Annotated[int, U8("Index", only=frozenset({11, 12, 13, 14, 15, 21, 22, 23, 24, 25}))]
+    index: Annotated[int, U8(mk="Index", only=frozenset({11, 12, 13, 14, 15, 21, 22, 23, 24, 25}))]
     """10 + set: keep the channels; 20 + set: reset them too."""
 
 
@@ -65,8 +65,8 @@ class SettingsReset(WireMessage):
 class Settings(WireMessage):
     """A parameter set; its layout is that of the revision in its first byte."""
 
-    index: Annotated[int, U8("Index")]
-    parameters: Annotated[bytes, Rest("ParamSet", _SHORTEST, _LONGEST)]
+    index: Annotated[int, U8(mk="Index")]
+    parameters: Annotated[bytes, Rest(mk="ParamSet", shortest=_SHORTEST, longest=_LONGEST)]
 
 
 @request(
@@ -75,15 +75,15 @@ class Settings(WireMessage):
 class WriteSettings(WireMessage):
     """Store a parameter set and activate it; refused with motors running or on another revision."""
 
-    index: Annotated[int, U8("Index", low=1, high=5)]
-    parameters: Annotated[bytes, Rest("ParamSet", _SHORTEST, _LONGEST)]
+    index: Annotated[int, U8(mk="Index", low=1, high=5)]
+    parameters: Annotated[bytes, Rest(mk="ParamSet", shortest=_SHORTEST, longest=_LONGEST)]
 
 
 @answer(Board.FC, "S", firmware="FC", source="WIRE 7, SettingNumberReply")
 class SettingsWritten(WireMessage):
     """How storing a parameter set ended."""
 
-    index: Annotated[int, U8("Index")]
+    index: Annotated[int, U8(mk="Index")]
     """The active set; 0: refused."""
 
 
@@ -99,21 +99,21 @@ class SettingsWritten(WireMessage):
 class SelectSettings(WireMessage):
     """Load a stored parameter set into the live parameters."""
 
-    index: Annotated[int, U8("Index", low=1, high=5)]
+    index: Annotated[int, U8(mk="Index", low=1, high=5)]
 
 
 @answer(Board.FC, "F", firmware="FC 0.77a and later", source="WIRE 7, SettingNumberReply")
 class SettingsSelected(WireMessage):
     """A parameter set was loaded."""
 
-    index: Annotated[int, U8("Index")]
+    index: Annotated[int, U8(mk="Index")]
     """The set stored as active (on 2.x not the one loaded)."""
 
 
 class _MixerTable(WireMessage):
-    revision: Annotated[int, U8("Revision", low=1, high=1)] = 1
-    name: Annotated[str, Text("Name", 12)]
-    motors: Annotated[tuple[int, ...], S8("Motor", MIX, count=64)]
+    revision: Annotated[int, U8(mk="Revision", low=1, high=1)] = 1
+    name: Annotated[str, Text(mk="Name", length=12)]
+    motors: Annotated[tuple[int, ...], S8(mk="Motor", unit=MIX, count=64)]
     """16 rows of throttle, pitch, roll, yaw."""
 
 
@@ -144,5 +144,5 @@ class WriteMixer(_MixerTable):
 class MixerWritten(WireMessage):
     """How storing a mixer ended."""
 
-    stored: Annotated[int, U8("Ack")]
+    stored: Annotated[int, U8(mk="Ack")]
     """1 stored, 0 wrong revision."""

@@ -19,14 +19,14 @@ from mkdaemon.protocol.wire import Board, WireMessage, answer, request
 class DebugRequest(WireMessage):
     """Stream the debug channels; the first frame comes at once."""
 
-    interval: Annotated[int, U8("Interval", TEN_MS)]
+    interval: Annotated[int, U8(mk="Interval", unit=TEN_MS)]
     """0 stops; 1 starves everything else on an FC."""
 
 
 class _Debug(WireMessage):
-    status_green: Annotated[BoardStatus, U8("StatusGreen", enum=BoardStatus)]
+    status_green: Annotated[BoardStatus, U8(mk="StatusGreen", enum=BoardStatus)]
     """Boards present."""
-    status_red: Annotated[BoardStatus, U8("StatusRed", enum=BoardStatus)]
+    status_red: Annotated[BoardStatus, U8(mk="StatusRed", enum=BoardStatus)]
     """Boards in error."""
 
 
@@ -42,14 +42,14 @@ class _Debug(WireMessage):
 class DebugDataFc(_Debug):
     """32 debug channels; their labels tell meaning and unit."""
 
-    analog: Annotated[tuple[int, ...], S16("Analog", count=32)]
+    analog: Annotated[tuple[int, ...], S16(mk="Analog", count=32)]
 
 
 @answer(Board.NC, "D", name="DebugData", key="debug", layout="nc", firmware="NC", source="WIRE 15, DebugOut_NC")
 class DebugDataNc(_Debug):
     """32 debug channels; declared unsigned in the NC's source, but many are signed, so they are read as signed."""
 
-    analog: Annotated[tuple[int, ...], S16("Analog", count=32)]
+    analog: Annotated[tuple[int, ...], S16(mk="Analog", count=32)]
 
 
 @request(
@@ -64,21 +64,21 @@ class DebugDataNc(_Debug):
 class AttitudeRequest(WireMessage):
     """Stream the attitude; an FC sends the first frame after one interval."""
 
-    interval: Annotated[int, U8("Interval", TEN_MS)]
+    interval: Annotated[int, U8(mk="Interval", unit=TEN_MS)]
     """0 stops."""
 
 
 class _Attitude(WireMessage):
-    pitch: Annotated[int, S16("AngleNick", DECI_DEG)]
+    pitch: Annotated[int, S16(mk="AngleNick", unit=DECI_DEG)]
     """Positive: nose down."""
-    roll: Annotated[int, S16("AngleRoll", -DECI_DEG)]
+    roll: Annotated[int, S16(mk="AngleRoll", unit=-DECI_DEG)]
     """Positive on the wire: LEFT side down."""
-    heading: Annotated[int, S16("Heading", DECI_DEG)]
+    heading: Annotated[int, S16(mk="Heading", unit=DECI_DEG)]
     """Gyro compass, clockwise from magnetic north."""
 
 
 class _FcAttitude(_Attitude):
-    centroid: Annotated[tuple[int, ...], S8("Centroid", count=3)]
+    centroid: Annotated[tuple[int, ...], S8(mk="Centroid", count=3)]
     """Integrals of pitch, roll, yaw, shifted right by 9."""
 
 
@@ -94,8 +94,8 @@ class _FcAttitude(_Attitude):
 class AttitudeDataFc210(_FcAttitude):
     """Attitude of the FlightCtrl."""
 
-    accelerometer_z: Annotated[int, U16("AccZ", "raw")]
-    reserved: Annotated[tuple[int, ...], S8("reserve", count=3)]
+    accelerometer_z: Annotated[int, U16(mk="AccZ", unit="raw")]
+    reserved: Annotated[tuple[int, ...], S8(mk="reserve", count=3)]
 
 
 @answer(
@@ -110,7 +110,7 @@ class AttitudeDataFc210(_FcAttitude):
 class AttitudeDataFcOld(_FcAttitude):
     """Attitude of the FlightCtrl."""
 
-    reserved: Annotated[tuple[int, ...], S8("reserve", count=5)]
+    reserved: Annotated[tuple[int, ...], S8(mk="reserve", count=5)]
 
 
 @answer(
@@ -119,7 +119,7 @@ class AttitudeDataFcOld(_FcAttitude):
 class AttitudeDataNc(_Attitude):
     """Attitude of the FlightCtrl as the NaviCtrl knows it."""
 
-    reserved: Annotated[tuple[int, ...], U8("reserve", count=8)]
+    reserved: Annotated[tuple[int, ...], U8(mk="reserve", count=8)]
 
 
 @answer(
@@ -134,8 +134,8 @@ class AttitudeDataNc(_Attitude):
 class AttitudeDataNcSticks(_Attitude):
     """Attitude of the FlightCtrl as the NaviCtrl knows it, with the pilot's sticks."""
 
-    stick_pitch: Annotated[int, U8("StickNick", STICK)]
-    stick_roll: Annotated[int, U8("StickRoll", -STICK)]
-    stick_yaw: Annotated[int, U8("StickYaw", STICK)]
-    stick_throttle: Annotated[int, U8("StickGas", STICK)]
-    reserved: Annotated[tuple[int, ...], U8("reserve", count=4)]
+    stick_pitch: Annotated[int, U8(mk="StickNick", unit=STICK)]
+    stick_roll: Annotated[int, U8(mk="StickRoll", unit=-STICK)]
+    stick_yaw: Annotated[int, U8(mk="StickYaw", unit=STICK)]
+    stick_throttle: Annotated[int, U8(mk="StickGas", unit=STICK)]
+    reserved: Annotated[tuple[int, ...], U8(mk="reserve", count=4)]

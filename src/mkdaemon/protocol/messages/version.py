@@ -33,7 +33,7 @@ class VersionRequest(WireMessage):
 class VersionRequestWhich(WireMessage):
     """Ask a FlightCtrl for its own release or for that of the NaviCtrl behind it."""
 
-    which: Annotated[int, U8("Which")] = 2
+    which: Annotated[int, U8(mk="Which")] = 2
     """2: the NaviCtrl's release, as the FlightCtrl learnt it over SPI; anything else: its own."""
 
 
@@ -60,9 +60,9 @@ def _is_classic(payload: bytes) -> bool:
 class _Release(WireMessage):
     """What every version reply begins with."""
 
-    major: Annotated[int, U8("SWMajor")]
-    minor: Annotated[int, U8("SWMinor")]
-    protocol_major: Annotated[int, U8("ProtoMajor")]
+    major: Annotated[int, U8(mk="SWMajor")]
+    minor: Annotated[int, U8(mk="SWMinor")]
+    protocol_major: Annotated[int, U8(mk="ProtoMajor")]
     """Serial protocol generation: 7..11; anything else is no MikroKopter firmware."""
 
     @property
@@ -73,23 +73,23 @@ class _Release(WireMessage):
 
 
 class _Labelled(_Release):
-    label_checksum: Annotated[int, U8("LabelTextCRC")]
+    label_checksum: Annotated[int, U8(mk="LabelTextCRC")]
     """8-bit sum of all 512 label characters; labels known for it need not be read again."""
 
 
 class _Reserved(_Release):
-    reserved_1: Annotated[int, U8("reserved1")]
+    reserved_1: Annotated[int, U8(mk="reserved1")]
 
 
 class _FcState(WireMessage):
-    patch: Annotated[int, U8("SWPatch")]
-    fault_0: Annotated[FlightFault0, U8("HardwareError[0]", enum=FlightFault0)]
-    fault_1: Annotated[FlightFault1, U8("HardwareError[1]", enum=FlightFault1)]
-    hardware: Annotated[int, U8("HWMajor", "0.1")]
+    patch: Annotated[int, U8(mk="SWPatch")]
+    fault_0: Annotated[FlightFault0, U8(mk="HardwareError[0]", enum=FlightFault0)]
+    fault_1: Annotated[FlightFault1, U8(mk="HardwareError[1]", enum=FlightFault1)]
+    hardware: Annotated[int, U8(mk="HWMajor", unit="0.1")]
     """Board revision times ten, for example 22."""
-    motor_controller: Annotated[int, U8("BL_Firmware", "0.01")]
+    motor_controller: Annotated[int, U8(mk="BL_Firmware", unit="0.01")]
     """Lowest BL-Ctrl release times hundred; 255 unknown."""
-    flags: Annotated[VersionFlags, U8("Flags", enum=VersionFlags)]
+    flags: Annotated[VersionFlags, U8(mk="Flags", enum=VersionFlags)]
 
 
 @answer(
@@ -117,13 +117,13 @@ class VersionFc210(_FcState, _Labelled):
 class VersionFc200(_FcState, _Reserved):
     """Release and faults of a FlightCtrl."""
 
-    motor_controller: Annotated[int, U8("reserved2", "0.01")]
+    motor_controller: Annotated[int, U8(mk="reserved2", unit="0.01")]
     """0; the BL-Ctrl release times hundred from about 2.06e on."""
 
 
 class _Classic(_Release):
-    protocol_minor: Annotated[int, U8("ProtoMinor")]
-    patch: Annotated[int, U8("SWPatch")]
+    protocol_minor: Annotated[int, U8(mk="ProtoMinor")]
+    patch: Annotated[int, U8(mk="SWPatch")]
 
 
 @answer(
@@ -138,9 +138,9 @@ class _Classic(_Release):
 class VersionClassic(_Classic):
     """Release and faults of a FlightCtrl."""
 
-    fault_0: Annotated[FlightFault0, U8("HardwareError[0]", enum=FlightFault0)]
-    fault_1: Annotated[FlightFault1, U8("HardwareError[1]", enum=FlightFault1)]
-    fault_rest: Annotated[tuple[int, ...], U8("HardwareError[2..4]", count=3)]
+    fault_0: Annotated[FlightFault0, U8(mk="HardwareError[0]", enum=FlightFault0)]
+    fault_1: Annotated[FlightFault1, U8(mk="HardwareError[1]", enum=FlightFault1)]
+    fault_rest: Annotated[tuple[int, ...], U8(mk="HardwareError[2..4]", count=3)]
 
 
 @answer(
@@ -155,8 +155,8 @@ class VersionClassic(_Classic):
 class NaviVersionClassic(_Classic):
     """Release and faults of a NaviCtrl."""
 
-    fault_0: Annotated[NaviFault0, U8("HardwareError[0]", enum=NaviFault0)]
-    fault_rest: Annotated[tuple[int, ...], U8("HardwareError[1..4]", count=4)]
+    fault_0: Annotated[NaviFault0, U8(mk="HardwareError[0]", enum=NaviFault0)]
+    fault_rest: Annotated[tuple[int, ...], U8(mk="HardwareError[1..4]", count=4)]
 
 
 @answer(
@@ -171,17 +171,17 @@ class NaviVersionClassic(_Classic):
 class NaviVersion200(_Reserved):
     """Release and faults of a NaviCtrl."""
 
-    patch: Annotated[int, U8("SWPatch")]
-    fault_0: Annotated[NaviFault0, U8("HardwareError[0]", enum=NaviFault0)]
-    fault_1: Annotated[int, U8("HardwareError[1]")]
-    hardware: Annotated[int, U8("HWMajor", "0.1")]
+    patch: Annotated[int, U8(mk="SWPatch")]
+    fault_0: Annotated[NaviFault0, U8(mk="HardwareError[0]", enum=NaviFault0)]
+    fault_1: Annotated[int, U8(mk="HardwareError[1]")]
+    hardware: Annotated[int, U8(mk="HWMajor", unit="0.1")]
     """Board revision times ten."""
-    reserved_2: Annotated[int, U8("reserved2")]
-    flags: Annotated[VersionFlags, U8("Flags", enum=VersionFlags)]
+    reserved_2: Annotated[int, U8(mk="reserved2")]
+    flags: Annotated[VersionFlags, U8(mk="Flags", enum=VersionFlags)]
 
 
 @answer(Board.MAG, "V", name="Version", layout="classic", firmware="MK3Mag", source="WIRE 15, VersionInfo_classic")
 class CompassVersion(_Classic):
     """Release of a MK3Mag."""
 
-    fault: Annotated[tuple[int, ...], U8("HardwareError", count=5)]
+    fault: Annotated[tuple[int, ...], U8(mk="HardwareError", count=5)]

@@ -21,57 +21,57 @@ _WRITE_DANGER = "changes the running route; status INVALID with index 0 clears i
 
 
 class _Point(WireMessage):
-    longitude: Annotated[int, S32("Position.Longitude", GLOBE, limit=1_800_000_000)]
-    latitude: Annotated[int, S32("Position.Latitude", GLOBE, limit=900_000_000)]
-    altitude: Annotated[int, S32("Position.Altitude", DECIMETRE)]
+    longitude: Annotated[int, S32(mk="Position.Longitude", unit=GLOBE, limit=1_800_000_000)]
+    latitude: Annotated[int, S32(mk="Position.Latitude", unit=GLOBE, limit=900_000_000)]
+    altitude: Annotated[int, S32(mk="Position.Altitude", unit=DECIMETRE)]
     """Waypoints: dm above the start. Points of interest: dm on NC 2.x, cm up to 0.28; read back to be sure."""
-    status: Annotated[PositionStatus, U8("Position.Status", enum=PositionStatus)]
+    status: Annotated[PositionStatus, U8(mk="Position.Status", enum=PositionStatus)]
     """NEW to act on it; INVALID with index 0 clears the list."""
-    heading: Annotated[int, S16("Heading", DEG)] = 0
+    heading: Annotated[int, S16(mk="Heading", unit=DEG)] = 0
     """0 leaves it, 1..360 clockwise from north, negative: minus the list index of a point of interest to look at."""
-    tolerance_radius: Annotated[int, U8("ToleranceRadius", METRE)] = 0
-    hold_time: Annotated[int, U8("HoldTime", SECOND)] = 0
-    event: Annotated[PointEvent, U8("Event_Flag", enum=PointEvent)] = PointEvent.NONE
+    tolerance_radius: Annotated[int, U8(mk="ToleranceRadius", unit=METRE)] = 0
+    hold_time: Annotated[int, U8(mk="HoldTime", unit=SECOND)] = 0
+    event: Annotated[PointEvent, U8(mk="Event_Flag", enum=PointEvent)] = PointEvent.NONE
 
 
 class _PointOld(_Point):
-    reserved: Annotated[tuple[int, ...], U8("reserve", count=12)] = (0,) * 12
+    reserved: Annotated[tuple[int, ...], U8(mk="reserve", count=12)] = (0,) * 12
 
 
 class _PointListed(_Point):
-    index: Annotated[int, U8("Index")]
+    index: Annotated[int, U8(mk="Index")]
     """1.. in the list (to 31 on 0.24)."""
-    type: Annotated[PointType, U8("Type", enum=PointType)] = PointType.WAYPOINT
-    event_channel: Annotated[int, U8("WP_EventChannelValue")] = 0
+    type: Annotated[PointType, U8(mk="Type", enum=PointType)] = PointType.WAYPOINT
+    event_channel: Annotated[int, U8(mk="WP_EventChannelValue")] = 0
     """Appears on the FlightCtrl as a channel while the point is held."""
-    altitude_rate: Annotated[int, U8("AltitudeRate", DM_PER_S)] = 0
+    altitude_rate: Annotated[int, U8(mk="AltitudeRate", unit=DM_PER_S)] = 0
 
 
 class _Point024(_PointListed):
-    reserved: Annotated[tuple[int, ...], U8("reserve", count=8)] = (0,) * 8
+    reserved: Annotated[tuple[int, ...], U8(mk="reserve", count=8)] = (0,) * 8
 
 
 class _PointNamed(_PointListed):
-    speed: Annotated[int, U8("Speed", DM_PER_S)] = 0
+    speed: Annotated[int, U8(mk="Speed", unit=DM_PER_S)] = 0
     """0: as fast as it can."""
-    camera_angle: Annotated[int, U8("CamAngle", DEG)] = 0
+    camera_angle: Annotated[int, U8(mk="CamAngle", unit=DEG)] = 0
     """255: automatic, at a point of interest."""
-    name: Annotated[str, Text("Name", 4)] = ""
+    name: Annotated[str, Text(mk="Name", length=4)] = ""
 
 
 class _Point027(_PointNamed):
-    reserved: Annotated[tuple[int, ...], U8("reserve", count=2)] = (0, 0)
+    reserved: Annotated[tuple[int, ...], U8(mk="reserve", count=2)] = (0, 0)
 
 
 class _Point2x(_PointNamed):
-    photo_distance: Annotated[int, U8("AutoPhotoDistance", METRE)] = 0
-    reserved: Annotated[int, U8("reserve")] = 0
+    photo_distance: Annotated[int, U8(mk="AutoPhotoDistance", unit=METRE)] = 0
+    reserved: Annotated[int, U8(mk="reserve")] = 0
 
 
 class _ReadBack(WireMessage):
-    count: Annotated[int, U8("PointCount")]
+    count: Annotated[int, U8(mk="PointCount")]
     """Points stored, points of interest included."""
-    number: Annotated[int, U8("Index")]
+    number: Annotated[int, U8(mk="Index")]
     """The one asked for."""
 
 
@@ -161,7 +161,7 @@ class WriteWaypointOld(_PointOld):
 class WaypointWritten(WireMessage):
     """How storing a point ended."""
 
-    index: Annotated[int, U8("Index")]
+    index: Annotated[int, U8(mk="Index")]
     """The stored one; 0 means cleared AND refused: only the list's state tells them apart."""
 
 
@@ -169,7 +169,7 @@ class WaypointWritten(WireMessage):
 class WaypointRequest(WireMessage):
     """Ask for a stored point."""
 
-    index: Annotated[int, U8("Index", low=1)]
+    index: Annotated[int, U8(mk="Index", low=1)]
     """1..; 0 gets no answer, above the count only the count."""
 
 
@@ -192,5 +192,5 @@ class Waypoint2x(_Point2x, _ReadBack):
 class WaypointCount(WireMessage):
     """The answer when there is no such point."""
 
-    count: Annotated[int, U8("PointCount")]
+    count: Annotated[int, U8(mk="PointCount")]
     """Points stored, points of interest included."""
