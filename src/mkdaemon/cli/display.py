@@ -92,7 +92,7 @@ async def _press(client: Client, board: Board, keys: MenuKey, interval: int) -> 
 async def _live(client: Client, board: Board, *, allow_change: bool) -> None:
     """Draw what comes, and renew the stream; keys go out as they are typed."""
     print("\x1b[2J", end="")
-    _draw(await _press(client, board, MenuKey.NONE, INTERVAL), "")
+    _draw(await _press(client, board, MenuKey.NONE, INTERVAL))
 
     async def renew() -> None:
         while True:
@@ -104,7 +104,7 @@ async def _live(client: Client, board: Board, *, allow_change: bool) -> None:
         async with client.watch(f"rx/{board.word}/display") as samples:
             async for sample in samples:
                 fields = sample.fields.get("fields", sample.fields)
-                _draw(str(fields.get("text", "")), "")
+                _draw(str(fields.get("text", "")))
 
     tasks = [asyncio.create_task(job(), name=f"display {job.__name__}") for job in (renew, draw)]
     try:
@@ -112,13 +112,14 @@ async def _live(client: Client, board: Board, *, allow_change: bool) -> None:
             if typed in QUIT:
                 break
             key = KEYS.get(typed)
+            _note("")
             if key is None:
                 continue
             if key & (MenuKey.KEY_3 | MenuKey.KEY_4) and not allow_change:
-                _draw(None, "3 and 4 may change trim or calibration: start again with --keys")
+                _note("3 and 4 may change trim or calibration: start again with --keys")
                 continue
             with contextlib.suppress(RequestTimeoutError):
-                _draw(await _press(client, board, key, INTERVAL), "")
+                _draw(await _press(client, board, key, INTERVAL))
     finally:
         for task in tasks:
             task.cancel()
@@ -130,12 +131,14 @@ async def _live(client: Client, board: Board, *, allow_change: bool) -> None:
             raise result
 
 
-def _draw(text: str | None, note: str) -> None:
+def _draw(text: str) -> None:
     """Draw at the top left, without clearing, so that nothing flickers."""
-    if text is not None:
-        print(f"\x1b[H{frame_of(text)}\r\n{LEGEND}\x1b[K\r\n\x1b[K", end="", flush=True)
-    if note:
-        print(f"\x1b[{LINES + 4};1H{note}\x1b[K", end="", flush=True)
+    print(f"\x1b[H{frame_of(text)}\r\n{LEGEND}\x1b[K\r\n", end="", flush=True)
+
+
+def _note(text: str) -> None:
+    """Write the line below the legend; it stays until the next key."""
+    print(f"\x1b[{LINES + 4};1H{text}\x1b[K", end="", flush=True)
 
 
 async def _typed() -> AsyncIterator[str]:
