@@ -51,7 +51,7 @@ def test_write(index, status, what, reply, stored):
     heard = bench.ask(point(index, status=status, what=what), 2.0)
     assert heard is not None
     assert (heard.frame.id, heard.frame.payload[0]) == ("W", reply)
-    assert bench.board.points.count == stored
+    assert bench.board.navigator.points.count == stored
 
 
 def test_w_0_means_cleared_as_well_as_refused():
@@ -59,9 +59,9 @@ def test_w_0_means_cleared_as_well_as_refused():
     for index in (1, 2, 3):
         bench.ask(point(index), 2.0 + 0.1 * index, 0.05)
     refused = bench.ask(point(99), 3.0, 0.05)
-    assert bench.board.points.count == 3
+    assert bench.board.navigator.points.count == 3
     cleared = bench.ask(point(0, status=PositionStatus.INVALID, what=PointType.INVALID), 3.1, 0.05)
-    assert bench.board.points.count == 0
+    assert bench.board.navigator.points.count == 0
     assert refused is not None
     assert cleared is not None
     assert refused.frame.payload == cleared.frame.payload == bytes(3)
@@ -77,7 +77,7 @@ def test_read_back():
     assert len(back.frame.raw) == 50
     assert back.frame.payload[:2] == bytes([2, 1])
     assert back.frame.payload[2:32] == point_payload(written)
-    assert bench.board.points.waypoints == 1
+    assert bench.board.navigator.points.waypoints == 1
     above = bench.ask(encode_frame(2, "x", b"\x03"), 2.3, 0.05)
     assert above is not None
     assert above.frame.payload == bytes([2, 0, 0])
@@ -94,7 +94,7 @@ def test_ten_writes_back_to_back_are_all_stored_and_not_all_confirmed():
     for index in range(1, 11):
         bench.send(point(index), 2.1)
     confirmed = bench.ids(bench.run(3.0)).count("W")
-    assert bench.board.points.count == 10
+    assert bench.board.navigator.points.count == 10
     assert 3 <= confirmed <= 8
 
 
@@ -104,7 +104,7 @@ def test_writing_alone_never_starts_the_route():
     for index in (1, 2):
         bench.ask(point(index, north=2000 * index), 3.0 + 0.1 * index, 0.05)
     bench.run(8.0)
-    assert bench.board.points.active == 0
+    assert bench.board.navigator.points.active == 0
 
 
 def test_a_change_to_coming_home_starts_it_and_leaving_ends_it():
@@ -113,10 +113,10 @@ def test_a_change_to_coming_home_starts_it_and_leaving_ends_it():
     bench.ask(point(1, north=2000), 3.0, 0.05)
     bench.aircraft.pilot.switches[2] = 255
     bench.run(3.5)
-    assert bench.board.points.active == 1
+    assert bench.board.navigator.points.active == 1
     bench.aircraft.pilot.switches[2] = 0
     bench.run(4.0)
-    assert bench.board.points.active == 0
+    assert bench.board.navigator.points.active == 0
 
 
 def test_s_starts_it_when_flying_only():
@@ -124,11 +124,11 @@ def test_s_starts_it_when_flying_only():
     bench = nc_bench()
     bench.send(frame, 2.0)
     bench.run(2.5)
-    assert bench.board.points.active == 0
+    assert bench.board.navigator.points.active == 0
     flying(bench)
     bench.send(frame, bench.board.now)
     bench.run(bench.board.now + 0.5)
-    assert bench.board.points.active == 1
+    assert bench.board.navigator.points.active == 1
     assert bench.ids() == "", "s has no reply"
 
 
@@ -138,7 +138,7 @@ def test_s_needs_new_data(status):
     flying(bench)
     bench.send(point(1, status=status, kind=SendTarget024), bench.board.now)
     bench.run(bench.board.now + 0.5)
-    assert bench.board.points.count == 0
+    assert bench.board.navigator.points.count == 0
 
 
 def test_a_list_that_is_flown_takes_effect_at_once():
@@ -148,9 +148,9 @@ def test_a_list_that_is_flown_takes_effect_at_once():
         bench.ask(point(index, north=0 if index == 1 else 5000), 3.0 + 0.1 * index, 0.05)
     bench.aircraft.pilot.switches[2] = 255
     bench.run(4.0)
-    assert bench.board.points.active == 2, "the first was reached at once"
+    assert bench.board.navigator.points.active == 2, "the first was reached at once"
     bench.ask(point(1, north=9000), 4.1, 0.2)
-    assert bench.board.points.active == 1
+    assert bench.board.navigator.points.active == 1
 
 
 def test_the_route_holds_and_goes_on():
@@ -161,10 +161,12 @@ def test_the_route_holds_and_goes_on():
     bench.ask(point(3, north=5000), 3.2, 0.05)
     bench.aircraft.pilot.switches[2] = 255
     bench.run(4.5)
-    assert (bench.board.points.active, bench.board.points.reached) == (1, True)
-    assert bench.board.flags(bench.board.now) & 0x20
+    assert (bench.board.navigator.points.active, bench.board.navigator.points.reached) == (1, True)
+    assert bench.board.navigator.flags(bench.board.now) & 0x20
     bench.run(6.5)
-    assert (bench.board.points.active, bench.board.points.reached) == (3, False), "a POI is not flown to"
+    assert (bench.board.navigator.points.active, bench.board.navigator.points.reached) == (3, False), (
+        "a POI is not flown to"
+    )
 
 
 def test_parameters():

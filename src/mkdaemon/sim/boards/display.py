@@ -162,10 +162,15 @@ class NcMenu(_Pages):
         sensors, core = board.flight.aircraft.sensors, board.flight.core
         gps, sticks = sensors.gps, core.receiver
         major, minor, patch = board.generation.release
+        error = board.navigator.error_code
         fix = f"Sat {gps.satellites:2d} {'3D fix' if gps.has_fix else 'no fix'}"
         east, north, up = gps.velocity_enu
         pages: dict[int, tuple[str, ...]] = {
-            0: ("NaviCtrl", f"HW 2.0  SW {major}.{minor:02d}{chr(ord('a') + patch)}", f"Error {board.error_code:3d}"),
+            0: (
+                "NaviCtrl",
+                f"HW 2.0  SW {major}.{minor:02d}{chr(ord('a') + patch)}",
+                f"Error {board.navigator.error_code:3d}",
+            ),
             1: (
                 fix,
                 f"Lon {gps.longitude_1e7 / 1e7:12.7f}",
@@ -179,9 +184,9 @@ class NcMenu(_Pages):
                 f"Up    {up * 100:+5.0f} cm/s",
             ),
             3: ("Time", f"{board.flight.now:10.1f} s"),
-            4: ("Mode", board.mode_name),
-            5: ("Range", f"Radius {board.operating_radius:4d} m"),
-            7: ("Home", *(f"{value / 1e7:12.7f}" for value in board.home)),
+            4: ("Mode", board.navigator.mode_name),
+            5: ("Range", f"Radius {board.navigator.operating_radius:4d} m"),
+            7: ("Home", *(f"{value / 1e7:12.7f}" for value in board.navigator.home)),
             8: (
                 "Sticks",
                 f"Pit{sticks.pitch:5.0f} Rol{sticks.roll:5.0f}",

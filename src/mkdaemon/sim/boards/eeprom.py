@@ -17,7 +17,7 @@ MIXER_REVISION: Final = 1
 BL_SIZE: Final = 8
 MOTORS: Final = 4
 _ROWS: Final = ((64, 64, 0, 64), (64, -64, 0, 64), (64, 0, -64, -64), (64, 0, 64, -64))
-"""The factory quadrocopter: throttle, pitch, roll, yaw of motors 1..4, 64 = 100 %. Source: docs/protocol.md, section 7."""
+"""The factory quadrocopter: throttle, pitch, roll, yaw of motors 1..4, 64 = 100 %. Source: docs/protocol.md, 7."""
 _BL_FACTORY: Final = bytes.fromhex("0200ff1e634000")
 
 

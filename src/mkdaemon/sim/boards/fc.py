@@ -23,7 +23,7 @@ from mkdaemon.sim.boards.fc_commands import handle
 from mkdaemon.sim.boards.flight import FlightCore
 from mkdaemon.sim.boards.generations import FC_MS, SLOW_TICK_S, FcGeneration
 from mkdaemon.sim.boards.gestures import Gesture
-from mkdaemon.sim.boards.line import FC_CHAR_S, Inbound, Outbound
+from mkdaemon.sim.boards.line import FC_CHAR_S, BoardPort
 from mkdaemon.sim.boards.motors import MotorBench
 from mkdaemon.sim.boards.parameters import Parameters
 from mkdaemon.sim.boards.reception import FcReceiver
@@ -77,11 +77,10 @@ class Wanted:
     receiver: bool = False
 
 
-class FlightCtrl:
+class FlightCtrl(BoardPort):
     """One FlightCtrl.
 
     Attributes:
-        now: time up to which the board has run [s].
         generation: its release.
         is_fork: the public fork: its gas law, its commands x e r o, its endless debug stream.
         live: the parameter set in RAM.
@@ -115,6 +114,7 @@ class FlightCtrl:
         Raises:
             ConfigError: the EEPROM file cannot be used.
         """
+        super().__init__(FC_CHAR_S)
         self.generation = generation
         self.aircraft = aircraft
         self.is_fork = gas_law is GasLaw.FORK
@@ -128,9 +128,6 @@ class FlightCtrl:
         self.companion_error = 0
         self._gas_law = gas_law
         self._rng = random.Random(f"{seed} fc")
-        self._line = Inbound()
-        self._out = Outbound(FC_CHAR_S)
-        self.now = 0.0
         self._next_pass = self._rng.uniform(0.0, _SHORT_PASS_S)
         self._begin(calibrated=calibrated)
         self._apply_gains()
@@ -153,24 +150,6 @@ class FlightCtrl:
         self._reset_at: float | None = None
         self._sticks = self._next_sticks = MOTORS_OFF
         self._sticks_at = 0.0
-
-    # --- the line ---
-
-    def receive(self, data: bytes, at: float) -> None:
-        """Take characters put on the line at `at` [s]; they arrive one after the other."""
-        self._line.write(data, at)
-
-    def receive_byte(self, byte: int, at: float) -> None:
-        """Take one character whose stop bit was over at `at` [s], as a NaviCtrl forwards them."""
-        self._line.write_arrived(byte, at)
-
-    def poll(self) -> list[tuple[float, bytes]]:
-        """Return the characters that have left the board, each with its time [s]."""
-        return self._out.take(self.now)
-
-    def unplug(self) -> None:
-        """Lose what is under way to the board."""
-        self._line.clear()
 
     # --- time ---
 

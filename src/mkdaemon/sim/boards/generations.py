@@ -5,7 +5,7 @@ Sources: docs/protocol.md (compatibility matrix), docs/firmware-notes (measured)
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final, Literal
 
 from mkdaemon.protocol.messages import (
@@ -122,91 +122,60 @@ class NcGeneration:
     menu_pages: int
 
 
-_POLLING: Final = frozenset("abdhlpt")
+_EARLY: Final = FcGeneration(
+    word="early",
+    release=(0, 71, 5),
+    revision=73,
+    version=VersionClassic,
+    attitude=AttitudeDataFcOld,
+    control=ControlStateV1,
+    buffer=175,
+    longest_control=None,
+    dead_man=DeadMan(25, frozenset()),
+    gestures_mixed=False,
+    stick_filter=False,
+    answers_mixer=False,
+    channels=11,
+    menu_pages=9,
+    deaf_when_running="q",
+    feeds_compass=True,
+    reset_gated=False,
+)
+_2_08: Final = replace(
+    _EARLY,
+    word="2.08",
+    release=(2, 8, 0),
+    revision=103,
+    version=VersionFc200,
+    buffer=220,
+    dead_man=DeadMan(250, frozenset("abdhlpt")),
+    answers_mixer=True,
+    channels=35,
+    menu_pages=19,
+    deaf_when_running="qf",
+    feeds_compass=False,
+    reset_gated=True,
+)
+_2_12A: Final = replace(
+    _2_08,
+    word="2.12a",
+    release=(2, 12, 0),
+    revision=106,
+    version=VersionFc210,
+    attitude=AttitudeDataFc210,
+    control=ControlStateV2,
+    longest_control=20,
+    dead_man=DeadMan(100, frozenset("b")),
+    gestures_mixed=True,
+    stick_filter=True,
+    deaf_when_running="f",
+)
+_2_14: Final = replace(_2_12A, word="2.14", release=(2, 14, 0), revision=108, control=ControlStateV3, buffer=320)
 
-FC_GENERATIONS: Final[dict[str, FcGeneration]] = {
-    generation.word: generation
-    for generation in (
-        FcGeneration(
-            word="early",
-            release=(0, 71, 5),
-            revision=73,
-            version=VersionClassic,
-            attitude=AttitudeDataFcOld,
-            control=ControlStateV1,
-            buffer=175,
-            longest_control=None,
-            dead_man=DeadMan(25, frozenset()),
-            gestures_mixed=False,
-            stick_filter=False,
-            answers_mixer=False,
-            channels=11,
-            menu_pages=9,
-            deaf_when_running="q",
-            feeds_compass=True,
-            reset_gated=False,
-        ),
-        FcGeneration(
-            word="2.08",
-            release=(2, 8, 0),
-            revision=103,
-            version=VersionFc200,
-            attitude=AttitudeDataFcOld,
-            control=ControlStateV1,
-            buffer=220,
-            longest_control=None,
-            dead_man=DeadMan(250, _POLLING),
-            gestures_mixed=False,
-            stick_filter=False,
-            answers_mixer=True,
-            channels=35,
-            menu_pages=19,
-            deaf_when_running="qf",
-            feeds_compass=False,
-            reset_gated=True,
-        ),
-        FcGeneration(
-            word="2.12a",
-            release=(2, 12, 0),
-            revision=106,
-            version=VersionFc210,
-            attitude=AttitudeDataFc210,
-            control=ControlStateV2,
-            buffer=220,
-            longest_control=20,
-            dead_man=DeadMan(100, frozenset("b")),
-            gestures_mixed=True,
-            stick_filter=True,
-            answers_mixer=True,
-            channels=35,
-            menu_pages=19,
-            deaf_when_running="f",
-            feeds_compass=False,
-            reset_gated=True,
-        ),
-        FcGeneration(
-            word="2.14",
-            release=(2, 14, 0),
-            revision=108,
-            version=VersionFc210,
-            attitude=AttitudeDataFc210,
-            control=ControlStateV3,
-            buffer=320,
-            longest_control=20,
-            dead_man=DeadMan(100, frozenset("b")),
-            gestures_mixed=True,
-            stick_filter=True,
-            answers_mixer=True,
-            channels=35,
-            menu_pages=19,
-            deaf_when_running="f",
-            feeds_compass=False,
-            reset_gated=True,
-        ),
-    )
-}
+FC_GENERATIONS: Final = {generation.word: generation for generation in (_EARLY, _2_08, _2_12A, _2_14)}
+"""The FlightCtrl releases that can be simulated, by the configuration's word."""
 
-NC_GENERATIONS: Final[dict[str, NcGeneration]] = {
+NC_GENERATIONS: Final[dict[NcWord, NcGeneration]] = {
     generation.word: generation
     for generation in (
         NcGeneration(

@@ -88,3 +88,33 @@ class Outbound:
             at, byte = queue.popleft()
             taken.append((at, bytes((byte,))))
         return taken
+
+
+class BoardPort:
+    """The serial port of a board: what both boards have in common towards the line.
+
+    Attributes:
+        now: time up to which the board has run [s].
+    """
+
+    def __init__(self, char_s: float) -> None:
+        """Open the port of a board whose characters take `char_s` [s]."""
+        self.now = 0.0
+        self._line = Inbound()
+        self._out = Outbound(char_s)
+
+    def receive(self, data: bytes, at: float) -> None:
+        """Take characters put on the line at `at` [s]; they arrive one after the other."""
+        self._line.write(data, at)
+
+    def receive_byte(self, byte: int, at: float) -> None:
+        """Take one character whose stop bit was over at `at` [s]."""
+        self._line.write_arrived(byte, at)
+
+    def poll(self) -> list[tuple[float, bytes]]:
+        """Return the characters that have left the board, each with its time [s]."""
+        return self._out.take(self.now)
+
+    def unplug(self) -> None:
+        """Lose what is under way to the board."""
+        self._line.clear()

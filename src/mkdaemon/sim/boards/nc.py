@@ -11,34 +11,26 @@ import math
 import random
 from typing import Final
 
-from mkdaemon.protocol.errorcodes import ErrorCode
-from mkdaemon.protocol.flags import FlightStatus, NaviStatus
 from mkdaemon.sim.boards import nc_replies
 from mkdaemon.sim.boards.display import NcMenu
-from mkdaemon.sim.boards.external import RC_LOST
 from mkdaemon.sim.boards.fc import FlightCtrl
 from mkdaemon.sim.boards.generations import NcGeneration
-from mkdaemon.sim.boards.line import HOST_CHAR_S, Inbound, Outbound
+from mkdaemon.sim.boards.line import HOST_CHAR_S, BoardPort
+from mkdaemon.sim.boards.navigator import CONTROL_PERIOD_S, Navigator
 from mkdaemon.sim.boards.nc_commands import handle
 from mkdaemon.sim.boards.reception import NcReceiver
 from mkdaemon.sim.boards.redirect import Redirection
-from mkdaemon.sim.boards.waypoints import PointList
 
 LOOP_S: Final = 0.1e-3
 """One pass of the main loop."""
 TICK_S: Final = 1e-3
 SUBSCRIPTION_S: Final = 4.0
-LINK_LOST_S: Final = 6.0
-"""Silence after which NO_SERIAL_LINK is reported; echo, b and y do not count."""
 TX_FIFO: Final = 16
 """Characters the hardware sends by itself: the next reply is composed while the last ones leave."""
 ORDER: Final = "BJZWXAODCKHLTVE"
 """Replies leave in this order, one a pass."""
 _FORWARD_EXTRA: Final = 4
 """Passes around the characters of a forwarded frame: copying it, and noticing that it is gone."""
-_MODE_HOLD: Final = 50
-_MODE_HOME: Final = 180
-_CONTROL_PERIOD_S: Final = 0.02
 _NEVER: Final = math.inf
 
 
@@ -56,77 +48,49 @@ class NaviStream:
         self.interval, self.due = 0, _NEVER
 
 
-class NaviCtrl:
+class NaviCtrl(BoardPort):
     """One NaviCtrl with its FlightCtrl.
 
     Attributes:
-        now: time up to which the board has run [s].
         generation: its release.
         flight: the FlightCtrl behind it.
         wanted: replies asked for, by letter; the value is what the reply needs.
         streams: subscriptions, by reply letter.
-        points: the waypoint list.
+        navigator: what it knows of the flight.
         parameters: values set with `j`, by id.
-        home: longitude, latitude [1e-7 deg] where the motors were started.
         byte_budget: of the data sets [bytes/s]; 0 selects NaviData 5.
     """
 
     def __init__(self, generation: NcGeneration, flight: FlightCtrl, *, seed: int, loop_s: float = LOOP_S) -> None:
+        super().__init__(HOST_CHAR_S)
         self.generation = generation
         self.flight = flight
         flight.adopt_companion(generation.release)
         rng = random.Random(f"{seed} nc")
         self._loop_s = loop_s
         self._phase = rng.uniform(0.0, TICK_S)
-        self._line = Inbound()
-        self._out = Outbound(HOST_CHAR_S)
-        self.now = 0.0
         self.motor_order = rng
         self._begin()
 
     def _begin(self) -> None:
         self.rx = NcReceiver()
         self.menu = NcMenu(self.generation)
-        self.points = PointList(self.generation.list_size)
+        self.navigator = Navigator(self.generation, self.flight, self.now)
         self.wanted: dict[str, int] = {}
         self.streams = {letter: NaviStream() for letter in "ODCHK"}
         self.parameters: dict[int, int] = {}
         self.redirection = Redirection(self.flight, self._out)
-        self.home = (0, 0)
         self.error_text = bytearray(25)
         self.next_set = 10
         self.byte_budget = 0
         self._sets_after = 0.0
         self._expires = 0.0
-        self._link_at = self.now
         self._tx_free_at = 0.0
         self._forward_free_at = 0.0
         self._deaf_until = 0.0
         self._last_pass = -self._loop_s
         self._next_control = self.now
-        self._had_fix = False
-        self._flew = 0.0
-        self._was_running = False
-        self._mode = NaviStatus.FREE
         self._pending_control: tuple[float, bytes] | None = None
-
-    # --- the line ---
-
-    def receive(self, data: bytes, at: float) -> None:
-        """Take characters put on the line at `at` [s]; they arrive one after the other."""
-        self._line.write(data, at)
-
-    def receive_byte(self, byte: int, at: float) -> None:
-        """Take one character whose stop bit was over at `at` [s]."""
-        self._line.write_arrived(byte, at)
-
-    def poll(self) -> list[tuple[float, bytes]]:
-        """Return the characters that have left the board, each with its time [s]."""
-        return self._out.take(self.now)
-
-    def unplug(self) -> None:
-        """Lose what is under way to the board."""
-        self._line.clear()
 
     # --- time ---
 
@@ -183,8 +147,8 @@ class NaviCtrl:
         self.flight.advance(now)
         self.redirection.carry(now)
         if now >= self._next_control:
-            self._next_control = now + _CONTROL_PERIOD_S
-            self._navigate(now)
+            self._next_control = now + CONTROL_PERIOD_S
+            self.navigator.navigate(now)
         if self._pending_control is not None and now >= self._pending_control[0]:
             self.flight.external.take(self._pending_control[1])
             self._pending_control = None
@@ -209,10 +173,6 @@ class NaviCtrl:
         else:
             stream.stop()
         self._expires = now + SUBSCRIPTION_S
-
-    def feed_watchdog(self, now: float) -> None:
-        """A frame that counts as a living serial link."""
-        self._link_at = now
 
     def _talk(self, now: float) -> None:
         if now >= self._expires:
@@ -261,7 +221,7 @@ class NaviCtrl:
 
     def control(self, payload: bytes, now: float) -> None:
         """Hand external control over the SPI bus (2.13 and later)."""
-        self._pending_control = (now + _CONTROL_PERIOD_S, payload)
+        self._pending_control = (now + CONTROL_PERIOD_S, payload)
 
     def reboot(self, now: float) -> None:
         """`R` jumps to the boot loader: silence from here on, in flight too."""
@@ -269,83 +229,3 @@ class NaviCtrl:
         self._out.cut(now)
         self._deaf_until = _NEVER
         self._next_control = _NEVER
-
-    # --- navigation ---
-
-    def _navigate(self, now: float) -> None:
-        flight, core = self.flight, self.flight.core
-        gps = flight.aircraft.sensors.gps
-        flight.forced_heading = None
-        self._had_fix = self._had_fix or gps.has_fix
-        if core.running and not self._was_running:
-            self.home = (gps.longitude_1e7, gps.latitude_1e7)
-            self._flew = 0.0
-        self._was_running = core.running
-        if core.flying:
-            self._flew += _CONTROL_PERIOD_S
-        flight.companion_error = int(self.error_code)
-        mode = self._read_mode()
-        if mode is not self._mode:
-            self._mode = mode
-            if mode is NaviStatus.COMING_HOME and core.flying:
-                self.points.start()
-            else:
-                self.points.stop()
-        self.points.follow((gps.longitude_1e7, gps.latitude_1e7), now)
-        core.take_pulses()
-
-    def _read_mode(self) -> NaviStatus:
-        live, potis = self.flight.live, self.flight.core.potis
-        if "gps_mode_channel" in live:
-            channel = live["gps_mode_channel"]
-            value = potis[channel - 5] if 5 <= channel < 5 + len(potis) else 0
-        else:
-            value = live.evaluate("gps_mode_control", potis)
-        if value > _MODE_HOME:
-            return NaviStatus.COMING_HOME
-        return NaviStatus.POSITION_HOLD if value > _MODE_HOLD else NaviStatus.FREE
-
-    def start_route(self) -> None:
-        """`s`, and a list written while it is flown, restart the route."""
-        if self.flight.core.flying:
-            self.points.start()
-
-    @property
-    def mode_name(self) -> str:
-        """The GPS mode in words."""
-        return (self._mode.name or "").replace("_", " ").lower()
-
-    @property
-    def flying_time(self) -> int:
-        """Time in the air since the motors were started [s]."""
-        return int(self._flew)
-
-    @property
-    def operating_radius(self) -> int:
-        """Radius around home [m]."""
-        return 100
-
-    @property
-    def error_code(self) -> ErrorCode:
-        """What is wrong, the gravest first."""
-        core = self.flight.core
-        if core.quality < RC_LOST:
-            return ErrorCode.RC_LOST
-        if self._had_fix and not self.flight.aircraft.sensors.gps.has_fix:
-            return ErrorCode.GPS_LOST
-        return ErrorCode.NONE
-
-    def flags(self, now: float) -> NaviStatus:
-        """NCFlags."""
-        flags = self._mode
-        if now - self._link_at > LINK_LOST_S:
-            flags |= NaviStatus.NO_SERIAL_LINK
-        if self.points.reached:
-            flags |= NaviStatus.TARGET_REACHED
-        if self.flight.aircraft.sensors.gps.has_fix:
-            flags |= NaviStatus.GPS_OK
-        return flags
-
-    def flight_status(self) -> FlightStatus:
-        """FCStatusFlags as the SPI bus brought them."""
-        return self.flight.core.status(self.flight.live)

@@ -44,7 +44,7 @@ def handle(board: NaviCtrl, now: float) -> None:
     if handler is None:
         return
     if letter not in _WITHOUT_WATCHDOG:
-        board.feed_watchdog(now)
+        board.navigator.feed_watchdog(now)
     handler(board, now)
 
 
@@ -68,16 +68,16 @@ def _target(board: NaviCtrl, now: float) -> None:
     raw = _read(board, POINT_SIZE)
     point = WriteWaypoint024.decode(raw)
     if point.status is PositionStatus.NEW and 1 <= point.index <= board.generation.list_size:
-        board.points.write(raw)
-        board.start_route()
+        board.navigator.points.write(raw)
+        board.navigator.start_route()
 
 
 def _write_point(board: NaviCtrl, now: float) -> None:
     raw = _read(board, POINT_SIZE)
-    was_active = board.points.active
-    index = board.points.write(raw)
+    was_active = board.navigator.points.active
+    index = board.navigator.points.write(raw)
     if was_active and index and WriteWaypoint024.decode(raw).type is not PointType.INVALID:
-        board.start_route()
+        board.navigator.start_route()
     board.ask("W", index)
 
 

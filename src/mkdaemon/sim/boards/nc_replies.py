@@ -70,7 +70,7 @@ def _written(board: NaviCtrl, value: int) -> WireMessage:
 
 
 def _point(board: NaviCtrl, value: int) -> WireMessage | None:
-    raw = board.points.read(value)
+    raw = board.navigator.points.read(value)
     if raw is None:
         return None
     if len(raw) == 1:
@@ -92,7 +92,7 @@ def _version(board: NaviCtrl, value: int) -> WireMessage:
 
 def _error_text(board: NaviCtrl) -> bytes:
     """The text and, behind its end, what stood there before: no message class can say that."""
-    text = describe_error(board.error_code)[: ErrorText.spec.size - 1].encode("latin-1", "replace") + b"\0"
+    text = describe_error(board.navigator.error_code)[: ErrorText.spec.size - 1].encode("latin-1", "replace") + b"\0"
     board.error_text[: len(text)] = text
     return bytes(board.error_text)
 
@@ -130,15 +130,15 @@ def _debug(board: NaviCtrl, value: int) -> WireMessage:
     sensors = flight.aircraft.sensors
     gps = sensors.gps
     here = (gps.longitude_1e7, gps.latitude_1e7)
-    away, bearing = distance_and_bearing(board.home, here) if board.home != (0, 0) else (0.0, 0.0)
+    away, bearing = distance_and_bearing(board.navigator.home, here) if board.navigator.home != (0, 0) else (0.0, 0.0)
     analog = [0] * 32
     analog[0] = bounded(math.degrees(sensors.fc_angle_pitch) * 10.0)
     analog[1] = bounded(-math.degrees(sensors.fc_angle_roll) * 10.0)
     analog[2] = bounded(-math.degrees(math.atan2(sensors.acc_x, 9.81)) * 10.0)
     analog[3] = bounded(-math.degrees(math.atan2(sensors.acc_y, 9.81)) * 10.0)
-    analog[4] = board.operating_radius
-    analog[5] = int(board.flight_status())
-    analog[6] = int(board.flags(board.now))
+    analog[4] = board.navigator.operating_radius
+    analog[5] = int(board.navigator.flight_status())
+    analog[6] = int(board.navigator.flags(board.now))
     analog[10] = round(sensors.compass_deg) % 360
     analog[11] = round(sensors.heading_deg) % 360
     analog[13] = int(board.now / _SPI_PERIOD_S) & 0x7FFF
@@ -158,11 +158,11 @@ def _osd(board: NaviCtrl, value: int) -> WireMessage | None:
     core, sensors = flight.core, flight.aircraft.sensors
     gps = sensors.gps
     here = (gps.longitude_1e7, gps.latitude_1e7)
-    target = board.points.target
+    target = board.navigator.points.target
     there = (target.longitude, target.latitude) if target is not None else (0, 0)
     to_target = distance_and_bearing(here, there) if target is not None else (0.0, 0.0)
-    has_home = board.home != (0, 0)
-    to_home = distance_and_bearing(here, board.home) if has_home else (0.0, 0.0)
+    has_home = board.navigator.home != (0, 0)
+    to_home = distance_and_bearing(here, board.navigator.home) if has_home else (0.0, 0.0)
     east, north, up = gps.velocity_enu
     return OsdData5(
         version=_OSD_VERSION,
@@ -176,18 +176,18 @@ def _osd(board: NaviCtrl, value: int) -> WireMessage | None:
         target_status=target.status if target is not None else PositionStatus.INVALID,
         target_distance=min(0xFFFF, round(to_target[0] * 10.0)),
         target_bearing=round(to_target[1]),
-        home_longitude=board.home[0],
-        home_latitude=board.home[1],
+        home_longitude=board.navigator.home[0],
+        home_latitude=board.navigator.home[1],
         home_altitude=0,
         home_status=PositionStatus.PROCESSED if has_home else PositionStatus.INVALID,
         home_distance=min(0xFFFF, round(to_home[0] * 10.0)),
         home_bearing=round(to_home[1]),
-        waypoint_index=board.points.active,
-        waypoint_count=board.points.waypoints,
+        waypoint_index=board.navigator.points.active,
+        waypoint_count=board.navigator.points.waypoints,
         satellites=gps.satellites,
         altimeter=bounded(sensors.baro_height * 20.0),
         variometer=bounded(sensors.vertical_speed * 20.0 * _SPI_PERIOD_S * 10.0),
-        flying_time=board.flying_time,
+        flying_time=board.navigator.flying_time,
         battery=max(0, min(255, round(sensors.battery_voltage * 10.0))),
         ground_speed=min(0xFFFF, round(math.hypot(east, north) * 100.0)),
         course=round(math.degrees(math.atan2(east, north))) % 360,
@@ -195,12 +195,12 @@ def _osd(board: NaviCtrl, value: int) -> WireMessage | None:
         pitch=bounded(math.degrees(sensors.fc_angle_pitch), 8),
         roll=bounded(-math.degrees(sensors.fc_angle_roll), 8),
         rc_quality=core.quality,
-        fc_flags=board.flight_status(),
-        nc_flags=board.flags(board.now),
-        error_code=board.error_code,
-        operating_radius=board.operating_radius,
+        fc_flags=board.navigator.flight_status(),
+        nc_flags=board.navigator.flags(board.now),
+        error_code=board.navigator.error_code,
+        operating_radius=board.navigator.operating_radius,
         vertical_speed=bounded(up * 100.0),
-        target_hold_time=round(board.points.hold_left(board.now)),
+        target_hold_time=round(board.navigator.points.hold_left(board.now)),
         fc_flags_2=core.status_2(),
         altitude_setpoint=bounded(sensors.baro_height * 20.0),
         throttle=round(core.gas(flight.live)) if core.running else 0,

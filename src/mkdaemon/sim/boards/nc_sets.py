@@ -59,7 +59,7 @@ def build_set(board: NaviCtrl) -> WireMessage | None:
 def _head(board: NaviCtrl, index: int) -> dict[str, Any]:
     sensors = board.flight.aircraft.sensors
     gps = sensors.gps
-    fc, fc_2 = board.flight_status(), board.flight.core.status_2()
+    fc, fc_2 = board.navigator.flight_status(), board.flight.core.status_2()
     status = OsdStatus(0)
     for ours, shown in _STATUS:
         if fc & ours:
@@ -81,7 +81,7 @@ def _build(board: NaviCtrl, index: int) -> WireMessage:
     head = _head(board, index)
     flight = board.flight
     core, sensors = flight.core, flight.aircraft.sensors
-    gps, points = sensors.gps, board.points
+    gps, points = sensors.gps, board.navigator.points
     here = (gps.longitude_1e7, gps.latitude_1e7)
     target = points.target
     if index == 10:
@@ -90,9 +90,9 @@ def _build(board: NaviCtrl, index: int) -> WireMessage:
         return OsdFlags(
             **head,
             status_2=_status_2(board),
-            nc_flags=board.flags(board.now),
+            nc_flags=board.navigator.flags(board.now),
             reserved_flags=0,
-            error_code=board.error_code,
+            error_code=board.navigator.error_code,
             spoken=0,
             vario_character=" ",
             gps_mode_character="-",
@@ -109,10 +109,10 @@ def _build(board: NaviCtrl, index: int) -> WireMessage:
     if index == 13:
         return OsdHome(
             **head,
-            home_longitude=board.home[0],
-            home_latitude=board.home[1],
+            home_longitude=board.navigator.home[0],
+            home_latitude=board.navigator.home[1],
             home_altitude=0,
-            operating_radius=board.operating_radius,
+            operating_radius=board.navigator.operating_radius,
             cell_count=core.cells,
             descend_range=0,
             manual_range=0,
@@ -120,11 +120,11 @@ def _build(board: NaviCtrl, index: int) -> WireMessage:
             reserved_2=0,
         )
     if index == 14:
-        to_home = distance_and_bearing(here, board.home) if board.home != (0, 0) else (0.0, 0.0)
+        to_home = distance_and_bearing(here, board.navigator.home) if board.navigator.home != (0, 0) else (0.0, 0.0)
         to_target = distance_and_bearing(here, (target.longitude, target.latitude)) if target else (0.0, 0.0)
         return OsdDeviation(
             **head,
-            flying_time=board.flying_time,
+            flying_time=board.navigator.flying_time,
             home_distance=min(0xFFFF, round(to_home[0] * 10.0)),
             home_bearing=round(to_home[1] / 2.0) % 180,
             target_distance=min(0xFFFF, round(to_target[0] * 10.0)),
@@ -159,7 +159,7 @@ def _build(board: NaviCtrl, index: int) -> WireMessage:
 
 def _status_2(board: NaviCtrl) -> OsdStatus2:
     flags = OsdStatus2(0)
-    fc = board.flight_status()
+    fc = board.navigator.flight_status()
     for ours, shown in _STATUS_2:
         if fc & ours:
             flags |= shown
