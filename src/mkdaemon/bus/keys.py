@@ -111,6 +111,7 @@ KEYS: Final[tuple[KeySpec, ...]] = (
     ),
     KeySpec("sim/truth", Use.CLIENT, SimTruth, "50 Hz", "The simulator's true state; never read by flight code."),
     KeySpec("sim/faults", Use.CLIENT, SimFaults, "1 Hz and on change", "Faults the simulator plays."),
+    KeySpec("sim/camera/<name>", Use.CLIENT, CameraFrame, "30 Hz, where it is on", "What the simulated camera sees."),
     KeySpec("sim/fault", _Q, FaultRequest, "", "Begin or end a fault of the simulator."),
     KeySpec("event/log", _P, LogEvent, "on occurrence", "Other things worth knowing."),
     KeySpec(

@@ -9,6 +9,7 @@ from typing import Literal
 from pydantic import Field
 
 from mkdaemon.config.base import Section
+from mkdaemon.config.scene import SceneConfig
 from mkdaemon.config.sim_flight import FlightConfig
 from mkdaemon.config.sim_radio import RadioConfig
 
@@ -64,6 +65,8 @@ class SimConfig(Section):
     """Airframe, air, battery, sensors, pilot."""
     radio: RadioConfig = RadioConfig()
     """The way between host and board."""
+    scene: SceneConfig = SceneConfig()
+    """The on-board camera and what it sees."""
     listen: str | None = Field(default=None, pattern=r"^[^:]+:\d{1,5}$")
     """Also offer the port over TCP, `host:port`; it carries one client at a time."""
     connect: tuple[str, ...] = ("tcp/127.0.0.1:7447",)

@@ -10,6 +10,7 @@ import contextlib
 import math
 import time
 from collections.abc import AsyncIterator
+from typing import TYPE_CHECKING
 
 import structlog
 import zenoh
@@ -21,9 +22,13 @@ from mkdaemon.bus.keys import key
 from mkdaemon.bus.session import close_session, open_session, session_config
 from mkdaemon.config.sim import SimConfig
 from mkdaemon.errors import CommandRejectedError, MkError
+from mkdaemon.service.sim_camera import filming
 from mkdaemon.sim.simulation import Simulation
 from mkdaemon.telemetry.command import CommandResult, Status
 from mkdaemon.telemetry.sim import FaultAction, FaultRequest, RunningFault, SimFaults, SimTruth
+
+if TYPE_CHECKING:
+    from mkdaemon.sim.scene_camera import SceneCamera
 
 _log = structlog.get_logger(__name__)
 _RETRY_S = 2.0
@@ -147,9 +152,11 @@ class SimBus:
 
 
 @contextlib.asynccontextmanager
-async def joined(simulation: Simulation, config: SimConfig, vehicle: str) -> AsyncIterator[None]:
+async def joined(
+    simulation: Simulation, config: SimConfig, vehicle: str, camera: SceneCamera | None = None
+) -> AsyncIterator[None]:
     """Be on the bus, whenever somebody listens, for as long as the context lasts."""
-    job = asyncio.create_task(_join(simulation, config, vehicle), name="simulator on the bus")
+    job = asyncio.create_task(_join(simulation, config, vehicle, camera), name="simulator on the bus")
     try:
         yield
     finally:
@@ -158,7 +165,7 @@ async def joined(simulation: Simulation, config: SimConfig, vehicle: str) -> Asy
             await job
 
 
-async def _join(simulation: Simulation, config: SimConfig, vehicle: str) -> None:
+async def _join(simulation: Simulation, config: SimConfig, vehicle: str, camera: SceneCamera | None) -> None:
     if not config.connect:
         return
     while True:
@@ -175,7 +182,8 @@ async def _join(simulation: Simulation, config: SimConfig, vehicle: str) -> None
             await asyncio.sleep(_RETRY_S)
             continue
         try:
-            await SimBus(session, simulation, vehicle).publish(config.truth_rate_hz)
+            async with filming(camera, simulation, config, vehicle, session):
+                await SimBus(session, simulation, vehicle).publish(config.truth_rate_hz)
         finally:
             await asyncio.shield(close_session(session))
 

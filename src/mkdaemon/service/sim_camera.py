@@ -1,0 +1,88 @@
+"""The simulated camera on the bus: a daemon takes it as `zenoh:mk/<vehicle>/sim/camera/<name>`."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+from collections.abc import AsyncIterator
+from typing import TYPE_CHECKING
+
+import zenoh
+
+from mkdaemon.bus.codec import encoding_of
+from mkdaemon.bus.keys import key
+from mkdaemon.config.sim import SimConfig
+from mkdaemon.sim.simulation import Simulation
+from mkdaemon.telemetry.image import CameraFrame
+
+if TYPE_CHECKING:
+    from mkdaemon.sim.scene_camera import SceneCamera
+    from mkdaemon.sim.scene_outputs import FrameWriter
+
+LOOK_S = 0.002
+"""Time between two looks at the clock: exposures are this punctual, their stamps exact."""
+
+
+def open_camera(config: SimConfig) -> SceneCamera | None:
+    """Prepare the configured camera; a simulator without one never loads OpenCV.
+
+    Raises:
+        ConfigError: a camera or target file is wrong.
+    """
+    if not config.scene.enabled:
+        return None
+    from mkdaemon.sim.scene_camera import SceneCamera
+
+    return SceneCamera(config.scene, config.seed)
+
+
+@contextlib.asynccontextmanager
+async def filming(
+    camera: SceneCamera | None, simulation: Simulation, config: SimConfig, vehicle: str, session: zenoh.Session
+) -> AsyncIterator[None]:
+    """Take pictures for as long as the context lasts.
+
+    Raises:
+        ConfigError: a video or loop device cannot be written.
+    """
+    if camera is None:
+        yield
+        return
+    from mkdaemon.sim.scene_feed import SceneFeed
+
+    publisher = session.declare_publisher(
+        key(vehicle, f"sim/camera/{config.scene.name}"), congestion_control=zenoh.CongestionControl.DROP
+    )
+    encoding = encoding_of(CameraFrame)
+
+    def send(payload: bytes) -> None:
+        publisher.put(payload, encoding=encoding)
+
+    feed = SceneFeed(camera, send, seed=config.seed, writers=_writers(camera))
+    feed.start()
+
+    async def expose() -> None:
+        while True:
+            feed.tick(simulation.now, simulation.world.truth, simulation.world.faults)
+            await asyncio.sleep(LOOK_S)
+
+    job = asyncio.create_task(expose(), name="simulated camera")
+    try:
+        yield
+    finally:
+        job.cancel()
+        with contextlib.suppress(asyncio.CancelledError):
+            await job
+        await asyncio.shield(asyncio.to_thread(feed.stop))
+
+
+def _writers(camera: SceneCamera) -> tuple[FrameWriter, ...]:
+    from mkdaemon.sim.scene_outputs import LoopWriter, VideoWriter
+
+    cfg, k = camera.cfg, camera.camera.intrinsics
+    writers: list[FrameWriter] = []
+    if cfg.video is not None:
+        writers.append(VideoWriter(cfg.video, k.width, k.height, cfg.fps))
+    if cfg.v4l2_loop is not None:
+        writers.append(LoopWriter(cfg.v4l2_loop, k.width, k.height))
+    return tuple(writers)
