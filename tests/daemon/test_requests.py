@@ -1,0 +1,188 @@
+"""Requests as queries: which message is built, what the gate asks of the line, and what the client is told."""
+
+from __future__ import annotations
+
+import msgpack
+import pytest
+
+from mkdaemon.config.commands import CommandsConfig
+from mkdaemon.daemon.requests import BoardRequests
+from mkdaemon.daemon.vitals import Vitals
+from mkdaemon.errors import LinkLostError, RequestTimeoutError
+from mkdaemon.protocol.dialect import Dialect
+from mkdaemon.protocol.messages import Echo, MotorTest, VersionFc210, VersionRequest
+from mkdaemon.protocol.wire import Board
+from mkdaemon.telemetry.command import CommandResult
+from tests.daemon.test_gate import link_state
+
+TURNING = [30] + [0] * 15
+
+
+class Line:
+    """A link that answers from a list and remembers what it was asked."""
+
+    def __init__(self, vitals):
+        self.dialect = Dialect(read_only_reason=None)
+        self.asked = []
+        self.answers = {}
+        self.who_answers = Board.FC
+        self.direct_board = Board.FC
+        self._vitals = vitals
+
+    async def request(self, message, *, board=None):
+        self.asked.append((board, message))
+        if isinstance(message, VersionRequest) and VersionRequest not in self.answers:
+            self._vitals.version_said(self.who_answers, "2.12a", _now())
+            return VersionFc210.decode(bytes(12))
+        answer = self.answers.get(type(message), Echo(pattern=7))
+        if isinstance(answer, Exception):
+            raise answer
+        return answer
+
+    async def send(self, message, *, board=None):
+        self.asked.append((board, message))
+
+
+def _now():
+    from mkdaemon.daemon.clock import now
+
+    return now().t_monotonic
+
+
+class Desk:
+    """Requests with everything around them."""
+
+    def __init__(self, cfg=None):
+        self.events = []
+        self.vitals = Vitals("")
+        self.vitals.link_said(link_state())
+        self.vitals.motors_said(False, _now())
+        self.line = Line(self.vitals)
+        self._requests = BoardRequests(cfg or CommandsConfig(), self.line, self.vitals, self)
+
+    def command(self, key, fields, result):
+        self.events.append((key, fields, result))
+
+    async def ask(self, place, fields=None) -> CommandResult:
+        payload = fields if isinstance(fields, bytes) else msgpack.packb(fields or {})
+        result = await self._requests.answer(f"cmd/{place}", payload)
+        assert self.events[-1][0] == f"cmd/{place}"
+        assert self.events[-1][2] is result, "every command is mirrored with its end"
+        return result
+
+
+@pytest.fixture
+def desk():
+    return Desk()
+
+
+async def test_a_typed_reply_comes_back_with_its_schema(desk):
+    result = await desk.ask("nc/echo_request", {"pattern": 7})
+    assert (result.status, result.reply, result.reply_type) == ("accepted", {"pattern": 7}, "Echo.v1")
+    [(board, message)] = desk.line.asked
+    assert (board, message.pattern) == (Board.NC, 7)
+    assert desk.events[0][1] == {"pattern": 7}
+
+
+@pytest.mark.parametrize(
+    ("place", "fields", "token", "words"),
+    [
+        ("nc/echo", {}, "unknown_message", "echo_request"),
+        ("fc/echo_request", {"pattern": 1}, "unknown_message", "cmd/nc/echo_request"),
+        ("moon/echo_request", {}, "unknown_message", "cmd/fc/"),
+        ("nc/echo_request/more", {}, "unknown_message", "cmd/fc/"),
+        ("nc/echo_request", {"pattern": 70_000}, "bad_field", "pattern"),
+        ("nc/echo_request", {"pattern": "7"}, "bad_field", "pattern"),
+        ("nc/echo_request", {"pattern": 1.5}, "bad_field", "pattern"),
+        ("nc/echo_request", {"pattern": 1, "extra": 2}, "bad_field", "extra is no field"),
+        ("nc/echo_request", {}, "bad_field", "pattern"),
+        ("nc/echo_request", {"pattern": 1, "layout": "99"}, "bad_field", "layout '99'"),
+        ("nc/echo_request", b"\xc1", "malformed", "msgpack"),
+        ("nc/echo_request", b"\x93\x01\x02\x03", "malformed", "map"),
+    ],
+)
+async def test_what_cannot_be_built_is_refused_with_what_is_wrong(desk, place, fields, token, words):
+    result = await desk.ask(place, fields)
+    assert result.token == token
+    assert words in f"{result.reason} {result.fix}"
+    assert desk.line.asked == []
+
+
+async def test_a_layout_can_be_asked_for(desk):
+    await desk.ask("nc/navi_parameter_request", {"id": 0, "layout": "short"})
+    assert desk.line.asked[-1][1].spec.layout == "short"
+
+
+async def test_the_dialects_layout_is_taken_where_none_is_asked_for(desk):
+    desk.line.dialect = Dialect(read_only_reason=None, layouts={(Board.NC, "o"): "v2"})
+    await desk.ask("nc/osd_request", {"interval": 10, "max_bytes_per_s": 1024})
+    assert desk.line.asked[-1][1].spec.layout == "v2"
+
+
+async def test_a_dangerous_request_is_sent_only_to_a_board_that_proved_itself(desk):
+    fields = {"motors": TURNING, "confirm": True}
+    assert (await desk.ask("fc/motor_test", fields)).status == "accepted"
+    assert [type(message) for _, message in desk.line.asked] == [VersionRequest, MotorTest]
+    desk.line.asked.clear()
+    await desk.ask("fc/motor_test", fields)
+    assert [type(message) for _, message in desk.line.asked] == [MotorTest], "the proof is fresh"
+
+
+async def test_the_wrong_board_on_the_line_never_hears_the_request(desk):
+    desk.line.who_answers = Board.FC
+    result = await desk.ask("nc/time_request")
+    assert result.token == "board_unproven"
+    assert "fc answered it" in result.reason
+    assert [type(message) for _, message in desk.line.asked] == [VersionRequest]
+
+
+@pytest.mark.parametrize("error", [RequestTimeoutError("no answer in 3 tries"), LinkLostError("unplugged")])
+async def test_no_proof_no_request(desk, error):
+    desk.line.answers[VersionRequest] = error
+    result = await desk.ask("fc/motor_test", {"motors": TURNING, "confirm": True})
+    assert result.token == "board_unproven"
+    assert str(error) in result.reason
+
+
+async def test_a_read_only_aircraft_takes_nothing_dangerous_but_answers_questions(desk):
+    desk.line.dialect = Dialect(read_only_reason="release 9.99 is not known")
+    result = await desk.ask("fc/motor_test", {"motors": TURNING, "confirm": True})
+    assert result.token == "read_only"
+    assert "9.99" in result.reason
+    assert (await desk.ask("nc/echo_request", {"pattern": 1})).status == "accepted"
+
+
+async def test_settings_of_an_unknown_revision_are_not_written(desk):
+    desk.line.dialect = Dialect(read_only_reason=None, settings_read_only_reason="revision 200 is not known")
+    fields = {"index": 3, "parameters": bytes(100), "confirm": True}
+    assert (await desk.ask("fc/write_settings", fields)).token == "read_only"
+
+
+async def test_what_the_firmware_does_not_know_is_unsupported(desk):
+    desk.line.dialect = Dialect(read_only_reason=None, unsupported={(Board.NC, "time_request"): "from 0.30g on"})
+    result = await desk.ask("nc/time_request")
+    assert (result.status, result.token) == ("unsupported", "unsupported")
+    assert "0.30g" in result.reason
+
+
+async def test_silence_is_a_timeout_and_never_called_a_refusal(desk):
+    from mkdaemon.protocol.messages import EchoRequest
+
+    desk.line.answers[EchoRequest] = RequestTimeoutError("no answer in 3 tries")
+    result = await desk.ask("nc/echo_request", {"pattern": 1})
+    assert (result.status, result.token) == ("timeout", "timeout")
+    desk.line.answers[EchoRequest] = LinkLostError("the adapter is gone")
+    result = await desk.ask("nc/echo_request", {"pattern": 1})
+    assert (result.status, result.token) == ("denied", "link_down")
+
+
+async def test_a_request_without_answer_is_not_observable(desk):
+    result = await desk.ask("nc/serial_channels", {"channels": [0] * 12, "confirm": True})
+    assert result.status == "not_observable"
+    assert "never answers" in result.reason
+
+
+async def test_confirm_must_be_true_and_nothing_like_it(desk):
+    for confirm in (1, "yes", None, False):
+        result = await desk.ask("fc/motor_test", {"motors": TURNING, "confirm": confirm})
+        assert result.token == "not_confirmed"
