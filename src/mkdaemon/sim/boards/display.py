@@ -169,7 +169,7 @@ class NcMenu(_Pages):
             0: (
                 "NaviCtrl",
                 f"HW 2.0  SW {major}.{minor:02d}{chr(ord('a') + patch)}",
-                f"Error {board.navigator.error_code:3d}",
+                f"Error {error:3d}",
             ),
             1: (
                 fix,

@@ -65,40 +65,40 @@ def _read(board: FlightCtrl, size: int) -> bytes:
 
 def _version(board: FlightCtrl, now: float) -> None:
     asked = _read(board, 1)[0]
-    board.wanted.version = asked if board.generation.release >= (2, 0, 0) else 0
+    board.speech.wanted.version = asked if board.generation.release >= (2, 0, 0) else 0
 
 
 def _control_state(board: FlightCtrl, now: float) -> None:
-    board.wanted.control = True
+    board.speech.wanted.control = True
 
 
 def _label(board: FlightCtrl, now: float) -> None:
-    board.wanted.label = min(_read(board, 1)[0], _LABELS)
+    board.speech.wanted.label = min(_read(board, 1)[0], _LABELS)
 
 
 def _debug(board: FlightCtrl, now: float) -> None:
-    board.debug.interval = _read(board, 1)[0]
-    board.wanted.debug = board.debug.interval > 0
-    board.renew(now)
+    board.speech.debug.interval = _read(board, 1)[0]
+    board.speech.wanted.debug = board.speech.debug.interval > 0
+    board.speech.renew(now)
 
 
 def _attitude(board: FlightCtrl, now: float) -> None:
-    board.attitude.interval = _read(board, 1)[0]
-    board.attitude.restart(now)
-    board.renew(now)
+    board.speech.attitude.interval = _read(board, 1)[0]
+    board.speech.attitude.restart(now)
+    board.speech.renew(now)
 
 
 def _display(board: FlightCtrl, now: float) -> None:
     keys, interval = _read(board, 2)
     board.menu.press(board, keys)
     # the obsolete format is refused once, not streamed
-    board.display.interval = interval if keys & 0x80 else 0
-    board.wanted.display = True
-    board.renew(now)
+    board.speech.display.interval = interval if keys & 0x80 else 0
+    board.speech.wanted.display = True
+    board.speech.renew(now)
 
 
 def _menu(board: FlightCtrl, now: float) -> None:
-    board.wanted.menu = _read(board, 1)[0]
+    board.speech.wanted.menu = _read(board, 1)[0]
 
 
 def _control(board: FlightCtrl, now: float) -> None:
@@ -112,7 +112,7 @@ def _compass(board: FlightCtrl, now: float) -> None:
 
 
 def _motor_test(board: FlightCtrl, now: float) -> None:
-    board.renew(now)
+    board.speech.renew(now)
     reply = board.motors.test(_read(board, 16), board.rx.buffer.length, now)
     if board.generation.release >= (2, 0, 0):
         board.send_when_free(reply, now + _SETTLE_S)
@@ -122,7 +122,7 @@ def _motor_test(board: FlightCtrl, now: float) -> None:
 
 
 def _receiver(board: FlightCtrl, now: float) -> None:
-    board.wanted.receiver = True
+    board.speech.wanted.receiver = True
 
 
 def _mixer(board: FlightCtrl, now: float) -> None:
