@@ -83,7 +83,7 @@ def _first_paragraph(module: ModuleType) -> str:
 def _message(layouts: list[type[WireMessage]]) -> Iterator[str]:
     first = layouts[0]
     spec = first.spec
-    boards = ", ".join(board.word for board in spec.boards)
+    boards = ", ".join(dict.fromkeys(board.word for cls in layouts for board in cls.spec.boards))
     yield f"### {spec.name} (`{spec.id}`, {boards})"
     yield ""
     yield inspect.cleandoc(first.__doc__ or "")
