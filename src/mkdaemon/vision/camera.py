@@ -99,10 +99,14 @@ class CameraStream:
         """Start the thread; opening happens there."""
         self._thread.start()
 
-    def stop(self, timeout: float = 3.0) -> None:
-        """End the thread; a driver that hangs is left behind, its thread does not keep the process alive."""
+    def request_stop(self) -> None:
+        """Tell the thread to end, without waiting for it."""
         self._stop.set()
         self._slot.close()
+
+    def stop(self, timeout: float = 3.0) -> None:
+        """End the thread; a driver that hangs is left behind, its thread does not keep the process alive."""
+        self.request_stop()
         if self._thread.ident is not None:
             self._thread.join(timeout)
 

@@ -85,12 +85,15 @@ class VisionWorker:
         self._thread.start()
 
     def stop(self, timeout: float = 3.0) -> None:
-        """End all threads; idempotent, and harmless before `start`."""
+        """End all threads within `timeout` [s] together; idempotent, and harmless before `start`."""
         self._stop.set()
         for eye in self._eyes.values():
-            eye.stream.stop(timeout)
+            eye.stream.request_stop()
+        end = time.monotonic() + timeout
+        for eye in self._eyes.values():
+            eye.stream.stop(max(end - time.monotonic(), 0.0))
         if self._thread.ident is not None:
-            self._thread.join(timeout)
+            self._thread.join(max(end - time.monotonic(), 0.0))
 
     def attitude_arrived(self, sample: AttitudeSample) -> None:
         """Take the vehicle's attitude; from any thread."""
