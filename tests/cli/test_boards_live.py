@@ -126,6 +126,18 @@ def test_send_prints_the_typed_answer_and_refusals(navictrl: list[str], ctl: Ctl
     assert "not_confirmed" in err
 
 
+def test_the_flightctrl_behind_a_navictrl_is_reached_and_telemetry_goes_on(
+    navictrl: list[str], ctl: Ctl, tmp_path: Path
+) -> None:
+    """Each request passes the line through for itself, so that the motors stay watched."""
+    code, out, err = ctl(navictrl, "settings", "backup", str(tmp_path / "backup"))
+    assert (code, err) == (EXIT_OK, "")
+    assert "set 3 is live, byte for byte as before" in out
+    assert "1 = [64, 64, 0, 64]" in ctl(navictrl, "mixer", "get")[1]
+    assert ctl(navictrl, "send", "version-request", "--board", "nc")[0] == EXIT_OK
+    assert json.loads(ctl(navictrl, "get", "state/flight", "--json")[1])["motors_running"] is False
+
+
 def test_settings_are_backed_up_changed_and_restored(flightctrl: list[str], ctl: Ctl, tmp_path: Path) -> None:
     folder = tmp_path / "backup"
     code, out, err = ctl(flightctrl, "settings", "backup", str(folder))
@@ -209,3 +221,6 @@ def test_in_flight_an_upload_needs_its_flag(ctl: Ctl, tmp_path: Path) -> None:
         assert "motors_running: motors are running, and an upload takes effect at once" in err
         assert "--in-flight" in err
         assert ctl(at, "waypoints", "upload", str(file), "--in-flight")[0] == EXIT_OK
+        code, _, err = ctl(at, "settings", "list")
+        assert code == EXIT_FAILURE
+        assert "motors_not_known_off" in err

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import asyncio
 import difflib
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
 from typing import Any
 
 from pydantic import ValidationError
@@ -15,11 +18,15 @@ from mkdaemon.daemon.clock import now
 from mkdaemon.daemon.gate import check, rule_for
 from mkdaemon.daemon.vitals import Vitals
 from mkdaemon.errors import CommandRejectedError, LinkLostError, RequestTimeoutError
+from mkdaemon.link.acquaintance import FORWARDED
+from mkdaemon.link.discovery import motors_stand_still, redirected
 from mkdaemon.link.link import Link
 from mkdaemon.protocol.messages import VersionRequest
 from mkdaemon.protocol.wire import MESSAGES, Board, Direction, WireMessage
 from mkdaemon.telemetry.command import CommandResult, Status, refuse
 
+_BEHIND = (Board.FC, Board.MAG)
+"""Boards a NaviCtrl can pass the line through to."""
 _BOARDS = {board.word: board for board in Board if board is not Board.ANY}
 
 
@@ -31,6 +38,7 @@ class BoardRequests:
         self._link = link
         self._vitals = vitals
         self._audit = audit
+        self._passage = asyncio.Lock()
 
     async def answer(self, suffix: str, raw: bytes) -> CommandResult:
         """Answer one query; every one is mirrored under `event/command`, whatever becomes of it."""
@@ -40,6 +48,8 @@ class BoardRequests:
             result = await self._ask(suffix, dict(fields))
         except CommandRejectedError as error:
             result = refused(error)
+        except LinkLostError as error:
+            result = self._link_down(error)
         self._audit.command(suffix, fields, result)
         return result
 
@@ -59,11 +69,30 @@ class BoardRequests:
                 vitals=self._vitals,
                 now=now().t_monotonic,
             )
-            if rule.proven:
+        async with self._way_to(board, message):
+            if rule is not None and rule.proven:
                 await self._prove(board)
             if message.spec.key == "motor_test":
                 self._vitals.motor_test_sent(now().t_monotonic)
-        return await self._converse(board, message)
+            return await self._converse(board, message)
+
+    @asynccontextmanager
+    async def _way_to(self, board: Board, message: WireMessage) -> AsyncIterator[None]:
+        """Let the board hear us: a NaviCtrl in front of it passes the line through for as long as the context lives.
+
+        One request a passage, so that telemetry, which stops meanwhile, tells about the motors before the next one.
+
+        Raises:
+            CommandRejectedError: `not_redirectable`, `motors_not_known_off`.
+        """
+        is_behind = self._link.direct_board is Board.NC and board in _BEHIND and message.spec.id not in FORWARDED
+        if not is_behind:
+            yield
+            return
+        async with self._passage:
+            await motors_stand_still(self._link)
+            async with redirected(self._link, board):
+                yield
 
     def _build(self, board: Board, name: str, fields: dict[str, Any]) -> WireMessage:
         """Make the message from a client's fields, in the layout this aircraft speaks.
@@ -129,11 +158,12 @@ class BoardRequests:
             reply = await self._link.request(message, board=board)
         except RequestTimeoutError as error:
             return refused(refuse("timeout", board=board.word, name=spec.key, detail=str(error)))
-        except LinkLostError as error:
-            state = self._vitals.link
-            condition = "absent" if state is None else state.condition.value
-            return refused(refuse("link_down", state=condition, detail=str(error)))
         return CommandResult(status=Status.ACCEPTED, reply=dict(reply.__dict__), reply_type=schema_name(type(reply)))
+
+    def _link_down(self, error: LinkLostError) -> CommandResult:
+        state = self._vitals.link
+        condition = "absent" if state is None else state.condition.value
+        return refused(refuse("link_down", state=condition, detail=str(error)))
 
 
 def _place(suffix: str) -> tuple[Board, str]:

@@ -41,7 +41,7 @@ async def introduce(link: Link, *, probe_flightctrl: bool) -> None:
     link.begin_streams()
     if link.direct_board is not Board.NC or link.dialect.fc_release is not None or not probe_flightctrl:
         return
-    if await _motors_stand_still(link):
+    if await motors_stand_still(link):
         await _look_behind(link)
 
 
@@ -66,8 +66,8 @@ async def _ask_version(link: Link, board: Board) -> bool:
     return True
 
 
-async def _motors_stand_still(link: Link) -> bool:
-    """Wait a while for telemetry to say so."""
+async def motors_stand_still(link: Link) -> bool:
+    """Wait a while for telemetry to say that they do; whether it did."""
     try:
         async with asyncio.timeout(MOTORS_WAIT_S):
             while not link.motors_known_off():  # noqa: ASYNC110 - telemetry is a state, not an event
