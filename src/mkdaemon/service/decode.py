@@ -103,7 +103,7 @@ def decode(
     """
     decoding = Decoding()
     if file == "-":
-        _print(decoding.run(read_chunks(sys.stdin.buffer, "standard input")))
+        _print(decoding.run(read_chunks(sys.stdin.buffer, "standard input")), live=True)
     else:
         try:
             stream = Path(file).open("rb")  # noqa: SIM115 - closed below; only opening may fail this way
@@ -111,11 +111,13 @@ def decode(
             msg = f"cannot read {file}: {error.strerror or error}"
             raise MkError(msg) from error
         with stream:
-            _print(decoding.run(read_chunks(stream, file)))
+            _print(decoding.run(read_chunks(stream, file)), live=False)
     print(decoding.summary(), file=sys.stderr)
 
 
-def _print(objects: Iterable[dict[str, Any]]) -> None:
+def _print(objects: Iterable[dict[str, Any]], *, live: bool) -> None:
     for line in objects:
         sys.stdout.write(json.dumps(line, ensure_ascii=False) + "\n")
+        if live:
+            sys.stdout.flush()
     sys.stdout.flush()
