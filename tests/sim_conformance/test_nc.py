@@ -64,7 +64,7 @@ def run_echoes(mix, rate, seconds, *, burst=1):
 def test_echo_waits_for_one_frame_at_most(mix):
     answered, trips = run_echoes(mix, 10, 40)
     assert answered > 0.99
-    assert max(trips) <= 24.4 + 2.0
+    assert max(trips) <= 24.4 + 0.2
 
 
 def test_echo_on_a_saturated_line():

@@ -274,6 +274,30 @@ def test_error_text_leaves_stale_characters():
     assert text[ended + 1 :] == lost.frame.payload[ended + 1 : 25]
 
 
+def lose_gps(bench):
+    bench.aircraft.sensors.gps = bench.aircraft.sensors.gps.__class__(0, 0, 0.0, (0.0, 0.0, 0.0), 0, False, 0.0, 2)
+
+
+ERRORS = [
+    # what goes wrong, error code in NaviData
+    (lambda bench: None, 0),
+    (lambda bench: setattr(bench.aircraft.pilot, "rc_quality", 0), 7),
+    (lambda bench: bench.aircraft.faults.start("fc_reboot"), 3),
+    (lose_gps, 21),
+]
+
+
+@pytest.mark.parametrize(("spoil", "code"), ERRORS)
+def test_error_codes_reach_navidata_and_forbid_the_start(spoil, code):
+    bench = nc_bench()
+    spoil(bench)
+    bench.run(2.5)
+    heard = bench.ask(encode_frame(2, "o", b"\x00"), 2.5, 0.05) or bench.ask(encode_frame(2, "o", b"\x64"), 2.6, 0.05)
+    assert heard is not None
+    assert heard.frame.payload[69] == code
+    assert bench.board.flight.companion_error == code
+
+
 PAGES = [(0, 0), (1, 1), (15, 15), (16, 15), (64, 15), (255, 15)]
 
 

@@ -46,6 +46,7 @@ class FlightCtrl(BoardPort):
         is_fork: the public fork: its gas law, its commands x e r o, its endless debug stream.
         live: the parameter set in RAM.
         has_companion: a NaviCtrl is on its SPI bus.
+        booted_at: when the last boot is over [s]; before that it is silent on every bus.
         companion_error: error code the NaviCtrl reports; motors do not start while it is not 0.
         forced_heading: compass value a `K` frame brought [deg]; the NaviCtrl's next one replaces it.
     """
@@ -87,6 +88,7 @@ class FlightCtrl(BoardPort):
         self.has_companion = False
         self.companion_release = (0, 0, 0)
         self.companion_error = 0
+        self.booted_at = 0.0
         self._gas_law = gas_law
         self._rng = random.Random(f"{seed} fc")
         self._next_pass = self._rng.uniform(0.0, SHORT_PASS_S)
@@ -225,6 +227,7 @@ class FlightCtrl(BoardPort):
         self._out.cut(now)
         self.load(self.eeprom.active)
         self._begin(calibrated=False)
-        self.block(now + BOOT_S)
+        self.booted_at = now + BOOT_S
+        self.block(self.booted_at)
         banner = _BANNER.format(hardware="2.2", release=self.generation.label, neutral="ok")
         self._out.send(banner.encode("ascii"), now + 0.1)

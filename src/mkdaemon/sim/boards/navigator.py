@@ -96,11 +96,13 @@ class Navigator:
     @property
     def error_code(self) -> ErrorCode:
         """What is wrong, the gravest first."""
-        core = self.flight.core
-        if core.quality < RC_LOST:
+        flight = self.flight
+        if flight.now < flight.booted_at:
+            return ErrorCode.NO_FC
+        if flight.core.quality < RC_LOST:
             return ErrorCode.RC_LOST
-        if self._had_fix and not self.flight.aircraft.sensors.gps.has_fix:
-            return ErrorCode.GPS_LOST
+        if not flight.aircraft.sensors.gps.has_fix:
+            return ErrorCode.GPS_LOST if self._had_fix else ErrorCode.NO_GPS_FIX
         return ErrorCode.NONE
 
     def feed_watchdog(self, now: float) -> None:
