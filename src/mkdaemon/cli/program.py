@@ -61,6 +61,8 @@ def run(app: App, tokens: Sequence[str] | None = None) -> int:
         return _complain(app, error, EXIT_FAILURE)
     except KeyboardInterrupt:
         return EXIT_INTERRUPTED
+    except SystemExit as ended:
+        return ended.code if isinstance(ended.code, int) else EXIT_OK
     except BrokenPipeError:
         # Whoever read our output has gone; the interpreter must not try to flush to it again.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

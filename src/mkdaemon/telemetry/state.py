@@ -117,18 +117,29 @@ class Flight(Stamped):
     """What the aircraft is doing: `state/flight`."""
 
     motors_running: bool
+    """At least one motor turns by the FlightCtrl's will."""
     is_flying: bool
+    """The FlightCtrl counts itself as in the air."""
     is_calibrating: bool
+    """A pulse: sensors are being calibrated."""
     is_starting: bool
+    """A pulse: motors are being started."""
     emergency_landing: bool
+    """Receiver lost: emergency throttle, then motors off."""
     battery_low: bool
+    """The FlightCtrl's own alarm."""
     care_free: bool | None
     """Null where the firmware does not say."""
     altitude_control: bool | None
+    """The throttle stick commands climb, not thrust; null where the firmware does not say."""
     rc_failsafe: bool | None
+    """The receiver signals its own fail-safe; null where the firmware does not say."""
     waiting_for_takeoff: bool | None
+    """Null where the firmware does not say."""
     auto_starting: bool | None
+    """Null where the firmware does not say."""
     auto_landing: bool | None
+    """Null where the firmware does not say."""
     gps_mode: GpsMode
     """The switch the NaviCtrl follows."""
     manual_control: bool
@@ -136,6 +147,7 @@ class Flight(Stamped):
     range_limit: bool
     """The operating radius has been reached."""
     target_reached: bool
+    """Within the tolerance radius of the target."""
     serial_link_lost: bool
     """The NaviCtrl has not heard a command for 5 s."""
     error_code: int

@@ -1,0 +1,132 @@
+"""Encodings, schemas and the table of keys."""
+
+from __future__ import annotations
+
+import json
+
+import msgpack
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from mkdaemon.bus.codec import MAX_MAP_BYTES, decode_map, encode, encode_map, encoding_of, read_command, schema_name
+from mkdaemon.bus.keys import KEYS, Use, find, key, roots, suffix_of
+from mkdaemon.bus.schema import schema_json, schema_names
+from mkdaemon.errors import CommandRejectedError
+from mkdaemon.protocol.messages import EchoRequest, OsdData5
+from mkdaemon.service.keys_page import keys_page
+from mkdaemon.telemetry.command import LeaseRequest, RateRequest
+from mkdaemon.telemetry.link import LinkCondition, LinkState
+from mkdaemon.telemetry.setpoint import StickSetpoint
+from mkdaemon.telemetry.traffic import FrameSample
+
+STATE = LinkState(
+    condition=LinkCondition.UP, reason="", since_s=1, stamp_s=2, port="x", baud=57600, hears_board=True,
+    board_hears_us=False, boards=("nc",),
+)  # fmt: skip
+
+
+def test_models_become_maps_with_the_values_of_their_enums():
+    fields = msgpack.unpackb(encode(STATE))
+    assert fields == STATE.model_dump(mode="json")
+    sample = FrameSample(
+        t_monotonic=1, t_wall=2, sequence=3, board="nc", id="z", message="m", layout="1", fields=EchoRequest(pattern=9)
+    )
+    assert msgpack.unpackb(encode(sample))["fields"] == {"pattern": 9}
+    assert msgpack.unpackb(encode_map({"a": np.arange(3), "b": b"\0"})) == {"a": [0, 1, 2], "b": b"\0"}
+
+
+def test_encodings_name_schema_and_version():
+    assert encoding_of(LinkState) == "application/msgpack;mk.LinkState.v1"
+    assert schema_name(OsdData5) == "OsdData5.v1"
+
+
+@pytest.mark.parametrize(
+    "raw",
+    [
+        b"\xc1", b"\xff\xff", b"\x91" * 3000, b"\x81\xa1a", b"\x81\x01\x02", b"\x81\xa1\xff\x01", b"\x93\x01\x02\x03",
+        b"\xa3abc", b"\x80\x80", b"\x81\xa1a\x01" + b"x" * MAX_MAP_BYTES,
+    ],
+)  # fmt: skip
+def test_what_is_no_map_is_refused_as_malformed(raw):
+    with pytest.raises(CommandRejectedError) as caught:
+        decode_map(raw)
+    assert caught.value.token == "malformed"
+
+
+@given(st.binary(max_size=200))
+def test_no_bytes_at_all_break_the_reader(raw):
+    try:
+        fields = decode_map(raw)
+    except CommandRejectedError as error:
+        assert error.token == "malformed"
+    else:
+        assert isinstance(fields, dict)
+
+
+def test_nothing_is_an_empty_map():
+    assert decode_map(b"") == {}
+
+
+GOOD = {"epoch": 1, "sequence": 2, "ttl": 0.3, "pitch": 0, "roll": 1.5, "yaw": 0.0, "throttle": -127}
+
+
+def test_integers_do_where_floats_are_meant():
+    assert read_command(StickSetpoint, msgpack.packb(GOOD)).throttle == -127.0
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"pitch": float("nan")}, {"pitch": float("inf")}, {"pitch": 127.1}, {"throttle": -128}, {"ttl": 0},
+        {"ttl": 1.1}, {"epoch": -1}, {"epoch": 1.0}, {"epoch": "1"}, {"sequence": True}, {"extra": 1}, {"yaw": None},
+    ],
+)  # fmt: skip
+def test_setpoints_out_of_range_are_refused(change):
+    with pytest.raises(CommandRejectedError) as caught:
+        read_command(StickSetpoint, msgpack.packb(GOOD | change))
+    assert caught.value.token == "bad_field"
+    assert next(iter(change)) in caught.value.reason
+
+
+def test_commands_take_no_unknown_action():
+    with pytest.raises(CommandRejectedError, match="action"):
+        read_command(LeaseRequest, msgpack.packb({"action": "steal"}))
+    assert read_command(RateRequest, b"").stream is None
+
+
+def test_keys_are_found_by_their_suffix():
+    assert find("state/attitude").carries.__name__ == "Attitude"
+    assert find("rx/nc/osd").carries is FrameSample
+    assert find("rx/nc") is None
+    assert find("state/attitude/more") is None
+    assert key("m1", "health") == "mk/m1/health"
+    assert suffix_of("m1", "mk/m1/state/gps") == "state/gps"
+    with pytest.raises(ValueError, match="no key of vehicle"):
+        suffix_of("m1", "mk/m2/state/gps")
+    assert "health" in roots(Use.PUBLISHED)
+    assert len({spec.suffix for spec in KEYS}) == len(KEYS)
+
+
+def test_no_chunk_hides_from_wildcards():
+    assert not any(chunk.startswith("@") for spec in KEYS for chunk in spec.suffix.split("/"))
+
+
+@pytest.mark.parametrize("spec", [spec for spec in KEYS if spec.carries], ids=lambda spec: spec.suffix)
+def test_every_payload_has_a_schema_and_every_field_is_described(spec):
+    schema = json.loads(schema_json(schema_name(spec.carries)))
+    assert schema["properties"]
+    undescribed = [name for name, info in spec.carries.model_fields.items() if not info.description]
+    assert undescribed == []
+
+
+def test_unknown_schemas_are_none():
+    assert schema_json("Nonsense.v1") is None
+    assert "OsdData5.v1" in schema_names()
+
+
+def test_the_page_of_keys_names_every_key_and_every_refusal():
+    page = keys_page()
+    assert all(f"`{spec.suffix}`" in page for spec in KEYS)
+    assert "| `lease_held` |" in page

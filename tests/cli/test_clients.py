@@ -1,0 +1,138 @@
+"""The daemon's clients, as a user types them, against a whole daemon on the simulated boards."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import os
+import sys
+from contextlib import asynccontextmanager
+
+import pytest
+
+from mkdaemon.cli.rate import read_interval
+from mkdaemon.errors import ConfigError
+from tests.daemon.cockpit import PATIENCE, cockpit
+
+pytestmark = pytest.mark.flight
+
+
+class Shell:
+    """Runs `mkctl` against one daemon."""
+
+    def __init__(self, endpoint):
+        self._environment = os.environ | {"MK_CONNECT": endpoint, "MK_VEHICLE": "cockpit", "COLUMNS": "200"}
+
+    async def __call__(self, *arguments):
+        """Exit code, output, errors."""
+        process = await asyncio.create_subprocess_exec(
+            sys.executable, "-m", "mkdaemon.cli.app", *arguments,
+            stdout=asyncio.subprocess.PIPE, stderr=asyncio.subprocess.PIPE, env=self._environment,
+        )  # fmt: skip
+        async with asyncio.timeout(PATIENCE):
+            out, err = await process.communicate()
+        assert b"Traceback" not in err
+        return process.returncode, out.decode(), err.decode()
+
+
+@asynccontextmanager
+async def held(flown):
+    """A lease somebody else holds and keeps renewing."""
+    async with flown.client() as client:
+        take = {"action": "take", "holder": "somebody", "force": True}
+        epoch = (await client.command("do", "lease", take)).require()["epoch"]
+
+        async def renew():
+            while True:
+                await client.command("do", "lease", {"action": "renew", "epoch": epoch})
+                await asyncio.sleep(0.5)
+
+        renewing = asyncio.create_task(renew())
+        try:
+            yield epoch
+        finally:
+            renewing.cancel()
+
+
+async def test_a_first_look_around():
+    async with cockpit(board="nc", fc="2.12a") as flown:
+        mkctl = Shell(flown.endpoint)
+        await flown.until(lambda: flown.values("state/position") and flown.values("health"))
+        code, out, _ = await mkctl("status")
+        assert code == 0
+        for word in ("alive", "motors stopped", "nc 0.24", "up:", "free", "battery", "satellites"):
+            assert word in out
+        code, out, _ = await mkctl("status", "--json")
+        assert json.loads(out)["health"]["is_alive"] is True
+        code, out, _ = await mkctl("get", "rx/nc/osd", "state/battery")
+        assert code == 0
+        assert "rx/nc/osd" in out
+        assert "voltage=" in out
+        assert "s ago" in out
+        code, out, _ = await mkctl("get", "state/*", "--json")
+        assert {json.loads(line)["key"] for line in out.splitlines()} >= {"state/battery", "state/attitude"}
+        code, out, _ = await mkctl("watch", "state/attitude", "--count", "3", "--json")
+        assert [json.loads(line)["key"] for line in out.splitlines()] == ["state/attitude"] * 3
+        code, out, _ = await mkctl("health")
+        assert "link test" in out
+        code, out, err = await mkctl("rate", "osd", "250ms")
+        assert (code, "osd             250 ms" in out) == (0, True), out + err
+        code, _, err = await mkctl("rate", "osd", "10ms")
+        assert code == 1
+        assert "line_budget" in err
+        assert "% of the line" in err
+
+
+async def test_flying_by_hand_from_the_command_line():
+    async with cockpit() as flown:
+        mkctl = Shell(flown.endpoint)
+        code, out, _ = await mkctl("lease", "show")
+        assert (code, out.strip()) == (0, "nobody holds the lease")
+        code, out, _ = await mkctl("lease", "take", "--holder", "tester", "--json")
+        assert (code, json.loads(out)["holder"]) == (0, "tester")
+        async with held(flown) as epoch:
+            code, _, err = await mkctl("lease", "take", "--holder", "other")
+            assert (code, err.startswith("mkctl: lease_held: somebody holds the lease")) == (1, True)
+            assert "--force" in err
+            code, out, _ = await mkctl("lease", "release", str(epoch))
+            assert code == 0
+        await flown.until_phase("free")
+        code, out, err = await mkctl("stick", "--throttle", "5", "--pitch", "-12", "--seconds", "0.5", "--json")
+        assert code == 0, err
+        assert json.loads(out)["last_output"]["pitch"] == -12
+        await flown.until_phase("free")
+        code, out, _ = await mkctl("release")
+        assert code == 0
+        assert "the FlightCtrl confirmed it" in out
+
+
+async def test_mistakes_are_one_line():
+    async with cockpit() as flown:
+        mkctl = Shell(flown.endpoint)
+        for arguments, words in (
+            (("get", "state/nothing"), "no value for state/nothing"),
+            (("get", "a//b"), "no key"),
+            (("status", "--vehicle", "other"), "there is cockpit: use --vehicle"),
+            (("status", "--connect", "tcp/127.0.0.1:1"), "nobody answers"),
+            (("rate", "osd"), "which interval"),
+            (("rate", "osd", "soon"), "'soon' is no interval"),
+            (("rate", "sod", "100ms"), "no stream"),
+            (("lease", "release", "5"), "not_leased"),
+        ):
+            code, _, err = await mkctl(*arguments)
+            assert code in {1, 2}
+            assert words in err
+            assert len(err.strip().splitlines()) == 1
+
+
+@pytest.mark.parametrize(
+    ("text", "seconds"), [("100ms", 0.1), ("100", 0.1), ("0.1s", 0.1), ("10Hz", 0.1), ("off", 0.0), ("0", 0.0)]
+)
+def test_intervals_in_the_units_people_write(text, seconds):
+    assert read_interval(text) == pytest.approx(seconds)
+
+
+@pytest.mark.parametrize("text", ["", "fast", "-5ms", "1 m"])
+def test_intervals_that_are_none(text):
+    with pytest.raises(ConfigError, match="no interval"):
+        read_interval(text)

@@ -1,0 +1,253 @@
+"""Wire messages to SI: signs, units and sources, on recorded frames and on frames made for the purpose."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+
+import pytest
+
+from mkdaemon.frames import euler_from_rotation, rotation_from_quaternion
+from mkdaemon.protocol.flags import FlightStatus, FlightStatus2, NaviStatus, OsdStatus2
+from mkdaemon.protocol.framing import Frame, FrameDecoder
+from mkdaemon.protocol.messages import (
+    AttitudeDataFc210,
+    AttitudeDataNc,
+    DebugDataFc,
+    DebugDataNc,
+    EchoRequest,
+    OsdData5,
+)
+from mkdaemon.protocol.messages.osdsets import (
+    OsdDeviation,
+    OsdFlags,
+    OsdHome,
+    OsdTarget,
+    OsdTiny,
+    OsdVolatile,
+    OsdWaypoint,
+)
+from mkdaemon.protocol.wire import MessageDecoder, board_at
+from mkdaemon.telemetry.state import GpsMode
+from mkdaemon.translate import StateTranslator
+from mkdaemon.translate.state import COARSE_AFTER, motors_running
+
+EXCERPT = Path(__file__).resolve().parents[1] / "data" / "captures" / "nc_mixed_60s.jsonl"
+
+
+def blank(cls, **fields):
+    """A message of zeros with some fields set."""
+    return cls.decode(bytes(cls.spec.size)).model_copy(update=fields)
+
+
+def states(message, board="nc", t=1.0, translator=None):
+    return dict((translator or StateTranslator()).states(board, message, t, t + 1e9))
+
+
+@pytest.mark.parametrize("cls", [AttitudeDataNc, AttitudeDataFc210])
+@pytest.mark.parametrize(
+    ("wire", "axis", "expected"),
+    [
+        ({"pitch": 100}, "pitch", math.radians(10)),  # the firmware's pitch: nose down positive, like ours
+        ({"roll": 100}, "roll", math.radians(-10)),  # its roll: LEFT side down positive, unlike ours
+        ({"heading": 0}, "yaw", math.pi / 2),  # north
+        ({"heading": 900}, "yaw", 0.0),  # east
+        ({"heading": 1800}, "yaw", -math.pi / 2),
+        ({"heading": 3590}, "yaw", math.radians(91)),  # one degree west of north
+    ],
+)
+def test_attitude_has_our_signs(cls, wire, axis, expected):
+    board = cls.spec.boards[0].word
+    value = states(blank(cls, **wire), board)["state/attitude"]
+    assert getattr(value, axis) == pytest.approx(expected)
+    roll, pitch, yaw = euler_from_rotation(rotation_from_quaternion(value.quaternion))
+    assert (roll, pitch, yaw) == pytest.approx((value.roll, value.pitch, value.yaw))
+    assert (value.t_monotonic, value.t_wall, value.source) == (1.0, 1.0 + 1e9, f"{board}/attitude")
+
+
+def test_nose_down_points_forward_below_the_horizon_and_right_side_down_points_right_below_it():
+    value = states(blank(AttitudeDataNc, pitch=200, heading=900))["state/attitude"]
+    forward = rotation_from_quaternion(value.quaternion) @ (1.0, 0.0, 0.0)
+    assert forward[2] < -0.3
+    value = states(blank(AttitudeDataNc, roll=-200, heading=900))["state/attitude"]
+    left = rotation_from_quaternion(value.quaternion) @ (0.0, 1.0, 0.0)
+    assert left[2] > 0.3
+
+
+OSD = {
+    "version": 5,
+    "position_longitude": -712699574,
+    "position_latitude": 424602680,
+    "position_altitude": 118654,
+    "position_status": 1,
+    "home_longitude": -712699574,
+    "home_latitude": 424602680 - 9000,
+    "home_status": 1,
+    "home_distance": 999,
+    "altimeter": 372,
+    "battery": 162,
+    "current": 239,
+    "used_capacity": 426,
+    "satellites": 9,
+    "ground_speed": 300,
+    "course": 90,
+    "vertical_speed": 24,
+    "rc_quality": 193,
+    "flying_time": 61,
+}
+
+
+def test_position_velocity_battery_in_si():
+    found = states(blank(OsdData5, **OSD))
+    position, velocity, battery = found["state/position"], found["state/velocity"], found["state/battery"]
+    assert (position.latitude, position.longitude) == pytest.approx((42.460268, -71.2699574))
+    assert (position.altitude, position.altitude_above_start) == pytest.approx((118.654, 18.6))
+    east, north, up = position.position_enu
+    assert east == pytest.approx(0.0, abs=1e-6)
+    assert north == pytest.approx(99.96, abs=0.1)  # 0.0009 degrees of latitude
+    assert up == pytest.approx(18.6)
+    assert position.home_distance == pytest.approx(99.9)
+    assert velocity.velocity_enu == pytest.approx((3.0, 0.0, 0.24), abs=1e-9)  # course 90 is east
+    assert (velocity.ground_speed, velocity.climb_rate, velocity.course) == pytest.approx((3.0, 0.24, 0.0))
+    assert (battery.voltage, battery.current, battery.used_mah) == pytest.approx((16.2, 23.9, 426.0))
+    assert found["state/gps"].satellites == 9
+    assert found["state/pilot"].rc_quality == pytest.approx(0.965)
+
+
+def test_no_position_is_published_while_it_is_not_valid():
+    found = states(blank(OsdData5, **OSD | {"position_status": 0}))
+    assert "state/position" not in found
+    assert "state/velocity" not in found
+    assert found["state/gps"].fix == "none"
+    without_home = states(blank(OsdData5, **OSD | {"home_status": 0}))["state/position"]
+    assert (without_home.position_enu, without_home.home_latitude, without_home.home_distance) == (None, None, None)
+
+
+FLIGHT_FLAGS = [
+    ("fc_flags", FlightStatus.MOTORS_RUNNING, "motors_running"),
+    ("fc_flags", FlightStatus.FLYING, "is_flying"),
+    ("fc_flags", FlightStatus.CALIBRATING, "is_calibrating"),
+    ("fc_flags", FlightStatus.STARTING, "is_starting"),
+    ("fc_flags", FlightStatus.EMERGENCY_LANDING, "emergency_landing"),
+    ("fc_flags", FlightStatus.LOW_BATTERY, "battery_low"),
+    ("fc_flags_2", FlightStatus2.CARE_FREE, "care_free"),
+    ("fc_flags_2", FlightStatus2.ALTITUDE_CONTROL, "altitude_control"),
+    ("fc_flags_2", FlightStatus2.RC_FAILSAFE, "rc_failsafe"),
+    ("fc_flags_2", FlightStatus2.WAITING_FOR_TAKEOFF, "waiting_for_takeoff"),
+    ("fc_flags_2", FlightStatus2.AUTO_STARTING, "auto_starting"),
+    ("fc_flags_2", FlightStatus2.AUTO_LANDING, "auto_landing"),
+    ("nc_flags", NaviStatus.MANUAL_CONTROL, "manual_control"),
+    ("nc_flags", NaviStatus.RANGE_LIMIT, "range_limit"),
+    ("nc_flags", NaviStatus.TARGET_REACHED, "target_reached"),
+    ("nc_flags", NaviStatus.NO_SERIAL_LINK, "serial_link_lost"),
+]
+
+
+@pytest.mark.parametrize(("field", "flag", "name"), FLIGHT_FLAGS, ids=lambda value: str(value))
+def test_each_flag_is_its_own_boolean_and_no_other(field, flag, name):
+    off, on = (states(blank(OsdData5, version=5, **{field: value}))["state/flight"] for value in (type(flag)(0), flag))
+    changed = {key for key, value in off.model_dump().items() if on.model_dump()[key] != value}
+    assert changed == {name}
+    assert getattr(on, name) is True
+
+
+def test_gps_mode_and_error_come_with_their_words():
+    for flag, mode in (
+        (NaviStatus.FREE, GpsMode.FREE),
+        (NaviStatus.POSITION_HOLD, GpsMode.HOLD),
+        (NaviStatus.COMING_HOME, GpsMode.COME_HOME),
+        (NaviStatus(0), GpsMode.UNKNOWN),
+    ):
+        assert states(blank(OsdData5, version=5, nc_flags=flag))["state/flight"].gps_mode == mode
+    flight = states(blank(OsdData5, version=5, error_code=7))["state/flight"]
+    assert (flight.error_code, bool(flight.error)) == (7, True)
+    assert states(blank(OsdData5, version=5))["state/flight"].error == ""
+
+
+def test_coarse_attitude_stands_in_only_while_there_is_no_better():
+    translator = StateTranslator()
+    osd = blank(OsdData5, version=5, pitch=10, roll=10, heading=90)
+    coarse = states(osd, t=0.0, translator=translator)["state/attitude"]
+    assert (coarse.pitch, coarse.roll) == pytest.approx((math.radians(10), math.radians(-10)))
+    states(blank(AttitudeDataNc), t=1.0, translator=translator)
+    assert "state/attitude" not in states(osd, t=1.0 + COARSE_AFTER, translator=translator)
+    assert "state/attitude" in states(osd, t=1.01 + COARSE_AFTER, translator=translator)
+
+
+def test_a_flightctrl_alone_tells_battery_receiver_and_motors():
+    channels = [0] * 32
+    channels[9], channels[10], channels[22], channels[23] = 148, 200, 35, 120
+    found = states(blank(DebugDataFc, analog=tuple(channels)), "fc")
+    assert found["state/battery"].voltage == pytest.approx(14.8)
+    assert (found["state/battery"].current, found["state/battery"].used_mah) == pytest.approx((3.5, 120.0))
+    assert found["state/pilot"].rc_quality == 1.0
+    assert motors_running("fc", blank(DebugDataFc, analog=tuple(channels))) is False
+    channels[13] = 17
+    assert motors_running("fc", blank(DebugDataFc, analog=tuple(channels))) is True
+    assert motors_running("mag", blank(DebugDataFc, analog=tuple(channels))) is None
+    assert states(blank(DebugDataFc, analog=tuple(channels)), "mag") == {}
+
+
+def test_messages_that_say_nothing_about_the_aircraft_say_nothing():
+    assert states(EchoRequest(pattern=1)) == {}
+    assert states(blank(DebugDataNc)) == {}
+    assert motors_running("nc", blank(DebugDataNc)) is None
+
+
+# -- data sets of newer NaviCtrls ----------------------------------------------------------------------------------
+
+
+def test_the_data_sets_together_tell_what_one_message_did():
+    translator = StateTranslator()
+    place = {"latitude": 424602680, "longitude": -712699574, "altimeter": 372}
+
+    def tell(cls, **fields):
+        index = next(iter(cls.spec.marker))
+        return states(blank(cls, **place | {"index": index} | fields), translator=translator)
+
+    assert tell(OsdTiny)["state/position"].position_enu is None
+    tell(OsdHome, home_latitude=424602680, home_longitude=-712699574 + 10_000)
+    position = tell(OsdTiny)["state/position"]
+    assert position.position_enu[0] < -80
+    assert position.position_enu[2] == pytest.approx(18.6)
+    assert position.altitude is None
+    assert "state/attitude" not in tell(OsdDeviation, pitch=10, roll=10, satellites=8, home_distance=50)
+    battery = tell(OsdVolatile, battery=162, current=239, used_capacity=426, heading=45)["state/battery"]
+    assert battery.voltage == pytest.approx(16.2)
+    attitude = tell(OsdDeviation, pitch=10, roll=10, satellites=8, home_distance=50)["state/attitude"]
+    assert (attitude.roll, attitude.yaw) == pytest.approx((math.radians(-10), 0.0), abs=1e-9)
+    tell(OsdWaypoint, waypoint_index=2, waypoint_count=4)
+    found = tell(OsdFlags, status_2=OsdStatus2.MOTORS_RUNNING | OsdStatus2.FLYING, nc_flags=NaviStatus.GPS_OK)
+    flight, gps = found["state/flight"], found["state/gps"]
+    assert (flight.motors_running, flight.is_flying, flight.waypoint_index) == (True, True, 2)
+    assert (gps.satellites, gps.is_usable, gps.is_home_set) == (8, True, True)
+    assert tell(OsdTiny)["state/position"].home_distance == pytest.approx(5.0)
+    assert tell(OsdTarget, rc_quality=100)["state/pilot"].has_signal is True
+
+
+def test_data_sets_without_a_position_publish_none():
+    assert "state/position" not in states(blank(OsdTiny, index=10))
+
+
+# -- recorded ------------------------------------------------------------------------------------------------------
+
+
+def test_recorded_frames_make_a_consistent_aircraft():
+    framing, messages, translator = FrameDecoder(), MessageDecoder(), StateTranslator()
+    found: dict[str, list] = {}
+    for line in EXCERPT.read_text(encoding="utf-8").splitlines():
+        chunk = json.loads(line)
+        if chunk.get("dir") != "rx":
+            continue
+        for frame in framing.feed(bytes.fromhex(chunk["hex"])):
+            assert isinstance(frame, Frame)
+            board = board_at(frame.address)
+            for suffix, value in translator.states(board.word, messages.decode(frame), chunk["t"], chunk["t"]):
+                found.setdefault(suffix, []).append(value)
+    assert {"state/attitude", "state/position", "state/battery", "state/flight"} <= set(found)
+    for position in found["state/position"]:
+        assert (position.latitude, position.longitude) == pytest.approx((42.46, -71.27), abs=0.001)
+        east, north, _ = position.position_enu
+        assert math.hypot(east, north) == pytest.approx(position.home_distance, abs=0.15, rel=0.01)
+    assert all(10 < battery.voltage < 20 for battery in found["state/battery"])
