@@ -68,7 +68,7 @@ class EdgeModel:
     side: npt.NDArray[np.intp]
 
     @classmethod
-    def of(cls, target: Target, per_cell: int = 2) -> EdgeModel:
+    def of(cls, target: Target, per_cell: int = 3) -> EdgeModel:
         """Sample every visible edge of a target `per_cell` times a cell."""
         parts = [_tag_edges(tag, per_cell) for tag in target.tags]
         points = np.concatenate([tag.place(part[0]) for tag, part in zip(target.tags, parts, strict=True)])

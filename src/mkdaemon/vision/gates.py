@@ -29,6 +29,9 @@ BLIND_RMS_PX = 0.5
 MAX_POSITION_SD = (0.015, 0.004)
 """Largest standard deviation that is published: metres, plus this share of the range."""
 
+BLIND_GREY_RMS_PX = 0.15
+"""The same for photometric fits, in pixels of edge shift: motion blur, which they do not model, shows here [px]."""
+
 
 class BitModel:
     """The cells of a target, to be compared with an image."""
@@ -122,8 +125,8 @@ def fit_fault(pose: Pose, cfg: TrackerSection) -> str:
 
 def certainty_fault(pose: Pose, *, has_attitude: bool) -> str:
     """Refuse poses whose own covariance or residual says they may be wrong; empty when certain enough."""
-    if not has_attitude and pose.source == "edges":
-        if pose.rms_px > BLIND_RMS_PX:
+    if not has_attitude and pose.source != "corners":
+        if pose.rms_px > (BLIND_RMS_PX if pose.source == "edges" else BLIND_GREY_RMS_PX):
             return "residual"
         if pose.inliers < BLIND_INLIERS:
             return "inliers"
@@ -136,7 +139,7 @@ def certainty_fault(pose: Pose, *, has_attitude: bool) -> str:
     return ""
 
 
-def innovation_fault(pose: Pose, predicted: Pose, age: float, has_attitude: bool) -> str:
+def innovation_fault(pose: Pose, predicted: Pose, age: float, *, has_attitude: bool, has_velocity: bool) -> str:
     """Compare a pose with the track's prediction.
 
     Args:
@@ -144,11 +147,16 @@ def innovation_fault(pose: Pose, predicted: Pose, age: float, has_attitude: bool
         predicted: by the track.
         age: time since the track's last pose [s].
         has_attitude: whether the prediction used the vehicle's attitude.
+        has_velocity: whether it used a velocity.
     """
     # Without attitude a shaken camera turns by degrees between images; with it only the gyro error is left.
-    angle = np.radians(6.0 if has_attitude else 14.0) + np.radians(60.0) * age
+    angle = np.radians(6.0 if has_attitude else 8.0) + np.radians(60.0) * age
     if angle_between(pose.rotation, predicted.rotation) > angle:
         return "rotation_jump"
+    # Shaking does not change the range; 1 m/s is what 30 m/s^2 add between two images.
+    speed = 1.0 if has_velocity else 6.0
+    if abs(pose.range_m - predicted.range_m) > 0.01 * predicted.range_m + speed * age:
+        return "range_jump"
     centre = pose.rotation.T @ pose.position - predicted.rotation.T @ predicted.position
     reach = 0.05 * predicted.range_m + 4.0 * age + 0.35 * angle * predicted.range_m
     return "position_jump" if float(np.linalg.norm(centre)) > reach else ""

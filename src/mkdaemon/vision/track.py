@@ -37,6 +37,7 @@ class Track:
         misses: images since the last accepted pose.
         decoded_at: when one of its tags was last decoded [s].
         tried_at: when decoding was last tried [s].
+        usual_rms: residual of the poses so far, slowly following [px]; none before the first.
         in_doubt: the poses remembered may be mirrored; they are good for following, not for deciding.
         image: pixels of the last accepted pose, for optical flow.
     """
@@ -44,6 +45,7 @@ class Track:
     misses: int = 0
     decoded_at: float = -np.inf
     tried_at: float = -np.inf
+    usual_rms: float | None = None
     in_doubt: bool = False
     image: npt.NDArray[np.uint8] | None = None
     _moments: list[_Moment] = field(default_factory=list)
@@ -71,6 +73,9 @@ class Track:
     def accept(self, time: float, pose: Pose, enu_from_flu: Array | None, image: npt.NDArray[np.uint8]) -> None:
         """Remember a pose and the image it came from."""
         self.image = image
+        if pose.source == "edges":
+            known = self.usual_rms if self.usual_rms is not None else pose.rms_px
+            self.usual_rms = known + 0.2 * (pose.rms_px - known)
         if self.misses > 2 or (self._moments and not 0 < time - self._moments[-1].time < FORGET_VELOCITY):
             self._moments.clear()
         self._moments = [*self._moments[-1:], _Moment(time, pose, enu_from_flu)]
@@ -81,6 +86,7 @@ class Track:
         self._moments.clear()
         self.image = None
         self.in_doubt = False
+        self.usual_rms = None
         self.misses = 0
         self.decoded_at = -np.inf
 

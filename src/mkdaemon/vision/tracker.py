@@ -49,6 +49,8 @@ IMAGE_DECIDES_PX = 24.0
 """Cells from this size on show perspective; without attitude, smaller ones are checked for the mirrored pose [px]."""
 BLURRED_PX = 3.5
 """Width of an edge from which perspective drowns in blur [px]."""
+ODD_RMS = 1.7
+"""Residual over its usual value from which a small tag is not believed without attitude."""
 HARMLESS = float(np.radians(2.0))
 """Rivals this close are published as one pose with the doubt in its covariance [rad]."""
 SMALL_TILT = float(np.radians(1.5))
@@ -207,7 +209,9 @@ class Tracker:
             fault = "" if settled is pose else self._hard_fault(frame, name, settled, predicted)
             if not fault:
                 fused = self._fused(frame, name, settled)
-                return fused, certainty_fault(fused, has_attitude=self._tilt(frame, name, settled) is not None)
+                seen = self._tilt(frame, name, settled) is not None
+                odd = "" if seen else self._residual_fault(name, fused)
+                return fused, odd or certainty_fault(fused, has_attitude=seen)
         level = self._level(frame, name)
         if level is not None:
             # A free fit may follow something lying over the target: hold the tilt and try again.
@@ -216,6 +220,13 @@ class Tracker:
                 return held, certainty_fault(held, has_attitude=True)
         frame.refused[name] = fault
         return None
+
+    def _residual_fault(self, name: str, pose: Pose) -> str:
+        """A small tag that suddenly fits much worse than before has slipped into a wrong place that looks alike."""
+        usual = self._tracks[name].usual_rms
+        cell_px = self._fitters[name].side_px(pose) / self._targets[name].tags[0].family.black_cells
+        odd = usual is not None and pose.source == "edges" and pose.rms_px > ODD_RMS * usual + 0.01
+        return "residual" if odd and cell_px < IMAGE_DECIDES_PX / 2 else ""
 
     def _level(self, frame: _Frame, name: str) -> Level | None:
         if frame.enu_from_flu is None or self._mounting is None or not self._targets[name].level:
@@ -276,8 +287,10 @@ class Tracker:
         if tilt is not None and tilt > self._tilt_gate(pose):
             return "attitude"
         if predicted is not None:
-            age = frame.image.captured_at - self._tracks[name].last_time
-            return innovation_fault(pose, predicted, age, frame.enu_from_flu is not None)
+            track = self._tracks[name]
+            age = frame.image.captured_at - track.last_time
+            has_attitude = frame.enu_from_flu is not None
+            return innovation_fault(pose, predicted, age, has_attitude=has_attitude, has_velocity=track.has_velocity)
         return ""
 
     def _tilt(self, frame: _Frame, name: str, pose: Pose) -> float | None:

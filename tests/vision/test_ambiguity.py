@@ -1,0 +1,91 @@
+"""Which candidate is believed, and when none is."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from mkdaemon.vision.ambiguity import choose, log_odds
+from mkdaemon.vision.attitude import LOOKING_DOWN, AttitudeHistory, AttitudeSample, fuse_level, tilt_error
+from mkdaemon.vision.pose import Pose, turn
+from tests.vision.views import angle_deg
+
+DOWN = np.diag([1.0, -1.0, -1.0])
+"""A target straight under a camera that looks down."""
+
+
+def tilted(degrees: float, loss: float, points: int = 200) -> Pose:
+    rotation = turn(DOWN, np.radians([degrees, 0, 0]))
+    return Pose(rotation, np.array([0.1, 0.0, 3.0]), np.eye(6) * 1e-4, "edges", points, np.sqrt(loss), loss=loss)
+
+
+@pytest.mark.parametrize(
+    ("candidates", "options", "expected"),
+    [
+        ([], {}, None),
+        ([tilted(10, 0.01)], {}, (0, "unique")),
+        ([tilted(10, 0.01), tilted(10.3, 0.02)], {}, (0, "unique")),  # the same pose from two starts
+        ([tilted(10, 0.01), tilted(-10, 0.09)], {}, (0, "image")),
+        ([tilted(-10, 0.09), tilted(10, 0.01)], {}, (1, "image")),
+        ([tilted(10, 0.01), tilted(-10, 0.012)], {}, None),  # ratio 1.1: refused
+        ([tilted(10, 0.01, 20), tilted(-10, 0.09, 20)], {}, None),  # too few samples to believe a ratio
+        ([tilted(10, 0.01), tilted(-10, 0.0101)], {"predicted": tilted(-9, 1).rotation}, (1, "track")),
+        ([tilted(10, 0.01), tilted(-10, 0.03)], {"predicted": tilted(-9, 1).rotation}, None),  # track against image
+        ([tilted(10, 0.01), tilted(-10, 0.0101)], {"predicted": tilted(1, 1).rotation}, None),
+        ([tilted(10, 0.01), tilted(-10, 0.0101)], {"tilt_errors": [0.3, 0.01], "tilt_gate": 0.06}, (1, "attitude")),
+        ([tilted(10, 0.01), tilted(-10, 0.09)], {"tilt_errors": [0.3, 0.2], "tilt_gate": 0.06}, None),
+        ([tilted(10, 0.01)], {"tilt_errors": [0.3], "tilt_gate": 0.06}, None),
+    ],
+)
+def test_choice(candidates, options, expected):
+    choice = choose(candidates, min_ratio=2.0, **options)
+    if expected is None:
+        assert choice is None
+        return
+    assert choice is not None
+    assert choice.pose is candidates[expected[0]]
+    assert choice.decided_by == expected[1]
+
+
+def test_odds_grow_with_samples_and_ratio():
+    assert log_odds(tilted(0, 0.01, 400), tilted(9, 0.02, 400)) > log_odds(tilted(0, 0.01), tilted(9, 0.02))
+    assert log_odds(tilted(0, 0.01), tilted(9, 0.01)) == 0.0
+
+
+def test_tilt_error_sees_roll_and_pitch_and_no_yaw():
+    level = AttitudeHistory([AttitudeSample(0.0, 0.0, 0.0, 1.2)]).at(0.0, 0.1)
+    assert tilt_error(DOWN, LOOKING_DOWN, level) == pytest.approx(0.0, abs=1e-9)
+    rolled = AttitudeHistory([AttitudeSample(0.0, 0.1, 0.0, -2.0)]).at(0.0, 0.1)
+    assert tilt_error(DOWN, LOOKING_DOWN, rolled) == pytest.approx(0.1)
+    pitched = AttitudeHistory([AttitudeSample(0.0, 0.0, -0.2, 0.4)]).at(0.0, 0.1)
+    assert tilt_error(DOWN, LOOKING_DOWN, pitched) == pytest.approx(0.2)
+    # A camera that hangs with the vehicle sees a level target tilted by as much.
+    cam_from_target = LOOKING_DOWN.flu_from_cam.T @ rolled.T
+    assert tilt_error(cam_from_target, LOOKING_DOWN, rolled) == pytest.approx(0.0, abs=1e-9)
+
+
+def test_attitude_is_interpolated_and_not_made_up():
+    history = AttitudeHistory([AttitudeSample(1.0, 0.0, 0.0, 3.1), AttitudeSample(1.1, 0.1, 0.0, -3.1)])
+    middle = history.at(1.05, 0.25)
+    edge = history.at(1.0, 0.25)
+    assert angle_deg(middle, edge) == pytest.approx(np.degrees(np.hypot(0.05, (2 * np.pi - 6.2) / 2)), abs=0.1)
+    assert history.at(2.0, 0.25) is None
+    assert np.allclose(history.at(1.2, 0.25), history.at(1.1, 0.25))
+    assert AttitudeHistory([]).at(0.0, 1.0) is None
+    gap = AttitudeHistory([AttitudeSample(0.0, 0, 0, 0), AttitudeSample(10.0, 1, 0, 0)])
+    assert gap.at(5.0, 0.25) is None
+
+
+def test_fusing_level_moves_an_uncertain_tilt_and_leaves_a_certain_one():
+    level = np.eye(3)
+    pose = tilted(4.0, 0.01)
+    vague = Pose(pose.rotation, pose.position, np.diag([1e-6] * 3 + [0.01] * 3), "edges", 99, 0.1)
+    sharp = Pose(pose.rotation, pose.position, np.diag([1e-6] * 3 + [1e-8] * 3), "edges", 99, 0.1)
+    after = fuse_level(vague, LOOKING_DOWN, level, np.radians(1.0))
+    assert np.degrees(tilt_error(after.rotation, LOOKING_DOWN, level)) < 0.3
+    assert after.covariance[3, 3] < vague.covariance[3, 3]
+    # Yaw, the turn about the normal, is not known any better.
+    normal = after.rotation[:, 2]
+    assert normal @ after.covariance[3:, 3:] @ normal == pytest.approx(0.01, rel=0.02)
+    kept = fuse_level(sharp, LOOKING_DOWN, level, np.radians(1.0))
+    assert angle_deg(kept.rotation, sharp.rotation) < 0.01

@@ -1,0 +1,183 @@
+"""The tracker on rendered images: what is published is true, and what is refused has a reason."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import lru_cache
+
+import numpy as np
+import pytest
+
+from mkdaemon.bench.vision_flight import VGA, fly
+from mkdaemon.frames import euler_from_rotation
+from mkdaemon.sim.scene import Scene, SceneTarget, cam_from_target
+from mkdaemon.sim.scene_light import Conditions
+from mkdaemon.sim.scene_motion import Platform
+from mkdaemon.vision.attitude import LOOKING_DOWN, AttitudeHistory, AttitudeSample
+from mkdaemon.vision.image import CameraImage
+from mkdaemon.vision.pose import FLOOR_ANGLE, FLOOR_RANGE
+from mkdaemon.vision.tagmap import TagMap, load
+from mkdaemon.vision.tracker import Tracker
+from tests.vision.views import CONFIGS, View, angle_deg, place, shipped
+
+
+@lru_cache(maxsize=1)
+def flight(seed: int):
+    return tuple(fly(shipped("nested"), seed, seconds=1.3))
+
+
+def attitude_of(view) -> AttitudeHistory:
+    rpy = euler_from_rotation(view.view.enu_from_cam @ LOOKING_DOWN.flu_from_cam.T)
+    return AttitudeHistory([AttitudeSample(0.0, *rpy)])
+
+
+def tracker(name="nested", **options) -> Tracker:
+    return Tracker(TagMap((shipped(name),)), VGA, LOOKING_DOWN, **options)
+
+
+@pytest.mark.parametrize("with_attitude", [True, False])
+def test_a_troubled_flight_is_followed_without_a_wrong_pose(with_attitude):
+    follower = tracker()
+    modes, posed = set(), 0
+    frames = flight(3)
+    for frame in frames:
+        result = follower.update(frame.image, frame.attitude if with_attitude else None)
+        for found in result.poses:
+            posed += 1
+            modes.add(found.mode)
+            assert np.linalg.norm(found.pose.position - frame.position) < 0.05
+            assert angle_deg(found.pose.rotation, frame.rotation) < 5.0
+    assert posed > (0.9 if with_attitude else 0.6) * len(frames)
+    assert "search" in modes
+    assert "predicted" in modes
+
+
+def test_covariance_carries_the_calibration_floor():
+    view = View(shipped("nested"), place(2.0, 0.3))
+    found = tracker().update(view.image(), attitude_of(view)).pose_of("pad")
+    assert found is not None
+    assert np.sqrt(found.covariance[2, 2]) >= 0.9 * FLOOR_RANGE * 2.0
+    assert np.sqrt(found.covariance[5, 5]) >= FLOOR_ANGLE
+    rotation, centre, covariance = found.camera_in_target()
+    assert np.linalg.norm(centre - view.view.position_enu) < 0.02
+    assert np.allclose(rotation @ found.pose.rotation, np.eye(3))
+    assert np.linalg.eigvalsh(covariance).min() > 0
+
+
+def test_no_pose_without_calibration():
+    view = View(shipped("nested"), place(1.5, 0.3))
+    blind = Tracker(TagMap((shipped("nested"),)), None, LOOKING_DOWN)
+    result = blind.update(view.image())
+    assert result.poses == ()
+    assert "uncalibrated" in result.alarms
+    assert {found.tag_id for found in result.detections} == {1, 48}
+
+
+def test_a_contradicting_attitude_stops_the_pose():
+    view = View(shipped("nested"), place(2.0, 0.3))
+    wrong = AttitudeHistory([AttitudeSample(0.0, 0.5, 0.3, 0.0)])
+    result = tracker().update(view.image(), wrong)
+    assert result.poses == ()
+    assert result.refused == (("pad", "attitude"),)
+    assert tracker().update(view.image(), attitude_of(view)).poses
+
+
+def test_attitude_is_ignored_for_walls_and_without_a_mounting(tmp_path):
+    view = View(shipped("nested"), place(2.0, 0.3))
+    wrong = AttitudeHistory([AttitudeSample(0.0, 0.5, 0.3, 0.0)])
+    wall = tmp_path / "wall.toml"
+    wall.write_text((CONFIGS / "nested.toml").read_text().replace('name = "pad"', 'name = "pad"\nlevel = false'))
+    assert Tracker(load([wall]), VGA, LOOKING_DOWN).update(view.image(), wrong).poses
+    assert Tracker(TagMap((shipped("nested"),)), VGA, None).update(view.image(), wrong).poses
+
+
+@pytest.mark.parametrize("pixels", [np.zeros((720, 1280), np.uint8), np.zeros((0, 640), np.uint8)])
+def test_wrong_size_gives_an_alarm_and_no_pose(pixels):
+    result = tracker().update(CameraImage(pixels, 0.0, 0.0, 0.0, 0, "test"))
+    assert result.alarms == ("wrong_size",)
+    assert result.poses == ()
+
+
+def test_black_white_and_frozen_images():
+    follower = tracker()
+    view = View(shipped("nested"), place(2.0, 0.3))
+    for k in range(6):
+        result = follower.update(view.image(0.03 * k, k))
+        assert bool(result.poses) == ("frozen" not in result.alarms)
+    assert "frozen" in result.alarms
+    for level, alarm in ((0, "dark"), (255, "blown")):
+        flat = CameraImage(np.full((480, 640), level, np.uint8), 1.0 + level, 0.0, 0.0, 9, "test")
+        result = follower.update(flat)
+        assert alarm in result.alarms
+        assert result.poses == ()
+
+
+def test_loss_is_honest_and_the_target_is_found_again():
+    frames = flight(3)
+    follower = tracker()
+    target = shipped("nested")
+    empty = View(target, place(2.0, 0.2), replace(Conditions(), target_in_view=False)).pixels
+    for frame in frames[:6]:
+        last = follower.update(frame.image, frame.attitude)
+    assert last.poses
+    for k, frame in enumerate(frames[6:16]):
+        noisy = np.clip(empty.astype(int) + np.random.default_rng(k).integers(-1, 2, empty.shape), 0, 255)
+        gone = follower.update(replace(frame.image, pixels=noisy.astype(np.uint8)), frame.attitude)
+        assert gone.poses == ()
+    assert any(follower.update(frame.image, frame.attitude).poses for frame in frames[16:22])
+
+
+def test_time_that_stands_still_or_runs_back_ends_the_track():
+    frames = flight(3)
+    follower = tracker()
+    for frame in frames[:4]:
+        follower.update(frame.image, frame.attitude)
+    again = follower.update(frames[1].image, frames[1].attitude)
+    assert all(found.mode == "search" for found in again.poses)
+
+
+def test_a_tracked_target_is_decoded_every_second():
+    follower = tracker()
+    oldest = 0.0
+    for frame in flight(3):
+        for found in follower.update(frame.image, frame.attitude).poses:
+            oldest = max(oldest, found.decode_age)
+    assert 0.5 < oldest < 1.6
+
+
+def test_two_targets_each_in_its_frame_one_of_them_moving(tmp_path):
+    text = (CONFIGS / "single.toml").read_text().replace("id = 0", "id = 9").replace('"pad"', '"deck"\nmoving = true')
+    nested = shipped("nested")
+    path = tmp_path / "deck.toml"
+    path.write_text(text)
+    deck = load([path]).targets[0]
+    still = SceneTarget.of(nested, Platform(start_enu=(-0.35, 0.0, 0.0)))
+    moving = SceneTarget.of(deck, Platform("straight", (0.35, 0.0, 0.0), speed=0.5))
+    scene = Scene([still, moving], ground="tiles", seed=4, fine=False)
+    follower = Tracker(TagMap((nested, deck)), VGA, LOOKING_DOWN)
+    counted = 0
+    for k in range(8):
+        view = replace(place(2.2, 0.1), time=k / 30)
+        image = CameraImage(scene.render(view), k / 30, k / 30, k / 30, k, "test", "driver")
+        result = follower.update(image)
+        for found in result.poses:
+            placed = still if found.target == "pad" else moving
+            rotation, position = cam_from_target(placed, view)
+            assert found.frame == found.target
+            assert np.linalg.norm(found.pose.position - position) < 0.01
+            assert angle_deg(found.pose.rotation, rotation) < 1.0
+            counted += 1
+    assert counted >= 14
+
+
+def test_a_wrong_tag_size_shows_as_contradiction_between_nested_tags(tmp_path):
+    """The outer tag is 20 % smaller in the file than on the ground: outer and inner edges cannot both fit."""
+    path = tmp_path / "wrong.toml"
+    path.write_text((CONFIGS / "nested.toml").read_text().replace("0.3048", "0.24384"))
+    view = View(shipped("nested"), place(1.0, 0.2))
+    result = Tracker(load([path]), VGA, LOOKING_DOWN).update(view.image(), attitude_of(view))
+    honest = tracker().update(view.image(), attitude_of(view)).pose_of("pad")
+    assert honest is not None
+    for found in result.poses:
+        # Whatever is published says itself that the print does not match.
+        assert found.pose.inliers < honest.pose.inliers
