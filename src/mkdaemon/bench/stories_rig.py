@@ -11,11 +11,12 @@ import random
 from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
 from dataclasses import dataclass
-from typing import Any, Final, NamedTuple
+from typing import Any, Final, NamedTuple, cast
 
 from pydantic import BaseModel
 
 from mkdaemon.bench.boardport import Socket
+from mkdaemon.bench.grounded import GroundedAircraft
 from mkdaemon.bus.codec import encode_map
 from mkdaemon.config.control import ControlConfig
 from mkdaemon.config.link import LinkConfig
@@ -29,8 +30,11 @@ from mkdaemon.daemon.vitals import Vitals
 from mkdaemon.link.link import Link
 from mkdaemon.link.traffic import Received, Sent
 from mkdaemon.sim.simulation import Simulation
+from mkdaemon.sim.world import World
 from mkdaemon.telemetry.link import LinkState
 
+GATE_OPEN: Final = 255
+"""The pilot's external-control switch."""
 PATIENCE: Final = 20.0
 """Longest wait for the boards to be met [s; virtual]."""
 
@@ -55,7 +59,7 @@ class Held(NamedTuple):
 
 
 class WatchedSimulation(Simulation):
-    """The simulated aircraft, keeping every change of what its FlightCtrl holds and applies.
+    """Simulated boards on an aircraft that stands still, keeping every change of what the FlightCtrl holds and applies.
 
     Attributes:
         held: the external control structure.
@@ -63,7 +67,10 @@ class WatchedSimulation(Simulation):
     """
 
     def __init__(self, config: SimConfig) -> None:
-        super().__init__(config)
+        bench = GroundedAircraft()
+        bench.pilot.gate = GATE_OPEN
+        # The boards need of a world what `boards.aircraft.Aircraft` says, and that one has.
+        super().__init__(config, cast("World", bench))
         self.held: list[Held] = []
         self.applied: list[Held] = []
         self._seen: object = None
