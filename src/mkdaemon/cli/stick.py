@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+from collections.abc import AsyncIterator
 from typing import Annotated, Any
 
 import msgpack
@@ -10,10 +11,10 @@ from cyclopts import Parameter
 
 from mkdaemon.cli.lease import own_name
 from mkdaemon.cli.printing import json_line
-from mkdaemon.cli.session import HERE, Client, Connection
+from mkdaemon.cli.session import HERE, Client, Connection, Sample
 
-NEUTRAL_LEAD = 1.3
-"""Neutral sticks streamed before the daemon engages [s]; it wants a live stream of 1 s."""
+ENGAGING = 5.0
+"""Longest time neutral sticks are streamed until the daemon engages [s]; it wants a live stream of 1 s."""
 TTL = 0.3
 """Time each setpoint holds [s]."""
 
@@ -53,36 +54,55 @@ async def stick(
     name = own_name()
     wanted = {"pitch": pitch, "roll": roll, "yaw": yaw, "throttle": throttle}
     neutral = {"pitch": 0.0, "roll": 0.0, "yaw": 0.0, "throttle": throttle}
-    async with Client.open(connection) as client, client.token(name):
+    async with Client.open(connection) as client, client.token(name), client.watch("control/status") as news:
         take = {"action": "take", "holder": name, "force": force}
-        lease = (await client.command("do", "lease", take)).require()
-        epoch = lease["epoch"]
+        epoch = (await client.command("do", "lease", take)).require()["epoch"]
+        stream = _Stream(client, epoch, rate)
         try:
-            sent = await _stream(client, epoch, neutral, NEUTRAL_LEAD, rate, first=1)
-            sent = await _stream(client, epoch, wanted, seconds, rate, first=sent)
+            flying = asyncio.create_task(_until_flying(news, epoch), name="flying")
+            await stream.put(neutral, flying, ENGAGING)
+            flying.cancel()
+            if flying.done() and not flying.cancelled():
+                await stream.put(wanted, asyncio.get_running_loop().create_future(), seconds)
             outputs = (await client.get("control/output")).get("control/output")
         finally:
             await asyncio.shield(client.command("do", "lease", {"action": "release", "epoch": epoch}))
+    sent = stream.sequence
     reached = {} if outputs is None else {key: outputs.fields[key] for key in (*wanted, "epoch", "limited")}
-    report: dict[str, Any] = {"epoch": epoch, "setpoints": sent - 1, "last_output": reached}
+    report: dict[str, Any] = {"epoch": epoch, "setpoints": sent, "last_output": reached}
     if connection.json:
         print(json_line(report))
     elif reached.get("epoch") == epoch:
         sticks = ", ".join(f"{key} {reached[key]}" for key in wanted)
-        print(f"{sent - 1} setpoints; last stick frame: {sticks}{' (limited)' if reached['limited'] else ''}")
+        print(f"{sent} setpoints; last stick frame: {sticks}{' (limited)' if reached['limited'] else ''}")
     else:
-        print(f"{sent - 1} setpoints, but the daemon never engaged: see `mkctl get control/status event/command`")
+        print(f"{sent} setpoints, but the daemon never engaged: see `mkctl get control/status event/command`")
 
 
-async def _stream(
-    client: Client, epoch: int, sticks: dict[str, float], seconds: float, rate: float, *, first: int
-) -> int:
-    """Publish setpoints at a steady rate; returns the next sequence number."""
-    publisher = client.stream("setpoint/stick")
-    loop = asyncio.get_running_loop()
-    start, sequence = loop.time(), first
-    while (due := start + (sequence - first) / rate) < start + seconds:
-        await asyncio.sleep(max(due - loop.time(), 0.0))
-        publisher.put(msgpack.packb({**sticks, "epoch": epoch, "sequence": sequence, "ttl": TTL}))
-        sequence += 1
-    return sequence
+async def _until_flying(news: AsyncIterator[Sample], epoch: int) -> None:
+    """Return when stick frames of this lease are sent."""
+    async for sample in news:
+        lease = sample.fields["lease"]
+        if sample.fields["phase"] == "flying" and lease is not None and lease["epoch"] == epoch:
+            return
+
+
+class _Stream:
+    """Setpoints of one lease at a steady rate."""
+
+    def __init__(self, client: Client, epoch: int, rate: float) -> None:
+        self.sequence = 0
+        self._publisher = client.stream("setpoint/stick")
+        self._epoch = epoch
+        self._period = 1 / rate
+
+    async def put(self, sticks: dict[str, float], end: asyncio.Future[None], seconds: float) -> None:
+        """Stream until `end` is done or the time is over."""
+        loop = asyncio.get_running_loop()
+        start = due = loop.time()
+        while not end.done() and due < start + seconds:
+            await asyncio.sleep(max(due - loop.time(), 0.0))
+            self.sequence += 1
+            setpoint = {**sticks, "epoch": self._epoch, "sequence": self.sequence, "ttl": TTL}
+            self._publisher.put(msgpack.packb(setpoint))
+            due += self._period
