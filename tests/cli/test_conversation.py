@@ -78,6 +78,12 @@ async def test_dangerous_requests_carry_the_confirmation_and_others_do_not() -> 
     assert [fields for _, _, fields in daemon.asked] == [{"index": 2, "confirm": True}, {}]
 
 
+async def test_an_upload_without_the_flag_carries_no_confirmation() -> None:
+    daemon = Daemon(NaviCtrl())
+    await converse(daemon, upload_points(route(2), Patience(1)), confirm=False)
+    assert not any("confirm" in fields for _, _, fields in daemon.asked)
+
+
 async def test_a_refusal_ends_the_procedure_after_it_has_cleaned_up() -> None:
     """Motors start during a backup: the sets cannot be read, and nobody can prove the live set."""
     denied = Answer("denied", {}, "motors_running", "motors are running.", "Stop them.")

@@ -30,7 +30,9 @@ class Commander(Protocol):
         """Ask a board something."""
 
 
-async def converse(client: Commander, procedure: Procedure[_Result], report: Report | None = None) -> _Result:
+async def converse(
+    client: Commander, procedure: Procedure[_Result], report: Report | None = None, *, confirm: bool = True
+) -> _Result:
     """Run a procedure to its end.
 
     An interruption (Ctrl-C) is handed to the procedure once, so that it can leave the board as it was; then it ends.
@@ -39,6 +41,7 @@ async def converse(client: Commander, procedure: Procedure[_Result], report: Rep
         client: the daemon's client.
         procedure: what to do.
         report: shows progress.
+        confirm: answer the daemon's question for confirmation of dangerous requests.
 
     Raises:
         MkError: whatever the procedure or the daemon raised.
@@ -46,7 +49,7 @@ async def converse(client: Commander, procedure: Procedure[_Result], report: Rep
     step = next(procedure, None)
     while step is not None:
         try:
-            answer = await _take(client, step, report)
+            answer = await _take(client, step, report, confirm)
         except MkError as error:
             move = _thrower(procedure, error)
         except asyncio.CancelledError:
@@ -72,7 +75,7 @@ def _thrower(procedure: Procedure[_Result], error: MkError) -> Callable[[], Step
     return lambda: procedure.throw(error)
 
 
-async def _take(client: Commander, step: Step, report: Report | None) -> WireMessage | None:
+async def _take(client: Commander, step: Step, report: Report | None, confirm: bool) -> WireMessage | None:
     """Do one step; the answer to a request, if it has one that fits."""
     if isinstance(step, Progress):
         if report is not None:
@@ -81,21 +84,21 @@ async def _take(client: Commander, step: Step, report: Report | None) -> WireMes
     if isinstance(step, Pause):
         await asyncio.sleep(step.seconds)
         return None
-    answer = await request(client, step.board, step.message)
+    answer = await request(client, step.board, step.message, confirm=confirm)
     return answer if answer is not None and step.accepts(answer) else None
 
 
-async def request(client: Commander, board: Board, message: WireMessage) -> WireMessage | None:
+async def request(client: Commander, board: Board, message: WireMessage, *, confirm: bool = True) -> WireMessage | None:
     """Send one request through the daemon and return the answer as a message; None where none came in time.
 
-    The user has asked for what the message does, so the daemon's question for confirmation is answered here.
+    Where the user has asked for what the message does, the daemon's question for confirmation is answered here.
 
     Raises:
         CommandRejectedError: the daemon refused it; says token, reason and fix.
         MkError: no daemon.
     """
     fields = message.model_dump()
-    if message.spec.danger:
+    if message.spec.danger and confirm:
         fields["confirm"] = True
     answer = await client.command(board.word, message.spec.key, fields)
     if answer.status == "busy":

@@ -5,16 +5,16 @@ from __future__ import annotations
 import json
 import time
 from pathlib import Path
-from typing import Annotated, Final
+from typing import Annotated, Final, TypeVar
 
 from cyclopts import App, Parameter
 
 from mkdaemon.bus.codec import encode, encoding_of
-from mkdaemon.cli.conversation import converse, progress_bar
+from mkdaemon.cli.conversation import Report, converse, progress_bar
 from mkdaemon.cli.flightstate import require_motors_off
 from mkdaemon.cli.mission_files import read_mission, write_mission
 from mkdaemon.cli.session import Client, Connection
-from mkdaemon.errors import MkError
+from mkdaemon.errors import CommandRejectedError, MkError
 from mkdaemon.protocol.mission import Mission
 from mkdaemon.protocol.procedures.points import PointFormat, from_points, read_format, to_points
 from mkdaemon.protocol.procedures.steps import Patience, Procedure
@@ -33,6 +33,8 @@ app = App(
     name="waypoints",
     help="Missions: GPX, KML, QGroundControl .plan, CSV and MikroKopter-Tool .wpl, told apart by the file's suffix.",
 )
+
+_Result = TypeVar("_Result")
 
 HERE: Final = Connection()
 PATIENCE: Final = Patience(attempts=6)
@@ -61,7 +63,7 @@ async def upload(
         if not in_flight:
             await require_motors_off(client, "an upload takes effect at once", "--in-flight")
         with progress_bar("upload", quiet=connection.json) as report:
-            done = await converse(client, _upload(mission), report)
+            done = await _guarded(client, _upload(mission), in_flight, report)
         _publish(client, "uploaded", done.count, done.digest, str(file))
     text = f"{done.count} points stored and read back, content {done.digest[:16]}"
     _say(connection, text, count=done.count, digest=done.digest, rounds=done.rounds, writes=done.writes)
@@ -109,7 +111,7 @@ async def clear(*, in_flight: InFlight = False, connection: Connection = HERE) -
     async with Client.open(connection) as client:
         if not in_flight:
             await require_motors_off(client, "clearing ends a running route at once", "--in-flight")
-        await converse(client, _clear())
+        await _guarded(client, _clear(), in_flight)
         _publish(client, "cleared", 0, content_hash(()), "")
     _say(connection, "the list is empty", count=0)
 
@@ -120,6 +122,22 @@ def convert(
 ) -> None:
     """Convert a mission file to another format; needs no aircraft."""
     write_mission(read_mission(source, start_elevation=start_elevation, altitude=altitude), target)
+
+
+async def _guarded(
+    client: Client, procedure: Procedure[_Result], in_flight: bool, report: Report | None = None
+) -> _Result:
+    """Without the flag, the daemon refuses every write from the moment on when motors run or nobody knows."""
+    try:
+        return await converse(client, procedure, report, confirm=in_flight)
+    except CommandRejectedError as error:
+        if error.token != "not_confirmed":
+            raise
+        raise CommandRejectedError(
+            "motors_running",
+            "motors have started, or nobody knows any more: the list may be incomplete.",
+            "Land and repeat, or repeat with --in-flight.",
+        ) from error
 
 
 def _upload(mission: Mission) -> Procedure[Upload]:

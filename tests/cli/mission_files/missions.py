@@ -29,7 +29,7 @@ def tenths(limit: int) -> st.SearchStrategy[float]:
 
 
 @st.composite
-def missions(draw: st.DrawFn, *, whole_metres: bool = False, max_size: int = 6) -> Mission:
+def missions(draw: st.DrawFn, *, whole_metres: bool = False, max_size: int = 3) -> Mission:
     """Missions on the grid of the wire; the first point is a POI half of the time."""
     has_poi = draw(st.booleans())
     points = []

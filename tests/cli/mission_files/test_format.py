@@ -3,7 +3,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 
 from mkdaemon.cli.mission_files import FORMATS, AltitudeReference, read_mission, write_mission
 from mkdaemon.errors import ConfigError
@@ -13,6 +13,7 @@ from .missions import ROUND, missions
 
 
 @pytest.mark.parametrize("suffix", [".gpx", ".kml", ".csv"])
+@settings(max_examples=40)
 @given(mission=missions())
 def test_complete_formats_keep_every_field(suffix: str, mission: Mission) -> None:
     form = FORMATS[suffix]
@@ -21,6 +22,7 @@ def test_complete_formats_keep_every_field(suffix: str, mission: Mission) -> Non
     assert draft.mission.points == mission.points
 
 
+@settings(max_examples=40)
 @given(mission=missions(whole_metres=True))
 def test_wpl_keeps_whole_metres(mission: Mission) -> None:
     form = FORMATS[".wpl"]
@@ -89,6 +91,17 @@ def simple(command: int, frame: int = 3, latitude: str = "0") -> str:
     return plan(f'{{"type":"SimpleItem","command":{command},"frame":{frame},"params":{params}}}')
 
 
+def simple_item(command: int, frame: int = 3) -> str:
+    return f'{{"type":"SimpleItem","command":{command},"frame":{frame},"params":[0,0,0,null,1,2,3]}}'
+
+
+def mark(mode: str) -> str:
+    point = f"<Point><altitudeMode>{mode}</altitudeMode><coordinates>1,2,3</coordinates></Point>"
+    return f"<Placemark>{point}</Placemark>"
+
+
+EXTRA = '<extensions><point xmlns="urn:mkdaemon:mission:1" altitude="5" {}="{}"/></extensions>'
+
 BAD = [
     ("a.gpx", "<gpx><rte>", r"a\.gpx:1: no well-formed XML"),
     ("a.gpx", "<kml/>", r"a\.gpx:1: <kml> is no GPX document"),
@@ -113,6 +126,22 @@ BAD = [
     ("a.wpl", "rubbish\n", r"a\.wpl:1: 'rubbish' is neither"),
     ("a.wpl", "[General]\nFileVersion=3\nNumberOfWaypoints=0\n[Point1]\n", "more points than NumberOfWaypoints=0"),
     ("a.wpl", "[General]\nFileVersion=3\nNumberOfWaypoints=1\n[Point1]\nLatitude=x\n", r"a\.wpl:4: Heading is missing"),
+    ("a.csv", "latitude_deg;longitude_deg;altitude;name\n1;2;3;Größe\n", r"a\.csv:2: name is 'Größe'"),
+    ("a.gpx", "<gpx/>", "neither a route nor waypoints"),
+    ("a.gpx", f'<gpx><wpt lat="1" lon="2">{EXTRA.format("kind", "hill")}</wpt></gpx>', "kind is 'hill'; use one"),
+    ("a.kml", "<gpx/>", "<gpx> is no KML document"),
+    ("a.kml", f"<kml>{mark('absolute')}{mark('relativeToGround')}</kml>", "the points differ in altitudeMode"),
+    ("a.kml", f"<kml>{mark('floating')}</kml>", "altitudeMode is 'floating'; use one of relativeToGround"),
+    ("a.kml", "<kml><Placemark><Point/></Placemark></kml>", "a point needs one coordinate"),
+    ("a.kml", "<kml><LineString/></kml>", "a path without coordinates"),
+    ("a.kml", "<kml><LineString><coordinates>1</coordinates></LineString></kml>", "coordinate '1' has 1 parts"),
+    ("a.wpl", "", r"a\.wpl:1: no \[General\] section"),
+    ("a.wpl", "[General]\n[general]\n", r"a\.wpl:2: section \[general\] stands twice"),
+    ("a.wpl", "[General]\nA=1\na=2\n", r"a\.wpl:3: a stands twice in one section"),
+    ("a.wpl", FORMATS[".wpl"].write(ROUND).replace("Type=2", "Type=9"), "Type=9 is unknown; 1 waypoint"),
+    ("a.plan", '{"fileType":"Plan"}', "the plan holds no mission"),
+    ("a.plan", plan('{"type":"SimpleItem","params":[]}'), r"a\.plan:3: an item needs 7 params"),
+    ("a.plan", plan(simple_item(16) + "," + simple_item(16, 0)), "partly relative, partly above sea level"),
     ("a.plan", "{", r"a\.plan:1: no JSON"),
     ("a.plan", "[]", '"fileType" is not "Plan"'),
     ("a.plan", plan('{"type":"ComplexItem","complexItemType":"survey"}'), r"a\.plan:3: a survey cannot"),
@@ -164,3 +193,59 @@ def test_wpl_of_early_ikopter_counts_types_from_zero() -> None:
     assert [point.kind for point in FORMATS[".wpl"].read(named, "a.wpl").mission.points] == [
         point.kind for point in ROUND.points
     ]
+
+
+def test_a_file_that_is_too_large_or_cannot_be_written(tmp_path: Path) -> None:
+    large = tmp_path / "large.csv"
+    large.write_bytes(b"0" * 4_000_001)
+    with pytest.raises(ConfigError, match="larger than 4 MB"):
+        read_mission(large)
+    with pytest.raises(ConfigError, match=r"cannot be written \(No such file or directory\); choose another place"):
+        write_mission(ROUND, tmp_path / "no" / "where.csv")
+
+
+def test_a_plan_of_every_item_it_can_express() -> None:
+    items = [
+        '{"type":"SimpleItem","command":178,"frame":2,"params":[1,4.5,-1,0,0,0,0]}',
+        '{"type":"SimpleItem","command":206,"frame":2,"params":[10,0,0,0,0,0,0]}',
+        '{"type":"SimpleItem","command":205,"frame":2,"params":[-30,0,0,0,0,0,2]}',
+        '{"type":"SimpleItem","command":19,"frame":3,"params":[7,0,0,90,53.1,8.1,20]}',
+        '{"type":"SimpleItem","command":197,"frame":2,"params":[0,0,0,0,0,0,0]}',
+        '{"type":"SimpleItem","command":21,"frame":3,"params":[0,0,0,0,53.2,8.2,0]}',
+    ]
+    points = FORMATS[".plan"].read(plan(",".join(items)), "a.plan").mission.points
+    assert points == (
+        MissionPoint(
+            latitude_deg=53.1, longitude_deg=8.1, altitude=20, hold=7, heading_deg=90, speed=4.5,
+            camera_angle_deg=30, photo_distance=10,
+        ),
+        MissionPoint(
+            latitude_deg=53.2, longitude_deg=8.2, altitude=0, kind=PointKind.LAND, heading_deg=360, speed=4.5,
+            camera_angle_deg=30, photo_distance=10,
+        ),
+    )  # fmt: skip
+    again = FORMATS[".plan"].read(FORMATS[".plan"].write(Mission(points=points)), "b.plan").mission.points
+    assert again == points
+
+
+def test_blank_lines_and_comments_are_no_points(tmp_path: Path) -> None:
+    table = "latitude_deg,longitude_deg,altitude\n\n1,2,3\n ,,\n"
+    assert len(FORMATS[".csv"].read(table, "a.csv").mission.points) == 1
+    listed = FORMATS[".wpl"].write(ROUND).replace("[Point2]", "; second\n\n[Point2]")
+    assert len(FORMATS[".wpl"].read(listed, "a.wpl").mission.points) == 3
+
+
+def test_a_drawn_path_is_a_mission_at_one_height(tmp_path: Path) -> None:
+    path = tmp_path / "path.kml"
+    path.write_text(
+        "<kml><Document><LineString><coordinates>\n8.1,53.1,0\n8.2,53.2\n</coordinates></LineString></Document></kml>"
+    )
+    points = read_mission(path, altitude=12).points
+    assert [(p.latitude_deg, p.longitude_deg, p.altitude) for p in points] == [(53.1, 8.1, 12.0), (53.2, 8.2, 12.0)]
+
+
+def test_gpx_waypoints_without_a_route_are_a_mission() -> None:
+    text = '<gpx><wpt lat="1" lon="2"><name>Longer name</name></wpt></gpx>'
+    draft = FORMATS[".gpx"].read(text, "a.gpx")
+    assert draft.reference is AltitudeReference.ABSENT
+    assert draft.mission.points[0].name == "Long"
