@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mkdaemon.link.line import FC_GAP_S, FORWARDING_GAP_S, RESYNC, LineRules
-from mkdaemon.link.scheduler import CATCH_UP, PATIENCE_S, QUEUE_LIMIT, RESYNC_AFTER_S, Entry, TransmitScheduler
+from mkdaemon.link.scheduler import CATCH_UP, CREEP, PATIENCE_S, QUEUE_LIMIT, RESYNC_AFTER_S, Entry, TransmitScheduler
 from mkdaemon.link.traffic import Purpose
 from mkdaemon.protocol.messages import AttitudeRequest, EchoRequest, ExternControlV2, LabelRequest, VersionRequest
 from mkdaemon.protocol.wire import Board
@@ -259,6 +259,17 @@ def test_at_a_hundred_hertz_other_frames_still_get_their_turn():
     assert max(waits) < 0.0075  # one echo, its gap, and nothing else
 
 
+def test_setpoints_that_were_late_once_do_not_stay_late():
+    scheduler, waits = TransmitScheduler(LineRules(direct=Board.FC)), []
+    scheduler.deafen(Board.FC, 0.026)
+    for step in range(60):
+        now = step * 0.01
+        scheduler.submit(entry(Purpose.SETPOINT, number=step + 1, deadline=now + 0.1), now)
+        waits += [at - item.queued for at, item in sent_until(scheduler, now + 0.0099, now=now)]
+    assert max(waits[:3]) > 0.005
+    assert max(waits[-20:]) < 0.001
+
+
 def test_a_waiting_setpoint_is_not_overtaken_by_a_long_frame():
     scheduler = TransmitScheduler(NC)
     for step in range(3):
@@ -321,9 +332,10 @@ def test_whatever_is_asked_the_line_and_the_boards_can_take_it(steps, rules):
         if rules.direct is not Board.NC:
             assert idle >= FC_GAP_S - 1e-9
     setpoints = [at for at, item in sent if item.purpose is Purpose.SETPOINT]
-    nearest = rules.setpoint_interval * (1.0 if rules.direct is Board.NC else 1.0 - CATCH_UP)
+    nearest = rules.setpoint_interval * (1.0 if rules is NC else 1.0 - CATCH_UP)
     assert all(b - a >= nearest - 1e-9 for a, b in itertools.pairwise(setpoints))
-    assert all(at - setpoints[0] >= (n - CATCH_UP) * rules.setpoint_interval - 1e-9 for n, at in enumerate(setpoints))
+    average = rules.setpoint_interval * (1.0 if rules is NC else CREEP)
+    assert all(at - setpoints[0] >= (n - CATCH_UP) * average - 1e-9 for n, at in enumerate(setpoints))
 
 
 def test_a_version_request_is_short_enough_to_pass_between_setpoints():

@@ -127,7 +127,9 @@ class Dialogue:
             case "B":
                 number: int = message.frame  # type: ignore[attr-defined]
                 self.control.confirmed(number, now)
-                self._navictrl_confirms |= self.peers.direct is Board.NC and self.peers.redirected is None
+                if self.peers.direct is Board.NC and self.peers.redirected is None and not self._navictrl_confirms:
+                    self._navictrl_confirms = True
+                    self._apply_rules()
                 if self.plan is not None:
                     self.plan.confirmed(number, now)
             case "V" if self.health.echo.began(VERSION_TOKEN) is not None:
@@ -359,16 +361,23 @@ class Dialogue:
         """Learn from a sender who is at the other end of the wire."""
         if not self.peers.meet(board):
             return
-        interval = 1 / self._cfg.setpoint_hz
-        if board is Board.NC:
-            interval = max(interval, FORWARDING_GAP_S)
-        self.rules = LineRules(self.rules.baud, board, self.rules.gap, interval)
-        self.scheduler.rules = self.rules
+        self._apply_rules()
         wanted = self.subscriptions.wanted
         self.subscriptions = Subscriptions(board, renew=self._cfg.renew_s)
         for key, period in wanted.items():
             if board in KINDS[key].boards:
                 self.subscriptions.want(key, period)
+
+    def _apply_rules(self) -> None:
+        """Pace for the board at the end of the wire.
+
+        A NaviCtrl that confirms external control takes the frames itself and does not pass them on byte by byte.
+        """
+        interval = 1 / self._cfg.setpoint_hz
+        if self.peers.direct is Board.NC and not self._navictrl_confirms:
+            interval = max(interval, FORWARDING_GAP_S)
+        self.rules = LineRules(self.rules.baud, self.peers.direct, self.rules.gap, interval)
+        self.scheduler.rules = self.rules
 
     def _learn(self, board: Board, message: WireMessage | Unknown, now: float) -> None:
         layout = self.dialect.extern_control

@@ -14,7 +14,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Final
 
-from mkdaemon.link.line import RESYNC, LineRules
+from mkdaemon.link.line import FORWARDING_GAP_S, RESYNC, LineRules
 from mkdaemon.link.traffic import Purpose
 from mkdaemon.protocol.wire import Board, WireMessage
 
@@ -35,6 +35,9 @@ SLOWEST_SETPOINT_S: Final = 0.25
 CATCH_UP: Final = 0.7
 """Part of the setpoint interval by which a late setpoint may be followed sooner, the gap kept; a FlightCtrl loses none
 at 100 Hz with 3 ms of jitter, a NaviCtrl that passes them on has no such margin."""
+CREEP: Final = 0.97
+"""Part of the setpoint interval that is kept on average, so that setpoints that come exactly as often as allowed do not
+stay late once they were: 103 Hz at most, where a FlightCtrl loses none up to 150 Hz without jitter."""
 RESYNC_AFTER_S: Final = 2.0
 """After this silence on our side the next frame is led by CR CR: noise may have left a `#` in a receiver [s]."""
 
@@ -256,8 +259,10 @@ class TransmitScheduler:
             self._fc_free = end + self.rules.gap_after(reaches_fc=True)
         if entry.purpose is Purpose.SETPOINT:
             # A setpoint that had to wait may be followed a little sooner, so that the delay does not stay.
-            slack = 0.0 if self.rules.direct is Board.NC else CATCH_UP * self.rules.setpoint_interval
-            self._setpoint_turn = max(self._setpoint_turn, now - slack) + self.rules.setpoint_interval
+            is_passed_on = self.rules.setpoint_interval >= FORWARDING_GAP_S
+            interval = self.rules.setpoint_interval * (1.0 if is_passed_on else CREEP)
+            slack = 0.0 if is_passed_on else CATCH_UP * interval
+            self._setpoint_turn = max(self._setpoint_turn, now - slack) + interval
         if entry.slot is not None:
             self._taken[entry.slot] = end + entry.reply_within
         return entry

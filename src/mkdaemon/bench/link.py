@@ -1,0 +1,265 @@
+"""`mkdaemon bench link`: losses and latencies of the link under load, against the simulator in a process of its own.
+
+`overhead` is a round trip less the time between the simulator reading the question and writing the answer's last byte:
+what the line, the radio and the board took is taken off, what the host (kernel, event loop, link) added is left.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import resource
+import sys
+import time
+from collections import Counter
+from collections.abc import AsyncIterator, Callable
+from contextlib import asynccontextmanager
+from pathlib import Path
+from typing import Annotated, Any
+
+from cyclopts import Parameter
+
+from mkdaemon.bench.linkcases import CASES, Case
+from mkdaemon.config.link import LinkConfig
+from mkdaemon.config.sim import PilotPlan, SimConfig
+from mkdaemon.errors import CommandRejectedError, ConfigError
+from mkdaemon.link.link import Link
+from mkdaemon.link.roundtrips import percentile
+from mkdaemon.link.traffic import Lost, Purpose, Received, Sent
+from mkdaemon.protocol.wire import WireMessage
+from mkdaemon.telemetry.link import LinkHealth, LinkState, LinkTraffic
+
+SETTLE_S = 2.5
+"""Discovery and the first streams are over by then; measuring begins [s]."""
+LAG_S = 0.005
+"""How often the lag of the event loop is sampled [s]."""
+
+
+class Meter:
+    """A sink that counts and times; it keeps nothing else, so that the link is what is measured."""
+
+    def __init__(self) -> None:
+        self.rx: Counter[str] = Counter()
+        self.tx: Counter[str] = Counter()
+        self.losses: Counter[str] = Counter()
+        self.conditions: list[str] = []
+        self.trips: list[tuple[float, float]] = []
+        self.waits: list[float] = []
+        self.handed_in = 0.0
+        self._asked: dict[str, float] = {}
+
+    def received(self, frame: Received) -> None:
+        """Count; note when a link test came back."""
+        letter = frame.frame.id
+        self.rx[letter] += 1
+        asked = self._asked.pop(letter, None)
+        if asked is not None:
+            self.trips.append((asked, frame.t_monotonic))
+
+    def sent(self, frame: Sent) -> None:
+        """Count; note when a link test and a setpoint left."""
+        message = frame.message
+        if message is None:
+            return
+        self.tx[message.spec.id] += 1
+        if frame.purpose is Purpose.ECHO and message.spec.reply is not None:
+            self._asked[message.spec.reply] = frame.t_monotonic
+        elif frame.purpose is Purpose.SETPOINT:
+            self.waits.append(time.monotonic() - self.handed_in)
+
+    def dropped(self, loss: Lost) -> None:
+        """Count."""
+        self.losses[loss.reason] += 1
+
+    def state_changed(self, state: LinkState) -> None:
+        """Keep the word."""
+        self.conditions.append(state.condition.value)
+
+    def health_measured(self, health: LinkHealth) -> None:
+        """The link is asked at the end."""
+
+    def traffic_counted(self, traffic: LinkTraffic) -> None:
+        """The link is asked at the end."""
+
+
+@asynccontextmanager
+async def simulator(config: SimConfig) -> AsyncIterator[tuple[str, Callable[[], Any]]]:
+    """Run the simulator in a process of its own; yields its port, and what asks for its report."""
+    child = await asyncio.create_subprocess_exec(
+        sys.executable,
+        "-m",
+        "mkdaemon.bench.linksim",
+        config.model_dump_json(),
+        stdin=asyncio.subprocess.PIPE,
+        stdout=asyncio.subprocess.PIPE,
+        limit=1 << 26,
+    )
+    assert child.stdin is not None
+    assert child.stdout is not None
+    port = json.loads(await child.stdout.readline())["port"]
+    stdin, stdout = child.stdin, child.stdout
+
+    async def report() -> dict[str, Any]:
+        stdin.close()
+        found: dict[str, Any] = json.loads(await stdout.readline())
+        return found
+
+    try:
+        yield port, report
+    finally:
+        if child.returncode is None:
+            stdin.close()
+            await child.wait()
+
+
+async def measure(case: Case, seconds: float) -> dict[str, Any]:
+    """Run one experiment and return its figures."""
+    sim = SimConfig.model_validate({"pilot_plan": PilotPlan.NOTHING, "calibrated": True, "connect": (), **case.sim})
+    async with simulator(sim) as (port, ask_report):
+        cfg = LinkConfig(port=f"pty:{port}", rates=case.streams, echo_hz=case.echo_hz, window_s=120.0)
+        meter = Meter()
+        link = Link(cfg, meter)
+        running = asyncio.create_task(link.run(), name="link")
+        await asyncio.sleep(SETTLE_S)
+        for wait in range(40):
+            if not case.setpoint_hz or link.dialect.extern_control is not None:
+                break
+            await asyncio.sleep(0.05 * (wait < 40))
+        before, cpu, began = link.health(), time.process_time(), time.monotonic()
+        bytes_before = link.traffic()
+        lags: list[float] = []
+        async with asyncio.TaskGroup() as tasks:
+            tasks.create_task(_sample_lag(lags, seconds))
+            if case.setpoint_hz:
+                tasks.create_task(_steer(link, meter, case.setpoint_hz, seconds))
+        elapsed = time.monotonic() - began
+        cpu = time.process_time() - cpu
+        traffic = link.traffic()
+        await asyncio.sleep(0.4)
+        after = link.health()
+        running.cancel()
+        await asyncio.gather(running, return_exceptions=True)
+        truth = await ask_report()
+    trips = [answered - asked for asked, answered in meter.trips if asked >= began]
+    return {
+        "case": case.name,
+        "seconds": round(elapsed, 1),
+        "echo_loss": _loss(before.echo.sent, before.echo.lost, after.echo.sent, after.echo.lost),
+        "control_loss": _loss(before.confirm.sent, before.confirm.lost, after.confirm.sent, after.confirm.lost),
+        "echo_p50_ms": _ms(trips, 0.50),
+        "echo_p99_ms": _ms(trips, 0.99),
+        **_overhead(meter.trips, truth["trips"], began),
+        "setpoint_to_wire_p50_ms": _ms(meter.waits, 0.50),
+        "setpoint_to_wire_p99_ms": _ms(meter.waits, 0.99),
+        "line_share": _share(traffic.rx_bytes - bytes_before.rx_bytes, elapsed),
+        "line_share_tx": _share(traffic.tx_bytes - bytes_before.tx_bytes, elapsed),
+        "loop_lag_p99_ms": _ms(lags, 0.99),
+        "cpu_percent": round(100 * cpu / elapsed, 1),
+        "echoes": after.echo.sent - before.echo.sent,
+        "setpoints": meter.tx["b"],
+        "confirms_hidden": after.confirm_hidden - before.confirm_hidden,
+        "radio_loss": _radio_loss(truth["packets"], truth["packets_lost"]),
+        "frames_unequal": _unequal(meter, truth),
+        "bytes_dropped": dict(meter.losses),
+        "condition": after.state.condition.value,
+        "max_rss_mib": round(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024, 1),
+    }
+
+
+async def _steer(link: Link, meter: Meter, rate: float, seconds: float) -> None:
+    """Hand in setpoints at a steady rate, as a control loop would."""
+    layout: Callable[..., WireMessage] | None = link.dialect.extern_control
+    if layout is None:
+        raise ConfigError(f"the simulator's FlightCtrl was not recognised: {link.dialect.read_only_reason}")
+    began = time.monotonic()
+    for step in range(int(rate * seconds)):
+        await asyncio.sleep(max(0.0, began + step / rate - time.monotonic()))
+        setpoint = layout(pitch=step % 21 - 10, roll=0, yaw=0, throttle=0, config=1)
+        meter.handed_in = time.monotonic()
+        try:
+            link.send_setpoint(setpoint, deadline=meter.handed_in + 0.1)
+        except CommandRejectedError:
+            meter.losses["refused"] += 1
+
+
+async def _sample_lag(lags: list[float], seconds: float) -> None:
+    """Measure how late the event loop wakes a sleeper."""
+    end = time.monotonic() + seconds
+    while (now := time.monotonic()) < end:
+        await asyncio.sleep(LAG_S)
+        lags.append(time.monotonic() - now - LAG_S)
+
+
+def _loss(sent_before: int, lost_before: int, sent: int, lost: int) -> float | None:
+    """Share lost of what was sent meanwhile; None where nothing was."""
+    return round((lost - lost_before) / (sent - sent_before), 5) if sent > sent_before else None
+
+
+def _ms(values: list[float], share: float) -> float | None:
+    found = percentile(sorted(values), share)
+    return None if found is None else round(1000 * found, 3)
+
+
+def _share(size: int, elapsed: float) -> float:
+    return round(size * 10 / 57600 / elapsed, 4)
+
+
+def _overhead(
+    ours: list[tuple[float, float]], theirs: list[tuple[float, float]], began: float
+) -> dict[str, float | None]:
+    """Pair each round trip with what the simulator saw of it, by time."""
+    extra, position = [], 0
+    for asked, answered in ours:
+        while position < len(theirs) and theirs[position][0] < asked:
+            position += 1
+        if asked < began or position == len(theirs) or theirs[position][1] > answered:
+            continue
+        came, left = theirs[position]
+        extra.append((answered - asked) - (left - came))
+    return {"overhead_p50_ms": _ms(extra, 0.50), "overhead_p99_ms": _ms(extra, 0.99)}
+
+
+def _radio_loss(packets: list[int], lost: list[int]) -> float:
+    """Share of questions or answers the radio took: there, and back."""
+    kept = 1.0
+    for sent, gone in zip(packets, lost, strict=True):
+        kept *= 1 - gone / sent if sent else 1.0
+    return round(1 - kept, 5)
+
+
+def _unequal(meter: Meter, truth: dict[str, Any]) -> dict[str, list[int]]:
+    """Frames by letter whose counts differ between both sides: [sent, arrived]."""
+    pairs = [(meter.tx, Counter(truth["came"])), (Counter(truth["left"]), meter.rx)]
+    return {letter: [a[letter], b[letter]] for a, b in pairs for letter in a | b if a[letter] != b[letter]}
+
+
+def main(
+    *,
+    case: Annotated[str | None, Parameter(help="One experiment; all of them by default.")] = None,
+    seconds: Annotated[float | None, Parameter(help="Length of each experiment [s].")] = None,
+    keep: Annotated[Path | None, Parameter(help="File to write every figure to, for the plots.")] = None,
+    as_json: Annotated[bool, Parameter(name="--json", negative=())] = False,
+) -> int:
+    """Measure the link; exit code 1 when a wired case lost a frame.
+
+    Raises:
+        ConfigError: no such case.
+    """
+    if case is not None and case not in CASES:
+        raise ConfigError(f"no case {case!r}: choose from {', '.join(CASES)}")
+    results = []
+    for chosen in [CASES[case]] if case else CASES.values():
+        result = asyncio.run(measure(chosen, seconds or chosen.seconds))
+        results.append(result)
+        print(json.dumps(result) if as_json else _line(result), file=sys.stderr if as_json else sys.stdout)
+    found = results[0] if case else {result["case"]: result for result in results}
+    if keep is not None:
+        keep.write_text(json.dumps(found, indent=1), encoding="utf-8")
+    if as_json:
+        print(json.dumps(found))
+    wired = [result for result in results if not result["case"].startswith("radio")]
+    return 1 if any(result["echo_loss"] or result["control_loss"] for result in wired) else 0
+
+
+def _line(result: dict[str, Any]) -> str:
+    return "  ".join(f"{key} {value}" for key, value in result.items())
