@@ -16,15 +16,15 @@ import numpy.typing as npt
 from mkdaemon.config.vision import DetectorSection, TrackerSection
 from mkdaemon.vision.alarms import ImageHealth
 from mkdaemon.vision.ambiguity import Choice, choose
-from mkdaemon.vision.attitude import AttitudeHistory, Mounting, fuse_level, tilt_error
+from mkdaemon.vision.attitude import AttitudeHistory, Mounting
 from mkdaemon.vision.detection import Detection, Stage
 from mkdaemon.vision.detector import Detector
-from mkdaemon.vision.edgefit import Level
 from mkdaemon.vision.fitting import TargetFitter
-from mkdaemon.vision.gates import certainty_fault, fit_fault, innovation_fault
+from mkdaemon.vision.gates import fit_fault
 from mkdaemon.vision.image import CameraImage
 from mkdaemon.vision.intrinsics import Intrinsics
-from mkdaemon.vision.pose import Pose, angle_between, largest_variance
+from mkdaemon.vision.judge import FLOW_THROUGH, Judge, Sight
+from mkdaemon.vision.pose import Pose
 from mkdaemon.vision.projection import Projection
 from mkdaemon.vision.result import TargetPose, VisionResult
 from mkdaemon.vision.tagmap import Tag, TagMap
@@ -41,20 +41,6 @@ STRONG_BITS = 0.8
 """Cells this clear stand in for a decoded tag, where none fits into the image."""
 PREDICT_THROUGH = 18
 """Images without a pose over which a prediction with attitude stays good enough to start from."""
-FLOW_THROUGH = 5
-"""Images over which optical flow from the last good one finds its way."""
-LATE_BITS = 0.8
-"""Cells have to be this clear when a track comes back after more than that many images."""
-IMAGE_DECIDES_PX = 24.0
-"""Cells from this size on show perspective; without attitude, smaller ones are checked for the mirrored pose [px]."""
-BLURRED_PX = 3.5
-"""Width of an edge from which perspective drowns in blur [px]."""
-ODD_RMS = 1.7
-"""Residual over its usual value from which a small tag is not believed without attitude."""
-HARMLESS = float(np.radians(2.0))
-"""Rivals this close are published as one pose with the doubt in its covariance [rad]."""
-SMALL_TILT = float(np.radians(1.5))
-"""Below this tilt the mirrored pose is the pose [rad]."""
 RETRY_DECODE = 0.1
 """Pause between attempts to decode a tracked tag [s]."""
 SEARCH_EVERY = 5
@@ -68,16 +54,11 @@ class _Frame:
     """One image on its way through the tracker."""
 
     image: CameraImage
-    enu_from_flu: Array | None
+    sight: Sight
     detections: list[Detection] = field(default_factory=list)
     poses: list[TargetPose] = field(default_factory=list)
     refused: dict[str, str] = field(default_factory=dict)
     followed: set[str] = field(default_factory=set)
-
-    @property
-    def pixels(self) -> Grey:
-        """The image."""
-        return self.image.pixels
 
 
 class Tracker:
@@ -105,6 +86,9 @@ class Tracker:
             self._fitters = {t.name: TargetFitter(t, projection, self._cfg) for t in tagmap.targets}
         self._targets = {target.name: target for target in tagmap.targets}
         self._tracks = {target.name: Track() for target in tagmap.targets}
+        self._judges = {
+            name: Judge(fitter, self._tracks[name], self._cfg, mounting) for name, fitter in self._fitters.items()
+        }
         self._count = 0
 
     def update(self, image: CameraImage, attitude: AttitudeHistory | None = None) -> VisionResult:
@@ -123,7 +107,7 @@ class Tracker:
             return VisionResult(image.camera, image.sequence, image.captured_at, (), (), tuple(alarms))
         known = attitude is not None and self._mounting is not None
         enu_from_flu = attitude.at(image.captured_at, self._cfg.max_attitude_age) if known and attitude else None
-        frame = _Frame(image, enu_from_flu)
+        frame = _Frame(image, Sight(image.pixels, image.captured_at, enu_from_flu))
         self._count += 1
         if self._fitters:
             for name in self._fitters:
@@ -155,21 +139,22 @@ class Tracker:
     def _follow(self, frame: _Frame, name: str) -> None:
         """Try to find a tracked target where it should be."""
         track, fitter = self._tracks[name], self._fitters[name]
-        now = frame.image.captured_at
+        now = frame.sight.time
         if track.is_live and not 0.0 < now - track.last_time < 1.0:
             track.lose()
         if not track.is_live:
             return
-        predicted, used = track.predict(now, frame.enu_from_flu, self._mounting)
+        predicted, used = track.predict(now, frame.sight.enu_from_flu, self._mounting)
         for mode, start in self._starts(frame, name, predicted, used):
-            measured = self._measure(frame, name, start, predicted)
-            if measured is None:
+            measured = self._judges[name].measure(frame.sight, start, predicted)
+            if isinstance(measured, str):
+                frame.refused[name] = measured
                 continue
             pose, doubt = measured
             if not self._confirm(frame, name, pose):
                 return
             if doubt:
-                track.accept(now, pose, frame.enu_from_flu, frame.pixels)
+                track.accept(now, pose, frame.sight.enu_from_flu, frame.sight.pixels)
                 track.in_doubt = track.in_doubt or doubt == "ambiguous"
                 frame.refused[name] = doubt
                 frame.followed.add(name)
@@ -177,11 +162,11 @@ class Tracker:
                 track.in_doubt = False
                 self._publish(frame, name, Choice(pose, float("inf"), "track"), mode)
             return
-        window = fitter.window(predicted, frame.pixels.shape)
+        window = fitter.window(predicted, frame.sight.pixels.shape)
         if window is not None:
             stage: Stage = "log" if track.misses % 2 else "decimate1"
             expected = None if track.in_doubt else predicted
-            self._adopt(frame, name, self.detector.search(frame.pixels, stage, window), "roi", expected)
+            self._adopt(frame, name, self.detector.search(frame.sight.pixels, stage, window), "roi", expected)
 
     def _starts(self, frame: _Frame, name: str, predicted: Pose, used: bool) -> Iterator[tuple[str, Pose]]:
         """Where to begin fitting, the cheapest first; later ones are computed only when the earlier ones failed."""
@@ -189,130 +174,21 @@ class Tracker:
         if (track.misses == 0 and track.has_velocity) or (used and track.misses < PREDICT_THROUGH):
             yield "predicted", predicted
         if track.misses < FLOW_THROUGH and track.image is not None:
-            carried = self._fitters[name].flow(track.image, frame.pixels, track.last, predicted)
+            carried = self._fitters[name].flow(track.image, frame.sight.pixels, track.last, predicted)
             if carried is not None:
                 yield "flow", carried
-
-    def _measure(self, frame: _Frame, name: str, start: Pose, predicted: Pose) -> tuple[Pose, str] | None:
-        """Fit from one start.
-
-        Returns:
-            The pose and why it must not be published (empty when it may be); none when a gate stopped it.
-        """
-        fitter = self._fitters[name]
-        pose = fitter.refine(frame.pixels, start)
-        fault = self._hard_fault(frame, name, pose, predicted) if pose is not None else "no_fit"
-        if pose is not None and not fault:
-            settled = self._settle_mirror(frame, name, pose, predicted)
-            if settled is None:
-                return pose, "ambiguous"
-            fault = "" if settled is pose else self._hard_fault(frame, name, settled, predicted)
-            if not fault:
-                fused = self._fused(frame, name, settled)
-                seen = self._tilt(frame, name, settled) is not None
-                odd = "" if seen else self._residual_fault(name, fused)
-                return fused, odd or certainty_fault(fused, has_attitude=seen)
-        level = self._level(frame, name)
-        if level is not None:
-            # A free fit may follow something lying over the target: hold the tilt and try again.
-            held = fitter.refine_level(frame.pixels, replace(start, rotation=predicted.rotation), level)
-            if held is not None and not self._hard_fault(frame, name, held, predicted):
-                return held, certainty_fault(held, has_attitude=True)
-        frame.refused[name] = fault
-        return None
-
-    def _residual_fault(self, name: str, pose: Pose) -> str:
-        """A small tag that suddenly fits much worse than before has slipped into a wrong place that looks alike."""
-        usual = self._tracks[name].usual_rms
-        cell_px = self._fitters[name].side_px(pose) / self._targets[name].tags[0].family.black_cells
-        odd = usual is not None and pose.source == "edges" and pose.rms_px > ODD_RMS * usual + 0.01
-        return "residual" if odd and cell_px < IMAGE_DECIDES_PX / 2 else ""
-
-    def _level(self, frame: _Frame, name: str) -> Level | None:
-        if frame.enu_from_flu is None or self._mounting is None or not self._targets[name].level:
-            return None
-        up = (frame.enu_from_flu @ self._mounting.flu_from_cam).T[:, 2]
-        return Level(up, float(np.radians(self._cfg.attitude_sd_deg)))
-
-    def _fused(self, frame: _Frame, name: str, pose: Pose) -> Pose:
-        """The pose with what the attitude knows about its tilt."""
-        if frame.enu_from_flu is None or self._mounting is None or not self._targets[name].level:
-            return pose
-        spread = float(np.radians(self._cfg.attitude_sd_deg))
-        return fuse_level(pose, self._mounting, frame.enu_from_flu, spread)
-
-    def _settle_mirror(self, frame: _Frame, name: str, pose: Pose, predicted: Pose) -> Pose | None:
-        """Without attitude a track can slip into the mirrored pose: image and track choose, or nobody does (none)."""
-        fitter = self._fitters[name]
-        cell_px = fitter.side_px(pose) / self._targets[name].tags[0].family.black_cells
-        blurred = pose.blur_px is not None and pose.blur_px > BLURRED_PX
-        known = self._tilt(frame, name, pose) is not None
-        if known or (cell_px > IMAGE_DECIDES_PX and not blurred) or pose.tilt < SMALL_TILT:
-            return pose
-        rival = fitter.mirrored(frame.pixels, pose)
-        if rival is None:
-            return pose
-        expected = None if self._tracks[name].in_doubt else predicted.rotation
-        choice = choose([pose, rival], min_ratio=self._cfg.min_ambiguity_ratio, predicted=expected)
-        if choice is None and pose.source == "edges" and cell_px < IMAGE_DECIDES_PX / 3:
-            grey = fitter.by_grey_values(frame.pixels, (pose, rival))
-            choice = choose(grey, min_ratio=self._cfg.min_ambiguity_ratio, predicted=expected) if grey else None
-        if choice is not None:
-            return choice.pose
-        between = angle_between(pose.rotation, rival.rotation)
-        if between > HARMLESS:
-            return None
-        better = min((pose, rival), key=lambda candidate: candidate.loss)
-        covariance = better.covariance.copy()
-        covariance[3:, 3:] += (between / 2) ** 2 * np.eye(3)
-        return replace(better, covariance=covariance)
-
-    def _fault(self, frame: _Frame, name: str, pose: Pose) -> str:
-        """The first gate a newly found pose fails; empty when it passes all."""
-        fused = self._fused(frame, name, pose)
-        return self._hard_fault(frame, name, pose, None) or certainty_fault(
-            fused, has_attitude=self._tilt(frame, name, pose) is not None
-        )
-
-    def _hard_fault(self, frame: _Frame, name: str, pose: Pose, predicted: Pose | None) -> str:
-        """The first sign that a pose is wrong; empty without any."""
-        fault = fit_fault(pose, self._cfg)
-        if fault:
-            return fault
-        late = predicted is not None and self._tracks[name].misses > FLOW_THROUGH
-        bits = self._fitters[name].match(frame.pixels, pose)
-        if bits is not None and bits < (LATE_BITS if late else self._cfg.min_bit_correlation):
-            return "bits"
-        tilt = self._tilt(frame, name, pose)
-        if tilt is not None and tilt > self._tilt_gate(pose):
-            return "attitude"
-        if predicted is not None:
-            track = self._tracks[name]
-            age = frame.image.captured_at - track.last_time
-            has_attitude = frame.enu_from_flu is not None
-            return innovation_fault(pose, predicted, age, has_attitude=has_attitude, has_velocity=track.has_velocity)
-        return ""
-
-    def _tilt(self, frame: _Frame, name: str, pose: Pose) -> float | None:
-        if frame.enu_from_flu is None or self._mounting is None or not self._targets[name].level:
-            return None
-        return tilt_error(pose.rotation, self._mounting, frame.enu_from_flu)
-
-    def _tilt_gate(self, pose: Pose) -> float:
-        spread = float(np.sqrt(largest_variance(pose.covariance[3:, 3:])))
-        return float(np.radians(self._cfg.attitude_gate_deg)) + min(spread, float(np.radians(1.0)))
 
     def _confirm(self, frame: _Frame, name: str, pose: Pose) -> bool:
         """Decode a tracked target once a period; false ends the track."""
         track, fitter = self._tracks[name], self._fitters[name]
-        now = frame.image.captured_at
+        now = frame.sight.time
         overdue = now - track.decoded_at - self._cfg.redetect_period
         if overdue < 0.0:
             return True
         if now - track.tried_at >= RETRY_DECODE:
             track.tried_at = now
-            window = fitter.window(pose, frame.pixels.shape)
-            found = self.detector.search(frame.pixels, "decimate1", window) if window is not None else []
+            window = fitter.window(pose, frame.sight.pixels.shape)
+            found = self.detector.search(frame.sight.pixels, "decimate1", window) if window is not None else []
             tags = self._tags_of(name, found)
             frame.detections.extend(found)
             if tags:
@@ -325,10 +201,10 @@ class Tracker:
                 return False
         if overdue < UNDECODED_GRACE:
             return True
-        bits = fitter.match(frame.pixels, pose)
+        bits = fitter.match(frame.sight.pixels, pose)
         # Where no tag is whole in the image, decoding cannot succeed and its failure says nothing.
-        cut = not fitter.shows_whole_tag(pose, frame.pixels.shape)
-        witness = self._tilt(frame, name, pose) is not None or (cut and overdue < BLIND_GRACE)
+        cut = not fitter.shows_whole_tag(pose, frame.sight.pixels.shape)
+        witness = self._judges[name].tilt(frame.sight, pose) is not None or (cut and overdue < BLIND_GRACE)
         if bits is not None and bits >= STRONG_BITS and witness:
             return True
         frame.refused[name] = "not_decoded"
@@ -352,10 +228,10 @@ class Tracker:
     def _climb(self, frame: _Frame) -> list[Detection]:
         """Cheap search; when it sees nothing, one of the thorough ones in turn."""
         stages = self.detector.stages
-        found = self.detector.search(frame.pixels, stages[0])
+        found = self.detector.search(frame.sight.pixels, stages[0])
         if not found and len(stages) > 1:
             rest = stages[1:]
-            found = self.detector.search(frame.pixels, rest[self._count % len(rest)])
+            found = self.detector.search(frame.sight.pixels, rest[self._count % len(rest)])
         return found
 
     def _tags_of(self, name: str, found: Sequence[Detection]) -> list[tuple[Tag, Detection]]:
@@ -372,42 +248,42 @@ class Tracker:
             return
         fitter, track = self._fitters[name], self._tracks[name]
         believable: list[Pose] = []
-        for pose in fitter.cold(frame.pixels, tags):
+        for pose in fitter.cold(frame.sight.pixels, tags):
             fault = fit_fault(pose, self._cfg) or self._bits_fault(frame, name, pose)
             if fault:
                 frame.refused[name] = fault
             else:
                 believable.append(pose)
-        tilts = [self._tilt(frame, name, pose) for pose in believable]
+        tilts = [self._judges[name].tilt(frame.sight, pose) for pose in believable]
         known = [tilt for tilt in tilts if tilt is not None]
         choice = choose(
             believable,
             min_ratio=self._cfg.min_ambiguity_ratio,
             tilt_errors=known if len(known) == len(believable) and known else None,
-            tilt_gate=max((self._tilt_gate(pose) for pose in believable), default=0.0),
+            tilt_gate=max((self._judges[name].tilt_gate(pose) for pose in believable), default=0.0),
             predicted=predicted.rotation if predicted is not None else None,
         )
         if choice is None:
             if believable:
                 frame.refused[name] = (
-                    "attitude" if known and min(known) > self._tilt_gate(believable[0]) else "ambiguous"
+                    "attitude" if known and min(known) > self._judges[name].tilt_gate(believable[0]) else "ambiguous"
                 )
             return
-        fault = self._fault(frame, name, choice.pose)
+        fault = self._judges[name].fault(frame.sight, choice.pose)
         if fault:
             frame.refused[name] = fault
             return
-        track.decoded_at = track.tried_at = frame.image.captured_at
+        track.decoded_at = track.tried_at = frame.sight.time
         track.in_doubt = False
-        self._publish(frame, name, replace(choice, pose=self._fused(frame, name, choice.pose)), mode)
+        self._publish(frame, name, replace(choice, pose=self._judges[name].fused(frame.sight, choice.pose)), mode)
 
     def _bits_fault(self, frame: _Frame, name: str, pose: Pose) -> str:
-        bits = self._fitters[name].match(frame.pixels, pose)
+        bits = self._fitters[name].match(frame.sight.pixels, pose)
         return "bits" if bits is not None and bits < self._cfg.min_bit_correlation else ""
 
     def _publish(self, frame: _Frame, name: str, choice: Choice, mode: str) -> None:
-        track, fitter, now = self._tracks[name], self._fitters[name], frame.image.captured_at
-        track.accept(now, choice.pose, frame.enu_from_flu, frame.pixels)
+        track, fitter, now = self._tracks[name], self._fitters[name], frame.sight.time
+        track.accept(now, choice.pose, frame.sight.enu_from_flu, frame.sight.pixels)
         frame.refused.pop(name, None)
         self._health.note(choice.pose, fitter.side_px(choice.pose))
         frame.poses.append(
@@ -418,7 +294,7 @@ class Tracker:
                 choice.ratio,
                 choice.decided_by,
                 mode,
-                fitter.match(frame.pixels, choice.pose),
+                fitter.match(frame.sight.pixels, choice.pose),
                 now - track.decoded_at,
             )
         )

@@ -1,0 +1,169 @@
+"""Measuring a target from a start and judging what came out, with everything known about it: track, attitude, image."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from mkdaemon.config.vision import TrackerSection
+from mkdaemon.vision.ambiguity import choose
+from mkdaemon.vision.attitude import Mounting, fuse_level, tilt_error
+from mkdaemon.vision.edgefit import Level
+from mkdaemon.vision.fitting import TargetFitter
+from mkdaemon.vision.gates import certainty_fault, fit_fault, innovation_fault
+from mkdaemon.vision.pose import Pose, angle_between, largest_variance
+from mkdaemon.vision.track import Track
+
+Array = npt.NDArray[np.float64]
+Grey = npt.NDArray[np.uint8]
+
+FLOW_THROUGH = 5
+"""Images over which optical flow from the last good one finds its way."""
+LATE_BITS = 0.8
+"""Cells have to be this clear when a track comes back after more than that many images."""
+IMAGE_DECIDES_PX = 24.0
+"""Cells from this size on show perspective; without attitude, smaller ones are checked for the mirrored pose [px]."""
+BLURRED_PX = 3.5
+"""Width of an edge from which perspective drowns in blur [px]."""
+ODD_RMS = 1.7
+"""Residual over its usual value from which a small tag is not believed without attitude."""
+HARMLESS = float(np.radians(2.0))
+"""Rivals this close are published as one pose with the doubt in its covariance [rad]."""
+SMALL_TILT = float(np.radians(1.5))
+"""Below this tilt the mirrored pose is the pose [rad]."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Sight:
+    """One image with what is known about its moment.
+
+    Attributes:
+        pixels: `(h, w)` uint8.
+        time: middle of the exposure [s].
+        enu_from_flu: the vehicle's attitude then `(3, 3)`; none when unknown.
+    """
+
+    pixels: Grey
+    time: float
+    enu_from_flu: Array | None
+
+
+class Judge:
+    """Measures and judges one target."""
+
+    def __init__(self, fitter: TargetFitter, track: Track, cfg: TrackerSection, mounting: Mounting | None) -> None:
+        self.fitter = fitter
+        self.track = track
+        self._cfg = cfg
+        self._mounting = mounting
+
+    def measure(self, seen: Sight, start: Pose, predicted: Pose) -> tuple[Pose, str] | str:
+        """Fit from one start.
+
+        Returns:
+            The pose and why it must not be published (empty when it may be); the fault alone when a gate stopped it.
+        """
+        pose = self.fitter.refine(seen.pixels, start)
+        fault = self._hard_fault(seen, pose, predicted) if pose is not None else "no_fit"
+        if pose is not None and not fault:
+            settled = self._settle_mirror(seen, pose, predicted)
+            if settled is None:
+                return pose, "ambiguous"
+            fault = "" if settled is pose else self._hard_fault(seen, settled, predicted)
+            if not fault:
+                fused = self.fused(seen, settled)
+                known = self.tilt(seen, settled) is not None
+                odd = "" if known else self._residual_fault(fused)
+                return fused, odd or certainty_fault(fused, has_attitude=known)
+        level = self._level(seen)
+        if level is not None:
+            # A free fit may follow something lying over the target: hold the tilt and try again.
+            held = self.fitter.refine_level(seen.pixels, replace(start, rotation=predicted.rotation), level)
+            if held is not None and not self._hard_fault(seen, held, predicted):
+                return held, certainty_fault(held, has_attitude=True)
+        return fault
+
+    def _settle_mirror(self, seen: Sight, pose: Pose, predicted: Pose) -> Pose | None:
+        """Without attitude a track can slip into the mirrored pose: image and track choose, or nobody does (none)."""
+        cell_px = self.fitter.side_px(pose) / self.fitter.target.tags[0].family.black_cells
+        blurred = pose.blur_px is not None and pose.blur_px > BLURRED_PX
+        known = self.tilt(seen, pose) is not None
+        if known or (cell_px > IMAGE_DECIDES_PX and not blurred) or pose.tilt < SMALL_TILT:
+            return pose
+        rival = self.fitter.mirrored(seen.pixels, pose)
+        if rival is None:
+            return pose
+        expected = None if self.track.in_doubt else predicted.rotation
+        choice = choose([pose, rival], min_ratio=self._cfg.min_ambiguity_ratio, predicted=expected)
+        if choice is None and pose.source == "edges" and cell_px < IMAGE_DECIDES_PX / 3:
+            grey = self.fitter.by_grey_values(seen.pixels, (pose, rival))
+            choice = choose(grey, min_ratio=self._cfg.min_ambiguity_ratio, predicted=expected) if grey else None
+        if choice is not None:
+            return choice.pose
+        between = angle_between(pose.rotation, rival.rotation)
+        if between > HARMLESS:
+            return None
+        better = min((pose, rival), key=lambda candidate: candidate.loss)
+        covariance = better.covariance.copy()
+        covariance[3:, 3:] += (between / 2) ** 2 * np.eye(3)
+        return replace(better, covariance=covariance)
+
+    def fault(self, seen: Sight, pose: Pose) -> str:
+        """The first gate a newly found pose fails; empty when it passes all."""
+        fused = self.fused(seen, pose)
+        return self._hard_fault(seen, pose, None) or certainty_fault(
+            fused, has_attitude=self.tilt(seen, pose) is not None
+        )
+
+    def _hard_fault(self, seen: Sight, pose: Pose, predicted: Pose | None) -> str:
+        """The first sign that a pose is wrong; empty without any."""
+        fault = fit_fault(pose, self._cfg)
+        if fault:
+            return fault
+        late = predicted is not None and self.track.misses > FLOW_THROUGH
+        bits = self.fitter.match(seen.pixels, pose)
+        if bits is not None and bits < (LATE_BITS if late else self._cfg.min_bit_correlation):
+            return "bits"
+        tilt = self.tilt(seen, pose)
+        if tilt is not None and tilt > self.tilt_gate(pose):
+            return "attitude"
+        if predicted is not None:
+            age = seen.time - self.track.last_time
+            has_attitude = seen.enu_from_flu is not None
+            return innovation_fault(
+                pose, predicted, age, has_attitude=has_attitude, has_velocity=self.track.has_velocity
+            )
+        return ""
+
+    def _residual_fault(self, pose: Pose) -> str:
+        """A small tag that suddenly fits much worse than before has slipped into a wrong place that looks alike."""
+        usual = self.track.usual_rms
+        cell_px = self.fitter.side_px(pose) / self.fitter.target.tags[0].family.black_cells
+        odd = usual is not None and pose.source == "edges" and pose.rms_px > ODD_RMS * usual + 0.01
+        return "residual" if odd and cell_px < IMAGE_DECIDES_PX / 2 else ""
+
+    def tilt(self, seen: Sight, pose: Pose) -> float | None:
+        """Disagreement with the attitude [rad]; none over targets that are not level, or without attitude."""
+        if seen.enu_from_flu is None or self._mounting is None or not self.fitter.target.level:
+            return None
+        return tilt_error(pose.rotation, self._mounting, seen.enu_from_flu)
+
+    def tilt_gate(self, pose: Pose) -> float:
+        """Largest disagreement that is believed of a pose [rad]."""
+        spread = float(np.sqrt(largest_variance(pose.covariance[3:, 3:])))
+        return float(np.radians(self._cfg.attitude_gate_deg)) + min(spread, float(np.radians(1.0)))
+
+    def _level(self, seen: Sight) -> Level | None:
+        if seen.enu_from_flu is None or self._mounting is None or not self.fitter.target.level:
+            return None
+        up = (seen.enu_from_flu @ self._mounting.flu_from_cam).T[:, 2]
+        return Level(up, float(np.radians(self._cfg.attitude_sd_deg)))
+
+    def fused(self, seen: Sight, pose: Pose) -> Pose:
+        """The pose with what the attitude knows about its tilt."""
+        if seen.enu_from_flu is None or self._mounting is None or not self.fitter.target.level:
+            return pose
+        spread = float(np.radians(self._cfg.attitude_sd_deg))
+        return fuse_level(pose, self._mounting, seen.enu_from_flu, spread)
