@@ -193,6 +193,20 @@ def test_a_target_of_wrong_size_is_a_configuration_error(tmp_path: Path) -> None
         CameraPipeline(section(targets=(wrong,)), VisionSection())
 
 
+def test_published_pictures_are_bounded_in_rate_and_size() -> None:
+    pipeline = CameraPipeline(section(jpeg_hz=10, jpeg_width=320), VisionSection())
+    pixels = np.full((480, 640), 90, np.uint8)
+    taken = [frame for k in range(90) if (frame := pipeline.picture(image(pixels, k))) is not None]
+    assert 29 <= len(taken) <= 31  # three seconds at 30 Hz
+    suffix, frame = taken[0]
+    assert isinstance(frame, CameraFrame)
+    assert (suffix, frame.width, frame.height, frame.coding) == ("vision/down/image", 320, 240, "jpeg")
+    late = pipeline.picture(image(pixels, 300))  # after a pause of seven seconds
+    assert late is not None
+    assert pipeline.picture(image(pixels, 301)) is None
+    assert CameraPipeline(section(), VisionSection()).picture(image(pixels, 0)) is None
+
+
 class Collected:
     """A sink that remembers, and wakes whoever waits for something."""
 
@@ -233,7 +247,7 @@ async def test_the_worker_publishes_on_the_loop_from_the_first_image_to_the_last
     mounts = [value for _, value in sink.values if isinstance(value, Transform) and value.static]
     assert {(edge.parent, edge.child) for edge in mounts} == {("body", "camera/down")}
     pictures = [value for _, value in sink.values if isinstance(value, CameraFrame)]
-    assert 1 <= len(pictures) <= 3  # six images in 0.1 s at 10 Hz
+    assert len(pictures) >= 1
     assert (pictures[0].width, pictures[0].height) == (320, 240)
     last = sink.stats()[-1]
     assert (last.processed, last.dropped, last.posed) == (6, 0, 1.0)

@@ -109,7 +109,8 @@ class CameraPipeline:
         """The image as JPEG, when one is due."""
         if self.cfg.jpeg_hz <= 0.0 or image.received_at < self._next_jpeg:
             return None
-        self._next_jpeg = max(self._next_jpeg + 1.0 / self.cfg.jpeg_hz, image.received_at)
+        period = 1.0 / self.cfg.jpeg_hz
+        self._next_jpeg = max(self._next_jpeg + period, image.received_at + 0.5 * period)
         pixels, width, height = encode_jpeg(image.pixels, self.cfg.jpeg_quality, self.cfg.jpeg_width)
         frame = CameraFrame(
             camera=image.camera,
