@@ -12,6 +12,7 @@ import pytest
 import zenoh
 
 from mkdaemon.bus.gateway import Bus
+from mkdaemon.bus.session import session_config
 from mkdaemon.config.bus import BusConfig
 from mkdaemon.errors import ConfigError, MkError
 from mkdaemon.telemetry.command import CommandResult, Status, refuse
@@ -157,8 +158,6 @@ async def test_leaving_ends_commands_that_still_run():
 
 
 def _impatient(endpoint):
-    from mkdaemon.bus.session import session_config
-
     return session_config("client", connect=[endpoint], patience=0.05)
 
 
@@ -227,3 +226,21 @@ async def test_a_stopped_subscriber_does_not_hold_up_the_publisher(bus):
         took = time.monotonic() - started
         go_on.set()
     assert took < 5.0, "BLOCK would have waited 5 s at the first full queue"
+
+
+async def test_a_daemon_joins_a_router_whenever_that_comes():
+    meeting_point = free_endpoint()
+    async with Bus.open(BusConfig(listen=(free_endpoint(),), connect=(meeting_point,)), "t7") as opened:
+        opened.publish("state/battery", BATTERY)
+        router = await asyncio.to_thread(zenoh.open, session_config("router", listen=[meeting_point]))
+        try:
+            with client(meeting_point) as session:
+                for _ in range(200):
+                    replies = await asyncio.to_thread(ask, session, "mk/t7/state/battery")
+                    if replies:
+                        break
+                    await asyncio.sleep(0.05)
+        finally:
+            await asyncio.to_thread(router.close)
+    [(_, value, _)] = replies
+    assert value["voltage"] == BATTERY.voltage

@@ -1,0 +1,73 @@
+"""What the service manager is told, and when it is told nothing."""
+
+from __future__ import annotations
+
+import asyncio
+import socket
+
+import pytest
+
+from mkdaemon.daemon.watchdog import Notifier, feed_watchdog
+
+
+@pytest.fixture
+def manager(tmp_path):
+    """A service manager's socket and its address."""
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as channel:
+        address = str(tmp_path / "notify")
+        channel.bind(address)
+        channel.settimeout(5)
+        yield channel, address
+
+
+async def feed(notifier, progress, until):
+    task = asyncio.create_task(feed_watchdog(notifier, progress))
+    try:
+        return await asyncio.to_thread(until)
+    finally:
+        task.cancel()
+        await asyncio.gather(task, return_exceptions=True)
+
+
+async def test_life_is_reported_while_work_makes_progress(manager):
+    channel, address = manager
+    notifier = Notifier({"NOTIFY_SOCKET": address, "WATCHDOG_USEC": "60000"})
+    assert notifier.watchdog == 0.06
+    steps = iter(range(10_000))
+    heard = await feed(notifier, lambda: next(steps), lambda: [channel.recv(64) for _ in range(4)])
+    assert heard == [b"READY=1"] + [b"WATCHDOG=1"] * 3
+
+
+async def test_a_loop_that_runs_while_control_stands_still_is_not_alive(manager):
+    channel, address = manager
+    notifier = Notifier({"NOTIFY_SOCKET": address, "WATCHDOG_USEC": "6000"})
+    looks = 0
+
+    def stuck() -> int:
+        nonlocal looks
+        looks += 1
+        if looks == 20:
+            notifier.send("STOPPING=1")  # marks the end for the reader below
+        return 7
+
+    def listen() -> list[bytes]:
+        heard = []
+        while not heard or heard[-1] != b"STOPPING=1":
+            heard.append(channel.recv(64))
+        return heard
+
+    assert await feed(notifier, stuck, listen) == [b"READY=1", b"STOPPING=1"]
+
+
+@pytest.mark.parametrize("environment", [{}, {"NOTIFY_SOCKET": ""}, {"NOTIFY_SOCKET": "/nowhere/at/all"}])
+def test_without_a_manager_nothing_happens(environment):
+    Notifier(environment).send("READY=1")
+
+
+def test_abstract_addresses_are_understood():
+    name = f"\0mkdaemon-test-{id(object())}"
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as channel:
+        channel.bind(name)
+        channel.settimeout(5)
+        Notifier({"NOTIFY_SOCKET": "@" + name[1:]}).send("READY=1")
+        assert channel.recv(64) == b"READY=1"
