@@ -200,14 +200,14 @@ ROWS = [
         lambda b, a: a.pattern == 0x5AA5,
     ),
     Row("Error Text", NC, m.ErrorTextRequest(), "error_text_request", (m.ErrorText,), lambda b, a: a.text),
-    Row("Send Target Position", NC, TARGET, "send_target", (), lambda b, a: b.nc and b.nc.points.count == 1),
+    Row("Send Target Position", NC, TARGET, "send_target", (), lambda b, a: b.nc and b.nc.navigator.points.count == 1),
     Row(
         "Send Waypoint",
         NC,
         POINT,
         "write_waypoint",
         (m.WaypointWritten,),
-        lambda b, a: a.index == b.nc.points.count == 1,
+        lambda b, a: a.index == b.nc.navigator.points.count == 1,
     ),
     Row(
         "Request Waypoint",

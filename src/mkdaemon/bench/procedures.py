@@ -110,10 +110,10 @@ def run_upload(seed: int, noise: Noise = NOISE, patience: Patience = UPLOAD_PATI
     flight = FlightCtrl(FC_GENERATIONS["2.12a"], GroundedAircraft(), seed=seed)
     board = NaviCtrl(NC_GENERATIONS["0.24"], flight, seed=seed)
     for old in random_route(rng, rng.randint(0, longest)):
-        board.points.write(old.encode())
+        board.navigator.points.write(old.encode())
     points = random_route(rng, rng.randint(1, longest))
     end, line = _drive(board, noise, rng, upload_points(points, patience))
-    held = [(board.points.read(number) or b"")[2:] for number in range(1, board.points.count + 1)]
+    held = [(board.navigator.points.read(number) or b"")[2:] for number in range(1, board.navigator.points.count + 1)]
     is_wrong = end == "verified" and held != [point.encode() for point in points]
     return Run(seed, end, is_wrong, False, line.traffic.asked, line.now)
 

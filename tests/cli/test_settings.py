@@ -1,0 +1,139 @@
+"""Parameter sets on the command line: what is told, what is refused; the board is at the level of messages."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from pathlib import Path
+
+import pytest
+
+import mkdaemon.cli.settings as command
+from mkdaemon.cli.app import app
+from mkdaemon.cli.program import EXIT_CONFIG, EXIT_FAILURE, EXIT_OK, run
+from mkdaemon.cli.settings_files import read_sets
+from mkdaemon.errors import ConfigError
+from mkdaemon.protocol.procedures import Patience
+from mkdaemon.protocol.procedures.steps import Pause
+
+from ..protocol.procedures.talk import FlightCtrl
+from .test_conversation import Daemon
+
+
+@pytest.fixture
+def board(monkeypatch: pytest.MonkeyPatch) -> FlightCtrl:
+    """A FlightCtrl behind a daemon that needs no line."""
+    flight = FlightCtrl()
+
+    class Client:
+        @classmethod
+        @asynccontextmanager
+        async def open(cls, connection: object) -> AsyncIterator[Daemon]:
+            yield Daemon(flight)
+
+    monkeypatch.setattr(command, "Client", Client)
+    monkeypatch.setattr(command, "PATIENCE", Patience(2))
+    monkeypatch.setattr("mkdaemon.protocol.procedures.settings.Pause", lambda seconds: Pause(0.0))
+    return flight
+
+
+def ctl(capsys: pytest.CaptureFixture[str], *words: str) -> tuple[int, str, str]:
+    capsys.readouterr()
+    code = run(app, ["settings", *words])
+    out, err = capsys.readouterr()
+    return code, out, err
+
+
+def test_list_and_show(board: FlightCtrl, capsys: pytest.CaptureFixture[str]) -> None:
+    code, out, _ = ctl(capsys, "list")
+    assert (code, [line[:4] for line in out.splitlines()]) == (EXIT_OK, ["  1 ", "  2 ", "* 3 ", "  4 ", "  5 "])
+    code, out, _ = ctl(capsys, "show", "--slot", "2", "--json")
+    shown = json.loads(out)
+    assert (shown["slot"], shown["revision"], shown["values"]["gyro_p"]) == (2, 106, board.sets[2][30])
+    assert ctl(capsys, "show", "gyro_p")[1].splitlines()[1].split()[:2] == ["gyro_p", str(board.sets[3][30])]
+    code, _, err = ctl(capsys, "show", "gyro_q")
+    assert code == EXIT_FAILURE
+    assert "the nearest name is 'gyro_p'" in err
+    assert board.live == board.sets[3]
+
+
+def test_a_folder_keeps_five_sets_and_is_never_overwritten(
+    board: FlightCtrl, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    folder = tmp_path / "backup"
+    code, out, _ = ctl(capsys, "backup", str(folder), "--json")
+    assert (code, len(json.loads(out)["files"]), json.loads(out)["active"]) == (EXIT_OK, 5, 3)
+    assert {slot: source.parameters.raw for slot, source in read_sets(folder).items()} == board.sets
+    assert ctl(capsys, "backup", str(folder))[0] == EXIT_CONFIG
+    one = tmp_path / "one.json"
+    assert ctl(capsys, "backup", str(one), "--slot", "5")[0] == EXIT_OK
+    assert read_sets(one)[5].parameters.raw == board.sets[5]
+    code, _, err = ctl(capsys, "backup", str(one))
+    assert (code, "exists already" in err) == (EXIT_CONFIG, True)
+    (folder / "again.toml").write_text((folder / "set2.toml").read_text())
+    with pytest.raises(ConfigError, match=r"set2\.toml: slot 2 is also in .*again\.toml; keep one of them"):
+        read_sets(folder)
+
+
+def test_files_and_boards_are_compared(board: FlightCtrl, capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    before, after = tmp_path / "before.toml", tmp_path / "after.toml"
+    ctl(capsys, "backup", str(before), "--slot", "1")
+    assert ctl(capsys, "edit", "gyro_p=7", "--slot", "1")[0] == EXIT_OK
+    ctl(capsys, "backup", str(after), "--slot", "1")
+    code, out, _ = ctl(capsys, "diff", str(before), str(after))
+    assert code == EXIT_FAILURE
+    assert out == f"set 1: gyro_p is {board.sets[2][30] - 7} in the first and 7 in the second\n"
+    code, out, _ = ctl(capsys, "diff", str(before), "--json")
+    assert (code, json.loads(out)["1"][0]["name"]) == (EXIT_FAILURE, "gyro_p")
+    assert ctl(capsys, "diff", str(after))[:2] == (EXIT_OK, "no difference\n")
+
+
+def test_restore_into_another_slot_and_edit_of_bits(
+    board: FlightCtrl, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    file = tmp_path / "set.toml"
+    ctl(capsys, "backup", str(file), "--slot", "1")
+    assert ctl(capsys, "restore", str(file), "--slot", "4")[0] == EXIT_OK
+    assert board.sets[4] == board.sets[1]
+    assert ctl(capsys, "restore", str(file), "--slot", "4")[1].splitlines()[-1] == "nothing had to be written"
+    assert ctl(capsys, "edit", "global_config=compass,gps", "external_control=poti2")[0] == EXIT_OK
+    assert (board.sets[3][13], board.sets[3][98]) == (0x28, 254)
+    assert (board.active, board.live) == (3, board.sets[3])
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["edit"], "nothing to change; write NAME=VALUE"),
+        (["edit", "gyro_p"], "'gyro_p' is no change; write NAME=VALUE"),
+        (["edit", "gyro_q=1"], "the nearest name is 'gyro_p'"),
+        (["edit", "gyro_p=300"], "gyro_p takes 0..255"),
+        (["edit", "gyro_p=much"], "gyro_p .* cannot be 'much'"),
+        (["restore", "none.toml"], "none.toml: cannot be read"),
+        (["restore", "."], "no .toml or .json file in this folder"),
+    ],
+)
+def test_mistakes_are_one_line_with_the_fix(
+    board: FlightCtrl,
+    capsys: pytest.CaptureFixture[str],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    words: list[str],
+    message: str,
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    before = dict(board.sets)
+    code, _, err = ctl(capsys, *words)
+    assert (code, err.count("\n")) == (EXIT_CONFIG, 1)
+    assert re.search(message, err)
+    assert board.sets == before
+
+
+def test_motors_running_refuse_and_nothing_changes(board: FlightCtrl, capsys: pytest.CaptureFixture[str]) -> None:
+    before = dict(board.sets)
+    board.motors_running = True
+    code, _, err = ctl(capsys, "edit", "gyro_p=7")
+    assert (code, err.startswith("mkctl: write_refused")) == (EXIT_FAILURE, True)
+    assert board.sets == before
