@@ -14,7 +14,7 @@ DOCS = Path(__file__).resolve().parents[3] / "docs"
 def test_every_failure_is_two_sentences_and_documented(token: str) -> None:
     failure = FAILURES[token]
     words = {name for part in failure for _, name, _, _ in string.Formatter().parse(part) if name}
-    error = fail(token, **dict.fromkeys(words, "7"))
+    error = fail(token, **dict.fromkeys(words, 7))
     assert (error.token, error.reason[-1], error.fix[-1]) == (token, ".", ".")
     pages = "".join((DOCS / page).read_text(encoding="utf-8") for page in ("settings.md", "waypoints.md"))
     assert f"`{token}`" in pages
