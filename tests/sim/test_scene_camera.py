@@ -118,9 +118,10 @@ def test_frames_come_stamped_and_late() -> None:
     feed.start()
     exposed = []
     for k in range(4):
+        before = time.monotonic()
         feed.tick(k / 30.0, truth, faults)
         feed.tick(k / 30.0 + 0.001, truth, faults)  # not due
-        exposed.append(time.monotonic())
+        exposed.append((before, time.monotonic()))
         deadline = time.monotonic() + 10.0
         while feed._slot.is_full and time.monotonic() < deadline:
             threading.Event().wait(0.002)
@@ -131,8 +132,10 @@ def test_frames_come_stamped_and_late() -> None:
         assert not isinstance(found, str)
         frame, pixels = found
         assert (frame.sequence, frame.camera, frame.clock) == (k + 1, "nose", boot_id())
-        assert frame.captured_monotonic == pytest.approx(exposed[k] + 0.005, abs=0.02)
-        assert arrived - exposed[k] >= 0.079
+        assert frame.captured_monotonic is not None
+        taken = frame.captured_monotonic - 0.005
+        assert exposed[k][0] <= taken <= exposed[k][1]
+        assert arrived - taken >= 0.0799
         assert pixels.shape == (480, 640)
     assert feed.render_ms > 0.0
     assert feed.dropped == 0

@@ -24,7 +24,7 @@ from mkdaemon.vision.shot import EndOfImages, Shot
 from mkdaemon.vision.slot import NewestSlot
 from mkdaemon.vision.stamping import StampClock
 
-PATIENCE = 10.0
+PATIENCE = 30.0
 
 
 def picture(grey: int = 100) -> np.ndarray:
@@ -210,12 +210,13 @@ def test_a_clip_is_played_at_its_own_rate(tmp_path: Path) -> None:
     writer.release()
     source = source_of(CameraSection(source=f"file:{path}"))
     source.open()
+    began = time.monotonic()
     shots = [shot for _ in range(6) if (shot := source.read(1.0)) is not None]
     with pytest.raises(EndOfImages):
         source.read(1.0)
     source.close()
     assert [round(int(shot.pixels.mean()) / 40) for shot in shots] == list(range(6))
-    assert shots[-1].arrived - shots[0].arrived >= 0.099
+    assert shots[-1].arrived - began >= 0.099  # five periods of 20 ms
 
 
 @pytest.fixture
@@ -265,7 +266,7 @@ def test_images_from_the_bus_keep_their_capture_time(session: zenoh.Session) -> 
     image = slot.take(PATIENCE)
     assert image is not None
     assert abs(int(image.pixels.mean()) - 150) <= 1
-    assert time.monotonic() - image.captured_at == pytest.approx(0.2, abs=0.1)
+    assert image.captured_at == pytest.approx(taken_wall - time.time() + time.monotonic(), abs=0.01)
     assert stream.status().lost == 2  # 6 and 7
     stream.stop()
 

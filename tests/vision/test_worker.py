@@ -39,7 +39,7 @@ CAMERA = load_camera(CAMERA_FILE)
 PAD = SceneTarget.of(load([TARGET_FILE]).targets[0], Platform())
 SCENE = Scene([PAD], ground="tiles", seed=6, fine=False)
 STREAMING = StreamStatus(state=StreamState.STREAMING, width=640, height=480)
-PATIENCE = 20.0
+PATIENCE = 40.0
 
 
 def view(k: int = 0) -> CameraView:
