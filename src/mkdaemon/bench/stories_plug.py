@@ -10,13 +10,14 @@ import random
 import statistics
 import tempfile
 import time
-from contextlib import suppress
+from collections.abc import AsyncIterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
 from mkdaemon.bench.stories_cable import BACK_S, first_words
-from mkdaemon.bench.stories_process import PATIENCE, ObservedSimulation, connected, daemon_process
+from mkdaemon.bench.stories_process import DaemonProcess, ObservedSimulation, connected, daemon_process, until
+from mkdaemon.cli.session import Sample
 from mkdaemon.config.sim import PilotPlan, SimConfig
 from mkdaemon.sim.runtime import Runtime
 
@@ -64,68 +65,85 @@ class Replugs:
         )
 
 
+class _Telemetry:
+    """When the daemon showed streamed telemetry last, on its clock [s]."""
+
+    def __init__(self) -> None:
+        self.latest = 0.0
+
+    async def listen(self, samples: AsyncIterator[Sample]) -> None:
+        """Take samples for ever."""
+        async for sample in samples:
+            if sample.suffix.rpartition("/")[2] in STREAMED:
+                self.latest = sample.fields["t_monotonic"]
+
+
+class _Bench:
+    """The device that comes and goes, and what was seen of the daemon meanwhile."""
+
+    def __init__(self, config: SimConfig, device: Path, rng: random.Random) -> None:
+        self.back: list[float] = []
+        self.wrong: list[int] = []
+        self.lost: list[int] = []
+        self.descriptors: list[int] = []
+        self.memory: list[float] = []
+        self._simulation = ObservedSimulation(config)
+        self._device = device
+        self._rng = rng
+
+    async def cycle(self, number: int, daemon: DaemonProcess, telemetry: _Telemetry) -> None:
+        """Plug in, wait for telemetry, look at everything, unplug."""
+        simulation, rng = self._simulation, self._rng
+        runtime = Runtime(simulation)
+        simulation.heard.clear()
+        async with runtime.serve():
+            returned = time.monotonic()
+            self._device.symlink_to(runtime.port)
+            try:
+                # After our first bytes: what the old line still held may be read late.
+                await until(lambda: simulation.heard and telemetry.latest >= simulation.heard[0][0])
+                self.back.append(telemetry.latest - returned)
+            except TimeoutError:
+                self.lost.append(number)
+            await asyncio.sleep(rng.uniform(0.05, 0.4))
+            self.descriptors.append(daemon.descriptors())
+            self.memory.append(daemon.resident_mb())
+            if first_words(b"".join(data for _, data in simulation.heard)) != "release":
+                self.wrong.append(number)
+            self._device.unlink()
+        await asyncio.sleep(rng.uniform(0.05, 0.6))
+
+
 async def replug(cycles: int, *, seed: int = 1, board: str = "nc") -> Replugs:
     """Unplug and plug in so many times."""
-    rng = random.Random(f"{seed} plug")
     config = SimConfig.model_validate(
         {"board": board, "pilot_plan": PilotPlan.NOTHING, "calibrated": True, "seed": seed}
     )
-    simulation = ObservedSimulation(config)
-    back: list[float] = []
-    wrong: list[int] = []
-    lost: list[int] = []
-    descriptors: list[int] = []
-    memory: list[float] = []
+    telemetry = _Telemetry()
     with tempfile.TemporaryDirectory() as folder:
         device = Path(folder) / "ttyMK"
+        bench = _Bench(config, device, random.Random(f"{seed} plug"))
         async with (
             daemon_process(f"pty:{device}", Path(folder), link="wait_for_port = true") as daemon,
             connected(daemon.endpoint) as client,
             client.watch("rx/**") as samples,
         ):
-            latest = 0.0
-
-            async def listen() -> None:
-                nonlocal latest
-                async for sample in samples:
-                    if sample.suffix.rpartition("/")[2] in STREAMED:
-                        latest = sample.fields["t_monotonic"]
-
-            listening = asyncio.create_task(listen(), name="listen")
-            for cycle in range(cycles):
-                runtime = Runtime(simulation)
-                simulation.heard.clear()
-                async with runtime.serve():
-                    returned = time.monotonic()
-                    device.symlink_to(runtime.port)
-                    try:
-                        async with asyncio.timeout(PATIENCE):
-                            while latest < returned:  # noqa: ASYNC110 - told by another process
-                                await asyncio.sleep(0.002)
-                        back.append(latest - returned)
-                    except TimeoutError:
-                        lost.append(cycle)
-                    await asyncio.sleep(rng.uniform(0.05, 0.4))
-                    descriptors.append(daemon.descriptors())
-                    memory.append(daemon.resident_mb())
-                    if first_words(b"".join(data for _, data in simulation.heard)) != "release":
-                        wrong.append(cycle)
-                    device.unlink()
-                await asyncio.sleep(rng.uniform(0.05, 0.6))
+            listening = asyncio.create_task(telemetry.listen(samples), name="listen")
+            for number in range(cycles):
+                await bench.cycle(number, daemon, telemetry)
             listening.cancel()
-            with suppress(asyncio.CancelledError):
-                await listening
+            await asyncio.gather(listening, return_exceptions=True)
     warm, quarter = int(cycles * WARM_UP), max(1, cycles // 4)
     return Replugs(
         cycles=cycles,
-        back_p50=round(statistics.median(back), 3),
-        back_max=round(max(back), 3),
-        not_release=wrong,
-        never_back=lost,
-        descriptors=(max(descriptors[warm : warm + quarter]), max(descriptors[-quarter:])),
+        back_p50=round(statistics.median(bench.back), 3),
+        back_max=round(max(bench.back), 3),
+        not_release=bench.wrong,
+        never_back=bench.lost,
+        descriptors=(max(bench.descriptors[warm : warm + quarter]), max(bench.descriptors[-quarter:])),
         memory_mb=(
-            round(statistics.median(memory[warm : warm + quarter]), 2),
-            round(statistics.median(memory[-quarter:]), 2),
+            round(statistics.median(bench.memory[warm : warm + quarter]), 2),
+            round(statistics.median(bench.memory[-quarter:]), 2),
         ),
         tracebacks=daemon.errors.count("Traceback"),
     )

@@ -10,6 +10,7 @@ BENCHMARKS: Final = (
     CommandEntry("protocol", "mkdaemon.bench.protocol:main", "Decoding: frames a second, against pymavlink."),
     CommandEntry("link", "mkdaemon.bench.link:main", "The link under load: losses, latencies, recovery."),
     CommandEntry("vision", "mkdaemon.bench.vision:main", "Detection: rate, accuracy, latency."),
+    CommandEntry("stories", "mkdaemon.bench.stories:main", "Lost clients, pulled cables, races: the safety stories."),
     CommandEntry("procedures", "mkdaemon.bench.procedures:main", "Uploads and backups over a line that loses bytes."),
     CommandEntry("flight", "mkdaemon.bench.flight:main", "The simulated flight against the plant's figures."),
     CommandEntry("figures", "mkdaemon.bench.figures:main", "Every plot of docs/figures."),
