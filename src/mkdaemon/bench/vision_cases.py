@@ -31,7 +31,7 @@ def cold(quick: bool, seeds: SeedSet) -> dict[str, Any]:
         ("single_720p", HD, HD_DISTANCES),
     ):
         target = target_named(name.partition("_")[0])
-        studio = Studio(target, seeds.base + 100, intrinsics=intrinsics)
+        studio = Studio(target, seeds.base + 100, intrinsics=intrinsics, fine=False)
         detector = Detector(TagMap((target,)).whitelist)
         rows = []
         for distance in distances:
@@ -105,7 +105,7 @@ def view_angle(quick: bool, seeds: SeedSet) -> dict[str, Any]:
     detector = Detector(TagMap((target,)).whitelist)
     out: dict[str, Any] = {"images_each": count, "distance": 2.0}
     for place, off in (("centre", 0.02), ("edge", 0.30)):
-        studio = Studio(target, seeds.base + 300)
+        studio = Studio(target, seeds.base + 300, fine=False)
         rows = []
         for degrees in ANGLES_DEG:
             decoded = posed = wrong = 0
@@ -145,7 +145,7 @@ def conditions(quick: bool, seeds: SeedSet) -> dict[str, Any]:
     out: dict[str, Any] = {"images_each": count, "target": "nested", "distance": [0.5, 4.0]}
     rows = []
     for name, draw in draws.items():
-        studio = Studio(target, seeds.base + 400)
+        studio = Studio(target, seeds.base + 400, fine=False)
         decoded = posed = blind = wrong = 0
         for _ in range(count):
             rng = studio.rng

@@ -123,12 +123,18 @@ def fit_fault(pose: Pose, cfg: TrackerSection) -> str:
     return ""
 
 
-def certainty_fault(pose: Pose, *, has_attitude: bool) -> str:
-    """Refuse poses whose own covariance or residual says they may be wrong; empty when certain enough."""
+def certainty_fault(pose: Pose, *, has_attitude: bool, is_plain: bool = False) -> str:
+    """Refuse poses whose own covariance or residual says they may be wrong; empty when certain enough.
+
+    Args:
+        pose: measured.
+        has_attitude: whether an attitude stands against it.
+        is_plain: the target is large in the image and its cells are read clearly; hidden parts then mislead nobody.
+    """
     if not has_attitude and pose.source != "corners":
         if pose.rms_px > (BLIND_RMS_PX if pose.source == "edges" else BLIND_GREY_RMS_PX):
             return "residual"
-        if pose.inliers < BLIND_INLIERS:
+        if pose.inliers < BLIND_INLIERS and not is_plain:
             return "inliers"
     variance = largest_variance(pose.covariance[3:, 3:])
     if not np.isfinite(variance) or variance > (MAX_ANGLE_SD if has_attitude else BLIND_ANGLE_SD) ** 2:

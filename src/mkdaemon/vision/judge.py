@@ -76,7 +76,7 @@ class Judge:
                 fused = self.fused(seen, settled)
                 known = self.tilt(seen, settled) is not None
                 odd = "" if known else self._residual_fault(fused)
-                return fused, odd or certainty_fault(fused, has_attitude=known)
+                return fused, odd or certainty_fault(fused, has_attitude=known, is_plain=self._is_plain(seen, fused))
         level = self._level(seen)
         if level is not None:
             # A free fit may follow something lying over the target: hold the tilt and try again.
@@ -136,6 +136,11 @@ class Judge:
                 pose, predicted, age, has_attitude=has_attitude, has_velocity=self.track.has_velocity
             )
         return ""
+
+    def _is_plain(self, seen: Sight, pose: Pose) -> bool:
+        cell_px = self.fitter.side_px(pose) / self.fitter.target.tags[0].family.black_cells
+        bits = self.fitter.match(seen.pixels, pose) if cell_px > IMAGE_DECIDES_PX else None
+        return bits is not None and bits >= LATE_BITS
 
     def _residual_fault(self, pose: Pose) -> str:
         """A small tag that suddenly fits much worse than before has slipped into a wrong place that looks alike."""
