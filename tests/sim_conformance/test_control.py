@@ -7,7 +7,9 @@ import itertools
 import pytest
 
 from mkdaemon.config.sim import GasLaw
+from mkdaemon.protocol.flags import FlightStatus, FlightStatus2
 from mkdaemon.protocol.framing import encode_frame
+from mkdaemon.sim.boards.parameters import Parameters
 from tests.sim_conformance.bench import fc_bench
 
 GENERATIONS = ["early", "2.08", "2.12a", "2.14"]
@@ -265,3 +267,52 @@ def test_without_pulses_sticks_are_looked_at_twice_a_second():
     gaps = [b - a for a, b in itertools.pairwise(times)]
     assert gaps
     assert all(gap == pytest.approx(0.53, abs=0.02) for gap in gaps)
+
+
+CHOICES = [
+    # sticks held while calibrating, set made active: left 1, left forward 2, forward 3, right forward 4, right 5
+    ({"roll": 127}, 1),
+    ({"roll": 127, "pitch": 127}, 2),
+    ({"pitch": 127}, 3),
+    ({"roll": -127, "pitch": 127}, 4),
+    ({"roll": -127}, 5),
+    ({}, 3),
+]
+
+
+@pytest.mark.parametrize(("choice", "active"), CHOICES)
+def test_calibrating_chooses_a_parameter_set(choice, active):
+    bench = fc_bench(gas_law=GasLaw.FORK, calibrated=False)
+    hold(bench, "2.12a", 2.0, 1.0, gas=127, yaw=127, **choice)
+    assert bench.board.eeprom.active == active
+    assert bench.board.live.raw == bench.board.eeprom.sets[active]
+
+
+@pytest.mark.parametrize(("voltage", "low"), [(12.4, False), (9.7, False), (9.5, True)])
+def test_low_battery_counts_per_cell(voltage, low):
+    bench = started("2.12a")
+    bench.aircraft.sensors.battery_voltage = voltage
+    assert bool(bench.board.core.status(bench.board.live) & FlightStatus.LOW_BATTERY) is low
+
+
+def test_height_control_is_told_to_the_loop_and_shown():
+    bench = started("2.12a")
+    raw = Parameters(bench.board.live.raw).with_value("global_config", bench.board.live["global_config"] | 1)
+    bench.board.live = Parameters(Parameters(raw).with_value("altitude_channel", 254))
+    for switch, on in ((255, True), (0, False)):
+        bench.aircraft.pilot.switches[2] = switch
+        bench.run(bench.board.now + 0.2)
+        assert sticks(bench).height_control is on
+        assert bool(bench.board.core.status_2() & FlightStatus2.ALTITUDE_CONTROL) is on
+
+
+def test_a_lost_receiver_on_the_ground_stops_the_motors_at_once():
+    bench = fc_bench()
+    bench.aircraft.pilot.gas = -127
+    bench.run(1.2)
+    bench.board.core.start()
+    bench.run(2.5)
+    assert not bench.board.core.flying
+    bench.aircraft.pilot.rc_quality = 0
+    bench.run(2.9)
+    assert not bench.board.core.running

@@ -49,10 +49,6 @@ class Inbound:
             taken.append(arrivals.popleft())
         return taken
 
-    def clear(self) -> None:
-        """Lose everything under way, as an unplugged cable does."""
-        self._arrivals.clear()
-
 
 class Outbound:
     """Characters leaving a board, each with the time its stop bit ends."""
@@ -114,7 +110,3 @@ class BoardPort:
     def poll(self) -> list[tuple[float, bytes]]:
         """Return the characters that have left the board, each with its time [s]."""
         return self._out.take(self.now)
-
-    def unplug(self) -> None:
-        """Lose what is under way to the board."""
-        self._line.clear()
