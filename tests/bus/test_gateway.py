@@ -173,6 +173,26 @@ async def test_setpoints_arrive_on_the_loop_with_their_time(bus):
     assert before <= stamp <= time.monotonic()
 
 
+async def test_of_a_flood_of_setpoints_the_newest_comes_through_and_the_loop_goes_on(bus):
+    opened, endpoint = bus
+    taken: list[bytes] = []
+    opened.receive("setpoint/stick", lambda t, raw: taken.append(raw))
+    with client(endpoint) as session:
+
+        def flood() -> None:
+            for number in range(5000):
+                session.put("mk/t1/setpoint/stick", b"%d" % number, congestion_control=zenoh.CongestionControl.BLOCK)
+
+        flooding = asyncio.ensure_future(asyncio.to_thread(flood))
+        turns = 0
+        while not taken or taken[-1] != b"4999":
+            turns += 1
+            await asyncio.sleep(0)
+        await flooding
+    assert turns > 1
+    assert taken == sorted(taken, key=int)
+
+
 async def test_clients_are_seen_coming_and_going(bus):
     opened, endpoint = bus
     seen: asyncio.Queue[tuple[str, bool]] = asyncio.Queue()

@@ -7,7 +7,9 @@ congestion control DROP, so a slow subscriber cannot slow the line's reader; the
 from __future__ import annotations
 
 import asyncio
+import threading
 import time
+from collections import deque
 from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import asynccontextmanager
 from typing import Final, Self
@@ -27,6 +29,8 @@ from mkdaemon.telemetry.command import REFUSALS, CommandResult, Status, refuse
 _log = structlog.get_logger(__name__)
 _RESULT_ENCODING: Final = encoding_of(CommandResult)
 _JSON: Final = "application/schema+json"
+FLOOD: Final = 64
+"""Setpoints taken in one turn of the loop; an honest client sends one in twenty milliseconds."""
 
 Handler = Callable[[str, bytes], Awaitable[CommandResult]]
 """Answers a command: suffix and payload to a result; may raise `CommandRejectedError`."""
@@ -138,11 +142,31 @@ class Bus:
         self._declare_queryable(f"{root}/**", take)
 
     def receive(self, suffix: str, take: Taker) -> None:
-        """Hand every setpoint of a key to `take`, with the time it arrived."""
-        loop = self._loop
+        """Hand every setpoint of a key to `take`, with the time it arrived.
+
+        Of a flood, the newest `FLOOD` of each turn of the loop are handed over and the older ones dropped: whatever a
+        client does, the loop has other work.
+        """
+        loop, lock = self._loop, threading.Lock()
+        waiting: deque[tuple[float, bytes]] = deque(maxlen=FLOOD)
+        is_called = False
+
+        def drain() -> None:
+            nonlocal is_called
+            with lock:
+                is_called = False
+                arrived = list(waiting)
+                waiting.clear()
+            for stamp, raw in arrived:
+                take(stamp, raw)
 
         def on_sample(sample: zenoh.Sample) -> None:
-            loop.call_soon_threadsafe(take, time.monotonic(), sample.payload.to_bytes())
+            nonlocal is_called
+            with lock:
+                waiting.append((time.monotonic(), sample.payload.to_bytes()))
+                if not is_called:
+                    is_called = True
+                    loop.call_soon_threadsafe(drain)
 
         self._session.declare_subscriber(key(self.vehicle, suffix), zenoh.handlers.Callback(on_sample, indirect=False))
 

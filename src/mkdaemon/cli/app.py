@@ -51,7 +51,7 @@ app = _build("mkctl", ABOUT, COMMANDS)
 
 def main() -> NoReturn:
     """Entry point."""
-    _main(app)
+    _main("mkctl", ABOUT, COMMANDS)
 
 
 if __name__ == "__main__":

@@ -35,18 +35,27 @@ class CommandEntry(NamedTuple):
     group: str = "Commands"
 
 
-def build(name: str, about: str, table: Iterable[CommandEntry]) -> App:
-    """Make a program from its table. A command whose module is not installed is left out and breaks no other."""
+def build(name: str, about: str, table: Iterable[CommandEntry], *, chosen: str = "") -> App:
+    """Make a program from its table. A command whose module is not installed is left out and breaks no other.
+
+    Args:
+        name: of the program.
+        about: its own help.
+        table: its commands.
+        chosen: the command that is going to run: it shows its own, longer help in place of the table's line.
+    """
     app = App(name=name, help=about, version=version("mkdaemon"), help_format="markdown")
     for entry in table:
         if importlib.util.find_spec(entry.target.partition(":")[0]) is not None:
-            app.command(entry.target, name=entry.name, help=entry.help, group=entry.group)
+            line = None if entry.name == chosen else entry.help
+            app.command(entry.target, name=entry.name, help=line, group=entry.group)
     return app
 
 
-def main(app: App, tokens: Sequence[str] | None = None) -> NoReturn:
+def main(name: str, about: str, table: Iterable[CommandEntry]) -> NoReturn:
     """Run a program and end the process: 0 as asked, 1 failed while running, 2 wrong configuration or usage."""
-    sys.exit(run(app, tokens))
+    tokens = sys.argv[1:]
+    sys.exit(run(build(name, about, table, chosen=tokens[0] if tokens else ""), tokens))
 
 
 def run(app: App, tokens: Sequence[str] | None = None) -> int:

@@ -38,7 +38,7 @@ STATUS_PERIOD: Final = 1.0
 IDLE_PERIOD: Final = 0.1
 """Time between two looks at the lease while nobody flies [s]."""
 REFUSAL_PERIOD: Final = 1.0
-"""Refused setpoints are reported at most this often [s]."""
+"""Refused setpoints, and stick frames the line does not take, are reported at most this often [s]."""
 
 LONGEST_QUEUE: Final = 0.1
 """A stick frame that could not be sent for this long is never sent [s]."""
@@ -74,6 +74,7 @@ class FlightControl:
         self._told: tuple[Phase, str, int | None] | None = None
         self._told_at = float("-inf")
         self._refusal_told_at = float("-inf")
+        self._unsent_told_at = float("-inf")
         self._release_waiters: list[asyncio.Future[ReleaseResult | None]] = []
         self._openings = 0
         self.ticks = 0
@@ -213,7 +214,9 @@ class FlightControl:
         try:
             self._link.send_setpoint(message, deadline=t + life)
         except CommandRejectedError as error:
-            self._audit.log("warning", f"stick frame not sent: {error}")
+            if t - self._unsent_told_at >= REFUSAL_PERIOD:
+                self._unsent_told_at = t
+                self._audit.log("warning", f"stick frame not sent: {error}")
             return
         self._last, self._sent_at = sticks, t
         output = ControlOutput(

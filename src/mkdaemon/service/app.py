@@ -36,7 +36,7 @@ app = _build("mkdaemon", ABOUT, COMMANDS)
 
 def main() -> NoReturn:
     """Entry point."""
-    _main(app)
+    _main("mkdaemon", ABOUT, COMMANDS)
 
 
 if __name__ == "__main__":
