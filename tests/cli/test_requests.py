@@ -1,5 +1,8 @@
 from __future__ import annotations
 
+import re
+from pathlib import Path
+
 import pytest
 
 from mkdaemon.cli.requests import request_forms
@@ -7,15 +10,14 @@ from mkdaemon.cli.send import describe_reply
 from mkdaemon.errors import ConfigError
 from mkdaemon.protocol.flags import MotorControllerItems
 from mkdaemon.protocol.messages import ErrorText, MotorController, Settings
-from mkdaemon.protocol.wire import MESSAGES, Board, Direction
+from mkdaemon.protocol.wire import MESSAGES, Direction
 
 FORMS = request_forms()
 
 
 def test_every_request_of_the_table_has_a_form() -> None:
     keys = {cls.spec.key for cls in MESSAGES.values() if cls.spec.direction is Direction.TO_BOARD}
-    internal = {cls.spec.key for cls in MESSAGES.values() if Board.BL in cls.spec.boards}
-    assert set(FORMS) == keys - internal
+    assert set(FORMS) == keys
     assert all(form.about and form.firmware for form in FORMS.values())
 
 
@@ -75,3 +77,9 @@ def test_answers_are_shown_with_units_and_names() -> None:
     assert lines["items"].startswith(str(int(MotorControllerItems.CURRENT_LIMIT | MotorControllerItems.SAVE)))
     assert describe_reply(ErrorText(text="no GPS")).split(maxsplit=1) == ["text", "'no GPS'"]
     assert describe_reply(Settings(index=1, parameters=bytes(88))).splitlines()[1].split() == ["parameters", "00" * 88]
+
+
+def test_the_command_line_of_the_protocol_page_exists() -> None:
+    page = (Path(__file__).resolve().parents[2] / "docs" / "protocol.md").read_text(encoding="utf-8")
+    named = set(re.findall(r"mkctl send ([a-z0-9-]+)", page))
+    assert named == {form.command for form in FORMS.values()}

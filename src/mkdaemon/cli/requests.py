@@ -146,9 +146,7 @@ def request_forms() -> dict[str, RequestForm]:
     for cls in MESSAGES.values():
         if cls.spec.direction is Direction.TO_BOARD and cls not in layouts.setdefault(cls.spec.key, []):
             layouts[cls.spec.key].append(cls)
-    return {
-        key: _form(key, classes) for key, classes in sorted(layouts.items()) if Board.BL not in classes[0].spec.boards
-    }
+    return {key: _form(key, classes) for key, classes in sorted(layouts.items())}
 
 
 def _form(key: str, classes: list[type[WireMessage]]) -> RequestForm:
