@@ -12,13 +12,15 @@ import numpy as np
 import pytest
 
 from mkdaemon.config.scene import LightConfig, PlatformConfig, SceneConfig
+from mkdaemon.config.sim import PilotPlan, SimConfig
 from mkdaemon.config.sim_flight import FlightConfig
 from mkdaemon.errors import ConfigError
 from mkdaemon.frames import rotation_from_euler
 from mkdaemon.sim.faults import Faults
-from mkdaemon.sim.scene_camera import BUILT_IN, BodyState, SceneCamera, platform_of
+from mkdaemon.sim.scene_camera import BUILT_IN, BodyState, SceneCamera, landing_world, platform_of
 from mkdaemon.sim.scene_feed import SceneFeed
 from mkdaemon.sim.scene_outputs import VIDIOC_S_FMT, LoopWriter, VideoWriter, loop_format
+from mkdaemon.sim.simulation import Simulation
 from mkdaemon.sim.truth import Truth
 from mkdaemon.sim.world import StartState, World
 from mkdaemon.vision.camera_file import load_camera
@@ -101,6 +103,22 @@ def test_light_follows_its_configuration() -> None:
 
 def truth_at(height: float) -> Truth:
     return World(FlightConfig(), seed=1, start=StartState(height=height)).truth
+
+
+def test_the_aircraft_is_carried_by_the_platform_it_stands_on() -> None:
+    platform = PlatformConfig(kind="ramp", speed=0.3, acceleration=0.3, heading_deg=90.0, start_enu=(0.0, 0.0, 0.2))
+    config = SimConfig(scene=SceneConfig(enabled=True, platform=platform))
+    world = landing_world(config)
+    assert world is not None
+    simulation = Simulation(config.model_copy(update={"pilot_plan": PilotPlan.NOTHING}), world)
+    simulation.advance(3.0)
+    deck = platform_of(platform).pose_at(3.0).position_enu
+    east, north, up = simulation.world.truth.position_enu
+    assert north == pytest.approx(deck[1], abs=0.05)
+    assert deck[1] == pytest.approx(0.75)
+    assert abs(east) < 0.02
+    assert up == pytest.approx(0.2 + config.flight.airframe.leg_height, abs=0.03)
+    assert landing_world(SimConfig()) is None
 
 
 def test_frames_come_stamped_and_late() -> None:

@@ -13,7 +13,7 @@ from cyclopts import Parameter
 from mkdaemon.config.reader import load
 from mkdaemon.config.root import Config
 from mkdaemon.service.sim_bus import joined
-from mkdaemon.service.sim_camera import open_camera
+from mkdaemon.service.sim_camera import open_camera, open_world
 from mkdaemon.sim.runtime import Runtime
 from mkdaemon.sim.simulation import Simulation
 
@@ -57,7 +57,7 @@ async def _serve(config: Config, seconds: float | None) -> None:
     loop = asyncio.get_running_loop()
     for number in (signal.SIGINT, signal.SIGTERM):
         loop.add_signal_handler(number, stop.set)
-    simulation = Simulation(config.sim)
+    simulation = Simulation(config.sim, open_world(config.sim))
     camera = open_camera(config.sim)
     runtime = Runtime(simulation, listen=config.sim.listen)
     async with runtime.serve(), joined(simulation, config.sim, config.vehicle.name, camera):

@@ -18,6 +18,7 @@ from mkdaemon.telemetry.image import CameraFrame
 if TYPE_CHECKING:
     from mkdaemon.sim.scene_camera import SceneCamera
     from mkdaemon.sim.scene_outputs import FrameWriter
+    from mkdaemon.sim.world import World
 
 LOOK_S = 0.002
 """Time between two looks at the clock: exposures are this punctual, their stamps exact."""
@@ -34,6 +35,15 @@ def open_camera(config: SimConfig) -> SceneCamera | None:
     from mkdaemon.sim.scene_camera import SceneCamera
 
     return SceneCamera(config.scene, config.seed)
+
+
+def open_world(config: SimConfig) -> World | None:
+    """The world whose ground is the scene's moving platform; None for the configured world on flat ground."""
+    if not config.scene.enabled:
+        return None
+    from mkdaemon.sim.scene_camera import landing_world
+
+    return landing_world(config)
 
 
 @contextlib.asynccontextmanager

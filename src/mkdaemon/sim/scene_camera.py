@@ -9,11 +9,14 @@ import numpy as np
 import numpy.typing as npt
 
 from mkdaemon.config.scene import PlatformConfig, SceneConfig
+from mkdaemon.config.sim import SimConfig
 from mkdaemon.config.vision import TagPlacement, TargetSection
+from mkdaemon.sim.deck import MovingDeck
 from mkdaemon.sim.scene import Scene, SceneTarget
 from mkdaemon.sim.scene_light import Conditions, Cover, Glare, Shadow
 from mkdaemon.sim.scene_motion import Platform
 from mkdaemon.sim.scene_view import CameraView
+from mkdaemon.sim.world import World
 from mkdaemon.vision.camera_file import Camera, load_camera, mount_rotation
 from mkdaemon.vision.intrinsics import Intrinsics
 from mkdaemon.vision.tagmap import Target, build, load
@@ -27,6 +30,8 @@ BUILT_IN = Camera(
 )
 """74 x 59 deg with light barrel distortion; the same figures as configs/cameras/sim.toml."""
 SHADOW_PERIOD_S = 60.0
+DECK_RADIUS_M = 0.6
+"""Room to stand around the middle of a moving target."""
 GLARE_PERIODS_S = (11.0, 17.0)
 
 
@@ -59,6 +64,16 @@ def platform_of(cfg: PlatformConfig) -> Platform:
         cfg.radius,
         cfg.acceleration,
     )
+
+
+def landing_world(config: SimConfig) -> World | None:
+    """The world with the scene's platform as something to stand on; None where it lies still on the ground."""
+    platform = config.scene.platform
+    if platform.kind == "still" and platform.start_enu[2] == 0.0:
+        return None
+    motion = platform_of(platform)
+    deck = MovingDeck(lambda time: motion.pose_at(time).position_enu, radius=DECK_RADIUS_M)
+    return World(config.flight, seed=config.seed, ground=deck)
 
 
 class SceneCamera:
