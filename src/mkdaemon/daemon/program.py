@@ -72,7 +72,7 @@ class Daemon:
         self._cfg = cfg
         self._bus = bus
         self._vitals = Vitals(cfg.vehicle.note)
-        audit = Audit(bus)
+        audit = self._audit = Audit(bus)
         self._eyes = open_eyes(cfg, bus)
         self._link = Link(cfg.link, BusSink(bus, self._vitals, audit, self._eyes))
         self._flight = FlightControl(cfg.control, self._link, bus, self._vitals, audit)
@@ -83,6 +83,9 @@ class Daemon:
 
     async def serve(self, stop: asyncio.Event, notifier: Notifier) -> None:
         """Run all tasks until `stop`, or until a recording has ended."""
+        cfg = self._cfg
+        where = ", ".join(cfg.bus.listen + cfg.bus.connect)
+        self._audit.log("info", f"vehicle {cfg.vehicle.name} on {where}; line {cfg.link.port}")
         async with self._eyes.open(), asyncio.TaskGroup() as line:
             link = line.create_task(self._run_line(), name="link")
             async with asyncio.TaskGroup() as above:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import signal
+from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -55,7 +56,18 @@ def run(
         overrides["bus.listen"] = [listen]
     if wait:
         overrides["link.wait_for_port"] = True
-    asyncio.run(_until_signalled(load(config, overrides)))
+    cfg = load(config, overrides)
+    with asyncio.Runner(loop_factory=_fast_loop()) as runner:
+        runner.run(_until_signalled(cfg))
+
+
+def _fast_loop() -> Callable[[], asyncio.AbstractEventLoop] | None:
+    """The loop that brings a setpoint from Zenoh's thread in two thirds of the time, where it is installed (Linux)."""
+    try:
+        import uvloop
+    except ImportError:
+        return None
+    return uvloop.new_event_loop
 
 
 async def _until_signalled(cfg: Config) -> None:
