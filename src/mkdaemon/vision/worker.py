@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import sys
 import threading
 import time
 from collections import deque
@@ -27,6 +28,9 @@ from mkdaemon.vision.slot import NewestSlot, NewestSlots
 STATS_EVERY_S = 1.0
 LOOK_EVERY_S = 0.1
 """Longest wait for an image before states are looked at again."""
+SWITCH_S = 0.0005
+"""Between two OpenCV calls the worker may keep the interpreter, and the loop waiting, for so long; Python's own 5 ms
+would be more than a setpoint's whole budget [s]."""
 ATTITUDES = 200
 """Attitude samples kept: two seconds and more at 100 Hz."""
 
@@ -79,7 +83,8 @@ class VisionWorker:
         self._thread = threading.Thread(target=self._run, name="vision", daemon=True)
 
     def start(self) -> None:
-        """Start all threads."""
+        """Start all threads; for the whole process, the interpreter then changes threads every `SWITCH_S`."""
+        sys.setswitchinterval(min(sys.getswitchinterval(), SWITCH_S))
         for eye in self._eyes.values():
             eye.stream.start()
         self._thread.start()
