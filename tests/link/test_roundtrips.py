@@ -77,6 +77,7 @@ def test_forgiving_drops_losses_and_keeps_round_trips():
     trips.sent("under way", 0.5)
     trips.forgive()
     assert trips.fates(0.6) == (1, 0)
+    assert (trips.statistics(0.6).sent_total, trips.statistics(0.6).lost_total) == (2, 1)
     trips.answered("under way", 0.7)
     assert trips.statistics(0.7).late == 1
 

@@ -2,6 +2,9 @@
 
 `overhead` is a round trip less the time between the simulator reading the question and writing the answer's last byte:
 what the line, the radio and the board took is taken off, what the host (kernel, event loop, link) added is left.
+
+Each case is also played in virtual time, where no other program of this machine can disturb it: the `exact_` figures
+are the same on every machine.
 """
 
 from __future__ import annotations
@@ -20,8 +23,9 @@ from typing import Annotated, Any
 from cyclopts import Parameter
 
 from mkdaemon.bench.linkcases import CASES, Case
+from mkdaemon.bench.linkvirtual import SETTLE_S, configurations, loss_between, play, radio_loss, until_steerable
 from mkdaemon.config.link import LinkConfig
-from mkdaemon.config.sim import PilotPlan, SimConfig
+from mkdaemon.config.sim import SimConfig
 from mkdaemon.errors import CommandRejectedError, ConfigError
 from mkdaemon.link.link import Link
 from mkdaemon.link.roundtrips import percentile
@@ -29,8 +33,6 @@ from mkdaemon.link.traffic import Lost, Purpose, Received, Sent
 from mkdaemon.protocol.wire import WireMessage
 from mkdaemon.telemetry.link import LinkHealth, LinkState, LinkTraffic
 
-SETTLE_S = 2.5
-"""Discovery and the first streams are over by then; measuring begins [s]."""
 LAG_S = 0.005
 """How often the lag of the event loop is sampled [s]."""
 
@@ -114,17 +116,14 @@ async def simulator(config: SimConfig) -> AsyncIterator[tuple[str, Callable[[], 
 
 async def measure(case: Case, seconds: float) -> dict[str, Any]:
     """Run one experiment and return its figures."""
-    sim = SimConfig.model_validate({"pilot_plan": PilotPlan.NOTHING, "calibrated": True, "connect": (), **case.sim})
+    sim, options = configurations(case)
     async with simulator(sim) as (port, ask_report):
-        cfg = LinkConfig(port=f"pty:{port}", rates=case.streams, echo_hz=case.echo_hz, window_s=120.0)
+        cfg = LinkConfig(port=f"pty:{port}", **options)
         meter = Meter()
         link = Link(cfg, meter)
         running = asyncio.create_task(link.run(), name="link")
         await asyncio.sleep(SETTLE_S)
-        for wait in range(40):
-            if not case.setpoint_hz or link.dialect.extern_control is not None:
-                break
-            await asyncio.sleep(0.05 * (wait < 40))
+        await until_steerable(link, case)
         before, cpu, began = link.health(), time.process_time(), time.monotonic()
         bytes_before = link.traffic()
         lags: list[float] = []
@@ -144,8 +143,8 @@ async def measure(case: Case, seconds: float) -> dict[str, Any]:
     return {
         "case": case.name,
         "seconds": round(elapsed, 1),
-        "echo_loss": _loss(before.echo.sent, before.echo.lost, after.echo.sent, after.echo.lost),
-        "control_loss": _loss(before.confirm.sent, before.confirm.lost, after.confirm.sent, after.confirm.lost),
+        "echo_loss": loss_between(before.echo, after.echo),
+        "control_loss": loss_between(before.confirm, after.confirm),
         "echo_p50_ms": _ms(trips, 0.50),
         "echo_p99_ms": _ms(trips, 0.99),
         **_overhead(meter.trips, truth["trips"], began),
@@ -155,10 +154,10 @@ async def measure(case: Case, seconds: float) -> dict[str, Any]:
         "line_share_tx": _share(traffic.tx_bytes - bytes_before.tx_bytes, elapsed),
         "loop_lag_p99_ms": _ms(lags, 0.99),
         "cpu_percent": round(100 * cpu / elapsed, 1),
-        "echoes": after.echo.sent - before.echo.sent,
+        "echoes": after.echo.sent_total - before.echo.sent_total,
         "setpoints": meter.tx["b"],
         "confirms_hidden": after.confirm_hidden - before.confirm_hidden,
-        "radio_loss": _radio_loss(truth["packets"], truth["packets_lost"]),
+        "radio_loss": radio_loss(truth["packets"], truth["packets_lost"]),
         "frames_unequal": _unequal(meter, truth),
         "bytes_dropped": dict(meter.losses),
         "condition": after.state.condition.value,
@@ -190,11 +189,6 @@ async def _sample_lag(lags: list[float], seconds: float) -> None:
         lags.append(time.monotonic() - now - LAG_S)
 
 
-def _loss(sent_before: int, lost_before: int, sent: int, lost: int) -> float | None:
-    """Share lost of what was sent meanwhile; None where nothing was."""
-    return round((lost - lost_before) / (sent - sent_before), 5) if sent > sent_before else None
-
-
 def _ms(values: list[float], share: float) -> float | None:
     found = percentile(sorted(values), share)
     return None if found is None else round(1000 * found, 3)
@@ -219,14 +213,6 @@ def _overhead(
     return {"overhead_p50_ms": _ms(extra, 0.50), "overhead_p99_ms": _ms(extra, 0.99)}
 
 
-def _radio_loss(packets: list[int], lost: list[int]) -> float:
-    """Share of questions or answers the radio took: there, and back."""
-    kept = 1.0
-    for sent, gone in zip(packets, lost, strict=True):
-        kept *= 1 - gone / sent if sent else 1.0
-    return round(1 - kept, 5)
-
-
 def _unequal(meter: Meter, truth: dict[str, Any]) -> dict[str, list[int]]:
     """Frames by letter whose counts differ between both sides: [sent, arrived]."""
     pairs = [(meter.tx, Counter(truth["came"])), (Counter(truth["left"]), meter.rx)]
@@ -249,7 +235,8 @@ def main(
         raise ConfigError(f"no case {case!r}: choose from {', '.join(CASES)}")
     results = []
     for chosen in [CASES[case]] if case else CASES.values():
-        result = asyncio.run(measure(chosen, seconds or chosen.seconds))
+        length = seconds or chosen.seconds
+        result = {**asyncio.run(measure(chosen, length)), **play(chosen, length)}
         results.append(result)
         print(json.dumps(result) if as_json else _line(result), file=sys.stderr if as_json else sys.stdout)
     found = results[0] if case else {result["case"]: result for result in results}
@@ -258,7 +245,7 @@ def main(
     if as_json:
         print(json.dumps(found))
     wired = [result for result in results if not result["case"].startswith("radio")]
-    return 1 if any(result["echo_loss"] or result["control_loss"] for result in wired) else 0
+    return 1 if any(result["exact_echo_loss"] or result["exact_control_loss"] for result in wired) else 0
 
 
 def _line(result: dict[str, Any]) -> str:

@@ -33,6 +33,7 @@ class Witness(Simulation):
         trips: (came, left) of every answered link test [s; monotonic].
         came: frames from the host by letter.
         left: frames to the host by letter.
+        delivered: frames that reached the board by letter: what line and radio left of `came`.
     """
 
     def __init__(self, config: SimConfig) -> None:
@@ -40,8 +41,19 @@ class Witness(Simulation):
         self.trips: list[tuple[float, float]] = []
         self.came: Counter[str] = Counter()
         self.left: Counter[str] = Counter()
+        self.delivered: Counter[str] = Counter()
         self._asked: dict[str, float] = {}
+        self._at_board = FrameDecoder()
+        self._board_takes = self.port.receive_byte
+        self.port.receive_byte = self._deliver  # type: ignore[method-assign]
         self._inward, self._outward = FrameDecoder(), FrameDecoder()
+
+    def _deliver(self, byte: int, at: float) -> None:
+        """Count what reaches the board."""
+        for item in self._at_board.feed(bytes((byte,))):
+            if isinstance(item, Frame):
+                self.delivered[item.id] += 1
+        self._board_takes(byte, at)
 
     def write(self, data: bytes, at: float) -> None:
         """Take bytes of the host."""
@@ -85,6 +97,7 @@ async def serve(config: SimConfig) -> None:
             "trips": witness.trips,
             "came": witness.came,
             "left": witness.left,
+            "delivered": witness.delivered,
             "packets": [up.packets, down.packets],
             "packets_lost": [up.packets_lost, down.packets_lost],
             "unread": runtime.lost,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections import deque
 from typing import Final
 
@@ -10,8 +11,15 @@ from mkdaemon.link.scheduler import Entry
 from mkdaemon.link.traffic import Purpose
 from mkdaemon.protocol.wire import Board, WireMessage
 
-_CONFIRM_DELAY_S: Final = 0.01
-"""A board free to send confirms within 5 ms; twice that, to be fair [s]."""
+_CONFIRM_DELAY_S: Final = 0.008
+"""From the beginning of an external control frame to that of its confirmation, the board being free [s]: 3.1 ms on the
+wire and 5 ms in the board."""
+_RADIO_S: Final = 0.01
+"""Answers later than over a cable by this much come by radio [s]."""
+_PAUSE_S: Final = 0.005
+"""A FlightCtrl begins its next frame up to this long after the last one [s]: one or two passes of its main loop."""
+_TOLERANCE_S: Final = 0.003
+"""Times at the host and at the board differ by about this much, and by the line's jitter [s]."""
 
 
 class ControlPath:
@@ -55,15 +63,28 @@ class ControlPath:
         return number
 
     def board_was_busy(self, began: float, ended: float) -> None:
-        """Another frame occupied the board's transmitter for this time [s]."""
+        """Another frame occupied the board's transmitter for this time [s]; frames on end are one stretch."""
+        if self._rx_busy and began - self._rx_busy[-1][1] < _PAUSE_S:
+            began = self._rx_busy.pop()[0]
         self._rx_busy.append((began, ended))
 
     def confirmed(self, number: int, now: float) -> None:
-        """A confirmation came; older numbers it may have replaced are counted as hidden, not as lost."""
-        began = self._health.confirm.began(number)
+        """A confirmation came; older numbers it replaced before they could be sent are hidden, not lost."""
+        confirm = self._health.confirm
+        began = confirm.began(number)
         if began is not None:
-            for older, sent in self._health.confirm.before(began):
-                if any(start < began + _CONFIRM_DELAY_S and end > sent for start, end in self._rx_busy):
-                    self._health.confirm.forget(older)
+            # How much later than over a cable an answer comes here: what the radio takes, there and back.
+            delay = max(0.0, confirm.fastest - _CONFIRM_DELAY_S)
+            waiting = [*confirm.before(began), (number, began)]
+            for (older, sent), (_, replaced) in itertools.pairwise(waiting):
+                # A radio bunches frames: two may arrive together however far apart they were sent.
+                spread = confirm.jitter * (3.0 if delay > _RADIO_S else 1.0)
+                if self._was_hidden(sent + delay, replaced + delay, _TOLERANCE_S + spread):
+                    confirm.forget(older)
                     self.hidden += 1
         self._health.confirmed(number, now)
+
+    def _was_hidden(self, sent: float, replaced: float, unsure: float) -> bool:
+        """Whether one stretch kept the board's transmitter busy from one external control frame to the next."""
+        first, last = sent + _CONFIRM_DELAY_S + unsure, replaced + _CONFIRM_DELAY_S - unsure
+        return any(start < first and end > last for start, end in self._rx_busy)

@@ -10,6 +10,8 @@ from mkdaemon.telemetry.link import RoundTripStats
 
 WEIGHT: Final = 1 / 8
 """Weight of a new round trip in the weighted mean (as TCP smooths its own; RFC 6298, section 2)."""
+JITTER_WEIGHT: Final = 1 / 4
+"""Weight of a new deviation in the jitter (the same)."""
 CAPACITY: Final = 4096
 """Fates remembered at most; a window of 10 s at 100 Hz needs 1000."""
 
@@ -30,9 +32,13 @@ class RoundTrips:
         self._given_up: deque[tuple[Hashable, float]] = deque(maxlen=64)
         self._fates: deque[tuple[float, float | None]] = deque()
         self._lost = 0
+        self._sent_total = 0
+        self._lost_total = 0
         self._late = 0
         self._duplicate = 0
         self._mean: float | None = None
+        self._jitter = 0.0
+        self._latest: deque[float] = deque(maxlen=64)
         self._last: float | None = None
 
     @property
@@ -48,6 +54,16 @@ class RoundTrips:
         """Return the waiting probes sent before then, with their times [s]."""
         return [(token, sent) for token, sent in self._open.items() if sent < now]
 
+    @property
+    def fastest(self) -> float:
+        """Shortest of the latest round trips [s]; 0 before the first."""
+        return min(self._latest, default=0.0)
+
+    @property
+    def jitter(self) -> float:
+        """Weighted mean deviation of the round trips from their mean [s]."""
+        return self._jitter
+
     def sent(self, token: Hashable, now: float) -> None:
         """A probe went out; a token used again replaces the old probe."""
         self._open.pop(token, None)
@@ -62,6 +78,9 @@ class RoundTrips:
         trip = now - began
         self._note(now, trip)
         self._last = trip
+        self._latest.append(trip)
+        if self._mean is not None:
+            self._jitter += JITTER_WEIGHT * (abs(trip - self._mean) - self._jitter)
         self._mean = trip if self._mean is None else self._mean + WEIGHT * (trip - self._mean)
         return trip
 
@@ -107,6 +126,8 @@ class RoundTrips:
         return RoundTripStats(
             sent=sent,
             lost=lost,
+            sent_total=self._sent_total,
+            lost_total=self._lost_total,
             loss_percent=100 * lost / sent if sent else 0.0,
             last_ms=_ms(self._last),
             mean_ms=_ms(self._mean),
@@ -122,6 +143,8 @@ class RoundTrips:
             self._drop_oldest()
         self._fates.append((now, trip))
         self._lost += trip is None
+        self._sent_total += 1
+        self._lost_total += trip is None
 
     def _drop_oldest(self) -> None:
         self._lost -= self._fates.popleft()[1] is None

@@ -66,6 +66,10 @@ class RoundTripStats(Telemetry):
     """Of those, never answered."""
     loss_percent: float = 0.0
     """100 * lost / sent."""
+    sent_total: int = 0
+    """Probes whose fate is known, since the start."""
+    lost_total: int = 0
+    """Of those, never answered; what an outage swallowed included."""
     last_ms: float | None = None
     """Latest round trip [ms]."""
     mean_ms: float | None = None
