@@ -1,0 +1,92 @@
+"""What the daemon itself can be asked for, and what it answers to nonsense."""
+
+from __future__ import annotations
+
+import msgpack
+import pytest
+
+from mkdaemon.daemon.verbs import Verbs
+from mkdaemon.errors import CommandRejectedError
+from mkdaemon.telemetry.command import CommandResult, Status, refuse
+
+
+class Line:
+    """A link with two streams and a small line."""
+
+    def __init__(self):
+        self.intervals = {"osd": 0.1, "attitude": 0.05}
+
+    def rates(self):
+        return dict(self.intervals)
+
+    def set_rate(self, stream, interval):
+        if stream not in self.intervals:
+            raise CommandRejectedError("no_such_stream", f"nc has no stream {stream!r}.", "It has osd.")
+        if 0 < interval < 0.02:
+            raise refuse("line_budget", detail="O at 10 ms needs 184 % of the line")
+        self.intervals[stream] = interval
+
+
+class Desk:
+    """Verbs with everything around them: it stands for control and for the audit as well."""
+
+    def __init__(self):
+        self.events = []
+        self._verbs = Verbs(self, Line(), self)
+
+    async def lease(self, raw):
+        raise refuse("not_leased")
+
+    async def release(self, raw):
+        return CommandResult(status=Status.ACCEPTED, reply={"status": "confirmed"})
+
+    def command(self, key, fields, result):
+        self.events.append((key, fields, result))
+
+    async def ask(self, verb, fields=None):
+        payload = fields if isinstance(fields, bytes) else msgpack.packb(fields or {})
+        result = await self._verbs.answer(f"do/{verb}", payload)
+        assert self.events[-1][0] == f"do/{verb}"
+        assert self.events[-1][2] is result
+        return result
+
+
+@pytest.fixture
+def desk():
+    return Desk()
+
+
+async def test_rates_are_shown_and_changed(desk):
+    shown = await desk.ask("rate")
+    assert (shown.status, shown.reply_type) == ("accepted", "Rates.v1")
+    assert shown.reply == {"intervals": {"osd": 0.1, "attitude": 0.05}}
+    changed = await desk.ask("rate", {"stream": "osd", "interval": 0.25})
+    assert changed.reply["intervals"]["osd"] == 0.25
+    stopped = await desk.ask("rate", {"stream": "osd", "interval": 0})
+    assert stopped.reply["intervals"]["osd"] == 0
+    assert desk.events[1][1] == {"stream": "osd", "interval": 0.25}
+
+
+@pytest.mark.parametrize(
+    ("verb", "fields", "token", "words"),
+    [
+        ("rate", {"stream": "osd", "interval": 0.01}, "line_budget", "184 %"),
+        ("rate", {"stream": "sod", "interval": 0.1}, "no_such_stream", "'sod'"),
+        ("rate", {"stream": "osd", "interval": 3.0}, "bad_field", "interval"),
+        ("rate", {"stream": "osd", "interval": float("nan")}, "bad_field", "interval"),
+        ("rate", {"kind": "osd"}, "bad_field", "kind is no field"),
+        ("lease", {"action": "renew"}, "not_leased", "nobody holds"),
+        ("relase", {}, "unknown_verb", "release"),
+        ("fly", {}, "unknown_verb", "lease or release or rate"),
+        ("rate", b"\xc1", "malformed", "msgpack"),
+    ],
+)
+async def test_refusals_say_what_is_wrong_and_are_mirrored(desk, verb, fields, token, words):
+    result = await desk.ask(verb, fields)
+    assert result.token == token
+    assert words in f"{result.reason} {result.fix}"
+
+
+async def test_release_passes_its_result_through(desk):
+    result = await desk.ask("release", {"reason": "test"})
+    assert (result.status, result.reply["status"]) == ("accepted", "confirmed")
