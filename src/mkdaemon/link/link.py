@@ -16,6 +16,7 @@ from mkdaemon.config.link import LinkConfig
 from mkdaemon.errors import CommandRejectedError, LinkError, LinkLostError, RequestTimeoutError
 from mkdaemon.link.dialogue import Dialogue
 from mkdaemon.link.discovery import introduce
+from mkdaemon.link.labels import LabelCache, read_labels
 from mkdaemon.link.port import Port, open_port, parse_address
 from mkdaemon.link.reopening import AliasMemory, BaudSearch, backoff
 from mkdaemon.link.report import Reporter
@@ -72,6 +73,7 @@ class Link:
         self._wants_introduction = asyncio.Event()
         self._release_waiters: list[asyncio.Future[ReleaseResult]] = []
         self._aliases = AliasMemory()
+        self._labels = LabelCache(cfg.label_cache)
         self._has_ended = False
         self._opened_at = 0.0
 
@@ -174,6 +176,16 @@ class Link:
         self._release_waiters.append(waiter)
         self._pump()
         return await waiter
+
+    async def labels(self, board: Board) -> tuple[str, ...]:
+        """Names of a board's 32 debug channels, kept by firmware.
+
+        Raises:
+            CommandRejectedError: the board cannot be reached.
+            RequestTimeoutError: it did not answer.
+            LinkLostError: the port is not open, or was lost meanwhile.
+        """
+        return await read_labels(self, board, self._labels)
 
     def set_rate(self, kind: str, interval_s: float) -> None:
         """Change the interval of a stream [s]; 0 ends it.

@@ -1,0 +1,80 @@
+"""Names of debug channels, read once a board and firmware and kept: reading them costs 32 questions.
+
+A FlightCtrl from 2.09 on tells a checksum of its labels; the cache is keyed by it. Older boards are keyed by their
+release. Source: docs/protocol.md, "Common commands".
+"""
+
+from __future__ import annotations
+
+import json
+from contextlib import suppress
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
+
+from mkdaemon.link.traffic import Purpose
+from mkdaemon.protocol.messages.display import LabelRequest
+from mkdaemon.protocol.wire import Board
+
+if TYPE_CHECKING:
+    from mkdaemon.link.link import Link
+    from mkdaemon.protocol.dialect import Dialect
+
+LABELS: Final = 32
+"""Debug channels of every board."""
+
+
+class LabelCache:
+    """Label sets by board and firmware, kept in a file where one is given."""
+
+    def __init__(self, path: Path | None) -> None:
+        """Load what is kept; an unreadable file counts as empty, it can be read from the boards again."""
+        self._path = path
+        self._known: dict[str, list[str]] = {}
+        if path is not None:
+            with suppress(OSError, ValueError, AttributeError, TypeError):
+                kept = json.loads(path.read_text(encoding="utf-8"))
+                self._known = {str(key): [str(name) for name in names] for key, names in kept.items()}
+
+    def find(self, key: str) -> tuple[str, ...] | None:
+        """Return the labels kept under this key."""
+        names = self._known.get(key, [])
+        return tuple(names) if len(names) == LABELS else None
+
+    def keep(self, key: str, labels: tuple[str, ...]) -> None:
+        """Keep labels; a file that cannot be written is no reason to fail."""
+        self._known[key] = list(labels)
+        if self._path is not None:
+            with suppress(OSError):
+                self._path.parent.mkdir(parents=True, exist_ok=True)
+                self._path.write_text(json.dumps(self._known, indent=1), encoding="utf-8")
+
+
+def cache_key(board: Board, dialect: Dialect) -> str | None:
+    """Under what the labels of a board are kept; None while its firmware is unknown."""
+    release = {Board.FC: dialect.fc_release, Board.NC: dialect.nc_release}.get(board)
+    if release is None:
+        return None
+    if board is Board.FC and dialect.label_checksum is not None and release[:2] >= (2, 9):
+        return f"{board.word} {release} {dialect.label_checksum:#04x}"
+    return f"{board.word} {release}"
+
+
+async def read_labels(link: Link, board: Board, cache: LabelCache) -> tuple[str, ...]:
+    """Return the 32 labels of a board, from the cache or in the background of everything else on the line.
+
+    Raises:
+        CommandRejectedError: the board cannot be reached.
+        RequestTimeoutError: it did not answer.
+        LinkLostError: the port is not open, or was lost meanwhile.
+    """
+    key = cache_key(board, link.dialect)
+    known = None if key is None else cache.find(key)
+    if known is not None:
+        return known
+    labels = []
+    for index in range(LABELS):
+        label = await link.request(LabelRequest(index=index), board=board, purpose=Purpose.BACKGROUND)
+        labels.append(str(label.text).strip())  # type: ignore[attr-defined]  # a label's reply is a Label
+    if key is not None:
+        cache.keep(key, tuple(labels))
+    return tuple(labels)

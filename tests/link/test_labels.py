@@ -1,0 +1,71 @@
+"""Labels: read once a firmware, kept in a file, never asked for again."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from mkdaemon.link.labels import LABELS, LabelCache, cache_key
+from mkdaemon.protocol.dialect import Dialect, Release
+from mkdaemon.protocol.wire import Board
+from tests.link.rig import Rig, flight_ctrl, navi_ctrl, rig, virtually
+
+NAMES = tuple(f"channel {n}" for n in range(LABELS))
+
+
+def asked(r: Rig) -> int:
+    return sum(s.message is not None and s.message.spec.id == "a" for s in r.log.tx)
+
+
+@pytest.mark.parametrize(("make", "board"), [(flight_ctrl(), Board.FC), (navi_ctrl(), Board.NC)], ids=["fc", "nc"])
+@virtually
+async def test_labels_are_read_once_and_kept(make, board, tmp_path):
+    path = tmp_path / "state" / "labels.json"
+    async with rig(make, label_cache=path) as r:
+        await r.until_up()
+        first = await r.link.labels(board)
+        assert len(first) == LABELS
+        assert any("AngleNick" in name or "Angle" in name for name in first)
+        assert asked(r) == LABELS
+        assert await r.link.labels(board) == first
+        assert asked(r) == LABELS
+    async with rig(make, label_cache=path) as r:
+        await r.until_up()
+        assert await r.link.labels(board) == first
+        assert asked(r) == 0
+
+
+@virtually
+async def test_reading_labels_delays_nothing_else():
+    async with rig(navi_ctrl(), rates={"osd": 100, "attitude": 50}, echo_hz=10) as r:
+        await r.until_up()
+        await r.link.labels(Board.NC)
+        health = r.link.health()
+        assert health.echo.lost == 0
+        assert not any(kind.is_stale for kind in health.kinds)
+
+
+def test_the_key_is_board_release_and_checksum():
+    fc = Dialect(fc_release=Release(2, 12, 0), nc_release=Release(0, 24, 0), label_checksum=0xBA)
+    assert cache_key(Board.FC, fc) == "fc 2.12a 0xba"
+    assert cache_key(Board.NC, fc) == "nc 0.24a"
+    assert cache_key(Board.MAG, fc) is None
+    assert cache_key(Board.FC, Dialect(fc_release=Release(2, 8, 0), label_checksum=3)) == "fc 2.08a"
+
+
+@pytest.mark.parametrize("content", ["", "not json", "[1, 2]", '{"fc 2.12a": ["too", "few"]}'])
+def test_a_broken_file_is_an_empty_cache(content: str, tmp_path: Path):
+    path = tmp_path / "labels.json"
+    path.write_text(content)
+    cache = LabelCache(path)
+    assert cache.find("fc 2.12a") is None
+    cache.keep("fc 2.12a", NAMES)
+    assert LabelCache(path).find("fc 2.12a") == NAMES
+
+
+def test_a_file_that_cannot_be_written_is_no_failure(tmp_path: Path):
+    (tmp_path / "file").write_text("")
+    cache = LabelCache(tmp_path / "file" / "labels.json")
+    cache.keep("fc", NAMES)
+    assert cache.find("fc") == NAMES
