@@ -183,9 +183,10 @@ def _refine(
         last = rms
         jacobian = projection.pose_jacobian(seen, position).reshape(-1, 6) * scale
         normal = jacobian.T @ jacobian
-        step = np.linalg.solve(normal + 1e-9 * np.diag(np.diag(normal)), jacobian.T @ (error * scale)).ravel()
+        damped = normal + 1e-9 * np.diag(np.diag(normal))
+        step: Array = np.asarray(np.linalg.solve(damped, jacobian.T @ (error * scale)), dtype=np.float64).ravel()
         before = (rotation, position)
-        position = position + step[:3]
+        position = np.asarray(position + step[:3], dtype=np.float64)
         rotation = turn(rotation, step[3:])
     else:
         before = (rotation, position)
