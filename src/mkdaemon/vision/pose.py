@@ -195,7 +195,7 @@ def _refine(
         rms = last
     dof = max(2 * len(points) - 6, 2)
     variance = max(CORNER_SD_PX**2, rms**2 * len(points) / dof)
-    covariance = variance * np.linalg.inv(normal + 1e-9 * np.diag(np.diag(normal)))
+    covariance: Array = np.asarray(variance * np.linalg.inv(normal + 1e-9 * np.diag(np.diag(normal))), dtype=np.float64)
     return Pose(rotation, position, covariance, "corners", len(points), rms, loss=rms**2)
 
 
