@@ -160,6 +160,24 @@ async def test_a_device_that_takes_nothing_keeps_bytes_and_lets_go_at_once(termi
     await asyncio.wait_for(port.close(), 1)
 
 
+async def test_what_was_written_before_closing_reaches_the_other_end(terminal):
+    """A pseudo terminal throws away what its reader has not fetched when it is flushed: the end of a release."""
+    near, name = terminal
+    for _ in range(30):
+        port = await open_port(f"pty:{name}", baud=57600)
+        for _ in range(5):
+            port.write(b"#bb=============Lo\r")
+        await port.drain()
+        await port.close()
+        got = b""
+        async with asyncio.timeout(5):
+            while len(got) < 5 * 19:
+                with contextlib.suppress(BlockingIOError):
+                    got += os.read(near, 200)
+                await asyncio.sleep(0)
+        assert got == b"#bb=============Lo\r" * 5
+
+
 async def test_a_second_opener_is_told_who_has_the_port(terminal):
     _, name = terminal
     port = await open_port(f"pty:{name}")

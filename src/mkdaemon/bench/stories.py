@@ -188,7 +188,8 @@ def soak_row(found: Soak) -> Row:
     """The line of the soak."""
     figure = (
         f"board sent {found.board_sent}, daemon received {found.daemon_received}; daemon sent {found.daemon_sent}, "
-        f"board received {found.board_received}; {found.tracebacks} tracebacks; memory {found.memory_mb[0]:.1f} -> "
+        f"board received {found.board_received}, of them {found.sticks} stick frames; {found.tracebacks} tracebacks; "
+        f"memory {found.memory_mb[0]:.1f} -> "
         f"{found.memory_mb[1]:.1f} MiB; descriptors {found.descriptors[0]} -> {found.descriptors[1]}; CPU "
         f"{found.cpu_percent:g} %"
     )

@@ -87,8 +87,7 @@ async def end_daemon(fc: str, number: signal.Signals, *, seed: int) -> End:
             Pilot(client, "pilot") as pilot,
         ):
             await wait_for_control(client)
-            await pilot.take()
-            await until(lambda: simulation.is_controlled)
+            await pilot.engage(lambda: simulation.is_controlled)
             pilot.sticks |= {"pitch": 40.0, "roll": -40.0}
             await asyncio.sleep(rng.uniform(0.2, 0.6))
             simulation.heard.clear()

@@ -29,6 +29,8 @@ from mkdaemon.sim.simulation import Simulation
 VEHICLE: Final = "stories"
 PATIENCE: Final = 30.0
 """Longest wait for anything [s]; a loaded machine is slow, not wrong."""
+ENGAGE_WAIT: Final = 4.0
+"""A stream that lives is obeyed within this time [s]; the daemon wants one second of it first."""
 
 
 class ObservedSimulation(Simulation):
@@ -226,6 +228,20 @@ class Pilot:
         if answer.is_accepted:
             self.epoch, self._sequence = int(answer.reply["epoch"]), 0
         return answer.is_accepted
+
+    async def engage(self, is_controlled: Callable[[], bool]) -> None:
+        """Take the lease until the aircraft obeys: a busy machine may cost a client its lease before it flies.
+
+        Raises:
+            TimeoutError: it never obeyed.
+        """
+        async with asyncio.timeout(PATIENCE):
+            while True:
+                if await self.take():
+                    with suppress(TimeoutError):
+                        await until(is_controlled, ENGAGE_WAIT)
+                        return
+                await asyncio.sleep(0.1)
 
     async def __aenter__(self) -> Self:
         self._task = asyncio.create_task(self._stream(), name=f"pilot {self.name}")

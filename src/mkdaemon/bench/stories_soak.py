@@ -59,6 +59,8 @@ class Soak:
         cpu_percent: of one core.
         echo_loss: link tests lost over the last window [%].
         exit_code: of the daemon.
+        engagements: how often the client had to take the lease: once, unless the machine stalled it for a second.
+        sticks: external control frames sent.
     """
 
     seconds: float
@@ -73,6 +75,8 @@ class Soak:
     cpu_percent: float
     echo_loss: float
     exit_code: int
+    engagements: int = 1
+    sticks: int = 0
 
     def faults(self) -> list[str]:
         """What is not as it must be, in words; empty when all is well."""
@@ -104,7 +108,7 @@ async def soak(seconds: float, *, seed: int = 1) -> Soak:
             await wait_for_control(client)
             await asyncio.sleep(SETTLE_S)
             before = last["link/traffic"]["dropped"]
-            memory, descriptors, cpu = await _fly(client, daemon, seconds)
+            watch = await _fly(client, daemon, simulation, seconds)
             echo = last["link/health"]["echo"]["loss_percent"]
             await asyncio.sleep(SETTLE_S)
             simulation.is_frozen = True
@@ -122,27 +126,39 @@ async def soak(seconds: float, *, seed: int = 1) -> Soak:
             reason: more for reason, count in traffic["dropped"].items() if (more := count - before.get(reason, 0))
         },
         tracebacks=daemon.errors.count("Traceback"),
-        memory_mb=memory,
-        descriptors=descriptors,
-        cpu_percent=round(cpu, 1),
+        memory_mb=watch.memory_mb,
+        descriptors=watch.descriptors,
+        cpu_percent=watch.cpu_percent,
+        engagements=watch.engagements,
+        sticks=traffic["tx_kinds"].get("fc.b", 0),
         echo_loss=echo,
         exit_code=code,
     )
 
 
-async def _fly(
-    client: Client, daemon: DaemonProcess, seconds: float
-) -> tuple[tuple[float, float], tuple[int, int], float]:
-    """Stream slow circles of the sticks; returns memory, descriptors and load of the daemon."""
+@dataclass(frozen=True, slots=True)
+class _Watch:
+    """What the daemon's process did while it flew."""
+
+    memory_mb: tuple[float, float]
+    descriptors: tuple[int, int]
+    cpu_percent: float
+    engagements: int
+
+
+async def _fly(client: Client, daemon: DaemonProcess, simulation: ObservedSimulation, seconds: float) -> _Watch:
+    """Stream slow circles of the sticks; a lease that is lost on a busy machine is taken again, and counted."""
     memory: list[float] = []
     descriptors: list[int] = []
-    pilot = Pilot(client, "soak", STICK_HZ)
-    await pilot.take()
-    async with pilot:
+    engagements = 0
+    async with Pilot(client, "soak", STICK_HZ) as pilot:
         began, cpu = time.monotonic(), daemon.cpu_s()
         while (t := time.monotonic() - began) < seconds:
-            if t > 2:
-                pilot.sticks |= {"pitch": 30 * math.sin(t), "roll": 30 * math.cos(t), "throttle": -20.0}
+            if not simulation.is_controlled:
+                engagements += 1
+                pilot.sticks |= {"pitch": 0.0, "roll": 0.0}
+                await pilot.engage(lambda: simulation.is_controlled)
+            pilot.sticks |= {"pitch": 30 * math.sin(t), "roll": 30 * math.cos(t), "throttle": -20.0}
             if t >= len(memory) * SAMPLE_S:
                 memory.append(daemon.resident_mb())
                 descriptors.append(daemon.descriptors())
@@ -151,7 +167,7 @@ async def _fly(
     warm, quarter = int(len(memory) * WARM_UP), max(1, len(memory) // 4)
     first, final = memory[warm : warm + quarter], memory[-quarter:]
     levels = round(statistics.median(first), 2), round(statistics.median(final), 2)
-    return levels, (descriptors[warm], descriptors[-1]), cpu
+    return _Watch(levels, (descriptors[warm], descriptors[-1]), round(cpu, 1), engagements)
 
 
 @asynccontextmanager

@@ -118,12 +118,15 @@ class SerialPort(asyncio.Protocol):
         transport = self._transport
         if transport is None:
             return
+        is_stuck = self.backlog > 0
         self._lose("closed")
         if not self._gone.done():
             transport.flush()
-            # Without this the transport waits in tcdrain(), on the event loop, for a device that takes nothing.
-            with suppress(OSError, termios.error, serial.SerialException, AttributeError):
-                transport.serial.reset_output_buffer()
+            # A device that takes nothing would hold the transport in tcdrain(), on the event loop. Only then: a pseudo
+            # terminal throws away what its reader has not yet fetched, the frames of a release among it.
+            if is_stuck:
+                with suppress(OSError, termios.error, serial.SerialException, AttributeError):
+                    transport.serial.reset_output_buffer()
             transport.abort()
             await self._gone
         self._transport = None

@@ -1,0 +1,56 @@
+"""The line is cut while a client flies."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+from mkdaemon.bench.boardport import LineFault
+from mkdaemon.bench.stories_cable import BACK_S, Cut, Cycle, first_words, pull_cable
+from mkdaemon.bench.stories_faults import FAULTS, VERDICT_S, judge_fault
+from mkdaemon.bench.stories_kill import last_words, steering
+from mkdaemon.bench.stories_rig import Boards
+from mkdaemon.protocol.messages import ExternControlV1, ExternControlV2, ExternControlV3, VersionRequest
+
+TILT = ExternControlV2(pitch=20, roll=0, yaw=0, throttle=0, frame=3, config=1).to_frame()
+FREE = ExternControlV2(pitch=0, roll=0, yaw=0, throttle=0, frame=4).to_frame()
+
+
+@pytest.mark.parametrize("fc", ["early", "2.08", "2.12a"])
+def test_after_every_cut_telemetry_comes_back_and_nobody_steers(fc):
+    cycles = pull_cable(Boards(fc), seed=2, cycles=3)
+    assert {cycle.cut for cycle in cycles} == set(Cut)
+    assert not [cycle for cycle in cycles if cycle.is_wrong]
+
+
+def test_what_a_wrong_cycle_is():
+    good = Cycle(0, Cut.UNPLUGGED, back=0.3, first="release", steered=0, is_held=False)
+    assert not good.is_wrong
+    for change in ({"back": None}, {"back": BACK_S + 0.1}, {"first": "v"}, {"steered": 1}, {"is_held": True}):
+        assert replace(good, **change).is_wrong, change
+
+
+@pytest.mark.parametrize("layout", [ExternControlV1, ExternControlV2, ExternControlV3])
+def test_first_words_know_a_release_in_every_layout(layout):
+    free = layout(pitch=0, roll=0, yaw=0, throttle=0, frame=200)
+    steer = free.model_copy(update={"config": 1})
+    assert first_words(b"\r\r" + free.to_frame()) == "release"
+    assert first_words(steer.to_frame()) == "sticks"
+    assert first_words(layout(pitch=1, roll=0, yaw=0, throttle=0).to_frame()) == "sticks"
+
+
+def test_first_and_last_words_of_other_bytes():
+    version = VersionRequest().to_frame()
+    assert first_words(version + FREE) == "v"
+    assert last_words(version + FREE) == "release"
+    assert last_words(FREE + version) == "v"
+    assert first_words(b"") == last_words(b"") == "nothing"
+    assert steering(FREE + TILT + version + TILT) == 2
+
+
+def test_every_named_fault_has_its_word():
+    assert set(FAULTS) == set(LineFault) - {LineFault.NONE}
+    found = judge_fault(Boards("2.12a"), LineFault.ONE_WAY, range(2))
+    assert found.holds, found
+    assert 0 < found.verdict_max_ms <= 1000 * VERDICT_S

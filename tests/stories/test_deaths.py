@@ -1,0 +1,90 @@
+"""Clients that die while they fly, on every dead-man generation, with the active release and without."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+from mkdaemon.bench.stories_deaths import NEUTRAL_S, RELEASE_S, Death, Loss, SilentRelease, fly_session
+from mkdaemon.bench.stories_losses import percentile, summed_up
+from mkdaemon.bench.stories_rig import Boards
+
+LONGEST_DEAD_MAN = 5.2
+"""[s]"""
+WAYS = tuple(Death)
+
+
+@pytest.mark.parametrize("fc", ["early", "2.08", "2.12a"])
+def test_whatever_a_client_dies_of_the_aircraft_is_level_and_let_go_of(fc):
+    losses = fly_session(Boards(fc), seed=7, deaths=len(WAYS))
+    assert {loss.death for loss in losses} == set(WAYS)
+    for loss in losses:
+        assert loss.wire is not None, loss
+        assert loss.wire <= NEUTRAL_S, loss
+        assert loss.neutral is not None, loss
+        assert loss.released is not None, loss
+        assert loss.released <= RELEASE_S, loss
+        assert loss.relapses == 0, loss
+
+
+@pytest.mark.parametrize("boards", [Boards("2.08", "0.24"), Boards("2.14", "2.14")], ids=lambda boards: boards.name)
+def test_behind_a_navictrl_too(boards):
+    losses = fly_session(boards, seed=3, deaths=4, ways=(Death.KILLED, Death.FROZEN, Death.MID_FRAME, Death.TOKEN))
+    found = summed_up(boards.name, losses)
+    assert found.holds, found
+
+
+@pytest.mark.parametrize("fc", ["early", "2.08"])
+def test_without_the_active_release_the_old_generations_obey_a_dead_client_for_ever(fc):
+    """The trap of docs/safety.md: polling goes on, and each request keeps the last command alive."""
+    losses = fly_session(
+        Boards(fc), seed=1, deaths=2, link_class=SilentRelease, watched=8.0, ways=(Death.KILLED, Death.FROZEN)
+    )
+    killed, frozen = losses
+    assert killed.is_wrong
+    assert killed.neutral is None, "the tilt of the dead client should still be held"
+    assert frozen.is_wrong
+    assert frozen.released is None, "the control should still be held"
+    assert not summed_up(fc, losses).holds
+
+
+def test_without_the_active_release_2_12a_lets_go_by_itself_but_late():
+    losses = fly_session(
+        Boards("2.12a"), seed=1, deaths=2, link_class=SilentRelease, watched=8.0, ways=(Death.KILLED, Death.FROZEN)
+    )
+    for loss in losses:
+        assert loss.is_wrong
+        assert loss.released is not None
+        assert 1.9 < loss.released < LONGEST_DEAD_MAN
+    assert not summed_up("2.12a", losses).holds
+
+
+def test_the_same_seed_dies_the_same_deaths():
+    assert fly_session(Boards("2.12a"), seed=5, deaths=2) == fly_session(Boards("2.12a"), seed=5, deaths=2)
+
+
+GOOD = Loss(1, 0, Death.KILLED, wire=0.02, neutral=0.03, applied=0.04, released=0.05, relapses=0)
+
+
+@pytest.mark.parametrize(
+    "bad",
+    [
+        replace(GOOD, wire=0.351),
+        replace(GOOD, wire=None),
+        replace(GOOD, released=1.11),
+        replace(GOOD, released=None),
+        replace(GOOD, relapses=1),
+    ],
+)
+def test_one_bad_death_in_a_hundred_breaks_the_campaign(bad):
+    assert summed_up("x", [GOOD] * 100).holds
+    assert not summed_up("x", [GOOD] * 99 + [bad]).holds
+
+
+def test_percentiles_are_values_that_occurred():
+    ordered = [float(n) for n in range(1, 1001)]
+    assert percentile(ordered, 0.5) == 500
+    assert percentile(ordered, 0.999) == 999
+    assert percentile([7.0], 0.999) == 7
+    assert percentile([], 0.5) is None

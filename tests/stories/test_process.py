@@ -1,0 +1,53 @@
+"""A daemon process that is killed while a client flies, and the rules by which real-time stories are judged."""
+
+from __future__ import annotations
+
+import signal
+from dataclasses import replace
+
+from mkdaemon.bench.stories_kill import End, end_daemon
+from mkdaemon.bench.stories_page import Row, write_page
+from mkdaemon.bench.stories_plug import Replugs
+from mkdaemon.bench.stories_race import Grant, Race, may_steer
+from mkdaemon.bench.stories_soak import Soak
+
+
+async def test_after_a_kill_the_next_start_begins_with_a_release_and_nobody_steers():
+    end = await end_daemon("2.08", signal.SIGKILL, seed=1)
+    assert (end.exit_code, end.first, end.steered, end.tracebacks) == (-signal.SIGKILL, "release", 0, 0), end
+
+
+def test_an_orderly_end_is_late_after_two_seconds():
+    good = End("2.08", "SIGTERM", 0.5, 0.1, "release", 0, None, 0, 0)
+    assert not good.is_wrong
+    assert replace(good, signal="SIGKILL", held=5.0, exit_code=-9).is_wrong is False
+    for change in ({"took": 2.1}, {"held": 2.1}, {"exit_code": 1}, {"first": "nothing"}, {"tracebacks": 1}):
+        assert replace(good, **change).is_wrong, change
+
+
+def test_who_may_steer():
+    grants = [Grant(1.0, 1.1, "forward"), Grant(5.0, 5.2, "back")]
+    assert [may_steer(grants, at, 1) for at in (0.5, 1.05, 2.0, 5.1, 5.3)] == [False, True, True, True, False]
+    assert [may_steer(grants, at, -1) for at in (2.0, 5.1, 5.3)] == [False, True, True]
+    assert not Race(takes=3, refused=0, frames=9, tilted=5, foreign=1, backwards=0, unseen=0).holds
+    assert not Race(takes=3, refused=0, frames=9, tilted=0, foreign=0, backwards=0, unseen=0).holds
+    assert Race(takes=3, refused=0, frames=9, tilted=5, foreign=0, backwards=0, unseen=0).holds
+
+
+def test_a_leak_or_a_lost_frame_fails_the_long_runs():
+    flat = Replugs(200, 0.2, 0.9, [], [], (30, 30), (80.0, 80.1), 0)
+    assert flat.holds
+    for change in ({"descriptors": (30, 31)}, {"memory_mb": (80.0, 83.0)}, {"not_release": [4]}, {"back_max": 3.1}):
+        assert not replace(flat, **change).holds, change
+    good = Soak(1200.0, 10, 10, 20, 20, {"expired": 3}, 0, (80.0, 80.5), (30, 30), 9.0, 0.0, 0)
+    assert good.faults() == []
+    assert replace(good, daemon_received=9).faults() == ["frames of the board lost"]
+    assert replace(good, dropped={"checksum": 1}, tracebacks=1).faults() == ["frames damaged", "tracebacks"]
+
+
+def test_the_page_keeps_the_rows_of_other_cases(tmp_path):
+    page = tmp_path / "stories.md"
+    write_page(page, [Row("race", "old race", "FC", 1, "x", "0", True), Row("deaths", "d", "FC", 1, "x", "0", True)])
+    write_page(page, [Row("race", "new race", "FC", 2, "y", "0", False)])
+    rows = [line for line in page.read_text(encoding="utf-8").splitlines() if line.startswith(("| race", "| deaths"))]
+    assert rows == ["| deaths | d | FC | 1 | x | 0 | yes |", "| race | new race | FC | 2 | y | 0 | NO |"]
