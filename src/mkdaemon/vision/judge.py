@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
 
 from mkdaemon.config.vision import TrackerSection
-from mkdaemon.vision.ambiguity import choose
+from mkdaemon.vision.ambiguity import Choice, choose
 from mkdaemon.vision.attitude import Mounting, fuse_level, tilt_error
 from mkdaemon.vision.edgefit import Level
 from mkdaemon.vision.fitting import TargetFitter
@@ -27,6 +28,8 @@ IMAGE_DECIDES_PX = 24.0
 """Cells from this size on show perspective; without attitude, smaller ones are checked for the mirrored pose [px]."""
 BLURRED_PX = 3.5
 """Width of an edge from which perspective drowns in blur [px]."""
+COLD_INLIERS = 0.9
+"""Share of agreeing points asked of a first pose without attitude: a border faked by an occluder leaves fewer."""
 ODD_RMS = 1.7
 """Residual over its usual value from which a small tag is not believed without attitude."""
 HARMLESS = float(np.radians(2.0))
@@ -110,12 +113,52 @@ class Judge:
         covariance[3:, 3:] += (between / 2) ** 2 * np.eye(3)
         return replace(better, covariance=covariance)
 
-    def fault(self, seen: Sight, pose: Pose) -> str:
-        """The first gate a newly found pose fails; empty when it passes all."""
-        fused = self.fused(seen, pose)
-        return self._hard_fault(seen, pose, None) or certainty_fault(
-            fused, has_attitude=self.tilt(seen, pose) is not None
+    def choose_first(self, seen: Sight, candidates: Sequence[Pose], expected: Array | None) -> Choice | str:
+        """Decide about poses from decoded tags, without or against a track.
+
+        Args:
+            seen: the image.
+            candidates: fitted poses.
+            expected: rotation a track expects; none without one.
+
+        Returns:
+            The choice, with the attitude's knowledge in it, or the reason of the refusal.
+        """
+        believable = [pose for pose in candidates if self._hard_fault(seen, pose, None) in ("", "attitude")]
+        if not believable:
+            return self._hard_fault(seen, candidates[0], None) if candidates else "no_fit"
+        tilts = [self.tilt(seen, pose) for pose in believable]
+        known = [tilt for tilt in tilts if tilt is not None]
+        choice = choose(
+            believable,
+            min_ratio=self._cfg.min_ambiguity_ratio,
+            tilt_errors=known or None,
+            tilt_gate=max(self.tilt_gate(pose) for pose in believable),
+            predicted=expected,
         )
+        if choice is None and known:
+            return self._levelled(seen, min(believable, key=lambda pose: pose.loss))
+        if choice is None:
+            return "ambiguous"
+        if choice.pose.source == "edges" and choice.pose.inliers < COLD_INLIERS:
+            # Hidden parts, or a border faked by what hides them: only a fit with the tilt held tells these apart.
+            return self._levelled(seen, choice.pose) if known else "inliers"
+        fused = self.fused(seen, choice.pose)
+        fault = self._hard_fault(seen, choice.pose, None) or certainty_fault(fused, has_attitude=bool(known))
+        return fault or replace(choice, pose=fused)
+
+    def _levelled(self, seen: Sight, pose: Pose) -> Choice | str:
+        """Fit once more with the tilt held: something lying over one side gives a quad that is off by that much."""
+        level = self._level(seen)
+        if level is None or self._mounting is None or seen.enu_from_flu is None:
+            return "attitude"
+        vague = replace(pose, covariance=np.eye(6))
+        start = fuse_level(vague, self._mounting, seen.enu_from_flu, 1e-3)
+        held = self.fitter.refine_level(seen.pixels, replace(start, position=pose.position), level)
+        if held is None or self._hard_fault(seen, held, None):
+            return "attitude"
+        fault = certainty_fault(held, has_attitude=True)
+        return fault or Choice(held, float("inf"), "attitude")
 
     def _hard_fault(self, seen: Sight, pose: Pose, predicted: Pose | None) -> str:
         """The first sign that a pose is wrong; empty without any."""

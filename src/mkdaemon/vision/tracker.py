@@ -8,19 +8,18 @@ everything else is a refusal with its reason.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 import numpy.typing as npt
 
 from mkdaemon.config.vision import DetectorSection, TrackerSection
 from mkdaemon.vision.alarms import ImageHealth
-from mkdaemon.vision.ambiguity import Choice, choose
+from mkdaemon.vision.ambiguity import Choice
 from mkdaemon.vision.attitude import AttitudeHistory, Mounting
 from mkdaemon.vision.detection import Detection, Stage
 from mkdaemon.vision.detector import Detector
 from mkdaemon.vision.fitting import TargetFitter
-from mkdaemon.vision.gates import fit_fault
 from mkdaemon.vision.image import CameraImage
 from mkdaemon.vision.intrinsics import Intrinsics
 from mkdaemon.vision.judge import FLOW_THROUGH, Judge, Sight
@@ -246,40 +245,15 @@ class Tracker:
         tags = self._tags_of(name, found)
         if not tags:
             return
-        fitter, track = self._fitters[name], self._tracks[name]
-        believable: list[Pose] = []
-        for pose in fitter.cold(frame.sight.pixels, tags):
-            fault = fit_fault(pose, self._cfg) or self._bits_fault(frame, name, pose)
-            if fault:
-                frame.refused[name] = fault
-            else:
-                believable.append(pose)
-        tilts = [self._judges[name].tilt(frame.sight, pose) for pose in believable]
-        known = [tilt for tilt in tilts if tilt is not None]
-        choice = choose(
-            believable,
-            min_ratio=self._cfg.min_ambiguity_ratio,
-            tilt_errors=known if len(known) == len(believable) and known else None,
-            tilt_gate=max((self._judges[name].tilt_gate(pose) for pose in believable), default=0.0),
-            predicted=predicted.rotation if predicted is not None else None,
-        )
-        if choice is None:
-            if believable:
-                frame.refused[name] = (
-                    "attitude" if known and min(known) > self._judges[name].tilt_gate(believable[0]) else "ambiguous"
-                )
-            return
-        fault = self._judges[name].fault(frame.sight, choice.pose)
-        if fault:
-            frame.refused[name] = fault
+        track, judge = self._tracks[name], self._judges[name]
+        candidates = self._fitters[name].cold(frame.sight.pixels, tags)
+        choice = judge.choose_first(frame.sight, candidates, predicted.rotation if predicted is not None else None)
+        if isinstance(choice, str):
+            frame.refused[name] = choice
             return
         track.decoded_at = track.tried_at = frame.sight.time
         track.in_doubt = False
-        self._publish(frame, name, replace(choice, pose=self._judges[name].fused(frame.sight, choice.pose)), mode)
-
-    def _bits_fault(self, frame: _Frame, name: str, pose: Pose) -> str:
-        bits = self._fitters[name].match(frame.sight.pixels, pose)
-        return "bits" if bits is not None and bits < self._cfg.min_bit_correlation else ""
+        self._publish(frame, name, choice, mode)
 
     def _publish(self, frame: _Frame, name: str, choice: Choice, mode: str) -> None:
         track, fitter, now = self._tracks[name], self._fitters[name], frame.sight.time
