@@ -48,18 +48,20 @@ def main(
         ConfigError: a result or the target cannot be read, or matplotlib is not installed.
         MkError: results are missing; the others were drawn.
     """
+    missing, known = [], []
+    for plot in PLOTS:
+        source = results / f"{plot.benchmark}.json"
+        if source.is_file():
+            known.append((plot, _read(source)))
+        else:
+            missing.append(f"mkdaemon bench {plot.benchmark} --json > {source}")
     out.mkdir(parents=True, exist_ok=True)
+    for plot, content in known:
+        for path in plot.draw(content, out):
+            print(path)
     sheet = out / "scene_conditions.png"
     contact_sheet(tagmap.load([target]).targets[0], sheet)
     print(sheet)
-    missing = []
-    for plot in PLOTS:
-        source = results / f"{plot.benchmark}.json"
-        if not source.is_file():
-            missing.append(f"mkdaemon bench {plot.benchmark} --json > {source}")
-            continue
-        for path in plot.draw(_read(source), out):
-            print(path)
     if missing:
         msg = f"no results to draw from yet; measure first: {'; '.join(missing)}"
         raise MkError(msg)
