@@ -22,6 +22,9 @@ pytestmark = pytest.mark.flight
 PATIENCE = 60.0
 """Longest wait for an aircraft [s]; a loaded machine is slow, not wrong."""
 
+STARVED = ("motors_unknown", "motors_not_known_off", "link_down", "board_unproven", "timeout", "no answer", "did not ")
+"""Refusals that may only say that a loaded machine let the simulator or the daemon wait: then it is asked again."""
+
 Ctl = Callable[..., tuple[int, str, str]]
 
 
@@ -58,10 +61,13 @@ def flightctrl() -> Iterator[list[str]]:
 @pytest.fixture
 def ctl(capsys: pytest.CaptureFixture[str]) -> Ctl:
     def call(at: list[str], *words: str) -> tuple[int, str, str]:
-        capsys.readouterr()
-        code = run(app, [*words, *at])
-        out, err = capsys.readouterr()
-        return code, out, err
+        deadline = time.monotonic() + PATIENCE
+        while True:
+            capsys.readouterr()
+            code = run(app, [*words, *at])
+            out, err = capsys.readouterr()
+            if code == EXIT_OK or time.monotonic() > deadline or not any(sign in err for sign in STARVED):
+                return code, out, err
 
     return call
 
@@ -80,7 +86,7 @@ def test_a_mission_goes_up_is_verified_comes_down_and_is_cleared(navictrl: list[
     assert (code, err) == (EXIT_OK, "")
     up = json.loads(out)
     assert (up["count"], up["rounds"]) == (31, 1)
-    assert ctl(navictrl, "waypoints", "verify", str(file))[0] == EXIT_OK
+    assert ctl(navictrl, "waypoints", "verify", str(file))[::2] == (EXIT_OK, "")
     code, out, _ = ctl(navictrl, "waypoints", "download", str(back), "--json")
     assert (code, json.loads(out)["digest"]) == (EXIT_OK, up["digest"])
     assert ctl(navictrl, "waypoints", "clear")[:2] == (EXIT_OK, "the list is empty\n")
@@ -106,7 +112,7 @@ def test_what_cannot_be_uploaded_is_one_line(navictrl: list[str], ctl: Ctl, tmp_
 def test_navictrl_parameters_labels_and_display(navictrl: list[str], ctl: Ctl) -> None:
     assert ctl(navictrl, "nc-param", "set", "target-speed", "25")[:2] == (EXIT_OK, "target_speed 25 0.1 m/s\n")
     assert ctl(navictrl, "nc-param", "get", "target_speed")[1] == "target_speed 25 0.1 m/s\n"
-    assert ctl(navictrl, "nc-param", "set", "heading_setpoint", "-1")[0] == EXIT_OK
+    assert ctl(navictrl, "nc-param", "set", "heading_setpoint", "-1")[::2] == (EXIT_OK, "")
     code, _, err = ctl(navictrl, "nc-param", "get", "speed")
     assert code == EXIT_CONFIG
     assert "use one of target_speed, heading_setpoint" in err
@@ -134,7 +140,7 @@ def test_the_flightctrl_behind_a_navictrl_is_reached_and_telemetry_goes_on(
     assert (code, err) == (EXIT_OK, "")
     assert "set 3 is live, byte for byte as before" in out
     assert "1 = [64, 64, 0, 64]" in ctl(navictrl, "mixer", "get")[1]
-    assert ctl(navictrl, "send", "version-request", "--board", "nc")[0] == EXIT_OK
+    assert ctl(navictrl, "send", "version-request", "--board", "nc")[::2] == (EXIT_OK, "")
     assert json.loads(ctl(navictrl, "get", "state/flight", "--json")[1])["motors_running"] is False
 
 
@@ -149,13 +155,13 @@ def test_settings_are_backed_up_changed_and_restored(flightctrl: list[str], ctl:
     changes = ("gyro_p=85", "throttle_max=5")
     out = ctl(flightctrl, "settings", "edit", *changes, "--slot", "1", "--dry-run")[1]
     assert "set 1: would change gyro_p from 90 to 85" in out
-    assert ctl(flightctrl, "settings", "diff", str(folder))[0] == EXIT_OK
+    assert ctl(flightctrl, "settings", "diff", str(folder))[::2] == (EXIT_OK, "")
     out = ctl(flightctrl, "settings", "edit", *changes, "--slot", "1")[1]
     assert "the FC changed throttle_max from 5 to 100" in out
     assert ctl(flightctrl, "settings", "diff", str(folder))[0] == EXIT_FAILURE
 
-    assert ctl(flightctrl, "settings", "restore", str(folder / "set1.toml"))[0] == EXIT_OK
-    assert ctl(flightctrl, "settings", "diff", str(folder))[0] == EXIT_OK
+    assert ctl(flightctrl, "settings", "restore", str(folder / "set1.toml"))[::2] == (EXIT_OK, "")
+    assert ctl(flightctrl, "settings", "diff", str(folder))[::2] == (EXIT_OK, "")
     out = ctl(flightctrl, "settings", "list", "--json")[1]
     assert [row["slot"] for row in json.loads(out) if row["active"]] == [3]
     code, _, err = ctl(flightctrl, "settings", "backup", str(folder))
@@ -165,7 +171,7 @@ def test_settings_are_backed_up_changed_and_restored(flightctrl: list[str], ctl:
 
 def test_a_set_of_another_revision_is_refused_before_writing(flightctrl: list[str], ctl: Ctl, tmp_path: Path) -> None:
     file = tmp_path / "set.toml"
-    assert ctl(flightctrl, "settings", "backup", str(file))[0] == EXIT_OK
+    assert ctl(flightctrl, "settings", "backup", str(file))[::2] == (EXIT_OK, "")
     text = file.read_text()
     raw = next(line for line in text.splitlines() if line.startswith("raw"))
     head = text.partition("[values]")[0]
@@ -181,12 +187,12 @@ def test_a_set_of_another_revision_is_refused_before_writing(flightctrl: list[st
 
 def test_mixer_and_motor_controllers(flightctrl: list[str], ctl: Ctl, tmp_path: Path) -> None:
     file = tmp_path / "mixer.toml"
-    assert ctl(flightctrl, "mixer", "get", str(file))[0] == EXIT_OK
+    assert ctl(flightctrl, "mixer", "get", str(file))[::2] == (EXIT_OK, "")
     file.write_text(file.read_text().replace("1 = [64, 64, 0, 64]", "1 = [60, 64, 0, 64]"))
     code, _, err = ctl(flightctrl, "mixer", "set", str(file))
     assert code == EXIT_CONFIG
     assert "--confirm" in err
-    assert ctl(flightctrl, "mixer", "set", str(file), "--confirm")[0] == EXIT_OK
+    assert ctl(flightctrl, "mixer", "set", str(file), "--confirm")[::2] == (EXIT_OK, "")
     assert "1 = [60, 64, 0, 64]" in ctl(flightctrl, "mixer", "get")[1]
 
     assert "current_limit        30 A" in ctl(flightctrl, "bl", "get", "2")[1]
@@ -209,7 +215,7 @@ def test_motors_turn_and_stop(flightctrl: list[str], ctl: Ctl) -> None:
     )
 
 
-def test_in_flight_an_upload_needs_its_flag(ctl: Ctl, tmp_path: Path) -> None:
+def test_in_flight_an_upload_needs_its_flag(ctl: Ctl, capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     file = tmp_path / "mission.csv"
     write_mission(mission(3), file)
     with aircraft("nc", "hover") as at:
@@ -220,7 +226,6 @@ def test_in_flight_an_upload_needs_its_flag(ctl: Ctl, tmp_path: Path) -> None:
         assert code == EXIT_FAILURE
         assert "motors_running: motors are running, and an upload takes effect at once" in err
         assert "--in-flight" in err
-        assert ctl(at, "waypoints", "upload", str(file), "--in-flight")[0] == EXIT_OK
-        code, _, err = ctl(at, "settings", "list")
-        assert code == EXIT_FAILURE
-        assert "motors_not_known_off" in err
+        assert ctl(at, "waypoints", "upload", str(file), "--in-flight")[::2] == (EXIT_OK, "")
+        assert run(app, ["settings", "list", *at]) == EXIT_FAILURE
+        assert "motors_" in capsys.readouterr().err
