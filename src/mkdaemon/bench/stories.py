@@ -19,6 +19,8 @@ from rich.console import Console
 from rich.table import Table
 
 from mkdaemon.bench.stories_cable import BACK_S, pull_cable
+from mkdaemon.bench.stories_clients import Loss as Lost
+from mkdaemon.bench.stories_clients import lose_clients
 from mkdaemon.bench.stories_deaths import NEUTRAL_S, RELEASE_S, SilentRelease
 from mkdaemon.bench.stories_faults import FAULTS, VERDICT_S, Verdicts, judge_fault
 from mkdaemon.bench.stories_kill import END_S, SIGNALS, End, end_daemon
@@ -38,7 +40,7 @@ UNRELEASED_WATCH_S: Final = 8.0
 CYCLES: Final = 20
 """Interruptions of the line a session."""
 
-Case = Literal["deaths", "unreleased", "cable", "plug", "kill", "race", "faults", "soak"]
+Case = Literal["deaths", "unreleased", "clients", "cable", "plug", "kill", "race", "faults", "soak"]
 
 
 def tell_deaths(runs: int | None, jobs: int) -> Iterator[Row]:
@@ -79,6 +81,26 @@ def unreleased_row(losses: Losses) -> Row:
     shown = len(losses.wrong) == losses.runs and ("2.12" in losses.boards or losses.never_released == losses.runs)
     story = "counter-proof: client dies, active release disabled"
     return Row("unreleased", story, losses.boards, losses.runs, figure, "must fail", shown, asdict(losses))
+
+
+def tell_clients(runs: int | None, jobs: int) -> Iterator[Row]:
+    """Client processes that are killed or stopped."""
+    for boards in DIRECT:
+        found = asyncio.run(lose_clients(boards.fc, runs or 20))
+        for name in sorted({loss.signal for loss in found}):
+            yield client_row(boards.name, name, [loss for loss in found if loss.signal == name])
+
+
+def client_row(boards: str, name: str, found: list[Lost]) -> Row:
+    """One line of client processes lost in the same way; the wire takes part of the limit, the FC samples later."""
+    neutral, released = max(loss.neutral for loss in found), max(loss.released for loss in found)
+    figure = f"neutral in the FC longest {1000 * neutral:.0f} ms, released longest {1000 * released:.0f} ms"
+    limit = f"{1000 * NEUTRAL_S:g} ms; {1000 * RELEASE_S:g} ms"
+    story = f"client process gets {name} (times from the signal)"
+    is_right = neutral <= NEUTRAL_S and released <= RELEASE_S
+    return Row(
+        "clients", story, boards, len(found), figure, limit, is_right, {"losses": [asdict(one) for one in found]}
+    )
 
 
 def tell_cable(runs: int | None, jobs: int) -> Iterator[Row]:
@@ -202,6 +224,7 @@ def soak_row(found: Soak) -> Row:
 _CASES: Final[dict[str, Callable[[int | None, int], Iterator[Row]]]] = {
     "deaths": tell_deaths,
     "unreleased": tell_unreleased,
+    "clients": tell_clients,
     "cable": tell_cable,
     "plug": tell_plug,
     "kill": tell_kill,

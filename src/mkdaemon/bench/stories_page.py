@@ -17,7 +17,7 @@ sessions and pseudo terminals, so their times include whatever else the machine 
 | case | story | boards | runs | measured | limit | holds |
 |---|---|---|---|---|---|---|
 """
-ORDER: Final = ("deaths", "unreleased", "cable", "plug", "kill", "race", "faults", "soak")
+ORDER: Final = ("deaths", "unreleased", "clients", "cable", "plug", "kill", "race", "faults", "soak")
 
 
 @dataclass(frozen=True, slots=True)
