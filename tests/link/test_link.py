@@ -111,7 +111,7 @@ async def test_nothing_that_could_harm_is_sent_by_itself():
 @pytest.mark.parametrize("make", [flight_ctrl(), navi_ctrl("2.14", "2.14")], ids=["fc", "nc"])
 @virtually
 async def test_no_control_frame_is_lost_at_any_rate(make, rate):
-    async with rig(make, rates={"attitude": 50, "debug": 200}) as r:
+    async with rig(make, rates={"attitude": 50, "debug": 200, "osd": 200}) as r:
         await r.until(lambda: r.link.dialect.extern_control is not None, 3)
         await asyncio.sleep(1)
         layout = r.link.dialect.extern_control

@@ -164,11 +164,11 @@ def test_a_full_queue_refuses():
 
 def test_withdrawn_entries_do_not_leave():
     scheduler = TransmitScheduler(FC)
-    kept, gone = entry(Purpose.REQUEST, number=1), entry(Purpose.REQUEST, number=2)
+    kept, gone = entry(Purpose.REQUEST, number=1, tag="kept"), entry(Purpose.REQUEST, number=2, tag="gone")
     scheduler.submit(kept, 0.0)
     scheduler.submit(gone, 0.0)
-    scheduler.withdraw(gone)
-    scheduler.withdraw(gone)
+    scheduler.withdraw("gone")
+    scheduler.withdraw("gone")
     assert [item for _, item in sent_until(scheduler, 1.0)] == [kept]
 
 

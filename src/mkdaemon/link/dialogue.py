@@ -19,7 +19,7 @@ from mkdaemon.link.health import HealthMonitor, Verdict
 from mkdaemon.link.line import FORWARDING_GAP_S, LineRules
 from mkdaemon.link.prober import VERSION_TOKEN, Prober
 from mkdaemon.link.scheduler import Entry, TransmitScheduler
-from mkdaemon.link.subscriptions import KINDS, Subscriptions, kind_of
+from mkdaemon.link.streams import Streams
 from mkdaemon.link.traffic import Purpose
 from mkdaemon.protocol.dialect import Dialect
 from mkdaemon.protocol.framing import Dropped, DropReason, Frame
@@ -44,10 +44,9 @@ class Dialogue:
         self.control = ControlPath(self.health)
         self.prober = Prober(cfg.echo_hz, self.health)
         self.book = requests.RequestBook()
-        self.subscriptions = Subscriptions(Board.ANY, renew=cfg.renew_s)
+        self.streams = Streams(cfg)
         self.peers = Acquaintance()
         self.plan: release.ReleasePlan | None = None
-        self.streams_on = False
         self.is_open = False
         self.is_recording = False
         self._finished: list[Outcome] = []
@@ -57,9 +56,6 @@ class Dialogue:
         self._dialect_changed = True
         self._navictrl_confirms = False
         self._plan_is_settled = True
-        self._wishes: dict[str, float] = (
-            {} if isinstance(cfg.rates, str) else {key: ms / 1000 for key, ms in cfg.rates.items()}
-        )
 
     # -- the port -------------------------------------------------------------------------------------------------
 
@@ -76,14 +72,14 @@ class Dialogue:
         self.is_recording = is_recording
         self.peers.restart()
         self._navictrl_confirms = False
-        self.streams_on = False
+        self.streams.restart()
         self.control.restart()
         self.prober.restart()
         self.rules = LineRules(baud=baud, gap=self.rules.gap, setpoint_interval=1 / self._cfg.setpoint_hz)
         self.scheduler.clear()
         self.scheduler.rules = self.rules
-        self.subscriptions.forget()
         self.health.port_opened(now, is_recording=is_recording, searching=searching)
+        self.plan = None
         self.release("opened", now)
 
     def lost(self, now: float, reason: str, condition: LinkCondition = LinkCondition.DOWN) -> None:
@@ -119,8 +115,7 @@ class Dialogue:
         if letter != "B":
             self.control.board_was_busy(now - self.rules.reply_time(size), now)
         self.scheduler.reply_seen(board, letter)
-        if key in KINDS:
-            self.subscriptions.seen(key, now)
+        self.streams.seen(key, now)
         match letter:
             case "Z" if not self.is_recording:
                 self.health.probe_answered(message.pattern, now)  # type: ignore[attr-defined]
@@ -192,6 +187,7 @@ class Dialogue:
 
     def withdraw(self, pending: requests.Pending, now: float) -> None:
         """The caller does not wait any more."""
+        self.scheduler.withdraw(pending)
         self.book.withdraw(pending, now)
 
     def steer(self, message: WireMessage, deadline: float, now: float) -> None:
@@ -222,9 +218,13 @@ class Dialogue:
         """Begin to let go of the aircraft; setpoints are refused until that is done."""
         self.scheduler.drop_setpoint()
         layout = self.dialect.extern_control
+        confirms = self.confirms and layout is not None
+        plan = self.plan
+        if plan is not None and plan.is_running and plan.layout is layout and plan.confirms == confirms:
+            return  # it is being done, and no command came since it began
         self._plan_is_settled = False
         self.plan = release.ReleasePlan(
-            layout=layout, last_setpoint=self.control.last_command, confirms=self.confirms, now=now, reason=reason
+            layout=layout, last_setpoint=self.control.last_command, confirms=confirms, now=now, reason=reason
         )
 
     def want(self, key: str, interval: float) -> None:
@@ -233,28 +233,11 @@ class Dialogue:
         Raises:
             CommandRejectedError: no such stream, or the line cannot carry it; with the arithmetic.
         """
-        streams = {**self.subscriptions.wanted, key: interval}
-        if interval <= 0:
-            del streams[key]
-        else:
-            kind_of(key, self.peers.direct)
-            budget.check(self.demand(streams), self.rules, limit=self._cfg.max_line_share)
-        self.subscriptions.want(key, interval)
-        self._wishes = dict(streams)
+        self.streams.want(key, interval, self.rules, self.demand)
 
     def start_streams(self) -> list[str]:
         """Ask for the configured streams; returns those this board does not have."""
-        cfg, missing = self._cfg, []
-        wishes = self._wishes
-        if cfg.rates == "auto" and not wishes:
-            wishes = budget.best_mix(self.peers.direct, self.rules, limit=cfg.max_line_share, demand=self.demand({}))
-        for key, interval in wishes.items():
-            try:
-                self.subscriptions.want(key, interval)
-            except CommandRejectedError:
-                missing.append(key)
-        self.streams_on = True
-        return missing
+        return self.streams.begin(self.rules, self.demand)
 
     def demand(self, streams: dict[str, float]) -> budget.Demand:
         """What the line must carry with these streams [s]."""
@@ -271,7 +254,7 @@ class Dialogue:
         self.peers.redirected = board
         self.scheduler.reserve_line(board)
         if board is None:
-            self.subscriptions.forget()
+            self.streams.forget()
 
     def escape(self, now: float) -> None:
         """Send the sequence that ends a redirection."""
@@ -301,8 +284,8 @@ class Dialogue:
         times = [self.scheduler.next_time(now) or math.inf, self.book.next_time()]
         if self.plan is not None:
             times.append(self.plan.next_time())
-        if self.streams_on and self.peers.redirected is None:
-            times.append(self.subscriptions.next_time())
+        if self.peers.redirected is None:
+            times.append(self.streams.next_time())
         times.append(self._probe_time())
         return min(times)
 
@@ -352,7 +335,7 @@ class Dialogue:
         hears = self.health.verdict.condition in (LinkCondition.UP, LinkCondition.DEGRADED, LinkCondition.ONE_WAY)
         if not (silent and hears):
             return False
-        self.subscriptions.forget()
+        self.streams.forget()
         return now - before.since > REBOOT_S
 
     # -- inside ---------------------------------------------------------------------------------------------------
@@ -362,11 +345,7 @@ class Dialogue:
         if not self.peers.meet(board):
             return
         self._apply_rules()
-        wanted = self.subscriptions.wanted
-        self.subscriptions = Subscriptions(board, renew=self._cfg.renew_s)
-        for key, period in wanted.items():
-            if board in KINDS[key].boards:
-                self.subscriptions.want(key, period)
+        self.streams.meet(board)
 
     def _apply_rules(self) -> None:
         """Pace for the board at the end of the wire.
@@ -440,14 +419,14 @@ class Dialogue:
         self.control.last_command = None
 
     def _step_streams(self, now: float) -> None:
-        if not self.streams_on or self.peers.redirected is not None or now < self.subscriptions.next_time():
+        if self.peers.redirected is not None or now < self.streams.next_time():
             return
-        for message in self.subscriptions.due(now):
+        for message in self.streams.due(now):
             self.scheduler.submit(
                 Entry(message.to_frame(self.peers.direct), Purpose.SUBSCRIPTION, now + 1.0, self.peers.direct, message),
                 now,
             )
-        self.health.wanted(self.peers.direct.word, self.subscriptions.wanted, now)
+        self.health.wanted(self.peers.direct.word, self.streams.wanted, now)
 
     def _probe_time(self) -> float:
         """When the next link test is due [s]; infinite while nobody could answer it."""
@@ -466,7 +445,9 @@ class Dialogue:
         elif entry.purpose is Purpose.ECHO:
             self.prober.sent(entry, now)
         elif entry.purpose in (Purpose.SETPOINT, Purpose.RELEASE):
-            number = self.control.sent(entry, now, confirms=self.confirms)
+            # A frame in the layout that is safe everywhere is not confirmed by a board that does not understand it.
+            is_understood = type(message) is self.dialect.extern_control
+            number = self.control.sent(entry, now, confirms=self.confirms and is_understood)
             if isinstance(entry.tag, release.ReleasePlan):
                 entry.tag.sent(message, number, now)
 

@@ -21,6 +21,7 @@ from mkdaemon.link.port import Port, open_port, parse_address
 from mkdaemon.link.reopening import AliasMemory, BaudSearch, backoff
 from mkdaemon.link.report import Reporter
 from mkdaemon.link.traffic import LinkSink, Lost, Purpose, Received, ReleaseResult, Sent
+from mkdaemon.link.waiters import Waiters
 from mkdaemon.protocol.dialect import Dialect
 from mkdaemon.protocol.framing import Frame, FrameDecoder
 from mkdaemon.protocol.wire import Board, MessageDecoder, WireMessage
@@ -71,7 +72,7 @@ class Link:
         has_rate = parse_address(cfg.port).scheme == "serial"
         self._bauds = BaudSearch(cfg.baud, enabled=cfg.probe_baud and has_rate)
         self._wants_introduction = asyncio.Event()
-        self._release_waiters: list[asyncio.Future[ReleaseResult]] = []
+        self._waiters = Waiters()
         self._aliases = AliasMemory()
         self._labels = LabelCache(cfg.label_cache)
         self._has_ended = False
@@ -109,7 +110,7 @@ class Link:
 
     def rates(self) -> dict[str, float]:
         """Interval of every wanted stream [s]."""
-        return self._dialogue.subscriptions.wanted
+        return self._dialogue.streams.wanted
 
     async def request(
         self,
@@ -172,8 +173,7 @@ class Link:
         if self._port is None or self._port.is_recording:
             return ReleaseResult("not_sent", 0, 0, reason)
         self._dialogue.release(reason, self._clock())
-        waiter: asyncio.Future[ReleaseResult] = asyncio.get_running_loop().create_future()
-        self._release_waiters.append(waiter)
+        waiter = self._waiters.for_release()
         self._pump()
         return await waiter
 
@@ -384,27 +384,10 @@ class Link:
 
     def _settle(self) -> None:
         """Hand answers, refusals and losses to whoever waits for them."""
-        dialogue = self._dialogue
-        for pending, outcome in dialogue.take_finished():
-            waiter = pending.token
-            if isinstance(waiter, asyncio.Future) and not waiter.done():
-                self._resolve(waiter, outcome)
-        for entry in dialogue.take_discarded():
+        self._waiters.settle(self._dialogue)
+        for entry in self._dialogue.take_discarded():
             now = self._clock()
             self._sink.dropped(Lost(now, now + self._wall_offset, "tx", "expired", entry.raw))
-        if self._release_waiters and not dialogue.is_releasing and dialogue.plan is not None:
-            waiters, self._release_waiters = self._release_waiters, []
-            for waiter in waiters:
-                if not waiter.done():
-                    waiter.set_result(dialogue.plan.result())
-
-    def _resolve(self, waiter: asyncio.Future[WireMessage | None], outcome: WireMessage | str | None) -> None:
-        if not isinstance(outcome, str):
-            waiter.set_result(outcome)
-        elif self._dialogue.is_open:
-            waiter.set_exception(RequestTimeoutError(outcome))
-        else:
-            waiter.set_exception(LinkLostError(outcome))
 
     async def _converse(
         self, msg: WireMessage, board: Board | None, *, patience: float | None, retries: int | None, purpose: Purpose
@@ -413,7 +396,7 @@ class Link:
         if self._port is None:
             raise LinkLostError(f"{self._cfg.port}: {self._dialogue.health.verdict.reason}")
         now = self._clock()
-        waiter: asyncio.Future[WireMessage | None] = asyncio.get_running_loop().create_future()
+        waiter = self._waiters.for_answer()
         pending = self._dialogue.ask(
             msg,
             self._addressee(msg) if board is None else board,
@@ -465,10 +448,7 @@ class Link:
         self._port = None
         self._dialogue.lost(self._clock(), reason, condition)
         self._settle()
-        for waiter in self._release_waiters:
-            if not waiter.done():
-                waiter.set_result(ReleaseResult("not_sent", 0, 0, reason))
-        self._release_waiters.clear()
+        self._waiters.port_lost(reason)
         self._publish()
         self._sink.traffic_counted(self._reporter.traffic(self._clock()))
 

@@ -70,7 +70,7 @@ class ReleasePlan:
         self.reason = reason
         self._zero = zero_frame(layout)
         self._neutral = None if last_setpoint is None else neutral_of(last_setpoint)
-        self._confirms = confirms
+        self.confirms = confirms
         self._began = now
         self._next = now
         self._awaited: dict[int, float] = {}
@@ -91,13 +91,13 @@ class ReleasePlan:
             neutral, self._neutral = self._neutral, None
             self._next = now
             return neutral
-        if self._confirms and now - self._began > GIVE_UP_S:
+        if self.confirms and now - self._began > GIVE_UP_S:
             self.status = "unconfirmed"
             return None
-        if not self._confirms and self._sent >= REPEATS:
+        if not self.confirms and self._sent >= REPEATS:
             self.status = "not_observable"
             return None
-        self._next = now + (CONFIRM_WAIT_S if self._confirms else SPACING_S)
+        self._next = now + (CONFIRM_WAIT_S if self.confirms else SPACING_S)
         return self._zero
 
     def sent(self, message: WireMessage, number: int, now: float) -> None:
@@ -106,7 +106,7 @@ class ReleasePlan:
             return
         self._sent += 1
         self._awaited[number] = now
-        if not self._confirms and self._sent >= REPEATS:
+        if not self.confirms and self._sent >= REPEATS:
             self.status = "not_observable"
 
     def confirmed(self, number: int, now: float) -> None:

@@ -118,7 +118,7 @@ class Reporter:
         began, rx, tx = self._bytes[0]
         span = now - began
         per_byte = dialogue.rules.wire_time(b"#")
-        planned = budget.plan(dialogue.demand(dialogue.subscriptions.wanted), dialogue.rules)
+        planned = budget.plan(dialogue.demand(dialogue.streams.wanted), dialogue.rules)
         return LinkTraffic(
             stamp_s=now + self._offset,
             rx_bytes=dialogue.bytes["rx"],

@@ -108,11 +108,11 @@ class TransmitScheduler:
         queue.append(entry)
         return True
 
-    def withdraw(self, entry: Entry) -> None:
-        """Take an entry back that was not sent yet; without effect otherwise."""
-        queue = self._queues[entry.purpose]
-        if entry in queue:
-            queue.remove(entry)
+    def withdraw(self, tag: object) -> None:
+        """Take back what was queued under this handle and not sent yet."""
+        for queue in self._queues.values():
+            for entry in [entry for entry in queue if entry.tag is tag]:
+                queue.remove(entry)
 
     def drop_setpoint(self) -> None:
         """Forget the waiting setpoint and the rhythm they came in."""
