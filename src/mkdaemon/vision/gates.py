@@ -26,8 +26,9 @@ BLIND_ANGLE_SD = np.radians(0.9)
 """As `MAX_ANGLE_SD`, without attitude [rad]."""
 BLIND_RMS_PX = 0.5
 """Residual above which a fit is not believed while no attitude can contradict it [px]."""
-MAX_POSITION_SD = (0.015, 0.004)
-"""Largest standard deviation that is published: metres, plus this share of the range."""
+MAX_POSITION_SD = (0.0125, 0.0025)
+"""Largest standard deviation that is published: metres, or this share of the range where that is more; four sd of the
+first are a wrong pose of 5 cm."""
 
 BLIND_GREY_RMS_PX = 0.15
 """The same for photometric fits, in pixels of edge shift: motion blur, which they do not model, shows here [px]."""
@@ -140,7 +141,7 @@ def certainty_fault(pose: Pose, *, has_attitude: bool, is_plain: bool = False) -
     if not np.isfinite(variance) or variance > (MAX_ANGLE_SD if has_attitude else BLIND_ANGLE_SD) ** 2:
         return "angle_uncertain"
     spread = float(np.sqrt(largest_variance(pose.covariance[:3, :3])))
-    if spread > MAX_POSITION_SD[0] + MAX_POSITION_SD[1] * pose.range_m:
+    if spread > max(MAX_POSITION_SD[0], MAX_POSITION_SD[1] * pose.range_m):
         return "position_uncertain"
     return ""
 
