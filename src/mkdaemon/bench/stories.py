@@ -54,12 +54,16 @@ def tell_deaths(runs: int | None, jobs: int) -> Iterator[Row]:
 def loss_row(losses: Losses) -> Row:
     """One line of a campaign of deaths."""
     figure = (
-        f"neutral on the wire p99.9 {losses.wire_p999_ms:g} ms, longest {losses.wire_max_ms:g} ms; released in the FC "
-        f"longest {losses.released_max_ms:g} ms; {losses.relapses} stale stick frames after"
+        f"neutral on the wire p99.9 {_ms(losses.wire_p999_ms)}, longest {_ms(losses.wire_max_ms)}; released in the FC "
+        f"longest {_ms(losses.released_max_ms)}; {losses.relapses} stale stick frames after"
     )
     limit = f"{1000 * NEUTRAL_S:g} ms; {1000 * RELEASE_S:g} ms; 0"
     story = "client dies (" + ", ".join(losses.ways) + ")"
     return Row("deaths", story, losses.boards, losses.runs, figure, limit, losses.holds, asdict(losses))
+
+
+def _ms(time: float | None) -> str:
+    return "never" if time is None else f"{time:g} ms"
 
 
 def tell_unreleased(runs: int | None, jobs: int) -> Iterator[Row]:
