@@ -103,15 +103,32 @@ async def test_an_unconfirmed_release_silences_what_keeps_the_sticks_alive(word)
         r.socket.port.inject(LineFault.ONE_WAY)
         result = await r.link.release("test")
         assert result.status == "unconfirmed"
-        r.socket.port.inject(LineFault.NONE)
         began = asyncio.get_running_loop().time()
         await asyncio.sleep(5.9)
         dead_man = r.link.dialect.dead_man
         after = [s for s in r.log.tx if s.t_monotonic > began and s.message is not None]
-        assert not [s for s in after if dead_man.refreshed_by(s.message.spec.id)]
+        refreshing = [s for s in after if dead_man.refreshed_by(s.message.spec.id)]
+        assert {s.purpose for s in refreshing} == {Purpose.RELEASE}, "nothing but further releases"
+        assert len(refreshing) <= 12
         assert released(r)
+        r.socket.port.inject(LineFault.NONE)
         await asyncio.sleep(4)
         assert r.log.kinds(began + 8).keys() >= {"C", "D", "V"}
+
+
+@virtually
+async def test_a_release_confirmed_late_ends_the_silence():
+    async with rig(flight_ctrl("early", gate_parameter=200)) as r:
+        await r.until_up()
+        await asyncio.sleep(0.3)
+        await hold(r, 0.5, pitch=20)
+        r.socket.port.inject(LineFault.ONE_WAY)
+        assert (await r.link.release("test")).status == "unconfirmed"
+        r.socket.port.inject(LineFault.NONE)
+        back = asyncio.get_running_loop().time()
+        await asyncio.sleep(1.2)
+        assert released(r)
+        assert r.log.kinds(back).keys() >= {"C", "D", "V"}
 
 
 @virtually

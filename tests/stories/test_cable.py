@@ -24,8 +24,7 @@ def test_after_every_cut_nobody_steers_and_telemetry_comes_back(fc):
     for cycle in cycles:
         assert (cycle.first, cycle.steered, cycle.is_held) == ("release", 0, False), cycle
         assert cycle.back is not None, cycle
-        # An early FlightCtrl whose release could not be confirmed is asked nothing for 6 s: safety goes first.
-        assert cycle.back <= (BACK_S if fc != "early" or cycle.cut is not Cut.REBOOT else 6.5), cycle
+        assert cycle.back <= BACK_S, cycle
 
 
 def test_what_a_wrong_cycle_is():

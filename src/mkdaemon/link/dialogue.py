@@ -212,6 +212,8 @@ class Dialogue:
             )
         if self.is_releasing:
             raise CommandRejectedError("releasing", "A release is under way.", "Wait for its result.")
+        if self.plan is not None:
+            self.plan.stop()
         self.scheduler.submit(self.control.entry(message, Purpose.SETPOINT, deadline), now)
 
     def release(self, reason: str, now: float) -> None:
@@ -226,6 +228,11 @@ class Dialogue:
         self.plan = release.ReleasePlan(
             layout=layout, last_setpoint=self.control.last_command, confirms=confirms, now=now, reason=reason
         )
+
+    def leave(self, now: float) -> None:
+        """Begin an orderly exit: a release, and nothing else after it."""
+        self.release("exit", now)
+        self.scheduler.send_only_releases()
 
     def want(self, key: str, interval: float) -> None:
         """Change one stream; 0 ends it.
@@ -255,6 +262,8 @@ class Dialogue:
         self.scheduler.reserve_line(board)
         if board is None:
             self.streams.forget()
+        if self.plan is not None and not self.confirms:
+            self.plan.expect_no_confirmation()
 
     def escape(self, now: float) -> None:
         """Send the sequence that ends a redirection."""
@@ -411,6 +420,8 @@ class Dialogue:
         message = plan.due(now)
         if message is not None:
             self.scheduler.submit(self.control.entry(message, Purpose.RELEASE, now + 1.0, tag=plan), now)
+        if plan.status == "confirmed":
+            self.scheduler.end_quiet()  # an earlier release that could not be confirmed may have begun it
         if plan.is_running or self._plan_is_settled:
             return
         self._plan_is_settled = True

@@ -347,7 +347,7 @@ class Link:
         """End an orderly exit with a release; bounded, and the port may be gone already."""
         if port.is_recording:
             return
-        self._dialogue.release("exit", self._clock())
+        self._dialogue.leave(self._clock())
         with suppress(LinkError, TimeoutError):
             async with asyncio.timeout(FAREWELL_S):
                 self._pump()

@@ -15,6 +15,7 @@ for the version reply. Source: docs/protocol.md, "ExternalControl"; docs/firmwar
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from typing import Final, Literal
 
@@ -32,6 +33,9 @@ GIVE_UP_S: Final = 1.5
 """After this long without the confirmations the release counts as unconfirmed [s]."""
 QUIET_S: Final = 6.0
 """Longer than the longest dead-man (5.1 s, counted by a clock 2.4 % slow) [s]."""
+REMIND_S: Final = 0.5
+"""After giving up, while everything else is quiet: one more frame this often [s]. One that arrives clears the control
+and can be confirmed, one that does not arrive keeps nothing alive."""
 
 
 def zero_frame(layout: type[WireMessage] | None) -> WireMessage:
@@ -73,6 +77,7 @@ class ReleasePlan:
         self.confirms = confirms
         self._began = now
         self._next = now
+        self._reminds_until = -math.inf
         self._awaited: dict[int, float] = {}
         self._sent = 0
         self._confirmed = 0
@@ -85,14 +90,18 @@ class ReleasePlan:
 
     def due(self, now: float) -> WireMessage | None:
         """Return the frame to send now, if any; number it and tell `sent`."""
-        if not self.is_running or now < self._next:
+        if now < self.next_time():
             return None
+        if self.status == "unconfirmed":
+            self._next = now + REMIND_S if now <= self._reminds_until else math.inf
+            return self._zero if now <= self._reminds_until else None
         if self._neutral is not None:
             neutral, self._neutral = self._neutral, None
             self._next = now
             return neutral
         if self.confirms and now - self._began > GIVE_UP_S:
             self.status = "unconfirmed"
+            self._next, self._reminds_until = now + REMIND_S, now + QUIET_S
             return None
         if not self.confirms and self._sent >= REPEATS:
             self.status = "not_observable"
@@ -115,12 +124,20 @@ class ReleasePlan:
             return
         self._confirmed += 1
         self._next = now
-        if self._confirmed >= REPEATS and self.is_running:
+        if self._confirmed >= REPEATS:
             self.status = "confirmed"
+
+    def expect_no_confirmation(self) -> None:
+        """What could confirm is out of reach from now on, as when a redirection ends."""
+        self.confirms = False
+
+    def stop(self) -> None:
+        """Somebody steers again: no more reminders."""
+        self._reminds_until = -math.inf
 
     def next_time(self) -> float:
         """When `due` has something next [s]; infinite when all is said."""
-        return self._next if self.is_running else float("inf")
+        return self._next if self.status in {"running", "unconfirmed"} else math.inf
 
     def result(self) -> ReleaseResult:
         """How it went."""

@@ -90,6 +90,7 @@ class TransmitScheduler:
         self._deaf: dict[Board, float] = {}
         self._refreshes: Callable[[str], bool] | None = None
         self._quiet_until = 0.0
+        self._leaving = False
         self._only: Board | None = None
         self._expired: list[Entry] = []
 
@@ -127,6 +128,7 @@ class TransmitScheduler:
         self._taken.clear()
         self._deaf.clear()
         self._only = None
+        self._leaving = False
         self._setpoint_period = self._arrived = None
         self._setpoint_turn = 0.0
         self._line_free = self._fc_free = 0.0
@@ -151,6 +153,14 @@ class TransmitScheduler:
         """Keep requests from the FlightCtrl until then whose letters would keep an old stick command alive."""
         self._refreshes = refreshes
         self._quiet_until = until
+
+    def end_quiet(self) -> None:
+        """Let those requests pass again: the FlightCtrl confirmed that it holds no command."""
+        self._quiet_until = 0.0
+
+    def send_only_releases(self) -> None:
+        """Hold everything else until the port is opened anew: the daemon leaves."""
+        self._leaving = True
 
     def reserve_line(self, board: Board | None) -> None:
         """While a NaviCtrl passes the line through, only entries for that board go out; None ends it."""
@@ -206,6 +216,8 @@ class TransmitScheduler:
         ready = max(entry.not_before, self._fc_free if touches_fc else 0.0)
         if entry.purpose is Purpose.RELEASE:
             return ready
+        if self._leaving:
+            return math.inf
         if self._only is not None and entry.board is not self._only and entry.message is not None:
             return math.inf
         ready = max(ready, self._deaf.get(entry.board, 0.0))
