@@ -22,6 +22,7 @@ check: venv
 bench: venv
 	$(BIN)/mkdaemon bench protocol --json
 	$(BIN)/mkdaemon bench link --json
+	$(BIN)/mkdaemon bench stories --json
 	$(BIN)/mkdaemon bench vision --quick --json
 
 figures: venv
