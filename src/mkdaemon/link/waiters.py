@@ -31,12 +31,12 @@ class Waiters:
 
     def settle(self, dialogue: Dialogue) -> None:
         """Hand out what is known by now."""
-        for pending, outcome in dialogue.take_finished():
+        for pending, outcome in dialogue.questions.take_finished():
             waiter = pending.token
             if isinstance(waiter, asyncio.Future) and not waiter.done():
                 _resolve(waiter, outcome, is_open=dialogue.is_open)
-        if self._releases and not dialogue.is_releasing and dialogue.plan is not None:
-            self._end_releases(dialogue.plan.result())
+        if self._releases and not dialogue.steering.is_releasing and dialogue.steering.plan is not None:
+            self._end_releases(dialogue.steering.plan.result())
 
     def port_lost(self, reason: str) -> None:
         """A release that waits cannot be sent now; it is the first thing sent after opening."""
