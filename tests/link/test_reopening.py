@@ -1,0 +1,156 @@
+"""Coming back under another device name: real pseudo terminals behind symlinks, as udev keeps them."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import os
+import tty
+from collections.abc import AsyncIterator, Callable, Iterator
+from contextlib import asynccontextmanager
+from pathlib import Path
+
+import pytest
+
+from mkdaemon.config.link import LinkConfig
+from mkdaemon.link.link import Link
+from mkdaemon.link.reopening import AliasMemory
+from mkdaemon.protocol.framing import Frame, FrameDecoder
+from tests.link.rig import Log
+
+BY_ID = "usb-FTDI_FT232R_USB_UART_A50285BI-if00-port0"
+
+
+class Adapter:
+    """A pseudo terminal in the part of an adapter: its near end is where a board would be."""
+
+    def __init__(self) -> None:
+        self.near, self._far = os.openpty()
+        tty.setraw(self._far)
+        os.set_blocking(self.near, False)
+        self.device = Path(os.ttyname(self._far))
+        self._decoder = FrameDecoder()
+        self._letters: list[str] = []
+
+    def letters(self) -> list[str]:
+        """Frame letters that arrived so far, in order."""
+        with contextlib.suppress(OSError):
+            while chunk := os.read(self.near, 4096):
+                self._letters += [item.id for item in self._decoder.feed(chunk) if isinstance(item, Frame)]
+        return self._letters
+
+    def unplug(self) -> None:
+        for descriptor in (self.near, self._far):
+            with contextlib.suppress(OSError):
+                os.close(descriptor)
+
+
+@pytest.fixture
+def adapters() -> Iterator[tuple[Adapter, Adapter]]:
+    both = (Adapter(), Adapter())  # both exist at once, so the second has another number for certain
+    yield both
+    for adapter in both:
+        adapter.unplug()
+
+
+@asynccontextmanager
+async def linked(name: Path, *, by_id: Path | None = None) -> AsyncIterator[tuple[Link, list[str]]]:
+    """A link that runs at a name; yields it and the names it opened."""
+    opened: list[str] = []
+    link = Link(LinkConfig.model_validate({"port": str(name), "probe_baud": False, "reopen_min_s": 0.02}), Log())
+    honest = link._opener
+
+    async def remember(url: str, *, baud: int) -> object:
+        port = await honest(url, baud=baud)
+        opened.append(url)
+        return port
+
+    link._opener = remember
+    if by_id is not None:
+        link._aliases = AliasMemory(by_id)
+    task = asyncio.create_task(link.run())
+    try:
+        yield link, opened
+    finally:
+        task.cancel()
+        await asyncio.gather(task, return_exceptions=True)
+
+
+async def until(claim: Callable[[], bool]) -> None:
+    loop = asyncio.get_running_loop()
+    deadline = loop.time() + 20
+    while not claim():
+        assert loop.time() < deadline, "not within 20 s"
+        await asyncio.sleep(0.01)
+
+
+def point(name: Path, device: Path) -> None:
+    """Make a name lead to a device, in one step as udev does."""
+    fresh = name.with_name("#new")
+    fresh.symlink_to(device)
+    fresh.replace(name)
+
+
+async def test_a_link_by_id_follows_the_adapter_to_its_new_number(adapters, tmp_path):
+    first, second = adapters
+    name = tmp_path / BY_ID
+    point(name, first.device)
+    async with linked(name) as (link, opened):
+        await until(lambda: "b" in first.letters())
+        first.unplug()
+        name.unlink()
+        await until(lambda: link.health().state.condition.value == "absent")
+        assert opened == [str(name)]
+        point(name, second.device)
+        await until(lambda: "b" in second.letters())
+        assert opened == [str(name)] * 2
+        assert link.health().state.port == str(name)
+        assert second.letters()[0] == "b", "the release comes first here too"
+
+
+async def test_a_link_by_number_finds_its_adapter_again_under_its_by_id_name(adapters, tmp_path):
+    first, second = adapters
+    number, by_id = tmp_path / "ttyUSB0", tmp_path / "by-id"
+    by_id.mkdir()
+    point(number, first.device)
+    point(by_id / BY_ID, first.device)
+    async with linked(number, by_id=by_id) as (link, opened):
+        await until(lambda: "b" in first.letters())
+        first.unplug()
+        (by_id / BY_ID).unlink()
+        number.unlink()
+        await until(lambda: link.health().state.condition.value == "absent")
+        point(tmp_path / "ttyUSB1", second.device)
+        point(by_id / BY_ID, second.device)
+        await until(lambda: "b" in second.letters())
+        assert opened == [str(number), str(by_id / BY_ID)]
+        assert second.letters()[0] == "b"
+
+
+def test_a_stranger_is_no_alias(tmp_path, adapters):
+    first, second = adapters
+    by_id = tmp_path / "by-id"
+    by_id.mkdir()
+    point(by_id / "usb-other", second.device)
+    memory = AliasMemory(by_id)
+    number = tmp_path / "ttyUSB0"
+    point(number, first.device)
+    memory.learn(str(number))
+    number.unlink()
+    assert memory.find(str(number)) is None, "another adapter must not be taken for ours"
+
+
+def test_a_device_that_is_where_it_was_needs_no_alias(tmp_path, adapters):
+    first, _ = adapters
+    by_id = tmp_path / "by-id"
+    by_id.mkdir()
+    point(by_id / BY_ID, first.device)
+    number = tmp_path / "ttyUSB0"
+    point(number, first.device)
+    memory = AliasMemory(by_id)
+    memory.learn(str(number))
+    assert memory.find(str(number)) is None
+    number.unlink()
+    assert memory.find(str(number)) == str(by_id / BY_ID)
+    (by_id / BY_ID).unlink()
+    assert memory.find(str(number)) is None
