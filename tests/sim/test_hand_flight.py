@@ -90,3 +90,15 @@ def test_flies_other_parameter_sets_too(wind: WindClass) -> None:
     board.run(20.0)
     assert np.hypot(*world.truth.position_enu[:2]) < 1.5
     assert world.truth.position_enu[2] == pytest.approx(2.1, abs=0.3)
+
+
+def armed_after(program: HandFlight) -> float:
+    board = board_of(program)
+    while not board.armed:
+        board.run(0.05)
+    return board.world.now
+
+
+def test_the_pilot_leaves_the_sticks_alone_until_it_is_time() -> None:
+    late = armed_after(HandFlight(height=1.0, wait_s=3.0)) - armed_after(HandFlight(height=1.0))
+    assert late == pytest.approx(3.0, abs=0.1)

@@ -87,11 +87,13 @@ async def _demo(seconds: float, *, as_json: bool) -> int:
     endpoint = f"tcp/127.0.0.1:{_free_port()}"
     say = Console(quiet=as_json).print
     say("starting the simulated aircraft and the daemon ...")
-    async with _child("sim") as simulator:
+    async with _child("sim", "--pilot-wait", "3") as simulator:
         port = await _port_of(simulator)
         say(f"aircraft on {port}; daemon at {endpoint}, vehicle {VEHICLE}")
         run = ("run", "--port", f"pty:{port}", "--vehicle", VEHICLE, "--listen", endpoint, "--log", "error")
         async with _child(*run) as daemon, _connected(endpoint, daemon) as client, client.watch("**") as samples:
+            # The link's state is put when it changes, which may have been before this client came.
+            tally.known.update({suffix: last.fields for suffix, last in (await client.get("link/state")).items()})
             watching = asyncio.create_task(_watch(samples, tally, None if as_json else console), name="watch")
             with suppress(TimeoutError):
                 await asyncio.wait_for(stop.wait(), seconds)

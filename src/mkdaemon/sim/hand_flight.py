@@ -103,16 +103,20 @@ class HandFlight:
         phase: what is being done.
     """
 
-    def __init__(self, *, height: float = 2.0, hold_s: float = math.inf, flying: bool = False) -> None:
+    def __init__(
+        self, *, height: float = 2.0, hold_s: float = math.inf, flying: bool = False, wait_s: float = 0.0
+    ) -> None:
         """Plan a flight.
 
         Args:
             height: to fly at, feet above the start [m].
             hold_s: time to follow the path before landing [s].
             flying: begin in the air, in the middle of it.
+            wait_s: time to leave the sticks alone first, so that a ground station can look at the boards [s].
         """
         self._height = height
         self._hold_s = hold_s
+        self._wait_s = wait_s
         self._began: float | None = None
         self._phase_since = 0.0
         self._anchor: tuple[float, float, float] | None = None
@@ -140,7 +144,10 @@ class HandFlight:
     def fly(self, pilot: Pilot, view: FlightView, now: float) -> None:
         """Move the sticks."""
         if self._began is None:
-            self._began = self._phase_since = now
+            self._began = now
+            self._phase_since = now + self._wait_s
+        if now < self._began + self._wait_s:
+            return
         if self._anchor is None:
             airframe = view.airframe
             ground = airframe.up - self._height if self.phase is Phase.FLY else airframe.up
@@ -206,15 +213,16 @@ class HandFlight:
 class CircleFlight(HandFlight):
     """A slow safe circle until the battery is low: what an unattended simulator shows."""
 
-    def __init__(self, *, radius: float = 1.5, period: float = 20.0, height: float = 2.0) -> None:
+    def __init__(self, *, radius: float = 1.5, period: float = 20.0, height: float = 2.0, wait_s: float = 0.0) -> None:
         """Plan it.
 
         Args:
             radius: [m].
             period: of one round [s].
             height: feet above the start [m].
+            wait_s: see `HandFlight`.
         """
-        super().__init__(height=height)
+        super().__init__(height=height, wait_s=wait_s)
         self._radius = radius
         self._omega = 2.0 * math.pi / period
 

@@ -56,13 +56,13 @@ class Simulation:
         self.port: NaviCtrl | FlightCtrl = self.navigation or self.flight
         self._to_board = Channel(config.radio.to_board, f"{config.seed} to board")
         self._to_host = Channel(config.radio.to_host, f"{config.seed} to host")
-        self.world.pilot.program = self._plan(config.pilot_plan)
+        self.world.pilot.program = self._plan(config.pilot_plan, config.pilot_wait)
 
-    def _plan(self, plan: PilotPlan) -> Program | None:
+    def _plan(self, plan: PilotPlan, wait_s: float) -> Program | None:
         if plan is PilotPlan.CIRCLE:
-            return CircleFlight()
+            return CircleFlight(wait_s=wait_s)
         if plan is PilotPlan.HOVER:
-            return HandFlight()
+            return HandFlight(wait_s=wait_s)
         if plan is PilotPlan.NOTHING:
             return None
         flight = self.flight  # not its core: a reboot makes a new one
