@@ -134,6 +134,41 @@ def test_shadow_edge_is_found_by_the_log_search():
     assert detector.climb(view.pixels)
 
 
+def test_shadow_edge_in_a_blurred_image_is_found_by_the_equalised_search():
+    blurred = replace(Conditions(), shadow=Shadow(3.0, (0.02, 0.01), 0.6), defocus_px=2.0)
+    view = View(shipped("nested"), place(3.5, 0.2), blurred)
+    detector = Detector({"tag36h11": frozenset({48})})
+    assert detector.search(view.pixels, "log") == []
+    (found,) = detector.search(view.pixels, "equalised")
+    assert np.linalg.norm(found.corners - view.corners["tag36h11", 48], axis=1).max() < 1.0
+
+
+def patch(x, y, reflectance, radius=0.032):
+    """An octagon lying on the tag."""
+    angles = np.arange(8) * np.pi / 4
+    return Cover(tuple((x + radius * float(np.cos(a)), y + radius * float(np.sin(a))) for a in angles), reflectance)
+
+
+@pytest.mark.parametrize("roll", [0.0, 2.0, 4.0])
+def test_patches_on_the_border_and_the_inner_tag_leave_an_outline(roll):
+    covers = (patch(0.14, 0.03, 0.5), patch(0.0, 0.02, 0.4), patch(-0.05, -0.15, 0.3))
+    view = View(shipped("nested"), place(1.4, 0.3, roll=roll), replace(Conditions(), covers=covers))
+    detector = Detector({"tag36h11": frozenset({1, 48})})
+    assert [found for stage in LADDER[:-1] for found in detector.search(view.pixels, stage)] == []
+    (found,) = detector.search(view.pixels, "outline")
+    assert found.tag_id == 48
+    assert np.linalg.norm(found.corners - view.corners["tag36h11", 48], axis=1).max() < 1.5
+    assert Detector({"tag36h11": frozenset({7, 100})}).search(view.pixels, "outline") == []
+
+
+def test_an_outline_with_cells_that_agree_by_chance_only_is_no_tag():
+    rng = np.random.default_rng(5)
+    detector = Detector({"tag36h11": frozenset(range(40))})
+    for _ in range(40):
+        drawn = np.pad(255 * rng.integers(0, 2, (6, 6)).astype(np.uint8), 1)
+        assert detector.search(printed(drawn), "outline") == []
+
+
 def test_no_tag_in_a_tag_free_scene():
     target = shipped("single")
     view = View(target, place(2.0, 0.2), replace(Conditions(), target_in_view=False))

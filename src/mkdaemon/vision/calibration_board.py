@@ -148,7 +148,7 @@ class TagBoard:
     def find(self, pixels: Grey) -> BoardPoints | None:
         """Corners of all decoded tags."""
         ids, board, image = [], [], []
-        for found in self._detector.search(pixels, self._detector.stages[-2]):
+        for found in self._detector.search(pixels, "decimate1"):
             place = self._place[found.family, found.tag_id]
             ids.append(4 * place + np.arange(4))
             board.append(self._target.tags[place].corners)

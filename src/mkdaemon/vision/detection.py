@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 Array = npt.NDArray[np.float64]
 Grey = npt.NDArray[np.uint8]
-Stage = Literal["decimate2", "decimate1", "log", "thorough"]
+Stage = Literal["decimate2", "decimate1", "log", "equalised", "outline", "thorough"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -143,6 +143,8 @@ class Judge:
         if choice.pose.source == "edges" and choice.pose.inliers < COLD_INLIERS:
             # Hidden parts, or a border faked by what hides them: only a fit with the tilt held tells these apart.
             return self._levelled(seen, choice.pose) if known else "inliers"
+        if not known and choice.pose.source == "edges" and self._is_smeared(choice.pose):
+            return "blurred"
         fused = self.fused(seen, choice.pose)
         fault = self._hard_fault(seen, choice.pose, None) or certainty_fault(fused, has_attitude=bool(known))
         return fault or replace(choice, pose=fused)
@@ -179,6 +181,11 @@ class Judge:
                 pose, predicted, age, has_attitude=has_attitude, has_velocity=self.track.has_velocity
             )
         return ""
+
+    def _is_smeared(self, pose: Pose) -> bool:
+        """Whether blur hides what perspective there is: both candidates then run into one pose that may be neither."""
+        cell_px = self.fitter.side_px(pose) / self.fitter.target.tags[0].family.black_cells
+        return pose.blur_px is not None and pose.blur_px > BLURRED_PX and cell_px < IMAGE_DECIDES_PX
 
     def _is_plain(self, seen: Sight, pose: Pose) -> bool:
         cell_px = self.fitter.side_px(pose) / self.fitter.target.tags[0].family.black_cells

@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from mkdaemon.config.vision import DetectorSection, TrackerSection
 from mkdaemon.vision.ambiguity import choose
-from mkdaemon.vision.detection import Detection
+from mkdaemon.vision.detection import Detection, Stage
 from mkdaemon.vision.detector import Detector
 from mkdaemon.vision.fitting import TargetFitter
 from mkdaemon.vision.gates import fit_fault
@@ -26,6 +26,8 @@ Grey = npt.NDArray[np.uint8]
 ANY_ID_FALSE_RATE = 2e-6
 """Chance that a random quad reads as some code of the family, one bit corrected: with all 587 ids of tag36h11 allowed,
 the limit for a short whitelist would refuse even one wrong bit."""
+WHOLE_TAGS: tuple[Stage, ...] = ("decimate1", "log", "decimate2", "equalised")
+"""The searches of a still; a broken outline needs a track or an attitude to be trusted."""
 SAME_TAG = 0.5
 """Detections whose centres are closer than this share of the side are one tag."""
 DISTINCT = np.radians(1.0)
@@ -124,9 +126,12 @@ class StillEye:
         return StillResult(tags, tuple(tag.pose for tag in tags if tag.pose is not None))
 
     def _search(self, pixels: Grey) -> list[Detection]:
-        """All searches, thorough first; each adds what the ones before did not see. Largest tag first."""
+        """The searches for unbroken quads, thorough first; each adds what the ones before did not see.
+
+        Largest tag first.
+        """
         found: list[Detection] = []
-        for stage in sorted(self._detector.stages, key=("decimate1", "log", "decimate2").index):
+        for stage in (stage for stage in WHOLE_TAGS if stage in self._detector.stages):
             for tag in self._detector.search_all(pixels, stage):
                 middle = tag.corners.mean(axis=0)
                 known = (other for other in found if (other.family, other.tag_id) == (tag.family, tag.tag_id))

@@ -163,9 +163,8 @@ class Tracker:
             return
         window = fitter.window(predicted, frame.sight.pixels.shape)
         if window is not None:
-            stage: Stage = "log" if track.misses % 2 else "decimate1"
             expected = None if track.in_doubt else predicted
-            self._adopt(frame, name, self.detector.search(frame.sight.pixels, stage, window), "roi", expected)
+            self._adopt(frame, name, self._nearby(frame, window, track.misses), "roi", expected)
 
     def _starts(self, frame: _Frame, name: str, predicted: Pose, used: bool) -> Iterator[tuple[str, Pose]]:
         """Where to begin fitting, the cheapest first; later ones are computed only when the earlier ones failed."""
@@ -225,12 +224,19 @@ class Tracker:
             self._adopt(frame, name, found, "search", None)
 
     def _climb(self, frame: _Frame) -> list[Detection]:
-        """Cheap search; when it sees nothing, one of the thorough ones in turn."""
-        stages = self.detector.stages
-        found = self.detector.search(frame.sight.pixels, stages[0])
-        if not found and len(stages) > 1:
-            rest = stages[1:]
-            found = self.detector.search(frame.sight.pixels, rest[self._count % len(rest)])
+        """Cheap search; when it sees nothing, half of the thorough ones, in turn."""
+        first, *rest = self.detector.stages
+        found = self.detector.search(frame.sight.pixels, first)
+        for stage in rest[self._count % 2 :: 2]:
+            found = found or self.detector.search(frame.sight.pixels, stage)
+        return found
+
+    def _nearby(self, frame: _Frame, window: tuple[int, int, int, int], misses: int) -> list[Detection]:
+        """Search a part of the image; what is missed for longer may lie in a shadow."""
+        stages: tuple[Stage, ...] = ("log", "equalised") if misses % 2 else ("decimate1",)
+        found: list[Detection] = []
+        for stage in stages:
+            found = found or self.detector.search(frame.sight.pixels, stage, window)
         return found
 
     def _tags_of(self, name: str, found: Sequence[Detection]) -> list[tuple[Tag, Detection]]:
