@@ -131,10 +131,6 @@ class ReleasePlan:
         """What could confirm is out of reach from now on, as when a redirection ends."""
         self.confirms = False
 
-    def stop(self) -> None:
-        """Somebody steers again: no more reminders."""
-        self._reminds_until = -math.inf
-
     def next_time(self) -> float:
         """When `due` has something next [s]; infinite when all is said."""
         return self._next if self.status in {"running", "unconfirmed"} else math.inf

@@ -158,6 +158,10 @@ class TransmitScheduler:
         """Let those requests pass again: the FlightCtrl confirmed that it holds no command."""
         self._quiet_until = 0.0
 
+    def holds_back(self, letter: str, now: float) -> bool:
+        """Whether a command of this letter to the FlightCtrl must wait, because it would keep a stick command alive."""
+        return now < self._quiet_until and self._refreshes is not None and self._refreshes(letter)
+
     def send_only_releases(self) -> None:
         """Hold everything else until the port is opened anew: the daemon leaves."""
         self._leaving = True
@@ -221,16 +225,13 @@ class TransmitScheduler:
         if self._only is not None and entry.board is not self._only and entry.message is not None:
             return math.inf
         ready = max(ready, self._deaf.get(entry.board, 0.0))
-        if now < self._quiet_until and touches_fc and self._would_refresh(entry):
+        if touches_fc and entry.message is not None and self.holds_back(entry.message.spec.id, now):
             ready = max(ready, self._quiet_until)
         if entry.slot is not None:
             ready = max(ready, self._taken.get(entry.slot, 0.0))
         if entry.purpose is Purpose.SETPOINT:
             return max(ready, self._setpoint_turn)
         return self._let_setpoint_pass(entry, max(ready, now, self._line_free))
-
-    def _would_refresh(self, entry: Entry) -> bool:
-        return entry.message is not None and self._refreshes is not None and self._refreshes(entry.message.spec.id)
 
     def _let_setpoint_pass(self, entry: Entry, begin: float) -> float:
         """Do not begin a frame that would hold up the next setpoint, within the entry's patience."""

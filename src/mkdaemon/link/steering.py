@@ -77,8 +77,10 @@ class Steering:
             )
         if self.is_releasing:
             raise CommandRejectedError("releasing", "A release is under way.", "Wait for its result.")
-        if self.plan is not None:
-            self.plan.stop()
+        if self._scheduler.holds_back(message.spec.id, now):
+            raise CommandRejectedError(
+                "releasing", "The last release is not confirmed yet.", "Wait until it is, or 6 s."
+            )
         self._scheduler.submit(self.control.entry(message, Purpose.SETPOINT, deadline), now)
 
     def release(self, reason: str, now: float) -> None:

@@ -1,0 +1,188 @@
+"""Steering and letting go, in the scheduler's hands but without boards: what is queued, and what silence it brings."""
+
+from __future__ import annotations
+
+import itertools
+
+import pytest
+
+from mkdaemon.errors import CommandRejectedError
+from mkdaemon.link.acquaintance import Acquaintance
+from mkdaemon.link.health import HealthMonitor
+from mkdaemon.link.line import LineRules
+from mkdaemon.link.release import GIVE_UP_S, QUIET_S, REMIND_S, REPEATS, SPACING_S
+from mkdaemon.link.scheduler import Entry, TransmitScheduler
+from mkdaemon.link.steering import Steering
+from mkdaemon.link.traffic import Purpose
+from mkdaemon.protocol.messages import DebugRequest, VersionFc200
+from mkdaemon.protocol.wire import Board, WireMessage
+
+VERSION_2_08 = VersionFc200.decode(bytes((2, 8, 11, 0, 0, 0, 0, 0, 0, 0, 0, 0)))
+
+
+class Bench:
+    """A FlightCtrl 2.08 as far as the link knows, and a line on which nothing comes back unless a test says so."""
+
+    def __init__(self, direct: Board = Board.FC) -> None:
+        self.now = 0.0
+        self.peers = Acquaintance()
+        self.peers.meet(direct)
+        self.peers.learn(Board.FC, VERSION_2_08)
+        self.scheduler = TransmitScheduler(LineRules(direct=direct))
+        health = HealthMonitor(window=10.0, max_loss_percent=5.0, now=0.0)
+        self.steering = Steering(self.scheduler, self.peers, health)
+        self.sent: list[tuple[float, Entry, WireMessage]] = []
+
+    def run(self, seconds: float, *, answers: bool = False) -> list[tuple[float, Entry, WireMessage]]:
+        """Send what is due; returns what went out in this time."""
+        before, end = len(self.sent), self.now + seconds
+        while self.now < end:
+            self.steering.step(self.now)
+            while (entry := self.scheduler.take(self.now)) is not None:
+                assert entry.message is not None
+                self.sent.append((self.now, entry, entry.message))
+                if entry.purpose in (Purpose.SETPOINT, Purpose.RELEASE):
+                    self.steering.sent(entry, entry.message, self.now)
+                    if answers:
+                        self.steering.confirmed(entry.message.frame, self.now)
+            self.now += 0.001
+        return self.sent[before:]
+
+    def setpoint(self, **fields: int) -> WireMessage:
+        layout = self.peers.dialect.extern_control
+        assert layout is not None
+        return layout(**{"pitch": 20, "roll": 0, "yaw": 0, "throttle": 60, "config": 1, **fields})
+
+    def steer(self) -> None:
+        self.steering.steer(self.setpoint(), self.now + 1.0, self.now)
+
+    def poll_telemetry(self) -> None:
+        """Queue a request that keeps the sticks of a 2.08 alive."""
+        message = DebugRequest(interval=5)
+        self.scheduler.submit(
+            Entry(message.to_frame(Board.FC), Purpose.REQUEST, 1e9, Board.FC, message, reaches_fc=True), self.now
+        )
+
+    def give_up(self) -> None:
+        self.steering.release("test", self.now)
+        self.run(GIVE_UP_S + 0.1)
+        assert self.steering.plan is not None
+        assert self.steering.plan.status == "unconfirmed"
+
+
+def test_after_giving_up_nothing_but_config_zero_goes_out_and_rarely():
+    bench = Bench()
+    bench.steer()
+    bench.run(0.1)
+    bench.give_up()
+    bench.poll_telemetry()
+    after = bench.run(QUIET_S - 0.2)
+    assert {entry.purpose for _, entry, _ in after} == {Purpose.RELEASE}
+    assert not any(int(message.config) for _, _, message in after), "a reminder must clear the control it could refresh"
+    gaps = [b - a for a, b in itertools.pairwise(at for at, _, _ in after)]
+    assert min(gaps) >= REMIND_S - 0.002
+    assert len(after) >= (QUIET_S - 0.2) / REMIND_S - 1
+    assert [entry.purpose for _, entry, _ in bench.run(2.0)][-1] is Purpose.REQUEST, "then the line is free again"
+    assert bench.run(20.0) == [], "and reminding has an end"
+
+
+def test_a_board_that_is_back_confirms_a_reminder_and_is_asked_again():
+    bench = Bench()
+    bench.steer()
+    bench.run(0.1)
+    bench.give_up()
+    bench.poll_telemetry()
+    bench.run(1.0)
+    back = bench.now
+    after = bench.run(REMIND_S + 0.3, answers=True)
+    assert bench.steering.plan is not None
+    assert bench.steering.plan.status == "confirmed"
+    assert sum(entry.purpose is Purpose.RELEASE for _, entry, _ in after) == REPEATS
+    asked = [at for at, entry, _ in after if entry.purpose is Purpose.REQUEST]
+    assert asked
+    assert asked[0] - back < REMIND_S + 0.2
+
+
+def test_nobody_steers_until_the_release_is_confirmed_or_has_had_its_time():
+    bench = Bench()
+    bench.give_up()
+    for _ in range(10):
+        with pytest.raises(CommandRejectedError, match="not confirmed yet") as caught:
+            bench.steer()
+        assert caught.value.token == "releasing"
+        assert {entry.purpose for _, entry, _ in bench.run(0.55)} == {Purpose.RELEASE}, "and reminders go on"
+    bench.run(QUIET_S - 10 * 0.55)
+    bench.steer()
+    assert Purpose.SETPOINT in {entry.purpose for _, entry, _ in bench.run(0.02)}
+
+
+def test_a_late_confirmation_lets_steer_at_once():
+    bench = Bench()
+    bench.give_up()
+    bench.run(REMIND_S + 0.2, answers=True)
+    bench.steer()
+    assert [entry.purpose for _, entry, _ in bench.run(0.02)] == [Purpose.SETPOINT]
+
+
+def test_a_release_outlives_the_end_of_a_redirection_without_waiting_for_what_cannot_come():
+    bench = Bench(direct=Board.NC)
+    bench.peers.redirected = Board.FC
+    assert bench.steering.confirms
+    bench.steering.release("test", bench.now)
+    bench.run(0.03)
+    bench.peers.redirected = None
+    bench.steering.redirected()
+    began = bench.now
+    bench.run(REPEATS * SPACING_S + 0.1)
+    assert bench.steering.plan is not None
+    assert bench.steering.plan.result().status == "not_observable"
+    assert bench.sent[-1][0] - began < REPEATS * SPACING_S + 0.05
+    bench.steer()  # and is refused no longer
+
+
+def test_who_confirms():
+    steering = Bench(direct=Board.FC).steering
+    assert steering.confirms
+    bench = Bench(direct=Board.NC)
+    assert not bench.steering.confirms
+    bench.peers.redirected = Board.FC
+    assert bench.steering.confirms
+    assert not bench.steering.confirmed(1, 0.0), "the FlightCtrl's word, passed through"
+    bench.peers.redirected = None
+    assert not bench.steering.confirms
+    assert bench.steering.confirmed(2, 0.0)
+    assert not bench.steering.confirmed(3, 0.0), "told once"
+    assert bench.steering.confirms
+    bench.peers.redirected = Board.MAG
+    assert not bench.steering.confirms
+
+
+def test_nothing_is_steered_while_letting_go_and_what_waited_is_dropped():
+    bench = Bench()
+    bench.steer()
+    bench.steering.release("test", bench.now)
+    with pytest.raises(CommandRejectedError) as caught:
+        bench.steer()
+    assert caught.value.token == "releasing"
+    assert {entry.purpose for _, entry, _ in bench.run(0.5, answers=True)} == {Purpose.RELEASE}
+    bench.steer()
+
+
+def test_a_release_under_way_is_not_begun_anew():
+    bench = Bench()
+    bench.steering.release("first", bench.now)
+    plan = bench.steering.plan
+    bench.run(0.03)
+    bench.steering.release("second", bench.now)
+    assert bench.steering.plan is plan
+    bench.run(0.5, answers=True)
+    bench.steering.release("third", bench.now)
+    assert bench.steering.plan is not plan
+
+
+def test_leaving_lets_nothing_follow_the_release():
+    bench = Bench()
+    bench.poll_telemetry()
+    bench.steering.leave(bench.now)
+    after = bench.run(5.0, answers=True)
+    assert [entry.purpose for _, entry, _ in after] == [Purpose.RELEASE] * REPEATS
