@@ -10,11 +10,13 @@ from mkdaemon.bench.boardport import LineFault
 from mkdaemon.errors import (
     CommandRejectedError,
 )
+from mkdaemon.link.discovery import redirected
 from mkdaemon.link.traffic import Purpose
 from mkdaemon.protocol.messages import (
     ExternControlV1,
     ExternControlV2,
 )
+from mkdaemon.protocol.wire import Board
 from tests.link.rig import Rig, flight_ctrl, navi_ctrl, rig, virtually
 
 EVERY_FC = ("early", "2.08", "2.12a", "2.14")
@@ -71,6 +73,32 @@ async def test_through_a_navictrl_a_release_is_not_observable_but_effective():
         assert result.status == "not_observable"
         assert result.sent == 5
         await asyncio.sleep(0.6)
+        assert released(r)
+
+
+@pytest.mark.parametrize("word", ["early", "2.08", "2.12a"])
+@virtually
+async def test_behind_a_navictrl_one_may_steer_soon_after_the_layout_is_known(word):
+    for seed in range(1, 5):
+        async with rig(navi_ctrl(flight=word, seed=seed, gate_parameter=200), seed=seed) as r:
+            await r.until(lambda r=r: r.link.dialect.extern_control is not None, 5)
+            await asyncio.sleep(0.3)
+            steer(r)
+
+
+@pytest.mark.parametrize("ended_after", [0.0, 0.004, 0.013, 0.03])
+@virtually
+async def test_a_release_does_not_wait_for_confirmations_a_redirection_took_with_it(ended_after):
+    async with rig(navi_ctrl(gate_parameter=200)) as r:
+        await r.until(lambda: r.link.dialect.extern_control is not None, 5)
+        await asyncio.sleep(1)
+        async with redirected(r.link, Board.FC):
+            releasing = asyncio.create_task(r.link.release("test"))
+            await asyncio.sleep(ended_after)
+        async with asyncio.timeout(0.4):
+            result = await releasing
+        assert result.status == "not_observable"
+        assert result.sent >= 5
         assert released(r)
 
 
@@ -171,6 +199,21 @@ async def test_an_orderly_exit_ends_with_a_confirmed_release():
     assert not aircraft.flight.core.controlled
     last = [s for s in r.log.tx if s.purpose is Purpose.RELEASE][-5:]
     assert all(int(s.message.config) == 0 for s in last)
+
+
+@pytest.mark.parametrize("word", EVERY_FC)
+@virtually
+async def test_nothing_follows_the_release_of_an_exit(word):
+    for seed in range(1, 6):
+        async with rig(flight_ctrl(word, seed=seed, gate_parameter=200), seed=seed) as r:
+            await r.until_up()
+            await asyncio.sleep(0.3)
+            await hold(r, 0.2, pitch=20)
+            await asyncio.sleep(0.013 * seed)
+            began = asyncio.get_running_loop().time()
+        after = [s for s in r.log.tx if s.t_monotonic >= began]
+        assert {s.purpose for s in after} == {Purpose.RELEASE}, seed
+        assert int(after[-1].message.config) == 0
 
 
 @virtually
