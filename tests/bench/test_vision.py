@@ -76,4 +76,6 @@ def test_photographs_of_real_tags(shared):
     assert series["one_sense"]
     # The tag turns about the camera's vertical axis, to the camera's right with rising nominal angle.
     assert series["axis_cam"][1] < -0.9
-    assert series["largest_step_error_deg"] < 4.5
+    assert series["step_error_sd_deg"] <= 1.4
+    assert series["largest_step_error_deg"] < 3.0
+    assert series["published_camera"]["largest_step_error_deg"] < 4.5
