@@ -34,7 +34,7 @@ PHOTOGRAPHS: Final = Path(__file__).resolve().parents[4] / "shared" / "images"
 """Photographs of real tags beside the checkout; they have their own licences and stay there."""
 ROTATION_CAMERA: Final = Intrinsics(width=1056, height=792, fx=329.873, fy=332.946, cx=528.0, cy=396.0)
 """Of the rotation series, as published with it."""
-ASPECTS: Final = np.arange(0.98, 1.0401, 0.005)
+ASPECTS: Final = np.arange(0.98, 1.0401, 0.01)
 """Factors on its horizontal focal length that are tried."""
 
 

@@ -88,7 +88,7 @@ class Judge:
                 return held, certainty_fault(held, has_attitude=True)
         return fault
 
-    def _settle_mirror(self, seen: Sight, pose: Pose, predicted: Pose) -> Pose | None:
+    def _settle_mirror(self, seen: Sight, pose: Pose, predicted: Pose | None) -> Pose | None:
         """Without attitude a track can slip into the mirrored pose: image and track choose, or nobody does (none)."""
         cell_px = self.fitter.side_px(pose) / self.fitter.target.tags[0].family.black_cells
         blurred = pose.blur_px is not None and pose.blur_px > BLURRED_PX
@@ -98,7 +98,7 @@ class Judge:
         rival = self.fitter.mirrored(seen.pixels, pose)
         if rival is None:
             return pose
-        expected = None if self.track.in_doubt else predicted.rotation
+        expected = predicted.rotation if predicted is not None and not self.track.in_doubt else None
         choice = choose([pose, rival], min_ratio=self._cfg.min_ambiguity_ratio, predicted=expected)
         if choice is None and pose.source == "edges" and cell_px < IMAGE_DECIDES_PX / 3:
             grey = self.fitter.by_grey_values(seen.pixels, (pose, rival))
@@ -145,6 +145,12 @@ class Judge:
             return self._levelled(seen, choice.pose) if known else "inliers"
         if not known and choice.pose.source == "edges" and self._is_smeared(choice.pose):
             return "blurred"
+        if choice.decided_by == "unique":
+            # Both starts may have run into one of two minima: the mirrored pose of a small tag is asked for by name.
+            settled = self._settle_mirror(seen, choice.pose, None)
+            if settled is None:
+                return "ambiguous"
+            choice = replace(choice, pose=settled)
         fused = self.fused(seen, choice.pose)
         fault = self._hard_fault(seen, choice.pose, None) or certainty_fault(fused, has_attitude=bool(known))
         return fault or replace(choice, pose=fused)
