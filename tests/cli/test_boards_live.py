@@ -116,7 +116,9 @@ def test_navictrl_parameters_labels_and_display(navictrl: list[str], ctl: Ctl) -
     code, _, err = ctl(navictrl, "nc-param", "get", "speed")
     assert code == EXIT_CONFIG
     assert "use one of target_speed, heading_setpoint" in err
-    assert len(ctl(navictrl, "labels", "nc")[1].splitlines()) == 32
+    first = ctl(navictrl, "labels", "nc")[1].splitlines()
+    assert len(first) == 32
+    assert ctl(navictrl, "labels", "nc")[1].splitlines() == first  # kept, not asked again
     lines = ctl(navictrl, "display", "nc", "--once")[1].splitlines()
     assert [len(line) for line in lines] == [20] * 4
 

@@ -10,7 +10,7 @@ from typing import Final
 
 from pydantic import BaseModel
 
-from mkdaemon.telemetry.command import CommandResult, LeaseRequest, RateRequest, ReleaseRequest
+from mkdaemon.telemetry.command import CommandResult, LabelsRequest, LeaseRequest, RateRequest, ReleaseRequest
 from mkdaemon.telemetry.control import ControlOutput, ControlStatus
 from mkdaemon.telemetry.event import CommandEvent, FailsafeEvent, LogEvent, ModeEvent
 from mkdaemon.telemetry.image import CameraFrame
@@ -121,6 +121,7 @@ KEYS: Final[tuple[KeySpec, ...]] = (
     KeySpec("do/lease", _Q, LeaseRequest, "", "Take, renew, give back or show the lease."),
     KeySpec("do/release", _Q, ReleaseRequest, "", "Let go of the aircraft now; anyone may."),
     KeySpec("do/rate", _Q, RateRequest, "", "Ask for a stream at a rate."),
+    KeySpec("do/labels", _Q, LabelsRequest, "", "Names of a board's debug channels, kept by firmware."),
     KeySpec("schema/<name>", _Q, None, "", "JSON Schema of `<Name>.v<N>`, as the encoding of every payload names it."),
     KeySpec("setpoint/stick", Use.SETPOINT, StickSetpoint, "", "Stick offsets, under a lease."),
     KeySpec("alive", Use.TOKEN, None, "", "The daemon is alive."),

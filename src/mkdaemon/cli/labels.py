@@ -15,6 +15,8 @@ from mkdaemon.protocol.wire import Board
 
 HERE: Final = Connection()
 PATIENCE: Final = Patience(attempts=4)
+LONGEST: Final = 60.0
+"""Longest time for 32 labels in the background of a busy line [s]."""
 
 
 async def labels(
@@ -23,10 +25,15 @@ async def labels(
     *,
     connection: Connection = HERE,
 ) -> None:
-    """Read all 32 labels; a FlightCtrl from 2.09 on proves them with a checksum."""
+    """Read all 32 labels; the daemon keeps them by firmware, and by their checksum where the board tells one."""
     async with Client.open(connection) as client:
-        with progress_bar("labels", quiet=connection.json) as report:
-            names = await converse(client, read_labels(Board[board.upper()], PATIENCE), report)
+        answer = await client.command("do", "labels", {"board": board}, patience=LONGEST)
+        if answer.token == "board_unreachable":
+            # The daemon asks only boards on the line itself; one behind a NaviCtrl is asked label by label.
+            with progress_bar("labels", quiet=connection.json) as report:
+                names = await converse(client, read_labels(Board[board.upper()], PATIENCE), report)
+        else:
+            names = tuple(answer.require()["names"])
     if connection.json:
         print(json.dumps(names))
         return

@@ -10,9 +10,10 @@ from mkdaemon.bus.codec import decode_map, read_command, schema_name
 from mkdaemon.bus.gateway import refused
 from mkdaemon.daemon.audit import Audit
 from mkdaemon.daemon.flight import FlightControl
-from mkdaemon.errors import CommandRejectedError
+from mkdaemon.errors import CommandRejectedError, LinkLostError, RequestTimeoutError
 from mkdaemon.link.link import Link
-from mkdaemon.telemetry.command import CommandResult, RateRequest, Rates, Status, refuse
+from mkdaemon.protocol.wire import Board
+from mkdaemon.telemetry.command import CommandResult, Labels, LabelsRequest, RateRequest, Rates, Status, refuse
 
 Verb = Callable[[bytes], Awaitable[CommandResult]]
 
@@ -23,7 +24,12 @@ class Verbs:
     def __init__(self, flight: FlightControl, link: Link, audit: Audit) -> None:
         self._link = link
         self._audit = audit
-        self._verbs: dict[str, Verb] = {"lease": flight.lease, "release": flight.release, "rate": self._rate}
+        self._verbs: dict[str, Verb] = {
+            "lease": flight.lease,
+            "release": flight.release,
+            "rate": self._rate,
+            "labels": self._labels,
+        }
 
     async def answer(self, suffix: str, raw: bytes) -> CommandResult:
         """Answer one query; every one is mirrored under `event/command`, whatever becomes of it."""
@@ -48,3 +54,16 @@ class Verbs:
             self._link.set_rate(request.stream, request.interval)
         rates = Rates(intervals=self._link.rates())
         return CommandResult(status=Status.ACCEPTED, reply=dict(rates), reply_type=schema_name(Rates))
+
+    async def _labels(self, raw: bytes) -> CommandResult:
+        """Answer `do/labels` from what is kept for this firmware, or from the board itself."""
+        request = read_command(LabelsRequest, raw)
+        try:
+            names = await self._link.labels(Board[request.board.upper()])
+        except RequestTimeoutError as error:
+            raise refuse("timeout", board=request.board, name="label", detail=str(error)) from error
+        except LinkLostError as error:
+            condition = self._link.health().state.condition.value
+            raise refuse("link_down", state=condition, detail=str(error)) from error
+        labels = Labels(board=request.board, names=names)
+        return CommandResult(status=Status.ACCEPTED, reply=dict(labels), reply_type=schema_name(Labels))

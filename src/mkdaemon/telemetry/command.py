@@ -193,3 +193,19 @@ class Rates(Telemetry):
 
     intervals: dict[str, float]
     """Time between two frames of each stream [s]."""
+
+
+class LabelsRequest(Command):
+    """Ask for the names of a board's debug channels: `do/labels`."""
+
+    board: Literal["fc", "nc", "mag"]
+    """Whose."""
+
+
+class Labels(Telemetry):
+    """Names of a board's debug channels, read once a firmware and kept: the answer to `do/labels`."""
+
+    board: str
+    """Whose."""
+    names: tuple[str, ...]
+    """By channel, 0..31."""
