@@ -27,6 +27,9 @@ class Line:
         self.answers = {}
         self.who_answers = Board.FC
         self.direct_board = Board.FC
+        self.boards = {Board.FC}
+        self.is_up = True
+        self.is_looking_behind = False
         self._vitals = vitals
 
     async def request(self, message, *, board=None):

@@ -13,7 +13,6 @@ from mkdaemon.errors import (
     LinkLostError,
     RequestTimeoutError,
 )
-from mkdaemon.link.discovery import redirected
 from mkdaemon.link.traffic import Purpose
 from mkdaemon.protocol.messages import (
     ControlStateRequest,
@@ -44,67 +43,6 @@ async def test_the_first_bytes_are_a_release_and_then_one_in_the_right_layout(wo
         assert all(int(s.message.config) == 0 for s in right)
         assert r.link.health().confirm.lost == 0
         assert r.link.boards == {Board.FC}
-
-
-@virtually
-async def test_a_navictrl_is_found_its_streams_started_and_the_flightctrl_behind_it_looked_up():
-    async with rig(navi_ctrl()) as r:
-        assert await r.until_up() <= 0.5
-        await r.until(lambda: r.link.dialect.extern_control is ExternControlV2, 3)
-        await asyncio.sleep(1)
-        state = r.link.health().state
-        assert state.boards == ("fc", "nc")
-        assert state.firmware.startswith("NaviCtrl 0.24")
-        assert state.firmware.endswith(", FlightCtrl 2.12a")
-        assert state.external_control == "v2"
-        assert state.redirected_to == ""
-        assert r.log.kinds(since=0.5).keys() >= {"O", "C", "D", "Z"}
-        assert r.link.direct_board is Board.NC
-
-
-@virtually
-async def test_looking_behind_a_navictrl_waits_for_motors_known_off():
-    async with rig(navi_ctrl(pilot_plan="hover")) as r:
-        await r.until_up()
-        await asyncio.sleep(0.2)
-        running = any(int(s.frame.payload[67]) & 1 for s in r.log.rx if s.frame.id == "O")
-        redirects = [s for s in r.log.tx if s.message is not None and s.message.spec.id == "u"]
-        assert redirects == [] or not running
-
-
-@virtually
-async def test_the_look_behind_can_be_switched_off():
-    async with rig(navi_ctrl(), probe_flightctrl=False) as r:
-        await r.until_up()
-        await asyncio.sleep(2)
-        assert all(s.message is None or s.message.spec.id != "u" for s in r.log.tx)
-        with pytest.raises(CommandRejectedError) as caught:
-            r.link.send_setpoint(ExternControlV2(pitch=0, roll=0, yaw=0, throttle=0, config=1), deadline=9e9)
-        assert caught.value.token == "read_only"
-
-
-@virtually
-async def test_a_redirection_left_open_by_another_program_is_ended():
-    async with rig(navi_ctrl()) as r:
-        socket = r.socket
-        await r.until_up()
-        await asyncio.sleep(1)
-        socket.aircraft.write(b"#cu====Dl\r", socket.now())
-        await asyncio.sleep(0.1)
-        socket.port.lose("pulled")
-        await r.until(lambda: socket.openings == 2, 3)
-        await r.until(lambda: r.link.direct_board is Board.NC and r.condition == "up", 3)
-
-
-@virtually
-async def test_nothing_that_could_harm_is_sent_by_itself():
-    """Only these: release, version, link test, streams, redirection to the FlightCtrl, escape."""
-    for make in (flight_ctrl("2.08"), flight_ctrl("2.12a"), navi_ctrl(), navi_ctrl("2.14", "2.14")):
-        async with rig(make) as r:
-            await r.until_up()
-            await asyncio.sleep(5)
-            letters = {s.message.spec.id for s in r.log.tx if s.message is not None}
-            assert letters <= set("bvzocdu")
 
 
 @pytest.mark.parametrize("rate", [15, 30, 50, 100])
@@ -308,34 +246,3 @@ async def test_auto_echo_yields_to_confirmations_but_not_to_silence():
         await asyncio.sleep(2)
         echoes = [s for s in r.log.tx if s.purpose is Purpose.ECHO and s.t_monotonic > began + 2.1]
         assert len(echoes) >= 8
-
-
-@virtually
-async def test_a_flightctrl_behind_a_navictrl_can_be_asked_while_redirected():
-    async with rig(navi_ctrl()) as r:
-        await r.until(lambda: r.link.dialect.fc_release is not None, 3)
-        await asyncio.sleep(1)
-        async with redirected(r.link, Board.FC):
-            assert r.link.health().state.redirected_to == "fc"
-            reply = await r.link.request(ControlStateRequest())
-            assert int(reply.config) == 0
-        await asyncio.sleep(0.5)
-        assert r.condition == "up"
-        assert r.link.health().state.redirected_to == ""
-
-
-@virtually
-async def test_a_redirection_is_refused_with_motors_not_known_off_and_without_a_navictrl():
-    async with rig(navi_ctrl(), rates={"attitude": 100}) as r:
-        await r.until_up()
-        await asyncio.sleep(2)
-        with pytest.raises(CommandRejectedError) as caught:
-            async with redirected(r.link, Board.FC):
-                raise AssertionError
-        assert caught.value.token == "motors_not_known_off"
-    async with rig(flight_ctrl()) as r:
-        await r.until_up()
-        with pytest.raises(CommandRejectedError) as caught:
-            async with redirected(r.link, Board.MAG):
-                raise AssertionError
-        assert caught.value.token == "not_redirectable"

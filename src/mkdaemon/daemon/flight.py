@@ -19,6 +19,7 @@ from mkdaemon.control.authority import Authority, Fly, LetGo
 from mkdaemon.control.limiter import Sticks, count, limit
 from mkdaemon.daemon.audit import Audit, Outlet
 from mkdaemon.daemon.clock import Instant, now
+from mkdaemon.daemon.meeting import meet
 from mkdaemon.daemon.vitals import Vitals
 from mkdaemon.errors import CommandRejectedError
 from mkdaemon.link.link import Link
@@ -108,9 +109,11 @@ class FlightControl:
         """Answer `do/lease`.
 
         Raises:
-            CommandRejectedError: see `Authority`; also `no_control` and `link_down`.
+            CommandRejectedError: see `Authority`; also `no_control`, `discovering` and `link_down`.
         """
         request = read_command(LeaseRequest, raw)
+        if request.action == "take":
+            await meet(self._link, self._vitals.link)
         t = self._clock().t_monotonic
         match request.action:
             case "take":

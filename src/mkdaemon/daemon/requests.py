@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 import difflib
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
@@ -15,11 +14,12 @@ from mkdaemon.bus.gateway import refused
 from mkdaemon.config.commands import CommandsConfig
 from mkdaemon.daemon.audit import Audit
 from mkdaemon.daemon.clock import now
-from mkdaemon.daemon.gate import check, rule_for
+from mkdaemon.daemon.gate import Rule, check, rule_for
+from mkdaemon.daemon.meeting import meet
 from mkdaemon.daemon.vitals import Vitals
 from mkdaemon.errors import CommandRejectedError, LinkLostError, RequestTimeoutError
 from mkdaemon.link.acquaintance import FORWARDED
-from mkdaemon.link.discovery import motors_stand_still, redirected
+from mkdaemon.link.discovery import redirected
 from mkdaemon.link.link import Link
 from mkdaemon.protocol.messages import VersionRequest
 from mkdaemon.protocol.wire import MESSAGES, Board, Direction, WireMessage
@@ -38,7 +38,6 @@ class BoardRequests:
         self._link = link
         self._vitals = vitals
         self._audit = audit
-        self._passage = asyncio.Lock()
 
     async def answer(self, suffix: str, raw: bytes) -> CommandResult:
         """Answer one query; every one is mirrored under `event/command`, whatever becomes of it."""
@@ -57,8 +56,10 @@ class BoardRequests:
         board, name = _place(suffix)
         confirmed = fields.pop("confirm", False) is True
         message = self._build(board, name, fields)
-        self._check_dialect(board, message)
         rule = rule_for(board, message)
+        if rule is not None:
+            await meet(self._link, self._vitals.link)
+        self._check_dialect(board, message, rule)
         if rule is not None:
             check(
                 board,
@@ -89,10 +90,8 @@ class BoardRequests:
         if not is_behind:
             yield
             return
-        async with self._passage:
-            await motors_stand_still(self._link)
-            async with redirected(self._link, board):
-                yield
+        async with redirected(self._link, board):
+            yield
 
     def _build(self, board: Board, name: str, fields: dict[str, Any]) -> WireMessage:
         """Make the message from a client's fields, in the layout this aircraft speaks.
@@ -122,12 +121,12 @@ class BoardRequests:
         assert mistake is not None
         raise refuse("bad_field", name=layouts[0].__name__, detail=first_mistake(mistake)) from mistake
 
-    def _check_dialect(self, board: Board, message: WireMessage) -> None:
+    def _check_dialect(self, board: Board, message: WireMessage, rule: Rule | None) -> None:
         dialect, spec = self._link.dialect, message.spec
         reason = dialect.unsupported.get((board, spec.key))
         if reason is not None:
             raise refuse("unsupported", name=f"{board.word}/{spec.key}", detail=reason)
-        if rule_for(board, message) is not None and dialect.read_only_reason is not None:
+        if rule is not None and dialect.read_only_reason is not None:
             raise refuse("read_only", detail=dialect.read_only_reason)
         if spec.key == "write_settings" and dialect.settings_read_only_reason is not None:
             raise refuse("read_only", detail=dialect.settings_read_only_reason)

@@ -77,9 +77,9 @@ class Acquaintance:
         self._motors_at = now
         self._motors_run = bool(getattr(message, "fc_flags", MOTORS_RUN) & MOTORS_RUN)
 
-    def motors_known_off(self, now: float) -> bool:
-        """Whether fresh telemetry says that the motors stand still."""
-        return now - self._motors_at < MOTORS_FRESH_S and not self._motors_run
+    def motors_running(self, now: float) -> bool | None:
+        """Whether fresh telemetry says that the motors run; None where there is none."""
+        return self._motors_run if now - self._motors_at < MOTORS_FRESH_S else None
 
     def reaches_fc(self, message: WireMessage, board: Board) -> bool:
         """Whether a FlightCtrl receives this frame."""

@@ -7,14 +7,16 @@ FlightCtrl the NaviCtrl's time request spins a motor (docs/protocol.md, "Same le
 2. No answer, or one from a FlightCtrl: another program may have left a NaviCtrl redirected. The escape sequence twice,
    50 ms apart, ends that; harmless to everybody else. Ask again.
 3. A NaviCtrl answered and the FlightCtrl's release is unknown: once fresh telemetry says that the motors stand still,
-   redirect (`u 0`), ask the FlightCtrl, escape. The NaviCtrl's port is blind for about 0.3 s meanwhile.
+   redirect (`u 0`), ask the FlightCtrl, escape. The NaviCtrl's port is blind for about 0.3 s meanwhile. A FlightCtrl
+   that did not answer, or motors that ran, are no reason to give up: it is looked again, ever more seldom.
 """
 
 from __future__ import annotations
 
 import asyncio
 from collections.abc import AsyncIterator
-from contextlib import asynccontextmanager
+from contextlib import asynccontextmanager, suppress
+from itertools import chain, repeat
 from typing import TYPE_CHECKING, Final
 
 from mkdaemon.errors import CommandRejectedError, LinkError
@@ -33,16 +35,51 @@ MOTORS_WAIT_S: Final = 3.0
 """How long to wait for telemetry that tells whether the motors run [s]."""
 ASK_AGAIN_S: Final = (0.1, 0.2, 0.4)
 """Pauses between rounds of questions while nobody answers; the last one repeats [s]."""
+LOOK_AGAIN_S: Final = (1.0, 2.0, 4.0, 8.0, 15.0)
+"""Pauses between looks behind a NaviCtrl while its FlightCtrl is unknown; the last one repeats [s]."""
+INTRODUCTION_S: Final = 4.0
+"""How long whoever wants to act waits for the boards to be known [s]; a start takes 0.5-1.5 s."""
 
 
-async def introduce(link: Link, *, probe_flightctrl: bool) -> None:
-    """Find out who is there, ask for the streams, and look behind a NaviCtrl; ends when all that is known."""
+async def introduce(link: Link) -> None:
+    """Find out who is on the line, and ask for the streams."""
     await _find_direct_board(link)
     link.begin_streams()
-    if link.direct_board is not Board.NC or link.dialect.fc_release is not None or not probe_flightctrl:
-        return
-    if await motors_stand_still(link):
-        await _look_behind(link)
+
+
+async def look_behind(link: Link, *, until: asyncio.Event) -> None:
+    """Ask the FlightCtrl behind a NaviCtrl for its release, again and again; ends when it is known.
+
+    Args:
+        link: introduced.
+        until: ends it, too: the boards must be met anew.
+    """
+    pauses = chain(LOOK_AGAIN_S, repeat(LOOK_AGAIN_S[-1]))
+    while link.is_looking_behind and not until.is_set():
+        with suppress(CommandRejectedError):
+            await _look_once(link)
+        if link.is_looking_behind:
+            with suppress(TimeoutError):
+                async with asyncio.timeout(next(pauses)):
+                    await until.wait()
+
+
+async def introduced(link: Link) -> bool:
+    """Wait a while for the boards on the line to name their releases; whether they have."""
+    with suppress(TimeoutError):
+        async with asyncio.timeout(INTRODUCTION_S):
+            while link.is_looking_behind or not link.boards:  # noqa: ASYNC110 - what is known is a state, not an event
+                await asyncio.sleep(0.05)
+    return not link.is_looking_behind and bool(link.boards)
+
+
+async def _look_once(link: Link) -> None:
+    """Through a NaviCtrl 0.24 no release is ever confirmed; while the line is passed through one is."""
+    async with redirected(link, Board.FC):
+        for _ in range(3):
+            if await _ask_version(link, Board.FC):
+                await link.release("FlightCtrl found")
+                break
 
 
 async def _find_direct_board(link: Link) -> None:
@@ -67,28 +104,20 @@ async def _ask_version(link: Link, board: Board) -> bool:
 
 
 async def motors_stand_still(link: Link) -> bool:
-    """Wait a while for telemetry to say that they do; whether it did."""
-    try:
+    """Wait a while for telemetry to tell; whether it said that they do."""
+    with suppress(TimeoutError):
         async with asyncio.timeout(MOTORS_WAIT_S):
-            while not link.motors_known_off():  # noqa: ASYNC110 - telemetry is a state, not an event
+            while link.motors_running() is None:  # noqa: ASYNC110 - telemetry is a state, not an event
                 await asyncio.sleep(0.05)
-    except TimeoutError:
-        return False
-    return True
-
-
-async def _look_behind(link: Link) -> None:
-    async with redirected(link, Board.FC):
-        for _ in range(3):
-            if await _ask_version(link, Board.FC):
-                # Through a NaviCtrl 0.24 no release is ever confirmed; here one is.
-                await link.release("FlightCtrl found")
-                break
+    return link.motors_running() is False
 
 
 @asynccontextmanager
 async def redirected(link: Link, board: Board) -> AsyncIterator[None]:
     """Have a NaviCtrl pass the line through to another board; the escape sequence ends it, whatever happens.
+
+    One at a time: the next one waits for its turn, and then for telemetry, which stopped meanwhile, to tell about the
+    motors again.
 
     Raises:
         CommandRejectedError: no NaviCtrl is on the line, or its telemetry does not say that the motors stand still
@@ -99,19 +128,20 @@ async def redirected(link: Link, board: Board) -> AsyncIterator[None]:
         raise CommandRejectedError(
             "not_redirectable", f"The line cannot be passed through to {board.word}.", "Connect to that board directly."
         )
-    if not link.motors_known_off():
-        raise CommandRejectedError(
-            "motors_not_known_off",
-            "A redirection stops the NaviCtrl's telemetry and servos.",
-            "Stop the motors and wait for telemetry that says so.",
-        )
-    await link.send(Redirect(port=ports[board]), board=Board.NC)
-    link.note_redirect(board)
-    try:
-        await asyncio.sleep(SWITCH_S)
-        yield
-    finally:
-        for _ in range(2):
-            await link.send_escape()
-            await asyncio.sleep(ESCAPE_PAUSE_S)
-        link.note_redirect(None)
+    async with link.passage:
+        if not await motors_stand_still(link):
+            raise CommandRejectedError(
+                "motors_not_known_off",
+                "A redirection stops the NaviCtrl's telemetry and servos.",
+                "Stop the motors and wait for telemetry that says so.",
+            )
+        await link.send(Redirect(port=ports[board]), board=Board.NC)
+        link.note_redirect(board)
+        try:
+            await asyncio.sleep(SWITCH_S)
+            yield
+        finally:
+            for _ in range(2):
+                await link.send_escape()
+                await asyncio.sleep(ESCAPE_PAUSE_S)
+            link.note_redirect(None)

@@ -14,7 +14,7 @@ from typing import Protocol
 from mkdaemon.config.link import LinkConfig
 from mkdaemon.errors import CommandRejectedError, LinkError, LinkLostError, RequestTimeoutError
 from mkdaemon.link.dialogue import Dialogue
-from mkdaemon.link.discovery import introduce
+from mkdaemon.link.discovery import introduce, look_behind
 from mkdaemon.link.exchange import Exchange
 from mkdaemon.link.labels import LabelCache, read_labels
 from mkdaemon.link.port import Port, open_port
@@ -33,7 +33,11 @@ class Opener(Protocol):
 
 
 class Link:
-    """A line to a MikroKopter that can be trusted."""
+    """A line to a MikroKopter that can be trusted.
+
+    Attributes:
+        passage: held while a NaviCtrl passes the line through to another board.
+    """
 
     def __init__(
         self,
@@ -55,6 +59,7 @@ class Link:
         self._exchange = Exchange(cfg, sink, self._dialogue, clock)
         self._aliases = AliasMemory()
         self._labels = LabelCache(cfg.label_cache)
+        self.passage = asyncio.Lock()
 
     # -- what callers use -----------------------------------------------------------------------------------------
 
@@ -72,6 +77,13 @@ class Link:
     def direct_board(self) -> Board:
         """The board the wire ends at; ANY while unknown."""
         return self._dialogue.peers.direct
+
+    @property
+    def is_looking_behind(self) -> bool:
+        """Whether the FlightCtrl behind the NaviCtrl at the end of the wire is still to be asked for its release."""
+        port = self._exchange.port
+        may_ask = self._cfg.probe_flightctrl and port is not None and not port.is_recording
+        return may_ask and self.direct_board is Board.NC and self.dialect.fc_release is None
 
     @property
     def is_up(self) -> bool:
@@ -181,9 +193,9 @@ class Link:
         self._dialogue.start_streams()
         self._exchange.pump()
 
-    def motors_known_off(self) -> bool:
-        """Whether fresh telemetry says that the motors stand still."""
-        return self._dialogue.peers.motors_known_off(self._clock())
+    def motors_running(self) -> bool | None:
+        """Whether fresh telemetry says that the motors run; None where there is none."""
+        return self._dialogue.peers.motors_running(self._clock())
 
     def note_redirect(self, board: Board | None) -> None:
         """A NaviCtrl passes the line through to a board from now on; None: no more."""
@@ -245,7 +257,8 @@ class Link:
         while True:
             await self._exchange.wants_introduction.wait()
             self._exchange.wants_introduction.clear()
-            await introduce(self, probe_flightctrl=self._cfg.probe_flightctrl)
+            await introduce(self)
+            await look_behind(self, until=self._exchange.wants_introduction)
 
     async def _converse(
         self, msg: WireMessage, board: Board | None, *, patience: float | None, retries: int | None, purpose: Purpose

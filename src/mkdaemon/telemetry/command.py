@@ -53,6 +53,11 @@ REFUSALS: Final[dict[str, Refusal]] = {
     "read_only": Refusal(
         Status.DENIED, "the aircraft is read-only: {detail}.", "Connect a firmware this version knows; `mkctl status`."
     ),
+    "discovering": Refusal(
+        Status.BUSY,
+        "the aircraft is not known yet: {detail}.",
+        "The board is asked again every few seconds while telemetry says that the motors stand still; `mkctl status`.",
+    ),
     "busy": Refusal(Status.BUSY, "{detail}.", "Try again when the first one has been answered."),
     "internal": Refusal(Status.DENIED, "the daemon failed on it: {detail}.", "This is a defect; see the daemon's log."),
     # the line

@@ -1,0 +1,29 @@
+"""Whoever wants to act meets the aircraft first."""
+
+from __future__ import annotations
+
+from mkdaemon.link.discovery import introduced
+from mkdaemon.link.link import Link
+from mkdaemon.telemetry.command import refuse
+from mkdaemon.telemetry.link import LinkState
+
+
+async def meet(link: Link, state: LinkState | None) -> None:
+    """Wait a while for an aircraft that is just being asked who it is; returns at once for one that has told.
+
+    A daemon that has just started, or an aircraft just switched on, is no read-only aircraft: it is known in a second.
+
+    Args:
+        link: to the aircraft.
+        state: what is known about the line.
+
+    Raises:
+        CommandRejectedError: `link_down`: nobody can be asked; `discovering`: no answer yet.
+    """
+    if link.dialect.read_only_reason is None:
+        return
+    if not link.is_up and not link.boards:
+        condition = "absent" if state is None else state.condition.value
+        raise refuse("link_down", state=condition, detail="" if state is None else state.reason)
+    if not await introduced(link):
+        raise refuse("discovering", detail=link.dialect.read_only_reason)
