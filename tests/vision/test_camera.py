@@ -149,15 +149,58 @@ def test_a_stamp_on_our_clock_is_taken_as_it_is() -> None:
 def test_on_another_clock_the_smallest_delay_is_the_offset() -> None:
     clock, rng = StampClock(), np.random.default_rng(3)
     errors = []
+    knew = []
     for k in range(400):
         taken = 1000.0 + k / 30.0
         arrived = taken + 0.04 + float(rng.exponential(0.01))
         stamp, by = clock.stamp(taken - 990.0, arrived)
         errors.append(stamp - taken - 0.04)
-    assert by == "driver"
-    assert 0.0 <= max(errors[50:]) < 0.001  # the constant 40 ms cannot be seen, the jitter is gone
-    restarted, _ = clock.stamp(0.5, 1100.0)
-    assert restarted == pytest.approx(1100.0)
+        knew.append(by)
+    assert set(knew[:50]) == {"arrival"}, "not before its clock was seen to run as ours"
+    assert set(knew[80:]) == {"driver"}
+    assert 0.0 <= max(errors[80:]) < 0.001  # the constant 40 ms cannot be seen, the jitter is gone
+    restarted, by = clock.stamp(0.5, 1100.0)
+    assert (restarted, by) == (pytest.approx(1100.0), "arrival")
+
+
+@pytest.mark.parametrize("true_hz", [5.0, 10.0, 24.0, 26.0, 40.0])
+def test_images_numbered_at_a_nominal_rate_are_stamped_by_their_arrival(true_hz: float) -> None:
+    clock, rng = StampClock(), np.random.default_rng(4)
+    for k in range(600):
+        arrived = 5000.0 + k / true_hz + float(rng.exponential(0.004))
+        stamp, by = clock.stamp(0.04 * (k + 1), arrived)  # as FFmpeg counts an HTTP stream
+        assert (stamp, by) == (arrived, "arrival")
+
+
+def test_a_believed_clock_survives_a_slow_network_and_is_given_up_when_its_rate_changes() -> None:
+    clock, rng = StampClock(), np.random.default_rng(5)
+    taken, stamps = 0.0, 0.0
+    knew: dict[str, list[str]] = {"good": [], "crowded": [], "half": []}
+    for phase, step, delay in (("good", 1 / 30, 0.0), ("crowded", 1 / 30, 0.2), ("half", 1 / 15, 0.0)):
+        for _ in range(300):
+            taken += step
+            stamps += 1 / 30  # a camera that halves its rate at dusk, still numbered at 30 a second
+            at = 9000.0 + taken
+            stamp, by = clock.stamp(stamps, at + delay + float(rng.exponential(0.005)))
+            knew[phase].append(by)
+            assert stamp - at < delay + 0.1
+            assert at - stamp < 0.7, "never far behind what arrived"
+    assert set(knew["good"][90:]) == {"driver"}
+    assert set(knew["crowded"]) == {"driver"}
+    assert set(knew["half"][30:]) == {"arrival"}
+
+
+def test_the_rate_is_that_of_bursts_and_gaps_together() -> None:
+    source = Scripted([])
+    began = time.monotonic()
+    times = iter([began + (k // 2) / 10.0 + 0.001 * (k % 2) for k in range(60)])
+    source.read = lambda timeout: (  # type: ignore[method-assign]
+        Shot(picture(), at) if (at := next(times, None)) is not None else Scripted.read(source, timeout)
+    )
+    stream, _ = run(source, silent_after_s=60.0)
+    status = until(stream, lambda s: s.images == 60)
+    assert status.fps == pytest.approx(20.0, rel=0.05)
+    stream.stop()
 
 
 @pytest.mark.parametrize(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 import time
+from collections import deque
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from enum import StrEnum
@@ -17,7 +18,8 @@ from mkdaemon.vision.slot import NewestSlot
 from mkdaemon.vision.stamping import StampClock
 
 READ_TIMEOUT_S = 0.25
-RATE_SMOOTHING = 0.1
+RATE_IMAGES = 31
+"""Images the rate is counted over; the mean of inverse gaps would be too high wherever images come in bursts."""
 
 
 class StreamState(StrEnum):
@@ -41,7 +43,7 @@ class StreamStatus:
         images: taken since the start.
         lost: gaps in the source's own count.
         reopened: how often it was opened again.
-        fps: smoothed rate [Hz].
+        fps: rate of the last second or so [Hz].
         width: of the last image [px].
         height: of the last image [px].
         stamped_by: who knew the capture time.
@@ -86,6 +88,7 @@ class CameraStream:
         self._thread = threading.Thread(target=self._run, name=f"camera-{cfg.name}", daemon=True)
         self._status = StreamStatus(since=time.monotonic())
         self._clock = StampClock(cfg.latency_ms / 1000.0)
+        self._arrivals: deque[float] = deque(maxlen=RATE_IMAGES)
         self._last_arrival: float | None = None
         self._last_sequence: int | None = None
         self._sequence = 0
@@ -136,6 +139,7 @@ class CameraStream:
                 refused = self._source.open()
                 self._become(StreamState.STREAMING, "", refused=refused)
                 self._last_arrival = time.monotonic()
+                self._arrivals.clear()
                 before = self._status.images
                 try:
                     self._read_on()
@@ -176,17 +180,15 @@ class CameraStream:
             lost = step - 1
         self._last_sequence = shot.sequence
         self._sequence += step
-        fps = self._status.fps
-        if self._status.images and self._last_arrival is not None and shot.arrived > self._last_arrival:
-            rate = 1.0 / (shot.arrived - self._last_arrival)
-            fps = rate if fps == 0.0 else fps + RATE_SMOOTHING * (rate - fps)
+        self._arrivals.append(shot.arrived)
+        spent = shot.arrived - self._arrivals[0]
         self._last_arrival = shot.arrived
         height, width = shot.pixels.shape
         self._status = replace(
             self._status,
             images=self._status.images + 1,
             lost=self._status.lost + lost,
-            fps=fps,
+            fps=(len(self._arrivals) - 1) / spent if spent > 0.0 else 0.0,
             width=width,
             height=height,
             stamped_by=stamped_by,
