@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from mkdaemon.config.vision import TrackerSection
 from mkdaemon.vision.detection import Detection
-from mkdaemon.vision.edgefit import EdgeFit, Level
+from mkdaemon.vision.edgefit import EdgeFit, Level, covered
 from mkdaemon.vision.gates import BitModel
 from mkdaemon.vision.photofit import PhotoFit
 from mkdaemon.vision.pose import Pose, solve
@@ -27,6 +27,9 @@ EDGES_UP_TO = np.radians(60.0)
 """Tilt from which edges across the foreshortened direction run into each other [rad]."""
 AGREEMENT_PX = 1.5
 """Corner residual above which the tags of a target contradict each other [px]."""
+FLOW_POINTS = 60
+FLOW_CELL_PX = 2.5
+"""Corners of smaller cells have nothing for optical flow to hold on to [px]."""
 
 
 class TargetFitter:
@@ -45,9 +48,7 @@ class TargetFitter:
         self._outline = np.concatenate(
             [tag.place(square * half) for tag, half in zip(target.tags, papers, strict=True)]
         )
-        lattice = np.stack(np.meshgrid(np.linspace(-0.5, 0.5, 7), np.linspace(-0.5, 0.5, 7)), axis=-1).reshape(-1, 2)
-        step = max(len(target.tags) // 4, 1)
-        self._lattice = np.concatenate([tag.place(lattice * tag.size) for tag in target.tags[::step]])
+        self._corners, self._cells = _cell_corners(target)
 
     def cold(self, pixels: Grey, tags: Sequence[tuple[Tag, Detection]]) -> list[Pose]:
         """Fit every candidate that decoded tags allow; rival poses stay in the list."""
@@ -117,18 +118,22 @@ class TargetFitter:
 
     def flow(self, before: Grey, now: Grey, last: Pose, predicted: Pose) -> Pose | None:
         """Carry the last pose over by optical flow; for motions the prediction did not foresee."""
-        seen, visible = self._projection.project(self._lattice @ last.rotation.T + last.position)
+        seen, visible = self._projection.project(self._corners @ last.rotation.T + last.position)
         height, width = now.shape
         visible &= (seen > 4).all(axis=1) & (seen[:, 0] < width - 5) & (seen[:, 1] < height - 5)
-        if int(visible.sum()) < 8:
+        visible &= self._cells * float(self._projection.focal[0]) > FLOW_CELL_PX * float(last.position[2])
+        index = np.flatnonzero(visible)
+        if len(index) < 8:
             return None
-        points = self._lattice[visible]
+        if len(index) > FLOW_POINTS:
+            index = index[np.linspace(0, len(index) - 1, FLOW_POINTS).astype(np.intp)]
+        points = self._corners[index]
         guess, _ = self._projection.project(points @ predicted.rotation.T + predicted.position)
         window = (21, 21)
         moved, status, _ = cv2.calcOpticalFlowPyrLK(
             before,
             now,
-            seen[visible].astype(np.float32).reshape(-1, 1, 2),
+            seen[index].astype(np.float32).reshape(-1, 1, 2),
             guess.astype(np.float32).reshape(-1, 1, 2),
             winSize=window,
             maxLevel=3,
@@ -196,3 +201,26 @@ class TargetFitter:
             if bool(visible.all()) and bool(inside.all()) and float(np.ptp(seen, axis=0).min()) > 3 * len(tag.bitmap):
                 return True
         return False
+
+
+def _cell_corners(target: Target) -> tuple[Array, Array]:
+    """Corners of the printed cells, where a small window shows motion both ways.
+
+    Returns:
+        Points `(n, 3)` [m; target] and the side of their cells `(n,)` [m].
+    """
+    points: list[Array] = []
+    cells: list[Array] = []
+    for k, tag in enumerate(target.tags):
+        n = tag.family.black_cells
+        white = np.pad(tag.bitmap > 0, 1, constant_values=True).astype(int)
+        around = white[:-1, :-1] + white[:-1, 1:] + white[1:, :-1] + white[1:, 1:]
+        crossed = (around == 2) & (white[:-1, :-1] == white[1:, 1:])
+        row, column = np.nonzero((around == 1) | (around == 3) | crossed)
+        placed = tag.place(np.column_stack([column - n / 2, n / 2 - row]) * tag.module)
+        keep = np.ones(len(placed), dtype=bool)
+        for later in target.tags[k + 1 :]:
+            keep &= ~covered(placed, later)
+        points.append(placed[keep])
+        cells.append(np.full(int(keep.sum()), tag.module))
+    return np.concatenate(points), np.concatenate(cells)

@@ -169,7 +169,7 @@ class Tracker:
     def _starts(self, frame: _Frame, name: str, predicted: Pose, used: bool) -> Iterator[tuple[str, Pose]]:
         """Where to begin fitting, the cheapest first; later ones are computed only when the earlier ones failed."""
         track = self._tracks[name]
-        if (track.misses == 0 and track.has_velocity) or (used and track.misses < PREDICT_THROUGH):
+        if track.misses < (PREDICT_THROUGH if used else FLOW_THROUGH) and (used or track.has_velocity):
             yield "predicted", predicted
         if track.misses < FLOW_THROUGH and track.image is not None:
             carried = self._fitters[name].flow(track.image, frame.sight.pixels, track.last, predicted)
