@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-import asyncio
-import threading
 import time
 from collections.abc import Callable
-from dataclasses import replace
 from typing import Any
 
 import cv2
@@ -14,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from mkdaemon.bench.vision_flight import VGA, FlightFrame, fly
+from mkdaemon.bench.vision_lag import loop_lag
 from mkdaemon.bench.vision_stills import SeedSet, target_named
 from mkdaemon.vision.attitude import LOOKING_DOWN
 from mkdaemon.vision.detector import Detector
@@ -21,9 +19,6 @@ from mkdaemon.vision.tagmap import TagMap
 from mkdaemon.vision.tracker import Tracker
 
 Grey = npt.NDArray[np.uint8]
-
-LAG_SAMPLE_S = 0.002
-"""Sleep of the lag probe [s]; its lateness is the loop's lag."""
 
 
 def rates(quick: bool, seeds: SeedSet) -> dict[str, Any]:
@@ -52,8 +47,9 @@ def rates(quick: bool, seeds: SeedSet) -> dict[str, Any]:
         "ratio_track_to_apriltag": round(float(np.median(tracked) / np.median(april)), 3),
     }
     for fps in (30, 60):
-        out[f"loop_{fps}fps"] = asyncio.run(_loop_lag(frames, fps, 4.0 if quick else 15.0))
+        out[f"loop_{fps}fps"] = loop_lag(seeds.base + 810, fps, 2 if quick else 10)
     out["loop_lag_p99_ms"] = out["loop_30fps"]["lag_p99_ms"]
+    out["loop_lag_above_idle_p99_ms"] = out["loop_30fps"]["above_idle_p99_ms"]
     return out
 
 
@@ -95,51 +91,3 @@ def _summary(values: list[float]) -> dict[str, float]:
         "p95": round(float(np.percentile(values, 95)), 3),
         "p99": round(float(np.percentile(values, 99)), 3),
     }
-
-
-async def _loop_lag(frames: list[FlightFrame], fps: int, seconds: float) -> dict[str, float]:
-    """Lag of this loop, idle and beside a thread that tracks at `fps`."""
-    idle = await _probe(seconds / 3)
-    stop = threading.Event()
-    done: list[float] = []
-    worker = threading.Thread(target=_work, args=(frames, fps, stop, done), name="vision")
-    worker.start()
-    try:
-        busy = await _probe(seconds)
-    finally:
-        stop.set()
-        await asyncio.to_thread(worker.join)
-    return {
-        "idle_p99_ms": round(float(np.percentile(idle, 99)), 3),
-        "lag_p50_ms": round(float(np.percentile(busy, 50)), 3),
-        "lag_p99_ms": round(float(np.percentile(busy, 99)), 3),
-        "above_idle_p99_ms": round(float(np.percentile(busy, 99) - np.percentile(idle, 99)), 3),
-        "images_per_second": round(len(done) / seconds, 2),
-    }
-
-
-def _work(frames: list[FlightFrame], fps: int, stop: threading.Event, done: list[float]) -> None:
-    target = target_named("nested")
-    tracker = Tracker(TagMap((target,)), VGA, LOOKING_DOWN)
-    due = time.perf_counter()
-    k = 0
-    while not stop.is_set():
-        frame = frames[k % len(frames)]
-        lap = k // len(frames) * frames[-1].image.captured_at
-        image = replace(frame.image, captured_at=frame.image.captured_at + lap)
-        tracker.update(image, frame.attitude if lap == 0 else None)
-        done.append(time.perf_counter())
-        k += 1
-        due += 1.0 / fps
-        stop.wait(max(due - time.perf_counter(), 0.0))
-
-
-async def _probe(seconds: float) -> list[float]:
-    """Lateness of short sleeps [ms]."""
-    lags = []
-    end = time.perf_counter() + seconds
-    while time.perf_counter() < end:
-        start = time.perf_counter()
-        await asyncio.sleep(LAG_SAMPLE_S)
-        lags.append((time.perf_counter() - start - LAG_SAMPLE_S) * 1000.0)
-    return lags

@@ -15,6 +15,7 @@ from mkdaemon.daemon.audit import Audit
 from mkdaemon.daemon.clock import now
 from mkdaemon.daemon.eyes import open_eyes
 from mkdaemon.daemon.flight import FlightControl
+from mkdaemon.daemon.priority import spare_collector
 from mkdaemon.daemon.requests import BoardRequests
 from mkdaemon.daemon.sink import BusSink
 from mkdaemon.daemon.verbs import Verbs
@@ -49,6 +50,7 @@ async def run(cfg: Config, stop: asyncio.Event) -> None:
     notifier = Notifier()
     async with Bus.open(cfg.bus, cfg.vehicle.name) as bus:
         daemon = Daemon(cfg, bus)
+        spare_collector()
         try:
             await daemon.serve(stop, notifier)
         except BaseExceptionGroup as group:

@@ -8,11 +8,13 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated, Any
 
+import structlog
 from cyclopts import Parameter
 
 from mkdaemon.config.reader import load
 from mkdaemon.config.root import Config
 from mkdaemon.daemon import run as run_daemon
+from mkdaemon.daemon.priority import favour_loop
 from mkdaemon.service.logs import Level, configure
 
 
@@ -71,6 +73,8 @@ def _fast_loop() -> Callable[[], asyncio.AbstractEventLoop] | None:
 
 
 async def _until_signalled(cfg: Config) -> None:
+    if not favour_loop():
+        structlog.get_logger().debug("ordinary priority: a busy machine delays the loop by ticks; grant LimitRTPRIO=1")
     stop = asyncio.Event()
     loop = asyncio.get_running_loop()
     for name in (signal.SIGINT, signal.SIGTERM):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import sys
 import threading
 import time
 from collections import deque
@@ -23,14 +22,12 @@ from mkdaemon.vision.camera import CameraStream
 from mkdaemon.vision.camera_sources import source_of
 from mkdaemon.vision.image import CameraImage
 from mkdaemon.vision.pipeline import CameraPipeline
+from mkdaemon.vision.shot import Source
 from mkdaemon.vision.slot import NewestSlot, NewestSlots
 
 STATS_EVERY_S = 1.0
 LOOK_EVERY_S = 0.1
 """Longest wait for an image before states are looked at again."""
-SWITCH_S = 0.0005
-"""Between two OpenCV calls the worker may keep the interpreter, and the loop waiting, for so long; Python's own 5 ms
-would be more than a setpoint's whole budget [s]."""
 ATTITUDES = 200
 """Attitude samples kept: two seconds and more at 100 Hz."""
 
@@ -51,6 +48,7 @@ class VisionWorker:
         sink: where values go.
         loop: the event loop `sink` lives on.
         session: gives the Zenoh session for `zenoh:` sources.
+        open_source: chooses the source a camera section names.
 
     Raises:
         ConfigError: a source, camera file or target file is wrong, or two cameras share a name.
@@ -63,6 +61,8 @@ class VisionWorker:
         sink: Sink,
         loop: asyncio.AbstractEventLoop,
         session: Callable[[], zenoh.Session] | None = None,
+        *,
+        open_source: Callable[[CameraSection, Callable[[], zenoh.Session] | None], Source] = source_of,
     ) -> None:
         names = [cfg.name for cfg in cameras]
         for name in names:
@@ -76,15 +76,14 @@ class VisionWorker:
         for cfg in cameras:
             slot = self._slots.add()
             self._eyes[cfg.name] = _Eye(
-                CameraPipeline(cfg, vision), CameraStream(cfg, source_of(cfg, session), slot), slot
+                CameraPipeline(cfg, vision), CameraStream(cfg, open_source(cfg, session), slot), slot
             )
         self._attitudes: deque[AttitudeSample] = deque(maxlen=ATTITUDES)
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, name="vision", daemon=True)
 
     def start(self) -> None:
-        """Start all threads; for the whole process, the interpreter then changes threads every `SWITCH_S`."""
-        sys.setswitchinterval(min(sys.getswitchinterval(), SWITCH_S))
+        """Start all threads."""
         for eye in self._eyes.values():
             eye.stream.start()
         self._thread.start()

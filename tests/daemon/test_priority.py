@@ -1,0 +1,65 @@
+"""The loop's thread before all others, and nothing else; without the right to it everything runs on as before."""
+
+from __future__ import annotations
+
+import gc
+import os
+import sys
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+
+import pytest
+
+from mkdaemon.daemon.priority import SWITCH_S, favour_loop, spare_collector, treat_loop_equally
+
+pytestmark = pytest.mark.skipif(not hasattr(os, "sched_setscheduler"), reason="this system has no such call")
+
+
+@pytest.fixture(autouse=True)
+def switch_interval():
+    before = sys.getswitchinterval()
+    yield
+    sys.setswitchinterval(before)
+
+
+def in_a_thread(act: Callable[[], object]) -> None:
+    """Priorities belong to threads: let one that ends have them."""
+    with ThreadPoolExecutor(1) as pool:
+        pool.submit(act).result()
+
+
+def policy() -> int:
+    return os.sched_getscheduler(0) & ~os.SCHED_RESET_ON_FORK
+
+
+def test_only_the_thread_that_asks_is_favoured():
+    def act() -> None:
+        allowed = favour_loop()
+        assert policy() == (os.SCHED_RR if allowed else os.SCHED_OTHER)
+        children: list[int] = []
+        in_a_thread(lambda: children.append(policy()))
+        assert children == [os.SCHED_OTHER]
+        treat_loop_equally()
+        assert policy() == os.SCHED_OTHER
+
+    in_a_thread(act)
+    assert policy() == os.SCHED_OTHER
+    assert sys.getswitchinterval() == pytest.approx(SWITCH_S)
+
+
+def test_without_the_right_the_loop_stays_ordinary(monkeypatch):
+    def refuse(*_: object) -> None:
+        raise PermissionError
+
+    monkeypatch.setattr(os, "sched_setscheduler", refuse)
+    assert favour_loop() is False
+    assert sys.getswitchinterval() == pytest.approx(SWITCH_S)
+
+
+def test_what_is_loaded_is_not_collected_again():
+    try:
+        spare_collector()
+        assert gc.get_freeze_count() > 1000
+        assert len(gc.get_objects()) < gc.get_freeze_count() / 10
+    finally:
+        gc.unfreeze()
