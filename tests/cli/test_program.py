@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import importlib
-import io
+import signal
+import subprocess
+import sys
+from pathlib import Path
 
 import pytest
 from cyclopts import App
@@ -14,7 +17,13 @@ from mkdaemon.errors import CommandRejectedError, ConfigError, MkError
 from mkdaemon.service import app as mkdaemon
 from mkdaemon.service import bench
 
+MKDAEMON = [sys.executable, "-c", "from mkdaemon.entry import mkdaemon; mkdaemon()"]
 TABLES = [*mkctl.COMMANDS, *mkdaemon.COMMANDS, *bench.BENCHMARKS]
+
+
+def piped(*arguments):
+    pipe = subprocess.PIPE
+    return subprocess.Popen([*MKDAEMON, *arguments], stdin=pipe, stdout=pipe, stderr=pipe, text=True)
 
 
 @pytest.mark.parametrize("entry", TABLES, ids=lambda entry: entry.target)
@@ -75,7 +84,56 @@ def test_exit_codes_of_commands_pass_through():
     assert run(app, []) == 7
 
 
-@pytest.mark.parametrize("tokens", [["nonsense"], ["run", "--no-such-option"], ["run", "--log", "loud"]])
-def test_wrong_usage_is_exit_code_2(tokens, capsys, monkeypatch):
-    monkeypatch.setattr("sys.stderr", io.StringIO())
+@pytest.mark.parametrize(
+    ("tokens", "says", "points_to"),
+    [
+        (["rnu"], 'Unknown command "rnu". Did you mean "run"?', "mkdaemon --help"),
+        (["run", "--prot", "x"], "Did you mean --port?", "mkdaemon run --help"),
+        (["run", "--log", "loud"], '"loud" for --log', "mkdaemon run --help"),
+        (["decode"], "FILE", "mkdaemon decode --help"),
+        (["bench", "fast"], 'Unknown command "fast"', "mkdaemon bench --help"),
+    ],
+)
+def test_wrong_usage_is_one_line_and_exit_code_2(tokens, says, points_to, capsys):
     assert run(mkdaemon.app, tokens) == 2
+    err = capsys.readouterr().err
+    assert len(err.splitlines()) == 1
+    assert err.startswith("mkdaemon: ")
+    assert says in err
+    assert f"See `{points_to}`." in err
+
+
+def test_a_full_disk_is_one_line():
+    with Path("/dev/full").open("w") as full:
+        ended = subprocess.run([*MKDAEMON, "schema", "--wire"], stdout=full, stderr=subprocess.PIPE, text=True)
+    assert ended.returncode == 1
+    assert ended.stderr == "mkdaemon: standard output: No space left on device\n"
+
+
+def test_a_reader_that_has_seen_enough_is_no_error():
+    with piped("schema", "--wire") as program:
+        assert program.stdout.readline() == "[\n"
+        program.stdout.close()
+        assert (program.stderr.read(), program.wait()) == ("", 0)
+
+
+def test_an_interrupt_while_importing_is_silent():
+    # The import of the program is what takes long; here it never ends.
+    code = (
+        "import os, signal, sys, types, mkdaemon.entry as entry\n"
+        "class Slow(types.ModuleType):\n"
+        "    def __getattr__(self, name): os.kill(os.getpid(), signal.SIGINT); raise AssertionError('still here')\n"
+        "sys.modules['mkdaemon.service.app'] = Slow('slow')\n"
+        "entry.mkdaemon()"
+    )
+    ended = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert (ended.returncode, ended.stderr) == (-signal.SIGINT, "")
+
+
+def test_an_interrupt_after_importing_ends_in_order():
+    with piped("decode", "-") as program:
+        program.stdin.write("#av@w\r")
+        program.stdin.flush()
+        assert "VersionRequest" in program.stdout.readline()
+        program.send_signal(signal.SIGINT)
+        assert (program.stderr.read(), program.wait()) == ("", 130)

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import importlib.util
 import os
+import signal
 import sys
 from collections.abc import Iterable, Sequence
+from contextlib import suppress
 from importlib.metadata import version
 from typing import Final, NamedTuple, NoReturn
 
@@ -55,15 +57,21 @@ def build(name: str, about: str, table: Iterable[CommandEntry], *, chosen: str =
 def main(name: str, about: str, table: Iterable[CommandEntry]) -> NoReturn:
     """Run a program and end the process: 0 as asked, 1 failed while running, 2 wrong configuration or usage."""
     tokens = sys.argv[1:]
-    sys.exit(run(build(name, about, table, chosen=tokens[0] if tokens else ""), tokens))
+    # `mkdaemon.entry` has let an interrupt kill the process until here, where it can end in order.
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+    code = run(build(name, about, table, chosen=tokens[0] if tokens else ""), tokens)
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+    sys.exit(code)
 
 
 def run(app: App, tokens: Sequence[str] | None = None) -> int:
     """Run a program and return its exit code; every mistake is one line on stderr."""
     try:
-        result = app(tokens, exit_on_error=False, result_action="return_value")
-    except CycloptsError:
-        return EXIT_CONFIG  # already explained
+        result = app(tokens, exit_on_error=False, print_error=False, result_action="return_value")
+        sys.stdout.flush()
+    except CycloptsError as error:
+        command = " ".join((app.name[0], *(error.command_chain or ())))
+        return _complain(app, f"{error} See `{command} --help`.", EXIT_CONFIG)
     except ConfigError as error:
         return _complain(app, error, EXIT_CONFIG)
     except MkError as error:
@@ -73,12 +81,20 @@ def run(app: App, tokens: Sequence[str] | None = None) -> int:
     except SystemExit as ended:
         return ended.code if isinstance(ended.code, int) else EXIT_OK
     except BrokenPipeError:
-        # Whoever read our output has gone; the interpreter must not try to flush to it again.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return EXIT_OK
+        _mute()
+        return EXIT_OK  # whoever read our output has seen enough
+    except OSError as error:
+        _mute()
+        return _complain(app, f"{error.filename or 'standard output'}: {error.strerror or error}", EXIT_FAILURE)
     return result if isinstance(result, int) else EXIT_OK
 
 
-def _complain(app: App, error: MkError, code: int) -> int:
+def _mute() -> None:
+    """Send what is still buffered for standard output nowhere, or the interpreter fails once more when it flushes."""
+    with suppress(OSError, ValueError):
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+
+
+def _complain(app: App, error: MkError | str, code: int) -> int:
     print(f"{app.name[0]}: {' '.join(str(error).split())}", file=sys.stderr)
     return code
