@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import re
 import subprocess
+from importlib import metadata
 from pathlib import Path
 
 import pytest
+from packaging.requirements import Requirement
+from packaging.utils import canonicalize_name
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGES = sorted([*ROOT.glob("*.md"), *ROOT.glob("docs/*.md")])
@@ -56,3 +59,21 @@ def test_nothing_names_a_machine_path_or_a_registry_host():
         if forbidden.search(path.read_text(encoding="utf-8", errors="replace")):
             offenders.append(name)
     assert offenders == []
+
+
+def test_everything_that_gets_installed_is_pinned():
+    pinned = dict(line.split("==") for line in (ROOT / "constraints.txt").read_text(encoding="utf-8").split())
+    wanted, reached = [("mkdaemon", "dev")], {}
+    while wanted:
+        name, extra = wanted.pop()
+        if (canonicalize_name(name), extra) in reached:
+            continue
+        reached[canonicalize_name(name), extra] = name
+        for line in metadata.requires(name) or ():
+            needed = Requirement(line)
+            if needed.marker is None or needed.marker.evaluate({"extra": extra}):
+                wanted += [(needed.name, inner) for inner in (needed.extras or {""})]
+    names = {name for name, _ in reached} - {"mkdaemon"}
+    pins = {canonicalize_name(name): version for name, version in pinned.items()}
+    assert {name: metadata.version(name) for name in names} == {name: pins.get(name) for name in names}
+    assert set(pins) - names == {"hatchling"}, "pinned, but nothing needs it (hatchling builds the wheel)"
