@@ -235,5 +235,5 @@ def test_the_rotation_series_turns_in_steps_of_twenty_degrees(shared: Path, caps
     assert sorted(turns) == [-60, -40, -20, 0, 20, 40, 60]
     steps = np.diff([turns[nominal] for nominal in sorted(turns)])
     assert abs(np.sign(steps).sum()) == 6
-    assert np.abs(np.abs(steps) - 20).max() < 5
-    assert np.std(np.abs(steps)) < 2.5
+    assert np.abs(np.abs(steps) - 20).max() < 2.5
+    assert np.std(np.abs(steps)) <= 1.4

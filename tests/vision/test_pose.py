@@ -99,6 +99,37 @@ def test_edge_fit_refuses_an_empty_image_and_a_hopeless_start():
     assert fit.fit(np.full((480, 640), 90, np.uint8), aside) is None
 
 
+@pytest.mark.parametrize(("distance", "tilt"), [(0.7, 0.02), (0.7, 0.3), (1.2, 0.1)])
+def test_a_wrong_ratio_of_focal_lengths_does_not_turn_into_tilt(distance, tilt):
+    target = shipped("single")
+    lens = VGA.model_copy(update={"fx": VGA.fx * 1.01, "fy": VGA.fy / 1.01})
+    view = View(target, replace(place(distance, tilt), intrinsics=lens))
+    start = cold(view, target)[0]
+    fit = EdgeFit(target, PROJECTION)
+    exact = fit.fit(view.pixels, start, iterations=12)
+    doubting = fit.fit(view.pixels, start, iterations=12, stretch_sd=FLOOR_RANGE)
+    assert exact is not None
+    assert doubting is not None
+    assert doubting.stretch == pytest.approx(2 * np.log(1.01), abs=0.003)
+    assert angle_deg(doubting.rotation, view.rotation) < 0.5 * angle_deg(exact.rotation, view.rotation)
+    assert doubting.rms_px < 0.6 * exact.rms_px
+    assert largest_variance(doubting.covariance[3:, 3:]) > 0
+
+
+def test_a_right_lens_is_not_doubted_away():
+    target = shipped("single")
+    view = View(target, place(1.0, 0.3))
+    start = cold(view, target)[0]
+    fit = EdgeFit(target, PROJECTION)
+    doubting = fit.fit(view.pixels, start, iterations=12, stretch_sd=FLOOR_RANGE)
+    exact = fit.fit(view.pixels, start)
+    assert doubting is not None
+    assert exact is not None
+    assert abs(doubting.stretch or 0.0) < 0.001
+    assert angle_deg(doubting.rotation, view.rotation) < 0.2
+    assert largest_variance(doubting.covariance[3:, 3:]) > largest_variance(exact.covariance[3:, 3:])
+
+
 def test_level_holds_the_tilt():
     target = shipped("single")
     view = View(target, place(3.0, 0.3))

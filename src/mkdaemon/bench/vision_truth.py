@@ -25,6 +25,7 @@ from mkdaemon.vision.fitting import TargetFitter
 from mkdaemon.vision.intrinsics import Intrinsics
 from mkdaemon.vision.pose import FLOOR_ANGLE, FLOOR_LATERAL, FLOOR_RANGE, Pose
 from mkdaemon.vision.projection import Projection
+from mkdaemon.vision.still import StillEye
 from mkdaemon.vision.tagmap import TagMap, single
 from mkdaemon.vision.tracker import Tracker
 
@@ -34,8 +35,7 @@ PHOTOGRAPHS: Final = Path(__file__).resolve().parents[4] / "shared" / "images"
 """Photographs of real tags beside the checkout; they have their own licences and stay there."""
 ROTATION_CAMERA: Final = Intrinsics(width=1056, height=792, fx=329.873, fy=332.946, cx=528.0, cy=396.0)
 """Of the rotation series, as published with it."""
-ASPECTS: Final = np.arange(0.98, 1.0401, 0.01)
-"""Factors on its horizontal focal length that are tried."""
+ROTATION_TAG_M: Final = 0.065
 
 
 def flights(quick: bool, seeds: SeedSet) -> dict[str, Any]:
@@ -222,47 +222,45 @@ def labelled_tags(folder: Path) -> dict[str, Any]:
 
 
 def rotation_series(folder: Path) -> dict[str, Any]:
-    """Steps of nominally 20 degrees: deviation of the measured step.
+    """Deviation of measured steps of nominally 20 degrees, each image measured alone with the published camera.
 
-    The published camera leaves residuals of half a pixel on the frontal images, which vanish with another ratio of the
-    focal lengths. That ratio is fitted to the residuals alone, without the nominal angles; `published_camera` holds the
-    figures without it.
+    The images leave residuals of half a pixel with that camera, which vanish with another ratio of the focal lengths:
+    stills weigh such a residual against what a calibration knows of the ratio. `exact_camera` holds the figures of fits
+    that take the published camera as exact.
     """
-    views = _rotation_views(folder)
-    if len(views) < 2:
-        return {"images": len(views)}
-    cameras = [ROTATION_CAMERA.model_copy(update={"fx": ROTATION_CAMERA.fx * ratio}) for ratio in ASPECTS]
-    fits = [{angle: rotation_pose(*view, camera) for angle, view in views.items()} for camera in cameras]
-    residuals = [sum(pose.rms_px**2 for pose in poses.values()) for poses in fits]
-    best = int(np.argmin(residuals))
-    published = {angle: rotation_pose(*view, ROTATION_CAMERA) for angle, view in views.items()}
-    return {
-        "images": len(views),
-        "tag": next(iter(views.values()))[1].tag_id,
-        **_steps(fits[best]),
-        "fx_over_published": round(float(ASPECTS[best]), 4),
-        "published_camera": _steps(published),
-    }
-
-
-def _rotation_views(folder: Path) -> dict[int, tuple[npt.NDArray[np.uint8], Detection]]:
-    """Images and their largest tag, by nominal angle [deg]."""
-    detector = Detector({"tag36h11": frozenset(range(587))})
-    views = {}
+    eye = StillEye(ROTATION_CAMERA, tag_size=ROTATION_TAG_M)
+    tags: set[int] = set()
+    poses: dict[int, Pose] = {}
+    exact: dict[int, Pose] = {}
     for path in sorted(folder.glob("test_image_rotation_*.png")):
         image = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
         if image is None:
             continue
         pixels = np.asarray(image, dtype=np.uint8)
-        seen = detector.search_all(pixels)
-        if seen:
-            views[int(path.stem.rpartition("_")[2])] = pixels, max(seen, key=lambda item: item.side_px)
-    return dict(sorted(views.items()))
+        seen = [tag for tag in eye.look(pixels).tags if tag.pose is not None]
+        if not seen:
+            continue
+        tag = max(seen, key=lambda item: item.found.side_px)
+        tags.add(tag.found.tag_id)
+        if tag.pose is not None:
+            angle = int(path.stem.rpartition("_")[2])
+            poses[angle] = tag.pose.pose
+            exact[angle] = rotation_pose(pixels, tag.found, ROTATION_CAMERA)
+    if len(poses) < 2:
+        return {"images": len(poses)}
+    poses, exact = dict(sorted(poses.items())), dict(sorted(exact.items()))
+    return {
+        "images": len(poses),
+        "tags": sorted(tags),
+        **_steps(poses),
+        "fx_over_published": [round(float(np.exp(pose.stretch or 0.0)), 4) for pose in poses.values()],
+        "exact_camera": _steps(exact),
+    }
 
 
 def rotation_pose(pixels: npt.NDArray[np.uint8], found: Detection, camera: Intrinsics) -> Pose:
-    """Pose of the 65 mm tag of the rotation series, whichever id it carries: of both candidates the better fit."""
-    target = single(0.065, found.tag_id)
+    """Pose of a tag of the rotation series with an exact camera: of both candidates the better fit."""
+    target = single(ROTATION_TAG_M, found.tag_id)
     poses = TargetFitter(target, Projection(camera), TrackerSection()).cold(pixels, [(target.tags[0], found)])
     return min(poses, key=lambda pose: pose.loss)
 

@@ -9,7 +9,7 @@ Source: model-edge tracking, Drummond and Cipolla, PAMI 24(7), 2002; Tukey weigh
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -165,7 +165,14 @@ class EdgeFit:
         self._projection = projection
         self._max_samples = max_samples
 
-    def fit(self, pixels: Grey, start: Pose, iterations: int = 6, level: Level | None = None) -> Pose | None:
+    def fit(
+        self,
+        pixels: Grey,
+        start: Pose,
+        iterations: int = 6,
+        level: Level | None = None,
+        stretch_sd: float = 0.0,
+    ) -> Pose | None:
         """Refine a pose.
 
         Args:
@@ -174,23 +181,28 @@ class EdgeFit:
             iterations: Gauss-Newton steps at most.
             level: where the target's normal should point; edges of something lying over the target, which a free fit
                 would follow, then become outliers.
+            stretch_sd: how well the ratio of the focal lengths is known; the fit weighs the image against it and the
+                covariance holds what stays unknown. Zero takes the calibration as exact.
 
         Returns:
             The pose, or none when too few edges were seen or the fit ran away.
         """
         rotation, position = start.rotation, start.position
         fitted: Pose | None = None
+        projection, stretch = self._projection, 0.0
         for k in range(iterations):
             reach = REACH_PX[min(k, len(REACH_PX) - 1)]
-            samples = self._project(pixels.shape, rotation, position, reach)
+            samples = self._project(pixels.shape, rotation, position, reach, projection)
             if samples is None:
                 return None
             offsets, good, width = _locate(pixels, samples)
             if int(good.sum()) < 12:
                 return None
             pull = level.pull(rotation) if level is not None else (np.zeros((6, 6)), np.zeros(6))
+            if stretch_sd > 0.0:
+                samples, pull = _with_stretch(samples, pull, projection, stretch, stretch_sd)
             step, weights, normal = _robust_step(samples.jacobian, offsets, good, 0.15 if k == 0 else 0.02, pull)
-            rotation = turn(rotation, step[3:])
+            rotation = turn(rotation, step[3:6])
             position = position + step[:3]
             if not np.isfinite(position).all() or position[2] < NEAR_M:
                 return None
@@ -200,13 +212,20 @@ class EdgeFit:
             fitted = _pose(rotation, position, samples, offsets, step, weights, normal, width)
             if moved < SETTLED_PX and reach <= REACH_PX[-2]:
                 break
+            if stretch_sd > 0.0:
+                stretch += float(step[6])
+                projection = self._projection.stretched(stretch)
+        if fitted is not None and stretch_sd > 0.0:
+            fitted = replace(fitted, stretch=stretch)
         return fitted
 
-    def _project(self, shape: tuple[int, ...], rotation: Array, position: Array, reach: float) -> _Samples | None:
+    def _project(
+        self, shape: tuple[int, ...], rotation: Array, position: Array, reach: float, projection: Projection
+    ) -> _Samples | None:
         model = self.model
         seen = model.points @ rotation.T + position
-        uv, visible = self._projection.project(seen)
-        tips, tips_visible = self._projection.project(seen + (model.normals * (0.1 * model.cell)[:, None]) @ rotation.T)
+        uv, visible = projection.project(seen)
+        tips, tips_visible = projection.project(seen + (model.normals * (0.1 * model.cell)[:, None]) @ rotation.T)
         direction = tips - uv
         length = np.sqrt((direction * direction).sum(axis=1))
         cell_px = 10.0 * length
@@ -223,8 +242,20 @@ class EdgeFit:
         if len(index) > self._max_samples:
             index = index[np.linspace(0, len(index) - 1, self._max_samples).astype(np.intp)]
         normals = direction[index] / length[index, None]
-        jacobian = np.einsum("ni,nij->nj", normals, self._projection.pose_jacobian(seen[index], position))
+        jacobian = np.einsum("ni,nij->nj", normals, projection.pose_jacobian(seen[index], position))
         return _Samples(index, uv[index], normals, np.minimum(reach, REACH_CELLS * cell_px[index]), jacobian)
+
+
+def _with_stretch(
+    samples: _Samples, pull: tuple[Array, Array], projection: Projection, stretch: float, spread: float
+) -> tuple[_Samples, tuple[Array, Array]]:
+    """A seventh unknown, the ratio of the focal lengths, held by what the calibration knows about it."""
+    column = (samples.normals * projection.stretch_jacobian(samples.pixels)).sum(axis=1)
+    weight = (LOCATED_PX / spread) ** 2
+    matrix, right = np.zeros((7, 7)), np.zeros(7)
+    matrix[:6, :6], right[:6] = pull
+    matrix[6, 6], right[6] = weight, -weight * stretch
+    return replace(samples, jacobian=np.column_stack([samples.jacobian, column])), (matrix, right)
 
 
 def _median(values: npt.NDArray[np.floating]) -> float:
@@ -272,10 +303,11 @@ def _locate(pixels: Grey, samples: _Samples) -> tuple[Array, npt.NDArray[np.bool
 def _robust_step(
     jacobian: Array, offsets: Array, good: npt.NDArray[np.bool_], least_scale: float, pull: tuple[Array, Array]
 ) -> tuple[Array, Array, Array]:
-    """Three rounds of Tukey-weighted least squares: step `(6,)`, weights `(n,)` and normal matrix `(6, 6)`."""
-    step: Array = np.zeros(6)
+    """Three rounds of Tukey-weighted least squares over `k` unknowns: step `(k,)`, weights `(n,)`, normal `(k, k)`."""
+    unknowns = jacobian.shape[1]
+    step: Array = np.zeros(unknowns)
     weights: Array = good.astype(np.float64)
-    normal = np.eye(6)
+    normal = np.eye(unknowns)
     for _ in range(3):
         residual = offsets - jacobian @ step
         spread = max(1.4826 * _median(np.abs(residual[good])), least_scale)
@@ -283,7 +315,7 @@ def _robust_step(
         weights[:] = np.where(inside, (1.0 - (residual / (TUKEY * spread)) ** 2) ** 2, 0.0)
         weighted = jacobian * weights[:, None]
         normal = weighted.T @ jacobian + pull[0]
-        damping = 1e-9 * np.diag(np.diag(normal)) + 1e-12 * np.eye(6)
+        damping = 1e-9 * np.diag(np.diag(normal)) + 1e-12 * np.eye(unknowns)
         step[:] = np.linalg.solve(normal + damping, weighted.T @ offsets + pull[1])
     return step, weights, normal
 
@@ -303,9 +335,9 @@ def _pose(
     total = float(weights.sum())
     variance = float((weights * residual**2).sum()) / max(total - 6.0, 1.0)
     counted = weights > 0.1
-    information = normal + 1e-9 * np.diag(np.diag(normal)) + 1e-12 * np.eye(6)
+    information = normal + 1e-9 * np.diag(np.diag(normal)) + 1e-12 * np.eye(len(normal))
     # In a blurred image neighbours share pixels over the width of the blur.
-    covariance = (CORRELATION * width / SHARP_PX * variance + SYSTEMATIC_PX**2) * np.linalg.inv(information)
+    covariance = (CORRELATION * width / SHARP_PX * variance + SYSTEMATIC_PX**2) * np.linalg.inv(information)[:6, :6]
     return Pose(
         rotation,
         position,

@@ -48,6 +48,7 @@ class Pose:
             hidden samples cost both rivals the same.
         match: correlation between model and image, where the fit knows it.
         blur_px: width of an edge in the image, where the fit knows it.
+        stretch: logarithm of the ratio of the focal lengths over the calibrated one, where the fit was free to ask.
     """
 
     rotation: Array
@@ -61,6 +62,7 @@ class Pose:
     loss: float = 0.0
     match: float | None = None
     blur_px: float | None = None
+    stretch: float | None = None
 
     @property
     def range_m(self) -> float:

@@ -73,6 +73,17 @@ class Projection:
         jacobian[:, :, 5] = ax * py - ay * px
         return jacobian
 
+    def stretched(self, stretch: float) -> Projection:
+        """The same lens with another ratio of the focal lengths, their product kept; `stretch` is its logarithm."""
+        i = self.intrinsics
+        wide = float(np.exp(stretch / 2))
+        return Projection(i.model_copy(update={"fx": i.fx * wide, "fy": i.fy / wide}))
+
+    def stretch_jacobian(self, pixels: Array) -> Array:
+        """Derivative of pixels `(n, 2)` with respect to `stretch` `(n, 2)` [px]."""
+        moved: Array = (pixels - self.centre) * np.array([0.5, -0.5])
+        return moved
+
     def undistort(self, pixels: Array) -> Array:
         """Turn pixels `(n, 2)` into directions `(n, 2)` at unit depth."""
         if not self.is_distorted:

@@ -12,10 +12,11 @@ from mkdaemon.config.vision import DetectorSection, TrackerSection
 from mkdaemon.vision.ambiguity import choose
 from mkdaemon.vision.detection import Detection, Stage
 from mkdaemon.vision.detector import Detector
+from mkdaemon.vision.edgefit import EdgeFit
 from mkdaemon.vision.fitting import TargetFitter
 from mkdaemon.vision.gates import fit_fault
 from mkdaemon.vision.intrinsics import Intrinsics
-from mkdaemon.vision.pose import Pose, angle_between, with_floor
+from mkdaemon.vision.pose import FLOOR_RANGE, Pose, angle_between, with_floor
 from mkdaemon.vision.projection import Projection
 from mkdaemon.vision.tagfamily import find_family
 from mkdaemon.vision.tagmap import Tag, TagMap, Target, single
@@ -31,6 +32,10 @@ WHOLE_TAGS: tuple[Stage, ...] = ("decimate1", "log", "decimate2", "equalised")
 SAME_TAG = 0.5
 """Detections whose centres are closer than this share of the side are one tag."""
 DISTINCT = np.radians(1.0)
+LENS_DOUBT_PX = 0.15
+"""Edge residual from which the calibration is in doubt [px]; a right one leaves 0.03 to 0.1 in a sharp image."""
+STRETCH_ITERATIONS = 12
+"""Tilt and ratio hang together: the fit creeps along their valley."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -102,6 +107,7 @@ class StillEye:
         self._cfg = TrackerSection()
         self._projection = Projection(intrinsics) if intrinsics is not None else None
         self._fitters: dict[tuple[str, int] | str, TargetFitter] = {}
+        self._edges: dict[tuple[str, int] | str, EdgeFit] = {}
         wanted = None if ids is None else frozenset(ids)
         if tagmap is not None:
             self._detector = Detector(tagmap.whitelist)
@@ -170,7 +176,8 @@ class StillEye:
         fitter = self._fitters.get(key)
         if fitter is None:
             fitter = self._fitters.setdefault(key, TargetFitter(target, self._projection, self._cfg))
-        candidates = sorted(fitter.cold(pixels, tags), key=lambda pose: pose.loss)
+        candidates = self._doubting_lens(pixels, key, target, fitter.cold(pixels, tags))
+        candidates.sort(key=lambda pose: pose.loss)
         if not candidates:
             return None
         choice = choose(candidates, min_ratio=self._cfg.min_ambiguity_ratio)
@@ -184,3 +191,22 @@ class StillEye:
             choice is None,
             fit_fault(best, self._cfg),
         )
+
+    def _doubting_lens(
+        self, pixels: Grey, key: tuple[str, int] | str, target: Target, candidates: list[Pose]
+    ) -> list[Pose]:
+        """Fit once more with the ratio of the focal lengths free within its calibration, where a residual asks for it.
+
+        A frontal tag cannot tell a wrong ratio from a tilt by its sides, only by its perspective; a fit that takes the
+        ratio as exact trades degrees of tilt for tenths of a pixel.
+        """
+        if self._projection is None or any(pose.source != "edges" for pose in candidates):
+            return candidates
+        if min((pose.rms_px for pose in candidates), default=0.0) < LENS_DOUBT_PX:
+            return candidates
+        fit = self._edges.get(key)
+        if fit is None:
+            fit = self._edges.setdefault(key, EdgeFit(target, self._projection))
+        doubted = [fit.fit(pixels, pose, iterations=STRETCH_ITERATIONS, stretch_sd=FLOOR_RANGE) for pose in candidates]
+        fitted = [pose for pose in doubted if pose is not None]
+        return fitted if len(fitted) == len(candidates) else candidates
