@@ -3,10 +3,17 @@
 from __future__ import annotations
 
 import json
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
 
 import pytest
 
+from mkdaemon.cli.program import run
 from mkdaemon.cli.session import Sample
+from mkdaemon.service.app import app
 from mkdaemon.service.demo import ENOUGH, Tally, summarise
 from tests.daemon.processes import run_mkdaemon
 
@@ -31,6 +38,58 @@ def test_the_summary_as_json():
     assert summary["echo_ms"]["p50"] > 3.4  # two frames of ten characters at 57600 baud
     assert 10 < summary["battery_v"] < 18
     assert -90 < summary["latitude"] < 90
+
+
+@pytest.mark.parametrize("seconds", ["0", "-1", "nan", "inf"])
+def test_what_is_no_length_of_time_starts_nothing(seconds, capsys):
+    assert run(app, ["demo", "--seconds", seconds]) == 2
+    assert capsys.readouterr() == ("", f"mkdaemon: --seconds {seconds}: give a number above 0\n")
+
+
+@pytest.mark.flight
+@pytest.mark.parametrize(
+    ("stage", "number"), [("starting the simulated", signal.SIGINT), ("aircraft on", signal.SIGTERM)]
+)
+def test_a_signal_while_it_starts_ends_it(stage, number):
+    with started_demo() as program:
+        while stage not in program.stdout.readline():
+            pass
+        program.send_signal(number)
+        out, err = program.communicate()
+        # A daemon that was quick enough to let telemetry flow makes it an ordinary end.
+        assert program.returncode == (0 if "telemetry flowed" in out else 1 if "NOT flow" in out else 130), out + err
+        assert err == ""
+
+
+@pytest.mark.flight
+def test_a_daemon_that_dies_is_noticed():
+    with started_demo() as program:
+        while "frames" not in program.stdout.readline():
+            pass
+        victim = [pid for pid in children_of(program.pid) if "run" in arguments_of(pid)]
+        os.kill(*victim, signal.SIGKILL)
+        _, err = program.communicate()
+        assert program.returncode == 1
+        assert err == "mkdaemon: the daemon ended while it flew: exit code -9\n"
+
+
+def started_demo():
+    command = (sys.executable, "-m", "mkdaemon.service.app", "demo", "--seconds", "100")
+    return subprocess.Popen(
+        command,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        env={**os.environ, "PYTHONUNBUFFERED": "1"},
+    )
+
+
+def children_of(pid):
+    return [int(word) for word in Path(f"/proc/{pid}/task/{pid}/children").read_text().split()]
+
+
+def arguments_of(pid):
+    return Path(f"/proc/{pid}/cmdline").read_bytes().decode().split("\0")
 
 
 def test_telemetry_has_flowed_only_when_all_of_it_has():

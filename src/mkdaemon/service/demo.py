@@ -13,7 +13,7 @@ import sys
 from asyncio.subprocess import DEVNULL, PIPE, Process
 from collections import Counter
 from collections.abc import AsyncIterator, Mapping
-from contextlib import asynccontextmanager, suppress
+from contextlib import AsyncExitStack, asynccontextmanager, suppress
 from dataclasses import dataclass, field
 from typing import Annotated, Any, Final
 
@@ -23,8 +23,9 @@ from rich.live import Live
 from rich.table import Table
 from rich.text import Text
 
+from mkdaemon.cli.arguments import require_length
 from mkdaemon.cli.printing import json_line
-from mkdaemon.cli.program import EXIT_FAILURE, EXIT_OK
+from mkdaemon.cli.program import EXIT_FAILURE, EXIT_INTERRUPTED, EXIT_OK
 from mkdaemon.cli.session import Client, Connection, Sample
 from mkdaemon.cli.status import render as render_status
 from mkdaemon.errors import MkError
@@ -34,6 +35,10 @@ STARTUP: Final = 15.0
 """Longest time for simulator and daemon to start [s]; cold starts import a lot."""
 ENDING: Final = 3.0
 """Time a process gets to end in order before it is killed [s]."""
+REDRAW: Final = 0.2
+"""Least time between two pictures on a terminal [s]."""
+LINE_EVERY: Final = 5.0
+"""Least time between two lines where there is no terminal [s]."""
 ENOUGH: Final = ("state/attitude", "state/position", "state/battery", "link/health")
 """Telemetry has flowed when all of these have come."""
 
@@ -69,36 +74,36 @@ class Tally:
 def demo(
     *,
     seconds: Annotated[float, Parameter(help="How long to watch.")] = 30.0,
-    as_json: Annotated[bool, Parameter(name="--json", negative=(), help="Print only the summary, as JSON.")] = False,
+    as_json: Annotated[bool, Parameter(name="--json", help="Print only the summary, as JSON.")] = False,
 ) -> int:
     """Fly the built-in aircraft for some seconds and show its telemetry, live.
 
     Needs no hardware and no terminal. Exit code 0 only when telemetry flowed.
+
+    Raises:
+        ConfigError: `seconds` is no length of time.
+        MkError: simulator or daemon did not start, or ended while it flew.
     """
+    require_length(seconds, "--seconds")
     return asyncio.run(_demo(seconds, as_json=as_json))
 
 
 async def _demo(seconds: float, *, as_json: bool) -> int:
-    tally, console = Tally(), Console()
+    tally, console = Tally(), Console(quiet=as_json)
     stop = asyncio.Event()
     loop = asyncio.get_running_loop()
     for name in (signal.SIGINT, signal.SIGTERM):
         loop.add_signal_handler(name, stop.set)
-    endpoint = f"tcp/127.0.0.1:{_free_port()}"
-    say = Console(quiet=as_json).print
-    say("starting the simulated aircraft and the daemon ...")
-    async with _child("sim", "--pilot-wait", "3") as simulator:
-        port = await _port_of(simulator)
-        say(f"aircraft on {port}; daemon at {endpoint}, vehicle {VEHICLE}")
-        run = ("run", "--port", f"pty:{port}", "--vehicle", VEHICLE, "--listen", endpoint, "--log", "error")
-        async with _child(*run) as daemon, _connected(endpoint, daemon) as client, client.watch("**") as samples:
-            # The link's state is put when it changes, which may have been before this client came.
-            tally.known.update({suffix: last.fields for suffix, last in (await client.get("link/state")).items()})
-            watching = asyncio.create_task(_watch(samples, tally, None if as_json else console), name="watch")
-            with suppress(TimeoutError):
-                await asyncio.wait_for(stop.wait(), seconds)
-            watching.cancel()
-            await asyncio.gather(watching, return_exceptions=True)
+    flight = asyncio.create_task(_fly(seconds, tally, console), name="flight")
+    stopped = asyncio.create_task(stop.wait(), name="stop")
+    await asyncio.wait({flight, stopped}, return_when=asyncio.FIRST_COMPLETED)
+    stopped.cancel()
+    flight.cancel()  # whatever it waits for; the processes end in order
+    # Ctrl-C on a terminal reaches the processes as well: then they ended because they were asked to.
+    with suppress(asyncio.CancelledError, *([MkError] if stop.is_set() else [])):
+        await flight
+    if stop.is_set() and tally.began is None:
+        return EXIT_INTERRUPTED
     summary = summarise(tally)
     if as_json:
         print(json_line(summary))
@@ -107,20 +112,74 @@ async def _demo(seconds: float, *, as_json: bool) -> int:
     return EXIT_OK if tally.has_flowed else EXIT_FAILURE
 
 
-async def _watch(samples: AsyncIterator[Sample], tally: Tally, console: Console | None) -> None:
-    """Take everything that comes; redraw on a terminal, be silent otherwise."""
+async def _fly(seconds: float, tally: Tally, console: Console) -> None:
+    """Start everything, watch for so long, end everything.
+
+    Raises:
+        MkError: a process did not start, or ended by itself; says which and why.
+    """
+    endpoint = f"tcp/127.0.0.1:{_free_port()}"
+    console.print("starting the simulated aircraft and the daemon ...")
+    async with _child("sim", "--pilot-wait", "3") as simulator:
+        port = await _port_of(simulator)
+        console.print(f"aircraft on {port}; daemon at {endpoint}, vehicle {VEHICLE}")
+        run = ("run", "--port", f"pty:{port}", "--vehicle", VEHICLE, "--listen", endpoint, "--log", "error")
+        async with _child(*run) as daemon, AsyncExitStack() as stack:
+            client = await _connect(stack, endpoint, daemon)
+            samples = await stack.enter_async_context(client.watch("**"))
+            # The link's state is put when it changes, which may have been before this client came.
+            tally.known.update({suffix: last.fields for suffix, last in (await client.get("link/state")).items()})
+            jobs = [
+                asyncio.create_task(_watch(samples, tally, console), name="watch"),
+                asyncio.create_task(_must_live("simulator", simulator), name="simulator"),
+                asyncio.create_task(_must_live("daemon", daemon), name="daemon"),
+            ]
+            try:
+                ended, _ = await asyncio.wait(jobs, timeout=seconds, return_when=asyncio.FIRST_COMPLETED)
+                for job in ended:
+                    job.result()
+            finally:
+                for job in jobs:
+                    job.cancel()
+                await asyncio.gather(*jobs, return_exceptions=True)
+
+
+async def _must_live(name: str, process: Process) -> None:
+    """Wait for the end of a process that is not to end.
+
+    Raises:
+        MkError: it did; says why.
+    """
+    await process.wait()
+    raise MkError(f"the {name} ended while it flew: {await _last_words(process)}")
+
+
+async def _watch(samples: AsyncIterator[Sample], tally: Tally, console: Console) -> None:
+    """Take everything that comes; redraw on a terminal, otherwise print a line now and then."""
     loop = asyncio.get_running_loop()
-    if console is None or not console.is_terminal:
-        async for sample in samples:
-            tally.take(sample, loop.time())
-        return
-    shown_at = 0.0
-    with Live(Text("waiting for telemetry ..."), console=console, auto_refresh=False) as live:
+    shown_at, is_live = loop.time(), console.is_terminal
+    with Live(Text("waiting for telemetry ..."), console=console, auto_refresh=False, transient=True) as live:
         async for sample in samples:
             tally.take(sample, now := loop.time())
-            if now - shown_at > 0.2:
-                shown_at = now
+            if now - shown_at < (REDRAW if is_live else LINE_EVERY):
+                continue
+            shown_at = now
+            if is_live:
                 live.update(Group(render_status(VEHICLE, tally.known), render_frames(tally)), refresh=True)
+            else:
+                console.print(progress_line(tally))
+
+
+def progress_line(tally: Tally) -> str:
+    """What has come so far, in one line."""
+    battery, position = tally.known.get("state/battery"), tally.known.get("state/position")
+    words = [f"{tally.ended - (tally.began or 0.0):.0f} s", f"{tally.frames.total()} frames"]
+    if battery is not None:
+        words.append(f"{battery['voltage']:.1f} V")
+    if position is not None:
+        words.append(f"{position['latitude']:.6f}, {position['longitude']:.6f}")
+        words.append(f"{position['altitude_above_start']:.1f} m above start")
+    return "; ".join(words)
 
 
 def render_frames(tally: Tally) -> Table:
@@ -197,9 +256,8 @@ async def _port_of(simulator: Process) -> str:
     return port
 
 
-@asynccontextmanager
-async def _connected(endpoint: str, daemon: Process) -> AsyncIterator[Client]:
-    """A client of the daemon, as soon as it listens.
+async def _connect(stack: AsyncExitStack, endpoint: str, daemon: Process) -> Client:
+    """Enter a client of the daemon into the stack, as soon as the daemon listens.
 
     Raises:
         MkError: the daemon ended, or never listened.
@@ -208,9 +266,7 @@ async def _connected(endpoint: str, daemon: Process) -> AsyncIterator[Client]:
     deadline = loop.time() + STARTUP
     while True:
         try:
-            async with Client.open(Connection(vehicle=VEHICLE, connect=endpoint)) as client:
-                yield client
-                return
+            return await stack.enter_async_context(Client.open(Connection(vehicle=VEHICLE, connect=endpoint)))
         except MkError as error:
             if daemon.returncode is not None or loop.time() > deadline:
                 raise MkError(f"the daemon did not start: {await _last_words(daemon) or error}") from error

@@ -1,0 +1,33 @@
+"""Checks of arguments that many commands take."""
+
+from __future__ import annotations
+
+import math
+
+from mkdaemon.errors import ConfigError
+
+
+def require_length(seconds: float | None, name: str) -> None:
+    """Make sure that an argument is a length of time, or was not given.
+
+    Args:
+        seconds: what was given [s].
+        name: the option.
+
+    Raises:
+        ConfigError: it is zero, negative, infinite or no number.
+    """
+    if seconds is not None and not (math.isfinite(seconds) and seconds > 0.0):
+        msg = f"{name} {seconds:g}: give a number above 0"
+        raise ConfigError(msg)
+
+
+def require_count(count: int | None, name: str) -> None:
+    """Make sure that an argument is a number of things, or was not given.
+
+    Raises:
+        ConfigError: it is below 1.
+    """
+    if count is not None and count < 1:
+        msg = f"{name} {count}: give 1 or more"
+        raise ConfigError(msg)
