@@ -64,6 +64,8 @@ MISTAKES = [
     (("--fc", "9.99"), 2, "sim.fc"),
     (("--config", "no-such.toml"), 2, "no-such.toml"),
     (("--gas", "3"), 2, "--gas"),
+    (("--listen", "127.0.0.1:99999"), 2, "sim.listen"),
+    (("--seconds", "-1"), 2, "--seconds"),
 ]
 
 

@@ -13,7 +13,7 @@ import zenoh
 from mkdaemon.bus.gateway import Bus
 from mkdaemon.config.bus import BusConfig
 from mkdaemon.config.sim import SimConfig
-from mkdaemon.errors import CommandRejectedError
+from mkdaemon.errors import CommandRejectedError, ConfigError
 from mkdaemon.service.sim_bus import joined, obey, truth_of
 from mkdaemon.sim.simulation import Simulation
 from mkdaemon.telemetry.sim import FaultRequest
@@ -72,6 +72,12 @@ async def test_without_a_daemon_the_simulator_waits_and_joins_later(simulation):
         async with Bus.open(BusConfig(listen=(endpoint,)), "t9"):
             with client(endpoint) as session:
                 assert await until(lambda: ask(session, "mk/t9/sim/truth"))
+
+
+async def test_an_endpoint_nobody_can_understand_is_said_at_once(simulation):
+    with pytest.raises(ConfigError, match=r"sim\.connect 'garbage'"):
+        async with joined(simulation, SimConfig(connect=("garbage",)), "t9"):
+            pytest.fail("joined")
 
 
 async def test_leaving_at_once_closes_everything(simulation):

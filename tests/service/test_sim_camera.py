@@ -14,7 +14,7 @@ from mkdaemon.config.camera import CameraSection
 from mkdaemon.config.scene import SceneConfig
 from mkdaemon.config.sim import PilotPlan, SimConfig
 from mkdaemon.errors import ConfigError
-from mkdaemon.service.sim_camera import filming, open_camera
+from mkdaemon.service.sim_camera import FilmOutlet, filming, open_camera
 from mkdaemon.sim.simulation import Simulation
 from mkdaemon.vision.camera import CameraStream
 from mkdaemon.vision.camera_sources import source_of
@@ -33,10 +33,15 @@ async def test_frames_of_the_simulation_reach_a_camera_on_the_bus(tmp_path: Path
     stream.start()
     try:
         async with asyncio.timeout(30.0):
-            async with filming(open_camera(config), simulation, config, "film", session):
-                while stream.status().images < 3:
-                    simulation.advance(simulation.now + 0.025)
-                    await asyncio.sleep(0.01)
+            outlet = FilmOutlet("film", "down")
+            async with filming(open_camera(config), simulation, config, outlet):
+                before = simulation.now
+                with outlet.open(session):
+                    while stream.status().images < 3:
+                        simulation.advance(simulation.now + 0.025)
+                        await asyncio.sleep(0.01)
+                assert simulation.now > before
+                assert not outlet.is_open
     finally:
         stream.stop()
         await close_session(session)
@@ -53,12 +58,35 @@ async def test_frames_of_the_simulation_reach_a_camera_on_the_bus(tmp_path: Path
 async def test_a_simulator_without_a_camera_films_nothing() -> None:
     config = SimConfig()
     assert open_camera(config) is None
-    session = zenoh.open(session_config("peer"))
-    try:
-        async with filming(None, Simulation(config), config, "film", session):
-            assert not [task for task in asyncio.all_tasks() if task.get_name() == "simulated camera"]
-    finally:
-        await close_session(session)
+    async with filming(None, Simulation(config), config, FilmOutlet("film", "down")):
+        assert not [task for task in asyncio.all_tasks() if task.get_name() == "simulated camera"]
+
+
+async def test_a_video_is_written_without_anybody_on_the_bus(tmp_path: Path) -> None:
+    clip = tmp_path / "alone.avi"
+    scene = SceneConfig(enabled=True, fps=20, video=clip)
+    config = SimConfig(scene=scene, pilot_plan=PilotPlan.NOTHING)
+    simulation = Simulation(config)
+    async with asyncio.timeout(30.0), filming(open_camera(config), simulation, config, FilmOutlet("film", "down")):
+        while not (clip.exists() and clip.stat().st_size > 100_000):
+            simulation.advance(simulation.now + 0.025)
+            await asyncio.sleep(0.01)
+    video = cv2.VideoCapture(str(clip))
+    assert video.read()[0]
+    video.release()
+
+
+async def test_a_video_that_cannot_be_written_stops_the_simulator_at_once(tmp_path: Path) -> None:
+    config = SimConfig(scene=SceneConfig(enabled=True, video=tmp_path / "no" / "flight.avi"))
+    with pytest.raises(ConfigError, match=r"sim\.scene\.video"):
+        async with filming(open_camera(config), Simulation(config), config, FilmOutlet("film", "down")):
+            pytest.fail("filmed")
+
+
+def test_pictures_without_a_bus_go_nowhere() -> None:
+    outlet = FilmOutlet("film", "down")
+    outlet.send(b"picture")
+    assert not outlet.is_open
 
 
 def test_a_wrong_camera_file_stops_the_simulator_at_once() -> None:

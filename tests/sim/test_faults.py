@@ -72,6 +72,7 @@ def test_values_override_defaults() -> None:
         ("gps_lost", {"deg": 1.0}, "unknown_parameter", "none"),
         ("motor_weak", {"part": 1.0}, "unknown_parameter", "share"),
         ("motor_weak", {"motor": 5.0}, "out_of_range", "1 to 4"),
+        ("motor_weak", {"motor": 1.5}, "out_of_range", "a whole number from 1 to 4"),
         ("motor_weak", {"share": "much"}, "out_of_range", "0 to 1"),
         ("motor_weak", {"share": math.nan}, "out_of_range", "0 to 1"),
         ("wind_gust", {"speed": 99.0}, "out_of_range", "0 to 15 m/s"),

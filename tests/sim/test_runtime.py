@@ -11,7 +11,7 @@ import pytest
 
 from mkdaemon.config.sim import PilotPlan, SimConfig
 from mkdaemon.config.sim_radio import ChannelConfig, RadioConfig
-from mkdaemon.errors import LinkError
+from mkdaemon.errors import ConfigError, LinkError
 from mkdaemon.protocol.framing import Frame, FrameDecoder, encode_frame
 from mkdaemon.sim.boards.line import HOST_CHAR_S
 from mkdaemon.sim.runtime import PseudoTerminal, Runtime
@@ -175,3 +175,15 @@ async def test_the_pseudo_terminal_answers_in_real_time():
         loop.remove_reader(descriptor)
         os.close(descriptor)
     assert (frames[0].address, frames[0].id) == (2, "V")
+
+
+async def test_a_simulation_that_fails_is_noticed_and_named():
+    runtime = Runtime(quiet())
+
+    def fail(to):
+        raise ConfigError("sim.eeprom fc.json: No space left on device")
+
+    with pytest.raises(ConfigError, match="No space left"):
+        async with runtime.serve(), asyncio.timeout(10):
+            runtime.simulation.advance = fail
+            await runtime.ended.wait()

@@ -306,3 +306,8 @@ def test_a_damaged_eeprom_file_is_named(tmp_path, spoil, says):
     with pytest.raises(ConfigError, match=says) as caught:
         Eeprom(106, path)
     assert str(path) in str(caught.value)
+
+
+def test_an_eeprom_that_cannot_be_written_is_said_at_the_start(tmp_path):
+    with pytest.raises(ConfigError, match=r"sim\.eeprom .*fc\.json: No such file or directory"):
+        Eeprom(106, tmp_path / "no" / "fc.json")

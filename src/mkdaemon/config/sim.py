@@ -4,14 +4,16 @@ from __future__ import annotations
 
 from enum import StrEnum
 from pathlib import Path
-from typing import Literal
+from typing import Final, Literal
 
-from pydantic import Field
+from pydantic import Field, field_validator
 
 from mkdaemon.config.base import Section
 from mkdaemon.config.scene import SceneConfig
 from mkdaemon.config.sim_flight import FlightConfig
 from mkdaemon.config.sim_radio import RadioConfig
+
+_LAST_PORT: Final = 65535
 
 
 class PilotPlan(StrEnum):
@@ -75,3 +77,10 @@ class SimConfig(Section):
     """Zenoh endpoints for truth and faults; where nobody listens the simulator flies on without."""
     truth_rate_hz: float = Field(default=50.0, ge=0.0, le=488.0)
     """How often the true state is published [1/s]; 0 never."""
+
+    @field_validator("listen")
+    @classmethod
+    def _is_a_port(cls, text: str | None) -> str | None:
+        if text is not None and int(text.rpartition(":")[2]) > _LAST_PORT:
+            raise ValueError(f"'{text}': a TCP port is 0 to {_LAST_PORT}")
+        return text

@@ -10,10 +10,12 @@ from typing import Annotated, Any, Literal
 
 from cyclopts import Parameter
 
+from mkdaemon.cli.arguments import require_length
 from mkdaemon.config.reader import load
 from mkdaemon.config.root import Config
+from mkdaemon.service.logs import configure
 from mkdaemon.service.sim_bus import joined
-from mkdaemon.service.sim_camera import open_camera, open_world
+from mkdaemon.service.sim_camera import FilmOutlet, filming, open_camera, open_world
 from mkdaemon.sim.runtime import Runtime
 from mkdaemon.sim.simulation import Simulation
 
@@ -38,6 +40,8 @@ def sim(
 
     The boards behave as measured ones do: byte timing, losses, time-outs, dead-man. Faults: `mkctl sim fault`.
     """
+    configure("info")
+    require_length(seconds, "--seconds")
     given = {
         "sim.board": board,
         "sim.fc": fc,
@@ -62,9 +66,14 @@ async def _serve(config: Config, seconds: float | None) -> None:
     simulation = Simulation(config.sim, open_world(config.sim))
     camera = open_camera(config.sim)
     runtime = Runtime(simulation, listen=config.sim.listen)
-    async with runtime.serve(), joined(simulation, config.sim, config.vehicle.name, camera):
+    outlet = FilmOutlet(config.vehicle.name, config.sim.scene.name)
+    async with (
+        runtime.serve(),
+        filming(camera, simulation, config.sim, outlet),
+        joined(simulation, config.sim, config.vehicle.name, outlet),
+    ):
         print(json.dumps({"port": runtime.port}), flush=True)
-        try:
-            await asyncio.wait_for(stop.wait(), seconds)
-        except TimeoutError:
-            return
+        ends = [asyncio.ensure_future(event.wait()) for event in (stop, runtime.ended)]
+        await asyncio.wait(ends, timeout=seconds, return_when=asyncio.FIRST_COMPLETED)
+        for end in ends:
+            end.cancel()

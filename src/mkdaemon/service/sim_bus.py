@@ -8,9 +8,9 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import math
+import re
 import time
 from collections.abc import AsyncIterator
-from typing import TYPE_CHECKING
 
 import structlog
 import zenoh
@@ -21,20 +21,18 @@ from mkdaemon.bus.gateway import refused
 from mkdaemon.bus.keys import key
 from mkdaemon.bus.session import close_session, open_session, session_config
 from mkdaemon.config.sim import SimConfig
-from mkdaemon.errors import CommandRejectedError, MkError
-from mkdaemon.service.sim_camera import filming
+from mkdaemon.errors import CommandRejectedError, ConfigError, MkError
+from mkdaemon.service.sim_camera import FilmOutlet
 from mkdaemon.sim.simulation import Simulation
 from mkdaemon.telemetry.command import CommandResult, Status
 from mkdaemon.telemetry.sim import FaultAction, FaultRequest, RunningFault, SimFaults, SimTruth
-
-if TYPE_CHECKING:
-    from mkdaemon.sim.scene_camera import SceneCamera
 
 _log = structlog.get_logger(__name__)
 _RETRY_S = 2.0
 _PATIENCE_S = 0.5
 """Longest attempt to find somebody who listens; the program's end waits for it."""
 _FAULTS_PERIOD_S = 1.0
+_ENDPOINT = re.compile(r"[a-z_]+/\S+")
 TRUTH = "sim/truth"
 FAULTS = "sim/faults"
 FAULT = "sim/fault"
@@ -153,10 +151,18 @@ class SimBus:
 
 @contextlib.asynccontextmanager
 async def joined(
-    simulation: Simulation, config: SimConfig, vehicle: str, camera: SceneCamera | None = None
+    simulation: Simulation, config: SimConfig, vehicle: str, outlet: FilmOutlet | None = None
 ) -> AsyncIterator[None]:
-    """Be on the bus, whenever somebody listens, for as long as the context lasts."""
-    job = asyncio.create_task(_join(simulation, config, vehicle, camera), name="simulator on the bus")
+    """Be on the bus, whenever somebody listens, for as long as the context lasts.
+
+    Raises:
+        ConfigError: an endpoint cannot be understood.
+    """
+    for endpoint in config.connect:
+        if not _ENDPOINT.fullmatch(endpoint):
+            msg = f"sim.connect '{endpoint}': give an endpoint like tcp/127.0.0.1:7447"
+            raise ConfigError(msg)
+    job = asyncio.create_task(_join(simulation, config, vehicle, outlet), name="simulator on the bus")
     try:
         yield
     finally:
@@ -165,7 +171,7 @@ async def joined(
             await job
 
 
-async def _join(simulation: Simulation, config: SimConfig, vehicle: str, camera: SceneCamera | None) -> None:
+async def _join(simulation: Simulation, config: SimConfig, vehicle: str, outlet: FilmOutlet | None) -> None:
     if not config.connect:
         return
     while True:
@@ -182,7 +188,7 @@ async def _join(simulation: Simulation, config: SimConfig, vehicle: str, camera:
             await asyncio.sleep(_RETRY_S)
             continue
         try:
-            async with filming(camera, simulation, config, vehicle, session):
+            with outlet.open(session) if outlet is not None else contextlib.nullcontext():
                 await SimBus(session, simulation, vehicle).publish(config.truth_rate_hz)
         finally:
             await asyncio.shield(close_session(session))

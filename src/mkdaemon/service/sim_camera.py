@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Iterator
 from typing import TYPE_CHECKING
 
 import zenoh
@@ -46,11 +46,41 @@ def open_world(config: SimConfig) -> World | None:
     return landing_world(config)
 
 
+class FilmOutlet:
+    """Where pictures leave for the bus: nowhere until a session is given, and again when it is taken away."""
+
+    def __init__(self, vehicle: str, camera: str) -> None:
+        self._key = key(vehicle, f"sim/camera/{camera}")
+        self._publisher: zenoh.Publisher | None = None
+        self._encoding = encoding_of(CameraFrame)
+
+    @property
+    def is_open(self) -> bool:
+        """Whether a session is there."""
+        return self._publisher is not None
+
+    @contextlib.contextmanager
+    def open(self, session: zenoh.Session) -> Iterator[None]:
+        """Send through `session` while the context lasts."""
+        self._publisher = session.declare_publisher(self._key, congestion_control=zenoh.CongestionControl.DROP)
+        try:
+            yield
+        finally:
+            self._publisher = None
+
+    def send(self, payload: bytes) -> None:
+        """Put one packed picture; from any thread."""
+        publisher = self._publisher
+        if publisher is not None:
+            with contextlib.suppress(zenoh.ZError):  # the session ends at the same moment
+                publisher.put(payload, encoding=self._encoding)
+
+
 @contextlib.asynccontextmanager
 async def filming(
-    camera: SceneCamera | None, simulation: Simulation, config: SimConfig, vehicle: str, session: zenoh.Session
+    camera: SceneCamera | None, simulation: Simulation, config: SimConfig, outlet: FilmOutlet
 ) -> AsyncIterator[None]:
-    """Take pictures for as long as the context lasts.
+    """Take pictures for as long as the context lasts: for the bus while it is there, for video and loop device always.
 
     Raises:
         ConfigError: a video or loop device cannot be written.
@@ -60,20 +90,14 @@ async def filming(
         return
     from mkdaemon.sim.scene_feed import SceneFeed
 
-    publisher = session.declare_publisher(
-        key(vehicle, f"sim/camera/{config.scene.name}"), congestion_control=zenoh.CongestionControl.DROP
-    )
-    encoding = encoding_of(CameraFrame)
-
-    def send(payload: bytes) -> None:
-        publisher.put(payload, encoding=encoding)
-
-    feed = SceneFeed(camera, send, seed=config.seed, writers=_writers(camera))
+    writers = _writers(camera)
+    feed = SceneFeed(camera, outlet.send, seed=config.seed, writers=writers)
     feed.start()
 
     async def expose() -> None:
         while True:
-            feed.tick(simulation.now, simulation.world.truth, simulation.world.faults)
+            if writers or outlet.is_open:
+                feed.tick(simulation.now, simulation.world.truth, simulation.world.faults)
             await asyncio.sleep(LOOK_S)
 
     job = asyncio.create_task(expose(), name="simulated camera")

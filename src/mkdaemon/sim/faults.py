@@ -32,6 +32,8 @@ class FaultNumber:
     high: float
     unit: str
     help: str
+    whole: bool = False
+    """It counts something: no fractions."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,7 +77,7 @@ FAULTS: Final[dict[str, FaultSpec]] = {
         Reader.WORLD,
         "One rotor gives only a share of its thrust.",
         {
-            "motor": _number(1, 1, 4, "", "1 front, 2 rear, 3 right, 4 left"),
+            "motor": FaultNumber(1, 1, 4, "", "1 front, 2 rear, 3 right, 4 left", whole=True),
             "share": _number(0.8, 0.0, 1.0, "", "thrust left"),
         },
     ),
@@ -262,11 +264,11 @@ def _checked(name: str, spec: FaultSpec, key: str, value: FaultValue) -> FaultVa
         number = float(value)
     except ValueError:
         number = math.nan
-    if not parameter.low <= number <= parameter.high:
+    if not parameter.low <= number <= parameter.high or (parameter.whole and number % 1.0):
         unit = f" {parameter.unit}" if parameter.unit else ""
         raise CommandRejectedError(
             "out_of_range",
             f"{key} of '{name}' cannot be {value}.",
-            f"Give {parameter.low:g} to {parameter.high:g}{unit}.",
+            f"Give {'a whole number from ' if parameter.whole else ''}{parameter.low:g} to {parameter.high:g}{unit}.",
         )
     return number

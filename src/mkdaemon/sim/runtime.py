@@ -79,6 +79,7 @@ class Runtime:
         simulation: what is driven.
         port: path of the pseudo terminal.
         lost: bytes the host did not read in time.
+        ended: set when the simulation has stopped, by itself only after an error; leaving `serve` raises that.
     """
 
     def __init__(
@@ -102,6 +103,7 @@ class Runtime:
         self._zero = clock()
         self.port = self._terminal.name
         self.lost = 0
+        self.ended = asyncio.Event()
 
     @contextlib.asynccontextmanager
     async def serve(self) -> AsyncIterator[Runtime]:
@@ -109,6 +111,7 @@ class Runtime:
 
         Raises:
             LinkError: the TCP port cannot be opened.
+            ConfigError: the EEPROM file could no longer be written.
         """
         loop = asyncio.get_running_loop()
         async with contextlib.AsyncExitStack() as stack:
@@ -136,10 +139,13 @@ class Runtime:
 
     async def _run(self) -> None:
         wake = self._clock()
-        while True:
-            self._step()
-            wake = max(wake + TICK_S, self._clock())
-            await asyncio.sleep(wake - self._clock())
+        try:
+            while True:
+                self._step()
+                wake = max(wake + TICK_S, self._clock())
+                await asyncio.sleep(wake - self._clock())
+        finally:
+            self.ended.set()
 
     def _time(self) -> float:
         """Simulated time that belongs to now [s]."""

@@ -9,6 +9,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+import structlog
 
 from mkdaemon.sim.faults import Faults
 from mkdaemon.sim.scene_camera import BodyState, SceneCamera
@@ -17,6 +18,8 @@ from mkdaemon.sim.truth import Truth
 from mkdaemon.telemetry.image import CameraFrame
 from mkdaemon.vision.imagecodec import boot_id, pack
 from mkdaemon.vision.slot import NewestSlot
+
+_log = structlog.get_logger(__name__)
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,7 +122,13 @@ class SceneFeed:
         spent = 1000.0 * (time.perf_counter() - started)
         self.render_ms = spent if not self.render_ms else self.render_ms + 0.05 * (spent - self.render_ms)
         for writer in self._writers:
-            writer.write(pixels)
+            try:
+                writer.write(pixels)
+            except OSError as error:
+                # a loop device that vanished must not stop the camera
+                _log.warning("picture not written", to=type(writer).__name__, error=error.strerror or str(error))
+                self._writers = tuple(other for other in self._writers if other is not writer)
+                writer.close()
         cfg = self._camera.cfg
         stamp = exposure.monotonic + cfg.stamp_error_ms / 1000.0
         height, width = pixels.shape

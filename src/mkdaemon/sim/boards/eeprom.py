@@ -50,7 +50,7 @@ class Eeprom:
             gate_parameter: ExternalControl in fresh sets; 0 as from the factory.
 
         Raises:
-            ConfigError: the file is not an EEPROM file or belongs to another settings revision.
+            ConfigError: the file is not an EEPROM file, belongs to another settings revision or cannot be written.
         """
         self._revision = revision
         self._path = path
@@ -62,6 +62,7 @@ class Eeprom:
         self.motor_configs = [factory] * MOTORS
         if path is not None and path.exists():
             self._read(path)
+        self.save()  # a place that cannot be written is said now, not in flight
 
     def _factory(self, number: int) -> bytes:
         return Parameters(factory_set(self._revision, number)).with_value("external_control", self._gate_parameter)
@@ -74,7 +75,11 @@ class Eeprom:
         self.sets[number] = bytes(fresh)
 
     def save(self) -> None:
-        """Write the file, if there is one; a crash leaves the old one whole."""
+        """Write the file, if there is one; a crash leaves the old one whole.
+
+        Raises:
+            ConfigError: it cannot be written.
+        """
         if self._path is None:
             return
         content = {
@@ -85,8 +90,12 @@ class Eeprom:
             "motor_configs": [raw.hex() for raw in self.motor_configs],
         }
         fresh = self._path.with_suffix(self._path.suffix + ".new")
-        fresh.write_text(json.dumps(content, indent=1) + "\n", encoding="ascii")
-        fresh.replace(self._path)
+        try:
+            fresh.write_text(json.dumps(content, indent=1) + "\n", encoding="ascii")
+            fresh.replace(self._path)
+        except OSError as error:
+            msg = f"sim.eeprom {self._path}: {error.strerror or error}; name a file in a folder that can be written"
+            raise ConfigError(msg) from None
 
     def _read(self, path: Path) -> None:
         try:
