@@ -116,6 +116,7 @@ def test_silence_is_noticed_without_a_reply_when_nothing_streams():
 def test_silence_is_no_news_where_nothing_was_asked():
     line = Line(streams={}, probes=False)
     line.health.frame_received("nc", "version", 22, line.now)
+    line.health.heard_us(line.now)
     line.run(5.0)
     assert line.health.verdict.condition is LinkCondition.UP
 

@@ -278,8 +278,12 @@ class HealthMonitor:
             return self._explain_silence(now)
         if self._heard == -math.inf:
             return self._verdict.condition, self._verdict.reason
-        if self._missed(now) >= PROBES_MISSED and (silent_for < SILENCE_S / 2 or self._talks_slowly(now)):
-            return self._explain_deafness(now)
+        if self._missed(now) >= PROBES_MISSED:
+            if silent_for < SILENCE_S / 2 or self._talks_slowly(now):
+                return self._explain_deafness(now)
+            return self._verdict.condition, self._verdict.reason  # deaf or mute: the silence will tell
+        if self._heard_us == -math.inf and not self._is_recording:
+            return self._verdict.condition, self._verdict.reason  # it talks, but nothing shows that it hears us
         return self._weigh_quality(now)
 
     def _talks_slowly(self, now: float) -> bool:
@@ -324,8 +328,13 @@ class HealthMonitor:
         return LinkCondition.GARBAGE, "bytes arrive, but no frame: wrong baud rate, or a damaged line"
 
     def _expects_something(self, now: float) -> bool:
-        """Whether a frame should have come: a probe is out, or streams were asked for."""
-        return self._missed(now) > 0 or self._asked_kinds() > 0
+        """Whether a frame should have come: link tests are out, or a stream that was asked for is overdue.
+
+        One link test may be late or lost once the board has spoken; a stream slower than the silence is not missed
+        before its time.
+        """
+        enough = 1 if self._heard == -math.inf else PROBES_MISSED
+        return self._missed(now) >= enough or any(kind.is_overdue(now) for kind in self._kinds.values())
 
     def _missed(self, now: float) -> int:
         """Probes unanswered for longer than usual, since the board last proved that it hears us."""
