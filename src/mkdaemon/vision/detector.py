@@ -55,7 +55,7 @@ _libraries = _Libraries()
 
 
 def _lib_detector(families: tuple[str, ...], decimate: float, *, refine: bool) -> LibDetector:
-    """The library with its tables for some families; they cost 20 ms and serve one thread, whose searches share them."""
+    """The library with its tables for some families: 20 ms to build, for one thread, whose searches share them."""
     from pyapriltags import Detector as LibDetector
 
     built = _libraries.built
