@@ -78,6 +78,7 @@ class FlightControl:
         self._unsent_told_at = float("-inf")
         self._release_waiters: list[asyncio.Future[ReleaseResult | None]] = []
         self._openings = 0
+        self._deaf_since: float | None = None
         self.ticks = 0
 
     @property
@@ -157,8 +158,8 @@ class FlightControl:
         while True:
             await self._wait()
             self.ticks += 1
-            self._watch_line()
             before, t = self._authority.phase, self._clock().t_monotonic
+            self._watch_line(t)
             action = self._authority.tick(t)
             self._note_phase(before)
             if isinstance(action, Fly):
@@ -167,12 +168,22 @@ class FlightControl:
                 await self._let_go(action)
             self._publish_status()
 
-    def _watch_line(self) -> None:
-        """Without a board nobody flies, and not after a reopening either: what the board held is gone."""
+    def _watch_line(self, t: float) -> None:
+        """Without a board nobody flies, and not after a reopening either: what the board held is gone.
+
+        Nor past a board that does not hear us: it lets go by itself, and must not obey again out of the blue.
+        """
         state = self._vitals.link
-        if state is None or self._authority.phase not in {Phase.LEASED, Phase.FLYING, Phase.STALE}:
+        if state is None:
             return
-        if state.condition in _NO_BOARD or state.openings != self._openings:
+        if state.condition is not LinkCondition.ONE_WAY:
+            self._deaf_since = None
+        elif self._deaf_since is None:
+            self._deaf_since = t
+        if self._authority.phase not in {Phase.LEASED, Phase.FLYING, Phase.STALE}:
+            return
+        is_deaf = self._deaf_since is not None and t - self._deaf_since >= self._cfg.lease.release_after
+        if is_deaf or state.condition in _NO_BOARD or state.openings != self._openings:
             self._authority.end(f"the link is {state.condition.value}: {state.reason}", asked=False)
 
     async def _wait(self) -> None:
@@ -244,8 +255,10 @@ class FlightControl:
         """Release the aircraft and tell everybody how it went."""
         result: ReleaseResult | None = None
         with suppress(TimeoutError):
-            async with asyncio.timeout(LONGEST_RELEASE):
+            async with asyncio.timeout(LONGEST_RELEASE), asyncio.TaskGroup() as tasks:
+                alive = tasks.create_task(self._stay_alive(), name="control.release")
                 result = await self._link.release(order.reason)
+                alive.cancel()
         before = self._authority.phase
         self._authority.released(self._clock().t_monotonic)
         self._note_phase(before)
@@ -257,6 +270,12 @@ class FlightControl:
         for waiter in waiters:
             if not waiter.done():
                 waiter.set_result(result)
+
+    async def _stay_alive(self) -> None:
+        """Count on while a release is under way: one nobody confirms takes 1.5 s, which is no stalled loop."""
+        while True:
+            await asyncio.sleep(IDLE_PERIOD)
+            self.ticks += 1
 
     # -- what the bus is told -------------------------------------------------------------------------------------
 

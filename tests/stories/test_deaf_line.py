@@ -1,0 +1,97 @@
+"""A line that dies in flight: what control does about it, and what the service manager hears meanwhile."""
+
+from __future__ import annotations
+
+import asyncio
+from contextlib import asynccontextmanager
+
+import pytest
+
+from mkdaemon.bench.boardport import LineFault
+from mkdaemon.bench.stories_rig import Boards, cockpit
+from mkdaemon.bench.virtualloop import run_virtually
+from mkdaemon.bus.codec import encode_map
+from mkdaemon.link.traffic import Purpose
+from mkdaemon.telemetry.control import Phase
+from mkdaemon.telemetry.link import LinkCondition
+
+LONGEST_SILENCE = 0.5
+"""A third of systemd's 2 s, less a quarter: the watchdog must see progress at every look [s]."""
+
+
+@asynccontextmanager
+async def flying(boards):
+    """A client that streams neutral sticks for as long as the context lasts, and flies."""
+    async with cockpit(boards, seed=1) as flown:
+        await flown.take("alice")
+        epoch = flown.epoch
+
+        async def stream():
+            sequence = 0
+            while True:
+                sequence += 1
+                sticks = {"pitch": 0.0, "roll": 0.0, "yaw": 0.0, "throttle": 0.0}
+                raw = encode_map({**sticks, "epoch": epoch, "sequence": sequence, "ttl": 0.3})
+                flown.flight.stick_arrived(asyncio.get_running_loop().time(), raw)
+                await asyncio.sleep(0.02)
+
+        client = asyncio.create_task(stream())
+        try:
+            assert await flown.until(lambda: flown.flight.phase is Phase.FLYING) is not None
+            yield flown
+        finally:
+            client.cancel()
+            await asyncio.gather(client, return_exceptions=True)
+
+
+def sticks_since(flown, since):
+    return [frame for frame in flown.sink.tx if frame.purpose is Purpose.SETPOINT and frame.t_monotonic > since]
+
+
+@pytest.mark.parametrize("fault", [LineFault.SILENCE, LineFault.ONE_WAY, LineFault.STUCK_WRITER])
+def test_a_release_nobody_confirms_is_no_stalled_loop(fault):
+    async def story():
+        async with flying(Boards("2.12a")) as flown:
+            flown.socket.port.inject(fault)
+            looks = []
+            for _ in range(100):
+                looks.append(flown.flight.ticks)
+                await asyncio.sleep(0.05)
+            assert flown.flight.phase is Phase.FREE
+            step = round(LONGEST_SILENCE / 0.05)
+            assert all(late > early for early, late in zip(looks, looks[step:], strict=False))
+
+    run_virtually(story())
+
+
+def test_a_board_that_stopped_hearing_is_flown_again_only_with_a_new_lease():
+    async def story():
+        async with flying(Boards("2.12a")) as flown:
+            loop = asyncio.get_running_loop()
+            began = loop.time()
+            flown.socket.port.inject(LineFault.ONE_WAY)
+            assert await flown.until(lambda: flown.flight.phase is Phase.RELEASING, 2.0) is not None
+            assert loop.time() - began < 1.6
+            flown.socket.port.inject(LineFault.NONE)
+            healed = loop.time()
+            await flown.until(lambda: flown.may_fly)
+            await asyncio.sleep(5.0)  # the client streams on all the while
+            assert not sticks_since(flown, healed)
+            assert not flown.aircraft.is_controlled
+
+    run_virtually(story())
+
+
+def test_a_moment_of_deafness_ends_no_flight():
+    async def story():
+        async with flying(Boards("2.12a")) as flown:
+            flown.socket.port.inject(LineFault.ONE_WAY)
+            await asyncio.sleep(0.8)
+            assert flown.sink.states[-1].condition is LinkCondition.ONE_WAY
+            flown.socket.port.inject(LineFault.NONE)
+            healed = asyncio.get_running_loop().time()
+            await asyncio.sleep(3.0)
+            assert flown.flight.phase is Phase.FLYING
+            assert len(sticks_since(flown, healed)) > 100
+
+    run_virtually(story())
