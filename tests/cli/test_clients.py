@@ -10,6 +10,8 @@ from contextlib import asynccontextmanager
 
 import pytest
 
+from mkdaemon.cli.app import app
+from mkdaemon.cli.program import run
 from mkdaemon.cli.rate import read_interval
 from mkdaemon.errors import ConfigError
 from tests.daemon.cockpit import PATIENCE, cockpit
@@ -112,7 +114,9 @@ async def test_mistakes_are_one_line():
         mkctl = Shell(flown.endpoint)
         for arguments, words in (
             (("get", "state/nothing"), "no value for state/nothing"),
-            (("get", "a//b"), "no key"),
+            (("get", "a//b"), "'a//b' is no key: empty chunks are forbidden"),
+            (("get", "--vehicle", "other"), "there is cockpit: use --vehicle"),
+            (("watch", ""), "'' is no key"),
             (("status", "--vehicle", "other"), "there is cockpit: use --vehicle"),
             (("status", "--connect", "tcp/127.0.0.1:1"), "nobody answers"),
             (("rate", "osd"), "which interval"),
@@ -124,6 +128,43 @@ async def test_mistakes_are_one_line():
             assert code in {1, 2}
             assert words in err
             assert len(err.strip().splitlines()) == 1
+
+
+async def test_what_is_not_there_is_said_beside_what_is():
+    async with cockpit(board="nc") as flown:
+        mkctl = Shell(flown.endpoint)
+        await flown.until(lambda: flown.values("state/battery"))
+        code, out, err = await mkctl("get", "state/battery", "state/nothing")
+        assert (code, err) == (0, "mkctl: no value for state/nothing of vehicle cockpit (yet)\n")
+        assert out.startswith("state/battery  voltage=")
+        code, out, _ = await mkctl("get", "mk/cockpit/state/battery")  # a whole key, as another program shows it
+        assert (code, out.startswith("state/battery")) == (0, True)
+        code, out, _ = await mkctl("get", "**", "--json")
+        keys = {json.loads(line)["key"] for line in out.splitlines()}
+        assert {"link/state", "rx/nc/osd", "state/battery"} <= keys
+        assert not any(key.startswith("schema/") for key in keys)
+        code, out, _ = await mkctl("get", "schema/Battery.v1", "--json")
+        assert json.loads(out)["properties"]["voltage"]["type"] == "number"
+        code, out, err = await mkctl("watch", "--vehicle", "other", "--seconds", "0.1")
+        assert (code, out) == (0, "")
+        assert err.endswith("there is cockpit: use --vehicle; waiting for it\n")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["get", "--vehicle", "*"], "--vehicle '*': a name has lower-case letters, digits, - and _"),
+        (["status", "--vehicle", "a/b"], "--vehicle 'a/b': a name has lower-case letters, digits, - and _"),
+        (["watch", "--count", "0"], "--count 0: give 1 or more"),
+        (["watch", "--seconds", "nan"], "--seconds nan: give a number above 0"),
+        (["status", "--connect", "here"], "--connect: 'here' is no Zenoh endpoint; write it like tcp/127.0.0.1:7447"),
+        (["status", "--zenoh-file", "no.json5"], "no.json5: no usable Zenoh configuration"),
+    ],
+)
+def test_what_cannot_be_meant_is_exit_code_2_before_anything_is_asked(arguments, words, capsys):
+    assert run(app, arguments) == 2
+    out, err = capsys.readouterr()
+    assert (out, err.startswith(f"mkctl: {words}"), len(err.splitlines())) == ("", True, 1), err
 
 
 @pytest.mark.parametrize(

@@ -8,13 +8,17 @@ import json
 import re
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Literal
+from typing import Final, Literal
 
 import zenoh
 
 from mkdaemon.errors import ConfigError, MkError
 
-_SOURCE_PLACE = re.compile(r" at /[^\s,\]]+")
+ENDPOINT_SAMPLE: Final = "tcp/127.0.0.1:7447"
+_ENDPOINT: Final = re.compile(r"(?P<protocol>[a-z][a-z-]*)/(?P<address>[^?#]+)")
+_WITH_PORT: Final = frozenset({"tcp", "udp", "tls", "quic", "ws"})
+_PORT: Final = re.compile(r"[^:]*:(?P<port>\d{1,5})|\[[0-9a-fA-F:.%a-z]+\]:(?P<port6>\d{1,5})")
+_SOURCE_PLACE: Final = re.compile(r" at /[^\s,\]]+")
 
 
 def session_config(
@@ -64,13 +68,37 @@ def session_config(
         settings["connect/endpoints"] = list(connect)
     if listen or not keep:
         settings["listen/endpoints"] = list(listen)
+    for endpoint in listen:
+        check_endpoint(endpoint, "bus.listen")
+    for endpoint in connect:
+        check_endpoint(endpoint, "--connect" if mode == "client" else "bus.connect")
     for key, value in settings.items():
         try:
             config.insert_json5(key, json.dumps(value))
         except zenoh.ZError as error:
-            msg = f"bus.{key.replace('/endpoints', '')}: {value} is not valid: {_plain_words(error)}"
+            msg = f"Zenoh refuses {key} = {value}: {_plain_words(error)}"
             raise ConfigError(msg) from error
     return config
+
+
+def check_endpoint(endpoint: str, place: str) -> None:
+    """Make sure that an endpoint has a form Zenoh can read, for its own words about a wrong one help nobody.
+
+    Args:
+        endpoint: `<protocol>/<address>`, where protocols of the Internet need a port.
+        place: what to call it: a configuration key or an option.
+
+    Raises:
+        ConfigError: it is none.
+    """
+    form = _ENDPOINT.match(endpoint)
+    if form is not None and form["protocol"] in _WITH_PORT:
+        port = _PORT.fullmatch(form["address"])
+        if port is None or int(port["port"] or port["port6"]) > 65535:
+            form = None
+    if form is None:
+        msg = f"{place}: {endpoint!r} is no Zenoh endpoint; write it like {ENDPOINT_SAMPLE}"
+        raise ConfigError(msg)
 
 
 async def open_session(config: zenoh.Config, *, listen: Sequence[str] = ()) -> zenoh.Session:
@@ -91,7 +119,8 @@ async def open_session(config: zenoh.Config, *, listen: Sequence[str] = ()) -> z
             )
             raise MkError(msg) from error
         if "Unable to connect" in text:
-            msg = f"nobody answers at {config.get_json('connect/endpoints')}: is mkdaemon running there?"
+            where = ", ".join(json.loads(config.get_json("connect/endpoints")))
+            msg = f"nobody answers at {where}: is mkdaemon running there? (`mkdaemon run` here, or --connect elsewhere)"
             raise MkError(msg) from error
         msg = f"Zenoh session: {text}"
         raise ConfigError(msg) from error

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import asyncio
 import json
+import re
 from collections.abc import AsyncIterator, Mapping
 from contextlib import asynccontextmanager, suppress
 from dataclasses import dataclass
@@ -20,7 +21,8 @@ from cyclopts import Parameter
 from mkdaemon.bus.codec import encode_map
 from mkdaemon.bus.keys import ROOT, key, suffix_of
 from mkdaemon.bus.session import close_session, open_session, session_config
-from mkdaemon.errors import CommandRejectedError, MkError
+from mkdaemon.config.vehicle import NAME_PATTERN
+from mkdaemon.errors import CommandRejectedError, ConfigError, MkError
 
 DEFAULT_ENDPOINT: Final = "tcp/127.0.0.1:7447"
 BACKLOG: Final = 4096
@@ -116,8 +118,11 @@ class Client:
 
         Raises:
             MkError: nobody listens at the endpoint.
-            ConfigError: the endpoint cannot be understood.
+            ConfigError: the endpoint or the vehicle's name cannot be understood.
         """
+        if re.fullmatch(NAME_PATTERN, connection.vehicle) is None:
+            msg = f"--vehicle {connection.vehicle!r}: a name has lower-case letters, digits, - and _"
+            raise ConfigError(msg)
         session = await open_session(
             session_config("client", connect=[connection.connect], zenoh_file=connection.zenoh_file)
         )
@@ -157,7 +162,9 @@ class Client:
         suffix = f"{target}/{name}" if target in {"do", "sim"} else f"cmd/{target}/{name}"
         replies = await self._query(suffix, encode_map(dict(fields or {})), patience)
         if not replies:
-            raise MkError(await self._nobody_home())
+            raise MkError(
+                await self.absence() or f"the daemon gives no answer to {suffix}: is it older than this mkctl?"
+            )
         result = replies[0].fields
         return Answer(
             status=result.get("status", "denied"),
@@ -174,6 +181,9 @@ class Client:
         """Subscribe for as long as the context lives; iterate over what comes.
 
         The oldest samples are dropped when the reader is `BACKLOG` behind.
+
+        Raises:
+            MkError: a pattern is no key expression.
         """
         queue: asyncio.Queue[zenoh.Sample] = asyncio.Queue(BACKLOG)
         loop = self._loop
@@ -188,7 +198,7 @@ class Client:
                 loop.call_soon_threadsafe(put, sample)
 
         handler = zenoh.handlers.Callback(on_sample, indirect=False)
-        subscribers = [self._session.declare_subscriber(self._key(pattern), handler) for pattern in patterns]
+        subscribers = [self._session.declare_subscriber(self._expression(pattern), handler) for pattern in patterns]
 
         async def samples() -> AsyncIterator[Sample]:
             while True:
@@ -223,6 +233,20 @@ class Client:
     def _key(self, suffix: str) -> str:
         return key(self.vehicle, suffix)
 
+    def _expression(self, pattern: str) -> zenoh.KeyExpr:
+        """A pattern as a user writes it; whole keys, copied from somewhere, are understood too.
+
+        Raises:
+            MkError: it is no key expression.
+        """
+        suffix = pattern.removeprefix(self._key(""))
+        try:
+            return zenoh.KeyExpr(self._key(suffix))
+        except zenoh.ZError as error:
+            why = str(error).partition(" at /")[0].rpartition("`: ")[2]
+            msg = f"{pattern!r} is no key: {why}"
+            raise MkError(msg) from error
+
     async def _query(self, suffix: str, payload: bytes, patience: float) -> list[Sample]:
         done: asyncio.Future[None] = self._loop.create_future()
         replies: list[zenoh.Sample] = []
@@ -241,11 +265,7 @@ class Client:
                 loop.call_soon_threadsafe(finish)
 
         handler = zenoh.handlers.Callback(on_reply, on_end, indirect=False)
-        try:
-            self._session.get(self._key(suffix), handler, payload=payload or None, timeout=patience)
-        except zenoh.ZError as error:
-            msg = f"{suffix} is no key: {str(error).partition(' at /')[0]}"
-            raise MkError(msg) from error
+        self._session.get(self._expression(suffix), handler, payload=payload or None, timeout=patience)
         await done
         return [self._sample(reply) for reply in replies]
 
@@ -253,8 +273,11 @@ class Client:
         encoding, raw = str(sample.encoding), sample.payload.to_bytes()
         return Sample(suffix_of(self.vehicle, str(sample.key_expr)), _read(encoding, raw), encoding)
 
-    async def _nobody_home(self) -> str:
+    async def absence(self) -> str | None:
+        """Say that there is no daemon for this vehicle, and what there is; None while there is one."""
         others = await self.vehicles()
+        if self.vehicle in others:
+            return None
         if others:
             return (
                 f"no daemon for vehicle {self.vehicle} at {self._endpoint}; there is {', '.join(others)}: use --vehicle"

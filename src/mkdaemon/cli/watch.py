@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import asyncio
+import sys
 from contextlib import suppress
 from typing import Annotated
 
 from cyclopts import Parameter
 
+from mkdaemon.cli.arguments import require_count, require_length
 from mkdaemon.cli.printing import flat, json_line
 from mkdaemon.cli.session import HERE, Client, Connection
 
@@ -20,6 +22,10 @@ async def watch(
 ) -> None:
     """Print values as they come, until Ctrl-C.
 
+    Raises:
+        MkError: a pattern is no key expression.
+        ConfigError: `seconds` or `count` is not above 0.
+
     Parameters
     ----------
     patterns
@@ -30,8 +36,12 @@ async def watch(
     count
         End after so many values.
     """
+    require_length(seconds, "--seconds")
+    require_count(count, "--count")
     left = count
     async with Client.open(connection) as client, client.watch(*(patterns or ("state/**",))) as samples:
+        if (absence := await client.absence()) is not None:
+            print(f"mkctl: {absence}; waiting for it", file=sys.stderr)
         with suppress(TimeoutError):
             async with asyncio.timeout(seconds):
                 async for sample in samples:
