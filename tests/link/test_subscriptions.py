@@ -108,7 +108,9 @@ def test_after_a_reboot_everything_is_asked_for_again():
     assert subscriptions.due(3.0) == [OsdRequestV1(interval=10)]
 
 
-@pytest.mark.parametrize(("wish", "ticks"), [(0.001, 2), (0.02, 2), (0.1049, 10), (9.0, 255)])
+@pytest.mark.parametrize(
+    ("wish", "ticks"), [(0.001, 2), (0.02, 2), (0.025, 3), (0.1, 10), (0.1049, 11), (0.29, 29), (9.0, 255)]
+)
 def test_intervals_are_what_the_board_can_count(wish, ticks):
     subscriptions = Subscriptions(Board.NC)
     subscriptions.want("osd", wish)

@@ -6,6 +6,7 @@ gets through; above it, the kinds a NaviCtrl sends last starve.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Final
@@ -98,8 +99,8 @@ def check(demand: Demand, rules: LineRules, *, limit: float) -> LinePlan:
         if others >= 0.005:
             terms.append(f"echoes and confirmations ({others * 100:.0f} %)")
         verb = "need" if len(terms) > 1 else "needs"
-        # Every stream slowed by the same factor would fit; the advice is that factor.
-        factor = streams / max(limit - others, 0.01)
+        # Every stream slowed by the same factor would fit; the advice is that factor, never rounded down.
+        factor = math.ceil(10 * streams / max(limit - others, 0.01)) / 10
         raise CommandRejectedError(
             "line_budget",
             f"{' + '.join(terms)} {verb} {wanted.rx * 100:.0f} % of the line; {limit * 100:.0f} % is the limit.",

@@ -19,6 +19,7 @@ from mkdaemon.link.exchange import Exchange
 from mkdaemon.link.labels import LabelCache, read_labels
 from mkdaemon.link.port import Port, open_port
 from mkdaemon.link.reopening import AliasMemory, backoff
+from mkdaemon.link.streams import check_rates
 from mkdaemon.link.traffic import LinkSink, Purpose, ReleaseResult
 from mkdaemon.protocol.dialect import Dialect
 from mkdaemon.protocol.wire import Board, WireMessage
@@ -50,8 +51,9 @@ class Link:
         """Prepare; `run` does the work.
 
         Raises:
-            ConfigError: the configured port cannot exist, or the line cannot carry the configured rates.
+            ConfigError: the configured port or a configured stream cannot exist, or the line cannot carry the rates.
         """
+        check_rates(cfg)
         self._cfg = cfg
         self._opener = opener
         self._clock = clock

@@ -2,17 +2,39 @@
 
 from __future__ import annotations
 
+import difflib
 from collections.abc import Callable
 
 from mkdaemon.config.link import LinkConfig
-from mkdaemon.errors import CommandRejectedError
+from mkdaemon.errors import CommandRejectedError, ConfigError
 from mkdaemon.link import budget
 from mkdaemon.link.line import LineRules
-from mkdaemon.link.subscriptions import KINDS, Subscriptions, kind_of
+from mkdaemon.link.prober import AUTO_S
+from mkdaemon.link.subscriptions import KINDS, Subscriptions, kind_of, settle
 from mkdaemon.protocol.wire import Board, WireMessage
 
 DemandOf = Callable[[dict[str, float]], budget.Demand]
 """What the line must carry with these streams [s]."""
+
+
+def check_rates(cfg: LinkConfig) -> None:
+    """Refuse configured rates that no board streams, or that the line cannot carry whichever board it ends at.
+
+    Raises:
+        ConfigError: with the nearest key, or with the arithmetic.
+    """
+    rates = {} if isinstance(cfg.rates, str) else cfg.rates
+    for key in rates.keys() - KINDS.keys():
+        near = difflib.get_close_matches(key, KINDS, n=1, cutoff=0.4) or list(KINDS)
+        raise ConfigError(f"link.rates: there is no stream {key!r}; did you mean {' or '.join(near)}?")
+    echo_hz = 1 / AUTO_S if cfg.echo_hz == "auto" else cfg.echo_hz
+    for board in (Board.NC, Board.FC):
+        streams = {key: settle(ms / 1000) for key, ms in rates.items() if board in KINDS[key].boards}
+        rules = LineRules(baud=cfg.baud, direct=board, gap=cfg.gap_ms / 1000)
+        try:
+            budget.check(budget.Demand(streams, echo_hz), rules, limit=cfg.max_line_share)
+        except CommandRejectedError as error:
+            raise ConfigError(f"link.rates: {error.reason} {error.fix}") from error
 
 
 class Streams:
@@ -61,7 +83,9 @@ class Streams:
             del streams[key]
         else:
             kind_of(key, rules.direct)
+            # What was wished is weighed where it is faster than what boards are asked for: it is refused, not bent.
             budget.check(demand_of(streams), rules, limit=self._cfg.max_line_share)
+            streams[key] = settle(interval)
         self._subscriptions.want(key, interval)
         self._wishes = streams
 

@@ -68,6 +68,11 @@ KINDS: Final = {
 """Every stream by key, cheapest frame first; the renewal is chosen in this order."""
 
 
+def settle(interval: float) -> float:
+    """The interval a board is really asked for [s]: whole steps of 10 ms, never shorter than wished, 20 ms at least."""
+    return math.ceil(min(max(interval, FASTEST_S), SLOWEST_S) / TICK_S - 1e-6) * TICK_S
+
+
 def kind_of(key: str, board: Board) -> StreamKind:
     """Return a kind a board can stream.
 
@@ -105,7 +110,7 @@ class Subscriptions:
         return {key: stream.interval for key, stream in self._wanted.items()}
 
     def want(self, key: str, interval: float) -> None:
-        """Want a stream at an interval [s], rounded to the board's 10 ms; 0 or less ends it.
+        """Want a stream at an interval [s], see `settle`; 0 or less ends it.
 
         Raises:
             CommandRejectedError: see `kind_of`.
@@ -115,7 +120,7 @@ class Subscriptions:
             if self._wanted.pop(key, None) is not None:
                 self._to_stop.append(key)
             return
-        interval = round(min(max(interval, FASTEST_S), SLOWEST_S) / TICK_S) * TICK_S
+        interval = settle(interval)
         stream = self._wanted.get(key)
         if stream is None or stream.interval != interval:
             self._wanted[key] = _Stream(interval)

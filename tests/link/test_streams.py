@@ -1,0 +1,70 @@
+"""Streams somebody wants: what is refused, and what the board is really asked for."""
+
+from __future__ import annotations
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from mkdaemon.config.link import LinkConfig
+from mkdaemon.errors import CommandRejectedError, ConfigError
+from mkdaemon.link import budget
+from mkdaemon.link.line import LineRules
+from mkdaemon.link.streams import Streams, check_rates
+from mkdaemon.link.subscriptions import FASTEST_S, KINDS, SLOWEST_S, TICK_S, settle
+from mkdaemon.protocol.wire import Board
+
+INTERVALS = st.floats(0.001, 3.0)
+
+
+def configured(**rates):
+    return LinkConfig(port="/dev/x", rates=rates)
+
+
+def demand_of(streams):
+    return budget.Demand(streams, echo_hz=5.0)
+
+
+@given(wish=INTERVALS)
+def test_no_stream_is_asked_for_faster_than_wished(wish):
+    real = settle(wish)
+    assert FASTEST_S <= real <= SLOWEST_S + 1e-9
+    assert real == pytest.approx(round(real / TICK_S) * TICK_S)
+    assert real >= min(wish, SLOWEST_S) - 1e-7
+    assert real < max(wish, FASTEST_S) + TICK_S
+
+
+@given(board=st.sampled_from([Board.NC, Board.FC]), wishes=st.dictionaries(st.sampled_from(list(KINDS)), INTERVALS))
+def test_whatever_is_wished_the_line_never_carries_more_than_its_share(board, wishes):
+    rules = LineRules(direct=board)
+    streams = Streams(LinkConfig(port="/dev/x", rates="off"))
+    streams.meet(board)
+    for key, interval in wishes.items():
+        before = streams.wanted
+        try:
+            streams.want(key, interval, rules, demand_of)
+        except CommandRejectedError:
+            assert streams.wanted == before
+    assert budget.plan(demand_of(streams.wanted), rules).rx <= 0.85
+
+
+def test_25_ms_of_osd_is_asked_for_as_30_ms():
+    """Rounded down it was 20 ms: 103 % of the line."""
+    streams = Streams(LinkConfig(port="/dev/x", rates="off"))
+    streams.meet(Board.NC)
+    streams.want("osd", 0.025, LineRules(direct=Board.NC), demand_of)
+    assert streams.wanted == {"osd": pytest.approx(0.03)}
+
+
+def test_configured_rates_the_line_cannot_carry_are_refused_with_the_arithmetic():
+    with pytest.raises(ConfigError, match=r"link.rates: O at 20 ms \+ D at 20 ms .* need 185 % of the line"):
+        check_rates(configured(osd=20, debug=20))
+    with pytest.raises(ConfigError, match="D at 20 ms"):  # 82 % from a NaviCtrl, 86 % from the slower FlightCtrl
+        check_rates(configured(debug=20))
+    for rates in ({"osd": 50, "debug": 50, "attitude": 50}, {"osd": 100, "attitude": 50, "debug": 200}, {}):
+        check_rates(configured(**rates))
+
+
+def test_a_configured_stream_that_does_not_exist_names_the_nearest():
+    with pytest.raises(ConfigError, match="there is no stream 'ods'; did you mean osd"):
+        check_rates(configured(ods=100))
