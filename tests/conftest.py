@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import os
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 from hypothesis import HealthCheck, settings
+
+from tests.bus.support import give_back_endpoints
 
 # A loaded machine is slow, not wrong: how long an example takes, or takes to draw, says nothing about the code.
 settings.register_profile("house", deadline=None, suppress_health_check=[HealthCheck.too_slow])
@@ -13,6 +17,26 @@ settings.load_profile("house")
 
 ROOT = Path(__file__).resolve().parents[1]
 SHARED = ROOT.parent / "shared"
+
+
+@pytest.fixture(scope="session", autouse=True)
+def surroundings(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    """The same on every machine: a home of our own, no settings of the user's, no colours."""
+    home = str(tmp_path_factory.mktemp("home"))
+    with pytest.MonkeyPatch.context() as patch:
+        for name in os.environ:
+            if name.startswith(("MK_", "XDG_", "ZENOH_")) or name in {"FORCE_COLOR", "NOTIFY_SOCKET", "WATCHDOG_USEC"}:
+                patch.delenv(name)
+        for name, value in {"HOME": home, "NO_COLOR": "1", "TERM": "dumb", "COLUMNS": "120"}.items():
+            patch.setenv(name, value)
+        yield
+
+
+@pytest.fixture(scope="module", autouse=True)
+def endpoints() -> Iterator[None]:
+    """Endpoints are reserved until the end of a file's tests."""
+    yield
+    give_back_endpoints()
 
 
 @pytest.fixture(scope="session")

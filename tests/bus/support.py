@@ -2,34 +2,48 @@
 
 from __future__ import annotations
 
-import socket
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 
 import msgpack
 import zenoh
 
+from mkdaemon.bus.endpoint import reserved_endpoint
 from mkdaemon.bus.session import session_config
+from mkdaemon.config.bus import BusConfig
+
+PATIENCE = 60.0
+"""Longest wait for anything [s]; a loaded machine is slow, not wrong."""
+
+_RESERVED = ExitStack()
 
 
 def free_endpoint() -> str:
-    """A TCP endpoint on loopback nobody listens on at the moment."""
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return f"tcp/127.0.0.1:{probe.getsockname()[1]}"
+    """A TCP endpoint on loopback that nobody else is given until `give_back_endpoints`."""
+    return _RESERVED.enter_context(reserved_endpoint())
+
+
+def give_back_endpoints() -> None:
+    """Let others have the endpoints reserved so far."""
+    _RESERVED.close()
+
+
+def bus_config(endpoint: str, **more: object) -> BusConfig:
+    """A bus whose clients may stand still for as long as the configuration allows."""
+    return BusConfig.model_validate({"listen": (endpoint,), "lease": 30.0, **more})
 
 
 @contextmanager
 def client(endpoint: str) -> Iterator[zenoh.Session]:
     """A client session as any program would open it."""
-    session = zenoh.open(session_config("client", connect=[endpoint]))
+    session = zenoh.open(session_config("client", connect=[endpoint], patience=PATIENCE, lease=PATIENCE))
     try:
         yield session
     finally:
         session.close()
 
 
-def ask(session: zenoh.Session, key: str, payload: dict | bytes | None = None, timeout: float = 5.0) -> list:
+def ask(session: zenoh.Session, key: str, payload: dict | bytes | None = None, timeout: float = PATIENCE) -> list:
     """Every reply to a query as (key, map or bytes, encoding)."""
     body = msgpack.packb(payload) if isinstance(payload, dict) else payload
     replies = []

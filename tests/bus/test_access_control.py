@@ -12,10 +12,9 @@ import zenoh
 
 from mkdaemon.bus.gateway import Bus
 from mkdaemon.bus.session import session_config
-from mkdaemon.config.bus import BusConfig
 from mkdaemon.telemetry.command import CommandResult, Status
 from mkdaemon.telemetry.event import LogEvent
-from tests.bus.support import ask, free_endpoint
+from tests.bus.support import PATIENCE, ask, bus_config, free_endpoint
 
 SAMPLES = Path(__file__).resolve().parents[2] / "configs" / "zenoh"
 IN_SAMPLES = "configs/zenoh/certificates/"
@@ -24,11 +23,9 @@ HELLO = LogEvent(t_monotonic=1.0, t_wall=2.0, level="info", text="hello")
 
 async def until(claim):
     """Wait until a claim holds; a claim that never does fails."""
-    for _ in range(1000):
-        if claim():
-            return
-        await asyncio.sleep(0.01)
-    pytest.fail("waited for 10 s in vain")
+    async with asyncio.timeout(PATIENCE):
+        while not claim():  # noqa: ASYNC110 - what is looked at is filled by another thread
+            await asyncio.sleep(0.01)
 
 
 @pytest.fixture(scope="module")
@@ -62,7 +59,7 @@ async def guarded(certificates, tmp_path):
         commanded.append(suffix)
         return CommandResult(status=Status.ACCEPTED)
 
-    cfg = BusConfig(listen=(endpoint,), zenoh_file=sample("daemon-tls.json5", certificates, tmp_path))
+    cfg = bus_config(endpoint, zenoh_file=sample("daemon-tls.json5", certificates, tmp_path))
     async with Bus.open(cfg, "t1") as bus:
         bus.serve("do", handler)
         bus.receive("setpoint/stick", lambda stamp, raw: commanded.append(raw))
@@ -76,7 +73,8 @@ def connect(certificates, tmp_path):
 
     def open_as(who, endpoint, authority="ours"):
         path = sample("client-tls.json5", certificates, tmp_path, who=who, authority=authority)
-        config = session_config("client", connect=[endpoint], zenoh_file=path, patience=2.0)
+        patience = PATIENCE if authority == "ours" else 2.0  # a stranger is turned away until it gives up
+        config = session_config("client", connect=[endpoint], zenoh_file=path, patience=patience, lease=PATIENCE)
         session = zenoh.open(config)
         sessions.append(session)
         return session

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import io
 import json
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, redirect_stderr, redirect_stdout, suppress
 from pathlib import Path
 
 import pytest
@@ -15,35 +16,59 @@ from mkdaemon.cli.mission_files import write_mission
 from mkdaemon.cli.program import EXIT_CONFIG, EXIT_FAILURE, EXIT_OK, run
 from mkdaemon.protocol.mission import Mission, MissionPoint
 from tests.bus.support import free_endpoint
+from tests.cli.starvation import PATIENCE, is_starved
 from tests.daemon.processes import mkdaemon
 
 pytestmark = pytest.mark.flight
 
-PATIENCE = 60.0
-"""Longest wait for an aircraft [s]; a loaded machine is slow, not wrong."""
-
-STARVED = ("motors_unknown", "motors_not_known_off", "link_down", "board_unproven", "timeout", "no answer", "did not ")
-"""Refusals that may only say that a loaded machine let the simulator or the daemon wait: then it is asked again."""
-
 Ctl = Callable[..., tuple[int, str, str]]
 
 
+class TookOffError(Exception):
+    """The pilot started the motors before the daemon knew its aircraft; behind a NaviCtrl it cannot look then."""
+
+
 @contextmanager
-def aircraft(board: str, pilot: str = "nothing") -> Iterator[list[str]]:
-    """A simulator and a daemon on it; yields the options that reach them."""
+def aircraft(board: str, pilot: str = "nothing", wait: float = 0.0) -> Iterator[list[str]]:
+    """A simulator and a daemon on it, its boards known; yields the options that reach them.
+
+    Raises:
+        TookOffError: a loaded machine let the pilot be faster than the daemon.
+    """
     endpoint, line, vehicle = free_endpoint(), free_endpoint().removeprefix("tcp/"), f"live{board}{pilot}"
     at = ["--vehicle", vehicle, "--connect", endpoint]
+    ends = ("--listen", line, "--connect", endpoint)
     with (
-        mkdaemon("sim", "--board", board, "--pilot", pilot, "--listen", line),
+        mkdaemon("sim", "--board", board, "--pilot", pilot, "--pilot-wait", f"{wait}", *ends) as simulator,
         mkdaemon(
             "run", "--port", f"tcp:{line}", "--wait", "--listen", endpoint, "--vehicle", vehicle, "--log", "error"
         ) as daemon,
     ):
         deadline = time.monotonic() + PATIENCE
-        while run(app, ["send", "version-request", "--board", board, *at]) != EXIT_OK:
-            assert time.monotonic() < deadline, "the daemon never answered"
-            assert daemon.poll() is None, "the daemon ended"
+        while (health := health_of(at)).get("read_only", "unknown") is not None:
+            if health.get("motors_running"):
+                raise TookOffError
+            assert time.monotonic() < deadline, "the daemon never came to know its aircraft"
+            for process in (simulator, daemon):
+                assert process.poll() is None, process.communicate()[1]
         yield at
+
+
+def health_of(at: list[str]) -> dict[str, object]:
+    """What the daemon says about its aircraft; nothing while it is not there."""
+    with redirect_stdout(io.StringIO()) as said, redirect_stderr(io.StringIO()):
+        code = run(app, ["get", "health", *at, "--json"])
+    return json.loads(said.getvalue()) if code == EXIT_OK else {}
+
+
+@contextmanager
+def hovering() -> Iterator[list[str]]:
+    """An aircraft whose pilot takes off once the daemon knows its boards."""
+    for wait in (2.0, 30.0, 120.0):
+        with suppress(TookOffError), aircraft("nc", "hover", wait) as at:
+            yield at
+            return
+    pytest.fail("the daemon did not come to know its aircraft in two minutes")
 
 
 @pytest.fixture(scope="module")
@@ -60,13 +85,13 @@ def flightctrl() -> Iterator[list[str]]:
 
 @pytest.fixture
 def ctl(capsys: pytest.CaptureFixture[str]) -> Ctl:
-    def call(at: list[str], *words: str) -> tuple[int, str, str]:
+    def call(at: list[str], *words: str, wanted: str = "") -> tuple[int, str, str]:
         deadline = time.monotonic() + PATIENCE
         while True:
             capsys.readouterr()
             code = run(app, [*words, *at])
             out, err = capsys.readouterr()
-            if code == EXIT_OK or time.monotonic() > deadline or not any(sign in err for sign in STARVED):
+            if code == EXIT_OK or time.monotonic() > deadline or not is_starved(err, wanted=wanted):
                 return code, out, err
 
     return call
@@ -85,7 +110,8 @@ def test_a_mission_goes_up_is_verified_comes_down_and_is_cleared(navictrl: list[
     code, out, err = ctl(navictrl, "waypoints", "upload", str(file), "--json")
     assert (code, err) == (EXIT_OK, "")
     up = json.loads(out)
-    assert (up["count"], up["rounds"]) == (31, 1)
+    assert up["count"] == 31
+    assert up["rounds"] >= 1  # more where a loaded machine lets an answer come late
     assert ctl(navictrl, "waypoints", "verify", str(file))[::2] == (EXIT_OK, "")
     code, out, _ = ctl(navictrl, "waypoints", "download", str(back), "--json")
     assert (code, json.loads(out)["digest"]) == (EXIT_OK, up["digest"])
@@ -217,10 +243,10 @@ def test_motors_turn_and_stop(flightctrl: list[str], ctl: Ctl) -> None:
     )
 
 
-def test_in_flight_an_upload_needs_its_flag(ctl: Ctl, capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+def test_in_flight_an_upload_needs_its_flag(ctl: Ctl, tmp_path: Path) -> None:
     file = tmp_path / "mission.csv"
     write_mission(mission(3), file)
-    with aircraft("nc", "hover") as at:
+    with hovering() as at:
         deadline = time.monotonic() + PATIENCE
         while json.loads(ctl(at, "get", "state/flight", "--json")[1] or "{}").get("motors_running") is not True:
             assert time.monotonic() < deadline, "the motors never started"
@@ -229,5 +255,7 @@ def test_in_flight_an_upload_needs_its_flag(ctl: Ctl, capsys: pytest.CaptureFixt
         assert "motors_running: motors are running, and an upload takes effect at once" in err
         assert "--in-flight" in err
         assert ctl(at, "waypoints", "upload", str(file), "--in-flight")[::2] == (EXIT_OK, "")
-        assert run(app, ["settings", "list", *at]) == EXIT_FAILURE
-        assert "motors_" in capsys.readouterr().err
+        refusal = "motors_not_known_off"
+        code, _, err = ctl(at, "settings", "list", wanted=refusal)
+        assert code == EXIT_FAILURE
+        assert refusal in err

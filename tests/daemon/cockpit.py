@@ -12,8 +12,8 @@ import msgpack
 import zenoh
 
 from mkdaemon.cli.session import Client, Connection, Sample
-from mkdaemon.config.bus import BusConfig
 from mkdaemon.config.commands import CommandsConfig
+from mkdaemon.config.control import ControlConfig, LeaseConfig
 from mkdaemon.config.link import LinkConfig
 from mkdaemon.config.root import Config
 from mkdaemon.config.sim import PilotPlan, SimConfig
@@ -22,9 +22,9 @@ from mkdaemon.daemon import run
 from mkdaemon.errors import MkError
 from mkdaemon.sim.runtime import Runtime
 from mkdaemon.sim.simulation import Simulation
-from tests.bus.support import free_endpoint
+from tests.bus.support import bus_config, free_endpoint
 
-PATIENCE = 20.0
+PATIENCE = 60.0
 """Longest wait for anything [s]; a loaded machine is slow, not wrong."""
 
 
@@ -118,7 +118,8 @@ async def cockpit(*, commands: CommandsConfig | None = None, **sim: Any) -> Asyn
         cfg = Config(
             vehicle=VehicleConfig(name="cockpit"),
             link=LinkConfig(port=f"pty:{runtime.port}"),
-            bus=BusConfig(listen=(endpoint,)),
+            bus=bus_config(endpoint),
+            control=ControlConfig(lease=LeaseConfig(ttl=60.0)),
             commands=commands or CommandsConfig(),
         )
         stop = asyncio.Event()

@@ -11,13 +11,12 @@ import pytest
 
 from mkdaemon.bus.gateway import Bus
 from mkdaemon.cli.session import Client, Connection
-from mkdaemon.config.bus import BusConfig
 from mkdaemon.config.camera import CameraSection
 from mkdaemon.config.root import Config
 from mkdaemon.daemon.eyes import Eyes, open_eyes
 from mkdaemon.errors import ConfigError
 from mkdaemon.telemetry.state import Attitude
-from tests.bus.support import free_endpoint
+from tests.bus.support import PATIENCE, bus_config, free_endpoint
 
 TARGET = Path(__file__).resolve().parents[2] / "configs" / "targets" / "nested.toml"
 LEVEL = Attitude(
@@ -30,12 +29,12 @@ async def test_a_camera_reports_on_the_bus(tmp_path):
         cv2.imwrite(str(tmp_path / f"{number}.png"), np.full((120, 160), 128, np.uint8))
     endpoint = free_endpoint()
     camera = CameraSection(name="down", source=f"folder:{tmp_path}", loop=True, fps=20.0, targets=(TARGET,))
-    cfg = Config(bus=BusConfig(listen=(endpoint,)), cameras=(camera,))
+    cfg = Config(bus=bus_config(endpoint), cameras=(camera,))
     async with Bus.open(cfg.bus, "eyes") as bus, Client.open(Connection("eyes", endpoint)) as client:
         eyes = open_eyes(cfg, bus)
         async with client.watch("vision/**") as samples, eyes.open():
             eyes.attitude_said(LEVEL)
-            async with asyncio.timeout(20):
+            async with asyncio.timeout(PATIENCE):
                 async for sample in samples:
                     if sample.suffix == "vision/down/stats" and sample.fields["width"] > 0:
                         break
@@ -50,7 +49,7 @@ async def test_a_daemon_without_cameras_has_no_eyes():
 
 
 async def test_a_camera_that_cannot_work_is_a_configuration_error():
-    cfg = Config(bus=BusConfig(listen=(free_endpoint(),)), cameras=(CameraSection(source="/dev/video0"),))
+    cfg = Config(bus=bus_config(free_endpoint()), cameras=(CameraSection(source="/dev/video0"),))
     async with Bus.open(cfg.bus, "eyes2") as bus:
         with pytest.raises(ConfigError, match="no targets"):
             open_eyes(cfg, bus)

@@ -6,6 +6,7 @@ import pytest
 
 from mkdaemon.errors import CommandRejectedError
 from tests.daemon.cockpit import Cockpit, Stream, cockpit
+from tests.daemon.standstill import flown_again
 
 pytestmark = pytest.mark.flight
 
@@ -32,6 +33,7 @@ async def engage(flown, client, holder):
     return stream
 
 
+@flown_again
 async def test_sticks_reach_the_board_and_leave_with_the_lease():
     async with cockpit() as flown, flown.client() as client, client.token("alice"):
         stream = await engage(flown, client, "alice")
@@ -50,6 +52,7 @@ async def test_sticks_reach_the_board_and_leave_with_the_lease():
 
 
 @pytest.mark.parametrize("way", ["killed", "frozen", "told"])
+@flown_again
 async def test_a_lost_client_never_leaves_a_tilt_behind(way):
     async with cockpit() as flown, flown.client() as other:
         async with flown.client() as client, client.token("alice"):
@@ -81,6 +84,7 @@ async def test_a_lost_client_never_leaves_a_tilt_behind(way):
         assert flown.values("control/status")[-1]["lease"] is None
 
 
+@flown_again
 async def test_two_clients_race_and_no_frame_of_the_old_epoch_follows_the_new_lease():
     async with cockpit() as flown, flown.client() as one, flown.client() as two:
         first = await engage(flown, one, "alice")
@@ -106,6 +110,7 @@ async def test_two_clients_race_and_no_frame_of_the_old_epoch_follows_the_new_le
         assert flown.values("control/status")[-1]["refused"] > 0
 
 
+@flown_again
 async def test_leaving_while_flying_ends_with_a_release():
     async with cockpit() as flown, flown.client() as client:
         stream = await engage(flown, client, "alice")
@@ -118,6 +123,7 @@ async def test_leaving_while_flying_ends_with_a_release():
         assert not flown.runtime.simulation.flight.core.controlled
 
 
+@flown_again
 async def test_malformed_setpoints_are_counted_and_named():
     async with cockpit() as flown, flown.client() as client:
         publisher = client.stream("setpoint/stick")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-import time
+import threading
 from collections import Counter
 from pathlib import Path
 
@@ -12,7 +12,7 @@ import pytest
 import zenoh
 
 from tests.bus.support import free_endpoint
-from tests.daemon.processes import PATIENCE, mkdaemon
+from tests.daemon.processes import PATIENCE, run_mkdaemon
 
 ROOT = Path(__file__).resolve().parents[2]
 WHOLE = ROOT.parent / "shared" / "captures" / "nc_mixed_60s.jsonl"
@@ -20,28 +20,27 @@ EXCERPT = ROOT / "tests" / "data" / "captures" / "nc_mixed_60s.jsonl"
 
 
 class Subscriber:
-    """Knows nothing of ours: a client session and msgpack."""
+    """Knows nothing of ours: a session and msgpack. It listens before the daemon starts, so as to miss nothing."""
 
     def __init__(self, endpoint: str) -> None:
         config = zenoh.Config()
-        config.insert_json5("mode", '"client"')
-        config.insert_json5("connect/endpoints", json.dumps([endpoint]))
+        config.insert_json5("mode", '"router"')
+        config.insert_json5("listen/endpoints", json.dumps([endpoint]))
         config.insert_json5("scouting/multicast/enabled", "false")
-        self.session = self._connect(config)
+        config.insert_json5("transport/link/tx/lease", "60000")
+        self.session = zenoh.open(config)
+        self.gone = threading.Event()
         self.counts: Counter[str] = Counter()
         self.values: dict[str, list[dict]] = {}
         self.encodings: dict[str, str] = {}
         self.session.declare_subscriber("mk/mk1/**", zenoh.handlers.Callback(self._take, indirect=False))
+        alive = zenoh.handlers.Callback(self._see, indirect=False)
+        self.session.liveliness().declare_subscriber("mk/mk1/alive", alive)
 
-    @staticmethod
-    def _connect(config: zenoh.Config) -> zenoh.Session:
-        deadline = time.monotonic() + PATIENCE
-        while True:
-            try:
-                return zenoh.open(config)
-            except zenoh.ZError:
-                assert time.monotonic() < deadline, "the daemon never listened"
-                time.sleep(0.05)
+    def _see(self, token: zenoh.Sample) -> None:
+        """The token goes behind everything the daemon has said: in this order it comes out of one line."""
+        if token.kind == zenoh.SampleKind.DELETE:
+            self.gone.set()
 
     def _take(self, sample: zenoh.Sample) -> None:
         key = str(sample.key_expr).removeprefix("mk/mk1/")
@@ -50,23 +49,36 @@ class Subscriber:
         self.values.setdefault(key, []).append(msgpack.unpackb(sample.payload.to_bytes()))
 
 
-def replayed(recording: Path) -> Subscriber:
+PATIENT = """{transport: {link: {tx: {queue: {congestion_control: {drop: {
+  wait_before_drop: 60000000, max_wait_before_drop_fragments: 60000000}}}}}}}"""
+"""A subscriber that stands still for a while loses nothing here [us]; in flight a second must do."""
+
+
+def replayed(recording: Path, folder: Path) -> Subscriber:
     """Everything a subscriber hears while the daemon plays a recording twenty times as fast as it was recorded."""
     endpoint = free_endpoint()
-    with mkdaemon("run", "--port", f"replay:{recording}?speed=20", "--listen", endpoint) as process:
-        subscriber = Subscriber(endpoint)
-        try:
-            assert process.wait(PATIENCE) == 0, process.communicate()[1]
-        finally:
-            subscriber.session.close()
+    config, patient = folder / "daemon.toml", folder / "patient.json5"
+    patient.write_text(PATIENT, encoding="utf-8")
+    config.write_text(
+        f'[link]\nport = "replay:{recording}?speed=20"\n'
+        f'[bus]\nlisten = []\nconnect = ["{endpoint}"]\nlease = 30.0\nzenoh_file = "{patient}"\n',
+        encoding="utf-8",
+    )
+    subscriber = Subscriber(endpoint)
+    try:
+        code, _, errors = run_mkdaemon("run", "--config", str(config))
+        assert code == 0, errors
+        assert subscriber.gone.wait(PATIENCE)
+    finally:
+        subscriber.session.close()
     return subscriber
 
 
 @pytest.fixture(scope="module")
-def heard() -> Subscriber:
+def heard(tmp_path_factory) -> Subscriber:
     if not WHOLE.is_file():
         pytest.skip("the whole recording (../shared/captures) is not beside this checkout; the excerpt is tested")
-    return replayed(WHOLE)
+    return replayed(WHOLE, tmp_path_factory.mktemp("replay"))
 
 
 def test_not_one_frame_of_the_recording_is_lost(heard):
@@ -104,10 +116,10 @@ def test_the_timing_of_the_recording_is_kept(heard):
     assert stamps == sorted(stamps)
 
 
-def test_the_excerpt_of_the_same_recording_decodes_alike():
+def test_the_excerpt_of_the_same_recording_decodes_alike(tmp_path):
     if not EXCERPT.is_file():
         pytest.fail(f"{EXCERPT.name} belongs to the tree")
-    heard = replayed(EXCERPT)
+    heard = replayed(EXCERPT, tmp_path)
     received = [json.loads(line) for line in EXCERPT.read_text(encoding="utf-8").splitlines()]
     wire = b"".join(bytes.fromhex(line["hex"]) for line in received if line.get("dir") == "rx")
     for key, letters in (("osd", b"#cO"), ("attitude", b"#cC"), ("debug", b"#cD")):

@@ -6,6 +6,8 @@ import msgpack
 import pytest
 
 from mkdaemon.config.commands import CommandsConfig
+from mkdaemon.daemon import requests
+from mkdaemon.daemon.clock import Instant
 from mkdaemon.daemon.requests import BoardRequests
 from mkdaemon.daemon.vitals import Vitals
 from mkdaemon.errors import LinkLostError, RequestTimeoutError
@@ -46,10 +48,17 @@ class Line:
         self.asked.append((board, message))
 
 
-def _now():
-    from mkdaemon.daemon.clock import now
+NOW = Instant(100.0, 1.7e9)
 
-    return now().t_monotonic
+
+def _now():
+    return NOW.t_monotonic
+
+
+@pytest.fixture(autouse=True)
+def still(monkeypatch):
+    """Time stands still: nothing known becomes old because the machine is slow."""
+    monkeypatch.setattr(requests, "now", lambda: NOW)
 
 
 class Desk:

@@ -16,7 +16,7 @@ def manager(tmp_path):
     with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as channel:
         address = str(tmp_path / "notify")
         channel.bind(address)
-        channel.settimeout(5)
+        channel.settimeout(60)
         yield channel, address
 
 
@@ -68,6 +68,6 @@ def test_abstract_addresses_are_understood():
     name = f"\0mkdaemon-test-{id(object())}"
     with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as channel:
         channel.bind(name)
-        channel.settimeout(5)
+        channel.settimeout(60)
         Notifier({"NOTIFY_SOCKET": "@" + name[1:]}).send("READY=1")
         assert channel.recv(64) == b"READY=1"

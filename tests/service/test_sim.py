@@ -15,6 +15,7 @@ import tty
 import pytest
 
 from mkdaemon.protocol.framing import Frame, FrameDecoder, encode_frame
+from tests.daemon.processes import PATIENCE
 
 
 def start(*options):
@@ -26,7 +27,7 @@ def start(*options):
     )
 
 
-def talk(port, requests, wanted, patience=20.0):
+def talk(port, requests, wanted, patience=PATIENCE):
     """Send requests to a pseudo terminal and return the frames that came, until `wanted` did."""
     descriptor = os.open(port, os.O_RDWR | os.O_NOCTTY)
     try:
@@ -53,7 +54,7 @@ def test_the_first_line_names_a_port_that_answers(board, address, wanted):
             frames += talk(port, encode_frame(0, letter, payload), {letter.upper()})
         assert {frame.id for frame in frames} >= wanted
         program.send_signal(signal.SIGTERM)
-        assert program.wait(30) == 0
+        assert program.wait(PATIENCE) == 0
         assert program.stderr.read() == ""
     finally:
         program.kill()
@@ -72,7 +73,7 @@ MISTAKES = [
 @pytest.mark.parametrize(("options", "code", "says"), MISTAKES)
 def test_a_mistake_is_one_line(options, code, says):
     program = start(*options)
-    out, err = program.communicate(timeout=30)
+    out, err = program.communicate(timeout=PATIENCE)
     assert program.returncode == code
     assert out == ""
     assert says in err
@@ -83,7 +84,7 @@ def test_a_tcp_port_in_use_is_one_line():
         taken.bind(("127.0.0.1", 0))
         taken.listen()
         program = start("--listen", f"127.0.0.1:{taken.getsockname()[1]}")
-        out, err = program.communicate(timeout=30)
+        out, err = program.communicate(timeout=PATIENCE)
     assert program.returncode == 1
     assert out == ""
     assert "sim.listen" in err

@@ -32,7 +32,7 @@ async def test_frames_of_the_simulation_reach_a_camera_on_the_bus(tmp_path: Path
     simulation = Simulation(config)
     stream.start()
     try:
-        async with asyncio.timeout(30.0):
+        async with asyncio.timeout(120.0):
             outlet = FilmOutlet("film", "down")
             async with filming(open_camera(config), simulation, config, outlet):
                 before = simulation.now
@@ -67,7 +67,7 @@ async def test_a_video_is_written_without_anybody_on_the_bus(tmp_path: Path) -> 
     scene = SceneConfig(enabled=True, fps=20, video=clip)
     config = SimConfig(scene=scene, pilot_plan=PilotPlan.NOTHING)
     simulation = Simulation(config)
-    async with asyncio.timeout(30.0), filming(open_camera(config), simulation, config, FilmOutlet("film", "down")):
+    async with asyncio.timeout(120.0), filming(open_camera(config), simulation, config, FilmOutlet("film", "down")):
         while not (clip.exists() and clip.stat().st_size > 100_000):
             simulation.advance(simulation.now + 0.025)
             await asyncio.sleep(0.01)

@@ -16,9 +16,14 @@ from mkdaemon.protocol.framing import Frame, FrameDecoder, encode_frame
 from mkdaemon.sim.boards.line import HOST_CHAR_S
 from mkdaemon.sim.runtime import PseudoTerminal, Runtime
 from mkdaemon.sim.simulation import Simulation
+from tests.bus.support import PATIENCE, free_endpoint
 
 WIRED = RadioConfig(to_host=ChannelConfig())
 ECHO = encode_frame(2, "z", b"\x34\x12")
+
+
+def free_port():
+    return int(free_endpoint().rpartition(":")[2])
 
 
 class Clock:
@@ -120,7 +125,7 @@ def test_a_suspended_machine_skips_the_gap():
 async def ask(reader, writer, request, letter):
     writer.write(request)
     decoder = FrameDecoder()
-    async with asyncio.timeout(10):
+    async with asyncio.timeout(PATIENCE):
         while data := await reader.read(256):
             for item in decoder.feed(data):
                 if isinstance(item, Frame) and item.id == letter:
@@ -128,32 +133,34 @@ async def ask(reader, writer, request, letter):
     return None
 
 
-async def test_tcp_carries_one_client_at_a_time(unused_tcp_port):
-    runtime = Runtime(quiet(), listen=f"127.0.0.1:{unused_tcp_port}")
+async def test_tcp_carries_one_client_at_a_time():
+    port = free_port()
+    runtime = Runtime(quiet(), listen=f"127.0.0.1:{port}")
     async with runtime.serve():
-        reader, writer = await asyncio.open_connection("127.0.0.1", unused_tcp_port)
+        reader, writer = await asyncio.open_connection("127.0.0.1", port)
         heard = await ask(reader, writer, ECHO, "Z")
         assert heard.payload[:2] == b"\x34\x12"
-        second, other = await asyncio.open_connection("127.0.0.1", unused_tcp_port)
-        async with asyncio.timeout(10):
+        second, other = await asyncio.open_connection("127.0.0.1", port)
+        async with asyncio.timeout(PATIENCE):
             assert await second.read(10) == b""
         other.close()
         writer.close()
         await writer.wait_closed()
-        for _ in range(100):
-            reader, writer = await asyncio.open_connection("127.0.0.1", unused_tcp_port)
-            if runtime._client is not None and (heard := await ask(reader, writer, ECHO, "Z")):
-                break
-            writer.close()
-            await asyncio.sleep(0.02)
-        assert heard is not None
-        writer.close()
+        async with asyncio.timeout(PATIENCE):
+            while True:
+                reader, writer = await asyncio.open_connection("127.0.0.1", port)
+                heard = await ask(reader, writer, ECHO, "Z")  # None where the first client is still being let go of
+                writer.close()
+                if heard is not None:
+                    break
+                await asyncio.sleep(0.02)
 
 
-async def test_a_tcp_port_in_use_is_named(unused_tcp_port):
-    server = await asyncio.start_server(lambda _r, _w: None, "127.0.0.1", unused_tcp_port)
-    runtime = Runtime(quiet(), listen=f"127.0.0.1:{unused_tcp_port}")
-    with pytest.raises(LinkError, match=f"sim.listen 127.0.0.1:{unused_tcp_port}"):
+async def test_a_tcp_port_in_use_is_named():
+    port = free_port()
+    server = await asyncio.start_server(lambda _r, _w: None, "127.0.0.1", port)
+    runtime = Runtime(quiet(), listen=f"127.0.0.1:{port}")
+    with pytest.raises(LinkError, match=f"sim.listen 127.0.0.1:{port}"):
         async with runtime.serve():
             pass
     server.close()
@@ -169,7 +176,7 @@ async def test_the_pseudo_terminal_answers_in_real_time():
         loop.add_reader(descriptor, lambda: arrived.put_nowait(os.read(descriptor, 256)))
         os.write(descriptor, encode_frame(2, "v"))
         decoder, frames = FrameDecoder(), []
-        async with asyncio.timeout(10):
+        async with asyncio.timeout(PATIENCE):
             while not frames:
                 frames += decoder.feed(await arrived.get())
         loop.remove_reader(descriptor)

@@ -30,6 +30,8 @@ from mkdaemon.vision.tagmap import TagMap
 
 ROOT = Path(__file__).resolve().parents[2]
 TURNED = rotation_from_euler(0.1, -0.08, 0.7)
+PATIENCE = 60.0
+"""Longest wait for the renderer [s]; a loaded machine is slow, not wrong."""
 
 
 def state(height: float = 1.5, moved: float = 0.1, at: float = 0.0, spin: float = 0.0) -> BodyState:
@@ -140,10 +142,10 @@ def test_frames_come_stamped_and_late() -> None:
         feed.tick(k / 30.0, truth, faults)
         feed.tick(k / 30.0 + 0.001, truth, faults)  # not due
         exposed.append((before, time.monotonic()))
-        deadline = time.monotonic() + 10.0
+        deadline = time.monotonic() + PATIENCE
         while feed._slot.is_full and time.monotonic() < deadline:
             threading.Event().wait(0.002)
-    assert enough.wait(20.0)
+    assert enough.wait(PATIENCE)
     feed.stop()
     for k, (arrived, payload) in enumerate(frames):
         found = unpack(payload)

@@ -24,7 +24,7 @@ from mkdaemon.vision.shot import EndOfImages, Shot
 from mkdaemon.vision.slot import NewestSlot
 from mkdaemon.vision.stamping import StampClock
 
-PATIENCE = 30.0
+PATIENCE = 60.0
 
 
 def picture(grey: int = 100) -> np.ndarray:
@@ -86,7 +86,7 @@ def until(stream: CameraStream, wanted: Callable[[StreamStatus], bool]) -> Strea
 
 def test_an_unplugged_camera_is_named_and_comes_back() -> None:
     source = Scripted(["image", "image", "unplug", "image"])
-    stream, slot = run(source)
+    stream, slot = run(source, silent_after_s=PATIENCE)
     assert source.drained.wait(PATIENCE)
     status = until(stream, lambda s: s.images == 3)
     assert status.state is StreamState.STREAMING
@@ -302,6 +302,7 @@ def test_images_from_the_bus_keep_their_capture_time(session: zenoh.Session) -> 
     session.put("test/camera/image", b"\xc1 not msgpack")
     jpeg, width, height = encode_jpeg(picture(150), 90, 64)
     taken_wall = time.time() - 0.2
+    earliest = time.monotonic() - (time.time() - taken_wall)
     session.put(
         "test/camera/image",
         pack(frame(picture(), 8, coding="jpeg", pixels=jpeg, width=width, height=height, captured_wall=taken_wall)),
@@ -309,7 +310,8 @@ def test_images_from_the_bus_keep_their_capture_time(session: zenoh.Session) -> 
     image = slot.take(PATIENCE)
     assert image is not None
     assert abs(int(image.pixels.mean()) - 150) <= 1
-    assert image.captured_at == pytest.approx(taken_wall - time.time() + time.monotonic(), abs=0.01)
+    latest = taken_wall - time.time() + time.monotonic()
+    assert min(earliest, latest) - 0.01 <= image.captured_at <= max(earliest, latest) + 0.01
     assert stream.status().lost == 2  # 6 and 7
     stream.stop()
 

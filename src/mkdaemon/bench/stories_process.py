@@ -9,17 +9,17 @@ from __future__ import annotations
 import asyncio
 import os
 import signal
-import socket
 import sys
 import time
 from collections.abc import AsyncIterator, Callable
-from contextlib import asynccontextmanager, suppress
+from contextlib import asynccontextmanager, nullcontext, suppress
 from pathlib import Path
 from typing import Any, Final, Self
 
 import zenoh
 
 from mkdaemon.bus.codec import encode_map
+from mkdaemon.bus.endpoint import reserved_endpoint
 from mkdaemon.cli.session import Client, Connection
 from mkdaemon.config.sim import SimConfig
 from mkdaemon.errors import MkError
@@ -27,7 +27,7 @@ from mkdaemon.protocol.framing import Frame, FrameDecoder
 from mkdaemon.sim.simulation import Simulation
 
 VEHICLE: Final = "stories"
-PATIENCE: Final = 30.0
+PATIENCE: Final = 120.0
 """Longest wait for anything [s]; a loaded machine is slow, not wrong."""
 ENGAGE_WAIT: Final = 4.0
 """A stream that lives is obeyed within this time [s]; the daemon wants one second of it first."""
@@ -77,13 +77,6 @@ class ObservedSimulation(Simulation):
 
 def _frames(decoder: FrameDecoder, data: bytes) -> int:
     return sum(isinstance(item, Frame) for item in decoder.feed(data))
-
-
-def free_endpoint() -> str:
-    """A TCP endpoint on loopback nobody listens on at the moment."""
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return f"tcp/127.0.0.1:{probe.getsockname()[1]}"
 
 
 class DaemonProcess:
@@ -156,11 +149,12 @@ async def daemon_process(port: str, folder: Path, *, link: str = "", endpoint: s
     """
     config = folder / "daemon.toml"
     config.write_text(f'[vehicle]\nname = "{VEHICLE}"\n[link]\nport = "{port}"\n{link}\n', encoding="utf-8")
-    daemon = await DaemonProcess.start(config, endpoint or free_endpoint())
-    try:
-        yield daemon
-    finally:
-        await daemon.end(signal.SIGKILL)
+    with reserved_endpoint() if endpoint is None else nullcontext(endpoint) as where:
+        daemon = await DaemonProcess.start(config, where)
+        try:
+            yield daemon
+        finally:
+            await daemon.end(signal.SIGKILL)
 
 
 @asynccontextmanager

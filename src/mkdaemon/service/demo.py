@@ -8,7 +8,6 @@ from __future__ import annotations
 import asyncio
 import json
 import signal
-import socket
 import sys
 from asyncio.subprocess import DEVNULL, PIPE, Process
 from collections import Counter
@@ -23,6 +22,7 @@ from rich.live import Live
 from rich.table import Table
 from rich.text import Text
 
+from mkdaemon.bus.endpoint import reserved_endpoint
 from mkdaemon.cli.arguments import require_length
 from mkdaemon.cli.printing import json_line
 from mkdaemon.cli.program import EXIT_FAILURE, EXIT_INTERRUPTED, EXIT_OK
@@ -31,8 +31,10 @@ from mkdaemon.cli.status import render as render_status
 from mkdaemon.errors import MkError
 
 VEHICLE: Final = "demo"
-STARTUP: Final = 15.0
-"""Longest time for simulator and daemon to start [s]; cold starts import a lot."""
+STARTUP: Final = 60.0
+"""Longest time for simulator and daemon to start [s]; cold starts import a lot, and a loaded machine is slow."""
+GRACE: Final = 30.0
+"""How much longer than asked telemetry is waited for where it has not flowed yet [s]."""
 ENDING: Final = 3.0
 """Time a process gets to end in order before it is killed [s]."""
 REDRAW: Final = 0.2
@@ -78,7 +80,7 @@ def demo(
 ) -> int:
     """Fly the built-in aircraft for some seconds and show its telemetry, live.
 
-    Needs no hardware and no terminal. Exit code 0 only when telemetry flowed.
+    Needs no hardware and no terminal. Exit code 0 only when telemetry flowed; where it has not yet, it is waited for.
 
     Raises:
         ConfigError: `seconds` is no length of time.
@@ -94,14 +96,15 @@ async def _demo(seconds: float, *, as_json: bool) -> int:
     loop = asyncio.get_running_loop()
     for name in (signal.SIGINT, signal.SIGTERM):
         loop.add_signal_handler(name, stop.set)
-    flight = asyncio.create_task(_fly(seconds, tally, console), name="flight")
-    stopped = asyncio.create_task(stop.wait(), name="stop")
-    await asyncio.wait({flight, stopped}, return_when=asyncio.FIRST_COMPLETED)
-    stopped.cancel()
-    flight.cancel()  # whatever it waits for; the processes end in order
-    # Ctrl-C on a terminal reaches the processes as well: then they ended because they were asked to.
-    with suppress(asyncio.CancelledError, *([MkError] if stop.is_set() else [])):
-        await flight
+    with reserved_endpoint() as endpoint:
+        flight = asyncio.create_task(_fly(endpoint, seconds, tally, console), name="flight")
+        stopped = asyncio.create_task(stop.wait(), name="stop")
+        await asyncio.wait({flight, stopped}, return_when=asyncio.FIRST_COMPLETED)
+        stopped.cancel()
+        flight.cancel()  # whatever it waits for; the processes end in order
+        # Ctrl-C on a terminal reaches the processes as well: then they ended because they were asked to.
+        with suppress(asyncio.CancelledError, *([MkError] if stop.is_set() else [])):
+            await flight
     if stop.is_set() and tally.began is None:
         return EXIT_INTERRUPTED
     summary = summarise(tally)
@@ -112,15 +115,14 @@ async def _demo(seconds: float, *, as_json: bool) -> int:
     return EXIT_OK if tally.has_flowed else EXIT_FAILURE
 
 
-async def _fly(seconds: float, tally: Tally, console: Console) -> None:
-    """Start everything, watch for so long, end everything.
+async def _fly(endpoint: str, seconds: float, tally: Tally, console: Console) -> None:
+    """Start everything, watch for so long, and longer only while telemetry has not flowed; end everything.
 
     Raises:
         MkError: a process did not start, or ended by itself; says which and why.
     """
-    endpoint = f"tcp/127.0.0.1:{_free_port()}"
     console.print("starting the simulated aircraft and the daemon ...")
-    async with _child("sim", "--pilot-wait", "3") as simulator:
+    async with _child("sim", "--pilot-wait", "3", "--connect", endpoint, "--vehicle", VEHICLE) as simulator:
         port = await _port_of(simulator)
         console.print(f"aircraft on {port}; daemon at {endpoint}, vehicle {VEHICLE}")
         run = ("run", "--port", f"pty:{port}", "--vehicle", VEHICLE, "--listen", endpoint, "--log", "error")
@@ -136,12 +138,21 @@ async def _fly(seconds: float, tally: Tally, console: Console) -> None:
             ]
             try:
                 ended, _ = await asyncio.wait(jobs, timeout=seconds, return_when=asyncio.FIRST_COMPLETED)
+                if not ended and not tally.has_flowed:
+                    jobs.append(asyncio.create_task(_until_flown(tally), name="grace"))
+                    ended, _ = await asyncio.wait(jobs, timeout=GRACE, return_when=asyncio.FIRST_COMPLETED)
                 for job in ended:
                     job.result()
             finally:
                 for job in jobs:
                     job.cancel()
                 await asyncio.gather(*jobs, return_exceptions=True)
+
+
+async def _until_flown(tally: Tally) -> None:
+    """Return as soon as telemetry has flowed."""
+    while not tally.has_flowed:  # noqa: ASYNC110 - what has come is a state, not an event
+        await asyncio.sleep(0.05)
 
 
 async def _must_live(name: str, process: Process) -> None:
@@ -283,10 +294,3 @@ async def _last_words(process: Process) -> str:
             lines = (await process.stderr.read()).decode(errors="replace").strip().splitlines()
             return lines[-1] if lines else f"exit code {process.returncode}"
     return "no answer"
-
-
-def _free_port() -> int:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        port: int = probe.getsockname()[1]
-    return port
