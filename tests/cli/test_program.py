@@ -137,3 +137,42 @@ def test_an_interrupt_after_importing_ends_in_order():
         assert "VersionRequest" in program.stdout.readline()
         program.send_signal(signal.SIGINT)
         assert (program.stderr.read(), program.wait()) == ("", 130)
+
+
+LEAVING = """
+import asyncio, sys
+from mkdaemon.cli import program
+
+async def linger() -> None:
+    try:
+        print("here", flush=True)
+        await asyncio.sleep(60)
+    finally:
+        print("left in order", flush=True)
+
+sys.argv = ["x", "linger"]
+sys.modules["lingering"] = sys.modules["__main__"]
+sys.modules["__main__"].__spec__ = __import__("importlib.machinery").machinery.ModuleSpec("lingering", None)
+program.main("x", "", [program.CommandEntry("linger", "lingering:linger", "Stay.")])
+"""
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+def test_a_closed_terminal_ends_a_command_in_order_like_an_interrupt(number):
+    """Otherwise a motor test would leave out its stop, and a backup the set that was live."""
+    with subprocess.Popen([sys.executable, "-c", LEAVING], stdout=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None
+        assert process.stdout.readline() == "here\n"
+        process.send_signal(number)
+        assert process.stdout.read() == "left in order\n"
+    assert process.returncode == 128 + number
+
+
+def test_who_wants_no_hangup_gets_none():
+    with subprocess.Popen(["nohup", sys.executable, "-c", LEAVING], stdout=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None
+        assert process.stdout.readline() == "here\n"
+        process.send_signal(signal.SIGHUP)
+        process.terminate()
+        assert process.stdout.read() == "left in order\n"
+    assert process.returncode == 128 + signal.SIGTERM

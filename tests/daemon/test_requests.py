@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from contextlib import asynccontextmanager
+
 import msgpack
 import pytest
 
@@ -192,6 +194,26 @@ async def test_a_request_without_answer_is_not_observable(desk):
     result = await desk.ask("nc/serial_channels", {"channels": [0] * 12, "confirm": True})
     assert result.status == "not_observable"
     assert "never answers" in result.reason
+
+
+@pytest.mark.parametrize(("port", "end"), [(0, Board.FC), (1, Board.MAG), (2, Board.ANY)])
+async def test_a_bare_redirection_comes_back_by_itself(desk, monkeypatch, port, end):
+    """Left to the client, the line would lead elsewhere for ever: the NaviCtrl hears nothing but the escape."""
+    seen = []
+
+    @asynccontextmanager
+    async def passed(link, board):
+        seen.append(("to", board))
+        yield
+        seen.append(("back", board))
+
+    monkeypatch.setattr(requests, "redirected", passed)
+    monkeypatch.setattr(requests, "PASSAGE_S", 0.0)
+    desk.line.who_answers = Board.NC
+    result = await desk.ask("nc/redirect", {"port": port, "confirm": True})
+    assert seen == [("to", end), ("back", end)]
+    assert result.status == "not_observable"
+    assert "is back" in result.reason
 
 
 async def test_confirm_must_be_true_and_nothing_like_it(desk):

@@ -8,8 +8,8 @@ import itertools
 import pytest
 
 from mkdaemon.errors import CommandRejectedError
-from mkdaemon.link.discovery import introduced, redirected
-from mkdaemon.protocol.messages import ControlStateRequest, ExternControlV2
+from mkdaemon.link.discovery import PORTS, introduced, redirected
+from mkdaemon.protocol.messages import ControlStateRequest, ExternControlV2, VersionRequest
 from mkdaemon.protocol.wire import Board
 from tests.link.rig import flight_ctrl, navi_ctrl, rig, virtually
 
@@ -146,3 +146,14 @@ async def test_a_redirection_is_refused_with_motors_not_known_off_and_without_a_
             async with redirected(r.link, Board.MAG):
                 raise AssertionError
         assert caught.value.token == "not_redirectable"
+
+
+@virtually
+async def test_whoever_the_line_led_to_the_navictrl_is_back_afterwards():
+    async with rig(navi_ctrl()) as r:
+        await r.until(lambda: r.link.dialect.fc_release is not None, 3)
+        for end in PORTS.values():
+            async with redirected(r.link, end):
+                await asyncio.sleep(5)
+            await r.until(lambda: r.condition == "up", 3)
+            assert await r.link.request(VersionRequest(), board=Board.NC)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from typing import Annotated, Final
 
-from cyclopts import App, Parameter
+from cyclopts import App, Parameter, validators
 
 from mkdaemon.cli.conversation import request
 from mkdaemon.cli.session import Client, Connection
@@ -17,6 +17,7 @@ from mkdaemon.protocol.wire import Board, WireMessage
 app = App(name="nc-param", help="Parameters of the NaviCtrl (0.24 and later). Setting one acts at once, in flight too.")
 
 HERE: Final = Connection()
+VALUE: Final = WriteNaviParameter.spec.wire("value")
 UNITS: Final = {
     NaviParameterId.TARGET_SPEED: "0.1 m/s",
     NaviParameterId.HEADING_SETPOINT: "deg, -1 none",
@@ -25,7 +26,8 @@ UNITS: Final = {
 """Units of the values. Source: docs/protocol.md, "NaviCtrl commands"."""
 
 _WORDS: Final = ", ".join(member.name.lower() for member in NaviParameterId)
-Name = Annotated[str, Parameter(help=f"One of {_WORDS}.")]
+_UNITS: Final = ", ".join(f"{member.name.lower()} [{unit}]" for member, unit in UNITS.items())
+Name = Annotated[str, Parameter(help=f"One of {_WORDS}. Units: {_UNITS}.")]
 
 
 @app.command
@@ -38,7 +40,14 @@ async def get(name: Name, /, *, connection: Connection = HERE) -> None:
 @app.command(name="set")
 async def set_value(
     name: Name,
-    value: Annotated[int, Parameter(help="Counts on the wire.", allow_leading_hyphen=True)],
+    value: Annotated[
+        int,
+        Parameter(
+            help=f"Counts on the wire, {VALUE.minimum}..{VALUE.maximum}.",
+            allow_leading_hyphen=True,
+            validator=validators.Number(gte=VALUE.minimum, lte=VALUE.maximum),
+        ),
+    ],
     /,
     *,
     connection: Connection = HERE,

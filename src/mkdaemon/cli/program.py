@@ -19,6 +19,7 @@ EXIT_OK: Final = 0
 EXIT_FAILURE: Final = 1
 EXIT_CONFIG: Final = 2
 EXIT_INTERRUPTED: Final = 130
+_ENDS: Final = (signal.SIGTERM, signal.SIGHUP)
 
 
 class CommandEntry(NamedTuple):
@@ -59,9 +60,29 @@ def main(name: str, about: str, table: Iterable[CommandEntry]) -> NoReturn:
     tokens = sys.argv[1:]
     # `mkdaemon.entry` has let an interrupt kill the process until here, where it can end in order.
     signal.signal(signal.SIGINT, signal.default_int_handler)
+    ended_by = _end_like_an_interrupt()
     code = run(build(name, about, table, chosen=tokens[0] if tokens else ""), tokens)
-    signal.signal(signal.SIGINT, signal.SIG_DFL)
-    sys.exit(code)
+    for number in (signal.SIGINT, *_ENDS):
+        signal.signal(number, signal.SIG_DFL)
+    sys.exit(128 + ended_by[0] if ended_by and code == EXIT_INTERRUPTED else code)
+
+
+def _end_like_an_interrupt() -> list[int]:
+    """Let a closed terminal and `kill` end a command in order too, as Ctrl-C does: motors stop, the live set is loaded.
+
+    Returns:
+        The signals that came. Programs with handlers of their own replace these.
+    """
+    came: list[int] = []
+
+    def end(number: int, _: object) -> None:
+        came.append(number)
+        signal.raise_signal(signal.SIGINT)
+
+    for number in _ENDS:
+        if signal.getsignal(number) is not signal.SIG_IGN:  # nohup means it
+            signal.signal(number, end)
+    return came
 
 
 def run(app: App, tokens: Sequence[str] | None = None) -> int:

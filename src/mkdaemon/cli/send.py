@@ -42,7 +42,7 @@ async def send(form: RequestForm, board: Board, given: dict[str, str | None], co
     elif reply:
         print(describe_reply(read_reply(answer.reply_type, reply)))
     else:
-        print("sent; this request has no answer" if form.reply is None else f"answered: {answer.status}")
+        print(answer.reason or f"answered: {answer.status}")
 
 
 def describe_reply(message: WireMessage) -> str:

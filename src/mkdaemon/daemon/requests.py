@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import asyncio
 import difflib
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
-from typing import Any
+from typing import Any, Final
 
 from pydantic import ValidationError
 
@@ -19,14 +20,17 @@ from mkdaemon.daemon.meeting import meet
 from mkdaemon.daemon.vitals import Vitals
 from mkdaemon.errors import CommandRejectedError, LinkLostError, RequestTimeoutError
 from mkdaemon.link.acquaintance import FORWARDED
-from mkdaemon.link.discovery import redirected
+from mkdaemon.link.discovery import PORTS, redirected
 from mkdaemon.link.link import Link
-from mkdaemon.protocol.messages import VersionRequest
+from mkdaemon.protocol.flags import RedirectPort
+from mkdaemon.protocol.messages import Redirect, VersionRequest
 from mkdaemon.protocol.wire import MESSAGES, Board, Direction, WireMessage
 from mkdaemon.telemetry.command import CommandResult, Status, refuse
 
 _BEHIND = (Board.FC, Board.MAG)
 """Boards a NaviCtrl can pass the line through to."""
+PASSAGE_S: Final = 5.0
+"""How long a bare redirection lasts [s]; a client waits 15 s for an answer."""
 _BOARDS = {board.word: board for board in Board if board is not Board.ANY}
 
 
@@ -75,7 +79,23 @@ class BoardRequests:
                 await self._prove(board)
             if message.spec.key == "motor_test":
                 self._vitals.motor_test_sent(now().t_monotonic)
+            if isinstance(message, Redirect):
+                return await self._pass_through(message.port)
             return await self._converse(board, message)
+
+    async def _pass_through(self, port: RedirectPort) -> CommandResult:
+        """Answer a bare redirection: for a while and back again, or the line would be lost to everybody for ever.
+
+        Raises:
+            CommandRejectedError: `not_redirectable`, `motors_not_known_off`.
+        """
+        async with redirected(self._link, PORTS[port]):
+            await asyncio.sleep(PASSAGE_S)
+        reason = (
+            f"the line led to the {port.name} for {PASSAGE_S:g} s and is back; what came is under raw/rx. "
+            "Requests to cmd/fc and cmd/mag are passed through by themselves."
+        )
+        return CommandResult(status=Status.NOT_OBSERVABLE, reason=reason)
 
     @asynccontextmanager
     async def _way_to(self, board: Board, message: WireMessage) -> AsyncIterator[None]:

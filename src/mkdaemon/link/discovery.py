@@ -20,6 +20,7 @@ from itertools import chain, repeat
 from typing import TYPE_CHECKING, Final
 
 from mkdaemon.errors import CommandRejectedError, LinkError
+from mkdaemon.protocol.flags import RedirectPort
 from mkdaemon.protocol.messages.navictrl import Redirect
 from mkdaemon.protocol.messages.version import VersionRequest
 from mkdaemon.protocol.wire import Board
@@ -112,9 +113,15 @@ async def motors_stand_still(link: Link) -> bool:
     return link.motors_running() is False
 
 
+PORTS: Final = {RedirectPort.FC: Board.FC, RedirectPort.MAG: Board.MAG, RedirectPort.GPS: Board.ANY}
+"""Who is at the other end of a line passed through; a GPS receiver has no address and is only listened to."""
+
+
 @asynccontextmanager
 async def redirected(link: Link, board: Board) -> AsyncIterator[None]:
     """Have a NaviCtrl pass the line through to another board; the escape sequence ends it, whatever happens.
+
+    `Board.ANY` is the GPS receiver: nothing is sent to it, what it says is raw bytes.
 
     One at a time: the next one waits for its turn, and then for telemetry, which stopped meanwhile, to tell about the
     motors again.
@@ -123,7 +130,7 @@ async def redirected(link: Link, board: Board) -> AsyncIterator[None]:
         CommandRejectedError: no NaviCtrl is on the line, or its telemetry does not say that the motors stand still
             (a redirection stops its servos and its telemetry).
     """
-    ports = {Board.FC: 0, Board.MAG: 1}
+    ports = {end: port for port, end in PORTS.items()}
     if link.direct_board is not Board.NC or board not in ports:
         raise CommandRejectedError(
             "not_redirectable", f"The line cannot be passed through to {board.word}.", "Connect to that board directly."
