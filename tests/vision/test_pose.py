@@ -130,6 +130,38 @@ def test_a_right_lens_is_not_doubted_away():
     assert largest_variance(doubting.covariance[3:, 3:]) > largest_variance(exact.covariance[3:, 3:])
 
 
+def test_grey_values_polish_a_pose_from_edges():
+    target = shipped("single")
+    edges, polished = [], []
+    for k, distance in enumerate((2.6, 3.0, 3.5, 4.0, 4.4, 2.8, 3.3, 3.8)):
+        view = View(target, place(distance, 0.05 + 0.08 * k, around=0.7 * k, roll=0.4 * k))
+        rough = EdgeFit(target, PROJECTION).fit(view.pixels, cold(view, target)[0])
+        assert rough is not None
+        fine = PhotoFit(target, PROJECTION).polish(view.pixels, rough)
+        assert np.linalg.det(fine.covariance) < np.linalg.det(rough.covariance)
+        assert (fine.source, fine.loss, fine.points) == (rough.source, rough.loss, rough.points)
+        edges.append(np.linalg.norm(rough.position - view.position) / distance)
+        polished.append(np.linalg.norm(fine.position - view.position) / distance)
+    assert np.sqrt(np.mean(np.square(polished))) < 0.8 * np.sqrt(np.mean(np.square(edges)))
+
+
+def test_grey_values_do_not_polish_what_they_contradict():
+    target = shipped("single")
+    view = View(target, place(3.0, 0.3))
+    fit = PhotoFit(target, PROJECTION)
+    edges = EdgeFit(target, PROJECTION).fit(view.pixels, cold(view, target)[0])
+    assert edges is not None
+    elsewhere = replace(edges, rotation=turn(edges.rotation, np.array([0.05, 0.0, 0.0])))
+    assert fit.polish(view.pixels, elsewhere) is elsewhere
+    hidden = replace(edges, inliers=0.8)
+    assert fit.polish(view.pixels, hidden) is hidden
+    large = View(target, place(1.0, 0.3))
+    near = EdgeFit(target, PROJECTION).fit(large.pixels, cold(large, target)[0])
+    assert near is not None
+    assert fit.polish(large.pixels, near) is near
+    assert fit.polish(np.full((480, 640), 90, np.uint8), edges) is edges
+
+
 def test_level_holds_the_tilt():
     target = shipped("single")
     view = View(target, place(3.0, 0.3))

@@ -61,7 +61,7 @@ class TargetFitter:
             fitted = [self._fit(pixels, candidate, photometric=photometric) for candidate in candidates]
             good = [pose for pose in fitted if pose is not None]
             if good and (not photometric or len(good) == len(candidates)):
-                return good
+                return good if photometric else [self._photo.polish(pixels, pose) for pose in good]
         return candidates
 
     def refine(self, pixels: Grey, start: Pose) -> Pose | None:

@@ -9,13 +9,13 @@ Source: direct alignment, Lucas and Kanade, IJCAI 1981; Gauss-Newton with Levenb
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
 import numpy.typing as npt
 
-from mkdaemon.vision.pose import Pose, correlation, turn
+from mkdaemon.vision.pose import Pose, correlation, median, turn
 from mkdaemon.vision.projection import NEAR_M, Projection
 from mkdaemon.vision.tagmap import Target
 
@@ -34,6 +34,14 @@ QUIET_GREY, LOST_GREY = 2.0, 60.0
 """Residuals are told apart between these bounds when rival poses are compared [grey]."""
 MARGIN_CELLS = 0.3
 """Outermost part of the quiet zone that is left out: what lies beyond it blurs in."""
+POLISH_BELOW_PX = 10.0
+"""Larger cells have edges enough, and pixels that cost time [px]."""
+POLISH_INLIERS = 0.9
+"""Share of edges, and of pixels, that agree where nothing lies over the target."""
+POLISH_MATCH = 0.95
+"""Correlation of model and image where the model holds."""
+SAME_MAHALANOBIS2 = 22.5
+"""Two fits of one image farther apart than this contradict each other: chi-square of six, one in a thousand."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -131,6 +139,33 @@ class PhotoFit:
                 return None
         return fitted
 
+    def polish(self, pixels: Grey, pose: Pose) -> Pose:
+        """Measure a pose from edges once more by the grey values, where these know more and do not object.
+
+        Cells of five to ten pixels have sharp edges and still few of them: the pixels between tell as much again. The
+        edges stay the evidence that gates and rivals are judged by; only place and covariance are taken over.
+
+        Args:
+            pixels: `(h, w)` uint8.
+            pose: fitted to edges, whole target in view.
+
+        Returns:
+            The better pose, or `pose` itself.
+        """
+        cell_px = float(self._projection.focal[0]) * self._cell / max(float(pose.position[2]), NEAR_M)
+        if pose.source != "edges" or cell_px > POLISH_BELOW_PX or pose.inliers < POLISH_INLIERS:
+            return pose
+        grey = self.fit(pixels, pose)
+        if grey is None or grey.match is None or grey.match < POLISH_MATCH or grey.inliers < POLISH_INLIERS:
+            return pose
+        if float(np.linalg.det(grey.covariance)) >= float(np.linalg.det(pose.covariance)):
+            return pose
+        turned = np.asarray(cv2.Rodrigues(grey.rotation @ pose.rotation.T)[0], dtype=np.float64).ravel()
+        apart = np.concatenate([grey.position - pose.position, turned])
+        if float(apart @ np.linalg.solve(pose.covariance, apart)) > SAME_MAHALANOBIS2:
+            return pose
+        return replace(pose, rotation=grey.rotation, position=grey.position, covariance=grey.covariance)
+
     def _render(self, shape: tuple[int, ...], rotation: Array, position: Array, blur: float) -> _Model | None:
         """What the print looks like from a pose, with derivatives."""
         half = self._half - MARGIN_CELLS * self._cell
@@ -209,39 +244,46 @@ class PhotoFit:
     ) -> tuple[Array, float, Pose, float]:
         """One Gauss-Newton step: pose step `(6,)`, robust cost, the pose it was taken at, step of log blur."""
         value, dx, dy, laplace, u, v, image = model.samples(pixels)
-        points = (np.column_stack([u, v]) @ self._axes[:, :2].T + self._origin) @ rotation.T + position
-        motion = self._projection.pose_jacobian(points, position)
-        light = np.column_stack([value, np.ones_like(value), u / self._half, v / self._half])
-        gain, *_ = np.linalg.lstsq(light, image, rcond=None)
-        residual = image - light @ gain
-        spread = max(1.4826 * float(np.median(np.abs(residual))), 1.0)
-        size = np.maximum(np.abs(residual), 1e-6)
+        arm = np.column_stack([u, v]) @ (rotation @ self._axes[:, :2]).T + rotation @ self._origin
+        point = self._projection.jacobian(arm + position)
+        light = np.stack([value, np.ones_like(value), u / self._half, v / self._half])
+        gain = np.linalg.solve(light @ light.T + 1e-6 * np.eye(4), light @ image)
+        lit: Array = gain @ light
+        residual = image - lit
+        size = np.abs(residual)
+        spread = max(1.4826 * median(size), 1.0)
+        np.maximum(size, 1e-6, out=size)
         weights = np.where(size < 4 * spread, 1.0, (4 * spread / size) ** 2)
         cost = float(np.mean(np.minimum(size, 5 * spread) ** 2))
         # A print that moves by d shows at a pixel what was d before it: minus the gradient.
-        pose_part = -(motion[:, 0] * dx[:, None] + motion[:, 1] * dy[:, None]) * gain[0]
-        blur_part = laplace * (gain[0] * model.blur**2)
-        jacobian = np.column_stack([pose_part, light, blur_part])
+        jacobian = np.empty((11, len(value)))
+        slope = (dx * -gain[0])[:, None] * point[:, 0] + (dy * -gain[0])[:, None] * point[:, 1]
+        jacobian[:3] = slope.T
+        jacobian[3] = arm[:, 1] * slope[:, 2] - arm[:, 2] * slope[:, 1]
+        jacobian[4] = arm[:, 2] * slope[:, 0] - arm[:, 0] * slope[:, 2]
+        jacobian[5] = arm[:, 0] * slope[:, 1] - arm[:, 1] * slope[:, 0]
+        jacobian[6:10] = light
+        jacobian[10] = laplace * (gain[0] * model.blur**2)
         unit = np.concatenate([np.full(3, position[2]), np.ones(3), np.full(4, 100.0), [1.0]])
-        jacobian = jacobian * unit
-        weighted = jacobian * weights[:, None]
-        normal = weighted.T @ jacobian
+        jacobian *= unit[:, None]
+        weighted = jacobian * weights
+        normal = weighted @ jacobian.T
         ridge = damping * np.diag(np.diag(normal)) + 1e-9 * np.eye(len(unit))
-        solved = np.linalg.solve(normal + ridge, weighted.T @ residual) * unit
+        solved = np.linalg.solve(normal + ridge, weighted @ residual) * unit
         inverse = np.linalg.inv(normal + 1e-9 * np.eye(len(unit)))[:6, :6] * np.outer(unit[:6], unit[:6])
         noise = float((weights * residual**2).sum() / max(weights.sum() - 11.0, 1.0))
-        slope = float(np.sqrt(np.mean(dx**2 + dy**2))) * abs(float(gain[0]))
+        steepness = float(np.sqrt(np.mean(dx**2 + dy**2))) * abs(float(gain[0]))
         pose = Pose(
             rotation,
             position,
             VARIANCE_FACTOR * max(noise, 0.3) * (inverse + inverse.T) / 2,
             "photometric",
             int((weights > 0.5).sum()),
-            float(np.sqrt(cost)) / max(slope, 1e-3) if gain[0] > 0 else np.inf,
+            float(np.sqrt(cost)) / max(steepness, 1e-3) if gain[0] > 0 else np.inf,
             float((weights > 0.5).mean()),
             float(np.linalg.norm(solved[:3])) / max(float(np.linalg.norm(position)), 1e-9),
             float(np.exp(np.mean(np.log(np.minimum(size, LOST_GREY) ** 2 + QUIET_GREY**2)))),
-            correlation(image, light @ gain) if gain[0] > 0 else -1.0,
+            correlation(image, lit) if gain[0] > 0 else -1.0,
             model.blur,
         )
         return solved[:6], cost, pose, float(solved[10])
@@ -262,20 +304,23 @@ class _Model:
     def samples(self, pixels: Grey) -> tuple[Array, Array, Array, Array, Array, Array, Array]:
         """Model, x and y gradient [1/px], Laplacian [1/px^2], plane coordinates [m] and grey of each used pixel."""
         pad, window = self.pad, self.window
-        rows = np.arange(pad, window.height - pad)
-        columns = np.arange(pad, window.width - pad)
-        r, c = (FINE * rows + FINE // 2)[:, None], (FINE * columns + FINE // 2)[None, :]
-        centre, left, right = self.fine[r, c], self.fine[r, c - 1], self.fine[r, c + 1]
-        up, down = self.fine[r - 1, c], self.fine[r + 1, c]
-        x, y = np.meshgrid(columns.astype(np.float64), rows.astype(np.float64))
+        height, width = window.height - 2 * pad, window.width - 2 * pad
+        first = FINE * pad + FINE // 2
+
+        def shifted(down: int, right: int) -> Image32:
+            r, c = first + down, first + right
+            return self.fine[r : r + FINE * height : FINE, c : c + FINE * width : FINE]
+
+        centre, left, right = shifted(0, 0), shifted(0, -1), shifted(0, 1)
+        up, down = shifted(-1, 0), shifted(1, 0)
+        x, y = np.arange(pad, pad + width, dtype=np.float64), np.arange(pad, pad + height, dtype=np.float64)[:, None]
         m = self.plane_from_pixel
-        w = m[2, 0] * x + m[2, 1] * y + m[2, 2]
-        u = (m[0, 0] * x + m[0, 1] * y + m[0, 2]) / w
-        v = (m[1, 0] * x + m[1, 1] * y + m[1, 2]) / w
+        w = m[2, 0] * x + (m[2, 1] * y + m[2, 2])
+        u = (m[0, 0] * x + (m[0, 1] * y + m[0, 2])) / w
+        v = (m[1, 0] * x + (m[1, 1] * y + m[1, 2])) / w
         used = (np.abs(u) < self.used) & (np.abs(v) < self.used)
-        grey = pixels[
-            window.y0 + rows[0] : window.y0 + rows[-1] + 1, window.x0 + columns[0] : window.x0 + columns[-1] + 1
-        ]
+        top, start = window.y0 + pad, window.x0 + pad
+        grey = pixels[top : top + height, start : start + width]
         return (
             centre[used].astype(np.float64),
             ((right - left) * (FINE / 2))[used].astype(np.float64),
