@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Literal, Self
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from mkdaemon.config.base import Section
 
@@ -64,3 +64,10 @@ class CameraSection(Section):
     """Quality of published images."""
     jpeg_width: int = Field(default=640, gt=0, le=8192)
     """Published images are scaled down to this width [px]."""
+
+    @model_validator(mode="after")
+    def _delays_in_order(self) -> Self:
+        if self.reopen_min_s > self.reopen_max_s:
+            msg = f"reopen_min_s {self.reopen_min_s:g} <= reopen_max_s {self.reopen_max_s:g} does not hold"
+            raise ValueError(msg)
+        return self

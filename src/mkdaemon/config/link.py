@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Literal, Self
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from mkdaemon.config.base import Section
 
@@ -48,3 +48,10 @@ class LinkConfig(Section):
     """Longest delay between two attempts [s]."""
     label_cache: Path | None = None
     """File in which analog labels are kept by board, version and checksum; None to keep them in memory."""
+
+    @model_validator(mode="after")
+    def _delays_in_order(self) -> Self:
+        if self.reopen_min_s > self.reopen_max_s:
+            msg = f"reopen_min_s {self.reopen_min_s:g} <= reopen_max_s {self.reopen_max_s:g} does not hold"
+            raise ValueError(msg)
+        return self
