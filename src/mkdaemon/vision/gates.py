@@ -22,6 +22,8 @@ MAX_ANGLE_SD = np.radians(1.25)
 """A pose less certain than this is not published: four sd would be a wrong pose of 5 degrees [rad]."""
 BLIND_INLIERS = 0.6
 """Share of agreeing points asked for while no attitude can contradict a fit."""
+NOISY_INLIERS = 0.9
+"""In a dark image the residual is large and yet nearly all points agree; hidden or smeared edges leave fewer."""
 BLIND_ANGLE_SD = np.radians(0.9)
 """As `MAX_ANGLE_SD`, without attitude [rad]."""
 BLIND_RMS_PX = 0.5
@@ -124,16 +126,18 @@ def fit_fault(pose: Pose, cfg: TrackerSection) -> str:
     return ""
 
 
-def certainty_fault(pose: Pose, *, has_attitude: bool, is_plain: bool = False) -> str:
+def certainty_fault(pose: Pose, *, has_attitude: bool, is_plain: bool = False, is_backed: bool = False) -> str:
     """Refuse poses whose own covariance or residual says they may be wrong; empty when certain enough.
 
     Args:
         pose: measured.
         has_attitude: whether an attitude stands against it.
         is_plain: the target is large in the image and its cells are read clearly; hidden parts then mislead nobody.
+        is_backed: the images before and inertia say the same; noise alone then may make the residual large.
     """
     if not has_attitude and pose.source != "corners":
-        if pose.rms_px > (BLIND_RMS_PX if pose.source == "edges" else BLIND_GREY_RMS_PX):
+        noisy = is_backed and pose.source == "edges" and pose.inliers > NOISY_INLIERS
+        if not noisy and pose.rms_px > (BLIND_RMS_PX if pose.source == "edges" else BLIND_GREY_RMS_PX):
             return "residual"
         if pose.inliers < BLIND_INLIERS and not is_plain:
             return "inliers"

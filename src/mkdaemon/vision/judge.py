@@ -9,8 +9,9 @@ import numpy as np
 import numpy.typing as npt
 
 from mkdaemon.config.vision import TrackerSection
-from mkdaemon.vision.ambiguity import Choice, choose
+from mkdaemon.vision.ambiguity import SAME_POSE, Choice, choose
 from mkdaemon.vision.attitude import Mounting, fuse_level, tilt_error
+from mkdaemon.vision.branches import Branches
 from mkdaemon.vision.edgefit import Level
 from mkdaemon.vision.fitting import TargetFitter
 from mkdaemon.vision.gates import certainty_fault, fit_fault, innovation_fault
@@ -34,6 +35,14 @@ ODD_RMS = 1.7
 """Residual over its usual value from which a small tag is not believed without attitude."""
 HARMLESS = float(np.radians(2.0))
 """Rivals this close are published as one pose with the doubt in its covariance [rad]."""
+GREY_PX = 8.0
+"""Cells below this tell rivals apart better by all their pixels than by their edges [px]."""
+SURPRISING = 16.0
+"""Squared distance from the course at which a pose is not published; of three degrees of freedom, one in 900."""
+EXPECTED = 9.0
+"""Squared distance from the course up to which inertia speaks for a pose."""
+BACKING_SD = float(np.radians(1.0))
+"""Deviation of the predicted direction up to which inertia can speak for a pose [rad]."""
 SMALL_TILT = float(np.radians(1.5))
 """Below this tilt the mirrored pose is the pose [rad]."""
 
@@ -71,15 +80,11 @@ class Judge:
         pose = self.fitter.refine(seen.pixels, start)
         fault = self._hard_fault(seen, pose, predicted) if pose is not None else "no_fit"
         if pose is not None and not fault:
-            settled = self._settle_mirror(seen, pose, predicted)
-            if settled is None:
-                return pose, "ambiguous"
-            fault = "" if settled is pose else self._hard_fault(seen, settled, predicted)
-            if not fault:
-                fused = self.fused(seen, settled)
-                known = self.tilt(seen, settled) is not None
-                odd = "" if known else self._residual_fault(fused)
-                return fused, odd or certainty_fault(fused, has_attitude=known, is_plain=self._is_plain(seen, fused))
+            if self.tilt(seen, pose) is None:
+                return self._weigh(seen, pose, predicted)
+            self.track.branches = None
+            fused = self.fused(seen, pose)
+            return fused, certainty_fault(fused, has_attitude=True)
         level = self._level(seen)
         if level is not None:
             # A free fit may follow something lying over the target: hold the tilt and try again.
@@ -88,27 +93,96 @@ class Judge:
                 return held, certainty_fault(held, has_attitude=True)
         return fault
 
-    def _settle_mirror(self, seen: Sight, pose: Pose, predicted: Pose | None) -> Pose | None:
-        """Without attitude a track can slip into the mirrored pose: image and track choose, or nobody does (none)."""
-        cell_px = self.fitter.side_px(pose) / self.fitter.target.tags[0].family.black_cells
-        blurred = pose.blur_px is not None and pose.blur_px > BLURRED_PX
-        known = self.tilt(seen, pose) is not None
-        if known or (cell_px > IMAGE_DECIDES_PX and not blurred) or pose.tilt < SMALL_TILT:
-            return pose
+    def _weigh(self, seen: Sight, pose: Pose, predicted: Pose) -> tuple[Pose, str] | str:
+        """Judge a fit without attitude, by its mirror image, the images before and the vehicle's inertia."""
+        candidates = self._candidates(seen, pose)
+        branches = self._continued(seen, candidates, predicted)
+        if not branches.is_decided and len(candidates) > 1 and pose.source == "edges" and self._cell_px(pose) < GREY_PX:
+            grey = self.fitter.by_grey_values(seen.pixels, candidates)
+            branches = self._continued(seen, grey, predicted) if grey else branches
+        chosen = branches.best.pose
+        fault = "" if chosen is pose else self._hard_fault(seen, chosen, predicted)
+        return fault or self._believed(seen, branches)
+
+    def rejoin(self, seen: Sight, candidates: Sequence[Pose], predicted: Pose) -> tuple[Pose, str] | str:
+        """Let a track that lost its target for some images choose between poses that were found anew.
+
+        Returns:
+            As `measure`.
+        """
+        rivals = [pose for pose in candidates if not self._hard_fault(seen, pose, predicted)]
+        if self.track.branches is None or not rivals:
+            return "ambiguous"
+        return self._believed(seen, self.track.branches.after(seen.time, rivals))
+
+    def _believed(self, seen: Sight, branches: Branches) -> tuple[Pose, str]:
+        """Take over the branches of an image; their best pose and why it must not be published."""
+        self.track.branches = branches
+        chosen, prior = branches.best.pose, branches.best.prior
+        if not branches.is_decided:
+            return chosen, "ambiguous"
+        fused = prior.fused(chosen) if prior is not None else chosen
+        if branches.spread > 0.0:
+            covariance = fused.covariance.copy()
+            covariance[3:, 3:] += (branches.spread / 2) ** 2 * np.eye(3)
+            fused = replace(fused, covariance=covariance)
+        if branches.best.missed or (prior is not None and prior.surprise(chosen) > SURPRISING):
+            return fused, "off_course"
+        # Sudden faults are no slow ones: here the pose has to be where inertia says by its own covariance.
+        backed = prior is not None and prior.angle_sd < BACKING_SD and prior.surprise(chosen, 1.0) < EXPECTED
+        odd = "" if backed else self._residual_fault(fused)
+        is_plain = backed or self._is_plain(seen, fused)
+        return fused, odd or certainty_fault(fused, has_attitude=False, is_plain=is_plain, is_backed=backed)
+
+    def _candidates(self, seen: Sight, pose: Pose) -> list[Pose]:
+        """A fit and, where perspective does not rule it out, its mirror image."""
+        if self._shows_perspective(pose) or pose.tilt < SMALL_TILT:
+            return [pose]
         rival = self.fitter.mirrored(seen.pixels, pose)
-        if rival is None:
+        if rival is None or angle_between(pose.rotation, rival.rotation) < SAME_POSE:
+            return [pose]
+        return [pose, rival]
+
+    def _continued(self, seen: Sight, candidates: Sequence[Pose], predicted: Pose) -> Branches:
+        """The branches of the track with the candidates of this image."""
+        before, first = self.track.branches, candidates[0]
+        if before is not None:
+            return before.after(seen.time, candidates)
+        if self._shows_perspective(first):
+            return self.begun(seen, candidates, decided=True)
+        expected = None if self.track.in_doubt else predicted.rotation
+        choice = choose(candidates, min_ratio=self._cfg.min_ambiguity_ratio, predicted=expected)
+        best = choice.pose if choice is not None else min(candidates, key=lambda candidate: candidate.loss)
+        order = [best, *(other for other in candidates if other is not best)]
+        return self.begun(seen, order, decided=choice is not None)
+
+    def begun(self, seen: Sight, candidates: Sequence[Pose], *, decided: bool) -> Branches:
+        """Branches that start in this image, the best candidate first."""
+        return Branches.begin(seen.time, candidates, decided=decided, moving=self.fitter.target.moving)
+
+    def _cell_px(self, pose: Pose) -> float:
+        return self.fitter.side_px(pose) / self.fitter.target.tags[0].family.black_cells
+
+    def _shows_perspective(self, pose: Pose) -> bool:
+        """Whether the image alone tells a pose from its mirror image."""
+        blurred = pose.blur_px is not None and pose.blur_px > BLURRED_PX
+        return self._cell_px(pose) > IMAGE_DECIDES_PX and not blurred
+
+    def _settle_mirror(self, seen: Sight, pose: Pose) -> Pose | None:
+        """Ask a first pose that has no rival for its mirror image: the image chooses, or nobody does (none)."""
+        if self.tilt(seen, pose) is not None:
             return pose
-        expected = predicted.rotation if predicted is not None and not self.track.in_doubt else None
-        choice = choose([pose, rival], min_ratio=self._cfg.min_ambiguity_ratio, predicted=expected)
-        if choice is None and pose.source == "edges" and cell_px < IMAGE_DECIDES_PX / 3:
-            grey = self.fitter.by_grey_values(seen.pixels, (pose, rival))
-            choice = choose(grey, min_ratio=self._cfg.min_ambiguity_ratio, predicted=expected) if grey else None
+        rivals = self._candidates(seen, pose)
+        choice = choose(rivals, min_ratio=self._cfg.min_ambiguity_ratio)
+        if choice is None and pose.source == "edges" and self._cell_px(pose) < GREY_PX:
+            grey = self.fitter.by_grey_values(seen.pixels, rivals)
+            choice = choose(grey, min_ratio=self._cfg.min_ambiguity_ratio) if grey else None
         if choice is not None:
             return choice.pose
-        between = angle_between(pose.rotation, rival.rotation)
+        between = angle_between(rivals[0].rotation, rivals[1].rotation)
         if between > HARMLESS:
             return None
-        better = min((pose, rival), key=lambda candidate: candidate.loss)
+        better = min(rivals, key=lambda candidate: candidate.loss)
         covariance = better.covariance.copy()
         covariance[3:, 3:] += (between / 2) ** 2 * np.eye(3)
         return replace(better, covariance=covariance)
@@ -147,7 +221,7 @@ class Judge:
             return "blurred"
         if choice.decided_by == "unique":
             # Both starts may have run into one of two minima: the mirrored pose of a small tag is asked for by name.
-            settled = self._settle_mirror(seen, choice.pose, None)
+            settled = self._settle_mirror(seen, choice.pose)
             if settled is None:
                 return "ambiguous"
             choice = replace(choice, pose=settled)
@@ -190,20 +264,17 @@ class Judge:
 
     def _is_smeared(self, pose: Pose) -> bool:
         """Whether blur hides what perspective there is: both candidates then run into one pose that may be neither."""
-        cell_px = self.fitter.side_px(pose) / self.fitter.target.tags[0].family.black_cells
-        return pose.blur_px is not None and pose.blur_px > BLURRED_PX and cell_px < IMAGE_DECIDES_PX
+        return pose.blur_px is not None and pose.blur_px > BLURRED_PX and self._cell_px(pose) < IMAGE_DECIDES_PX
 
     def _is_plain(self, seen: Sight, pose: Pose) -> bool:
-        cell_px = self.fitter.side_px(pose) / self.fitter.target.tags[0].family.black_cells
-        bits = self.fitter.match(seen.pixels, pose) if cell_px > IMAGE_DECIDES_PX else None
+        bits = self.fitter.match(seen.pixels, pose) if self._cell_px(pose) > IMAGE_DECIDES_PX else None
         return bits is not None and bits >= LATE_BITS
 
     def _residual_fault(self, pose: Pose) -> str:
         """A small tag that suddenly fits much worse than before has slipped into a wrong place that looks alike."""
         usual = self.track.usual_rms
-        cell_px = self.fitter.side_px(pose) / self.fitter.target.tags[0].family.black_cells
         odd = usual is not None and pose.source == "edges" and pose.rms_px > ODD_RMS * usual + 0.01
-        return "residual" if odd and cell_px < IMAGE_DECIDES_PX / 2 else ""
+        return "residual" if odd and self._cell_px(pose) < IMAGE_DECIDES_PX / 2 else ""
 
     def tilt(self, seen: Sight, pose: Pose) -> float | None:
         """Disagreement with the attitude [rad]; none over targets that are not level, or without attitude."""

@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from mkdaemon.vision.attitude import Mounting
+from mkdaemon.vision.branches import Branches
 from mkdaemon.vision.pose import Pose, angle_between
 
 Array = npt.NDArray[np.float64]
@@ -39,6 +40,7 @@ class Track:
         tried_at: when decoding was last tried [s].
         usual_rms: residual of the poses so far, slowly following [px]; none before the first.
         in_doubt: the poses remembered may be mirrored; they are good for following, not for deciding.
+        branches: the readings of the images so far, while no attitude tells them apart; none before the first.
         image: pixels of the last accepted pose, for optical flow.
     """
 
@@ -47,6 +49,7 @@ class Track:
     tried_at: float = -np.inf
     usual_rms: float | None = None
     in_doubt: bool = False
+    branches: Branches | None = None
     image: npt.NDArray[np.uint8] | None = None
     _moments: list[_Moment] = field(default_factory=list)
 
@@ -86,6 +89,7 @@ class Track:
         self._moments.clear()
         self.image = None
         self.in_doubt = False
+        self.branches = None
         self.usual_rms = None
         self.misses = 0
         self.decoded_at = -np.inf

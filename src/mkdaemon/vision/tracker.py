@@ -256,10 +256,40 @@ class Tracker:
         choice = judge.choose_first(frame.sight, candidates, predicted.rotation if predicted is not None else None)
         if isinstance(choice, str):
             frame.refused[name] = choice
+            if choice == "ambiguous":
+                self._doubt(frame, name, candidates, mode)
             return
         track.decoded_at = track.tried_at = frame.sight.time
         track.in_doubt = False
+        track.branches = judge.begun(frame.sight, [choice.pose], decided=True)
         self._publish(frame, name, choice, mode)
+
+    def _doubt(self, frame: _Frame, name: str, candidates: Sequence[Pose], mode: str) -> None:
+        """Let a track decide between a pose and its mirror image, or start one that waits until it can."""
+        rivals = sorted((pose for pose in candidates if pose.source != "corners"), key=lambda pose: pose.loss)
+        if not rivals:
+            return
+        track, judge, now = self._tracks[name], self._judges[name], frame.sight.time
+        joined: tuple[Pose, str] | str = "ambiguous"
+        if track.is_live:
+            predicted, _ = track.predict(now, frame.sight.enu_from_flu, self._mounting)
+            joined = judge.rejoin(frame.sight, rivals, predicted)
+        if not isinstance(joined, str) and not joined[1]:
+            track.decoded_at = track.tried_at = now
+            track.in_doubt = False
+            self._publish(frame, name, Choice(joined[0], float("inf"), "track"), mode)
+            return
+        if isinstance(joined, str):
+            if track.is_live and not track.in_doubt and track.misses <= FLOW_THROUGH:
+                return
+            track.lose()
+            track.branches = judge.begun(frame.sight, rivals, decided=False)
+            joined = rivals[0], "ambiguous"
+        track.decoded_at = track.tried_at = now
+        track.accept(now, joined[0], frame.sight.enu_from_flu, frame.sight.pixels)
+        track.in_doubt = True
+        frame.refused[name] = joined[1]
+        frame.followed.add(name)
 
     def _publish(self, frame: _Frame, name: str, choice: Choice, mode: str) -> None:
         track, fitter, now = self._tracks[name], self._fitters[name], frame.sight.time

@@ -1,0 +1,161 @@
+"""Inertia over a target: shaking is no motion, a mirrored pose is one."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from mkdaemon.vision.branches import DECIDED, Branches
+from mkdaemon.vision.course import MOVING_PSD, Course
+from mkdaemon.vision.pose import Pose, turn
+from tests.vision.views import angle_deg
+
+DOWN = np.diag([1.0, -1.0, -1.0])
+STEP = 1 / 30
+
+
+def seen(centre, shake_deg=(0.0, 0.0, 0.0), *, loss=0.01, sd_deg=0.3, points=200, inliers=1.0) -> Pose:
+    """A camera at `centre` [m; target] that looks down, turned by a shake."""
+    rotation = turn(DOWN, np.radians(shake_deg))
+    spread = np.diag([1e-6] * 3 + [np.radians(sd_deg) ** 2] * 3)
+    return Pose(rotation, -rotation @ np.asarray(centre), spread, "edges", points, 0.1, inliers, loss=loss)
+
+
+def mirrored(pose: Pose, loss=0.01) -> Pose:
+    """The rival: the same place in the image, the normal on the other side of the line of sight."""
+    axis = np.cross(pose.rotation[:, 2], -pose.position)
+    turned = turn(pose.rotation, axis / np.linalg.norm(axis) * 2 * pose.tilt)
+    return Pose(turned, pose.position, pose.covariance, "edges", pose.points, 0.1, pose.inliers, loss=loss)
+
+
+def flown(count: int, sd_deg: float, seed: int = 1) -> tuple[Course, np.ndarray]:
+    """A course after `count` shaken, noisy images of a flight at 1 m/s past the target, and the next place."""
+    rng = np.random.default_rng(seed)
+    course = None
+    for k in range(count + 1):
+        centre = np.array([0.6 + k * STEP, 0.2, 4.0])
+        pose = seen(centre, rng.normal(0, 1.0, 3), sd_deg=sd_deg)
+        noisy = Pose(
+            turn(pose.rotation, np.radians(rng.normal(0, sd_deg, 3))), pose.position, pose.covariance, "edges", 200, 0.1
+        )
+        if k == count:
+            break
+        course = Course.begin(0.0, noisy) if course is None else course.ahead(k * STEP).corrected(noisy)
+    return course.ahead(count * STEP), centre
+
+
+def test_shaking_is_no_surprise_and_the_mirrored_pose_is_one():
+    course, centre = flown(20, 0.3)
+    for shake in ((0, 0, 0), (3, -2, 1), (-4, 4, 10)):
+        true = seen(centre, shake)
+        assert course.surprise(true) < 9.0
+        assert course.surprise(mirrored(true)) > 50.0
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_a_course_knows_the_tilt_better_than_its_images(seed):
+    course, centre = flown(25, 1.0, seed)
+    assert np.degrees(course.angle_sd) < 1.2  # 2 degrees is what it takes each image for
+    direction = np.degrees(np.arccos(course.centre @ centre / np.linalg.norm(course.centre) / np.linalg.norm(centre)))
+    assert direction < 2.5 * np.degrees(course.angle_sd) * np.sqrt(2)
+
+
+def test_what_is_expected_fades_with_time():
+    course, _ = flown(20, 0.3)
+    later = [course.ahead(course.time + t).angle_sd for t in (0.0, 0.1, 0.3, 0.6)]
+    assert later == sorted(later)
+    assert later[-1] > 3 * later[0]
+
+
+def test_a_vague_pose_is_moved_onto_the_course_and_a_sharp_one_stays():
+    course, centre = flown(25, 0.1)
+    true = seen(centre, (2, -1, 3))
+    off = turn(true.rotation, np.radians([2.0, 0, 0]))
+    vague = Pose(off, true.position, np.diag([1e-6] * 3 + [np.radians(2.0) ** 2] * 3), "edges", 99, 0.1)
+    sharp = Pose(off, true.position, np.diag([1e-9] * 3 + [np.radians(0.01) ** 2] * 3), "edges", 99, 0.1)
+    fused = course.fused(vague)
+    assert angle_deg(fused.rotation, true.rotation) < 1.0  # the course itself is some tenths off
+    assert np.linalg.norm(fused.position - true.position) < 0.005
+    assert np.linalg.eigvalsh(fused.covariance)[0] > 0
+    # The turn about the line of sight is nothing a place can tell.
+    sight = fused.position / fused.range_m
+    assert np.sqrt(sight @ fused.covariance[3:, 3:] @ sight) == pytest.approx(np.radians(2.0), rel=0.1)
+    assert angle_deg(course.fused(sharp).rotation, off) < 0.05
+
+
+def test_hidden_parts_make_a_pose_count_less():
+    course, centre = flown(20, 0.3)
+    aside = centre + np.array([0.3, 0.0, 0.0])
+    assert course.surprise(seen(aside, inliers=0.5)) < 0.7 * course.surprise(seen(aside))
+    assert course.surprise(seen(aside, inliers=0.5), 1.0) == pytest.approx(course.surprise(seen(aside), 1.0))
+
+
+def branches_of(*loss: float, decided: bool = False, moving: bool = False) -> Branches:
+    true = seen([0.7, 0.0, 4.0], loss=loss[0])
+    return Branches.begin(0.0, [true, mirrored(true, loss[1])], decided=decided, moving=moving)
+
+
+def fly(branches: Branches, losses, start: int = 1) -> Branches:
+    """Go on past the target, the true pose and its mirror image with given losses."""
+    rng = np.random.default_rng(start)
+    for k, (true_loss, mirror_loss) in enumerate(losses, start):
+        true = seen([0.7 + 0.3 * k * STEP, 0.0, 4.0], rng.normal(0, 0.7, 3), loss=true_loss)
+        branches = branches.after(k * STEP, [mirrored(true, mirror_loss), true])
+    return branches
+
+
+def is_true(branches: Branches) -> bool:
+    return bool(branches.best.course.centre[0] > 0)
+
+
+def test_odds_gather_until_they_decide():
+    once = branches_of(0.010, 0.014)
+    assert not once.is_decided
+    few = fly(once, [(0.010, 0.014)] * 2)
+    many = fly(once, [(0.010, 0.014)] * 8)
+    assert 0 < few.lead < DECIDED
+    assert many.is_decided
+    assert is_true(many)
+
+
+def test_small_differences_decide_nothing_however_many_there_are():
+    """Blur and light favour one of two rivals a little in every image: that is not evidence."""
+    assert fly(branches_of(0.0102, 0.010), [(0.0102, 0.0100)] * 60).lead < 1e-6
+
+
+def test_a_decided_branch_stays_through_images_that_say_nothing():
+    kept = fly(branches_of(0.010, 0.010, decided=True), [(0.0101, 0.0100)] * 20)
+    assert kept.is_decided
+    assert is_true(kept)
+
+
+def test_a_wrong_branch_is_left_after_clear_images():
+    """Decided for the mirrored pose, then images that show which one is true."""
+    true = seen([0.7, 0.0, 4.0])
+    wrong = Branches.begin(0.0, [mirrored(true), true], decided=True)
+    states = [fly(wrong, [(0.010, 0.020)] * n) for n in range(1, 16)]
+    believed = [is_true(state) for state in states if state.is_decided]
+    assert believed == sorted(believed)  # first wrong, then nobody, then true: never back
+    assert believed[-1]
+    assert not all(state.is_decided for state in states)
+
+
+def test_one_wrong_pose_is_passed_over_and_a_lasting_one_is_followed():
+    course = fly(branches_of(0.01, 0.01, decided=True), [(0.010, 0.0101)] * 6)
+    aside = [seen([1.6, 0.0, 4.0]), seen([1.61, 0.0, 4.0]), seen([1.62, 0.0, 4.0]), seen([1.63, 0.0, 4.0])]
+    once = course.after(7 * STEP, aside[:1])
+    assert once.best.missed
+    again = fly(once, [(0.010, 0.0101)], start=8)
+    assert not again.best.missed
+    assert again.is_decided
+    assert np.linalg.norm(again.best.course.centre - [0.78, 0.0, 4.0]) < 0.05
+    for k, pose in enumerate(aside):
+        course = course.after((7 + k) * STEP, [pose])
+    assert not course.best.missed
+    assert np.linalg.norm(course.best.course.centre - [1.63, 0.0, 4.0]) < 0.05
+
+
+def test_of_a_moving_target_less_is_expected():
+    still, moving = branches_of(0.01, 0.01), branches_of(0.01, 0.01, moving=True)
+    assert moving.best.course.psd == MOVING_PSD
+    assert moving.best.course.ahead(0.3).angle_sd > still.best.course.ahead(0.3).angle_sd
