@@ -9,7 +9,7 @@ import pytest
 from mkdaemon.errors import CommandRejectedError
 from mkdaemon.link.acquaintance import Acquaintance
 from mkdaemon.link.health import HealthMonitor
-from mkdaemon.link.line import LineRules
+from mkdaemon.link.line import FORWARDING_GAP_S, LineRules
 from mkdaemon.link.release import GIVE_UP_S, QUIET_S, REMIND_S, REPEATS, SPACING_S
 from mkdaemon.link.scheduler import Entry, TransmitScheduler
 from mkdaemon.link.steering import Steering
@@ -186,3 +186,20 @@ def test_leaving_lets_nothing_follow_the_release():
     bench.steering.leave(bench.now)
     after = bench.run(5.0, answers=True)
     assert [entry.purpose for _, entry, _ in after] == [Purpose.RELEASE] * REPEATS
+
+
+def test_a_release_passed_on_by_a_navictrl_is_spaced_as_it_can_pass_it_on():
+    """Closer than 25 ms half of the frames vanish on their way: five would not be five."""
+    bench = Bench(direct=Board.NC)
+    bench.scheduler.rules = LineRules(direct=Board.NC, setpoint_interval=FORWARDING_GAP_S)
+    bench.steer()
+    bench.run(0.005)
+    bench.steering.release("test", bench.now)
+    bench.run(1.0)
+    assert [entry.purpose for _, entry, _ in bench.sent] == [Purpose.SETPOINT] + [Purpose.RELEASE] * (1 + REPEATS)
+    assert [message.config for *_, message in bench.sent] == [1, 1] + [0] * REPEATS
+    gaps = [later - at for (at, *_), (later, *_) in itertools.pairwise(bench.sent)]
+    assert min(gaps) >= FORWARDING_GAP_S - 1e-9
+    assert max(gaps) <= FORWARDING_GAP_S + 0.003
+    assert bench.steering.plan is not None
+    assert bench.steering.plan.status == "not_observable"

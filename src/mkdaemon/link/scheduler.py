@@ -84,6 +84,7 @@ class TransmitScheduler:
         self._fc_free = 0.0
         self._last_end: float | None = None
         self._setpoint_turn = 0.0
+        self._passed_on = 0.0
         self._arrived: float | None = None
         self._setpoint_period: float | None = None
         self._needs_resync = True
@@ -130,7 +131,7 @@ class TransmitScheduler:
         self._only = None
         self._leaving = False
         self._setpoint_period = self._arrived = None
-        self._setpoint_turn = 0.0
+        self._setpoint_turn = self._passed_on = 0.0
         self._line_free = self._fc_free = 0.0
         self._last_end = None
         self._needs_resync = True
@@ -204,6 +205,11 @@ class TransmitScheduler:
         return sum(map(len, self._queues.values()))
 
     @property
+    def release_waits(self) -> bool:
+        """Whether a frame of a release was handed in and not sent yet."""
+        return bool(self._queues[Purpose.RELEASE])
+
+    @property
     def setpoint_period(self) -> float | None:
         """Rhythm in which setpoints come [s]; None while none do."""
         return self._setpoint_period
@@ -219,7 +225,7 @@ class TransmitScheduler:
         touches_fc = self._touches_fc(entry)
         ready = max(entry.not_before, self._fc_free if touches_fc else 0.0)
         if entry.purpose is Purpose.RELEASE:
-            return ready
+            return max(ready, self._passed_on)
         if self._leaving:
             return math.inf
         if self._only is not None and entry.board is not self._only and entry.message is not None:
@@ -270,9 +276,11 @@ class TransmitScheduler:
         self._line_free = self._last_end = end
         if self._touches_fc(entry):
             self._fc_free = end + self.rules.gap_after(reaches_fc=True)
+        is_passed_on = self.rules.setpoint_interval >= FORWARDING_GAP_S
+        if is_passed_on and entry.purpose in (Purpose.SETPOINT, Purpose.RELEASE):
+            self._passed_on = now + FORWARDING_GAP_S
         if entry.purpose is Purpose.SETPOINT:
             # A setpoint that had to wait may be followed a little sooner, so that the delay does not stay.
-            is_passed_on = self.rules.setpoint_interval >= FORWARDING_GAP_S
             interval = self.rules.setpoint_interval * (1.0 if is_passed_on else CREEP)
             slack = 0.0 if is_passed_on else CATCH_UP * interval
             self._setpoint_turn = max(self._setpoint_turn, now - slack) + interval

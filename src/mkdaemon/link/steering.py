@@ -129,7 +129,7 @@ class Steering:
         plan = self.plan
         if plan is None:
             return
-        message = plan.due(now)
+        message = None if self._scheduler.release_waits else plan.due(now)
         if message is not None:
             self._scheduler.submit(self.control.entry(message, Purpose.RELEASE, now + 1.0, tag=plan), now)
         if plan.status == "confirmed":
@@ -143,4 +143,4 @@ class Steering:
 
     def next_time(self) -> float:
         """When `step` has something to do again [s]; infinite while it has not."""
-        return math.inf if self.plan is None else self.plan.next_time()
+        return math.inf if self.plan is None or self._scheduler.release_waits else self.plan.next_time()
