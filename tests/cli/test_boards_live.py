@@ -139,6 +139,8 @@ def test_navictrl_parameters_labels_and_display(navictrl: list[str], ctl: Ctl) -
     assert ctl(navictrl, "nc-param", "set", "target-speed", "25")[:2] == (EXIT_OK, "target_speed 25 0.1 m/s\n")
     assert ctl(navictrl, "nc-param", "get", "target_speed")[1] == "target_speed 25 0.1 m/s\n"
     assert ctl(navictrl, "nc-param", "set", "heading_setpoint", "-1")[::2] == (EXIT_OK, "")
+    code, _, err = ctl(navictrl, "nc-param", "set", "target_speed", "99999")
+    assert (code, "<= 32767" in err) == (EXIT_CONFIG, True)
     code, _, err = ctl(navictrl, "nc-param", "get", "speed")
     assert code == EXIT_CONFIG
     assert "use one of target_speed, heading_setpoint" in err
@@ -147,6 +149,11 @@ def test_navictrl_parameters_labels_and_display(navictrl: list[str], ctl: Ctl) -
     assert ctl(navictrl, "labels", "nc")[1].splitlines() == first  # kept, not asked again
     lines = ctl(navictrl, "display", "nc", "--once")[1].splitlines()
     assert [len(line) for line in lines] == [20] * 4
+
+
+def test_the_menu_is_that_of_the_board_that_is_there(navictrl: list[str], flightctrl: list[str], ctl: Ctl) -> None:
+    assert ctl(navictrl, "display")[1].startswith("NaviCtrl ")
+    assert ctl(flightctrl, "display")[1].startswith("FlightCtrl ")
 
 
 def test_send_prints_the_typed_answer_and_refusals(navictrl: list[str], ctl: Ctl) -> None:

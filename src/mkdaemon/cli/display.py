@@ -9,7 +9,7 @@ import os
 import sys
 import termios
 import tty
-from collections.abc import AsyncIterator, Iterator
+from collections.abc import AsyncIterator, Iterator, Sequence
 from typing import Annotated, Final, Literal
 
 from cyclopts import Parameter
@@ -25,6 +25,8 @@ HERE: Final = Connection()
 LINES, COLUMNS = 4, 20
 INTERVAL: Final = 25
 """Between two pictures while nobody presses a key [10 ms]."""
+MEETING: Final = 5.0
+"""Longest wait for the daemon to know who is on the line [s]; it takes about one."""
 RENEW: Final = 2.0
 """Between two renewals [s]; a stream ends 4 s after the last."""
 
@@ -45,7 +47,9 @@ QUIT: Final = frozenset({"q", "\x03", "\x04"})
 
 
 async def display(
-    board: Annotated[Literal["fc", "nc"], Parameter(help="Whose menu.")] = "nc",
+    board: Annotated[
+        Literal["fc", "nc"] | None, Parameter(help="Whose menu; that of the board the wire ends at, without it.")
+    ] = None,
     /,
     *,
     once: Annotated[bool, Parameter(help="Print one picture and leave.", negative=())] = False,
@@ -58,14 +62,26 @@ async def display(
 
     Without a terminal, or with --once, one picture is printed.
     """
-    asked = Board[board.upper()]
     async with Client.open(connection) as client:
+        asked = Board[board.upper()] if board else await _board_here(client)
         if once or connection.json or not (sys.stdin.isatty() and sys.stdout.isatty()):
             picture = await _press(client, asked, MenuKey.NONE, 0)
             print(json.dumps({"lines": lines_of(picture)}) if connection.json else "\n".join(lines_of(picture)))
             return
         with _raw_terminal():
             await _live(client, asked, allow_change=keys)
+
+
+async def _board_here(client: Client) -> Board:
+    """The board the wire ends at: the NaviCtrl where there is one. Waits a while for boards to be met."""
+    boards: Sequence[str] = ()
+    with contextlib.suppress(TimeoutError):
+        async with asyncio.timeout(MEETING):
+            while not boards:
+                sample = (await client.get("link/state")).get("link/state")
+                boards = sample.fields.get("boards", ()) if sample else ("nc",)
+                await asyncio.sleep(0 if boards else 0.2)
+    return Board.FC if boards == ["fc"] else Board.NC
 
 
 def lines_of(text: str) -> list[str]:
