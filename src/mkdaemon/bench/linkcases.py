@@ -38,6 +38,11 @@ class Case:
     setpoint_hz: float = 0.0
     sim: dict[str, Any] = field(default_factory=dict)
 
+    @property
+    def is_by_radio(self) -> bool:
+        """Whether packets are lost on their way."""
+        return "radio" in self.sim
+
 
 _NEW: Final = {"board": "nc", "nc": "2.14", "fc": "2.14"}
 _OLD: Final = {"board": "nc", "nc": "0.24", "fc": "2.12a"}

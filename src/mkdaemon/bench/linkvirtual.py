@@ -72,17 +72,8 @@ async def _play(case: Case, seconds: float) -> dict[str, Any]:
     running = asyncio.create_task(link.run())
     await asyncio.sleep(SETTLE_S)
     await until_steerable(link, case)
-    before, began = link.health(), loop.time()
-    if case.setpoint_hz:
-        layout: Callable[..., WireMessage] | None = link.dialect.extern_control
-        assert layout is not None
-        for step in range(int(case.setpoint_hz * seconds)):
-            await asyncio.sleep(max(0.0, began + step / case.setpoint_hz - loop.time()))
-            sink.handed_in = loop.time()
-            setpoint = layout(pitch=step % 21 - 10, roll=0, yaw=0, throttle=0, config=1)
-            link.send_setpoint(setpoint, deadline=loop.time() + 0.1)
-    else:
-        await asyncio.sleep(seconds)
+    before = link.health()
+    await steer_steadily(link, case, seconds, sink)
     await asyncio.sleep(0.4)
     after = link.health()
     running.cancel()
@@ -96,6 +87,21 @@ async def _play(case: Case, seconds: float) -> dict[str, Any]:
         "exact_setpoint_wait_p99_ms": wait_ms(sink.waits),
         "exact_radio_loss": radio_loss([c.packets for c in channels], [c.packets_lost for c in channels]),
     }
+
+
+async def steer_steadily(link: Link, case: Case, seconds: float, sink: Waits) -> int:
+    """Hand in the setpoints of a case for so long, or just wait where it has none; returns how many."""
+    loop = asyncio.get_running_loop()
+    began, steps = loop.time(), int(case.setpoint_hz * seconds)
+    layout: Callable[..., WireMessage] | None = link.dialect.extern_control
+    for step in range(steps):
+        assert layout is not None
+        await asyncio.sleep(max(0.0, began + step / case.setpoint_hz - loop.time()))
+        sink.handed_in = loop.time()
+        setpoint = layout(pitch=step % 21 - 10, roll=0, yaw=0, throttle=0, config=1)
+        link.send_setpoint(setpoint, deadline=loop.time() + 0.1)
+    await asyncio.sleep(began + seconds - loop.time())
+    return steps
 
 
 async def until_steerable(link: Link, case: Case) -> None:
