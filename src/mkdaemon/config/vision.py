@@ -13,7 +13,7 @@ from pydantic import Field, model_validator
 from mkdaemon.config.base import Section
 
 Metres3 = tuple[float, float, float]
-TagSize = Annotated[float, Field(ge=0.005, le=5.0)]
+TagSize = Annotated[float, Field(ge=0.005, le=5.0, strict=True)]
 
 
 class TagPlacement(Section):

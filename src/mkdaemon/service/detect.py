@@ -111,7 +111,7 @@ def detect(
         if k not in eyes:
             eyes[k] = eye_for(k)
         result = eyes[k].look(picture.pixels)
-        _tell(picture, result, k, as_json=as_json)
+        _tell(picture, result, k, as_json=as_json, sized=bool(target) or tag_size is not None)
         if overlay is not None:
             _write_overlay(overlay, picture, draw(picture.pixels, result, k), single=len(pictures) == 1)
     return 1 if failed else 0
@@ -124,6 +124,9 @@ def _ids(text: str) -> frozenset[int]:
         first, dash, last = part.strip().partition("-")
         if not first.isdigit() or (dash and not last.isdigit()):
             msg = f"--ids '{text}': give codes and ranges, for example 0,3,7-9"
+            raise ConfigError(msg)
+        if int(last or first) < int(first):
+            msg = f"--ids '{text}': {part.strip()} counts down; give codes and ranges, for example 0,3,7-9"
             raise ConfigError(msg)
         found.update(range(int(first), int(last or first) + 1))
     return frozenset(found)
@@ -183,7 +186,9 @@ def _frames(path: Path) -> Iterator[Picture]:
         yield Picture(str(path), None, None, "no image in this video")
 
 
-def _tell(picture: Picture, result: StillResult | None, k: Intrinsics | None, *, as_json: bool) -> None:
+def _tell(
+    picture: Picture, result: StillResult | None, k: Intrinsics | None, *, as_json: bool, sized: bool = False
+) -> None:
     if as_json:
         print(json.dumps(_object(picture, result)), flush=True)
         return
@@ -198,10 +203,18 @@ def _tell(picture: Picture, result: StillResult | None, k: Intrinsics | None, *,
         print(f"  {found.family} {found.tag_id} at {x:.1f}, {y:.1f} px, hamming {found.hamming}")
     for pose in result.poses:
         x, y, z = pose.pose.position
-        tilt = f"tilt {np.degrees(pose.pose.tilt):.1f} deg{', ambiguous' if pose.ambiguous else ''}"
+        doubt = f", doubtful: {pose.fault}" if pose.fault else ""
+        tilt = f"tilt {np.degrees(pose.pose.tilt):.1f} deg{', ambiguous' if pose.ambiguous else ''}{doubt}"
         print(f"  {pose.target}: right {x:.4f}, down {y:.4f}, ahead {z:.4f} m, {tilt}")
-    if k is None and result.tags:
-        print("  no pose: give --camera or --intrinsics")
+    if result.tags and not result.poses:
+        print(f"  no pose: {_missing(k, sized=sized)}")
+
+
+def _missing(k: Intrinsics | None, *, sized: bool) -> str:
+    """What stands between tags and a pose."""
+    if k is None:
+        return "give --camera or --intrinsics"
+    return "nothing fits these tags" if sized else "give --target or --tag-size"
 
 
 def _object(picture: Picture, result: StillResult | None) -> dict[str, Any]:

@@ -101,6 +101,7 @@ class EyeState(StrEnum):
     FROZEN = "frozen"
     WRONG_SIZE = "wrong_size"
     UNCALIBRATED = "uncalibrated"
+    TARGET_MISMATCH = "target_mismatch"
     OPENING = "opening"
     SILENT = "silent"
     GONE = "gone"

@@ -21,13 +21,16 @@ from mkdaemon.vision.camera_file import Camera, load_camera, mount_rotation
 from mkdaemon.vision.image import CameraImage
 from mkdaemon.vision.imagecodec import boot_id, encode_jpeg
 from mkdaemon.vision.output import mount_transform, values_of
+from mkdaemon.vision.projection import Projection
 from mkdaemon.vision.tagmap import load
+from mkdaemon.vision.target_check import TargetCheck
 from mkdaemon.vision.tracker import Tracker
 
 ALARM_WORDS = {
     "wrong_size": "the images have another size than the calibration: set width and height, or calibrate at this size",
     "uncalibrated": "no calibration: tags only, no poses; run mkctl calibrate camera and set `calibration`",
     "frozen": "equal images in a row: the camera is frozen, unplug it or restart its driver",
+    "target_mismatch": "the tags of one target contradict its file: check sizes and positions there, measure the print",
     "dark": "the images are dark: lens cap, light or exposure",
     "blown": "the images are over-exposed: shorten the exposure or lower the gain",
     "blurred": "edges are wide: clean and focus the lens, shorten the exposure",
@@ -36,7 +39,7 @@ ALARM_WORDS = {
 """What to do about an alarm."""
 NEVER_POSED = ("wrong_size", "uncalibrated", "frozen")
 """Alarms under which no pose is published, the first one first."""
-MAYBE_POSED = ("dark", "blown")
+MAYBE_POSED = ("dark", "blown", "target_mismatch")
 """Alarms that explain why there is no pose, while there is none."""
 Clock = Callable[[], float]
 WINDOW = 150
@@ -73,7 +76,9 @@ class CameraPipeline:
         intrinsics = self.camera.intrinsics if self.camera is not None else None
         # Without a known mounting the attitude says nothing about the camera: no gate, no prediction from it.
         mounting = self.mounting if self._has_mount else None
-        self.tracker = Tracker(load(cfg.targets), intrinsics, mounting, vision.tracker, vision.detector)
+        tagmap = load(cfg.targets)
+        self.tracker = Tracker(tagmap, intrinsics, mounting, vision.tracker, vision.detector)
+        self._check = TargetCheck(tagmap, Projection(intrinsics) if intrinsics is not None else None)
         self._timings: deque[_Timing] = deque(maxlen=WINDOW)
         self._refused: Counter[str] = Counter()
         self._processed = self._faults = 0
@@ -100,7 +105,9 @@ class CameraPipeline:
             return []
         ready = clock()
         values = list(values_of(result, image, self.mounting, ready))
-        self.alarms = result.alarms
+        self._check.look(result.detections, (pose.target for pose in result.poses))
+        mismatch = ("target_mismatch",) if self._check.contradicted else ()
+        self.alarms = (*result.alarms, *mismatch)
         self._refused.update(reason for _, reason in result.refused)
         self._timings.append(_Timing(ready - started, ready - image.captured_at, bool(result.poses)))
         return values

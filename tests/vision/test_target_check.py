@@ -1,0 +1,119 @@
+"""A target file that contradicts what is seen: wrong sizes and positions are said, right ones never are."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from mkdaemon.config.camera import CameraSection
+from mkdaemon.config.vision import TagPlacement, TargetSection, VisionSection
+from mkdaemon.frames import rotation_from_euler
+from mkdaemon.telemetry.vision import EyeState
+from mkdaemon.vision.camera import StreamState, StreamStatus
+from mkdaemon.vision.detection import Detection
+from mkdaemon.vision.image import CameraImage
+from mkdaemon.vision.intrinsics import Intrinsics
+from mkdaemon.vision.pipeline import CameraPipeline
+from mkdaemon.vision.projection import Projection
+from mkdaemon.vision.tagmap import TagMap, build
+from mkdaemon.vision.target_check import CONTRADICTIONS, TargetCheck, misfit
+
+LENS = Projection(Intrinsics(width=640, height=480, fx=425.0, fy=425.0, cx=319.5, cy=239.5, k1=-0.12, k2=0.02))
+FACING = np.diag([1.0, -1.0, -1.0])
+
+
+def pad(outer: float = 0.3048, inner: float = 0.048, x: float = 0.0) -> TagMap:
+    tags = (TagPlacement(id=48, size=outer), TagPlacement(id=1, size=inner, position=(x, 0.0, 0.0)))
+    return build([TargetSection(name="pad", tags=tags)], origin="test")
+
+
+def seen(true: TagMap, file: TagMap, rng: np.random.Generator, *, away: float = 0.6, noise: float = 0.2):
+    """What a detector finds of the true target, beside the tags as the file has them."""
+    turn = rotation_from_euler(*rng.uniform(-0.6, 0.6, 3)) @ FACING
+    pairs = []
+    for tag, known in zip(true.targets[0].tags, file.targets[0].tags, strict=True):
+        pixels, visible = LENS.project(tag.corners @ turn.T + [0.05, -0.03, away])
+        assert visible.all()
+        found = Detection("tag36h11", tag.tag_id, 0, 60.0, pixels + rng.normal(0.0, noise, (4, 2)), "decimate1")
+        pairs.append((known, found))
+    return pairs
+
+
+@pytest.mark.parametrize("away", [0.35, 0.6, 1.5, 4.0])
+def test_a_right_file_is_never_contradicted(away: float) -> None:
+    rng = np.random.default_rng(7)
+    assert not any(misfit(seen(pad(), pad(), rng, away=away), LENS) for _ in range(200))
+
+
+WRONG = [pad(0.25), pad(0.29), pad(inner=0.06), pad(inner=0.04), pad(x=0.006), pad(0.6096)]
+
+
+@pytest.mark.parametrize("file", WRONG, ids=range(len(WRONG)))
+def test_wrong_sizes_and_positions_are_seen(file: TagMap) -> None:
+    rng = np.random.default_rng(8)
+    assert sum(misfit(seen(pad(), file, rng), LENS) is True for _ in range(100)) > 95
+
+
+def test_sizes_wrong_by_one_factor_cannot_be_seen() -> None:
+    assert misfit(seen(pad(), pad(0.1524, 0.024), np.random.default_rng(9)), LENS) is False
+
+
+def test_one_tag_alone_says_nothing_and_far_ones_are_left_alone() -> None:
+    pairs = seen(pad(), pad(), np.random.default_rng(1))
+    assert misfit(pairs[:1], LENS) is None
+    far = build(
+        [
+            TargetSection(
+                name="row", tags=(TagPlacement(id=1, size=0.05), TagPlacement(id=2, size=0.05, position=(1, 0, 0)))
+            )
+        ],
+        origin="test",
+    )
+    tags = far.targets[0].tags
+    assert misfit([(tag, found) for tag, (_, found) in zip(tags, pairs, strict=True)], LENS) is None
+
+
+def test_it_is_said_after_some_images_and_taken_back_by_one_that_fits() -> None:
+    rng = np.random.default_rng(2)
+    wrong = pad(0.25)
+    check = TargetCheck(wrong, LENS)
+    for _ in range(CONTRADICTIONS - 1):
+        check.look([found for _, found in seen(pad(), wrong, rng)], ())
+        assert check.contradicted == ()
+    check.look([found for _, found in seen(pad(), wrong, rng)], ())
+    assert check.contradicted == ("pad",)
+    check.look([], ())
+    assert check.contradicted == ("pad",)
+    check.look([], ("pad",))
+    assert check.contradicted == ()
+
+
+def test_without_a_calibration_nothing_is_judged() -> None:
+    check = TargetCheck(pad(0.25), None)
+    for _ in range(3 * CONTRADICTIONS):
+        check.look([found for _, found in seen(pad(), pad(), np.random.default_rng(3))], ())
+    assert check.contradicted == ()
+
+
+def test_the_camera_says_so_in_place_of_a_pose(tmp_path) -> None:
+    from mkdaemon.config.scene import SceneConfig
+    from mkdaemon.sim.scene_camera import BodyState, SceneCamera
+    from mkdaemon.vision.camera_file import save_camera
+
+    scene = SceneCamera(SceneConfig(enabled=True), seed=3)
+    lens, target = tmp_path / "lens.toml", tmp_path / "pad.toml"
+    save_camera(scene.camera, lens)
+    target.write_text(
+        '[[targets]]\nname = "pad"\n[[targets.tags]]\nid = 48\nsize = 0.25\n[[targets.tags]]\nid = 1\nsize = 0.048\n'
+    )
+    eye = CameraPipeline(CameraSection(source="x", calibration=lens, targets=(target,)), VisionSection())
+    poses = []
+    for number in range(CONTRADICTIONS + 2):
+        at = number / 30
+        state = BodyState(at, np.array([0.02 * np.sin(number), 0.0, 0.5]), np.zeros(3), np.eye(3), np.zeros(3))
+        image = CameraImage(scene.expose(state), 10.0 + at, 0.0, 10.0 + at, number, "down")
+        poses += [name for name, _ in eye.process(image, None, lambda at=at: 10.0 + at) if name.endswith("pose")]
+    assert poses == []
+    state, reason = eye.state(StreamStatus(StreamState.STREAMING, width=640, height=480))
+    assert state is EyeState.TARGET_MISMATCH
+    assert "check sizes" in reason
