@@ -102,6 +102,15 @@ class Authority:
         """Age of the setpoint in use [s]; None where there is none."""
         return None if self._lease is None or self._lease.newest is None else now - self._lease.arrived
 
+    def deadline(self) -> float | None:
+        """When silence will change what is sent [s]; None while nothing is."""
+        lease = self._lease
+        if lease is None or lease.newest is None:
+            return None
+        if self.phase is Phase.FLYING:
+            return lease.arrived + min(lease.newest.ttl, self._cfg.limiter.setpoint_ttl)
+        return lease.arrived + self._cfg.lease.release_after if self.phase is Phase.STALE else None
+
     def take(self, holder: str, now: float, *, ttl: float | None = None, force: bool = False) -> LeaseState:
         """Give the lease to a client.
 

@@ -32,6 +32,8 @@ from mkdaemon.translate import extern_control
 
 SHORTEST_STEP: Final = 0.01
 """Stick frames are at least this far apart [s]: the boards lose frames beyond 100 Hz."""
+JUST_AFTER: Final = 0.0002
+"""A deadline has surely passed so long after it [s]."""
 LONGEST_RELEASE: Final = 5.0
 """A release that takes longer than this counts as not confirmed [s]; the link needs 1.5 s at most."""
 STATUS_PERIOD: Final = 1.0
@@ -187,13 +189,21 @@ class FlightControl:
             self._authority.end(f"the link is {state.condition.value}: {state.reason}", asked=False)
 
     async def _wait(self) -> None:
-        """Until a setpoint arrives, or it is time to repeat one, and never sooner than the boards can take."""
+        """Until a setpoint arrives, it is time to repeat one, or one grows too old; never sooner than the boards can.
+
+        A repetition so shortly before a deadline that what follows would have to wait for the boards is left out.
+        """
         flying = self._authority.phase in {Phase.FLYING, Phase.STALE}
         # A repetition waits half a period longer than a client should, or it would delay the setpoint just behind it.
-        patience = 1.5 / self._cfg.rate if flying else IDLE_PERIOD
-        with suppress(TimeoutError):
-            async with asyncio.timeout(patience):
-                await self._wake.wait()
+        until = self._clock().t_monotonic + (1.5 / self._cfg.rate if flying else IDLE_PERIOD)
+        deadline = self._authority.deadline()
+        if deadline is not None:
+            until = deadline + JUST_AFTER if until > deadline - SHORTEST_STEP else until
+        # Timers of some loops are early by up to half a millisecond.
+        while not self._wake.is_set() and (left := until - self._clock().t_monotonic) > 0:
+            with suppress(TimeoutError):
+                async with asyncio.timeout(left):
+                    await self._wake.wait()
         self._wake.clear()
         early = self._sent_at + SHORTEST_STEP - self._clock().t_monotonic
         if flying and early > 0:
