@@ -340,9 +340,9 @@ async def test_tcp_mistakes(monkeypatch):
 
 
 async def test_a_recording_keeps_its_timing(tmp_path):
-    chunks = [(0.0, b"a"), (0.4, b"b"), (1.0, b"c")]
-    lines = [json.dumps({"t": t, "dir": "rx", "hex": raw.hex()}) for t, raw in chunks]
-    lines.insert(1, json.dumps({"t": 0.1, "dir": "tx", "hex": "00"}))
+    chunks = [(0.0, b"a"), (0.4, b"b"), (0.5, b""), (1.0, b"c")]  # a chunk of nothing is not the end
+    lines = [json.dumps({"t": 1.8e9 + t, "dir": "rx", "hex": raw.hex()}) for t, raw in chunks]  # Unix time will do
+    lines.insert(1, json.dumps({"t": 1.8e9 + 0.1, "dir": "tx", "hex": "00"}))
     path = tmp_path / "session.jsonl"
     path.write_text("\n".join([*lines, ""]))
     port = await open_port(f"replay:{path}?speed=10")
@@ -353,7 +353,7 @@ async def test_a_recording_keeps_its_timing(tmp_path):
     while chunk := await port.read():
         got.append((chunk, loop.time() - began))
     assert [chunk for chunk, _ in got] == [b"a", b"b", b"c"]
-    for (_, at), (t, _) in zip(got, chunks, strict=True):
+    for (_, at), (t, _) in zip(got, (c for c in chunks if c[1]), strict=True):
         assert at >= t / 10 - 1e-3
     assert await port.read() == b""
     assert (port.name, port.backlog, port.is_recording) == (str(path), 0, True)
@@ -363,12 +363,15 @@ async def test_a_recording_keeps_its_timing(tmp_path):
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("", "nothing in it"),
+        ("", "is empty"),
+        ("#bv@x\r", "raw bytes tell no times"),
+        ('{"t": 0, "dir": "rx", "hex": ""}', "nothing in it"),
         ('{"t": 0, "dir": "tx", "hex": "00"}', "nothing in it"),
-        ("not json", "line 1"),
+        ("not json", "raw bytes"),
+        ('{"t": 0, "dir": "rx", "hex": "00"}\nnot json', "line 2"),
         ('{"t": 0, "dir": "rx", "hex": "zz"}', "line 1"),
         ('{"t": 0, "hex": "00"}', "line 1"),
-        ("[1]", "line 1"),
+        ("{}", "line 1"),
     ],
 )
 async def test_broken_recordings_name_the_line(tmp_path, text, words):
@@ -382,5 +385,5 @@ async def test_missing_and_binary_recordings(tmp_path):
     with pytest.raises(ConfigError, match="name an existing recording"):
         await open_port(f"replay:{tmp_path / 'none'}")
     (tmp_path / "binary").write_bytes(b"\xff\xfe\x00")
-    with pytest.raises(ConfigError, match="not a recording"):
+    with pytest.raises(ConfigError, match="raw bytes tell no times"):
         await open_port(f"replay:{tmp_path / 'binary'}")

@@ -8,6 +8,7 @@ from collections import Counter
 import pytest
 
 from mkdaemon.cli.program import run
+from mkdaemon.link.capture import Chunk
 from mkdaemon.protocol.messages import (
     ControlStateRequest,
     ControlStateV3,
@@ -20,7 +21,6 @@ from mkdaemon.protocol.messages import (
 )
 from mkdaemon.protocol.wire import Board
 from mkdaemon.service.app import app
-from mkdaemon.service.capture import Chunk
 from mkdaemon.service.decode import Decoding
 from tests.conftest import ROOT
 
@@ -146,7 +146,7 @@ def test_what_cannot_be_read_is_one_line_and_exit_code_1(capsys, tmp_path):
     for path, reason in (
         (tmp_path / "absent", "cannot read"),
         (tmp_path, "Is a directory"),
-        (empty, "is empty: nothing to decode"),
+        (empty, "is empty: nothing was recorded"),
         (damaged, "line 2 is no capture line"),
     ):
         code, _, err = command(capsys, str(path))

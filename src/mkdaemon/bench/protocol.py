@@ -19,6 +19,7 @@ from cyclopts import Parameter
 
 import mkdaemon.protocol.messages as _messages  # noqa: F401 - fills the table
 from mkdaemon.errors import MkError
+from mkdaemon.link.capture import read_chunks
 from mkdaemon.protocol.framing import MAX_FRAME_CHARS, Dropped, FrameDecoder, encode_frame
 from mkdaemon.protocol.wire import MessageDecoder, Unknown
 
@@ -79,13 +80,13 @@ def recording_of(path: Path) -> bytes:
     """Return all bytes a capture received from the board.
 
     Raises:
-        MkError: there is no such capture.
+        MkError: there is no such capture, or a line of it is damaged.
     """
     if not path.is_file():
         msg = f"{path} is missing: run the benchmark in the source tree or name a recording with --recording"
         raise MkError(msg)
-    lines = map(json.loads, path.read_text(encoding="utf-8").splitlines())
-    return b"".join(bytes.fromhex(entry["hex"]) for entry in lines if entry["dir"] == "rx")
+    with path.open("rb") as stream:
+        return b"".join(raw for _, direction, raw in read_chunks(stream, str(path)) if direction == "rx")
 
 
 def default_recording() -> Path:

@@ -1,34 +1,21 @@
 """A recorded session as a port: what the boards said, when they said it. Nothing written ever leaves.
 
-A recording has one JSON object a line: `t` seconds, `dir` `rx` (from the board) or `tx`, `hex` the bytes of one chunk.
+A recording is a capture, see `capture.py`; its first line is the time it began.
 """
 
 from __future__ import annotations
 
 import asyncio
-import json
 from pathlib import Path
-from typing import NamedTuple
 
-from mkdaemon.errors import ConfigError
-
-
-class Chunk(NamedTuple):
-    """Bytes of a recording.
-
-    Attributes:
-        t: seconds since its beginning.
-        raw: bytes in order.
-    """
-
-    t: float
-    raw: bytes
+from mkdaemon.errors import ConfigError, MkError
+from mkdaemon.link.capture import read_chunks
 
 
 class ReplayPort:
     """A recording played once; see `Port`. After the last chunk `read` returns no bytes."""
 
-    def __init__(self, name: str, chunks: list[Chunk], *, speed: float) -> None:
+    def __init__(self, name: str, chunks: list[tuple[float, bytes]], *, speed: float) -> None:
         self._name = name
         self._chunks = chunks
         self._next = 0
@@ -57,12 +44,12 @@ class ReplayPort:
             self._started = now
         if self._next >= len(self._chunks):
             return b""
-        wait = self._started + self._chunks[self._next].t / self._speed - now
+        due, chunk = self._chunks[self._next]
+        wait = self._started + due / self._speed - now
         if wait > 0:
             await asyncio.sleep(wait)
         else:
             await asyncio.sleep(0)  # a recording played fast must not keep the loop from everything else
-        chunk = self._chunks[self._next].raw
         self._next += 1
         return chunk
 
@@ -77,31 +64,26 @@ class ReplayPort:
         self._chunks = []
 
 
-def read_recording(path: Path) -> list[Chunk]:
-    """Load what the boards said.
+def read_recording(path: Path) -> list[tuple[float, bytes]]:
+    """Load what the boards said: seconds since the recording began, and bytes.
 
     Raises:
-        ConfigError: no such file, not a recording, or nothing in it came from a board.
+        ConfigError: no such file, not a capture, or nothing in it came from a board.
     """
     try:
-        lines = path.read_text(encoding="utf-8").splitlines()
+        with path.open("rb") as stream:
+            chunks = list(read_chunks(stream, str(path)))
     except OSError as error:
         raise ConfigError(f"replay {path}: {error.strerror}: name an existing recording in link.port") from error
-    except UnicodeDecodeError as error:
-        raise ConfigError(f"replay {path}: not a recording (one JSON object with t, dir, hex a line)") from error
-    chunks: list[Chunk] = []
-    for number, line in enumerate(lines, 1):
-        if not line.strip():
-            continue
-        try:
-            record = json.loads(line)
-            if record["dir"] == "rx":
-                chunks.append(Chunk(float(record["t"]), bytes.fromhex(record["hex"])))
-        except (ValueError, KeyError, TypeError) as error:
-            raise ConfigError(f"replay {path}, line {number}: no JSON object with t, dir and hex") from error
-    if not chunks:
+    except MkError as error:
+        raise ConfigError(f"replay {error}") from error
+    began = chunks[0].t
+    if began is None:
+        raise ConfigError(f"replay {path}: raw bytes tell no times; a capture has lines of t, dir and hex")
+    heard = [(t - began, raw) for t, direction, raw in chunks if direction == "rx" and raw and t is not None]
+    if not heard:
         raise ConfigError(f"replay {path}: nothing in it came from a board")
-    return chunks
+    return heard
 
 
 def open_replay(path: Path, *, speed: float) -> ReplayPort:

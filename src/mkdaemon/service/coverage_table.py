@@ -6,12 +6,12 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Final, NamedTuple
 
+from mkdaemon.link.capture import read_chunks
 from mkdaemon.protocol.dialect import Dialect, Evidence, decide
 from mkdaemon.protocol.framing import Frame, FrameDecoder
 from mkdaemon.protocol.generations import Release
 from mkdaemon.protocol.messages import NaviVersion200, NaviVersionClassic, VersionClassic, VersionFc200, VersionFc210
 from mkdaemon.protocol.wire import MESSAGES, Board, Direction, MessageDecoder, WireMessage, board_at
-from mkdaemon.service.capture import read_chunks
 from mkdaemon.sim.boards import fc_commands, nc_commands
 from mkdaemon.sim.boards.generations import FC_GENERATIONS, NC_GENERATIONS
 

@@ -13,11 +13,11 @@ from typing import Annotated, Any
 from cyclopts import Parameter
 
 from mkdaemon.errors import MkError
+from mkdaemon.link.capture import Chunk, read_chunks
 from mkdaemon.protocol.dialect import Evidence, decide
 from mkdaemon.protocol.framing import Dropped, Frame, FrameDecoder
 from mkdaemon.protocol.messages import VersionRequestWhich
 from mkdaemon.protocol.wire import MessageDecoder, Unknown, WireMessage, board_at
-from mkdaemon.service.capture import Chunk, read_chunks
 
 
 @dataclass(slots=True)

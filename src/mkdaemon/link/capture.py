@@ -7,12 +7,14 @@ first byte, so standard input works the same.
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Iterator
-from typing import BinaryIO, NamedTuple
+from typing import BinaryIO, Final, NamedTuple
 
 from mkdaemon.errors import MkError
 
-_BLOCK = 4096
+_BLOCK: Final = 4096
+_BLANK: Final = b"\xef\xbb\xbf \t\r\n"
 
 
 class Chunk(NamedTuple):
@@ -39,34 +41,37 @@ def read_chunks(stream: BinaryIO, name: str) -> Iterator[Chunk]:
     Raises:
         MkError: it is empty, or a capture line is damaged; names the line.
     """
-    first = stream.read(1)
-    if not first:
-        msg = f"{name} is empty: nothing to decode"
+    # A byte order mark and blank lines are an editor's, and come before a capture only.
+    lead = b""
+    while (first := stream.read(1)) and first in _BLANK:
+        lead += first
+    if not lead + first:
+        msg = f"{name} is empty: nothing was recorded"
         raise MkError(msg)
     if first == b"{":
-        yield from _read_lines(first, stream, name)
+        yield from _read_lines(first, stream, name, lead.count(b"\n") + 1)
     else:
-        yield Chunk(None, "rx", first)
+        yield Chunk(None, "rx", lead + first)
         # read1 hands over what a pipe has without waiting for a whole block.
         read = getattr(stream, "read1", stream.read)
         while block := read(_BLOCK):
             yield Chunk(None, "rx", block)
 
 
-def _read_lines(first: bytes, stream: BinaryIO, name: str) -> Iterator[Chunk]:
-    yield _chunk(first + stream.readline(), name, 1)
-    for number, line in enumerate(stream, start=2):
+def _read_lines(first: bytes, stream: BinaryIO, name: str, number: int) -> Iterator[Chunk]:
+    yield _chunk(first + stream.readline(), name, number)
+    for at, line in enumerate(stream, start=number + 1):
         if line.strip():
-            yield _chunk(line, name, number)
+            yield _chunk(line, name, at)
 
 
 def _chunk(line: bytes, name: str, number: int) -> Chunk:
     try:
         entry = json.loads(line)
-        t, direction, raw = float(entry["t"]), entry["dir"], bytes.fromhex(entry["hex"])
-        if direction not in {"rx", "tx"}:
-            raise ValueError(direction)
+        t, direction, raw = entry["t"], entry["dir"], bytes.fromhex(entry["hex"])
+        if isinstance(t, bool) or not math.isfinite(t) or direction not in {"rx", "tx"}:
+            raise ValueError(line)
     except (ValueError, KeyError, TypeError) as error:
         msg = f'{name} line {number} is no capture line: {{"t": seconds, "dir": "rx" or "tx", "hex": "..."}} is needed'
         raise MkError(msg) from error
-    return Chunk(t, direction, raw)
+    return Chunk(float(t), direction, raw)
