@@ -137,3 +137,27 @@ def test_motors_running_refuse_and_nothing_changes(board: FlightCtrl, capsys: py
     code, _, err = ctl(capsys, "edit", "gyro_p=7")
     assert (code, err.startswith("mkctl: write_refused")) == (EXIT_FAILURE, True)
     assert board.sets == before
+
+
+def test_changes_are_told_as_show_tells_values(board: FlightCtrl, capsys: pytest.CaptureFixture[str]) -> None:
+    """A poti is `poti3` and bits are their names, not the counts behind them."""
+    wanted = ("external_control=poti3", "global_config=gps,compass", "--dry-run")
+    lines = ctl(capsys, "edit", *wanted)[1].splitlines()
+    before = json.loads(ctl(capsys, "show", "external_control", "global_config", "--json")[1])["values"]
+    bits = ",".join(before["global_config"]) or "none"
+    assert f"set 3: would change global_config from {bits} to compass,gps" in lines
+    assert f"set 3: would change external_control from {before['external_control']} to poti3" in lines
+    found = json.loads(ctl(capsys, "edit", *wanted, "--json")[1])["3"]
+    assert {change["name"]: change["after"] for change in found} == {
+        "external_control": "poti3",
+        "global_config": ["compass", "gps"],
+    }
+    lines = ctl(capsys, "edit", "global_config=", "--dry-run")[1].splitlines()
+    assert lines in ([f"set 3: would change global_config from {bits} to none"], ["nothing to change"])
+
+
+def test_what_is_no_text_is_one_line(board: FlightCtrl, capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    file = tmp_path / "photo.toml"
+    file.write_bytes(bytes(range(256)))
+    code, _, err = ctl(capsys, "restore", str(file))
+    assert (code, err.count("\n"), "not text (byte 128)" in err) == (EXIT_CONFIG, 1, True)

@@ -14,8 +14,8 @@ from mkdaemon.cli.settings_files import Source, read_sets, read_target, write_ba
 from mkdaemon.errors import ConfigError, ProtocolError
 from mkdaemon.protocol.procedures.settings import SLOTS, Backup, Restoration, backup_settings, restore_settings
 from mkdaemon.protocol.procedures.steps import Patience
-from mkdaemon.protocol.settings import Change, ParameterSet, Value
-from mkdaemon.protocol.settings_file import parse_value, spell_value
+from mkdaemon.protocol.settings import ParameterSet, Value
+from mkdaemon.protocol.settings_file import Spelled, SpelledChange, parse_value, spell_changes, spell_value
 
 app = App(
     name="settings",
@@ -95,7 +95,7 @@ async def diff(first: Saved, second: Other = None, /, *, connection: Connection 
         after = _sets(await _read(connection, tuple(before)))
     if before.keys() != after.keys() and len(before) == len(after) == 1:
         after = dict(zip(before, after.values(), strict=True))
-    changes = {slot: source.parameters.changes_to(after[slot]) for slot, source in before.items() if slot in after}
+    changes = {slot: spell_changes(source.parameters, after[slot]) for slot, source in before.items() if slot in after}
     _print_changes(connection, changes, "{name} is {before} in the first and {after} in the second")
     return 1 if any(changes.values()) else 0
 
@@ -155,12 +155,12 @@ async def _write(connection: Connection, sets: dict[int, Source], *, dry_run: bo
 def _tell(connection: Connection, sets: dict[int, Source], done: Restoration, *, dry_run: bool) -> None:
     """Say what would change or was changed, and what the FlightCtrl made of it."""
     before = {slot: ParameterSet.from_payload(raw) for slot, raw in done.before.items()}
-    planned = {slot: before[slot].changes_to(source.parameters) for slot, source in sets.items()}
+    planned = {slot: spell_changes(before[slot], source.parameters) for slot, source in sets.items()}
     if dry_run:
         _print_changes(connection, planned, "would change {name} from {before} to {after}")
         return
     stored = {slot: ParameterSet.from_payload(raw) for slot, raw in done.stored.items()}
-    own_will = {slot: source.parameters.changes_to(stored[slot]) for slot, source in sets.items()}
+    own_will = {slot: spell_changes(source.parameters, stored[slot]) for slot, source in sets.items()}
     if connection.json:
         print(json.dumps({"written": done.written, "active": done.active, "changed_by_fc": _plain(own_will)}))
         return
@@ -170,19 +170,20 @@ def _tell(connection: Connection, sets: dict[int, Source], done: Restoration, *,
 
 
 def _print_changes(
-    connection: Connection, changes: dict[int, tuple[Change, ...]], form: str, *, silent: bool = False
+    connection: Connection, changes: dict[int, tuple[SpelledChange, ...]], form: str, *, silent: bool = False
 ) -> None:
     if connection.json:
         print(json.dumps(_plain(changes)))
         return
     for slot, found in changes.items():
         for change in found:
-            print(f"set {slot}: " + form.format(name=change.name, before=change.before, after=change.after))
+            before, after = (_spell(value) for value in change[1:])
+            print(f"set {slot}: " + form.format(name=change.name, before=before, after=after))
     if not any(changes.values()) and not silent:
         print("no difference")
 
 
-def _plain(changes: dict[int, tuple[Change, ...]]) -> dict[int, list[dict[str, Value | None]]]:
+def _plain(changes: dict[int, tuple[SpelledChange, ...]]) -> dict[int, list[dict[str, Spelled | None]]]:
     return {slot: [change._asdict() for change in found] for slot, found in changes.items()}
 
 
@@ -216,4 +217,6 @@ def _change(current: ParameterSet, wanted: dict[str, str]) -> ParameterSet:
 
 
 def _spell(value: object) -> str:
-    return ",".join(str(part) for part in value) if isinstance(value, list) else str(value)
+    if value is None:
+        return "absent"
+    return ",".join(str(part) for part in value) or "none" if isinstance(value, list) else str(value)

@@ -89,7 +89,10 @@ def read_sets(source: Path) -> dict[int, Source]:
         except OSError as error:
             msg = f"{path}: cannot be read ({error.strerror}); check the name"
             raise ConfigError(msg) from error
-        except (UnicodeDecodeError, ProtocolError) as error:
+        except UnicodeDecodeError as error:
+            msg = f"{path}: not text (byte {error.start}); name a file that `mkctl settings backup` wrote"
+            raise ConfigError(msg) from error
+        except ProtocolError as error:
             msg = f"{path}: {error}"
             raise ConfigError(msg) from error
         if content.slot in sets:

@@ -10,7 +10,7 @@ import json
 import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 from mkdaemon.errors import EncodeError, ProtocolError
 from mkdaemon.protocol.settings import Layout, ParameterSet, Value, layout_of, poti_number, poti_reference
@@ -86,7 +86,19 @@ class SettingsFile:
         return cls(parameters, slot, str(content.get("firmware", "")), str(content.get("saved", "")))
 
 
-def spell_value(parameters: ParameterSet, name: str) -> int | str | list[int] | list[str]:
+Spelled = int | str | list[int] | list[str]
+"""A value as a person reads it."""
+
+
+class SpelledChange(NamedTuple):
+    """One difference between two sets, as a person reads it."""
+
+    name: str
+    before: Spelled | None
+    after: Spelled | None
+
+
+def spell_value(parameters: ParameterSet, name: str) -> Spelled:
     """Return a parameter the way a person reads it: `poti3`, names of set bits, or the plain value.
 
     Raises:
@@ -100,6 +112,19 @@ def spell_value(parameters: ParameterSet, name: str) -> int | str | list[int] | 
         return list(parameters.flags(name))
     poti = poti_number(value) if kind is Kind.POTI and isinstance(value, int) else None
     return f"poti{poti}" if poti else value
+
+
+def spell_changes(before: ParameterSet, after: ParameterSet) -> tuple[SpelledChange, ...]:
+    """Return what differs, both values the way a person reads them; None where a set has no such parameter."""
+
+    def spell(parameters: ParameterSet, name: str, value: Value | None) -> Spelled | None:
+        is_named = value is not None and parameters.layout is not None and name in parameters.values()
+        return spell_value(parameters, name) if is_named else str(value) if value is not None else None
+
+    return tuple(
+        SpelledChange(name, spell(before, name, was), spell(after, name, becomes))
+        for name, was, becomes in before.changes_to(after)
+    )
 
 
 def parse_value(layout: Layout, name: str, spelled: object) -> Value:
