@@ -15,6 +15,7 @@ import numpy.typing as npt
 from mkdaemon.bench.vision_flight import GROUNDS, VGA
 from mkdaemon.frames import euler_from_rotation
 from mkdaemon.sim.scene import Scene, SceneTarget, cam_from_target
+from mkdaemon.sim.scene_ground import Ground, GroundKind
 from mkdaemon.sim.scene_light import Conditions
 from mkdaemon.sim.scene_motion import Platform
 from mkdaemon.sim.scene_view import CameraView
@@ -75,15 +76,34 @@ class Still:
     position: Array
 
 
-class Studio:
-    """Renders stills of one target; equal seeds give equal stills."""
+@lru_cache(maxsize=4)
+def ground_of(kind: GroundKind, seed: int) -> Ground:
+    """A ground; it takes longer to make than fifty images of it."""
+    return Ground(kind, seed)
 
-    def __init__(self, target: Target, seed: int, *, intrinsics: Intrinsics = VGA, fine: bool = True) -> None:
+
+class Studio:
+    """Renders stills of one target; equal seeds and parts give equal stills.
+
+    Args:
+        target: what is photographed.
+        seed: of grounds, places and noise.
+        intrinsics: what the estimator believes.
+        fine: spend up to five million samples a print.
+        part: other places and noise on the same grounds.
+    """
+
+    def __init__(
+        self, target: Target, seed: int, *, intrinsics: Intrinsics = VGA, fine: bool = True, part: int = 0
+    ) -> None:
         self.target = target
         self.intrinsics = intrinsics
         self._placed = SceneTarget.of(target, Platform())
-        self._scenes = [Scene([self._placed], ground=kind, seed=seed, fine=fine) for kind in GROUNDS[:3]]
-        self.rng = np.random.default_rng([seed, 0x57111])
+        noise = seed + 1000 * part
+        self._scenes = [
+            Scene([self._placed], ground=ground_of(kind, seed), seed=noise, fine=fine) for kind in GROUNDS[:3]
+        ]
+        self.rng = np.random.default_rng([seed, 0x57111, part])
         self._count = 0
 
     def shoot(

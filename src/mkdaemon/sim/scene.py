@@ -66,16 +66,21 @@ class Scene:
 
     Args:
         targets: what stands in the scene; conditions refer to the first.
-        ground: kind of ground, or none for grey.
+        ground: kind of ground, a ground several scenes share, or none for grey.
         seed: of ground texture and noise.
         fine: spend up to five million samples a print instead of real time.
     """
 
     def __init__(
-        self, targets: Sequence[SceneTarget], *, ground: GroundKind | None = "asphalt", seed: int = 0, fine: bool = True
+        self,
+        targets: Sequence[SceneTarget],
+        *,
+        ground: GroundKind | Ground | None = "asphalt",
+        seed: int = 0,
+        fine: bool = True,
     ) -> None:
         self.targets = tuple(targets)
-        self._ground = Ground(ground, seed) if ground is not None else None
+        self._ground = Ground(ground, seed) if isinstance(ground, str) else ground
         self._sensor = Sensor(seed)
         self._spread_px = 1.0 if fine else 4.0
         self._budget = FINE_SAMPLES if fine else LIVE_SAMPLES
