@@ -194,3 +194,18 @@ async def test_a_simulation_that_fails_is_noticed_and_named():
         async with runtime.serve(), asyncio.timeout(10):
             runtime.simulation.advance = fail
             await runtime.ended.wait()
+
+
+async def test_at_the_end_a_tcp_client_is_hung_up_on():
+    port = free_port()
+    runtime = Runtime(quiet(), listen=f"127.0.0.1:{port}")
+    async with runtime.serve():
+        reader, writer = await asyncio.open_connection("127.0.0.1", port)
+        assert await ask(reader, writer, ECHO, "Z") is not None
+        serving = runtime._serving
+    async with asyncio.timeout(PATIENCE):
+        while await reader.read(256):
+            continue
+    assert serving.done()
+    assert not serving.cancelled(), "cancelled at the end of the loop it would print a trace"
+    writer.close()

@@ -21,6 +21,7 @@ from mkdaemon.sim.simulation import Simulation
 
 TICK_S: Final = 1e-3
 _BLOCK: Final = 4096
+_HANG_UP_S: Final = 1.0
 _SLIP_S: Final = 0.5
 """Behind the wall clock by more than this (a suspended machine), the simulation skips the gap instead of racing."""
 
@@ -100,6 +101,7 @@ class Runtime:
         self._terminal = PseudoTerminal()
         self._listen = listen
         self._client: asyncio.StreamWriter | None = None
+        self._serving: asyncio.Task[None] | None = None
         self._zero = clock()
         self.port = self._terminal.name
         self.lost = 0
@@ -117,7 +119,7 @@ class Runtime:
         async with contextlib.AsyncExitStack() as stack:
             stack.callback(self._terminal.close)
             if self._listen is not None:
-                await stack.enter_async_context(await self._open_tcp(self._listen))
+                await stack.enter_async_context(self._tcp(self._listen))
             loop.add_reader(self._terminal.fileno(), self._take_terminal)
             stack.callback(loop.remove_reader, self._terminal.fileno())
             self._zero = self._clock() - self.simulation.now
@@ -129,13 +131,23 @@ class Runtime:
                 with contextlib.suppress(asyncio.CancelledError):
                     await job
 
-    async def _open_tcp(self, listen: str) -> asyncio.Server:
+    @contextlib.asynccontextmanager
+    async def _tcp(self, listen: str) -> AsyncIterator[None]:
+        """Offer the line over TCP; at the end the client is hung up on, not cut off in the middle of a read."""
         host, _, port = listen.rpartition(":")
         try:
-            return await asyncio.start_server(self._take_client, host, int(port))
+            server = await asyncio.start_server(self._take_client, host, int(port))
         except OSError as error:
             msg = f"sim.listen {listen}: {error.strerror}; choose another port"
             raise LinkError(msg) from error
+        async with server:
+            try:
+                yield
+            finally:
+                server.close()
+                if self._client is not None and self._serving is not None:
+                    self._client.close()
+                    await asyncio.wait([self._serving], timeout=_HANG_UP_S)
 
     async def _run(self) -> None:
         wake = self._clock()
@@ -179,7 +191,7 @@ class Runtime:
         if self._client is not None:
             writer.close()
             return
-        self._client = writer
+        self._client, self._serving = writer, asyncio.current_task()
         try:
             while data := await reader.read(_BLOCK):
                 self._take(data)
