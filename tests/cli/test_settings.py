@@ -161,3 +161,12 @@ def test_what_is_no_text_is_one_line(board: FlightCtrl, capsys: pytest.CaptureFi
     file.write_bytes(bytes(range(256)))
     code, _, err = ctl(capsys, "restore", str(file))
     assert (code, err.count("\n"), "not text (byte 128)" in err) == (EXIT_CONFIG, 1, True)
+
+
+def test_an_edit_keeps_to_the_ranges_that_are_known(board: FlightCtrl, capsys: pytest.CaptureFixture[str]) -> None:
+    for change, limit in (("receiver=10", "0..9"), ("altitude_channel=33", "0..32"), ("orientation_angle=24", "0..23")):
+        code, _, err = ctl(capsys, "edit", change, "--dry-run")
+        assert (code, err.count("\n")) == (EXIT_CONFIG, 1)
+        assert f"{change.partition('=')[0]} takes {limit}, not" in err
+    for change in ("receiver=9", "altitude_channel=32", "external_control=poti8"):
+        assert ctl(capsys, "edit", change, "--dry-run")[::2] == (EXIT_OK, "")

@@ -14,7 +14,7 @@ from mkdaemon.cli.settings_files import Source, read_sets, read_target, write_ba
 from mkdaemon.errors import ConfigError, ProtocolError
 from mkdaemon.protocol.procedures.settings import SLOTS, Backup, Restoration, backup_settings, restore_settings
 from mkdaemon.protocol.procedures.steps import Patience
-from mkdaemon.protocol.settings import ParameterSet, Value
+from mkdaemon.protocol.settings import ParameterSet, Value, is_useful
 from mkdaemon.protocol.settings_file import Spelled, SpelledChange, parse_value, spell_changes, spell_value
 
 app = App(
@@ -210,7 +210,11 @@ def _change(current: ParameterSet, wanted: dict[str, str]) -> ParameterSet:
             spelled: object = [word for word in text.split(",") if word] if is_list and not text.isdecimal() else text
             if isinstance(spelled, list) and all(word.isdecimal() for word in spelled) and spelled:
                 spelled = [int(word) for word in spelled]
-            values[name] = parse_value(layout, name, spelled)
+            value = values[name] = parse_value(layout, name, spelled)
+            parameter = layout.place(name).parameter
+            if isinstance(value, int) and value != current[name] and not is_useful(parameter, value):
+                msg = f"{name} takes 0..{parameter.high}, not {value}: {parameter.meaning}"
+                raise ConfigError(msg)
         return current.replaced(values)
     except ProtocolError as error:
         raise ConfigError(f"{error}; `mkctl settings show` lists names and values") from error
