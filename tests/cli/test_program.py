@@ -44,6 +44,16 @@ def test_help_lists_every_command_without_importing_one(program, capsys):
     assert all(entry.name in out for entry in table)
 
 
+@pytest.mark.parametrize("entry", TABLES, ids=lambda entry: entry.target)
+def test_every_command_has_a_help_without_clutter(entry, capsys):
+    program = mkctl if entry in mkctl.COMMANDS else mkdaemon
+    words = ["bench", entry.name] if entry in bench.BENCHMARKS else [entry.name]
+    assert run(program.app, [*words, "--help"]) == 0
+    out = capsys.readouterr().out
+    assert "Usage: " in out
+    assert "--no-" not in out
+
+
 def test_a_missing_module_breaks_no_other_command(capsys):
     app = build("x", "", [CommandEntry("gone", "mkdaemon.no_such:thing", ""), CommandEntry("len", "builtins:len", "")])
     assert run(app, ["--help"]) == 0

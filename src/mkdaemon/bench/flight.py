@@ -12,12 +12,11 @@ import platform
 import time
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
-from typing import Annotated
 
-from cyclopts import Parameter
 from rich.console import Console
 from rich.table import Table
 
+from mkdaemon.cli.arguments import AsJson
 from mkdaemon.config.sim_flight import AirframeConfig, FlightConfig, LoopConfig, SensorConfig, WindClass
 from mkdaemon.sim.attitude_loop import EASY, FAST, AttitudeGains
 from mkdaemon.sim.boards.fc import FlightCtrl
@@ -138,7 +137,7 @@ def measure_step(name: str, gains: AttitudeGains, *, drag: float) -> Step:
     )
 
 
-def main(*, as_json: Annotated[bool, Parameter(name="--json", negative=())] = False) -> None:
+def main(*, as_json: AsJson = False) -> None:
     """Measure the simulated flight: its speed and its answer to a tilt step.
 
     Args:

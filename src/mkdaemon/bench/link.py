@@ -26,6 +26,7 @@ from cyclopts import Parameter
 from mkdaemon.bench.linkcases import CASES, Case
 from mkdaemon.bench.linkfates import LIMIT, PROOF_S, prove
 from mkdaemon.bench.linkvirtual import SETTLE_S, configurations, loss_between, play, radio_loss, until_steerable
+from mkdaemon.cli.arguments import AsJson
 from mkdaemon.config.link import LinkConfig
 from mkdaemon.config.sim import SimConfig
 from mkdaemon.errors import CommandRejectedError, ConfigError
@@ -227,7 +228,7 @@ def main(
     seconds: Annotated[float | None, Parameter(help="Length of each experiment [s].")] = None,
     proof: Annotated[float, Parameter(help="Virtual time of the proof by radio [s]; 0 for none.")] = PROOF_S,
     keep: Annotated[Path | None, Parameter(help="File to write every figure to, for the plots.")] = None,
-    as_json: Annotated[bool, Parameter(name="--json", negative=())] = False,
+    as_json: AsJson = False,
 ) -> int:
     """Measure the link; exit code 1 when a wired case lost a frame, or one by radio more than the radio and 0.2 %.
 

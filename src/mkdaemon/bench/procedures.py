@@ -18,6 +18,7 @@ from cyclopts import Parameter
 
 from mkdaemon.bench.grounded import GroundedAircraft
 from mkdaemon.bench.virtualline import Noise, VirtualBoard, VirtualLine
+from mkdaemon.cli.arguments import AsJson
 from mkdaemon.errors import CommandRejectedError, MkError
 from mkdaemon.protocol.generations import Release
 from mkdaemon.protocol.mission import Mission, MissionPoint
@@ -193,7 +194,7 @@ def main(
     uploads: int = 1000,
     backups: int = 200,
     jobs: Annotated[int, Parameter(help="Processes.")] = 1,
-    as_json: Annotated[bool, Parameter(name="--json", negative=())] = False,
+    as_json: AsJson = False,
 ) -> int:
     """Upload missions and back up settings over a bad line; exit code 1 if any run lied or left another live set."""
     tallies = [

@@ -18,6 +18,7 @@ from typing import Annotated, Any, Final
 from cyclopts import Parameter
 
 import mkdaemon.protocol.messages as _messages  # noqa: F401 - fills the table
+from mkdaemon.cli.arguments import AsJson
 from mkdaemon.errors import MkError
 from mkdaemon.link.capture import read_chunks
 from mkdaemon.protocol.framing import MAX_FRAME_CHARS, Dropped, FrameDecoder, encode_frame
@@ -245,7 +246,7 @@ def main(
     recording: Annotated[Path | None, Parameter(help="Capture to decode.")] = None,
     fuzz_bytes: Annotated[int, Parameter(help="Random and mutated bytes to survive.")] = 10_000_000,
     rounds: Annotated[int, Parameter(help="Repetitions; the best counts.")] = 15,
-    as_json: Annotated[bool, Parameter(name="--json", negative=())] = False,
+    as_json: AsJson = False,
 ) -> int:
     """Measure decoding against pymavlink and survive damaged bytes; exit code 1 when a good frame was missed.
 

@@ -30,6 +30,7 @@ from mkdaemon.bench.stories_plug import Replugs, replug
 from mkdaemon.bench.stories_race import Race, race
 from mkdaemon.bench.stories_rig import Boards
 from mkdaemon.bench.stories_soak import Soak, soak
+from mkdaemon.cli.arguments import AsJson
 
 DIRECT: Final = (Boards("early"), Boards("2.08"), Boards("2.12a"))
 """One FlightCtrl of each dead-man generation."""
@@ -244,7 +245,7 @@ def main(
     seconds: Annotated[float, Parameter(help="Length of the soak [s].")] = 1200.0,
     jobs: Annotated[int, Parameter(help="Processes for campaigns in virtual time.")] = 1,
     page: Annotated[Path | None, Parameter(help="Markdown page whose rows of these cases are replaced.")] = None,
-    as_json: Annotated[bool, Parameter(name="--json", negative=())] = False,
+    as_json: AsJson = False,
 ) -> int:
     """Tell the safety stories and measure them; exit code 1 if a limit is broken."""
     silence_log()

@@ -22,6 +22,7 @@ from mkdaemon.bench.vision_rates import rates
 from mkdaemon.bench.vision_stills import SeedSet
 from mkdaemon.bench.vision_tagfree import FALSE_POSITIVES
 from mkdaemon.bench.vision_truth import CONSISTENCY, PHOTOGRAPH_CASE
+from mkdaemon.cli.arguments import AsJson
 from mkdaemon.errors import ConfigError
 
 CASES: Final[dict[str, Case]] = {
@@ -81,7 +82,7 @@ def main(
     quick: Annotated[bool, Parameter(negative=(), help="A fraction of the images.")] = False,
     seeds: Annotated[SeedSet, Parameter(help="Which scenes.")] = SeedSet.REPORTING,
     jobs: Annotated[int | None, Parameter(help="Processes; as many as cores unless said.")] = None,
-    as_json: Annotated[bool, Parameter(name="--json", negative=(), help="One JSON object on the last line.")] = False,
+    as_json: AsJson = False,
 ) -> None:
     """Measure detection, accuracy and honesty of the vision on rendered images.
 

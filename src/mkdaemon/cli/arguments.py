@@ -1,10 +1,16 @@
-"""Checks of arguments that many commands take."""
+"""Arguments that many commands take, and their checks."""
 
 from __future__ import annotations
 
 import math
+from typing import Annotated
+
+from cyclopts import Parameter
 
 from mkdaemon.errors import ConfigError
+
+AsJson = Annotated[bool, Parameter(name="--json", help="Print JSON, one object a line, in place of text.")]
+"""Option of programs for programs; where figures are measured, the object is the last line."""
 
 
 def require_length(seconds: float | None, name: str) -> None:

@@ -11,7 +11,7 @@ from contextlib import suppress
 from importlib.metadata import version
 from typing import Final, NamedTuple, NoReturn
 
-from cyclopts import App, CycloptsError
+from cyclopts import App, CycloptsError, Parameter
 
 from mkdaemon.errors import ConfigError, MkError
 
@@ -47,7 +47,13 @@ def build(name: str, about: str, table: Iterable[CommandEntry], *, chosen: str =
         table: its commands.
         chosen: the command that is going to run: it shows its own, longer help in place of the table's line.
     """
-    app = App(name=name, help=about, version=version("mkdaemon"), help_format="markdown")
+    app = App(
+        name=name,
+        help=about,
+        version=version("mkdaemon"),
+        help_format="markdown",
+        default_parameter=Parameter(negative=()),  # no `--no-json` beside every `--json`
+    )
     for entry in table:
         if importlib.util.find_spec(entry.target.partition(":")[0]) is not None:
             line = None if entry.name == chosen else entry.help

@@ -23,7 +23,7 @@ from rich.table import Table
 from rich.text import Text
 
 from mkdaemon.bus.endpoint import reserved_endpoint
-from mkdaemon.cli.arguments import require_length
+from mkdaemon.cli.arguments import AsJson, require_length
 from mkdaemon.cli.printing import json_line
 from mkdaemon.cli.program import EXIT_FAILURE, EXIT_INTERRUPTED, EXIT_OK
 from mkdaemon.cli.session import Client, Connection, Sample
@@ -76,7 +76,7 @@ class Tally:
 def demo(
     *,
     seconds: Annotated[float, Parameter(help="How long to watch.")] = 30.0,
-    as_json: Annotated[bool, Parameter(name="--json", help="Print only the summary, as JSON.")] = False,
+    as_json: AsJson = False,
 ) -> int:
     """Fly the built-in aircraft for some seconds and show its telemetry, live.
 

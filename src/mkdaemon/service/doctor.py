@@ -17,6 +17,7 @@ from typing import Annotated, Final, NamedTuple
 from cyclopts import Parameter
 from rich.console import Console
 
+from mkdaemon.cli.arguments import AsJson
 from mkdaemon.cli.printing import json_line
 from mkdaemon.cli.program import EXIT_FAILURE, EXIT_OK
 from mkdaemon.config.reader import load
@@ -68,7 +69,7 @@ class Machine(NamedTuple):
 def doctor(
     *,
     config: Annotated[Path | None, Parameter(name=["--config", "-c"])] = None,
-    as_json: Annotated[bool, Parameter(name="--json", negative=(), help="One JSON object a line.")] = False,
+    as_json: AsJson = False,
 ) -> int:
     """Check this machine: serial ports and who may open them, latency timers, ModemManager, the bus, cameras.
 
