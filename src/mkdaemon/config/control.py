@@ -17,7 +17,7 @@ class LimiterConfig(Section):
     max_roll: int = Field(default=60, ge=0, le=127)
     """Largest roll command [stick]."""
     max_yaw: int = Field(default=60, ge=0, le=127)
-    """Largest yaw command [stick]."""
+    """Largest yaw command [stick]; more than 70 never leaves, because stick gestures begin at 75."""
     min_throttle: int = Field(default=-100, ge=-127, le=127)
     """Smallest throttle command [stick from the centre]."""
     max_throttle: int = Field(default=80, ge=-127, le=127)

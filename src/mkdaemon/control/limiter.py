@@ -18,11 +18,11 @@ LONGEST_STEP: Final = 0.1
 """Slew counts at most this much time [s]: a loop that stood still must not jump when it wakes."""
 
 GESTURE_LOW: Final = -100.0
-"""Throttle below this together with yaw beyond +-100 starts and stops motors, in flight too [stick]; WIRE 6.4."""
-GESTURE_HIGH: Final = 100.0
-"""Throttle above this together with yaw beyond 75 calibrates [stick]; WIRE 6.3, firmware notes 6."""
-GESTURE_HIGH_YAW: Final = 70.0
-"""Yaw allowed above `GESTURE_HIGH` [stick]: the firmware's 75 less room for the pilot's trim."""
+"""Throttle below this together with much yaw starts and stops motors, in flight too [stick]; WIRE 6.4."""
+GESTURE_YAW: Final = 70.0
+"""Most yaw at any throttle [stick]: every gesture (start, stop, calibrate) wants more than 75, and the pilot's trim is
+added. Our own throttle says nothing here, because stock firmware takes the smaller of the pilot's and ours; WIRE 6.3,
+firmware notes 6."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -141,14 +141,10 @@ def _move(last: float, wanted: float, most: float, bound: float) -> float:
 
 
 def _without_gesture(sticks: Sticks) -> Sticks:
-    """Take yaw out of every combination with throttle that the firmware reads as a gesture.
+    """Take yaw out of reach of what the firmware reads as a gesture, whatever the pilot's throttle makes of ours.
 
     Yaw gives way and not throttle: less yaw is harmless, another throttle is not. Below the low threshold it goes to
     zero, because the receiver's own yaw is added to ours.
     """
-    if sticks.throttle < GESTURE_LOW:
-        return Sticks(sticks.pitch, sticks.roll, 0.0, sticks.throttle)
-    if sticks.throttle > GESTURE_HIGH:
-        yaw = _clip(sticks.yaw, -GESTURE_HIGH_YAW, GESTURE_HIGH_YAW)
-        return Sticks(sticks.pitch, sticks.roll, yaw, sticks.throttle)
-    return sticks
+    most = 0.0 if sticks.throttle < GESTURE_LOW else GESTURE_YAW
+    return Sticks(sticks.pitch, sticks.roll, _clip(sticks.yaw, -most, most), sticks.throttle)
