@@ -1,0 +1,53 @@
+"""The samples under configs/: what systemd, udev and a shell say about them."""
+
+from __future__ import annotations
+
+import re
+import shutil
+import subprocess
+
+import pytest
+
+from tests.conftest import ROOT
+
+UNIT = ROOT / "configs" / "systemd" / "mkdaemon.service"
+RULES = ROOT / "configs" / "udev" / "60-mkdaemon.rules"
+
+
+def systemd_analyze(*arguments):
+    if shutil.which("systemd-analyze") is None:
+        pytest.skip("no systemd-analyze here: what systemd thinks of the unit cannot be asked")
+    return subprocess.run(["systemd-analyze", *arguments], capture_output=True, text=True, check=False)
+
+
+@pytest.fixture
+def installed(tmp_path):
+    """The unit as systemd would load it, with a program that exists on this machine."""
+    unit = tmp_path / UNIT.name
+    unit.write_text(re.sub(r"(?m)^ExecStart=\S+", "ExecStart=/bin/true", UNIT.read_text(encoding="utf-8")))
+    return unit
+
+
+def test_systemd_accepts_every_line_of_the_unit(installed):
+    said = systemd_analyze("verify", "--man=no", str(installed))
+    assert (said.returncode, said.stderr) == (0, "")
+
+
+def test_the_unit_exposes_little(installed):
+    said = systemd_analyze("security", "--offline=true", str(installed))
+    exposure = re.search(r"exposure level .*: ([0-9.]+)", said.stdout)
+    assert exposure is not None, said.stdout + said.stderr
+    assert float(exposure[1]) <= 2.5
+
+
+def test_udev_rules_are_matches_and_assignments():
+    rules = [line for line in RULES.read_text(encoding="utf-8").splitlines() if line and not line.startswith("#")]
+    assert rules
+    term = r'[A-Z]+(\{\w+\})?(==|=|\+=)"[^"]*"'
+    for rule in rules:
+        assert re.fullmatch(rf"{term}(, {term})*", rule), rule
+
+
+def test_the_certificate_script_is_a_shell_script():
+    script = ROOT / "configs" / "zenoh" / "certificates.sh"
+    assert subprocess.run(["sh", "-n", str(script)], check=False).returncode == 0
