@@ -72,8 +72,14 @@ KEYS: Final[tuple[KeySpec, ...]] = (
         "raw/rx", _P, RawFrame, "every frame and every loss", "Bytes received, and why they were dropped if they were."
     ),
     KeySpec("raw/tx", _P, RawFrame, "every frame", "Bytes sent, and what for."),
-    KeySpec("rx/<board>/<message>", _P, FrameSample, "every frame", "A message as it came; board: `fc nc mag osd bl`."),
-    KeySpec("tx/<board>/<message>", _P, FrameSample, "every frame", "A message as it went."),
+    KeySpec(
+        "rx/<board>/<message>",
+        _P,
+        FrameSample,
+        "every frame",
+        "A message as it came; board: `fc nc mag osd bl`, `other`.",
+    ),
+    KeySpec("tx/<board>/<message>", _P, FrameSample, "every frame", "A message as it went; board also `any`."),
     KeySpec("state/attitude", _P, Attitude, "every C (O where there is none)", "Orientation."),
     KeySpec("state/position", _P, Position, "every O with a valid position", "Position, home, altitude."),
     KeySpec("state/velocity", _P, Velocity, "every O with a valid position", "Velocity."),

@@ -34,7 +34,7 @@ class FrameSample(Telemetry):
     sequence: int
     """The same number as in `raw/rx` or `raw/tx`."""
     board: str
-    """fc, nc, mag, osd, bl: who sent it or was addressed; any for a request to whoever listens."""
+    """fc, nc, mag, osd, bl: who sent it or was addressed; any: whoever listens; other: no known board."""
     id: str
     """Command letter."""
     message: str
