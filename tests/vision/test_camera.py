@@ -209,7 +209,7 @@ def test_the_rate_is_that_of_bursts_and_gaps_together() -> None:
         ("v4l2:/dev/video99", "/dev/video99 is not there"),
         ("file:missing.avi", "no such file: missing.avi"),
         ("folder:missing", "no such folder: missing"),
-        ("http://127.0.0.1:1/none", "FFMPEG cannot open http"),
+        ("http://127.0.0.1:1/none", "FFMPEG cannot open http.*: check address"),
     ],
 )
 def test_a_source_that_is_not_there_says_so(source: str, words: str) -> None:
@@ -352,6 +352,20 @@ class FakeDriver:
 
     def release(self) -> None:
         self.released = True
+
+
+def test_a_device_of_others_and_a_device_that_is_no_camera_are_told_apart(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    device = tmp_path / "video0"
+    device.touch()
+    monkeypatch.setattr(cv2.videoio_registry, "hasBackend", lambda _: True)
+    source = source_of(CameraSection(source=f"v4l2:{device}"))
+    with pytest.raises(VisionError, match="does another program hold it"):
+        source.open()
+    monkeypatch.setattr("os.access", lambda *_: False)
+    with pytest.raises(VisionError, match="join the group video"):
+        source.open()
 
 
 def test_a_driver_is_told_its_settings_and_what_it_refuses_is_named(

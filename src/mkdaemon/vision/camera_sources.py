@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 import time
 from collections.abc import Callable
@@ -19,6 +20,13 @@ from mkdaemon.vision.shot import Shot, Source
 
 V4L2_MANUAL, V4L2_AUTO = 1, 3
 """Values of V4L2_CID_EXPOSURE_AUTO (linux/v4l2-controls.h): manual and aperture priority."""
+
+
+_WHAT_TO_CHECK = {
+    cv2.CAP_V4L2: "is it a camera, and does another program hold it?",
+    cv2.CAP_FFMPEG: "check address, user and password, and that the camera is on",
+    cv2.CAP_GSTREAMER: "try the pipeline with gst-launch-1.0; it must end in appsink",
+}
 
 
 def source_of(cfg: CameraSection, session: Callable[[], zenoh.Session] | None = None) -> Source:
@@ -79,19 +87,29 @@ class StreamSource:
         if not cv2.videoio_registry.hasBackend(self._backend):
             msg = f"camera {self._cfg.name}: this OpenCV was built without {name}; use v4l2, rtsp or a Zenoh key"
             raise VisionError(msg)
-        if self._backend == cv2.CAP_V4L2 and not Path(self._address).exists():
-            msg = f"camera {self._cfg.name}: {self._address} is not there: plug it in, or see /dev/v4l/by-id"
-            raise VisionError(msg)
+        if self._backend == cv2.CAP_V4L2:
+            self._check_device()
         patience_ms = round(1000 * self._cfg.reopen_max_s)
         options = [cv2.CAP_PROP_OPEN_TIMEOUT_MSEC, patience_ms, cv2.CAP_PROP_READ_TIMEOUT_MSEC, patience_ms]
         capture = quietly(
             lambda: cv2.VideoCapture(self._address, self._backend, options if self._backend == cv2.CAP_FFMPEG else [])
         )
         if not capture.isOpened():
-            msg = f"camera {self._cfg.name}: {name} cannot open {self._address}"
+            msg = f"camera {self._cfg.name}: {name} cannot open {self._address}: {_WHAT_TO_CHECK[self._backend]}"
             raise VisionError(msg)
         self._capture = capture
         return tuple(_set_controls(capture, self._cfg, self._backend))
+
+    def _check_device(self) -> None:
+        """Say what OpenCV does not: the device is missing, or belongs to others."""
+        if not Path(self._address).exists():
+            msg = f"camera {self._cfg.name}: {self._address} is not there: plug it in, or see /dev/v4l/by-id"
+            raise VisionError(msg)
+        if not os.access(self._address, os.R_OK | os.W_OK):
+            msg = (
+                f"camera {self._cfg.name}: no permission for {self._address}: join the group video (usermod -aG video)"
+            )
+            raise VisionError(msg)
 
     def read(self, timeout: float) -> Shot | None:
         """Block in the driver; OpenCV releases the GIL there."""
