@@ -80,6 +80,7 @@ class FlightControl:
         self._unsent_told_at = float("-inf")
         self._release_waiters: list[asyncio.Future[ReleaseResult | None]] = []
         self._openings = 0
+        self._nameless = 0
         self._deaf_since: float | None = None
         self.ticks = 0
 
@@ -122,7 +123,7 @@ class FlightControl:
             case "take":
                 self._check_control()
                 granted: LeaseState | None = self._authority.take(
-                    request.holder or "anonymous", t, ttl=request.ttl, force=request.force
+                    request.holder or self._name(), t, ttl=request.ttl, force=request.force
                 )
             case "renew":
                 granted = self._authority.renew(-1 if request.epoch is None else request.epoch, t)
@@ -134,6 +135,11 @@ class FlightControl:
         self._wake.set()
         reply: dict[str, Any] = {} if granted is None else dict(granted)
         return CommandResult(status=Status.ACCEPTED, reply=reply, reply_type=schema_name(LeaseState))
+
+    def _name(self) -> str:
+        """Name a client that gave none; never twice the same, or two of them would hold one lease."""
+        self._nameless += 1
+        return f"anonymous-{self._nameless}"
 
     async def release(self, raw: bytes) -> CommandResult:
         """Answer `do/release`: whoever asks, the aircraft is let go of.

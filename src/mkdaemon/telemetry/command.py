@@ -168,7 +168,8 @@ class LeaseRequest(Command):
     action: Literal["take", "renew", "release", "show"]
     """What to do."""
     holder: str = Field(default="", max_length=64, pattern=r"^[A-Za-z0-9._-]*$")
-    """Who asks; also the last chunk of its liveliness token `mk/<vehicle>/client/<holder>`."""
+    """Who asks; also the last chunk of its liveliness token `mk/<vehicle>/client/<holder>`. Who gives the name of the
+    holder takes its place; who gives none gets one of its own."""
     epoch: int | None = None
     """The lease to renew or give back."""
     ttl: float | None = Field(default=None, ge=0.5, le=60, strict=False)

@@ -1,0 +1,26 @@
+"""One authority at a time: clients without a name are no exception."""
+
+from __future__ import annotations
+
+import pytest
+
+from mkdaemon.bench.stories_rig import Boards, cockpit
+from mkdaemon.bench.virtualloop import run_virtually
+from mkdaemon.bus.codec import encode_map
+from mkdaemon.errors import CommandRejectedError
+
+
+def test_clients_without_a_name_do_not_take_each_others_lease():
+    async def story():
+        async with cockpit(Boards("2.12a"), seed=1) as flown:
+            take = encode_map({"action": "take"})
+            first = (await flown.flight.lease(take)).reply
+            with pytest.raises(CommandRejectedError) as caught:
+                await flown.flight.lease(take)
+            assert caught.value.token == "lease_held"
+            assert first["holder"] in caught.value.reason
+            second = (await flown.flight.lease(encode_map({"action": "take", "force": True}))).reply
+            assert second["holder"] != first["holder"]
+            assert second["epoch"] > first["epoch"]
+
+    run_virtually(story())
