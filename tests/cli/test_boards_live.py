@@ -135,6 +135,23 @@ def test_what_cannot_be_uploaded_is_one_line(navictrl: list[str], ctl: Ctl, tmp_
     assert f"{file}:1: column 'altitude' is missing" in err
 
 
+def test_without_a_navictrl_an_upload_says_so(flightctrl: list[str], ctl: Ctl, tmp_path: Path) -> None:
+    file = tmp_path / "mission.csv"
+    write_mission(mission(2), file)
+    for words in (("upload", str(file)), ("verify", str(file)), ("clear",), ("download", str(tmp_path / "b.csv"))):
+        code, _, err = ctl(flightctrl, "waypoints", *words)
+        assert (code, err.count("\n")) == (EXIT_FAILURE, 1)
+        assert "board_unreachable: The line ends at a FlightCtrl, not at a NaviCtrl" in err
+
+
+def test_a_conversion_names_what_is_lost(ctl: Ctl, tmp_path: Path) -> None:
+    file, plan = tmp_path / "mission.csv", tmp_path / "mission.plan"
+    file.write_text("lat,lon,altitude,climb\n53.1,8.1,10,1\n53.2,8.1,10,3\n")
+    code, out, err = ctl([], "waypoints", "convert", str(file), str(plan))
+    assert (code, out) == (EXIT_OK, f"2 points written to {plan}\n")
+    assert err == f"mkctl: {plan}: this format does not keep climb of point 1\n"
+
+
 def test_navictrl_parameters_labels_and_display(navictrl: list[str], ctl: Ctl) -> None:
     assert ctl(navictrl, "nc-param", "set", "target-speed", "25")[:2] == (EXIT_OK, "target_speed 25 0.1 m/s\n")
     assert ctl(navictrl, "nc-param", "get", "target_speed")[1] == "target_speed 25 0.1 m/s\n"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import sys
 import time
 from pathlib import Path
 from typing import Annotated, Final, TypeVar
@@ -20,7 +21,6 @@ from mkdaemon.protocol.procedures.points import PointFormat, from_points, read_f
 from mkdaemon.protocol.procedures.steps import Patience, Procedure
 from mkdaemon.protocol.procedures.waypoints import (
     Difference,
-    Upload,
     clear_points,
     content_hash,
     download_points,
@@ -60,10 +60,11 @@ async def upload(
     """Replace the NaviCtrl's list by a mission, read it back and compare every byte."""
     mission = read_mission(file, start_elevation=start_elevation, altitude=altitude)
     async with Client.open(connection) as client:
+        points = to_points(mission, await converse(client, read_format(PATIENCE)))
         if not in_flight:
             await require_motors_off(client, "an upload takes effect at once", "--in-flight")
         with progress_bar("upload", quiet=connection.json) as report:
-            done = await _guarded(client, _upload(mission), in_flight, report)
+            done = await _guarded(client, upload_points(points, PATIENCE), in_flight, report)
         _publish(client, "uploaded", done.count, done.digest, str(file))
     text = f"{done.count} points stored and read back, content {done.digest[:16]}"
     _say(connection, text, count=done.count, digest=done.digest, rounds=done.rounds, writes=done.writes)
@@ -78,7 +79,7 @@ async def download(file: MissionFile, /, *, connection: Connection = HERE) -> No
     if not mission.points:
         msg = "the NaviCtrl holds no points; nothing was written"
         raise MkError(msg)
-    write_mission(mission, file)
+    _warn(file, write_mission(mission, file))
     text = f"{len(mission.points)} points written to {file}, content {digest[:16]}"
     _say(connection, text, count=len(mission.points), digest=digest, file=str(file))
 
@@ -109,19 +110,30 @@ async def verify(
 async def clear(*, in_flight: InFlight = False, connection: Connection = HERE) -> None:
     """Empty the NaviCtrl's list and see that it is empty."""
     async with Client.open(connection) as client:
+        form = await converse(client, read_format(PATIENCE))
         if not in_flight:
             await require_motors_off(client, "clearing ends a running route at once", "--in-flight")
-        await _guarded(client, _clear(), in_flight)
+        await _guarded(client, clear_points(form.kind, PATIENCE), in_flight)
         _publish(client, "cleared", 0, content_hash(()), "")
     _say(connection, "the list is empty", count=0)
 
 
 @app.command
 def convert(
-    source: MissionFile, target: MissionFile, /, *, start_elevation: Elevation = None, altitude: Height = None
+    source: MissionFile,
+    target: MissionFile,
+    /,
+    *,
+    start_elevation: Elevation = None,
+    altitude: Height = None,
+    connection: Connection = HERE,
 ) -> None:
-    """Convert a mission file to another format; needs no aircraft."""
-    write_mission(read_mission(source, start_elevation=start_elevation, altitude=altitude), target)
+    """Convert a mission file to another format; needs no aircraft. What the format cannot keep is named."""
+    mission = read_mission(source, start_elevation=start_elevation, altitude=altitude)
+    lost = write_mission(mission, target)
+    _warn(target, lost)
+    count = len(mission.points)
+    _say(connection, f"{count} points written to {target}", count=count, file=str(target), lost=lost)
 
 
 async def _guarded(
@@ -140,11 +152,6 @@ async def _guarded(
         ) from error
 
 
-def _upload(mission: Mission) -> Procedure[Upload]:
-    form = yield from read_format(PATIENCE)
-    return (yield from upload_points(to_points(mission, form), PATIENCE))
-
-
 def _download() -> Procedure[tuple[Mission, str]]:
     form: PointFormat = yield from read_format(PATIENCE)
     points = yield from download_points(form.kind, PATIENCE)
@@ -157,14 +164,14 @@ def _verify(mission: Mission) -> Procedure[tuple[tuple[Difference, ...], str]]:
     return (yield from verify_points(points, PATIENCE)), content_hash(points)
 
 
-def _clear() -> Procedure[None]:
-    form = yield from read_format(PATIENCE)
-    yield from clear_points(form.kind, PATIENCE)
-
-
 def _publish(client: Client, action: str, count: int, digest: str, source: str) -> None:
     event = MissionEvent(t_wall=time.time(), action=action, count=count, digest=digest, source=source)
     client.stream("event/mission").put(encode(event), encoding=encoding_of(MissionEvent))
+
+
+def _warn(file: Path, lost: tuple[str, ...]) -> None:
+    if lost:
+        print(f"mkctl: {file}: this format does not keep {'; '.join(lost)}", file=sys.stderr)
 
 
 def _say(connection: Connection, text: str, **fields: object) -> None:

@@ -97,7 +97,7 @@ class Mission(BaseModel):
             ValueError: an altitude leaves the range a point may have.
         """
         shifted = (
-            MissionPoint.model_validate({**point.model_dump(), "altitude": point.altitude + by})
+            MissionPoint.model_validate({**point.model_dump(), "altitude": round(point.altitude + by, 3)})
             for point in self.points
         )
         return Mission(points=tuple(shifted), name=self.name)

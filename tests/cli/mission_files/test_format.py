@@ -113,7 +113,7 @@ BAD = [
     ("a.kml", "<kml><Document/></kml>", "no point and no path"),
     ("a.kml", "<kml><LineString>\n<coordinates>1,2\n3,x</coordinates></LineString></kml>", r"kml:3: latitude is .x."),
     ("a.kml", "<kml><Placemark><Point><coordinates>1,2,3</coordinates></Point></Placemark></kml>", "--altitude METRES"),
-    ("a.csv", "lat,lon\n", r"a\.csv:1: no column is called 'lat'; use latitude_deg"),
+    ("a.csv", "lat,lon,x\n", r"a\.csv:1: no column is called 'x'; use latitude_deg"),
     ("a.csv", "latitude_deg,longitude_deg\n", "column 'altitude' is missing"),
     ("a.csv", "latitude_deg,longitude_deg,altitude\n1,2\n", r"a\.csv:2: 2 cells under 3 columns"),
     ("a.csv", "latitude_deg,longitude_deg,altitude,radius\n1,2,3,4.5\n", r"a\.csv:2: radius is 4\.5; write a whole"),

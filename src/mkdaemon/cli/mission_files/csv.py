@@ -1,6 +1,8 @@
 """CSV missions: one header line naming the columns, one line for each point.
 
-The columns are the fields of `MissionPoint`; only latitude, longitude and altitude are required, in any order.
+The columns are the fields of `MissionPoint`; only latitude, longitude and altitude are required, in any order. Other
+programs' words for these three are understood (`_ALIASES`), and tables as spreadsheets save them: semicolons or
+tabulators, and then decimal commas.
 """
 
 from __future__ import annotations
@@ -9,31 +11,33 @@ import csv
 import io
 from typing import Any
 
-from mkdaemon.cli.mission_files.source import MissionDraft, Place, assemble
+from mkdaemon.cli.mission_files.source import AltitudeReference, MissionDraft, Place, assemble
 from mkdaemon.protocol.mission import Mission, MissionPoint, PointKind
 
 _COLUMNS = tuple(MissionPoint.model_fields)
 _REQUIRED = ("latitude_deg", "longitude_deg", "altitude")
 _DECIMAL = {"latitude_deg", "longitude_deg", "altitude", "climb", "speed"}
 _WORDS = {"kind", "name"}
+_ALIASES = {
+    **dict.fromkeys(("lat", "latitude"), "latitude_deg"),
+    **dict.fromkeys(("lon", "lng", "long", "longitude"), "longitude_deg"),
+    **dict.fromkeys(("height", "relative_altitude"), "altitude"),
+}
+_SEA_LEVEL = {"ele", "elevation", "amsl"}
+_AMBIGUOUS = {"alt", "z"}
 
 
 def read(text: str, name: str) -> MissionDraft:
-    """Read a CSV mission; a semicolon may stand for the comma.
+    """Read a CSV mission.
 
     Raises:
         ConfigError: a column is unknown or missing, or a cell is wrong; names file, line and fix.
     """
-    first = text.lstrip("\ufeff").splitlines()[0] if text.strip() else ""
-    rows = csv.reader(io.StringIO(text.lstrip("\ufeff")), delimiter=";" if first.count(";") > first.count(",") else ",")
-    header = [cell.strip() for cell in next(rows, [])]
-    place = Place(name, 1)
-    for column in header:
-        if column not in _COLUMNS:
-            raise place.wrong(f"no column is called {column!r}", f"use {', '.join(_COLUMNS)}")
-    for column in _REQUIRED:
-        if column not in header:
-            raise place.wrong(f"column {column!r} is missing", f"begin the file with {','.join(_REQUIRED)}")
+    text = text.lstrip("\ufeff")
+    first = text.splitlines()[0] if text.strip() else ""
+    delimiter = max(",;\t", key=first.count)
+    rows = csv.reader(io.StringIO(text), delimiter=delimiter)
+    header, reference = _read_header(Place(name, 1), next(rows, []))
     points = []
     for row in rows:
         if not any(cell.strip() for cell in row):
@@ -41,8 +45,35 @@ def read(text: str, name: str) -> MissionDraft:
         place = Place(name, rows.line_num)
         if len(row) != len(header):
             raise place.wrong(f"{len(row)} cells under {len(header)} columns", "give one cell for each column")
-        points.append(_read_row(place, dict(zip(header, row, strict=True))))
-    return MissionDraft(assemble(name, points))
+        cells = row if delimiter == "," else [cell.replace(",", ".") for cell in row]
+        points.append(_read_row(place, dict(zip(header, cells, strict=True))))
+    return MissionDraft(assemble(name, points), reference)
+
+
+def _read_header(place: Place, cells: list[str]) -> tuple[list[str], AltitudeReference]:
+    """Our columns for those of the file, and what its altitudes are measured from."""
+    begin = f"begin the file with {','.join(_REQUIRED)}"
+    words = [cell.strip().lower() for cell in cells]
+    if words and not any(letter.isalpha() for word in words for letter in word):
+        raise place.wrong("the first line names no columns", begin)
+    header: list[str] = []
+    reference = AltitudeReference.START
+    for word in words:
+        if word in _AMBIGUOUS:
+            fix = "call it altitude (above the start) or elevation (above sea level)"
+            raise place.wrong(f"column {word!r} does not say what it counts from", fix)
+        if word in _SEA_LEVEL:
+            reference = AltitudeReference.SEA_LEVEL
+        column = "altitude" if word in _SEA_LEVEL else _ALIASES.get(word, word)
+        if column not in _COLUMNS:
+            raise place.wrong(f"no column is called {word!r}", f"use {', '.join(_COLUMNS)}")
+        if column in header:
+            raise place.wrong(f"column {column!r} stands twice", "delete one")
+        header.append(column)
+    for column in _REQUIRED:
+        if column not in header:
+            raise place.wrong(f"column {column!r} is missing", begin)
+    return header, reference
 
 
 def write(mission: Mission) -> str:

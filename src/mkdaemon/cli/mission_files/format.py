@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Final, NamedTuple
 
 from mkdaemon.cli.mission_files import csv, gpx, kml, qgc, wpl
+from mkdaemon.cli.mission_files.losses import lost
 from mkdaemon.cli.mission_files.source import MissionDraft
 from mkdaemon.errors import ConfigError
 from mkdaemon.protocol.mission import Mission
@@ -66,18 +67,28 @@ def read_mission(path: Path, *, start_elevation: float | None = None, altitude: 
     return draft.settled(str(path), start_elevation=start_elevation, altitude=altitude)
 
 
-def write_mission(mission: Mission, path: Path) -> None:
+def write_mission(mission: Mission, path: Path) -> tuple[str, ...]:
     """Write a mission to a file; the suffix tells the format.
 
+    Returns:
+        What the format does not keep, for example `climb of points 2 and 3`.
+
     Raises:
-        ConfigError: the format is unknown or the file cannot be written.
+        ConfigError: the format is unknown, would fly another mission, or the file cannot be written.
     """
-    text = _format(path).write(mission)
+    chosen = _format(path)
+    try:
+        text = chosen.write(mission)
+        gone = lost(mission, chosen.read(text, path.suffix).mission)
+    except ConfigError as error:
+        msg = f"{path}: this format cannot keep the mission: {error}"
+        raise ConfigError(msg) from error
     try:
         path.write_text(text, encoding="utf-8")
     except OSError as error:
         msg = f"{path}: cannot be written ({error.strerror}); choose another place"
         raise ConfigError(msg) from error
+    return gone
 
 
 def _format(path: Path) -> Format:

@@ -9,7 +9,7 @@ from __future__ import annotations
 from typing import Any
 from xml.sax.saxutils import escape, quoteattr
 
-from mkdaemon.cli.mission_files.source import AltitudeReference, MissionDraft, Place, assemble
+from mkdaemon.cli.mission_files.source import AltitudeReference, MissionDraft, Place, assemble, short_name
 from mkdaemon.cli.mission_files.xmltree import Element, parse_xml
 from mkdaemon.protocol.mission import Mission, MissionPoint, PointKind
 
@@ -80,7 +80,7 @@ def _read_point(element: Element, extra: dict[str, str], relative: bool) -> Miss
         latitude_deg=place.number("lat", element.attributes.get("lat")),
         longitude_deg=place.number("lon", element.attributes.get("lon")),
         altitude=place.number("altitude" if relative else "ele", height),
-        name=(element.text_of("name") or "")[:4] if not relative else element.text_of("name") or "",
+        name=(element.text_of("name") or "") if relative else short_name(element.text_of("name")),
         **fields,
     )
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 from xml.sax.saxutils import escape
 
 from mkdaemon.cli.mission_files.gpx import read_extras
-from mkdaemon.cli.mission_files.source import AltitudeReference, MissionDraft, Place, assemble
+from mkdaemon.cli.mission_files.source import AltitudeReference, MissionDraft, Place, assemble, short_name
 from mkdaemon.cli.mission_files.xmltree import Element, parse_xml
 from mkdaemon.protocol.mission import Mission, MissionPoint
 
@@ -88,10 +88,10 @@ def _read_mark(mark: Element, shape: Element) -> MissionPoint:
     corners = shape.find("coordinates")
     if corners is None or len(corners.text.split()) != 1:
         raise shape.place.wrong("a point needs one coordinate", "write longitude,latitude,altitude")
+    if "kind" not in extra:  # we always write it: other programs mean other things by "speed"
+        return _read_corner(corners.place, corners.text.strip(), name=short_name(mark.text_of("name")))
     name = mark.text_of("name") or ""
-    return _read_corner(
-        corners.place, corners.text.strip(), name=name if extra else name[:4], **read_extras(shape.place, extra)
-    )
+    return _read_corner(corners.place, corners.text.strip(), name=name, **read_extras(shape.place, extra))
 
 
 def _read_line(line: Element) -> list[MissionPoint]:

@@ -22,6 +22,8 @@ _MOUNT_CONTROL, _CAMERA_DISTANCE = 205, 206
 _NAMES = {17: "loiter", 18: "loiter turns", 20: "return to launch", 22: "take-off", 93: "delay", 177: "jump"}
 _FRAMES = {0: AltitudeReference.SEA_LEVEL, 3: AltitudeReference.START}
 _RELATIVE_FRAME, _NO_FRAME = 3, 2
+_SAME_SPEED, _DEFAULT_SPEED = -1, -2
+"""Speeds of `MAV_CMD_DO_CHANGE_SPEED` that mean "no change" and "the vehicle's own" (0 in a point)."""
 _ITEMS = re.compile(r'"items"\s*:\s*\[')
 
 
@@ -63,14 +65,21 @@ def read(text: str, name: str) -> MissionDraft:
 
 
 def write(mission: Mission) -> str:
-    """Return the mission as a plan; events and names, which plans cannot express, are left out."""
+    """Return the mission as a plan; events, names and rates of climb, which plans cannot express, are left out.
+
+    Raises:
+        ConfigError: a fail-safe point, which a plan would fly to.
+    """
     items: list[dict[str, Any]] = []
     speed, poi, photo, tilt = 0.0, None, 0, 0
-    for point in mission.points:
+    for number, point in enumerate(mission.points, 1):
         if point.kind is PointKind.POI:
             continue
-        if point.speed and point.speed != speed:
-            items.append(_item(items, _CHANGE_SPEED, [1, point.speed, -1, 0, 0, 0, 0], _NO_FRAME))
+        if point.kind is PointKind.FAILSAFE:
+            msg = f"point {number} is a fail-safe point, which a plan would fly to; choose .gpx, .kml, .csv or .wpl"
+            raise ConfigError(msg)
+        if point.speed != speed:
+            items.append(_item(items, _CHANGE_SPEED, [1, point.speed or _DEFAULT_SPEED, -1, 0, 0, 0, 0], _NO_FRAME))
         if point.poi != poi:
             items.append(_roi(items, mission.points[point.poi - 1] if point.poi else None))
         if point.photo_distance != photo:
@@ -147,7 +156,8 @@ def _take(place: Place, item: Any, reading: _Reading) -> None:
     if command in (_WAYPOINT, _LOITER_TIME, _LAND):
         _take_point(place, item, command, params, reading)
     elif command == _CHANGE_SPEED:
-        reading.speed = max(_value(place, "speed", params[1]), 0.0)
+        speed = _value(place, "speed", params[1])
+        reading.speed = reading.speed if speed == _SAME_SPEED else max(speed, 0.0)
     elif command in (_ROI_LOCATION, _ROI):
         reading.points.append(_position(place, item, params, reading, kind=PointKind.POI))
         reading.poi = len(reading.points)
@@ -175,7 +185,7 @@ def _take_point(place: Place, item: dict[str, Any], command: int, params: list[A
         "photo_distance": reading.photo_distance,
     }
     if command != _LAND:
-        fields["hold"] = round(_value(place, "hold time", params[0]))
+        fields["hold"] = round(_value(place, "hold time", params[0] or 0))
     if command == _WAYPOINT and params[1]:
         fields["radius"] = round(_value(place, "acceptance radius", params[1]))
     if heading is not None and reading.poi is None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import unicodedata
 from dataclasses import dataclass
 from enum import StrEnum
 from typing import Any
@@ -116,6 +117,12 @@ class Place:
             return MissionPoint(**fields)
         except ValidationError as error:
             raise self.wrong(reason(error), "correct the value") from error
+
+
+def short_name(text: str | None) -> str:
+    """A name of another program as a point can carry it: at most four ASCII characters, accents left out."""
+    plain = unicodedata.normalize("NFKD", text or "").encode("ascii", "ignore").decode()
+    return "".join(letter for letter in plain if letter.isprintable()).strip()[:4]
 
 
 def reason(error: ValueError) -> str:
