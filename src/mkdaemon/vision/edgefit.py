@@ -157,6 +157,23 @@ class _Samples:
     jacobian: Array
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class LocatedEdges:
+    """Edges of one image around a pose.
+
+    Attributes:
+        index: which samples of the model are in view `(n,)`.
+        offsets: of the edges from where the pose puts them `(n,)` [px], towards the bright side.
+        found: whether an edge of the right sense was found `(n,)`.
+        jacobian: of the offsets by pose `(n, 6)`.
+    """
+
+    index: npt.NDArray[np.intp]
+    offsets: Array
+    found: npt.NDArray[np.bool_]
+    jacobian: Array
+
+
 class EdgeFit:
     """Fits the pose of one target."""
 
@@ -218,6 +235,14 @@ class EdgeFit:
         if fitted is not None and stretch_sd > 0.0:
             fitted = replace(fitted, stretch=stretch)
         return fitted
+
+    def locate(self, pixels: Grey, pose: Pose) -> LocatedEdges | None:
+        """Find the edges around a fitted pose; none when too few are in view."""
+        samples = self._project(pixels.shape, pose.rotation, pose.position, REACH_PX[-1], self._projection)
+        if samples is None:
+            return None
+        offsets, found, _ = _locate(pixels, samples)
+        return LocatedEdges(samples.index, offsets, found, samples.jacobian)
 
     def _project(
         self, shape: tuple[int, ...], rotation: Array, position: Array, reach: float, projection: Projection

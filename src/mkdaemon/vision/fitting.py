@@ -12,6 +12,7 @@ import numpy.typing as npt
 from mkdaemon.config.vision import TrackerSection
 from mkdaemon.vision.detection import Detection
 from mkdaemon.vision.edgefit import EdgeFit, Level, covered
+from mkdaemon.vision.evidence import EdgeEvidence
 from mkdaemon.vision.gates import BitModel
 from mkdaemon.vision.photofit import PhotoFit
 from mkdaemon.vision.pose import Pose, solve
@@ -42,6 +43,7 @@ class TargetFitter:
         self._edges = EdgeFit(target, projection)
         self._photo = PhotoFit(target, projection)
         self._bits = BitModel(target, projection)
+        self._evidence = EdgeEvidence(target, projection)
         self._cell = target.tags[0].module
         papers = [tag.paper / 2 for tag in target.tags]
         square = np.array([[-1.0, 1.0], [1.0, 1.0], [1.0, -1.0], [-1.0, -1.0]])
@@ -93,6 +95,11 @@ class TargetFitter:
         if read is None or pose.source == "photometric":
             return pose.match if pose.match is not None else read
         return read
+
+    def is_borne_out(self, pixels: Grey, pose: Pose) -> bool:
+        """Whether the edges that are seen bear out a pose with parts of the target hidden."""
+        evidence = self._evidence.weigh(pixels, pose)
+        return evidence is not None and evidence.bears_out
 
     def mirrored(self, pixels: Grey, pose: Pose) -> Pose | None:
         """Fit the rival of a pose: the same place, the normal mirrored about the line of sight.

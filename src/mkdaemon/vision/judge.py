@@ -214,9 +214,14 @@ class Judge:
             return self._levelled(seen, min(believable, key=lambda pose: pose.loss))
         if choice is None:
             return "ambiguous"
+        borne_out = False
         if choice.pose.source == "edges" and choice.pose.inliers < COLD_INLIERS:
-            # Hidden parts, or a border faked by what hides them: only a fit with the tilt held tells these apart.
-            return self._levelled(seen, choice.pose) if known else "inliers"
+            # Hidden parts, or a border faked by what hides them: a held tilt tells these apart, or the edges seen.
+            if known:
+                return self._levelled(seen, choice.pose)
+            borne_out = self.fitter.is_borne_out(seen.pixels, choice.pose)
+            if not borne_out:
+                return "inliers"
         if not known and choice.pose.source == "edges" and self._is_smeared(choice.pose):
             return "blurred"
         if choice.decided_by == "unique":
@@ -226,7 +231,9 @@ class Judge:
                 return "ambiguous"
             choice = replace(choice, pose=settled)
         fused = self.fused(seen, choice.pose)
-        fault = self._hard_fault(seen, choice.pose, None) or certainty_fault(fused, has_attitude=bool(known))
+        fault = self._hard_fault(seen, choice.pose, None) or certainty_fault(
+            fused, has_attitude=bool(known), is_plain=borne_out
+        )
         return fault or replace(choice, pose=fused)
 
     def _levelled(self, seen: Sight, pose: Pose) -> Choice | str:

@@ -247,8 +247,8 @@ class PhotoFit:
         arm = np.column_stack([u, v]) @ (rotation @ self._axes[:, :2]).T + rotation @ self._origin
         point = self._projection.jacobian(arm + position)
         light = np.stack([value, np.ones_like(value), u / self._half, v / self._half])
-        gain = np.linalg.solve(light @ light.T + 1e-6 * np.eye(4), light @ image)
-        lit: Array = gain @ light
+        gain: Array = np.asarray(np.linalg.solve(light @ light.T + 1e-6 * np.eye(4), light @ image), dtype=np.float64)
+        lit: Array = np.asarray(gain @ light, dtype=np.float64)
         residual = image - lit
         size = np.abs(residual)
         spread = max(1.4826 * median(size), 1.0)

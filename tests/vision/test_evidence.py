@@ -1,0 +1,84 @@
+"""Edges of partly hidden targets bear out right poses and nothing else."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from mkdaemon.sim.scene_light import Conditions, Cover
+from mkdaemon.vision.attitude import LOOKING_DOWN
+from mkdaemon.vision.edgefit import EdgeFit
+from mkdaemon.vision.evidence import EdgeEvidence
+from mkdaemon.vision.pose import Pose, turn
+from mkdaemon.vision.projection import Projection
+from mkdaemon.vision.tagmap import TagMap
+from mkdaemon.vision.tracker import Tracker
+from tests.vision.views import VGA, View, angle_deg, place, shipped
+
+PROJECTION = Projection(VGA)
+
+
+def strip(side: float, share: float, reflectance: float) -> Conditions:
+    """Something lying over the right side of a tag, its rim parallel to the border."""
+    edge, far = side / 2 - share * side, side
+    return Conditions(covers=(Cover(((edge, -far), (far, -far), (far, far), (edge, far)), reflectance),))
+
+
+@pytest.mark.parametrize("share", [0.0, 0.05, 0.2, 0.3])
+@pytest.mark.parametrize(("name", "reflectance"), [("nested", 0.1), ("nested", 0.7), ("single", 0.3)])
+def test_a_right_pose_is_borne_out_behind_a_cover(name, reflectance, share):
+    target = shipped(name)
+    view = View(target, place(1.1, 0.35, around=1.0, roll=0.5), strip(target.tags[0].size, share, reflectance))
+    start = Pose(view.rotation, view.position, np.eye(6), "edges", 0, 0.0)
+    fitted = EdgeFit(target, PROJECTION).fit(view.pixels, start)
+    assert fitted is not None
+    assert angle_deg(fitted.rotation, view.rotation) < 0.5
+    evidence = EdgeEvidence(target, PROJECTION).weigh(view.pixels, fitted)
+    assert evidence is not None
+    assert evidence.bears_out, evidence
+
+
+def test_no_wrong_fit_is_borne_out():
+    target = shipped("single")
+    fit, evidence = EdgeFit(target, PROJECTION), EdgeEvidence(target, PROJECTION)
+    rng = np.random.default_rng(5)
+    wrong = 0
+    for k in range(60):
+        cover = strip(target.tags[0].size, float(rng.uniform(0.03, 0.3)), float(rng.uniform(0.05, 0.85)))
+        view = View(
+            target, place(float(rng.uniform(0.8, 4.0)), float(rng.uniform(0, 0.7)), around=k, roll=k / 2), cover
+        )
+        off = turn(view.rotation, rng.normal(0, 0.25, 3))
+        start = Pose(off, view.position * rng.uniform(0.92, 1.08), np.eye(6), "edges", 0, 0.0)
+        fitted = fit.fit(view.pixels, start)
+        if fitted is None or angle_deg(fitted.rotation, view.rotation) < 2.0:
+            continue
+        wrong += 1
+        said = evidence.weigh(view.pixels, fitted)
+        assert said is None or not said.bears_out, (k, said)
+    assert wrong >= 10
+
+
+def test_nothing_is_borne_out_where_there_is_no_target():
+    target = shipped("single")
+    view = View(target, place(1.0, 0.2))
+    pose = Pose(view.rotation, view.position, np.eye(6), "edges", 0, 0.0)
+    evidence = EdgeEvidence(target, PROJECTION)
+    assert evidence.weigh(np.full((480, 640), 90, np.uint8), pose) is None
+    noise = np.random.default_rng(1).integers(0, 255, (480, 640)).astype(np.uint8)
+    said = evidence.weigh(noise, pose)
+    assert said is None or not said.bears_out
+    assert evidence.weigh(view.pixels, replace(pose, position=np.array([9.0, 0.0, 1.0]))) is None
+
+
+@pytest.mark.parametrize("reflectance", [0.1, 0.5, 0.8])
+def test_a_covered_target_is_posed_at_first_sight_without_attitude(reflectance):
+    target = shipped("nested")
+    view = View(target, place(0.9, 0.4, around=2.0, roll=1.0), strip(target.tags[0].size, 0.2, reflectance))
+    tracker = Tracker(TagMap((target,)), VGA, LOOKING_DOWN)
+    found = tracker.update(view.image(), None).pose_of(target.name)
+    assert found is not None
+    assert np.linalg.norm(found.pose.position - view.position) < 0.01
+    assert angle_deg(found.pose.rotation, view.rotation) < 1.0
