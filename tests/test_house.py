@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import re
 import subprocess
 from importlib import metadata
@@ -77,3 +78,26 @@ def test_everything_that_gets_installed_is_pinned():
     pins = {canonicalize_name(name): version for name, version in pinned.items()}
     assert {name: metadata.version(name) for name in names} == {name: pins.get(name) for name in names}
     assert set(pins) - names == {"hatchling"}, "pinned, but nothing needs it (hatchling builds the wheel)"
+
+
+@pytest.mark.parametrize("source", SOURCES, ids=lambda path: path.stem)
+def test_public_functions_say_what_they_raise(source):
+    silent = []
+    for function in ast.parse(source.read_text(encoding="utf-8")).body:
+        if not isinstance(function, ast.FunctionDef | ast.AsyncFunctionDef) or function.name.startswith("_"):
+            continue
+        words = ast.get_docstring(function) or ""
+        raised = {name for name in _raised_in(function) if name[0].isupper() and name not in words}
+        silent += [f"{function.name}: {name}" for name in sorted(raised)]
+    assert silent == []
+
+
+def _raised_in(node):
+    """Names of the exceptions raised in a function, those of functions inside it left out."""
+    for child in ast.iter_child_nodes(node):
+        if isinstance(child, ast.FunctionDef | ast.AsyncFunctionDef | ast.Lambda):
+            continue
+        if isinstance(child, ast.Raise) and child.exc is not None:
+            error = child.exc.func if isinstance(child.exc, ast.Call) else child.exc
+            yield error.id if isinstance(error, ast.Name) else "_"
+        yield from _raised_in(child)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import re
 import signal
 import subprocess
 import sys
@@ -52,6 +53,8 @@ def test_every_command_has_a_help_without_clutter(entry, capsys):
     out = capsys.readouterr().out
     assert "Usage: " in out
     assert "--no-" not in out
+    assert "Raises" not in out, "Google and numpy sections mixed in one docstring"
+    assert not re.search(r"│ [A-Z]+ +│", out), "an argument without a word about it"
 
 
 def test_a_missing_module_breaks_no_other_command(capsys):

@@ -59,7 +59,12 @@ async def set_configuration(
     ] = False,
     connection: Connection = HERE,
 ) -> None:
-    """Change some items of a motor controller, read them back and compare. All others stay as they are."""
+    """Change some items of a motor controller, read them back and compare. All others stay as they are.
+
+    Raises:
+        ConfigError: nothing to change, or it was not confirmed.
+        MkError: the controller refused it, or holds something else afterwards.
+    """
     given = {
         "pwm_scaling": pwm_scaling,
         "current_limit": current_limit,

@@ -71,6 +71,10 @@ def camera(
     Print a board (`mkctl target board.pdf --charuco 9x6 --square 0.03`), glue it to something flat, take 15 to 30
     sharp pictures: in every part of the picture, near and far, tilted to every side by 30 deg. Live, the guidance
     says what is missing.
+
+    Raises:
+        ConfigError: the board, the pictures or the source cannot be used.
+        VisionError: too few pictures, or the calibration is poor and `--force` was not given.
     """
     if (images is None) == (source is None):
         msg = "give a folder of pictures, or --source for a live camera"

@@ -45,6 +45,7 @@ async def converse(
 
     Raises:
         MkError: whatever the procedure or the daemon raised.
+        ProtocolError: the procedure took no step.
     """
     step = next(procedure, None)
     while step is not None:

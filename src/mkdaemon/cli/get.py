@@ -14,14 +14,13 @@ async def get(*patterns: str, connection: Connection = HERE) -> None:
 
     Exit code 1 when none of the keys has a value yet.
 
+    Args:
+        patterns: Keys without `mk/<vehicle>/`; `*` stands for one chunk, `**` for any: `state/attitude`, `rx/nc/osd`,
+            `state/*`, `schema/Attitude.v1`. Schemas are printed only where a key begins
+            with `schema`. Default: `state/*`.
+
     Raises:
         MkError: no value, no daemon, or a pattern is no key expression.
-
-    Parameters
-    ----------
-    patterns
-        Keys without `mk/<vehicle>/`; `*` stands for one chunk, `**` for any: `state/attitude`, `rx/nc/osd`,
-        `state/*`, `schema/Attitude.v1`. Schemas are printed only where a key begins with `schema`. Default: `state/*`.
     """
     async with Client.open(connection) as client:
         found: dict[str, Sample] = {}

@@ -12,6 +12,7 @@ from rich.live import Live
 from rich.table import Table
 from rich.text import Text
 
+from mkdaemon.cli.arguments import require_length
 from mkdaemon.cli.printing import json_line
 from mkdaemon.cli.session import HERE, Client, Connection
 from mkdaemon.errors import MkError
@@ -23,20 +24,21 @@ _COLOURS = {"up": "green", "degraded": "yellow"}
 async def health(*, once: bool = False, seconds: float | None = None, connection: Connection = HERE) -> None:
     """Show the link as it is: state and reason, round trips, losses, every stream against what was asked.
 
-    Parameters
-    ----------
-    once
-        Print what is known now and end; this is also what happens without a terminal.
-    seconds
-        End after so long.
+    Args:
+        once: Print what is known now and end; this is also what happens without a terminal.
+        seconds: End after so long.
+
+    Raises:
+        MkError: nothing has been measured: no daemon, or not this vehicle's.
+        ConfigError: `seconds` is not above 0.
     """
+    require_length(seconds, "--seconds")
     console = Console()
     async with Client.open(connection) as client:
         if connection.json or once or not console.is_terminal:
             sample = (await client.get(KEY)).get(KEY)
             if sample is None:
-                msg = f"no link measurements of vehicle {connection.vehicle}: is mkdaemon running? (mkctl status)"
-                raise MkError(msg)
+                raise MkError(await client.absence() or f"vehicle {connection.vehicle} has no link measurements yet")
             if connection.json:
                 print(json_line(sample.fields))
             else:
@@ -44,6 +46,8 @@ async def health(*, once: bool = False, seconds: float | None = None, connection
             return
         with Live(Text("waiting for the daemon ..."), console=console, refresh_per_second=5) as live:
             async with client.watch(KEY) as samples:
+                if (absence := await client.absence()) is not None:
+                    live.update(Text(f"{absence}; waiting for it"))
                 with suppress(TimeoutError):
                     async with asyncio.timeout(seconds):
                         async for sample in samples:

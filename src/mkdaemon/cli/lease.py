@@ -34,10 +34,8 @@ async def take(
 ) -> None:
     """Take the lease and print its epoch; it ends by itself when no setpoints follow.
 
-    Parameters
-    ----------
-    holder
-        Name others see; default: user, machine and process.
+    Args:
+        holder: Name others see; default: user, machine and process.
     """
     fields: dict[str, Any] = {"action": "take", "holder": holder or own_name(), "force": force}
     if ttl is not None:
@@ -49,10 +47,8 @@ async def take(
 async def release(epoch: int, *, connection: Connection = HERE) -> None:
     """Give the lease back; the aircraft is released.
 
-    Parameters
-    ----------
-    epoch
-        As `take` printed it.
+    Args:
+        epoch: As `take` printed it.
     """
     await _lease({"action": "release", "epoch": epoch}, connection)
 

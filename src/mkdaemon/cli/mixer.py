@@ -49,7 +49,12 @@ async def set_mixer(
     confirm: Annotated[bool, Parameter(help="I know that a wrong mixer flips the aircraft.", negative=())] = False,
     connection: Connection = HERE,
 ) -> None:
-    """Store a mixer, read it back and compare. The FlightCtrl uses it at once, in flight too."""
+    """Store a mixer, read it back and compare. The FlightCtrl uses it at once, in flight too.
+
+    Raises:
+        ConfigError: the file is no mixer, or it was not confirmed.
+        MkError: motors run, or the FlightCtrl refused it or holds another one afterwards.
+    """
     wanted = from_toml(file)
     if not confirm:
         msg = f"{file}: a wrong mixer flips the aircraft; check the rows and repeat with --confirm"

@@ -49,6 +49,10 @@ async def test(
     """Turn motors for some seconds, and stop them at the end whatever happens.
 
     Values sent while motors run would take effect right after they stop, so it is refused then.
+
+    Raises:
+        ConfigError: no motor was named, or the question about propellers was not answered with yes.
+        MkError: motors run, or the daemon refused it.
     """
     if not motors:
         msg = "name the motors to turn, for example `mkctl motors test 1 2`"

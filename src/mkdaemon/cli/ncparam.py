@@ -52,7 +52,11 @@ async def set_value(
     *,
     connection: Connection = HERE,
 ) -> None:
-    """Set a parameter and compare the answer."""
+    """Set a parameter and compare the answer.
+
+    Raises:
+        MkError: the NaviCtrl did not answer, or answers another value.
+    """
     answer = await _ask(connection, WriteNaviParameter(id=_read(name), value=value))
     if answer.value != value:
         msg = f"{name}: the NaviCtrl answers {answer.value}, not {value}; read it again before flying"

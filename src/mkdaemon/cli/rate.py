@@ -34,12 +34,13 @@ async def rate(stream: str | None = None, interval: str | None = None, *, connec
 
     The line carries 5.5 kB/s; what does not fit is refused with the arithmetic.
 
-    Parameters
-    ----------
-    stream
-        Key of the message: `osd`, `attitude`, `debug`, `display`, ...
-    interval
-        `100ms` (a bare number is ms), `0.1s`, `10Hz`, or `off`.
+    Args:
+        stream: Key of the message: `osd`, `attitude`, `debug`, `display`, ...
+        interval: `100ms` (a bare number is ms), `0.1s`, `10Hz`, or `off`.
+
+    Raises:
+        ConfigError: no interval, or none that can be understood.
+        CommandRejectedError: there is no such stream, or the line cannot carry it.
     """
     if stream is not None and interval is None:
         msg = f"which interval for {stream}? For example: mkctl rate {stream} 100ms"

@@ -19,10 +19,8 @@ async def release(reason: str = "asked for by mkctl", *, connection: Connection 
 
     This does not stop motors. Exit code 0 when it was confirmed or cannot be, 1 otherwise.
 
-    Parameters
-    ----------
-    reason
-        Published with the event.
+    Args:
+        reason: Published with the event.
     """
     async with Client.open(connection) as client:
         reply = (await client.command("do", "release", {"reason": reason})).require()

@@ -107,6 +107,10 @@ async def restore(
     """Write sets from files and read them back; the set that is active stays active.
 
     Refused with motors running, for another revision or length, and for revisions this version does not know.
+
+    Raises:
+        ConfigError: the files hold no sets, or several where `--slot` moves one.
+        MkError: the FlightCtrl refused a set, or holds another one afterwards.
     """
     sets = read_sets(source)
     if slot is not None:
@@ -119,7 +123,12 @@ async def restore(
 
 @app.command
 async def edit(*changes: Changes, slot: Slot = None, dry_run: DryRun = False, connection: Connection = HERE) -> None:
-    """Change parameters of one set by name, for example `edit gyro_p=85 external_control=poti1`."""
+    """Change parameters of one set by name, for example `edit gyro_p=85 external_control=poti1`.
+
+    Raises:
+        ConfigError: nothing to change, or no such parameter or value.
+        MkError: the FlightCtrl refused it, or holds another set afterwards.
+    """
     wanted = dict(_split(change) for change in changes)
     if not wanted:
         msg = "nothing to change; write NAME=VALUE, for example gyro_p=85 (`mkctl settings show` lists names)"

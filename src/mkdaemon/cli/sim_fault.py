@@ -24,10 +24,8 @@ async def fault(
 ) -> None:
     """Start a fault, for example `mkctl sim fault motor_weak motor=2 share=0.7 --seconds 5`; `clear` stops all.
 
-    Parameters
-    ----------
-    name
-        Which fault.
+    Args:
+        name: Which fault.
     """
     if name == "clear":
         fields: dict[str, Any] = {"action": "clear"}

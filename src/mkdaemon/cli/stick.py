@@ -34,22 +34,14 @@ async def stick(
 
     Counts as on the receiver, full deflection about 125; every frame passes the limiter. Ctrl-C releases at once.
 
-    Parameters
-    ----------
-    pitch
-        Nose down positive.
-    roll
-        Right side down positive.
-    yaw
-        Nose left positive.
-    throttle
-        From the centre, more lift positive; stock firmware takes the smaller of this and the pilot's.
-    seconds
-        How long after the neutral lead.
-    rate
-        Setpoints a second.
-    force
-        Take the lease from whoever holds it.
+    Args:
+        pitch: Nose down positive.
+        roll: Right side down positive.
+        yaw: Nose left positive.
+        throttle: From the centre, more lift positive; stock firmware takes the smaller of this and the pilot's.
+        seconds: How long after the neutral lead.
+        rate: Setpoints a second.
+        force: Take the lease from whoever holds it.
     """
     name = own_name()
     wanted = {"pitch": pitch, "roll": roll, "yaw": yaw, "throttle": throttle}

@@ -38,6 +38,9 @@ def target(
 
     Examples: `mkctl target pad.pdf --target configs/targets/nested.toml`, `mkctl target tag.svg --tag 7:0.16`,
     `mkctl target board.pdf --charuco 9x6 --square 0.028`.
+
+    Raises:
+        ConfigError: not one target was given, or it cannot be drawn or written.
     """
     given = [name for name, value in (("--target", target), ("--tag", tag), ("--charuco", charuco)) if value]
     if len(given) != 1:

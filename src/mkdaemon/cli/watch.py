@@ -22,19 +22,15 @@ async def watch(
 ) -> None:
     """Print values as they come, until Ctrl-C.
 
+    Args:
+        patterns: Keys without `mk/<vehicle>/`: `state/**`, `event/*`, `rx/nc/osd`. Quote them, or the shell expands
+            them. Default: `state/**`.
+        seconds: End after so long.
+        count: End after so many values.
+
     Raises:
         MkError: a pattern is no key expression.
         ConfigError: `seconds` or `count` is not above 0.
-
-    Parameters
-    ----------
-    patterns
-        Keys without `mk/<vehicle>/`: `state/**`, `event/*`, `rx/nc/osd`. Quote them, or the shell expands them.
-        Default: `state/**`.
-    seconds
-        End after so long.
-    count
-        End after so many values.
     """
     require_length(seconds, "--seconds")
     require_count(count, "--count")

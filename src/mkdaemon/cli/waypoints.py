@@ -72,7 +72,11 @@ async def upload(
 
 @app.command
 async def download(file: MissionFile, /, *, connection: Connection = HERE) -> None:
-    """Read the NaviCtrl's list into a file."""
+    """Read the NaviCtrl's list into a file.
+
+    Raises:
+        MkError: the list is empty or could not be read.
+    """
     async with Client.open(connection) as client:
         with progress_bar("download", quiet=connection.json) as report:
             mission, digest = await converse(client, _download(), report)

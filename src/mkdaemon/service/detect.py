@@ -68,6 +68,9 @@ def detect(
     over this one as `ambiguity` (null where there is none).
 
     Without a calibration there are tags and no poses. Exit code 1 when an image could not be read.
+
+    Raises:
+        ConfigError: options that exclude each other, or a camera or target file that cannot be used.
     """
     if camera is not None and intrinsics is not None:
         msg = "give --camera or --intrinsics, not both"

@@ -75,10 +75,8 @@ def doctor(
 
     Nothing is sent to any device. Exit code 0 when nothing stands in the way, 1 otherwise.
 
-    Parameters
-    ----------
-    config
-        Also check what this configuration file names.
+    Args:
+        config: Also check what this configuration file names.
     """
     findings = list(examine(Machine(), config))
     if as_json:

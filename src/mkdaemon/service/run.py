@@ -32,21 +32,14 @@ def run(
     It ends in order on Ctrl-C, on SIGTERM and at the end of a recording: control stops, the aircraft is released, the
     bus closes. Exit codes: 0 as asked, 1 failed while running, 2 wrong configuration.
 
-    Parameters
-    ----------
-    config
-        TOML file; `configs/` has commented samples. Without it every default holds.
-    port
-        `/dev/ttyUSB0`, `/dev/serial/by-id/...`, `pty:/dev/pts/N`, `tcp:HOST:PORT` or `replay:FILE?speed=20`; goes
-        before the file's `link.port`.
-    vehicle
-        Name in every key, `mk/<vehicle>/...`; goes before the file's `vehicle.name`.
-    listen
-        Zenoh endpoint for clients, for example `tcp/127.0.0.1:7448`; goes before the file's `bus.listen`.
-    wait
-        Wait for the port if it is missing at the start, in place of ending with an error.
-    log
-        Least severity written to stderr.
+    Args:
+        config: TOML file; `configs/` has commented samples. Without it every default holds.
+        port: `/dev/ttyUSB0`, `/dev/serial/by-id/...`, `pty:/dev/pts/N`, `tcp:HOST:PORT` or `replay:FILE?speed=20`; goes
+            before the file's `link.port`.
+        vehicle: Name in every key, `mk/<vehicle>/...`; goes before the file's `vehicle.name`.
+        listen: Zenoh endpoint for clients, for example `tcp/127.0.0.1:7448`; goes before the file's `bus.listen`.
+        wait: Wait for the port if it is missing at the start, in place of ending with an error.
+        log: Least severity written to stderr.
     """
     configure(log)
     overrides: dict[str, Any] = {}
