@@ -55,6 +55,8 @@ class LeaseConfig(Section):
     """A slower stream does not count as live [Hz]."""
     neutral_band: float = Field(default=4.0, ge=0, le=20)
     """Pitch, roll and yaw within this count as neutral [stick]."""
+    allow_constant_gate: bool = False
+    """Fly although ExternalControl is a constant, so that no switch of the transmitter ends external control."""
 
 
 class ControlConfig(Section):

@@ -20,6 +20,7 @@ from mkdaemon.control.limiter import Sticks, count, limit
 from mkdaemon.daemon.audit import Audit, Outlet
 from mkdaemon.daemon.clock import Instant, now
 from mkdaemon.daemon.meeting import meet
+from mkdaemon.daemon.preflight import check_gate
 from mkdaemon.daemon.vitals import Vitals
 from mkdaemon.errors import CommandRejectedError
 from mkdaemon.link.link import Link
@@ -113,18 +114,23 @@ class FlightControl:
         """Answer `do/lease`.
 
         Raises:
-            CommandRejectedError: see `Authority`; also `no_control`, `discovering` and `link_down`.
+            CommandRejectedError: see `Authority`; also `no_control`, `discovering`, `link_down`, `gate_shut` and
+                `gate_constant`.
         """
         request = read_command(LeaseRequest, raw)
         if request.action == "take":
             await meet(self._link, self._vitals.link)
+            if self._authority.lease(self._clock().t_monotonic) is None:  # who takes it over must not wait
+                self._check_control()
+                await check_gate(self._link, allow_constant=self._cfg.lease.allow_constant_gate)
         t = self._clock().t_monotonic
         match request.action:
             case "take":
-                self._check_control()
+                openings = self._check_control()
                 granted: LeaseState | None = self._authority.take(
                     request.holder or self._name(), t, ttl=request.ttl, force=request.force
                 )
+                self._openings = openings
             case "renew":
                 granted = self._authority.renew(-1 if request.epoch is None else request.epoch, t)
             case "release":
@@ -295,15 +301,15 @@ class FlightControl:
 
     # -- what the bus is told -------------------------------------------------------------------------------------
 
-    def _check_control(self) -> None:
-        """Refuse a lease nobody could fly with."""
+    def _check_control(self) -> int:
+        """Refuse a lease nobody could fly with; returns which opening of the port it stands on."""
         dialect, state = self._link.dialect, self._vitals.link
         if dialect.extern_control is None:
             raise refuse("no_control", detail=dialect.read_only_reason or "this firmware has no external control")
         if state is None or not self._link.is_up:
             condition = "absent" if state is None else state.condition.value
             raise refuse("link_down", state=condition, detail="" if state is None else state.reason)
-        self._openings = state.openings
+        return state.openings
 
     def _note_phase(self, before: Phase) -> None:
         after = self._authority.phase

@@ -120,6 +120,16 @@ REFUSALS: Final[dict[str, Refusal]] = {
     "stale_sequence": Refusal(
         Status.DENIED, "sequence {sequence} is not after {last}.", "Count sequence up from one setpoint to the next."
     ),
+    "gate_shut": Refusal(
+        Status.DENIED,
+        "the FlightCtrl ignores stick frames: ExternalControl of its active set is {value}, not above 128.",
+        "Put it on a switch of the transmitter: `mkctl settings edit external_control=poti1` (to poti8).",
+    ),
+    "gate_constant": Refusal(
+        Status.DENIED,
+        "no switch of the transmitter ends external control: ExternalControl of the active set is {value}, a constant.",
+        "`mkctl settings edit external_control=poti1`, or set control.lease.allow_constant_gate = true, knowing why.",
+    ),
     "no_control": Refusal(
         Status.DENIED, "external control is not possible: {detail}.", "`mkctl status` shows the firmware and the gate."
     ),

@@ -1,0 +1,67 @@
+"""Nobody flies past a gate that is shut, or that the pilot cannot shut."""
+
+from __future__ import annotations
+
+import pytest
+
+from mkdaemon.bench.boardport import LineFault
+from mkdaemon.bench.stories_rig import Boards, cockpit
+from mkdaemon.bench.virtualloop import run_virtually
+from mkdaemon.daemon.preflight import check_gate
+from mkdaemon.errors import CommandRejectedError
+
+
+def taken(boards, gate, *, silent=False):
+    """Take a lease; returns the token of the refusal, or None."""
+
+    async def story():
+        async with cockpit(boards, seed=1, sim={"gate_parameter": gate}) as flown:
+            if silent:
+                flown.socket.port.inject(LineFault.ECHO_ONLY)
+            try:
+                await flown.take("alice")
+            except CommandRejectedError as error:
+                assert silent or "ExternalControl" in error.reason
+                assert silent or str(gate) in error.reason
+                return error.token
+            return None
+
+    return run_virtually(story())
+
+
+@pytest.mark.parametrize("fc", ["early", "2.08", "2.12a", "2.14"])
+@pytest.mark.parametrize(
+    ("gate", "token"),
+    [(0, "gate_shut"), (128, "gate_shut"), (129, "gate_constant"), (247, "gate_constant"), (248, None), (255, None)],
+)
+def test_the_gate_must_be_a_switch(fc, gate, token):
+    assert taken(Boards(fc), gate) == token
+
+
+def test_behind_a_navictrl_it_cannot_be_read_and_is_left_to_the_pilot():
+    assert taken(Boards("2.12a", "0.24"), 200) is None
+
+
+def test_silence_refuses_nothing():
+    assert taken(Boards("2.12a"), 255, silent=True) is None
+
+
+def test_the_operator_may_accept_a_constant_but_no_shut_gate():
+    async def story(gate):
+        async with cockpit(Boards("2.12a"), seed=1, sim={"gate_parameter": gate}) as flown:
+            await check_gate(flown.link, allow_constant=True)
+
+    run_virtually(story(200))
+    with pytest.raises(CommandRejectedError, match="gate_shut"):
+        run_virtually(story(100))
+
+
+def test_who_takes_the_lease_over_does_not_wait_for_the_gate():
+    async def story():
+        async with cockpit(Boards("2.12a"), seed=1) as flown:
+            await flown.take("alice")
+            before = len(flown.socket.wire)
+            await flown.take("bob", force=True)
+            assert len(flown.socket.wire) == before
+
+    run_virtually(story())
