@@ -14,6 +14,7 @@ from mkdaemon.protocol.messages import (
     Echo,
     ExternControlV2,
     ExternControlV3,
+    Label,
     MotorTest,
     OsdData5,
     OsdFlags,
@@ -23,6 +24,7 @@ from mkdaemon.protocol.messages import (
     Settings,
     TimeRequest,
     VersionRequest,
+    WriteSettings,
 )
 from mkdaemon.protocol.wire import (
     MESSAGES,
@@ -79,6 +81,27 @@ def test_a_value_that_bypassed_validation_does_not_reach_the_wire():
     broken = ExternControlV2.model_construct(pitch=300, roll=0, yaw=0, throttle=0)
     with pytest.raises(EncodeError, match=r"ExternControl \(v2\)"):
         broken.to_frame()
+
+
+@pytest.mark.parametrize(
+    "broken",
+    [
+        Label.model_construct(index=0, text=float("nan")),
+        Label.model_construct(index=0, text="x" * 17),
+        Label.model_construct(index=0, text="日本"),
+        MotorTest.model_construct(motors=float("nan")),
+        MotorTest.model_construct(motors=(float("nan"),) * 16),
+        MotorTest.model_construct(motors=(0,) * 15),
+        WriteSettings.model_construct(index=1, parameters=b"\x6a"),
+        WriteSettings.model_construct(index=1, parameters=bytes(250)),
+        WriteSettings.model_construct(index=1, parameters="6a"),
+    ],
+    ids=lambda message: message.spec.name,
+)
+def test_nothing_is_cut_short_or_made_up_on_its_way_to_the_wire(broken):
+    """`struct` would cut a long text in silence, and "nan" is a text too."""
+    with pytest.raises(EncodeError):
+        broken.encode()
 
 
 def test_a_message_is_addressed_to_its_own_board_unless_told_otherwise():

@@ -134,10 +134,19 @@ class WireField:
         return text.partition("\0")[0].rstrip(self.pad + " ") if self.pad == " " else text.partition("\0")[0]
 
     def write(self, value: Any) -> Any:
-        """Conversion from the Python value to what `struct` packs (arrays stay tuples)."""
-        if self.is_text:
-            return str(value).ljust(self.count, self.pad).encode("latin-1")
-        return value
+        """Conversion from the Python value to what `struct` packs (arrays stay tuples).
+
+        Raises:
+            ValueError: a text or bytes that `struct` would cut short, or that is none.
+        """
+        if not (self.is_text or self.is_bytes):
+            return value
+        # What was received at variable length keeps up to two bytes of padding.
+        kind, longest = (str, self.count) if self.is_text else (bytes, self.longest + 2 if self.longest else self.count)
+        if not isinstance(value, kind) or not (0 if self.is_text else self.count) <= len(value) <= longest:
+            msg = f"{value!r} is no {kind.__name__} of at most {longest}"
+            raise ValueError(msg)
+        return value.ljust(self.count, self.pad).encode("latin-1") if isinstance(value, str) else value
 
     def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
         if self.is_bytes:

@@ -167,18 +167,18 @@ class WireMessage(BaseModel):
             EncodeError: a value does not fit (possible only for an instance made without validation).
         """
         values: list[Any] = []
-        for name, _, wire in self.spec.slots:
-            value = wire.write(getattr(self, name))
-            if wire.is_array:
-                values.extend(value)
-            else:
-                values.append(value)
         try:
+            for name, _, wire in self.spec.slots:
+                value = wire.write(getattr(self, name))
+                if wire.is_array:
+                    values.extend(value)
+                else:
+                    values.append(value)
             if self.spec.longest:
                 rest: bytes = values[-1]
                 return self.spec.packer.pack(*values)[: self.spec.slots[-1].offset] + rest
             return self.spec.packer.pack(*values)
-        except struct.error as error:
+        except (struct.error, TypeError, ValueError) as error:
             msg = f"{self.spec.name} ({self.spec.layout}): {error}"
             raise EncodeError(msg) from error
 
