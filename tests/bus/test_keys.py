@@ -1,0 +1,50 @@
+"""The table of keys: what is found in it, and that it can be published and asked for."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+import zenoh
+
+from mkdaemon.bus.codec import schema_name
+from mkdaemon.bus.keys import KEYS, Use, find, key, of_use, roots, suffix_of
+from mkdaemon.bus.schema import schema_json, schema_names
+
+
+@pytest.mark.parametrize("spec", KEYS, ids=lambda spec: spec.suffix)
+def test_every_line_is_a_key_expression_with_a_schema(spec):
+    zenoh.KeyExpr(key("mk1", spec.pattern))
+    assert find(spec.suffix.replace("<", "").replace(">", "")) is spec
+    assert spec.about.endswith(".")
+    assert bool(spec.when) == (spec.use in {Use.PUBLISHED, Use.CLIENT})
+    if spec.carries is not None:
+        schema = json.loads(schema_json(schema_name(spec.carries)))
+        undescribed = [name for name, field in schema.get("properties", {}).items() if not field.get("description")]
+        assert undescribed == [], "a field without a word on its meaning and unit"
+
+
+def test_no_two_lines_claim_the_same_key():
+    patterns = [zenoh.KeyExpr(spec.pattern) for spec in KEYS]
+    clashes = [(str(a), str(b)) for n, a in enumerate(patterns) for b in patterns[n + 1 :] if a.intersects(b)]
+    assert clashes == []
+
+
+def test_keys_of_other_vehicles_and_unknown_ones():
+    assert suffix_of("mk1", "mk/mk1/state/battery") == "state/battery"
+    with pytest.raises(ValueError, match="no key of vehicle mk1"):
+        suffix_of("mk1", "mk/mk10/state/battery")
+    assert find("state/nothing") is None
+    assert find("state") is None
+    assert find("rx/nc/osd/more") is None
+
+
+def test_the_daemon_answers_for_the_roots_it_publishes():
+    assert {"raw", "rx", "tx", "state", "link", "event", "health"} <= set(roots(Use.PUBLISHED))
+    assert "sim" not in roots(Use.PUBLISHED)
+    assert all(spec.use is Use.QUERY for spec in of_use(Use.QUERY))
+
+
+def test_a_schema_nobody_has_is_none():
+    assert schema_json("Nothing.v1") is None
+    assert len(schema_names()) == len(set(schema_names()))
