@@ -50,6 +50,18 @@ def _wait_for_a_match(session, opened):
     publisher.undeclare()
 
 
+async def test_what_the_bus_itself_subscribes_to_is_no_audience(bus):
+    opened, endpoint = bus
+    opened.receive("setpoint/stick", lambda stamp, raw: None)
+    waiting = asyncio.ensure_future(opened.wait_until_watched())
+    with client(endpoint) as session:
+        await asyncio.to_thread(ask, session, "mk/t1/state/*")
+        assert not waiting.done()
+        watcher = session.declare_subscriber("mk/t1/state/battery", zenoh.handlers.RingChannel(1))
+        await asyncio.wait_for(waiting, PATIENCE)
+        watcher.undeclare()
+
+
 async def test_every_key_answers_with_its_last_value_and_age(bus):
     opened, endpoint = bus
     opened.publish("state/battery", BATTERY.model_copy(update={"voltage": 12.0}))

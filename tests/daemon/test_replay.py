@@ -12,7 +12,7 @@ import pytest
 import zenoh
 
 from tests.bus.support import free_endpoint
-from tests.daemon.processes import PATIENCE, run_mkdaemon
+from tests.daemon.processes import PATIENCE, mkdaemon
 
 ROOT = Path(__file__).resolve().parents[2]
 WHOLE = ROOT.parent / "shared" / "captures" / "nc_mixed_60s.jsonl"
@@ -20,14 +20,16 @@ EXCERPT = ROOT / "tests" / "data" / "captures" / "nc_mixed_60s.jsonl"
 
 
 class Subscriber:
-    """Knows nothing of ours: a session and msgpack. It listens before the daemon starts, so as to miss nothing."""
+    """Knows nothing of ours: a client session and msgpack."""
 
     def __init__(self, endpoint: str) -> None:
         config = zenoh.Config()
-        config.insert_json5("mode", '"router"')
-        config.insert_json5("listen/endpoints", json.dumps([endpoint]))
+        config.insert_json5("mode", '"client"')
+        config.insert_json5("connect/endpoints", json.dumps([endpoint]))
         config.insert_json5("scouting/multicast/enabled", "false")
         config.insert_json5("transport/link/tx/lease", "60000")
+        config.insert_json5("connect/timeout_ms", f"{PATIENCE * 1000:.0f}")
+        config.insert_json5("connect/retry", '{"period_init_ms": 50, "period_max_ms": 500}')
         self.session = zenoh.open(config)
         self.gone = threading.Event()
         self.counts: Counter[str] = Counter()
@@ -60,17 +62,18 @@ def replayed(recording: Path, folder: Path) -> Subscriber:
     config, patient = folder / "daemon.toml", folder / "patient.json5"
     patient.write_text(PATIENT, encoding="utf-8")
     config.write_text(
-        f'[link]\nport = "replay:{recording}?speed=20"\n'
-        f'[bus]\nlisten = []\nconnect = ["{endpoint}"]\nlease = 30.0\nzenoh_file = "{patient}"\n',
+        f'[link]\nport = "replay:{recording}?speed=20"\nwait_for_port = true\n'
+        f'[bus]\nlisten = ["{endpoint}"]\nlease = 30.0\nzenoh_file = "{patient}"\n',
         encoding="utf-8",
     )
-    subscriber = Subscriber(endpoint)
-    try:
-        code, _, errors = run_mkdaemon("run", "--config", str(config))
-        assert code == 0, errors
-        assert subscriber.gone.wait(PATIENCE)
-    finally:
-        subscriber.session.close()
+    with mkdaemon("run", "--config", str(config)) as process:
+        subscriber = Subscriber(endpoint)  # it waits for us, however late we are
+        try:
+            _, errors = process.communicate(timeout=PATIENCE)
+            assert process.returncode == 0, errors
+            assert subscriber.gone.wait(PATIENCE)
+        finally:
+            subscriber.session.close()
     return subscriber
 
 

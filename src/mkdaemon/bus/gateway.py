@@ -119,7 +119,9 @@ class Bus:
             if status.matching:
                 loop.call_soon_threadsafe(watched.set)
 
-        with self._session.declare_publisher(key(self.vehicle, "**")) as publisher:
+        # What this session itself subscribes to, the setpoints, is no audience.
+        outside = zenoh.Locality.REMOTE
+        with self._session.declare_publisher(key(self.vehicle, "**"), allowed_destination=outside) as publisher:
             listener = publisher.declare_matching_listener(zenoh.handlers.Callback(on_change, indirect=False))
             with listener:
                 present: zenoh.MatchingStatus = publisher.matching_status  # type: ignore[assignment]  # the stub errs

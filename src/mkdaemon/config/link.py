@@ -21,7 +21,7 @@ class LinkConfig(Section):
     baud: Annotated[int, Field(ge=1200, le=921600)] = 57600
     """Line rate [baud]; MikroKopter boards speak 57600."""
     wait_for_port: bool = False
-    """Wait when the port is missing at the start, instead of ending with an error."""
+    """Wait when the port is missing at the start, instead of ending; a recording waits for its first subscriber."""
     rates: Literal["auto", "off"] | dict[str, Milliseconds] = "auto"
     """Interval of each stream by message key [ms], for example `{osd = 100, attitude = 50}`; `auto`: the best mix."""
     echo_hz: Literal["auto"] | Annotated[float, Field(ge=0, le=50)] = 5.0

@@ -32,7 +32,8 @@ HEALTH_LOOK: Final = 0.1
 RECORDING: Final = "replay:"
 """Ports that begin so are recordings."""
 AUDIENCE_WAIT: Final = 3.0
-"""A recording waits this long for its first subscriber, so that none of it is lost [s]."""
+"""A recording waits this long for its first subscriber, so that none of it is lost [s]; as long as
+it takes where the configuration says to wait for the port."""
 SETTLE: Final = 0.3
 """After the first subscriber has come: time for its other subscriptions, and for the last samples to leave [s]."""
 
@@ -116,7 +117,7 @@ class Daemon:
 
     async def _wait_for_audience(self) -> None:
         with suppress(TimeoutError):
-            async with asyncio.timeout(AUDIENCE_WAIT):
+            async with asyncio.timeout(None if self._cfg.link.wait_for_port else AUDIENCE_WAIT):
                 await self._bus.wait_until_watched()
             await asyncio.sleep(SETTLE)
 

@@ -38,7 +38,7 @@ def run(
             before the file's `link.port`.
         vehicle: Name in every key, `mk/<vehicle>/...`; goes before the file's `vehicle.name`.
         listen: Zenoh endpoint for clients, for example `tcp/127.0.0.1:7448`; goes before the file's `bus.listen`.
-        wait: Wait for the port if it is missing at the start, in place of ending with an error.
+        wait: Wait for the port if it is missing at the start, in place of ending; a recording waits for a subscriber.
         log: Least severity written to stderr.
     """
     configure(log)
