@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+
 import pytest
 
 from mkdaemon.protocol.framing import encode_frame
@@ -85,6 +87,20 @@ def test_b_is_taken_and_confirmed_by_the_navictrl_itself(address):
     acted = next(at for at, told in bench.aircraft.sticks if told.pitch == 40)
     assert confirmed.first < acted
     assert acted - free < 0.08
+
+
+@pytest.mark.parametrize(("rate", "share"), [(20, 1.0), (40, 1.0), (50, 0.9), (100, 0.45)])
+def test_the_newest_b_reaches_the_flightctrl_with_every_exchange(rate, share):
+    bench = bench_2x()
+    taken = []
+    external = bench.board.flight.external
+    take = external.take
+    external.take = lambda raw: (taken.append(bench.board.now), take(raw))
+    for number in range(200):
+        bench.send(encode_frame(2, "b", bytes([number % 100, 0, 0, 0, 1, 1, 0, 0, 0])), 2.0 + number / rate)
+    bench.run(2.5 + 200 / rate)
+    assert len(taken) >= share * 200
+    assert max(b - a for a, b in itertools.pairwise(taken)) < 2 * max(0.0201, 1 / rate)
 
 
 def test_silence_ends_control_through_the_navictrl_too():

@@ -90,7 +90,7 @@ class NaviCtrl(BoardPort):
         self._deaf_until = 0.0
         self._last_pass = -self._loop_s
         self._next_control = self.now
-        self._pending_control: tuple[float, bytes] | None = None
+        self._pending_control: bytes | None = None
 
     # --- time ---
 
@@ -149,9 +149,10 @@ class NaviCtrl(BoardPort):
         if now >= self._next_control:
             self._next_control = now + CONTROL_PERIOD_S
             self.navigator.navigate(now)
-        if self._pending_control is not None and now >= self._pending_control[0]:
-            self.flight.external.take(self._pending_control[1])
-            self._pending_control = None
+            if self._pending_control is not None:
+                self.flight.external.refresh("b")
+                self.flight.external.take(self._pending_control)
+                self._pending_control = None
         if self.rx.collect():
             handle(self, now)
             self.rx.release()
@@ -219,9 +220,9 @@ class NaviCtrl(BoardPort):
             self.flight.receive_byte(byte, now + count * step + HOST_CHAR_S)
         self._forward_free_at = now + (len(frame) + _FORWARD_EXTRA) * step
 
-    def control(self, payload: bytes, now: float) -> None:
-        """Hand external control over the SPI bus (2.13 and later)."""
-        self._pending_control = (now + CONTROL_PERIOD_S, payload)
+    def control(self, payload: bytes) -> None:
+        """Hand external control over with the next exchange on the SPI bus (2.13 and later); the newest wins."""
+        self._pending_control = payload
 
     def reboot(self, now: float) -> None:
         """`R` jumps to the boot loader: silence from here on, in flight too."""

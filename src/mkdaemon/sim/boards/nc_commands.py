@@ -141,8 +141,7 @@ def _time(board: NaviCtrl, now: float) -> None:
 
 def _control(board: NaviCtrl, now: float) -> None:
     raw = _read(board, _CONTROL_SIZE)
-    board.flight.external.refresh("b")
-    board.control(raw[: board.flight.external.size], now)
+    board.control(raw[: board.flight.external.size])
     if raw[4]:
         board.ask("B", raw[4])
 
