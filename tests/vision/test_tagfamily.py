@@ -2,20 +2,62 @@
 
 from __future__ import annotations
 
+import math
+
 import cv2
 import numpy as np
 import pytest
 
 from mkdaemon.errors import VisionError
+from mkdaemon.vision.apriltaglib import detector, draw
 from mkdaemon.vision.tagfamily import FAMILIES, cells, find_family
 from tests.vision.views import printed
 
 PYAPRILTAGS = pytest.importorskip("pyapriltags")
+CLASSIC = [family for family in FAMILIES.values() if not family.is_inverted]
+INVERTED = [family for family in FAMILIES.values() if family.is_inverted]
+
+
+def test_the_table_holds_all_families_of_the_wheel_as_the_library_has_them():
+    library = PYAPRILTAGS.Detector(families="")
+    assert set(FAMILIES) == set(library._SUPPORTED_FAMILIES)
+    for family in FAMILIES.values():
+        there = getattr(library.libc, f"{family.name}_create")().contents
+        assert (there.ncodes, there.nbits, there.h) == (family.ids, family.bits, family.min_distance)
+        assert (there.width_at_border, there.reversed_border) == (family.size_cells, family.is_inverted)
+        assert there.total_width == family.black_cells + (0 if family.is_inverted else 2)
+
+
+@pytest.mark.parametrize("family", FAMILIES.values(), ids=lambda family: family.name)
+def test_tables_of_flipped_codes_stay_small(family):
+    listed = family.ids * sum(math.comb(family.bits, k) for k in range(family.corrected_bits + 1))
+    assert listed <= 1_000_000
+    assert (family.corrected_bits == 2) == (family.ids < 1000)
+
+
+@pytest.mark.parametrize("family", CLASSIC, ids=lambda family: family.name)
+def test_libapriltag_draws_classic_tags_as_the_official_prints(family):
+    for tag_id in (0, 3, family.ids - 1):
+        drawn = draw(family.name, tag_id)
+        assert np.array_equal(drawn[1:-1, 1:-1], cells(family.name, tag_id))
+
+
+@pytest.mark.parametrize("family", INVERTED, ids=lambda family: family.name)
+def test_inverted_prints_have_a_white_square_in_a_black_ring(family):
+    bitmap = cells(family.name, family.ids // 3) > 0
+    assert bitmap.shape == (family.black_cells, family.black_cells)
+    first = (family.black_cells - family.size_cells) // 2
+    last = first + family.size_cells - 1
+    for ring, is_white in (((first, last), True), ((first - 1, last + 1), False)):
+        a, b = ring
+        for side in (bitmap[a, a : b + 1], bitmap[b, a : b + 1], bitmap[a : b + 1, a], bitmap[a : b + 1, b]):
+            assert bool(side.all() if is_white else not side.any())
+    assert bool(bitmap[[0, 0, -1, -1], [0, -1, 0, -1]].all()) or not family.is_round
 
 
 @pytest.mark.parametrize("family", FAMILIES.values(), ids=lambda family: family.name)
 def test_libapriltag_reads_every_print_upright(family):
-    lib = PYAPRILTAGS.Detector(families=family.name, quad_decimate=1.0)
+    lib = detector(((family.name, family.corrected_bits),), 1.0, refine=True)
     for tag_id in {0, 1, family.ids // 2, family.ids - 1}:
         found = lib.detect(printed(cells(family.name, tag_id)))
         assert [(item.tag_id, item.hamming) for item in found] == [(tag_id, 0)]
@@ -24,7 +66,7 @@ def test_libapriltag_reads_every_print_upright(family):
         assert found[0].homography[1, 1] / found[0].homography[2, 2] > 0
 
 
-@pytest.mark.parametrize("family", FAMILIES.values(), ids=lambda family: family.name)
+@pytest.mark.parametrize("family", CLASSIC, ids=lambda family: family.name)
 def test_opencv_draws_the_same_codes_upside_down(family):
     dictionary = cv2.aruco.getPredefinedDictionary(family.dictionary)
     assert dictionary.bytesList.shape[0] == family.ids
@@ -34,7 +76,7 @@ def test_opencv_draws_the_same_codes_upside_down(family):
 
 
 def test_bitmaps_have_a_black_border_and_their_distance():
-    for family in FAMILIES.values():
+    for family in CLASSIC:
         bitmaps = [cells(family.name, k) > 0 for k in range(0, family.ids, 7)]
         for bitmap in bitmaps:
             assert not bitmap[[0, -1]].any()
@@ -59,7 +101,12 @@ def test_quiet_zone_is_white_and_bitmaps_are_read_only():
 
 @pytest.mark.parametrize(
     ("family", "tag_id", "words"),
-    [("tag36h12", 0, "tag36h11"), ("tag36h11", 587, "0 to 586"), ("tag16h5", -1, "0 to 29")],
+    [
+        ("tag36h12", 0, "tag36h11"),
+        ("tag36h11", 587, "0 to 586"),
+        ("tag16h5", -1, "0 to 29"),
+        ("tagCircle21h7", 38, "0 to 37"),
+    ],
 )
 def test_unknown_tags_are_named_with_the_fix(family, tag_id, words):
     with pytest.raises(VisionError, match=words):

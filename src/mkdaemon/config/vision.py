@@ -20,11 +20,13 @@ class TagPlacement(Section):
     """One printed tag and where it sits in its target."""
 
     family: str = "tag36h11"
-    """AprilTag family."""
+    """AprilTag family: tag36h11, tag25h9, tag16h5, tagStandard41h12, tagStandard52h13, tagCustom48h12, tagCircle21h7,
+    tagCircle49h12."""
     id: int = Field(ge=0)
     """Code of the tag."""
     size: TagSize
-    """Side of the black square, edge to edge, measured on the print [m]."""
+    """Side of the black square, edge to edge, measured on the print [m]; of the white square inside the black ring for
+    the families with data outside their border (Standard, Custom, Circle)."""
     position: Metres3 = (0.0, 0.0, 0.0)
     """Centre of the tag in the target frame [m]."""
     rpy_deg: Metres3 | None = None

@@ -6,25 +6,34 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from mkdaemon.errors import VisionError
 from mkdaemon.vision.cellread import read_code
 from mkdaemon.vision.detection import Detection, Stage
-from mkdaemon.vision.tagfamily import find_family
+from mkdaemon.vision.tagfamily import FAMILIES, find_family
 
 Grey = npt.NDArray[np.uint8]
 
 
 class ArucoSearch:
-    """cv2.aruco with sub-pixel corners; its range is short and it is blind to the outer one of nested tags."""
+    """cv2.aruco with sub-pixel corners; its range is short and it is blind to the outer one of nested tags.
+
+    Raises:
+        VisionError: a family OpenCV has no dictionary of.
+    """
 
     def __init__(self, families: tuple[str, ...]) -> None:
         parameters = cv2.aruco.DetectorParameters()
         parameters.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_SUBPIX
         parameters.cornerRefinementWinSize = 3
         parameters.minMarkerPerimeterRate = 0.02
-        self._detectors = {
-            name: cv2.aruco.ArucoDetector(cv2.aruco.getPredefinedDictionary(find_family(name).dictionary), parameters)
-            for name in families
-        }
+        self._detectors: dict[str, cv2.aruco.ArucoDetector] = {}
+        for name in families:
+            dictionary = find_family(name).dictionary
+            if dictionary is None:
+                msg = f"cv2.aruco does not know {name}: install mkdaemon with its pyapriltags wheel, or use {_known()}"
+                raise VisionError(msg)
+            codes = cv2.aruco.getPredefinedDictionary(dictionary)
+            self._detectors[name] = cv2.aruco.ArucoDetector(codes, parameters)
 
     def find(self, pixels: Grey, stage: Stage) -> list[Detection]:
         """All codes cv2.aruco sees; `log` equalises the image first, the other stages are one and the same."""
@@ -40,3 +49,7 @@ class ArucoSearch:
                 wrong, margin = read_code(pixels, ours, name, int(tag_id), find_family(name).black_cells)
                 found.append(Detection(name, int(tag_id), wrong, margin, ours, stage))
         return found
+
+
+def _known() -> str:
+    return ", ".join(family.name for family in FAMILIES.values() if family.dictionary is not None)

@@ -93,8 +93,8 @@ def read_code(pixels: Grey, corners: Array, family: str, tag_id: int, n: int) ->
     return int((signed < 0).sum()), float(np.abs(signed).mean())
 
 
-def quiet_sides(pixels: Grey, corners: Array, n: int) -> int:
-    """Count the sides of a quad that have a white surround and a black border `(0..4)`.
+def quiet_sides(pixels: Grey, corners: Array, n: int, *, inverted: bool = False) -> int:
+    """Count the sides of a quad that have a white surround and a black border `(0..4)`; `inverted` the other way round.
 
     A quad whose side is the edge of something lying over the tag has grey or mixed cells there. White and black are
     taken per side from its own neighbourhood, so shadow edges and gradients do not count against a side. White has to
@@ -105,7 +105,7 @@ def quiet_sides(pixels: Grey, corners: Array, n: int) -> int:
     quiet = np.ones(4, dtype=bool)
     for depth in (0.5, 0.3):
         white = sample(pixels, carry(homography, _rims(n, depth)[0].reshape(-1, 2))).reshape(4, -1)
-        contrast = white - black
+        contrast = black - white if inverted else white - black
         floor = max(3.0, 0.15 * float(np.median(np.abs(contrast))))
         quiet &= (contrast > floor).mean(axis=1) > QUIET_MIN_SHARE
     return int(quiet.sum())

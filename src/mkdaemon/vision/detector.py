@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import importlib.util
 import math
-import threading
 from collections.abc import Mapping
 from dataclasses import replace
 from typing import TYPE_CHECKING, Literal
@@ -14,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from mkdaemon.config.vision import DetectorSection
+from mkdaemon.vision import apriltaglib
 from mkdaemon.vision.aruco_fallback import ArucoSearch
 from mkdaemon.vision.cellread import quiet_sides
 from mkdaemon.vision.detection import Detection, Search, Stage
@@ -44,29 +43,6 @@ _LOG_LUT: Grey = np.round(100 + 14 * (np.log10(np.arange(256) + 4.0) - np.log10(
 """Compresses bright and dark halves of a shadow to equal steps; 14 levels a decade merge texture below a real edge."""
 
 
-class _Libraries(threading.local):
-    """Tables of libapriltag this thread has built."""
-
-    def __init__(self) -> None:
-        self.built: dict[tuple[tuple[str, ...], float, bool], LibDetector] = {}
-
-
-_libraries = _Libraries()
-
-
-def _lib_detector(families: tuple[str, ...], decimate: float, *, refine: bool) -> LibDetector:
-    """The library with its tables for some families: 20 ms to build, for one thread, whose searches share them."""
-    from pyapriltags import Detector as LibDetector
-
-    built = _libraries.built
-    key = (families, decimate, refine)
-    if key not in built:
-        built[key] = LibDetector(
-            families=" ".join(families), nthreads=1, quad_decimate=decimate, refine_edges=int(refine)
-        )
-    return built[key]
-
-
 def _prepared(pixels: Grey, stage: Stage) -> npt.NDArray[np.generic]:
     """The image a stage searches."""
     if stage == "log":
@@ -84,13 +60,13 @@ class AprilTagSearch:
     """
 
     def __init__(self, families: tuple[str, ...]) -> None:
-        self._families = families
+        self._families = tuple((name, find_family(name).corrected_bits) for name in families)
 
     def find(self, pixels: Grey, stage: Stage) -> list[Detection]:
         """All codes libapriltag sees, in our corner order and pixel convention."""
         image = np.asarray(_prepared(pixels, stage), dtype=np.uint8, order="C")
         decimate = 2.0 if stage in ("decimate2", "equalised") else 1.0
-        found = self._read(_lib_detector(self._families, decimate, refine=True), image, stage)
+        found = self._read(apriltaglib.detector(self._families, decimate, refine=True), image, stage)
         return self._merge(found, image) if stage == "thorough" else found
 
     def _merge(self, refined: list[Detection], image: Grey) -> list[Detection]:
@@ -100,7 +76,7 @@ class AprilTagSearch:
         0.18 px on 18 px tags of rendered images.
         """
         merged = list(refined)
-        for found in self._read(_lib_detector(self._families, 1.0, refine=False), image, "thorough"):
+        for found in self._read(apriltaglib.detector(self._families, 1.0, refine=False), image, "thorough"):
             middle = found.corners.mean(axis=0)
             twins = [
                 k
@@ -148,19 +124,23 @@ class Detector:
         """Prepare the searches.
 
         Raises:
-            VisionError: an unknown family.
+            VisionError: an unknown family, or one that only pyapriltags can search for, without its wheel.
         """
         self._whitelist = {find_family(name).name: ids for name, ids in whitelist.items()}
         self._cfg = cfg or DetectorSection()
         if backend == "auto":
-            backend = "apriltag" if importlib.util.find_spec("pyapriltags") is not None else "aruco"
+            backend = "apriltag" if apriltaglib.is_installed() else "aruco"
         self.backend = backend
         self.warning = LOST_WITHOUT_APRILTAG if backend == "aruco" else ""
         families = tuple(self._whitelist)
         self._max_hamming = {name: self._allowed_hamming(name, len(ids)) for name, ids in self._whitelist.items()}
         self._search: Search = AprilTagSearch(families) if backend == "apriltag" else ArucoSearch(families)
-        self._outline = OutlineSearch(self._whitelist)
+        classic = {name: ids for name, ids in self._whitelist.items() if not find_family(name).is_inverted}
+        self._outline = OutlineSearch(classic)
         self.stages: tuple[Stage, ...] = LADDER if backend == "apriltag" else ("decimate1", "log", "outline")
+        if not classic:
+            # It starts from the outline of something black, and an inverted tag has data there.
+            self.stages = tuple(stage for stage in self.stages if stage != "outline")
 
     def search(self, pixels: Grey, stage: Stage, roi: tuple[int, int, int, int] | None = None) -> list[Detection]:
         """Run one search.
@@ -202,9 +182,10 @@ class Detector:
 
     def _allowed_hamming(self, name: str, ids: int) -> int:
         """Most corrected bits that keep the chance of a random quad within bounds (four rotations, all codes)."""
-        bits = find_family(name).data_cells ** 2
+        family = find_family(name)
+        bits = family.bits
         allowed, words = 0, 1
-        for distance in range(1, self._cfg.max_hamming + 1):
+        for distance in range(1, min(self._cfg.max_hamming, family.corrected_bits) + 1):
             words += math.comb(bits, distance)
             if 4 * ids * words / 2**bits > self._cfg.max_false_rate:
                 break
@@ -235,7 +216,8 @@ class Detector:
             return False
         if broken or not cfg.quiet_zone:
             return True
-        return quiet_sides(pixels, found.corners, find_family(found.family).black_cells) == 4
+        family = find_family(found.family)
+        return quiet_sides(pixels, found.corners, family.size_cells, inverted=family.is_inverted) == 4
 
 
 def _rank(found: Detection) -> tuple[int, float]:

@@ -18,7 +18,7 @@ from pydantic_core import ErrorDetails
 from mkdaemon.config.vision import BoardSection, TagPlacement, TargetFile, TargetSection
 from mkdaemon.errors import ConfigError, VisionError
 from mkdaemon.frames import rotation_from_euler, rotation_from_quaternion
-from mkdaemon.vision.tagfamily import QUIET_ZONE_CELLS, Cells, TagFamily, cells, find_family
+from mkdaemon.vision.tagfamily import QUIET_ZONE_CELLS, Cells, TagFamily, cells, find_family, size_words
 
 Array = npt.NDArray[np.float64]
 
@@ -32,7 +32,7 @@ class Tag:
     Attributes:
         family: the family of its code.
         tag_id: the code.
-        size: side of the black square [m].
+        size: side of the black square, of the white one inside the black ring for inverted families [m].
         position: centre of the tag `(3,)` [m; target].
         rotation: target from tag `(3, 3)`, tag axes as in `tagfamily`.
     """
@@ -46,16 +46,16 @@ class Tag:
     @property
     def module(self) -> float:
         """Side of one cell [m]."""
-        return self.size / self.family.black_cells
+        return self.size / self.family.size_cells
 
     @property
     def paper(self) -> float:
-        """Side of the white square an official print needs, quiet zone included [m]."""
-        return self.size + 2 * QUIET_ZONE_CELLS * self.module
+        """Side of the white square a print needs, quiet zone included [m]."""
+        return (self.family.black_cells + 2 * QUIET_ZONE_CELLS) * self.module
 
     @property
     def bitmap(self) -> Cells:
-        """Cells of the black square `(n, n)` uint8, row 0 at the tag's +y."""
+        """Cells of everything black `(n, n)` uint8, row 0 at the tag's +y."""
         return cells(self.family.name, self.tag_id)
 
     def place(self, points_tag: Array) -> Array:
@@ -64,8 +64,16 @@ class Tag:
 
     @cached_property
     def corners(self) -> Array:
-        """Corners TL, TR, BR, BL of the black square `(4, 3)` [m; target]."""
-        half = self.size / 2
+        """Corners TL, TR, BR, BL of the square that is the tag's size `(4, 3)` [m; target]."""
+        return self._square(self.size)
+
+    @cached_property
+    def outline(self) -> Array:
+        """Corners of the square that holds everything black `(4, 3)` [m; target]."""
+        return self._square(self.module * self.family.black_cells)
+
+    def _square(self, side: float) -> Array:
+        half = side / 2
         return self.place(np.array([[-half, half], [half, half], [half, -half], [-half, -half]]))
 
 
@@ -222,6 +230,9 @@ def _grid(board: BoardSection) -> tuple[TagPlacement, ...]:
 def _place(placement: TagPlacement) -> Tag:
     family = find_family(placement.family)
     cells(family.name, placement.id)
+    if placement.print == "opencv" and family.is_inverted:
+        msg = f'OpenCV cannot draw {family.name}; remove print = "opencv"'
+        raise VisionError(msg)
     if placement.quaternion is not None:
         rotation = rotation_from_quaternion(placement.quaternion)
     else:
@@ -235,20 +246,21 @@ def _check_overlaps(target: Target, origin: str) -> None:
     """Refuse tags that hide the border of another: wrong sizes and positions show themselves here."""
     for k, outer in enumerate(target.tags):
         for inner in target.tags[k + 1 :]:
-            local = (inner.corners - outer.position) @ outer.rotation
+            local = (inner.outline - outer.position) @ outer.rotation
             if float(np.abs(local[:, 2]).max()) > outer.module:
                 continue  # not in one plane
             low, high = local[:, :2].min(axis=0), local[:, :2].max(axis=0)
-            half = outer.size / 2
+            half = outer.module * outer.family.black_cells / 2
             apart = bool((low >= half).any() or (high <= -half).any())
-            # An inner tag with its quiet zone has to stay inside the coded cells, or the outer border is broken.
-            room = half - outer.module
+            # An inner tag with its quiet zone has to stay inside the coded cells, or the outer border is broken;
+            # inverted families correct too few bits to lose any.
+            room = outer.module * outer.family.hole_cells / 2 if outer.family.is_inverted else half - outer.module
             quiet = QUIET_ZONE_CELLS * inner.module
             nested = bool((low - quiet >= -room - 1e-9).all() and (high + quiet <= room + 1e-9).all())
             if not (apart or nested):
                 msg = (
                     f"{origin}: target '{target.name}': tag {inner.tag_id} ({inner.size:g} m) covers the border of tag"
-                    f" {outer.tag_id} ({outer.size:g} m); check the sizes (side of the black square in metres) and"
+                    f" {outer.tag_id} ({outer.size:g} m); check the sizes ({size_words(outer.family)} in metres) and"
                     " positions"
                 )
                 raise ConfigError(msg)

@@ -10,6 +10,7 @@ import numpy.typing as npt
 
 from mkdaemon.errors import ConfigError
 from mkdaemon.vision.calibration_board import CELLS_PER_SQUARE, CharucoBoard
+from mkdaemon.vision.tagfamily import size_words
 from mkdaemon.vision.tagmap import Tag, Target
 
 Array = npt.NDArray[np.float64]
@@ -132,7 +133,8 @@ def target_page(target: Target, *, note: str = "") -> Page:
     sizes = ", ".join(f"{tag.family.name} {tag.tag_id} = {1000 * tag.size:g} mm" for tag in target.tags[:6])
     more = f" and {len(target.tags) - 6} more" if len(target.tags) > 6 else ""
     width, height = 1000.0 * (x1 - x0), 1000.0 * (y1 - y0)
-    return _finished(areas, width, height, f"{target.name}: {sizes}{more} (side of the black square)", note)
+    measured = " or ".join(dict.fromkeys(size_words(tag.family) for tag in target.tags))
+    return _finished(areas, width, height, f"{target.name}: {sizes}{more} ({measured})", note)
 
 
 def board_page(board: CharucoBoard, *, note: str = "") -> Page:
