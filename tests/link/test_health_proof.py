@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from mkdaemon.link.health import HealthMonitor
+from mkdaemon.link.health import NOTHING, QUIET, HealthMonitor
 from mkdaemon.telemetry.link import LinkCondition
 from tests.link.test_health import Line, up
 
@@ -50,3 +50,13 @@ def test_one_lost_link_test_is_not_silence():
     for _ in range(1000):
         line.step()
         assert line.health.verdict.condition is not LinkCondition.MUTE
+
+
+def test_silence_we_keep_ourselves_is_told_as_that():
+    line = up()
+    line.talks = False
+    line.health.keep_quiet(line.now + 2.0)
+    line.until(LinkCondition.MUTE, 0.5)
+    assert line.health.verdict.reason == QUIET
+    line.run(2.0)
+    assert line.health.verdict.reason == NOTHING

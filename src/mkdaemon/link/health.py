@@ -29,6 +29,10 @@ STUCK_S: Final = 0.15
 """A port that has not taken our bytes for this long is stuck [s]."""
 STUCK: Final = "the port takes no bytes: flow control stops it, or its reader hangs"
 """Reason of a stuck port."""
+NOTHING: Final = "nothing arrives: check power, wiring and that this is the right port"
+"""Reason of a mute line."""
+QUIET: Final = "nothing arrives, and for 6 s hardly anything is asked: the last release was not confirmed"
+"""Reason of a mute line while requests would keep an old stick command alive."""
 STALE_PERIODS: Final = 3
 """A stream is stale after this many missed periods."""
 OVERDUE_S: Final = 0.2
@@ -109,7 +113,7 @@ class HealthMonitor:
         self._raw: deque[tuple[float, int]] = deque(maxlen=256)
         self._text = ""
         self._verdict = Verdict(LinkCondition.ABSENT, "not opened yet", now)
-        self._paused_until = -math.inf
+        self._paused_until = self._quiet_until = -math.inf
 
     # -- what happened --------------------------------------------------------------------------------------------
 
@@ -209,6 +213,10 @@ class HealthMonitor:
     def pause(self, until: float) -> None:
         """Silence is our doing until then (redirection, a board that writes its EEPROM): expect nothing."""
         self._paused_until = max(self._paused_until, until)
+
+    def keep_quiet(self, until: float) -> None:
+        """Until then hardly anything is asked, so that an old dead-man runs out: silence has that reason too."""
+        self._quiet_until = until
 
     # -- what it means --------------------------------------------------------------------------------------------
 
@@ -320,7 +328,7 @@ class HealthMonitor:
         is_garbage = self._verdict.condition is LinkCondition.GARBAGE
         since = now - (GARBAGE_MEMORY_S if is_garbage else SILENCE_S / 2)
         if sum(size for at, size in self._raw if at > since) < GARBAGE_BYTES:
-            return LinkCondition.MUTE, "nothing arrives: check power, wiring and that this is the right port"
+            return LinkCondition.MUTE, QUIET if now < self._quiet_until else NOTHING
         recent = [reason for at, _, reason in self._damage if at > since]
         if recent and all(reason is DropReason.TEXT for reason in recent) and _is_text(self._text):
             shown = " ".join(self._text.split())[:40]

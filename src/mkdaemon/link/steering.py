@@ -32,6 +32,7 @@ class Steering:
 
     def __init__(self, scheduler: TransmitScheduler, peers: Acquaintance, health: HealthMonitor) -> None:
         self.control = ControlPath(health)
+        self._health = health
         self.plan: release.ReleasePlan | None = None
         self.navictrl_confirms = False
         self._scheduler = scheduler
@@ -134,11 +135,15 @@ class Steering:
             self._scheduler.submit(self.control.entry(message, Purpose.RELEASE, now + 1.0, tag=plan), now)
         if plan.status == "confirmed":
             self._scheduler.end_quiet()  # an earlier release that could not be confirmed may have begun it
+            self._health.keep_quiet(now)
         if plan.is_running or self._plan_is_settled:
             return
         self._plan_is_settled = True
         if plan.status == "unconfirmed":
-            self._scheduler.quieten(self._peers.dialect.dead_man.refreshed_by, now + release.QUIET_S)
+            refreshes = self._peers.dialect.dead_man.refreshed_by
+            self._scheduler.quieten(refreshes, now + release.QUIET_S)
+            if refreshes("v"):
+                self._health.keep_quiet(now + release.QUIET_S)
         self.control.last_command = None
 
     def next_time(self) -> float:
