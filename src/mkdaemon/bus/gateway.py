@@ -146,8 +146,9 @@ class Bus:
     def receive(self, suffix: str, take: Taker) -> None:
         """Hand every setpoint of a key to `take`, with the time it arrived.
 
-        Of a flood, the newest `FLOOD` of each turn of the loop are handed over and the older ones dropped: whatever a
-        client does, the loop has other work.
+        Nothing waits here: all that arrived is handed over in the next turn of the loop, and the newest valid one wins
+        there. It is not one slot, or a stranger's setpoint, refused a moment later, would displace the pilot's. Of a
+        flood, the newest `FLOOD` of each turn are handed over and the older ones dropped: the loop has other work.
         """
         loop, lock = self._loop, threading.Lock()
         waiting: deque[tuple[float, bytes]] = deque(maxlen=FLOOD)
