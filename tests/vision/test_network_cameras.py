@@ -1,0 +1,66 @@
+"""Network cameras through FFmpeg: images come, the camera may go and return, and its stamps are what they are."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable
+
+import pytest
+
+from mkdaemon.config.camera import CameraSection
+from mkdaemon.vision.camera import CameraStream, StreamState, StreamStatus
+from mkdaemon.vision.camera_sources import source_of
+from mkdaemon.vision.image import CameraImage
+from mkdaemon.vision.slot import NewestSlot
+from tests.vision.network_cameras import HEIGHT, WIDTH, HttpCamera, NetworkCamera, RtspCamera
+
+PATIENCE = 60.0
+
+
+def watch(address: str) -> tuple[CameraStream, NewestSlot[CameraImage]]:
+    cfg = CameraSection(source=address, reopen_min_s=0.05, reopen_max_s=5.0)
+    slot: NewestSlot[CameraImage] = NewestSlot()
+    stream = CameraStream(cfg, source_of(cfg), slot)
+    stream.start()
+    return stream, slot
+
+
+def until(stream: CameraStream, wanted: Callable[[StreamStatus], bool]) -> StreamStatus:
+    deadline = time.monotonic() + PATIENCE
+    while not wanted(stream.status()):
+        assert time.monotonic() < deadline, stream.status()
+        threading.Event().wait(0.01)
+    return stream.status()
+
+
+@pytest.mark.parametrize("kind", [HttpCamera, RtspCamera])
+def test_a_network_camera_is_seen_lost_and_found_again(kind: type[NetworkCamera]) -> None:
+    with kind(0.02) as camera:
+        address, port = camera.address, camera.port
+        stream, slot = watch(address)
+        status = until(stream, lambda s: s.images >= 5)
+        assert (status.width, status.height) == (WIDTH, HEIGHT)
+        image = slot.take(PATIENCE)
+        assert image is not None
+        grey = int(image.pixels.mean())
+        assert min(abs(grey - 40 - 10 * number) for number in range(20)) <= 2
+    status = until(stream, lambda s: s.state is StreamState.GONE)
+    assert address in status.reason
+    seen = status.images
+    with kind(0.02, port):
+        until(stream, lambda s: s.state is StreamState.STREAMING and s.images > seen)
+        stream.stop()
+
+
+def test_http_images_are_stamped_by_their_arrival_whatever_ffmpeg_counts() -> None:
+    with HttpCamera(0.1) as camera:  # FFmpeg counts 25 a second
+        stream, slot = watch(camera.address)
+        ages = []
+        while len(ages) < 30:
+            image = slot.take(PATIENCE)
+            assert image is not None
+            ages.append(image.received_at - image.captured_at)
+            assert image.stamped_by == "arrival"
+        stream.stop()
+    assert ages == [0.0] * len(ages)
