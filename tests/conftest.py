@@ -12,7 +12,10 @@ from hypothesis import HealthCheck, settings
 from tests.bus.support import give_back_endpoints
 
 # A loaded machine is slow, not wrong: how long an example takes, or takes to draw, says nothing about the code.
-settings.register_profile("house", deadline=None, suppress_health_check=[HealthCheck.too_slow])
+# Every run draws the same examples; `pytest --hypothesis-profile=explore` draws new ones, and more of them.
+SLOW = {"deadline": None, "suppress_health_check": [HealthCheck.too_slow]}
+settings.register_profile("house", derandomize=True, **SLOW)
+settings.register_profile("explore", max_examples=1000, **SLOW)
 settings.load_profile("house")
 
 ROOT = Path(__file__).resolve().parents[1]

@@ -159,7 +159,7 @@ from mkdaemon.cli import program
 async def linger() -> None:
     try:
         print("here", flush=True)
-        await asyncio.sleep(60)
+        await asyncio.sleep(600)
     finally:
         print("left in order", flush=True)
 

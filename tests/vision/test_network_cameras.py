@@ -13,6 +13,7 @@ from mkdaemon.vision.camera import CameraStream, StreamState, StreamStatus
 from mkdaemon.vision.camera_sources import source_of
 from mkdaemon.vision.image import CameraImage
 from mkdaemon.vision.slot import NewestSlot
+from tests.bus.support import free_endpoint
 from tests.vision.network_cameras import HEIGHT, WIDTH, HttpCamera, NetworkCamera, RtspCamera
 
 PATIENCE = 60.0
@@ -36,8 +37,9 @@ def until(stream: CameraStream, wanted: Callable[[StreamStatus], bool]) -> Strea
 
 @pytest.mark.parametrize("kind", [HttpCamera, RtspCamera])
 def test_a_network_camera_is_seen_lost_and_found_again(kind: type[NetworkCamera]) -> None:
-    with kind(0.02) as camera:
-        address, port = camera.address, camera.port
+    port = int(free_endpoint().rpartition(":")[2])  # nobody takes it while the camera is gone
+    with kind(0.02, port) as camera:
+        address = camera.address
         stream, slot = watch(address)
         status = until(stream, lambda s: s.images >= 5)
         assert (status.width, status.height) == (WIDTH, HEIGHT)
