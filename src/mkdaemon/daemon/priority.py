@@ -42,7 +42,8 @@ def favour_loop() -> bool:
 def treat_loop_equally() -> None:
     """Take the real-time priority back; what `favour_loop` is measured against."""
     if hasattr(os, "sched_setscheduler"):
-        os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
+        # Only root may take the flag away again, and it does no harm.
+        os.sched_setscheduler(0, os.SCHED_OTHER | os.SCHED_RESET_ON_FORK, os.sched_param(0))
 
 
 def spare_collector() -> None:
