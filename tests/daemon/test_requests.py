@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from contextlib import asynccontextmanager
+from unittest.mock import ANY
 
 import msgpack
 import pytest
@@ -13,13 +14,14 @@ from mkdaemon.daemon.clock import Instant
 from mkdaemon.daemon.requests import BoardRequests
 from mkdaemon.daemon.vitals import Vitals
 from mkdaemon.errors import LinkLostError, RequestTimeoutError
-from mkdaemon.protocol.dialect import Dialect
+from mkdaemon.protocol.dialect import Dialect, Evidence, decide
 from mkdaemon.protocol.messages import Echo, MotorTest, VersionFc210, VersionRequest
 from mkdaemon.protocol.wire import Board
 from mkdaemon.telemetry.command import CommandResult
 from tests.daemon.test_gate import link_state
 
 TURNING = [30] + [0] * 15
+FC_212 = VersionFc210.decode(bytes([2, 12, 11, 0xBA, 0, 0, 0, 22, 103, 1]))
 
 
 class Line:
@@ -177,6 +179,26 @@ async def test_what_the_firmware_does_not_know_is_unsupported(desk):
     result = await desk.ask("nc/time_request")
     assert (result.status, result.token) == ("unsupported", "unsupported")
     assert "0.30g" in result.reason
+
+
+@pytest.mark.parametrize(
+    ("name", "fields"),
+    [
+        ("arm_motors", {}),
+        ("disarm_motors", {}),
+        ("recalibrate", {"what": 1}),
+        ("beep", {"duration": 100, "count": 1}),
+    ],
+)
+async def test_commands_of_the_fork_wait_for_somebody_who_says_that_it_is_one(name, fields):
+    missing = decide(Evidence().with_message(Board.FC, FC_212)).unsupported
+    assert (Board.FC, name) in missing, "the release alone cannot tell"
+    for is_allowed in (False, True):
+        desk = Desk(CommandsConfig(allow_fork_arming=is_allowed))
+        desk.line.dialect = Dialect(read_only_reason=None, unsupported=missing)
+        result = await desk.ask(f"fc/{name}", {**fields, "confirm": True})
+        assert (result.status, result.token) == (("not_observable", None) if is_allowed else ("denied", "not_enabled"))
+        assert desk.line.asked[1:] == ([(Board.FC, ANY)] if is_allowed else [])
 
 
 async def test_silence_is_a_timeout_and_never_called_a_refusal(desk):

@@ -21,4 +21,7 @@ class CommandsConfig(Section):
     allow_compass_calibration: bool = False
     """`w` or `k` to the MK3Mag: its calibration state follows what we claim to be."""
     allow_fork_arming: bool = False
-    """`x`, `e`, `r`, `o` of the forked FlightCtrl: arm, disarm (in flight too), recalibrate, beep."""
+    """`x`, `e`, `r`, `o` of the forked FlightCtrl: arm, disarm (in flight too), recalibrate, beep.
+
+    Nothing on the line tells the fork from stock firmware: turning this on says that this aircraft has the fork.
+    """

@@ -143,7 +143,8 @@ class BoardRequests:
 
     def _check_dialect(self, board: Board, message: WireMessage, rule: Rule | None) -> None:
         dialect, spec = self._link.dialect, message.spec
-        reason = dialect.unsupported.get((board, spec.key))
+        # Nothing on the line tells the fork from stock firmware: who enables its commands says that it is one.
+        reason = None if spec.is_fork else dialect.unsupported.get((board, spec.key))
         if reason is not None:
             raise refuse("unsupported", name=f"{board.word}/{spec.key}", detail=reason)
         if rule is not None and dialect.read_only_reason is not None:

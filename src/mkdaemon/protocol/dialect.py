@@ -255,7 +255,7 @@ def _layouts(
 def _settings_reason(evidence: Evidence, fc: FcGeneration | None) -> str | None:
     revision, release = evidence.settings_revision, evidence.releases.get(Board.FC)
     if revision is None:
-        return "no parameter set has been read yet"
+        return "no parameter set has been read yet (`settings_request` with index 255 reads the active one)"
     if release is None or fc is None:
         return "the FlightCtrl's release is not known"
     if evidence.foreign:
