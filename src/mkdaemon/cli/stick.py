@@ -3,20 +3,26 @@
 from __future__ import annotations
 
 import asyncio
+import sys
 from collections.abc import AsyncIterator
 from typing import Annotated, Any
 
 import msgpack
 from cyclopts import Parameter
 
+from mkdaemon.cli.arguments import require_length
 from mkdaemon.cli.lease import own_name
 from mkdaemon.cli.printing import json_line
+from mkdaemon.cli.program import EXIT_FAILURE
 from mkdaemon.cli.session import HERE, Client, Connection, Sample
+from mkdaemon.errors import ConfigError
 
 ENGAGING = 5.0
 """Longest time neutral sticks are streamed until the daemon engages [s]; it wants a live stream of 1 s."""
 TTL = 0.3
 """Time each setpoint holds [s]."""
+FULL = 127
+"""Full stick [count]."""
 
 
 async def stick(
@@ -29,10 +35,11 @@ async def stick(
     rate: float = 50.0,
     force: Annotated[bool, Parameter(negative=())] = False,
     connection: Connection = HERE,
-) -> None:
+) -> int:
     """Take the lease, stream neutral sticks until the daemon engages, then these for some seconds, then release.
 
     Counts as on the receiver, full deflection about 125; every frame passes the limiter. Ctrl-C releases at once.
+    Exit code 1 when they did not fly to the end.
 
     Args:
         pitch: Nose down positive.
@@ -43,8 +50,11 @@ async def stick(
         rate: Setpoints a second.
         force: Take the lease from whoever holds it.
     """
-    name = own_name()
     wanted = {"pitch": pitch, "roll": roll, "yaw": yaw, "throttle": throttle}
+    _check(wanted)
+    require_length(seconds, "--seconds")
+    require_length(rate, "--rate")
+    name = own_name()
     neutral = {"pitch": 0.0, "roll": 0.0, "yaw": 0.0, "throttle": throttle}
     async with Client.open(connection) as client, client.token(name), client.watch("control/status") as news:
         take = {"action": "take", "holder": name, "force": force}
@@ -57,18 +67,34 @@ async def stick(
             if flying.done() and not flying.cancelled():
                 await stream.put(wanted, asyncio.get_running_loop().create_future(), seconds)
             outputs = (await client.get("control/output")).get("control/output")
+            held = (await client.command("do", "lease", {"action": "show"})).require()
         finally:
             await asyncio.shield(client.command("do", "lease", {"action": "release", "epoch": epoch}))
-    sent = stream.sequence
     reached = {} if outputs is None else {key: outputs.fields[key] for key in (*wanted, "epoch", "limited")}
-    report: dict[str, Any] = {"epoch": epoch, "setpoints": sent, "last_output": reached}
+    has_flown = reached.get("epoch") == epoch
+    to_the_end = has_flown and held.get("epoch") == epoch
+    report: dict[str, Any] = {"epoch": epoch, "setpoints": stream.sequence, "last_output": reached}
     if connection.json:
-        print(json_line(report))
-    elif reached.get("epoch") == epoch:
+        print(json_line(report | {"flown_to_the_end": to_the_end}))
+    elif has_flown:
         sticks = ", ".join(f"{key} {reached[key]}" for key in wanted)
-        print(f"{sent} setpoints; last stick frame: {sticks}{' (limited)' if reached['limited'] else ''}")
-    else:
-        print(f"{sent} setpoints, but the daemon never engaged: see `mkctl get control/status event/command`")
+        print(f"{stream.sequence} setpoints; last stick frame: {sticks}{' (limited)' if reached['limited'] else ''}")
+    if not has_flown:
+        print("the daemon never engaged: see `mkctl get control/status event/command`", file=sys.stderr)
+    elif not to_the_end:
+        print("the lease was lost on the way: see `mkctl get control/status event/failsafe`", file=sys.stderr)
+    return 0 if to_the_end else EXIT_FAILURE
+
+
+def _check(sticks: dict[str, float]) -> None:
+    """Refuse here what the daemon would refuse fifty times a second.
+
+    Raises:
+        ConfigError: a stick is beyond its range, or no number.
+    """
+    for name, value in sticks.items():
+        if not abs(value) <= FULL:
+            raise ConfigError(f"--{name} {value:g}: give a number from -{FULL} to {FULL}")
 
 
 async def _until_flying(news: AsyncIterator[Sample], epoch: int) -> None:
