@@ -35,7 +35,8 @@ def test_any_frame_to_a_flightctrl(word, law):
     assert "V" in bench.ids(bench.heard[before:])
 
 
-@pytest.mark.parametrize(("word", "fc"), [("0.24", "2.12a"), ("2.14", "2.14")])
+@pytest.mark.parametrize("fc", ["early", "2.08", "2.12a", "2.14"])
+@pytest.mark.parametrize("word", ["0.24", "2.14"])
 def test_any_frame_to_a_navictrl(word, fc):
     rng = random.Random(word)
     bench = nc_bench(word, fc=fc)

@@ -6,6 +6,7 @@ import itertools
 
 import pytest
 
+from mkdaemon.protocol.errorcodes import ErrorCode
 from mkdaemon.protocol.framing import encode_frame
 from mkdaemon.protocol.messages import OsdVolatile
 from mkdaemon.protocol.wire import MessageDecoder
@@ -101,6 +102,17 @@ def test_the_newest_b_reaches_the_flightctrl_with_every_exchange(rate, share):
     bench.run(2.5 + 200 / rate)
     assert len(taken) >= share * 200
     assert max(b - a for a, b in itertools.pairwise(taken)) < 2 * max(0.0201, 1 / rate)
+
+
+@pytest.mark.parametrize("fc", ["early", "2.08"])
+def test_an_old_flightctrl_is_named_and_never_steered(fc):
+    bench = nc_bench("2.14", fc=fc)
+    before = bench.board.flight.external.held
+    bench.send(encode_frame(2, "b", bytes([40, 0, 0, 0, 9, 1, 0, 0, 0])), 2.0)
+    bench.run(2.5)
+    assert bench.board.flight.external.held == before
+    assert bench.board.navigator.error_code is ErrorCode.FC_INCOMPATIBLE
+    assert bench.board.flight.companion_error == 1, "its motors do not start"
 
 
 def test_silence_ends_control_through_the_navictrl_too():

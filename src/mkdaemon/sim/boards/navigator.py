@@ -35,6 +35,7 @@ class Navigator:
     def __init__(self, generation: NcGeneration, flight: FlightCtrl, now: float) -> None:
         """Begin without a fix, a home or a route."""
         self.flight = flight
+        self._generation = generation
         self.points = PointList(generation.list_size)
         self.home = (0, 0)
         self.operating_radius = 100
@@ -84,6 +85,11 @@ class Navigator:
             self.points.start()
 
     @property
+    def fits_flight(self) -> bool:
+        """Whether both boards speak one SPI protocol: a NaviCtrl that steers wants the sticks of FlightCtrl 2.10."""
+        return not self._generation.takes_control or self.flight.generation.release >= (2, 10, 0)
+
+    @property
     def mode_name(self) -> str:
         """The GPS mode in words."""
         return (self._mode.name or "").replace("_", " ").lower()
@@ -99,6 +105,8 @@ class Navigator:
         flight = self.flight
         if flight.now < flight.booted_at:
             return ErrorCode.NO_FC
+        if not self.fits_flight:
+            return ErrorCode.FC_INCOMPATIBLE
         if flight.core.quality < RC_LOST:
             return ErrorCode.RC_LOST
         if not flight.aircraft.sensors.gps.has_fix:

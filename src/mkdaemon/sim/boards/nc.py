@@ -149,7 +149,7 @@ class NaviCtrl(BoardPort):
         if now >= self._next_control:
             self._next_control = now + CONTROL_PERIOD_S
             self.navigator.navigate(now)
-            if self._pending_control is not None:
+            if self._pending_control is not None and self.navigator.fits_flight:
                 self.flight.external.refresh("b")
                 self.flight.external.take(self._pending_control)
                 self._pending_control = None
