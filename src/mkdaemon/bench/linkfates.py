@@ -118,10 +118,10 @@ class Tracer(Witness):
         self._mark(raw)
         self._take(raw)
 
-    def _note_controlled(self, payload: bytes, now: float) -> None:
+    def _note_controlled(self, payload: bytes) -> None:
         assert self._control is not None
         self._mark(payload)
-        self._control(payload, now)
+        self._control(payload)
 
     def _mark(self, raw: bytes) -> None:
         fate = self._open.get(("b", self._layout.decode(raw).frame))
