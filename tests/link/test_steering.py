@@ -19,6 +19,8 @@ from mkdaemon.protocol.wire import Board, WireMessage
 
 VERSION_2_08 = VersionFc200.decode(bytes((2, 8, 11, 0, 0, 0, 0, 0, 0, 0, 0, 0)))
 
+VERSION_EARLY = VersionFc200.decode(bytes((0, 71, 10, 0, 0, 0, 0, 0, 0, 0, 0, 0)))
+
 
 class Bench:
     """A FlightCtrl 2.08 as far as the link knows, and a line on which nothing comes back unless a test says so."""
@@ -203,3 +205,16 @@ def test_a_release_passed_on_by_a_navictrl_is_spaced_as_it_can_pass_it_on():
     assert max(gaps) <= FORWARDING_GAP_S + 0.003
     assert bench.steering.plan is not None
     assert bench.steering.plan.status == "not_observable"
+
+
+@pytest.mark.parametrize(("version", "is_held"), [(VERSION_2_08, False), (VERSION_EARLY, True)])
+def test_after_an_unobservable_release_nothing_passed_on_keeps_the_sticks_of_the_oldest_alive(version, is_held):
+    bench = Bench(direct=Board.NC)
+    bench.peers.learn(Board.FC, version)
+    bench.steering.release("test", bench.now)
+    bench.run(0.2)
+    assert bench.scheduler.holds_back("y", bench.now) is is_held
+    assert not bench.scheduler.holds_back("b", bench.now)
+    bench.steer()  # a new client may fly at once
+    bench.run(QUIET_S)
+    assert not bench.scheduler.holds_back("y", bench.now)

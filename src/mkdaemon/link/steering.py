@@ -144,6 +144,10 @@ class Steering:
             self._scheduler.quieten(refreshes, now + release.QUIET_S)
             if refreshes("v"):
                 self._health.keep_quiet(now + release.QUIET_S)
+        elif plan.status == "not_observable" and not self._scheduler.holds_back("b", now):
+            # Nobody can tell whether it arrived; beside stick frames a NaviCtrl passes only serial channels on.
+            refreshes = self._peers.dialect.dead_man.refreshed_by
+            self._scheduler.quieten(lambda letter: letter == "y" and refreshes("y"), now + release.QUIET_S)
         self.control.last_command = None
 
     def next_time(self) -> float:
