@@ -95,3 +95,27 @@ def test_a_moment_of_deafness_ends_no_flight():
             assert len(sticks_since(flown, healed)) > 100
 
     run_virtually(story())
+
+
+def test_nobody_is_told_to_fly_while_the_line_waits_for_a_dead_man():
+    """After a release that was not confirmed stick frames are refused for 6 s."""
+
+    async def story():
+        async with flying(Boards("2.12a")) as flown:
+            loop = asyncio.get_running_loop()
+            flown.socket.port.inject(LineFault.ECHO_ONLY)  # no confirmation comes, and yet the line works
+            flown.flight.client_changed("alice", is_here=False)
+            assert await flown.until(lambda: flown.flight.phase is Phase.FREE, 3.0) is not None
+            quiet = loop.time()
+            await flown.take("bob")
+            sequence = 0
+            while loop.time() < quiet + 4.0:
+                sequence += 1
+                sticks = {"pitch": 0.0, "roll": 0.0, "yaw": 0.0, "throttle": 0.0}
+                raw = encode_map({**sticks, "epoch": flown.epoch, "sequence": sequence, "ttl": 0.3})
+                flown.flight.stick_arrived(loop.time(), raw)
+                await asyncio.sleep(0.02)
+            assert flown.flight.phase is not Phase.FLYING
+            assert not sticks_since(flown, quiet)
+
+    run_virtually(story())

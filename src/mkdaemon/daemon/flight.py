@@ -250,6 +250,11 @@ class FlightControl:
         try:
             self._link.send_setpoint(message, deadline=t + life)
         except CommandRejectedError as error:
+            if (
+                error.token == "releasing"
+            ):  # the line lets go, or waits for a dead-man: nobody flies, so nobody is told so
+                self._authority.end(error.reason, asked=False)
+                self._wake.set()
             if t - self._unsent_told_at >= REFUSAL_PERIOD:
                 self._unsent_told_at = t
                 self._audit.log("warning", f"stick frame not sent: {error}")
