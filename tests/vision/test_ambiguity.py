@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from mkdaemon.vision.ambiguity import choose, log_odds
+from mkdaemon.vision.ambiguity import MIN_LOG_ODDS, choose, log_odds
 from mkdaemon.vision.attitude import LOOKING_DOWN, AttitudeHistory, AttitudeSample, fuse_level, tilt_error
 from mkdaemon.vision.pose import Pose, turn
 from tests.vision.views import angle_deg
@@ -45,6 +47,24 @@ def test_choice(candidates, options, expected):
     assert choice is not None
     assert choice.pose is candidates[expected[0]]
     assert choice.decided_by == expected[1]
+
+
+@pytest.mark.parametrize(
+    ("rms", "inliers", "source", "decides"),
+    [
+        (0.08, 1.0, "photometric", True),
+        (0.3, 1.0, "photometric", False),  # something is not modelled, and may take sides
+        (0.08, 0.9, "photometric", False),  # something lies over the target
+        (0.08, 1.0, "edges", False),
+    ],
+)
+def test_odds_decide_alone_where_a_fit_leaves_only_noise(rms, inliers, source, decides):
+    marks = {"rms_px": rms, "inliers": inliers, "source": source}
+    first, second = replace(tilted(10, 9.0, 600), **marks), replace(tilted(-10, 11.0, 600), **marks)
+    assert log_odds(first, second) > MIN_LOG_ODDS
+    choice = choose([first, second], min_ratio=2.0)
+    assert (choice is not None) == decides
+    assert choose([first, replace(second, loss=9.5)], min_ratio=2.0) is None
 
 
 def test_odds_grow_with_samples_and_ratio():

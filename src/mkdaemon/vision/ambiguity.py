@@ -13,6 +13,7 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 
+from mkdaemon.vision.gates import BLIND_GREY_RMS_PX
 from mkdaemon.vision.pose import Pose, angle_between
 
 Array = npt.NDArray[np.float64]
@@ -27,6 +28,8 @@ MIN_LOG_ODDS = 12.0
 
 CLEAR_RATIO = 1.4
 """Residual ratio asked for however many samples speak; unmodelled light and blur are shared by all of them."""
+EXPLAINED_INLIERS = 0.95
+"""Share of the pixels that agree where nothing lies over the target."""
 MAX_ODDS_AGAINST = 2.0
 """Log odds of the image against a candidate up to which the track may still choose it."""
 
@@ -88,6 +91,8 @@ def choose(
     second = candidates[distinct[1]]
     if ratio >= min_ratio and log_odds(first, second) >= MIN_LOG_ODDS:
         return Choice(first, ratio, "image")
+    if _is_explained(first, second) and log_odds(first, second) >= MIN_LOG_ODDS:
+        return Choice(first, ratio, "image")
     if predicted is not None:
         by_track = sorted(distinct, key=lambda k: angle_between(candidates[k].rotation, predicted))
         near, far = (angle_between(candidates[k].rotation, predicted) for k in by_track[:2])
@@ -105,6 +110,12 @@ def log_odds(first: Pose, second: Pose) -> float:
     """Log likelihood ratio of two fits of equal Gaussian residuals with unknown variance."""
     facts = min(first.points, second.points) / SAMPLES_PER_FACT
     return 0.5 * facts * float(np.log(max(second.loss, 1e-12) / max(first.loss, 1e-12)))
+
+
+def _is_explained(first: Pose, second: Pose) -> bool:
+    """Whether a fit to grey values leaves no more than noise: then nothing unmodelled takes sides."""
+    grey = first.source == "photometric" and second.source == "photometric"
+    return grey and first.rms_px <= BLIND_GREY_RMS_PX and first.inliers >= EXPLAINED_INLIERS
 
 
 def _ratio(candidates: Sequence[Pose], distinct: Sequence[int]) -> float:
