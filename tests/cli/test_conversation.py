@@ -8,6 +8,7 @@ import pytest
 
 from mkdaemon.cli.conversation import converse, read_reply, request
 from mkdaemon.cli.session import Answer
+from mkdaemon.cli.waypoints import _guarded
 from mkdaemon.errors import CommandRejectedError, MkError, ProtocolError
 from mkdaemon.protocol.messages import SettingsRequest, VersionRequest
 from mkdaemon.protocol.procedures import Patience, Procedure
@@ -110,6 +111,17 @@ async def test_an_interruption_lets_the_procedure_leave_the_board_as_it_was() ->
     with pytest.raises(MkError, match="interrupted"):
         await task
     assert board.live == board.sets[4]
+
+
+async def test_an_upload_that_does_not_come_to_its_end_says_what_is_left() -> None:
+    def deaf(message: WireMessage) -> Reply:
+        return None
+
+    task = asyncio.create_task(
+        _guarded(Daemon(deaf), upload_points(route(3), Patience(1)), in_flight=True)  # type: ignore[arg-type]
+    )
+    with pytest.raises(MkError, match="the board's list may be incomplete: repeat, or `mkctl waypoints clear`"):
+        await task
 
 
 async def test_no_daemon_is_told_through_the_procedure() -> None:

@@ -30,6 +30,11 @@ def test_layouts_are_one_form_with_the_limits_of_each() -> None:
     assert "reserved" not in {field.name for field in form.fields}
 
 
+def test_what_can_have_one_value_only_is_no_option() -> None:
+    assert {field.name for field in FORMS["write_navi_parameter"].fields} == {"id", "value"}
+    assert {field.name for field in FORMS["time_request"].fields} == set()
+
+
 @pytest.mark.parametrize(
     ("key", "field", "text", "value"),
     [

@@ -154,7 +154,7 @@ def _form(key: str, classes: list[type[WireMessage]]) -> RequestForm:
     fields: dict[str, FieldForm] = {}
     for cls in classes:
         for slot in cls.spec.slots:
-            if slot.name in fields or slot.name.startswith(_FILLERS):
+            if slot.name in fields or slot.name.startswith(_FILLERS) or _is_constant(slot, cls):
                 continue
             owners = [other.model_fields[slot.name] for other in classes if slot.name in other.model_fields]
             fields[slot.name] = FieldForm(
@@ -174,6 +174,11 @@ def _form(key: str, classes: list[type[WireMessage]]) -> RequestForm:
         reply=first.spec.reply,
         fields=tuple(fields.values()),
     )
+
+
+def _is_constant(slot: Slot, cls: type[WireMessage]) -> bool:
+    """Whether a field has one value only, which the table sets."""
+    return slot.wire.minimum == slot.wire.maximum and not cls.model_fields[slot.name].is_required()
 
 
 def _other_limits(slot: Slot, classes: list[type[WireMessage]]) -> tuple[tuple[str, WireField], ...]:

@@ -154,6 +154,9 @@ async def _guarded(
             "motors have started, or nobody knows any more: the list may be incomplete.",
             "Land and repeat, or repeat with --in-flight.",
         ) from error
+    except MkError as error:
+        msg = f"{error}; the board's list may be incomplete: repeat, or `mkctl waypoints clear`"
+        raise MkError(msg) from error
 
 
 def _download() -> Procedure[tuple[Mission, str]]:

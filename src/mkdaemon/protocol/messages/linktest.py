@@ -16,6 +16,7 @@ class EchoRequest(WireMessage):
     """Ask for a pattern back; does not feed the NaviCtrl's serial-link watchdog."""
 
     pattern: Annotated[int, U16(mk="Pattern")]
+    """Any number; it comes back."""
 
 
 @answer(Board.NC, "Z", firmware="NC", source="WIRE 8, Echo")
@@ -23,6 +24,7 @@ class Echo(WireMessage):
     """The pattern, unchanged."""
 
     pattern: Annotated[int, U16(mk="Pattern")]
+    """Any number; it comes back."""
 
 
 @request(Board.NC, "e", reply="E", firmware="NC", source="WIRE 8")

@@ -54,6 +54,7 @@ class NaviParameterRequest(WireMessage):
     command: Annotated[int, U8(mk="Cmd", high=0)] = 0
     id: Annotated[NaviParameterId, U8(mk="Id", high=4, enum=_PARAMETER)]
     value: Annotated[int, S16(mk="Value")] = 0
+    """Not looked at."""
 
 
 @request(
@@ -91,6 +92,7 @@ class WriteNaviParameter(WireMessage):
     command: Annotated[int, U8(mk="Cmd", low=1, high=1)] = 1
     id: Annotated[NaviParameterId, U8(mk="Id", high=4, enum=_PARAMETER)]
     value: Annotated[int, S16(mk="Value")]
+    """In the unit of the parameter: speed 0.1 m/s, heading deg (-1 none), altitude dm."""
 
 
 @answer(Board.NC, "J", firmware="NC 0.24 and later", source="WIRE 8, NcParamReply")

@@ -67,6 +67,7 @@ class Settings(WireMessage):
 
     index: Annotated[int, U8(mk="Index")]
     parameters: Annotated[bytes, Rest(mk="ParamSet", shortest=_SHORTEST, longest=_LONGEST)]
+    """A whole set, from the revision byte to the name."""
 
 
 @request(
@@ -77,6 +78,7 @@ class WriteSettings(WireMessage):
 
     index: Annotated[int, U8(mk="Index", low=1, high=5)]
     parameters: Annotated[bytes, Rest(mk="ParamSet", shortest=_SHORTEST, longest=_LONGEST)]
+    """A whole set, from the revision byte to the name."""
 
 
 @answer(Board.FC, "S", firmware="FC", source="WIRE 7, SettingNumberReply")

@@ -22,7 +22,9 @@ _WRITE_DANGER = "changes the running route; status INVALID with index 0 clears i
 
 class _Point(WireMessage):
     longitude: Annotated[int, S32(mk="Position.Longitude", unit=GLOBE, limit=1_800_000_000)]
+    """WGS 84, east positive."""
     latitude: Annotated[int, S32(mk="Position.Latitude", unit=GLOBE, limit=900_000_000)]
+    """WGS 84, north positive."""
     altitude: Annotated[int, S32(mk="Position.Altitude", unit=DECIMETRE)]
     """Waypoints: dm above the start. Points of interest: dm on NC 2.x, cm up to 0.28; read back to be sure."""
     status: Annotated[PositionStatus, U8(mk="Position.Status", enum=PositionStatus)]
@@ -30,7 +32,9 @@ class _Point(WireMessage):
     heading: Annotated[int, S16(mk="Heading", unit=DEG)] = 0
     """0 leaves it, 1..360 clockwise from north, negative: minus the list index of a point of interest to look at."""
     tolerance_radius: Annotated[int, U8(mk="ToleranceRadius", unit=METRE)] = 0
+    """Within it the point counts as reached."""
     hold_time: Annotated[int, U8(mk="HoldTime", unit=SECOND)] = 0
+    """To stay once reached."""
     event: Annotated[PointEvent, U8(mk="Event_Flag", enum=PointEvent)] = PointEvent.NONE
 
 
@@ -45,6 +49,7 @@ class _PointListed(_Point):
     event_channel: Annotated[int, U8(mk="WP_EventChannelValue")] = 0
     """Appears on the FlightCtrl as a channel while the point is held."""
     altitude_rate: Annotated[int, U8(mk="AltitudeRate", unit=DM_PER_S)] = 0
+    """Climb and descent towards its altitude."""
 
 
 class _Point024(_PointListed):
@@ -65,6 +70,7 @@ class _Point027(_PointNamed):
 
 class _Point2x(_PointNamed):
     photo_distance: Annotated[int, U8(mk="AutoPhotoDistance", unit=METRE)] = 0
+    """Triggers the camera every so many metres; 0 never."""
     reserved: Annotated[int, U8(mk="reserve")] = 0
 
 
