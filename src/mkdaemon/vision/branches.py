@@ -37,8 +37,8 @@ DECIDED = 8.0
 """Log odds from which the better branch is believed."""
 SEEN_OFTEN = 5
 """Images a decision by gathered odds needs besides: two smeared ones may agree on nonsense."""
-SAME_DIRECTION = np.radians(2.0)
-"""Branches that see the target from directions this close are one answer [rad]."""
+SAME_DIRECTION = np.radians(3.5)
+"""Branches that see the target from directions this close are one answer, with the doubt in its covariance [rad]."""
 KEPT = 3
 
 
@@ -121,10 +121,12 @@ class Branches:
         return self.lead >= DECIDED and self.images >= SEEN_OFTEN
 
     @property
-    def spread(self) -> float:
-        """Largest angle between the likeliest branch and those that cannot be told from it [rad]."""
-        close = [_apart(self.best, b) for b in self.ranked[1:] if b.weight > -DECIDED]
-        return max(close, default=0.0)
+    def doubt(self) -> float:
+        """Variance of the direction from what is left of other branches close to the likeliest [rad^2]."""
+        odds = np.exp([b.weight for b in self.ranked])
+        apart = np.array([_apart(self.best, b) for b in self.ranked])
+        close = apart <= SAME_DIRECTION
+        return float((odds * apart**2)[close].sum() / odds[close].sum())
 
     def after(self, time: float, candidates: Sequence[Pose]) -> Branches:
         """Go on with the candidates of a new image."""

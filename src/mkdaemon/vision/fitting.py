@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from mkdaemon.config.vision import TrackerSection
 from mkdaemon.vision.detection import Detection
-from mkdaemon.vision.edgefit import EdgeFit, Level, covered
+from mkdaemon.vision.edgefit import EdgeFit, Level
 from mkdaemon.vision.evidence import EdgeEvidence
 from mkdaemon.vision.gates import BitModel
 from mkdaemon.vision.photofit import PhotoFit
@@ -28,9 +28,6 @@ EDGES_UP_TO = np.radians(60.0)
 """Tilt from which edges across the foreshortened direction run into each other [rad]."""
 AGREEMENT_PX = 1.5
 """Corner residual above which the tags of a target contradict each other [px]."""
-FLOW_POINTS = 60
-FLOW_CELL_PX = 2.5
-"""Corners of smaller cells have nothing for optical flow to hold on to [px]."""
 
 
 class TargetFitter:
@@ -50,7 +47,6 @@ class TargetFitter:
         self._outline = np.concatenate(
             [tag.place(square * half) for tag, half in zip(target.tags, papers, strict=True)]
         )
-        self._corners, self._cells = _cell_corners(target)
 
     def cold(self, pixels: Grey, tags: Sequence[tuple[Tag, Detection]]) -> list[Pose]:
         """Fit every candidate that decoded tags allow; rival poses stay in the list."""
@@ -123,55 +119,6 @@ class TargetFitter:
         fitted = [self._fit(pixels, rival, photometric=True) for rival in rivals]
         return [pose for pose in fitted if pose is not None] if all(fitted) else []
 
-    def flow(self, before: Grey, now: Grey, last: Pose, predicted: Pose) -> Pose | None:
-        """Carry the last pose over by optical flow; for motions the prediction did not foresee."""
-        seen, visible = self._projection.project(self._corners @ last.rotation.T + last.position)
-        height, width = now.shape
-        visible &= (seen > 4).all(axis=1) & (seen[:, 0] < width - 5) & (seen[:, 1] < height - 5)
-        visible &= self._cells * float(self._projection.focal[0]) > FLOW_CELL_PX * float(last.position[2])
-        index = np.flatnonzero(visible)
-        if len(index) < 8:
-            return None
-        if len(index) > FLOW_POINTS:
-            index = index[np.linspace(0, len(index) - 1, FLOW_POINTS).astype(np.intp)]
-        points = self._corners[index]
-        guess, _ = self._projection.project(points @ predicted.rotation.T + predicted.position)
-        window = (21, 21)
-        moved, status, _ = cv2.calcOpticalFlowPyrLK(
-            before,
-            now,
-            seen[index].astype(np.float32).reshape(-1, 1, 2),
-            guess.astype(np.float32).reshape(-1, 1, 2),
-            winSize=window,
-            maxLevel=3,
-            criteria=(cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 12, 0.03),
-            flags=cv2.OPTFLOW_USE_INITIAL_FLOW,
-        )
-        good = np.asarray(status).ravel() > 0
-        if int(good.sum()) < 8:
-            return None
-        rays = self._projection.undistort(np.asarray(moved, dtype=np.float64).reshape(-1, 2)[good])
-        start_r = cv2.Rodrigues(predicted.rotation)[0]
-        found, rvec, tvec, inliers = cv2.solvePnPRansac(
-            points[good],
-            rays,
-            np.eye(3),
-            np.zeros(0),
-            rvec=start_r.copy(),
-            tvec=predicted.position.reshape(3, 1).copy(),
-            useExtrinsicGuess=True,
-            iterationsCount=40,
-            reprojectionError=3.0 / float(self._projection.focal[0]),
-            flags=cv2.SOLVEPNP_ITERATIVE,
-        )
-        if not found or inliers is None or len(inliers) < 8:
-            return None
-        rotation = np.asarray(cv2.Rodrigues(rvec)[0], dtype=np.float64)
-        position = np.asarray(tvec, dtype=np.float64).ravel()
-        if not np.isfinite(position).all() or position[2] < NEAR_M:
-            return None
-        return replace(predicted, rotation=rotation, position=position)
-
     def window(self, pose: Pose, shape: tuple[int, ...]) -> tuple[int, int, int, int] | None:
         """Part of the image `(x0, y0, x1, y1)` [px] that holds the target with room to spare."""
         seen, visible = self._projection.project(self._outline @ pose.rotation.T + pose.position)
@@ -197,7 +144,7 @@ class TargetFitter:
             if not bool(visible.all()):
                 return float("inf")
             distance = float(np.linalg.norm(seen - found.corners, axis=1).mean())
-            worst = max(worst, distance / max(found.side_px / tag.family.black_cells, 1.0))
+            worst = max(worst, distance / max(found.side_px / tag.family.size_cells, 1.0))
         return worst
 
     def shows_whole_tag(self, pose: Pose, shape: tuple[int, ...], room: float = 6.0) -> bool:
@@ -208,26 +155,3 @@ class TargetFitter:
             if bool(visible.all()) and bool(inside.all()) and float(np.ptp(seen, axis=0).min()) > 3 * len(tag.bitmap):
                 return True
         return False
-
-
-def _cell_corners(target: Target) -> tuple[Array, Array]:
-    """Corners of the printed cells, where a small window shows motion both ways.
-
-    Returns:
-        Points `(n, 3)` [m; target] and the side of their cells `(n,)` [m].
-    """
-    points: list[Array] = []
-    cells: list[Array] = []
-    for k, tag in enumerate(target.tags):
-        n = tag.family.black_cells
-        white = np.pad(tag.bitmap > 0, 1, constant_values=True).astype(int)
-        around = white[:-1, :-1] + white[:-1, 1:] + white[1:, :-1] + white[1:, 1:]
-        crossed = (around == 2) & (white[:-1, :-1] == white[1:, 1:])
-        row, column = np.nonzero((around == 1) | (around == 3) | crossed)
-        placed = tag.place(np.column_stack([column - n / 2, n / 2 - row]) * tag.module)
-        keep = np.ones(len(placed), dtype=bool)
-        for later in target.tags[k + 1 :]:
-            keep &= ~covered(placed, later)
-        points.append(placed[keep])
-        cells.append(np.full(int(keep.sum()), tag.module))
-    return np.concatenate(points), np.concatenate(cells)

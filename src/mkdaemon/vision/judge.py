@@ -14,7 +14,7 @@ from mkdaemon.vision.attitude import Mounting, fuse_level, tilt_error
 from mkdaemon.vision.branches import Branches
 from mkdaemon.vision.edgefit import Level
 from mkdaemon.vision.fitting import TargetFitter
-from mkdaemon.vision.gates import certainty_fault, fit_fault, innovation_fault
+from mkdaemon.vision.gates import BLIND_GREY_RMS_PX, certainty_fault, fit_fault, innovation_fault
 from mkdaemon.vision.pose import Pose, angle_between, largest_variance
 from mkdaemon.vision.track import Track
 
@@ -63,13 +63,18 @@ class Sight:
 
 
 class Judge:
-    """Measures and judges one target."""
+    """Measures and judges one target.
+
+    Attributes:
+        backed: whether the images before and inertia spoke for the newest pose.
+    """
 
     def __init__(self, fitter: TargetFitter, track: Track, cfg: TrackerSection, mounting: Mounting | None) -> None:
         self.fitter = fitter
         self.track = track
         self._cfg = cfg
         self._mounting = mounting
+        self.backed = False
 
     def measure(self, seen: Sight, start: Pose, predicted: Pose) -> tuple[Pose, str] | str:
         """Fit from one start.
@@ -99,7 +104,9 @@ class Judge:
         branches = self._continued(seen, candidates, predicted)
         if not branches.is_decided and len(candidates) > 1 and pose.source == "edges" and self._cell_px(pose) < GREY_PX:
             grey = self.fitter.by_grey_values(seen.pixels, candidates)
-            branches = self._continued(seen, grey, predicted) if grey else branches
+            # Blur that is not round leaves residuals there; such a fit says nothing.
+            if grey and min(fit.rms_px for fit in grey) < BLIND_GREY_RMS_PX:
+                branches = self._continued(seen, grey, predicted)
         chosen = branches.best.pose
         fault = "" if chosen is pose else self._hard_fault(seen, chosen, predicted)
         return fault or self._believed(seen, branches)
@@ -118,21 +125,22 @@ class Judge:
     def _believed(self, seen: Sight, branches: Branches) -> tuple[Pose, str]:
         """Take over the branches of an image; their best pose and why it must not be published."""
         self.track.branches = branches
+        self.backed = False
         chosen, prior = branches.best.pose, branches.best.prior
         if not branches.is_decided:
             return chosen, "ambiguous"
         fused = prior.fused(chosen) if prior is not None else chosen
-        if branches.spread > 0.0:
-            covariance = fused.covariance.copy()
-            covariance[3:, 3:] += (branches.spread / 2) ** 2 * np.eye(3)
-            fused = replace(fused, covariance=covariance)
-        if branches.best.missed or (prior is not None and prior.surprise(chosen) > SURPRISING):
+        covariance = fused.covariance.copy()
+        covariance[3:, 3:] += branches.doubt * np.eye(3)
+        fused = replace(fused, covariance=covariance)
+        # The branches allow for errors that last; to be published a pose has to fit by its own covariance.
+        surprise = prior.surprise(chosen, 1.0) if prior is not None else 0.0
+        if branches.best.missed or surprise > SURPRISING:
             return fused, "off_course"
-        # Sudden faults are no slow ones: here the pose has to be where inertia says by its own covariance.
-        backed = prior is not None and prior.angle_sd < BACKING_SD and prior.surprise(chosen, 1.0) < EXPECTED
-        odd = "" if backed else self._residual_fault(fused)
-        is_plain = backed or self._is_plain(seen, fused)
-        return fused, odd or certainty_fault(fused, has_attitude=False, is_plain=is_plain, is_backed=backed)
+        self.backed = prior is not None and prior.angle_sd < BACKING_SD and surprise < EXPECTED
+        odd = "" if self.backed else self._residual_fault(fused)
+        is_plain = self.backed or self._is_plain(seen, fused)
+        return fused, odd or certainty_fault(fused, has_attitude=False, is_plain=is_plain, is_backed=self.backed)
 
     def _candidates(self, seen: Sight, pose: Pose) -> list[Pose]:
         """A fit and, where perspective does not rule it out, its mirror image."""
@@ -161,7 +169,7 @@ class Judge:
         return Branches.begin(seen.time, candidates, decided=decided, moving=self.fitter.target.moving)
 
     def _cell_px(self, pose: Pose) -> float:
-        return self.fitter.side_px(pose) / self.fitter.target.tags[0].family.black_cells
+        return self.fitter.side_px(pose) / self.fitter.target.tags[0].family.size_cells
 
     def _shows_perspective(self, pose: Pose) -> bool:
         """Whether the image alone tells a pose from its mirror image."""

@@ -17,6 +17,7 @@ from mkdaemon.config.vision import DetectorSection, TrackerSection
 from mkdaemon.vision.alarms import ImageHealth
 from mkdaemon.vision.ambiguity import Choice
 from mkdaemon.vision.attitude import AttitudeHistory, Mounting
+from mkdaemon.vision.carry import Carrier
 from mkdaemon.vision.detection import Detection, Stage
 from mkdaemon.vision.detector import Detector
 from mkdaemon.vision.fitting import TargetFitter
@@ -35,7 +36,7 @@ Grey = npt.NDArray[np.uint8]
 UNDECODED_GRACE = 1.0
 """How much longer than the re-detection period a track may go on without a decoded tag [s]."""
 BLIND_GRACE = 5.0
-"""The same without attitude while the target is too near for a whole tag in the image [s]."""
+"""The same without attitude while the target is too near for a whole tag in the image, or inertia backs it [s]."""
 STRONG_BITS = 0.8
 """Cells this clear stand in for a decoded tag, where none fits into the image."""
 PREDICT_THROUGH = 18
@@ -79,10 +80,12 @@ class Tracker:
         self._tagmap = tagmap
         self.detector = Detector(tagmap.whitelist, detector)
         self._fitters: dict[str, TargetFitter] = {}
+        self._carriers: dict[str, Carrier] = {}
         self._health = ImageHealth(*((intrinsics.width, intrinsics.height) if intrinsics is not None else (None, None)))
         if intrinsics is not None:
             projection = Projection(intrinsics)
             self._fitters = {t.name: TargetFitter(t, projection, self._cfg) for t in tagmap.targets}
+            self._carriers = {t.name: Carrier(t, projection) for t in tagmap.targets}
         self._targets = {target.name: target for target in tagmap.targets}
         self._tracks = {target.name: Track() for target in tagmap.targets}
         self._judges = {
@@ -172,8 +175,7 @@ class Tracker:
         if track.misses < (PREDICT_THROUGH if used else FLOW_THROUGH) and (used or track.has_velocity):
             yield "predicted", predicted
         if track.misses < FLOW_THROUGH and track.image is not None:
-            carried = self._fitters[name].flow(track.image, frame.sight.pixels, track.last, predicted)
-            if carried is not None:
+            for carried in self._carriers[name].starts(track.image, frame.sight.pixels, track.last, predicted):
                 yield "flow", carried
 
     def _confirm(self, frame: _Frame, name: str, pose: Pose) -> bool:
@@ -202,7 +204,8 @@ class Tracker:
         bits = fitter.match(frame.sight.pixels, pose)
         # Where no tag is whole in the image, decoding cannot succeed and its failure says nothing.
         cut = not fitter.shows_whole_tag(pose, frame.sight.pixels.shape)
-        witness = self._judges[name].tilt(frame.sight, pose) is not None or (cut and overdue < BLIND_GRACE)
+        judge = self._judges[name]
+        witness = judge.tilt(frame.sight, pose) is not None or ((cut or judge.backed) and overdue < BLIND_GRACE)
         if bits is not None and bits >= STRONG_BITS and witness:
             return True
         frame.refused[name] = "not_decoded"
