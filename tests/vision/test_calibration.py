@@ -176,6 +176,16 @@ def test_a_camera_file_comes_back_as_it_went(tmp_path: Path) -> None:
     assert load_camera(path) == camera
 
 
+BY_HAND = "[intrinsics]\nwidth = 640\nheight = 480\nfx = 600.0\nfy = 600\ncx = 319.5\ncy = 239.5\n"
+
+
+def test_a_file_written_by_hand_may_be_plain(tmp_path: Path) -> None:
+    path = tmp_path / "camera.toml"
+    path.write_text(BY_HAND + "[calibration]\ndate = 2026-05-01\n")
+    assert load_camera(path).intrinsics.fy == 600.0
+    assert load_camera(path).calibration.date == "2026-05-01"
+
+
 @pytest.mark.parametrize(
     ("text", "words"),
     [
@@ -184,8 +194,14 @@ def test_a_camera_file_comes_back_as_it_went(tmp_path: Path) -> None:
         ("[intrinsics\n", "not TOML"),
         (
             "[intrinsics]\nwidth = 640\nheight = 480\nfx = 1.0\nfy = 1.0\ncx = 1.0\ncy = 1.0\nk9 = 1.0\n",
-            "intrinsics.k9",
+            "intrinsics.k9: unknown key",
         ),
+        (BY_HAND.replace("[intrinsics]", "[intrinsic]"), "unknown key, did you mean intrinsics?"),
+        (BY_HAND.replace("fx = 600.0", "fx = true"), "intrinsics.fx"),
+        (BY_HAND.replace("fx = 600.0", "fx = nan"), "intrinsics.fx"),
+        (BY_HAND.replace("fx = 600.0", "fx = 60.0"), "no lens has a focal length of 60, 600 px on 640x480"),
+        (BY_HAND.replace("fx = 600.0", "fx = 6000.0"), "differ too much"),
+        (BY_HAND.replace("cx = 319.5", "cx = 3195"), "the centre 3195, 239.5 is outside the 640x480 image"),
     ],
 )
 def test_a_wrong_camera_file_is_named(tmp_path: Path, text: str, words: str) -> None:
@@ -195,6 +211,13 @@ def test_a_wrong_camera_file_is_named(tmp_path: Path, text: str, words: str) -> 
         load_camera(path)
     assert words in str(caught.value)
     assert "\n" not in str(caught.value)
+
+
+def test_figures_no_lens_has_are_not_stored(tmp_path: Path) -> None:
+    wild = Camera(intrinsics=LENS.model_copy(update={"fx": 60000.0, "fy": 60000.0}))
+    with pytest.raises(ConfigError, match="not written: no lens has a focal length"):
+        save_camera(wild, tmp_path / "camera.toml")
+    assert not list(tmp_path.iterdir())
 
 
 def test_a_missing_camera_file_is_named(tmp_path: Path) -> None:

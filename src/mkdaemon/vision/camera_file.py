@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import difflib
 import json
 import math
 import tomllib
@@ -18,6 +19,11 @@ from mkdaemon.frames import FLU_FROM_RDF, rotation_from_euler
 from mkdaemon.vision.intrinsics import Intrinsics
 
 Array = npt.NDArray[np.float64]
+
+FOCAL_SIDES = (0.15, 60.0)
+"""Focal lengths there are, in longer sides of the image: from a fish-eye to a telescope."""
+MAX_ASPECT = 2.0
+"""Ratio of the focal lengths; two with every other line left out."""
 
 _FLU_FROM_CAM: dict[str, Array] = {
     "forward": FLU_FROM_RDF,
@@ -72,6 +78,18 @@ class Camera(Section):
     """Where the figures come from."""
 
 
+def _slip(k: Intrinsics) -> str:
+    """What no lens has: slipped digits give poses that look right. Empty for a possible lens."""
+    side = max(k.width, k.height)
+    if not all(FOCAL_SIDES[0] * side <= focal <= FOCAL_SIDES[1] * side for focal in (k.fx, k.fy)):
+        return f"no lens has a focal length of {k.fx:g}, {k.fy:g} px on {k.width}x{k.height}"
+    if not 1 / MAX_ASPECT <= k.fx / k.fy <= MAX_ASPECT:
+        return f"fx {k.fx:g} and fy {k.fy:g} differ too much for square pixels"
+    if not (0.0 <= k.cx <= k.width and 0.0 <= k.cy <= k.height):
+        return f"the centre {k.cx:g}, {k.cy:g} is outside the {k.width}x{k.height} image"
+    return ""
+
+
 def load_camera(path: Path) -> Camera:
     """Read a camera file.
 
@@ -81,24 +99,42 @@ def load_camera(path: Path) -> Camera:
     try:
         with path.open("rb") as file:
             content = tomllib.load(file)
-        return Camera.model_validate(content)
+        # as JSON and strict: arrays are tuples, whole numbers are numbers, and true is none
+        camera = Camera.model_validate_json(json.dumps(content, default=str), strict=True)
+        slip = _slip(camera.intrinsics)
+        if not slip:
+            return camera
+        msg = f"camera file {path}: intrinsics: {slip}; calibrate again, or correct what was typed"
     except OSError as error:
         msg = f"camera file {path}: {error.strerror or error}; make one with mkctl calibrate camera"
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         msg = f"camera file {path}: not TOML ({error}); see configs/cameras"
     except ValidationError as error:
-        first = error.errors(include_url=False, include_input=False)[0]
-        place = ".".join(str(part) for part in first["loc"])
-        msg = f"camera file {path}: {place}: {first['msg']}; see configs/cameras for every key"
+        msg = f"camera file {path}: {_describe(error)}; see configs/cameras for every key"
     raise ConfigError(msg)
+
+
+def _describe(found: ValidationError) -> str:
+    """The most telling mistake: a misspelt key explains a missing one."""
+    first = min(found.errors(include_url=False), key=lambda item: item["type"] != "extra_forbidden")
+    place = ".".join(str(part) for part in first["loc"])
+    if first["type"] == "extra_forbidden":
+        known = [name for model in (Camera, Intrinsics, MountSection, CalibrationRecord) for name in model.model_fields]
+        near = difflib.get_close_matches(str(first["loc"][-1]), known, n=1)
+        return f"{place}: unknown key{f', did you mean {near[0]}?' if near else ''}"
+    return f"{place}: {first['msg']}"
 
 
 def save_camera(camera: Camera, path: Path) -> None:
     """Write a camera file.
 
     Raises:
-        ConfigError: the place cannot be written.
+        ConfigError: the place cannot be written, or no lens has such figures.
     """
+    slip = _slip(camera.intrinsics)
+    if slip:
+        msg = f"camera file {path} not written: {slip}: take more views, turned to every side"
+        raise ConfigError(msg)
     lines = [f"name = {_toml(camera.name)}"]
     for title, section in (
         ("intrinsics", camera.intrinsics),
