@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from enum import IntEnum, IntFlag
+from functools import cache
 from typing import Any, Final, Self
 
 from pydantic import GetCoreSchemaHandler, GetJsonSchemaHandler
@@ -40,6 +41,13 @@ class WireEnum(IntEnum):
         member._name_ = f"UNKNOWN_{value}"
         member._value_ = value
         return member
+
+
+@cache
+def _divisor(scale: float) -> float:
+    """How many counts make one, where that is whole; 0 otherwise. 167 * 0.1 is 16.700000000000003, 167 / 10 is not."""
+    counts = round(1 / scale)
+    return counts if abs(counts * scale - 1) < 1e-12 else 0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -109,7 +117,10 @@ class WireField:
 
     def to_si(self, value: int) -> float:
         """Return the SI value [`si`; FLU] of a wire value; a field without a unit is its own value."""
-        return float(value) if self.scale is None else (value - self.zero) * self.scale
+        if self.scale is None:
+            return float(value)
+        divisor = _divisor(self.scale)
+        return (value - self.zero) / divisor if divisor else (value - self.zero) * self.scale
 
     def from_si(self, value: float) -> int:
         """Return the nearest wire value of an SI value [`si`; FLU].
@@ -231,11 +242,6 @@ def U16(mk: str, unit: Unit | str = "", **options: Any) -> WireField:  # noqa: N
 def S16(mk: str, unit: Unit | str = "", **options: Any) -> WireField:  # noqa: N802
     """Declare a signed 16-bit integer."""
     return _integer("h", mk, unit, **options)
-
-
-def U32(mk: str, unit: Unit | str = "", **options: Any) -> WireField:  # noqa: N802
-    """Declare an unsigned 32-bit integer."""
-    return _integer("I", mk, unit, **options)
 
 
 def S32(mk: str, unit: Unit | str = "", **options: Any) -> WireField:  # noqa: N802

@@ -34,7 +34,6 @@ _DEGREE: Final = math.pi / 180.0
 
 DEG: Final = Unit("deg", "rad", _DEGREE)
 TWO_DEG: Final = Unit("2 deg", "rad", 2.0 * _DEGREE)
-FIFTEEN_DEG: Final = Unit("15 deg", "rad", 15.0 * _DEGREE)
 DECI_DEG: Final = Unit("0.1 deg", "rad", 0.1 * _DEGREE)
 GLOBE: Final = Unit("1e-7 deg", "deg", 1e-7)
 METRE: Final = Unit("m", "m", 1.0)
