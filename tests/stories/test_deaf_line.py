@@ -97,6 +97,20 @@ def test_a_moment_of_deafness_ends_no_flight():
     run_virtually(story())
 
 
+@pytest.mark.parametrize(("lasts", "flies"), [(0.42, True), (0.7, False)])
+def test_half_a_second_without_the_board_ends_a_flight_and_a_burst_of_a_radio_does_not(lasts, flies):
+    async def story():
+        async with flying(Boards("2.12a")) as flown:
+            flown.socket.port.inject(LineFault.SILENCE)
+            await asyncio.sleep(lasts)
+            assert flown.sink.states[-1].condition is LinkCondition.MUTE
+            flown.socket.port.inject(LineFault.NONE)
+            await asyncio.sleep(0.3)
+            assert (flown.flight.phase is Phase.FLYING) is flies
+
+    run_virtually(story())
+
+
 def test_nobody_is_told_to_fly_while_the_line_waits_for_a_dead_man():
     """After a release that was not confirmed stick frames are refused for 6 s."""
 

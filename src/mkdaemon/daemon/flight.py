@@ -47,7 +47,14 @@ REFUSAL_PERIOD: Final = 1.0
 LONGEST_QUEUE: Final = 0.1
 """A stick frame that could not be sent for this long is never sent [s]."""
 
-_NO_BOARD: Final = frozenset({LinkCondition.DOWN, LinkCondition.ABSENT, LinkCondition.MUTE, LinkCondition.GARBAGE})
+_PATIENCE: Final = {
+    LinkCondition.DOWN: 0.0,
+    LinkCondition.ABSENT: 0.0,
+    LinkCondition.MUTE: 0.15,
+    LinkCondition.GARBAGE: 0.15,
+}
+"""How long a client keeps its lease on such a line [s]. Silence is told after 0.35 s; a radio that drops a burst of
+packets and is heard again within half a second has lost no aircraft."""
 
 
 class FlightControl:
@@ -82,7 +89,7 @@ class FlightControl:
         self._release_waiters: list[asyncio.Future[ReleaseResult | None]] = []
         self._openings = 0
         self._nameless = 0
-        self._deaf_since: float | None = None
+        self._bad_since: float | None = None
         self.ticks = 0
 
     @property
@@ -190,14 +197,15 @@ class FlightControl:
         state = self._vitals.link
         if state is None:
             return
-        if state.condition is not LinkCondition.ONE_WAY:
-            self._deaf_since = None
-        elif self._deaf_since is None:
-            self._deaf_since = t
+        patience = {**_PATIENCE, LinkCondition.ONE_WAY: self._cfg.lease.release_after}.get(state.condition)
+        if patience is None:
+            self._bad_since = None
+        elif self._bad_since is None:
+            self._bad_since = t
         if self._authority.phase not in {Phase.LEASED, Phase.FLYING, Phase.STALE}:
             return
-        is_deaf = self._deaf_since is not None and t - self._deaf_since >= self._cfg.lease.release_after
-        if is_deaf or state.condition in _NO_BOARD or state.openings != self._openings:
+        is_gone = self._bad_since is not None and patience is not None and t - self._bad_since >= patience
+        if is_gone or state.openings != self._openings:
             self._authority.end(f"the link is {state.condition.value}: {state.reason}", asked=False)
 
     async def _wait(self) -> None:
