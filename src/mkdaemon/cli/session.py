@@ -157,7 +157,7 @@ class Client:
             patience: longest wait for the answer [s].
 
         Raises:
-            MkError: no daemon speaks for this vehicle at the endpoint.
+            MkError: no daemon speaks for this vehicle at the endpoint, or more than one does.
         """
         suffix = f"{target}/{name}" if target in {"do", "sim"} else f"cmd/{target}/{name}"
         replies = await self._query(suffix, encode_map(dict(fields or {})), patience)
@@ -165,6 +165,12 @@ class Client:
             raise MkError(
                 await self.absence() or f"the daemon gives no answer to {suffix}: is it older than this mkctl?"
             )
+        if len(replies) > 1:
+            msg = (
+                f"{len(replies)} daemons of the name {self.vehicle} answered, and all have obeyed: "
+                "give each aircraft a vehicle.name of its own"
+            )
+            raise MkError(msg)
         result = replies[0].fields
         return Answer(
             status=result.get("status", "denied"),
@@ -265,7 +271,14 @@ class Client:
                 loop.call_soon_threadsafe(finish)
 
         handler = zenoh.handlers.Callback(on_reply, on_end, indirect=False)
-        self._session.get(self._expression(suffix), handler, payload=payload or None, timeout=patience)
+        # Every answer, also a second one of the same key: a router would keep only one of two daemons' answers.
+        self._session.get(
+            self._expression(suffix),
+            handler,
+            payload=payload or None,
+            timeout=patience,
+            consolidation=zenoh.ConsolidationMode.NONE,
+        )
         await done
         return [self._sample(reply) for reply in replies]
 

@@ -1,0 +1,44 @@
+"""The client's side of the bus where it meets more than it expects."""
+
+from __future__ import annotations
+
+import asyncio
+import time
+
+import pytest
+import zenoh
+
+from mkdaemon.bus.gateway import Bus
+from mkdaemon.bus.session import session_config
+from mkdaemon.cli.session import Client, Connection
+from mkdaemon.config.bus import BusConfig
+from mkdaemon.errors import MkError
+from mkdaemon.telemetry.command import CommandResult, Status
+from tests.bus.support import free_endpoint
+from tests.daemon.processes import PATIENCE
+
+
+async def obey(suffix, payload):
+    return CommandResult(status=Status.ACCEPTED)
+
+
+async def test_two_daemons_of_one_name_behind_a_router_are_noticed():
+    meeting_point = free_endpoint()
+    config = [BusConfig(listen=(free_endpoint(),), connect=(meeting_point,)) for _ in range(2)]
+    router = await asyncio.to_thread(zenoh.open, session_config("router", listen=[meeting_point]))
+    try:
+        async with Bus.open(config[0], "twin") as one, Bus.open(config[1], "twin") as other:
+            one.serve("do", obey)
+            other.serve("do", obey)
+            async with Client.open(Connection(vehicle="twin", connect=meeting_point)) as client:
+                deadline = time.monotonic() + PATIENCE
+                with pytest.raises(MkError, match="2 daemons of the name twin answered"):
+                    while time.monotonic() < deadline:  # until the router knows both
+                        try:
+                            await client.command("do", "lease", {"action": "show"})
+                        except MkError as error:
+                            if "daemons of the name" in str(error):
+                                raise
+                        await asyncio.sleep(0.05)
+    finally:
+        await asyncio.to_thread(router.close)
