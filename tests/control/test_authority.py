@@ -3,9 +3,6 @@
 from __future__ import annotations
 
 import pytest
-from hypothesis import settings
-from hypothesis import strategies as st
-from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, rule
 
 from mkdaemon.config.control import ControlConfig
 from mkdaemon.control.authority import Authority, Fly, LetGo, Silent
@@ -330,89 +327,3 @@ def test_released_out_of_place_changes_nothing(cockpit):
     cockpit.fly()
     cockpit.authority.released(cockpit.now)
     assert cockpit.authority.phase is Phase.FLYING
-
-
-# -- everything at random ------------------------------------------------------------------------------------------
-
-
-class Race(RuleBasedStateMachine):
-    """Two clients, a dying line and a slow release, in any order: who flies is always who holds the lease."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.authority = Authority(CFG, first_epoch=1)
-        self.now = 0.0
-        self.epochs: dict[str, int] = {}
-        self.sequence = 0
-        self.newest_epoch = 0
-        self.releasing = False
-        self.last_offer: dict[int, float] = {}
-
-    @rule(who=st.sampled_from(["alice", "bob"]), force=st.booleans())
-    def take(self, who, force):
-        try:
-            lease = self.authority.take(who, self.now, force=force)
-        except CommandRejectedError as error:
-            assert error.token in {"lease_held", "busy"}
-            return
-        assert lease.epoch > self.newest_epoch
-        self.epochs[who] = self.newest_epoch = lease.epoch
-
-    @rule(who=st.sampled_from(["alice", "bob"]), pitch=st.sampled_from([0.0, 30.0]), times=st.integers(1, 80))
-    @precondition(lambda self: self.epochs)
-    def stream(self, who, pitch, times):
-        for _ in range(times):
-            epoch = self.epochs.get(who, 0)
-            self.sequence += 1
-            held = self.authority.lease(self.now)
-            try:
-                self.authority.offer(setpoint(epoch, self.sequence, pitch=pitch), self.now)
-            except CommandRejectedError as error:
-                assert error.token in {"not_leased", "wrong_epoch"}
-                assert held is None or held.epoch != epoch
-            else:
-                self.last_offer[epoch] = self.now
-            self.tick()
-
-    @rule(times=st.integers(1, 100))
-    def wait(self, times):
-        for _ in range(times):
-            self.tick()
-
-    @rule(who=st.sampled_from(["alice", "bob"]))
-    def die(self, who):
-        self.authority.client_gone(who)
-
-    @rule(reason=st.just("line lost"))
-    def end(self, reason):
-        self.authority.end(reason, asked=False)
-
-    @rule()
-    def released(self):
-        if self.releasing:
-            self.releasing = False
-            self.authority.released(self.now)
-
-    def tick(self):
-        held = self.authority.lease(self.now)
-        action = self.authority.tick(self.now)
-        if isinstance(action, LetGo):
-            self.releasing = True
-        if isinstance(action, Fly):
-            assert not self.releasing, "sticks while the aircraft is being let go of"
-            assert held is not None
-            assert action.epoch == held.epoch
-            assert action.epoch == max(self.epochs.values()), "a frame of an old epoch"
-            silence = self.now - self.last_offer[action.epoch]
-            assert action.age == pytest.approx(silence)
-            assert silence < CFG.lease.release_after
-        self.now += TICK
-
-    @invariant()
-    def phases_agree_with_the_lease(self):
-        if self.authority.phase in {Phase.FREE}:
-            assert self.authority.lease(self.now) is None
-
-
-TestRace = Race.TestCase
-TestRace.settings = settings(max_examples=40, stateful_step_count=30, deadline=None)

@@ -9,6 +9,7 @@ from pydantic import BaseModel
 from mkdaemon.daemon.audit import Audit, Outlet
 from mkdaemon.daemon.eyes import Eyes
 from mkdaemon.daemon.vitals import Vitals
+from mkdaemon.link.exchange import CLOSED
 from mkdaemon.link.traffic import Lost, Received, Sent
 from mkdaemon.protocol.wire import Board, Unknown, WireMessage, board_at
 from mkdaemon.telemetry.link import LinkCondition, LinkHealth, LinkState, LinkTraffic
@@ -90,7 +91,8 @@ class BusSink:
         """Publish the verdict on the line; a new condition is also a line in the log, with what to do about it."""
         before = self._vitals.link
         if before is None or before.condition != state.condition:
-            level = "info" if state.condition is LinkCondition.UP else "warning"
+            is_ordinary = state.condition is LinkCondition.UP or state.reason == CLOSED
+            level = "info" if is_ordinary else "warning"
             self._audit.log(level, f"{state.port}: {state.condition.value}: {state.reason}")
         self._vitals.link_said(state)
         self._bus.publish("link/state", state)

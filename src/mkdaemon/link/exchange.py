@@ -26,6 +26,8 @@ from mkdaemon.telemetry.link import LinkCondition
 
 JUDGE_S: Final = 0.05
 """How often the evidence is weighed [s]; a twentieth of a second of the half second a verdict may take."""
+CLOSED: Final = "closed by us"
+"""Reason of an orderly end."""
 FAREWELL_S: Final = 0.6
 """Longest time the release of an orderly exit may take [s]."""
 Introduction = Callable[[], Coroutine[Any, Any, None]]
@@ -92,7 +94,7 @@ class Exchange:
         )
         self.reporter.port_opened(port.name)
         self._publish()
-        reason = "closed by us"
+        reason = CLOSED
         try:
             self.pump()
             reason = await self._talk(port, introduce)

@@ -206,7 +206,9 @@ def _refusal(path: Path, baud: int, error: Exception, *, is_pty: bool) -> LinkEr
     if number in (errno.EAGAIN, errno.EBUSY) or "exclusively lock" in str(error):
         return LinkError(f"{path} is in use by {_owner(path)}: end that program, or give it another port")
     if number == errno.ENOTTY or not path.is_char_device():
-        return ConfigError(f"{path} is no serial device: {_what_is_there(is_pty=is_pty)}")
+        return ConfigError(
+            f"{path} is no serial device: name one in link.port; mkdaemon doctor lists what is plugged in"
+        )
     if number in (errno.EIO, errno.ENXIO, errno.ENODEV):
         return LinkLostError(f"{path} is there but its other end is not: {_what_is_there(is_pty=is_pty)}")
     return LinkError(f"{path} cannot be opened: {error}")
