@@ -15,15 +15,12 @@ from collections.abc import Callable, Iterable
 from dataclasses import asdict, dataclass
 from typing import Any, Final
 
-from mkdaemon.bench.boardport import Socket
 from mkdaemon.bench.linkcases import Case
 from mkdaemon.bench.linksim import Witness
-from mkdaemon.bench.linkvirtual import SETTLE_S, Waits, configurations, steer_steadily, until_steerable
+from mkdaemon.bench.linkvirtual import Waits, configurations, met, steer_steadily
 from mkdaemon.bench.virtualloop import run_virtually
-from mkdaemon.config.link import LinkConfig
 from mkdaemon.config.sim import SimConfig
 from mkdaemon.link.health import PROBE_TIMEOUT_S
-from mkdaemon.link.link import Link
 from mkdaemon.protocol.framing import Frame, FrameDecoder
 from mkdaemon.sim.boards.generations import FC_GENERATIONS
 
@@ -193,20 +190,13 @@ def prove(case: Case, seconds: float = PROOF_S) -> dict[str, Any]:
 
 async def _follow_all(case: Case, seconds: float) -> tuple[Account, Account | None]:
     sim, options = configurations(case)
-    tracer = Tracer(sim)
-    socket = Socket(lambda: tracer, seed=sim.seed)
+    tracer, sink = Tracer(sim), Waits()
     loop = asyncio.get_running_loop()
-    sink = Waits()
-    link = Link(LinkConfig(port="/dev/virtual", **options), sink, opener=socket.open, clock=loop.time)
-    running = asyncio.create_task(link.run())
-    await asyncio.sleep(SETTLE_S)
-    await until_steerable(link, case)
-    began = loop.time()
-    handed_in = await steer_steadily(link, case, seconds, sink)
-    ended = loop.time()
-    await asyncio.sleep(_TAIL_S)
-    running.cancel()
-    await asyncio.gather(running, return_exceptions=True)
+    async with met(case, tracer, options, sink) as link:
+        began = loop.time()
+        handed_in = await steer_steadily(link, case, seconds, sink)
+        ended = loop.time()
+        await asyncio.sleep(_TAIL_S)
     echo = echo_account(fate for fate in tracer.echoes if began <= fate.asked < ended)
     if not handed_in:
         return echo, None

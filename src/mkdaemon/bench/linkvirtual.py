@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable
+from collections.abc import AsyncIterator, Callable
+from contextlib import asynccontextmanager
 from typing import Any, Final
 
 from mkdaemon.bench.boardport import Socket
@@ -62,22 +63,30 @@ def play(case: Case, seconds: float) -> dict[str, Any]:
     return run_virtually(_play(case, seconds))
 
 
-async def _play(case: Case, seconds: float) -> dict[str, Any]:
-    sim, options = configurations(case)
-    witness = Witness(sim)
-    socket = Socket(lambda: witness, seed=sim.seed)
+@asynccontextmanager
+async def met(case: Case, witness: Witness, options: dict[str, Any], sink: Waits) -> AsyncIterator[Link]:
+    """A running link that has met the boards of a case, in the time of the running loop."""
+    socket = Socket(lambda: witness, seed=0)
     loop = asyncio.get_running_loop()
-    sink = Waits()
     link = Link(LinkConfig(port="/dev/virtual", **options), sink, opener=socket.open, clock=loop.time)
     running = asyncio.create_task(link.run())
-    await asyncio.sleep(SETTLE_S)
-    await until_steerable(link, case)
-    before = link.health()
-    await steer_steadily(link, case, seconds, sink)
-    await asyncio.sleep(0.4)
-    after = link.health()
-    running.cancel()
-    await asyncio.gather(running, return_exceptions=True)
+    try:
+        await asyncio.sleep(SETTLE_S)
+        await until_steerable(link, case)
+        yield link
+    finally:
+        running.cancel()
+        await asyncio.gather(running, return_exceptions=True)
+
+
+async def _play(case: Case, seconds: float) -> dict[str, Any]:
+    sim, options = configurations(case)
+    witness, sink = Witness(sim), Waits()
+    async with met(case, witness, options, sink) as link:
+        before = link.health()
+        await steer_steadily(link, case, seconds, sink)
+        await asyncio.sleep(0.4)
+        after = link.health()
     channels = witness.channels()
     return {
         "exact_echo_loss": loss_between(before.echo, after.echo),
