@@ -59,7 +59,7 @@ def test_a_signal_while_it_starts_ends_it(stage, number):
         out, err = program.communicate()
         # A daemon that was quick enough to let telemetry flow makes it an ordinary end.
         assert program.returncode == (0 if "telemetry flowed" in out else 1 if "NOT flow" in out else 130), out + err
-        assert err == ""
+        assert own_words(err) == []
 
 
 @pytest.mark.flight
@@ -71,7 +71,12 @@ def test_a_daemon_that_dies_is_noticed():
         os.kill(*victim, signal.SIGKILL)
         _, err = program.communicate()
         assert program.returncode == 1
-        assert err == "mkdaemon: the daemon ended while it flew: exit code -9\n"
+        assert own_words(err) == ["mkdaemon: the daemon ended while it flew: exit code -9"]
+
+
+def own_words(err):
+    """What the demo said; asyncio notes a child that was asked to end twice and whose exit code came in between."""
+    return [line for line in err.splitlines() if not line.startswith("Unknown child process")]
 
 
 def started_demo():
