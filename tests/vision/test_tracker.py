@@ -181,3 +181,24 @@ def test_a_wrong_tag_size_shows_as_contradiction_between_nested_tags(tmp_path):
     for found in result.poses:
         # Whatever is published says itself that the print does not match.
         assert found.pose.inliers < honest.pose.inliers
+
+
+@pytest.mark.parametrize("name", ["single", "nested"])
+def test_without_attitude_a_far_blurred_target_is_refused_until_its_images_decide(name):
+    """One image of it does not tell a pose from its mirror image, five do; then it stays decided."""
+    target = shipped(name)
+    follower = Tracker(TagMap((target,)), VGA, None)
+    posed = []
+    for k in range(12):
+        view = View(target, place(4.6, 0.16 + 0.002 * k), replace(Conditions(), defocus_px=3.0))
+        result = follower.update(view.image(k / 30, k))
+        found = result.pose_of("pad")
+        posed.append(found is not None)
+        if found is None:
+            assert result.refused == (("pad", "ambiguous"),)
+        else:
+            assert found.decided_by == "track"
+            assert angle_deg(found.pose.rotation, view.rotation) < 2.0
+            assert np.linalg.norm(found.pose.position - view.position) < 0.05
+    assert not any(posed[:3])
+    assert all(posed[6:])

@@ -31,6 +31,10 @@ BLIND_RMS_PX = 0.5
 MAX_POSITION_SD = (0.0125, 0.0025)
 """Largest standard deviation that is published: metres, or this share of the range where that is more; four sd of the
 first are a wrong pose of 5 cm."""
+WIDE_PX = 3.0
+"""Width of an edge from which its place depends on what the blur looks like [px]."""
+WIDE_FACTOR = 1.7
+"""On the deviation of a position from such edges: one NEES in twenty is above 4.4 in blurred images beyond 3 m."""
 
 BLIND_GREY_RMS_PX = 0.15
 """The same for photometric fits, in pixels of edge shift: motion blur, which they do not model, shows here [px]."""
@@ -145,6 +149,8 @@ def certainty_fault(pose: Pose, *, has_attitude: bool, is_plain: bool = False, i
     if not np.isfinite(variance) or variance > (MAX_ANGLE_SD if has_attitude else BLIND_ANGLE_SD) ** 2:
         return "angle_uncertain"
     spread = float(np.sqrt(largest_variance(pose.covariance[:3, :3])))
+    if pose.source == "edges" and pose.blur_px is not None and pose.blur_px > WIDE_PX:
+        spread *= WIDE_FACTOR
     if spread > max(MAX_POSITION_SD[0], MAX_POSITION_SD[1] * pose.range_m):
         return "position_uncertain"
     return ""

@@ -30,7 +30,8 @@ IMAGE_DECIDES_PX = 24.0
 BLURRED_PX = 3.5
 """Width of an edge from which perspective drowns in blur [px]."""
 COLD_INLIERS = 0.9
-"""Share of agreeing points asked of a first pose without attitude: a border faked by an occluder leaves fewer."""
+"""Share of agreeing points asked of a pose that neither attitude nor inertia backs: an occluder's edge that fakes a
+border leaves fewer."""
 ODD_RMS = 1.7
 """Residual over its usual value from which a small tag is not believed without attitude."""
 HARMLESS = float(np.radians(2.0))
@@ -138,8 +139,10 @@ class Judge:
         if branches.best.missed or surprise > SURPRISING:
             return fused, "off_course"
         self.backed = prior is not None and prior.angle_sd < BACKING_SD and surprise < EXPECTED
-        odd = "" if self.backed else self._residual_fault(fused)
         is_plain = self.backed or self._is_plain(seen, fused)
+        if not is_plain and chosen.source == "edges" and chosen.inliers < COLD_INLIERS:
+            return fused, "inliers"
+        odd = "" if self.backed else self._residual_fault(fused)
         return fused, odd or certainty_fault(fused, has_attitude=False, is_plain=is_plain, is_backed=self.backed)
 
     def _candidates(self, seen: Sight, pose: Pose) -> list[Pose]:
