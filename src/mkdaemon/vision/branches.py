@@ -39,6 +39,8 @@ SEEN_OFTEN = 5
 """Images a decision by gathered odds needs besides: two smeared ones may agree on nonsense."""
 SAME_DIRECTION = np.radians(3.5)
 """Branches that see the target from directions this close are one answer, with the doubt in its covariance [rad]."""
+OVERRULED = 0.5
+"""Log odds of the newest image against a pose from which the images before do not get it published."""
 KEPT = 3
 
 
@@ -52,6 +54,7 @@ class Branch:
         pose: the candidate of the newest image that belongs to it.
         weight: log odds against the best branch, zero or less.
         missed: whether no candidate belongs to it; `pose` is the nearest.
+        against: what the newest image says for another candidate than `pose`, in log odds.
     """
 
     course: Course
@@ -59,6 +62,7 @@ class Branch:
     pose: Pose
     weight: float
     missed: bool = False
+    against: float = 0.0
 
     def next(self, time: float, candidates: Sequence[Pose]) -> list[Branch]:
         """Everything that may have become of this branch in a new image."""
@@ -69,8 +73,9 @@ class Branch:
         for pose, cost in zip(candidates, costs, strict=True):
             leaps = cost > JUMP_ODDS
             course = Course.begin(time, pose, prior.psd) if leaps else prior.corrected(pose)
-            weight = self.weight - _evidence(likeliest, pose) - min(cost, JUMP_ODDS)
-            found.append(Branch(course, prior, pose, weight))
+            against = _evidence(likeliest, pose)
+            weight = self.weight - against - min(cost, JUMP_ODDS)
+            found.append(Branch(course, prior, pose, weight, against=against))
         nearest = candidates[int(np.argmin(costs))]
         return [*found, Branch(prior, prior, nearest, self.weight - MISS_ODDS, missed=True)]
 

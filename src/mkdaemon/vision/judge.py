@@ -11,7 +11,7 @@ import numpy.typing as npt
 from mkdaemon.config.vision import TrackerSection
 from mkdaemon.vision.ambiguity import SAME_POSE, Choice, choose
 from mkdaemon.vision.attitude import Mounting, fuse_level, tilt_error
-from mkdaemon.vision.branches import Branches
+from mkdaemon.vision.branches import OVERRULED, Branches
 from mkdaemon.vision.edgefit import Level
 from mkdaemon.vision.fitting import TargetFitter
 from mkdaemon.vision.gates import BLIND_GREY_RMS_PX, certainty_fault, fit_fault, innovation_fault
@@ -128,7 +128,7 @@ class Judge:
         self.track.branches = branches
         self.backed = False
         chosen, prior = branches.best.pose, branches.best.prior
-        if not branches.is_decided:
+        if not branches.is_decided or branches.best.against > OVERRULED:
             return chosen, "ambiguous"
         fused = prior.fused(chosen) if prior is not None else chosen
         covariance = fused.covariance.copy()
