@@ -235,8 +235,9 @@ class Judge:
                 return "inliers"
         if not known and choice.pose.source == "edges" and self._is_smeared(choice.pose):
             return "blurred"
-        if choice.decided_by == "unique":
-            # Both starts may have run into one of two minima: the mirrored pose of a small tag is asked for by name.
+        if choice.decided_by in ("unique", "image"):
+            # Both starts may have run into one minimum, or one of them into none: the mirrored pose of a small tag is
+            # asked for by name.
             settled = self._settle_mirror(seen, choice.pose)
             if settled is None:
                 return "ambiguous"
