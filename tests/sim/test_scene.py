@@ -209,3 +209,12 @@ def test_a_print_seen_from_behind_is_not_there() -> None:
 def test_rotation_from_vector_is_rodrigues() -> None:
     vector = np.array([0.3, -0.8, 0.4])
     np.testing.assert_allclose(rotation_from_vector(vector), cv2.Rodrigues(vector)[0], atol=1e-12)
+
+
+def test_a_glare_that_reaches_behind_the_camera_is_left_out():
+    """Seen along the ground its middle may lie before the camera and its rim behind."""
+    forward = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
+    view = CameraView(PINHOLE, forward, np.array([0.0, 0.0, 0.5]))
+    scene = Scene([SINGLE], seed=3, fine=False)
+    across = replace(CLEAN, glare=(Glare((0.1, 0.0), -0.3),))
+    assert np.array_equal(scene.render(view, across), scene.render(view, CLEAN))

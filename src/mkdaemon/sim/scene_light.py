@@ -126,8 +126,8 @@ def shade(image: Image32, shadow: Shadow, rays: RayGrid, plane_from_ray: Array) 
 
 
 def add_glare(image: Image32, glare: Glare, centre_px: Array, radius_px: float) -> None:
-    """Add one highlight in place; its profile is a Gaussian, clipped by the sensor."""
-    if not np.isfinite(centre_px).all() or radius_px <= 0.0:
+    """Add one highlight in place; its profile is a Gaussian, clipped by the sensor. None where it is not in front."""
+    if not np.isfinite([*centre_px, radius_px]).all() or radius_px <= 0.0:
         return
     height, width = image.shape
     sigma = radius_px / np.sqrt(2 * np.log(2))
