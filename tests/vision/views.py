@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from mkdaemon.sim.scene import Scene, SceneTarget, cam_from_target, true_corners
+from mkdaemon.sim.scene_ground import Ground
 from mkdaemon.sim.scene_light import Conditions
 from mkdaemon.sim.scene_motion import Platform
 from mkdaemon.sim.scene_view import CameraView
@@ -26,10 +27,16 @@ def shipped(name: str) -> Target:
     return load([CONFIGS / f"{name}.toml"]).targets[0]
 
 
+@lru_cache(maxsize=1)
+def asphalt() -> Ground:
+    return Ground("asphalt", 11)
+
+
 @lru_cache(maxsize=8)
 def scene(target: Target) -> tuple[Scene, SceneTarget]:
+    """A scene for one test: its noise goes on from image to image, and starts anew for every test (`conftest`)."""
     placed = SceneTarget.of(target, Platform())
-    return Scene([placed], ground="asphalt", seed=11, fine=False), placed
+    return Scene([placed], ground=asphalt(), seed=11, fine=False), placed
 
 
 def place(distance: float, tilt: float, around: float = 0.3, roll: float = 0.0) -> CameraView:
