@@ -14,7 +14,9 @@ from mkdaemon.sim.scene import Scene, SceneTarget, cam_from_target
 from mkdaemon.sim.scene_light import Conditions
 from mkdaemon.sim.scene_motion import Platform
 from mkdaemon.vision.attitude import LOOKING_DOWN, AttitudeHistory, AttitudeSample
+from mkdaemon.vision.gates import certainty_fault
 from mkdaemon.vision.image import CameraImage
+from mkdaemon.vision.judge import Sight
 from mkdaemon.vision.pose import FLOOR_ANGLE, FLOOR_RANGE
 from mkdaemon.vision.tagmap import TagMap, load
 from mkdaemon.vision.tracker import Tracker
@@ -202,3 +204,20 @@ def test_without_attitude_a_far_blurred_target_is_refused_until_its_images_decid
             assert np.linalg.norm(found.pose.position - view.position) < 0.05
     assert not any(posed[:3])
     assert all(posed[6:])
+
+
+def test_with_attitude_inertia_helps_an_uncertain_pose_that_agrees_with_it():
+    follower = tracker("single")
+    for k in range(14):
+        view = View(shipped("single"), place(4.2 + 0.01 * k, 0.3, around=0.3 + 0.004 * k))
+        found = follower.update(view.image(k / 30, k), attitude_of(view)).pose_of("pad")
+    assert found is not None
+    judge = follower._judges["pad"]
+    seen = Sight(view.pixels, 13 / 30 + 0.001, attitude_of(view).at(0.0, 1.0))
+    vague = replace(found.pose, covariance=found.pose.covariance + np.diag([1e-5, 1e-5, 4e-4, 1e-4, 1e-4, 1e-4]))
+    assert certainty_fault(vague, has_attitude=True) == "position_uncertain"
+    helped, fault = judge._helped(seen, vague)
+    assert fault == ""
+    assert np.linalg.norm(helped.position - view.position) < 0.01
+    elsewhere = replace(vague, position=vague.position * 1.03)
+    assert judge._helped(seen, elsewhere) == (elsewhere, "position_uncertain")

@@ -48,9 +48,10 @@ class SeedSet(StrEnum):
     def base(self) -> int:
         """First seed; the sets are millions apart and no campaign uses that many.
 
-        Seeds from 3,000,000 extend the development set, those from 7,000,000 were reported once and then looked at.
+        Seeds from 3,000,000 extend the development set, those from 7,000,000 and 11,000,000 were reported once and
+        then looked at.
         """
-        return 0 if self is SeedSet.DEVELOPMENT else 11_000_000
+        return 0 if self is SeedSet.DEVELOPMENT else 13_000_000
 
 
 @lru_cache(maxsize=4)

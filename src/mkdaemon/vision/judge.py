@@ -88,16 +88,35 @@ class Judge:
         if pose is not None and not fault:
             if self.tilt(seen, pose) is None:
                 return self._weigh(seen, pose, predicted)
-            self.track.branches = None
-            fused = self.fused(seen, pose)
-            return fused, certainty_fault(fused, has_attitude=True)
+            return self._upheld(seen, self.fused(seen, pose))
         level = self._level(seen)
         if level is not None:
             # A free fit may follow something lying over the target: hold the tilt and try again.
             held = self.fitter.refine_level(seen.pixels, replace(start, rotation=predicted.rotation), level)
             if held is not None and not self._hard_fault(seen, held, predicted):
-                return held, certainty_fault(held, has_attitude=True)
+                return self._helped(seen, held)
         return fault
+
+    def _upheld(self, seen: Sight, pose: Pose) -> tuple[Pose, str]:
+        """Judge a fit that agrees with the attitude, and carry the course on with it."""
+        before = self.track.branches
+        branches = before.after(seen.time, [pose]) if before is not None and before.is_decided else None
+        helped = self._helped(seen, pose)
+        if branches is None or branches.best.missed:
+            branches = self.begun(seen, [pose], decided=True)
+        self.track.branches = branches
+        return helped
+
+    def _helped(self, seen: Sight, pose: Pose) -> tuple[Pose, str]:
+        """A pose the attitude agrees with and why it must not be published; inertia helps uncertain ones."""
+        fault, before = certainty_fault(pose, has_attitude=True), self.track.branches
+        if not fault or before is None or not before.is_decided:
+            return pose, fault
+        prior = before.best.course.ahead(seen.time)
+        if prior.angle_sd > BACKING_SD or prior.surprise(pose, 1.0) > EXPECTED:
+            return pose, fault
+        helped = prior.fused(pose)
+        return helped, certainty_fault(helped, has_attitude=True)
 
     def _weigh(self, seen: Sight, pose: Pose, predicted: Pose) -> tuple[Pose, str] | str:
         """Judge a fit without attitude, by its mirror image, the images before and the vehicle's inertia."""
