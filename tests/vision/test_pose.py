@@ -9,9 +9,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mkdaemon.sim.scene_light import Conditions
+from mkdaemon.sim.scene_light import Conditions, Glare
 from mkdaemon.vision.detector import Detector
 from mkdaemon.vision.edgefit import EdgeFit, EdgeModel, Level
+from mkdaemon.vision.gates import BitModel
 from mkdaemon.vision.intrinsics import Intrinsics
 from mkdaemon.vision.photofit import PhotoFit
 from mkdaemon.vision.pose import FLOOR_RANGE, Pose, inverse, largest_variance, solve, turn, with_floor
@@ -266,3 +267,27 @@ def test_covariance_is_honest():
         error = fitted.position - view.position
         values.append(error @ np.linalg.solve(fitted.covariance[:3, :3], error) / 3)
     assert 0.4 < np.mean(values) < 2.0
+
+
+def test_what_a_highlight_hides_speaks_neither_for_a_pose_nor_against_it():
+    """A glare on the inner tag of a near target hides half of all edges and cells; the border is seen as ever."""
+    target = shipped("nested")
+    spot = Conditions(glare=(Glare((0.0, 0.0), 0.05),))
+    view = View(target, place(0.55, 0.15), spot)
+    start = Pose(view.rotation, view.position, np.eye(6) * 1e-8, "corners", 4, 0.1)
+    found = EdgeFit(target, PROJECTION).fit(view.pixels, start)
+    assert found is not None
+    assert found.inliers > 0.6
+    assert np.linalg.norm(found.position - view.position) < 0.003
+    bits = BitModel(target, PROJECTION)
+    assert (bits.correlation(view.pixels, found) or 0.0) > 0.9
+    beside = replace(found, position=found.position + np.array([0.02, 0.0, 0.0]))
+    assert (bits.correlation(view.pixels, beside) or 0.0) < 0.7
+
+
+def test_in_a_blown_image_a_missing_edge_speaks_against_a_pose():
+    target = shipped("nested")
+    view = View(target, place(0.8, 0.15), Conditions(exposure=6.0))
+    aside = Pose(view.rotation, view.position + np.array([0.02, 0.0, 0.0]), np.eye(6) * 1e-8, "corners", 4, 0.1)
+    found = EdgeFit(target, PROJECTION).fit(view.pixels, aside, iterations=1)
+    assert found is None or found.inliers < 0.6

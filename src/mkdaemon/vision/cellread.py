@@ -13,6 +13,8 @@ from mkdaemon.vision.tagfamily import cells
 Array = npt.NDArray[np.float64]
 Grey = npt.NDArray[np.uint8]
 
+SATURATED = 253
+"""Grey value from which a pixel may have been anything."""
 QUIET_MIN_SHARE = 0.5
 """A side is quiet when this share of its outer samples is nearer to the local white than to the local black."""
 

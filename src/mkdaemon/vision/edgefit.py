@@ -9,12 +9,13 @@ Source: model-edge tracking, Drummond and Cipolla, PAMI 24(7), 2002; Tukey weigh
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 
 import cv2
 import numpy as np
 import numpy.typing as npt
 
+from mkdaemon.vision.cellread import SATURATED
 from mkdaemon.vision.pose import Pose, median, turn
 from mkdaemon.vision.projection import NEAR_M, Projection
 from mkdaemon.vision.tagmap import Tag, Target
@@ -41,6 +42,8 @@ LOCATED_PX = 0.3
 """Error of a located edge in a bad image, against which prior knowledge is weighed [px]."""
 SHARP_PX = 1.75
 """Half width of an edge in focus and at rest [px]."""
+GLARE_PX = 2.0
+"""How far beside an edge a highlight has to reach to hide it [px]."""
 MISSED_PX = 0.6
 """What a sample that found no edge, or a wrong one, costs when rival poses are compared [px]."""
 SHARPEST_PX = 0.02
@@ -212,6 +215,7 @@ class EdgeFit:
             samples = self._project(pixels.shape, rotation, position, reach, projection)
             if samples is None:
                 return None
+            samples = _unglared(pixels, samples)
             offsets, good, width = _locate(pixels, samples)
             if int(good.sum()) < 12:
                 return None
@@ -281,6 +285,21 @@ def _with_stretch(
     matrix[:6, :6], right[:6] = pull
     matrix[6, 6], right[6] = weight, -weight * stretch
     return replace(samples, jacobian=np.column_stack([samples.jacobian, column])), (matrix, right)
+
+
+def _unglared(pixels: Grey, samples: _Samples) -> _Samples:
+    """Leave out what lies wholly in a highlight: nothing is seen there, for a pose or against it.
+
+    Where the paper itself is blown everything stays: a missing edge speaks against a pose then as ever.
+    """
+    near = np.minimum(samples.reach, GLARE_PX)[:, None] * samples.normals
+    columns, rows = np.rint(np.stack([samples.pixels - near, samples.pixels, samples.pixels + near])).astype(np.intp).T
+    grey = pixels[rows, columns] >= SATURATED
+    blind = grey.all(axis=1)
+    if not bool(blind.any()) or float(grey[~blind, 2].mean() if not bool(blind.all()) else 1.0) > 0.5:
+        return samples
+    seeing = ~blind
+    return _Samples(*(getattr(samples, part.name)[seeing] for part in fields(samples)))
 
 
 def _locate(pixels: Grey, samples: _Samples) -> tuple[Array, npt.NDArray[np.bool_], float]:

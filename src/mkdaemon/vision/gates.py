@@ -6,7 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 from mkdaemon.config.vision import TrackerSection
-from mkdaemon.vision.cellread import sample
+from mkdaemon.vision.cellread import SATURATED, sample
 from mkdaemon.vision.edgefit import covered
 from mkdaemon.vision.pose import Pose, angle_between, correlation, largest_variance
 from mkdaemon.vision.projection import Projection
@@ -18,6 +18,8 @@ Grey = npt.NDArray[np.uint8]
 MIN_CELL_PX = 2.5
 """Cells smaller than this carry no bit evidence [px]."""
 MIN_CELLS = 16
+PAPER_SHARE = 0.2
+"""Share of the white cells that has to be below that for the others to lie in a highlight."""
 MAX_ANGLE_SD = np.radians(1.25)
 """A pose less certain than this is not published: four sd would be a wrong pose of 5 degrees [rad]."""
 BLIND_INLIERS = 0.6
@@ -96,10 +98,16 @@ class BitModel:
         depth = np.where(seen[:, 2] > 1e-6, seen[:, 2], 1.0)
         visible &= (uv[:, 0] > 1) & (uv[:, 1] > 1) & (uv[:, 0] < width - 2) & (uv[:, 1] < height - 2)
         visible &= self._size * float(self._projection.focal[0]) > MIN_CELL_PX * depth
-        if int(visible.sum()) < MIN_CELLS:
+        if not bool(visible.any()):
             return None
         grey = np.zeros(len(uv))
         grey[visible] = sample(pixels, uv[visible])
+        white = visible & (self._bright > 0)
+        if float((grey[white] < SATURATED).mean() if bool(white.any()) else 0.0) > PAPER_SHARE:
+            # The paper is not blown: what is, lies in a highlight and says nothing about the cells below it.
+            visible &= grey < SATURATED
+        if int(visible.sum()) < MIN_CELLS:
+            return None
         known = self._bright[visible]
         if bool((known > 0).all()) or bool((known < 0).all()):
             return None

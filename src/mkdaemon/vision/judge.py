@@ -34,6 +34,8 @@ COLD_INLIERS = 0.9
 border leaves fewer."""
 ODD_RMS = 1.7
 """Residual over its usual value from which a small tag is not believed without attitude."""
+ODD_LEVEL_RMS = 5.0
+"""The same beside an attitude, which leaves the range and the heading to the image."""
 HARMLESS = float(np.radians(2.0))
 """Rivals this close are published as one pose with the doubt in its covariance [rad]."""
 GREY_PX = 8.0
@@ -109,6 +111,9 @@ class Judge:
 
     def _helped(self, seen: Sight, pose: Pose) -> tuple[Pose, str]:
         """A pose the attitude agrees with and why it must not be published; inertia helps uncertain ones."""
+        odd = self._residual_fault(pose, ODD_LEVEL_RMS)
+        if odd:
+            return pose, odd
         fault, before = certainty_fault(pose, has_attitude=True), self.track.branches
         if not fault or before is None or not before.is_decided:
             return pose, fault
@@ -308,10 +313,10 @@ class Judge:
         bits = self.fitter.match(seen.pixels, pose) if self._cell_px(pose) > IMAGE_DECIDES_PX else None
         return bits is not None and bits >= LATE_BITS
 
-    def _residual_fault(self, pose: Pose) -> str:
+    def _residual_fault(self, pose: Pose, times: float = ODD_RMS) -> str:
         """A small tag that suddenly fits much worse than before has slipped into a wrong place that looks alike."""
         usual = self.track.usual_rms
-        odd = usual is not None and pose.source == "edges" and pose.rms_px > ODD_RMS * usual + 0.01
+        odd = usual is not None and pose.source == "edges" and pose.rms_px > times * usual + 0.01
         return "residual" if odd and self._cell_px(pose) < IMAGE_DECIDES_PX / 2 else ""
 
     def tilt(self, seen: Sight, pose: Pose) -> float | None:
