@@ -120,7 +120,8 @@ class Judge:
         prior = before.best.course.ahead(seen.time)
         if prior.angle_sd > BACKING_SD or prior.surprise(pose, 1.0) > EXPECTED:
             return pose, fault
-        helped = prior.fused(pose)
+        # Where points disagree, the others are less certain than they say.
+        helped = prior.fused(replace(pose, covariance=pose.covariance / pose.inliers**4))
         return helped, certainty_fault(helped, has_attitude=True)
 
     def _weigh(self, seen: Sight, pose: Pose, predicted: Pose) -> tuple[Pose, str] | str:
