@@ -13,23 +13,23 @@ test: venv
 	$(BIN)/pytest -n 2 --dist loadfile
 
 check: venv
-	$(BIN)/ruff check src tests
-	$(BIN)/ruff format --check src tests
+	$(BIN)/ruff check src lab tools tests
+	$(BIN)/ruff format --check src lab tools tests
 	$(BIN)/mypy
 	$(BIN)/lint-imports
-	$(BIN)/mkdaemon docs --check
+	$(BIN)/python -m tools.docs --check
 
 bench: venv
-	$(BIN)/mkdaemon bench protocol --json
-	$(BIN)/mkdaemon bench link --json
-	$(BIN)/mkdaemon bench stories --json
-	$(BIN)/mkdaemon bench vision --quick --json
+	$(BIN)/python -m lab protocol --json
+	$(BIN)/python -m lab link --json
+	$(BIN)/python -m lab stories --json
+	$(BIN)/python -m lab vision --quick --json
 
 figures: venv
-	$(BIN)/mkdaemon bench figures
+	$(BIN)/python -m lab figures
 
 docs: venv
-	$(BIN)/mkdaemon docs
+	$(BIN)/python -m tools.docs
 
 venv: $(STAMP)
 

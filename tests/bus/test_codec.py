@@ -15,11 +15,11 @@ from mkdaemon.bus.keys import KEYS, Use, find, key, roots, suffix_of
 from mkdaemon.bus.schema import schema_json, schema_names
 from mkdaemon.errors import CommandRejectedError
 from mkdaemon.protocol.messages import EchoRequest, OsdData5
-from mkdaemon.service.keys_page import keys_page
 from mkdaemon.telemetry.command import LeaseRequest, RateRequest
 from mkdaemon.telemetry.link import LinkCondition, LinkState
 from mkdaemon.telemetry.setpoint import StickSetpoint
 from mkdaemon.telemetry.traffic import FrameSample
+from tools.keys_page import keys_page
 
 STATE = LinkState(
     condition=LinkCondition.UP, reason="", since_s=1, stamp_s=2, port="x", baud=57600, hears_board=True,

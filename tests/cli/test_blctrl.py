@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import pytest
 
-from mkdaemon.cli.blctrl import configure
+from mkdaemon.cli.mkctl.blctrl import configure
 from mkdaemon.protocol.flags import MotorControllerBits, MotorControllerItems
 from mkdaemon.protocol.messages import MotorController
 from mkdaemon.protocol.messages.blctrl import motor_controller_checksum

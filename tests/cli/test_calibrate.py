@@ -1,4 +1,4 @@
-"""`mkctl calibrate camera` from rendered pictures: a file comes out, poor ones are refused, mistakes are one line."""
+"""`mkdaemon calibrate camera` from rendered pictures: a file, poor ones refused, mistakes in one line."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ from pathlib import Path
 import cv2
 import pytest
 
-from mkdaemon.cli.app import app
+from mkdaemon.cli.mkctl.app import app
 from mkdaemon.cli.program import EXIT_CONFIG, EXIT_FAILURE, EXIT_OK, run
-from mkdaemon.sim.scene_print import board_layer
-from mkdaemon.vision.calibration_board import CharucoBoard
-from mkdaemon.vision.calibration_views import LiveViews
-from mkdaemon.vision.camera_file import load_camera
+from mkdaemon.sim.scene.print import board_layer
+from mkdaemon.vision.calibrate.board import CharucoBoard
+from mkdaemon.vision.calibrate.views import LiveViews
+from mkdaemon.vision.camera.calibration_file import load_camera
 
 from ..vision.boardviews import LENS, PLACES, board_views
 

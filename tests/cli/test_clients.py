@@ -10,9 +10,9 @@ from contextlib import asynccontextmanager
 
 import pytest
 
-from mkdaemon.cli.app import app
+from mkdaemon.cli.mkctl.app import app
+from mkdaemon.cli.mkctl.rate import read_interval
 from mkdaemon.cli.program import run
-from mkdaemon.cli.rate import read_interval
 from mkdaemon.errors import ConfigError
 from tests.cli.starvation import PATIENCE as STARVATION
 from tests.cli.starvation import is_starved
@@ -46,7 +46,7 @@ class Shell:
 
     async def _run(self, *arguments):
         process = await asyncio.create_subprocess_exec(
-            sys.executable, "-m", "mkdaemon.cli.app", *arguments,
+            sys.executable, "-m", "mkdaemon.cli.mkctl.app", *arguments,
             stdout=asyncio.subprocess.PIPE, stderr=asyncio.subprocess.PIPE, env=self._environment,
         )  # fmt: skip
         out, err = await process.communicate()

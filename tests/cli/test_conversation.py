@@ -6,9 +6,9 @@ from typing import Any
 
 import pytest
 
-from mkdaemon.cli.conversation import converse, read_reply, request
-from mkdaemon.cli.session import Answer
-from mkdaemon.cli.waypoints import _guarded
+from mkdaemon.cli.mkctl.conversation import converse, read_reply, request
+from mkdaemon.cli.mkctl.waypoints import _guarded
+from mkdaemon.client.session import Answer
 from mkdaemon.errors import CommandRejectedError, MkError, ProtocolError
 from mkdaemon.protocol.messages import SettingsRequest, VersionRequest
 from mkdaemon.protocol.procedures import Patience, Procedure

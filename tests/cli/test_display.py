@@ -1,6 +1,6 @@
 from __future__ import annotations
 
-from mkdaemon.cli.display import KEYS, QUIT, frame_of, lines_of
+from mkdaemon.cli.mkctl.display import KEYS, QUIT, frame_of, lines_of
 from mkdaemon.protocol.flags import MenuKey
 
 

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mkdaemon.cli.mixer import from_toml, to_toml
+from mkdaemon.cli.mkctl.mixer import from_toml, to_toml
 from mkdaemon.errors import ConfigError
 
 QUADRO = (64, 64, 0, 64, 64, -64, 0, 64, 64, 0, -64, -64, 64, 0, 64, -64) + (0,) * 48

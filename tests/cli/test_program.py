@@ -12,14 +12,15 @@ from pathlib import Path
 import pytest
 from cyclopts import App
 
-from mkdaemon.cli import app as mkctl
+from lab.__main__ import CAMPAIGNS
+from lab.__main__ import app as lab_app
+from mkdaemon.cli.mkctl import app as mkctl
+from mkdaemon.cli.mkdaemon import app as mkdaemon
 from mkdaemon.cli.program import CommandEntry, build, run
 from mkdaemon.errors import CommandRejectedError, ConfigError, MkError
-from mkdaemon.service import app as mkdaemon
-from mkdaemon.service import bench
 
-MKDAEMON = [sys.executable, "-c", "from mkdaemon.entry import mkdaemon; mkdaemon()"]
-TABLES = [*mkctl.COMMANDS, *mkdaemon.COMMANDS, *bench.BENCHMARKS]
+MKDAEMON = [sys.executable, "-c", "from mkdaemon.cli.entry import mkdaemon; mkdaemon()"]
+TABLES = [*mkctl.COMMANDS, *mkdaemon.COMMANDS, *CAMPAIGNS]
 
 
 def piped(*arguments):
@@ -48,8 +49,8 @@ def test_help_lists_every_command_without_importing_one(program, capsys):
 @pytest.mark.parametrize("entry", TABLES, ids=lambda entry: entry.target)
 def test_every_command_has_a_help_without_clutter(entry, capsys):
     program = mkctl if entry in mkctl.COMMANDS else mkdaemon
-    words = ["bench", entry.name] if entry in bench.BENCHMARKS else [entry.name]
-    assert run(program.app, [*words, "--help"]) == 0
+    app = lab_app if entry in CAMPAIGNS else program.app
+    assert run(app, [entry.name, "--help"]) == 0
     out = capsys.readouterr().out
     assert "Usage: " in out
     assert "--no-" not in out
@@ -104,7 +105,6 @@ def test_exit_codes_of_commands_pass_through():
         (["run", "--prot", "x"], "Did you mean --port?", "mkdaemon run --help"),
         (["run", "--log", "loud"], '"loud" for --log', "mkdaemon run --help"),
         (["decode"], "FILE", "mkdaemon decode --help"),
-        (["bench", "fast"], 'Unknown command "fast"', "mkdaemon bench --help"),
     ],
 )
 def test_wrong_usage_is_one_line_and_exit_code_2(tokens, says, points_to, capsys):
@@ -133,10 +133,10 @@ def test_a_reader_that_has_seen_enough_is_no_error():
 def test_an_interrupt_while_importing_is_silent():
     # The import of the program is what takes long; here it never ends.
     code = (
-        "import os, signal, sys, types, mkdaemon.entry as entry\n"
+        "import os, signal, sys, types, mkdaemon.cli.entry as entry\n"
         "class Slow(types.ModuleType):\n"
         "    def __getattr__(self, name): os.kill(os.getpid(), signal.SIGINT); raise AssertionError('still here')\n"
-        "sys.modules['mkdaemon.service.app'] = Slow('slow')\n"
+        "sys.modules['mkdaemon.cli.mkdaemon.app'] = Slow('slow')\n"
         "entry.mkdaemon()"
     )
     ended = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)

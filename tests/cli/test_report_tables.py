@@ -12,10 +12,10 @@ from typing import NamedTuple
 import pytest
 
 import mkdaemon.protocol.messages as m
-from mkdaemon.bench.grounded import GroundedAircraft
-from mkdaemon.bench.virtualline import Noise, VirtualLine
-from mkdaemon.cli.conversation import read_reply
-from mkdaemon.cli.send import FORMS
+from lab.rigs.grounded import GroundedAircraft
+from lab.rigs.virtualline import Noise, VirtualLine
+from mkdaemon.cli.mkctl.conversation import read_reply
+from mkdaemon.cli.mkctl.send import FORMS
 from mkdaemon.protocol.flags import ControlConfig, MotorControllerItems, NaviParameterId, PositionStatus, RedirectPort
 from mkdaemon.protocol.messages.blctrl import motor_controller_checksum
 from mkdaemon.protocol.procedures.steps import Patience, Pause, Procedure, ask

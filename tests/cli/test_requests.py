@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from mkdaemon.cli.requests import request_forms
-from mkdaemon.cli.send import describe_reply
+from mkdaemon.cli.mkctl.requests import request_forms
+from mkdaemon.cli.mkctl.send import describe_reply
 from mkdaemon.errors import ConfigError
 from mkdaemon.protocol.flags import MotorControllerItems
 from mkdaemon.protocol.messages import ErrorText, MotorController, Settings

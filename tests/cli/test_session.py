@@ -10,7 +10,7 @@ import zenoh
 
 from mkdaemon.bus.gateway import Bus
 from mkdaemon.bus.session import session_config
-from mkdaemon.cli.session import Client, Connection
+from mkdaemon.client.session import Client, Connection
 from mkdaemon.config.bus import BusConfig
 from mkdaemon.errors import MkError
 from mkdaemon.telemetry.command import CommandResult, Status

@@ -10,10 +10,10 @@ from pathlib import Path
 
 import pytest
 
-import mkdaemon.cli.settings as command
-from mkdaemon.cli.app import app
+import mkdaemon.cli.mkctl.settings as command
+from mkdaemon.cli.mkctl.app import app
+from mkdaemon.cli.mkctl.settings_files import read_sets
 from mkdaemon.cli.program import EXIT_CONFIG, EXIT_FAILURE, EXIT_OK, run
-from mkdaemon.cli.settings_files import read_sets
 from mkdaemon.errors import ConfigError
 from mkdaemon.protocol.procedures import Patience
 from mkdaemon.protocol.procedures.steps import Pause

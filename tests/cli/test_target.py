@@ -1,4 +1,4 @@
-"""`mkctl target`: prints from files, tags and boards; mistakes are one line."""
+"""`mkdaemon target`: prints from files, tags and boards; mistakes are one line."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mkdaemon.cli.app import app
+from mkdaemon.cli.mkctl.app import app
 from mkdaemon.cli.program import EXIT_CONFIG, EXIT_OK, run
-from mkdaemon.vision.tagmap import load
+from mkdaemon.vision.tags.tagmap import load
 
 ROOT = Path(__file__).resolve().parents[2]
 

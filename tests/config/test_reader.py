@@ -44,7 +44,7 @@ MISTAKES = [
     ("[link]\nrates = 'fast'\n", r"link\.rates: 'auto' or 'off' or a table \{ \.\.\. \} is needed, not \"fast\"$"),
     ("[link]\nrates = {osd = 5}\n", r"x\.toml:2: link\.rates\.osd: must be at least 10, not 5$"),
     ("[link]\necho_hz = 99\n", r"x\.toml:2: link\.echo_hz: must be at most 50, not 99$"),
-    ("[link]\nreopen_min_s = 9\n", r"x\.toml:1: link: reopen_min_s 9 <= reopen_max_s 1 does not hold$"),
+    ("[link]\nreopen_min = 9\n", r"x\.toml:1: link: reopen_min 9 <= reopen_max 1 does not hold$"),
     ("[bus]\nlisten = 'tcp/1:2'\n", r'x\.toml:2: bus\.listen: an array \[ \.\.\. \] is needed, not "tcp/1:2"$'),
     ("[cameras]\nsource = 'x'\n", r"x\.toml:1: cameras: an array of tables \[\[cameras\]\] is needed$"),
     ("[[cameras]]\nsource='x'\n[[cameras]]\nname='b'\n", r"x\.toml:3: cameras\.1\.source: must be given$"),

@@ -11,7 +11,7 @@ from typing import Any
 import msgpack
 import zenoh
 
-from mkdaemon.cli.session import Client, Connection, Sample
+from mkdaemon.client.session import Client, Connection, Sample
 from mkdaemon.config.commands import CommandsConfig
 from mkdaemon.config.control import ControlConfig, LeaseConfig
 from mkdaemon.config.link import LinkConfig

@@ -14,7 +14,7 @@ PATIENCE = 120.0
 @contextmanager
 def mkdaemon(*arguments: str) -> Iterator[subprocess.Popen[str]]:
     """A running `mkdaemon`; killed at the end of the test if it has not ended by itself."""
-    command = [sys.executable, "-m", "mkdaemon.service.app", *arguments]
+    command = [sys.executable, "-m", "mkdaemon.cli.mkdaemon.app", *arguments]
     process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     try:
         yield process

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from mkdaemon.bench.stories_deaths import Death, fly_session
-from mkdaemon.bench.stories_rig import Boards
+from lab.rigs.cockpit import Boards
+from lab.stories.deaths import Death, fly_session
 from mkdaemon.config.control import ControlConfig
 from mkdaemon.control.authority import Authority
 from mkdaemon.telemetry.setpoint import StickSetpoint

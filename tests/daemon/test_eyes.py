@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from mkdaemon.bus.gateway import Bus
-from mkdaemon.cli.session import Client, Connection
+from mkdaemon.client.session import Client, Connection
 from mkdaemon.config.camera import CameraSection
 from mkdaemon.config.root import Config
 from mkdaemon.daemon.eyes import Eyes, open_eyes

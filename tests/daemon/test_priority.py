@@ -10,7 +10,7 @@ from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 
-from mkdaemon.daemon.priority import SWITCH_S, favour_loop, spare_collector, treat_loop_equally
+from mkdaemon.daemon.priority import SWITCH, favour_loop, spare_collector, treat_loop_equally
 
 pytestmark = pytest.mark.skipif(not hasattr(os, "sched_setscheduler"), reason="this system has no such call")
 
@@ -44,7 +44,7 @@ def test_only_the_thread_that_asks_is_favoured():
 
     in_a_thread(act)
     assert policy() == os.SCHED_OTHER
-    assert sys.getswitchinterval() == pytest.approx(SWITCH_S)
+    assert sys.getswitchinterval() == pytest.approx(SWITCH)
 
 
 def test_without_the_right_the_loop_stays_ordinary(monkeypatch):
@@ -53,7 +53,7 @@ def test_without_the_right_the_loop_stays_ordinary(monkeypatch):
 
     monkeypatch.setattr(os, "sched_setscheduler", refuse)
     assert favour_loop() is False
-    assert sys.getswitchinterval() == pytest.approx(SWITCH_S)
+    assert sys.getswitchinterval() == pytest.approx(SWITCH)
 
 
 def test_what_is_loaded_is_not_collected_again():

@@ -230,7 +230,7 @@ async def test_a_bare_redirection_comes_back_by_itself(desk, monkeypatch, port, 
         seen.append(("back", board))
 
     monkeypatch.setattr(requests, "redirected", passed)
-    monkeypatch.setattr(requests, "PASSAGE_S", 0.0)
+    monkeypatch.setattr(requests, "PASSAGE", 0.0)
     desk.line.who_answers = Board.NC
     result = await desk.ask("nc/redirect", {"port": port, "confirm": True})
     assert seen == [("to", end), ("back", end)]

@@ -8,12 +8,12 @@ from collections import Counter
 from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import asynccontextmanager
 
-from mkdaemon.bench.boardport import Socket
-from mkdaemon.bench.virtualloop import run_virtually
+from lab.rigs.boardport import Socket
+from lab.rigs.virtualloop import run_virtually
 from mkdaemon.config.link import LinkConfig
 from mkdaemon.config.sim import PilotPlan, SimConfig
 from mkdaemon.link.link import Link
-from mkdaemon.link.traffic import Lost, Received, Sent
+from mkdaemon.link.session.traffic import Lost, Received, Sent
 from mkdaemon.sim.simulation import Simulation
 from mkdaemon.telemetry.link import LinkHealth, LinkState, LinkTraffic
 

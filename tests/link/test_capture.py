@@ -7,7 +7,7 @@ import io
 import pytest
 
 from mkdaemon.errors import MkError
-from mkdaemon.link.capture import Chunk, read_chunks
+from mkdaemon.link.ports.capture import Chunk, read_chunks
 
 
 def test_raw_bytes_have_no_time():

@@ -6,9 +6,9 @@ import itertools
 
 import pytest
 
-from mkdaemon.link.controlpath import ControlPath
-from mkdaemon.link.health import HealthMonitor
-from mkdaemon.link.traffic import Purpose
+from mkdaemon.link.session.controlpath import ControlPath
+from mkdaemon.link.session.health import HealthMonitor
+from mkdaemon.link.session.traffic import Purpose
 from mkdaemon.protocol.messages import ExternControlV2
 
 STICKS = ExternControlV2(pitch=10, roll=0, yaw=0, throttle=50, config=1)

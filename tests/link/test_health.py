@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from mkdaemon.link.health import STUCK, HealthMonitor
+from mkdaemon.link.session.health import STUCK, HealthMonitor
 from mkdaemon.protocol.framing import DropReason
 from mkdaemon.telemetry.link import LinkCondition
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from mkdaemon.link.health import NOTHING, QUIET, HealthMonitor
+from mkdaemon.link.session.health import NOTHING, QUIET, HealthMonitor
 from mkdaemon.telemetry.link import LinkCondition
 from tests.link.test_health import Line, up
 

@@ -7,13 +7,13 @@ import itertools
 
 import pytest
 
-from mkdaemon.bench.boardport import LineFault
+from lab.rigs.boardport import LineFault
 from mkdaemon.errors import (
     CommandRejectedError,
     LinkLostError,
     RequestTimeoutError,
 )
-from mkdaemon.link.traffic import Purpose
+from mkdaemon.link.session.traffic import Purpose
 from mkdaemon.protocol.messages import (
     ControlStateRequest,
     EchoRequest,

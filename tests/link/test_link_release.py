@@ -6,12 +6,12 @@ import asyncio
 
 import pytest
 
-from mkdaemon.bench.boardport import LineFault
+from lab.rigs.boardport import LineFault
 from mkdaemon.errors import (
     CommandRejectedError,
 )
 from mkdaemon.link.discovery import redirected
-from mkdaemon.link.traffic import Purpose
+from mkdaemon.link.session.traffic import Purpose
 from mkdaemon.protocol.messages import (
     ExternControlV1,
     ExternControlV2,

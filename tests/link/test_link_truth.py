@@ -6,7 +6,7 @@ import asyncio
 
 import pytest
 
-from mkdaemon.bench.boardport import LineFault, Socket
+from lab.rigs.boardport import LineFault, Socket
 from mkdaemon.config.link import LinkConfig
 from mkdaemon.errors import (
     ConfigError,

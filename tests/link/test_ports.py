@@ -18,9 +18,9 @@ import pytest
 import serial
 
 from mkdaemon.errors import ConfigError, LinkError, LinkLostError
-from mkdaemon.link import serialport
-from mkdaemon.link.port import PortAddress, open_port, parse_address
-from mkdaemon.link.serialport import open_serial
+from mkdaemon.link.ports import serialport
+from mkdaemon.link.ports.port import PortAddress, open_port, parse_address
+from mkdaemon.link.ports.serialport import open_serial
 
 PATIENCE = 60.0
 """Longest wait for anything [s]; a loaded machine is slow, not wrong."""

@@ -5,13 +5,13 @@ from __future__ import annotations
 import pytest
 
 from mkdaemon.errors import CommandRejectedError
-from mkdaemon.link.acquaintance import Acquaintance
-from mkdaemon.link.health import HealthMonitor
-from mkdaemon.link.line import LineRules
-from mkdaemon.link.questions import Questions
-from mkdaemon.link.requests import Pending
-from mkdaemon.link.scheduler import QUEUE_LIMIT, TransmitScheduler
-from mkdaemon.link.traffic import Purpose
+from mkdaemon.link.session.health import HealthMonitor
+from mkdaemon.link.session.line import LineRules
+from mkdaemon.link.session.peers import Acquaintance
+from mkdaemon.link.session.questions import Questions
+from mkdaemon.link.session.requests import Pending
+from mkdaemon.link.session.scheduler import QUEUE_LIMIT, TransmitScheduler
+from mkdaemon.link.session.traffic import Purpose
 from mkdaemon.protocol.messages import Label, LabelRequest, VersionRequest, VersionRequestWhich
 from mkdaemon.protocol.wire import Board
 

@@ -6,7 +6,7 @@ import itertools
 
 import pytest
 
-from mkdaemon.link.release import CONFIRM_WAIT_S, GIVE_UP_S, REPEATS, SPACING_S, ReleasePlan, neutral_of, zero_frame
+from mkdaemon.link.session.release import CONFIRM_WAIT, GIVE_UP, REPEATS, SPACING, ReleasePlan, neutral_of, zero_frame
 from mkdaemon.protocol.messages import ExternControlV1, ExternControlV2, ExternControlV3
 from mkdaemon.protocol.wire import WireMessage
 
@@ -60,7 +60,7 @@ def test_where_no_confirmation_can_come_five_are_sent_in_the_pace_a_navictrl_pas
     sent = play(run, confirm=None)
     zeros = [at for at, message in sent if not message.config]
     assert len(zeros) == REPEATS
-    assert min(b - a for a, b in itertools.pairwise(zeros)) >= SPACING_S - 1e-9
+    assert min(b - a for a, b in itertools.pairwise(zeros)) >= SPACING - 1e-9
     assert run.result().status == "not_observable"
 
 
@@ -69,7 +69,7 @@ def test_lost_frames_are_repeated_until_five_are_confirmed():
     sent = play(run, confirm=0.005, lose=4)
     assert run.result().status == "confirmed"
     assert len(sent) > 1 + REPEATS
-    assert sent[2][0] - sent[1][0] >= CONFIRM_WAIT_S - 1e-9
+    assert sent[2][0] - sent[1][0] >= CONFIRM_WAIT - 1e-9
 
 
 def test_it_gives_up_and_says_so():
@@ -78,7 +78,7 @@ def test_it_gives_up_and_says_so():
     result = run.result()
     assert (result.status, result.confirmed) == ("unconfirmed", 0)
     assert result.sent >= 20
-    assert GIVE_UP_S <= sent[-1][0] + CONFIRM_WAIT_S <= GIVE_UP_S + 2 * CONFIRM_WAIT_S
+    assert GIVE_UP <= sent[-1][0] + CONFIRM_WAIT <= GIVE_UP + 2 * CONFIRM_WAIT
     assert run.due(99.0) is None
     assert run.next_time() == float("inf")
 

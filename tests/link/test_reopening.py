@@ -14,7 +14,7 @@ import pytest
 
 from mkdaemon.config.link import LinkConfig
 from mkdaemon.link.link import Link
-from mkdaemon.link.reopening import AliasMemory
+from mkdaemon.link.session.reopening import AliasMemory
 from mkdaemon.protocol.framing import Frame, FrameDecoder
 from tests.link.rig import Log
 
@@ -57,7 +57,7 @@ def adapters() -> Iterator[tuple[Adapter, Adapter]]:
 async def linked(name: Path, *, by_id: Path | None = None) -> AsyncIterator[tuple[Link, list[str]]]:
     """A link that runs at a name; yields it and the names it opened."""
     opened: list[str] = []
-    link = Link(LinkConfig.model_validate({"port": str(name), "probe_baud": False, "reopen_min_s": 0.02}), Log())
+    link = Link(LinkConfig.model_validate({"port": str(name), "probe_baud": False, "reopen_min": 0.02}), Log())
     honest = link._opener
 
     async def remember(url: str, *, baud: int) -> object:

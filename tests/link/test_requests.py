@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from mkdaemon.link.requests import LATE_WINDOW_S, Pending, RequestBook, answers, policy_for
+from mkdaemon.link.session.requests import LATE_WINDOW, Pending, RequestBook, answers, policy_for
 from mkdaemon.protocol.messages import (
     DebugDataNc,
     DebugRequest,
@@ -179,7 +179,7 @@ def test_late_and_double_answers_are_counted_once():
 def test_an_old_question_is_forgotten():
     book = RequestBook()
     book.give_up(ask(book, 1, 0.0), 0.3)
-    book.received(label(1), Board.NC, 1.0 + LATE_WINDOW_S)
+    book.received(label(1), Board.NC, 1.0 + LATE_WINDOW)
     assert book.late == 0
 
 

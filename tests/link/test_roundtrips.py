@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mkdaemon.link.roundtrips import CAPACITY, WEIGHT, RoundTrips, percentile
+from mkdaemon.link.session.roundtrips import CAPACITY, WEIGHT, RoundTrips, percentile
 
 
 def test_percentiles_mean_and_last():

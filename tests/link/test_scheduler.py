@@ -8,14 +8,22 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mkdaemon.link.line import FC_GAP_S, FORWARDING_GAP_S, RESYNC, LineRules
-from mkdaemon.link.scheduler import CATCH_UP, CREEP, PATIENCE_S, QUEUE_LIMIT, RESYNC_AFTER_S, Entry, TransmitScheduler
-from mkdaemon.link.traffic import Purpose
+from mkdaemon.link.session.line import FC_GAP, FORWARDING_GAP, RESYNC, LineRules
+from mkdaemon.link.session.scheduler import (
+    CATCH_UP,
+    CREEP,
+    PATIENCE_TIME,
+    QUEUE_LIMIT,
+    RESYNC_AFTER,
+    Entry,
+    TransmitScheduler,
+)
+from mkdaemon.link.session.traffic import Purpose
 from mkdaemon.protocol.messages import AttitudeRequest, EchoRequest, ExternControlV2, LabelRequest, VersionRequest
 from mkdaemon.protocol.wire import Board
 
 FC = LineRules(direct=Board.FC)
-NC = LineRules(direct=Board.NC, setpoint_interval=FORWARDING_GAP_S)
+NC = LineRules(direct=Board.NC, setpoint_interval=FORWARDING_GAP)
 NOBODY_YET = LineRules()
 
 
@@ -58,7 +66,7 @@ def test_a_flightctrl_gets_five_idle_milliseconds_after_each_carriage_return():
     sent = sent_until(scheduler, 2.0)
     gaps = [later - (at + FC.wire_time(item.raw)) for (at, item), (later, _) in itertools.pairwise(sent)]
     assert len(sent) == 20
-    assert min(gaps) >= FC_GAP_S - 1e-9
+    assert min(gaps) >= FC_GAP - 1e-9
 
 
 def test_before_anybody_answered_the_careful_gap_holds():
@@ -66,7 +74,7 @@ def test_before_anybody_answered_the_careful_gap_holds():
     scheduler.submit(entry(Purpose.REQUEST), 0.0)
     scheduler.submit(entry(Purpose.REQUEST), 0.0)
     first, second = sent_until(scheduler, 1.0)
-    assert second[0] - first[0] >= NOBODY_YET.wire_time(first[1].raw) + FC_GAP_S - 1e-9
+    assert second[0] - first[0] >= NOBODY_YET.wire_time(first[1].raw) + FC_GAP - 1e-9
 
 
 def test_a_navictrl_needs_no_gap_but_frames_never_overlap():
@@ -86,7 +94,7 @@ def test_forwarded_setpoints_keep_forty_hertz():
         scheduler.submit(entry(Purpose.SETPOINT, number=step % 100, reaches_fc=True, deadline=now + 0.1), now)
         times += [at for at, _ in sent_until(scheduler, now + 0.0099, now=now)]
     assert 70 <= len(times) <= 81
-    assert min(b - a for a, b in itertools.pairwise(times)) >= FORWARDING_GAP_S - 1e-9
+    assert min(b - a for a, b in itertools.pairwise(times)) >= FORWARDING_GAP - 1e-9
 
 
 def test_only_the_newest_setpoint_leaves():
@@ -137,7 +145,7 @@ def test_an_answer_frees_a_question_to_anybody():
 def test_the_first_frame_and_the_one_after_an_error_or_silence_lead_with_two_returns():
     scheduler = TransmitScheduler(FC)
     raws = []
-    for now in (0.0, 0.1, 0.2, 0.2 + RESYNC_AFTER_S + 0.1):
+    for now in (0.0, 0.1, 0.2, 0.2 + RESYNC_AFTER + 0.1):
         scheduler.submit(entry(Purpose.REQUEST), now)
         taken = scheduler.take(now)
         assert taken is not None
@@ -304,7 +312,7 @@ def test_patience_ends():
             scheduler.submit(asked, now)
         for at, item in sent_until(scheduler, now + 0.0099, now=now):
             if item is asked:
-                assert PATIENCE_S[Purpose.REQUEST] <= at - began + 1e-6 < PATIENCE_S[Purpose.REQUEST] + 0.02
+                assert PATIENCE_TIME[Purpose.REQUEST] <= at - began + 1e-6 < PATIENCE_TIME[Purpose.REQUEST] + 0.02
                 return
     raise AssertionError("never sent")
 
@@ -330,7 +338,7 @@ def test_whatever_is_asked_the_line_and_the_boards_can_take_it(steps, rules):
         idle = later - at - rules.wire_time(item.raw)
         assert idle >= -1e-9
         if rules.direct is not Board.NC:
-            assert idle >= FC_GAP_S - 1e-9
+            assert idle >= FC_GAP - 1e-9
     setpoints = [at for at, item in sent if item.purpose is Purpose.SETPOINT]
     nearest = rules.setpoint_interval * (1.0 if rules is NC else 1.0 - CATCH_UP)
     assert all(b - a >= nearest - 1e-9 for a, b in itertools.pairwise(setpoints))
@@ -339,4 +347,4 @@ def test_whatever_is_asked_the_line_and_the_boards_can_take_it(steps, rules):
 
 
 def test_a_version_request_is_short_enough_to_pass_between_setpoints():
-    assert FC.wire_time(VersionRequest().to_frame(Board.FC)) + FC_GAP_S < 0.0065
+    assert FC.wire_time(VersionRequest().to_frame(Board.FC)) + FC_GAP < 0.0065

@@ -7,13 +7,13 @@ import itertools
 import pytest
 
 from mkdaemon.errors import CommandRejectedError
-from mkdaemon.link.acquaintance import Acquaintance
-from mkdaemon.link.health import HealthMonitor
-from mkdaemon.link.line import FORWARDING_GAP_S, LineRules
-from mkdaemon.link.release import GIVE_UP_S, QUIET_S, REMIND_S, REPEATS, SPACING_S
-from mkdaemon.link.scheduler import Entry, TransmitScheduler
-from mkdaemon.link.steering import Steering
-from mkdaemon.link.traffic import Purpose
+from mkdaemon.link.session.health import HealthMonitor
+from mkdaemon.link.session.line import FORWARDING_GAP, LineRules
+from mkdaemon.link.session.peers import Acquaintance
+from mkdaemon.link.session.release import GIVE_UP, QUIET_TIME, REMIND, REPEATS, SPACING
+from mkdaemon.link.session.scheduler import Entry, TransmitScheduler
+from mkdaemon.link.session.steering import Steering
+from mkdaemon.link.session.traffic import Purpose
 from mkdaemon.protocol.messages import DebugRequest, VersionFc200
 from mkdaemon.protocol.wire import Board, WireMessage
 
@@ -67,7 +67,7 @@ class Bench:
 
     def give_up(self) -> None:
         self.steering.release("test", self.now)
-        self.run(GIVE_UP_S + 0.1)
+        self.run(GIVE_UP + 0.1)
         assert self.steering.plan is not None
         assert self.steering.plan.status == "unconfirmed"
 
@@ -78,12 +78,12 @@ def test_after_giving_up_nothing_but_config_zero_goes_out_and_rarely():
     bench.run(0.1)
     bench.give_up()
     bench.poll_telemetry()
-    after = bench.run(QUIET_S - 0.2)
+    after = bench.run(QUIET_TIME - 0.2)
     assert {entry.purpose for _, entry, _ in after} == {Purpose.RELEASE}
     assert not any(int(message.config) for _, _, message in after), "a reminder must clear the control it could refresh"
     gaps = [b - a for a, b in itertools.pairwise(at for at, _, _ in after)]
-    assert min(gaps) >= REMIND_S - 0.002
-    assert len(after) >= (QUIET_S - 0.2) / REMIND_S - 1
+    assert min(gaps) >= REMIND - 0.002
+    assert len(after) >= (QUIET_TIME - 0.2) / REMIND - 1
     assert [entry.purpose for _, entry, _ in bench.run(2.0)][-1] is Purpose.REQUEST, "then the line is free again"
     assert bench.run(20.0) == [], "and reminding has an end"
 
@@ -96,13 +96,13 @@ def test_a_board_that_is_back_confirms_a_reminder_and_is_asked_again():
     bench.poll_telemetry()
     bench.run(1.0)
     back = bench.now
-    after = bench.run(REMIND_S + 0.3, answers=True)
+    after = bench.run(REMIND + 0.3, answers=True)
     assert bench.steering.plan is not None
     assert bench.steering.plan.status == "confirmed"
     assert sum(entry.purpose is Purpose.RELEASE for _, entry, _ in after) == REPEATS
     asked = [at for at, entry, _ in after if entry.purpose is Purpose.REQUEST]
     assert asked
-    assert asked[0] - back < REMIND_S + 0.2
+    assert asked[0] - back < REMIND + 0.2
 
 
 def test_nobody_steers_until_the_release_is_confirmed_or_has_had_its_time():
@@ -113,7 +113,7 @@ def test_nobody_steers_until_the_release_is_confirmed_or_has_had_its_time():
             bench.steer()
         assert caught.value.token == "releasing"
         assert {entry.purpose for _, entry, _ in bench.run(0.55)} == {Purpose.RELEASE}, "and reminders go on"
-    bench.run(QUIET_S - 10 * 0.55)
+    bench.run(QUIET_TIME - 10 * 0.55)
     bench.steer()
     assert Purpose.SETPOINT in {entry.purpose for _, entry, _ in bench.run(0.02)}
 
@@ -121,7 +121,7 @@ def test_nobody_steers_until_the_release_is_confirmed_or_has_had_its_time():
 def test_a_late_confirmation_lets_steer_at_once():
     bench = Bench()
     bench.give_up()
-    bench.run(REMIND_S + 0.2, answers=True)
+    bench.run(REMIND + 0.2, answers=True)
     bench.steer()
     assert [entry.purpose for _, entry, _ in bench.run(0.02)] == [Purpose.SETPOINT]
 
@@ -135,10 +135,10 @@ def test_a_release_outlives_the_end_of_a_redirection_without_waiting_for_what_ca
     bench.peers.redirected = None
     bench.steering.redirected()
     began = bench.now
-    bench.run(REPEATS * SPACING_S + 0.1)
+    bench.run(REPEATS * SPACING + 0.1)
     assert bench.steering.plan is not None
     assert bench.steering.plan.result().status == "not_observable"
-    assert bench.sent[-1][0] - began < REPEATS * SPACING_S + 0.05
+    assert bench.sent[-1][0] - began < REPEATS * SPACING + 0.05
     bench.steer()  # and is refused no longer
 
 
@@ -193,7 +193,7 @@ def test_leaving_lets_nothing_follow_the_release():
 def test_a_release_passed_on_by_a_navictrl_is_spaced_as_it_can_pass_it_on():
     """Closer than 25 ms half of the frames vanish on their way: five would not be five."""
     bench = Bench(direct=Board.NC)
-    bench.scheduler.rules = LineRules(direct=Board.NC, setpoint_interval=FORWARDING_GAP_S)
+    bench.scheduler.rules = LineRules(direct=Board.NC, setpoint_interval=FORWARDING_GAP)
     bench.steer()
     bench.run(0.005)
     bench.steering.release("test", bench.now)
@@ -201,8 +201,8 @@ def test_a_release_passed_on_by_a_navictrl_is_spaced_as_it_can_pass_it_on():
     assert [entry.purpose for _, entry, _ in bench.sent] == [Purpose.SETPOINT] + [Purpose.RELEASE] * (1 + REPEATS)
     assert [message.config for *_, message in bench.sent] == [1, 1] + [0] * REPEATS
     gaps = [later - at for (at, *_), (later, *_) in itertools.pairwise(bench.sent)]
-    assert min(gaps) >= FORWARDING_GAP_S - 1e-9
-    assert max(gaps) <= FORWARDING_GAP_S + 0.003
+    assert min(gaps) >= FORWARDING_GAP - 1e-9
+    assert max(gaps) <= FORWARDING_GAP + 0.003
     assert bench.steering.plan is not None
     assert bench.steering.plan.status == "not_observable"
 
@@ -216,5 +216,5 @@ def test_after_an_unobservable_release_nothing_passed_on_keeps_the_sticks_of_the
     assert bench.scheduler.holds_back("y", bench.now) is is_held
     assert not bench.scheduler.holds_back("b", bench.now)
     bench.steer()  # a new client may fly at once
-    bench.run(QUIET_S)
+    bench.run(QUIET_TIME)
     assert not bench.scheduler.holds_back("y", bench.now)

@@ -8,10 +8,10 @@ from hypothesis import strategies as st
 
 from mkdaemon.config.link import LinkConfig
 from mkdaemon.errors import CommandRejectedError, ConfigError
-from mkdaemon.link import budget
-from mkdaemon.link.line import LineRules
-from mkdaemon.link.streams import Streams, check_rates
-from mkdaemon.link.subscriptions import FASTEST_S, KINDS, SLOWEST_S, TICK_S, settle
+from mkdaemon.link.session import budget
+from mkdaemon.link.session.line import LineRules
+from mkdaemon.link.session.streams import Streams, check_rates
+from mkdaemon.link.session.subscriptions import FASTEST, KINDS, SLOWEST_TIME, TICK_TIME, settle
 from mkdaemon.protocol.wire import Board
 
 INTERVALS = st.floats(0.001, 3.0)
@@ -28,10 +28,10 @@ def demand_of(streams):
 @given(wish=INTERVALS)
 def test_no_stream_is_asked_for_faster_than_wished(wish):
     real = settle(wish)
-    assert FASTEST_S <= real <= SLOWEST_S + 1e-9
-    assert real == pytest.approx(round(real / TICK_S) * TICK_S)
-    assert real >= min(wish, SLOWEST_S) - 1e-7
-    assert real < max(wish, FASTEST_S) + TICK_S
+    assert FASTEST <= real <= SLOWEST_TIME + 1e-9
+    assert real == pytest.approx(round(real / TICK_TIME) * TICK_TIME)
+    assert real >= min(wish, SLOWEST_TIME) - 1e-7
+    assert real < max(wish, FASTEST) + TICK_TIME
 
 
 @given(board=st.sampled_from([Board.NC, Board.FC]), wishes=st.dictionaries(st.sampled_from(list(KINDS)), INTERVALS))

@@ -8,7 +8,7 @@ import math
 import pytest
 
 from mkdaemon.errors import CommandRejectedError
-from mkdaemon.link.subscriptions import ASK_AGAIN_S, KINDS, Subscriptions, kind_of
+from mkdaemon.link.session.subscriptions import ASK_AGAIN, KINDS, Subscriptions, kind_of
 from mkdaemon.protocol.messages import AttitudeRequest, DebugRequest, OsdRequestV1
 from mkdaemon.protocol.wire import Board
 
@@ -94,7 +94,7 @@ def test_a_stream_that_does_not_come_is_asked_for_again():
     subscriptions = Subscriptions(Board.NC)
     subscriptions.want("osd", 0.1)
     subscriptions.due(0.0)
-    assert OsdRequestV1(interval=10) in subscriptions.due(ASK_AGAIN_S)
+    assert OsdRequestV1(interval=10) in subscriptions.due(ASK_AGAIN)
     subscriptions.seen("osd", 2.0)
     subscriptions.seen("attitude", 2.0)
     assert OsdRequestV1(interval=10) not in subscriptions.due(2.5)

@@ -316,7 +316,7 @@ def test_a_message_nobody_has():
     ],
 )
 def test_dead_man_generations(dead_man, hold, refreshing, harmless):
-    assert dead_man.hold_s == hold
+    assert dead_man.hold_time == hold
     assert all(dead_man.refreshed_by(letter) for letter in refreshing)
     assert not any(dead_man.refreshed_by(letter) for letter in harmless)
 

@@ -6,8 +6,8 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from mkdaemon.sim.scene_view import CameraView, Pose, project
-from mkdaemon.vision.tagmap import Tag
+from mkdaemon.sim.scene.view import CameraView, Pose, project
+from mkdaemon.vision.tags.tagmap import Tag
 
 Array = npt.NDArray[np.float64]
 

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from mkdaemon.sim.pilot import Pilot
-from mkdaemon.sim.world import DT, StickInput, World
+from mkdaemon.sim.physics.pilot import Pilot
+from mkdaemon.sim.physics.world import DT, StickInput, World
 
 GAS_AT_REST = 127.0
 """Gas of a centred stick [count]."""
-CORNER_S = 0.7
+CORNER_TIME = 0.7
 
 
 class RcBoard:
@@ -41,7 +41,7 @@ class RcBoard:
     def _watch_corners(self, pilot: Pilot) -> None:
         corner = pilot.gas < -100 and abs(pilot.yaw) > 100 and self.world.now >= self.deaf_until
         self._corner = self._corner + DT if corner else 0.0
-        if self._corner > CORNER_S and self.armed is (pilot.yaw > 0):
+        if self._corner > CORNER_TIME and self.armed is (pilot.yaw > 0):
             self.armed = not self.armed
             self.armings += self.armed
             self._corner = 0.0

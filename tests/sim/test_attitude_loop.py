@@ -9,24 +9,24 @@ import numpy as np
 import pytest
 
 from mkdaemon.config.sim_flight import AirframeConfig, FlightConfig, LoopConfig, SensorConfig, WindClass
-from mkdaemon.sim.attitude_loop import (
+from mkdaemon.sim.physics.attitude_loop import (
     AGILE,
     EASY,
     FAST,
-    LEAK_FAST_S,
-    LEAK_SLOW_S,
+    LEAK_FAST,
+    LEAK_SLOW,
     AttitudeGains,
     AxisLoop,
     YawLoop,
 )
-from mkdaemon.sim.world import DT, StartState, StickInput, World
+from mkdaemon.sim.physics.world import DT, StartState, StickInput, World
 
 G = 9.81
 SETS = {"easy": EASY, "agile": AGILE, "fast": FAST}
 STEP_DEG = 8.0
 
 
-def gains_of(name: str, *, stick_filter: bool = True, ta: float = LEAK_FAST_S) -> AttitudeGains:
+def gains_of(name: str, *, stick_filter: bool = True, ta: float = LEAK_FAST) -> AttitudeGains:
     return AttitudeGains.from_parameters(**SETS[name], stick_filter=stick_filter, ta=ta)
 
 
@@ -52,7 +52,7 @@ def test_gains_of_any_parameter_set_are_finite() -> None:
 
 @cache
 def respond(
-    name: str, *, stick_filter: bool = True, ta: float = LEAK_FAST_S, drag: float = 0.35, truncate: bool = False
+    name: str, *, stick_filter: bool = True, ta: float = LEAK_FAST, drag: float = 0.35, truncate: bool = False
 ) -> list[tuple[float, float, float]]:
     """Time, true pitch and believed pitch [deg] after a step of 8 deg in hover gas, without wind or noise."""
     gains = gains_of(name, stick_filter=stick_filter, ta=ta)
@@ -100,7 +100,7 @@ def overshoot(trace: list[tuple[float, float, float]]) -> float:
     return max(believed for _, _, believed in trace) / STEP_DEG - 1.0
 
 
-@pytest.mark.parametrize("ta", [LEAK_FAST_S, LEAK_SLOW_S])
+@pytest.mark.parametrize("ta", [LEAK_FAST, LEAK_SLOW])
 @pytest.mark.parametrize("stick_filter", [True, False])
 @pytest.mark.parametrize("name", ["easy", "fast"])
 def test_step_agrees_with_the_solved_equations(name: str, stick_filter: bool, ta: float) -> None:
@@ -115,10 +115,10 @@ def test_step_agrees_with_the_solved_equations(name: str, stick_filter: bool, ta
 def test_easy_step_has_the_measured_rise(stick_filter: bool, measured: float) -> None:
     """0.37 s on 2.12, 0.29 s on the 2010 firmware."""
     assert t63(respond("easy", stick_filter=stick_filter), 1) == pytest.approx(measured, rel=0.1)
-    assert t63(respond("easy", stick_filter=stick_filter, ta=LEAK_SLOW_S), 2) == pytest.approx(measured, rel=0.1)
+    assert t63(respond("easy", stick_filter=stick_filter, ta=LEAK_SLOW), 2) == pytest.approx(measured, rel=0.1)
 
 
-@pytest.mark.parametrize("ta", [LEAK_FAST_S, LEAK_SLOW_S])
+@pytest.mark.parametrize("ta", [LEAK_FAST, LEAK_SLOW])
 @pytest.mark.parametrize("stick_filter", [True, False])
 def test_easy_step_has_the_measured_overshoot(stick_filter: bool, ta: float) -> None:
     assert 0.9 * 0.15 <= overshoot(respond("easy", stick_filter=stick_filter, ta=ta)) <= 1.1 * 0.19
@@ -165,7 +165,7 @@ def test_old_firmware_takes_the_stick_as_it_is() -> None:
 
 @pytest.mark.parametrize(
     ("leaned_deg", "after_one_second"),
-    [(0.3, 0.0), (-0.3, 0.0), (3.0, 3.0 * (1 - math.exp(-1 / LEAK_FAST_S))), (40.0, 12.8), (-40.0, -12.8)],
+    [(0.3, 0.0), (-0.3, 0.0), (3.0, 3.0 * (1 - math.exp(-1 / LEAK_FAST))), (40.0, 12.8), (-40.0, -12.8)],
 )
 def test_leak_has_a_dead_band_and_a_slew(leaned_deg: float, after_one_second: float) -> None:
     loop = AxisLoop(gains_of("easy"), LoopConfig())

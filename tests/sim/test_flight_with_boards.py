@@ -11,8 +11,8 @@ import pytest
 from mkdaemon.config.sim_flight import FlightConfig, WindClass
 from mkdaemon.sim.boards.fc import FlightCtrl
 from mkdaemon.sim.boards.generations import FC_GENERATIONS
-from mkdaemon.sim.hand_flight import CircleFlight, Phase
-from mkdaemon.sim.world import World
+from mkdaemon.sim.physics.hand_flight import CircleFlight, Phase
+from mkdaemon.sim.physics.world import World
 
 
 def airborne(word: str, *, seed: int = 1) -> tuple[World, FlightCtrl]:

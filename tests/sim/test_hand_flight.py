@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from mkdaemon.config.sim_flight import BatteryConfig, FlightConfig, WindClass
-from mkdaemon.sim.attitude_loop import FAST, AttitudeGains
-from mkdaemon.sim.hand_flight import CircleFlight, HandFlight, Phase
-from mkdaemon.sim.world import StartState, World
+from mkdaemon.sim.physics.attitude_loop import FAST, AttitudeGains
+from mkdaemon.sim.physics.hand_flight import CircleFlight, HandFlight, Phase
+from mkdaemon.sim.physics.world import StartState, World
 
 from .steering import RcBoard
 
@@ -100,5 +100,5 @@ def armed_after(program: HandFlight) -> float:
 
 
 def test_the_pilot_leaves_the_sticks_alone_until_it_is_time() -> None:
-    late = armed_after(HandFlight(height=1.0, wait_s=3.0)) - armed_after(HandFlight(height=1.0))
+    late = armed_after(HandFlight(height=1.0, wait_time=3.0)) - armed_after(HandFlight(height=1.0))
     assert late == pytest.approx(3.0, abs=0.1)

@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 
 from mkdaemon.config.sim_flight import AirframeConfig
-from mkdaemon.sim.airframe import GRAVITY
-from mkdaemon.sim.motors import COMPENSATION_V, MAX_COUNT, MIN_COUNT, Motors
+from mkdaemon.sim.physics.airframe import GRAVITY
+from mkdaemon.sim.physics.motors import COMPENSATION_V, MAX_COUNT, MIN_COUNT, Motors
 
 CONFIG = AirframeConfig()
 DT = 2.048e-3

@@ -7,9 +7,9 @@ import math
 import pytest
 
 from mkdaemon.config.sim_flight import FlightConfig, PilotConfig, SensorConfig, WindClass
-from mkdaemon.sim.hand_flight import HandFlight
-from mkdaemon.sim.pilot import GOOD_RC, RC_PERIOD_S
-from mkdaemon.sim.world import DT, StartState, StickInput, World
+from mkdaemon.sim.physics.hand_flight import HandFlight
+from mkdaemon.sim.physics.pilot import GOOD_RC, RC_PERIOD
+from mkdaemon.sim.physics.world import DT, StartState, StickInput, World
 
 from .steering import RcBoard
 
@@ -55,7 +55,7 @@ def test_script_runs_in_time_order() -> None:
     assert world.pilot.pitch == 20
     run(world, 0.4)
     assert [name for name, _ in seen] == ["early", "late"]
-    assert all(0.0 <= when - due <= RC_PERIOD_S + DT for (_, when), due in zip(seen, (0.2, 0.5), strict=True))
+    assert all(0.0 <= when - due <= RC_PERIOD + DT for (_, when), due in zip(seen, (0.2, 0.5), strict=True))
 
 
 def test_takes_over_after_his_reaction() -> None:
@@ -67,7 +67,7 @@ def test_takes_over_after_his_reaction() -> None:
     assert world.pilot.took_over_at is None
     assert world.pilot.gate == 255
     run(world, 0.1)
-    assert world.pilot.took_over_at == pytest.approx(1.7, abs=RC_PERIOD_S + DT)
+    assert world.pilot.took_over_at == pytest.approx(1.7, abs=RC_PERIOD + DT)
     assert world.pilot.gate == 0
     assert isinstance(world.pilot.program, HandFlight)
     world.pilot.hand_back()

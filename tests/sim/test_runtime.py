@@ -13,7 +13,7 @@ from mkdaemon.config.sim import PilotPlan, SimConfig
 from mkdaemon.config.sim_radio import ChannelConfig, RadioConfig
 from mkdaemon.errors import ConfigError, LinkError
 from mkdaemon.protocol.framing import Frame, FrameDecoder, encode_frame
-from mkdaemon.sim.boards.line import HOST_CHAR_S
+from mkdaemon.sim.boards.line import HOST_CHAR
 from mkdaemon.sim.runtime import PseudoTerminal, Runtime
 from mkdaemon.sim.simulation import Simulation
 from tests.bus.support import PATIENCE, free_endpoint
@@ -102,10 +102,10 @@ def test_no_byte_comes_out_before_its_wire_time():
         os.close(descriptor)
         runtime._terminal.close()
     # ten characters in, the FIFO's time-out, ten characters out
-    earliest = sent + 10 * HOST_CHAR_S + 0.56e-3
+    earliest = sent + 10 * HOST_CHAR + 0.56e-3
     assert len(seen) == 10
     for number, at in enumerate(seen, 1):
-        assert earliest + number * HOST_CHAR_S <= at <= earliest + number * HOST_CHAR_S + 0.35e-3
+        assert earliest + number * HOST_CHAR <= at <= earliest + number * HOST_CHAR + 0.35e-3
 
 
 def test_a_suspended_machine_skips_the_gap():

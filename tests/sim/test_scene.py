@@ -11,13 +11,13 @@ import pyapriltags
 import pytest
 
 from mkdaemon.config.vision import TagPlacement, TargetSection
-from mkdaemon.sim.scene import Scene, SceneTarget, cam_from_target, true_corners
-from mkdaemon.sim.scene_light import CLEAN, FULL_LIGHT, Conditions, Cover, Glare, Shadow
-from mkdaemon.sim.scene_motion import Platform
-from mkdaemon.sim.scene_print import INK, PAPER
-from mkdaemon.sim.scene_view import CameraView, project, rotation_from_vector, view_towards
-from mkdaemon.vision.intrinsics import Intrinsics
-from mkdaemon.vision.tagmap import build, single
+from mkdaemon.sim.scene.light import CLEAN, FULL_LIGHT, Conditions, Cover, Glare, Shadow
+from mkdaemon.sim.scene.motion import Platform
+from mkdaemon.sim.scene.print import INK, PAPER
+from mkdaemon.sim.scene.scene import Scene, SceneTarget, cam_from_target, true_corners
+from mkdaemon.sim.scene.view import CameraView, project, rotation_from_vector, view_towards
+from mkdaemon.vision.camera.intrinsics import Intrinsics
+from mkdaemon.vision.tags.tagmap import build, single
 
 from .edges import corner_errors
 
@@ -143,7 +143,7 @@ def test_equal_seeds_give_equal_bytes() -> None:
 
 def test_motion_during_the_exposure_blurs_evenly_about_its_middle() -> None:
     still = oblique(1.5, 0, 0.0, PINHOLE)
-    moving = replace(still, rate_cam=np.array([0.0, 0.9, 0.0]), exposure_s=0.01)  # 5.4 px
+    moving = replace(still, rate_cam=np.array([0.0, 0.9, 0.0]), exposure_time=0.01)  # 5.4 px
     sharp, blurred = (Scene([SINGLE], seed=3).render(view, CLEAN).astype(float) for view in (still, moving))
     edges = [float(np.abs(np.diff(image, axis=1)).max()) for image in (sharp, blurred)]
     assert edges[1] < 0.5 * edges[0]
@@ -153,7 +153,7 @@ def test_motion_during_the_exposure_blurs_evenly_about_its_middle() -> None:
 
 def test_turning_about_the_axis_blurs_the_rim_and_not_the_middle() -> None:
     still = view_towards(PINHOLE, np.array([0.0, 0.0, 0.5]), np.zeros(3))
-    moving = replace(still, rate_cam=np.array([0.0, 0.0, 3.0]), exposure_s=0.01)
+    moving = replace(still, rate_cam=np.array([0.0, 0.0, 3.0]), exposure_time=0.01)
     target = SceneTarget.of(NESTED, Platform())
     sharp, blurred = (Scene([target], seed=3).render(view, CLEAN).astype(float) for view in (still, moving))
     change = np.abs(sharp - blurred)

@@ -17,16 +17,16 @@ from mkdaemon.config.sim_flight import FlightConfig
 from mkdaemon.errors import ConfigError
 from mkdaemon.frames import rotation_from_euler
 from mkdaemon.sim.faults import Faults
-from mkdaemon.sim.scene_camera import BUILT_IN, BodyState, SceneCamera, landing_world, platform_of
-from mkdaemon.sim.scene_feed import SceneFeed
-from mkdaemon.sim.scene_outputs import VIDIOC_S_FMT, LoopWriter, VideoWriter, loop_format
+from mkdaemon.sim.physics.truth import Truth
+from mkdaemon.sim.physics.world import StartState, World
+from mkdaemon.sim.scene.camera import BUILT_IN, BodyState, SceneCamera, landing_world, platform_of
+from mkdaemon.sim.scene.feed import SceneFeed
+from mkdaemon.sim.scene.outputs import VIDIOC_S_FMT, LoopWriter, VideoWriter, loop_format
 from mkdaemon.sim.simulation import Simulation
-from mkdaemon.sim.truth import Truth
-from mkdaemon.sim.world import StartState, World
-from mkdaemon.vision.camera_file import load_camera
-from mkdaemon.vision.imagecodec import boot_id, unpack
+from mkdaemon.vision.camera.calibration_file import load_camera
+from mkdaemon.vision.camera.imagecodec import boot_id, unpack
 from mkdaemon.vision.still import StillEye, StillResult
-from mkdaemon.vision.tagmap import TagMap
+from mkdaemon.vision.tags.tagmap import TagMap
 
 ROOT = Path(__file__).resolve().parents[2]
 TURNED = rotation_from_euler(0.1, -0.08, 0.7)

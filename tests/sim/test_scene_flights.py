@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from mkdaemon.frames import euler_from_rotation
-from mkdaemon.sim.scene import SceneTarget, true_corners
-from mkdaemon.sim.scene_flights import HIGHEST_M, LOWEST_M, attitude_deg, patches, random_flight, side_cut
-from mkdaemon.sim.scene_motion import Platform
-from mkdaemon.vision.intrinsics import Intrinsics
-from mkdaemon.vision.tagmap import single
+from mkdaemon.sim.scene.flights import HIGHEST_M, LOWEST_M, attitude_deg, patches, random_flight, side_cut
+from mkdaemon.sim.scene.motion import Platform
+from mkdaemon.sim.scene.scene import SceneTarget, true_corners
+from mkdaemon.vision.camera.intrinsics import Intrinsics
+from mkdaemon.vision.tags.tagmap import single
 
 CAMERA = Intrinsics(width=640, height=480, fx=600, fy=600, cx=319.5, cy=239.5)
 SIZE = 0.3048
@@ -38,7 +38,7 @@ def test_flights_fill_their_envelope_and_bring_every_hardship() -> None:
             in_view += bool((middle > 0).all() and (middle < (640, 480)).all())
             conditions = frame.conditions
             seen |= {name for name in ("covers", "glare", "shadow") if getattr(conditions, name)}
-            seen |= {"blur"} if frame.view.exposure_s > 0.01 else set()
+            seen |= {"blur"} if frame.view.exposure_time > 0.01 else set()
     assert len(heights) == 1440
     assert LOWEST_M <= min(heights) < 0.4
     assert 4.0 < max(heights) <= HIGHEST_M

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from mkdaemon.config.sim_flight import FlightConfig, WindClass
-from mkdaemon.sim.hand_flight import Phase
+from mkdaemon.sim.physics.hand_flight import Phase
+from mkdaemon.sim.physics.world import StartState, StickInput, World
 from mkdaemon.sim.supervision import CEILING_GAS, Supervision
-from mkdaemon.sim.world import StartState, StickInput, World
 
 from .steering import GAS_AT_REST, RcBoard
 

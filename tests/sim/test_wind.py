@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from mkdaemon.config.sim_flight import WindClass
-from mkdaemon.sim.wind import CORRELATION_S, WIND_FIGURES, Wind
+from mkdaemon.sim.physics.wind import CORRELATION_TIME, WIND_FIGURES, Wind
 
 PERIOD = 0.02048
 
@@ -27,7 +27,7 @@ def blow(kind: WindClass, seconds: float, *, seed: int = 1, from_deg: float | No
 def test_mean_and_turbulence(kind: WindClass) -> None:
     figure = WIND_FIGURES[kind]
     rows = blow(kind, 2000.0)
-    slack = 4.0 * figure.sd / math.sqrt(2000.0 / (2 * CORRELATION_S))
+    slack = 4.0 * figure.sd / math.sqrt(2000.0 / (2 * CORRELATION_TIME))
     assert rows[:, 0].mean() == pytest.approx(0.0, abs=slack + 1e-9)
     assert rows[:, 1].mean() == pytest.approx(-figure.mean, abs=slack + 1e-9), "wind from north blows south"
     assert rows[:, :2].std(axis=0) == pytest.approx([figure.sd] * 2, rel=0.15)
@@ -37,7 +37,7 @@ def test_mean_and_turbulence(kind: WindClass) -> None:
 def test_turbulence_forgets_in_three_seconds() -> None:
     east = blow(WindClass.MODERATE, 2000.0)[:, 0]
     east = east - east.mean()
-    lag = round(CORRELATION_S / PERIOD)
+    lag = round(CORRELATION_TIME / PERIOD)
     assert float((east[lag:] * east[:-lag]).mean() / east.var()) == pytest.approx(math.exp(-1.0), abs=0.1)
 
 

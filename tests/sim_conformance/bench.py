@@ -9,14 +9,14 @@ from typing import NamedTuple
 
 from mkdaemon.config.sim import GasLaw
 from mkdaemon.protocol.framing import Dropped, Frame, FrameDecoder
-from mkdaemon.sim.attitude_loop import AttitudeGains
 from mkdaemon.sim.boards.fc import FlightCtrl
 from mkdaemon.sim.boards.generations import FC_GENERATIONS, NC_GENERATIONS
-from mkdaemon.sim.boards.line import HOST_CHAR_S
+from mkdaemon.sim.boards.line import HOST_CHAR
 from mkdaemon.sim.boards.nc import NaviCtrl
 from mkdaemon.sim.faults import Faults
-from mkdaemon.sim.sensors import GpsFix
-from mkdaemon.sim.world import DT, StickInput
+from mkdaemon.sim.physics.attitude_loop import AttitudeGains
+from mkdaemon.sim.physics.sensors import GpsFix
+from mkdaemon.sim.physics.world import DT, StickInput
 
 MAG = 3
 FIX = GpsFix(532301000, 74591000, 12.0, (0.0, 0.0, 0.0), 9, True, 0.0, 1)
@@ -93,7 +93,7 @@ class Heard(NamedTuple):
     @property
     def begins(self) -> float:
         """When its first character began to leave [s]."""
-        return self.first - HOST_CHAR_S
+        return self.first - HOST_CHAR
 
 
 class Bench:
@@ -111,7 +111,7 @@ class Bench:
     def send(self, frame: bytes, at: float) -> float:
         """Put a frame on the line at `at`; return when its CR has arrived, on an idle line [s]."""
         self.board.receive(frame, at)
-        return at + len(frame) * HOST_CHAR_S
+        return at + len(frame) * HOST_CHAR
 
     def run(self, to: float) -> list[Heard]:
         """Run and return the frames that came meanwhile."""
@@ -162,11 +162,11 @@ def fc_bench(
     return bench
 
 
-def nc_bench(word: str = "0.24", *, fc: str = "2.12a", seed: int = 1, loop_s: float = 0.1e-3) -> Bench:
+def nc_bench(word: str = "0.24", *, fc: str = "2.12a", seed: int = 1, loop_time: float = 0.1e-3) -> Bench:
     """A NaviCtrl with a FlightCtrl behind it."""
     aircraft = StillAircraft()
     flight = FlightCtrl(FC_GENERATIONS[fc], aircraft, seed=seed, gate_parameter=255, calibrated=True)
-    bench = Bench(NaviCtrl(NC_GENERATIONS[word], flight, seed=seed, loop_s=loop_s), aircraft)
+    bench = Bench(NaviCtrl(NC_GENERATIONS[word], flight, seed=seed, loop_time=loop_time), aircraft)
     bench.run(1.0)
     return bench
 

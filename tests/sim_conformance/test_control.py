@@ -121,8 +121,8 @@ DEAD_MAN = [
 ]
 
 
-@pytest.mark.parametrize(("word", "hold_s"), [row[:2] for row in DEAD_MAN])
-def test_silence_ends_control_and_gas_falls_to_the_pilots_stick(word, hold_s):
+@pytest.mark.parametrize(("word", "hold_time"), [row[:2] for row in DEAD_MAN])
+def test_silence_ends_control_and_gas_falls_to_the_pilots_stick(word, hold_time):
     bench = started(word)
     bench.aircraft.pilot.gas = 10
     free = bench.send(control(word, pitch=25, gas=-20), 2.0)
@@ -130,22 +130,22 @@ def test_silence_ends_control_and_gas_falls_to_the_pilots_stick(word, hold_s):
     assert (sticks(bench).pitch, sticks(bench).gas) == (25, 107)
     bench.run(9.0)
     changed = next(at for at, told in bench.aircraft.sticks if at > 2.1 and told.pitch == 0)
-    assert changed - free == pytest.approx(hold_s, rel=0.05, abs=0.03)
+    assert changed - free == pytest.approx(hold_time, rel=0.05, abs=0.03)
     assert sticks(bench).gas == 137
     assert sticks(bench).motors_running
     assert not bench.board.external.is_valid
 
 
 @pytest.mark.parametrize(
-    ("word", "hold_s", "letter", "keeps"),
+    ("word", "hold_time", "letter", "keeps"),
     [
-        (word, hold_s, letter, keeps)
-        for word, hold_s, yes, no in DEAD_MAN
+        (word, hold_time, letter, keeps)
+        for word, hold_time, yes, no in DEAD_MAN
         for letters, keeps in ((yes, True), (no, False))
         for letter in letters
     ],
 )
-def test_what_refreshes_the_dead_man(word, hold_s, letter, keeps):
+def test_what_refreshes_the_dead_man(word, hold_time, letter, keeps):
     bench = started(word)
     bench.send(control(word, pitch=25), 2.0)
     payload = {"h": b"\xff\x00", "t": bytes(16), "u": b"\x01", "q": b"\xff"}.get(letter, b"\x00")
@@ -158,7 +158,7 @@ def test_what_refreshes_the_dead_man(word, hold_s, letter, keeps):
     if keeps:
         assert held > 11.6
     else:
-        assert held == pytest.approx(hold_s, rel=0.05, abs=0.03)
+        assert held == pytest.approx(hold_time, rel=0.05, abs=0.03)
 
 
 def test_control_needs_a_good_receiver():

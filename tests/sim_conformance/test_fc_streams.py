@@ -126,17 +126,17 @@ DEAF = [
 ]
 
 
-@pytest.mark.parametrize(("make", "deaf_s"), [row[1:] for row in DEAF], ids=[row[0] for row in DEAF])
-def test_deaf_times_keep_one_frame_and_answer_it_late(make, deaf_s):
+@pytest.mark.parametrize(("make", "deaf_time"), [row[1:] for row in DEAF], ids=[row[0] for row in DEAF])
+def test_deaf_times_keep_one_frame_and_answer_it_late(make, deaf_time):
     bench = fc_bench(gas_law=GasLaw.FORK)
     began = bench.send(make(bench), 2.0)
     # one frame is kept, the others are lost
     for number, letter in enumerate("vgg"):
-        bench.send(encode_frame(1, letter), 2.0 + 0.05 + 0.3 * (letter == "v" and deaf_s > 5) + 0.03 * number)
+        bench.send(encode_frame(1, letter), 2.0 + 0.05 + 0.3 * (letter == "v" and deaf_time > 5) + 0.03 * number)
     late = [heard for heard in bench.run(9.0) if heard.frame.id in "VG"]
     assert late[0].frame.id == "V"
-    assert late[0].first - began == pytest.approx(deaf_s, rel=0.15, abs=0.02)
-    assert [heard.frame.id for heard in late if heard.first - began < deaf_s + 0.05] == ["V"]
+    assert late[0].first - began == pytest.approx(deaf_time, rel=0.15, abs=0.02)
+    assert [heard.frame.id for heard in late if heard.first - began < deaf_time + 0.05] == ["V"]
 
 
 def test_boot_prints_text_and_forgets():
@@ -161,13 +161,13 @@ def test_j_is_deaf_until_power_off():
     assert bench.ask(encode_frame(1, "v"), 70.0) is not None
 
 
-@pytest.mark.parametrize(("companion", "period_s"), [(False, 0.099), (True, 0.999)])
-def test_early_firmware_feeds_a_compass_unasked(companion, period_s):
+@pytest.mark.parametrize(("companion", "period"), [(False, 0.099), (True, 0.999)])
+def test_early_firmware_feeds_a_compass_unasked(companion, period):
     bench = fc_bench("early")
     if companion:
         bench.board.adopt_companion((0, 24, 1))
     times = [heard.first for heard in bench.run(6.0) if (heard.frame.address, heard.frame.id) == (3, "w")][2:]
-    assert all(b - a == pytest.approx(period_s, abs=4e-3) for a, b in itertools.pairwise(times))
+    assert all(b - a == pytest.approx(period, abs=4e-3) for a, b in itertools.pairwise(times))
     assert len(times) >= 3
 
 

@@ -9,7 +9,7 @@ import pytest
 
 from mkdaemon.config.sim import GasLaw
 from mkdaemon.protocol.framing import encode_frame
-from mkdaemon.sim.boards.line import FC_CHAR_S, HOST_CHAR_S
+from mkdaemon.sim.boards.line import FC_CHAR, HOST_CHAR
 from tests.sim_conformance.bench import fc_bench, median, moments
 
 V2 = bytes([20, 0x14, 0xF6, 0, 1, 1, 0])
@@ -41,7 +41,7 @@ def test_replies_are_as_long_and_as_late_as_measured(letter, payload, reply, cha
         assert heard.frame.id == reply
         assert heard.frame.address == 1
         assert len(heard.frame.raw) == chars
-        times.append((heard.last - at - len(frame) * HOST_CHAR_S) * 1e3)
+        times.append((heard.last - at - len(frame) * HOST_CHAR) * 1e3)
     assert median(times) == pytest.approx(median_ms, rel=0.15)
 
 
@@ -62,7 +62,7 @@ def test_first_character_comes_in_the_measured_window(letter, payload, low_ms, h
     for at in moments(2, 60, 0.08):
         heard = bench.ask(frame, at, 0.06)
         assert heard is not None
-        times.append((heard.first - FC_CHAR_S - at - len(frame) * HOST_CHAR_S) * 1e3)
+        times.append((heard.first - FC_CHAR - at - len(frame) * HOST_CHAR) * 1e3)
     # the window was measured on 40 requests each: its ends are 0.1 ms sharp at best
     assert low_ms - 0.15 <= min(times)
     assert max(times) <= high_ms + 0.15

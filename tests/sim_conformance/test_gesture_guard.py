@@ -11,7 +11,7 @@ from mkdaemon.protocol.flags import ControlConfig
 from mkdaemon.protocol.messages import ExternControlV1, ExternControlV2, ExternControlV3
 from mkdaemon.sim.boards import external
 from mkdaemon.sim.boards.generations import FC_GENERATIONS
-from mkdaemon.sim.boards.gestures import CALIBRATE_S, MOTOR_S, GestureReader
+from mkdaemon.sim.boards.gestures import CALIBRATE_TIME, MOTOR, GestureReader
 from mkdaemon.translate import extern_control
 
 WIDE = LimiterConfig(
@@ -38,4 +38,4 @@ def test_no_corner_of_the_sticks_is_a_gesture(release, law, pilot_throttle):
             reader, mixed = GestureReader(), control.mix(pilot)
             for tick in range(100):
                 assert reader.read(mixed, tick * 0.0225, plain=True) is None, (counts, mixed)
-            assert tick * 0.0225 > max(CALIBRATE_S, MOTOR_S)
+            assert tick * 0.0225 > max(CALIBRATE_TIME, MOTOR)

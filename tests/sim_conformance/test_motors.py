@@ -9,7 +9,7 @@ from mkdaemon.config.sim_flight import FlightConfig, SensorConfig, WindClass
 from mkdaemon.protocol.framing import encode_frame
 from mkdaemon.sim.boards.fc import FlightCtrl
 from mkdaemon.sim.boards.generations import FC_GENERATIONS
-from mkdaemon.sim.world import World
+from mkdaemon.sim.physics.world import World
 
 
 class Stand:

@@ -189,7 +189,7 @@ def test_interval_0_renews_without_a_frame(letter):
     ("loop_ms", "rate", "low", "high"), [(0.1, 50, 0.0, 0.0), (1.0, 40, 0.0, 0.0), (1.0, 50, 0.42, 0.58)]
 )
 def test_b_is_forwarded_a_character_a_pass(loop_ms, rate, low, high):
-    bench = nc_bench(loop_s=loop_ms * 1e-3)
+    bench = nc_bench(loop_time=loop_ms * 1e-3)
     frame = encode_frame(1, "b", bytes([0, 0, 0, 0, 1, 1, 0]))
     taken = []
     external = bench.board.flight.external

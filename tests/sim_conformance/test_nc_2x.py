@@ -10,7 +10,7 @@ from mkdaemon.protocol.errorcodes import ErrorCode
 from mkdaemon.protocol.framing import encode_frame
 from mkdaemon.protocol.messages import OsdVolatile
 from mkdaemon.protocol.wire import MessageDecoder
-from mkdaemon.sim.attitude_loop import LEAK_FAST_S, LEAK_SLOW_S
+from mkdaemon.sim.physics.attitude_loop import LEAK_FAST, LEAK_SLOW
 from tests.sim_conformance.bench import nc_bench
 
 LENGTHS = {10: 26, 11: 34, 12: 38, 13: 46, 14: 38, 15: 30, 16: 42}
@@ -126,7 +126,7 @@ def test_silence_ends_control_through_the_navictrl_too():
     assert ended - 2.0 == pytest.approx(2.05, abs=0.1)
 
 
-@pytest.mark.parametrize(("word", "fc", "leak"), [("0.24", "2.12a", LEAK_FAST_S), ("2.14", "2.14", LEAK_SLOW_S)])
+@pytest.mark.parametrize(("word", "fc", "leak"), [("0.24", "2.12a", LEAK_FAST), ("2.14", "2.14", LEAK_SLOW)])
 def test_a_newer_navictrl_slows_the_leak_of_the_attitude_loop(word, fc, leak):
     assert nc_bench(word, fc=fc).aircraft.gains.ta == leak
 

@@ -18,7 +18,7 @@ from mkdaemon.sim.boards.generations import FC_GENERATIONS, NC_GENERATIONS
 from mkdaemon.sim.boards.nc import NaviCtrl
 from tests.sim_conformance.bench import Bench, StillAircraft
 
-START_S = 1.0
+START_TIME = 1.0
 SAME_BYTES = "BGJNPQTUWXZ"
 """Replies without measurement or text: equal to the last bit."""
 LABEL_SUM_AT = 3
@@ -50,10 +50,10 @@ def replay(path):
     for entry in entries:
         raw = bytes.fromhex(entry["hex"])
         if entry["dir"] == "tx":
-            bench.send(raw, START_S + entry["t"])
+            bench.send(raw, START_TIME + entry["t"])
         else:
             genuine += [item for item in decoder.feed(raw) if isinstance(item, Frame)]
-    bench.run(START_S + entries[-1]["t"] + 0.5)
+    bench.run(START_TIME + entries[-1]["t"] + 0.5)
     return genuine, [heard.frame for heard in bench.heard]
 
 

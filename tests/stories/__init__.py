@@ -1,1 +1,1 @@
-"""The safety stories, a few of each; `mkdaemon bench stories` tells them all."""
+"""The safety stories, a few of each; `python -m lab stories` tells them all."""

@@ -6,11 +6,11 @@ from dataclasses import replace
 
 import pytest
 
-from mkdaemon.bench.boardport import LineFault
-from mkdaemon.bench.stories_cable import BACK_S, Cut, Cycle, first_words, pull_cable
-from mkdaemon.bench.stories_faults import FAULTS, VERDICT_S, judge_fault
-from mkdaemon.bench.stories_kill import last_words, steering
-from mkdaemon.bench.stories_rig import Boards
+from lab.rigs.boardport import LineFault
+from lab.rigs.cockpit import Boards
+from lab.stories.cable import BACK, Cut, Cycle, first_words, pull_cable
+from lab.stories.faults import FAULTS, VERDICT, judge_fault
+from lab.stories.kill import last_words, steering
 from mkdaemon.protocol.messages import ExternControlV1, ExternControlV2, ExternControlV3, VersionRequest
 
 TILT = ExternControlV2(pitch=20, roll=0, yaw=0, throttle=0, frame=3, config=1).to_frame()
@@ -24,13 +24,13 @@ def test_after_every_cut_nobody_steers_and_telemetry_comes_back(fc):
     for cycle in cycles:
         assert (cycle.first, cycle.steered, cycle.is_held) == ("release", 0, False), cycle
         assert cycle.back is not None, cycle
-        assert cycle.back <= BACK_S, cycle
+        assert cycle.back <= BACK, cycle
 
 
 def test_what_a_wrong_cycle_is():
     good = Cycle(0, Cut.UNPLUGGED, back=0.3, first="release", steered=0, is_held=False)
     assert not good.is_wrong
-    for change in ({"back": None}, {"back": BACK_S + 0.1}, {"first": "v"}, {"steered": 1}, {"is_held": True}):
+    for change in ({"back": None}, {"back": BACK + 0.1}, {"first": "v"}, {"steered": 1}, {"is_held": True}):
         assert replace(good, **change).is_wrong, change
 
 
@@ -56,4 +56,4 @@ def test_every_named_fault_has_its_word():
     assert set(FAULTS) == set(LineFault) - {LineFault.NONE}
     found = judge_fault(Boards("2.12a"), LineFault.ONE_WAY, range(2))
     assert found.holds, found
-    assert 0 < found.verdict_max_ms <= 1000 * VERDICT_S
+    assert 0 < found.verdict_max_ms <= 1000 * VERDICT

@@ -7,11 +7,11 @@ from contextlib import asynccontextmanager
 
 import pytest
 
-from mkdaemon.bench.boardport import LineFault
-from mkdaemon.bench.stories_rig import Boards, cockpit
-from mkdaemon.bench.virtualloop import run_virtually
+from lab.rigs.boardport import LineFault
+from lab.rigs.cockpit import Boards, cockpit
+from lab.rigs.virtualloop import run_virtually
 from mkdaemon.bus.codec import encode_map
-from mkdaemon.link.traffic import Purpose
+from mkdaemon.link.session.traffic import Purpose
 from mkdaemon.telemetry.control import Phase
 from mkdaemon.telemetry.link import LinkCondition
 

@@ -6,9 +6,9 @@ from dataclasses import replace
 
 import pytest
 
-from mkdaemon.bench.stories_deaths import NEUTRAL_S, RELEASE_S, Death, Loss, SilentRelease, fly_session
-from mkdaemon.bench.stories_losses import percentile, summed_up
-from mkdaemon.bench.stories_rig import Boards
+from lab.rigs.cockpit import Boards
+from lab.stories.deaths import NEUTRAL_TIME, RELEASE_TIME, Death, Loss, SilentRelease, fly_session
+from lab.stories.losses import percentile, summed_up
 
 LONGEST_DEAD_MAN = 5.2
 """[s]"""
@@ -21,10 +21,10 @@ def test_whatever_a_client_dies_of_the_aircraft_is_level_and_let_go_of(fc):
     assert {loss.death for loss in losses} == set(WAYS)
     for loss in losses:
         assert loss.wire is not None, loss
-        assert loss.wire <= NEUTRAL_S, loss
+        assert loss.wire <= NEUTRAL_TIME, loss
         assert loss.neutral is not None, loss
         assert loss.released is not None, loss
-        assert loss.released <= RELEASE_S, loss
+        assert loss.released <= RELEASE_TIME, loss
         assert loss.relapses == 0, loss
 
 

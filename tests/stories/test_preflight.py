@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import pytest
 
-from mkdaemon.bench.boardport import LineFault
-from mkdaemon.bench.stories_rig import Boards, cockpit
-from mkdaemon.bench.virtualloop import run_virtually
+from lab.rigs.boardport import LineFault
+from lab.rigs.cockpit import Boards, cockpit
+from lab.rigs.virtualloop import run_virtually
 from mkdaemon.daemon.preflight import check_gate
 from mkdaemon.errors import CommandRejectedError
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 import signal
 from dataclasses import replace
 
-from mkdaemon.bench.stories_kill import End, end_daemon
-from mkdaemon.bench.stories_page import Row, write_page
-from mkdaemon.bench.stories_plug import Replugs
-from mkdaemon.bench.stories_race import Grant, Race, may_steer
-from mkdaemon.bench.stories_soak import Soak
+from lab.stories.kill import End, end_daemon
+from lab.stories.page import Row, write_page
+from lab.stories.plug import Replugs
+from lab.stories.race import Grant, Race, may_steer
+from lab.stories.soak import Soak
 
 
 async def test_after_a_kill_the_next_start_begins_with_a_release_and_nobody_steers():

@@ -4,7 +4,12 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from mkdaemon.bench.stories import (
+from lab.stories.clients import Loss as LostClient
+from lab.stories.deaths import Death, Loss
+from lab.stories.faults import Verdicts
+from lab.stories.kill import End
+from lab.stories.losses import summed_up
+from lab.stories.main import (
     client_row,
     end_row,
     fault_row,
@@ -14,14 +19,9 @@ from mkdaemon.bench.stories import (
     soak_row,
     unreleased_row,
 )
-from mkdaemon.bench.stories_clients import Loss as LostClient
-from mkdaemon.bench.stories_deaths import Death, Loss
-from mkdaemon.bench.stories_faults import Verdicts
-from mkdaemon.bench.stories_kill import End
-from mkdaemon.bench.stories_losses import summed_up
-from mkdaemon.bench.stories_plug import Replugs
-from mkdaemon.bench.stories_race import Race
-from mkdaemon.bench.stories_soak import Soak
+from lab.stories.plug import Replugs
+from lab.stories.race import Race
+from lab.stories.soak import Soak
 
 GOOD = Loss(1, 0, Death.KILLED, wire=0.02, neutral=0.03, applied=0.04, released=0.05, relapses=0)
 BAD = replace(GOOD, wire=None, neutral=None, applied=None, released=None)

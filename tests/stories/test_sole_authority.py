@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from mkdaemon.bench.stories_rig import Boards, cockpit
-from mkdaemon.bench.virtualloop import run_virtually
+from lab.rigs.cockpit import Boards, cockpit
+from lab.rigs.virtualloop import run_virtually
 from mkdaemon.bus.codec import encode_map
 from mkdaemon.errors import CommandRejectedError
 

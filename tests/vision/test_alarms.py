@@ -7,13 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from mkdaemon.sim.scene import Scene, SceneTarget
-from mkdaemon.sim.scene_light import Conditions
-from mkdaemon.sim.scene_motion import Platform
-from mkdaemon.sim.scene_view import view_towards
-from mkdaemon.vision.alarms import FROZEN_AFTER, ImageHealth
-from mkdaemon.vision.intrinsics import Intrinsics
-from mkdaemon.vision.tagmap import single
+from mkdaemon.sim.scene.light import Conditions
+from mkdaemon.sim.scene.motion import Platform
+from mkdaemon.sim.scene.scene import Scene, SceneTarget
+from mkdaemon.sim.scene.view import view_towards
+from mkdaemon.vision.camera.intrinsics import Intrinsics
+from mkdaemon.vision.tags.tagmap import single
+from mkdaemon.vision.track.alarms import FROZEN_AFTER, ImageHealth
 
 VGA = Intrinsics(width=640, height=480, fx=600, fy=600, cx=319.5, cy=239.5)
 PAD = SceneTarget.of(single(0.3048, 48), Platform())

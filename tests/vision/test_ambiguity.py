@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from mkdaemon.vision.ambiguity import MIN_LOG_ODDS, choose, log_odds
-from mkdaemon.vision.attitude import LOOKING_DOWN, AttitudeHistory, AttitudeSample, fuse_level, tilt_error
-from mkdaemon.vision.pose import Pose, turn
+from mkdaemon.vision.pose.ambiguity import MIN_LOG_ODDS, choose, log_odds
+from mkdaemon.vision.pose.pose import Pose, turn
+from mkdaemon.vision.track.attitude import LOOKING_DOWN, AttitudeHistory, AttitudeSample, fuse_level, tilt_error
 from tests.vision.views import angle_deg
 
 DOWN = np.diag([1.0, -1.0, -1.0])

@@ -12,14 +12,14 @@ import pytest
 from mkdaemon.config.camera import MountSection
 from mkdaemon.config.vision import BoardSection, TargetSection
 from mkdaemon.errors import ConfigError, VisionError
-from mkdaemon.sim.scene_flights import FLU_FROM_CAM_DOWN
-from mkdaemon.sim.scene_light import Conditions
-from mkdaemon.sim.scene_print import board_layer, sheet_layer, tag_layer
-from mkdaemon.vision.calibration import CalibrationResult, calibrate, hold_out_rms, rounded
-from mkdaemon.vision.calibration_board import BoardPoints, CharucoBoard, TagBoard
-from mkdaemon.vision.camera_file import CalibrationRecord, Camera, load_camera, mount_rotation, save_camera
-from mkdaemon.vision.coverage import Coverage
-from mkdaemon.vision.tagmap import build
+from mkdaemon.sim.scene.flights import FLU_FROM_CAM_DOWN
+from mkdaemon.sim.scene.light import Conditions
+from mkdaemon.sim.scene.print import board_layer, sheet_layer, tag_layer
+from mkdaemon.vision.calibrate.board import BoardPoints, CharucoBoard, TagBoard
+from mkdaemon.vision.calibrate.calibration import CalibrationResult, calibrate, hold_out_rms, rounded
+from mkdaemon.vision.calibrate.coverage import Coverage
+from mkdaemon.vision.camera.calibration_file import CalibrationRecord, Camera, load_camera, mount_rotation, save_camera
+from mkdaemon.vision.tags.tagmap import build
 
 from .boardviews import LENS, PLACES, board_views
 
@@ -221,7 +221,7 @@ def test_figures_no_lens_has_are_not_stored(tmp_path: Path) -> None:
 
 
 def test_a_missing_camera_file_is_named(tmp_path: Path) -> None:
-    with pytest.raises(ConfigError, match=r"No such file.*mkctl calibrate camera"):
+    with pytest.raises(ConfigError, match=r"No such file.*mkdaemon calibrate camera"):
         load_camera(tmp_path / "none.toml")
 
 

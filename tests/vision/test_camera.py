@@ -15,14 +15,14 @@ import zenoh
 from mkdaemon.config.camera import CameraSection
 from mkdaemon.errors import ConfigError, VisionError
 from mkdaemon.telemetry.image import CameraFrame
-from mkdaemon.vision.camera import CameraStream, StreamState, StreamStatus, retry_delays
-from mkdaemon.vision.camera_files import list_pictures
-from mkdaemon.vision.camera_sources import source_of
-from mkdaemon.vision.image import CameraImage
-from mkdaemon.vision.imagecodec import boot_id, encode_jpeg, pack
-from mkdaemon.vision.shot import EndOfImages, Shot
-from mkdaemon.vision.slot import NewestSlot
-from mkdaemon.vision.stamping import StampClock
+from mkdaemon.vision.camera.camera import CameraStream, StreamState, StreamStatus, retry_delays
+from mkdaemon.vision.camera.files import list_pictures
+from mkdaemon.vision.camera.image import CameraImage
+from mkdaemon.vision.camera.imagecodec import boot_id, encode_jpeg, pack
+from mkdaemon.vision.camera.shot import EndOfImages, Shot
+from mkdaemon.vision.camera.slot import NewestSlot
+from mkdaemon.vision.camera.sources import source_of
+from mkdaemon.vision.camera.stamping import StampClock
 
 PATIENCE = 60.0
 
@@ -68,7 +68,7 @@ class Scripted:
 
 def run(source: Scripted, **options: object) -> tuple[CameraStream, NewestSlot[CameraImage]]:
     cfg = CameraSection.model_validate(
-        {"name": "test", "source": "scripted", "reopen_min_s": 0.01, "reopen_max_s": 0.02, **options}
+        {"name": "test", "source": "scripted", "reopen_min": 0.01, "reopen_max": 0.02, **options}
     )
     slot: NewestSlot[CameraImage] = NewestSlot()
     stream = CameraStream(cfg, source, slot)
@@ -86,7 +86,7 @@ def until(stream: CameraStream, wanted: Callable[[StreamStatus], bool]) -> Strea
 
 def test_an_unplugged_camera_is_named_and_comes_back() -> None:
     source = Scripted(["image", "image", "unplug", "image"])
-    stream, slot = run(source, silent_after_s=PATIENCE)
+    stream, slot = run(source, silent_after=PATIENCE)
     assert source.drained.wait(PATIENCE)
     status = until(stream, lambda s: s.images == 3)
     assert status.state is StreamState.STREAMING
@@ -117,7 +117,7 @@ def test_a_camera_without_images_is_silent_then_streaming_again() -> None:
         return Shot(picture(), time.monotonic()) if gate.is_set() else original(timeout)
 
     source.read = read  # type: ignore[method-assign]
-    stream, _ = run(source, silent_after_s=0.05)
+    stream, _ = run(source, silent_after=0.05)
     status = until(stream, lambda s: s.state is StreamState.SILENT)
     assert "no image for" in status.reason
     assert status.fps == 0.0
@@ -197,7 +197,7 @@ def test_the_rate_is_that_of_bursts_and_gaps_together() -> None:
     source.read = lambda timeout: (  # type: ignore[method-assign]
         Shot(picture(), at) if (at := next(times, None)) is not None else Scripted.read(source, timeout)
     )
-    stream, _ = run(source, silent_after_s=60.0)
+    stream, _ = run(source, silent_after=60.0)
     status = until(stream, lambda s: s.images == 60)
     assert status.fps == pytest.approx(20.0, rel=0.05)
     stream.stop()
@@ -214,7 +214,7 @@ def test_the_rate_is_that_of_bursts_and_gaps_together() -> None:
 )
 def test_a_source_that_is_not_there_says_so(source: str, words: str) -> None:
     with pytest.raises(VisionError, match=words):
-        source_of(CameraSection(source=source, reopen_max_s=0.3)).open()
+        source_of(CameraSection(source=source, reopen_max=0.3)).open()
 
 
 def test_a_backend_that_is_missing_or_fails_is_named() -> None:
@@ -317,7 +317,7 @@ def test_images_from_the_bus_keep_their_capture_time(session: zenoh.Session) -> 
 
 
 def test_rubbish_on_an_image_key_is_named(session: zenoh.Session) -> None:
-    cfg = CameraSection(source="zenoh:test/rubbish/image", silent_after_s=0.05)
+    cfg = CameraSection(source="zenoh:test/rubbish/image", silent_after=0.05)
     slot: NewestSlot[CameraImage] = NewestSlot()
     stream = CameraStream(cfg, source_of(cfg, lambda: session), slot)
     stream.start()

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mkdaemon.vision.branches import DECIDED, Branches
-from mkdaemon.vision.course import MOVING_PSD, Course
-from mkdaemon.vision.pose import Pose, turn
+from mkdaemon.vision.pose.pose import Pose, turn
+from mkdaemon.vision.track.branches import DECIDED, Branches
+from mkdaemon.vision.track.course import MOVING_PSD, Course
 from tests.vision.views import angle_deg
 
 DOWN = np.diag([1.0, -1.0, -1.0])

@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 
 from mkdaemon.config.vision import DetectorSection
-from mkdaemon.sim.scene_light import Conditions, Cover, Shadow
-from mkdaemon.vision.aruco_fallback import ArucoSearch
-from mkdaemon.vision.cellread import quiet_sides
-from mkdaemon.vision.detector import LADDER, Detector
-from mkdaemon.vision.tagfamily import cells, find_family
+from mkdaemon.sim.scene.light import Conditions, Cover, Shadow
+from mkdaemon.vision.tags.aruco_fallback import ArucoSearch
+from mkdaemon.vision.tags.cellread import quiet_sides
+from mkdaemon.vision.tags.detector import LADDER, Detector
+from mkdaemon.vision.tags.tagfamily import cells, find_family
 from tests.vision.views import View, place, printed, shipped
 
 PX, MARGIN = 20, 3

@@ -7,14 +7,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from mkdaemon.sim.scene_light import Conditions, Cover
-from mkdaemon.vision.attitude import LOOKING_DOWN
-from mkdaemon.vision.edgefit import EdgeFit
-from mkdaemon.vision.evidence import EdgeEvidence
-from mkdaemon.vision.pose import Pose, turn
-from mkdaemon.vision.projection import Projection
-from mkdaemon.vision.tagmap import TagMap
-from mkdaemon.vision.tracker import Tracker
+from mkdaemon.sim.scene.light import Conditions, Cover
+from mkdaemon.vision.pose.edgefit import EdgeFit
+from mkdaemon.vision.pose.evidence import EdgeEvidence
+from mkdaemon.vision.pose.pose import Pose, turn
+from mkdaemon.vision.pose.projection import Projection
+from mkdaemon.vision.tags.tagmap import TagMap
+from mkdaemon.vision.track.attitude import LOOKING_DOWN
+from mkdaemon.vision.track.tracker import Tracker
 from tests.vision.views import VGA, View, angle_deg, place, shipped
 
 PROJECTION = Projection(VGA)

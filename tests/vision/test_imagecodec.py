@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mkdaemon.telemetry.image import CameraFrame
-from mkdaemon.vision.imagecodec import decode_picture, encode_jpeg, pack, to_grey, unpack
+from mkdaemon.vision.camera.imagecodec import decode_picture, encode_jpeg, pack, to_grey, unpack
 
 PIXELS = np.arange(12 * 16, dtype=np.uint8).reshape(12, 16)
 FRAME = CameraFrame(

@@ -6,20 +6,20 @@ import cv2
 import numpy as np
 import pytest
 
-from mkdaemon.bench.vision_stills import error_of
+from lab.vision.stills import error_of
 from mkdaemon.config.vision import TagPlacement, TargetSection
 from mkdaemon.errors import ConfigError, VisionError
-from mkdaemon.sim.scene import Scene, SceneTarget, cam_from_target, true_corners
-from mkdaemon.sim.scene_motion import Platform
-from mkdaemon.vision import apriltaglib, tagfamily
-from mkdaemon.vision.attitude import LOOKING_DOWN
-from mkdaemon.vision.detector import Detector
-from mkdaemon.vision.image import CameraImage
-from mkdaemon.vision.tagfamily import FAMILIES
-from mkdaemon.vision.tagmap import TagMap, Target, build, single
-from mkdaemon.vision.target_print import svg
-from mkdaemon.vision.target_shapes import target_page
-from mkdaemon.vision.tracker import Tracker
+from mkdaemon.sim.scene.motion import Platform
+from mkdaemon.sim.scene.scene import Scene, SceneTarget, cam_from_target, true_corners
+from mkdaemon.vision.calibrate.target_print import svg
+from mkdaemon.vision.calibrate.target_shapes import target_page
+from mkdaemon.vision.camera.image import CameraImage
+from mkdaemon.vision.tags import apriltaglib, tagfamily
+from mkdaemon.vision.tags.detector import Detector
+from mkdaemon.vision.tags.tagfamily import FAMILIES
+from mkdaemon.vision.tags.tagmap import TagMap, Target, build, single
+from mkdaemon.vision.track.attitude import LOOKING_DOWN
+from mkdaemon.vision.track.tracker import Tracker
 from tests.vision.test_target_print import PX_PER_MM, paint_svg
 from tests.vision.views import VGA, place
 

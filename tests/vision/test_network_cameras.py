@@ -9,10 +9,10 @@ from collections.abc import Callable
 import pytest
 
 from mkdaemon.config.camera import CameraSection
-from mkdaemon.vision.camera import CameraStream, StreamState, StreamStatus
-from mkdaemon.vision.camera_sources import source_of
-from mkdaemon.vision.image import CameraImage
-from mkdaemon.vision.slot import NewestSlot
+from mkdaemon.vision.camera.camera import CameraStream, StreamState, StreamStatus
+from mkdaemon.vision.camera.image import CameraImage
+from mkdaemon.vision.camera.slot import NewestSlot
+from mkdaemon.vision.camera.sources import source_of
 from tests.bus.support import free_endpoint
 from tests.vision.network_cameras import HEIGHT, WIDTH, HttpCamera, NetworkCamera, RtspCamera
 
@@ -20,7 +20,7 @@ PATIENCE = 60.0
 
 
 def watch(address: str) -> tuple[CameraStream, NewestSlot[CameraImage]]:
-    cfg = CameraSection(source=address, reopen_min_s=0.05, reopen_max_s=5.0)
+    cfg = CameraSection(source=address, reopen_min=0.05, reopen_max=5.0)
     slot: NewestSlot[CameraImage] = NewestSlot()
     stream = CameraStream(cfg, source_of(cfg), slot)
     stream.start()

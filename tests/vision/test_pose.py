@@ -9,15 +9,15 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mkdaemon.sim.scene_light import Conditions, Glare
-from mkdaemon.vision.detector import Detector
-from mkdaemon.vision.edgefit import EdgeFit, EdgeModel, Level
-from mkdaemon.vision.gates import BitModel
-from mkdaemon.vision.intrinsics import Intrinsics
-from mkdaemon.vision.photofit import PhotoFit
-from mkdaemon.vision.pose import FLOOR_RANGE, Pose, inverse, largest_variance, solve, turn, with_floor
-from mkdaemon.vision.projection import Projection
-from mkdaemon.vision.tagmap import TagMap, load
+from mkdaemon.sim.scene.light import Conditions, Glare
+from mkdaemon.vision.camera.intrinsics import Intrinsics
+from mkdaemon.vision.pose.edgefit import EdgeFit, EdgeModel, Level
+from mkdaemon.vision.pose.gates import BitModel
+from mkdaemon.vision.pose.photofit import PhotoFit
+from mkdaemon.vision.pose.pose import FLOOR_RANGE, Pose, inverse, largest_variance, solve, turn, with_floor
+from mkdaemon.vision.pose.projection import Projection
+from mkdaemon.vision.tags.detector import Detector
+from mkdaemon.vision.tags.tagmap import TagMap, load
 from tests.vision.views import VGA, View, angle_deg, place, shipped
 
 PROJECTION = Projection(VGA)
@@ -254,7 +254,7 @@ def test_floor_and_inverse():
 
 
 def test_covariance_is_honest():
-    """NEES per degree of freedom of 24 views; the campaign of `mkdaemon bench vision` draws hundreds."""
+    """NEES per degree of freedom of 24 views; the campaign of `python -m lab vision` draws hundreds."""
     target = shipped("single")
     fit = EdgeFit(target, PROJECTION)
     values = []

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from mkdaemon.errors import VisionError
-from mkdaemon.vision.apriltaglib import detector, draw
-from mkdaemon.vision.tagfamily import FAMILIES, cells, find_family
+from mkdaemon.vision.tags.apriltaglib import detector, draw
+from mkdaemon.vision.tags.tagfamily import FAMILIES, cells, find_family
 from tests.vision.views import printed
 
 PYAPRILTAGS = pytest.importorskip("pyapriltags")

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from mkdaemon.errors import ConfigError
-from mkdaemon.vision.tagmap import load, single
+from mkdaemon.vision.tags.tagmap import load, single
 from tests.vision.views import CONFIGS
 
 ONE = """

@@ -9,14 +9,14 @@ from mkdaemon.config.camera import CameraSection
 from mkdaemon.config.vision import TagPlacement, TargetSection, VisionSection
 from mkdaemon.frames import rotation_from_euler
 from mkdaemon.telemetry.vision import EyeState
-from mkdaemon.vision.camera import StreamState, StreamStatus
-from mkdaemon.vision.detection import Detection
-from mkdaemon.vision.image import CameraImage
-from mkdaemon.vision.intrinsics import Intrinsics
+from mkdaemon.vision.camera.camera import StreamState, StreamStatus
+from mkdaemon.vision.camera.image import CameraImage
+from mkdaemon.vision.camera.intrinsics import Intrinsics
 from mkdaemon.vision.pipeline import CameraPipeline
-from mkdaemon.vision.projection import Projection
-from mkdaemon.vision.tagmap import TagMap, build
-from mkdaemon.vision.target_check import CONTRADICTIONS, TargetCheck, misfit
+from mkdaemon.vision.pose.projection import Projection
+from mkdaemon.vision.pose.target_check import CONTRADICTIONS, TargetCheck, misfit
+from mkdaemon.vision.tags.detection import Detection
+from mkdaemon.vision.tags.tagmap import TagMap, build
 
 LENS = Projection(Intrinsics(width=640, height=480, fx=425.0, fy=425.0, cx=319.5, cy=239.5, k1=-0.12, k2=0.02))
 FACING = np.diag([1.0, -1.0, -1.0])
@@ -97,8 +97,8 @@ def test_without_a_calibration_nothing_is_judged() -> None:
 
 def test_the_camera_says_so_in_place_of_a_pose(tmp_path) -> None:
     from mkdaemon.config.scene import SceneConfig
-    from mkdaemon.sim.scene_camera import BodyState, SceneCamera
-    from mkdaemon.vision.camera_file import save_camera
+    from mkdaemon.sim.scene.camera import BodyState, SceneCamera
+    from mkdaemon.vision.camera.calibration_file import save_camera
 
     scene = SceneCamera(SceneConfig(enabled=True), seed=3)
     lens, target = tmp_path / "lens.toml", tmp_path / "pad.toml"

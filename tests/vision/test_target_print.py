@@ -13,10 +13,10 @@ import pytest
 
 from mkdaemon.config.vision import TagPlacement, TargetSection
 from mkdaemon.errors import ConfigError
-from mkdaemon.vision.calibration_board import CharucoBoard
-from mkdaemon.vision.tagmap import Target, build, load, single
-from mkdaemon.vision.target_print import PAPERS_MM, pdf, svg, write_page
-from mkdaemon.vision.target_shapes import Page, board_page, outlines, target_page
+from mkdaemon.vision.calibrate.board import CharucoBoard
+from mkdaemon.vision.calibrate.target_print import PAPERS_MM, pdf, svg, write_page
+from mkdaemon.vision.calibrate.target_shapes import Page, board_page, outlines, target_page
+from mkdaemon.vision.tags.tagmap import Target, build, load, single
 
 ROOT = Path(__file__).resolve().parents[2]
 PX_PER_MM = 4

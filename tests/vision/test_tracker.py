@@ -8,18 +8,18 @@ from functools import lru_cache
 import numpy as np
 import pytest
 
-from mkdaemon.bench.vision_flight import VGA, fly
+from lab.vision.flight import VGA, fly
 from mkdaemon.frames import euler_from_rotation
-from mkdaemon.sim.scene import Scene, SceneTarget, cam_from_target
-from mkdaemon.sim.scene_light import Conditions
-from mkdaemon.sim.scene_motion import Platform
-from mkdaemon.vision.attitude import LOOKING_DOWN, AttitudeHistory, AttitudeSample
-from mkdaemon.vision.gates import certainty_fault
-from mkdaemon.vision.image import CameraImage
-from mkdaemon.vision.judge import Sight
-from mkdaemon.vision.pose import FLOOR_ANGLE, FLOOR_RANGE
-from mkdaemon.vision.tagmap import TagMap, load
-from mkdaemon.vision.tracker import Tracker
+from mkdaemon.sim.scene.light import Conditions
+from mkdaemon.sim.scene.motion import Platform
+from mkdaemon.sim.scene.scene import Scene, SceneTarget, cam_from_target
+from mkdaemon.vision.camera.image import CameraImage
+from mkdaemon.vision.pose.gates import certainty_fault
+from mkdaemon.vision.pose.pose import FLOOR_ANGLE, FLOOR_RANGE
+from mkdaemon.vision.tags.tagmap import TagMap, load
+from mkdaemon.vision.track.attitude import LOOKING_DOWN, AttitudeHistory, AttitudeSample
+from mkdaemon.vision.track.judge import Sight
+from mkdaemon.vision.track.tracker import Tracker
 from tests.vision.views import CONFIGS, View, angle_deg, place, shipped
 
 

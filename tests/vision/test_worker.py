@@ -16,20 +16,20 @@ from mkdaemon.config.camera import CameraSection
 from mkdaemon.config.vision import VisionSection
 from mkdaemon.errors import ConfigError
 from mkdaemon.frames import rotation_from_quaternion
-from mkdaemon.sim.scene import Scene, SceneTarget
-from mkdaemon.sim.scene_light import Conditions
-from mkdaemon.sim.scene_motion import Platform
-from mkdaemon.sim.scene_view import CameraView, view_towards
+from mkdaemon.sim.scene.light import Conditions
+from mkdaemon.sim.scene.motion import Platform
+from mkdaemon.sim.scene.scene import Scene, SceneTarget
+from mkdaemon.sim.scene.view import CameraView, view_towards
 from mkdaemon.telemetry.base import Telemetry
 from mkdaemon.telemetry.image import CameraFrame
 from mkdaemon.telemetry.vision import EyeState, Tags, Transform, VisionPose, VisionStats
-from mkdaemon.vision.attitude import AttitudeSample
-from mkdaemon.vision.camera import StreamState, StreamStatus
-from mkdaemon.vision.camera_file import load_camera, mount_rotation
-from mkdaemon.vision.image import CameraImage
+from mkdaemon.vision.camera.calibration_file import load_camera, mount_rotation
+from mkdaemon.vision.camera.camera import StreamState, StreamStatus
+from mkdaemon.vision.camera.image import CameraImage
+from mkdaemon.vision.camera.slot import NewestSlots
 from mkdaemon.vision.pipeline import ALARM_WORDS, CameraPipeline
-from mkdaemon.vision.slot import NewestSlots
-from mkdaemon.vision.tagmap import load
+from mkdaemon.vision.tags.tagmap import load
+from mkdaemon.vision.track.attitude import AttitudeSample
 from mkdaemon.vision.worker import VisionWorker
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -124,7 +124,7 @@ BLACK, WHITE = np.zeros((480, 640), np.uint8), np.full((480, 640), 255, np.uint8
         ([WHITE] * 8, {}, EyeState.BLOWN, "shorten the exposure"),
         ([np.full((720, 1280), 90, np.uint8)] * 2, {}, EyeState.WRONG_SIZE, "1280x720, its calibration is for 640x480"),
         ([shot()[:, :600]] * 2, {}, EyeState.WRONG_SIZE, "600x480, its calibration is for 640x480"),
-        ([shot()], {"calibration": None}, EyeState.UNCALIBRATED, "mkctl calibrate camera"),
+        ([shot()], {"calibration": None}, EyeState.UNCALIBRATED, "mkdaemon calibrate camera"),
     ],
     ids=["black", "blown", "mis-sized", "cropped", "uncalibrated"],
 )
@@ -262,7 +262,7 @@ async def test_the_worker_publishes_on_the_loop_from_the_first_image_to_the_last
 async def test_a_camera_that_comes_late_is_waited_for(tmp_path: Path) -> None:
     sink = Collected()
     folder = tmp_path / "later"
-    cfg = section(source=f"folder:{folder}", fps=50, reopen_min_s=0.02, reopen_max_s=0.05)
+    cfg = section(source=f"folder:{folder}", fps=50, reopen_min=0.02, reopen_max=0.05)
     worker = VisionWorker([cfg], VisionSection(), sink, asyncio.get_running_loop())
     worker.start()
     await sink.until(lambda _: any(found.state is EyeState.GONE for found in sink.stats()))

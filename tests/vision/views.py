@@ -9,14 +9,14 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from mkdaemon.sim.scene import Scene, SceneTarget, cam_from_target, true_corners
-from mkdaemon.sim.scene_ground import Ground
-from mkdaemon.sim.scene_light import Conditions
-from mkdaemon.sim.scene_motion import Platform
-from mkdaemon.sim.scene_view import CameraView
-from mkdaemon.vision.image import CameraImage
-from mkdaemon.vision.intrinsics import Intrinsics
-from mkdaemon.vision.tagmap import Target, load
+from mkdaemon.sim.scene.ground import Ground
+from mkdaemon.sim.scene.light import Conditions
+from mkdaemon.sim.scene.motion import Platform
+from mkdaemon.sim.scene.scene import Scene, SceneTarget, cam_from_target, true_corners
+from mkdaemon.sim.scene.view import CameraView
+from mkdaemon.vision.camera.image import CameraImage
+from mkdaemon.vision.camera.intrinsics import Intrinsics
+from mkdaemon.vision.tags.tagmap import Target, load
 
 CONFIGS = Path(__file__).resolve().parents[2] / "configs" / "targets"
 VGA = Intrinsics(width=640, height=480, fx=600.0, fy=600.0, cx=319.5, cy=239.5)

@@ -1,1 +1,1 @@
-"""mkctl: commands that are Zenoh clients like any other."""
+"""The two programs: `mkdaemon` beside the aircraft, `mkctl` as a client of the bus."""

@@ -64,7 +64,7 @@ def build(name: str, about: str, table: Iterable[CommandEntry], *, chosen: str =
 def main(name: str, about: str, table: Iterable[CommandEntry]) -> NoReturn:
     """Run a program and end the process: 0 as asked, 1 failed while running, 2 wrong configuration or usage."""
     tokens = sys.argv[1:]
-    # `mkdaemon.entry` has let an interrupt kill the process until here, where it can end in order.
+    # `mkdaemon.cli.entry` has let an interrupt kill the process until here, where it can end in order.
     signal.signal(signal.SIGINT, signal.default_int_handler)
     ended_by = _end_like_an_interrupt()
     code = run(build(name, about, table, chosen=tokens[0] if tokens else ""), tokens)

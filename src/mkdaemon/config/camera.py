@@ -31,7 +31,7 @@ class CameraSection(Section):
     source: str = Field(min_length=1)
     """`/dev/video0` or `v4l2:PATH`, `rtsp://...`, `gstreamer:PIPELINE`, `file:CLIP`, `folder:DIR`, `zenoh:KEY`."""
     calibration: Path | None = None
-    """Camera file of `mkctl calibrate camera`; without one tags are published, poses never."""
+    """Camera file of `mkdaemon calibrate camera`; without one tags are published, poses never."""
     targets: tuple[Path, ...] = ()
     """Target files this camera looks for."""
     mount: MountSection | None = None
@@ -52,11 +52,11 @@ class CameraSection(Section):
     """Play a file or folder again and again."""
     paced: bool = True
     """Play a file or folder at its own rate; otherwise as fast as images are taken."""
-    silent_after_s: float = Field(default=1.0, gt=0, le=60)
+    silent_after: float = Field(default=1.0, gt=0, le=60)
     """Without an image for this long the camera counts as silent [s]."""
-    reopen_min_s: float = Field(default=0.2, gt=0, le=10)
+    reopen_min: float = Field(default=0.2, gt=0, le=10)
     """First delay before a lost camera is opened again [s]."""
-    reopen_max_s: float = Field(default=5.0, gt=0, le=60)
+    reopen_max: float = Field(default=5.0, gt=0, le=60)
     """Longest delay between two attempts, and longest wait for a network stream [s]."""
     jpeg_hz: float = Field(default=0.0, ge=0, le=60)
     """Images published on the bus a second, at most; 0 publishes none."""
@@ -67,7 +67,7 @@ class CameraSection(Section):
 
     @model_validator(mode="after")
     def _delays_in_order(self) -> Self:
-        if self.reopen_min_s > self.reopen_max_s:
-            msg = f"reopen_min_s {self.reopen_min_s:g} <= reopen_max_s {self.reopen_max_s:g} does not hold"
+        if self.reopen_min > self.reopen_max:
+            msg = f"reopen_min {self.reopen_min:g} <= reopen_max {self.reopen_max:g} does not hold"
             raise ValueError(msg)
         return self

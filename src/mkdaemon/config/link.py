@@ -32,26 +32,26 @@ class LinkConfig(Section):
     """Idle line after each frame to a FlightCtrl, which has one receive buffer [ms]."""
     setpoint_hz: Annotated[float, Field(gt=0, le=100)] = 100.0
     """Most external control frames a second; 40 where a NaviCtrl 0.24 passes them on [Hz]."""
-    renew_s: Annotated[float, Field(ge=0.5, le=2.0)] = 1.5
+    renewal: Annotated[float, Field(ge=0.5, le=2.0)] = 1.5
     """How often subscriptions are renewed [s]; boards drop them after 4.0 s (NaviCtrl) and 4.1 s (FlightCtrl)."""
     max_loss_percent: Annotated[float, Field(gt=0, le=100)] = 5.0
     """Loss over the moving window above which the link counts as degraded [%]."""
-    window_s: Annotated[float, Field(ge=1, le=120)] = 10.0
+    window: Annotated[float, Field(ge=1, le=120)] = 10.0
     """Moving window of all statistics [s]."""
     probe_baud: bool = True
     """Try other line rates while nothing but garbage arrives."""
     probe_flightctrl: bool = True
     """With the motors known off, look once through a NaviCtrl for the FlightCtrl's version; telemetry pauses 0.3 s."""
-    reopen_min_s: Annotated[float, Field(gt=0, le=10)] = 0.05
+    reopen_min: Annotated[float, Field(gt=0, le=10)] = 0.05
     """First delay before a lost port is opened again [s]."""
-    reopen_max_s: Annotated[float, Field(gt=0, le=60)] = 1.0
+    reopen_max: Annotated[float, Field(gt=0, le=60)] = 1.0
     """Longest delay between two attempts [s]."""
     label_cache: Path | None = None
     """File in which analog labels are kept by board, version and checksum; None to keep them in memory."""
 
     @model_validator(mode="after")
     def _delays_in_order(self) -> Self:
-        if self.reopen_min_s > self.reopen_max_s:
-            msg = f"reopen_min_s {self.reopen_min_s:g} <= reopen_max_s {self.reopen_max_s:g} does not hold"
+        if self.reopen_min > self.reopen_max:
+            msg = f"reopen_min {self.reopen_min:g} <= reopen_max {self.reopen_max:g} does not hold"
             raise ValueError(msg)
         return self

@@ -37,7 +37,7 @@ class Eyes:
         """Tell the eyes how the vehicle lies, so that a pose that contradicts it can be refused."""
         if self._worker is None:
             return
-        from mkdaemon.vision.attitude import AttitudeSample
+        from mkdaemon.vision.track.attitude import AttitudeSample
 
         sample = AttitudeSample(attitude.t_monotonic, attitude.roll, attitude.pitch, attitude.yaw)
         self._worker.attitude_arrived(sample)

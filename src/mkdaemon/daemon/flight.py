@@ -24,7 +24,7 @@ from mkdaemon.daemon.preflight import check_gate
 from mkdaemon.daemon.vitals import Vitals
 from mkdaemon.errors import CommandRejectedError
 from mkdaemon.link.link import Link
-from mkdaemon.link.traffic import ReleaseResult
+from mkdaemon.link.session.traffic import ReleaseResult
 from mkdaemon.telemetry.command import CommandResult, LeaseRequest, ReleaseRequest, Status, refuse
 from mkdaemon.telemetry.control import ControlOutput, ControlStatus, LeaseState, Phase
 from mkdaemon.telemetry.link import LinkCondition

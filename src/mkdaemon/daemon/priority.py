@@ -12,7 +12,7 @@ import os
 import sys
 from typing import Final
 
-SWITCH_S: Final = 0.0005
+SWITCH: Final = 0.0005
 """Between two calls into OpenCV another thread may keep the interpreter, and the loop waiting, for so long; Python's
 own 5 ms would be more than a setpoint's whole budget [s]."""
 LOWEST_REAL_TIME: Final = 1
@@ -29,7 +29,7 @@ def favour_loop() -> bool:
         Whether the system allowed a real-time priority; it does to root and to whom `RLIMIT_RTPRIO` is granted, as
         `LimitRTPRIO=` in the service's unit does.
     """
-    sys.setswitchinterval(min(sys.getswitchinterval(), SWITCH_S))
+    sys.setswitchinterval(min(sys.getswitchinterval(), SWITCH))
     if not hasattr(os, "sched_setscheduler"):
         return False
     try:

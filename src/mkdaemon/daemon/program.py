@@ -23,7 +23,7 @@ from mkdaemon.daemon.vitals import Vitals
 from mkdaemon.daemon.watchdog import Notifier, feed_watchdog
 from mkdaemon.errors import ConfigError, MkError
 from mkdaemon.link.link import Link
-from mkdaemon.link.port import open_port
+from mkdaemon.link.ports.port import open_port
 
 HEALTH_PERIOD: Final = 1.0
 """The vehicle's signs of life are published at least this often [s]."""

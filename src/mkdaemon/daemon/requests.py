@@ -19,9 +19,9 @@ from mkdaemon.daemon.gate import Rule, check, rule_for
 from mkdaemon.daemon.meeting import meet
 from mkdaemon.daemon.vitals import Vitals
 from mkdaemon.errors import CommandRejectedError, LinkLostError, RequestTimeoutError
-from mkdaemon.link.acquaintance import FORWARDED
 from mkdaemon.link.discovery import PORTS, redirected
 from mkdaemon.link.link import Link
+from mkdaemon.link.session.peers import FORWARDED
 from mkdaemon.protocol.flags import RedirectPort
 from mkdaemon.protocol.messages import Redirect, VersionRequest
 from mkdaemon.protocol.wire import MESSAGES, Board, Direction, WireMessage
@@ -29,7 +29,7 @@ from mkdaemon.telemetry.command import CommandResult, Status, refuse
 
 _BEHIND = (Board.FC, Board.MAG)
 """Boards a NaviCtrl can pass the line through to."""
-PASSAGE_S: Final = 5.0
+PASSAGE: Final = 5.0
 """How long a bare redirection lasts [s]; a client waits 15 s for an answer."""
 _BOARDS = {board.word: board for board in Board if board is not Board.ANY}
 
@@ -90,9 +90,9 @@ class BoardRequests:
             CommandRejectedError: `not_redirectable`, `motors_not_known_off`.
         """
         async with redirected(self._link, PORTS[port]):
-            await asyncio.sleep(PASSAGE_S)
+            await asyncio.sleep(PASSAGE)
         reason = (
-            f"the line led to the {port.name} for {PASSAGE_S:g} s and is back; what came is under raw/rx. "
+            f"the line led to the {port.name} for {PASSAGE:g} s and is back; what came is under raw/rx. "
             "Requests to cmd/fc and cmd/mag are passed through by themselves."
         )
         return CommandResult(status=Status.NOT_OBSERVABLE, reason=reason)

@@ -9,8 +9,8 @@ from pydantic import BaseModel
 from mkdaemon.daemon.audit import Audit, Outlet
 from mkdaemon.daemon.eyes import Eyes
 from mkdaemon.daemon.vitals import Vitals
-from mkdaemon.link.exchange import CLOSED
-from mkdaemon.link.traffic import Lost, Received, Sent
+from mkdaemon.link.session.exchange import CLOSED
+from mkdaemon.link.session.traffic import Lost, Received, Sent
 from mkdaemon.protocol.wire import Board, Unknown, WireMessage, board_at
 from mkdaemon.telemetry.link import LinkCondition, LinkHealth, LinkState, LinkTraffic
 from mkdaemon.telemetry.state import Attitude, Flight, Pilot

@@ -28,17 +28,17 @@ from mkdaemon.protocol.wire import Board
 if TYPE_CHECKING:
     from mkdaemon.link.link import Link
 
-ESCAPE_PAUSE_S: Final = 0.05
+ESCAPE_PAUSE: Final = 0.05
 """Between the two escape sequences, and after them before the next frame [s]."""
-SWITCH_S: Final = 0.03
+SWITCH: Final = 0.03
 """A NaviCtrl takes this long to switch its port over [s]; 25 ms measured."""
-MOTORS_WAIT_S: Final = 3.0
+MOTORS_WAIT: Final = 3.0
 """How long to wait for telemetry that tells whether the motors run [s]."""
-ASK_AGAIN_S: Final = (0.1, 0.2, 0.4)
+ASK_AGAIN: Final = (0.1, 0.2, 0.4)
 """Pauses between rounds of questions while nobody answers; the last one repeats [s]."""
-LOOK_AGAIN_S: Final = (1.0, 2.0, 4.0, 8.0, 15.0)
+LOOK_AGAIN: Final = (1.0, 2.0, 4.0, 8.0, 15.0)
 """Pauses between looks behind a NaviCtrl while its FlightCtrl is unknown; the last one repeats [s]."""
-INTRODUCTION_S: Final = 4.0
+INTRODUCTION_TIME: Final = 4.0
 """How long whoever wants to act waits for the boards to be known [s]; a start takes 0.5-1.5 s."""
 
 
@@ -55,7 +55,7 @@ async def look_behind(link: Link, *, until: asyncio.Event) -> None:
         link: introduced.
         until: ends it, too: the boards must be met anew.
     """
-    pauses = chain(LOOK_AGAIN_S, repeat(LOOK_AGAIN_S[-1]))
+    pauses = chain(LOOK_AGAIN, repeat(LOOK_AGAIN[-1]))
     while link.is_looking_behind and not until.is_set():
         with suppress(CommandRejectedError):
             await _look_once(link)
@@ -68,7 +68,7 @@ async def look_behind(link: Link, *, until: asyncio.Event) -> None:
 async def introduced(link: Link) -> bool:
     """Wait a while for the boards on the line to name their releases; whether they have."""
     with suppress(TimeoutError):
-        async with asyncio.timeout(INTRODUCTION_S):
+        async with asyncio.timeout(INTRODUCTION_TIME):
             while link.is_looking_behind or not link.boards:  # noqa: ASYNC110 - what is known is a state, not an event
                 await asyncio.sleep(0.05)
     return not link.is_looking_behind and bool(link.boards)
@@ -88,12 +88,12 @@ async def _find_direct_board(link: Link) -> None:
         if await _ask_version(link, Board.ANY) and link.direct_board is Board.NC:
             return
         await link.send_escape()
-        await asyncio.sleep(ESCAPE_PAUSE_S)
+        await asyncio.sleep(ESCAPE_PAUSE)
         await link.send_escape()
-        await asyncio.sleep(ESCAPE_PAUSE_S)
+        await asyncio.sleep(ESCAPE_PAUSE)
         if await _ask_version(link, Board.ANY):
             return
-        await asyncio.sleep(ASK_AGAIN_S[min(round_number, len(ASK_AGAIN_S) - 1)])
+        await asyncio.sleep(ASK_AGAIN[min(round_number, len(ASK_AGAIN) - 1)])
 
 
 async def _ask_version(link: Link, board: Board) -> bool:
@@ -107,7 +107,7 @@ async def _ask_version(link: Link, board: Board) -> bool:
 async def motors_stand_still(link: Link) -> bool:
     """Wait a while for telemetry to tell; whether it said that they do."""
     with suppress(TimeoutError):
-        async with asyncio.timeout(MOTORS_WAIT_S):
+        async with asyncio.timeout(MOTORS_WAIT):
             while link.motors_running() is None:  # noqa: ASYNC110 - telemetry is a state, not an event
                 await asyncio.sleep(0.05)
     return link.motors_running() is False
@@ -145,10 +145,10 @@ async def redirected(link: Link, board: Board) -> AsyncIterator[None]:
         await link.send(Redirect(port=ports[board]), board=Board.NC)
         link.note_redirect(board)
         try:
-            await asyncio.sleep(SWITCH_S)
+            await asyncio.sleep(SWITCH)
             yield
         finally:
             for _ in range(2):
                 await link.send_escape()
-                await asyncio.sleep(ESCAPE_PAUSE_S)
+                await asyncio.sleep(ESCAPE_PAUSE)
             link.note_redirect(None)

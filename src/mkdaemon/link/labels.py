@@ -11,7 +11,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
-from mkdaemon.link.traffic import Purpose
+from mkdaemon.link.session.traffic import Purpose
 from mkdaemon.protocol.messages.display import LabelRequest
 from mkdaemon.protocol.wire import Board
 

@@ -13,14 +13,14 @@ from typing import Protocol
 
 from mkdaemon.config.link import LinkConfig
 from mkdaemon.errors import CommandRejectedError, LinkError, LinkLostError, RequestTimeoutError
-from mkdaemon.link.dialogue import Dialogue
 from mkdaemon.link.discovery import introduce, look_behind
-from mkdaemon.link.exchange import Exchange
 from mkdaemon.link.labels import LabelCache, read_labels
-from mkdaemon.link.port import Port, open_port
-from mkdaemon.link.reopening import AliasMemory, backoff
-from mkdaemon.link.streams import check_rates
-from mkdaemon.link.traffic import LinkSink, Purpose, ReleaseResult
+from mkdaemon.link.ports.port import Port, open_port
+from mkdaemon.link.session.dialogue import Dialogue
+from mkdaemon.link.session.exchange import Exchange
+from mkdaemon.link.session.reopening import AliasMemory, backoff
+from mkdaemon.link.session.streams import check_rates
+from mkdaemon.link.session.traffic import LinkSink, Purpose, ReleaseResult
 from mkdaemon.protocol.dialect import Dialect
 from mkdaemon.protocol.wire import Board, WireMessage
 from mkdaemon.telemetry.link import LinkCondition, LinkHealth, LinkTraffic
@@ -179,13 +179,13 @@ class Link:
         """
         return await read_labels(self, board, self._labels)
 
-    def set_rate(self, kind: str, interval_s: float) -> None:
+    def set_rate(self, kind: str, interval: float) -> None:
         """Change the interval of a stream [s]; 0 ends it.
 
         Raises:
             CommandRejectedError: no such stream, or the line cannot carry it; with the arithmetic.
         """
-        self._dialogue.want(kind, interval_s)
+        self._dialogue.want(kind, interval)
         self._exchange.pump()
 
     # -- what discovery uses --------------------------------------------------------------------------------------
@@ -221,7 +221,7 @@ class Link:
             ConfigError: no such port can ever be opened.
         """
         has_been_open = self._cfg.wait_for_port
-        delays = backoff(self._cfg.reopen_min_s, self._cfg.reopen_max_s)
+        delays = backoff(self._cfg.reopen_min, self._cfg.reopen_max)
         while True:
             try:
                 port = await self._open()
@@ -239,7 +239,7 @@ class Link:
             finally:
                 self._exchange.port = None
                 await port.close()
-            delays = backoff(self._cfg.reopen_min_s, self._cfg.reopen_max_s)
+            delays = backoff(self._cfg.reopen_min, self._cfg.reopen_max)
             await asyncio.sleep(next(delays))
 
     async def _open(self) -> Port:

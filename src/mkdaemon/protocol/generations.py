@@ -40,9 +40,9 @@ class DeadMan(Enum):
     """Not verified: taken as the worst of all."""
 
     @property
-    def hold_s(self) -> float:
+    def hold_time(self) -> float:
         """Time the last sticks are held after the last refresh [s]."""
-        return _HOLD_S[self]
+        return _HOLD[self]
 
     def refreshed_by(self, command: str) -> bool:
         """Whether a command of this letter keeps the last sticks alive."""
@@ -50,7 +50,7 @@ class DeadMan(Enum):
         return letters is None or command in letters
 
 
-_HOLD_S: Final = {
+_HOLD: Final = {
     DeadMan.ANY_COMMAND_0S5: 0.5,
     DeadMan.POLLING_5S1: 5.1,
     DeadMan.CONTROL_2S: 2.05,

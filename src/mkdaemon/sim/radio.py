@@ -41,7 +41,7 @@ class Channel:
             cfg: the figures.
             seed: of this direction alone.
         """
-        self._byte_s = BITS_PER_BYTE / cfg.baud
+        self._byte_time = BITS_PER_BYTE / cfg.baud
         self._is_radio = cfg.kind is RadioKind.XBEE
         self._latency_min = cfg.latency_min
         self._span = cfg.latency_max - cfg.latency_min
@@ -78,7 +78,7 @@ class Channel:
         self.bytes_in += len(data)
         at = max(now, self._busy_until)
         for value in data:
-            at += self._byte_s
+            at += self._byte_time
             if self.is_cut or self._is_out(at):
                 self.bytes_lost += 1
             elif self._is_radio:
@@ -101,11 +101,11 @@ class Channel:
         return arrived
 
     def _enter_packet(self, value: int, at: float) -> None:
-        if at - self._byte_s > self._packet_closes:
+        if at - self._byte_time > self._packet_closes:
             self._close_packet(self._packet_closes)
         self._packet.append(value)
         self._packet_last = at
-        self._packet_closes = at + PACKET_GAP_BYTES * self._byte_s
+        self._packet_closes = at + PACKET_GAP_BYTES * self._byte_time
         if len(self._packet) >= PACKET_BYTES:
             self._close_packet(at)
 
@@ -125,7 +125,7 @@ class Channel:
             return
         leaves = max(last + latency, at, self._out_until)
         for value in data:
-            leaves += self._byte_s
+            leaves += self._byte_time
             self._arrive(value, leaves)
         self._out_until = leaves
 

@@ -19,10 +19,10 @@ from typing import Final
 from mkdaemon.errors import LinkError
 from mkdaemon.sim.simulation import Simulation
 
-TICK_S: Final = 1e-3
+TICK_TIME: Final = 1e-3
 _BLOCK: Final = 4096
-_HANG_UP_S: Final = 1.0
-_SLIP_S: Final = 0.5
+_HANG_UP: Final = 1.0
+_SLIP: Final = 0.5
 """Behind the wall clock by more than this (a suspended machine), the simulation skips the gap instead of racing."""
 
 
@@ -147,14 +147,14 @@ class Runtime:
                 server.close()
                 if self._client is not None and self._serving is not None:
                     self._client.close()
-                    await asyncio.wait([self._serving], timeout=_HANG_UP_S)
+                    await asyncio.wait([self._serving], timeout=_HANG_UP)
 
     async def _run(self) -> None:
         wake = self._clock()
         try:
             while True:
                 self._step()
-                wake = max(wake + TICK_S, self._clock())
+                wake = max(wake + TICK_TIME, self._clock())
                 await asyncio.sleep(wake - self._clock())
         finally:
             self.ended.set()
@@ -163,7 +163,7 @@ class Runtime:
         """Simulated time that belongs to now [s]."""
         due = self._clock() - self._zero
         behind = due - self.simulation.now
-        if behind > _SLIP_S:
+        if behind > _SLIP:
             self._zero += behind
             due -= behind
         return due

@@ -8,13 +8,13 @@ from __future__ import annotations
 from mkdaemon.config.sim import PilotPlan, SimConfig
 from mkdaemon.sim.boards.fc import FlightCtrl
 from mkdaemon.sim.boards.generations import FC_GENERATIONS, NC_GENERATIONS
-from mkdaemon.sim.boards.line import HOST_CHAR_S
+from mkdaemon.sim.boards.line import HOST_CHAR
 from mkdaemon.sim.boards.nc import NaviCtrl
-from mkdaemon.sim.hand_flight import CircleFlight, HandFlight
-from mkdaemon.sim.pilot import Program
+from mkdaemon.sim.physics.hand_flight import CircleFlight, HandFlight
+from mkdaemon.sim.physics.pilot import Program
+from mkdaemon.sim.physics.world import World
 from mkdaemon.sim.radio import Channel
 from mkdaemon.sim.supervision import Supervision
-from mkdaemon.sim.world import World
 
 
 class Simulation:
@@ -52,17 +52,17 @@ class Simulation:
         self.navigation: NaviCtrl | None = None
         if config.board == "nc":
             generation = NC_GENERATIONS[config.nc]
-            self.navigation = NaviCtrl(generation, self.flight, seed=config.seed, loop_s=config.nc_loop)
+            self.navigation = NaviCtrl(generation, self.flight, seed=config.seed, loop_time=config.nc_loop)
         self.port: NaviCtrl | FlightCtrl = self.navigation or self.flight
         self._to_board = Channel(config.radio.to_board, f"{config.seed} to board")
         self._to_host = Channel(config.radio.to_host, f"{config.seed} to host")
         self.world.pilot.program = self._plan(config.pilot_plan, config.pilot_wait)
 
-    def _plan(self, plan: PilotPlan, wait_s: float) -> Program | None:
+    def _plan(self, plan: PilotPlan, wait_time: float) -> Program | None:
         if plan is PilotPlan.CIRCLE:
-            return CircleFlight(wait_s=wait_s)
+            return CircleFlight(wait_time=wait_time)
         if plan is PilotPlan.HOVER:
-            return HandFlight(wait_s=wait_s)
+            return HandFlight(wait_time=wait_time)
         if plan is PilotPlan.NOTHING:
             return None
         flight = self.flight  # not its core: a reboot makes a new one
@@ -83,6 +83,6 @@ class Simulation:
         self.port.advance(to)
         for at, data in self.port.poll():
             # the channel counts the character's own time, which the board has counted already
-            self._to_host.push(data, at - HOST_CHAR_S)
+            self._to_host.push(data, at - HOST_CHAR)
         self.now = to
         return self._to_host.poll(to)

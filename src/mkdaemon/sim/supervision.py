@@ -10,12 +10,12 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Final
 
-from mkdaemon.sim.hand_flight import HandFlight, Phase
-from mkdaemon.sim.pilot import STICK_LIMIT, FlightView, Pilot
+from mkdaemon.sim.physics.hand_flight import HandFlight, Phase
+from mkdaemon.sim.physics.pilot import STICK_LIMIT, FlightView, Pilot
 
 CEILING_GAS: Final = 15.0
 """Gas stick while a machine flies: a quarter more thrust than hover (about -2) to climb with."""
-LANDED_S: Final = 0.5
+LANDED: Final = 0.5
 """Time on the ground that makes a landing."""
 
 
@@ -85,7 +85,7 @@ class Supervision:
         elif self._down_since is None:
             self._down_since = now
         down_since = self._down_since
-        return self._has_flown and down_since is not None and now - down_since > LANDED_S
+        return self._has_flown and down_since is not None and now - down_since > LANDED
 
     def _take_back(self, view: FlightView, now: float) -> None:
         """After the reaction time, hover here; on the ground, stop the motors."""

@@ -99,7 +99,7 @@ class KindHealth(Telemetry):
     """Rate over the moving window [Hz]."""
     asked_hz: float | None
     """Rate asked for [Hz]; None where nobody subscribed."""
-    age_s: float
+    age: float
     """Time since the latest frame [s]."""
     is_stale: bool
     """Three periods were missed."""
@@ -120,9 +120,9 @@ class LinkHealth(Telemetry):
     """Requests answered, since the start."""
     requests_unanswered: int = 0
     """Requests given up, since the start."""
-    heard_age_s: float | None = None
+    heard_age: float | None = None
     """Time since the latest right frame [s]; None before the first."""
-    heard_us_age_s: float | None = None
+    heard_us_age: float | None = None
     """Time since the latest proof that the board hears us [s]; None before the first."""
     garbage_bytes_per_s: float = 0.0
     """Bytes that did not become frames [bytes/s]."""

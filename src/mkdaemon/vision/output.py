@@ -10,10 +10,10 @@ import numpy.typing as npt
 from mkdaemon.frames import quaternion_from_rotation
 from mkdaemon.telemetry.base import Telemetry
 from mkdaemon.telemetry.vision import Tags, TagSighting, Transform, VisionPose
-from mkdaemon.vision.attitude import Mounting
-from mkdaemon.vision.detection import Detection
-from mkdaemon.vision.image import CameraImage
-from mkdaemon.vision.result import TargetPose, VisionResult
+from mkdaemon.vision.camera.image import CameraImage
+from mkdaemon.vision.tags.detection import Detection
+from mkdaemon.vision.track.attitude import Mounting
+from mkdaemon.vision.track.result import TargetPose, VisionResult
 
 Array = npt.NDArray[np.float64]
 

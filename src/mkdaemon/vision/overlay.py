@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from mkdaemon.vision.intrinsics import Intrinsics
+from mkdaemon.vision.camera.intrinsics import Intrinsics
 from mkdaemon.vision.still import StillPose, StillResult
 
 Colour = tuple[int, int, int]

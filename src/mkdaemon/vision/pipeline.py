@@ -15,20 +15,20 @@ from mkdaemon.errors import ConfigError
 from mkdaemon.telemetry.base import Telemetry
 from mkdaemon.telemetry.image import CameraFrame
 from mkdaemon.telemetry.vision import EyeState, Transform, VisionStats
-from mkdaemon.vision.attitude import AttitudeHistory, Mounting
-from mkdaemon.vision.camera import StreamState, StreamStatus
-from mkdaemon.vision.camera_file import Camera, load_camera, mount_rotation
-from mkdaemon.vision.image import CameraImage
-from mkdaemon.vision.imagecodec import boot_id, encode_jpeg
+from mkdaemon.vision.camera.calibration_file import Camera, load_camera, mount_rotation
+from mkdaemon.vision.camera.camera import StreamState, StreamStatus
+from mkdaemon.vision.camera.image import CameraImage
+from mkdaemon.vision.camera.imagecodec import boot_id, encode_jpeg
 from mkdaemon.vision.output import mount_transform, values_of
-from mkdaemon.vision.projection import Projection
-from mkdaemon.vision.tagmap import load
-from mkdaemon.vision.target_check import TargetCheck
-from mkdaemon.vision.tracker import Tracker
+from mkdaemon.vision.pose.projection import Projection
+from mkdaemon.vision.pose.target_check import TargetCheck
+from mkdaemon.vision.tags.tagmap import load
+from mkdaemon.vision.track.attitude import AttitudeHistory, Mounting
+from mkdaemon.vision.track.tracker import Tracker
 
 ALARM_WORDS = {
     "wrong_size": "the images have another size than the calibration: set width and height, or calibrate at this size",
-    "uncalibrated": "no calibration: tags only, no poses; run mkctl calibrate camera and set `calibration`",
+    "uncalibrated": "no calibration: tags only, no poses; run mkdaemon calibrate camera and set `calibration`",
     "frozen": "equal images in a row: the camera is frozen, unplug it or restart its driver",
     "target_mismatch": "the tags of one target contradict its file: check sizes and positions there, measure the print",
     "dark": "the images are dark: lens cap, light or exposure",

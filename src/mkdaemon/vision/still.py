@@ -9,17 +9,17 @@ import numpy as np
 import numpy.typing as npt
 
 from mkdaemon.config.vision import DetectorSection, TrackerSection
-from mkdaemon.vision.ambiguity import choose
-from mkdaemon.vision.detection import Detection, Stage
-from mkdaemon.vision.detector import Detector
-from mkdaemon.vision.edgefit import EdgeFit
-from mkdaemon.vision.fitting import TargetFitter
-from mkdaemon.vision.gates import fit_fault
-from mkdaemon.vision.intrinsics import Intrinsics
-from mkdaemon.vision.pose import FLOOR_RANGE, Pose, angle_between, with_floor
-from mkdaemon.vision.projection import Projection
-from mkdaemon.vision.tagfamily import find_family
-from mkdaemon.vision.tagmap import Tag, TagMap, Target, single
+from mkdaemon.vision.camera.intrinsics import Intrinsics
+from mkdaemon.vision.pose.ambiguity import choose
+from mkdaemon.vision.pose.edgefit import EdgeFit
+from mkdaemon.vision.pose.fitting import TargetFitter
+from mkdaemon.vision.pose.gates import fit_fault
+from mkdaemon.vision.pose.pose import FLOOR_RANGE, Pose, angle_between, with_floor
+from mkdaemon.vision.pose.projection import Projection
+from mkdaemon.vision.tags.detection import Detection, Stage
+from mkdaemon.vision.tags.detector import Detector
+from mkdaemon.vision.tags.tagfamily import find_family
+from mkdaemon.vision.tags.tagmap import Tag, TagMap, Target, single
 
 Array = npt.NDArray[np.float64]
 Grey = npt.NDArray[np.uint8]

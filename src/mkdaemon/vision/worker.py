@@ -17,16 +17,16 @@ from mkdaemon.config.vision import VisionSection
 from mkdaemon.errors import ConfigError
 from mkdaemon.telemetry.base import Telemetry
 from mkdaemon.telemetry.vision import EyeState
-from mkdaemon.vision.attitude import AttitudeHistory, AttitudeSample
-from mkdaemon.vision.camera import CameraStream
-from mkdaemon.vision.camera_sources import source_of
-from mkdaemon.vision.image import CameraImage
+from mkdaemon.vision.camera.camera import CameraStream
+from mkdaemon.vision.camera.image import CameraImage
+from mkdaemon.vision.camera.shot import Source
+from mkdaemon.vision.camera.slot import NewestSlot, NewestSlots
+from mkdaemon.vision.camera.sources import source_of
 from mkdaemon.vision.pipeline import CameraPipeline
-from mkdaemon.vision.shot import Source
-from mkdaemon.vision.slot import NewestSlot, NewestSlots
+from mkdaemon.vision.track.attitude import AttitudeHistory, AttitudeSample
 
-STATS_EVERY_S = 1.0
-LOOK_EVERY_S = 0.1
+STATS_EVERY = 1.0
+LOOK_EVERY = 0.1
 """Longest wait for an image before states are looked at again."""
 ATTITUDES = 200
 """Attitude samples kept: two seconds and more at 100 Hz."""
@@ -106,7 +106,7 @@ class VisionWorker:
     def _run(self) -> None:
         cv2.setNumThreads(1)
         while not self._stop.is_set():
-            image = self._slots.take(LOOK_EVERY_S)
+            image = self._slots.take(LOOK_EVERY)
             values: list[tuple[str, Telemetry]] = []
             if image is not None:
                 values += self._eyes[image.camera].look(image, AttitudeHistory(tuple(self._attitudes)))
@@ -151,7 +151,7 @@ class _Eye:
             return []
         wall = time.time()
         stats = self.pipeline.stats(status, self._slot.dropped, now, wall)
-        self._told, self._due = facts, now + STATS_EVERY_S
+        self._told, self._due = facts, now + STATS_EVERY
         name = self.pipeline.cfg.name
         values: list[tuple[str, Telemetry]] = [(f"vision/{name}/stats", stats)]
         mount = self.pipeline.mount(now, wall)

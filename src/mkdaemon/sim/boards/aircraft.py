@@ -1,17 +1,17 @@
-"""What the boards need of the aircraft they fly; `mkdaemon.sim.world.World` is one."""
+"""What the boards need of the aircraft they fly; `mkdaemon.sim.physics.world.World` is one."""
 
 from __future__ import annotations
 
 from typing import Protocol
 
-from mkdaemon.sim.attitude_loop import AttitudeGains
 from mkdaemon.sim.faults import Faults
-from mkdaemon.sim.sensors import GpsFix
-from mkdaemon.sim.world import StickInput
+from mkdaemon.sim.physics.attitude_loop import AttitudeGains
+from mkdaemon.sim.physics.sensors import GpsFix
+from mkdaemon.sim.physics.world import StickInput
 
 
 class Readings(Protocol):
-    """What the boards read; attributes as `mkdaemon.sim.sensors.Sensors` documents them."""
+    """What the boards read; attributes as `mkdaemon.sim.physics.sensors.Sensors` documents them."""
 
     acc_x: float
     acc_y: float
@@ -31,7 +31,7 @@ class Readings(Protocol):
 
 
 class Transmitter(Protocol):
-    """The pilot's channels on the firmware's axes; attributes as `mkdaemon.sim.pilot.Pilot` documents them."""
+    """The pilot's channels on the firmware's axes; attributes as `mkdaemon.sim.physics.pilot.Pilot` documents them."""
 
     pitch: int
     roll: int

@@ -67,7 +67,7 @@ class _Pages:
 class FcMenu(_Pages):
     """The FlightCtrl's menu; on page 5 the keys 3 and 4 trim the accelerometer."""
 
-    PRINT_S: Final = 1.2e-3
+    PRINT: Final = 1.2e-3
     """Time to print a page before it is sent."""
     _TRIM_PAGE: Final = 5
 
@@ -140,7 +140,7 @@ class FcMenu(_Pages):
 class NcMenu(_Pages):
     """The NaviCtrl's menu."""
 
-    PRINT_S: Final = 0.0
+    PRINT: Final = 0.0
 
     def __init__(self, generation: NcGeneration) -> None:
         super().__init__(generation.menu_pages)

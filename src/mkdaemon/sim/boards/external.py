@@ -12,7 +12,7 @@ from mkdaemon.config.sim import GasLaw
 from mkdaemon.protocol.flags import ControlConfig
 from mkdaemon.protocol.messages import ControlStateV1, ControlStateV2, ControlStateV3
 from mkdaemon.sim.boards.aircraft import Transmitter
-from mkdaemon.sim.boards.generations import SLOW_TICK_S, FcGeneration
+from mkdaemon.sim.boards.generations import SLOW_TICK, FcGeneration
 
 FULL: Final = 127
 """Full stick [count]."""
@@ -83,7 +83,7 @@ class ExternalControl:
     def tick_until(self, now: float) -> None:
         """Count the dead-man down to `now`."""
         while self._next_tick <= now:
-            self._next_tick += SLOW_TICK_S
+            self._next_tick += SLOW_TICK
             if self._ticks:
                 self._ticks -= 1
                 if not self._ticks:

@@ -20,20 +20,20 @@ from mkdaemon.sim.boards.external import ExternalControl
 from mkdaemon.sim.boards.fc_commands import handle
 from mkdaemon.sim.boards.fc_speech import Speech
 from mkdaemon.sim.boards.flight import FlightCore
-from mkdaemon.sim.boards.generations import LONG_PASS_S, LONG_SHARE, SHORT_PASS_S, SLOW_TICK_S, FcGeneration
+from mkdaemon.sim.boards.generations import LONG_PASS, LONG_SHARE, SHORT_PASS, SLOW_TICK, FcGeneration
 from mkdaemon.sim.boards.gestures import Gesture
-from mkdaemon.sim.boards.line import FC_CHAR_S, BoardPort
+from mkdaemon.sim.boards.line import FC_CHAR, BoardPort
 from mkdaemon.sim.boards.motors import MotorBench
 from mkdaemon.sim.boards.parameters import Parameters
 from mkdaemon.sim.boards.reception import FcReceiver
-from mkdaemon.sim.world import DT, MOTORS_OFF
+from mkdaemon.sim.physics.world import DT, MOTORS_OFF
 
-BOOT_S: Final = 5.0
+BOOT: Final = 5.0
 """From reset to the first handled frame."""
-RESET_S: Final = 0.25
+RESET: Final = 0.25
 """From `R` to the watchdog's reset."""
-CALIBRATE_BUSY_S: Final = 1.5
-_ACTUATION_S: Final = 0.5e-3
+CALIBRATE_BUSY: Final = 1.5
+_ACTUATION: Final = 0.5e-3
 """From the pass after sticks were evaluated to the set points on the motor bus."""
 _BANNER: Final = "\r\n\r\nFlight-Ctrl HW:{hardware} SW:{release}\r\nreceiver: PPM\r\nACC neutral: {neutral}\r\n"
 
@@ -76,7 +76,7 @@ class FlightCtrl(BoardPort):
         Raises:
             ConfigError: the EEPROM file cannot be used.
         """
-        super().__init__(FC_CHAR_S)
+        super().__init__(FC_CHAR)
         self.generation = generation
         self.aircraft = aircraft
         self.is_fork = gas_law is GasLaw.FORK
@@ -91,7 +91,7 @@ class FlightCtrl(BoardPort):
         self.booted_at = 0.0
         self._gas_law = gas_law
         self._rng = random.Random(f"{seed} fc")
-        self._next_pass = self._rng.uniform(0.0, SHORT_PASS_S)
+        self._next_pass = self._rng.uniform(0.0, SHORT_PASS)
         self._begin(calibrated=calibrated)
         self._apply_gains()
 
@@ -116,7 +116,7 @@ class FlightCtrl(BoardPort):
         while self._next_pass <= to:
             now = self._next_pass
             is_long = self._rng.random() < LONG_SHARE
-            self._next_pass = now + (LONG_PASS_S if is_long else SHORT_PASS_S)
+            self._next_pass = now + (LONG_PASS if is_long else SHORT_PASS)
             self.now = now
             self._pass(now)
         self._fly_to(to)
@@ -153,7 +153,7 @@ class FlightCtrl(BoardPort):
 
     def _keep_time(self, now: float) -> None:
         while self._next_tick <= now:
-            self._next_tick += SLOW_TICK_S
+            self._next_tick += SLOW_TICK
             self.core.tick(now, self.live)
             self.external.tick_until(now)
             self.motors.pass_time(now, running=self.core.running)
@@ -167,14 +167,14 @@ class FlightCtrl(BoardPort):
                 self.eeprom.active = self.core.chosen
                 self.load(self.core.chosen)
                 self.eeprom.save()
-            self.block(now + CALIBRATE_BUSY_S)
+            self.block(now + CALIBRATE_BUSY)
         self._command()
 
     def _command(self) -> None:
         sticks = self.core.stick_input(self.live)
         if sticks != self._next_sticks:
             self._next_sticks = sticks
-            self._sticks_at = self._next_pass + _ACTUATION_S
+            self._sticks_at = self._next_pass + _ACTUATION
 
     # --- what commands do ---
 
@@ -218,7 +218,7 @@ class FlightCtrl(BoardPort):
         """`R` acts in the receive interrupt."""
         self.rx.release()
         if not (self.generation.reset_gated and self.core.running):
-            self._reset_at = at + RESET_S
+            self._reset_at = at + RESET
 
     def reboot(self, now: float) -> None:
         """Reset: motors off, everything volatile lost, five seconds until the next frame is handled."""
@@ -227,7 +227,7 @@ class FlightCtrl(BoardPort):
         self._out.cut(now)
         self.load(self.eeprom.active)
         self._begin(calibrated=False)
-        self.booted_at = now + BOOT_S
+        self.booted_at = now + BOOT
         self.block(self.booted_at)
         banner = _BANNER.format(hardware="2.2", release=self.generation.label, neutral="ok")
         self._out.send(banner.encode("ascii"), now + 0.1)

@@ -18,7 +18,7 @@ from mkdaemon.protocol.messages import (
     SettingsWritten,
 )
 from mkdaemon.sim.boards.eeprom import BL_SIZE, MIXER_REVISION, MIXER_SIZE
-from mkdaemon.sim.boards.motors import READ_S, WRITE_S
+from mkdaemon.sim.boards.motors import READ, WRITE
 from mkdaemon.sim.boards.parameters import SETS, clamp_written, parameter_size
 
 if TYPE_CHECKING:
@@ -26,16 +26,16 @@ if TYPE_CHECKING:
 
 _OWN_ADDRESS: Final = 1
 _ACTIVE: Final = 255
-_EEPROM_READ_S: Final = 1.2e-3
-_SET_WRITE_S: Final = 0.64
-_MIXER_WRITE_S: Final = 0.3
-_RESET_SET_S: Final = 0.5
-_SELECT_S: Final = 0.04
-_BEEP_S: Final = 0.23
+_EEPROM_READ: Final = 1.2e-3
+_SET_WRITE: Final = 0.64
+_MIXER_WRITE: Final = 0.3
+_RESET_SET: Final = 0.5
+_SELECT: Final = 0.04
+_BEEP: Final = 0.23
 """Length of one of the beeps that count out the set number."""
-_SETTLE_S: Final = 0.1e-3
-_STOP_S: Final = 0.85
-_BEEP_UNIT_S: Final = 1e-4
+_SETTLE: Final = 0.1e-3
+_STOP: Final = 0.85
+_BEEP_UNIT: Final = 1e-4
 _LABELS: Final = 31
 _FORK_BUSY: Final = (0.24, 2.5)
 """Shortest and longest time a fork's beep keeps the board busy."""
@@ -115,7 +115,7 @@ def _motor_test(board: FlightCtrl, now: float) -> None:
     board.speech.renew(now)
     reply = board.motors.test(_read(board, 16), board.rx.buffer.length, now)
     if board.generation.release >= (2, 0, 0):
-        board.send_when_free(reply, now + _SETTLE_S)
+        board.send_when_free(reply, now + _SETTLE)
 
 
 # --- own address ---
@@ -127,7 +127,7 @@ def _receiver(board: FlightCtrl, now: float) -> None:
 
 def _mixer(board: FlightCtrl, now: float) -> None:
     if board.generation.answers_mixer:
-        board.send_when_free(Mixer.decode(board.eeprom.mixer), now + _SETTLE_S)
+        board.send_when_free(Mixer.decode(board.eeprom.mixer), now + _SETTLE)
 
 
 def _write_mixer(board: FlightCtrl, now: float) -> None:
@@ -138,7 +138,7 @@ def _write_mixer(board: FlightCtrl, now: float) -> None:
     if stored:
         board.eeprom.mixer = raw
         board.eeprom.save()
-    done = now + (_MIXER_WRITE_S if stored else _SETTLE_S)
+    done = now + (_MIXER_WRITE if stored else _SETTLE)
     board.send_when_free(MixerWritten(stored=int(stored)), done)
 
 
@@ -148,14 +148,14 @@ def _settings(board: FlightCtrl, now: float) -> None:
     if running and "q" in board.generation.deaf_when_running:
         return
     if running:
-        _send_settings(board, board.eeprom.active, board.live.raw, now + _EEPROM_READ_S)
+        _send_settings(board, board.eeprom.active, board.live.raw, now + _EEPROM_READ)
         return
     if 10 <= index < 30:
         _reset_settings(board, index, now)
         return
     number = board.eeprom.active if index == _ACTIVE else min(max(index, 1), SETS)
     board.load(number)
-    _send_settings(board, number, board.live.raw, now + _EEPROM_READ_S)
+    _send_settings(board, number, board.live.raw, now + _EEPROM_READ)
 
 
 def _reset_settings(board: FlightCtrl, index: int, now: float) -> None:
@@ -165,7 +165,7 @@ def _reset_settings(board: FlightCtrl, index: int, now: float) -> None:
     eeprom.active = number
     eeprom.save()
     board.load(number)
-    _send_settings(board, number, board.live.raw, now + _RESET_SET_S)
+    _send_settings(board, number, board.live.raw, now + _RESET_SET)
 
 
 def _send_settings(board: FlightCtrl, number: int, raw: bytes, at: float) -> None:
@@ -176,15 +176,15 @@ def _write_settings(board: FlightCtrl, now: float) -> None:
     size = parameter_size(board.generation.revision)
     index, raw = _read(board, 1)[0], _read(board, 1 + size)[1:]
     if not 1 <= index <= SETS or raw[0] != board.generation.revision or board.core.running:
-        board.send_when_free(SettingsWritten(index=0), now + _SETTLE_S)
+        board.send_when_free(SettingsWritten(index=0), now + _SETTLE)
         return
     eeprom = board.eeprom
     eeprom.sets[index] = clamp_written(raw)
     eeprom.active = index
     eeprom.save()
     board.load(index)
-    board.send_when_free(SettingsWritten(index=index), now + _SET_WRITE_S)
-    board.block(now + _SET_WRITE_S + index * _BEEP_S)
+    board.send_when_free(SettingsWritten(index=index), now + _SET_WRITE)
+    board.block(now + _SET_WRITE + index * _BEEP)
 
 
 def _select_settings(board: FlightCtrl, now: float) -> None:
@@ -194,8 +194,8 @@ def _select_settings(board: FlightCtrl, now: float) -> None:
     if 1 <= number <= SETS:
         board.load(number)
     active = board.eeprom.active
-    board.send_when_free(SettingsSelected(index=active), now + _SELECT_S)
-    board.block(now + _SELECT_S + active * _BEEP_S)
+    board.send_when_free(SettingsSelected(index=active), now + _SELECT)
+    board.block(now + _SELECT + active * _BEEP)
 
 
 def _serial_channels(board: FlightCtrl, now: float) -> None:
@@ -206,7 +206,7 @@ def _serial_channels(board: FlightCtrl, now: float) -> None:
 def _read_motor_controller(board: FlightCtrl, now: float) -> None:
     motor = _read(board, 1)[0]
     reply = board.motors.read(motor, running=board.core.running)
-    took = READ_S if reply.done else _SETTLE_S
+    took = READ if reply.done else _SETTLE
     board.send_when_free(reply, now + took)
 
 
@@ -215,7 +215,7 @@ def _write_motor_controller(board: FlightCtrl, now: float) -> None:
         return
     raw = _read(board, BL_SIZE + 1)
     reply = board.motors.write(raw[0], raw[1:], running=board.core.running)
-    took = WRITE_S if reply.done else _SETTLE_S
+    took = WRITE if reply.done else _SETTLE
     board.send_when_free(reply, now + took)
 
 
@@ -233,7 +233,7 @@ def _arm(board: FlightCtrl, now: float) -> None:
 
 def _disarm(board: FlightCtrl, now: float) -> None:
     board.core.stop()
-    board.block(now + _STOP_S)
+    board.block(now + _STOP)
 
 
 def _calibrate(board: FlightCtrl, now: float) -> None:
@@ -245,7 +245,7 @@ def _beep(board: FlightCtrl, now: float) -> None:
     if board.core.running:
         return
     raw = _read(board, 3)
-    length = int.from_bytes(raw[:2], "little", signed=True) * _BEEP_UNIT_S * raw[2]
+    length = int.from_bytes(raw[:2], "little", signed=True) * _BEEP_UNIT * raw[2]
     board.block(now + max(_FORK_BUSY[0], min(_FORK_BUSY[1], length)))
 
 

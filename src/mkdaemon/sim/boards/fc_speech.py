@@ -11,15 +11,15 @@ from typing import TYPE_CHECKING, Final
 
 from mkdaemon.protocol.wire import Board
 from mkdaemon.sim.boards import fc_replies
-from mkdaemon.sim.boards.generations import FC_MS, SHORT_PASS_S
+from mkdaemon.sim.boards.generations import FC_MS, SHORT_PASS
 
 if TYPE_CHECKING:
     from mkdaemon.sim.boards.fc import FlightCtrl
 
-SUBSCRIPTION_S: Final = 4000 * 1.025e-3
+SUBSCRIPTION_TIME: Final = 4000 * 1.025e-3
 """Streams stop so long after the last renewal: 4.1 s as measured."""
-_COMPASS_S: Final = 0.099
-_COMPASS_SLOW_S: Final = 0.999
+_COMPASS: Final = 0.099
+_COMPASS_SLOW: Final = 0.999
 """Period of the compass feed without and with a NaviCtrl. Source: docs/protocol.md, section 9."""
 
 
@@ -32,7 +32,7 @@ class Stream:
 
     def restart(self, now: float) -> None:
         """Begin a period at `now`."""
-        self.due = now + (10 * self.interval + 1) * FC_MS + SHORT_PASS_S
+        self.due = now + (10 * self.interval + 1) * FC_MS + SHORT_PASS
 
     def is_due(self, now: float) -> bool:
         """Whether a frame must go out."""
@@ -73,7 +73,7 @@ class Speech:
 
     def renew(self, now: float) -> None:
         """Keep the subscriptions alive."""
-        self._expires = now + SUBSCRIPTION_S
+        self._expires = now + SUBSCRIPTION_TIME
 
     def talk(self, now: float) -> None:
         """Start at most one frame; a label asked for while a debug frame starts collides with it."""
@@ -117,7 +117,7 @@ class Speech:
         board = self._board
         if not board.generation.feeds_compass or now < self._compass_at:
             return False
-        self._compass_at = now + (_COMPASS_SLOW_S if board.has_companion else _COMPASS_S)
+        self._compass_at = now + (_COMPASS_SLOW if board.has_companion else _COMPASS)
         board.send(fc_replies.compass_feed(board), now, Board.MAG)
         return True
 
@@ -133,10 +133,10 @@ class Speech:
         elif wanted.display or self.display.is_due(now):
             wanted.display = False
             self.display.restart(now)
-            board.send(board.menu.display(board), now + board.menu.PRINT_S)
+            board.send(board.menu.display(board), now + board.menu.PRINT)
         elif wanted.menu is not None:
             page, wanted.menu = wanted.menu, None
-            board.send(board.menu.page(board, page), now + board.menu.PRINT_S)
+            board.send(board.menu.page(board, page), now + board.menu.PRINT)
         elif wanted.receiver:
             wanted.receiver = False
             board.send(fc_replies.receiver(board), now)

@@ -15,11 +15,11 @@ from mkdaemon.sim.boards.external import FULL, RC_LOST, ExternalControl, Sticks
 from mkdaemon.sim.boards.generations import FcGeneration
 from mkdaemon.sim.boards.gestures import Gesture, GestureReader, chosen_set
 from mkdaemon.sim.boards.parameters import Parameters
-from mkdaemon.sim.world import MOTORS_OFF, StickInput
+from mkdaemon.sim.physics.world import MOTORS_OFF, StickInput
 
-RECEIVER_FRAME_S: Final = 0.0225
+RECEIVER_FRAME: Final = 0.0225
 """Period of the receiver's pulse train."""
-BLIND_PERIOD_S: Final = 0.53
+BLIND_PERIOD: Final = 0.53
 """How often sticks are evaluated when no pulse train comes."""
 POTIS: Final = 8
 GATE_OPEN: Final = 128
@@ -27,14 +27,14 @@ GATE_OPEN: Final = 128
 _QUALITY_STEP: Final = 10
 _QUALITY_TO_START: Final = 140
 _FLYING_GAS: Final = 40.0
-_FLYING_S: Final = 256 * 2.048e-3
+_FLYING_TIME: Final = 256 * 2.048e-3
 """Time with throttle after which the FlightCtrl counts itself flying."""
 _ALTITUDE_SWITCH: Final = 50
 _IDLE_MARGIN: Final = 12.0
 """Idle over the set's minimum: a set point of 17 where stick centre gives 108, as measured."""
 _MIXER_MARGIN: Final = 20.0
 """Room under the set's maximum for the mixer."""
-_EMERGENCY_UNIT_S: Final = 0.1024
+_EMERGENCY_UNIT: Final = 0.1024
 """Unit of the emergency time: nine seconds in the set are 9.2 on the clock."""
 _CELL_FULL: Final = 4.25
 
@@ -89,7 +89,7 @@ class FlightCore:
         """Sample the receiver and external control; return a gesture that was completed."""
         pilot = self._aircraft.pilot
         heard = pilot.rc_quality
-        period = RECEIVER_FRAME_S if heard > 0 else BLIND_PERIOD_S
+        period = RECEIVER_FRAME if heard > 0 else BLIND_PERIOD
         while self._next_at <= now:
             self._next_at += period
         if heard > 0:
@@ -118,7 +118,7 @@ class FlightCore:
             self.stop()
             return
         self.emergency = True
-        self._emergency_until = now + _EMERGENCY_UNIT_S * parameters["emergency_throttle_time"]
+        self._emergency_until = now + _EMERGENCY_UNIT * parameters["emergency_throttle_time"]
 
     def _watch_throttle(self, now: float, parameters: Parameters) -> None:
         if not self.running or self.gas(parameters) <= _FLYING_GAS:
@@ -127,7 +127,7 @@ class FlightCore:
                 self.flying = False
         elif self._throttle_since is None:
             self._throttle_since = now
-        elif now - self._throttle_since >= _FLYING_S:
+        elif now - self._throttle_since >= _FLYING_TIME:
             self.flying = True
 
     def _mix(self, parameters: Parameters) -> None:

@@ -23,11 +23,11 @@ from mkdaemon.protocol.messages import (
 
 FC_MS: Final = 1.038e-3
 """The FlightCtrl's millisecond, as measured [s] (nominal 1.024)."""
-SHORT_PASS_S: Final = 1.95e-3
-LONG_PASS_S: Final = 2.38e-3
+SHORT_PASS: Final = 1.95e-3
+LONG_PASS: Final = 2.38e-3
 LONG_SHARE: Final = 0.3
 """Three of ten loop passes are long: mean 2.08 ms, and the measured loss of the second of two frames."""
-SLOW_TICK_S: Final = 20 * 1.0248e-3
+SLOW_TICK: Final = 20 * 1.0248e-3
 """Period of the dead-man counter: 100 of them are the measured 2.05 s [s]."""
 
 

@@ -11,8 +11,8 @@ from typing import Final
 
 from mkdaemon.sim.boards.external import Sticks
 
-CALIBRATE_S: Final = 0.7
-MOTOR_S: Final = 1.0
+CALIBRATE_TIME: Final = 0.7
+MOTOR: Final = 1.0
 _TOP: Final = 80.0
 _BOTTOM: Final = -100.0
 _SIDE: Final = 75.0
@@ -66,7 +66,7 @@ class GestureReader:
             self._held, self._since, self._done = held, now, False
         if held is None or self._done:
             return None
-        if now - self._since < (CALIBRATE_S if held is Gesture.CALIBRATE else MOTOR_S):
+        if now - self._since < (CALIBRATE_TIME if held is Gesture.CALIBRATE else MOTOR):
             return None
         self._done = True
         return held

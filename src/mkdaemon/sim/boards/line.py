@@ -8,10 +8,10 @@ from __future__ import annotations
 from collections import deque
 from typing import Final
 
-HOST_CHAR_S: Final = 10 / 57600
+HOST_CHAR: Final = 10 / 57600
 """One character at 57600 baud 8N1, 173.6 us: host to board, and NaviCtrl to host."""
 
-FC_CHAR_S: Final = 182e-6
+FC_CHAR: Final = 182e-6
 """One character from a FlightCtrl: its divider gives 58139 baud and it pauses between characters."""
 
 
@@ -28,8 +28,8 @@ class Inbound:
         """Put characters on the line at `at` [s], or behind those still crossing it."""
         free = max(self._free_at, at)
         for count, byte in enumerate(data, 1):
-            self._arrivals.append((free + count * HOST_CHAR_S, byte))
-        self._free_at = free + len(data) * HOST_CHAR_S
+            self._arrivals.append((free + count * HOST_CHAR, byte))
+        self._free_at = free + len(data) * HOST_CHAR
 
     def write_arrived(self, byte: int, at: float) -> None:
         """Add one character that has just arrived, with its time [s]."""
@@ -53,23 +53,23 @@ class Inbound:
 class Outbound:
     """Characters leaving a board, each with the time its stop bit ends."""
 
-    __slots__ = ("_char_s", "_queue", "busy_until")
+    __slots__ = ("_char_time", "_queue", "busy_until")
 
-    def __init__(self, char_s: float) -> None:
-        self._char_s = char_s
+    def __init__(self, char_time: float) -> None:
+        self._char_time = char_time
         self._queue: deque[tuple[float, int]] = deque()
         self.busy_until = 0.0
 
     def send(self, data: bytes, at: float) -> float:
         """Send characters from `at` [s] on, or right behind those being sent; return when the last is out."""
         start = max(at, self.busy_until)
-        self._queue.extend((start + count * self._char_s, byte) for count, byte in enumerate(data, 1))
-        self.busy_until = start + len(data) * self._char_s
+        self._queue.extend((start + count * self._char_time, byte) for count, byte in enumerate(data, 1))
+        self.busy_until = start + len(data) * self._char_time
         return self.busy_until
 
     def cut(self, at: float) -> bytes:
         """Take back what has not begun to leave by `at`; the character being shifted out still completes."""
-        kept = at + self._char_s
+        kept = at + self._char_time
         tail: list[int] = []
         while self._queue and self._queue[-1][0] > kept:
             tail.append(self._queue.pop()[1])
@@ -93,11 +93,11 @@ class BoardPort:
         now: time up to which the board has run [s].
     """
 
-    def __init__(self, char_s: float) -> None:
-        """Open the port of a board whose characters take `char_s` [s]."""
+    def __init__(self, char_time: float) -> None:
+        """Open the port of a board whose characters take `char_time` [s]."""
         self.now = 0.0
         self._line = Inbound()
-        self._out = Outbound(char_s)
+        self._out = Outbound(char_time)
 
     def receive(self, data: bytes, at: float) -> None:
         """Take characters put on the line at `at` [s]; they arrive one after the other."""

@@ -12,13 +12,13 @@ from mkdaemon.protocol.messages import MotorController, MotorControllerWritten, 
 from mkdaemon.protocol.wire import WireMessage
 from mkdaemon.sim.boards.eeprom import BL_SIZE, MOTORS, Eeprom, bl_checksum
 
-TEST_S: Final = 0.52
+TEST: Final = 0.52
 """How long one `t` turns the motors."""
-LOCKOUT_S: Final = 0.5
+LOCKOUT: Final = 0.5
 """Settings are not touched for so long after a motor test."""
-READ_S: Final = 13e-3
+READ: Final = 13e-3
 """Bus time to read a motor controller's settings."""
-WRITE_S: Final = 0.25
+WRITE: Final = 0.25
 _SLOTS: Final = 16
 _LONG_FRAME: Final = 21
 """Characters from which `t` copies sixteen values; shorter frames copy four."""
@@ -43,7 +43,7 @@ class MotorBench:
         """Take a `t`; the motors turn for half a second once nothing else drives them."""
         count = _SLOTS if frame_chars >= _LONG_FRAME else 4
         self.values = payload[:count] + self.values[count:]
-        self._left = TEST_S
+        self._left = TEST
         self._last = now
         return MotorTestDone()
 

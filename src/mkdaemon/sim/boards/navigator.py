@@ -14,8 +14,8 @@ from mkdaemon.sim.boards.fc import FlightCtrl
 from mkdaemon.sim.boards.generations import NcGeneration
 from mkdaemon.sim.boards.waypoints import PointList
 
-CONTROL_PERIOD_S: Final = 0.02
-LINK_LOST_S: Final = 6.0
+CONTROL_PERIOD: Final = 0.02
+LINK_LOST: Final = 6.0
 """Silence after which NO_SERIAL_LINK is reported; echo, b and y do not count."""
 _MODE_HOLD: Final = 50
 _MODE_HOME: Final = 180
@@ -56,7 +56,7 @@ class Navigator:
             self._flew = 0.0
         self._was_running = core.running
         if core.flying:
-            self._flew += CONTROL_PERIOD_S
+            self._flew += CONTROL_PERIOD
         flight.companion_error = int(self.error_code)
         mode = self._read_mode()
         if mode is not self._mode:
@@ -120,7 +120,7 @@ class Navigator:
     def flags(self, now: float) -> NaviStatus:
         """NCFlags."""
         flags = self._mode
-        if now - self._link_at > LINK_LOST_S:
+        if now - self._link_at > LINK_LOST:
             flags |= NaviStatus.NO_SERIAL_LINK
         if self.points.reached:
             flags |= NaviStatus.TARGET_REACHED

@@ -15,16 +15,16 @@ from mkdaemon.sim.boards import nc_replies
 from mkdaemon.sim.boards.display import NcMenu
 from mkdaemon.sim.boards.fc import FlightCtrl
 from mkdaemon.sim.boards.generations import NcGeneration
-from mkdaemon.sim.boards.line import HOST_CHAR_S, BoardPort
-from mkdaemon.sim.boards.navigator import CONTROL_PERIOD_S, Navigator
+from mkdaemon.sim.boards.line import HOST_CHAR, BoardPort
+from mkdaemon.sim.boards.navigator import CONTROL_PERIOD, Navigator
 from mkdaemon.sim.boards.nc_commands import handle
 from mkdaemon.sim.boards.reception import NcReceiver
 from mkdaemon.sim.boards.redirect import Redirection
 
-LOOP_S: Final = 0.1e-3
+LOOP: Final = 0.1e-3
 """One pass of the main loop."""
-TICK_S: Final = 1e-3
-SUBSCRIPTION_S: Final = 4.0
+TICK_TIME: Final = 1e-3
+SUBSCRIPTION_TIME: Final = 4.0
 TX_FIFO: Final = 16
 """Characters the hardware sends by itself: the next reply is composed while the last ones leave."""
 ORDER: Final = "BJZWXAODCKHLTVE"
@@ -61,14 +61,14 @@ class NaviCtrl(BoardPort):
         byte_budget: of the data sets [bytes/s]; 0 selects NaviData 5.
     """
 
-    def __init__(self, generation: NcGeneration, flight: FlightCtrl, *, seed: int, loop_s: float = LOOP_S) -> None:
-        super().__init__(HOST_CHAR_S)
+    def __init__(self, generation: NcGeneration, flight: FlightCtrl, *, seed: int, loop_time: float = LOOP) -> None:
+        super().__init__(HOST_CHAR)
         self.generation = generation
         self.flight = flight
         flight.adopt_companion(generation.release)
         rng = random.Random(f"{seed} nc")
-        self._loop_s = loop_s
-        self._phase = rng.uniform(0.0, TICK_S)
+        self._loop_time = loop_time
+        self._phase = rng.uniform(0.0, TICK_TIME)
         self.motor_order = rng
         self._begin()
 
@@ -88,7 +88,7 @@ class NaviCtrl(BoardPort):
         self._tx_free_at = 0.0
         self._forward_free_at = 0.0
         self._deaf_until = 0.0
-        self._last_pass = -self._loop_s
+        self._last_pass = -self._loop_time
         self._next_control = self.now
         self._pending_control: bytes | None = None
 
@@ -120,20 +120,20 @@ class NaviCtrl(BoardPort):
         if not self.redirection.is_on:
             self.rx.take(at, byte)
         elif self.redirection.take(byte, at):
-            self._deaf_until = at + self.redirection.SETTLE_S
+            self._deaf_until = at + self.redirection.SETTLE_TIME
             self._tx_free_at = at
 
     def _next_pass(self) -> float:
         """When the main loop next has something to do [s], on its own grid."""
         due = self._next_control
         if self.rx.has_work:
-            due = max(self.rx.handed_at, self._last_pass + self._loop_s)
+            due = max(self.rx.handed_at, self._last_pass + self._loop_time)
         elif not self.redirection.is_on:
             due = min(due, self._next_talk())
         if due == _NEVER:
             return _NEVER
-        steps = math.ceil((due - self._phase) / self._loop_s - 1e-6)
-        at = max(self._phase + steps * self._loop_s, self._last_pass + self._loop_s)
+        steps = math.ceil((due - self._phase) / self._loop_time - 1e-6)
+        at = max(self._phase + steps * self._loop_time, self._last_pass + self._loop_time)
         stall = self.flight.aircraft.faults.active.get("nc_sd_stall")
         return at if stall is None else max(at, stall.ends)
 
@@ -147,7 +147,7 @@ class NaviCtrl(BoardPort):
         self.flight.advance(now)
         self.redirection.carry(now)
         if now >= self._next_control:
-            self._next_control = now + CONTROL_PERIOD_S
+            self._next_control = now + CONTROL_PERIOD
             self.navigator.navigate(now)
             if self._pending_control is not None and self.navigator.fits_flight:
                 self.flight.external.refresh("b")
@@ -173,7 +173,7 @@ class NaviCtrl(BoardPort):
             stream.due = now
         else:
             stream.stop()
-        self._expires = now + SUBSCRIPTION_S
+        self._expires = now + SUBSCRIPTION_TIME
 
     def _talk(self, now: float) -> None:
         if now >= self._expires:
@@ -193,8 +193,8 @@ class NaviCtrl(BoardPort):
 
     def _restart(self, stream: NaviStream, now: float) -> None:
         """Count the next period from the last millisecond tick."""
-        tick = self._phase + math.floor((now - self._phase) / TICK_S + 1e-6) * TICK_S
-        stream.due = tick + stream.interval * 10 * TICK_S
+        tick = self._phase + math.floor((now - self._phase) / TICK_TIME + 1e-6) * TICK_TIME
+        stream.due = tick + stream.interval * 10 * TICK_TIME
 
     def hold_sets(self, frame_chars: int) -> None:
         """Keep the data sets within their byte budget."""
@@ -203,7 +203,7 @@ class NaviCtrl(BoardPort):
     def _send(self, frame: bytes, now: float) -> None:
         """Put a frame on the line; the buffer is free again when the hardware can send the rest alone."""
         end = self._out.send(frame, now)
-        self._tx_free_at = max(now, end - TX_FIFO * HOST_CHAR_S)
+        self._tx_free_at = max(now, end - TX_FIFO * HOST_CHAR)
 
     def may_send_set(self, now: float) -> bool:
         """Whether the byte budget allows a further data set."""
@@ -215,9 +215,9 @@ class NaviCtrl(BoardPort):
         """Pass a frame on to the FlightCtrl, a character a pass; while one is on its way the next is lost."""
         if now < self._forward_free_at:
             return
-        step = max(self._loop_s, HOST_CHAR_S)
+        step = max(self._loop_time, HOST_CHAR)
         for count, byte in enumerate(frame, 1):
-            self.flight.receive_byte(byte, now + count * step + HOST_CHAR_S)
+            self.flight.receive_byte(byte, now + count * step + HOST_CHAR)
         self._forward_free_at = now + (len(frame) + _FORWARD_EXTRA) * step
 
     def control(self, payload: bytes) -> None:

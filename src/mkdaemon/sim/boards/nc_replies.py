@@ -42,7 +42,7 @@ if TYPE_CHECKING:
 _OSD_VERSION: Final = 5
 _START_OF_TIME: Final = datetime(2026, 6, 1, 12, tzinfo=UTC)
 """What the GPS clock shows when a simulation begins."""
-_SPI_PERIOD_S: Final = 0.02
+_SPI_PERIOD: Final = 0.02
 
 
 def build(board: NaviCtrl, letter: str, value: int) -> bytes | None:
@@ -141,7 +141,7 @@ def _debug(board: NaviCtrl, value: int) -> WireMessage:
     analog[6] = int(board.navigator.flags(board.now))
     analog[10] = round(sensors.compass_deg) % 360
     analog[11] = round(sensors.heading_deg) % 360
-    analog[13] = int(board.now / _SPI_PERIOD_S) & 0x7FFF
+    analog[13] = int(board.now / _SPI_PERIOD) & 0x7FFF
     analog[21] = bounded(gps.velocity_enu[1] * 100.0)
     analog[22] = bounded(gps.velocity_enu[0] * 100.0)
     analog[27] = bounded(away * 10.0 * math.cos(math.radians(bearing)))
@@ -186,7 +186,7 @@ def _osd(board: NaviCtrl, value: int) -> WireMessage | None:
         waypoint_count=board.navigator.points.waypoints,
         satellites=gps.satellites,
         altimeter=bounded(sensors.baro_height * 20.0),
-        variometer=bounded(sensors.vertical_speed * 20.0 * _SPI_PERIOD_S * 10.0),
+        variometer=bounded(sensors.vertical_speed * 20.0 * _SPI_PERIOD * 10.0),
         flying_time=board.navigator.flying_time,
         battery=max(0, min(255, round(sensors.battery_voltage * 10.0))),
         ground_speed=min(0xFFFF, round(math.hypot(east, north) * 100.0)),

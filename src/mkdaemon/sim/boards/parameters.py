@@ -11,7 +11,7 @@ from typing import Final
 
 from mkdaemon.errors import ProtocolError
 from mkdaemon.protocol.settings import Layout, layout_of, poti_number
-from mkdaemon.sim.attitude_loop import LEAK_FAST_S, LEAK_SLOW_S, AttitudeGains
+from mkdaemon.sim.physics.attitude_loop import LEAK_FAST, LEAK_SLOW, AttitudeGains
 
 SETS: Final = 5
 FACTORY_ACTIVE: Final = 3
@@ -141,7 +141,7 @@ class Parameters:
             gyro_stability=self["gyro_stability"],
             stick_yaw_p=self["stick_yaw_p"],
             stick_filter=stick_filter,
-            ta=LEAK_SLOW_S if leak_is_slow else LEAK_FAST_S,
+            ta=LEAK_SLOW if leak_is_slow else LEAK_FAST,
         )
 
 

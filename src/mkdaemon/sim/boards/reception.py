@@ -19,7 +19,7 @@ NC_BUFFER: Final = 150
 NC_RING: Final = 512
 NC_FIFO_LEVEL: Final = 8
 """Characters in the NaviCtrl's hardware FIFO at which it interrupts."""
-NC_FIFO_TIMEOUT_S: Final = 0.56e-3
+NC_FIFO_TIMEOUT: Final = 0.56e-3
 """Silence after which fewer characters are handed over."""
 
 
@@ -155,12 +155,12 @@ class NcReceiver:
     @property
     def timeout_at(self) -> float | None:
         """When the FIFO's time-out will hand over what it holds [s]; None while it is empty."""
-        return self._last_at + NC_FIFO_TIMEOUT_S if self._fifo else None
+        return self._last_at + NC_FIFO_TIMEOUT if self._fifo else None
 
     def settle(self, now: float) -> None:
         """Let the FIFO's time-out act up to `now`."""
-        if self._fifo and self._last_at + NC_FIFO_TIMEOUT_S <= now:
-            self._hand_over(self._last_at + NC_FIFO_TIMEOUT_S)
+        if self._fifo and self._last_at + NC_FIFO_TIMEOUT <= now:
+            self._hand_over(self._last_at + NC_FIFO_TIMEOUT)
 
     def _hand_over(self, at: float) -> None:
         self.handed_at = at

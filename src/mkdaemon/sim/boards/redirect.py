@@ -8,7 +8,7 @@ from __future__ import annotations
 from typing import Final
 
 from mkdaemon.sim.boards.fc import FlightCtrl
-from mkdaemon.sim.boards.line import HOST_CHAR_S, Outbound
+from mkdaemon.sim.boards.line import HOST_CHAR, Outbound
 
 ESCAPE: Final = b"\x1b\x1b\x55\xaa\x00"
 TO_FLIGHTCTRL: Final = 0
@@ -25,7 +25,7 @@ class Redirection:
         target: None, or the board the host talks to.
     """
 
-    SETTLE_S: Final = 2e-3
+    SETTLE_TIME: Final = 2e-3
     """Characters within this time after the escape are lost."""
 
     def __init__(self, flight: FlightCtrl, out: Outbound) -> None:
@@ -53,7 +53,7 @@ class Redirection:
         # a mismatch starts over without looking back: three ESC in a row break the match, as on the board
         self._matched = self._matched + 1 if byte == ESCAPE[self._matched] else 0
         if self.target == TO_FLIGHTCTRL:
-            self._flight.receive_byte(byte, at + HOST_CHAR_S)
+            self._flight.receive_byte(byte, at + HOST_CHAR)
         if self._matched < len(ESCAPE):
             return False
         self.carry(at)

@@ -1,0 +1,23 @@
+"""`python -m lab`: each campaign is a module with a `main`, imported when it is used."""
+
+from __future__ import annotations
+
+import sys
+from typing import Final
+
+from mkdaemon.cli.program import CommandEntry, build, run
+
+CAMPAIGNS: Final = (
+    CommandEntry("protocol", "lab.protocol:main", "Decoding: frames a second, against pymavlink."),
+    CommandEntry("link", "lab.link.main:main", "The link under load: losses, latencies, recovery."),
+    CommandEntry("vision", "lab.vision.main:main", "Detection: rate, accuracy, latency."),
+    CommandEntry("stories", "lab.stories.main:main", "Lost clients, pulled cables, races: the safety stories."),
+    CommandEntry("procedures", "lab.procedures:main", "Uploads and backups over a line that loses bytes."),
+    CommandEntry("flight", "lab.flight:main", "The simulated flight against the plant's figures."),
+    CommandEntry("figures", "lab.figures:main", "Every plot of docs/figures."),
+)
+
+app = build("lab", "Measure this machine. With `--json` the last line is one JSON object.", CAMPAIGNS)
+
+if __name__ == "__main__":
+    sys.exit(run(app))

@@ -1,0 +1,186 @@
+"""What the flight half of the simulator costs and how its attitude loop answers.
+
+Speed is simulated seconds per second of one core, without a camera. The open-loop figures are read off the
+flying model, not computed from its equations.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import platform
+import time
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+
+from rich.console import Console
+from rich.table import Table
+
+from mkdaemon.cli.arguments import AsJson
+from mkdaemon.config.sim_flight import AirframeConfig, FlightConfig, LoopConfig, SensorConfig, WindClass
+from mkdaemon.sim.boards.fc import FlightCtrl
+from mkdaemon.sim.boards.generations import FC_GENERATIONS, NC_GENERATIONS
+from mkdaemon.sim.boards.nc import NaviCtrl
+from mkdaemon.sim.physics.attitude_loop import EASY, FAST, AttitudeGains
+from mkdaemon.sim.physics.hand_flight import CircleFlight
+from mkdaemon.sim.physics.world import DT, StartState, StickInput, World
+
+GOAL_SPEED = 30.0
+"""Times real time the simulator must reach on one core without a camera."""
+RUN = 60.0
+"""Simulated length of a speed run [s]."""
+STEP_DEG = 8.0
+"""Tilt step of the open-loop figures [deg]."""
+ROUNDS = 3
+"""A speed is the best of this many runs: the others met somebody else on the machine."""
+
+
+@dataclass(frozen=True, slots=True)
+class Speed:
+    """Cost of a kind of flight.
+
+    Attributes:
+        flight: which.
+        times_real_time: simulated over real seconds.
+        step_us: cost of one 2.048 ms step [us].
+    """
+
+    flight: str
+    times_real_time: float
+    step_us: float
+
+
+@dataclass(frozen=True, slots=True)
+class Step:
+    """Answer to a tilt step of 8 deg in hover gas and still air.
+
+    Attributes:
+        gains: parameter set.
+        stick_filter: FC >= 2.10.
+        drag: of the airframe [1/s].
+        t63: time until the true tilt passes 63 % [s].
+        overshoot: of the tilt the FlightCtrl believes in.
+        true_deg: true tilt after 0.5, 1, 2 and 4 s [deg].
+        believed_deg: what the FlightCtrl believes then [deg].
+    """
+
+    gains: str
+    stick_filter: bool
+    drag: float
+    t63: float
+    overshoot: float
+    true_deg: tuple[float, ...]
+    believed_deg: tuple[float, ...]
+
+
+def measure_world(wind: WindClass) -> Speed:
+    """Hover under height control, sticks at rest: the physics alone."""
+    sticks = StickInput(0.0, 0.0, 0.0, 125.0, motors_running=True, height_control=True)
+
+    def fly() -> None:
+        world = World(FlightConfig(wind=wind), seed=1, start=StartState(height=3.0))
+        for _ in range(round(RUN / DT)):
+            world.step(sticks)
+
+    return _timed(f"world alone, {wind} wind", fly)
+
+
+def measure_boards(*, with_navi: bool) -> Speed:
+    """Arm, take off and circle by hand over simulated boards, light wind, no serial traffic."""
+
+    def fly() -> None:
+        world = World(FlightConfig(wind=WindClass.LIGHT), seed=1)
+        world.pilot.program = CircleFlight()
+        flight = FlightCtrl(FC_GENERATIONS["2.12a"], world, seed=1)
+        board = NaviCtrl(NC_GENERATIONS["0.24"], flight, seed=1) if with_navi else flight
+        for k in range(round(RUN / 0.1)):
+            board.advance(0.1 * (k + 1))
+            board.poll()
+
+    return _timed("world, pilot, FlightCtrl" + (" and NaviCtrl" if with_navi else ""), fly)
+
+
+def _timed(flight: str, fly: Callable[[], None]) -> Speed:
+    best = math.inf
+    for _ in range(ROUNDS):
+        began = time.perf_counter()
+        fly()
+        best = min(best, time.perf_counter() - began)
+    return Speed(flight, RUN / best, best / (RUN / DT) * 1e6)
+
+
+def measure_step(name: str, gains: AttitudeGains, *, drag: float) -> Step:
+    """Command 8 deg from a still hover and watch for four seconds."""
+    config = FlightConfig(
+        wind=WindClass.NONE,
+        sensors=SensorConfig.ideal(),
+        airframe=AirframeConfig(drag=drag),
+        loop=LoopConfig(truncate_sticks=False),
+    )
+    world = World(config, seed=1, start=StartState(height=60.0), gains=gains)
+    stick = math.radians(STEP_DEG) / gains.rad_per_count
+    true_deg, believed_deg = [], []
+    for _ in range(round(4.0 / DT)):
+        world.step(StickInput(stick, 0.0, 0.0, 125.0, motors_running=True))
+        true_deg.append(math.degrees(world.truth.pitch))
+        believed_deg.append(math.degrees(world.sensors.fc_angle_pitch))
+    t63 = next(k for k, tilt in enumerate(true_deg, 1) if tilt >= (1.0 - math.exp(-1.0)) * STEP_DEG) * DT
+    when = [round(t / DT) - 1 for t in (0.5, 1.0, 2.0, 4.0)]
+    return Step(
+        name,
+        gains.ts > 0.0,
+        drag,
+        t63,
+        max(believed_deg) / STEP_DEG - 1.0,
+        tuple(true_deg[k] for k in when),
+        tuple(believed_deg[k] for k in when),
+    )
+
+
+def main(*, as_json: AsJson = False) -> None:
+    """Measure the simulated flight: its speed and its answer to a tilt step.
+
+    Args:
+        as_json: print one JSON object instead of tables.
+    """
+    speeds = [
+        measure_world(WindClass.NONE),
+        measure_world(WindClass.LIGHT),
+        measure_boards(with_navi=False),
+        measure_boards(with_navi=True),
+    ]
+    steps = [
+        measure_step(name, AttitudeGains.from_parameters(**gain_set, stick_filter=stick_filter), drag=drag)
+        for name, gain_set in (("easy", EASY), ("fast", FAST))
+        for stick_filter in (True, False)
+        for drag in (0.35, 0.18)
+    ]
+    if as_json:
+        result = {
+            "machine": platform.machine(),
+            "python": platform.python_version(),
+            "goal_times_real_time": GOAL_SPEED,
+            "speed": [asdict(speed) for speed in speeds],
+            "step": [asdict(step) for step in steps],
+        }
+        print(json.dumps(result))
+        return
+    console = Console()
+    table = Table("flight", "x real time", "us a step", title=f"Speed of the flight, goal {GOAL_SPEED:g}")
+    for speed in speeds:
+        table.add_row(speed.flight, f"{speed.times_real_time:.0f}", f"{speed.step_us:.1f}")
+    console.print(table)
+    table = Table(
+        "set", "filter", "drag", "t63 s", "overshoot %", "true deg at 0.5 1 2 4 s", "believed deg", title="8 deg step"
+    )
+    for step in steps:
+        table.add_row(
+            step.gains,
+            "yes" if step.stick_filter else "no",
+            f"{step.drag:.2f}",
+            f"{step.t63:.3f}",
+            f"{100.0 * step.overshoot:.0f}",
+            " ".join(f"{tilt:.1f}" for tilt in step.true_deg),
+            " ".join(f"{tilt:.1f}" for tilt in step.believed_deg),
+        )
+    console.print(table)

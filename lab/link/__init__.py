@@ -1,0 +1,1 @@
+"""The link under load: losses, latencies, recovery."""

@@ -1,0 +1,151 @@
+"""The cases of `python -m lab link` in virtual time: exact, seeded, undisturbed by whatever else this machine does."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import AsyncIterator, Callable
+from contextlib import asynccontextmanager
+from typing import Any, Final
+
+from lab.link.cases import Case
+from lab.link.sim import Witness
+from lab.rigs.boardport import Socket
+from lab.rigs.virtualloop import run_virtually
+from mkdaemon.config.link import LinkConfig
+from mkdaemon.config.sim import PilotPlan, SimConfig
+from mkdaemon.errors import ConfigError
+from mkdaemon.link.link import Link
+from mkdaemon.link.session.roundtrips import percentile
+from mkdaemon.link.session.traffic import Lost, Purpose, Received, Sent
+from mkdaemon.protocol.wire import WireMessage
+from mkdaemon.telemetry.link import LinkHealth, LinkState, LinkTraffic, RoundTripStats
+
+SETTLE_TIME: Final = 2.5
+"""Discovery and the first streams are over by then; measuring begins [s]."""
+
+
+class Waits:
+    """A sink that notes how long setpoints waited for the line."""
+
+    def __init__(self) -> None:
+        self.handed_in = 0.0
+        self.waits: list[float] = []
+
+    def received(self, frame: Received) -> None:
+        """Not of interest."""
+
+    def sent(self, frame: Sent) -> None:
+        """Note the wait of a setpoint."""
+        if frame.purpose is Purpose.SETPOINT:
+            self.waits.append(frame.t_monotonic - self.handed_in)
+
+    def dropped(self, loss: Lost) -> None:
+        """Not of interest."""
+
+    def state_changed(self, state: LinkState) -> None:
+        """Not of interest."""
+
+    def health_measured(self, health: LinkHealth) -> None:
+        """Asked at the end."""
+
+    def traffic_counted(self, traffic: LinkTraffic) -> None:
+        """Not of interest."""
+
+
+def configurations(case: Case) -> tuple[SimConfig, dict[str, Any]]:
+    """The simulator of a case, and the link's options."""
+    sim = SimConfig.model_validate({"pilot_plan": PilotPlan.NOTHING, "calibrated": True, "connect": (), **case.sim})
+    return sim, {"rates": case.streams, "echo_hz": case.echo_hz, "window": 120.0}
+
+
+def play(case: Case, seconds: float) -> dict[str, Any]:
+    """Play one case and return its exact figures."""
+    return run_virtually(_play(case, seconds))
+
+
+@asynccontextmanager
+async def met(case: Case, witness: Witness, options: dict[str, Any], sink: Waits) -> AsyncIterator[Link]:
+    """A running link that has met the boards of a case, in the time of the running loop."""
+    socket = Socket(lambda: witness, seed=0)
+    loop = asyncio.get_running_loop()
+    link = Link(LinkConfig(port="/dev/virtual", **options), sink, opener=socket.open, clock=loop.time)
+    running = asyncio.create_task(link.run())
+    try:
+        await asyncio.sleep(SETTLE_TIME)
+        await until_steerable(link, case)
+        yield link
+    finally:
+        running.cancel()
+        await asyncio.gather(running, return_exceptions=True)
+
+
+async def _play(case: Case, seconds: float) -> dict[str, Any]:
+    sim, options = configurations(case)
+    witness, sink = Witness(sim), Waits()
+    async with met(case, witness, options, sink) as link:
+        before = link.health()
+        await steer_steadily(link, case, seconds, sink)
+        await asyncio.sleep(0.4)
+        after = link.health()
+    channels = witness.channels()
+    return {
+        "exact_echo_loss": loss_between(before.echo, after.echo),
+        "exact_control_loss": loss_between(before.confirm, after.confirm),
+        "exact_control_undelivered": undelivered(witness.came["b"], witness.delivered["b"]),
+        "exact_confirms_hidden": after.confirm_hidden - before.confirm_hidden,
+        "exact_setpoint_wait_p99_ms": wait_ms(sink.waits),
+        "exact_radio_loss": radio_loss([c.packets for c in channels], [c.packets_lost for c in channels]),
+    }
+
+
+async def steer_steadily(link: Link, case: Case, seconds: float, sink: Waits) -> int:
+    """Hand in the setpoints of a case for so long, or just wait where it has none; returns how many."""
+    loop = asyncio.get_running_loop()
+    began, steps = loop.time(), int(case.setpoint_hz * seconds)
+    layout: Callable[..., WireMessage] | None = link.dialect.extern_control
+    for step in range(steps):
+        assert layout is not None
+        await asyncio.sleep(max(0.0, began + step / case.setpoint_hz - loop.time()))
+        sink.handed_in = loop.time()
+        setpoint = layout(pitch=step % 21 - 10, roll=0, yaw=0, throttle=0, config=1)
+        link.send_setpoint(setpoint, deadline=loop.time() + 0.1)
+    await asyncio.sleep(began + seconds - loop.time())
+    return steps
+
+
+async def until_steerable(link: Link, case: Case) -> None:
+    """Wait until the FlightCtrl's release is known, where the case steers.
+
+    Raises:
+        ConfigError: it stays unknown.
+    """
+    for _ in range(100):
+        if not case.setpoint_hz or link.dialect.extern_control is not None:
+            return
+        await asyncio.sleep(0.05)
+    raise ConfigError(f"the simulator's FlightCtrl was not recognised: {link.dialect.read_only_reason}")
+
+
+def loss_between(before: RoundTripStats, after: RoundTripStats) -> float | None:
+    """Share lost of what was sent between two measurements; None where nothing was."""
+    sent = after.sent_total - before.sent_total
+    return round((after.lost_total - before.lost_total) / sent, 5) if sent else None
+
+
+def undelivered(sent: int, arrived: int) -> float | None:
+    """Share of frames that did not reach the board; None where none were sent."""
+    return round(1 - arrived / sent, 5) if sent else None
+
+
+def wait_ms(waits: list[float]) -> float | None:
+    """99th percentile [ms]."""
+    found = percentile(sorted(waits), 0.99)
+    return None if found is None else round(1000 * found, 3)
+
+
+def radio_loss(packets: list[int], lost: list[int]) -> float:
+    """Share of conversations the radio took: there, or back."""
+    kept = 1.0
+    for sent, gone in zip(packets, lost, strict=True):
+        kept *= 1 - gone / sent if sent else 1.0
+    return round(1 - kept, 5)

@@ -1,0 +1,252 @@
+"""A cockpit in virtual time: control, link and simulated boards, and everything on the wire and in the FlightCtrl kept.
+
+The same control loop, sink, link and boards as in earnest; only Zenoh and the wall clock are left out, so a thousand
+flights are exact, seeded and faster than real time.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import random
+from collections.abc import AsyncIterator, Callable
+from contextlib import asynccontextmanager
+from dataclasses import dataclass
+from typing import Any, Final, NamedTuple, cast
+
+from pydantic import BaseModel
+
+from lab.rigs.boardport import Socket
+from lab.rigs.grounded import GroundedAircraft
+from mkdaemon.bus.codec import encode_map
+from mkdaemon.config.control import ControlConfig
+from mkdaemon.config.link import LinkConfig
+from mkdaemon.config.sim import PilotPlan, SimConfig
+from mkdaemon.daemon.audit import Audit
+from mkdaemon.daemon.clock import Instant
+from mkdaemon.daemon.eyes import Eyes
+from mkdaemon.daemon.flight import FlightControl
+from mkdaemon.daemon.sink import BusSink
+from mkdaemon.daemon.vitals import Vitals
+from mkdaemon.link.link import Link
+from mkdaemon.link.session.traffic import Received, Sent
+from mkdaemon.sim.physics.world import World
+from mkdaemon.sim.simulation import Simulation
+from mkdaemon.telemetry.link import LinkState
+
+GATE_OPEN: Final = 255
+"""The pilot's external-control switch."""
+PATIENCE: Final = 20.0
+"""Longest wait for the boards to be met [s; virtual]."""
+
+
+class Held(NamedTuple):
+    """What the FlightCtrl holds from then on.
+
+    Attributes:
+        at: when [s].
+        is_valid: it asks to control.
+        tilt: pitch, roll and yaw, raw.
+    """
+
+    at: float
+    is_valid: bool
+    tilt: tuple[int, int, int]
+
+    @property
+    def is_neutral(self) -> bool:
+        """Whether it moves nothing: level sticks, or no control at all."""
+        return not self.is_valid or self.tilt == (0, 0, 0)
+
+
+class WatchedSimulation(Simulation):
+    """Simulated boards on an aircraft that stands still, keeping every change of what the FlightCtrl holds and applies.
+
+    Attributes:
+        held: the external control structure.
+        applied: what it added to the pilot's sticks at the last receiver frame.
+    """
+
+    def __init__(self, config: SimConfig) -> None:
+        bench = GroundedAircraft()
+        bench.pilot.gate = GATE_OPEN
+        # The boards need of a world what `boards.aircraft.Aircraft` says, and that one has.
+        super().__init__(config, cast("World", bench))
+        self.held: list[Held] = []
+        self.applied: list[Held] = []
+        self._seen: object = None
+
+    def advance(self, to: float) -> list[tuple[float, bytes]]:
+        """Run on; see `Simulation.advance`."""
+        said = super().advance(to)
+        external, core = self.flight.external, self.flight.core
+        if external.held is not self._seen:
+            self._seen = held = external.held
+            self.held.append(Held(to, external.is_valid, (held.pitch, held.roll, held.yaw)))
+        mixed, own = core.mixed, core.receiver
+        tilt = (round(mixed.pitch - own.pitch), round(mixed.roll - own.roll), round(mixed.yaw - own.yaw))
+        if not self.applied or (core.controlled, tilt) != self.applied[-1][1:]:
+            self.applied.append(Held(to, core.controlled, tilt))
+        return said
+
+    @property
+    def is_controlled(self) -> bool:
+        """Whether the FlightCtrl holds a valid external control command."""
+        return self.flight.external.is_valid
+
+
+class _Unheard:
+    """An outlet nobody listens to."""
+
+    def publish(self, suffix: str, value: BaseModel, *, schema: type[BaseModel] | None = None) -> None:
+        """Take a value and forget it."""
+
+
+class KeepingSink(BusSink):
+    """What the daemon hears about the line, kept.
+
+    Attributes:
+        tx: every transmission.
+        heard_at: when the latest frame arrived [s].
+        streamed_at: when the latest streamed telemetry arrived [s].
+        states: every verdict on the line.
+    """
+
+    def __init__(self, vitals: Vitals, audit: Audit) -> None:
+        super().__init__(_Unheard(), vitals, audit, Eyes(None))
+        self.tx: list[Sent] = []
+        self.heard_at = self.streamed_at = float("-inf")
+        self.states: list[LinkState] = []
+
+    def received(self, frame: Received) -> None:
+        """Take a right frame."""
+        super().received(frame)
+        self.heard_at = frame.t_monotonic
+        if frame.frame.id in "OCD":
+            self.streamed_at = frame.t_monotonic
+
+    def sent(self, frame: Sent) -> None:
+        """Take a transmission."""
+        super().sent(frame)
+        self.tx.append(frame)
+
+    def state_changed(self, state: LinkState) -> None:
+        """Take a verdict."""
+        super().state_changed(state)
+        self.states.append(state)
+
+
+@dataclass(frozen=True, slots=True)
+class Boards:
+    """Which boards fly.
+
+    Attributes:
+        fc: FlightCtrl release.
+        nc: NaviCtrl release in front of it; None where the host is wired to the FlightCtrl.
+    """
+
+    fc: str
+    nc: str | None = None
+
+    @property
+    def name(self) -> str:
+        """In words."""
+        return f"FC {self.fc}" if self.nc is None else f"FC {self.fc} behind NC {self.nc}"
+
+    def make(self, seed: int, **sim: Any) -> Callable[[], WatchedSimulation]:
+        """What powers such an aircraft up."""
+        front = {"board": "fc"} if self.nc is None else {"board": "nc", "nc": self.nc}
+        settings = {"pilot_plan": PilotPlan.NOTHING, "calibrated": True, "seed": seed, "fc": self.fc} | front | sim
+        cfg = SimConfig.model_validate(settings)
+        return lambda: WatchedSimulation(cfg)
+
+
+class Cockpit:
+    """Everything of one session.
+
+    Attributes:
+        link: the line.
+        flight: control: the lease, the tick, the release.
+        sink: what was seen on the line.
+        socket: the cable and the boards at its end.
+        epoch: of the lease taken last.
+        task: of the link.
+    """
+
+    def __init__(self, link: Link, flight: FlightControl, sink: KeepingSink, socket: Socket) -> None:
+        self.link, self.flight, self.sink, self.socket = link, flight, sink, socket
+        self.epoch = 0
+        self.tasks: list[asyncio.Task[None]] = []
+
+    @property
+    def aircraft(self) -> WatchedSimulation:
+        """The boards at the moment."""
+        assert isinstance(self.socket.aircraft, WatchedSimulation)
+        return self.socket.aircraft
+
+    async def until(self, claim: Callable[[], bool], within: float = PATIENCE, step: float = 0.005) -> float | None:
+        """Wait for a claim to hold; returns how long it took [s], None where it did not."""
+        loop = asyncio.get_running_loop()
+        began = loop.time()
+        while not claim():
+            if loop.time() - began > within:
+                return None
+            await asyncio.sleep(step)
+        return loop.time() - began
+
+    @property
+    def may_fly(self) -> bool:
+        """Whether a lease would be granted and could be flown with."""
+        return self.link.is_up and self.link.dialect.extern_control is not None
+
+    async def take(self, holder: str, *, force: bool = False) -> int:
+        """Take the lease.
+
+        Raises:
+            CommandRejectedError: it was refused.
+        """
+        result = await self.flight.lease(encode_map({"action": "take", "holder": holder, "force": force}))
+        assert result.reply is not None
+        self.epoch = int(result.reply["epoch"])
+        return self.epoch
+
+
+@asynccontextmanager
+async def cockpit(
+    boards: Boards, seed: int, *, link_class: type[Link] = Link, sim: dict[str, Any] | None = None, **link: Any
+) -> AsyncIterator[Cockpit]:
+    """A running cockpit, boards met.
+
+    Args:
+        boards: which aircraft.
+        seed: of boards, line and everything drawn.
+        link_class: another link, for stories about what happens without a part of it.
+        sim: further settings of the simulation.
+        link: further settings of the link.
+
+    Raises:
+        TimeoutError: the boards were not met.
+    """
+    loop = asyncio.get_running_loop()
+    wall = 1.7e9 + random.Random(f"{seed} wall").random()
+
+    def clock() -> Instant:
+        return Instant(loop.time(), wall + loop.time())
+
+    socket = Socket(boards.make(seed, **(sim or {})), seed=seed)
+    vitals = Vitals("")
+    audit = Audit(_Unheard(), clock=clock)
+    sink = KeepingSink(vitals, audit)
+    cfg = LinkConfig.model_validate({"port": "/dev/virtual"} | link)
+    line = link_class(cfg, sink, opener=socket.open, clock=loop.time)
+    flight = FlightControl(ControlConfig(), line, _Unheard(), vitals, audit, clock=clock)
+    flown = Cockpit(line, flight, sink, socket)
+    flown.tasks = [asyncio.create_task(line.run(), name="link"), asyncio.create_task(flight.run(), name="control")]
+    try:
+        if await flown.until(lambda: flown.may_fly) is None:
+            msg = f"{boards.name}, seed {seed}: not ready to fly: {line.health().state.reason}"
+            raise TimeoutError(msg)
+        yield flown
+    finally:
+        for task in reversed(flown.tasks):
+            task.cancel()
+            await asyncio.gather(task, return_exceptions=True)

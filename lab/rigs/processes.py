@@ -1,0 +1,268 @@
+"""Stories told in real time: `mkdaemon run` as a process, simulated boards on a pseudo terminal, clients on the bus.
+
+Only what depends on the operating system, on Zenoh or on a process that dies is told here; the rest runs in virtual
+time (`stories_deaths`, `stories_cable`).
+"""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import signal
+import sys
+import time
+from collections.abc import AsyncIterator, Callable
+from contextlib import asynccontextmanager, nullcontext, suppress
+from pathlib import Path
+from typing import Any, Final, Self
+
+import zenoh
+
+from mkdaemon.bus.codec import encode_map
+from mkdaemon.bus.endpoint import reserved_endpoint
+from mkdaemon.client.session import Client, Connection
+from mkdaemon.config.sim import SimConfig
+from mkdaemon.errors import MkError
+from mkdaemon.protocol.framing import Frame, FrameDecoder
+from mkdaemon.sim.simulation import Simulation
+
+VEHICLE: Final = "stories"
+PATIENCE: Final = 120.0
+"""Longest wait for anything [s]; a loaded machine is slow, not wrong."""
+ENGAGE_WAIT: Final = 4.0
+"""A stream that lives is obeyed within this time [s]; the daemon wants one second of it first."""
+
+
+class ObservedSimulation(Simulation):
+    """The simulated aircraft, counting what crosses its line and keeping what the host wrote.
+
+    Attributes:
+        is_frozen: it stands still and says nothing, so that what is under way can arrive and be counted.
+        keeps: whether writes are kept in `heard`.
+        heard: what the host wrote, each piece with its time [s; monotonic].
+        from_host: frames the host wrote.
+        to_host: frames the board wrote.
+    """
+
+    def __init__(self, config: SimConfig, *, keeps: bool = True) -> None:
+        super().__init__(config)
+        self.is_frozen = False
+        self.keeps = keeps
+        self.heard: list[tuple[float, bytes]] = []
+        self.from_host = self.to_host = 0
+        self._in, self._out = FrameDecoder(), FrameDecoder()
+
+    def write(self, data: bytes, at: float) -> None:
+        """Send bytes to the board; see `Simulation.write`."""
+        self.from_host += _frames(self._in, data)
+        if self.keeps:
+            self.heard.append((time.monotonic(), data))
+        if not self.is_frozen:
+            super().write(data, at)
+
+    def advance(self, to: float) -> list[tuple[float, bytes]]:
+        """Run on; see `Simulation.advance`."""
+        if self.is_frozen:
+            return []
+        said = super().advance(to)
+        if said:
+            self.to_host += _frames(self._out, b"".join(piece for _, piece in said))
+        return said
+
+    @property
+    def is_controlled(self) -> bool:
+        """Whether the FlightCtrl holds a valid external control command."""
+        return self.flight.external.is_valid
+
+
+def _frames(decoder: FrameDecoder, data: bytes) -> int:
+    return sum(isinstance(item, Frame) for item in decoder.feed(data))
+
+
+class DaemonProcess:
+    """One `mkdaemon run`.
+
+    Attributes:
+        endpoint: where its bus listens.
+        errors: everything it wrote to stderr so far, complete once it has ended.
+    """
+
+    def __init__(self, process: asyncio.subprocess.Process, endpoint: str) -> None:
+        self.endpoint = endpoint
+        self.errors = ""
+        self._process = process
+        self._reading = asyncio.create_task(self._read(), name="stderr")
+
+    @classmethod
+    async def start(cls, config: Path, endpoint: str) -> Self:
+        """Start it with a configuration file."""
+        process = await asyncio.create_subprocess_exec(
+            sys.executable,
+            *(
+                "-m",
+                "mkdaemon.cli.mkdaemon.app",
+                "run",
+                "--config",
+                str(config),
+                "--listen",
+                endpoint,
+                "--log",
+                "warning",
+            ),
+            stdout=asyncio.subprocess.DEVNULL,
+            stderr=asyncio.subprocess.PIPE,
+        )
+        return cls(process, endpoint)
+
+    @property
+    def pid(self) -> int:
+        """Its process number."""
+        return self._process.pid
+
+    async def _read(self) -> None:
+        assert self._process.stderr is not None
+        while line := await self._process.stderr.readline():
+            self.errors += line.decode(errors="replace")
+
+    async def end(self, number: signal.Signals) -> int:
+        """Send a signal and wait for the end; returns the exit code."""
+        with suppress(ProcessLookupError):
+            self._process.send_signal(number)
+        code = await self._process.wait()
+        await self._reading
+        return code
+
+    def resident_mb(self) -> float:
+        """Memory it holds [MiB]."""
+        pages = int(Path(f"/proc/{self.pid}/statm").read_text(encoding="ascii").split()[1])
+        return pages * os.sysconf("SC_PAGE_SIZE") / 2**20
+
+    def descriptors(self) -> int:
+        """Files, sockets and devices it holds open."""
+        return sum(1 for _ in Path(f"/proc/{self.pid}/fd").iterdir())
+
+    def cpu_s(self) -> float:
+        """Processor time it has used [s]."""
+        fields = Path(f"/proc/{self.pid}/stat").read_text(encoding="ascii").rpartition(")")[2].split()
+        return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+
+
+@asynccontextmanager
+async def daemon_process(port: str, folder: Path, *, link: str = "", endpoint: str | None = None) -> AsyncIterator[Any]:
+    """Run a daemon on a port while the context lasts.
+
+    Args:
+        port: URL of the port.
+        folder: where its configuration file is written.
+        link: further lines of the `link` section.
+        endpoint: where its bus listens; a free one by default.
+    """
+    config = folder / "daemon.toml"
+    config.write_text(f'[vehicle]\nname = "{VEHICLE}"\n[link]\nport = "{port}"\n{link}\n', encoding="utf-8")
+    with reserved_endpoint() if endpoint is None else nullcontext(endpoint) as where:
+        daemon = await DaemonProcess.start(config, where)
+        try:
+            yield daemon
+        finally:
+            await daemon.end(signal.SIGKILL)
+
+
+@asynccontextmanager
+async def connected(endpoint: str) -> AsyncIterator[Client]:
+    """A client of its own session, as soon as the daemon listens."""
+    async with asyncio.timeout(PATIENCE):
+        while True:
+            opening = Client.open(Connection(vehicle=VEHICLE, connect=endpoint))
+            try:
+                client = await opening.__aenter__()
+                break
+            except MkError:
+                await asyncio.sleep(0.05)
+    try:
+        yield client
+    finally:
+        await opening.__aexit__(None, None, None)
+
+
+async def until(claim: Callable[[], Any], within: float = PATIENCE) -> float:
+    """Wait for a claim to hold; returns how long that took [s].
+
+    Raises:
+        TimeoutError: it did not.
+    """
+    began = time.monotonic()
+    async with asyncio.timeout(within):
+        while not claim():  # noqa: ASYNC110 - what is looked at lives in another process or thread
+            await asyncio.sleep(0.002)
+    return time.monotonic() - began
+
+
+async def wait_for_control(client: Client) -> None:
+    """Return when the daemon would grant a lease."""
+    async with asyncio.timeout(PATIENCE):
+        while True:
+            state = (await client.get("link/state")).get("link/state")
+            if state and state.fields["external_control"] and state.fields["condition"] in {"up", "degraded"}:
+                return
+            await asyncio.sleep(0.05)
+
+
+class Pilot:
+    """A client that holds a lease and streams sticks for as long as the context lasts.
+
+    Attributes:
+        sticks: what it streams [stick; FLU].
+        epoch: of its lease.
+    """
+
+    def __init__(self, client: Client, name: str, rate: float = 50.0) -> None:
+        self.name = name
+        self.sticks = {"pitch": 0.0, "roll": 0.0, "yaw": 0.0, "throttle": 0.0}
+        self.epoch = 0
+        self._client = client
+        self._publisher = client.stream("setpoint/stick")
+        self._period = 1.0 / rate
+        self._sequence = 0
+        self._task: asyncio.Task[None] | None = None
+
+    async def take(self, *, force: bool = False) -> bool:
+        """Ask for the lease; returns whether it was granted."""
+        fields = {"action": "take", "holder": self.name, "force": force}
+        answer = await self._client.command("do", "lease", fields)
+        if answer.is_accepted:
+            self.epoch, self._sequence = int(answer.reply["epoch"]), 0
+        return answer.is_accepted
+
+    async def engage(self, is_controlled: Callable[[], bool]) -> None:
+        """Take the lease until the aircraft obeys: a busy machine may cost a client its lease before it flies.
+
+        Raises:
+            TimeoutError: it never obeyed.
+        """
+        async with asyncio.timeout(PATIENCE):
+            while True:
+                if await self.take():
+                    with suppress(TimeoutError):
+                        await until(is_controlled, ENGAGE_WAIT)
+                        return
+                await asyncio.sleep(0.1)
+
+    async def __aenter__(self) -> Self:
+        self._task = asyncio.create_task(self._stream(), name=f"pilot {self.name}")
+        return self
+
+    async def __aexit__(self, *_: object) -> None:
+        assert self._task is not None
+        self._task.cancel()
+        await asyncio.gather(self._task, return_exceptions=True)
+
+    async def _stream(self) -> None:
+        loop = asyncio.get_running_loop()
+        due = loop.time()
+        with suppress(zenoh.ZError):  # the daemon may be killed while it streams: that is what some stories are about
+            while True:
+                self._sequence += 1
+                fields = {**self.sticks, "epoch": self.epoch, "sequence": self._sequence, "ttl": 0.3}
+                self._publisher.put(encode_map(fields))
+                due = max(due + self._period, loop.time())
+                await asyncio.sleep(due - loop.time())

@@ -1,0 +1,1 @@
+"""The safety stories: lost clients, pulled cables, races, faults."""

@@ -1,0 +1,144 @@
+"""The cable is pulled while a client flies and plugged in again, or the board reboots: telemetry back, sticks free.
+
+In virtual time, with a client that notices nothing and goes on streaming. The same over a real pseudo terminal, with a
+daemon process whose descriptors and memory are watched, is in `stories_plug`.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import random
+from contextlib import suppress
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import Final
+
+from lab.rigs.boardport import LineFault
+from lab.rigs.cockpit import Boards, Cockpit, cockpit
+from lab.rigs.virtualloop import run_virtually
+from mkdaemon.bus.codec import encode_map
+from mkdaemon.errors import CommandRejectedError
+from mkdaemon.link.session.traffic import Purpose
+from mkdaemon.protocol.framing import Frame, FrameDecoder
+from mkdaemon.protocol.wire import MessageDecoder
+from mkdaemon.telemetry.control import Phase
+
+BACK: Final = 3.0
+"""Telemetry flows again so long after the device is back [s]."""
+WATCH: Final = 1.0
+"""How long the boards are watched after that [s]."""
+STICK_TIME: Final = 0.02
+
+
+class Cut(StrEnum):
+    """What happens to the line."""
+
+    UNPLUGGED = "unplugged"
+    """The device vanishes while it is read."""
+    WHILE_WRITING = "while_writing"
+    """The device vanishes while it is written."""
+    REBOOT = "reboot"
+    """The board is off for two seconds and has forgotten everything."""
+
+
+@dataclass(frozen=True, slots=True)
+class Cycle:
+    """One interruption.
+
+    Attributes:
+        number: within the session.
+        cut: what happened.
+        back: streamed telemetry after the device came back [s]; None where it did not.
+        first: what the first bytes after the opening were; `release` as they must be.
+        steered: stick frames with a control bit, from the opening to the end, although nobody took a lease since.
+        is_held: whether the FlightCtrl still held a command at the end.
+    """
+
+    number: int
+    cut: Cut
+    back: float | None
+    first: str
+    steered: int
+    is_held: bool
+
+    @property
+    def is_wrong(self) -> bool:
+        """Whether it breaks a limit."""
+        return self.back is None or self.back > BACK or self.first != "release" or self.steered > 0 or self.is_held
+
+
+def first_words(written: bytes) -> str:
+    """What bytes begin with: `release` for external control whose every bit is off, else the command letter."""
+    for item in FrameDecoder().feed(written):
+        if not isinstance(item, Frame):
+            return "no frame"
+        message = MessageDecoder().decode(item)
+        if item.id != "b":
+            return item.id
+        return "release" if not any(item.payload[:4]) and getattr(message, "config", 0) == 0 else "sticks"
+    return "nothing"
+
+
+def pull_cable(boards: Boards, seed: int, *, cycles: int) -> list[Cycle]:
+    """Interrupt one session again and again."""
+    return run_virtually(_pull_cable(boards, seed, cycles))
+
+
+async def _pull_cable(boards: Boards, seed: int, cycles: int) -> list[Cycle]:
+    found = []
+    async with cockpit(boards, seed) as flown:
+        for number in range(cycles):
+            rng = random.Random(f"{seed} cable {number}")
+            cut = list(Cut)[number % len(Cut)] if boards.nc is None else (Cut.UNPLUGGED, Cut.WHILE_WRITING)[number % 2]
+            flying = asyncio.create_task(_fly_on(flown, f"client{number}"), name="client")
+            await flown.until(lambda: flown.aircraft.is_controlled)
+            await asyncio.sleep(rng.uniform(0.1, 0.6))
+            found.append(await _interrupt(flown, cut, number, rng))
+            flying.cancel()
+            await asyncio.gather(flying, return_exceptions=True)
+            await flown.until(lambda: flown.may_fly and flown.flight.phase is Phase.FREE)
+    return found
+
+
+async def _fly_on(flown: Cockpit, name: str) -> None:
+    """Take the lease once, engage, and stream a tilt for ever, whatever becomes of it."""
+    epoch = None
+    while epoch is None:
+        with suppress(CommandRejectedError):
+            epoch = await flown.take(name)
+        await asyncio.sleep(STICK_TIME)
+    loop = asyncio.get_running_loop()
+    sequence, tilt = 0, 0.0
+    while True:
+        sequence += 1
+        tilt = 40.0 if flown.flight.phase is Phase.FLYING else tilt
+        sticks = {"pitch": tilt, "roll": -tilt, "yaw": 0.0, "throttle": -10.0}
+        flown.flight.stick_arrived(loop.time(), encode_map(sticks | {"epoch": epoch, "sequence": sequence, "ttl": 0.3}))
+        await asyncio.sleep(STICK_TIME)
+
+
+async def _interrupt(flown: Cockpit, cut: Cut, number: int, rng: random.Random) -> Cycle:
+    """Cut the line, restore it, and watch."""
+    socket, port = flown.socket, flown.socket.port
+    assert port is not None
+    loop = asyncio.get_running_loop()
+    written = len(socket.wire)
+    if cut is Cut.REBOOT:
+        port.inject(LineFault.REBOOT)
+        await flown.until(lambda: port.fault is LineFault.NONE)
+    else:
+        port.inject(LineFault.UNPLUGGED if cut is Cut.UNPLUGGED else LineFault.GONE_DURING_WRITE)
+        await flown.until(lambda: not socket.is_present)
+        await asyncio.sleep(rng.uniform(0.02, 2.0))
+        written = len(socket.wire)
+        socket.is_present = True
+    returned = loop.time()
+    back = await flown.until(lambda: flown.sink.streamed_at > returned, step=0.002)
+    await asyncio.sleep(WATCH)
+    begun = returned - 0.5 if cut is Cut.REBOOT else returned
+    steering = [frame for frame in flown.sink.tx if frame.purpose is Purpose.SETPOINT and frame.t_monotonic >= begun]
+    first = "release"
+    if cut is not Cut.REBOOT:  # there the port stays open, and nothing begins
+        first = first_words(b"".join(data for _, data in socket.wire[written:][:2]))
+    flown.sink.tx.clear()
+    return Cycle(number, cut, back, first, len(steering), flown.aircraft.is_controlled)

@@ -1,0 +1,138 @@
+"""Faults of the line by name, at a random moment: the right word about the link in half a second, and up again after.
+
+In virtual time, over the fault port of `boardport`, in front of a FlightCtrl and of a NaviCtrl.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import random
+from collections.abc import Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Final
+
+from lab.rigs.boardport import LineFault
+from lab.rigs.cockpit import Boards, Cockpit, cockpit
+from lab.rigs.virtualloop import run_virtually
+from mkdaemon.telemetry.link import LinkCondition
+
+VERDICT: Final = 0.5
+"""The right word must be said within this time [s]."""
+LASTS: Final = 2.5
+"""How long a fault lasts [s]."""
+BACK: Final = 15.0
+"""Longest wait for the link to be up again [s]; losses leave the moving window after ten."""
+
+
+@dataclass(frozen=True, slots=True)
+class Expected:
+    """What the link must say about a fault.
+
+    Attributes:
+        words: any of these.
+        amount: how much of the fault.
+    """
+
+    words: frozenset[LinkCondition]
+    amount: float = 0.0
+
+
+def _said(*words: LinkCondition, amount: float = 0.0) -> Expected:
+    return Expected(frozenset(words), amount)
+
+
+FAULTS: Final[Mapping[LineFault, Expected]] = MappingProxyType(
+    {
+        LineFault.BYTE_LOSS: _said(LinkCondition.DEGRADED, LinkCondition.GARBAGE, amount=0.05),
+        LineFault.BIT_FLIPS: _said(LinkCondition.DEGRADED, LinkCondition.GARBAGE, amount=0.03),
+        LineFault.ONE_BYTE_AT_A_TIME: _said(LinkCondition.UP),
+        LineFault.STUCK_WRITER: _said(LinkCondition.DOWN),
+        LineFault.DEVICE_FULL: _said(LinkCondition.DOWN),
+        LineFault.SILENCE: _said(LinkCondition.MUTE),
+        LineFault.ONE_WAY: _said(LinkCondition.ONE_WAY),
+        LineFault.ECHO_ONLY: _said(LinkCondition.DEGRADED),
+        LineFault.GARBAGE: _said(LinkCondition.GARBAGE),
+        LineFault.TEXT_FLOOD: _said(LinkCondition.GARBAGE),
+        LineFault.REBOOT: _said(LinkCondition.MUTE),
+        LineFault.UNPLUGGED: _said(LinkCondition.DOWN, LinkCondition.ABSENT),
+        LineFault.GONE_DURING_WRITE: _said(LinkCondition.DOWN, LinkCondition.ABSENT),
+    }
+)
+"""Every fault of the port but none."""
+
+
+@dataclass(frozen=True, slots=True)
+class Verdicts:
+    """What the link said about one fault.
+
+    Attributes:
+        fault: its name.
+        boards: which aircraft.
+        runs: how often.
+        words: the right ones.
+        verdict_max_ms: longest time until one of them was said [ms].
+        back_max_s: longest time until the link was up after the fault had ended [s].
+        wrong: seeds of runs in which the right word came late, or never, or the link did not come up again.
+    """
+
+    fault: str
+    boards: str
+    runs: int
+    words: tuple[str, ...]
+    verdict_max_ms: float
+    back_max_s: float
+    wrong: list[int]
+
+    @property
+    def holds(self) -> bool:
+        """Whether every run was right."""
+        return not self.wrong
+
+
+def judge_fault(boards: Boards, fault: LineFault, seeds: range) -> Verdicts:
+    """Inject a fault once per seed, at a random moment, and take the times."""
+    late: list[int] = []
+    verdicts: list[float] = [0.0]
+    backs: list[float] = [0.0]
+    for seed in seeds:
+        verdict, back = run_virtually(_suffer(boards, fault, seed))
+        if verdict is None or back is None or verdict > VERDICT:
+            late.append(seed)
+        verdicts.append(verdict or 0.0)
+        backs.append(back or 0.0)
+    return Verdicts(
+        fault=fault.value,
+        boards=boards.name,
+        runs=len(seeds),
+        words=tuple(sorted(word.value for word in FAULTS[fault].words)),
+        verdict_max_ms=round(1000 * max(verdicts)),
+        back_max_s=round(max(backs), 2),
+        wrong=late,
+    )
+
+
+async def _suffer(boards: Boards, fault: LineFault, seed: int) -> tuple[float | None, float | None]:
+    """Times until the right word, and until the link is up again after the fault [s]; None for never."""
+    rng = random.Random(f"{seed} {fault.value}")
+    async with cockpit(boards, seed) as flown:
+        await asyncio.sleep(rng.uniform(1.0, 2.5))
+        await flown.until(lambda: _word(flown) is LinkCondition.UP)
+        expected = FAULTS[fault]
+        port = flown.socket.port
+        assert port is not None
+        port.inject(fault, expected.amount)
+        if LinkCondition.UP in expected.words:
+            worse = await flown.until(lambda: _word(flown) is not LinkCondition.UP, LASTS)
+            return (0.0, 0.0) if worse is None else (None, None)
+        verdict = await flown.until(lambda: _word(flown) in expected.words, 2.0, step=0.002)
+        await asyncio.sleep(LASTS)
+        flown.socket.is_present = True
+        if not port.is_closed:
+            port.inject(LineFault.NONE)
+        return verdict, await flown.until(lambda: _word(flown) is LinkCondition.UP, BACK)
+
+
+def _word(flown: Cockpit) -> LinkCondition:
+    """What the link told its listeners last: not what it may know and keep to itself."""
+    return flown.sink.states[-1].condition

@@ -1,0 +1,144 @@
+"""The daemon itself dies while a client flies: `kill -9` and a new start, or an orderly end by a signal.
+
+Real processes on a pseudo terminal. The client notices nothing and goes on streaming the lease it had.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import random
+import signal
+import tempfile
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+from lab.rigs.processes import (
+    DaemonProcess,
+    ObservedSimulation,
+    Pilot,
+    connected,
+    daemon_process,
+    until,
+    wait_for_control,
+)
+from lab.stories.cable import first_words
+from mkdaemon.config.sim import PilotPlan, SimConfig
+from mkdaemon.protocol.framing import Frame, FrameDecoder
+from mkdaemon.sim.runtime import Runtime
+
+END_TIME: Final = 2.0
+"""An orderly end takes no longer than this, the release included [s]."""
+WATCH: Final = 2.0
+"""How long the boards are watched after a new start has released them [s]."""
+SIGNALS: Final = (signal.SIGKILL, signal.SIGTERM, signal.SIGINT)
+
+
+@dataclass(frozen=True, slots=True)
+class End:
+    """One end of a daemon.
+
+    Attributes:
+        fc: FlightCtrl release.
+        signal: what ended it.
+        took: until the process was gone [s].
+        held: until the FlightCtrl held no command any more, counted from the signal [s].
+        first: what the first bytes of the next daemon were, after a kill; else what the last bytes of this one were.
+        steered: stick frames with a control bit after that.
+        released: from the first bytes of the next daemon to Config cleared in the FlightCtrl [s]; 0 where the
+            FlightCtrl had let go by itself before; None where no next one was needed.
+        exit_code: of the process.
+        tracebacks: in its log.
+    """
+
+    fc: str
+    signal: str
+    took: float
+    held: float
+    first: str
+    steered: int
+    released: float | None
+    exit_code: int
+    tracebacks: int
+
+    @property
+    def is_wrong(self) -> bool:
+        """Whether it breaks a limit."""
+        orderly = self.signal != "SIGKILL"
+        late = orderly and (self.took > END_TIME or self.held > END_TIME or self.exit_code != 0)
+        return late or self.first != "release" or self.steered > 0 or self.tracebacks > 0
+
+
+async def end_daemon(fc: str, number: signal.Signals, *, seed: int) -> End:
+    """Fly, end the daemon this way, and start another one where it was killed."""
+    rng = random.Random(f"{seed} {fc} {number.name}")
+    config = SimConfig.model_validate(
+        {"board": "fc", "fc": fc, "pilot_plan": PilotPlan.NOTHING, "calibrated": True, "seed": seed}
+    )
+    simulation = ObservedSimulation(config)
+    runtime = Runtime(simulation)
+    with tempfile.TemporaryDirectory() as name:
+        folder, port = Path(name), f"pty:{runtime.port}"
+        async with (
+            runtime.serve(),
+            daemon_process(port, folder) as daemon,
+            connected(daemon.endpoint) as client,
+            Pilot(client, "pilot") as pilot,
+        ):
+            await wait_for_control(client)
+            await pilot.engage(lambda: simulation.is_controlled)
+            pilot.sticks |= {"pitch": 40.0, "roll": -40.0}
+            await asyncio.sleep(rng.uniform(0.2, 0.6))
+            simulation.heard.clear()
+            began = time.monotonic()
+            letting_go = asyncio.create_task(until(lambda: not simulation.is_controlled), name="letting go")
+            code = await daemon.end(number)
+            took = time.monotonic() - began
+            if number is signal.SIGKILL:
+                await asyncio.sleep(rng.uniform(0.0, 1.0))
+                simulation.heard.clear()
+                first, steered, released = await _restart(port, folder, daemon, simulation)
+            else:
+                first, steered, released = last_words(_written(simulation)), 0, None
+            held = await letting_go
+    return End(fc, number.name, _round(took), _round(held), first, steered, released, code, _tracebacks(daemon))
+
+
+async def _restart(
+    port: str, folder: Path, before: DaemonProcess, simulation: ObservedSimulation
+) -> tuple[str, int, float]:
+    """Start the next daemon where the killed one was; the client finds it again and streams what it streamed."""
+    async with daemon_process(port, folder, endpoint=before.endpoint) as daemon:
+        await until(lambda: len(_written(simulation)) >= 20)
+        opened = simulation.heard[0][0]
+        await until(lambda: not simulation.is_controlled)
+        released = time.monotonic() - opened
+        await asyncio.sleep(WATCH)
+        written = _written(simulation)
+        before.errors += daemon.errors
+        return first_words(written), steering(written), _round(released)
+
+
+def _written(simulation: ObservedSimulation) -> bytes:
+    return b"".join(data for _, data in simulation.heard)
+
+
+def steering(written: bytes) -> int:
+    """External control frames among these bytes that are no release."""
+    frames = [item for item in FrameDecoder().feed(written) if isinstance(item, Frame) and item.id == "b"]
+    return sum(first_words(frame.raw) != "release" for frame in frames)
+
+
+def last_words(written: bytes) -> str:
+    """What bytes end with, as `first_words` says it."""
+    frames = [item for item in FrameDecoder().feed(written) if isinstance(item, Frame)]
+    return first_words(frames[-1].raw) if frames else "nothing"
+
+
+def _tracebacks(daemon: DaemonProcess) -> int:
+    return daemon.errors.count("Traceback")
+
+
+def _round(seconds: float) -> float:
+    return round(seconds, 3)

@@ -1,0 +1,149 @@
+"""Two hundred replugs of a real pseudo terminal under a daemon process: telemetry back, descriptors and memory flat.
+
+The device is a symbolic link, as udev makes them; behind it a new pseudo terminal appears at every replug.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import random
+import statistics
+import tempfile
+import time
+from collections.abc import AsyncIterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+from lab.rigs.processes import DaemonProcess, ObservedSimulation, connected, daemon_process, until
+from lab.stories.cable import BACK, first_words
+from mkdaemon.client.session import Sample
+from mkdaemon.config.sim import PilotPlan, SimConfig
+from mkdaemon.sim.runtime import Runtime
+
+STREAMED: Final = frozenset({"osd", "attitude", "debug"})
+WARM_UP: Final = 0.25
+"""Part of the cycles before descriptors and memory are compared."""
+MEMORY_MB: Final = 2.0
+"""Growth that still counts as flat [MiB]: the allocator's grain."""
+
+
+@dataclass(frozen=True, slots=True)
+class Replugs:
+    """What the cycles showed.
+
+    Attributes:
+        cycles: how many.
+        back_p50: time from the device's return to streamed telemetry, median [s].
+        back_max: longest [s].
+        not_release: cycles whose first bytes were not a release.
+        never_back: cycles after which no telemetry came.
+        descriptors: open files of the daemon after the warm-up and at the end, line open.
+        memory_mb: its memory, median after the warm-up and of the last quarter [MiB].
+        tracebacks: in its log.
+    """
+
+    cycles: int
+    back_p50: float
+    back_max: float
+    not_release: list[int]
+    never_back: list[int]
+    descriptors: tuple[int, int]
+    memory_mb: tuple[float, float]
+    tracebacks: int
+
+    @property
+    def holds(self) -> bool:
+        """Whether every limit holds."""
+        return (
+            self.back_max <= BACK
+            and not self.not_release
+            and not self.never_back
+            and self.descriptors[1] <= self.descriptors[0]
+            and self.memory_mb[1] - self.memory_mb[0] <= MEMORY_MB
+            and not self.tracebacks
+        )
+
+
+class _Telemetry:
+    """When the daemon showed streamed telemetry last, on its clock [s]."""
+
+    def __init__(self) -> None:
+        self.latest = 0.0
+
+    async def listen(self, samples: AsyncIterator[Sample]) -> None:
+        """Take samples for ever."""
+        async for sample in samples:
+            if sample.suffix.rpartition("/")[2] in STREAMED:
+                self.latest = sample.fields["t_monotonic"]
+
+
+class _Bench:
+    """The device that comes and goes, and what was seen of the daemon meanwhile."""
+
+    def __init__(self, config: SimConfig, device: Path, rng: random.Random) -> None:
+        self.back: list[float] = []
+        self.wrong: list[int] = []
+        self.lost: list[int] = []
+        self.descriptors: list[int] = []
+        self.memory: list[float] = []
+        self._simulation = ObservedSimulation(config)
+        self._device = device
+        self._rng = rng
+
+    async def cycle(self, number: int, daemon: DaemonProcess, telemetry: _Telemetry) -> None:
+        """Plug in, wait for telemetry, look at everything, unplug."""
+        simulation, rng = self._simulation, self._rng
+        runtime = Runtime(simulation)
+        simulation.heard.clear()
+        async with runtime.serve():
+            returned = time.monotonic()
+            self._device.symlink_to(runtime.port)
+            try:
+                # After our first bytes: what the old line still held may be read late.
+                await until(lambda: simulation.heard and telemetry.latest >= simulation.heard[0][0])
+                self.back.append(telemetry.latest - returned)
+            except TimeoutError:
+                self.lost.append(number)
+            await asyncio.sleep(rng.uniform(0.05, 0.4))
+            self.descriptors.append(daemon.descriptors())
+            self.memory.append(daemon.resident_mb())
+            if first_words(b"".join(data for _, data in simulation.heard)) != "release":
+                self.wrong.append(number)
+            self._device.unlink()
+        await asyncio.sleep(rng.uniform(0.05, 0.6))
+
+
+async def replug(cycles: int, *, seed: int = 1, board: str = "nc") -> Replugs:
+    """Unplug and plug in so many times."""
+    config = SimConfig.model_validate(
+        {"board": board, "pilot_plan": PilotPlan.NOTHING, "calibrated": True, "seed": seed}
+    )
+    telemetry = _Telemetry()
+    with tempfile.TemporaryDirectory() as folder:
+        device = Path(folder) / "ttyMK"
+        bench = _Bench(config, device, random.Random(f"{seed} plug"))
+        async with (
+            daemon_process(f"pty:{device}", Path(folder), link="wait_for_port = true") as daemon,
+            connected(daemon.endpoint) as client,
+            client.watch("rx/**") as samples,
+        ):
+            listening = asyncio.create_task(telemetry.listen(samples), name="listen")
+            for number in range(cycles):
+                await bench.cycle(number, daemon, telemetry)
+            listening.cancel()
+            await asyncio.gather(listening, return_exceptions=True)
+    warm, quarter = int(cycles * WARM_UP), max(1, cycles // 4)
+    return Replugs(
+        cycles=cycles,
+        back_p50=round(statistics.median(bench.back), 3),
+        back_max=round(max(bench.back), 3),
+        not_release=bench.wrong,
+        never_back=bench.lost,
+        descriptors=(max(bench.descriptors[warm : warm + quarter]), max(bench.descriptors[-quarter:])),
+        memory_mb=(
+            round(statistics.median(bench.memory[warm : warm + quarter]), 2),
+            round(statistics.median(bench.memory[-quarter:]), 2),
+        ),
+        tracebacks=daemon.errors.count("Traceback"),
+    )

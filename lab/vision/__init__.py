@@ -1,0 +1,1 @@
+"""Detection and poses on rendered and photographed images."""

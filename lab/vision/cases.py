@@ -1,0 +1,234 @@
+"""Stills: cold detection, accuracy, view angle, and what light and things lying about do."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import Any, Final
+
+import numpy as np
+import numpy.typing as npt
+
+from lab.campaign import Case, Part
+from lab.vision.flight import VGA, band, patches, shadow
+from lab.vision.stills import HD, SeedSet, Still, Studio, error_of, look_once, target_named
+from mkdaemon.sim.scene.light import Conditions, Glare
+from mkdaemon.vision.camera.intrinsics import Intrinsics
+from mkdaemon.vision.tags.detector import Detector
+from mkdaemon.vision.tags.tagmap import TagMap, Target
+
+Array = npt.NDArray[np.float64]
+
+FOOT = 0.3048
+COLD_DISTANCES = (0.10, 0.15, 0.2, 0.3, 0.5, 0.75, 1.0, 2.0, 3.0, 4.57, 6.0, 8.0, 9.0, 10.0, 11.0, 12.0)
+HD_DISTANCES = (2.0, 8.0, 12.0, 15.0, 18.0)
+ERROR_DISTANCES = (0.5, 2 * FOOT, 1.0, 4 * FOOT, 6 * FOOT, 2.5, 3.5, 15 * FOOT, 8.0, 12.0)
+ANGLES_DEG = (60, 70, 73, 75, 78, 80, 82, 84)
+
+
+PLACES: Final = {"centre": 0.02, "edge": 0.30}
+"""How far the target is from the middle of the image, in tangents of the view angle."""
+
+
+def _plan_cold(quick: bool, seeds: SeedSet) -> list[Part]:
+    count = 10 if quick else 40
+    return [
+        Part(_cold_row, (name, distance, count, seeds.base + 100, part), count)
+        for name, distances in (("nested", COLD_DISTANCES), ("single", COLD_DISTANCES), ("single_720p", HD_DISTANCES))
+        for part, distance in enumerate(distances)
+    ]
+
+
+def _cold_row(name: str, distance: float, count: int, seed: int, part: int) -> dict[str, Any]:
+    """Share of single images in which a target is decoded, and posed, at one distance."""
+    target = target_named(name.partition("_")[0])
+    intrinsics = HD if name.endswith("720p") else VGA
+    studio = Studio(target, seed, intrinsics=intrinsics, fine=False, part=part)
+    tally = _Share(target)
+    for _ in range(count):
+        off = 0.05 if distance < 0.2 else 0.12
+        tally.add(studio.shoot(distance, float(studio.rng.uniform(0, 0.7)), off=off), intrinsics)
+    return {"distance": distance, **tally.row()}
+
+
+def _sum_up_cold(_quick: bool, parts: Sequence[Part], rows: Sequence[dict[str, Any]]) -> dict[str, Any]:
+    return {"images_each": parts[0].images, **_by_first_argument(parts, rows)}
+
+
+def _by_first_argument(parts: Sequence[Part], rows: Sequence[dict[str, Any]]) -> dict[str, Any]:
+    grouped: dict[str, Any] = {}
+    for part, row in zip(parts, rows, strict=True):
+        grouped.setdefault(part.args[0], []).append(row)
+    return grouped
+
+
+class _Share:
+    """Counts how often a target is decoded and posed."""
+
+    def __init__(self, target: Target) -> None:
+        self._target = target
+        self._detector = Detector(TagMap((target,)).whitelist)
+        self.images = self.decoded = self.posed = self.blind = self.wrong = 0
+
+    def add(self, still: Still, intrinsics: Intrinsics = VGA, *, blind: bool = True) -> None:
+        """Look at one image, with attitude and, unless told otherwise, without."""
+        self.images += 1
+        self.decoded += bool(self._detector.climb(still.image.pixels))
+        for with_attitude in (True, False) if blind else (True,):
+            found = look_once(still, self._target, intrinsics, with_attitude=with_attitude).pose_of(self._target.name)
+            if found is None:
+                continue
+            self.posed += with_attitude
+            self.blind += not with_attitude
+            self.wrong += _is_wrong(found.pose.rotation, found.pose.position, still)
+
+    def row(self, *, blind: bool = True) -> dict[str, Any]:
+        """The figures."""
+        without = {"posed_without_attitude": self.blind / self.images} if blind else {}
+        return {
+            "decoded": self.decoded / self.images,
+            "posed": self.posed / self.images,
+            **without,
+            "wrong": self.wrong,
+        }
+
+
+def _is_wrong(rotation: Array, position: Array, still: Still) -> bool:
+    """Far away 5 cm is less than the calibration floor: 1 % of the range counts where that is more."""
+    error = error_of(rotation, position, still.rotation, still.position)
+    return error.distance > max(0.05, 0.01 * float(np.linalg.norm(still.position))) or error.angle_deg > 5.0
+
+
+def _plan_accuracy(quick: bool, seeds: SeedSet) -> list[Part]:
+    count = 12 if quick else 60
+    return [
+        Part(_accuracy_row, (distance, count, seeds.base + 200, part), count)
+        for part, distance in enumerate(ERROR_DISTANCES)
+    ]
+
+
+def _accuracy_row(distance: float, count: int, seed: int, part: int) -> dict[str, Any]:
+    """Mean and deviation of position and angles over many views from one distance."""
+    target = target_named("single")
+    studio = Studio(target, seed, part=part)
+    errors = []
+    for _ in range(count):
+        still = studio.shoot(distance, float(studio.rng.uniform(0, 0.7)), off=0.01 if distance < 0.7 else 0.12)
+        pose = look_once(still, target, VGA, with_attitude=True).pose_of(target.name)
+        if pose is not None:
+            errors.append(error_of(pose.pose.rotation, pose.pose.position, still.rotation, still.position))
+    xyz = np.array([error.xyz for error in errors]).reshape(-1, 3) * 100
+    rpy = np.degrees(np.array([error.rpy for error in errors]).reshape(-1, 3))
+    return {
+        "distance": distance,
+        "posed": len(errors) / count,
+        "mean_3d_cm": _round(np.linalg.norm(xyz, axis=1).mean()) if errors else None,
+        "max_3d_cm": _round(np.linalg.norm(xyz, axis=1).max()) if errors else None,
+        "mean_xyz_cm": _list(xyz.mean(axis=0)) if errors else None,
+        "sd_xyz_cm": _list(xyz.std(axis=0)) if errors else None,
+        "mean_rpy_deg": _list(rpy.mean(axis=0)) if errors else None,
+        "sd_rpy_deg": _list(rpy.std(axis=0)) if errors else None,
+        "wrong": sum(error.is_wrong for error in errors),
+    }
+
+
+def _sum_up_accuracy(_quick: bool, parts: Sequence[Part], rows: Sequence[dict[str, Any]]) -> dict[str, Any]:
+    return {
+        "images_each": parts[0].images,
+        "tilt_deg": [0, 40],
+        "camera": "exact calibration",
+        "by_distance": list(rows),
+    }
+
+
+def _plan_view_angle(quick: bool, seeds: SeedSet) -> list[Part]:
+    count = 12 if quick else 50
+    return [
+        Part(_view_row, (place, degrees, count, seeds.base + 300, 100 * k + part), count)
+        for k, place in enumerate(PLACES)
+        for part, degrees in enumerate(ANGLES_DEG)
+    ]
+
+
+def _view_row(place: str, degrees: int, count: int, seed: int, part: int) -> dict[str, Any]:
+    """Share of images posed at one steep view from 2 m."""
+    target = target_named("single")
+    studio = Studio(target, seed, fine=False, part=part)
+    tally = _Share(target)
+    for _ in range(count):
+        tally.add(studio.shoot(2.0, float(np.radians(degrees)), off=PLACES[place]), blind=False)
+    return {"angle_deg": degrees, **tally.row(blind=False)}
+
+
+def _sum_up_view_angle(_quick: bool, parts: Sequence[Part], rows: Sequence[dict[str, Any]]) -> dict[str, Any]:
+    return {"images_each": parts[0].images, "distance": 2.0, **_by_first_argument(parts, rows)}
+
+
+def _draws(side: float) -> dict[str, Callable[[np.random.Generator], Conditions]]:
+    """What light, lens and things lying about do, by name."""
+    base = Conditions()
+    draws: dict[str, Callable[[np.random.Generator], Conditions]] = {"none": lambda _: base}
+    for percent in (5, 10, 20, 30):
+        draws[f"side_cut_{percent}"] = lambda rng, p=percent: replace(base, covers=(band(rng, side, p / 100),))  # type: ignore[misc]
+    for percent in (5, 10, 20, 30):
+        draws[f"patches_{percent}"] = lambda rng, p=percent: replace(base, covers=patches(rng, side, p / 100))  # type: ignore[misc]
+    for ratio in (2, 3, 4, 5):
+        draws[f"shadow_{ratio}_to_1"] = lambda rng, r=ratio: replace(base, shadow=shadow(rng, side, r))  # type: ignore[misc]
+    draws["gradient_32_to_1"] = lambda rng: replace(base, gradient=32.0, gradient_angle=float(rng.uniform(0, 6.28)))
+    for tenths in (1, 2):
+        draws[f"glare_0.{tenths}"] = lambda rng, t=tenths: replace(base, glare=(_glare(rng, side, t / 10),))  # type: ignore[misc]
+    draws["exposure_6"] = lambda _: replace(base, exposure=0.06)
+    draws["noise_sd_40"] = lambda _: replace(base, noise_sd=40.0)
+    draws["jpeg_q20"] = lambda _: replace(base, jpeg_quality=20)
+    draws["defocus_5px"] = lambda _: replace(base, defocus_px=5.0)
+    return draws
+
+
+def _plan_conditions(quick: bool, seeds: SeedSet) -> list[Part]:
+    count = 12 if quick else 50
+    return [Part(_condition_row, (name, count, seeds.base + 400, part), count) for part, name in enumerate(_draws(1.0))]
+
+
+def _condition_row(name: str, count: int, seed: int, part: int) -> dict[str, Any]:
+    """Cold start of the nested target in one kind of bad image, 0.5 to 2 m: one whole tag can be seen."""
+    target = target_named("nested")
+    draw = _draws(target.tags[0].size)[name]
+    studio = Studio(target, seed, fine=False, part=part)
+    tally = _Share(target)
+    for _ in range(count):
+        rng = studio.rng
+        tally.add(studio.shoot(float(rng.uniform(0.5, 2.0)), float(rng.uniform(0, 0.7)), draw(rng), off=0.08))
+    return {"condition": name, **tally.row()}
+
+
+def _sum_up_conditions(_quick: bool, parts: Sequence[Part], rows: Sequence[dict[str, Any]]) -> dict[str, Any]:
+    return {
+        "images_each": parts[0].images,
+        "target": "nested",
+        "distance": [0.5, 2.0],
+        "by_condition": list(rows),
+    }
+
+
+def _glare(rng: np.random.Generator, side: float, share: float) -> Glare:
+    """A highlight with a saturated disc of `share` of the side across; at strength 2 it reaches half the peak."""
+    where = rng.uniform(-0.4, 0.4, 2) * side
+    return Glare((float(where[0]), float(where[1])), share / 2 * side, 2.0)
+
+
+def _round(value: Any) -> float:
+    return round(float(value), 4)
+
+
+def _list(values: Any) -> list[float]:
+    return [_round(value) for value in values]
+
+
+COLD: Final = Case(_plan_cold, _sum_up_cold)
+"""Share of single images in which a target is decoded, and posed, by distance."""
+ACCURACY: Final = Case(_plan_accuracy, _sum_up_accuracy)
+"""Mean and deviation of position and angles, by distance."""
+VIEW_ANGLE: Final = Case(_plan_view_angle, _sum_up_view_angle)
+"""Share of images posed at steep views, the target in the middle and near the edge of the image."""
+CONDITIONS: Final = Case(_plan_conditions, _sum_up_conditions)
+"""Cold start under occlusion, light and lens faults."""

@@ -1,0 +1,226 @@
+"""Random flights over a target, rendered with everything that goes wrong outdoors; each frame knows its truth."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from mkdaemon.frames import rotation_from_euler
+from mkdaemon.sim.scene.ground import GroundKind
+from mkdaemon.sim.scene.light import Conditions, Cover, Glare, Shadow
+from mkdaemon.sim.scene.motion import Platform
+from mkdaemon.sim.scene.scene import Scene, SceneTarget, cam_from_target
+from mkdaemon.sim.scene.view import CameraView
+from mkdaemon.vision.camera.image import CameraImage
+from mkdaemon.vision.camera.intrinsics import Intrinsics
+from mkdaemon.vision.tags.tagmap import Target
+from mkdaemon.vision.track.attitude import LOOKING_DOWN, AttitudeHistory, AttitudeSample
+
+Array = npt.NDArray[np.float64]
+
+VGA = Intrinsics(width=640, height=480, fx=600.0, fy=600.0, cx=319.5, cy=239.5)
+"""The camera of every measurement unless said: 56 x 44 degrees."""
+SHAKE_DEG = 0.7
+"""Change of each attitude axis between two images at 30 fps, standard deviation [deg]."""
+SHAKE_TIME = 0.05
+"""Correlation time of the shaking [s]."""
+ATTITUDE_RATE = 50.0
+"""Data3D samples a second."""
+ATTITUDE_NOISE_DEG = 0.1
+ATTITUDE_BIAS_DEG = 0.5
+"""Mounting error of roll and pitch that stays for a flight, standard deviation [deg]."""
+GROUNDS: tuple[GroundKind, ...] = ("asphalt", "grass", "tiles", "clutter")
+TROUBLES = ("band", "patches", "glare", "shadow", "defocus", "motion", "dim")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FlightFrame:
+    """One image of a flight and the truth behind it.
+
+    Attributes:
+        image: what the camera gave.
+        attitude: what the vehicle reported by then and shortly after.
+        rotation: camera from target `(3, 3)`.
+        position: of the target `(3,)` [m; RDF].
+        trouble: what was wrong with the image; empty when nothing.
+        in_view: share of the largest tag's corners inside the image.
+    """
+
+    image: CameraImage
+    attitude: AttitudeHistory
+    rotation: Array
+    position: Array
+    trouble: str
+    in_view: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Path:
+    """A smooth way through 0.35-4.5 m that keeps the target in view, and a shaken attitude."""
+
+    rng_phase: Array
+    rates: Array
+    attitude: Array  # (n, 3) at 200 Hz
+    near: float
+    far: float
+
+    def view(self, time: float, intrinsics: Intrinsics, exposure_time: float) -> tuple[CameraView, Array]:
+        here, roll_pitch_yaw = self._at(time)
+        ahead, later = self._at(time + 0.005)
+        enu_from_flu = rotation_from_euler(*roll_pitch_yaw)
+        enu_from_cam = enu_from_flu @ LOOKING_DOWN.flu_from_cam
+        turned = enu_from_cam.T @ rotation_from_euler(*later) @ LOOKING_DOWN.flu_from_cam
+        rate = np.array([turned[2, 1] - turned[1, 2], turned[0, 2] - turned[2, 0], turned[1, 0] - turned[0, 1]]) / 0.01
+        view = CameraView(intrinsics, enu_from_cam, here, (ahead - here) / 0.005, rate, exposure_time, time)
+        return view, roll_pitch_yaw
+
+    def _at(self, time: float) -> tuple[Array, Array]:
+        wave = np.sin(self.rates * time + self.rng_phase)
+        height = self.near * (self.far / self.near) ** (0.5 + 0.5 * wave[0])
+        index = min(int(time * 200), len(self.attitude) - 2)
+        share = time * 200 - index
+        shaken = (1 - share) * self.attitude[index] + share * self.attitude[index + 1]
+        roll, pitch = np.radians(9.0) * wave[1] + shaken[0], np.radians(9.0) * wave[2] + shaken[1]
+        yaw = 2.5 * wave[3] + shaken[2]
+        # Stand where the unshaken camera, which looks along body down, sees the target near the middle.
+        calm = rotation_from_euler(float(roll - shaken[0]), float(pitch - shaken[1]), float(yaw))
+        down = calm @ np.array([0.0, 0.0, -1.0])
+        off = 0.12 * height * wave[4:6]
+        position = np.array([*(off + down[:2] * height / down[2]), height])
+        return position, np.array([roll, pitch, yaw])
+
+
+def make_path(rng: np.random.Generator, seconds: float, near: float = 0.35, far: float = 4.5) -> _Path:
+    """Draw a way."""
+    count = int(seconds * 200) + 8
+    keep = np.exp(-0.005 / SHAKE_TIME)
+    step = 1 / 30
+    # Ornstein-Uhlenbeck noise whose change over one image has the wanted deviation.
+    sd = np.radians(SHAKE_DEG) / np.sqrt(2 * (1 - np.exp(-step / SHAKE_TIME)))
+    shaken = np.zeros((count, 3))
+    for k in range(1, count):
+        shaken[k] = keep * shaken[k - 1] + sd * np.sqrt(1 - keep**2) * rng.standard_normal(3)
+    rates = 2 * np.pi * rng.uniform(0.05, 0.2, 6)
+    phase = rng.uniform(0, 2 * np.pi, 6)
+    phase[0] = rng.choice([0.0, np.pi])  # starts at the geometric middle, climbing or sinking
+    return _Path(phase, rates, shaken, near, far)
+
+
+def fly(
+    target: Target,
+    seed: int,
+    *,
+    seconds: float = 8.0,
+    fps: float = 30.0,
+    intrinsics: Intrinsics = VGA,
+    lens: Intrinsics | None = None,
+    troubled: bool = True,
+) -> Iterator[FlightFrame]:
+    """Render one flight.
+
+    Args:
+        target: what lies on the ground.
+        seed: draws path, ground, troubles and noise.
+        seconds: how long.
+        fps: images a second.
+        intrinsics: what the estimator believes; gives the image size.
+        lens: what the camera really is; the same when absent.
+        troubled: occlusion, patches, glare, shadow, defocus, motion blur and dim light come and go.
+
+    Yields:
+        The images in order.
+    """
+    rng = np.random.default_rng([seed, 0xF117])
+    path = make_path(rng, seconds)
+    placed = SceneTarget.of(target, Platform())
+    scene = Scene([placed], ground=GROUNDS[seed % 4], seed=seed, fine=False)
+    bias = np.radians(ATTITUDE_BIAS_DEG) * np.array([*rng.standard_normal(2), 0.0])
+    times = np.arange(0, seconds, 1 / ATTITUDE_RATE)
+    reported = []
+    for t in times:
+        _, rpy = path.view(float(t), intrinsics, 0.0)
+        rpy = rpy + bias + np.radians(ATTITUDE_NOISE_DEG) * rng.standard_normal(3)
+        reported.append(AttitudeSample(float(t), *(float(a) for a in rpy)))
+    attitude = AttitudeHistory(reported)
+    plan = _plan(rng, seconds, target.tags[0].size) if troubled else []
+    for k in range(int(seconds * fps)):
+        t = (k + 0.5) / fps
+        trouble, conditions, exposure = "", Conditions(), 0.004
+        for start, end, name, drawn, shutter in plan:
+            if start <= t < end:
+                trouble, conditions, exposure = name, drawn, shutter
+        view, _ = path.view(t, lens or intrinsics, exposure)
+        rotation, position = cam_from_target(placed, view)
+        pixels = scene.render(view, conditions)
+        seen = target.tags[0].corners @ rotation.T + position
+        uv = seen[:, :2] / np.maximum(seen[:, 2:], 1e-3) * intrinsics.fx + (intrinsics.cx, intrinsics.cy)
+        inside = (seen[:, 2] > 0) & (uv > 0).all(axis=1) & (uv < (intrinsics.width, intrinsics.height)).all(axis=1)
+        image = CameraImage(pixels, t, t, t, k, "bench", "driver")
+        yield FlightFrame(image, attitude, rotation, position, trouble, float(inside.mean()))
+
+
+def _plan(rng: np.random.Generator, seconds: float, side: float) -> list[tuple[float, float, str, Conditions, float]]:
+    """Troubles of half to one and a half seconds with pauses of about the same length."""
+    plan: list[tuple[float, float, str, Conditions, float]] = []
+    start = float(rng.uniform(0.5, 1.2))
+    while start < seconds:
+        end = start + float(rng.uniform(0.5, 1.5))
+        name = str(rng.choice(TROUBLES))
+        conditions, exposure = _trouble(name, rng, side)
+        plan.append((start, end, name, conditions, exposure))
+        start = end + float(rng.uniform(0.2, 1.0))
+    return plan
+
+
+def _trouble(name: str, rng: np.random.Generator, side: float) -> tuple[Conditions, float]:
+    base, shutter = Conditions(), 0.004
+    if name == "band":
+        return replace(base, covers=(band(rng, side, float(rng.uniform(0.05, 0.3))),)), shutter
+    if name == "patches":
+        return replace(base, covers=patches(rng, side, float(rng.uniform(0.05, 0.3)))), shutter
+    if name == "glare":
+        where = rng.uniform(-0.4, 0.4, 2) * side
+        spot = Glare((float(where[0]), float(where[1])), side * float(rng.uniform(0.05, 0.2)), 2.0)
+        return replace(base, glare=(spot,)), shutter
+    if name == "shadow":
+        return replace(base, shadow=shadow(rng, side, float(rng.uniform(2, 5)))), shutter
+    if name == "defocus":
+        return replace(base, defocus_px=float(rng.uniform(2, 6))), shutter
+    if name == "motion":
+        return base, float(rng.uniform(0.008, 0.02))
+    return replace(base, exposure=float(rng.uniform(0.06, 0.3)), noise_sd=2.5), shutter
+
+
+def band(rng: np.random.Generator, side: float, share: float) -> Cover:
+    """Something lying over one side of the tag: a strip of `share` of the side, from outside inwards."""
+    far, half = side * 0.9, side / 2
+    edge = half - share * side
+    strip = np.array([[-far, edge], [far, edge], [far, far], [-far, far]])
+    turn = rng.integers(4) * np.pi / 2
+    return _cover(strip, turn, float(rng.uniform(0.05, 0.85)))
+
+
+def patches(rng: np.random.Generator, side: float, share: float) -> tuple[Cover, ...]:
+    """Leaves on the tag: three irregular patches of together `share` of its area."""
+    found = []
+    for _ in range(3):
+        radius = side * np.sqrt(share / 3 / np.pi)
+        angles = np.sort(rng.uniform(0, 2 * np.pi, 9))
+        ring = radius * rng.uniform(0.8, 1.3, 9)[:, None] * np.column_stack([np.cos(angles), np.sin(angles)])
+        found.append(_cover(ring + rng.uniform(-0.45, 0.45, 2) * side, 0.0, float(rng.uniform(0.1, 0.8))))
+    return tuple(found)
+
+
+def shadow(rng: np.random.Generator, side: float, ratio: float) -> Shadow:
+    """A hard edge across the tag."""
+    where = rng.uniform(-0.35, 0.35, 2) * side
+    return Shadow(ratio, (float(where[0]), float(where[1])), float(rng.uniform(0, 2 * np.pi)), 0.0)
+
+
+def _cover(polygon: Array, turn: float, reflectance: float) -> Cover:
+    c, s = np.cos(turn), np.sin(turn)
+    turned = polygon @ np.array([[c, s], [-s, c]])
+    return Cover(tuple((float(x), float(y)) for x, y in turned), reflectance)

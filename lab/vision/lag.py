@@ -1,0 +1,195 @@
+"""What looking does to the event loop: the daemon's own vision worker beside a loop that measures how late it wakes.
+
+Idle and working blocks alternate in one run, so that whatever else the machine does is in both.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import itertools
+import threading
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+import numpy.typing as npt
+
+from lab.places import CONFIGS
+from lab.vision.flight import ATTITUDE_RATE, FlightFrame, fly
+from lab.vision.stills import TARGETS, target_named
+from mkdaemon.bus.codec import encode
+from mkdaemon.config.camera import CameraSection
+from mkdaemon.config.vision import VisionSection
+from mkdaemon.daemon.priority import favour_loop, treat_loop_equally
+from mkdaemon.frames import euler_from_rotation
+from mkdaemon.telemetry.base import Telemetry
+from mkdaemon.telemetry.vision import VisionPose, VisionStats
+from mkdaemon.vision.camera.calibration_file import load_camera
+from mkdaemon.vision.camera.shot import Shot
+from mkdaemon.vision.track.attitude import AttitudeSample
+from mkdaemon.vision.worker import STATS_EVERY, VisionWorker
+
+LAG_SAMPLE: Final = 0.002
+"""Sleep of the probe [s]; its lateness is the loop's lag."""
+BLOCK_TIME: Final = 2.0
+"""Length of an idle or working block [s]."""
+SETTLING: Final = 0.3
+"""Left out after each change [s]."""
+CAMERA_FILE: Final = CONFIGS / "cameras" / "sim.toml"
+WAITED: Final = Path("/proc/thread-self/schedstat")
+"""Linux: its second number is how long this thread could have run and waited for a core [ns]."""
+
+Samples = npt.NDArray[np.float64]
+
+
+def loop_lag(seed: int, fps: int, rounds: int) -> dict[str, Any]:
+    """Lag of the daemon's kind of loop, idle and beside its vision worker.
+
+    Args:
+        seed: of the flight the camera shows.
+        fps: images a second.
+        rounds: each has one block of every kind.
+
+    Returns:
+        The figures with the priority the loop has in the daemon, as far as the system allows it here; `ordinary` holds
+        those without.
+    """
+    lens = load_camera(CAMERA_FILE).intrinsics
+    film = Film(list(fly(target_named("nested"), seed, seconds=4.0, fps=fps, intrinsics=lens, troubled=False)), fps)
+    with asyncio.Runner(loop_factory=_fast_loop()) as runner:
+        return runner.run(_measure(film, rounds))
+
+
+def _fast_loop() -> Callable[[], asyncio.AbstractEventLoop] | None:
+    """The loop the daemon uses."""
+    try:
+        import uvloop
+    except ImportError:
+        return None
+    return uvloop.new_event_loop
+
+
+class Film:
+    """A camera that shows a flight forwards and backwards at its own rate, while it plays.
+
+    Args:
+        frames: of the flight.
+        fps: images a second.
+    """
+
+    live = True
+
+    def __init__(self, frames: list[FlightFrame], fps: float) -> None:
+        self._frames = itertools.cycle([*frames, *frames[-2:0:-1]])
+        self._period = 1.0 / fps
+        self._due = 0.0
+        self.shown = 0
+        self.playing = threading.Event()
+        self.say: Callable[[AttitudeSample], None] = lambda _: None
+
+    def open(self) -> tuple[str, ...]:
+        """Nothing to open."""
+        return ()
+
+    def read(self, timeout: float) -> Shot | None:
+        """Show the next image when its time has come; the vehicle's attitude comes with it."""
+        if not self.playing.wait(timeout):
+            return None
+        overdue = time.monotonic() - self._due - self._period
+        self._due += self._period if overdue < self._period else self._period + overdue
+        time.sleep(max(-overdue, 0.0))
+        frame, now = next(self._frames), time.monotonic()
+        rotation = frame.attitude.at(frame.image.captured_at, 2.0 / ATTITUDE_RATE)
+        if rotation is not None:
+            self.say(AttitudeSample(now, *euler_from_rotation(rotation)))
+        self.shown += 1
+        return Shot(frame.image.pixels, now, now)
+
+    def close(self) -> None:
+        """Nothing to close."""
+
+
+class _Audience:
+    """Packs what the worker publishes, as the bus does, and counts it."""
+
+    def __init__(self) -> None:
+        self.poses = self.processed = self.dropped = 0
+
+    def publish(self, _suffix: str, value: Telemetry) -> None:
+        encode(value)
+        self.poses += isinstance(value, VisionPose)
+        if isinstance(value, VisionStats):
+            self.processed, self.dropped = value.processed, value.dropped
+
+
+async def _measure(film: Film, rounds: int) -> dict[str, Any]:
+    """Idle and working, favoured and ordinary, in turn."""
+    cfg = CameraSection(source="film", calibration=CAMERA_FILE, targets=(TARGETS / "nested.toml",))
+    audience, loop = _Audience(), asyncio.get_running_loop()
+    worker = VisionWorker([cfg], VisionSection(), audience, loop, open_source=lambda _cfg, _session: film)
+    film.say = worker.attitude_arrived
+    samples: dict[tuple[bool, bool], list[Samples]] = {(f, p): [] for f in (True, False) for p in (False, True)}
+    allowed, played = False, 0.0
+    worker.start()
+    try:
+        for favours, plays in list(samples) * rounds:
+            if favours:
+                allowed = favour_loop()
+            (film.playing.set if plays else film.playing.clear)()
+            started = loop.time()
+            await asyncio.sleep(SETTLING)
+            samples[favours, plays].append(await _probe(BLOCK_TIME))
+            treat_loop_equally()
+            played += plays * (loop.time() - started)
+        film.playing.clear()
+        await asyncio.sleep(STATS_EVERY + 0.2)
+    finally:
+        treat_loop_equally()
+        await asyncio.to_thread(worker.stop)
+    ordinary = _figures(samples[False, False], samples[False, True])
+    favoured = _figures(samples[True, False], samples[True, True]) if allowed else ordinary
+    return {
+        "loop_priority": "real-time" if allowed else "ordinary: the system allows no other",
+        **favoured,
+        "ordinary": ordinary,
+        "images_per_second": round(audience.processed / played, 2),
+        "dropped": audience.dropped,
+        "posed": round(audience.poses / max(audience.processed, 1), 3),
+    }
+
+
+def _figures(idle_blocks: list[Samples], busy_blocks: list[Samples]) -> dict[str, float]:
+    idle, busy = np.concatenate(idle_blocks), np.concatenate(busy_blocks)
+    idle_p99, busy_p99 = float(np.percentile(idle[:, 0], 99)), float(np.percentile(busy[:, 0], 99))
+    return {
+        "idle_p50_ms": round(float(np.percentile(idle[:, 0], 50)), 3),
+        "idle_p99_ms": round(idle_p99, 3),
+        "lag_p50_ms": round(float(np.percentile(busy[:, 0], 50)), 3),
+        "lag_p99_ms": round(busy_p99, 3),
+        "lag_p999_ms": round(float(np.percentile(busy[:, 0], 99.9)), 3),
+        "above_idle_p99_ms": round(busy_p99 - idle_p99, 3),
+        "waited_for_core_p99_ms": round(float(np.percentile(busy[:, 1], 99)), 3),
+        "samples": len(busy),
+    }
+
+
+async def _probe(seconds: float) -> Samples:
+    """Lateness of short sleeps, and the part of it this thread waited for a core `(n, 2)` [ms]."""
+    found = []
+    end = time.perf_counter() + seconds
+    while time.perf_counter() < end:
+        waited, start = _waited_ms(), time.perf_counter()
+        await asyncio.sleep(LAG_SAMPLE)
+        late = (time.perf_counter() - start - LAG_SAMPLE) * 1000.0
+        found.append((late, _waited_ms() - waited))
+    return np.array(found)
+
+
+def _waited_ms() -> float:
+    """Time this thread has ever waited for a core [ms]; 0 where the system does not tell."""
+    try:
+        return int(WAITED.read_text().split()[1]) * 1e-6
+    except (OSError, IndexError):
+        return 0.0

@@ -1,0 +1,137 @@
+"""Images without any of the wanted tags, in which every search of the detector may find none."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, Final
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from lab.campaign import Case, Part, in_parts
+from lab.vision.flight import GROUNDS, VGA
+from lab.vision.stills import SeedSet, target_named
+from lab.vision.truth import PHOTOGRAPHS
+from mkdaemon.sim.scene.light import Conditions, Glare, Shadow
+from mkdaemon.sim.scene.motion import Platform
+from mkdaemon.sim.scene.scene import Scene, SceneTarget
+from mkdaemon.sim.scene.view import CameraView
+from mkdaemon.vision.tags.detector import Detector
+from mkdaemon.vision.track.attitude import LOOKING_DOWN
+
+Grey = npt.NDArray[np.uint8]
+
+WHITELIST: Final = frozenset({1, 46, 48, 100, 200, 300, 373, 487})
+"""Eight ids, as a generous user would allow; none of them is on the photographs, which show others."""
+PHOTOGRAPH_EVERY: Final = 5
+"""One image in so many is cut from a photograph, where there are any."""
+
+
+def _plan(quick: bool, seeds: SeedSet) -> list[Part]:
+    count = 500 if quick else 10_000
+    return [Part(_tag_free, (seeds.base + 600, part, images), images) for part, images in in_parts(count, 125)]
+
+
+def _tag_free(seed: int, part: int, count: int) -> dict[str, Counter[str]]:
+    """Detections by search, and images by kind."""
+    rng = np.random.default_rng([seed, 0xFA15E, part])
+    anchor = SceneTarget.of(target_named("single"), Platform())
+    kind = GROUNDS[part % len(GROUNDS)]
+    scene = Scene([anchor], ground=kind, seed=seed + part, fine=False)
+    photographs = _photographs()
+    detector = Detector({"tag36h11": WHITELIST})
+    found: dict[str, Counter[str]] = {"images": Counter(), "false": Counter()}
+    for k in range(count):
+        if photographs and k % PHOTOGRAPH_EVERY == 0:
+            pixels, name = _cutting(rng, photographs), "photograph"
+        else:
+            pixels, name = scene.render(_view(rng), _conditions(rng)), kind
+        found["images"][name] += 1
+        for stage in detector.stages:
+            found["false"][stage] += len(detector.search(pixels, stage))
+        found["false"]["thorough"] += len(detector.search_all(pixels))
+    return found
+
+
+def _view(rng: np.random.Generator) -> CameraView:
+    """From 0.5 to 12 m over the ground, tilted, sometimes moving."""
+    tilt = cv2.Rodrigues(rng.uniform(-0.5, 0.5, 3) + np.array([0, 0, float(rng.uniform(0, 6.28))]))[0]
+    position = np.array([*rng.uniform(-4, 4, 2), float(rng.uniform(0.5, 12.0))])
+    moves = rng.uniform() < 0.15
+    return CameraView(
+        VGA,
+        np.asarray(tilt) @ LOOKING_DOWN.flu_from_cam,
+        position,
+        rng.uniform(-2, 2, 3) if moves else np.zeros(3),
+        rng.uniform(-1, 1, 3) if moves else np.zeros(3),
+        0.01 if moves else 0.0,
+    )
+
+
+def _conditions(rng: np.random.Generator) -> Conditions:
+    """Light, lens and sensor of a bad day; shadow and glare fall on the ground near the middle."""
+    where = rng.uniform(-1.0, 1.0, (2, 2))
+    shaded, shines, blurs, graded, coded = rng.uniform(size=5) < (0.35, 0.25, 0.1, 0.15, 0.15)
+    return Conditions(
+        exposure=float(rng.uniform(0.3, 1.4)),
+        noise_sd=float(rng.choice([1.5, 4.0, 15.0])),
+        shadow=Shadow(
+            float(rng.uniform(2, 8)), (float(where[0, 0]), float(where[0, 1])), float(rng.uniform(0, 6.28)), 0.0
+        )
+        if shaded
+        else None,
+        glare=(Glare((float(where[1, 0]), float(where[1, 1])), float(rng.uniform(0.02, 0.3)), 2.0),) if shines else (),
+        defocus_px=float(rng.uniform(2, 6)) if blurs else 0.0,
+        gradient=float(rng.uniform(2, 32)) if graded else 1.0,
+        gradient_angle=float(rng.uniform(0, 6.28)),
+        jpeg_quality=int(rng.integers(20, 90)) if coded else None,
+        target_in_view=False,
+    )
+
+
+def _photographs() -> list[Grey]:
+    """Photographs whose tags are not on the whitelist, where they are beside the checkout."""
+    paths: list[Path] = sorted([*PHOTOGRAPHS.glob("apriltag/*.jpg"), *PHOTOGRAPHS.glob("rotation/*.png")])
+    images = (cv2.imread(str(path), cv2.IMREAD_GRAYSCALE) for path in paths)
+    return [np.asarray(image, dtype=np.uint8) for image in images if image is not None]
+
+
+def _cutting(rng: np.random.Generator, photographs: Sequence[Grey]) -> Grey:
+    """A turned, scaled part of a photograph with its own light and noise."""
+    photograph = photographs[int(rng.integers(len(photographs)))]
+    height, width = photograph.shape
+    scale = float(np.exp(rng.uniform(np.log(0.8), np.log(3.0))))
+    turn = cv2.getRotationMatrix2D(
+        (float(rng.uniform(0, width)), float(rng.uniform(0, height))), float(rng.uniform(0, 360)), scale
+    )
+    turn[:, 2] += np.array([VGA.width, VGA.height]) / 2 - turn[:, :2] @ np.array([width, height]) / 2
+    turned = cv2.warpAffine(
+        photograph, turn, (VGA.width, VGA.height), flags=cv2.INTER_LINEAR, borderMode=cv2.BORDER_REFLECT
+    )
+    noise = rng.standard_normal(turned.shape, dtype=np.float32) * np.float32(rng.choice([1.0, 4.0, 10.0]))
+    lit = turned.astype(np.float32) * np.float32(rng.uniform(0.4, 1.4)) + noise
+    pixels: Grey = np.clip(np.rint(lit), 0, 255).astype(np.uint8)
+    return pixels
+
+
+def _sum_up(_quick: bool, _parts: Sequence[Part], found: Sequence[dict[str, Counter[str]]]) -> dict[str, Any]:
+    images: Counter[str] = Counter()
+    false: Counter[str] = Counter()
+    for one in found:
+        images.update(one["images"])
+        false.update(one["false"])
+    return {
+        "images": images.total(),
+        "by_kind": dict(sorted(images.items())),
+        "whitelist": len(WHITELIST),
+        "searches": sorted(false),
+        "false_positives": false.total(),
+        "by_search": dict(sorted(false.items())),
+    }
+
+
+FALSE_POSITIVES: Final = Case(_plan, _sum_up)
+"""Tag-free images: textured grounds and photographs in every light, every search of the detector, eight ids allowed."""

@@ -1,1 +1,0 @@
-"""Benchmarks: every figure in the documentation comes from here."""

@@ -1,9 +1,0 @@
-"""Mission files: GPX, KML, QGroundControl plan, CSV and the MikroKopter-Tool's WPL, read and written.
-
-A file that cannot be used is refused with one line naming the file, the line and the fix.
-"""
-
-from mkdaemon.cli.mission_files.format import FORMATS, read_mission, write_mission
-from mkdaemon.cli.mission_files.source import AltitudeReference, MissionDraft
-
-__all__ = ["FORMATS", "AltitudeReference", "MissionDraft", "read_mission", "write_mission"]

@@ -1,0 +1,68 @@
+"""`mkctl`: a client of the daemon. Every command is a Zenoh client like any other program's."""
+
+from __future__ import annotations
+
+from typing import Final, NoReturn
+
+from mkdaemon.cli.program import CommandEntry
+from mkdaemon.cli.program import build as _build
+from mkdaemon.cli.program import main as _main
+
+_LOOK, _FLY, _BOARDS = "Look", "Fly", "Boards"
+
+COMMANDS: Final = (
+    CommandEntry(
+        "status", "mkdaemon.cli.mkctl.status:status", "The aircraft, the link and who flies, on one screen.", _LOOK
+    ),
+    CommandEntry(
+        "health", "mkdaemon.cli.mkctl.health:health", "The link, live: state, round trips, losses, streams.", _LOOK
+    ),
+    CommandEntry(
+        "watch", "mkdaemon.cli.mkctl.watch:watch", "Values as they come, for example `watch 'state/**'`.", _LOOK
+    ),
+    CommandEntry(
+        "get", "mkdaemon.cli.mkctl.get:get", "Last values with their age, for example `get rx/nc/osd`.", _LOOK
+    ),
+    CommandEntry("display", "mkdaemon.cli.mkctl.display:display", "A board's own 4x20 menu, live, with keys.", _LOOK),
+    CommandEntry("labels", "mkdaemon.cli.mkctl.labels:labels", "Names of a board's analog channels.", _LOOK),
+    CommandEntry("lease", "mkdaemon.cli.mkctl.lease:app", "Take, give back or show the right to fly.", _FLY),
+    CommandEntry(
+        "stick", "mkdaemon.cli.mkctl.stick:stick", "Fly by sticks: stream stick offsets for some seconds.", _FLY
+    ),
+    CommandEntry("release", "mkdaemon.cli.mkctl.release:release", "Let go of the aircraft, now, whoever flies.", _FLY),
+    CommandEntry("rate", "mkdaemon.cli.mkctl.rate:rate", "Ask for a stream at an interval: `rate osd 100ms`.", _BOARDS),
+    CommandEntry(
+        "send", "mkdaemon.cli.mkctl.send:app", "Any MikroKopter request, with help, units and limits.", _BOARDS
+    ),
+    CommandEntry(
+        "settings", "mkdaemon.cli.mkctl.settings:app", "Parameter sets: show, backup, diff, edit, restore.", _BOARDS
+    ),
+    CommandEntry(
+        "waypoints", "mkdaemon.cli.mkctl.waypoints:app", "Routes: upload, download, verify, clear, convert.", _BOARDS
+    ),
+    CommandEntry("motors", "mkdaemon.cli.mkctl.motors:app", "Motor test, propellers off.", _BOARDS),
+    CommandEntry("mixer", "mkdaemon.cli.mkctl.mixer:app", "The FlightCtrl's mixer table.", _BOARDS),
+    CommandEntry("bl", "mkdaemon.cli.mkctl.blctrl:app", "Configuration of the motor controllers.", _BOARDS),
+    CommandEntry("nc-param", "mkdaemon.cli.mkctl.ncparam:app", "Parameters of the NaviCtrl.", _BOARDS),
+    CommandEntry("sim", "mkdaemon.cli.mkctl.sim_fault:app", "Faults of a running simulator.", "Simulator"),
+)
+"""Every command; a further one is one line here and its module."""
+
+ABOUT: Final = """Look at a MikroKopter, fly it and set it up, through a running mkdaemon.
+
+Every command takes `--vehicle NAME` (default mk1, or MK_VEHICLE), `--connect ENDPOINT` (default tcp/127.0.0.1:7447, or
+MK_CONNECT) and `--json` for one JSON object a line. A refusal names its token, the reason and the fix.
+
+First steps: `mkctl status`, `mkctl watch 'state/**'`, `mkctl health`.
+"""
+
+app = _build("mkctl", ABOUT, COMMANDS)
+
+
+def main() -> NoReturn:
+    """Entry point."""
+    _main("mkctl", ABOUT, COMMANDS)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,190 @@
+"""`mkctl display`: a board's own 4x20 menu, live, with keys."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import json
+import os
+import sys
+import termios
+import tty
+from collections.abc import AsyncIterator, Iterator, Sequence
+from typing import Annotated, Final, Literal
+
+from cyclopts import Parameter
+
+from mkdaemon.cli.mkctl.conversation import request
+from mkdaemon.client.session import Client, Connection
+from mkdaemon.errors import MkError, RequestTimeoutError
+from mkdaemon.protocol.flags import MenuKey
+from mkdaemon.protocol.messages import Display, DisplayRequest
+from mkdaemon.protocol.wire import Board
+
+HERE: Final = Connection()
+LINES, COLUMNS = 4, 20
+INTERVAL: Final = 25
+"""Between two pictures while nobody presses a key [10 ms]."""
+MEETING: Final = 5.0
+"""Longest wait for the daemon to know who is on the line [s]; it takes about one."""
+RENEW: Final = 2.0
+"""Between two renewals [s]; a stream ends 4 s after the last."""
+
+KEYS: Final = {
+    "\x1b[D": MenuKey.PREVIOUS_PAGE,
+    "\x1b[C": MenuKey.NEXT_PAGE,
+    "p": MenuKey.PREVIOUS_PAGE,
+    "n": MenuKey.NEXT_PAGE,
+    "0": MenuKey.PREVIOUS_PAGE | MenuKey.NEXT_PAGE,
+    "3": MenuKey.KEY_3,
+    "\x1b[A": MenuKey.KEY_3,
+    "4": MenuKey.KEY_4,
+    "\x1b[B": MenuKey.KEY_4,
+}
+"""What is typed, and the keys of the menu it presses."""
+LEGEND: Final = "left/right page, 0 first page, 3 and 4 keys of the page, q leaves"
+QUIT: Final = frozenset({"q", "\x03", "\x04"})
+
+
+async def display(
+    board: Annotated[
+        Literal["fc", "nc"] | None, Parameter(help="Whose menu; that of the board the wire ends at, without it.")
+    ] = None,
+    /,
+    *,
+    once: Annotated[bool, Parameter(help="Print one picture and leave.", negative=())] = False,
+    keys: Annotated[
+        bool, Parameter(help="Let 3 and 4 change values: on some pages trim or calibration.", negative=())
+    ] = False,
+    connection: Connection = HERE,
+) -> None:
+    """Show a board's menu and press its keys.
+
+    Without a terminal, or with --once, one picture is printed.
+    """
+    async with Client.open(connection) as client:
+        asked = Board[board.upper()] if board else await _board_here(client)
+        if once or connection.json or not (sys.stdin.isatty() and sys.stdout.isatty()):
+            picture = await _press(client, asked, MenuKey.NONE, 0)
+            print(json.dumps({"lines": lines_of(picture)}) if connection.json else "\n".join(lines_of(picture)))
+            return
+        with _raw_terminal():
+            await _live(client, asked, allow_change=keys)
+
+
+async def _board_here(client: Client) -> Board:
+    """The board the wire ends at: the NaviCtrl where there is one. Waits a while for boards to be met."""
+    boards: Sequence[str] = ()
+    with contextlib.suppress(TimeoutError):
+        async with asyncio.timeout(MEETING):
+            while not boards:
+                sample = (await client.get("link/state")).get("link/state")
+                boards = sample.fields.get("boards", ()) if sample else ("nc",)
+                await asyncio.sleep(0 if boards else 0.2)
+    return Board.FC if boards == ["fc"] else Board.NC
+
+
+def lines_of(text: str) -> list[str]:
+    """Cut a picture into its four lines; characters a terminal would act on become blanks."""
+    clean = "".join(letter if letter.isprintable() else " " for letter in text).ljust(LINES * COLUMNS)
+    return [clean[at : at + COLUMNS] for at in range(0, LINES * COLUMNS, COLUMNS)]
+
+
+def frame_of(text: str) -> str:
+    """Return a picture with a border, as lines for a raw terminal."""
+    bar = "+" + "-" * COLUMNS + "+"
+    return "\r\n".join([bar, *(f"|{line}|" for line in lines_of(text)), bar])
+
+
+async def _press(client: Client, board: Board, keys: MenuKey, interval: int) -> str:
+    message = DisplayRequest(keys_inverted=0xFF & ~int(keys), interval=interval)
+    answer = await request(client, board, message)
+    if not isinstance(answer, Display):
+        msg = f"the {board.word.upper()} sends no menu; check `mkctl status`"
+        raise RequestTimeoutError(msg)
+    return answer.text
+
+
+async def _live(client: Client, board: Board, *, allow_change: bool) -> None:
+    """Draw what comes, and renew the stream; keys go out as they are typed."""
+    print("\x1b[2J", end="")
+    _draw(await _press(client, board, MenuKey.NONE, INTERVAL))
+
+    async def renew() -> None:
+        while True:
+            await asyncio.sleep(RENEW)
+            with contextlib.suppress(RequestTimeoutError):
+                await _press(client, board, MenuKey.NONE, INTERVAL)
+
+    async def draw() -> None:
+        async with client.watch(f"rx/{board.word}/display") as samples:
+            async for sample in samples:
+                fields = sample.fields.get("fields", sample.fields)
+                _draw(str(fields.get("text", "")))
+
+    tasks = [asyncio.create_task(job(), name=f"display {job.__name__}") for job in (renew, draw)]
+    try:
+        async for typed in _typed():
+            if typed in QUIT:
+                break
+            key = KEYS.get(typed)
+            _note("")
+            if key is None:
+                continue
+            if key & (MenuKey.KEY_3 | MenuKey.KEY_4) and not allow_change:
+                _note("3 and 4 may change trim or calibration: start again with --keys")
+                continue
+            with contextlib.suppress(RequestTimeoutError):
+                _draw(await _press(client, board, key, INTERVAL))
+    finally:
+        for task in tasks:
+            task.cancel()
+        ended = await asyncio.gather(*tasks, return_exceptions=True)
+        with contextlib.suppress(MkError):
+            await request(client, board, DisplayRequest(interval=0))
+    for result in ended:
+        if isinstance(result, Exception) and not isinstance(result, asyncio.CancelledError):
+            raise result
+
+
+def _draw(text: str) -> None:
+    """Draw at the top left, without clearing, so that nothing flickers."""
+    print(f"\x1b[H{frame_of(text)}\r\n{LEGEND}\x1b[K\r\n", end="", flush=True)
+
+
+def _note(text: str) -> None:
+    """Write the line below the legend; it stays until the next key."""
+    print(f"\x1b[{LINES + 4};1H{text}\x1b[K", end="", flush=True)
+
+
+async def _typed() -> AsyncIterator[str]:
+    """Keys as they are typed; an arrow is one."""
+    queue: asyncio.Queue[str] = asyncio.Queue()
+    loop, terminal = asyncio.get_running_loop(), sys.stdin.fileno()
+
+    def read() -> None:
+        text = os.read(terminal, 32).decode("latin-1") or "q"
+        while text:
+            length = 3 if text.startswith("\x1b[") else 1
+            queue.put_nowait(text[:length])
+            text = text[length:]
+
+    loop.add_reader(terminal, read)
+    try:
+        while True:
+            yield await queue.get()
+    finally:
+        loop.remove_reader(terminal)
+
+
+@contextlib.contextmanager
+def _raw_terminal() -> Iterator[None]:
+    """Keys without Return and without echo; everything as before afterwards."""
+    terminal = sys.stdin.fileno()
+    before = termios.tcgetattr(terminal)
+    try:
+        tty.setraw(terminal)
+        yield
+    finally:
+        termios.tcsetattr(terminal, termios.TCSADRAIN, before)
+        print("\r\n", end="", flush=True)

@@ -1,0 +1,57 @@
+"""What is known of the motors before something is sent that must not meet running ones."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from mkdaemon.client.session import Client
+from mkdaemon.errors import CommandRejectedError
+
+FRESH: Final = 3.0
+"""Oldest flight state that counts [s]; the NaviCtrl tells it several times a second."""
+
+
+async def motors_running(client: Client) -> bool | None:
+    """Whether motors run, by the last flight state; None where nobody has told lately."""
+    sample = (await client.get("state/flight")).get("state/flight")
+    if sample is None or sample.fields.get("age", FRESH) >= FRESH:
+        return None
+    return bool(sample.fields["motors_running"])
+
+
+async def require_motors_off(client: Client, why: str, option: str) -> None:
+    """Go on only with motors known to stand still.
+
+    Args:
+        client: the daemon's client.
+        why: what running motors would mean, in words.
+        option: what allows it all the same.
+
+    Raises:
+        CommandRejectedError: `motors_running` or `motors_unknown`.
+    """
+    running = await motors_running(client)
+    if running is None:
+        raise CommandRejectedError(
+            "motors_unknown",
+            f"nobody knows whether motors run, and {why}.",
+            f"Stream the NaviCtrl's data (`mkctl rate osd 200ms`), or repeat with {option}.",
+        )
+    if running:
+        raise CommandRejectedError(
+            "motors_running", f"motors are running, and {why}.", f"Land and stop them, or repeat with {option}."
+        )
+
+
+async def refuse_running(client: Client, why: str) -> None:
+    """Go on unless motors are known to run; what is unknown is left to the daemon's own gate.
+
+    Args:
+        client: the daemon's client.
+        why: what running motors would mean, in words.
+
+    Raises:
+        CommandRejectedError: `motors_running`.
+    """
+    if await motors_running(client):
+        raise CommandRejectedError("motors_running", f"motors are running, and {why}.", "Stop them first.")

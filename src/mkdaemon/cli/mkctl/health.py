@@ -1,0 +1,89 @@
+"""`mkctl health`: the link, live."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Mapping
+from contextlib import suppress
+from typing import Any
+
+from rich.console import Console, Group
+from rich.live import Live
+from rich.table import Table
+from rich.text import Text
+
+from mkdaemon.cli.arguments import require_length
+from mkdaemon.cli.printing import json_line
+from mkdaemon.client.session import HERE, Client, Connection
+from mkdaemon.errors import MkError
+
+KEY = "link/health"
+_COLOURS = {"up": "green", "degraded": "yellow"}
+
+
+async def health(*, once: bool = False, seconds: float | None = None, connection: Connection = HERE) -> None:
+    """Show the link as it is: state and reason, round trips, losses, every stream against what was asked.
+
+    Args:
+        once: Print what is known now and end; this is also what happens without a terminal.
+        seconds: End after so long.
+
+    Raises:
+        MkError: nothing has been measured: no daemon, or not this vehicle's.
+        ConfigError: `seconds` is not above 0.
+    """
+    require_length(seconds, "--seconds")
+    console = Console()
+    async with Client.open(connection) as client:
+        if connection.json or once or not console.is_terminal:
+            sample = (await client.get(KEY)).get(KEY)
+            if sample is None:
+                raise MkError(await client.absence() or f"vehicle {connection.vehicle} has no link measurements yet")
+            if connection.json:
+                print(json_line(sample.fields))
+            else:
+                console.print(render(sample.fields))
+            return
+        with Live(Text("waiting for the daemon ..."), console=console, refresh_per_second=5) as live:
+            async with client.watch(KEY) as samples:
+                if (absence := await client.absence()) is not None:
+                    live.update(Text(f"{absence}; waiting for it"))
+                with suppress(TimeoutError):
+                    async with asyncio.timeout(seconds):
+                        async for sample in samples:
+                            live.update(render(sample.fields))
+
+
+def render(fields: Mapping[str, Any]) -> Group:
+    """The screen."""
+    state = fields["state"]
+    colour = _COLOURS.get(state["condition"], "red")
+    head = Text.assemble((f"{state['condition']} ", f"bold {colour}"), state["reason"])
+    ears = f"we hear the board: {_yes(state['hears_board'])}; it hears us: {_yes(state['board_hears_us'])}"
+    where = f"{state['port']}, {state['baud']} baud; {state['firmware'] or 'firmware unknown'}"
+    return Group(head, Text(ears), Text(where, style="dim"), _round_trips(fields), _streams(fields["kinds"]))
+
+
+def _yes(value: bool) -> str:
+    return "yes" if value else "NO"
+
+
+def _round_trips(fields: Mapping[str, Any]) -> Table:
+    table = Table("round trip", "sent", "lost", "loss", "p50 ms", "p95 ms", "p99 ms", "late", "twice")
+    for name, title in (("echo", "link test"), ("confirm", "stick frames")):
+        trip = fields[name]
+        times = ("-" if trip[key] is None else f"{trip[key]:.1f}" for key in ("p50_ms", "p95_ms", "p99_ms"))
+        loss = f"{trip['loss_percent']:.2f} %"
+        counts = (str(trip["late"]), str(trip["duplicate"]))
+        table.add_row(title, str(trip["sent"]), str(trip["lost"]), loss, *times, *counts)
+    return table
+
+
+def _streams(kinds: list[Mapping[str, Any]]) -> Table:
+    table = Table("frame", "board", "frames", "Hz", "asked Hz", "age s", "")
+    for kind in kinds:
+        asked = "-" if kind["asked_hz"] is None else f"{kind['asked_hz']:.1f}"
+        stale = Text("STALE", style="bold red") if kind["is_stale"] else Text("")
+        numbers = (str(kind["frames"]), f"{kind['rate_hz']:.1f}", asked, f"{kind['age']:.2f}")
+        table.add_row(kind["key"], kind["board"], *numbers, stale)
+    return table

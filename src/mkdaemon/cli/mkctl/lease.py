@@ -1,0 +1,70 @@
+"""`mkctl lease`: the right to fly."""
+
+from __future__ import annotations
+
+import getpass
+import os
+import socket
+from typing import Annotated, Any, Final
+
+from cyclopts import App, Parameter
+
+from mkdaemon.cli.printing import json_line
+from mkdaemon.client.session import HERE, Client, Connection
+
+app: Final = App(
+    name="lease",
+    help="The right to fly: one client at a time holds it. Setpoints carry its epoch; those of any other are refused.",
+)
+
+
+def own_name() -> str:
+    """A name for this client that nobody else has: user, machine, process."""
+    raw = f"{getpass.getuser()}-{socket.gethostname()}-{os.getpid()}"
+    return "".join(c if c.isalnum() or c in "._-" else "_" for c in raw)[:64]
+
+
+@app.command
+async def take(
+    *,
+    holder: str | None = None,
+    ttl: Annotated[float | None, Parameter(help="Life without setpoints [s], if shorter than configured.")] = None,
+    force: Annotated[bool, Parameter(negative=(), help="Take it from whoever holds it.")] = False,
+    connection: Connection = HERE,
+) -> None:
+    """Take the lease and print its epoch; it ends by itself when no setpoints follow.
+
+    Args:
+        holder: Name others see; default: user, machine and process.
+    """
+    fields: dict[str, Any] = {"action": "take", "holder": holder or own_name(), "force": force}
+    if ttl is not None:
+        fields["ttl"] = ttl
+    await _lease(fields, connection)
+
+
+@app.command
+async def release(epoch: int, *, connection: Connection = HERE) -> None:
+    """Give the lease back; the aircraft is released.
+
+    Args:
+        epoch: As `take` printed it.
+    """
+    await _lease({"action": "release", "epoch": epoch}, connection)
+
+
+@app.command
+async def show(*, connection: Connection = HERE) -> None:
+    """Show who holds the lease."""
+    await _lease({"action": "show"}, connection)
+
+
+async def _lease(fields: dict[str, Any], connection: Connection) -> None:
+    async with Client.open(connection) as client:
+        reply = (await client.command("do", "lease", fields)).require()
+    if connection.json:
+        print(json_line(reply))
+    elif reply:
+        print(f"{reply['holder']} holds the lease: epoch {reply['epoch']}, {reply['left']:.1f} s left")
+    else:
+        print("nobody holds the lease")

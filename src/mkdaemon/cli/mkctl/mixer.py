@@ -1,0 +1,144 @@
+"""`mkctl mixer`: how throttle and sticks drive each motor."""
+
+from __future__ import annotations
+
+import json
+import tomllib
+from pathlib import Path
+from typing import Annotated, Any, Final
+
+from cyclopts import App, Parameter
+
+from mkdaemon.cli.mkctl.conversation import request
+from mkdaemon.cli.mkctl.flightstate import refuse_running
+from mkdaemon.client.session import Client, Connection
+from mkdaemon.errors import ConfigError, MkError, RequestTimeoutError
+from mkdaemon.protocol.messages import Mixer, MixerRequest, MixerWritten, WriteMixer
+from mkdaemon.protocol.wire import Board
+
+app = App(name="mixer", help="Mixer of the FlightCtrl: 16 rows of throttle, pitch, roll, yaw; 64 is 100 %.")
+
+HERE: Final = Connection()
+COLUMNS: Final = ("throttle", "pitch", "roll", "yaw")
+ROWS: Final = 16
+
+
+@app.command
+async def get(
+    file: Annotated[Path | None, Parameter(help="Save it as TOML; without it the table is shown.")] = None,
+    /,
+    *,
+    connection: Connection = HERE,
+) -> None:
+    """Show or save the mixer."""
+    async with Client.open(connection) as client:
+        mixer = await _read(client)
+    if file is not None:
+        _save(file, mixer)
+    elif connection.json:
+        print(json.dumps({"name": mixer.name, "motors": _rows(mixer)}))
+    else:
+        print(to_toml(mixer.name, mixer.motors), end="")
+
+
+@app.command(name="set")
+async def set_mixer(
+    file: Annotated[Path, Parameter(help="TOML as `mixer get` writes it.")],
+    /,
+    *,
+    confirm: Annotated[bool, Parameter(help="I know that a wrong mixer flips the aircraft.", negative=())] = False,
+    connection: Connection = HERE,
+) -> None:
+    """Store a mixer, read it back and compare. The FlightCtrl uses it at once, in flight too.
+
+    Raises:
+        ConfigError: the file is no mixer, or it was not confirmed.
+        MkError: motors run, or the FlightCtrl refused it or holds another one afterwards.
+    """
+    wanted = from_toml(file)
+    if not confirm:
+        msg = f"{file}: a wrong mixer flips the aircraft; check the rows and repeat with --confirm"
+        raise ConfigError(msg)
+    async with Client.open(connection) as client:
+        await refuse_running(client, "the mixer is used at once")
+        answer = await request(client, Board.FC, wanted)
+        if isinstance(answer, MixerWritten) and not answer.stored:
+            msg = "the FlightCtrl refused the mixer: it speaks another revision"
+            raise MkError(msg)
+        stored = await _read(client)
+    if (stored.name, stored.motors) != (wanted.name, wanted.motors):
+        rows = [n + 1 for n in range(ROWS) if stored.motors[4 * n : 4 * n + 4] != wanted.motors[4 * n : 4 * n + 4]]
+        msg = f"the FlightCtrl holds another mixer than {file} (rows {rows or 'equal, but the name'}); do not fly"
+        raise MkError(msg)
+    print(f"stored and read back: {stored.name}")
+
+
+def to_toml(name: str, motors: tuple[int, ...]) -> str:
+    """Return a mixer as TOML, rows without a motor left out at the end."""
+    lines = [f"name = {json.dumps(name)}", "# motor = [throttle, pitch, roll, yaw], 64 is 100 %", "[motors]"]
+    rows = [motors[4 * n : 4 * n + 4] for n in range(ROWS)]
+    used = max((n for n, row in enumerate(rows, 1) if any(row)), default=0)
+    return "\n".join([*lines, *(f"{n} = {list(row)}" for n, row in enumerate(rows[:used], 1))]) + "\n"
+
+
+def from_toml(file: Path) -> WriteMixer:
+    """Read a mixer; rows that are absent are zero.
+
+    Raises:
+        ConfigError: the file cannot be used; names it and the fix.
+    """
+    try:
+        content: dict[str, Any] = tomllib.loads(file.read_text(encoding="utf-8"))
+    except OSError as error:
+        msg = f"{file}: cannot be read ({error.strerror}); check the name"
+        raise ConfigError(msg) from error
+    except (UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+        msg = f"{file}: no TOML: {error}; `mkctl mixer get FILE` writes one"
+        raise ConfigError(msg) from error
+    motors = [0] * (4 * ROWS)
+    rows = content.get("motors")
+    if not isinstance(rows, dict) or not rows:
+        msg = f"{file}: no table [motors]; `mkctl mixer get FILE` writes one"
+        raise ConfigError(msg)
+    for number, row in rows.items():
+        if not number.isdecimal() or not 1 <= int(number) <= ROWS:
+            msg = f"{file}: motor {number!r}; motors are 1 to {ROWS}"
+            raise ConfigError(msg)
+        if not _is_row(row):
+            msg = f"{file}: motor {number} is {row!r}; write [throttle, pitch, roll, yaw], each -128..127"
+            raise ConfigError(msg)
+        motors[4 * int(number) - 4 : 4 * int(number)] = row
+    name = str(content.get("name", ""))
+    if len(name) > 12 or not name.isascii():
+        msg = f"{file}: the name {name!r} must be at most 12 ASCII characters"
+        raise ConfigError(msg)
+    return WriteMixer(name=name, motors=tuple(motors))
+
+
+def _is_row(row: object) -> bool:
+    return (
+        isinstance(row, list)
+        and len(row) == len(COLUMNS)
+        and all(isinstance(value, int) and not isinstance(value, bool) and -128 <= value <= 127 for value in row)
+    )
+
+
+async def _read(client: Client) -> Mixer:
+    answer = await request(client, Board.FC, MixerRequest())
+    if not isinstance(answer, Mixer):
+        msg = "the FlightCtrl did not send its mixer; it must be 0.73 or later (`mkctl status`)"
+        raise RequestTimeoutError(msg)
+    return answer
+
+
+def _save(file: Path, mixer: Mixer) -> None:
+    try:
+        file.write_text(to_toml(mixer.name, mixer.motors), encoding="utf-8")
+    except OSError as error:
+        msg = f"{file}: cannot be written ({error.strerror}); choose another place"
+        raise ConfigError(msg) from error
+    print(f"saved {file}")
+
+
+def _rows(mixer: Mixer) -> list[list[int]]:
+    return [list(mixer.motors[4 * n : 4 * n + 4]) for n in range(ROWS)]

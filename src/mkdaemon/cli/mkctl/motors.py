@@ -1,0 +1,108 @@
+"""`mkctl motors test`: turn motors on the ground, propellers off."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import sys
+from typing import Annotated, Final
+
+from cyclopts import App, Parameter, validators
+
+from mkdaemon.cli.mkctl.conversation import request
+from mkdaemon.cli.mkctl.flightstate import refuse_running
+from mkdaemon.client.session import Client, Connection
+from mkdaemon.errors import ConfigError, MkError
+from mkdaemon.protocol.messages import MotorTest
+from mkdaemon.protocol.wire import Board
+
+app = App(name="motors", help="Motor test. Take the propellers off first.")
+
+HERE: Final = Connection()
+PERIOD: Final = 0.1
+"""Between two frames [s]; each turns the motors for 0.5 s. Source: docs/firmware-notes, "Side effects"."""
+STOPS: Final = 5
+"""Frames of zeros at the end."""
+GENTLE: Final = 40
+"""Set point from which a second word is asked for; idle is about 17 of 255."""
+SENTENCE: Final = "propellers off"
+"""What has to be typed."""
+
+
+@app.command
+async def test(
+    *motors: Annotated[
+        int, Parameter(help="Motors 1..16; several turn together.", validator=validators.Number(gte=1, lte=16))
+    ],
+    setpoint: Annotated[
+        int,
+        Parameter(
+            help="Set point of each motor, 1..255; idle is about 17.", validator=validators.Number(gte=1, lte=255)
+        ),
+    ] = 20,
+    seconds: Annotated[float, Parameter(help="How long [s].", validator=validators.Number(gt=0, lte=30))] = 2.0,
+    propellers_off: Annotated[
+        bool, Parameter(help="I have taken the propellers off; asks no more.", negative=())
+    ] = False,
+    connection: Connection = HERE,
+) -> None:
+    """Turn motors for some seconds, and stop them at the end whatever happens.
+
+    Values sent while motors run would take effect right after they stop, so it is refused then.
+
+    Raises:
+        ConfigError: no motor was named, or the question about propellers was not answered with yes.
+        MkError: motors run, or the daemon refused it.
+    """
+    if not motors:
+        msg = "name the motors to turn, for example `mkctl motors test 1 2`"
+        raise ConfigError(msg)
+    if not propellers_off:
+        _confirm(setpoint)
+    points = tuple(setpoint if number in motors else 0 for number in range(1, 17))
+    async with Client.open(connection) as client:
+        await refuse_running(client, "a test would act right after they stop")
+        try:
+            await _turn(client, points, seconds)
+        finally:
+            # Also after a refusal and after Ctrl-C: without zeros the motors stop 0.5 s after the last frame.
+            await _stop(client)
+    print("motors stopped")
+
+
+async def _turn(client: Client, points: tuple[int, ...], seconds: float) -> None:
+    end = asyncio.get_running_loop().time() + seconds
+    while asyncio.get_running_loop().time() < end:
+        await request(client, Board.FC, MotorTest(motors=points))
+        await asyncio.sleep(PERIOD)
+
+
+async def _stop(client: Client) -> None:
+    """Send zeros, in spite of a Ctrl-C; without them the motors stop by themselves after 0.5 s."""
+    stop = asyncio.gather(*(_send_stop(client, number * PERIOD / 2) for number in range(STOPS)))
+    with contextlib.suppress(asyncio.CancelledError):
+        await asyncio.shield(stop)
+    if not stop.done():
+        await stop
+    if not any(stop.result()):
+        msg = "no stop was taken by the daemon; the FlightCtrl stops the motors 0.5 s after the last frame"
+        raise MkError(msg)
+
+
+async def _send_stop(client: Client, after: float) -> bool:
+    await asyncio.sleep(after)
+    with contextlib.suppress(MkError):
+        await request(client, Board.FC, MotorTest(motors=(0,) * 16))
+        return True
+    return False
+
+
+def _confirm(setpoint: int) -> None:
+    """Ask for the words; more than a gentle set point asks for the number too."""
+    if not sys.stdin.isatty():
+        msg = "motors turn: take the propellers off and repeat with --propellers-off"
+        raise ConfigError(msg)
+    wanted = SENTENCE if setpoint <= GENTLE else f"{SENTENCE} {setpoint}"
+    if input(f"Motors will turn. Type '{wanted}' to go on: ").strip().lower() != wanted:
+        msg = "not confirmed; nothing was sent"
+        raise ConfigError(msg)

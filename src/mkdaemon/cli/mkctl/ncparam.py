@@ -1,0 +1,89 @@
+"""`mkctl nc-param`: parameters of the NaviCtrl."""
+
+from __future__ import annotations
+
+import json
+from typing import Annotated, Final
+
+from cyclopts import App, Parameter, validators
+
+from mkdaemon.cli.mkctl.conversation import request
+from mkdaemon.client.session import Client, Connection
+from mkdaemon.errors import ConfigError, MkError, RequestTimeoutError
+from mkdaemon.protocol.flags import NaviParameterId
+from mkdaemon.protocol.messages import NaviParameter, NaviParameterRequest, WriteNaviParameter
+from mkdaemon.protocol.wire import Board, WireMessage
+
+app = App(name="nc-param", help="Parameters of the NaviCtrl (0.24 and later). Setting one acts at once, in flight too.")
+
+HERE: Final = Connection()
+VALUE: Final = WriteNaviParameter.spec.wire("value")
+UNITS: Final = {
+    NaviParameterId.TARGET_SPEED: "0.1 m/s",
+    NaviParameterId.HEADING_SETPOINT: "deg, -1 none",
+    NaviParameterId.ALTITUDE_SETPOINT: "dm",
+}
+"""Units of the values. Source: docs/protocol.md, "NaviCtrl commands"."""
+
+_WORDS: Final = ", ".join(member.name.lower() for member in NaviParameterId)
+_UNITS: Final = ", ".join(f"{member.name.lower()} [{unit}]" for member, unit in UNITS.items())
+Name = Annotated[str, Parameter(help=f"One of {_WORDS}. Units: {_UNITS}.")]
+
+
+@app.command
+async def get(name: Name, /, *, connection: Connection = HERE) -> None:
+    """Show a parameter. One that was never set answers garbage: the NaviCtrl does not say so."""
+    answer = await _ask(connection, NaviParameterRequest(id=_read(name)))
+    _show(connection, answer)
+
+
+@app.command(name="set")
+async def set_value(
+    name: Name,
+    value: Annotated[
+        int,
+        Parameter(
+            help=f"Counts on the wire, {VALUE.minimum}..{VALUE.maximum}.",
+            allow_leading_hyphen=True,
+            validator=validators.Number(gte=VALUE.minimum, lte=VALUE.maximum),
+        ),
+    ],
+    /,
+    *,
+    connection: Connection = HERE,
+) -> None:
+    """Set a parameter and compare the answer.
+
+    Raises:
+        MkError: the NaviCtrl did not answer, or answers another value.
+    """
+    answer = await _ask(connection, WriteNaviParameter(id=_read(name), value=value))
+    if answer.value != value:
+        msg = f"{name}: the NaviCtrl answers {answer.value}, not {value}; read it again before flying"
+        raise MkError(msg)
+    _show(connection, answer)
+
+
+async def _ask(connection: Connection, message: WireMessage) -> NaviParameter:
+    async with Client.open(connection) as client:
+        answer = await request(client, Board.NC, message)
+    if not isinstance(answer, NaviParameter):
+        msg = "the NaviCtrl did not answer; it must be 0.24 or later (`mkctl status`)"
+        raise RequestTimeoutError(msg)
+    return answer
+
+
+def _read(name: str) -> NaviParameterId:
+    try:
+        return NaviParameterId[name.upper().replace("-", "_")]
+    except KeyError:
+        msg = f"there is no NaviCtrl parameter {name!r}; use one of {_WORDS}"
+        raise ConfigError(msg) from None
+
+
+def _show(connection: Connection, answer: NaviParameter) -> None:
+    unit = UNITS.get(answer.id, "")
+    word = NaviParameterId(answer.id).name.lower()
+    print(
+        json.dumps({word: answer.value, "unit": unit}) if connection.json else f"{word} {answer.value} {unit}".rstrip()
+    )

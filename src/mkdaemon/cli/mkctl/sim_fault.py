@@ -1,0 +1,77 @@
+"""`mkctl sim`: faults of a running simulator, by name."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Final
+
+from cyclopts import App, Parameter
+
+from mkdaemon.cli.printing import json_line
+from mkdaemon.client.session import HERE, Client, Connection
+from mkdaemon.errors import ConfigError
+from mkdaemon.sim.faults import FAULTS, FaultNumber, FaultSpec
+
+app: Final = App(name="sim", help="What goes wrong in a running simulator. An aircraft has no such command.")
+
+
+@app.command
+async def fault(
+    name: str,
+    *values: Annotated[str, Parameter(help="parameter=value; `mkctl sim faults` shows them.")],
+    seconds: Annotated[float | None, Parameter(help="How long; otherwise as the table says.")] = None,
+    stop: Annotated[bool, Parameter(negative=(), help="Stop it instead.")] = False,
+    connection: Connection = HERE,
+) -> None:
+    """Start a fault, for example `mkctl sim fault motor_weak motor=2 share=0.7 --seconds 5`; `clear` stops all.
+
+    Args:
+        name: Which fault.
+    """
+    if name == "clear":
+        fields: dict[str, Any] = {"action": "clear"}
+    elif stop:
+        fields = {"action": "stop", "name": name}
+    else:
+        fields = {"action": "start", "name": name, "duration": seconds, "values": _parse(values)}
+    async with Client.open(connection) as client:
+        answer = await client.command("sim", "fault", fields)
+    running = answer.require()["active"]
+    if connection.json:
+        print(json_line({"active": running}))
+    else:
+        print("running: " + (", ".join(running) or "none"))
+
+
+@app.command
+def faults() -> None:
+    """List every fault there is, what it does and what it takes."""
+    for name, spec in FAULTS.items():
+        print(f"{name:13} {spec.effect}{_lasts(spec)}")
+        for key, parameter in spec.parameters.items():
+            if isinstance(parameter, FaultNumber):
+                unit = f" {parameter.unit}" if parameter.unit else ""
+                bounds = f"{parameter.low:g} to {parameter.high:g}{unit}, default {parameter.default:g}"
+            else:
+                bounds = f"{', '.join(parameter.choices)}, default {parameter.default}"
+            print(f"{'':13}   {key}: {parameter.help} ({bounds})")
+
+
+def _lasts(spec: FaultSpec) -> str:
+    if spec.once:
+        return " Happens once."
+    return "" if spec.duration is None else f" Lasts {spec.duration:g} s unless told otherwise."
+
+
+def _parse(values: tuple[str, ...]) -> dict[str, float | str]:
+    """Read `parameter=value` words; numbers are numbers."""
+    parsed: dict[str, float | str] = {}
+    for word in values:
+        key, equals, value = word.partition("=")
+        if not equals or not key:
+            msg = f"'{word}' is no parameter=value; `mkctl sim faults` shows what each fault takes"
+            raise ConfigError(msg)
+        try:
+            parsed[key] = float(value)
+        except ValueError:
+            parsed[key] = value
+    return parsed

@@ -1,0 +1,144 @@
+"""`mkctl status`: the aircraft, the link and who flies, on one screen."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+from rich.console import Console
+from rich.table import Table
+
+from mkdaemon.cli.printing import age_of, json_line
+from mkdaemon.cli.program import EXIT_FAILURE
+from mkdaemon.client.session import HERE, Client, Connection, Sample
+
+PATTERNS = ("health", "link/state", "link/health", "control/status", "state/*")
+
+Fields = Mapping[str, Any]
+
+
+async def status(*, connection: Connection = HERE) -> int:
+    """Show the aircraft, the link and who flies.
+
+    Exit code 0 while the vehicle is alive, 1 while it is not.
+    """
+    async with Client.open(connection) as client:
+        found: dict[str, Sample] = {}
+        for pattern in PATTERNS:
+            found |= await client.get(pattern)
+        if not found:
+            # Asking once more says why: no daemon, or another vehicle's.
+            (await client.command("do", "lease", {"action": "show"})).require()
+    known: dict[str, Fields] = {suffix: sample.fields for suffix, sample in found.items()}
+    if connection.json:
+        print(json_line(known))
+    else:
+        Console().print(render(connection.vehicle, known))
+    return 0 if known.get("health", {}).get("is_alive") else EXIT_FAILURE
+
+
+def render(vehicle: str, known: Mapping[str, Fields]) -> Table:
+    """The screen."""
+    table = Table(show_header=False, box=None, pad_edge=False, title=f"vehicle {vehicle}", title_justify="left")
+    table.add_column(style="bold")
+    table.add_column(overflow="fold")
+    table.add_column(style="dim", justify="right")
+    for name, key, line in _LINES:
+        fields = known.get(key)
+        text = line(fields) if fields else "unknown"
+        table.add_row(name, text, age_of(fields) if fields and key.startswith("state/") else "")
+    return table
+
+
+def _health(fields: Fields) -> str:
+    alive = "alive" if fields["is_alive"] else "NOT alive"
+    motors = {True: "motors running", False: "motors stopped", None: "motors unknown"}[fields["motors_running"]]
+    words = [alive, motors]
+    if fields["error"]:
+        words.append(f"ERROR: {fields['error']}")
+    if fields["read_only"]:
+        words.append(f"read only: {fields['read_only']}")
+    if fields["note"]:
+        words.append(fields["note"])
+    return "; ".join(words)
+
+
+def _firmware(fields: Fields) -> str:
+    return ", ".join(f"{board} {release}" for board, release in fields["firmware"].items()) or "not known yet"
+
+
+def _link(fields: Fields) -> str:
+    return f"{fields['condition']}: {fields['reason']} ({fields['port']}, {fields['baud']} baud)"
+
+
+def _echo(fields: Fields) -> str:
+    echo = fields["echo"]
+    if echo["p50_ms"] is None:
+        return "no echo answered yet"
+    return f"p50 {echo['p50_ms']:.1f} ms, p99 {echo['p99_ms']:.1f} ms, {echo['lost']} of {echo['sent']} lost"
+
+
+def _control(fields: Fields) -> str:
+    lease = fields["lease"]
+    held = "nobody holds the lease" if lease is None else f"{lease['holder']} holds the lease"
+    layout = fields["external_control"]
+    return f"{fields['phase']}; {held}; external control {layout or 'not possible'}"
+
+
+def _flight(fields: Fields) -> str:
+    words = ["flying" if fields["is_flying"] else "on the ground", f"GPS {fields['gps_mode']}"]
+    words += [name.replace("_", " ") for name in _ALARMS if fields.get(name)]
+    if fields["flying_time"] is not None:
+        words.append(f"{fields['flying_time']:.0f} s in the air")
+    return ", ".join(words)
+
+
+_ALARMS = ("emergency_landing", "battery_low", "rc_failsafe", "range_limit", "altitude_control", "manual_control")
+
+
+def _attitude(fields: Fields) -> str:
+    roll, pitch, yaw = (math.degrees(fields[axis]) for axis in ("roll", "pitch", "yaw"))
+    return f"roll {roll:+.1f}°, pitch {pitch:+.1f}°, yaw {yaw:+.1f}° (heading {(90 - yaw) % 360:.0f}°)"
+
+
+def _position(fields: Fields) -> str:
+    height = fields["altitude_above_start"]
+    text = f"{fields['latitude']:.7f}, {fields['longitude']:.7f}, {height:.1f} m above start"
+    if fields["position_enu"] is not None:
+        east, north, _ = fields["position_enu"]
+        text += f"; {math.hypot(east, north):.1f} m from home"
+    return text
+
+
+def _battery(fields: Fields) -> str:
+    text = f"{fields['voltage']:.1f} V"
+    if fields["current"] is not None:
+        text += f", {fields['current']:.1f} A"
+    if fields["used_mah"] is not None:
+        text += f", {fields['used_mah']:.0f} mAh used"
+    return text + (", LOW" if fields["is_low"] else "")
+
+
+def _gps(fields: Fields) -> str:
+    satellites = "?" if fields["satellites"] is None else fields["satellites"]
+    return f"{satellites} satellites, position {fields['fix']}, {'usable' if fields['is_usable'] else 'not usable'}"
+
+
+def _pilot(fields: Fields) -> str:
+    return f"receiver {100 * fields['rc_quality']:.0f} %{'' if fields['has_signal'] else ', NO SIGNAL'}"
+
+
+_LINES = (
+    ("vehicle", "health", _health),
+    ("firmware", "health", _firmware),
+    ("link", "link/state", _link),
+    ("echo", "link/health", _echo),
+    ("control", "control/status", _control),
+    ("flight", "state/flight", _flight),
+    ("attitude", "state/attitude", _attitude),
+    ("position", "state/position", _position),
+    ("battery", "state/battery", _battery),
+    ("GPS", "state/gps", _gps),
+    ("pilot", "state/pilot", _pilot),
+)

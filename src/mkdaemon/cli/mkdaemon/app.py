@@ -1,0 +1,51 @@
+"""`mkdaemon`: the daemon and everything that runs beside it on the machine with the serial line."""
+
+from __future__ import annotations
+
+from typing import Final, NoReturn
+
+from mkdaemon.cli.program import CommandEntry
+from mkdaemon.cli.program import build as _build
+from mkdaemon.cli.program import main as _main
+
+COMMANDS: Final = (
+    CommandEntry("run", "mkdaemon.cli.mkdaemon.run:run", "The daemon: serial line, link check, control, bus.", "Fly"),
+    CommandEntry("sim", "mkdaemon.cli.mkdaemon.sim:sim", "A simulated aircraft on a pseudo terminal.", "Fly"),
+    CommandEntry("demo", "mkdaemon.cli.mkdaemon.demo:demo", "Both together, with a live table: a first look.", "Fly"),
+    CommandEntry(
+        "doctor", "mkdaemon.cli.mkdaemon.doctor:doctor", "Check this machine: port, permissions, bus, camera."
+    ),
+    CommandEntry("calibrate", "mkdaemon.cli.mkdaemon.calibrate:app", "Calibrate a camera.", "Camera"),
+    CommandEntry(
+        "target", "mkdaemon.cli.mkdaemon.target:target", "Print tags, targets and calibration boards.", "Camera"
+    ),
+    CommandEntry(
+        "decode", "mkdaemon.cli.mkdaemon.decode:decode", "Recorded bytes to one JSON object a frame.", "Offline"
+    ),
+    CommandEntry(
+        "detect", "mkdaemon.cli.mkdaemon.detect:detect", "Tags and their poses in images and videos.", "Offline"
+    ),
+    CommandEntry(
+        "schema", "mkdaemon.cli.mkdaemon.schema:schema", "The message table, or a payload's schema, as JSON.", "Offline"
+    ),
+)
+"""Every command; a further one is one line here and its module."""
+
+ABOUT: Final = """Ground and companion software for MikroKopter aircraft.
+
+`mkdaemon run --port /dev/ttyUSB0` shows every frame on the line as a typed Zenoh key under `mk/mk1/`; look at it with
+`mkctl status`. No aircraft at hand: `mkdaemon demo`.
+
+Exit codes: 0 as asked, 1 failed while running, 2 wrong configuration or usage.
+"""
+
+app = _build("mkdaemon", ABOUT, COMMANDS)
+
+
+def main() -> NoReturn:
+    """Entry point."""
+    _main("mkdaemon", ABOUT, COMMANDS)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,249 @@
+"""`mkdaemon calibrate camera`: intrinsics of a camera from pictures of a board, or live with guidance."""
+
+from __future__ import annotations
+
+import json
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Annotated, Final, Literal
+
+import zenoh
+from cyclopts import App, Parameter
+
+from mkdaemon.bus.session import session_config
+from mkdaemon.config.camera import CameraSection, MountSection
+from mkdaemon.errors import ConfigError, MkError, VisionError
+from mkdaemon.vision.calibrate.board import CalibrationBoard, CharucoBoard, TagBoard
+from mkdaemon.vision.calibrate.calibration import CalibrationResult, calibrate, rounded
+from mkdaemon.vision.calibrate.coverage import Coverage
+from mkdaemon.vision.calibrate.views import LiveViews, ViewReport, views_of_folder
+from mkdaemon.vision.camera.calibration_file import CalibrationRecord, Camera, save_camera
+from mkdaemon.vision.camera.camera import CameraStream, StreamState
+from mkdaemon.vision.camera.image import CameraImage
+from mkdaemon.vision.camera.slot import NewestSlot
+from mkdaemon.vision.camera.sources import source_of
+from mkdaemon.vision.tags.tagmap import load
+
+app = App(name="calibrate", help="Calibration: what a camera's pixels mean.")
+
+GUIDE_EVERY: Final = 1.5
+PATIENCE_TIME: Final = 10.0
+
+Looks = Literal["down", "forward", "back", "left", "right", "up"]
+
+
+@app.command
+def camera(
+    images: Annotated[
+        Path | None, Parameter(help="Folder of pictures of the board; leave out for a live camera.")
+    ] = None,
+    /,
+    *,
+    output: Annotated[Path, Parameter(name=["--output", "-o"], help="Camera file to write.")] = Path("camera.toml"),
+    board: Annotated[
+        str, Parameter(help="`charuco:COLUMNSxROWS:SQUARE` [m] as `mkdaemon target` prints it, or `target:FILE.toml`.")
+    ] = "charuco:9x6:0.03",
+    source: Annotated[str | None, Parameter(help="Live: /dev/video0, rtsp://..., zenoh:KEY, file:CLIP.")] = None,
+    width: Annotated[int | None, Parameter(help="Live: wanted width [px].")] = None,
+    height: Annotated[int | None, Parameter(help="Live: wanted height [px].")] = None,
+    keep: Annotated[Path | None, Parameter(help="Live: keep the pictures taken in this folder.")] = None,
+    seconds: Annotated[float, Parameter(help="Live: give up after this time [s].")] = 300.0,
+    connect: Annotated[str, Parameter(env_var="MK_CONNECT", help="Zenoh endpoint for zenoh: sources.")] = (
+        "tcp/127.0.0.1:7447"
+    ),
+    name: Annotated[str, Parameter(help="Name of the camera, kept in the file.")] = "",
+    lens: Annotated[str, Parameter(help="Lens and focus, kept in the file.")] = "",
+    looks: Annotated[Looks, Parameter(help="Direction of view on the vehicle.")] = "down",
+    mount: Annotated[tuple[float, float, float], Parameter(help="Lens in the body frame: forward, left, up [m].")] = (
+        0.0,
+        0.0,
+        0.0,
+    ),
+    force: Annotated[bool, Parameter(negative=(), help="Store a poor calibration all the same.")] = False,
+    as_json: Annotated[bool, Parameter(name="--json", negative=(), help="Answer as one JSON object.")] = False,
+) -> None:
+    """Calibrate a camera and write its camera file.
+
+    Print a board (`mkdaemon target board.pdf --charuco 9x6 --square 0.03`), glue it to something flat, take 15 to 30
+    sharp pictures: in every part of the picture, near and far, tilted to every side by 30 deg. Live, the guidance
+    says what is missing.
+
+    Raises:
+        ConfigError: the board, the pictures or the source cannot be used.
+        VisionError: too few pictures, or the calibration is poor and `--force` was not given.
+    """
+    if (images is None) == (source is None):
+        msg = "give a folder of pictures, or --source for a live camera"
+        raise ConfigError(msg)
+    shown = _board(board)
+    if images is not None:
+        coverage = _from_folder(images, shown, quiet=as_json)
+    else:
+        cfg = CameraSection(source=str(source), width=width, height=height)
+        coverage = _live(cfg, shown, keep, seconds, connect, quiet=as_json)
+    image_width, image_height = coverage.size
+    result = calibrate(coverage.views, image_width, image_height)
+    faults = result.faults()
+    if not as_json:
+        _explain(result, coverage)
+    if as_json:
+        print(json.dumps(_summary(result, coverage, str(output), stored=not faults or force)))
+    if faults and not force:
+        msg = f"calibration refused: {'; '.join(faults)} (or store it with --force)"
+        raise VisionError(msg)
+    record = CalibrationRecord(
+        date=datetime.now(UTC).date().isoformat(),
+        lens=lens,
+        board=shown.title,
+        views=len(result.used),
+        rms_px=round(result.rms_px, 4),
+        focal_sd_percent=round(result.focal_sd_percent, 4),
+        centre_sd_px=round(result.centre_sd_px, 3),
+        k1_sd=round(result.sd["k1"], 6),
+        forced=bool(faults),
+    )
+    save_camera(
+        Camera(
+            name=name,
+            intrinsics=rounded(result.intrinsics),
+            mount=MountSection(position_flu=mount, looks=looks),
+            calibration=record,
+        ),
+        output,
+    )
+    if not as_json:
+        print(f"stored in {output}")
+
+
+def _board(text: str) -> CalibrationBoard:
+    """Read `charuco:9x6:0.03` or `target:FILE`."""
+    kind, _, rest = text.partition(":")
+    if kind == "target" and rest:
+        targets = load([Path(rest)]).targets
+        if len(targets) == 1:
+            return TagBoard(targets[0])
+    if kind == "charuco":
+        size, _, square = rest.partition(":")
+        columns, _, rows = size.lower().partition("x")
+        if columns.isdigit() and rows.isdigit():
+            try:
+                return CharucoBoard(int(columns), int(rows), float(square))
+            except ValueError:
+                pass
+    msg = f"--board '{text}': give charuco:COLUMNSxROWS:SQUARE, for example charuco:9x6:0.03, or target:FILE.toml"
+    raise ConfigError(msg)
+
+
+def _from_folder(folder: Path, board: CalibrationBoard, *, quiet: bool) -> Coverage:
+    coverage: Coverage | None = None
+    for report, coverage in views_of_folder(folder, board):  # noqa: B007 - the last one is the whole
+        if not quiet:
+            print(f"{report.name}: {f'{report.points} points' if report.taken else report.reason}")
+    if coverage is None:
+        msg = f"no picture in {folder} can be read"
+        raise VisionError(msg)
+    return coverage
+
+
+@contextmanager
+def _streaming(cfg: CameraSection, connect: str) -> Iterator[tuple[CameraStream, NewestSlot[CameraImage]]]:
+    """Run the camera; a bus session is opened only for a source on the bus."""
+    session: zenoh.Session | None = None
+    if cfg.source.startswith("zenoh:"):
+        try:
+            session = zenoh.open(session_config("client", connect=[connect]))
+        except zenoh.ZError:
+            msg = f"nobody answers at {connect}: is mkdaemon running there?"
+            raise MkError(msg) from None
+    slot: NewestSlot[CameraImage] = NewestSlot()
+    opened = session
+    stream = CameraStream(cfg, source_of(cfg, (lambda: opened) if opened is not None else None), slot)
+    stream.start()
+    try:
+        yield stream, slot
+    finally:
+        stream.stop()
+        if session is not None:
+            session.close()  # type: ignore[no-untyped-call]
+
+
+def _live(
+    cfg: CameraSection, board: CalibrationBoard, keep: Path | None, seconds: float, connect: str, *, quiet: bool
+) -> Coverage:
+    """Guide until the views will do, the time is over, or Ctrl-C says that is enough."""
+    views = LiveViews(board, keep)
+    deadline, heard, guided = time.monotonic() + seconds, time.monotonic(), 0.0
+    with _streaming(cfg, connect) as (stream, slot):
+        try:
+            while time.monotonic() < deadline:
+                image = slot.take(0.2)
+                now = time.monotonic()
+                status = stream.status()
+                if image is None:
+                    if status.state is StreamState.ENDED:
+                        break
+                    if now - heard > PATIENCE_TIME:
+                        raise VisionError(status.reason or f"no image from {cfg.source} for {PATIENCE_TIME:g} s")
+                    continue
+                heard = now
+                report = views.offer(image.pixels)
+                if views.coverage is not None and not views.coverage.missing():
+                    break
+                if not quiet and (report.taken or now - guided > GUIDE_EVERY):
+                    guided = now
+                    _guide(report, views.coverage)
+        except KeyboardInterrupt:
+            print("enough, calibrating", file=sys.stderr)
+    if views.coverage is None:
+        msg = f"no image from {cfg.source}: {stream.status().reason}"
+        raise VisionError(msg)
+    return views.coverage
+
+
+def _guide(report: ViewReport, coverage: Coverage | None) -> None:
+    if coverage is None:
+        return
+    missing = coverage.missing()
+    heard = "taken" if report.taken else report.reason
+    following = missing[0] if missing else "done"
+    print(f"[{100 * coverage.share():3.0f} %] {len(coverage.views)} views, {heard}. Next: {following}")
+
+
+def _explain(result: CalibrationResult, coverage: Coverage) -> None:
+    k = result.intrinsics
+    print(f"{len(result.used)} of {len(coverage.views)} views used, rms {result.rms_px:.3f} px")
+    for name, unit in (
+        ("fx", " px"),
+        ("fy", " px"),
+        ("cx", " px"),
+        ("cy", " px"),
+        ("k1", ""),
+        ("k2", ""),
+        ("p1", ""),
+        ("p2", ""),
+        ("k3", ""),
+    ):
+        print(f"  {name} = {getattr(k, name):10.4f} +- {result.sd[name]:.4f}{unit}")
+    print(f"  focal length known to {result.focal_sd_percent:.3f} %, image centre to {result.centre_sd_px:.2f} px")
+    for words in coverage.missing():
+        print(f"  better with: {words}")
+
+
+def _summary(result: CalibrationResult, coverage: Coverage, output: str, *, stored: bool) -> dict[str, object]:
+    return {
+        "file": output if stored else None,
+        "intrinsics": rounded(result.intrinsics).model_dump(),
+        "sd": {name: round(sd, 6) for name, sd in result.sd.items()},
+        "rms_px": round(result.rms_px, 4),
+        "focal_sd_percent": round(result.focal_sd_percent, 4),
+        "centre_sd_px": round(result.centre_sd_px, 3),
+        "tilt_deg": round(result.tilt_deg, 1),
+        "views": len(coverage.views),
+        "views_used": len(result.used),
+        "faults": result.faults(),
+        "missing": coverage.missing(),
+    }

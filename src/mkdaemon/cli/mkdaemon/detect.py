@@ -1,0 +1,283 @@
+"""`mkdaemon detect`: tags and their poses in pictures, folders and videos."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+from cyclopts import Parameter
+
+from mkdaemon.config.camera import CameraSection
+from mkdaemon.errors import ConfigError, VisionError
+from mkdaemon.frames import quaternion_from_rotation
+from mkdaemon.vision.camera.calibration_file import load_camera
+from mkdaemon.vision.camera.files import CLIPS, ClipSource, list_pictures
+from mkdaemon.vision.camera.imagecodec import decode_picture
+from mkdaemon.vision.camera.intrinsics import Intrinsics
+from mkdaemon.vision.camera.shot import EndOfImages
+from mkdaemon.vision.overlay import draw
+from mkdaemon.vision.still import StillEye, StillPose, StillResult, StillTag
+from mkdaemon.vision.tags.tagmap import load
+
+Grey = npt.NDArray[np.uint8]
+
+
+@dataclass(frozen=True, slots=True)
+class Picture:
+    """One image of the input: its file, its number in a video, its pixels or why there are none."""
+
+    file: str
+    frame: int | None
+    pixels: Grey | None
+    error: str = ""
+
+
+def detect(
+    images: Annotated[list[Path], Parameter(help="Pictures, folders of pictures, or videos.", negative=())],
+    /,
+    *,
+    camera: Annotated[Path | None, Parameter(help="Camera file of mkdaemon calibrate camera.")] = None,
+    target: Annotated[tuple[Path, ...], Parameter(help="Target file; may be given again.", negative=())] = (),
+    intrinsics: Annotated[
+        str | None, Parameter(help="FX,FY,CX,CY[,K1,K2,P1,P2,K3] in place of a camera file.", allow_leading_hyphen=True)
+    ] = None,
+    tag_size: Annotated[
+        float | None, Parameter(help="Side of every tag's black square [m]: each stands alone.")
+    ] = None,
+    family: Annotated[tuple[str, ...], Parameter(help="Families of tags that stand alone.", negative=())] = (
+        "tag36h11",
+    ),
+    ids: Annotated[str | None, Parameter(help="Only these codes, for example 0,3,7-9; fewer are found surer.")] = None,
+    as_json: Annotated[bool, Parameter(name="--json", negative=(), help="One JSON object an image.")] = False,
+    overlay: Annotated[
+        Path | None, Parameter(help="Write pictures with the findings: a folder, or a picture for one image.")
+    ] = None,
+) -> int:
+    """Find tags and their poses.
+
+    Corners are in pixels whose centres are whole numbers, in the order top-left, top-right, bottom-right, bottom-left
+    of the official print. A pose is the target in the camera (x right, y down, z forward): translation [m],
+    quaternion (w, x, y, z), covariance over translation and rotation vector, and the residual of the mirrored pose
+    over this one as `ambiguity` (null where there is none).
+
+    Without a calibration there are tags and no poses. Exit code 1 when an image could not be read.
+
+    Raises:
+        ConfigError: options that exclude each other, or a camera or target file that cannot be used.
+    """
+    if camera is not None and intrinsics is not None:
+        msg = "give --camera or --intrinsics, not both"
+        raise ConfigError(msg)
+    if target and (tag_size is not None or ids is not None):
+        msg = f"give --target or {'--tag-size' if tag_size is not None else '--ids'}, not both"
+        raise ConfigError(msg)
+    fixed = load_camera(camera).intrinsics if camera is not None else None
+    if intrinsics is not None:
+        Intrinsics.parse(intrinsics, width=1, height=1)  # a mistake is said before any image is read
+    tagmap = load(target) if target else None
+    chosen = _ids(ids) if ids is not None else None
+    pictures = list(_inputs(images))
+
+    def eye_for(k: Intrinsics | None) -> StillEye:
+        return StillEye(k, tagmap=tagmap, tag_size=tag_size, families=family, ids=chosen)
+
+    try:
+        eyes: dict[Intrinsics | None, StillEye] = {
+            None: eye_for(None)
+        }  # says what is wrong with families, ids and size before any image is read
+    except VisionError as error:
+        raise ConfigError(str(error)) from None
+    if eyes[None].warning:
+        print(f"mkdaemon: {eyes[None].warning}", file=sys.stderr)
+    failed = 0
+    for picture in _pictures(pictures):
+        if picture.pixels is None:
+            failed += 1
+            _tell(picture, None, None, as_json=as_json)
+            continue
+        height, width = picture.pixels.shape
+        k = fixed
+        if intrinsics is not None:
+            k = Intrinsics.parse(intrinsics, width=width, height=height)
+        if k is not None and (k.width, k.height) != (width, height):
+            failed += 1
+            reason = f"the picture is {width}x{height}, the calibration is for {k.width}x{k.height}"
+            _tell(Picture(picture.file, picture.frame, None, reason), None, None, as_json=as_json)
+            continue
+        if k not in eyes:
+            eyes[k] = eye_for(k)
+        result = eyes[k].look(picture.pixels)
+        _tell(picture, result, k, as_json=as_json, sized=bool(target) or tag_size is not None)
+        if overlay is not None:
+            _write_overlay(overlay, picture, draw(picture.pixels, result, k), single=len(pictures) == 1)
+    return 1 if failed else 0
+
+
+def _ids(text: str) -> frozenset[int]:
+    """Read `0,3,7-9`."""
+    found: set[int] = set()
+    for part in text.split(","):
+        first, dash, last = part.strip().partition("-")
+        if not first.isdigit() or (dash and not last.isdigit()):
+            msg = f"--ids '{text}': give codes and ranges, for example 0,3,7-9"
+            raise ConfigError(msg)
+        if int(last or first) < int(first):
+            msg = f"--ids '{text}': {part.strip()} counts down; give codes and ranges, for example 0,3,7-9"
+            raise ConfigError(msg)
+        found.update(range(int(first), int(last or first) + 1))
+    return frozenset(found)
+
+
+def _inputs(paths: list[Path]) -> Iterator[Path]:
+    """Files behind the arguments; folders are listed.
+
+    Raises:
+        ConfigError: there is no such file, or a folder holds no pictures.
+    """
+    for path in paths:
+        if path.is_dir():
+            try:
+                yield from list_pictures(path)
+            except VisionError as error:
+                raise ConfigError(str(error)) from None
+        elif path.exists():
+            yield path
+        else:
+            msg = f"no such picture, folder or video: {path}"
+            raise ConfigError(msg)
+
+
+def _pictures(paths: list[Path]) -> Iterator[Picture]:
+    for path in paths:
+        if path.suffix.lower() in CLIPS:
+            yield from _frames(path)
+            continue
+        try:
+            pixels = decode_picture(path.read_bytes())
+        except OSError as error:
+            yield Picture(str(path), None, None, error.strerror or "cannot be read")
+            continue
+        yield Picture(str(path), None, pixels, "" if pixels is not None else "no picture that can be read")
+
+
+def _frames(path: Path) -> Iterator[Picture]:
+    """All images of a video."""
+    source = ClipSource(path, CameraSection(name="detect", source=f"file:{path}", paced=False))
+    try:
+        source.open()
+    except VisionError:
+        yield Picture(str(path), None, None, "no video that can be read")
+        return
+    count = 0
+    while True:
+        try:
+            shot = source.read(0.0)
+        except EndOfImages:
+            break
+        if shot is not None:
+            yield Picture(str(path), count, shot.pixels)
+        count += 1
+    source.close()
+    if not count:
+        yield Picture(str(path), None, None, "no image in this video")
+
+
+def _tell(
+    picture: Picture, result: StillResult | None, k: Intrinsics | None, *, as_json: bool, sized: bool = False
+) -> None:
+    if as_json:
+        print(json.dumps(_object(picture, result)), flush=True)
+        return
+    name = picture.file if picture.frame is None else f"{picture.file} [{picture.frame}]"
+    if result is None:
+        print(f"mkdaemon: {name}: {picture.error}", file=sys.stderr)
+        return
+    print(f"{name}: {len(result.tags)} tags")
+    for tag in result.tags:
+        found = tag.found
+        x, y = found.corners.mean(axis=0)
+        print(f"  {found.family} {found.tag_id} at {x:.1f}, {y:.1f} px, hamming {found.hamming}")
+    for pose in result.poses:
+        x, y, z = pose.pose.position
+        doubt = f", doubtful: {pose.fault}" if pose.fault else ""
+        tilt = f"tilt {np.degrees(pose.pose.tilt):.1f} deg{', ambiguous' if pose.ambiguous else ''}{doubt}"
+        print(f"  {pose.target}: right {x:.4f}, down {y:.4f}, ahead {z:.4f} m, {tilt}")
+    if result.tags and not result.poses:
+        print(f"  no pose: {_missing(k, sized=sized)}")
+
+
+def _missing(k: Intrinsics | None, *, sized: bool) -> str:
+    """What stands between tags and a pose."""
+    if k is None:
+        return "give --camera or --intrinsics"
+    return "nothing fits these tags" if sized else "give --target or --tag-size"
+
+
+def _object(picture: Picture, result: StillResult | None) -> dict[str, Any]:
+    """The JSON object of one image."""
+    found: dict[str, Any] = {"file": picture.file}
+    if picture.frame is not None:
+        found["frame"] = picture.frame
+    if picture.pixels is not None:
+        found["width"], found["height"] = picture.pixels.shape[1], picture.pixels.shape[0]
+    found["tags"] = [_tag(tag) for tag in result.tags] if result is not None else []
+    poses = [_pose(pose) for pose in result.poses] if result is not None else []
+    found["pose"] = poses[0] if poses else None
+    found["poses"] = poses
+    if picture.error:
+        found["error"] = picture.error
+    return found
+
+
+def _tag(tag: StillTag) -> dict[str, Any]:
+    found = tag.found
+    fields: dict[str, Any] = {
+        "family": found.family,
+        "id": found.tag_id,
+        "hamming": found.hamming,
+        "decision_margin": round(found.decision_margin, 2),
+        "corners": [[round(float(x), 4), round(float(y), 4)] for x, y in found.corners],
+    }
+    if tag.pose is not None:
+        fields["pose"] = _pose(tag.pose)
+    return fields
+
+
+def _pose(found: StillPose) -> dict[str, Any]:
+    pose = found.pose
+    return {
+        "target": found.target,
+        "translation": [float(v) for v in pose.position],
+        "quaternion": list(quaternion_from_rotation(pose.rotation)),
+        "covariance": [[float(v) for v in row] for row in found.covariance],
+        "ambiguity": found.ambiguity if np.isfinite(found.ambiguity) else None,
+        "ambiguous": found.ambiguous,
+        "source": pose.source,
+        "points": pose.points,
+        "rms_px": pose.rms_px,
+        "doubt": found.fault,
+    }
+
+
+def _write_overlay(place: Path, picture: Picture, drawn: npt.NDArray[np.uint8], *, single: bool) -> None:
+    """Into the named picture when there is one image, else into a folder under the image's own name."""
+    if single and picture.frame is None and place.suffix.lower() in {".png", ".jpg", ".jpeg"}:
+        path = place
+    else:
+        number = "" if picture.frame is None else f"-{picture.frame:06d}"
+        path = place / f"{Path(picture.file).stem}{number}.png"
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        written = cv2.imwrite(str(path), drawn)
+    except (OSError, cv2.error):
+        written = False
+    if not written:
+        msg = f"--overlay {path}: cannot be written"
+        raise ConfigError(msg)

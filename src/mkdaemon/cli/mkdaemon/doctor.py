@@ -1,0 +1,244 @@
+"""`mkdaemon doctor`: what on this machine stands between us and an aircraft."""
+
+from __future__ import annotations
+
+import fcntl
+import getpass
+import grp
+import os
+import shutil
+import socket
+import subprocess
+from collections.abc import Iterator
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated, Final, NamedTuple
+
+from cyclopts import Parameter
+from rich.console import Console
+
+from mkdaemon.cli.arguments import AsJson
+from mkdaemon.cli.printing import json_line
+from mkdaemon.cli.program import EXIT_FAILURE, EXIT_OK
+from mkdaemon.config.reader import load
+from mkdaemon.config.root import Config
+from mkdaemon.errors import ConfigError
+
+FTDI_DELAY_MS: Final = 2
+"""Longest latency timer that is good enough [ms]; the chip's default of 16 delays every frame by up to that."""
+
+
+class Verdict(StrEnum):
+    """What a check found."""
+
+    GOOD = "good"
+    NOTE = "note"
+    BAD = "bad"
+
+
+class Finding(NamedTuple):
+    """One line of the report.
+
+    Attributes:
+        verdict: good, note (works, could be better) or bad (will not work).
+        what: what was looked at.
+        found: what was seen.
+        fix: what to do; empty where nothing.
+    """
+
+    verdict: Verdict
+    what: str
+    found: str
+    fix: str = ""
+
+
+class Machine(NamedTuple):
+    """Where the checks look; a test gives it another root.
+
+    Attributes:
+        dev: device nodes.
+        sys: sysfs.
+        run: runtime state of services.
+    """
+
+    dev: Path = Path("/dev")
+    sys: Path = Path("/sys")
+    run: Path = Path("/run")
+
+
+def doctor(
+    *,
+    config: Annotated[Path | None, Parameter(name=["--config", "-c"])] = None,
+    as_json: AsJson = False,
+) -> int:
+    """Check this machine: serial ports and who may open them, latency timers, ModemManager, the bus, cameras.
+
+    Nothing is sent to any device. Exit code 0 when nothing stands in the way, 1 otherwise.
+
+    Args:
+        config: Also check what this configuration file names.
+    """
+    findings = list(examine(Machine(), config))
+    if as_json:
+        for finding in findings:
+            print(json_line(finding._asdict()))
+    else:
+        console = Console()
+        colours = {Verdict.GOOD: "green", Verdict.NOTE: "yellow", Verdict.BAD: "red"}
+        for finding in findings:
+            console.print(f"[{colours[finding.verdict]}]{finding.verdict:<4}[/] {finding.what}: {finding.found}")
+            if finding.fix:
+                console.print(f"     {finding.fix}", style="dim")
+    return EXIT_FAILURE if any(finding.verdict is Verdict.BAD for finding in findings) else EXIT_OK
+
+
+def examine(machine: Machine, config: Path | None) -> Iterator[Finding]:
+    """All findings, in the order in which things go wrong."""
+    cfg = Config()
+    if config is not None:
+        try:
+            cfg = load(config)
+            yield Finding(Verdict.GOOD, "configuration", f"{config} is valid")
+        except ConfigError as error:
+            yield Finding(Verdict.BAD, "configuration", str(error), "Correct that line.")
+    yield from _serial_ports(machine, cfg)
+    yield from _modem_manager(machine)
+    yield from _endpoints(cfg.bus.listen)
+    yield from _cameras(machine, cfg)
+    yield from _clock(machine)
+
+
+def _serial_ports(machine: Machine, cfg: Config) -> Iterator[Finding]:
+    ports = sorted({*machine.dev.glob("ttyUSB*"), *machine.dev.glob("ttyACM*")})
+    names = _by_id(machine)
+    if not ports:
+        yield Finding(
+            Verdict.NOTE,
+            "serial ports",
+            "no USB serial adapter is plugged in",
+            "Plug in the radio or cable; without one: mkdaemon demo, mkdaemon sim.",
+        )
+    for port in ports:
+        yield from _access(port, names.get(port.name, ""))
+        yield from _latency_timer(machine, port)
+    wanted = cfg.link.port
+    if wanted.startswith("/") and not Path(wanted).exists():
+        near = ", ".join([*names.values()] or [str(port) for port in ports]) or "none"
+        yield Finding(Verdict.BAD, "link.port", f"{wanted} does not exist", f"What is there: {near}.")
+
+
+def _by_id(machine: Machine) -> dict[str, str]:
+    """The name that survives replugging, by device."""
+    folder = machine.dev / "serial" / "by-id"
+    return {link.resolve().name: str(link) for link in sorted(folder.glob("*"))} if folder.is_dir() else {}
+
+
+def _access(port: Path, stable_name: str) -> Iterator[Finding]:
+    called = f"{port} ({stable_name})" if stable_name else str(port)
+    if not os.access(port, os.R_OK | os.W_OK):
+        group = _group_of(port)
+        fix = f"sudo usermod -aG {group} {getpass.getuser()}, then log in again."
+        yield Finding(Verdict.BAD, "serial port", f"{called} may not be opened by {getpass.getuser()}", fix)
+        return
+    holder = _held(port)
+    if holder is not None:
+        yield Finding(Verdict.BAD, "serial port", f"{called} is in use: {holder}", "End the other program.")
+        return
+    yield Finding(Verdict.GOOD, "serial port", f"{called} may be opened")
+
+
+def _group_of(port: Path) -> str:
+    try:
+        return grp.getgrgid(port.stat().st_gid).gr_name
+    except (KeyError, OSError):
+        return "dialout"
+
+
+def _held(port: Path) -> str | None:
+    """Who holds a port, as far as locks tell; opening is harmless with O_NONBLOCK and no change of modem lines."""
+    try:
+        descriptor = os.open(port, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
+    except OSError as error:
+        return error.strerror
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return "another program has locked it"
+    except OSError:
+        return None
+    finally:
+        os.close(descriptor)
+    return None
+
+
+def _latency_timer(machine: Machine, port: Path) -> Iterator[Finding]:
+    timer = machine.sys / "class" / "tty" / port.name / "device" / "latency_timer"
+    try:
+        delay = int(timer.read_text(encoding="ascii"))
+    except (OSError, ValueError):
+        return  # no FTDI chip
+    if delay > FTDI_DELAY_MS:
+        fix = f"echo 1 | sudo tee {timer}; for good: configs/udev/60-mkdaemon.rules."
+        yield Finding(Verdict.NOTE, "FTDI latency timer", f"{port.name} holds bytes back for {delay} ms", fix)
+    else:
+        yield Finding(Verdict.GOOD, "FTDI latency timer", f"{port.name}: {delay} ms")
+
+
+def _modem_manager(machine: Machine) -> Iterator[Finding]:
+    if not (machine.run / "systemd" / "system").is_dir() or shutil.which("systemctl") is None:
+        return
+    state = subprocess.run(
+        ["systemctl", "is-active", "ModemManager"], capture_output=True, text=True, check=False, timeout=5
+    ).stdout.strip()
+    if state == "active":
+        yield Finding(
+            Verdict.NOTE,
+            "ModemManager",
+            "runs, and speaks AT commands to every new serial port",
+            "Install configs/udev/60-mkdaemon.rules, or: sudo systemctl disable --now ModemManager.",
+        )
+    else:
+        yield Finding(Verdict.GOOD, "ModemManager", "does not run")
+
+
+def _endpoints(endpoints: tuple[str, ...]) -> Iterator[Finding]:
+    for endpoint in endpoints:
+        protocol, _, address = endpoint.partition("/")
+        host, _, port = address.split("?")[0].rpartition(":")
+        if protocol != "tcp" or not port.isdigit():
+            continue
+        try:
+            with socket.socket(socket.AF_INET6 if ":" in host else socket.AF_INET) as probe:
+                probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+                probe.bind((host.strip("[]"), int(port)))
+        except OSError as error:
+            fix = "Is mkdaemon running already? Otherwise choose another endpoint: bus.listen, --listen."
+            yield Finding(Verdict.NOTE, "bus", f"{endpoint} cannot be listened on: {error.strerror}", fix)
+        else:
+            yield Finding(Verdict.GOOD, "bus", f"{endpoint} is free")
+        if host not in {"127.0.0.1", "localhost", "[::1]"}:
+            fix = "Listen on 127.0.0.1, or use TLS and access control: configs/zenoh/."
+            yield Finding(Verdict.NOTE, "bus", f"{endpoint} lets the whole network fly the aircraft", fix)
+
+
+def _cameras(machine: Machine, cfg: Config) -> Iterator[Finding]:
+    nodes = sorted(machine.dev.glob("video*"))
+    for node in nodes:
+        if os.access(node, os.R_OK | os.W_OK):
+            yield Finding(Verdict.GOOD, "camera", f"{node} may be opened")
+        else:
+            fix = f"sudo usermod -aG video {getpass.getuser()}, then log in again."
+            yield Finding(Verdict.BAD, "camera", f"{node} may not be opened by {getpass.getuser()}", fix)
+    for camera in cfg.cameras:
+        if camera.calibration is None:
+            fix = "mkdaemon calibrate camera: without one tags are published, poses never."
+            yield Finding(Verdict.NOTE, "camera", f"{camera.name} has no calibration", fix)
+        elif not camera.calibration.is_file():
+            missing = f"{camera.name}: {camera.calibration} does not exist"
+            yield Finding(Verdict.BAD, "camera", missing, "mkdaemon calibrate camera makes it.")
+
+
+def _clock(machine: Machine) -> Iterator[Finding]:
+    """Stamps in Unix time are compared across machines; a clock nobody sets makes them worthless."""
+    if (machine.run / "systemd" / "timesync" / "synchronized").exists():
+        yield Finding(Verdict.GOOD, "clock", "synchronised")

@@ -1,0 +1,199 @@
+"""The simulator on the bus: true state and faults under `mk/<vehicle>/sim/`.
+
+A session of its own, as a client of whoever listens: where nobody does, the simulator flies on and tries again.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import math
+import re
+import time
+from collections.abc import AsyncIterator
+
+import structlog
+import zenoh
+from pydantic import BaseModel
+
+from mkdaemon.bus.codec import decode_map, encode, encode_map, encoding_of, read_command
+from mkdaemon.bus.gateway import refused
+from mkdaemon.bus.keys import key
+from mkdaemon.bus.session import close_session, open_session, session_config
+from mkdaemon.cli.mkdaemon.sim_camera import FilmOutlet
+from mkdaemon.config.sim import SimConfig
+from mkdaemon.errors import CommandRejectedError, ConfigError, MkError
+from mkdaemon.sim.simulation import Simulation
+from mkdaemon.telemetry.command import CommandResult, Status
+from mkdaemon.telemetry.sim import FaultAction, FaultRequest, RunningFault, SimFaults, SimTruth
+
+_log = structlog.get_logger(__name__)
+_RETRY = 2.0
+_PATIENCE_TIME = 0.5
+"""Longest attempt to find somebody who listens; the program's end waits for it."""
+_FAULTS_PERIOD = 1.0
+_ENDPOINT = re.compile(r"[a-z_]+/\S+")
+TRUTH = "sim/truth"
+FAULTS = "sim/faults"
+FAULT = "sim/fault"
+
+
+def truth_of(simulation: Simulation) -> SimTruth:
+    """The true state now."""
+    truth, core = simulation.world.truth, simulation.flight.core
+    east, north, up = truth.position_enu.tolist()
+    setpoints = simulation.world.sensors.motor_setpoints
+    return SimTruth(
+        t=simulation.now,
+        position_enu=(east, north, up),
+        velocity_enu=tuple(truth.velocity_enu.tolist()),
+        enu_from_flu=truth.quaternion,
+        rates=tuple(truth.rates.tolist()),
+        wind_enu=tuple(truth.wind_enu.tolist()),
+        airborne=truth.airborne,
+        crashed=truth.crashed,
+        crash_reason=truth.crash_reason,
+        motors_running=core.running,
+        controlled=core.controlled,
+        gate_open=core.gate_open,
+        motor_setpoints=(setpoints[0], setpoints[1], setpoints[2], setpoints[3]),
+    )
+
+
+def faults_of(simulation: Simulation) -> SimFaults:
+    """The faults that run now."""
+    return SimFaults(
+        t=simulation.now,
+        active={
+            name: RunningFault(
+                values=fault.values, began=fault.began, ends=None if math.isinf(fault.ends) else fault.ends
+            )
+            for name, fault in simulation.world.faults.active.items()
+        },
+    )
+
+
+def obey(simulation: Simulation, request: FaultRequest) -> CommandResult:
+    """Do what a fault request asks; the answer lists what runs then.
+
+    Raises:
+        CommandRejectedError: no such fault or parameter, or a value out of range.
+    """
+    faults = simulation.world.faults
+    if request.action is FaultAction.START:
+        faults.start(request.name, duration=request.duration, **request.values)
+    elif request.action is FaultAction.STOP:
+        faults.stop(request.name)
+    elif request.action is FaultAction.CLEAR:
+        faults.clear()
+    _log.info("fault", action=request.action.value, name=request.name, t=round(simulation.now, 3))
+    return CommandResult(status=Status.ACCEPTED, reply=faults_of(simulation).model_dump())
+
+
+class SimBus:
+    """One open session."""
+
+    def __init__(self, session: zenoh.Session, simulation: Simulation, vehicle: str) -> None:
+        self._session = session
+        self._simulation = simulation
+        self._vehicle = vehicle
+        self._last: dict[str, tuple[BaseModel, float]] = {}
+        self._publishers = {
+            suffix: session.declare_publisher(key(vehicle, suffix), congestion_control=zenoh.CongestionControl.DROP)
+            for suffix in (TRUTH, FAULTS)
+        }
+        loop = asyncio.get_running_loop()
+
+        def on_query(query: zenoh.Query) -> None:
+            loop.call_soon_threadsafe(self._answer, query)
+
+        handler = zenoh.handlers.Callback(on_query, indirect=False)
+        session.declare_queryable(key(vehicle, "sim/*"), handler)
+
+    async def publish(self, rate_hz: float) -> None:
+        """Put truth at a rate, and the faults every second and on change, for ever."""
+        faults = self._simulation.world.faults
+        seen, next_faults = -1, 0.0
+        period = 1.0 / rate_hz if rate_hz else _FAULTS_PERIOD
+        while True:
+            if rate_hz:
+                self._put(TRUTH, truth_of(self._simulation))
+            now = time.monotonic()
+            if faults.generation != seen or now >= next_faults:
+                seen, next_faults = faults.generation, now + _FAULTS_PERIOD
+                self._put(FAULTS, faults_of(self._simulation))
+            await asyncio.sleep(period)
+
+    def _put(self, suffix: str, value: BaseModel) -> None:
+        self._last[suffix] = (value, time.monotonic())
+        self._publishers[suffix].put(encode(value), encoding=encoding_of(type(value)))
+
+    def _answer(self, query: zenoh.Query) -> None:
+        """Reply with last values; obey a fault request addressed to exactly its key."""
+        with query:
+            own = key(self._vehicle, FAULT)
+            if str(query.key_expr) == own:
+                query.reply(own, encode(self._judge(query)), encoding=encoding_of(CommandResult))
+                return
+            for suffix, (value, stamp) in self._last.items():
+                whole = key(self._vehicle, suffix)
+                if query.key_expr.intersects(whole):
+                    fields = decode_map(encode(value)) | {"age": round(time.monotonic() - stamp, 6)}
+                    query.reply(whole, encode_map(fields), encoding=encoding_of(type(value)))
+
+    def _judge(self, query: zenoh.Query) -> CommandResult:
+        payload = query.payload.to_bytes() if query.payload is not None else b""
+        try:
+            return obey(self._simulation, read_command(FaultRequest, payload))
+        except CommandRejectedError as error:
+            return refused(error)
+
+
+@contextlib.asynccontextmanager
+async def joined(
+    simulation: Simulation, config: SimConfig, vehicle: str, outlet: FilmOutlet | None = None
+) -> AsyncIterator[None]:
+    """Be on the bus, whenever somebody listens, for as long as the context lasts.
+
+    Raises:
+        ConfigError: an endpoint cannot be understood.
+    """
+    for endpoint in config.connect:
+        if not _ENDPOINT.fullmatch(endpoint):
+            msg = f"sim.connect '{endpoint}': give an endpoint like tcp/127.0.0.1:7447"
+            raise ConfigError(msg)
+    job = asyncio.create_task(_join(simulation, config, vehicle, outlet), name="simulator on the bus")
+    try:
+        yield
+    finally:
+        job.cancel()
+        with contextlib.suppress(asyncio.CancelledError):
+            await job
+
+
+async def _join(simulation: Simulation, config: SimConfig, vehicle: str, outlet: FilmOutlet | None) -> None:
+    if not config.connect:
+        return
+    while True:
+        try:
+            # shielded: a session that opens after we were cancelled must still be closed
+            opening = asyncio.ensure_future(
+                open_session(session_config("client", connect=config.connect, patience=_PATIENCE_TIME))
+            )
+            session = await asyncio.shield(opening)
+        except asyncio.CancelledError:
+            await _close_late(opening)
+            raise
+        except MkError:
+            await asyncio.sleep(_RETRY)
+            continue
+        try:
+            with outlet.open(session) if outlet is not None else contextlib.nullcontext():
+                await SimBus(session, simulation, vehicle).publish(config.truth_rate_hz)
+        finally:
+            await asyncio.shield(close_session(session))
+
+
+async def _close_late(opening: asyncio.Future[zenoh.Session]) -> None:
+    with contextlib.suppress(MkError):
+        await close_session(await opening)

@@ -1,0 +1,1 @@
+"""What bytes come through: serial lines, TCP, recordings."""

@@ -1,0 +1,92 @@
+"""A serial server reached over TCP: ser2net, a radio with Ethernet, a socket of the simulator."""
+
+from __future__ import annotations
+
+import asyncio
+import socket
+from contextlib import suppress
+from typing import Final
+
+from mkdaemon.errors import LinkError, LinkLostError
+
+_CONNECT: Final = 3.0
+
+
+class TcpPort:
+    """An open TCP connection; see `Port`."""
+
+    def __init__(self, name: str, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        self._name = name
+        self._reader = reader
+        self._writer = writer
+
+    @property
+    def name(self) -> str:
+        """`host:port`."""
+        return self._name
+
+    @property
+    def is_recording(self) -> bool:
+        """False."""
+        return False
+
+    @property
+    def backlog(self) -> int:
+        """Bytes the network has not taken yet."""
+        return self._writer.transport.get_write_buffer_size()
+
+    async def read(self) -> bytes:
+        """Return what arrived, as soon as there is something; see `Port.read`."""
+        try:
+            chunk = await self._reader.read(4096)
+        except OSError as error:
+            raise LinkLostError(f"tcp {self._name}: {error}") from error
+        if not chunk:
+            raise LinkLostError(f"tcp {self._name}: the other end closed the connection")
+        return chunk
+
+    def write(self, data: bytes) -> None:
+        """Take bytes to send; see `Port.write`."""
+        if self._writer.is_closing():
+            raise LinkLostError(f"tcp {self._name}: the connection is closed")
+        self._writer.write(data)
+
+    async def drain(self) -> None:
+        """Wait until everything written has left; see `Port.drain`."""
+        while self.backlog:  # noqa: ASYNC110 - the transport does not tell when its queue has become empty
+            await asyncio.sleep(0.002)
+        if self._writer.is_closing():
+            raise LinkLostError(f"tcp {self._name}: the connection is closed")
+
+    async def close(self) -> None:
+        """End the connection at once; unsent bytes are thrown away."""
+        self._writer.transport.abort()
+        with suppress(OSError):
+            await self._writer.wait_closed()
+
+
+async def open_tcp(target: str) -> TcpPort:
+    """Connect.
+
+    Args:
+        target: `host:port`.
+
+    Raises:
+        LinkLostError: nobody listens there now.
+        LinkError: there is no such host.
+    """
+    host, _, number = target.rpartition(":")
+    try:
+        async with asyncio.timeout(_CONNECT):
+            reader, writer = await asyncio.open_connection(host.strip("[]"), int(number))
+    except socket.gaierror as error:
+        raise LinkError(f"tcp {target}: no host {host} known: check link.port") from error
+    except TimeoutError as error:
+        raise LinkLostError(f"tcp {target}: no answer within {_CONNECT:.0f} s: check address and network") from error
+    except OSError as error:
+        raise LinkLostError(f"tcp {target}: {error.strerror or error}: is the serial server running?") from error
+    connection: socket.socket | None = writer.get_extra_info("socket")
+    if connection is not None:
+        # A setpoint must not wait for Nagle's algorithm to collect more bytes.
+        connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+    return TcpPort(target, reader, writer)

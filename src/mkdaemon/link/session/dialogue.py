@@ -1,0 +1,336 @@
+"""The conversation with the boards: everything the link decides, without a clock, a port or a task.
+
+Told what arrived (`received`, `damaged`) and what callers want (`ask`, `steer`, `want`, `steering.release`), it answers
+`poll` with the frames to write now and `next_time` with when to poll again. It passes things on to those who decide:
+`questions`, `steering`, `streams`, `prober`, `health`, `peers`, `scheduler`.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from typing import Final
+
+from mkdaemon.config.link import LinkConfig
+from mkdaemon.errors import CommandRejectedError
+from mkdaemon.link.session import budget
+from mkdaemon.link.session.health import HealthMonitor, Verdict
+from mkdaemon.link.session.line import FORWARDING_GAP, LineRules
+from mkdaemon.link.session.peers import PROOF_LETTERS, Acquaintance
+from mkdaemon.link.session.prober import VERSION_TOKEN, Prober
+from mkdaemon.link.session.questions import Questions
+from mkdaemon.link.session.requests import Pending
+from mkdaemon.link.session.scheduler import Entry, TransmitScheduler
+from mkdaemon.link.session.steering import Steering
+from mkdaemon.link.session.streams import Streams
+from mkdaemon.link.session.traffic import Purpose
+from mkdaemon.protocol.dialect import Dialect
+from mkdaemon.protocol.framing import Dropped, DropReason, Frame
+from mkdaemon.protocol.messages.navictrl import ESCAPE
+from mkdaemon.protocol.wire import Board, Unknown, WireMessage
+from mkdaemon.telemetry.link import LinkCondition
+
+REBOOT_TIME: Final = 0.5
+"""A silence longer than this may have been a reboot [s]."""
+
+
+class Dialogue:
+    """One line and the boards on it."""
+
+    def __init__(self, cfg: LinkConfig, now: float) -> None:
+        self._cfg = cfg
+        self.rules = LineRules(baud=cfg.baud, gap=cfg.gap_ms / 1000, setpoint_interval=1 / cfg.setpoint_hz)
+        self.scheduler = TransmitScheduler(self.rules)
+        self.health = HealthMonitor(window=cfg.window, max_loss_percent=cfg.max_loss_percent, now=now)
+        self.prober = Prober(cfg.echo_hz, self.health)
+        self.streams = Streams(cfg)
+        self.peers = Acquaintance()
+        self.questions = Questions(self.scheduler, self.peers, self.health)
+        self.steering = Steering(self.scheduler, self.peers, self.health)
+        self.is_open = False
+        self.is_recording = False
+        self._discarded: list[Entry] = []
+        self.counts: dict[str, Counter[str]] = {"rx": Counter(), "tx": Counter(), "dropped": Counter()}
+        self.bytes: dict[str, int] = {"rx": 0, "tx": 0}
+        self._dialect_changed = True
+
+    # -- the port -------------------------------------------------------------------------------------------------
+
+    def opened(
+        self,
+        now: float,
+        *,
+        baud: int,
+        is_recording: bool = False,
+        searching: tuple[LinkCondition, str] | None = None,
+    ) -> None:
+        """A port is open. Whatever flew before may still obey its last command: a release is the first thing sent."""
+        self.is_open = True
+        self.is_recording = is_recording
+        self.peers.restart()
+        self.streams.restart()
+        self.steering.restart()
+        self.prober.restart()
+        self.rules = LineRules(baud=baud, gap=self.rules.gap, setpoint_interval=1 / self._cfg.setpoint_hz)
+        self.scheduler.clear()
+        self.scheduler.rules = self.rules
+        self.health.port_opened(now, is_recording=is_recording, searching=searching)
+        self.steering.release("opened", now)
+
+    def lost(self, now: float, reason: str, condition: LinkCondition = LinkCondition.DOWN) -> None:
+        """The port is gone."""
+        self.is_open = False
+        self.steering.control.restart()
+        self.scheduler.clear()
+        self.questions.port_lost(reason)
+        self.health.port_lost(now, reason, condition)
+
+    # -- what arrives ---------------------------------------------------------------------------------------------
+
+    def arrived(self, size: int, now: float) -> None:
+        """Bytes arrived, whatever they are."""
+        self.bytes["rx"] += size
+        self.health.bytes_received(size, now)
+
+    def received(self, frame: Frame, message: WireMessage | Unknown, now: float) -> None:
+        """A right frame arrived."""
+        size = len(frame.raw)
+        board = _board_of(frame.address)
+        self.counts["rx"][f"{board.word}.{frame.id}"] += 1
+        if isinstance(message, Unknown):
+            self.health.frame_received(board.word, f"unknown_{frame.id}", size, now)
+            if frame.id in PROOF_LETTERS:
+                self._meet(board)
+                self._learn(board, message, now)
+            return
+        key = message.spec.key
+        self.health.frame_received(board.word, key, size, now)
+        self._meet(board)
+        letter = frame.id
+        if letter != "B":
+            self.steering.control.board_was_busy(now - self.rules.reply_time(size), now)
+        self.scheduler.reply_seen(board, letter)
+        self.streams.seen(key, now)
+        match letter:
+            case "Z" if not self.is_recording:
+                self.health.probe_answered(message.pattern, now)  # type: ignore[attr-defined]
+            case "B":
+                number: int = message.frame  # type: ignore[attr-defined]
+                if self.steering.confirmed(number, now):
+                    self._apply_rules()
+            case "V" if self.health.echo.began(VERSION_TOKEN) is not None:
+                self.health.probe_answered(VERSION_TOKEN, now)
+            case "O":
+                self.peers.note_motors(message, now)
+            case _:
+                pass
+        pending = self.questions.received(message, board, now)
+        if letter in PROOF_LETTERS and self.questions.proves_sender(pending):
+            self._learn(board, message, now)
+
+    def damaged(self, loss: Dropped, now: float) -> None:
+        """Bytes arrived that are no frame."""
+        self.counts["dropped"][loss.reason.value] += 1
+        self.health.damaged(loss.reason, loss.raw, now)
+        if loss.reason is not DropReason.TEXT:
+            self.scheduler.resynchronise()
+
+    # -- what callers want ----------------------------------------------------------------------------------------
+
+    def ask(
+        self,
+        message: WireMessage,
+        board: Board,
+        now: float,
+        *,
+        timeout: float | None = None,
+        retries: int | None = None,
+        purpose: Purpose = Purpose.REQUEST,
+        token: object = None,
+    ) -> Pending:
+        """Ask a board; the answer comes back through `questions.take_finished`.
+
+        Raises:
+            CommandRejectedError: a recording plays, the board cannot be reached, or too much waits already.
+        """
+        if self.is_recording:
+            raise CommandRejectedError("recording", "A recording plays: nobody listens.", "Connect an aircraft.")
+        return self.questions.ask(message, board, now, timeout=timeout, retries=retries, purpose=purpose, token=token)
+
+    def steer(self, message: WireMessage, deadline: float, now: float) -> None:
+        """Hand in a setpoint; it replaces one that waits.
+
+        Raises:
+            CommandRejectedError: nothing may be steered now; says why.
+        """
+        if not self.is_open:
+            raise CommandRejectedError("link_down", self.health.verdict.reason + ".", "Wait until the link is up.")
+        if self.is_recording:
+            raise CommandRejectedError("recording", "A recording plays: nobody listens.", "Connect an aircraft.")
+        self.steering.steer(message, deadline, now)
+
+    def want(self, key: str, interval: float) -> None:
+        """Change one stream; 0 ends it.
+
+        Raises:
+            CommandRejectedError: no such stream, or the line cannot carry it; with the arithmetic.
+        """
+        self.streams.want(key, interval, self.rules, self.demand)
+
+    def start_streams(self) -> list[str]:
+        """Ask for the configured streams; returns those this board does not have."""
+        return self.streams.begin(self.rules, self.demand)
+
+    def demand(self, streams: dict[str, float]) -> budget.Demand:
+        """What the line must carry with these streams [s]."""
+        period = self.scheduler.setpoint_period
+        return budget.Demand(
+            streams,
+            echo_hz=self.prober.highest_rate,
+            setpoint_hz=min(1 / period, 1 / self.rules.setpoint_interval) if period else 0.0,
+            confirms=self.steering.confirms,
+        )
+
+    def redirect(self, board: Board | None) -> None:
+        """Note that a NaviCtrl passes the line through to a board; None: it speaks for itself again."""
+        self.peers.redirected = board
+        self.scheduler.reserve_line(board)
+        if board is None:
+            self.streams.forget()
+        self.steering.redirected()
+
+    def escape(self, now: float) -> None:
+        """Send the sequence that ends a redirection."""
+        self.scheduler.submit(Entry(ESCAPE, Purpose.REQUEST, now + 1.0, Board.NC), now)
+
+    # -- what is sent ---------------------------------------------------------------------------------------------
+
+    def poll(self, now: float) -> list[Entry]:
+        """Return what to write now, in order."""
+        if not self.is_open or self.is_recording:
+            return []
+        self.questions.step(now)
+        self._drop_expired(now)
+        self.steering.step(now)
+        self._step_streams(now)
+        if now >= self._probe_time():
+            self.scheduler.submit(self.prober.make(self.peers.direct, now), now)
+        out: list[Entry] = []
+        while (entry := self.scheduler.take(now)) is not None:
+            self._sent(entry, now)
+            out.append(entry)
+        return out
+
+    def next_time(self, now: float) -> float:
+        """When to poll again [s]."""
+        if self.is_recording:
+            return math.inf
+        times = [self.scheduler.next_time(now) or math.inf, self.questions.book.next_time(), self.steering.next_time()]
+        if self.peers.redirected is None:
+            times.append(self.streams.next_time())
+        times.append(self._probe_time())
+        return min(times)
+
+    # -- what is known --------------------------------------------------------------------------------------------
+
+    @property
+    def dialect(self) -> Dialect:
+        """How to speak to this aircraft."""
+        return self.peers.dialect
+
+    def take_dialect_change(self) -> bool:
+        """Whether the dialect changed since the last call."""
+        changed, self._dialect_changed = self._dialect_changed, False
+        return changed
+
+    def take_discarded(self) -> list[Entry]:
+        """Return what was never sent since the last call."""
+        discarded, self._discarded = self._discarded, []
+        return discarded
+
+    def notice(self, before: Verdict, now: float) -> bool:
+        """The condition changed from this; returns whether the boards must be met anew.
+
+        After a silence as long as a reboot another board may be there, or the same one without its subscriptions.
+        """
+        self.scheduler.resynchronise()
+        silent = before.condition in (LinkCondition.MUTE, LinkCondition.GARBAGE)
+        hears = self.health.verdict.condition in (LinkCondition.UP, LinkCondition.DEGRADED, LinkCondition.ONE_WAY)
+        if not (silent and hears):
+            return False
+        self.streams.forget()
+        return now - before.since > REBOOT_TIME
+
+    # -- inside ---------------------------------------------------------------------------------------------------
+
+    def _meet(self, board: Board) -> None:
+        """Learn from a sender who is at the other end of the wire."""
+        if not self.peers.meet(board):
+            return
+        self._apply_rules()
+        self.streams.meet(board)
+
+    def _apply_rules(self) -> None:
+        """Pace for the board at the end of the wire.
+
+        A NaviCtrl that confirms external control takes the frames itself and does not pass them on byte by byte.
+        """
+        interval = 1 / self._cfg.setpoint_hz
+        if self.peers.direct is Board.NC and not self.steering.navictrl_confirms:
+            interval = max(interval, FORWARDING_GAP)
+        self.rules = LineRules(self.rules.baud, self.peers.direct, self.rules.gap, interval)
+        self.scheduler.rules = self.rules
+
+    def _learn(self, board: Board, message: WireMessage | Unknown, now: float) -> None:
+        layout = self.dialect.extern_control
+        if not self.peers.learn(board, message):
+            return
+        self._dialect_changed = True
+        if self.dialect.extern_control not in (None, layout):
+            # The release of the opening went out in the layout that is safe everywhere but not understood everywhere.
+            self.steering.release("external control layout known", now)
+
+    def _drop_expired(self, now: float) -> None:
+        for entry in self.scheduler.take_expired():
+            if entry.purpose is Purpose.ECHO:
+                self.prober.dropped()
+            if isinstance(entry.tag, Pending):
+                self.questions.never_sent(entry.tag, now)
+            self.counts["dropped"]["expired"] += 1
+            self._discarded.append(entry)
+
+    def _step_streams(self, now: float) -> None:
+        if self.peers.redirected is not None or now < self.streams.next_time():
+            return
+        for message in self.streams.due(now):
+            self.scheduler.submit(
+                Entry(message.to_frame(self.peers.direct), Purpose.SUBSCRIPTION, now + 1.0, self.peers.direct, message),
+                now,
+            )
+        self.health.wanted(self.peers.direct.word, self.streams.wanted, now)
+
+    def _probe_time(self) -> float:
+        """When the next link test is due [s]; infinite while nobody could answer it."""
+        return (
+            math.inf if self.peers.direct is Board.ANY or self.peers.redirected is not None else self.prober.next_time()
+        )
+
+    def _sent(self, entry: Entry, now: float) -> None:
+        self.bytes["tx"] += len(entry.raw)
+        message = entry.message
+        if message is None:
+            return
+        self.counts["tx"][f"{entry.board.word}.{message.spec.id}"] += 1
+        if isinstance(entry.tag, Pending):
+            self.questions.sent(entry.tag, now)
+        elif entry.purpose is Purpose.ECHO:
+            self.prober.sent(entry, now)
+        elif entry.purpose in (Purpose.SETPOINT, Purpose.RELEASE):
+            self.steering.sent(entry, message, now)
+
+
+_ADDRESSES: Final = {int(board): board for board in Board}
+
+
+def _board_of(address: int) -> Board:
+    return _ADDRESSES.get(address, Board.ANY)

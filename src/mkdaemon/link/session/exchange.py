@@ -1,0 +1,252 @@
+"""What crosses the port: bytes in, frames out, and the verdicts that end it.
+
+Frame in: bytes, `FrameDecoder.feed`, `MessageDecoder.decode`, `Dialogue.received`, `LinkSink.received`: a straight line
+without a queue. Frame out: `Dialogue.poll` gives what may be written now; a timer asks again when it said so.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from collections.abc import Callable, Coroutine
+from contextlib import suppress
+from typing import Any, Final
+
+from mkdaemon.config.link import LinkConfig
+from mkdaemon.errors import LinkError, LinkLostError
+from mkdaemon.link.ports.port import Port, parse_address
+from mkdaemon.link.session.dialogue import Dialogue
+from mkdaemon.link.session.reopening import BaudSearch
+from mkdaemon.link.session.report import Reporter
+from mkdaemon.link.session.traffic import LinkSink, Lost, Received, Sent
+from mkdaemon.link.session.waiters import Waiters
+from mkdaemon.protocol.framing import Frame, FrameDecoder
+from mkdaemon.protocol.wire import MessageDecoder
+from mkdaemon.telemetry.link import LinkCondition
+
+JUDGE: Final = 0.05
+"""How often the evidence is weighed [s]; a twentieth of a second of the half second a verdict may take."""
+CLOSED: Final = "closed by us"
+"""Reason of an orderly end."""
+FAREWELL: Final = 0.6
+"""Longest time the release of an orderly exit may take [s]."""
+Introduction = Callable[[], Coroutine[Any, Any, None]]
+"""Makes the task that meets the boards."""
+
+
+class Exchange:
+    """One port at a time, from its opening to its loss.
+
+    Attributes:
+        port: what is open; None while nothing is.
+        bauds: the line rate to open the next port with.
+        reporter: builds what is published.
+        waiters: callers that wait for an outcome.
+        wants_introduction: set when the boards must be met anew.
+    """
+
+    def __init__(self, cfg: LinkConfig, sink: LinkSink, dialogue: Dialogue, clock: Callable[[], float]) -> None:
+        """Prepare.
+
+        Raises:
+            ConfigError: the configured port cannot exist.
+        """
+        self._sink = sink
+        self._dialogue = dialogue
+        self._clock = clock
+        self._wall_offset = time.time() - clock()
+        self._decoder = FrameDecoder()
+        self._messages = MessageDecoder()
+        self._broken: asyncio.Future[None] | None = None
+        self._timer: asyncio.TimerHandle | None = None
+        self._judge_at = 0.0
+        self._has_ended = False
+        self._opened_at = 0.0
+        self.port: Port | None = None
+        self.reporter = Reporter(cfg, dialogue, wall_offset=self._wall_offset)
+        has_rate = parse_address(cfg.port).scheme == "serial"
+        self.bauds = BaudSearch(cfg.baud, enabled=cfg.probe_baud and has_rate)
+        self.wants_introduction = asyncio.Event()
+        self.waiters = Waiters()
+
+    # -- reading --------------------------------------------------------------------------------------------------
+
+    async def serve(self, port: Port, introduce: Introduction) -> bool:
+        """Read and write until the port is lost; returns whether it was a recording that ended.
+
+        Cancelling it ends with a release.
+
+        Args:
+            port: open; closing it is the caller's.
+            introduce: runs beside the reading, and finds out who is there whenever `wants_introduction` is set.
+        """
+        self.port = port
+        self._decoder = FrameDecoder()
+        self._broken = asyncio.get_running_loop().create_future()
+        if not port.is_recording:
+            self.wants_introduction.set()
+        self._opened_at = self._clock()
+        self._dialogue.opened(
+            self._opened_at,
+            baud=self.bauds.current,
+            is_recording=port.is_recording,
+            searching=(self.bauds.condition, self.bauds.attempt) if self.bauds.attempt else None,
+        )
+        self.reporter.port_opened(port.name)
+        self._publish()
+        reason = CLOSED
+        try:
+            self.pump()
+            reason = await self._talk(port, introduce)
+        except asyncio.CancelledError:
+            await self._farewell(port)
+            raise
+        finally:
+            self._stop()
+            self.note_loss(reason, self.bauds.condition if self.bauds.attempt else LinkCondition.DOWN)
+        return self._has_ended
+
+    async def _talk(self, port: Port, introduce: Introduction) -> str:
+        """Read, introduce ourselves, watch for failures; returns why it is over."""
+        reason = ""
+        try:
+            async with asyncio.TaskGroup() as tasks:
+                reader = tasks.create_task(self._read(port), name="link.read")
+                others = [
+                    tasks.create_task(introduce(), name="link.introduce"),
+                    tasks.create_task(self._watch(), name="link.watch"),
+                ]
+                await reader
+                for task in others:
+                    task.cancel()
+            self._has_ended = True
+            reason = f"the recording {port.name} has ended"
+        except* LinkLostError as lost:
+            reason = str(lost.exceptions[0])
+        return reason
+
+    async def _read(self, port: Port) -> None:
+        """Take bytes until there are no more: the straight line from the port to the sink."""
+        while chunk := await port.read():
+            self._take(chunk)
+            self.pump()
+
+    def _take(self, chunk: bytes) -> None:
+        now = self._clock()
+        wall = now + self._wall_offset
+        dialogue, sink = self._dialogue, self._sink
+        dialogue.arrived(len(chunk), now)
+        for item in self._decoder.feed(chunk):
+            if isinstance(item, Frame):
+                message = self._messages.decode(item)
+                dialogue.received(item, message, now)
+                if dialogue.take_dialect_change():
+                    self._messages = MessageDecoder(dialogue.dialect.layouts)
+                sink.received(Received(now, wall, item, message))
+            else:
+                dialogue.damaged(item, now)
+                sink.dropped(Lost(now, wall, "rx", item.reason.value, item.raw))
+
+    async def _watch(self) -> None:
+        """End the conversation when writing failed or the line rate is wrong."""
+        assert self._broken is not None
+        await self._broken
+
+    async def _farewell(self, port: Port) -> None:
+        """End an orderly exit with a release; bounded, and the port may be gone already."""
+        if port.is_recording:
+            return
+        self._dialogue.steering.leave(self._clock())
+        with suppress(LinkError, TimeoutError):
+            async with asyncio.timeout(FAREWELL):
+                self.pump()
+                while self._dialogue.steering.is_releasing:
+                    try:
+                        async with asyncio.timeout(0.02):
+                            chunk = await port.read()
+                    except TimeoutError:
+                        chunk = b""
+                    self._take(chunk)
+                    self.pump()
+                await port.drain()
+
+    # -- writing --------------------------------------------------------------------------------------------------
+
+    def pump(self) -> None:
+        """Write what may be written now, settle what ended, judge and report, and set the timer for the rest."""
+        now = self._clock()
+        port = self.port
+        if port is None:
+            self._settle()
+            return
+        try:
+            for entry in self._dialogue.poll(now):
+                port.write(entry.raw)
+                self._sink.sent(Sent(now, now + self._wall_offset, entry.raw, entry.message, entry.purpose))
+        except LinkLostError as error:
+            self._break(error)
+            return
+        self._settle()
+        if now >= self._judge_at:
+            self._judge(port, now)
+        self._set_timer(min(self._dialogue.next_time(now), self._judge_at) - now)
+
+    def _settle(self) -> None:
+        """Hand answers, refusals and losses to whoever waits for them."""
+        self.waiters.settle(self._dialogue)
+        for entry in self._dialogue.take_discarded():
+            now = self._clock()
+            self._sink.dropped(Lost(now, now + self._wall_offset, "tx", "expired", entry.raw))
+
+    def _break(self, error: LinkLostError) -> None:
+        if self._broken is not None and not self._broken.done():
+            self._broken.set_exception(error)
+
+    def _judge(self, port: Port, now: float) -> None:
+        """Weigh the evidence, report, and act on a verdict that needs the port closed."""
+        self._judge_at = max(self._judge_at + JUDGE, now + JUDGE / 2)
+        health = self._dialogue.health
+        health.port_backlog(port.backlog, now)
+        before = health.verdict
+        changed = health.judge(now)
+        if changed and self._dialogue.notice(before, now):
+            self.wants_introduction.set()
+        if self.reporter.health_is_due(now) or changed:
+            self._publish()
+        if self.reporter.traffic_is_due(now):
+            self._sink.traffic_counted(self.reporter.traffic(now))
+        advice = self.bauds.judge(health.verdict, self._opened_at, now)
+        if advice is not None:
+            self._break(LinkLostError(advice))
+
+    def _publish(self) -> None:
+        now = self._clock()
+        if self.reporter.state_is_news():
+            self._sink.state_changed(self.reporter.state(now))
+        self._sink.health_measured(self.reporter.health(now))
+
+    def note_loss(self, reason: str, condition: LinkCondition = LinkCondition.DOWN) -> None:
+        """Say at once that the port is gone, and why."""
+        self.port = None
+        self._dialogue.lost(self._clock(), reason, condition)
+        self._settle()
+        self.waiters.port_lost(reason)
+        self._publish()
+        self._sink.traffic_counted(self.reporter.traffic(self._clock()))
+
+    def _set_timer(self, delay: float) -> None:
+        if self._timer is not None:
+            self._timer.cancel()
+        self._timer = asyncio.get_running_loop().call_later(max(delay, 0.0), self.pump)
+
+    def _stop(self) -> None:
+        if self._timer is not None:
+            self._timer.cancel()
+            self._timer = None
+        if self._broken is not None and not self._broken.done():
+            self._broken.cancel()
+        now = self._clock()
+        for item in self._decoder.flush():
+            if not isinstance(item, Frame):
+                self._dialogue.damaged(item, now)
+                self._sink.dropped(Lost(now, now + self._wall_offset, "rx", item.reason.value, item.raw))

@@ -1,0 +1,375 @@
+"""What is true about the line: pure, driven with `now`, told everything that happens, sure of nothing else.
+
+Evidence is kept per direction. *We hear them*: a right frame within `SILENCE_TIME`. *They hear us*: a reply or a
+confirmation to something we sent. Absence counts only where something was to be expected: a stream that was asked
+for, a probe that was sent. Every verdict falls within half a second of the fault, with the link test at its default
+5 Hz: a probe at most 0.2 s after the fault, a second one 0.1 s later because the first stayed unanswered, the verdict
+another 0.1 s later. Source: docs/safety.md, "see link truth".
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Hashable
+from dataclasses import dataclass, field
+from typing import Final
+
+from mkdaemon.link.session.roundtrips import RoundTrips
+from mkdaemon.protocol.framing import DropReason
+from mkdaemon.telemetry.link import KindHealth, LinkCondition
+
+SILENCE_TIME: Final = 0.35
+"""Without a right frame for this long while some are due, we do not hear the board [s]."""
+SUSPICION: Final = 0.1
+"""A probe unanswered for this long is followed by another at once [s]; radios of 2010 answer within 0.13 s."""
+PROBES_MISSED: Final = 2
+"""So many probes unanswered in a row, and the board does not hear us."""
+STUCK_TIME: Final = 0.15
+"""A port that has not taken our bytes for this long is stuck [s]."""
+STUCK: Final = "the port takes no bytes: flow control stops it, or its reader hangs"
+"""Reason of a stuck port."""
+NOTHING: Final = "nothing arrives: check power, wiring and that this is the right port"
+"""Reason of a mute line."""
+QUIET: Final = "nothing arrives, and for 6 s hardly anything is asked: the last release was not confirmed"
+"""Reason of a mute line while requests would keep an old stick command alive."""
+STALE_PERIODS: Final = 3
+"""A stream is stale after this many missed periods."""
+OVERDUE: Final = 0.2
+"""A stale stream degrades the link after this at the earliest [s]; a radio's spike of 62 ms is 3 periods at 50 Hz."""
+GARBAGE_BYTES: Final = 6
+"""Fewer undecodable bytes than this within the silence are a glitch, not a wrong baud rate; `#av@w` has 6."""
+GARBAGE_MEMORY: Final = 1.2
+"""Once garbage was seen, it is not silence before nothing came for this long [s]."""
+DAMAGE_LIMIT: Final = 0.1
+"""Share of damaged among all received bytes above which the line counts as degraded."""
+PROBE_TIMEOUT: Final = 0.25
+"""A link test without an answer for this long is lost [s]; the longest measured wait beside a saturated line is 27 ms,
+the longest radio round trip 0.13 s."""
+
+_OUTAGES: Final = frozenset({LinkCondition.DOWN, LinkCondition.MUTE, LinkCondition.GARBAGE, LinkCondition.ONE_WAY})
+
+
+@dataclass(frozen=True, slots=True)
+class Verdict:
+    """The condition, why, and since when [s; monotonic]."""
+
+    condition: LinkCondition
+    reason: str
+    since: float
+
+
+@dataclass(slots=True)
+class _Kind:
+    """Arrivals of one kind of frame."""
+
+    key: str
+    board: str
+    frames: int = 0
+    last: float = -math.inf
+    asked: float | None = None
+    asked_since: float = math.inf
+    arrivals: deque[float] = field(default_factory=lambda: deque(maxlen=256))
+
+    def missed(self, now: float) -> float:
+        """Periods since the latest frame, or since it was asked for."""
+        if self.asked is None:
+            return 0.0
+        return (now - max(self.last, self.asked_since)) / self.asked
+
+    def is_overdue(self, now: float) -> bool:
+        """Stale for long enough that the line, not a single late frame of a fast stream, is to blame."""
+        return self.missed(now) > STALE_PERIODS and now - max(self.last, self.asked_since) > OVERDUE
+
+    def rate(self, now: float, window: float) -> float:
+        """Frames a second over the window [Hz]."""
+        while self.arrivals and self.arrivals[0] < now - window:
+            self.arrivals.popleft()
+        if len(self.arrivals) < 2:
+            return 0.0
+        # The time since the last arrival counts, so that a stream that stopped does not keep its rate.
+        span = max(self.arrivals[-1] - self.arrivals[0], now - self.arrivals[0] - 2 * (self.asked or 1.0))
+        return (len(self.arrivals) - 1) / span if span > 0 else 0.0
+
+
+class HealthMonitor:
+    """Collects evidence and judges it."""
+
+    def __init__(self, *, window: float = 10.0, max_loss_percent: float = 5.0, now: float = 0.0) -> None:
+        self.echo = RoundTrips(window=window, timeout=PROBE_TIMEOUT)
+        self.confirm = RoundTrips(window=window, timeout=PROBE_TIMEOUT)
+        self.backlog = 0
+        self._window = window
+        self._max_loss = max_loss_percent
+        self._kinds: dict[tuple[str, str], _Kind] = {}
+        self._heard = -math.inf
+        self._heard_us = -math.inf
+        self._opened: float | None = None
+        self._is_recording = False
+        self._open_questions: deque[float] = deque(maxlen=8)
+        self._backlog_since: float | None = None
+        self._damage: deque[tuple[float, int, DropReason]] = deque(maxlen=1024)
+        self._rx: deque[tuple[float, int]] = deque(maxlen=4096)
+        self._raw: deque[tuple[float, int]] = deque(maxlen=256)
+        self._text = ""
+        self._verdict = Verdict(LinkCondition.ABSENT, "not opened yet", now)
+        self._paused_until = self._quiet_until = -math.inf
+
+    # -- what happened --------------------------------------------------------------------------------------------
+
+    def port_opened(
+        self, now: float, *, is_recording: bool = False, searching: tuple[LinkCondition, str] | None = None
+    ) -> None:
+        """A port is open; nothing is known about its other end.
+
+        Args:
+            now: [s; monotonic].
+            is_recording: nobody listens there.
+            searching: condition and what is tried, where a search for the line rate opened the port anew.
+        """
+        self._opened = now
+        self._is_recording = is_recording
+        self._heard = self._heard_us = -math.inf
+        self._open_questions.clear()
+        self._backlog_since = None
+        self.backlog = 0
+        self._damage.clear()
+        self._raw.clear()
+        self._kinds.clear()
+        condition, reason = searching or (LinkCondition.DOWN, "just opened, nothing heard yet")
+        self._judge_as(condition, reason, now)
+
+    def port_lost(self, now: float, reason: str, condition: LinkCondition = LinkCondition.DOWN) -> None:
+        """The port is gone, or could not be opened."""
+        self._opened = None
+        self.echo.clear()
+        self.confirm.clear()
+        self._judge_as(condition, reason, now)
+
+    def bytes_received(self, size: int, now: float) -> None:
+        """Bytes arrived, whatever they are."""
+        self._raw.append((now, size))
+
+    def frame_received(self, board: str, key: str, characters: int, now: float) -> None:
+        """A right frame arrived."""
+        self._heard = now
+        self._rx.append((now, characters))
+        kind = self._kinds.get((board, key))
+        if kind is None:
+            kind = self._kinds[board, key] = _Kind(key, board)
+        kind.frames += 1
+        kind.last = now
+        kind.arrivals.append(now)
+
+    def damaged(self, reason: DropReason, raw: bytes, now: float) -> None:
+        """Bytes arrived that are no frame."""
+        self._damage.append((now, len(raw), reason))
+        self._rx.append((now, len(raw)))
+        if reason is DropReason.TEXT and self._verdict.condition is not LinkCondition.GARBAGE:
+            self._text = raw.decode("latin-1")
+
+    def heard_us(self, now: float) -> None:
+        """A reply or confirmation shows that the board received something from us."""
+        self._heard_us = now
+        self._open_questions.clear()
+
+    def question_sent(self, now: float) -> None:
+        """Something every board answers went out."""
+        self._open_questions.append(now)
+
+    def probe_sent(self, token: Hashable, now: float) -> None:
+        """A link test went out."""
+        self._open_questions.append(now)
+        self.echo.sent(token, now)
+
+    def probe_answered(self, token: Hashable, now: float) -> None:
+        """A link test came back."""
+        if self.echo.answered(token, now) is not None:
+            self.heard_us(now)
+
+    def confirmed(self, token: Hashable, now: float) -> None:
+        """An external control frame was confirmed."""
+        if self.confirm.answered(token, now) is not None:
+            self.heard_us(now)
+
+    def wanted(self, board: str, intervals: dict[str, float], now: float) -> None:
+        """These streams are asked for, at these intervals [s]; others are not."""
+        for kind in self._kinds.values():
+            if kind.board == board and kind.key not in intervals:
+                kind.asked = None
+        for key, interval in intervals.items():
+            kind = self._kinds.setdefault((board, key), _Kind(key, board))
+            if kind.asked != interval:
+                kind.asked, kind.asked_since = interval, now
+
+    def port_backlog(self, size: int, now: float) -> None:
+        """So many bytes wait inside the port."""
+        self.backlog = size
+        if not size:
+            self._backlog_since = None
+        elif self._backlog_since is None:
+            self._backlog_since = now
+
+    def pause(self, until: float) -> None:
+        """Silence is our doing until then (redirection, a board that writes its EEPROM): expect nothing."""
+        self._paused_until = max(self._paused_until, until)
+
+    def keep_quiet(self, until: float) -> None:
+        """Until then hardly anything is asked, so that an old dead-man runs out: silence has that reason too."""
+        self._quiet_until = until
+
+    # -- what it means --------------------------------------------------------------------------------------------
+
+    @property
+    def verdict(self) -> Verdict:
+        """The latest verdict."""
+        return self._verdict
+
+    @property
+    def is_suspicious(self) -> bool:
+        """A probe is unanswered: the next one should not wait its turn longer than `SUSPICION`."""
+        return bool(self._open_questions)
+
+    def ages(self, now: float) -> tuple[float, float]:
+        """Time since we heard the board, and since it proved that it hears us [s]; infinite for never."""
+        return now - self._heard, now - self._heard_us
+
+    @property
+    def two_way_proof(self) -> float:
+        """When both directions were last proven [s; monotonic]; minus infinity for never."""
+        return min(self._heard, self._heard_us)
+
+    def judge(self, now: float) -> bool:
+        """Weigh the evidence; returns whether the condition changed."""
+        self.echo.expire(now)
+        self.confirm.expire(now)
+        if self._opened is None:
+            return False
+        before = self._verdict.condition
+        condition, reason = self._weigh(self._opened, now)
+        if before in _OUTAGES and condition not in _OUTAGES:
+            # What an outage swallowed was told as that; it says nothing about the line as it is now.
+            self.echo.forgive()
+            self.confirm.forgive()
+            self._damage.clear()
+        return self._judge_as(condition, reason, now)
+
+    def kinds(self, now: float) -> tuple[KindHealth, ...]:
+        """Describe every kind of frame heard or asked for."""
+        return tuple(
+            KindHealth(
+                key=kind.key,
+                board=kind.board,
+                frames=kind.frames,
+                rate_hz=kind.rate(now, self._window),
+                asked_hz=None if kind.asked is None else 1 / kind.asked,
+                age=min(now - kind.last, 1e9),
+                is_stale=kind.missed(now) > STALE_PERIODS,
+            )
+            for kind in self._kinds.values()
+        )
+
+    def damage_rates(self, now: float) -> tuple[float, float]:
+        """Undecodable bytes and wrong checksums a second over the window [1/s]."""
+        self._forget(now)
+        checksums = sum(1 for _, _, reason in self._damage if reason is DropReason.CHECKSUM)
+        return sum(size for _, size, _ in self._damage) / self._window, checksums / self._window
+
+    def _weigh(self, opened: float, now: float) -> tuple[LinkCondition, str]:
+        is_stuck = self._backlog_since is not None and now - self._backlog_since > STUCK_TIME
+        if is_stuck:
+            return LinkCondition.DOWN, STUCK
+        if now < self._paused_until:
+            return self._verdict.condition, self._verdict.reason
+        silent_for = now - max(self._heard, opened)
+        if silent_for > SILENCE_TIME and self._expects_something(now) and not self._talks_slowly(now):
+            return self._explain_silence(now)
+        if self._heard == -math.inf:
+            return self._verdict.condition, self._verdict.reason
+        if self._missed(now) >= PROBES_MISSED:
+            if silent_for < SILENCE_TIME / 2 or self._talks_slowly(now):
+                return self._explain_deafness(now)
+            return self._verdict.condition, self._verdict.reason  # deaf or mute: the silence will tell
+        if self._heard_us == -math.inf and not self._is_recording:
+            return self._verdict.condition, self._verdict.reason  # it talks, but nothing shows that it hears us
+        return self._weigh_quality(now)
+
+    def _talks_slowly(self, now: float) -> bool:
+        """A board that hears nothing but sends what it was asked for, on time, is not mute between two frames."""
+        asked = [kind for kind in self._kinds.values() if kind.asked is not None]
+        on_time = bool(asked) and not any(kind.missed(now) > STALE_PERIODS for kind in asked)
+        return self._verdict.condition is LinkCondition.ONE_WAY and on_time
+
+    def _explain_deafness(self, now: float) -> tuple[LinkCondition, str]:
+        if self.backlog:
+            return self._verdict.condition, self._verdict.reason  # nothing left the port: the board is not to blame
+        if sum(size for at, size, _ in self._damage if at > now - SILENCE_TIME) >= GARBAGE_BYTES:
+            return LinkCondition.DEGRADED, "frames arrive damaged, and nothing we send is answered"
+        return LinkCondition.ONE_WAY, "frames arrive, but nothing we send is answered: check the board's RX wire"
+
+    def _weigh_quality(self, now: float) -> tuple[LinkCondition, str]:
+        stale = [kind for kind in self._kinds.values() if kind.is_overdue(now)]
+        if stale:
+            worst = max(stale, key=lambda kind: kind.missed(now))
+            only = " (only link tests are answered)" if len(stale) == self._asked_kinds() else ""
+            return LinkCondition.DEGRADED, f"{worst.board} {worst.key} is overdue: asked every {worst.asked:g} s{only}"
+        for name, trips in (("link test", self.echo), ("control frame", self.confirm)):
+            sent, lost = trips.fates(now)
+            # One lost probe proves nothing; the limit counts from the second on.
+            if lost >= 2 and 100 * lost > self._max_loss * sent:
+                return LinkCondition.DEGRADED, f"{100 * lost / sent:.1f} % of {name}s lost in {self._window:g} s"
+        bad, total = self._damage_share(now)
+        if bad > DAMAGE_LIMIT * total:
+            return LinkCondition.DEGRADED, f"{100 * bad / total:.0f} % of the received bytes are damaged"
+        return LinkCondition.UP, "a recording plays" if self._is_recording else "both directions proven"
+
+    def _explain_silence(self, now: float) -> tuple[LinkCondition, str]:
+        # Half the silence: the end of a frame that was cut off is no garbage. Once it is, slow garbage stays it.
+        is_garbage = self._verdict.condition is LinkCondition.GARBAGE
+        since = now - (GARBAGE_MEMORY if is_garbage else SILENCE_TIME / 2)
+        if sum(size for at, size in self._raw if at > since) < GARBAGE_BYTES:
+            return LinkCondition.MUTE, QUIET if now < self._quiet_until else NOTHING
+        recent = [reason for at, _, reason in self._damage if at > since]
+        if recent and all(reason is DropReason.TEXT for reason in recent) and _is_text(self._text):
+            shown = " ".join(self._text.split())[:40]
+            return LinkCondition.GARBAGE, f'only plain text arrives ("{shown}"): the board boots, or prints something'
+        return LinkCondition.GARBAGE, "bytes arrive, but no frame: wrong baud rate, or a damaged line"
+
+    def _expects_something(self, now: float) -> bool:
+        """Whether a frame should have come: link tests are out, or a stream that was asked for is overdue.
+
+        One link test may be late or lost once the board has spoken; a stream slower than the silence is not missed
+        before its time.
+        """
+        enough = 1 if self._heard == -math.inf else PROBES_MISSED
+        return self._missed(now) >= enough or any(kind.is_overdue(now) for kind in self._kinds.values())
+
+    def _missed(self, now: float) -> int:
+        """Probes unanswered for longer than usual, since the board last proved that it hears us."""
+        return sum(1 for sent in self._open_questions if now - sent > SUSPICION)
+
+    def _asked_kinds(self) -> int:
+        return sum(1 for kind in self._kinds.values() if kind.asked is not None)
+
+    def _damage_share(self, now: float) -> tuple[int, int]:
+        self._forget(now)
+        return sum(size for _, size, _ in self._damage), sum(size for _, size in self._rx)
+
+    def _forget(self, now: float) -> None:
+        for events in (self._damage, self._rx):
+            while events and events[0][0] < now - self._window:
+                events.popleft()
+
+    def _judge_as(self, condition: LinkCondition, reason: str, now: float) -> bool:
+        changed = condition is not self._verdict.condition
+        if changed:
+            self._verdict = Verdict(condition, reason, now)
+        elif reason != self._verdict.reason:
+            self._verdict = Verdict(condition, reason, self._verdict.since)
+        return changed
+
+
+def _is_text(sample: str) -> bool:
+    """Mostly printable, as boot banners are and a wrong baud rate is not."""
+    readable = sum(1 for c in sample if c.isascii() and (c.isprintable() or c.isspace()))
+    return readable >= 0.9 * len(sample)

@@ -1,0 +1,149 @@
+"""Questions on their way: queued, sent, answered, asked again, given up. Pure; driven with `now`.
+
+Between the callers and the scheduler: what a command allows (`requests.policy_for`) decides how often and how patiently
+it is asked, and every question ends with exactly one outcome.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+from mkdaemon.errors import CommandRejectedError
+from mkdaemon.link.session.health import HealthMonitor
+from mkdaemon.link.session.peers import Acquaintance
+from mkdaemon.link.session.requests import Pending, RequestBook, policy_for
+from mkdaemon.link.session.scheduler import Entry, TransmitScheduler
+from mkdaemon.link.session.traffic import Purpose
+from mkdaemon.protocol.wire import Board, WireMessage
+
+QUEUED: Final = 10.0
+"""Longest time a question waits for the line [s]; longer than the 6 s it may be held back after a release."""
+Outcome = tuple[Pending, WireMessage | str | None]
+"""A question, and its answer; None where it was sent and none ever comes; or why there is none."""
+
+
+class Questions:
+    """Everything asked and not answered yet.
+
+    Attributes:
+        book: the questions under way, and the counts of those that ended.
+    """
+
+    def __init__(self, scheduler: TransmitScheduler, peers: Acquaintance, health: HealthMonitor) -> None:
+        self.book = RequestBook()
+        self._scheduler = scheduler
+        self._peers = peers
+        self._health = health
+        self._finished: list[Outcome] = []
+
+    def ask(
+        self,
+        message: WireMessage,
+        board: Board,
+        now: float,
+        *,
+        timeout: float | None = None,
+        retries: int | None = None,
+        purpose: Purpose = Purpose.REQUEST,
+        token: object = None,
+    ) -> Pending:
+        """Ask a board; the answer comes back through `take_finished`.
+
+        Raises:
+            CommandRejectedError: the board cannot be reached, or too much waits already.
+        """
+        self._peers.check_reach(message, board)
+        policy = policy_for(board, message)
+        pending = Pending(
+            message,
+            board,
+            attempts_left=1 + (policy.retries if retries is None else retries),
+            timeout=policy.timeout if timeout is None else timeout,
+            token=token,
+        )
+        self.book.open(pending)
+        if not self._queue(pending, purpose, now):
+            self.book.withdraw(pending, now)
+            raise CommandRejectedError(
+                "busy", f"{self._scheduler.waiting} frames wait for the line already.", "Wait for their answers."
+            )
+        return pending
+
+    def withdraw(self, pending: Pending, now: float) -> None:
+        """The caller does not wait any more."""
+        self._scheduler.withdraw(pending)
+        self.book.withdraw(pending, now)
+
+    def sent(self, pending: Pending, now: float) -> None:
+        """One attempt went out."""
+        self.book.sent(pending, now)
+        if pending.message.spec.id == "v":
+            self._health.question_sent(now)
+        policy = policy_for(pending.board, pending.message)
+        if policy.deaf:
+            self._scheduler.deafen(pending.board, now + policy.deaf)
+            self._health.pause(now + policy.deaf)
+        if pending.message.spec.reply is None:
+            self.book.withdraw(pending, now)
+            self._finished.append((pending, None))
+
+    def received(self, message: WireMessage, board: Board, now: float) -> Pending | None:
+        """A message arrived; returns the question it answers, if any."""
+        pending = self.book.received(message, board, now)
+        if pending is not None:
+            self._health.heard_us(now)
+            self._finished.append((pending, message))
+        return pending
+
+    def step(self, now: float) -> None:
+        """Ask again what was not answered in time, or give it up."""
+        for pending in self.book.due(now):
+            self._scheduler.resynchronise()
+            if pending.attempts_left > 0:
+                pending.expires = math.inf
+                pending.timeout *= 1.5
+                self._queue(pending, Purpose.RETRY, now)
+            else:
+                self.book.give_up(pending, now)
+                self._finished.append((pending, f"{pending.board.word} did not answer, asked {pending.sent} times"))
+
+    def never_sent(self, pending: Pending, now: float) -> None:
+        """It waited for its turn until it was too old."""
+        self.book.give_up(pending, now)
+        self._finished.append((pending, "the line was never free for it"))
+
+    def port_lost(self, reason: str) -> None:
+        """Nothing under way will be answered any more."""
+        self._finished.extend((pending, reason) for pending in self.book.drain())
+
+    def take_finished(self) -> list[Outcome]:
+        """Return questions that ended since the last call, each with its outcome."""
+        finished, self._finished = self._finished, []
+        return finished
+
+    @staticmethod
+    def proves_sender(pending: Pending | None) -> bool:
+        """Whether an answer tells about the board whose address it bears.
+
+        A FlightCtrl asked for the NaviCtrl's release answers under its own address: proof of nothing.
+        """
+        return pending is None or pending.message.spec.layout != "which"
+
+    def _queue(self, pending: Pending, purpose: Purpose, now: float) -> bool:
+        message = pending.message
+        letter = message.spec.reply
+        return self._scheduler.submit(
+            Entry(
+                message.to_frame(pending.board),
+                purpose,
+                deadline=now + QUEUED,
+                board=pending.board,
+                message=message,
+                reaches_fc=self._peers.reaches_fc(message, pending.board),
+                slot=None if letter is None else (pending.board, letter),
+                reply_within=pending.timeout,
+                tag=pending,
+            ),
+            now,
+        )

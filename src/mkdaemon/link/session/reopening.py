@@ -1,0 +1,114 @@
+"""Coming back: delays between attempts, a device that returns under another name, a line rate that is wrong."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Final
+
+from mkdaemon.errors import ConfigError
+from mkdaemon.link.ports.port import parse_address
+from mkdaemon.link.session.health import STUCK, Verdict
+from mkdaemon.telemetry.link import LinkCondition
+
+BAUDS: Final = (57600, 115200, 38400, 19200, 9600, 230400)
+"""Line rates to try; 57600 is MikroKopter's, the others are adapters and radios set wrongly."""
+GARBAGE_PATIENCE: Final = 1.0
+"""Garbage for this long means a wrong line rate rather than noise [s]."""
+MUTE_PATIENCE: Final = 3.0
+"""A line that never said anything may be a line at the wrong rate whose board understands nothing [s]."""
+SILENT_PATIENCE: Final = 0.8
+"""While searching: no frame for this long, and the next rate is tried [s]."""
+STUCK_PATIENCE: Final = 2.0
+"""A port that takes no bytes for this long is opened anew [s]."""
+
+
+def backoff(first: float, longest: float, *, factor: float = 1.6) -> Iterator[float]:
+    """Yield growing delays for ever.
+
+    Args:
+        first: the first delay [s].
+        longest: never more than this [s].
+        factor: growth.
+    """
+    delay = first
+    while True:
+        yield min(delay, longest)
+        delay = min(delay * factor, longest)
+
+
+class BaudSearch:
+    """Decides which line rate to open the port with.
+
+    Attributes:
+        current: rate to open with [baud].
+        attempt: what is tried; empty while not searching.
+        condition: what the search began with: garbage, or mute from the very start.
+    """
+
+    def __init__(self, configured: int, *, enabled: bool) -> None:
+        self.current = configured
+        self.attempt = ""
+        self.condition = LinkCondition.DOWN
+        self._configured = configured
+        self._enabled = enabled
+        self._others = itertools.cycle(baud for baud in BAUDS if baud != configured)
+        self._heard = False
+
+    def judge(self, verdict: Verdict, opened: float, now: float) -> str | None:
+        """Say why the port must be closed and opened again (perhaps at another rate); None where it need not."""
+        condition = verdict.condition
+        if condition in (LinkCondition.UP, LinkCondition.DEGRADED, LinkCondition.ONE_WAY):
+            self.attempt, self._heard = "", True
+            return None
+        if verdict.reason == STUCK and now - verdict.since > STUCK_PATIENCE:
+            return verdict.reason
+        if not self._enabled or now - self._begins(verdict, opened) <= 0:
+            return None
+        if not self.attempt:
+            self.condition = condition
+        tried, self.current = self.current, self._next()
+        self.attempt = f"no frame at {tried} baud: trying {self.current}"
+        return self.attempt
+
+    def _begins(self, verdict: Verdict, opened: float) -> float:
+        """When to try the next rate [s]; infinite while the line rate is not in doubt."""
+        if self.attempt:
+            return opened + SILENT_PATIENCE
+        if verdict.condition is LinkCondition.GARBAGE and "plain text" not in verdict.reason:
+            return verdict.since + GARBAGE_PATIENCE
+        if verdict.condition is LinkCondition.MUTE and not self._heard:
+            return verdict.since + MUTE_PATIENCE
+        return math.inf
+
+    def _next(self) -> int:
+        """The configured rate every second time: it is the likely one once the fault has gone."""
+        return self._configured if self.current != self._configured else next(self._others)
+
+
+class AliasMemory:
+    """Remembers the by-id name of a device, because ttyUSB numbers change when a cable is plugged in again."""
+
+    def __init__(self, folder: Path = Path("/dev/serial/by-id")) -> None:
+        self._folder = folder
+        self._alias: str | None = None
+
+    def learn(self, url: str) -> None:
+        """A port was opened under this address: remember its lasting name."""
+        address = parse_address(url)
+        if address.scheme != "serial" or not self._folder.is_dir():
+            return
+        device = Path(address.target).resolve()
+        for entry in sorted(self._folder.iterdir()):
+            if entry.resolve() == device:
+                self._alias = str(entry)
+
+    def find(self, url: str) -> str | None:
+        """Return the lasting name of a device that is not where it was; None where there is none."""
+        try:
+            here = Path(parse_address(url).target).exists()
+        except ConfigError:
+            return None
+        return self._alias if not here and self._alias is not None and Path(self._alias).exists() else None

@@ -1,0 +1,149 @@
+"""Turns what the dialogue knows into the values that are published."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from typing import Final
+
+from mkdaemon.config.link import LinkConfig
+from mkdaemon.link.session import budget
+from mkdaemon.link.session.dialogue import Dialogue
+from mkdaemon.telemetry.link import LinkCondition, LinkHealth, LinkState, LinkTraffic
+
+HEALTH_EVERY: Final = 0.2
+"""Health is published at 5 Hz."""
+TRAFFIC_EVERY: Final = 1.0
+"""Traffic counters are published at 1 Hz."""
+_FRESH: Final = 0.5
+"""Evidence of a direction counts for this long [s]."""
+
+
+class Reporter:
+    """Builds state, health and traffic."""
+
+    def __init__(self, cfg: LinkConfig, dialogue: Dialogue, *, wall_offset: float) -> None:
+        """Read from a dialogue; `wall_offset` is Unix time less the link's clock [s]."""
+        self._health_at = -math.inf
+        self._traffic_at = -math.inf
+        self._cfg = cfg
+        self._dialogue = dialogue
+        self._offset = wall_offset
+        self._port = cfg.port
+        self._openings = 0
+        self._told: object = None
+        self._bytes: deque[tuple[float, int, int]] = deque(maxlen=4)
+
+    def port_opened(self, name: str) -> None:
+        """A port is open under this name."""
+        self._port = name
+        self._openings += 1
+        self._bytes.clear()
+
+    @property
+    def is_usable(self) -> bool:
+        """Whether both directions work, perhaps with losses."""
+        return self._dialogue.health.verdict.condition in (LinkCondition.UP, LinkCondition.DEGRADED)
+
+    def state_is_news(self) -> bool:
+        """Whether the state differs from the one told last."""
+        dialogue, peers = self._dialogue, self._dialogue.peers
+        verdict = dialogue.health.verdict
+        # While the port is open the reason follows the measurements; it changes too often to be an event.
+        reason = "" if dialogue.is_open else verdict.reason
+        told = (verdict.condition, reason, peers.dialect, peers.redirected, self._openings, len(peers.boards))
+        news, self._told = told != self._told, told
+        return news
+
+    def health_is_due(self, now: float) -> bool:
+        """Whether it is time for the next health; notes it as told."""
+        due = now >= self._health_at
+        if due:
+            self._health_at = max(self._health_at + HEALTH_EVERY, now + HEALTH_EVERY / 2)
+        return due
+
+    def traffic_is_due(self, now: float) -> bool:
+        """Whether it is time for the next counters; notes them as told."""
+        due = now >= self._traffic_at
+        if due:
+            self._traffic_at = max(self._traffic_at + TRAFFIC_EVERY, now + TRAFFIC_EVERY / 2)
+        return due
+
+    def state(self, now: float) -> LinkState:
+        """The state of the line."""
+        dialogue = self._dialogue
+        verdict = dialogue.health.verdict
+        heard, heard_us = dialogue.health.ages(now)
+        return LinkState(
+            condition=verdict.condition,
+            reason=verdict.reason,
+            since_s=verdict.since + self._offset,
+            stamp_s=now + self._offset,
+            port=self._port,
+            baud=dialogue.rules.baud,
+            hears_board=dialogue.is_open and heard < _FRESH,
+            board_hears_us=dialogue.is_open and heard_us < _FRESH,
+            boards=tuple(board.word for board in sorted(dialogue.peers.boards)),
+            firmware=_firmware(dialogue),
+            external_control=dialogue.dialect.extern_control_layout or "",
+            redirected_to="" if dialogue.peers.redirected is None else dialogue.peers.redirected.word,
+            openings=self._openings,
+        )
+
+    def health(self, now: float) -> LinkHealth:
+        """Everything measured."""
+        dialogue, monitor = self._dialogue, self._dialogue.health
+        heard, heard_us = monitor.ages(now)
+        garbage, checksums = monitor.damage_rates(now)
+        return LinkHealth(
+            state=self.state(now),
+            echo=monitor.echo.statistics(now),
+            confirm=monitor.confirm.statistics(now),
+            confirm_hidden=dialogue.steering.control.hidden,
+            requests_answered=dialogue.questions.book.answered,
+            requests_unanswered=dialogue.questions.book.unanswered,
+            heard_age=heard if math.isfinite(heard) else None,
+            heard_us_age=heard_us if math.isfinite(heard_us) else None,
+            garbage_bytes_per_s=garbage,
+            checksum_errors_per_s=checksums,
+            backlog_bytes=monitor.backlog,
+            kinds=monitor.kinds(now),
+        )
+
+    def traffic(self, now: float) -> LinkTraffic:
+        """What crossed the line."""
+        dialogue = self._dialogue
+        counts = dialogue.counts
+        self._bytes.append((now, dialogue.bytes["rx"], dialogue.bytes["tx"]))
+        began, rx, tx = self._bytes[0]
+        span = now - began
+        per_byte = dialogue.rules.wire_time(b"#")
+        planned = budget.plan(dialogue.demand(dialogue.streams.wanted), dialogue.rules)
+        return LinkTraffic(
+            stamp_s=now + self._offset,
+            rx_bytes=dialogue.bytes["rx"],
+            tx_bytes=dialogue.bytes["tx"],
+            rx_frames=counts["rx"].total(),
+            tx_frames=counts["tx"].total(),
+            rx_share=(dialogue.bytes["rx"] - rx) * per_byte / span if span > 0 else 0.0,
+            tx_share=(dialogue.bytes["tx"] - tx) * per_byte / span if span > 0 else 0.0,
+            rx_planned=planned.rx,
+            tx_planned=planned.tx,
+            rx_kinds=dict(counts["rx"]),
+            tx_kinds=dict(counts["tx"]),
+            dropped=dict(counts["dropped"]),
+        )
+
+
+def _firmware(dialogue: Dialogue) -> str:
+    """What the boards said about themselves, in words."""
+    dialect = dialogue.dialect
+    names = []
+    if dialect.nc_release is not None:
+        names.append(f"NaviCtrl {dialect.nc_release}")
+    if dialect.fc_release is not None:
+        names.append(f"FlightCtrl {dialect.fc_release}")
+    words = ", ".join(names)
+    if dialect.read_only_reason is not None:
+        return f"{words}; read only: {dialect.read_only_reason}" if words else f"read only: {dialect.read_only_reason}"
+    return words

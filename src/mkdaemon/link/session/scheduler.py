@@ -1,0 +1,296 @@
+"""The transmit scheduler: what goes on the wire next, and when. Pure; driven with `now`.
+
+Order: release, setpoint, retries, requests, subscriptions, echo, background. A setpoint replaces the older one in
+place. One request of a kind and board is outstanding at a time, because boards have one slot (NaviCtrl) or one
+receive buffer (FlightCtrl). Nothing is written ahead of the wire: a frame is given out when the line is free, so the
+newest setpoint never waits behind bytes already handed over. Source: docs/firmware-notes, "Losses".
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Final
+
+from mkdaemon.link.session.line import FORWARDING_GAP, RESYNC, LineRules
+from mkdaemon.link.session.traffic import Purpose
+from mkdaemon.protocol.wire import Board, WireMessage
+
+QUEUE_LIMIT: Final = 64
+"""Entries waiting per purpose; more means that a caller does not look at the answers."""
+PATIENCE_TIME: Final = {
+    Purpose.RETRY: 0.03,
+    Purpose.REQUEST: 0.03,
+    Purpose.SUBSCRIPTION: 0.1,
+    Purpose.ECHO: 0.05,
+    Purpose.BACKGROUND: 0.2,
+}
+"""How long an entry lets the next expected setpoint pass first, before it takes its turn all the same [s]."""
+AFTER_SETPOINT: Final = 0.0015
+"""How long after the expected setpoint an entry looks again: setpoints come with some jitter [s]."""
+SLOWEST_SETPOINT: Final = 0.25
+"""Setpoints further apart have no rhythm worth keeping the line free for [s]."""
+CATCH_UP: Final = 0.7
+"""Part of the setpoint interval by which a late setpoint may be followed sooner, the gap kept; a FlightCtrl loses none
+at 100 Hz with 3 ms of jitter, a NaviCtrl that passes them on has no such margin."""
+CREEP: Final = 0.97
+"""Part of the setpoint interval that is kept on average, so that setpoints that come exactly as often as allowed do not
+stay late once they were: 103 Hz at most, where a FlightCtrl loses none up to 150 Hz without jitter."""
+RESYNC_AFTER: Final = 2.0
+"""After this silence on our side the next frame is led by CR CR: noise may have left a `#` in a receiver [s]."""
+
+
+@dataclass(slots=True, eq=False)
+class Entry:
+    """One transmission waiting for its turn.
+
+    Attributes:
+        raw: the bytes.
+        purpose: decides the order.
+        deadline: not sent after this [s].
+        board: who acts on it.
+        message: what it says; None for bytes that are no frame.
+        reaches_fc: a FlightCtrl receives it: directly, redirected or passed on.
+        slot: (board, reply letter) that may be outstanding only once; None where no reply is awaited.
+        reply_within: how long the slot stays taken without a reply [s].
+        not_before: earliest time [s].
+        queued: when it was handed in [s].
+        tag: the caller's handle.
+    """
+
+    raw: bytes
+    purpose: Purpose
+    deadline: float
+    board: Board = Board.ANY
+    message: WireMessage | None = None
+    reaches_fc: bool = False
+    slot: tuple[Board, str] | None = None
+    reply_within: float = 0.25
+    not_before: float = 0.0
+    queued: float = 0.0
+    tag: object = None
+
+
+class TransmitScheduler:
+    """Gives out one frame at a time, when the line and the boards can take it."""
+
+    def __init__(self, rules: LineRules) -> None:
+        self.rules = rules
+        self._queues: dict[Purpose, deque[Entry]] = {purpose: deque() for purpose in Purpose}
+        self._taken: dict[tuple[Board, str], float] = {}
+        self._line_free = 0.0
+        self._fc_free = 0.0
+        self._last_end: float | None = None
+        self._setpoint_turn = 0.0
+        self._passed_on = 0.0
+        self._arrived: float | None = None
+        self._setpoint_period: float | None = None
+        self._needs_resync = True
+        self._deaf: dict[Board, float] = {}
+        self._refreshes: Callable[[str], bool] | None = None
+        self._quiet_until = 0.0
+        self._leaving = False
+        self._only: Board | None = None
+        self._expired: list[Entry] = []
+
+    # -- what callers hand in -------------------------------------------------------------------------------------
+
+    def submit(self, entry: Entry, now: float) -> bool:
+        """Queue an entry; False when its queue is full. A setpoint replaces the one waiting."""
+        queue = self._queues[entry.purpose]
+        entry.queued = now
+        if entry.purpose is Purpose.SETPOINT:
+            self._expired.extend(queue)
+            queue.clear()
+            self._learn_period(now)
+        elif len(queue) >= QUEUE_LIMIT:
+            return False
+        queue.append(entry)
+        return True
+
+    def withdraw(self, tag: object) -> None:
+        """Take back what was queued under this handle and not sent yet."""
+        for queue in self._queues.values():
+            for entry in [entry for entry in queue if entry.tag is tag]:
+                queue.remove(entry)
+
+    def drop_setpoint(self) -> None:
+        """Forget the waiting setpoint and the rhythm they came in."""
+        self._queues[Purpose.SETPOINT].clear()
+        self._setpoint_period = self._arrived = None
+
+    def clear(self) -> list[Entry]:
+        """Forget everything waiting, for example because the port was lost; returns it."""
+        left = [entry for queue in self._queues.values() for entry in queue]
+        for queue in self._queues.values():
+            queue.clear()
+        self._taken.clear()
+        self._deaf.clear()
+        self._only = None
+        self._leaving = False
+        self._setpoint_period = self._arrived = None
+        self._setpoint_turn = self._passed_on = 0.0
+        self._line_free = self._fc_free = 0.0
+        self._last_end = None
+        self._needs_resync = True
+        return left
+
+    def reply_seen(self, board: Board, letter: str) -> None:
+        """A reply arrived: its kind may be asked again."""
+        self._taken.pop((board, letter), None)
+        self._taken.pop((Board.ANY, letter), None)
+
+    def resynchronise(self) -> None:
+        """Lead the next frame by CR CR: something went wrong, a receiver may wait inside a broken frame."""
+        self._needs_resync = True
+
+    def deafen(self, board: Board, until: float) -> None:
+        """A board does not listen until then (it writes its EEPROM, beeps or boots): hold everything but releases."""
+        self._deaf[board] = max(until, self._deaf.get(board, 0.0))
+
+    def quieten(self, refreshes: Callable[[str], bool], until: float) -> None:
+        """Keep requests from the FlightCtrl until then whose letters would keep an old stick command alive."""
+        self._refreshes = refreshes
+        self._quiet_until = until
+
+    def end_quiet(self) -> None:
+        """Let those requests pass again: the FlightCtrl confirmed that it holds no command."""
+        self._quiet_until = 0.0
+
+    def holds_back(self, letter: str, now: float) -> bool:
+        """Whether a command of this letter to the FlightCtrl must wait, because it would keep a stick command alive."""
+        return now < self._quiet_until and self._refreshes is not None and self._refreshes(letter)
+
+    def send_only_releases(self) -> None:
+        """Hold everything else until the port is opened anew: the daemon leaves."""
+        self._leaving = True
+
+    def reserve_line(self, board: Board | None) -> None:
+        """While a NaviCtrl passes the line through, only entries for that board go out; None ends it."""
+        self._only = board
+
+    # -- what the writer takes ------------------------------------------------------------------------------------
+
+    def take(self, now: float) -> Entry | None:
+        """Return the entry to write now, with CR CR in front where needed, and account for it; None to wait."""
+        self._expire(now)
+        if now < self._line_free:
+            return None
+        for queue in self._queues.values():
+            for entry in queue:
+                if self._ready_at(entry, now) <= now:
+                    queue.remove(entry)
+                    return self._give(entry, now)
+        return None
+
+    def next_time(self, now: float) -> float | None:
+        """When to call `take` again; None while nothing waits."""
+        times = [
+            min(max(self._ready_at(entry, now), self._line_free), entry.deadline + 1e-6)
+            for queue in self._queues.values()
+            for entry in queue
+        ]
+        return max(min(times), now) if times else None
+
+    def take_expired(self) -> list[Entry]:
+        """Return entries that were never sent: too old, or replaced by a newer setpoint."""
+        expired, self._expired = self._expired, []
+        return expired
+
+    @property
+    def waiting(self) -> int:
+        """Entries not sent yet."""
+        return sum(map(len, self._queues.values()))
+
+    @property
+    def release_waits(self) -> bool:
+        """Whether a frame of a release was handed in and not sent yet."""
+        return bool(self._queues[Purpose.RELEASE])
+
+    @property
+    def setpoint_period(self) -> float | None:
+        """Rhythm in which setpoints come [s]; None while none do."""
+        return self._setpoint_period
+
+    # -- rules ----------------------------------------------------------------------------------------------------
+
+    def _touches_fc(self, entry: Entry) -> bool:
+        """Whether a FlightCtrl sees the frame; before the first answer any board may be one."""
+        return entry.reaches_fc or self.rules.direct is not Board.NC
+
+    def _ready_at(self, entry: Entry, now: float) -> float:
+        """Earliest time the boards can take this entry; infinite while something else must end first."""
+        touches_fc = self._touches_fc(entry)
+        ready = max(entry.not_before, self._fc_free if touches_fc else 0.0)
+        if entry.purpose is Purpose.RELEASE:
+            return max(ready, self._passed_on)
+        if self._leaving:
+            return math.inf
+        if self._only is not None and entry.board is not self._only and entry.message is not None:
+            return math.inf
+        ready = max(ready, self._deaf.get(entry.board, 0.0))
+        if touches_fc and entry.message is not None and self.holds_back(entry.message.spec.id, now):
+            ready = max(ready, self._quiet_until)
+        if entry.slot is not None:
+            ready = max(ready, self._taken.get(entry.slot, 0.0))
+        if entry.purpose is Purpose.SETPOINT:
+            return max(ready, self._setpoint_turn)
+        return self._let_setpoint_pass(entry, max(ready, now, self._line_free))
+
+    def _let_setpoint_pass(self, entry: Entry, begin: float) -> float:
+        """Do not begin a frame that would hold up the next setpoint, within the entry's patience."""
+        expected = self._expect_setpoint(begin)
+        if expected is None:
+            return begin
+        busy = self.rules.wire_time(entry.raw) + self.rules.gap_after(reaches_fc=entry.reaches_fc)
+        if begin + busy <= expected:
+            return begin
+        return max(begin, min(expected + AFTER_SETPOINT, entry.queued + PATIENCE_TIME[entry.purpose]))
+
+    def _expect_setpoint(self, begin: float) -> float | None:
+        """When the next setpoint will want the line; None while nobody sends any."""
+        if self._setpoint_period is None or self._arrived is None:
+            return None
+        if self._queues[Purpose.SETPOINT]:
+            return self._setpoint_turn
+        expected = self._arrived + self._setpoint_period
+        if begin > expected + self._setpoint_period:
+            return None  # they stopped
+        return max(expected, self._setpoint_turn)
+
+    def _learn_period(self, now: float) -> None:
+        """Follow the rhythm of setpoints; a pause ends it."""
+        if self._arrived is not None:
+            period = now - self._arrived
+            self._setpoint_period = period if period <= SLOWEST_SETPOINT else None
+        self._arrived = now
+
+    def _give(self, entry: Entry, now: float) -> Entry:
+        silent = self._last_end is None or now - self._last_end > RESYNC_AFTER
+        if entry.message is not None and (self._needs_resync or silent):
+            entry.raw = RESYNC + entry.raw
+            self._needs_resync = False
+        end = now + self.rules.wire_time(entry.raw)
+        self._line_free = self._last_end = end
+        if self._touches_fc(entry):
+            self._fc_free = end + self.rules.gap_after(reaches_fc=True)
+        is_passed_on = self.rules.setpoint_interval >= FORWARDING_GAP
+        if is_passed_on and entry.purpose in (Purpose.SETPOINT, Purpose.RELEASE):
+            self._passed_on = now + FORWARDING_GAP
+        if entry.purpose is Purpose.SETPOINT:
+            # A setpoint that had to wait may be followed a little sooner, so that the delay does not stay.
+            interval = self.rules.setpoint_interval * (1.0 if is_passed_on else CREEP)
+            slack = 0.0 if is_passed_on else CATCH_UP * interval
+            self._setpoint_turn = max(self._setpoint_turn, now - slack) + interval
+        if entry.slot is not None:
+            self._taken[entry.slot] = end + entry.reply_within
+        return entry
+
+    def _expire(self, now: float) -> None:
+        for queue in self._queues.values():
+            late = [entry for entry in queue if entry.deadline < now]
+            for entry in late:
+                queue.remove(entry)
+            self._expired.extend(late)

@@ -1,0 +1,155 @@
+"""Steering and letting go: setpoints, releases, and what silence an unconfirmed release asks for. Pure.
+
+A release ends with one of three results. Confirmed: the FlightCtrl holds no command. Not observable: five frames went
+out, and nothing here can confirm them. Unconfirmed: it may still hold a command, so for `release.QUIET_TIME` nothing is
+asked that would refresh its dead-man, and a release frame every `release.REMIND` goes on asking for confirmation.
+Such a frame cannot keep the sticks alive even where it refreshes the dead-man, because the same frame clears the valid
+bit that the dead-man guards. Source: docs/safety.md; docs/firmware-notes, "External control".
+"""
+
+from __future__ import annotations
+
+import math
+
+from mkdaemon.errors import CommandRejectedError
+from mkdaemon.link.session import release
+from mkdaemon.link.session.controlpath import ControlPath
+from mkdaemon.link.session.health import HealthMonitor
+from mkdaemon.link.session.peers import Acquaintance
+from mkdaemon.link.session.scheduler import Entry, TransmitScheduler
+from mkdaemon.link.session.traffic import Purpose
+from mkdaemon.protocol.wire import Board, WireMessage
+
+
+class Steering:
+    """External control of one aircraft.
+
+    Attributes:
+        control: numbers, confirmations and the command the aircraft may still obey.
+        plan: the latest release; None before the first opening.
+        navictrl_confirms: the NaviCtrl at the end of the wire has confirmed a frame, so it takes them itself.
+    """
+
+    def __init__(self, scheduler: TransmitScheduler, peers: Acquaintance, health: HealthMonitor) -> None:
+        self.control = ControlPath(health)
+        self._health = health
+        self.plan: release.ReleasePlan | None = None
+        self.navictrl_confirms = False
+        self._scheduler = scheduler
+        self._peers = peers
+        self._plan_is_settled = True
+
+    def restart(self) -> None:
+        """A port was opened: whatever was agreed before is void."""
+        self.navictrl_confirms = False
+        self.plan = None
+        self.control.restart()
+
+    @property
+    def confirms(self) -> bool:
+        """Whether external control frames are confirmed here.
+
+        A FlightCtrl on the wire does. A NaviCtrl 0.24 never does; whether a later one does, its first `B` tells.
+        """
+        fc_listens = self._peers.direct is Board.FC or self._peers.redirected is Board.FC
+        return fc_listens or (self.navictrl_confirms and self._peers.redirected is None)
+
+    @property
+    def is_releasing(self) -> bool:
+        """Whether a release is under way."""
+        return self.plan is not None and self.plan.is_running
+
+    def steer(self, message: WireMessage, deadline: float, now: float) -> None:
+        """Hand in a setpoint; it replaces one that waits.
+
+        Raises:
+            CommandRejectedError: nothing may be steered now; says why.
+        """
+        dialect = self._peers.dialect
+        wanted = dialect.extern_control
+        if wanted is None:
+            reason = dialect.read_only_reason or "The FlightCtrl's release is not known."
+            raise CommandRejectedError("read_only", reason, "Connect a FlightCtrl whose version is known.")
+        if type(message) is not wanted:
+            raise CommandRejectedError(
+                "wrong_layout",
+                f"This FlightCtrl takes {wanted.__name__}, not {type(message).__name__}.",
+                "Build the frame from the link's dialect.",
+            )
+        if self.is_releasing:
+            raise CommandRejectedError("releasing", "A release is under way.", "Wait for its result.")
+        if self._scheduler.holds_back(message.spec.id, now):
+            raise CommandRejectedError(
+                "releasing", "The last release is not confirmed yet.", "Wait until it is, or 6 s."
+            )
+        self._scheduler.submit(self.control.entry(message, Purpose.SETPOINT, deadline), now)
+
+    def release(self, reason: str, now: float) -> None:
+        """Begin to let go of the aircraft; setpoints are refused until that is done."""
+        self._scheduler.drop_setpoint()
+        layout = self._peers.dialect.extern_control
+        confirms = self.confirms and layout is not None
+        plan = self.plan
+        if plan is not None and plan.is_running and plan.layout is layout and plan.confirms == confirms:
+            return  # it is being done, and no command came since it began
+        self._plan_is_settled = False
+        self.plan = release.ReleasePlan(
+            layout=layout, last_setpoint=self.control.last_command, confirms=confirms, now=now, reason=reason
+        )
+
+    def leave(self, now: float) -> None:
+        """Begin an orderly exit: a release, and nothing else after it."""
+        self.release("exit", now)
+        self._scheduler.send_only_releases()
+
+    def redirected(self) -> None:
+        """The wire leads to another board from now on, perhaps to one that cannot confirm."""
+        if self.plan is not None and not self.confirms:
+            self.plan.expect_no_confirmation()
+
+    def confirmed(self, number: int, now: float) -> bool:
+        """A confirmation came; returns whether it is the first of a NaviCtrl that takes the frames itself."""
+        self.control.confirmed(number, now)
+        is_navictrl = self._peers.direct is Board.NC and self._peers.redirected is None
+        is_first = is_navictrl and not self.navictrl_confirms
+        self.navictrl_confirms |= is_navictrl
+        if self.plan is not None:
+            self.plan.confirmed(number, now)
+        return is_first
+
+    def sent(self, entry: Entry, message: WireMessage, now: float) -> None:
+        """A setpoint or a frame of a release went out."""
+        # A frame in the layout that is safe everywhere is not confirmed by a board that does not understand it.
+        is_understood = type(message) is self._peers.dialect.extern_control
+        number = self.control.sent(entry, now, confirms=self.confirms and is_understood)
+        if isinstance(entry.tag, release.ReleasePlan):
+            entry.tag.sent(message, number, now)
+
+    def step(self, now: float) -> None:
+        """Queue the next frame of the release, and act on its end."""
+        plan = self.plan
+        if plan is None:
+            return
+        message = None if self._scheduler.release_waits else plan.due(now)
+        if message is not None:
+            self._scheduler.submit(self.control.entry(message, Purpose.RELEASE, now + 1.0, tag=plan), now)
+        if plan.status == "confirmed":
+            self._scheduler.end_quiet()  # an earlier release that could not be confirmed may have begun it
+            self._health.keep_quiet(now)
+        if plan.is_running or self._plan_is_settled:
+            return
+        self._plan_is_settled = True
+        if plan.status == "unconfirmed":
+            refreshes = self._peers.dialect.dead_man.refreshed_by
+            self._scheduler.quieten(refreshes, now + release.QUIET_TIME)
+            if refreshes("v"):
+                self._health.keep_quiet(now + release.QUIET_TIME)
+        elif plan.status == "not_observable" and not self._scheduler.holds_back("b", now):
+            # Nobody can tell whether it arrived; beside stick frames a NaviCtrl passes only serial channels on.
+            refreshes = self._peers.dialect.dead_man.refreshed_by
+            self._scheduler.quieten(lambda letter: letter == "y" and refreshes("y"), now + release.QUIET_TIME)
+        self.control.last_command = None
+
+    def next_time(self) -> float:
+        """When `step` has something to do again [s]; infinite while it has not."""
+        return math.inf if self.plan is None or self._scheduler.release_waits else self.plan.next_time()

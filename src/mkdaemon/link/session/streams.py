@@ -1,0 +1,116 @@
+"""The streams somebody wants: by configuration, by `auto`, or changed at run time. Pure; driven with `now`."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Callable
+
+from mkdaemon.config.link import LinkConfig
+from mkdaemon.errors import CommandRejectedError, ConfigError
+from mkdaemon.link.session import budget
+from mkdaemon.link.session.line import LineRules
+from mkdaemon.link.session.prober import AUTO
+from mkdaemon.link.session.subscriptions import KINDS, Subscriptions, kind_of, settle
+from mkdaemon.protocol.wire import Board, WireMessage
+
+DemandOf = Callable[[dict[str, float]], budget.Demand]
+"""What the line must carry with these streams [s]."""
+
+
+def check_rates(cfg: LinkConfig) -> None:
+    """Refuse configured rates that no board streams, or that the line cannot carry whichever board it ends at.
+
+    Raises:
+        ConfigError: with the nearest key, or with the arithmetic.
+    """
+    rates = {} if isinstance(cfg.rates, str) else cfg.rates
+    for key in rates.keys() - KINDS.keys():
+        near = difflib.get_close_matches(key, KINDS, n=1, cutoff=0.4) or list(KINDS)
+        raise ConfigError(f"link.rates: there is no stream {key!r}; did you mean {' or '.join(near)}?")
+    echo_hz = 1 / AUTO if cfg.echo_hz == "auto" else cfg.echo_hz
+    for board in (Board.NC, Board.FC):
+        streams = {key: settle(ms / 1000) for key, ms in rates.items() if board in KINDS[key].boards}
+        rules = LineRules(baud=cfg.baud, direct=board, gap=cfg.gap_ms / 1000)
+        try:
+            budget.check(budget.Demand(streams, echo_hz), rules, limit=cfg.max_line_share)
+        except CommandRejectedError as error:
+            raise ConfigError(f"link.rates: {error.reason} {error.fix}") from error
+
+
+class Streams:
+    """Wishes, and the subscriptions that fulfil them on the board at the end of the wire.
+
+    Attributes:
+        is_on: the board was asked for them since the port was opened.
+    """
+
+    def __init__(self, cfg: LinkConfig) -> None:
+        self.is_on = False
+        self._cfg = cfg
+        self._subscriptions = Subscriptions(Board.ANY, renew=cfg.renewal)
+        self._wishes = {} if isinstance(cfg.rates, str) else {key: ms / 1000 for key, ms in cfg.rates.items()}
+
+    @property
+    def wanted(self) -> dict[str, float]:
+        """Interval of every wanted stream [s]."""
+        return self._subscriptions.wanted
+
+    def restart(self) -> None:
+        """A port was opened: nothing runs."""
+        self.is_on = False
+        self._subscriptions.forget()
+
+    def forget(self) -> None:
+        """The board forgot what it was asked: ask again."""
+        self._subscriptions.forget()
+
+    def meet(self, board: Board) -> None:
+        """This board streams from now on; wishes it cannot fulfil wait for one that can."""
+        wanted = self._subscriptions.wanted
+        self._subscriptions = Subscriptions(board, renew=self._cfg.renewal)
+        for key, period in wanted.items():
+            if board in KINDS[key].boards:
+                self._subscriptions.want(key, period)
+
+    def want(self, key: str, interval: float, rules: LineRules, demand_of: DemandOf) -> None:
+        """Change one stream [s]; 0 ends it.
+
+        Raises:
+            CommandRejectedError: no such stream, or the line cannot carry it; with the arithmetic.
+        """
+        streams = {**self.wanted, key: interval}
+        if interval <= 0:
+            del streams[key]
+        else:
+            kind_of(key, rules.direct)
+            # What was wished is weighed where it is faster than what boards are asked for: it is refused, not bent.
+            budget.check(demand_of(streams), rules, limit=self._cfg.max_line_share)
+            streams[key] = settle(interval)
+        self._subscriptions.want(key, interval)
+        self._wishes = streams
+
+    def begin(self, rules: LineRules, demand_of: DemandOf) -> list[str]:
+        """Ask for the configured streams; returns those this board does not have."""
+        wishes, missing = self._wishes, []
+        if self._cfg.rates == "auto" and not wishes:
+            wishes = budget.best_mix(rules.direct, rules, limit=self._cfg.max_line_share, demand=demand_of({}))
+        for key, interval in wishes.items():
+            try:
+                self._subscriptions.want(key, interval)
+            except CommandRejectedError:
+                missing.append(key)
+        self.is_on = True
+        return missing
+
+    def seen(self, key: str, now: float) -> None:
+        """A frame of a kind arrived."""
+        if key in KINDS:
+            self._subscriptions.seen(key, now)
+
+    def due(self, now: float) -> list[WireMessage]:
+        """Return the requests to send now."""
+        return self._subscriptions.due(now)
+
+    def next_time(self) -> float:
+        """When there are requests next [s]; infinite for never."""
+        return self._subscriptions.next_time() if self.is_on else float("inf")

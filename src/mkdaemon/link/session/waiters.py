@@ -1,0 +1,58 @@
+"""Who waits for what: futures of callers, settled with what the dialogue says became of their questions."""
+
+from __future__ import annotations
+
+import asyncio
+
+from mkdaemon.errors import LinkLostError, RequestTimeoutError
+from mkdaemon.link.session.dialogue import Dialogue
+from mkdaemon.link.session.traffic import ReleaseResult
+from mkdaemon.protocol.wire import WireMessage
+
+Answer = asyncio.Future[WireMessage | None]
+"""Of a question: its answer; None where it was sent and none ever comes."""
+
+
+class Waiters:
+    """Everybody who waits."""
+
+    def __init__(self) -> None:
+        self._releases: list[asyncio.Future[ReleaseResult]] = []
+
+    def for_answer(self) -> Answer:
+        """Return what a caller waits on for an answer; hand it to the dialogue as token."""
+        return asyncio.get_running_loop().create_future()
+
+    def for_release(self) -> asyncio.Future[ReleaseResult]:
+        """Return what a caller waits on for the end of the release under way."""
+        waiter: asyncio.Future[ReleaseResult] = asyncio.get_running_loop().create_future()
+        self._releases.append(waiter)
+        return waiter
+
+    def settle(self, dialogue: Dialogue) -> None:
+        """Hand out what is known by now."""
+        for pending, outcome in dialogue.questions.take_finished():
+            waiter = pending.token
+            if isinstance(waiter, asyncio.Future) and not waiter.done():
+                _resolve(waiter, outcome, is_open=dialogue.is_open)
+        if self._releases and not dialogue.steering.is_releasing and dialogue.steering.plan is not None:
+            self._end_releases(dialogue.steering.plan.result())
+
+    def port_lost(self, reason: str) -> None:
+        """A release that waits cannot be sent now; it is the first thing sent after opening."""
+        self._end_releases(ReleaseResult("not_sent", 0, 0, reason))
+
+    def _end_releases(self, result: ReleaseResult) -> None:
+        waiters, self._releases = self._releases, []
+        for waiter in waiters:
+            if not waiter.done():
+                waiter.set_result(result)
+
+
+def _resolve(waiter: Answer, outcome: WireMessage | str | None, *, is_open: bool) -> None:
+    if not isinstance(outcome, str):
+        waiter.set_result(outcome)
+    elif is_open:
+        waiter.set_exception(RequestTimeoutError(outcome))
+    else:
+        waiter.set_exception(LinkLostError(outcome))

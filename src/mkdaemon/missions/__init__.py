@@ -1,0 +1,9 @@
+"""Mission files: GPX, KML, QGroundControl plan, CSV and the MikroKopter-Tool's WPL, read and written.
+
+A file that cannot be used is refused with one line naming the file, the line and the fix.
+"""
+
+from mkdaemon.missions.format import FORMATS, read_mission, write_mission
+from mkdaemon.missions.source import AltitudeReference, MissionDraft
+
+__all__ = ["FORMATS", "AltitudeReference", "MissionDraft", "read_mission", "write_mission"]

@@ -1,0 +1,99 @@
+"""The one table of mission file formats, by file name suffix."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Final, NamedTuple
+
+from mkdaemon.errors import ConfigError
+from mkdaemon.missions import csv, gpx, kml, qgc, wpl
+from mkdaemon.missions.losses import lost
+from mkdaemon.missions.source import MissionDraft
+from mkdaemon.protocol.mission import Mission
+
+MAX_BYTES: Final = 4_000_000
+"""Largest file read [bytes]; 31 points need some ten thousand."""
+
+
+class Format(NamedTuple):
+    """One file format: how it is read and written.
+
+    Attributes:
+        read: from text and file name.
+        write: to text.
+        about: what it is, for help texts.
+    """
+
+    read: Callable[[str, str], MissionDraft]
+    write: Callable[[Mission], str]
+    about: str
+
+
+FORMATS: Final = {
+    ".gpx": Format(gpx.read, gpx.write, "GPX 1.1 route"),
+    ".kml": Format(kml.read, kml.write, "KML 2.2 placemarks or path"),
+    ".plan": Format(qgc.read, qgc.write, "QGroundControl plan"),
+    ".csv": Format(csv.read, csv.write, "table, one point a line"),
+    ".wpl": Format(wpl.read, wpl.write, "MikroKopter-Tool waypoint list"),
+}
+"""By suffix, lower case."""
+
+
+def read_mission(path: Path, *, start_elevation: float | None = None, altitude: float | None = None) -> Mission:
+    """Read a mission from a file of any known format; altitudes become heights above the start.
+
+    Args:
+        path: the file; its suffix tells the format.
+        start_elevation: elevation of the starting place above mean sea level [m], for files with such altitudes.
+        altitude: put every point at this height above the start [m].
+
+    Raises:
+        ConfigError: the file cannot be read or used; one line naming file, line and fix.
+    """
+    chosen = _format(path)
+    try:
+        if path.stat().st_size > MAX_BYTES:
+            msg = f"{path}: larger than {MAX_BYTES // 1_000_000} MB; this is no mission file"
+            raise ConfigError(msg)
+        text = path.read_text(encoding="utf-8-sig")
+    except OSError as error:
+        msg = f"{path}: cannot be read ({error.strerror}); check the name and its permissions"
+        raise ConfigError(msg) from error
+    except UnicodeDecodeError as error:
+        msg = f"{path}: not UTF-8 text (byte {error.start}); save it as UTF-8"
+        raise ConfigError(msg) from error
+    draft = chosen.read(text, str(path))
+    return draft.settled(str(path), start_elevation=start_elevation, altitude=altitude)
+
+
+def write_mission(mission: Mission, path: Path) -> tuple[str, ...]:
+    """Write a mission to a file; the suffix tells the format.
+
+    Returns:
+        What the format does not keep, for example `climb of points 2 and 3`.
+
+    Raises:
+        ConfigError: the format is unknown, would fly another mission, or the file cannot be written.
+    """
+    chosen = _format(path)
+    try:
+        text = chosen.write(mission)
+        gone = lost(mission, chosen.read(text, path.suffix).mission)
+    except ConfigError as error:
+        msg = f"{path}: this format cannot keep the mission: {error}"
+        raise ConfigError(msg) from error
+    try:
+        path.write_text(text, encoding="utf-8")
+    except OSError as error:
+        msg = f"{path}: cannot be written ({error.strerror}); choose another place"
+        raise ConfigError(msg) from error
+    return gone
+
+
+def _format(path: Path) -> Format:
+    chosen = FORMATS.get(path.suffix.lower())
+    if chosen is None:
+        msg = f"{path}: no mission format has the suffix {path.suffix!r}; use one of {', '.join(FORMATS)}"
+        raise ConfigError(msg)
+    return chosen

@@ -1,1 +1,0 @@
-"""mkdaemon: the programs on the vehicle's side."""

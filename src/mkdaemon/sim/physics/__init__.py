@@ -1,0 +1,1 @@
+"""The flying aircraft: airframe, loops, sensors, wind, pilot."""

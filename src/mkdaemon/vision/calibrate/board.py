@@ -1,0 +1,171 @@
+"""Calibration boards: where their points are, and finding them in an image."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Protocol
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from mkdaemon.config.vision import DetectorSection
+from mkdaemon.errors import ConfigError
+from mkdaemon.vision.tags.detector import Detector
+from mkdaemon.vision.tags.tagmap import Target
+
+Array = npt.NDArray[np.float64]
+Grey = npt.NDArray[np.uint8]
+
+CELLS_PER_SQUARE = 8
+"""A square of our ChArUco boards is 8 cells: a 4x4 marker with its border is 6, one white cell on each side."""
+MARKER_CELLS = 6
+DICTIONARY = cv2.aruco.DICT_4X4_250
+MIN_POINTS = 8
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BoardPoints:
+    """Points of a board seen in one image.
+
+    Attributes:
+        ids: `(n,)` names of the points.
+        board: `(n, 3)` [m; board].
+        image: `(n, 2)` [px, centres at integers].
+    """
+
+    ids: npt.NDArray[np.int64]
+    board: Array
+    image: Array
+
+
+class CalibrationBoard(Protocol):
+    """Something flat with known points."""
+
+    @property
+    def title(self) -> str:
+        """What it is, with its sizes."""
+
+    @property
+    def corners(self) -> Array:
+        """Its outline `(4, 3)` [m; board]."""
+
+    def find(self, pixels: Grey) -> BoardPoints | None:
+        """Find it in `(h, w)` uint8; None when too little of it is seen."""
+
+
+@dataclass(frozen=True)
+class CharucoBoard:
+    """A chess board with a marker in each white square.
+
+    Attributes:
+        columns: squares along x.
+        rows: squares along y.
+        square: side of a square [m].
+    """
+
+    columns: int
+    rows: int
+    square: float
+
+    def __post_init__(self) -> None:
+        markers = self.columns * self.rows // 2
+        if not (self.columns >= 3 and self.rows >= 3 and markers <= 250 and 0.002 <= self.square <= 1.0):
+            msg = (
+                f"board {self.columns}x{self.rows} of {self.square} m: give at least 3x3 squares, at most 500,"
+                " of 0.002 to 1 m"
+            )
+            raise ConfigError(msg)
+
+    @property
+    def title(self) -> str:
+        """For example `charuco 8x6, square 0.03 m`."""
+        return f"charuco {self.columns}x{self.rows}, square {self.square:g} m"
+
+    @property
+    def corners(self) -> Array:
+        """Outline `(4, 3)` [m]; the origin is the top-left corner, y to the bottom, as OpenCV has it."""
+        w, h = self.columns * self.square, self.rows * self.square
+        return np.array([[0.0, 0.0, 0.0], [w, 0.0, 0.0], [w, h, 0.0], [0.0, h, 0.0]])
+
+    @cached_property
+    def _cv(self) -> cv2.aruco.CharucoBoard:
+        marker = self.square * MARKER_CELLS / CELLS_PER_SQUARE
+        dictionary = cv2.aruco.getPredefinedDictionary(DICTIONARY)
+        return cv2.aruco.CharucoBoard((self.columns, self.rows), self.square, marker, dictionary)
+
+    @cached_property
+    def _detector(self) -> cv2.aruco.CharucoDetector:
+        return cv2.aruco.CharucoDetector(self._cv)
+
+    @cached_property
+    def cells(self) -> Grey:
+        """The board as cells `(8 * rows, 8 * columns)`, 0 black, 255 white."""
+        size = (self.columns * CELLS_PER_SQUARE, self.rows * CELLS_PER_SQUARE)
+        return np.asarray(self._cv.generateImage(size, marginSize=0), dtype=np.uint8)
+
+    def find(self, pixels: Grey) -> BoardPoints | None:
+        """Inner chess corners next to decoded markers, refined to their saddle points."""
+        corners, ids, _, _ = self._detector.detectBoard(pixels)
+        if ids is None or corners is None or len(ids) < MIN_POINTS:
+            return None
+        index = np.asarray(ids, dtype=np.int64).ravel()
+        known = np.asarray(self._cv.getChessboardCorners(), dtype=np.float64)
+        image = np.asarray(corners, dtype=np.float64).reshape(-1, 2)
+        spread = known[index][:, :2].max(axis=0) - known[index][:, :2].min(axis=0)
+        if min(spread) < 0.5 * self.square:
+            return None  # all on one line
+        return BoardPoints(index, known[index], image)
+
+
+class TagBoard:
+    """A grid of tags, or any other flat target of the target map, as a calibration board."""
+
+    def __init__(self, target: Target) -> None:
+        if not target.is_planar:
+            msg = f"target '{target.name}' is not flat: calibrate with a board"
+            raise ConfigError(msg)
+        self._target = target
+        ids: dict[str, frozenset[int]] = {}
+        for tag in target.tags:
+            ids[tag.family.name] = ids.get(tag.family.name, frozenset()) | {tag.tag_id}
+        self._detector = Detector(ids, DetectorSection())
+        self._place = {(tag.family.name, tag.tag_id): k for k, tag in enumerate(target.tags)}
+
+    @property
+    def title(self) -> str:
+        """For example `target board: 24 tags of 0.06 m`."""
+        return f"target {self._target.name}: {len(self._target.tags)} tags of {self._target.tags[0].size:g} m"
+
+    @property
+    def corners(self) -> Array:
+        """Outline `(4, 3)` [m; target]."""
+        points = np.concatenate([tag.corners for tag in self._target.tags])
+        (x0, y0, z), (x1, y1, _) = points.min(axis=0), points.max(axis=0)
+        return np.array([[x0, y1, z], [x1, y1, z], [x1, y0, z], [x0, y0, z]])
+
+    def find(self, pixels: Grey) -> BoardPoints | None:
+        """Corners of all decoded tags."""
+        ids, board, image = [], [], []
+        for found in self._detector.search(pixels, "decimate1"):
+            place = self._place[found.family, found.tag_id]
+            ids.append(4 * place + np.arange(4))
+            board.append(self._target.tags[place].corners)
+            image.append(found.corners)
+        if 4 * len(ids) < MIN_POINTS:
+            return None
+        return BoardPoints(np.concatenate(ids), np.concatenate(board), np.concatenate(image))
+
+
+def board_normal(view: BoardPoints, width: int, height: int) -> Array | None:
+    """Direction the board faces `(3,)` [camera, RDF], towards the camera.
+
+    Found with a guessed focal length of one picture width, which is good enough to tell tilts apart.
+    """
+    guess = np.array([[width, 0, width / 2], [0, width, height / 2], [0, 0, 1]], dtype=np.float64)
+    good, rvec, tvec = cv2.solvePnP(view.board, view.image, guess, None, flags=cv2.SOLVEPNP_IPPE)
+    if not good:
+        return None
+    normal = np.asarray(cv2.Rodrigues(rvec)[0], dtype=np.float64)[:, 2]
+    return -normal if float(normal @ tvec.ravel()) > 0 else normal

@@ -1,0 +1,1 @@
+"""From a camera to stamped images: sources, clocks, intrinsics."""

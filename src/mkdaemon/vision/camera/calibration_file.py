@@ -1,0 +1,162 @@
+"""The camera file: what a calibration found, and how the camera sits on the vehicle."""
+
+from __future__ import annotations
+
+import difflib
+import json
+import math
+import tomllib
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+from pydantic import Field, ValidationError
+
+from mkdaemon.config.base import Section
+from mkdaemon.config.camera import MountSection
+from mkdaemon.errors import ConfigError
+from mkdaemon.frames import FLU_FROM_RDF, rotation_from_euler
+from mkdaemon.vision.camera.intrinsics import Intrinsics
+
+Array = npt.NDArray[np.float64]
+
+FOCAL_SIDES = (0.15, 60.0)
+"""Focal lengths there are, in longer sides of the image: from a fish-eye to a telescope."""
+MAX_ASPECT = 2.0
+"""Ratio of the focal lengths; two with every other line left out."""
+
+_FLU_FROM_CAM: dict[str, Array] = {
+    "forward": FLU_FROM_RDF,
+    "back": rotation_from_euler(0.0, 0.0, math.pi) @ FLU_FROM_RDF,
+    "left": rotation_from_euler(0.0, 0.0, math.pi / 2) @ FLU_FROM_RDF,
+    "right": rotation_from_euler(0.0, 0.0, -math.pi / 2) @ FLU_FROM_RDF,
+    "down": rotation_from_euler(0.0, math.pi / 2, 0.0) @ FLU_FROM_RDF,
+    "up": rotation_from_euler(0.0, -math.pi / 2, 0.0) @ FLU_FROM_RDF,
+}
+
+
+def mount_rotation(mount: MountSection) -> Array:
+    """Body from camera `(3, 3)`, FLU from RDF: the direction of view, turned by the small angles about body axes."""
+    roll, pitch, yaw = (math.radians(angle) for angle in mount.rpy_deg)
+    rotation: Array = rotation_from_euler(roll, pitch, yaw) @ _FLU_FROM_CAM[mount.looks]
+    return np.round(rotation, 15) + 0.0
+
+
+class CalibrationRecord(Section):
+    """Where the intrinsics come from and how good they are."""
+
+    date: str = ""
+    """Day of the calibration, ISO 8601."""
+    lens: str = ""
+    """Lens and focus, in the user's words."""
+    board: str = ""
+    """What was shown to the camera."""
+    views: int = Field(default=0, ge=0)
+    """Images used."""
+    rms_px: float = Field(default=0.0, ge=0)
+    """Reprojection error over all points [px]."""
+    focal_sd_percent: float = Field(default=0.0, ge=0)
+    """Standard deviation of the worse focal length [%]."""
+    centre_sd_px: float = Field(default=0.0, ge=0)
+    """Standard deviation of the worse principal point coordinate [px]."""
+    k1_sd: float = Field(default=0.0, ge=0)
+    """Standard deviation of `k1`."""
+    forced: bool = False
+    """Stored although it is poor."""
+
+
+class Camera(Section):
+    """One calibrated camera."""
+
+    name: str = ""
+    """What it is, in the user's words."""
+    intrinsics: Intrinsics
+    """Projection and lens."""
+    mount: MountSection = MountSection()
+    """How it sits on the vehicle."""
+    calibration: CalibrationRecord = CalibrationRecord()
+    """Where the figures come from."""
+
+
+def _slip(k: Intrinsics) -> str:
+    """What no lens has: slipped digits give poses that look right. Empty for a possible lens."""
+    side = max(k.width, k.height)
+    if not all(FOCAL_SIDES[0] * side <= focal <= FOCAL_SIDES[1] * side for focal in (k.fx, k.fy)):
+        return f"no lens has a focal length of {k.fx:g}, {k.fy:g} px on {k.width}x{k.height}"
+    if not 1 / MAX_ASPECT <= k.fx / k.fy <= MAX_ASPECT:
+        return f"fx {k.fx:g} and fy {k.fy:g} differ too much for square pixels"
+    if not (0.0 <= k.cx <= k.width and 0.0 <= k.cy <= k.height):
+        return f"the centre {k.cx:g}, {k.cy:g} is outside the {k.width}x{k.height} image"
+    return ""
+
+
+def load_camera(path: Path) -> Camera:
+    """Read a camera file.
+
+    Raises:
+        ConfigError: missing, unreadable, or a key or value is wrong; one line names file, place and fix.
+    """
+    try:
+        with path.open("rb") as file:
+            content = tomllib.load(file)
+        # as JSON and strict: arrays are tuples, whole numbers are numbers, and true is none
+        camera = Camera.model_validate_json(json.dumps(content, default=str), strict=True)
+        slip = _slip(camera.intrinsics)
+        if not slip:
+            return camera
+        msg = f"camera file {path}: intrinsics: {slip}; calibrate again, or correct what was typed"
+    except OSError as error:
+        msg = f"camera file {path}: {error.strerror or error}; make one with mkdaemon calibrate camera"
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        msg = f"camera file {path}: not TOML ({error}); see configs/cameras"
+    except ValidationError as error:
+        msg = f"camera file {path}: {_describe(error)}; see configs/cameras for every key"
+    raise ConfigError(msg)
+
+
+def _describe(found: ValidationError) -> str:
+    """The most telling mistake: a misspelt key explains a missing one."""
+    first = min(found.errors(include_url=False), key=lambda item: item["type"] != "extra_forbidden")
+    place = ".".join(str(part) for part in first["loc"])
+    if first["type"] == "extra_forbidden":
+        known = [name for model in (Camera, Intrinsics, MountSection, CalibrationRecord) for name in model.model_fields]
+        near = difflib.get_close_matches(str(first["loc"][-1]), known, n=1)
+        return f"{place}: unknown key{f', did you mean {near[0]}?' if near else ''}"
+    return f"{place}: {first['msg']}"
+
+
+def save_camera(camera: Camera, path: Path) -> None:
+    """Write a camera file.
+
+    Raises:
+        ConfigError: the place cannot be written, or no lens has such figures.
+    """
+    slip = _slip(camera.intrinsics)
+    if slip:
+        msg = f"camera file {path} not written: {slip}: take more views, turned to every side"
+        raise ConfigError(msg)
+    lines = [f"name = {_toml(camera.name)}"]
+    for title, section in (
+        ("intrinsics", camera.intrinsics),
+        ("mount", camera.mount),
+        ("calibration", camera.calibration),
+    ):
+        lines += ["", f"[{title}]"]
+        lines += [f"{key} = {_toml(value)}" for key, value in section]
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    except OSError as error:
+        msg = f"camera file {path}: {error.strerror or error}"
+        raise ConfigError(msg) from None
+
+
+def _toml(value: object) -> str:
+    """One TOML value; a JSON string is a TOML basic string."""
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, str):
+        return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
+    if isinstance(value, tuple):
+        return "[" + ", ".join(_toml(item) for item in value) + "]"
+    return repr(value)

@@ -1,0 +1,218 @@
+"""One camera in its own thread: opened, read, stamped, judged, handed over; opened again when it vanishes."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections import deque
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from enum import StrEnum
+
+from mkdaemon.config.camera import CameraSection
+from mkdaemon.errors import VisionError
+from mkdaemon.vision.camera.bus_images import ZenohSource
+from mkdaemon.vision.camera.image import CameraImage
+from mkdaemon.vision.camera.shot import EndOfImages, Shot, Source
+from mkdaemon.vision.camera.slot import NewestSlot
+from mkdaemon.vision.camera.stamping import StampClock
+
+READ_TIMEOUT = 0.25
+RATE_IMAGES = 31
+"""Images the rate is counted over; the mean of inverse gaps would be too high wherever images come in bursts."""
+
+
+class StreamState(StrEnum):
+    """Where a camera is in its life."""
+
+    OPENING = "opening"
+    STREAMING = "streaming"
+    SILENT = "silent"
+    GONE = "gone"
+    ENDED = "ended"
+
+
+@dataclass(frozen=True, slots=True)
+class StreamStatus:
+    """What is known about a camera now.
+
+    Attributes:
+        state: streaming or why not.
+        reason: one sentence for everything but streaming.
+        since: when `state` began [s; monotonic].
+        images: taken since the start.
+        lost: gaps in the source's own count.
+        reopened: how often it was opened again.
+        fps: rate of the last second or so [Hz].
+        width: of the last image [px].
+        height: of the last image [px].
+        stamped_by: who knew the capture time.
+        refused: settings the driver did not take.
+    """
+
+    state: StreamState = StreamState.OPENING
+    reason: str = "not opened yet"
+    since: float = 0.0
+    images: int = 0
+    lost: int = 0
+    reopened: int = 0
+    fps: float = 0.0
+    width: int = 0
+    height: int = 0
+    stamped_by: str = ""
+    refused: tuple[str, ...] = ()
+
+
+def retry_delays(first: float, longest: float) -> Iterator[float]:
+    """Delays before the next attempt [s]: doubling from `first` to `longest`."""
+    delay = first
+    while True:
+        yield delay
+        delay = min(2 * delay, longest)
+
+
+class CameraStream:
+    """Runs a source in a thread; the newest image waits in `slot`.
+
+    Args:
+        cfg: the camera.
+        source: where its images come from.
+        slot: where they go.
+    """
+
+    def __init__(self, cfg: CameraSection, source: Source, slot: NewestSlot[CameraImage]) -> None:
+        self.cfg = cfg
+        self._source = source
+        self._slot = slot
+        self._stop = threading.Event()
+        self._thread = threading.Thread(target=self._run, name=f"camera-{cfg.name}", daemon=True)
+        self._status = StreamStatus(since=time.monotonic())
+        self._clock = StampClock(cfg.latency_ms / 1000.0)
+        self._arrivals: deque[float] = deque(maxlen=RATE_IMAGES)
+        self._last_arrival: float | None = None
+        self._last_sequence: int | None = None
+        self._sequence = 0
+
+    @property
+    def live(self) -> bool:
+        """Whether images come on their own time."""
+        return self._source.live
+
+    def start(self) -> None:
+        """Start the thread; opening happens there."""
+        self._thread.start()
+
+    def request_stop(self) -> None:
+        """Tell the thread to end, without waiting for it."""
+        self._stop.set()
+        self._slot.close()
+
+    def stop(self, timeout: float = 3.0) -> None:
+        """End the thread; a driver that hangs is left behind, its thread does not keep the process alive."""
+        self.request_stop()
+        if self._thread.ident is not None:
+            self._thread.join(timeout)
+
+    def status(self) -> StreamStatus:
+        """The camera's state now; an image that is overdue makes it silent."""
+        status, last = self._status, self._last_arrival
+        if status.state is StreamState.STREAMING and last is not None and self._source.live:
+            overdue = time.monotonic() - last
+            if overdue > self.cfg.silent_after:
+                return replace(
+                    status,
+                    state=StreamState.SILENT,
+                    reason=self._silence(overdue),
+                    since=last + self.cfg.silent_after,
+                    fps=0.0,
+                )
+        return status
+
+    def _silence(self, overdue: float) -> str:
+        refused = self._source.refused if isinstance(self._source, ZenohSource) else ""
+        return refused or f"no image for {overdue:.1f} s"
+
+    def _run(self) -> None:
+        delays = retry_delays(self.cfg.reopen_min, self.cfg.reopen_max)
+        while not self._stop.is_set():
+            try:
+                refused = self._source.open()
+                self._become(StreamState.STREAMING, "", refused=refused)
+                self._last_arrival = time.monotonic()
+                self._arrivals.clear()
+                before = self._status.images
+                try:
+                    self._read_on()
+                finally:
+                    self._source.close()
+                    if self._status.images > before:
+                        delays = retry_delays(self.cfg.reopen_min, self.cfg.reopen_max)
+            except EndOfImages:
+                self._wait_taken()
+                self._become(StreamState.ENDED, "all images were shown")
+                return
+            except VisionError as error:
+                self._become(StreamState.GONE, str(error), reopened=self._status.reopened + 1)
+            self._stop.wait(next(delays))
+
+    def _read_on(self) -> None:
+        """Read until told to stop or the source is gone."""
+        while not self._stop.is_set():
+            shot = self._source.read(READ_TIMEOUT)
+            if shot is None:
+                continue
+            if not self._source.live:
+                self._wait_taken()
+            self._hand_over(shot)
+
+    def _wait_taken(self) -> None:
+        """Files do not outrun their reader."""
+        while not self._slot.wait_taken(READ_TIMEOUT) and not self._stop.is_set():
+            continue
+
+    def _hand_over(self, shot: Shot) -> None:
+        captured_at, stamped_by = self._clock.stamp(shot.stamp, shot.arrived)
+        if stamped_by == "driver" and isinstance(self._source, ZenohSource):
+            stamped_by = "header"
+        step, lost = 1, 0
+        if shot.sequence is not None and self._last_sequence is not None and shot.sequence > self._last_sequence:
+            step = shot.sequence - self._last_sequence
+            lost = step - 1
+        self._last_sequence = shot.sequence
+        self._sequence += step
+        self._arrivals.append(shot.arrived)
+        spent = shot.arrived - self._arrivals[0]
+        self._last_arrival = shot.arrived
+        height, width = shot.pixels.shape
+        self._status = replace(
+            self._status,
+            images=self._status.images + 1,
+            lost=self._status.lost + lost,
+            fps=(len(self._arrivals) - 1) / spent if spent > 0.0 else 0.0,
+            width=width,
+            height=height,
+            stamped_by=stamped_by,
+        )
+        wall = time.time() - time.monotonic() + captured_at
+        self._slot.put(
+            CameraImage(shot.pixels, captured_at, wall, shot.arrived, self._sequence, self.cfg.name, stamped_by)
+        )
+
+    def _become(
+        self,
+        state: StreamState,
+        reason: str,
+        *,
+        refused: tuple[str, ...] | None = None,
+        reopened: int | None = None,
+    ) -> None:
+        status = self._status
+        self._status = replace(
+            status,
+            state=state,
+            reason=reason,
+            since=status.since if status.state is state else time.monotonic(),
+            fps=status.fps if state is StreamState.STREAMING else 0.0,
+            refused=status.refused if refused is None else refused,
+            reopened=status.reopened if reopened is None else reopened,
+        )

@@ -1,0 +1,133 @@
+"""Images from clips and folders."""
+
+from __future__ import annotations
+
+import os
+import re
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from mkdaemon.config.camera import CameraSection
+from mkdaemon.errors import VisionError
+from mkdaemon.vision.camera.imagecodec import to_grey
+from mkdaemon.vision.camera.shot import EndOfImages, Shot
+
+PICTURES = frozenset({".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".pgm", ".webp"})
+CLIPS = frozenset({".mp4", ".avi", ".mkv", ".mov", ".webm", ".m4v", ".mpg", ".mpeg", ".ts"})
+FOLDER_HZ = 10.0
+
+
+class ClipSource:
+    """A video file at its own rate."""
+
+    live = False
+
+    def __init__(self, path: Path, cfg: CameraSection) -> None:
+        self._path = path
+        self._cfg = cfg
+        self._capture: cv2.VideoCapture | None = None
+        self._started: float | None = None
+
+    def open(self) -> tuple[str, ...]:
+        """Open the clip."""
+        if not self._path.is_file():
+            msg = f"camera {self._cfg.name}: no such file: {self._path}"
+            raise VisionError(msg)
+        capture = quietly(lambda: cv2.VideoCapture(str(self._path), cv2.CAP_FFMPEG, []))
+        if not capture.isOpened():
+            msg = f"camera {self._cfg.name}: {self._path} is no video OpenCV can read"
+            raise VisionError(msg)
+        self._capture, self._started = capture, None
+        return ()
+
+    def read(self, timeout: float) -> Shot | None:
+        """Next image, in time."""
+        if self._capture is None:
+            raise EndOfImages
+        good, image = self._capture.read()
+        if not good and self._cfg.loop:
+            self._capture.set(cv2.CAP_PROP_POS_FRAMES, 0)
+            self._started = None
+            good, image = self._capture.read()
+        if not good:
+            raise EndOfImages
+        media = float(self._capture.get(cv2.CAP_PROP_POS_MSEC)) / 1000.0
+        if self._started is None:
+            self._started = time.monotonic() - media
+        if self._cfg.paced:
+            time.sleep(max(self._started + media - time.monotonic(), 0.0))
+        pixels = to_grey(image)
+        return None if pixels is None else Shot(pixels, time.monotonic())
+
+    def close(self) -> None:
+        """Release the file."""
+        if self._capture is not None:
+            self._capture.release()
+            self._capture = None
+
+
+class FolderSource:
+    """The pictures of a folder in natural order, at `fps` or 10 Hz."""
+
+    live = False
+
+    def __init__(self, path: Path, cfg: CameraSection) -> None:
+        self._path = path
+        self._cfg = cfg
+        self._files: list[Path] = []
+        self._next = 0
+        self._due = 0.0
+
+    def open(self) -> tuple[str, ...]:
+        """List the folder."""
+        self._files = list_pictures(self._path)
+        self._next, self._due = 0, time.monotonic()
+        return ()
+
+    def read(self, timeout: float) -> Shot | None:
+        """Next picture; files that are none are passed over."""
+        if self._next >= len(self._files):
+            if not self._cfg.loop:
+                raise EndOfImages
+            self._next = 0
+        file = self._files[self._next]
+        self._next += 1
+        if self._cfg.paced:
+            time.sleep(max(self._due - time.monotonic(), 0.0))
+            self._due = max(self._due, time.monotonic() - 1.0) + 1.0 / (self._cfg.fps or FOLDER_HZ)
+        image = cv2.imread(str(file), cv2.IMREAD_GRAYSCALE)
+        return None if image is None else Shot(np.asarray(image, dtype=np.uint8), time.monotonic())
+
+    def close(self) -> None:
+        """Nothing is held open."""
+
+
+def list_pictures(folder: Path) -> list[Path]:
+    """Pictures of a folder in natural order (2 before 10).
+
+    Raises:
+        VisionError: no such folder, or no picture in it.
+    """
+    if not folder.is_dir():
+        msg = f"no such folder: {folder}"
+        raise VisionError(msg)
+    found = [path for path in folder.iterdir() if path.suffix.lower() in PICTURES]
+    if not found:
+        msg = f"no pictures in {folder}: put {', '.join(sorted(PICTURES))} files there"
+        raise VisionError(msg)
+    return sorted(found, key=lambda path: [int(t) if t.isdigit() else t for t in re.split(r"(\d+)", path.name.lower())])
+
+
+def quietly(opener: Callable[[], cv2.VideoCapture]) -> cv2.VideoCapture:
+    """Open without OpenCV and FFmpeg writing on the terminal: what failed is in our own sentence."""
+    os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
+    level = cv2.utils.logging.getLogLevel()
+    cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
+    try:
+        return opener()
+    finally:
+        cv2.utils.logging.setLogLevel(level)

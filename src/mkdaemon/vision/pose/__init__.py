@@ -1,0 +1,1 @@
+"""From tags to the pose of a target: fits, gates, ambiguity, covariance."""

@@ -1,0 +1,157 @@
+"""From decoded tags or a prediction to a measured pose of one target: which fit, which candidate, which gate."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from mkdaemon.config.vision import TrackerSection
+from mkdaemon.vision.pose.edgefit import EdgeFit, Level
+from mkdaemon.vision.pose.evidence import EdgeEvidence
+from mkdaemon.vision.pose.gates import BitModel
+from mkdaemon.vision.pose.photofit import PhotoFit
+from mkdaemon.vision.pose.pose import Pose, solve
+from mkdaemon.vision.pose.projection import NEAR_M, Projection
+from mkdaemon.vision.tags.detection import Detection
+from mkdaemon.vision.tags.tagmap import Tag, Target
+
+Array = npt.NDArray[np.float64]
+Grey = npt.NDArray[np.uint8]
+
+PHOTOMETRIC_BELOW_PX = 4.0
+"""Cells smaller than this are fitted by their grey values [px]."""
+EDGES_UP_TO = np.radians(60.0)
+"""Tilt from which edges across the foreshortened direction run into each other [rad]."""
+AGREEMENT_PX = 1.5
+"""Corner residual above which the tags of a target contradict each other [px]."""
+
+
+class TargetFitter:
+    """Measures one target."""
+
+    def __init__(self, target: Target, projection: Projection, cfg: TrackerSection) -> None:
+        self.target = target
+        self._projection = projection
+        self._cfg = cfg
+        self._edges = EdgeFit(target, projection)
+        self._photo = PhotoFit(target, projection)
+        self._bits = BitModel(target, projection)
+        self._evidence = EdgeEvidence(target, projection)
+        self._cell = target.tags[0].module
+        papers = [tag.paper / 2 for tag in target.tags]
+        square = np.array([[-1.0, 1.0], [1.0, 1.0], [1.0, -1.0], [-1.0, -1.0]])
+        self._outline = np.concatenate(
+            [tag.place(square * half) for tag, half in zip(target.tags, papers, strict=True)]
+        )
+
+    def cold(self, pixels: Grey, tags: Sequence[tuple[Tag, Detection]]) -> list[Pose]:
+        """Fit every candidate that decoded tags allow; rival poses stay in the list."""
+        candidates = solve(tags, self._projection)
+        if len(tags) > 1 and (not candidates or candidates[0].rms_px > AGREEMENT_PX):
+            # A border faked by something lying over the tag: let every tag speak for itself.
+            candidates = [pose for pair in tags for pose in solve([pair], self._projection)]
+        # Losses compare only between fits of one kind, so all candidates get the one the first of them asks for.
+        for photometric in (True, False) if any(self._wants_photometric(c) for c in candidates) else (False,):
+            fitted = [self._fit(pixels, candidate, photometric=photometric) for candidate in candidates]
+            good = [pose for pose in fitted if pose is not None]
+            if good and (not photometric or len(good) == len(candidates)):
+                return good if photometric else [self._photo.polish(pixels, pose) for pose in good]
+        return candidates
+
+    def refine(self, pixels: Grey, start: Pose) -> Pose | None:
+        """Improve a pose by the method its size and tilt ask for."""
+        if self._wants_photometric(start):
+            fitted = self._fit(pixels, start, photometric=True)
+            if fitted is not None:
+                return fitted
+        return self._fit(pixels, start, photometric=False)
+
+    def refine_level(self, pixels: Grey, start: Pose, level: Level) -> Pose | None:
+        """Fit the edges with the tilt held near the vertical."""
+        return self._edges.fit(pixels, start, level=level)
+
+    def _wants_photometric(self, start: Pose) -> bool:
+        depth = max(float(start.position[2]), NEAR_M)
+        cell_px = float(self._projection.focal[0]) * self._cell / depth
+        return cell_px < PHOTOMETRIC_BELOW_PX or start.tilt > EDGES_UP_TO
+
+    def _fit(self, pixels: Grey, start: Pose, *, photometric: bool) -> Pose | None:
+        if not photometric:
+            return self._edges.fit(pixels, start)
+        fitted = self._photo.fit(pixels, start)
+        return fitted if fitted is not None and np.isfinite(fitted.rms_px) else None
+
+    def match(self, pixels: Grey, pose: Pose) -> float | None:
+        """How well the image shows the target where the pose puts it, -1 to 1; none when it cannot be told."""
+        read = self._bits.correlation(pixels, pose)
+        if read is None or pose.source == "photometric":
+            return pose.match if pose.match is not None else read
+        return read
+
+    def is_borne_out(self, pixels: Grey, pose: Pose) -> bool:
+        """Whether the edges that are seen bear out a pose with parts of the target hidden."""
+        evidence = self._evidence.weigh(pixels, pose)
+        return evidence is not None and evidence.bears_out
+
+    def mirrored(self, pixels: Grey, pose: Pose) -> Pose | None:
+        """Fit the rival of a pose: the same place, the normal mirrored about the line of sight.
+
+        Returns:
+            The rival, which may be `pose` again; none when it fits nothing.
+        """
+        toward = -pose.position / max(pose.range_m, 1e-9)
+        normal = pose.rotation[:, 2]
+        axis = np.cross(normal, toward)
+        turned = (
+            np.asarray(cv2.Rodrigues(axis / max(float(np.linalg.norm(axis)), 1e-9) * 2 * pose.tilt)[0]) @ pose.rotation
+        )
+        middle = pose.rotation @ self.target.tags[0].position + pose.position
+        start = replace(pose, rotation=turned, position=middle - turned @ self.target.tags[0].position)
+        rival = self.refine(pixels, start)
+        return rival if rival is not None and rival.source == pose.source else None
+
+    def by_grey_values(self, pixels: Grey, rivals: Sequence[Pose]) -> list[Pose]:
+        """Fit rivals of a small tag once more on all its pixels; empty when one of them cannot be."""
+        fitted = [self._fit(pixels, rival, photometric=True) for rival in rivals]
+        return [pose for pose in fitted if pose is not None] if all(fitted) else []
+
+    def window(self, pose: Pose, shape: tuple[int, ...]) -> tuple[int, int, int, int] | None:
+        """Part of the image `(x0, y0, x1, y1)` [px] that holds the target with room to spare."""
+        seen, visible = self._projection.project(self._outline @ pose.rotation.T + pose.position)
+        if not bool(visible.any()):
+            return None
+        low, high = seen[visible].min(axis=0), seen[visible].max(axis=0)
+        room = 0.2 * float((high - low).max()) + 14.0
+        x0, y0 = np.maximum(low - room, 0).astype(int)
+        x1, y1 = np.minimum(high + room + 1, [shape[1], shape[0]]).astype(int)
+        if not bool(visible.all()):
+            return 0, 0, shape[1], shape[0]
+        return (int(x0), int(y0), int(x1), int(y1)) if x1 - x0 >= 16 and y1 - y0 >= 16 else None
+
+    def side_px(self, pose: Pose) -> float:
+        """Side of the largest tag in the image [px]."""
+        return float(self._projection.focal[0]) * self.target.tags[0].size / max(float(pose.position[2]), NEAR_M)
+
+    def disagreement_px(self, pose: Pose, tags: Sequence[tuple[Tag, Detection]]) -> float:
+        """Largest mean corner distance between decoded tags and where the pose puts them, in cells of the tag."""
+        worst = 0.0
+        for tag, found in tags:
+            seen, visible = self._projection.project(tag.corners @ pose.rotation.T + pose.position)
+            if not bool(visible.all()):
+                return float("inf")
+            distance = float(np.linalg.norm(seen - found.corners, axis=1).mean())
+            worst = max(worst, distance / max(found.side_px / tag.family.size_cells, 1.0))
+        return worst
+
+    def shows_whole_tag(self, pose: Pose, shape: tuple[int, ...], room: float = 6.0) -> bool:
+        """Whether any tag lies in the image with all its corners, large enough to be decoded."""
+        for tag in self.target.tags:
+            seen, visible = self._projection.project(tag.corners @ pose.rotation.T + pose.position)
+            inside = (seen > room) & (seen < np.array([shape[1], shape[0]]) - 1 - room)
+            if bool(visible.all()) and bool(inside.all()) and float(np.ptp(seen, axis=0).min()) > 3 * len(tag.bitmap):
+                return True
+        return False

@@ -1,0 +1,1 @@
+"""Tags in one image: families, detection, outlines, target files."""

@@ -1,0 +1,210 @@
+"""A search for tags with things lying on them: four lines of a broken outline, and the cells that can still be read.
+
+libapriltag wants an unbroken quad. Here a dark blob's outline is cut into straight pieces, pieces of one line are put
+together, and every four lines that could bound a black square are tried. Cells that are neither as black as the border
+nor as white as the paper say nothing; the others have to agree with a code beyond chance.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from mkdaemon.vision.tags.cellread import carry, image_from_cells, sample
+from mkdaemon.vision.tags.detection import Detection, Stage
+from mkdaemon.vision.tags.tagfamily import cells, find_family
+
+Array = npt.NDArray[np.float64]
+Grey = npt.NDArray[np.uint8]
+
+MIN_SIDE_PX = 40.0
+"""Smaller tags are left to libapriltag: their outline pieces are too short [px]."""
+MAX_LINES = 8
+MAX_BLOBS = 12
+STRAIGHT_PX = 1.6
+"""Pieces and collinear pieces may deviate by this from a line [px]."""
+MIN_SUPPORT = 0.6
+"""Share of a quad's perimeter that is outline."""
+MIN_SIDE_SUPPORT = 0.3
+"""The same for each of its sides."""
+HULL_SHARE = 0.75
+"""What sticks out of a quad makes its hull longer: so much of the support is asked for before quads are tried."""
+LEVEL = 0.2
+"""A cell counts as black or white within this share of the contrast."""
+MIN_CONTRAST = 20.0
+"""Between paper and border [grey levels]."""
+MAX_CHANCE = 4e-6
+"""Chance that a random quad reads this well, over all codes and rotations."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Line:
+    """Straight part of an outline: `normal @ p = offset`, and the outline's points on it, their number."""
+
+    normal: Array
+    offset: float
+    points: Array
+    length: float
+
+
+class OutlineSearch:
+    """Finds tags whose outline or cells are partly covered.
+
+    Corners are those of fitted lines, good to some tenths of a pixel: a start for the edge fit.
+    """
+
+    def __init__(self, whitelist: Mapping[str, frozenset[int]]) -> None:
+        """Prepare the codes of a whitelist."""
+        self._codes = {
+            name: [
+                (tag_id, np.rot90(cells(name, tag_id)[1:-1, 1:-1] > 0, turn), turn)
+                for tag_id in sorted(ids)
+                for turn in range(4)
+            ]
+            for name, ids in whitelist.items()
+        }
+
+    def find(self, pixels: Grey, stage: Stage) -> list[Detection]:
+        """All codes whose readable cells agree beyond chance."""
+        _, dark = cv2.threshold(pixels, 0, 255, cv2.THRESH_BINARY_INV | cv2.THRESH_OTSU)
+        outlines, _ = cv2.findContours(dark, cv2.RETR_LIST, cv2.CHAIN_APPROX_NONE)
+        large = sorted((c for c in outlines if len(c) > 3 * MIN_SIDE_PX), key=len, reverse=True)[:MAX_BLOBS]
+        found: list[Detection] = []
+        for outline in large:
+            for quad in _quads(np.asarray(outline, dtype=np.int32)):
+                read = self._read(pixels, quad, stage)
+                if read is not None:
+                    found.append(read)
+                    break
+        return found
+
+    def _read(self, pixels: Grey, quad: Array, stage: Stage) -> Detection | None:
+        """The code that explains the readable cells of a quad; none when chance does as well."""
+        best: tuple[float, Detection] | None = None
+        for name, codes in self._codes.items():
+            n = find_family(name).black_cells
+            row, column = np.divmod(np.arange((n + 2) ** 2), n + 2)
+            points = carry(image_from_cells(quad, n), np.column_stack([column - 0.5, row - 0.5]))
+            values = sample(pixels, points).reshape(n + 2, n + 2)
+            paper = float(np.median(np.concatenate([values[0], values[-1], values[1:-1, 0], values[1:-1, -1]])))
+            ring = values[1:-1, 1:-1]
+            ink = float(np.median(np.concatenate([ring[0], ring[-1], ring[1:-1, 0], ring[1:-1, -1]])))
+            if paper - ink < MIN_CONTRAST:
+                continue
+            share = (ring[1:-1, 1:-1] - ink) / (paper - ink)
+            white, black = np.abs(share - 1) < LEVEL, np.abs(share) < LEVEL
+            known = int(white.sum() + black.sum())
+            for tag_id, bits, turn in codes:
+                wrong = int((white & ~bits).sum() + (black & bits).sum())
+                chance = len(codes) * sum(math.comb(known, k) for k in range(wrong + 1)) / 2.0**known
+                if chance <= MAX_CHANCE and (best is None or chance < best[0]):
+                    margin = float(np.abs(share - 0.5)[white | black].mean()) * (paper - ink)
+                    # The print is turned counter-clockwise by `turn` quarters: so are its corners.
+                    corners = np.roll(quad, turn, axis=0)
+                    best = chance, Detection(name, tag_id, wrong, margin, corners, stage)
+        return best[1] if best is not None else None
+
+
+def _quads(outline: npt.NDArray[np.int32]) -> list[Array]:
+    """Quads that a blob's outline supports, the best first, corners clockwise in the image."""
+    around = cv2.arcLength(cv2.convexHull(outline), closed=True)
+    lines = _lines(outline)
+    if sum(line.length for line in lines) < MIN_SUPPORT * HULL_SHARE * around:
+        return []
+    rated: list[tuple[float, Array]] = []
+    for four in itertools.combinations(lines, 4):
+        quad = _corners(four)
+        if quad is None:
+            continue
+        support = _support(quad, four)
+        if support >= MIN_SUPPORT:
+            rated.append((support, quad))
+    rated.sort(key=lambda pair: -pair[0])
+    return [quad for _, quad in rated[:3]]
+
+
+def _lines(outline: npt.NDArray[np.int32]) -> list[_Line]:
+    """The longest straight lines of an outline, pieces of one line put together."""
+    points = outline.reshape(-1, 2).astype(np.float64)
+    ends = cv2.approxPolyDP(outline, STRAIGHT_PX, closed=True).reshape(-1, 2)
+    keys = outline.reshape(-1, 2).astype(np.int64) @ np.array([1, 1 << 20])
+    marks = np.flatnonzero(np.isin(keys, ends.astype(np.int64) @ np.array([1, 1 << 20]))).tolist()
+    pieces: list[_Line] = []
+    for a, b in itertools.pairwise([*marks, marks[0] + len(points)]):
+        # Corners of a blob are round: the ends of a piece do not lie on its line.
+        part = points[np.arange(a + 2, b - 1) % len(points)]
+        if len(part) >= 8:
+            pieces.append(_line(part))
+    pieces.sort(key=lambda piece: -piece.length)
+    merged: list[_Line] = []
+    for piece in pieces:
+        middle = piece.points.mean(axis=0)
+        for k, line in enumerate(merged):
+            reach = STRAIGHT_PX + 0.01 * float(np.linalg.norm(middle - line.points.mean(axis=0)))
+            parallel = float(line.normal @ piece.normal) > 0.98
+            if parallel and float(np.abs(piece.points @ line.normal - line.offset).max()) < reach:
+                merged[k] = _line(np.concatenate([line.points, piece.points]), line)
+                break
+        else:
+            merged.append(piece)
+    merged.sort(key=lambda line: -line.length)
+    return merged[:MAX_LINES]
+
+
+def _line(points: Array, part: _Line | None = None) -> _Line:
+    """Fit a line, or a longer one around a `part` of it; its normal lies right of the way along the outline."""
+    middle = points.mean(axis=0)
+    spread = points - middle
+    along = np.linalg.eigh(spread.T @ spread)[1][:, 1]
+    way = points[-1] - points[0] if part is None else np.array([part.normal[1], -part.normal[0]])
+    if float(along @ way) < 0:
+        along = -along
+    normal = np.array([-along[1], along[0]])
+    return _Line(normal, float(normal @ middle), points, float(len(points)))
+
+
+def _corners(four: tuple[_Line, ...]) -> Array | None:
+    """Corners of a convex quad between four lines, clockwise in the image; none when they bound none."""
+    order = sorted(four, key=lambda line: math.atan2(line.normal[1], line.normal[0]))
+    middle = np.concatenate([line.points for line in order]).mean(axis=0)
+    corners = []
+    for first, second in zip(order, [*order[1:], order[0]], strict=True):
+        matrix = np.array([first.normal, second.normal])
+        if abs(float(np.linalg.det(matrix))) < 0.2:
+            return None
+        # The outline runs over the blob's own pixels: its edge is half a pixel farther out.
+        out = [0.5 * np.sign(line.offset - float(line.normal @ middle)) for line in (first, second)]
+        corners.append(np.linalg.solve(matrix, np.array([first.offset + out[0], second.offset + out[1]])))
+    quad = np.array(corners)
+    sides = np.roll(quad, -1, axis=0) - quad
+    after = np.roll(sides, -1, axis=0)
+    turns = sides[:, 0] * after[:, 1] - sides[:, 1] * after[:, 0]
+    if float(np.linalg.norm(sides, axis=1).min()) < MIN_SIDE_PX / 2 or not (turns > 0).all():
+        return None
+    return quad
+
+
+def _support(quad: Array, four: tuple[_Line, ...]) -> float:
+    """Share of the perimeter that is outline; 0 when a side has too little of it or the outline leaves the quad."""
+    covered, perimeter = 0.0, 0.0
+    for a, b in zip(quad, np.roll(quad, -1, axis=0), strict=True):
+        length = float(np.linalg.norm(b - a))
+        along = (b - a) / length
+        normal = np.array([-along[1], along[0]])
+        share = 0.0
+        for line in four:
+            if float(np.abs((line.points - a) @ normal).max()) < 2 * STRAIGHT_PX:
+                place = (line.points - a) @ along
+                inside = (place > -1) & (place < length + 1)
+                share += len(np.unique(np.floor(place[inside]))) / length
+        if share < MIN_SIDE_SUPPORT:
+            return 0.0
+        covered += min(share, 1.0) * length
+        perimeter += length
+    return covered / perimeter

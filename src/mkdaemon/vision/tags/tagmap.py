@@ -1,0 +1,288 @@
+"""Targets: which tags exist, how large they are and how they sit in their target's frame."""
+
+from __future__ import annotations
+
+import difflib
+import math
+import tomllib
+from collections.abc import Iterable
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+from pydantic import ValidationError
+from pydantic_core import ErrorDetails
+
+from mkdaemon.config.vision import BoardSection, TagPlacement, TargetFile, TargetSection
+from mkdaemon.errors import ConfigError, VisionError
+from mkdaemon.frames import rotation_from_euler, rotation_from_quaternion
+from mkdaemon.vision.tags.tagfamily import QUIET_ZONE_CELLS, Cells, TagFamily, cells, find_family, size_words
+
+Array = npt.NDArray[np.float64]
+
+_UPSIDE_DOWN = rotation_from_euler(0.0, 0.0, math.pi)
+
+
+@dataclass(frozen=True, eq=False)
+class Tag:
+    """One tag in its target.
+
+    Attributes:
+        family: the family of its code.
+        tag_id: the code.
+        size: side of the black square, of the white one inside the black ring for inverted families [m].
+        position: centre of the tag `(3,)` [m; target].
+        rotation: target from tag `(3, 3)`, tag axes as in `tagfamily`.
+    """
+
+    family: TagFamily
+    tag_id: int
+    size: float
+    position: Array
+    rotation: Array
+
+    @property
+    def module(self) -> float:
+        """Side of one cell [m]."""
+        return self.size / self.family.size_cells
+
+    @property
+    def paper(self) -> float:
+        """Side of the white square a print needs, quiet zone included [m]."""
+        return (self.family.black_cells + 2 * QUIET_ZONE_CELLS) * self.module
+
+    @property
+    def bitmap(self) -> Cells:
+        """Cells of everything black `(n, n)` uint8, row 0 at the tag's +y."""
+        return cells(self.family.name, self.tag_id)
+
+    def place(self, points_tag: Array) -> Array:
+        """Carry `(n, 2)` points of the tag plane into the target frame `(n, 3)` [m]."""
+        return points_tag @ self.rotation[:, :2].T + self.position
+
+    @cached_property
+    def corners(self) -> Array:
+        """Corners TL, TR, BR, BL of the square that is the tag's size `(4, 3)` [m; target]."""
+        return self._square(self.size)
+
+    @cached_property
+    def outline(self) -> Array:
+        """Corners of the square that holds everything black `(4, 3)` [m; target]."""
+        return self._square(self.module * self.family.black_cells)
+
+    def _square(self, side: float) -> Array:
+        half = side / 2
+        return self.place(np.array([[-half, half], [half, half], [half, -half], [-half, -half]]))
+
+
+@dataclass(frozen=True, eq=False)
+class Target:
+    """A rigid body with tags on it, largest first: a later tag lies on top of an earlier one.
+
+    Attributes:
+        name: name in results.
+        frame: name in `tf`.
+        moving: the target moves in the world.
+        level: its xy plane is horizontal at rest.
+        tags: at least one.
+    """
+
+    name: str
+    frame: str
+    moving: bool
+    level: bool
+    tags: tuple[Tag, ...]
+
+    @cached_property
+    def is_planar(self) -> bool:
+        """Whether all tags lie in one plane with equal normals."""
+        first = self.tags[0]
+        return all(
+            float(tag.rotation[:, 2] @ first.rotation[:, 2]) > 1 - 1e-9
+            and abs(float(first.rotation[:, 2] @ (tag.position - first.position))) < 1e-6
+            for tag in self.tags
+        )
+
+    @cached_property
+    def radius(self) -> float:
+        """Distance of the farthest tag corner from the origin [m]."""
+        return max(float(np.linalg.norm(tag.corners, axis=1).max()) for tag in self.tags)
+
+
+@dataclass(frozen=True, eq=False)
+class TagMap:
+    """All targets of one camera."""
+
+    targets: tuple[Target, ...]
+
+    @cached_property
+    def owners(self) -> dict[tuple[str, int], tuple[Target, Tag]]:
+        """Target and tag by (family, id)."""
+        return {(tag.family.name, tag.tag_id): (target, tag) for target in self.targets for tag in target.tags}
+
+    @cached_property
+    def whitelist(self) -> dict[str, frozenset[int]]:
+        """Ids that may be reported, by family."""
+        names = {family for family, _ in self.owners}
+        return {name: frozenset(i for family, i in self.owners if family == name) for name in sorted(names)}
+
+
+def single(size: float, tag_id: int, *, family: str = "tag36h11", name: str = "tag") -> Target:
+    """Make a target of one tag with the target's axes.
+
+    Raises:
+        ConfigError: unknown family or id, or a size nobody prints.
+    """
+    try:
+        section = TargetSection(name=name, tags=(TagPlacement(family=family, id=tag_id, size=size),))
+    except ValidationError as error:
+        msg = f"tag {tag_id} of {size} m: {_describe(error)}"
+        raise ConfigError(msg) from None
+    return build([section], origin="tag").targets[0]
+
+
+def load(paths: Iterable[Path]) -> TagMap:
+    """Read target files.
+
+    Args:
+        paths: one or more TOML files; their targets are used together.
+
+    Raises:
+        ConfigError: a file cannot be read, or a key, size, family, id or overlap in it is wrong; names file, place
+            and fix.
+    """
+    sections: list[TargetSection] = []
+    names: list[str] = []
+    for path in paths:
+        try:
+            with path.open("rb") as file:
+                content = tomllib.load(file)
+            sections.extend(TargetFile.model_validate(content).targets)
+        except OSError as error:
+            msg = f"target file {path}: {error.strerror or error}; give the path of a TOML file with [[targets]]"
+            raise ConfigError(msg) from None
+        except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+            msg = f"target file {path}: not TOML ({error}); see configs/targets/nested.toml"
+            raise ConfigError(msg) from None
+        except ValidationError as error:
+            msg = f"target file {path}: {_describe(error)}"
+            raise ConfigError(msg) from None
+        names.append(str(path))
+    if not sections:
+        msg = "no target file was given: name at least one, for example configs/targets/nested.toml"
+        raise ConfigError(msg)
+    return build(sections, origin=f"target file {', '.join(names)}")
+
+
+def build(sections: Iterable[TargetSection], *, origin: str) -> TagMap:
+    """Check sections against each other and place their tags.
+
+    Raises:
+        ConfigError: see `load`; `origin` starts the message.
+    """
+    targets: list[Target] = []
+    seen: dict[tuple[str, int], str] = {}
+    for section in sections:
+        if any(section.name == other.name for other in targets):
+            msg = f"{origin}: two targets are called '{section.name}'; rename one"
+            raise ConfigError(msg)
+        placements = section.tags + (_grid(section.board) if section.board is not None else ())
+        if not placements:
+            msg = f"{origin}: target '{section.name}' has no tags; add [[targets.tags]] or [targets.board]"
+            raise ConfigError(msg)
+        for placement in placements:
+            key = (placement.family, placement.id)
+            if key in seen:
+                msg = (
+                    f"{origin}: {placement.family} id {placement.id} is in target '{section.name}' and already in"
+                    f" '{seen[key]}'; every tag may exist once, give one of them another id"
+                )
+                raise ConfigError(msg)
+            seen[key] = section.name
+        try:
+            tags = sorted((_place(placement) for placement in placements), key=lambda tag: -tag.size)
+        except VisionError as error:
+            msg = f"{origin}: target '{section.name}': {error}"
+            raise ConfigError(msg) from None
+        target = Target(section.name, section.frame or section.name, section.moving, section.level, tuple(tags))
+        _check_overlaps(target, origin)
+        targets.append(target)
+    return TagMap(tuple(targets))
+
+
+def _grid(board: BoardSection) -> tuple[TagPlacement, ...]:
+    pitch = board.size + board.spacing
+    x0, y0 = -(board.columns - 1) / 2 * pitch, (board.rows - 1) / 2 * pitch
+    return tuple(
+        TagPlacement(
+            family=board.family,
+            id=board.first_id + row * board.columns + column,
+            size=board.size,
+            position=(x0 + column * pitch, y0 - row * pitch, 0.0),
+        )
+        for row in range(board.rows)
+        for column in range(board.columns)
+    )
+
+
+def _place(placement: TagPlacement) -> Tag:
+    family = find_family(placement.family)
+    cells(family.name, placement.id)
+    if placement.print == "opencv" and family.is_inverted:
+        msg = f'OpenCV cannot draw {family.name}; remove print = "opencv"'
+        raise VisionError(msg)
+    if placement.quaternion is not None:
+        rotation = rotation_from_quaternion(placement.quaternion)
+    else:
+        rotation = rotation_from_euler(*(math.radians(angle) for angle in placement.rpy_deg or (0.0, 0.0, 0.0)))
+    if placement.print == "opencv":
+        rotation = rotation @ _UPSIDE_DOWN
+    return Tag(family, placement.id, placement.size, np.array(placement.position), rotation)
+
+
+def _check_overlaps(target: Target, origin: str) -> None:
+    """Refuse tags that hide the border of another: wrong sizes and positions show themselves here."""
+    for k, outer in enumerate(target.tags):
+        for inner in target.tags[k + 1 :]:
+            local = (inner.outline - outer.position) @ outer.rotation
+            if float(np.abs(local[:, 2]).max()) > outer.module:
+                continue  # not in one plane
+            low, high = local[:, :2].min(axis=0), local[:, :2].max(axis=0)
+            half = outer.module * outer.family.black_cells / 2
+            apart = bool((low >= half).any() or (high <= -half).any())
+            # An inner tag with its quiet zone has to stay inside the coded cells, or the outer border is broken;
+            # inverted families correct too few bits to lose any.
+            room = outer.module * outer.family.hole_cells / 2 if outer.family.is_inverted else half - outer.module
+            quiet = QUIET_ZONE_CELLS * inner.module
+            nested = bool((low - quiet >= -room - 1e-9).all() and (high + quiet <= room + 1e-9).all())
+            if not (apart or nested):
+                msg = (
+                    f"{origin}: target '{target.name}': tag {inner.tag_id} ({inner.size:g} m) covers the border of tag"
+                    f" {outer.tag_id} ({outer.size:g} m); check the sizes ({size_words(outer.family)} in metres) and"
+                    " positions"
+                )
+                raise ConfigError(msg)
+
+
+def _describe(found: ValidationError) -> str:
+    """One line for the most telling error: place, wrong, right. A misspelt key explains a missing one."""
+    error: ErrorDetails = min(found.errors(), key=lambda item: item["type"] != "extra_forbidden")
+    place = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in error["loc"]).lstrip(".")
+    last = str(error["loc"][-1]) if error["loc"] else ""
+    if error["type"] == "extra_forbidden":
+        known = [
+            name for model in (TagPlacement, BoardSection, TargetSection, TargetFile) for name in model.model_fields
+        ]
+        near = difflib.get_close_matches(last, known, n=1)
+        hint = f"did you mean '{near[0]}'?" if near else "remove it"
+        return f"{place}: unknown key; {hint}"
+    if error["type"] == "missing":
+        return f"{place}: missing; add it"
+    if last == "size":
+        return (
+            f"{place}: {error['input']!r} is no tag size; give the side of the black square in metres, 0.005 to 5"
+            " (12 inch = 0.3048)"
+        )
+    return f"{place}: {error['msg'].removeprefix('Value error, ')}"

@@ -1,0 +1,1 @@
+"""From pose to pose: tracks, rival hypotheses, what is published."""

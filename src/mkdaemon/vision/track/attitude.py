@@ -1,0 +1,134 @@
+"""The vehicle's attitude at the moment an image was taken, and how the camera sits on the vehicle."""
+
+from __future__ import annotations
+
+from bisect import bisect_left
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from mkdaemon.frames import rotation_from_euler
+from mkdaemon.vision.pose.pose import Pose, turn
+
+Array = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class AttitudeSample:
+    """One attitude of the vehicle.
+
+    Attributes:
+        time: when it was true, monotonic [s].
+        roll: right side down positive [rad; FLU].
+        pitch: nose down positive [rad; FLU].
+        yaw: nose left positive [rad; ENU].
+    """
+
+    time: float
+    roll: float
+    pitch: float
+    yaw: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Mounting:
+    """How a camera sits on the vehicle.
+
+    Attributes:
+        flu_from_cam: `(3, 3)`, camera axes RDF.
+        position_flu: lens in the body frame `(3,)` [m].
+    """
+
+    flu_from_cam: Array
+    position_flu: Array
+
+
+LOOKING_DOWN = Mounting(np.array([[0.0, -1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, -1.0]]), np.zeros(3))
+"""A camera under the vehicle whose image has the nose at the top."""
+
+
+class AttitudeHistory:
+    """Recent attitudes, asked for by time."""
+
+    def __init__(self, samples: Iterable[AttitudeSample]) -> None:
+        self._samples = tuple(sorted(samples, key=lambda sample: sample.time))
+        self._times = [sample.time for sample in self._samples]
+
+    def at(self, time: float, max_age: float) -> Array | None:
+        """Attitude at a time, interpolated between its neighbours.
+
+        Args:
+            time: [s].
+            max_age: farthest a sample may be from `time` [s].
+
+        Returns:
+            Rotation ENU from FLU `(3, 3)`, or none when no sample is near enough. Between two samples within reach the
+            shorter way round is interpolated; outside them the nearest one is held.
+        """
+        if not self._times:
+            return None
+        k = bisect_left(self._times, time)
+        before = self._samples[k - 1] if k > 0 else None
+        after = self._samples[k] if k < len(self._samples) else None
+        if before is not None and after is not None and after.time - before.time <= 2 * max_age:
+            start, end = _rotation(before), _rotation(after)
+            share = (time - before.time) / max(after.time - before.time, 1e-9)
+            turned = cv2.Rodrigues(end @ start.T)[0] * share
+            found: Array = np.asarray(cv2.Rodrigues(turned)[0]) @ start
+            return found
+        near = [s for s in (before, after) if s is not None and abs(s.time - time) <= max_age]
+        return _rotation(min(near, key=lambda s: abs(s.time - time))) if near else None
+
+
+def _rotation(sample: AttitudeSample) -> Array:
+    return rotation_from_euler(sample.roll, sample.pitch, sample.yaw)
+
+
+def tilt_error(cam_from_target: Array, mounting: Mounting, enu_from_flu: Array) -> float:
+    """Angle between the normal of a level target and the vertical, as vision and attitude together see it [rad].
+
+    Zero when the pose, the mounting and the vehicle's roll and pitch agree; yaw plays no part.
+    """
+    normal_enu = enu_from_flu @ mounting.flu_from_cam @ cam_from_target[:, 2]
+    return float(np.arctan2(np.hypot(normal_enu[0], normal_enu[1]), normal_enu[2]))
+
+
+def fuse_level(pose: Pose, mounting: Mounting, enu_from_flu: Array, spread: float) -> Pose:
+    """Tell a pose that its target is level, as far as the vehicle knows what level is.
+
+    A Kalman update of the pose by the two angles between the target's normal and the vertical. Far away, where the
+    image hardly shows tilt, the tilt becomes the attitude's and the correlated position improves with it; nearby the
+    image outweighs the attitude and nothing changes.
+
+    Args:
+        pose: camera from target.
+        mounting: of the camera.
+        enu_from_flu: attitude at the moment of the image `(3, 3)`.
+        spread: standard deviation of that attitude and of the target's level, each axis [rad].
+
+    Returns:
+        The pose with its covariance.
+    """
+    normal = pose.rotation[:, 2]
+    up = (enu_from_flu @ mounting.flu_from_cam).T[:, 2]
+    error = np.cross(normal, up)
+    sine = float(np.linalg.norm(error))
+    if sine > 1e-12:
+        error = error / sine * float(np.arctan2(sine, normal @ up))
+    # Rotation vectors across the normal tilt it; the one along it is yaw, which the attitude says nothing about.
+    across = np.linalg.svd(normal.reshape(1, 3))[2][1:]
+    observe = np.zeros((2, 6))
+    observe[:, 3:] = across
+    prior = pose.covariance
+    gain = prior @ observe.T @ np.linalg.inv(observe @ prior @ observe.T + spread**2 * np.eye(2))
+    step = gain @ (across @ error)
+    posterior = prior - gain @ observe @ prior
+    return replace(
+        pose,
+        rotation=turn(pose.rotation, step[3:]),
+        position=pose.position + step[:3],
+        covariance=(posterior + posterior.T) / 2,
+    )

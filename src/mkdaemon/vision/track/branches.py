@@ -1,0 +1,170 @@
+"""Both readings of a far target kept alive over consecutive images until they can be told apart.
+
+A pose and its mirror image explain one image of a small tag nearly as well. Each is a branch with its own course;
+every image adds what its residuals say for or against, in odds, and what inertia says about which of the new candidates
+is the old one. A branch that has won stays chosen without asking every image anew.
+
+Source: multiple hypothesis tracking, Reid, IEEE TAC 24(6), 1979.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from mkdaemon.vision.pose.ambiguity import log_odds
+from mkdaemon.vision.pose.pose import Pose
+from mkdaemon.vision.track.course import ACCELERATION_PSD, MOVING_PSD, Course
+
+Array = npt.NDArray[np.float64]
+
+SILENT_ODDS = 3.0
+"""Log odds of one image that may be blur or light rather than tilt."""
+TRUSTED_SHARE = 0.3
+"""Of the log odds beyond that; neighbouring images have faults in common."""
+MAX_ODDS = 6.0
+"""The most one image adds."""
+JUMP_ODDS = 10.0
+"""What a jump off the course costs at most, in log odds; a branch can be left at that price."""
+MISS_ODDS = 6.0
+"""What it costs to take all candidates of an image for wrong; smeared or covered edges give sharp and wrong poses."""
+CERTAIN = 25.0
+"""Odds do not grow beyond this, so that a wrong branch can be left again."""
+DECIDED = 8.0
+"""Log odds from which the better branch is believed."""
+SEEN_OFTEN = 5
+"""Images a decision by gathered odds needs besides: two smeared ones may agree on nonsense."""
+SAME_DIRECTION = np.radians(3.5)
+"""Branches that see the target from directions this close are one answer, with the doubt in its covariance [rad]."""
+OVERRULED = 0.5
+"""Log odds of the newest image against a pose from which the images before do not get it published."""
+KEPT = 3
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Branch:
+    """One reading of the past.
+
+    Attributes:
+        course: after the newest image.
+        prior: the same before it was seen; none in the first image.
+        pose: the candidate of the newest image that belongs to it.
+        weight: log odds against the best branch, zero or less.
+        missed: whether no candidate belongs to it; `pose` is the nearest.
+        against: what the newest image says for another candidate than `pose`, in log odds.
+    """
+
+    course: Course
+    prior: Course | None
+    pose: Pose
+    weight: float
+    missed: bool = False
+    against: float = 0.0
+
+    def next(self, time: float, candidates: Sequence[Pose]) -> list[Branch]:
+        """Everything that may have become of this branch in a new image."""
+        prior = self.course.ahead(time)
+        costs = [prior.surprise(pose) / 2 for pose in candidates]
+        likeliest = min(candidates, key=lambda pose: pose.loss)
+        found = []
+        for pose, cost in zip(candidates, costs, strict=True):
+            leaps = cost > JUMP_ODDS
+            course = Course.begin(time, pose, prior.psd) if leaps else prior.corrected(pose)
+            against = _evidence(likeliest, pose)
+            weight = self.weight - against - min(cost, JUMP_ODDS)
+            found.append(Branch(course, prior, pose, weight, against=against))
+        nearest = candidates[int(np.argmin(costs))]
+        return [*found, Branch(prior, prior, nearest, self.weight - MISS_ODDS, missed=True)]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Branches:
+    """Readings of the past.
+
+    Attributes:
+        ranked: the likeliest first; at least one.
+        images: that went into them; a start that was decided by itself counts as many.
+    """
+
+    ranked: tuple[Branch, ...]
+    images: int
+
+    @classmethod
+    def begin(cls, time: float, candidates: Sequence[Pose], *, decided: bool, moving: bool = False) -> Branches:
+        """Start from the candidates of one image.
+
+        Args:
+            time: of the image [s].
+            candidates: at least one, the best first.
+            decided: whether the first is already known to be true.
+            moving: whether the target moves by itself.
+        """
+        first, psd = candidates[0], MOVING_PSD if moving else ACCELERATION_PSD
+        found = [Branch(Course.begin(time, first, psd), None, first, 0.0)]
+        for other in candidates[1:]:
+            weight = -CERTAIN if decided else -_evidence(first, other)
+            found.append(Branch(Course.begin(time, other, psd), None, other, weight))
+        return cls(_pruned(found), SEEN_OFTEN if decided else 1)
+
+    @property
+    def best(self) -> Branch:
+        """The likeliest."""
+        return self.ranked[0]
+
+    @property
+    def lead(self) -> float:
+        """Log odds of the likeliest branch against the next that means another pose."""
+        rivals = [b.weight for b in self.ranked[1:] if _apart(self.best, b) > SAME_DIRECTION]
+        return -max(rivals, default=-CERTAIN)
+
+    @property
+    def is_decided(self) -> bool:
+        """Whether the likeliest branch is believed."""
+        return self.lead >= DECIDED and self.images >= SEEN_OFTEN
+
+    @property
+    def doubt(self) -> float:
+        """Variance of the direction from what is left of other branches close to the likeliest [rad^2]."""
+        odds = np.exp([b.weight for b in self.ranked])
+        apart = np.array([_apart(self.best, b) for b in self.ranked])
+        close = apart <= SAME_DIRECTION
+        return float((odds * apart**2)[close].sum() / odds[close].sum())
+
+    def after(self, time: float, candidates: Sequence[Pose]) -> Branches:
+        """Go on with the candidates of a new image."""
+        found = [grown for branch in self.ranked for grown in branch.next(time, candidates)]
+        return Branches(_pruned(found), self.images + 1)
+
+
+def _evidence(better: Pose, worse: Pose) -> float:
+    """What one image adds to the log odds of the better of two fits, zero or more."""
+    if better is worse:
+        return 0.0
+    return float(np.clip(TRUSTED_SHARE * (log_odds(better, worse) - SILENT_ODDS), 0.0, MAX_ODDS))
+
+
+def _apart(a: Branch, b: Branch) -> float:
+    """Angle between the directions from which two branches see the target [rad]."""
+    p, q = a.course.centre, b.course.centre
+    return float(np.arctan2(np.linalg.norm(np.cross(p, q)), p @ q))
+
+
+def _pruned(found: list[Branch]) -> tuple[Branch, ...]:
+    """The likeliest few that differ, their weights against the best."""
+    order = sorted(found, key=lambda branch: -branch.weight)
+    kept: list[Branch] = []
+    for branch in order:
+        if all(_differ(branch, other) for other in kept):
+            kept.append(branch)
+    top = kept[0].weight
+    return tuple(replace(branch, weight=max(branch.weight - top, -CERTAIN)) for branch in kept[:KEPT])
+
+
+def _differ(a: Branch, b: Branch) -> bool:
+    """Whether two branches will ever predict different images."""
+    distance = max(float(np.linalg.norm(a.course.centre)), 1e-9)
+    step = a.course.state - b.course.state
+    return float(np.linalg.norm(step[:3])) > 0.01 * distance or float(np.linalg.norm(step[3:])) > 0.2 * distance

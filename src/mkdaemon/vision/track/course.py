@@ -1,0 +1,147 @@
+"""The way of a camera over a target, carried on by the vehicle's inertia.
+
+Shaking turns a camera by degrees between two images but hardly moves it: seen from the target, the lens follows a
+smooth way. A constant-velocity Kalman filter on that way predicts from where the target is seen now, and so its tilt
+against the line of sight, to some tenths of a degree; without any attitude of the vehicle.
+
+Source: white-noise acceleration model, Bar-Shalom, Li and Kirubarajan, Estimation with Applications to Tracking, 6.2.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from mkdaemon.vision.pose.pose import Pose, inverse, turn
+
+Array = npt.NDArray[np.float64]
+
+ACCELERATION_PSD = 1.0
+"""Of a vehicle over a target at rest: 1.3 m/s^2 that last for 0.3 s [m^2/s^3]."""
+MOVING_PSD = 25.0
+"""The same where the target moves by itself, as a deck or another vehicle does [m^2/s^3]."""
+FIRST_SPEED = 2.0
+"""Deviation of the velocity before the second pose [m/s]."""
+CAUTION = 4.0
+"""Factor on the variance of a pose: its errors last for several images where light, blur or cover cause them."""
+FLOOR = 0.002
+"""Deviation of the lens from what a pose says that is always possible, of the range."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Course:
+    """Position and velocity of the lens in the target's frame.
+
+    Attributes:
+        time: [s].
+        state: position [m] and velocity [m/s] `(6,)`.
+        covariance: of `state` `(6, 6)`.
+        psd: of the acceleration that is expected [m^2/s^3].
+    """
+
+    time: float
+    state: Array
+    covariance: Array
+    psd: float = ACCELERATION_PSD
+
+    @classmethod
+    def begin(cls, time: float, pose: Pose, psd: float = ACCELERATION_PSD) -> Course:
+        """Start from one pose, at an unknown velocity."""
+        centre, spread = _measured(pose)
+        covariance = np.zeros((6, 6))
+        covariance[:3, :3] = spread
+        covariance[3:, 3:] = FIRST_SPEED**2 * np.eye(3)
+        return cls(time, np.concatenate([centre, np.zeros(3)]), covariance, psd)
+
+    @property
+    def centre(self) -> Array:
+        """Position of the lens `(3,)` [m; target]."""
+        return self.state[:3]
+
+    @property
+    def angle_sd(self) -> float:
+        """Deviation of the direction from which the target is seen [rad]."""
+        sight = self.centre / max(float(np.linalg.norm(self.centre)), 1e-9)
+        across = np.eye(3) - np.outer(sight, sight)
+        spread = float(np.trace(across @ self.covariance[:3, :3] @ across)) / 2
+        return float(np.sqrt(spread)) / max(float(np.linalg.norm(self.centre)), 1e-9)
+
+    def ahead(self, time: float) -> Course:
+        """The same course at a later time, before anything is seen."""
+        dt = time - self.time
+        move = np.eye(6)
+        move[:3, 3:] = dt * np.eye(3)
+        block = self.psd * np.array([[dt**3 / 3, dt**2 / 2], [dt**2 / 2, dt]])
+        grown = move @ self.covariance @ move.T + np.kron(block, np.eye(3))
+        return replace(self, time=time, state=move @ self.state, covariance=grown)
+
+    def surprise(self, pose: Pose, caution: float | None = None) -> float:
+        """Squared Mahalanobis distance of a pose from this course, three degrees of freedom.
+
+        Args:
+            pose: measured.
+            caution: factor on its variance; what its errors over several images ask for when absent.
+        """
+        centre, spread = _measured(pose, caution)
+        error = centre - self.centre
+        return float(error @ np.linalg.solve(self.covariance[:3, :3] + spread, error))
+
+    def corrected(self, pose: Pose) -> Course:
+        """The course after a pose."""
+        centre, spread = _measured(pose)
+        gain = self.covariance[:, :3] @ np.linalg.inv(self.covariance[:3, :3] + spread)
+        covariance = self.covariance - gain @ self.covariance[:3, :]
+        state = self.state + gain @ (centre - self.centre)
+        return replace(self, state=state, covariance=(covariance + covariance.T) / 2)
+
+    def fused(self, pose: Pose) -> Pose:
+        """A pose with what this course knew before it about where the lens is.
+
+        A Kalman update; nearby, where the image says far more than inertia, nothing changes.
+        """
+        back = pose.rotation.T
+        jacobian = np.hstack([-back, -back @ _cross(pose.position)])
+        prior = pose.covariance
+        gain = (
+            prior
+            @ jacobian.T
+            @ np.linalg.inv(jacobian @ prior @ jacobian.T + self.covariance[:3, :3] + 1e-12 * np.eye(3))
+        )
+        step = gain @ (self.centre + back @ pose.position)
+        posterior = prior - gain @ jacobian @ prior
+        return replace(
+            pose,
+            rotation=turn(pose.rotation, step[3:]),
+            position=pose.position + step[:3],
+            covariance=(posterior + posterior.T) / 2,
+        )
+
+    def up(self, pose: Pose) -> Array:
+        """The target's normal `(3,)` [camera] for a lens on this course that sees the origin where `pose` does.
+
+        Of the pose only the line of sight and the turn about it count, which any part of a target shows well.
+        """
+        seen = pose.rotation @ (self.centre / max(float(np.linalg.norm(self.centre)), 1e-9))
+        sight = -pose.position / max(pose.range_m, 1e-9)
+        axis = np.cross(seen, sight)
+        sine = float(np.linalg.norm(axis))
+        if sine < 1e-9:
+            return pose.rotation[:, 2]
+        by = axis / sine * float(np.arctan2(sine, float(seen @ sight)))
+        normal: Array = np.asarray(cv2.Rodrigues(by)[0], dtype=np.float64) @ pose.rotation[:, 2]
+        return normal
+
+
+def _measured(pose: Pose, caution: float | None = None) -> tuple[Array, Array]:
+    """Where a pose puts the lens [m; target] and how well that may be believed over several images."""
+    factor = CAUTION / max(pose.inliers, 0.3) ** 4 if caution is None else caution
+    _, centre, spread = inverse(pose, factor * pose.covariance)
+    return centre, spread[:3, :3] + (FLOOR * pose.range_m) ** 2 * np.eye(3)
+
+
+def _cross(v: Array) -> Array:
+    x, y, z = v
+    return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])

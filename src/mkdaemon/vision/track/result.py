@@ -1,0 +1,75 @@
+"""What one image told us."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from mkdaemon.vision.pose.ambiguity import Decision
+from mkdaemon.vision.pose.pose import Pose, inverse, with_floor
+from mkdaemon.vision.tags.detection import Detection
+
+Array = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TargetPose:
+    """A published pose of one target.
+
+    Attributes:
+        target: name of the target.
+        frame: its frame in `tf`.
+        pose: camera from target, with the covariance of the measurement alone.
+        ratio: residual of the mirrored candidate over this one; infinite without a rival.
+        decided_by: what settled which candidate is true.
+        mode: how it was found: `predicted`, `flow`, `roi`, `search`.
+        bits: correlation of the known cells with the image; none when they are too small to be read.
+        decode_age: time since a tag of the target was last decoded [s].
+    """
+
+    target: str
+    frame: str
+    pose: Pose
+    ratio: float
+    decided_by: Decision
+    mode: str
+    bits: float | None
+    decode_age: float
+
+    @property
+    def covariance(self) -> Array:
+        """Covariance `(6, 6)` of `pose` including the floor calibration leaves."""
+        return with_floor(self.pose)
+
+    def camera_in_target(self) -> tuple[Array, Array, Array]:
+        """Rotation target from camera, position of the camera [m; target], covariance with floor in target axes."""
+        return inverse(self.pose, self.covariance)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class VisionResult:
+    """Everything one image gave.
+
+    Attributes:
+        camera: name of the camera.
+        sequence: of the image.
+        captured_at: middle of its exposure, monotonic [s].
+        detections: decoded tags with their pixels; empty in images that were tracked without a search.
+        poses: at most one per target.
+        alarms: `wrong_size`, `dark`, `blown`, `blurred`, `frozen`, `residual_drift`, `uncalibrated`.
+        refused: targets whose pose was measured and not believed, each with the reason.
+    """
+
+    camera: str
+    sequence: int
+    captured_at: float
+    detections: tuple[Detection, ...]
+    poses: tuple[TargetPose, ...]
+    alarms: tuple[str, ...]
+    refused: tuple[tuple[str, str], ...] = ()
+
+    def pose_of(self, target: str) -> TargetPose | None:
+        """The pose of a target by name."""
+        return next((pose for pose in self.poses if pose.target == target), None)

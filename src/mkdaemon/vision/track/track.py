@@ -1,0 +1,133 @@
+"""The memory of one target: where it was, and so where it should be now."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from mkdaemon.vision.pose.pose import Pose, angle_between
+from mkdaemon.vision.track.attitude import Mounting
+from mkdaemon.vision.track.branches import Branches
+
+Array = npt.NDArray[np.float64]
+
+MAX_SPEED = 8.0
+"""Camera against target [m/s]; a faster step is a wrong pose, not a motion."""
+MAX_TURN = np.radians(25.0)
+"""Largest turn between two images that is continued [rad]."""
+MAX_AHEAD = 6.0
+"""Steps over which a velocity is carried on through missing images."""
+FORGET_VELOCITY = 0.3
+"""Poses farther apart than this do not make a velocity [s]."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Moment:
+    time: float
+    pose: Pose
+    enu_from_flu: Array | None
+
+
+@dataclass(slots=True)
+class Track:
+    """State of one target.
+
+    Attributes:
+        misses: images since the last accepted pose.
+        decoded_at: when one of its tags was last decoded [s].
+        tried_at: when decoding was last tried [s].
+        usual_rms: residual of the poses so far, slowly following [px]; none before the first.
+        in_doubt: the poses remembered may be mirrored; they are good for following, not for deciding.
+        branches: the readings of the images so far, while no attitude tells them apart; none before the first.
+        image: pixels of the last accepted pose, for optical flow.
+    """
+
+    misses: int = 0
+    decoded_at: float = -np.inf
+    tried_at: float = -np.inf
+    usual_rms: float | None = None
+    in_doubt: bool = False
+    branches: Branches | None = None
+    image: npt.NDArray[np.uint8] | None = None
+    _moments: list[_Moment] = field(default_factory=list)
+
+    @property
+    def is_live(self) -> bool:
+        """Whether there is a pose to predict from."""
+        return bool(self._moments)
+
+    @property
+    def has_velocity(self) -> bool:
+        """Whether two recent poses exist."""
+        return len(self._moments) > 1
+
+    @property
+    def last(self) -> Pose:
+        """The newest accepted pose; the track must be live."""
+        return self._moments[-1].pose
+
+    @property
+    def last_time(self) -> float:
+        """When it was measured [s]."""
+        return self._moments[-1].time
+
+    def accept(self, time: float, pose: Pose, enu_from_flu: Array | None, image: npt.NDArray[np.uint8]) -> None:
+        """Remember a pose and the image it came from."""
+        self.image = image
+        if pose.source == "edges":
+            known = self.usual_rms if self.usual_rms is not None else pose.rms_px
+            self.usual_rms = known + 0.2 * (pose.rms_px - known)
+        if self.misses > 2 or (self._moments and not 0 < time - self._moments[-1].time < FORGET_VELOCITY):
+            self._moments.clear()
+        self._moments = [*self._moments[-1:], _Moment(time, pose, enu_from_flu)]
+        self.misses = 0
+
+    def lose(self) -> None:
+        """Forget everything: a wrong lock must not predict itself."""
+        self._moments.clear()
+        self.image = None
+        self.in_doubt = False
+        self.branches = None
+        self.usual_rms = None
+        self.misses = 0
+        self.decoded_at = -np.inf
+
+    def predict(self, time: float, enu_from_flu: Array | None, mounting: Mounting | None) -> tuple[Pose, bool]:
+        """Expected pose at a time.
+
+        Motion is taken in the camera frame, where the position is known to a fraction of a pixel; in the target frame
+        every error of tilt would swing it by the range. With the vehicle's attitude the turn of the camera is taken
+        out first and put back for the new image; without, image motion and turn simply go on.
+
+        Returns:
+            The pose and whether the attitude was used.
+        """
+        now = self._moments[-1]
+        before = self._moments[-2] if self.has_velocity else None
+        turned = _camera_turn(enu_from_flu, now.enu_from_flu, mounting)
+        position, rotation = now.pose.position, now.pose.rotation
+        if before is not None:
+            ahead = (time - now.time) / (now.time - before.time)
+            earlier = _camera_turn(now.enu_from_flu, before.enu_from_flu, mounting)
+            if turned is not None and earlier is not None:
+                step = position - earlier @ before.pose.position
+            else:
+                step = position - before.pose.position
+                if ahead < 1.5 and angle_between(now.pose.rotation, before.pose.rotation) < MAX_TURN:
+                    rotation = now.pose.rotation @ before.pose.rotation.T @ now.pose.rotation
+            if float(np.linalg.norm(step)) < MAX_SPEED * (now.time - before.time):
+                position = position + min(ahead, MAX_AHEAD) * step
+        if turned is None:
+            return replace(now.pose, rotation=rotation, position=position), False
+        return replace(now.pose, rotation=turned @ now.pose.rotation, position=turned @ position), True
+
+
+def _camera_turn(now: Array | None, then: Array | None, mounting: Mounting | None) -> Array | None:
+    """Camera now from camera then `(3, 3)`, from two attitudes; none when one of them is unknown."""
+    if now is None or then is None or mounting is None:
+        return None
+    camera = mounting.flu_from_cam
+    turn: Array = camera.T @ now.T @ then @ camera
+    return turn

@@ -1,0 +1,160 @@
+from __future__ import annotations
+
+import io
+import json
+import sys
+from collections import Counter
+
+import pytest
+
+from mkdaemon.cli.mkdaemon.app import app
+from mkdaemon.cli.mkdaemon.decode import Decoding
+from mkdaemon.cli.program import run
+from mkdaemon.link.ports.capture import Chunk
+from mkdaemon.protocol.messages import (
+    ControlStateRequest,
+    ControlStateV3,
+    EchoRequest,
+    ExternControlV3,
+    OsdData5,
+    VersionFc210,
+    VersionRequest,
+    VersionRequestWhich,
+)
+from mkdaemon.protocol.wire import Board
+from tests.conftest import ROOT
+
+EXCERPTS = ROOT / "tests" / "data" / "captures"
+
+
+def version(major: int, minor: int) -> bytes:
+    return VersionFc210.decode(bytes([major, minor, 11, 0, 0, 0, 0, 22, 0, 0])).to_frame()
+
+
+def decode(*chunks: tuple[str, bytes]) -> list[dict[str, object]]:
+    return list(Decoding().run(Chunk(float(at), where, raw) for at, (where, raw) in enumerate(chunks)))
+
+
+def test_a_frame_becomes_one_object():
+    (found,) = decode(("rx", OsdData5.decode(bytes([5]) + bytes(81)).to_frame()))
+    fields = found.pop("fields")
+    assert found == {"t": 0.0, "dir": "rx", "board": "nc", "id": "O", "message": "OsdData", "layout": "5"}
+    assert fields["version"] == 5
+    assert set(fields) == set(OsdData5.model_fields)
+
+
+def test_what_is_no_message_becomes_an_object_too():
+    found = decode(("rx", b"hello\r#bv@y\r#bv@}\r#bi@k\r#bvv@x\r#bA"), ("tx", b"#bv"))
+    assert [(item.get("dropped"), item.get("board"), item.get("id")) for item in found] == [
+        ("text", None, None),
+        ("checksum", None, None),
+        ("characters", None, None),
+        ("unknown", "fc", "i"),
+        ("length", None, None),
+        ("length", None, None),
+        ("length", None, None),
+    ]
+    assert [item["t"] for item in found] == [0.0] * 5 + [1.0] * 2
+    assert all(bytes.fromhex(str(item["hex"])) for item in found)
+
+
+def test_an_address_of_nobody_is_named():
+    (found,) = decode(("tx", VersionRequest().to_frame().replace(b"#b", b"#j").replace(b"@x", b"A@")))
+    assert (found["dropped"], found["board"]) == ("unknown", "address_9")
+
+
+def test_the_dialect_is_learnt_on_the_way():
+    held = ControlStateV3.decode(bytes(9)).to_frame()
+    sticks = ExternControlV3(pitch=0, roll=0, yaw=0, throttle=0).to_frame()
+    before = decode(("rx", held), ("tx", sticks))
+    after = decode(("rx", version(2, 14)), ("rx", held), ("tx", sticks))
+    assert [item["layout"] for item in before] == ["v2", "v2"]
+    assert [item["layout"] for item in after] == ["fc210", "v3", "v3"]
+
+
+def test_the_release_of_another_board_is_not_taken_for_the_own():
+    held = ControlStateV3.decode(bytes(9)).to_frame()
+    own = ("tx", VersionRequest().to_frame()), ("rx", version(2, 14))
+    other = ("tx", VersionRequestWhich().to_frame()), ("rx", version(2, 12))
+    found = decode(*own, *other, ("tx", ControlStateRequest().to_frame()), ("rx", held))
+    assert found[-1]["layout"] == "v3"
+    assert decode(*own, ("tx", VersionRequest().to_frame()), other[1], ("rx", held))[-1]["layout"] == "v2"
+
+
+def test_an_unknown_board_teaches_nothing():
+    assert decode(("rx", b"#iV@_\r"))[0]["dropped"] in {"unknown", "checksum"}
+
+
+def command(capsys: pytest.CaptureFixture[str], *tokens: str) -> tuple[int, list[dict[str, object]], str]:
+    code = run(app, ["decode", *tokens])
+    out, err = capsys.readouterr()
+    return code, [json.loads(line) for line in out.splitlines()], err
+
+
+@pytest.mark.parametrize(
+    ("name", "messages", "dropped"),
+    [
+        ("fc_commands", 213, {"unknown": 23}),
+        ("fc_debug_stream_95s", 22, {"length": 1}),
+        ("fc_latency", 50, {}),
+        ("nc_commands", 191, {"unknown": 26}),
+        ("nc_mixed_60s", 180, {}),
+    ],
+)
+def test_excerpt_by_the_command(capsys, name, messages, dropped):
+    code, objects, err = command(capsys, str(EXCERPTS / f"{name}.jsonl"))
+    assert code == 0
+    kinds = Counter(str(item["dropped"]) for item in objects if "dropped" in item)
+    assert (len(objects) - kinds.total(), dict(kinds)) == (messages, dropped)
+    assert f"{messages} messages, {kinds.total()} dropped" in err
+    for item in objects:
+        assert {"t", "dir"} <= set(item)
+        if item.get("dropped") == "unknown":
+            assert {"board", "id", "hex"} <= set(item)
+
+
+def test_raw_bytes_and_standard_input_give_the_same(capsys, tmp_path, monkeypatch):
+    raw = EchoRequest(pattern=7).to_frame() + b"boot\r" + version(2, 12)
+    path = tmp_path / "bytes.bin"
+    path.write_bytes(raw)
+    from_file = command(capsys, str(path))
+
+    class Input:
+        buffer = io.BytesIO(raw)
+
+    monkeypatch.setattr(sys, "stdin", Input)
+    assert command(capsys, "-") == from_file
+    code, objects, err = from_file
+    assert code == 0
+    assert [item.get("message") or item["dropped"] for item in objects] == ["EchoRequest", "text", "Version"]
+    assert objects[0] == {
+        "t": None,
+        "dir": "rx",
+        "board": "nc",
+        "id": "z",
+        "message": "EchoRequest",
+        "layout": "1",
+        "fields": {"pattern": 7},
+    }
+    assert "dropped: text" in err
+
+
+def test_what_cannot_be_read_is_one_line_and_exit_code_1(capsys, tmp_path):
+    empty, damaged = tmp_path / "empty", tmp_path / "damaged.jsonl"
+    empty.touch()
+    damaged.write_text('{"t": 0, "dir": "rx", "hex": "2362764078"}\n{"t": 0}\n')
+    for path, reason in (
+        (tmp_path / "absent", "cannot read"),
+        (tmp_path, "Is a directory"),
+        (empty, "is empty: nothing was recorded"),
+        (damaged, "line 2 is no capture line"),
+    ):
+        code, _, err = command(capsys, str(path))
+        assert code == 1
+        assert reason in err
+        assert str(path) in err
+        assert err.count("\n") == 1
+
+
+def test_board_words_are_those_of_the_keys():
+    assert {board.word for board in Board} == {"any", "fc", "nc", "mag", "osd", "bl"}

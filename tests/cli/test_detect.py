@@ -1,0 +1,240 @@
+"""`mkdaemon detect` on rendered images with known truth, on photographs, and on everything that is no image."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from mkdaemon.cli.mkdaemon.app import app
+from mkdaemon.cli.program import EXIT_CONFIG, EXIT_FAILURE, EXIT_OK, run
+from mkdaemon.frames import rotation_from_quaternion
+from mkdaemon.sim.scene.motion import Platform
+from mkdaemon.sim.scene.scene import Scene, SceneTarget, cam_from_target, true_corners
+from mkdaemon.sim.scene.view import view_towards
+from mkdaemon.vision.camera.intrinsics import Intrinsics
+from mkdaemon.vision.tags.tagmap import load, single
+
+ROOT = Path(__file__).resolve().parents[2]
+TARGET = ROOT / "configs" / "targets" / "nested.toml"
+LENS = Intrinsics(width=640, height=480, fx=600, fy=602, cx=322, cy=238, k1=-0.2, k2=0.05)
+SHORT = "600,602,322,238,-0.2,0.05"
+
+
+def detect(capsys: pytest.CaptureFixture[str], *words: object) -> tuple[int, list[dict], str]:
+    """Exit code, JSON objects and error text."""
+    code = run(app, ["detect", *(str(word) for word in words)])
+    captured = capsys.readouterr()
+    return code, [json.loads(line) for line in captured.out.splitlines()] if "--json" in words else [], captured.err
+
+
+@pytest.fixture(scope="module")
+def pictures(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("pictures")
+    for name, pad in PADS.items():
+        cv2.imwrite(str(folder / f"{name}.png"), Scene([pad], ground="tiles", seed=3).render(VIEW))
+    return folder
+
+
+VIEW = view_towards(LENS, np.array([0.2, -0.5, 0.9]), np.array([0.03, 0.02, 0.0]), turn=0.7)
+PADS = {
+    "nested": SceneTarget.of(load([TARGET]).targets[0], Platform()),
+    "single": SceneTarget.of(single(0.2, 7), Platform(heading=2.5)),
+}
+
+
+def assert_pose(found: dict, pad: SceneTarget) -> None:
+    rotation, translation = cam_from_target(pad, VIEW)
+    np.testing.assert_allclose(found["translation"], translation, atol=0.003)
+    turned = rotation_from_quaternion(tuple(found["quaternion"])).T @ rotation
+    assert np.degrees(np.arccos(min((np.trace(turned) - 1) / 2, 1.0))) < 0.3
+    covariance = np.array(found["covariance"])
+    assert covariance.shape == (6, 6)
+    assert (np.linalg.eigvalsh(covariance) > 0).all()
+    assert not found["ambiguous"]
+
+
+def test_a_target_of_the_map_is_found_where_it_is(pictures: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    words = (pictures / "nested.png", "--target", TARGET, "--intrinsics", SHORT, "--json")
+    code, (found,), _ = detect(capsys, *words)
+    assert code == EXIT_OK
+    assert found["file"].endswith("nested.png")
+    assert {tag["id"] for tag in found["tags"]} == {48, 1}
+    for tag in found["tags"]:
+        truth = true_corners(PADS["nested"], VIEW)["tag36h11", tag["id"]]
+        np.testing.assert_allclose(tag["corners"], truth, atol=0.4)  # straight lines through curved edges
+        assert tag["hamming"] <= 2
+    assert_pose(found["pose"], PADS["nested"])
+
+
+def test_single_tags_have_their_own_poses(pictures: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    words = (pictures / "single.png", "--tag-size", 0.2, "--intrinsics", SHORT, "--json")
+    _, (found,), _ = detect(capsys, *words)
+    (tag,) = found["tags"]
+    assert tag["id"] == 7
+    np.testing.assert_allclose(tag["corners"], true_corners(PADS["single"], VIEW)["tag36h11", 7], atol=0.4)
+    assert_pose(tag["pose"], PADS["single"])
+    assert found["pose"] == tag["pose"] == found["poses"][0]
+
+
+def test_a_camera_file_does_what_the_short_form_does(
+    pictures: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = tmp_path / "camera.toml"
+    lines = [f"{key} = {value}" for key, value in LENS]
+    file.write_text("[intrinsics]\n" + "\n".join(lines) + "\n")
+    short = detect(capsys, pictures / "single.png", "--tag-size", 0.2, "--intrinsics", SHORT, "--json")
+    assert detect(capsys, pictures / "single.png", "--tag-size", 0.2, "--camera", file, "--json") == short
+
+
+def test_without_a_calibration_there_are_tags_and_no_poses(pictures: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    code, (found,), _ = detect(capsys, pictures / "single.png", "--tag-size", 0.2, "--json")
+    assert code == EXIT_OK
+    assert len(found["tags"]) == 1
+    assert found["pose"] is None
+    assert "pose" not in found["tags"][0]
+
+
+def test_a_calibration_of_another_size_gives_an_error_and_no_pose(
+    pictures: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    small = cv2.imread(str(pictures / "single.png"))[:400]
+    cv2.imwrite(str(pictures / "small.png"), small)
+    camera = ROOT / "configs" / "cameras" / "sim.toml"
+    code, (found,), _ = detect(capsys, pictures / "small.png", "--tag-size", 0.2, "--camera", camera, "--json")
+    (pictures / "small.png").unlink()
+    assert code == EXIT_FAILURE
+    assert found["pose"] is None
+    assert found["error"] == "the picture is 640x400, the calibration is for 640x480"
+
+
+def test_a_folder_gives_one_object_a_picture_and_overlays(
+    pictures: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (pictures / "broken.png").write_bytes(b"\x89PNG nothing")
+    words = (pictures, "--tag-size", 0.2, "--intrinsics", SHORT, "--overlay", tmp_path / "over", "--json")
+    code, found, _ = detect(capsys, *words)
+    (pictures / "broken.png").unlink()
+    assert code == EXIT_FAILURE
+    assert [Path(item["file"]).name for item in found] == ["broken.png", "nested.png", "single.png"]
+    assert "error" in found[0]
+    drawn = cv2.imread(str(tmp_path / "over" / "single.png"))
+    plain = cv2.imread(str(pictures / "single.png"))
+    changed = np.abs(drawn.astype(int) - plain).max(axis=2) > 40
+    rows, columns = np.nonzero(changed)
+    low, high = np.array([columns.min(), rows.min()]), np.array([columns.max(), rows.max()])
+    truth = true_corners(PADS["single"], VIEW)["tag36h11", 7]
+    assert (low <= truth.min(axis=0) + 3).all()
+    assert (high >= truth.max(axis=0) - 3).all()
+    assert (high - low < 2.2 * np.ptp(truth, axis=0)).all()
+
+
+def test_a_video_gives_one_object_an_image(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    clip = tmp_path / "clip.avi"
+    writer = cv2.VideoWriter(str(clip), cv2.VideoWriter.fourcc(*"MJPG"), 10.0, (640, 480), isColor=False)
+    for k in range(3):
+        view = view_towards(LENS, np.array([0.1 * k, -0.3, 0.9]), np.zeros(3))
+        writer.write(Scene([PADS["single"]], ground=None, seed=k).render(view))
+    writer.release()
+    code, found, _ = detect(capsys, clip, "--tag-size", 0.2, "--ids", "5-9", "--intrinsics", SHORT, "--json")
+    assert code == EXIT_OK
+    assert [item["frame"] for item in found] == [0, 1, 2]
+    assert all(item["pose"]["target"] == "tag36h11:7" for item in found)
+
+
+def test_a_tag_drawn_by_opencv_is_upside_down_against_an_official_print(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    dictionary = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_APRILTAG_36h11)
+    drawn = np.full((480, 640), 255, np.uint8)
+    drawn[100:260, 200:360] = cv2.aruco.generateImageMarker(dictionary, 7, 160)
+    official = np.full((480, 640), 255, np.uint8)
+    official[100:260, 200:360] = np.rot90(drawn[100:260, 200:360], 2)
+    for name, image, top_left in (("cv", drawn, (359.5, 259.5)), ("official", official, (199.5, 99.5))):
+        cv2.imwrite(str(tmp_path / f"{name}.png"), image)
+        _, (found,), _ = detect(capsys, tmp_path / f"{name}.png", "--json")
+        # Cells fill pixels 200..359: with centres at whole numbers their edges are at 199.5 and 359.5.
+        np.testing.assert_allclose(found["tags"][0]["corners"][0], top_left, atol=0.15)
+
+
+@pytest.mark.parametrize(
+    ("words", "code", "message"),
+    [
+        (["missing.png"], EXIT_CONFIG, "no such picture, folder or video: missing.png"),
+        (["."], EXIT_CONFIG, "no pictures in ."),
+        (["text.png"], EXIT_FAILURE, "text.png: no picture that can be read"),
+        (["clip.mp4"], EXIT_FAILURE, "clip.mp4: no video that can be read"),
+        (["text.png", "--intrinsics", "1,2,3"], EXIT_CONFIG, "intrinsics '1,2,3'"),
+        (["text.png", "--intrinsics", "-1,2,3,4"], EXIT_CONFIG, "intrinsics '-1,2,3,4'"),
+        (["text.png", "--camera", "none.toml"], EXIT_CONFIG, "camera file none.toml"),
+        (["text.png", "--target", "none.toml"], EXIT_CONFIG, "target file none.toml"),
+        (["text.png", "--tag-size", "300"], EXIT_CONFIG, "is no tag size"),
+        (["text.png", "--tag-size", "0.1", "--target", "t.toml"], EXIT_CONFIG, "not both"),
+        (["text.png", "--ids", "a-b"], EXIT_CONFIG, "--ids 'a-b'"),
+        (["text.png", "--ids", "5-1"], EXIT_CONFIG, "5-1 counts down"),
+        (["text.png", "--family", "tag99"], EXIT_CONFIG, "tag family 'tag99' is not known"),
+    ],
+)
+def test_mistakes_are_one_line_and_an_exit_code(
+    words: list[str],
+    code: int,
+    message: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    if words[0] != ".":
+        (tmp_path / "text.png").write_text("no picture")
+        (tmp_path / "clip.mp4").write_text("no video")
+    found, _, error = detect(capsys, *words)
+    assert found == code
+    assert message in error
+    assert error.count("\n") == 1
+
+
+def test_labelled_photographs(shared: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    folder = shared / "images" / "apriltag"
+    _, results, _ = detect(capsys, folder, "--json")
+    assert len(results) == 3
+    total, apart = 0, []
+    for result in results:
+        corners = [np.array(tag["corners"]) for tag in result["tags"]]
+        assert {tag["id"] for tag in result["tags"]} == {0}
+        for line in Path(result["file"]).with_suffix(".txt").read_text().splitlines():
+            numbers = [float(v) for v in re.findall(r"-?[\d.]+", line)]
+            label = np.array(numbers[1:9]).reshape(4, 2)
+            total += 1
+            near = [c for c in corners if np.linalg.norm(c.mean(axis=0) - label.mean(axis=0)) < 3]
+            # The labels count pixels from their corners and go round the other way.
+            apart += [_apart(c, label - 0.5) for c in near[:1]]
+    assert total == 47
+    assert len(apart) >= 45
+    assert np.median(apart) < 0.5
+    assert np.mean(np.array(apart) < 1.0) > 0.95
+
+
+def _apart(found: np.ndarray, label: np.ndarray) -> float:
+    """Mean corner distance, corners named the way that fits [px]; the labels are an older detector's."""
+    ways = [np.roll(way, k, axis=0) for way in (label, label[::-1]) for k in range(4)]
+    return min(float(np.linalg.norm(found - way, axis=1).mean()) for way in ways)
+
+
+def test_the_rotation_series_turns_in_steps_of_twenty_degrees(shared: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    folder = shared / "images" / "rotation"
+    words = ("--intrinsics", "329.873,332.946,528,396", "--tag-size", 0.065, "--json")
+    _, results, _ = detect(capsys, folder, *words)
+    turns = {}
+    for result in results:
+        nominal = int(re.findall(r"-?\d+", Path(result["file"]).stem)[-1])
+        rotation = rotation_from_quaternion(tuple(result["pose"]["quaternion"]))
+        turns[nominal] = np.degrees(np.arctan2(rotation[0, 2], -rotation[2, 2]))
+    assert sorted(turns) == [-60, -40, -20, 0, 20, 40, 60]
+    steps = np.diff([turns[nominal] for nominal in sorted(turns)])
+    assert abs(np.sign(steps).sum()) == 6
+    assert np.abs(np.abs(steps) - 20).max() < 2.5
+    assert np.std(np.abs(steps)) <= 1.4

@@ -1,0 +1,46 @@
+from __future__ import annotations
+
+import json
+
+from mkdaemon.cli.mkdaemon.app import app
+from mkdaemon.cli.program import run
+from mkdaemon.protocol.wire import MESSAGES
+
+
+def printed(capsys, *tokens):
+    assert run(app, ["schema", *tokens]) == 0
+    return json.loads(capsys.readouterr().out)
+
+
+def test_the_table_has_a_row_for_every_place(capsys):
+    rows = printed(capsys, "--wire")
+    assert [(row["board"], row["id"], row["layout"]) for row in rows] == [
+        (board.word, letter, layout) for board, letter, layout in MESSAGES
+    ]
+
+
+def test_a_row_says_all_of_a_layout(capsys):
+    (row,) = (row for row in printed(capsys, "--wire") if (row["board"], row["id"], row["layout"]) == ("fc", "b", "v2"))
+    assert (row["name"], row["direction"], row["size"], row["reply"]) == ("ExternControl", "to_board", 7, "B")
+    assert row["danger"] == "flies the aircraft"
+    roll = row["fields"][1]
+    assert roll["meaning"].startswith("Positive on the wire: stick LEFT")
+    del roll["meaning"]
+    assert roll == {
+        "name": "roll",
+        "firmware_word": "Roll",
+        "type": "s8",
+        "offset": 1,
+        "unit": "stick",
+        "scale": -1.0,
+        "zero": 0,
+        "si_unit": "stick",
+        "values": None,
+    }
+    assert row["fields"][5]["values"]["VALID"] == 1
+
+
+def test_without_the_option_it_is_a_json_schema_of_every_message(capsys):
+    schemas = printed(capsys)
+    assert set(schemas) == {cls.__name__ for cls in MESSAGES.values()}
+    assert schemas["ExternControlV2"]["properties"]["pitch"]["maximum"] == 127

@@ -1,0 +1,91 @@
+"""`mkdaemon sim` as a program: its port, its end, its mistakes."""
+
+from __future__ import annotations
+
+import json
+import os
+import select
+import signal
+import socket
+import subprocess
+import sys
+import time
+import tty
+
+import pytest
+
+from mkdaemon.protocol.framing import Frame, FrameDecoder, encode_frame
+from tests.daemon.processes import PATIENCE
+
+
+def start(*options):
+    return subprocess.Popen(
+        [sys.executable, "-m", "mkdaemon.cli.mkdaemon.app", "sim", "--connect", "tcp/127.0.0.1:9", *options],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+
+
+def talk(port, requests, wanted, patience=PATIENCE):
+    """Send requests to a pseudo terminal and return the frames that came, until `wanted` did."""
+    descriptor = os.open(port, os.O_RDWR | os.O_NOCTTY)
+    try:
+        tty.setraw(descriptor)
+        os.write(descriptor, requests)
+        decoder, frames, end = FrameDecoder(), [], time.monotonic() + patience
+        while time.monotonic() < end and not wanted <= {frame.id for frame in frames}:
+            if select.select([descriptor], [], [], 0.1)[0]:
+                frames += [item for item in decoder.feed(os.read(descriptor, 4096)) if isinstance(item, Frame)]
+    finally:
+        os.close(descriptor)
+    return frames
+
+
+@pytest.mark.parametrize(("board", "address", "wanted"), [("nc", 2, set("VOCDA")), ("fc", 1, set("VCDA"))])
+def test_the_first_line_names_a_port_that_answers(board, address, wanted):
+    program = start("--board", board)
+    try:
+        port = json.loads(program.stdout.readline())["port"]
+        requests = b"\r\r" + encode_frame(0, "v")
+        frames = talk(port, requests, {"V"})
+        assert frames[0].address == address
+        for letter, payload in (("o", b"\x0a"), ("c", b"\x05"), ("d", b"\x14"), ("a", b"\x09")):
+            frames += talk(port, encode_frame(0, letter, payload), {letter.upper()})
+        assert {frame.id for frame in frames} >= wanted
+        program.send_signal(signal.SIGTERM)
+        assert program.wait(PATIENCE) == 0
+        assert program.stderr.read() == ""
+    finally:
+        program.kill()
+        program.communicate()
+
+
+MISTAKES = [
+    (("--fc", "9.99"), 2, "sim.fc"),
+    (("--config", "no-such.toml"), 2, "no-such.toml"),
+    (("--gas", "3"), 2, "--gas"),
+    (("--listen", "127.0.0.1:99999"), 2, "sim.listen"),
+    (("--seconds", "-1"), 2, "--seconds"),
+]
+
+
+@pytest.mark.parametrize(("options", "code", "says"), MISTAKES)
+def test_a_mistake_is_one_line(options, code, says):
+    program = start(*options)
+    out, err = program.communicate(timeout=PATIENCE)
+    assert program.returncode == code
+    assert out == ""
+    assert says in err
+
+
+def test_a_tcp_port_in_use_is_one_line():
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        taken.listen()
+        program = start("--listen", f"127.0.0.1:{taken.getsockname()[1]}")
+        out, err = program.communicate(timeout=PATIENCE)
+    assert program.returncode == 1
+    assert out == ""
+    assert "sim.listen" in err
+    assert len(err.strip().splitlines()) == 1

@@ -1,0 +1,26 @@
+"""Pictures are drawn from kept results; what is missing is named with the command that makes it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from lab.figures import PLOTS, main
+from mkdaemon.errors import ConfigError, MkError
+
+NESTED = Path(__file__).resolve().parents[2] / "configs" / "targets" / "nested.toml"
+
+
+def test_missing_results_name_their_benchmarks_and_the_rest_is_drawn(tmp_path):
+    with pytest.raises(MkError) as caught:
+        main(results=tmp_path, out=tmp_path / "figures", target=NESTED)
+    assert all(f"python -m lab {plot.benchmark}" in str(caught.value) for plot in PLOTS)
+    assert (tmp_path / "figures" / "scene_conditions.png").stat().st_size > 10_000
+
+
+@pytest.mark.parametrize("text", ["", "no json", "[1]"])
+def test_a_broken_result_is_named(tmp_path, text):
+    (tmp_path / "link.json").write_text(text, encoding="utf-8")
+    with pytest.raises(ConfigError, match=r"link\.json"):
+        main(results=tmp_path, out=tmp_path / "figures", target=NESTED)

@@ -1,0 +1,99 @@
+"""The vision campaign's own arithmetic: seeds, truth, flips; the figures belong to `python -m lab vision`."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+from lab.vision.flight import VGA, fly
+from lab.vision.lag import Film
+from lab.vision.main import CASES, main, run_case
+from lab.vision.stills import SeedSet, Studio, error_of, is_flip, look_once, target_named
+from lab.vision.truth import labelled_tags, rotation_series
+from mkdaemon.errors import ConfigError
+from mkdaemon.vision.pose.pose import turn
+
+
+def test_seed_sets_never_meet():
+    assert SeedSet.REPORTING.base - SeedSet.DEVELOPMENT.base >= 1_000_000
+    assert main.__kwdefaults__["seeds"] is SeedSet.REPORTING
+
+
+def test_equal_seeds_give_equal_flights_and_others_do_not():
+    def first(seed):
+        return next(iter(fly(target_named("nested"), seed, seconds=0.2)))
+
+    a, b, c = first(5), first(5), first(6)
+    assert np.array_equal(a.image.pixels, b.image.pixels)
+    assert np.array_equal(a.position, b.position)
+    assert not np.array_equal(a.position, c.position)
+
+
+def test_the_truth_of_a_still_is_where_the_tracker_finds_it():
+    studio = Studio(target_named("nested"), 3, fine=False)
+    still = studio.shoot(1.5, 0.4, off=0.05)
+    found = look_once(still, studio.target, VGA, with_attitude=True).pose_of("pad")
+    assert found is not None
+    error = error_of(found.pose.rotation, found.pose.position, still.rotation, still.position)
+    assert error.distance < 0.002
+    assert not error.is_wrong
+
+
+def test_a_mirrored_pose_counts_as_flip_and_a_turned_one_as_wrong_only():
+    position = np.array([0.0, 0.0, 3.0])
+    true = turn(np.diag([1.0, -1.0, -1.0]), np.radians([15.0, 0, 0]))
+    mirrored = turn(np.diag([1.0, -1.0, -1.0]), np.radians([-15.0, 0, 0]))
+    yawed = turn(true, np.radians(20.0) * true[:, 2])
+    assert is_flip(mirrored, position, true)
+    assert not is_flip(true, position, true)
+    assert not is_flip(yawed, position, true)
+    assert error_of(yawed, position, true, position).is_wrong
+    assert error_of(true, position + np.array([0, 0, 0.06]), true, position).is_wrong
+    assert error_of(true, position, true, position).distance == 0.0
+
+
+def test_an_unknown_case_names_the_known_ones():
+    with pytest.raises(ConfigError, match="flights"):
+        run_case("flight", True, SeedSet.DEVELOPMENT)
+    assert {"rates", "cold", "accuracy", "view_angle", "conditions", "flights", "false_positives", "nees"} <= set(CASES)
+
+
+def test_photographs_case_prints_one_object_on_its_last_line(capsys, shared):
+    main(case="photographs", quick=True, as_json=True)
+    figures = json.loads(capsys.readouterr().out.splitlines()[-1])
+    assert figures["seeds"] == "reporting"
+    assert figures["photographs"]["labelled"]["found"] >= 45
+
+
+def test_photographs_of_real_tags(shared):
+    labelled = labelled_tags(shared / "images" / "apriltag")
+    assert labelled["labels"] == 47
+    assert labelled["found"] >= 45
+    assert labelled["corners_within_half_px"] >= 45
+    series = rotation_series(shared / "images" / "rotation")
+    assert series["images"] == 7
+    assert series["one_sense"]
+    # The tag turns about the camera's vertical axis, to the camera's right with rising nominal angle.
+    assert series["axis_cam"][1] < -0.9
+    assert series["step_error_sd_deg"] <= 1.4
+    assert series["largest_step_error_deg"] < 2.5
+    # Fits that take the published camera as exact are worse: its ratio of focal lengths contradicts the images.
+    assert series["exact_camera"]["step_error_sd_deg"] > series["step_error_sd_deg"]
+
+
+def test_a_film_shows_its_images_with_their_attitude_only_while_it_plays():
+    frames = list(fly(target_named("nested"), 5, seconds=0.2, troubled=False))
+    film = Film(frames, 200.0)
+    said = []
+    film.say = said.append
+    assert film.read(0.01) is None
+    film.playing.set()
+    shots = [film.read(1.0) for _ in range(8)]
+    order = [0, 1, 2, 3, 4, 5, 4, 3]
+    assert all(shot is not None and shot.pixels is frames[k].image.pixels for shot, k in zip(shots, order, strict=True))
+    assert [sample.time for sample in said] == [shot.arrived for shot in shots if shot is not None]
+    film.playing.clear()
+    assert film.read(0.01) is None
+    assert film.shown == 8

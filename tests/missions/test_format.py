@@ -1,0 +1,251 @@
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from hypothesis import given, settings
+
+from mkdaemon.errors import ConfigError
+from mkdaemon.missions import FORMATS, AltitudeReference, read_mission, write_mission
+from mkdaemon.protocol.mission import Mission, MissionPoint, PointKind
+
+from .missions import ROUND, missions
+
+
+@pytest.mark.parametrize("suffix", [".gpx", ".kml", ".csv"])
+@settings(max_examples=40)
+@given(mission=missions())
+def test_complete_formats_keep_every_field(suffix: str, mission: Mission) -> None:
+    form = FORMATS[suffix]
+    draft = form.read(form.write(mission), "m" + suffix)
+    assert draft.reference is AltitudeReference.START
+    assert draft.mission.points == mission.points
+
+
+@settings(max_examples=40)
+@given(mission=missions(whole_metres=True))
+def test_wpl_keeps_whole_metres(mission: Mission) -> None:
+    form = FORMATS[".wpl"]
+    # An empty prefix is written as "P", because the tool's own files always have one.
+    named = Mission(points=tuple(p if p.name else p.model_copy(update={"name": "P"}) for p in mission.points))
+    assert form.read(form.write(named), "m.wpl").mission.points == named.points
+
+
+def test_plan_keeps_what_plans_can_express() -> None:
+    form = FORMATS[".plan"]
+    back = form.read(form.write(ROUND), "m.plan").mission.points
+    assert [point.kind for point in back] == [PointKind.POI, PointKind.WAYPOINT, PointKind.WAYPOINT]
+    assert back[1].model_dump(include={"speed", "poi", "hold", "radius", "photo_distance"}) == {
+        "speed": 4.5, "poi": 1, "hold": 5, "radius": 3, "photo_distance": 10,
+    }  # fmt: skip
+    assert (back[2].heading_deg, back[2].poi) == (360, None)
+    assert [(p.latitude_deg, p.longitude_deg, p.altitude) for p in back] == [
+        (p.latitude_deg, p.longitude_deg, p.altitude) for p in ROUND.points
+    ]
+
+
+@pytest.mark.parametrize("suffix", list(FORMATS))
+def test_file_round_trip(tmp_path: Path, suffix: str) -> None:
+    path = tmp_path / f"round{suffix}"
+    write_mission(ROUND, path)
+    back = read_mission(path)
+    assert [point.altitude for point in back.points] == [1.0, 15.0, 20.0]
+
+
+def test_unknown_suffix_names_the_known_ones(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match=r"suffix '\.xyz'; use one of \.gpx, \.kml, \.plan, \.csv, \.wpl"):
+        read_mission(tmp_path / "a.xyz")
+
+
+def test_missing_and_binary_files(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match="cannot be read"):
+        read_mission(tmp_path / "none.gpx")
+    binary = tmp_path / "b.gpx"
+    binary.write_bytes(b"\xff\xfe\x00")
+    with pytest.raises(ConfigError, match="not UTF-8 text"):
+        read_mission(binary)
+
+
+SEA = """<gpx version="1.1" xmlns="http://www.topografix.com/GPX/1/1"><rte>
+<rtept lat="48.1" lon="11.5"><ele>540</ele></rtept>
+<rtept lat="48.2" lon="11.6"><ele>550.5</ele></rtept></rte></gpx>"""
+
+
+def test_sea_level_altitudes_need_the_elevation_of_the_start(tmp_path: Path) -> None:
+    path = tmp_path / "sea.gpx"
+    path.write_text(SEA)
+    with pytest.raises(ConfigError, match="--start-elevation METRES"):
+        read_mission(path)
+    assert [p.altitude for p in read_mission(path, start_elevation=520).points] == [20.0, 30.5]
+    assert [p.altitude for p in read_mission(path, altitude=7).points] == [7.0, 7.0]
+    with pytest.raises(ConfigError, match="puts a point out of range"):
+        read_mission(path, start_elevation=9000)
+
+
+def plan(item: str) -> str:
+    return f'{{"fileType":"Plan","mission":{{\n"items":[\n{item}]}}}}'
+
+
+def simple(command: int, frame: int = 3, latitude: str = "0") -> str:
+    params = f"[0,0,0,null,{latitude},0,0]"
+    return plan(f'{{"type":"SimpleItem","command":{command},"frame":{frame},"params":{params}}}')
+
+
+def simple_item(command: int, frame: int = 3) -> str:
+    return f'{{"type":"SimpleItem","command":{command},"frame":{frame},"params":[0,0,0,null,1,2,3]}}'
+
+
+def mark(mode: str) -> str:
+    point = f"<Point><altitudeMode>{mode}</altitudeMode><coordinates>1,2,3</coordinates></Point>"
+    return f"<Placemark>{point}</Placemark>"
+
+
+EXTRA = '<extensions><point xmlns="urn:mkdaemon:mission:1" altitude="5" {}="{}"/></extensions>'
+
+BAD = [
+    ("a.gpx", "<gpx><rte>", r"a\.gpx:1: no well-formed XML"),
+    ("a.gpx", "<kml/>", r"a\.gpx:1: <kml> is no GPX document"),
+    ("a.gpx", '<!DOCTYPE gpx [<!ENTITY x SYSTEM "file:///etc/passwd">]>\n<gpx>&x;</gpx>', "document type declaration"),
+    ("a.gpx", "<gpx><trk/></gpx>", "only a recorded track"),
+    ("a.gpx", '<gpx>\n<wpt lon="3"/></gpx>', r"a\.gpx:2: lat is missing; write a decimal number"),
+    ("a.gpx", '<gpx>\n\n<wpt lat="93" lon="3"/></gpx>', r"a\.gpx:3: latitude_deg is 93\.0: .*less than or equal to 90"),
+    ("a.gpx", '<gpx><wpt lat="nan" lon="3"/></gpx>', "latitude_deg is nan"),
+    ("a.kml", "<kml><Document/></kml>", "no point and no path"),
+    ("a.kml", "<kml><LineString>\n<coordinates>1,2\n3,x</coordinates></LineString></kml>", r"kml:3: latitude is .x."),
+    ("a.kml", "<kml><Placemark><Point><coordinates>1,2,3</coordinates></Point></Placemark></kml>", "--altitude METRES"),
+    ("a.csv", "lat,lon,x\n", r"a\.csv:1: no column is called 'x'; use latitude_deg"),
+    ("a.csv", "latitude_deg,longitude_deg\n", "column 'altitude' is missing"),
+    ("a.csv", "latitude_deg,longitude_deg,altitude\n1,2\n", r"a\.csv:2: 2 cells under 3 columns"),
+    ("a.csv", "latitude_deg,longitude_deg,altitude,radius\n1,2,3,4.5\n", r"a\.csv:2: radius is 4\.5; write a whole"),
+    ("a.csv", "latitude_deg,longitude_deg,altitude,poi\n1,2,3,2\n", "point 1 looks at point 2"),
+    ("a.csv", "latitude_deg,longitude_deg,altitude,kind\n1,2,3,home\n", "kind is 'home'; use one of waypoint, poi"),
+    ("a.csv", "latitude_deg,longitude_deg,altitude\n", r"a\.csv:1: no waypoint in this file"),
+    ("a.wpl", "QGC WPL 110\n", "QGroundControl's text format"),
+    ("a.wpl", "[General]\nFileVersion=4\n", r"a\.wpl:2: FileVersion 4 is unknown"),
+    ("a.wpl", "[General]\nFileVersion=3\nNumberOfWaypoints=1\n", r"section \[Point1\] is missing"),
+    ("a.wpl", "rubbish\n", r"a\.wpl:1: 'rubbish' is neither"),
+    ("a.wpl", "[General]\nFileVersion=3\nNumberOfWaypoints=0\n[Point1]\n", "more points than NumberOfWaypoints=0"),
+    ("a.wpl", "[General]\nFileVersion=3\nNumberOfWaypoints=1\n[Point1]\nLatitude=x\n", r"a\.wpl:4: Heading is missing"),
+    ("a.csv", "latitude_deg;longitude_deg;altitude;name\n1;2;3;Größe\n", r"a\.csv:2: name is 'Größe'"),
+    ("a.gpx", "<gpx/>", "neither a route nor waypoints"),
+    ("a.gpx", f'<gpx><wpt lat="1" lon="2">{EXTRA.format("kind", "hill")}</wpt></gpx>', "kind is 'hill'; use one"),
+    ("a.kml", "<gpx/>", "<gpx> is no KML document"),
+    ("a.kml", f"<kml>{mark('absolute')}{mark('relativeToGround')}</kml>", "the points differ in altitudeMode"),
+    ("a.kml", f"<kml>{mark('floating')}</kml>", "altitudeMode is 'floating'; use one of relativeToGround"),
+    ("a.kml", "<kml><Placemark><Point/></Placemark></kml>", "a point needs one coordinate"),
+    ("a.kml", "<kml><LineString/></kml>", "a path without coordinates"),
+    ("a.kml", "<kml><LineString><coordinates>1</coordinates></LineString></kml>", "coordinate '1' has 1 parts"),
+    ("a.wpl", "", r"a\.wpl:1: no \[General\] section"),
+    ("a.wpl", "[General]\n[general]\n", r"a\.wpl:2: section \[general\] stands twice"),
+    ("a.wpl", "[General]\nA=1\na=2\n", r"a\.wpl:3: a stands twice in one section"),
+    ("a.wpl", FORMATS[".wpl"].write(ROUND).replace("Type=2", "Type=9"), "Type=9 is unknown; 1 waypoint"),
+    ("a.plan", '{"fileType":"Plan"}', "the plan holds no mission"),
+    ("a.plan", plan('{"type":"SimpleItem","params":[]}'), r"a\.plan:3: an item needs 7 params"),
+    ("a.plan", plan(simple_item(16) + "," + simple_item(16, 0)), "partly relative, partly above sea level"),
+    ("a.plan", "{", r"a\.plan:1: no JSON"),
+    ("a.plan", "[]", '"fileType" is not "Plan"'),
+    ("a.plan", plan('{"type":"ComplexItem","complexItemType":"survey"}'), r"a\.plan:3: a survey cannot"),
+    ("a.plan", simple(22), r"command 22 \(take-off\)"),
+    ("a.plan", simple(16, frame=10), "altitude frame 10"),
+    ("a.plan", simple(16, latitude='"x"'), "latitude is 'x'"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "message"), BAD, ids=[f"{name[2:]}-{i}" for i, (name, _, _) in enumerate(BAD)]
+)
+def test_a_bad_file_names_file_line_and_fix(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str, text: str, message: str
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path(name).write_text(text)
+    with pytest.raises(ConfigError, match=message) as caught:
+        read_mission(Path(name))
+    assert "\n" not in str(caught.value)
+    assert str(caught.value).startswith(name)
+    assert ";" in str(caught.value)
+
+
+def test_xml_nesting_is_bounded() -> None:
+    with pytest.raises(ConfigError, match="nest deeper than 64"):
+        FORMATS[".gpx"].read("<gpx>" * 100, "deep.gpx")
+
+
+def test_wpl_of_the_mikrokopter_tool_version_2_puts_its_poi_first() -> None:
+    text = (
+        "[General]\nFileVersion=2\nNumberOfWaypoints=1\nUsePOI=1\nPOI_CAM_NICK_CTRL=0\n"
+        "[POI]\nAltitude=1\nLatitude=46.7140763\nLongitude=19.2507334\n"
+        "[Waypoint1]\nLatitude=46.7145686\nLongitude=19.2515702\nRadius=10\nAltitude=15\nClimbRate=20\nDelayTime=4\n"
+        "WP_Event_Channel_Value=96\nHeading=-1\n"
+    )
+    points = FORMATS[".wpl"].read(text, "a.wpl").mission.points
+    assert points[0].kind is PointKind.POI
+    assert points[1] == MissionPoint(
+        latitude_deg=46.7145686, longitude_deg=19.2515702, altitude=15, radius=10, climb=2.0, hold=4, event=96, poi=1
+    )
+    plain = FORMATS[".wpl"].read(text.replace("UsePOI=1", "UsePOI=0"), "a.wpl").mission.points
+    assert [point.poi for point in plain] == [None]
+
+
+def test_wpl_of_early_ikopter_counts_types_from_zero() -> None:
+    text = FORMATS[".wpl"].write(ROUND).replace("Type=1", "Type=0").replace("Type=2", "Type=1")
+    named = text.replace("[General]", "[General]\nName=Round")
+    assert [point.kind for point in FORMATS[".wpl"].read(named, "a.wpl").mission.points] == [
+        point.kind for point in ROUND.points
+    ]
+
+
+def test_a_file_that_is_too_large_or_cannot_be_written(tmp_path: Path) -> None:
+    large = tmp_path / "large.csv"
+    large.write_bytes(b"0" * 4_000_001)
+    with pytest.raises(ConfigError, match="larger than 4 MB"):
+        read_mission(large)
+    with pytest.raises(ConfigError, match=r"cannot be written \(No such file or directory\); choose another place"):
+        write_mission(ROUND, tmp_path / "no" / "where.csv")
+
+
+def test_a_plan_of_every_item_it_can_express() -> None:
+    items = [
+        '{"type":"SimpleItem","command":178,"frame":2,"params":[1,4.5,-1,0,0,0,0]}',
+        '{"type":"SimpleItem","command":206,"frame":2,"params":[10,0,0,0,0,0,0]}',
+        '{"type":"SimpleItem","command":205,"frame":2,"params":[-30,0,0,0,0,0,2]}',
+        '{"type":"SimpleItem","command":19,"frame":3,"params":[7,0,0,90,53.1,8.1,20]}',
+        '{"type":"SimpleItem","command":197,"frame":2,"params":[0,0,0,0,0,0,0]}',
+        '{"type":"SimpleItem","command":21,"frame":3,"params":[0,0,0,0,53.2,8.2,0]}',
+    ]
+    points = FORMATS[".plan"].read(plan(",".join(items)), "a.plan").mission.points
+    assert points == (
+        MissionPoint(
+            latitude_deg=53.1, longitude_deg=8.1, altitude=20, hold=7, heading_deg=90, speed=4.5,
+            camera_angle_deg=30, photo_distance=10,
+        ),
+        MissionPoint(
+            latitude_deg=53.2, longitude_deg=8.2, altitude=0, kind=PointKind.LAND, heading_deg=360, speed=4.5,
+            camera_angle_deg=30, photo_distance=10,
+        ),
+    )  # fmt: skip
+    again = FORMATS[".plan"].read(FORMATS[".plan"].write(Mission(points=points)), "b.plan").mission.points
+    assert again == points
+
+
+def test_blank_lines_and_comments_are_no_points(tmp_path: Path) -> None:
+    table = "latitude_deg,longitude_deg,altitude\n\n1,2,3\n ,,\n"
+    assert len(FORMATS[".csv"].read(table, "a.csv").mission.points) == 1
+    listed = FORMATS[".wpl"].write(ROUND).replace("[Point2]", "; second\n\n[Point2]")
+    assert len(FORMATS[".wpl"].read(listed, "a.wpl").mission.points) == 3
+
+
+def test_a_drawn_path_is_a_mission_at_one_height(tmp_path: Path) -> None:
+    path = tmp_path / "path.kml"
+    path.write_text(
+        "<kml><Document><LineString><coordinates>\n8.1,53.1,0\n8.2,53.2\n</coordinates></LineString></Document></kml>"
+    )
+    points = read_mission(path, altitude=12).points
+    assert [(p.latitude_deg, p.longitude_deg, p.altitude) for p in points] == [(53.1, 8.1, 12.0), (53.2, 8.2, 12.0)]
+
+
+def test_gpx_waypoints_without_a_route_are_a_mission() -> None:
+    text = '<gpx><wpt lat="1" lon="2"><name>Longer name</name></wpt></gpx>'
+    draft = FORMATS[".gpx"].read(text, "a.gpx")
+    assert draft.reference is AltitudeReference.ABSENT
+    assert draft.mission.points[0].name == "Long"

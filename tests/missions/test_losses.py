@@ -1,0 +1,73 @@
+"""What a format does not keep is named, and nothing else is lost."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from hypothesis import given, settings
+
+from mkdaemon.errors import ConfigError
+from mkdaemon.missions import FORMATS, write_mission
+from mkdaemon.missions.losses import lost
+from mkdaemon.protocol.mission import Mission, MissionPoint, PointKind
+
+from .missions import ROUND, missions
+
+KEPT_BY_PLANS = {"latitude_deg", "longitude_deg", "altitude", "kind", "heading_deg", "poi", "speed", "photo_distance"}
+
+
+def back(mission: Mission, suffix: str) -> Mission:
+    form = FORMATS[suffix]
+    return form.read(form.write(mission), "m" + suffix).mission
+
+
+def fields_of(found: tuple[str, ...]) -> set[str]:
+    return {entry.partition(" of ")[0] for entry in found if " of " in entry}
+
+
+@pytest.mark.parametrize("suffix", [".gpx", ".kml", ".csv"])
+@settings(max_examples=40)
+@given(mission=missions())
+def test_complete_formats_lose_nothing(suffix: str, mission: Mission) -> None:
+    assert lost(mission, back(mission, suffix)) == ()
+
+
+@settings(max_examples=40)
+@given(mission=missions())
+def test_a_wpl_loses_parts_of_metres_and_says_so(mission: Mission) -> None:
+    uneven = any(not point.altitude.is_integer() for point in mission.points if point.kind is not PointKind.POI)
+    assert fields_of(lost(mission, back(mission, ".wpl"))) == ({"altitude"} if uneven else set())
+
+
+@settings(max_examples=80)
+@given(mission=missions(max_size=4))
+def test_a_plan_flies_the_same_and_names_the_rest(mission: Mission) -> None:
+    """A speed of 0 after another one is the vehicle's own again, not the one before."""
+    kinds = {point.kind for point in mission.points}
+    if kinds == {PointKind.POI} or PointKind.FAILSAFE in kinds:
+        with pytest.raises(ConfigError):
+            back(mission, ".plan")
+        return
+    assert not fields_of(lost(mission, back(mission, ".plan"))) & KEPT_BY_PLANS
+
+
+def test_what_is_lost_is_listed_with_its_points(tmp_path: Path) -> None:
+    assert write_mission(ROUND, tmp_path / "round.csv") == ()
+    assert write_mission(ROUND, tmp_path / "round.plan") == (
+        "climb of point 2",
+        "camera_angle_deg of point 2",
+        "name of points 2 and 3",
+        "event of point 2",
+    )
+    alone = Mission(points=(ROUND.points[0], ROUND.points[2], *ROUND.points[2:], ROUND.points[2]))
+    assert write_mission(alone, tmp_path / "alone.plan")[-1] == "point 1, which nobody looks at"
+    assert write_mission(alone, tmp_path / "again.plan")[0] == "name of points 2, 3 and 4"
+
+
+def test_a_plan_is_not_written_where_it_would_fly_another_mission(tmp_path: Path) -> None:
+    place = MissionPoint(latitude_deg=53, longitude_deg=8, altitude=10, kind=PointKind.FAILSAFE)
+    for points, says in (((ROUND.points[2], place), "point 2 is a fail-safe point"), (ROUND.points[:1], "no waypoint")):
+        with pytest.raises(ConfigError, match=rf"m\.plan: this format cannot keep the mission: .*{says}"):
+            write_mission(Mission(points=points), tmp_path / "m.plan")
+        assert not (tmp_path / "m.plan").exists()

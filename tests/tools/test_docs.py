@@ -1,0 +1,82 @@
+from __future__ import annotations
+
+import re
+
+from mkdaemon.cli.mkdaemon.app import app
+from mkdaemon.cli.program import run
+from mkdaemon.protocol.wire import MESSAGES, Board
+from tests.conftest import ROOT
+from tools.coverage_table import coverage, shown_releases
+from tools.docs import GENERATED, make_page, stale_pages
+
+
+def test_generated_pages_are_up_to_date():
+    assert stale_pages(ROOT) == []
+
+
+def test_pages_are_written_and_then_agree(capsys, tmp_path):
+    (tmp_path / "docs").mkdir()
+    assert run(app, ["docs", "--check", "--root", str(tmp_path)]) == 1
+    assert "not up to date: docs/keys.md, docs/protocol.md" in capsys.readouterr().err
+    assert run(app, ["docs", "--root", str(tmp_path)]) == 0
+    assert run(app, ["docs", "--check", "--root", str(tmp_path)]) == 0
+    page = tmp_path / "docs" / "protocol.md"
+    page.write_text(page.read_text(encoding="utf-8") + "edited", encoding="utf-8")
+    assert stale_pages(tmp_path) == ["docs/protocol.md"]
+
+
+def test_a_tree_without_docs_is_refused(capsys, tmp_path):
+    assert run(app, ["docs", "--root", str(tmp_path)]) == 1
+    assert "has no docs/" in capsys.readouterr().err
+
+
+def test_the_protocol_page_shows_every_message_field_and_danger():
+    page = make_page(GENERATED["docs/protocol.md"], ROOT)
+    for cls in MESSAGES.values():
+        assert f"### {cls.spec.name} (`{cls.spec.id}`" in page
+        assert f"/{cls.spec.key}`" in page
+        assert cls.spec.danger in page
+        for slot in cls.spec.slots:
+            assert f"`{slot.name}`" in page
+
+
+def test_the_protocol_page_has_the_sections_docstrings_cite():
+    page = make_page(GENERATED["docs/protocol.md"], ROOT)
+    cited = set()
+    for path in (ROOT / "src").rglob("*.py"):
+        text = " ".join(path.read_text(encoding="utf-8").split())
+        for sentence in re.findall(r'docs/protocol\.md, ((?:"[^"]+"(?:, | and )?)+)', text):
+            cited |= set(re.findall(r'"([^"]+)"', sentence))
+    assert cited
+    missing = {title for title in cited if f"## {title}" not in page}
+    assert missing == set()
+
+
+def test_the_coverage_table_says_what_each_release_knows():
+    fc, nc = table(Board.FC), table(Board.NC)
+    assert fc["b", "ExternControl"] == {
+        **dict.fromkeys(("0.78", "0.84", "0.90", "2.00"), "v1"),
+        "0.71": "v1 S",
+        "2.08": "v1 S",
+        "2.12": "v2 SR",
+        "2.14": "v3 S",
+        "2.22": "v3",
+    }
+    assert (fc["n", "MixerRequest"]["0.71"], fc["N", "Mixer"]["0.71"]) == ("·", "·")
+    assert [fc["P", "Receiver"][release] for release in ("0.71", "0.84", "2.12")] == ["071 S", "077", "200 SR"]
+    assert fc["V", "Version"]["0.90"] == "classic"
+    assert fc["x", "ArmMotors (fork)"]["2.12"] == "1 S"
+    assert list(nc["O", "OsdData"].values()) == ["4", "5 SR", "5", "5", "5 S"]
+    assert list(nc["O", "OsdTiny"].values()) == ["·"] * 4 + ["10 S"]
+    assert nc["w", "WriteWaypoint"]["0.24"] == "024 SR"
+
+
+def table(board):
+    rows = coverage(board, ROOT / "tests" / "data" / "captures")
+    return {(row.letter, row.name): dict(zip(shown_releases(board), row.cells, strict=True)) for row in rows}
+
+
+def test_tables_are_not_broken_by_bars():
+    for line in make_page(GENERATED["docs/protocol.md"], ROOT).splitlines():
+        if line.startswith("| ") and line.count("|") != line.count("\\|"):
+            assert line.endswith(" |")

@@ -1,0 +1,76 @@
+"""`python -m tools.docs`: the pages of docs/ that are made from tables, written or compared.
+
+A page is made by a function that takes the root of the source tree and returns the whole text. To add one, add a line
+to `GENERATED`.
+"""
+
+from __future__ import annotations
+
+import importlib
+import sys
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Annotated, Final
+
+from cyclopts import App, Parameter
+
+from mkdaemon.cli.program import run
+from mkdaemon.errors import MkError
+
+GENERATED: Final[Mapping[str, str]] = {
+    "docs/keys.md": "tools.keys_page:keys_page",
+    "docs/protocol.md": "tools.protocol_page:protocol_page",
+}
+"""Page, relative to the root of the source tree, and the function that makes it (imported when it is needed)."""
+
+
+def make_page(maker: str, root: Path) -> str:
+    """Return the text of a page.
+
+    Args:
+        maker: `module:function`, as in `GENERATED`.
+        root: root of the source tree.
+    """
+    module, _, name = maker.partition(":")
+    function: Callable[[Path], str] = getattr(importlib.import_module(module), name)
+    return function(root)
+
+
+def stale_pages(root: Path) -> list[str]:
+    """Return the generated pages under `root` that are missing or differ from what would be written."""
+    stale = []
+    for page, maker in GENERATED.items():
+        path = root / page
+        if not path.is_file() or path.read_text(encoding="utf-8") != make_page(maker, root):
+            stale.append(page)
+    return stale
+
+
+def docs(
+    *,
+    check: Annotated[bool, Parameter(help="Only compare; exit code 1 when a page is not up to date.")] = False,
+    root: Annotated[Path, Parameter(help="Root of the source tree.")] = Path(),
+) -> None:
+    """Write the generated pages of docs/.
+
+    Raises:
+        MkError: there is no docs/ under the root, or a page is not up to date.
+    """
+    if not (root / "docs").is_dir():
+        msg = f"{root.resolve()} has no docs/: run it in the source tree or give --root"
+        raise MkError(msg)
+    if not check:
+        for page, maker in GENERATED.items():
+            (root / page).write_text(make_page(maker, root), encoding="utf-8")
+            print(f"wrote {page}")
+        return
+    stale = stale_pages(root)
+    if stale:
+        msg = f"not up to date: {', '.join(stale)}; run `make docs`"
+        raise MkError(msg)
+    print(f"generated pages up to date: {', '.join(GENERATED)}")
+
+
+if __name__ == "__main__":
+    app = App(name="docs", default_command=docs, default_parameter=Parameter(negative=()))
+    sys.exit(run(app))

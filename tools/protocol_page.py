@@ -1,0 +1,296 @@
+"""docs/protocol.md, made from the message table, the settings table and the compatibility tables."""
+
+from __future__ import annotations
+
+import inspect
+import math
+from collections.abc import Iterable, Iterator
+from enum import Enum, IntFlag
+from itertools import groupby
+from pathlib import Path
+from types import ModuleType
+from typing import Final
+
+import mkdaemon.protocol.messages as _messages  # noqa: F401 - fills the table
+from mkdaemon.protocol import flags
+from mkdaemon.protocol.errorcodes import ErrorCode, describe_error, error_since
+from mkdaemon.protocol.generations import FC_GENERATIONS, NC_GENERATIONS
+from mkdaemon.protocol.layout import Slot
+from mkdaemon.protocol.messages import (
+    blctrl,
+    control,
+    display,
+    flightctrl,
+    linktest,
+    mk3mag,
+    navictrl,
+    osd,
+    osdsets,
+    parameters,
+    streams,
+    version,
+    waypoints,
+)
+from mkdaemon.protocol.settings import known_revisions, layout_of
+from mkdaemon.protocol.settings_table import PARAMETERS, REVISIONS, Kind
+from mkdaemon.protocol.wire import MESSAGES, Board, Direction, WireMessage
+from tools.coverage_table import RECORDED, coverage, shown_releases
+from tools.protocol_text import APPENDED, COVERAGE, DISAGREEMENTS, INTRODUCTION, SETTINGS
+
+_SECTIONS: Final[tuple[tuple[str, tuple[ModuleType, ...]], ...]] = (
+    ("VersionInfo", (version,)),
+    ("Common commands", (streams, display)),
+    ("ExternalControl", (control,)),
+    ("FlightCtrl commands", (flightctrl, parameters)),
+    ("BL-Ctrl", (blctrl,)),
+    ("NaviCtrl commands", (linktest, navictrl)),
+    ("NaviData", (osd, osdsets)),
+    ("Points", (waypoints,)),
+    ("MK3Mag", (mk3mag,)),
+)
+
+
+def protocol_page(root: Path) -> str:
+    """Return the whole page.
+
+    Args:
+        root: root of the source tree; recordings are looked for under it.
+    """
+    lines = [INTRODUCTION.strip(), ""]
+    for title, modules in _SECTIONS:
+        lines += [f"## {title}", ""]
+        for module in modules:
+            lines += [_first_paragraph(module), ""]
+        classes = dict.fromkeys(cls for cls in MESSAGES.values() if inspect.getmodule(cls) in modules)
+        for _, layouts in groupby(classes, key=lambda cls: (cls.spec.id, cls.spec.name, cls.spec.boards[0])):
+            lines += _message(list(layouts))
+        if title in APPENDED:
+            lines += [APPENDED[title].strip(), ""]
+    lines += _danger()
+    lines += _flags()
+    lines += _error_codes()
+    lines += _compatibility()
+    lines += _settings()
+    lines += [DISAGREEMENTS.strip(), ""]
+    lines += _coverage(root / "tests" / "data" / "captures")
+    return "\n".join(lines)
+
+
+def _first_paragraph(module: ModuleType) -> str:
+    return " ".join(_escape(line) for line in inspect.cleandoc(module.__doc__ or "").split("\n\n")[0].splitlines())
+
+
+def _message(layouts: list[type[WireMessage]]) -> Iterator[str]:
+    first = layouts[0]
+    spec = first.spec
+    boards = ", ".join(dict.fromkeys(board.word for cls in layouts for board in cls.spec.boards))
+    yield f"### {spec.name} (`{spec.id}`, {boards})"
+    yield ""
+    yield inspect.cleandoc(first.__doc__ or "")
+    yield ""
+    if spec.direction is Direction.TO_BOARD:
+        reply = f"answer `{spec.reply}`" if spec.reply else "no answer"
+        anyone = ", obeyed whatever the address" if spec.any_address else ""
+        yield f"`{spec.id}` to {boards}{anyone}; {reply}."
+        yield f"Key `cmd/{spec.boards[0].word}/{spec.key}`, command line `mkctl send {spec.key.replace('_', '-')}`."
+        dangers = dict.fromkeys(cls.spec.danger for cls in layouts if cls.spec.danger)
+        yield from (f"**Danger**: {danger}." for danger in dangers)
+    else:
+        yield f"`{spec.id}` from {boards}. Key `rx/{spec.boards[0].word}/{spec.key}`."
+    yield ""
+    for cls in layouts:
+        yield from _layout(cls, alone=len(layouts) == 1)
+
+
+def _layout(cls: type[WireMessage], *, alone: bool) -> Iterator[str]:
+    spec = cls.spec
+    longest = f" to {spec.longest}" if spec.longest else " or more" if spec.open_ended else ""
+    name = "" if alone and spec.layout == "1" else f"Layout `{spec.layout}`: "
+    yield f"{name}{spec.size}{longest} bytes; {spec.firmware}. Source: {spec.source}."
+    yield ""
+    if spec.slots:
+        yield from _table(
+            ("offset", "type", "field", "firmware", "unit", "SI", "sent", "meaning"),
+            (_field(cls, slot) for slot in spec.slots),
+        )
+        yield ""
+
+
+def _field(cls: type[WireMessage], slot: Slot) -> tuple[str, ...]:
+    wire = slot.wire
+    meaning = (cls.model_fields[slot.name].description or "").replace("\n", " ")
+    if wire.enum is not None:
+        meaning = f"{meaning} [{wire.enum.__name__}](#{wire.enum.__name__.lower()})".strip()
+    scale = "" if wire.scale is None else f"{_number(wire.scale)} {wire.si}"
+    if wire.zero:
+        scale = f"(value - {wire.zero}) × {scale}"
+    sent = ", ".join(str(value) for value in sorted(wire.only))
+    if not sent and not (wire.is_text or wire.is_bytes):
+        sent = f"{wire.minimum}..{wire.maximum}"
+    if cls.spec.direction is Direction.FROM_BOARD:
+        sent = ""
+    return str(slot.offset), wire.type_name, f"`{slot.name}`", wire.mk, wire.unit, scale, sent, meaning
+
+
+def _number(value: float) -> str:
+    degrees = value * 180.0 / math.pi
+    if abs(value) < 1 and abs(degrees - round(degrees, 3)) < 1e-9 and round(degrees, 3) != 0:
+        return f"{round(degrees, 3):g}π/180"
+    return f"{value:g}"
+
+
+def _danger() -> Iterator[str]:
+    yield "## Danger"
+    yield ""
+    yield "What a request can do, whoever sends it. Gates: [safety.md](safety.md)."
+    yield ""
+    found = {
+        (cls.spec.id, cls.spec.boards[0].word, cls.spec.name, cls.spec.danger, cls.spec.firmware)
+        for cls in MESSAGES.values()
+        if cls.spec.danger
+    }
+    rows = ((f"`{i}`", board, name, danger, firmware) for i, board, name, danger, firmware in sorted(found))
+    yield from _table(("id", "board", "message", "effect", "firmware"), rows)
+    yield ""
+
+
+def _flags() -> Iterator[str]:
+    yield "## Flags"
+    yield ""
+    kinds = [item for item in vars(flags).values() if inspect.isclass(item) and item.__module__ == flags.__name__]
+    for kind in (kind for kind in kinds if issubclass(kind, Enum)):
+        yield f"### {kind.__name__}"
+        yield ""
+        yield inspect.cleandoc(kind.__doc__ or "")
+        yield ""
+        yield ", ".join(_member(kind, member) for member in kind)
+        yield ""
+
+
+def _member(kind: type[Enum], member: Enum) -> str:
+    is_flag = issubclass(kind, IntFlag)
+    return f"`{int(member.value):#04x}` {member.name}" if is_flag else f"{member.value} {member.name}"
+
+
+def _error_codes() -> Iterator[str]:
+    yield "## Error codes"
+    yield ""
+    yield "### ErrorCode"
+    yield ""
+    yield "Codes of the NaviCtrl; with any but 0 the motors do not start (FlightCtrl 0.84 and later)."
+    yield ""
+    rows = ((str(int(code)), code.name, describe_error(code), error_since(code)) for code in ErrorCode)
+    yield from _table(("code", "name", "meaning", "since"), rows)
+    yield ""
+
+
+def _compatibility() -> Iterator[str]:
+    yield "## Compatibility"
+    yield ""
+    yield "The release in the version reply chooses the row; a release in no row is read only."
+    yield ""
+    yield from _table(
+        ("FlightCtrl", "settings revisions", "b", "P", "C", "holds the last b", "stick filter", "R in flight"),
+        (
+            (
+                _releases(row.since, row.until),
+                _span(row.revisions),
+                row.control or "read back (g) to know",
+                row.receiver or "by length",
+                row.attitude,
+                row.dead_man.value,
+                "yes" if row.stick_filter else "no",
+                "obeyed" if row.resets_in_flight else "ignored",
+            )
+            for row in FC_GENERATIONS
+        ),
+    )
+    yield ""
+    yield from _table(
+        ("NaviCtrl", "points", "C", "data sets 10..16", "b"),
+        (
+            (
+                _releases(row.since, row.until),
+                row.point,
+                row.attitude,
+                "yes" if row.has_sets else "no",
+                "taken" if row.takes_control else "forwarded to the FlightCtrl, unconfirmed",
+            )
+            for row in NC_GENERATIONS
+        ),
+    )
+    yield ""
+
+
+def _releases(since: tuple[int, int], until: tuple[int, int]) -> str:
+    return f"{since[0]}.{since[1]:02d} to {until[0]}.{until[1]:02d}" if since != until else f"{since[0]}.{since[1]:02d}"
+
+
+def _span(numbers: Iterable[int]) -> str:
+    known = sorted(numbers)
+    return str(known[0]) if len(known) == 1 else f"{known[0]}..{known[-1]}"
+
+
+def _settings() -> Iterator[str]:
+    yield "## Settings"
+    yield ""
+    yield SETTINGS.strip()
+    yield ""
+    sizes = (
+        (str(number), str(layout.size), layout.firmware)
+        for number in known_revisions()
+        if (layout := layout_of(number))
+    )
+    yield from _table(("revision", "bytes", "firmware"), sizes)
+    yield ""
+    yield "### ParamSet layouts"
+    yield ""
+    last = max(REVISIONS)
+    rows = (
+        (
+            f"`{item.name}`",
+            item.mk,
+            f"{item.since}..{item.until if item.until < 255 else ''}",
+            " then ".join(f"{count} from {first}" for first, count in item.lengths) or "1",
+            item.kind.value + ("" if item.high == 255 else f", to {item.high}"),
+            item.unit,
+            item.meaning,
+        )
+        for item in PARAMETERS
+    )
+    yield from _table(("parameter", "firmware", "revisions", "bytes", "kind", "unit", "meaning"), rows)
+    yield ""
+    for item in PARAMETERS:
+        if item.kind is Kind.BITS:
+            bits = (
+                f"`{bit.mask:#04x}` {bit.name} ({bit.mk}{_bit_span(bit.since, bit.until, last)})" for bit in item.bits
+            )
+            yield f"`{item.name}`: " + ", ".join(bits)
+            yield ""
+
+
+def _bit_span(since: int, until: int, last: int) -> str:
+    if since == 0 and until >= last:
+        return ""
+    return f"; {since or ''}..{until if until < last else ''}"
+
+
+def _coverage(recordings: Path) -> Iterator[str]:
+    releases = " and ".join(f"{board.word} {str(release)[:-1]}" for board, release in RECORDED.items())
+    yield COVERAGE.strip().format(releases=releases)
+    yield ""
+    for board, name in ((Board.FC, "FlightCtrl"), (Board.NC, "NaviCtrl")):
+        rows = ((f"`{row.letter}`", row.name, *row.cells) for row in coverage(board, recordings))
+        yield from _table((name, "message", *shown_releases(board)), rows)
+        yield ""
+
+
+def _table(head: tuple[str, ...], rows: Iterable[tuple[str, ...]]) -> Iterator[str]:
+    yield "| " + " | ".join(head) + " |"
+    yield "|" + "---|" * len(head)
+    for row in rows:
+        yield "| " + " | ".join(_escape(cell) for cell in row) + " |"
+
+
+def _escape(text: str) -> str:
+    return text.replace("|", "\\|")
