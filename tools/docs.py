@@ -71,6 +71,7 @@ def docs(
     print(f"generated pages up to date: {', '.join(GENERATED)}")
 
 
+app = App(name="docs", default_command=docs, default_parameter=Parameter(negative=()))
+
 if __name__ == "__main__":
-    app = App(name="docs", default_command=docs, default_parameter=Parameter(negative=()))
     sys.exit(run(app))

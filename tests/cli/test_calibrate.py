@@ -8,7 +8,7 @@ from pathlib import Path
 import cv2
 import pytest
 
-from mkdaemon.cli.mkctl.app import app
+from mkdaemon.cli.mkdaemon.app import app
 from mkdaemon.cli.program import EXIT_CONFIG, EXIT_FAILURE, EXIT_OK, run
 from mkdaemon.sim.scene.print import board_layer
 from mkdaemon.vision.calibrate.board import CharucoBoard

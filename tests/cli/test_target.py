@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mkdaemon.cli.mkctl.app import app
+from mkdaemon.cli.mkdaemon.app import app
 from mkdaemon.cli.program import EXIT_CONFIG, EXIT_OK, run
 from mkdaemon.vision.tags.tagmap import load
 

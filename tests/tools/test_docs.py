@@ -2,12 +2,11 @@ from __future__ import annotations
 
 import re
 
-from mkdaemon.cli.mkdaemon.app import app
 from mkdaemon.cli.program import run
 from mkdaemon.protocol.wire import MESSAGES, Board
 from tests.conftest import ROOT
 from tools.coverage_table import coverage, shown_releases
-from tools.docs import GENERATED, make_page, stale_pages
+from tools.docs import GENERATED, app, make_page, stale_pages
 
 
 def test_generated_pages_are_up_to_date():
@@ -16,17 +15,17 @@ def test_generated_pages_are_up_to_date():
 
 def test_pages_are_written_and_then_agree(capsys, tmp_path):
     (tmp_path / "docs").mkdir()
-    assert run(app, ["docs", "--check", "--root", str(tmp_path)]) == 1
+    assert run(app, ["--check", "--root", str(tmp_path)]) == 1
     assert "not up to date: docs/keys.md, docs/protocol.md" in capsys.readouterr().err
-    assert run(app, ["docs", "--root", str(tmp_path)]) == 0
-    assert run(app, ["docs", "--check", "--root", str(tmp_path)]) == 0
+    assert run(app, ["--root", str(tmp_path)]) == 0
+    assert run(app, ["--check", "--root", str(tmp_path)]) == 0
     page = tmp_path / "docs" / "protocol.md"
     page.write_text(page.read_text(encoding="utf-8") + "edited", encoding="utf-8")
     assert stale_pages(tmp_path) == ["docs/protocol.md"]
 
 
 def test_a_tree_without_docs_is_refused(capsys, tmp_path):
-    assert run(app, ["docs", "--root", str(tmp_path)]) == 1
+    assert run(app, ["--root", str(tmp_path)]) == 1
     assert "has no docs/" in capsys.readouterr().err
 
 
