@@ -1,0 +1,160 @@
+"""The daemon's side of the guard: starts the process, hands it the port and the frames, feeds it, and knows it alive.
+
+Everything here returns at once: a guard that does not take a packet is as good as none, and that is what `is_alive`
+says. See `mkdaemon.guard` for what it does and docs/safety.md, "The guard", for why.
+"""
+
+from __future__ import annotations
+
+import array
+import asyncio
+import json
+import os
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from pathlib import Path
+from typing import Final
+
+from mkdaemon import guard
+from mkdaemon.guard import Word
+
+PING_PERIOD: Final = 0.2
+"""Time between two questions whether it is there [s]."""
+SILENCE_LIMIT: Final = 1.0
+"""A guard that has not answered for this long counts as dead [s]."""
+
+
+class GuardProcess:
+    """The guard of one daemon.
+
+    Attributes:
+        acted: called on the loop when the guard has sent something: True for a release, False for neutral sticks.
+    """
+
+    def __init__(self, report: Path | None = None, *, clock: Callable[[], float] = time.monotonic) -> None:
+        """Prepare; `start` does the work.
+
+        Args:
+            report: file in which the guard says what it did, for the next daemon; None for nowhere.
+            clock: the loop's time [s].
+        """
+        self.acted: Callable[[bool], None] = lambda released: None
+        self._report = report
+        self._clock = clock
+        self._process: subprocess.Popen[bytes] | None = None
+        self._channel: socket.socket | None = None
+        self._answered = float("-inf")
+
+    @property
+    def is_alive(self) -> bool:
+        """Whether the process runs, listens and has answered lately."""
+        return self._channel is not None and self._clock() - self._answered <= SILENCE_LIMIT
+
+    @property
+    def pid(self) -> int | None:
+        """The process; None before the start."""
+        return None if self._process is None else self._process.pid
+
+    def start(self) -> None:
+        """Start the process; it outlives this one by as long as a release takes."""
+        ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+        with theirs:
+            report = [] if self._report is None else [str(self._report)]
+            # A script without site packages: it starts in a few milliseconds and imports nothing that could break.
+            self._process = subprocess.Popen(
+                [sys.executable, "-I", "-S", guard.__file__, str(theirs.fileno()), *report],
+                pass_fds=[theirs.fileno()],
+                stdin=subprocess.DEVNULL,
+                stdout=subprocess.DEVNULL,
+                start_new_session=True,
+                cwd="/",
+            )
+        ours.setblocking(False)
+        self._channel = ours
+        self._answered = self._clock()
+        asyncio.get_running_loop().add_reader(ours.fileno(), self._heard)
+
+    async def watch(self) -> None:
+        """Ask again and again whether it is there; ends when it is gone."""
+        while self._channel is not None:
+            self._send(Word.PING)
+            await asyncio.sleep(PING_PERIOD)
+
+    def port_opened(self, descriptor: int) -> None:
+        """Hand over a duplicate of an open port."""
+        descriptors = array.array("i", [descriptor])
+        self._send(Word.PORT, [(socket.SOL_SOCKET, socket.SCM_RIGHTS, descriptors.tobytes())])
+
+    def port_closed(self) -> None:
+        """The port is lost or closed: its duplicate must not keep the device's name busy."""
+        self._send(Word.CLOSED)
+
+    def frames_changed(self, release: Sequence[bytes]) -> None:
+        """Hand over the encoded release frames of every layout that this aircraft may understand."""
+        self._send(Word.FRAMES + json.dumps([frame.hex() for frame in release]).encode())
+
+    def frame_written(self, neutral: bytes) -> None:
+        """A frame that moves or releases the aircraft was written; `neutral` is the frame for level sticks."""
+        self._send(Word.BEAT + neutral)
+
+    def released(self) -> None:
+        """The aircraft is released: nothing is owed."""
+        self._send(Word.SAFE)
+
+    async def stop(self) -> None:
+        """End in order: the guard sends nothing. Waits half a second at most."""
+        self._send(Word.END)
+        self._hang_up()
+        process = self._process
+        if process is None:
+            return
+        with suppress(TimeoutError):
+            async with asyncio.timeout(0.5):
+                while process.poll() is None:  # noqa: ASYNC110 - a child's end is no event of this loop
+                    await asyncio.sleep(0.01)
+
+    def _send(self, packet: bytes, ancillary: Sequence[tuple[int, int, bytes]] = ()) -> None:
+        if self._channel is None:
+            return
+        try:
+            self._channel.sendmsg([packet], ancillary)
+        except BlockingIOError:
+            return  # it does not read: `is_alive` notices by its silence
+        except OSError:
+            self._hang_up()
+
+    def _heard(self) -> None:
+        if self._channel is None:
+            return
+        try:
+            packet = self._channel.recv(64)
+        except BlockingIOError:
+            return
+        except OSError:
+            packet = b""
+        if not packet:
+            self._hang_up()
+            return
+        self._answered = self._clock()
+        if packet in (Word.NEUTRAL, Word.RELEASED):
+            self.acted(packet == Word.RELEASED)
+
+    def _hang_up(self) -> None:
+        channel, self._channel = self._channel, None
+        if channel is not None:
+            asyncio.get_running_loop().remove_reader(channel.fileno())
+            channel.close()
+
+
+def take_report(path: Path) -> str | None:
+    """Return what the guard of an earlier daemon did, and forget it; None where it did nothing."""
+    try:
+        found = json.loads(path.read_text(encoding="utf-8"))
+        os.unlink(path)  # noqa: PTH108
+        return str(found["text"])
+    except (OSError, ValueError, KeyError, TypeError):
+        return None
