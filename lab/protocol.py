@@ -17,13 +17,13 @@ from typing import Annotated, Any, Final
 
 from cyclopts import Parameter
 
-import mkdaemon.protocol.messages as _messages  # noqa: F401 - fills the table
 from lab.places import CAPTURES, REFERENCE
 from mkdaemon.cli.arguments import AsJson
 from mkdaemon.errors import MkError
-from mkdaemon.link.ports.capture import read_chunks
+from mkdaemon.protocol.boards import Direction
+from mkdaemon.protocol.capture import read_chunks
+from mkdaemon.protocol.decoder import MessageDecoder, Unknown
 from mkdaemon.protocol.framing import MAX_FRAME_CHARS, Dropped, FrameDecoder, encode_frame
-from mkdaemon.protocol.wire import MessageDecoder, Unknown
 
 _CHUNK: Final = 64
 """Bytes handed to the decoder at once: about what a serial port has after 11 ms."""
@@ -88,7 +88,9 @@ def recording_of(path: Path) -> bytes:
         msg = f"{path} is missing: run the benchmark in the source tree or name a recording with --recording"
         raise MkError(msg)
     with path.open("rb") as stream:
-        return b"".join(raw for _, direction, raw in read_chunks(stream, str(path)) if direction == "rx")
+        return b"".join(
+            raw for _, direction, raw in read_chunks(stream, str(path)) if direction is Direction.FROM_BOARD
+        )
 
 
 def default_recording() -> Path:

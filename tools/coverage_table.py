@@ -6,12 +6,11 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Final, NamedTuple
 
-from mkdaemon.link.ports.capture import read_chunks
+from mkdaemon.protocol import decode_capture
 from mkdaemon.protocol.dialect import Dialect, Evidence, decide
-from mkdaemon.protocol.framing import Frame, FrameDecoder
 from mkdaemon.protocol.generations import Release
 from mkdaemon.protocol.messages import NaviVersion200, NaviVersionClassic, VersionClassic, VersionFc200, VersionFc210
-from mkdaemon.protocol.wire import MESSAGES, Board, Direction, MessageDecoder, WireMessage, board_at
+from mkdaemon.protocol.wire import MESSAGES, Board, Direction, WireMessage
 from mkdaemon.sim.boards import fc_commands, nc_commands
 from mkdaemon.sim.boards.generations import FC_GENERATIONS, NC_GENERATIONS
 
@@ -127,13 +126,9 @@ def _recorded(folder: Path) -> set[_Place]:
     """Every layout that stands in one of the recordings, in its own direction."""
     found: set[_Place] = set()
     for path in sorted(folder.glob("*.jsonl")):
-        framing, typing = {"rx": FrameDecoder(), "tx": FrameDecoder()}, MessageDecoder()
         with path.open("rb") as stream:
-            for _, direction, raw in read_chunks(stream, str(path)):
-                for frame in framing[direction].feed(raw):
-                    message = typing.decode(frame) if isinstance(frame, Frame) else None
-                    board = board_at(frame.address) if isinstance(frame, Frame) else None
-                    expected = Direction.FROM_BOARD if direction == "rx" else Direction.TO_BOARD
-                    if isinstance(message, WireMessage) and board is not None and message.spec.direction is expected:
-                        found.add((board, message.spec.id, message.spec.layout))
+            for decoded in decode_capture(stream, str(path)):
+                board, message = decoded.board, decoded.content
+                if isinstance(message, WireMessage) and board and message.spec.direction is decoded.direction:
+                    found.add((board, message.spec.id, message.spec.layout))
     return found

@@ -11,7 +11,6 @@ from pathlib import Path
 from types import ModuleType
 from typing import Final
 
-import mkdaemon.protocol.messages as _messages  # noqa: F401 - fills the table
 from mkdaemon.protocol import flags
 from mkdaemon.protocol.errorcodes import ErrorCode, describe_error, error_since
 from mkdaemon.protocol.generations import FC_GENERATIONS, NC_GENERATIONS

@@ -11,9 +11,10 @@ from collections import deque
 from dataclasses import dataclass
 from typing import Protocol, TypeVar
 
+from mkdaemon.protocol.decoder import MessageDecoder, Unknown
 from mkdaemon.protocol.framing import Dropped, Frame, FrameDecoder
 from mkdaemon.protocol.procedures.steps import Ask, Pause, Procedure
-from mkdaemon.protocol.wire import MessageDecoder, Unknown, WireMessage
+from mkdaemon.protocol.wire import WireMessage
 
 CHARACTER = 173.6e-6
 """Time of one character, host to board [s]. Source: docs/firmware-notes, "Timing"."""

@@ -19,8 +19,8 @@ from lab.rigs.virtualloop import run_virtually
 from mkdaemon.bus.codec import encode_map
 from mkdaemon.errors import CommandRejectedError
 from mkdaemon.link.session.traffic import Purpose
+from mkdaemon.protocol.decoder import MessageDecoder
 from mkdaemon.protocol.framing import Frame, FrameDecoder
-from mkdaemon.protocol.wire import MessageDecoder
 from mkdaemon.telemetry.control import Phase
 
 BACK: Final = 3.0

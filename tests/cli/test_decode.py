@@ -10,7 +10,8 @@ import pytest
 from mkdaemon.cli.mkdaemon.app import app
 from mkdaemon.cli.mkdaemon.decode import Decoding
 from mkdaemon.cli.program import run
-from mkdaemon.link.ports.capture import Chunk
+from mkdaemon.protocol.boards import Direction
+from mkdaemon.protocol.capture import Chunk
 from mkdaemon.protocol.messages import (
     ControlStateRequest,
     ControlStateV3,
@@ -32,7 +33,7 @@ def version(major: int, minor: int) -> bytes:
 
 
 def decode(*chunks: tuple[str, bytes]) -> list[dict[str, object]]:
-    return list(Decoding().run(Chunk(float(at), where, raw) for at, (where, raw) in enumerate(chunks)))
+    return list(Decoding().run(Chunk(float(at), Direction(where), raw) for at, (where, raw) in enumerate(chunks)))
 
 
 def test_a_frame_becomes_one_object():

@@ -7,7 +7,6 @@ from itertools import pairwise
 
 from hypothesis import strategies as st
 
-import mkdaemon.protocol.messages as _messages  # noqa: F401 - fills the table
 from mkdaemon.protocol.fields import WireField
 from mkdaemon.protocol.wire import MESSAGES, WireMessage
 

@@ -10,9 +10,10 @@ from pathlib import Path
 
 import pytest
 
+from mkdaemon.protocol.decoder import MessageDecoder, Unknown
 from mkdaemon.protocol.framing import Dropped, Frame, FrameDecoder
 from mkdaemon.protocol.messages import AttitudeDataNc, OsdData5
-from mkdaemon.protocol.wire import MESSAGES, MessageDecoder, Unknown, WireMessage
+from mkdaemon.protocol.wire import MESSAGES, WireMessage
 from tests.conftest import ROOT
 
 NAMES = ("fc_commands", "fc_debug_stream_95s", "fc_latency", "nc_commands", "nc_mixed_60s")

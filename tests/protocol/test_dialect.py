@@ -5,6 +5,7 @@ from itertools import pairwise
 import pytest
 
 from mkdaemon.errors import ProtocolError
+from mkdaemon.protocol.decoder import Unknown
 from mkdaemon.protocol.dialect import Dialect, Evidence, decide
 from mkdaemon.protocol.generations import (
     FC_GENERATIONS,
@@ -34,7 +35,7 @@ from mkdaemon.protocol.messages import (
     WriteWaypoint2x,
     WriteWaypointOld,
 )
-from mkdaemon.protocol.wire import Board, Unknown, WireMessage
+from mkdaemon.protocol.wire import Board, WireMessage
 
 
 def fc_version(major: int, minor: int, patch: int = 0, protocol: int = 11) -> WireMessage:

@@ -13,10 +13,11 @@ from hypothesis import strategies as st
 from pydantic import ValidationError
 
 from mkdaemon.protocol import flags
+from mkdaemon.protocol.decoder import MessageDecoder
 from mkdaemon.protocol.errorcodes import ErrorCode, describe_error, error_since
 from mkdaemon.protocol.framing import Dropped, Frame, FrameDecoder
 from mkdaemon.protocol.messages import ESCAPE, motor_controller_checksum
-from mkdaemon.protocol.wire import MESSAGES, Board, Direction, MessageDecoder, WireMessage
+from mkdaemon.protocol.wire import MESSAGES, Board, Direction, WireMessage
 from tests.conftest import ROOT
 from tests.protocol.strategies import CLASSES, class_name, messages, split
 

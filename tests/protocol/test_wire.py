@@ -5,6 +5,8 @@ from typing import Annotated
 import pytest
 
 from mkdaemon.errors import EncodeError, ProtocolError
+from mkdaemon.protocol.boards import board_at
+from mkdaemon.protocol.decoder import MessageDecoder, Unknown
 from mkdaemon.protocol.fields import S8, U8, U16
 from mkdaemon.protocol.framing import Frame, FrameDecoder, encode_frame
 from mkdaemon.protocol.layout import lay_out
@@ -26,15 +28,7 @@ from mkdaemon.protocol.messages import (
     VersionRequest,
     WriteSettings,
 )
-from mkdaemon.protocol.wire import (
-    MESSAGES,
-    Board,
-    MessageDecoder,
-    Unknown,
-    WireMessage,
-    board_at,
-    request,
-)
+from mkdaemon.protocol.wire import MESSAGES, Board, WireMessage, request
 
 
 def frame(address: int, letter: str, payload: bytes) -> Frame:

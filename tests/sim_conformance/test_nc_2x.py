@@ -6,10 +6,10 @@ import itertools
 
 import pytest
 
+from mkdaemon.protocol.decoder import MessageDecoder
 from mkdaemon.protocol.errorcodes import ErrorCode
 from mkdaemon.protocol.framing import encode_frame
 from mkdaemon.protocol.messages import OsdVolatile
-from mkdaemon.protocol.wire import MessageDecoder
 from mkdaemon.sim.physics.attitude_loop import LEAK_FAST, LEAK_SLOW
 from tests.sim_conformance.bench import nc_bench
 

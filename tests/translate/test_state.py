@@ -9,6 +9,8 @@ from pathlib import Path
 import pytest
 
 from mkdaemon.frames import euler_from_rotation, rotation_from_quaternion
+from mkdaemon.protocol.boards import board_at
+from mkdaemon.protocol.decoder import MessageDecoder
 from mkdaemon.protocol.flags import FlightStatus, FlightStatus2, NaviStatus, OsdStatus2
 from mkdaemon.protocol.framing import Frame, FrameDecoder
 from mkdaemon.protocol.messages import (
@@ -28,7 +30,6 @@ from mkdaemon.protocol.messages.osdsets import (
     OsdVolatile,
     OsdWaypoint,
 )
-from mkdaemon.protocol.wire import MessageDecoder, board_at
 from mkdaemon.telemetry.state import GpsMode
 from mkdaemon.translate import StateTranslator
 from mkdaemon.translate.state import COARSE_AFTER, motors_running

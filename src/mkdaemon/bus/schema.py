@@ -10,13 +10,11 @@ from pydantic import BaseModel
 
 from mkdaemon.bus.codec import schema_name
 from mkdaemon.bus.keys import KEYS
-from mkdaemon.protocol import messages as _all_messages
 from mkdaemon.protocol.wire import MESSAGES, WireMessage
 from mkdaemon.telemetry.command import CommandResult
 from mkdaemon.telemetry.traffic import FrameSample
 
 __all__ = ["schema_json", "schema_names"]
-_ = _all_messages  # importing it fills the table
 
 
 @cache

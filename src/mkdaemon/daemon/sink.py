@@ -11,7 +11,9 @@ from mkdaemon.daemon.eyes import Eyes
 from mkdaemon.daemon.vitals import Vitals
 from mkdaemon.link.session.exchange import CLOSED
 from mkdaemon.link.session.traffic import Lost, Received, Sent
-from mkdaemon.protocol.wire import Board, Unknown, WireMessage, board_at
+from mkdaemon.protocol.boards import board_at
+from mkdaemon.protocol.decoder import Unknown
+from mkdaemon.protocol.wire import Board, WireMessage
 from mkdaemon.telemetry.link import LinkCondition, LinkHealth, LinkState, LinkTraffic
 from mkdaemon.telemetry.state import Attitude, Flight, Pilot
 from mkdaemon.telemetry.traffic import FrameSample, RawFrame

@@ -12,6 +12,7 @@ from types import MappingProxyType
 from typing import Final
 
 from mkdaemon.errors import ProtocolError
+from mkdaemon.protocol.decoder import Unknown
 from mkdaemon.protocol.generations import (
     PROTOCOL_MAJORS,
     ControlLayout,
@@ -23,7 +24,7 @@ from mkdaemon.protocol.generations import (
     nc_generation,
 )
 from mkdaemon.protocol.messages import ExternControlV1, ExternControlV2, ExternControlV3
-from mkdaemon.protocol.wire import MESSAGES, Board, Direction, Unknown, WireMessage
+from mkdaemon.protocol.wire import MESSAGES, Board, Direction, WireMessage
 
 __all__ = ["DeadMan", "Dialect", "Evidence", "Release", "decide"]
 

@@ -9,128 +9,19 @@ from __future__ import annotations
 import re
 import struct
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
-from enum import IntEnum
+from dataclasses import replace
+from functools import cache
 from typing import Any, ClassVar, Final, Self, TypedDict, TypeVar, Unpack
 
 from pydantic import BaseModel, ConfigDict
 
 from mkdaemon.errors import EncodeError, ProtocolError
-from mkdaemon.protocol.fields import WireField
-from mkdaemon.protocol.framing import Frame, encode_frame, padded_length
-from mkdaemon.protocol.layout import Slot, lay_out, make_reader
+from mkdaemon.protocol.boards import Board, Direction
+from mkdaemon.protocol.framing import encode_frame
+from mkdaemon.protocol.layout import lay_out, make_reader
+from mkdaemon.protocol.spec import MessageSpec
 
-
-class Board(IntEnum):
-    """Addresses on the line."""
-
-    ANY = 0
-    FC = 1
-    NC = 2
-    MAG = 3
-    OSD = 4
-    BL = 5
-
-    @property
-    def word(self) -> str:
-        """Lower-case name used in keys and files."""
-        return self.name.lower()
-
-
-_REDUNDANT: Final = range(11, 27)
-
-
-def board_at(address: int) -> Board | None:
-    """Return whose an address is; 11..26 are the motor controllers on a redundant FlightCtrl's link."""
-    if 0 <= address <= Board.BL:
-        return Board(address)
-    return Board.BL if address in _REDUNDANT else None
-
-
-class Direction(IntEnum):
-    """Which way a message travels, seen from the host."""
-
-    TO_BOARD = 0
-    FROM_BOARD = 1
-
-
-@dataclass(frozen=True, slots=True)
-class MessageSpec:
-    """Everything the table knows about one message and layout.
-
-    Attributes:
-        name: the message, the same for all its layouts, for example `OsdData`.
-        key: the message in Zenoh keys, for example `osd`.
-        boards: whose it is: who answers with it, or who is asked with it.
-        id: command letter.
-        layout: which generation of the structure this is.
-        direction: host to board or board to host.
-        size: bytes of the structure.
-        slots: fields in wire order.
-        reply: command letter of the answer; None where none comes.
-        source: where the facts come from.
-        firmware: which firmware releases speak this layout.
-        marker: values of the first byte that tell this layout from others of the same length; empty for any.
-        recognise: whether a payload of the right length is this layout, where its contents tell; None for any.
-        any_address: boards also act on it when it is addressed to another board or to nobody.
-        open_ended: longer payloads are this message too (newer firmware appends fields).
-        danger: what harm it can do; empty where none.
-        since: first release (major, minor) of each board that knows it; a board that is absent always did.
-        is_fork: only a public fork of the FlightCtrl knows it.
-    """
-
-    name: str
-    key: str
-    boards: tuple[Board, ...]
-    id: str
-    layout: str
-    direction: Direction
-    size: int
-    slots: tuple[Slot, ...]
-    reply: str | None = None
-    source: str = ""
-    firmware: str = ""
-    marker: frozenset[int] = frozenset()
-    recognise: Callable[[bytes], bool] | None = None
-    any_address: bool = False
-    open_ended: bool = False
-    danger: str = ""
-    since: Mapping[Board, tuple[int, int]] = field(default_factory=dict)
-    is_fork: bool = False
-    packer: struct.Struct = field(default_factory=lambda: struct.Struct("<"), repr=False)
-
-    def fits(self, payload: bytes) -> bool:
-        """Whether a received payload can be this layout (it arrives padded to a multiple of three)."""
-        return self.has_length(len(payload)) and (self.test is None or self.test(payload))
-
-    def has_length(self, length: int) -> bool:
-        """Whether a received payload of this length can be this layout."""
-        shortest = padded_length(self.size)
-        return length == shortest or (length > shortest and (self.open_ended or length <= self.longest))
-
-    @property
-    def longest(self) -> int:
-        """Longest received payload of a message of variable length; 0 for a fixed structure."""
-        last = self.slots[-1].wire if self.slots else None
-        return padded_length(self.size - last.count + last.longest) if last is not None and last.longest else 0
-
-    def wire(self, name: str) -> WireField:
-        """Return how a field stands on the wire.
-
-        Raises:
-            ProtocolError: the message has no such field.
-        """
-        for slot in self.slots:
-            if slot.name == name:
-                return slot.wire
-        msg = f"{self.name} ({self.layout}) has no field {name!r}; it has {', '.join(s.name for s in self.slots)}"
-        raise ProtocolError(msg)
-
-    @property
-    def test(self) -> Callable[[bytes], bool] | None:
-        """How to tell from the contents of a payload of the right length whether it is this layout; None: it is."""
-        marker = self.marker
-        return (lambda payload: payload[0] in marker) if marker else self.recognise
+__all__ = ["MESSAGES", "Board", "Direction", "Facts", "MessageSpec", "WireMessage", "answer", "reader_of", "request"]
 
 
 class WireMessage(BaseModel):
@@ -141,10 +32,14 @@ class WireMessage(BaseModel):
     """
 
     model_config = ConfigDict(
-        frozen=True, extra="forbid", use_attribute_docstrings=True, ser_json_bytes="hex", val_json_bytes="hex"
+        frozen=True,
+        extra="forbid",
+        use_attribute_docstrings=True,
+        ser_json_bytes="hex",
+        val_json_bytes="hex",
+        defer_build=True,  # halves the time of the import
     )
     spec: ClassVar[MessageSpec]
-    _read: ClassVar[Callable[[bytes], Any]]
 
     @classmethod
     def decode(cls, payload: bytes) -> Self:
@@ -157,7 +52,7 @@ class WireMessage(BaseModel):
         if len(payload) < spec.size:
             msg = f"{spec.name} ({spec.layout}) needs {spec.size} bytes, got {len(payload)}"
             raise ProtocolError(msg)
-        message: Self = cls._read(payload)
+        message: Self = reader_of(cls)(payload)
         return message
 
     def encode(self) -> bytes:
@@ -198,6 +93,12 @@ class WireMessage(BaseModel):
         """
         board = self.spec.boards[0] if address is None else address
         return encode_frame(int(board), self.spec.id, self.encode())
+
+
+@cache
+def reader_of(cls: type[WireMessage]) -> Callable[[bytes], Any]:
+    """Return the function from a payload that is long enough to an instance; written when first used."""
+    return make_reader(cls, cls.spec.slots, cls.spec.packer)
 
 
 _Message = TypeVar("_Message", bound=type[WireMessage])
@@ -287,7 +188,6 @@ def _specify(
 
 def _enter(cls: _Message, spec: MessageSpec) -> _Message:
     cls.spec = spec
-    cls._read = make_reader(cls, spec.slots, spec.packer)
     for board in spec.boards:
         place = (board, spec.id, spec.layout)
         if place in MESSAGES:
@@ -295,80 +195,3 @@ def _enter(cls: _Message, spec: MessageSpec) -> _Message:
             raise ProtocolError(msg)
         MESSAGES[place] = cls
     return cls
-
-
-@dataclass(frozen=True, slots=True)
-class Unknown:
-    """A frame with a right checksum that no message in the table fits.
-
-    Attributes:
-        board: who sent it or was addressed; None for an address outside the table.
-        id: command letter.
-        payload: decoded bytes.
-        reason: one sentence: no such command, or a length no layout has.
-    """
-
-    board: Board | None
-    id: str
-    payload: bytes
-    reason: str
-
-
-Layouts = Mapping[tuple[Board, str], str]
-"""Which layout a board speaks for a command letter, where the dialect has decided it."""
-
-
-_Choice = tuple[Callable[[bytes], bool] | None, Callable[[bytes], WireMessage]]
-
-
-def _choice(cls: type[WireMessage]) -> _Choice:
-    return cls.spec.test, cls._read
-
-
-class MessageDecoder:
-    """Gives each frame its type; a dialect decides between layouts that look the same."""
-
-    def __init__(self, layouts: Layouts | None = None) -> None:
-        self._layouts = dict(layouts or {})
-        self._choices: dict[tuple[int, str, int], tuple[_Choice, ...]] = {}
-
-    def decode(self, frame: Frame) -> WireMessage | Unknown:
-        """Return the typed message, or `Unknown` with the reason; never raises."""
-        address, letter, payload, _ = frame
-        place = (address, letter, len(payload))
-        choices = self._choices.get(place)
-        if choices is None:
-            choices = self._choices[place] = tuple(map(_choice, self._find(frame)))
-        for test, read in choices:
-            if test is None or test(payload):
-                return read(payload)
-        return self._unknown(frame)
-
-    def _find(self, frame: Frame) -> tuple[type[WireMessage], ...]:
-        """All layouts of this letter and length, the dialect's first."""
-        asked = board_at(frame.address)
-        preferred = {layout for place, layout in self._layouts.items() if place == (asked, frame.id)}
-        found: list[type[WireMessage]] = []
-        for (board, letter, layout), cls in MESSAGES.items():
-            if (
-                letter != frame.id
-                or cls in found
-                or not (board == asked or (asked == Board.ANY and cls.spec.any_address))
-            ):
-                continue
-            if not cls.spec.has_length(len(frame.payload)):
-                continue
-            found.insert(0 if layout in preferred else len(found), cls)
-        return tuple(found)
-
-    @staticmethod
-    def _unknown(frame: Frame) -> Unknown:
-        board = board_at(frame.address)
-        letters = {letter for owner, letter, _ in MESSAGES if board in {owner, Board.ANY}}
-        if board is None:
-            reason = f"no board has address {frame.address}"
-        elif frame.id in letters:
-            reason = f"no layout of {frame.id!r} has {len(frame.payload)} bytes like this"
-        else:
-            reason = f"{board.word} has no command {frame.id!r}"
-        return Unknown(board, frame.id, frame.payload, reason)

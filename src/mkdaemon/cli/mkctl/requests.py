@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from enum import IntEnum, IntFlag
 from typing import Any, Final
 
-import mkdaemon.protocol.messages as _messages  # noqa: F401 - fills the table
 from mkdaemon.errors import ConfigError
 from mkdaemon.protocol.fields import WireField
 from mkdaemon.protocol.layout import Slot

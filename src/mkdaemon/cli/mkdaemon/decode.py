@@ -13,16 +13,12 @@ from typing import Annotated, Any
 from cyclopts import Parameter
 
 from mkdaemon.errors import MkError
-from mkdaemon.link.ports.capture import Chunk, read_chunks
-from mkdaemon.protocol.dialect import Evidence, decide
-from mkdaemon.protocol.framing import Dropped, Frame, FrameDecoder
-from mkdaemon.protocol.messages import VersionRequestWhich
-from mkdaemon.protocol.wire import MessageDecoder, Unknown, WireMessage, board_at
+from mkdaemon.protocol import Chunk, Decoded, Dropped, Unknown, decode_chunks, read_chunks
 
 
 @dataclass(slots=True)
 class Decoding:
-    """One pass over a recording: both directions, one dialect learnt on the way.
+    """One pass over a recording: describes everything in it, and counts.
 
     Attributes:
         messages: typed frames by (direction, board, name).
@@ -33,10 +29,6 @@ class Decoding:
     messages: Counter[tuple[str, str, str]] = field(default_factory=Counter)
     dropped: Counter[str] = field(default_factory=Counter)
     size: int = 0
-    _framing: dict[str, FrameDecoder] = field(default_factory=lambda: {"rx": FrameDecoder(), "tx": FrameDecoder()})
-    _evidence: Evidence = field(default_factory=Evidence)
-    _decoder: MessageDecoder = field(default_factory=MessageDecoder)
-    _foreign_version: bool = False
 
     def run(self, chunks: Iterable[Chunk]) -> Iterator[dict[str, Any]]:
         """Decode all chunks; what is unfinished at the end is a loss of its own.
@@ -44,44 +36,27 @@ class Decoding:
         Raises:
             MkError: see `read_chunks`.
         """
-        t: float | None = None
-        for t, direction, raw in chunks:
-            self.size += len(raw)
-            for item in self._framing[direction].feed(raw):
-                yield self._describe(t, direction, item)
-        for direction, framing in self._framing.items():
-            for item in framing.flush():
-                yield self._describe(t, direction, item)
+        return map(self._describe, decode_chunks(map(self._counted, chunks)))
 
-    def _describe(self, t: float | None, direction: str, item: Frame | Dropped) -> dict[str, Any]:
-        head: dict[str, Any] = {"t": t, "dir": direction}
-        if isinstance(item, Dropped):
-            self.dropped[item.reason.value] += 1
-            return {**head, "dropped": item.reason.value, "hex": item.raw.hex()}
-        message = self._decoder.decode(item)
-        board = board_at(item.address)
-        word = board.word if board is not None else f"address_{item.address}"
-        self._learn(direction, item, message)
-        if isinstance(message, Unknown):
+    def _counted(self, chunk: Chunk) -> Chunk:
+        self.size += len(chunk.raw)
+        return chunk
+
+    def _describe(self, decoded: Decoded) -> dict[str, Any]:
+        t, direction, frame, content = decoded
+        head: dict[str, Any] = {"t": t, "dir": direction.value}
+        if isinstance(content, Dropped):
+            self.dropped[content.reason.value] += 1
+            return {**head, "dropped": content.reason.value, "hex": content.raw.hex()}
+        assert frame is not None
+        word = f"address_{frame.address}" if decoded.board is None else decoded.board.word
+        if isinstance(content, Unknown):
             self.dropped["unknown"] += 1
-            return {**head, "dropped": "unknown", "board": word, "id": item.id, "hex": item.raw.hex()}
-        spec = message.spec
-        self.messages[direction, word, spec.name] += 1
-        fields = message.model_dump(mode="json")
-        return {**head, "board": word, "id": item.id, "message": spec.name, "layout": spec.layout, "fields": fields}
-
-    def _learn(self, direction: str, frame: Frame, message: WireMessage | Unknown) -> None:
-        if direction == "tx":
-            if frame.id == "v":
-                self._foreign_version = isinstance(message, VersionRequestWhich)
-            return
-        if frame.id == "V" and self._foreign_version:
-            return  # it names the other board's release under its own address
-        board = board_at(frame.address)
-        evidence = self._evidence.with_message(board, message) if board is not None else self._evidence
-        if evidence != self._evidence:
-            self._evidence = evidence
-            self._decoder = MessageDecoder(decide(evidence).layouts)
+            return {**head, "dropped": "unknown", "board": word, "id": frame.id, "hex": frame.raw.hex()}
+        spec = content.spec
+        self.messages[direction.value, word, spec.name] += 1
+        fields = content.model_dump(mode="json")
+        return {**head, "board": word, "id": frame.id, "message": spec.name, "layout": spec.layout, "fields": fields}
 
     def summary(self) -> str:
         """Return what was found, in a few lines."""

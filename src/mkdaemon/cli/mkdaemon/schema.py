@@ -7,7 +7,6 @@ from typing import Annotated, Any
 
 from cyclopts import Parameter
 
-import mkdaemon.protocol.messages as _messages  # noqa: F401 - fills the table
 from mkdaemon.protocol.wire import MESSAGES, Board, Direction, WireMessage
 
 

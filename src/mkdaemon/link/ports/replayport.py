@@ -9,7 +9,8 @@ import asyncio
 from pathlib import Path
 
 from mkdaemon.errors import ConfigError, MkError
-from mkdaemon.link.ports.capture import read_chunks
+from mkdaemon.protocol.boards import Direction
+from mkdaemon.protocol.capture import read_chunks
 
 
 class ReplayPort:
@@ -80,7 +81,9 @@ def read_recording(path: Path) -> list[tuple[float, bytes]]:
     began = chunks[0].t
     if began is None:
         raise ConfigError(f"replay {path}: raw bytes tell no times; a capture has lines of t, dir and hex")
-    heard = [(t - began, raw) for t, direction, raw in chunks if direction == "rx" and raw and t is not None]
+    heard = [
+        (t - began, raw) for t, direction, raw in chunks if direction is Direction.FROM_BOARD and raw and t is not None
+    ]
     if not heard:
         raise ConfigError(f"replay {path}: nothing in it came from a board")
     return heard

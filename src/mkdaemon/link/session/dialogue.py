@@ -24,10 +24,11 @@ from mkdaemon.link.session.scheduler import Entry, TransmitScheduler
 from mkdaemon.link.session.steering import Steering
 from mkdaemon.link.session.streams import Streams
 from mkdaemon.link.session.traffic import Purpose
+from mkdaemon.protocol.decoder import Unknown
 from mkdaemon.protocol.dialect import Dialect
 from mkdaemon.protocol.framing import Dropped, DropReason, Frame
 from mkdaemon.protocol.messages.navictrl import ESCAPE
-from mkdaemon.protocol.wire import Board, Unknown, WireMessage
+from mkdaemon.protocol.wire import Board, WireMessage
 from mkdaemon.telemetry.link import LinkCondition
 
 REBOOT_TIME: Final = 0.5

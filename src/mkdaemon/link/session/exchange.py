@@ -20,8 +20,8 @@ from mkdaemon.link.session.reopening import BaudSearch
 from mkdaemon.link.session.report import Reporter
 from mkdaemon.link.session.traffic import LinkSink, Lost, Received, Sent
 from mkdaemon.link.session.waiters import Waiters
+from mkdaemon.protocol.decoder import MessageDecoder
 from mkdaemon.protocol.framing import Frame, FrameDecoder
-from mkdaemon.protocol.wire import MessageDecoder
 from mkdaemon.telemetry.link import LinkCondition
 
 JUDGE: Final = 0.05

@@ -6,8 +6,9 @@ import math
 from typing import Final
 
 from mkdaemon.errors import CommandRejectedError
+from mkdaemon.protocol.decoder import Unknown
 from mkdaemon.protocol.dialect import Dialect, Evidence, decide
-from mkdaemon.protocol.wire import Board, Unknown, WireMessage
+from mkdaemon.protocol.wire import Board, WireMessage
 
 FORWARDED: Final = frozenset("by")
 """Letters a NaviCtrl passes on to the FlightCtrl."""

@@ -6,8 +6,9 @@ from dataclasses import dataclass
 from enum import IntEnum
 from typing import Literal, NamedTuple, Protocol
 
+from mkdaemon.protocol.decoder import Unknown
 from mkdaemon.protocol.framing import Frame
-from mkdaemon.protocol.wire import Unknown, WireMessage
+from mkdaemon.protocol.wire import WireMessage
 from mkdaemon.telemetry.link import LinkHealth, LinkState, LinkTraffic
 
 

@@ -1,7 +1,7 @@
 """Recorded traffic as a stream of chunks: raw bytes, or lines of JSON with time, direction and bytes.
 
-A capture line is ``{"t": seconds, "dir": "rx" | "tx", "hex": "..."}``; everything else about a file is decided by its
-first byte, so standard input works the same.
+A capture line is ``{"t": seconds, "dir": "rx" | "tx", "hex": "..."}``. The first byte of a stream decides which form it
+has, so standard input works the same.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ from collections.abc import Iterator
 from typing import BinaryIO, Final, NamedTuple
 
 from mkdaemon.errors import MkError
+from mkdaemon.protocol.boards import Direction
 
 _BLOCK: Final = 4096
 _BLANK: Final = b"\xef\xbb\xbf \t\r\n"
@@ -22,12 +23,12 @@ class Chunk(NamedTuple):
 
     Attributes:
         t: when [s]; None where not recorded.
-        direction: `rx` from the board, `tx` to the board.
+        direction: from a board or to a board.
         raw: the bytes.
     """
 
     t: float | None
-    direction: str
+    direction: Direction
     raw: bytes
 
 
@@ -51,11 +52,11 @@ def read_chunks(stream: BinaryIO, name: str) -> Iterator[Chunk]:
     if first == b"{":
         yield from _read_lines(first, stream, name, lead.count(b"\n") + 1)
     else:
-        yield Chunk(None, "rx", lead + first)
+        yield Chunk(None, Direction.FROM_BOARD, lead + first)
         # read1 hands over what a pipe has without waiting for a whole block.
         read = getattr(stream, "read1", stream.read)
         while block := read(_BLOCK):
-            yield Chunk(None, "rx", block)
+            yield Chunk(None, Direction.FROM_BOARD, block)
 
 
 def _read_lines(first: bytes, stream: BinaryIO, name: str, number: int) -> Iterator[Chunk]:
@@ -68,8 +69,8 @@ def _read_lines(first: bytes, stream: BinaryIO, name: str, number: int) -> Itera
 def _chunk(line: bytes, name: str, number: int) -> Chunk:
     try:
         entry = json.loads(line)
-        t, direction, raw = entry["t"], entry["dir"], bytes.fromhex(entry["hex"])
-        if isinstance(t, bool) or not math.isfinite(t) or direction not in {"rx", "tx"}:
+        t, direction, raw = entry["t"], Direction(entry["dir"]), bytes.fromhex(entry["hex"])
+        if isinstance(t, bool) or not math.isfinite(t):
             raise ValueError(line)
     except (ValueError, KeyError, TypeError) as error:
         msg = f'{name} line {number} is no capture line: {{"t": seconds, "dir": "rx" or "tx", "hex": "..."}} is needed'

@@ -7,23 +7,27 @@ import io
 import pytest
 
 from mkdaemon.errors import MkError
-from mkdaemon.link.ports.capture import Chunk, read_chunks
+from mkdaemon.protocol.boards import Direction
+from mkdaemon.protocol.capture import Chunk, read_chunks
 
 
 def test_raw_bytes_have_no_time():
     chunks = list(read_chunks(io.BytesIO(b"#bv@x\r" * 2000), "x"))
-    assert all(chunk[:2] == (None, "rx") for chunk in chunks)
+    assert all(chunk[:2] == (None, Direction.FROM_BOARD) for chunk in chunks)
     assert b"".join(chunk.raw for chunk in chunks) == b"#bv@x\r" * 2000
 
 
 def test_a_capture_keeps_time_and_direction():
     text = b'{"t": 0.5, "dir": "tx", "hex": "2362"}\n\n{"t": 1, "dir": "rx", "hex": ""}\n'
-    assert list(read_chunks(io.BytesIO(text), "x")) == [Chunk(0.5, "tx", b"#b"), Chunk(1.0, "rx", b"")]
+    assert list(read_chunks(io.BytesIO(text), "x")) == [
+        Chunk(0.5, Direction.TO_BOARD, b"#b"),
+        Chunk(1.0, Direction.FROM_BOARD, b""),
+    ]
 
 
 def test_what_an_editor_puts_before_a_capture_is_passed_over():
     text = b'\xef\xbb\xbf\r\n \n{"t": 0.5, "dir": "tx", "hex": "2362"}\n'
-    assert list(read_chunks(io.BytesIO(text), "x")) == [Chunk(0.5, "tx", b"#b")]
+    assert list(read_chunks(io.BytesIO(text), "x")) == [Chunk(0.5, Direction.TO_BOARD, b"#b")]
     with pytest.raises(MkError, match="x line 3"):
         list(read_chunks(io.BytesIO(b"\n\n{}\n"), "x"))
 
