@@ -17,6 +17,7 @@ check: venv
 	$(BIN)/ruff format --check src lab tools tests
 	$(BIN)/mypy
 	$(BIN)/lint-imports
+	$(BIN)/python -m tools.shape
 	$(BIN)/python -m tools.docs --check
 
 bench: venv

@@ -1,0 +1,58 @@
+"""The shape of a tree is measured, and what breaks it is named."""
+
+from __future__ import annotations
+
+import sys
+
+import pytest
+
+from tools.shape import Package, count_lines, find_circles, find_long_files, measure_packages
+
+
+@pytest.fixture
+def make_package(tmp_path, monkeypatch):
+    """Make an importable package of these modules and the imports in them."""
+
+    def make(name, modules):
+        for module, imports in modules.items():
+            path = tmp_path / name / f"{module}.py"
+            path.parent.mkdir(parents=True, exist_ok=True)
+            for folder in path.parents[: len(path.relative_to(tmp_path).parts) - 1]:
+                (folder / "__init__.py").touch()
+            path.write_text("".join(f"import {name}.{other}\n" for other in imports), encoding="utf-8")
+        monkeypatch.syspath_prepend(tmp_path)
+        return name
+
+    yield make
+    for module in [module for module in sys.modules if module.startswith("shaped")]:
+        del sys.modules[module]
+
+
+def test_imports_that_point_down_make_no_circle(make_package):
+    name = make_package("shaped_down", {"top": ["middle"], "middle": ["low"], "low": []})
+    assert find_circles(name) == []
+
+
+def test_modules_that_import_each_other_are_one_circle(make_package):
+    name = make_package("shaped_ring", {"a": ["b"], "b": ["c"], "c": ["a"], "d": ["a"]})
+    circle = [f"{name}.{module}" for module in "abc"]
+    assert find_circles(name) == [circle]
+    assert find_circles(name, allowed=[name]) == []
+
+
+def test_packages_that_import_each_other_are_a_circle_although_their_modules_are_not(make_package):
+    modules = {"east/one": ["west.one"], "west/one": [], "west/two": ["east.two"], "east/two": []}
+    name = make_package("shaped_rooms", modules)
+    assert find_circles(name) == [[f"{name}.east", f"{name}.west"]]
+
+
+def test_a_file_may_be_as_long_as_the_limit_and_the_list_of_exceptions_say():
+    lines = {"src/x/a.py": 300, "src/x/b.py": 301, "lab/c.py": 320, "tests/d.py": 900}
+    assert find_long_files(lines, {"lab/c.py"}) == ["src/x/b.py has 301 lines; 300 are allowed"]
+
+
+def test_sizes_are_summed_over_packages(tmp_path):
+    for path, count in {"src/mkdaemon/link/a/b.py": 3, "src/mkdaemon/link/c.py": 4, "lab/d.py": 5}.items():
+        (tmp_path / path).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / path).write_text("x\n" * count, encoding="utf-8")
+    assert measure_packages(count_lines(tmp_path)) == [Package("mkdaemon.link", 2, 7), Package("lab", 1, 5)]
