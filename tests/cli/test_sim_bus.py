@@ -11,7 +11,7 @@ import pytest
 import zenoh
 
 from mkdaemon.bus.gateway import Bus
-from mkdaemon.cli.mkdaemon.sim_bus import joined, obey, truth_of
+from mkdaemon.cli.mkdaemon.sim_bus import apply_fault_request, sim_on_bus, truth_of
 from mkdaemon.config.sim import SimConfig
 from mkdaemon.errors import CommandRejectedError, ConfigError
 from mkdaemon.sim.simulation import Simulation
@@ -41,7 +41,7 @@ async def test_truth_and_faults_reach_a_client_of_the_daemon(simulation):
     endpoint = free_endpoint()
     async with (
         Bus.open(bus_config(endpoint), "t9"),
-        joined(simulation, SimConfig(connect=(endpoint,)), "t9"),
+        sim_on_bus(simulation, SimConfig(connect=(endpoint,)), "t9"),
     ):
         with client(endpoint) as session:
             ((_, truth, encoding),) = await until(lambda: ask(session, "mk/t9/sim/truth"))
@@ -66,7 +66,7 @@ async def test_truth_and_faults_reach_a_client_of_the_daemon(simulation):
 
 async def test_without_a_daemon_the_simulator_waits_and_joins_later(simulation):
     endpoint = free_endpoint()
-    async with joined(simulation, SimConfig(connect=(endpoint,)), "t9"):
+    async with sim_on_bus(simulation, SimConfig(connect=(endpoint,)), "t9"):
         await asyncio.sleep(0.7)
         async with Bus.open(bus_config(endpoint), "t9"):
             with client(endpoint) as session:
@@ -75,13 +75,13 @@ async def test_without_a_daemon_the_simulator_waits_and_joins_later(simulation):
 
 async def test_an_endpoint_nobody_can_understand_is_said_at_once(simulation):
     with pytest.raises(ConfigError, match=r"sim\.connect 'garbage'"):
-        async with joined(simulation, SimConfig(connect=("garbage",)), "t9"):
-            pytest.fail("joined")
+        async with sim_on_bus(simulation, SimConfig(connect=("garbage",)), "t9"):
+            pytest.fail("connected")
 
 
 async def test_leaving_at_once_closes_everything(simulation):
     for pause in (0.0, 0.05):
-        async with joined(simulation, SimConfig(connect=(free_endpoint(),)), "t9"):
+        async with sim_on_bus(simulation, SimConfig(connect=(free_endpoint(),)), "t9"):
             await asyncio.sleep(pause)
 
 
@@ -96,7 +96,7 @@ REQUESTS = [
 
 @pytest.mark.parametrize(("fields", "running"), REQUESTS)
 def test_requests(simulation, fields, running):
-    result = obey(simulation, FaultRequest.model_validate(fields))
+    result = apply_fault_request(simulation, FaultRequest.model_validate(fields))
     assert set(result.reply["active"]) == running == set(simulation.world.faults.active)
 
 
@@ -110,7 +110,7 @@ def test_requests(simulation, fields, running):
 )
 def test_refusals(simulation, fields, token):
     with pytest.raises(CommandRejectedError) as caught:
-        obey(simulation, FaultRequest.model_validate(fields))
+        apply_fault_request(simulation, FaultRequest.model_validate(fields))
     assert caught.value.token == token
     assert not simulation.world.faults.active
 

@@ -10,7 +10,7 @@ import pytest
 import zenoh
 
 from mkdaemon.bus.session import close_session, session_config
-from mkdaemon.cli.mkdaemon.sim_camera import FilmOutlet, filming, open_camera
+from mkdaemon.cli.mkdaemon.sim_camera import CameraPublisher, open_camera, run_camera
 from mkdaemon.config.camera import CameraSection
 from mkdaemon.config.scene import SceneConfig
 from mkdaemon.config.sim import PilotPlan, SimConfig
@@ -33,15 +33,15 @@ async def test_frames_of_the_simulation_reach_a_camera_on_the_bus(tmp_path: Path
     stream.start()
     try:
         async with asyncio.timeout(120.0):
-            outlet = FilmOutlet("film", "down")
-            async with filming(open_camera(config), simulation, config, outlet):
+            publisher = CameraPublisher("film", "down")
+            async with run_camera(open_camera(config), simulation, config, publisher):
                 before = simulation.now
-                with outlet.open(session):
+                with publisher.open(session):
                     while stream.status().images < 3:
                         simulation.advance(simulation.now + 0.025)
                         await asyncio.sleep(0.01)
                 assert simulation.now > before
-                assert not outlet.is_open
+                assert not publisher.is_open
     finally:
         stream.stop()
         await close_session(session)
@@ -58,7 +58,7 @@ async def test_frames_of_the_simulation_reach_a_camera_on_the_bus(tmp_path: Path
 async def test_a_simulator_without_a_camera_films_nothing() -> None:
     config = SimConfig()
     assert open_camera(config) is None
-    async with filming(None, Simulation(config), config, FilmOutlet("film", "down")):
+    async with run_camera(None, Simulation(config), config, CameraPublisher("film", "down")):
         assert not [task for task in asyncio.all_tasks() if task.get_name() == "simulated camera"]
 
 
@@ -67,7 +67,10 @@ async def test_a_video_is_written_without_anybody_on_the_bus(tmp_path: Path) -> 
     scene = SceneConfig(enabled=True, fps=20, video=clip)
     config = SimConfig(scene=scene, pilot_plan=PilotPlan.NOTHING)
     simulation = Simulation(config)
-    async with asyncio.timeout(120.0), filming(open_camera(config), simulation, config, FilmOutlet("film", "down")):
+    async with (
+        asyncio.timeout(120.0),
+        run_camera(open_camera(config), simulation, config, CameraPublisher("film", "down")),
+    ):
         while not (clip.exists() and clip.stat().st_size > 100_000):
             simulation.advance(simulation.now + 0.025)
             await asyncio.sleep(0.01)
@@ -79,14 +82,14 @@ async def test_a_video_is_written_without_anybody_on_the_bus(tmp_path: Path) -> 
 async def test_a_video_that_cannot_be_written_stops_the_simulator_at_once(tmp_path: Path) -> None:
     config = SimConfig(scene=SceneConfig(enabled=True, video=tmp_path / "no" / "flight.avi"))
     with pytest.raises(ConfigError, match=r"sim\.scene\.video"):
-        async with filming(open_camera(config), Simulation(config), config, FilmOutlet("film", "down")):
+        async with run_camera(open_camera(config), Simulation(config), config, CameraPublisher("film", "down")):
             pytest.fail("filmed")
 
 
 def test_pictures_without_a_bus_go_nowhere() -> None:
-    outlet = FilmOutlet("film", "down")
-    outlet.send(b"picture")
-    assert not outlet.is_open
+    publisher = CameraPublisher("film", "down")
+    publisher.send(b"picture")
+    assert not publisher.is_open
 
 
 def test_a_wrong_camera_file_stops_the_simulator_at_once() -> None:

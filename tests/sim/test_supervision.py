@@ -13,7 +13,7 @@ from mkdaemon.sim.physics.hand_flight import Phase
 from mkdaemon.sim.physics.world import StartState, StickInput, World
 from mkdaemon.sim.supervision import CEILING_GAS, Supervision
 
-from .steering import GAS_AT_REST, RcBoard
+from .physics.steering import GAS_AT_REST, RcBoard
 
 
 class SharedBoard(RcBoard):
@@ -45,18 +45,18 @@ def test_hovers_hands_over_and_takes_back() -> None:
     board = SharedBoard(world)
     program = world.pilot.program = Supervision(lambda: board.external is not None)
     board.run(15.0)
-    assert program.hand is not None
-    assert program.hand.phase is Phase.FLY
+    assert program.flight is not None
+    assert program.flight.phase is Phase.FLY
     board.external = HOLD
     board.run(2.0)
-    assert program.hand is None
+    assert program.flight is None
     assert (world.pilot.pitch, world.pilot.roll, world.pilot.gas) == (0, 0, CEILING_GAS)
     board.external = None
     board.run(0.6)
     assert world.pilot.gas == CEILING_GAS, "nobody reacts in no time"
     board.run(6.0)
-    assert program.hand is not None
-    assert program.handed_over == 1
+    assert program.flight is not None
+    assert program.take_overs == 1
     assert math.degrees(world.truth.tilt) < 10.0
     assert np.linalg.norm(world.truth.velocity_enu) < 0.5
     assert not world.truth.crashed
@@ -68,9 +68,9 @@ def test_a_machine_that_comes_during_take_off_waits() -> None:
     wanted = True
     program = world.pilot.program = Supervision(lambda: wanted)
     board.run(5.0)
-    assert program.handed_over == 0
+    assert program.take_overs == 0
     board.run(9.0)
-    assert program.handed_over == 1
+    assert program.take_overs == 1
 
 
 def test_a_machine_takes_off_and_lands_and_the_pilot_stops_the_motors() -> None:
@@ -98,7 +98,7 @@ def test_a_machine_takes_off_and_lands_and_the_pilot_stops_the_motors() -> None:
     assert world.truth.on_ground
     board.armed, board.external = True, HOLD
     board.run(0.1)
-    assert program.handed_over == 1, "he is done; the next flight is another program"
+    assert program.take_overs == 1, "he is done; the next flight is another program"
 
 
 @pytest.mark.parametrize("height", [1.0, 4.0])

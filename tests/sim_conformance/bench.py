@@ -23,7 +23,7 @@ FIX = GpsFix(532301000, 74591000, 12.0, (0.0, 0.0, 0.0), 9, True, 0.0, 1)
 
 
 @dataclass
-class Gauges:
+class StillSensors:
     """Readings of an aircraft on the bench."""
 
     acc_x: float = 0.0
@@ -44,7 +44,7 @@ class Gauges:
 
 
 @dataclass
-class Hands:
+class StillTransmitter:
     """A transmitter held still."""
 
     pitch: int = 0
@@ -62,8 +62,8 @@ class StillAircraft:
     def __init__(self) -> None:
         self.now = 0.0
         self.faults = Faults()
-        self.sensors = Gauges()
-        self.pilot = Hands()
+        self.sensors = StillSensors()
+        self.pilot = StillTransmitter()
         self.sticks: list[tuple[float, StickInput]] = []
         self.gains: AttitudeGains | None = None
         self.calibrations = 0
@@ -83,7 +83,7 @@ class StillAircraft:
         self.gains = gains
 
 
-class Heard(NamedTuple):
+class Received(NamedTuple):
     """A frame from a board: when its first and last character was out [s]."""
 
     first: float
@@ -102,7 +102,7 @@ class Bench:
     def __init__(self, board: FlightCtrl | NaviCtrl, aircraft: StillAircraft) -> None:
         self.board = board
         self.aircraft = aircraft
-        self.heard: list[Heard] = []
+        self.received: list[Received] = []
         self.dropped: list[Dropped] = []
         self.raw: list[tuple[float, bytes]] = []
         self._decoder = FrameDecoder()
@@ -113,9 +113,9 @@ class Bench:
         self.board.receive(frame, at)
         return at + len(frame) * HOST_CHAR
 
-    def run(self, to: float) -> list[Heard]:
+    def run(self, to: float) -> list[Received]:
         """Run and return the frames that came meanwhile."""
-        before = len(self.heard)
+        before = len(self.received)
         self.board.advance(to)
         for at, byte in self.board.poll():
             self.raw.append((at, byte))
@@ -123,20 +123,20 @@ class Bench:
                 self._first = at
             for item in self._decoder.feed(byte):
                 if isinstance(item, Frame):
-                    self.heard.append(Heard(self._first, at, item))
+                    self.received.append(Received(self._first, at, item))
                 else:
                     self.dropped.append(item)
-        return self.heard[before:]
+        return self.received[before:]
 
-    def ask(self, frame: bytes, at: float, patience: float = 0.5) -> Heard | None:
+    def ask(self, frame: bytes, at: float, patience: float = 0.5) -> Received | None:
         """Send a request and return the first frame that answers within `patience` [s]; compass feeds are no answer."""
         self.send(frame, at)
-        came = [heard for heard in self.run(at + patience) if heard.frame.address != MAG]
+        came = [received for received in self.run(at + patience) if received.frame.address != MAG]
         return came[0] if came else None
 
-    def ids(self, heard: Iterable[Heard] | None = None) -> str:
-        """Letters of the frames heard."""
-        return "".join(item.frame.id for item in (self.heard if heard is None else heard))
+    def ids(self, received: Iterable[Received] | None = None) -> str:
+        """Letters of the frames received."""
+        return "".join(item.frame.id for item in (self.received if received is None else received))
 
 
 def fc_bench(

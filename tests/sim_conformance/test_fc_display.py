@@ -9,9 +9,9 @@ from mkdaemon.sim.boards.labels import FC_LABELS, NC_LABELS, label_checksum
 from tests.sim_conformance.bench import fc_bench, nc_bench
 
 
-def shown(heard):
+def shown(received):
     """Number in the brackets of the first line."""
-    return int(heard.frame.payload[-81:][:21].decode("latin-1").rpartition("[")[2].partition("]")[0])
+    return int(received.frame.payload[-81:][:21].decode("latin-1").rpartition("[")[2].partition("]")[0])
 
 
 @pytest.mark.parametrize(
@@ -19,10 +19,10 @@ def shown(heard):
 )
 def test_a_page_too_high_is_empty_and_falls_back(asked, given, empty):
     bench = fc_bench()
-    heard = bench.ask(encode_frame(1, "l", bytes([asked])), 2.0)
-    assert heard is not None
-    assert heard.frame.payload[:2] == bytes([given, 19])
-    text = heard.frame.payload[2:82].decode("latin-1")
+    received = bench.ask(encode_frame(1, "l", bytes([asked])), 2.0)
+    assert received is not None
+    assert received.frame.payload[:2] == bytes([given, 19])
+    text = received.frame.payload[2:82].decode("latin-1")
     assert f"[{asked}]" in text[:20]
     assert (text.replace(f"[{asked}]", "").strip() == "") is empty
 
@@ -30,18 +30,18 @@ def test_a_page_too_high_is_empty_and_falls_back(asked, given, empty):
 def test_every_page_is_eighty_characters():
     bench = fc_bench()
     for page in range(20):
-        heard = bench.ask(encode_frame(1, "l", bytes([page])), 2.0 + 0.1 * page, 0.09)
-        assert heard is not None
-        assert len(heard.frame.raw) == 118
-        assert b"\0" not in heard.frame.payload[2:82]
+        received = bench.ask(encode_frame(1, "l", bytes([page])), 2.0 + 0.1 * page, 0.09)
+        assert received is not None
+        assert len(received.frame.raw) == 118
+        assert b"\0" not in received.frame.payload[2:82]
 
 
 def test_keys_turn_pages():
     bench = fc_bench()
     pages = []
     for number, keys in enumerate((0xFF, 0xFD, 0xFD, 0xFE, 0xFC, 0xFE, 0xFF)):
-        heard = bench.ask(encode_frame(1, "h", bytes([keys, 0])), 2.0 + 0.1 * number, 0.09)
-        pages.append(int(heard.frame.payload[:20].decode().rpartition("[")[2].rstrip("]")))
+        received = bench.ask(encode_frame(1, "h", bytes([keys, 0])), 2.0 + 0.1 * number, 0.09)
+        pages.append(int(received.frame.payload[:20].decode().rpartition("[")[2].rstrip("]")))
     assert pages == [0, 1, 2, 1, 0, 19, 19]
 
 
@@ -53,7 +53,7 @@ def test_keys_on_some_pages_change_something_with_motors_off(running, trimmed):
     bench.ask(encode_frame(1, "l", b"\x05"), 2.0, 0.1)
     for number in range(2):
         bench.ask(encode_frame(1, "h", bytes([0xFB, 0])), 2.2 + 0.1 * number, 0.09)
-    assert bench.board.menu.trim == trimmed
+    assert bench.board.trim == trimmed
 
 
 def test_the_first_page_names_release_and_set():
@@ -68,9 +68,9 @@ def test_labels(bench, labels):
     made = bench()
     got = []
     for index in range(33):
-        heard = made.ask(encode_frame(0, "a", bytes([index])), 2.0 + 0.05 * index, 0.04)
-        assert heard.frame.payload[0] == min(index, 31)
-        got.append(heard.frame.payload[1:17].decode("latin-1"))
+        received = made.ask(encode_frame(0, "a", bytes([index])), 2.0 + 0.05 * index, 0.04)
+        assert received.frame.payload[0] == min(index, 31)
+        got.append(received.frame.payload[1:17].decode("latin-1"))
     assert [text.rstrip() for text in got[:32]] == list(labels)
     assert got[32] == got[31]
     assert {len(text) for text in labels} <= set(range(1, 17))
@@ -89,7 +89,7 @@ def test_the_display_streams_and_follows_the_page(board):
     bench = fc_bench() if board == "fc" else nc_bench()
     bench.send(encode_frame(0, "h", b"\xff\x14"), 2.0)
     bench.send(encode_frame(0, "h", b"\xfd\x14"), 3.0)
-    frames = [heard for heard in bench.run(4.0) if heard.frame.id == "H"]
-    assert {shown(heard) for heard in frames if heard.first < 3.0} == {0}
-    assert {shown(heard) for heard in frames if heard.first > 3.03} == {1}
+    frames = [received for received in bench.run(4.0) if received.frame.id == "H"]
+    assert {shown(received) for received in frames if received.first < 3.0} == {0}
+    assert {shown(received) for received in frames if received.first > 3.03} == {1}
     assert len(frames) == pytest.approx(10, abs=1)

@@ -26,18 +26,18 @@ def test_two_carriage_returns_recover_from_everything(debris):
     bench = fc_bench()
     bench.send(debris, 1.1)
     bench.run(1.5)
-    heard = bench.ask(b"\r\r" + VERSION, 2.0)
-    assert heard is not None
-    assert heard.frame.id == "V"
+    received = bench.ask(b"\r\r" + VERSION, 2.0)
+    assert received is not None
+    assert received.frame.id == "V"
 
 
 @pytest.mark.parametrize("address", range(28))
 @pytest.mark.parametrize("letter", ["v", "g", "a", "t", "b"])
 def test_common_commands_are_answered_at_any_address_by_the_flightctrl(address, letter):
     payload = {"a": b"\x05", "t": bytes(16), "b": bytes([0, 0, 0, 0, 9, 1, 0])}.get(letter, b"")
-    heard = fc_bench().ask(encode_frame(address, letter, payload), 1.5)
-    assert heard is not None
-    assert heard.frame.address == 1
+    received = fc_bench().ask(encode_frame(address, letter, payload), 1.5)
+    assert received is not None
+    assert received.frame.address == 1
 
 
 @pytest.mark.parametrize("letter", ["n", "p", "q", "u", "f"])
@@ -75,7 +75,7 @@ def test_short_label_and_settings_requests_read_checksum_characters():
 def test_an_empty_subscription_starts_a_640_ms_stream(letter):
     bench = fc_bench()
     bench.send(encode_frame(1, letter), 1.5)
-    times = [heard.first for heard in bench.run(5.0)]
+    times = [received.first for received in bench.run(5.0)]
     gaps = [b - a for a, b in itertools.pairwise(times)]
     assert len(gaps) >= 4
     assert gaps == pytest.approx([0.666] * len(gaps), abs=0.01)

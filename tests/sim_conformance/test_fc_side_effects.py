@@ -24,15 +24,15 @@ def test_reading_another_set_loads_it_into_ram_and_255_brings_the_active_one_bac
     bench = fc_bench(word)
     active, fast = bench.board.eeprom.sets[3], bench.board.eeprom.sets[1]
     gains = bench.aircraft.gains
-    heard = ask(bench, "q", b"\x01")
-    assert heard is not None
-    assert heard.frame.payload[0] == 1
+    received = ask(bench, "q", b"\x01")
+    assert received is not None
+    assert received.frame.payload[0] == 1
     assert bench.board.live.raw == fast
     assert bench.aircraft.gains != gains, "it is flown with"
     assert bench.board.eeprom.active == 3
-    heard = ask(bench, "q", b"\xff")
-    assert heard is not None
-    assert heard.frame.payload[0] == 3
+    received = ask(bench, "q", b"\xff")
+    assert received is not None
+    assert received.frame.payload[0] == 3
     assert bench.board.live.raw == active
     assert bench.aircraft.gains == gains
 
@@ -46,9 +46,9 @@ def test_gains_come_from_the_set_in_ram(word, filtered):
 
 @pytest.mark.parametrize(("asked", "given"), [(0, 1), (1, 1), (5, 5), (6, 5), (9, 5), (30, 5), (254, 5)])
 def test_index_is_pulled_into_range(asked, given):
-    heard = ask(fc_bench(), "q", bytes([asked]))
-    assert heard is not None
-    assert heard.frame.payload[0] == given
+    received = ask(fc_bench(), "q", bytes([asked]))
+    assert received is not None
+    assert received.frame.payload[0] == given
 
 
 @pytest.mark.parametrize(
@@ -62,9 +62,9 @@ def test_resetting_a_set(asked, number, keeps):
     changed = bytearray(factory)
     changed[1], changed[23] = 9, 99
     eeprom.sets[number] = bytes(changed)
-    heard = ask(bench, "q", bytes([asked]))
-    assert heard is not None
-    assert heard.frame.payload[0] == number
+    received = ask(bench, "q", bytes([asked]))
+    assert received is not None
+    assert received.frame.payload[0] == number
     assert eeprom.active == number
     assert eeprom.sets[number][23] == factory[23]
     assert eeprom.sets[number][1] == (9 if keeps else factory[1])
@@ -77,9 +77,9 @@ def test_writing_a_set_activates_it(word):
     changed = bytearray(eeprom.sets[2])
     place = bench.board.live.place("stick_p")
     changed[place] = 12
-    heard = ask(bench, "s", b"\x02" + bytes(changed), 1.5)
-    assert heard is not None
-    assert (heard.frame.id, heard.frame.payload[0]) == ("S", 2)
+    received = ask(bench, "s", b"\x02" + bytes(changed), 1.5)
+    assert received is not None
+    assert (received.frame.id, received.frame.payload[0]) == ("S", 2)
     assert eeprom.active == 2
     assert eeprom.sets[2][place] == bench.board.live.raw[place] == 12
 
@@ -89,10 +89,10 @@ def test_values_out_of_range_are_pulled_in_on_writing():
     raw = bytearray(bench.board.eeprom.sets[2])
     raw[27] = 255
     ask(bench, "s", b"\x02" + bytes(raw), 1.5)
-    heard = ask(bench, "q", b"\x02")
-    assert heard is not None
-    assert heard.frame.payload[1 + 27] == 247
-    assert [i for i in range(144) if heard.frame.payload[1 + i] != raw[i]] == [27]
+    received = ask(bench, "q", b"\x02")
+    assert received is not None
+    assert received.frame.payload[1 + 27] == 247
+    assert [i for i in range(144) if received.frame.payload[1 + i] != raw[i]] == [27]
 
 
 def spoil_revision(raw):
@@ -108,17 +108,17 @@ def test_writing_is_refused_with_s_0(index, spoil, running):
     if running:
         bench.board.core.start()
     before = dict(bench.board.eeprom.sets)
-    heard = ask(bench, "s", bytes([index]) + spoil(before[2]))
-    assert heard is not None
-    assert (heard.frame.id, heard.frame.payload[0]) == ("S", 0)
+    received = ask(bench, "s", bytes([index]) + spoil(before[2]))
+    assert received is not None
+    assert (received.frame.id, received.frame.payload[0]) == ("S", 0)
     assert (bench.board.eeprom.sets, bench.board.eeprom.active) == (before, 3)
 
 
 def test_f_loads_a_set_and_answers_the_active_one():
     bench = fc_bench()
-    heard = ask(bench, "f", b"\x01")
-    assert heard is not None
-    assert (heard.frame.id, heard.frame.payload[0]) == ("F", 3)
+    received = ask(bench, "f", b"\x01")
+    assert received is not None
+    assert (received.frame.id, received.frame.payload[0]) == ("F", 3)
     assert bench.board.live.raw == bench.board.eeprom.sets[1]
     assert bench.board.eeprom.active == 3
 
@@ -139,8 +139,8 @@ def test_while_motors_run_settings_do_not_change(word, letter, payload, answer):
     bench = fc_bench(word)
     bench.board.core.start()
     live, stored = bench.board.live.raw, dict(bench.board.eeprom.sets)
-    heard = ask(bench, letter, payload)
-    assert (heard.frame.id if heard else None) == answer
+    received = ask(bench, letter, payload)
+    assert (received.frame.id if received else None) == answer
     assert (bench.board.live.raw, bench.board.eeprom.sets) == (live, stored)
     assert ask(bench, "v") is not None
 
@@ -152,14 +152,14 @@ def test_the_mixer_is_written_in_flight_too(running):
         bench.board.core.start()
     table = bytearray(bench.board.eeprom.mixer)
     table[13] = 60
-    heard = ask(bench, "m", bytes(table))
-    assert heard is not None
-    assert (heard.frame.id, heard.frame.payload[0]) == ("M", 1)
+    received = ask(bench, "m", bytes(table))
+    assert received is not None
+    assert (received.frame.id, received.frame.payload[0]) == ("M", 1)
     assert bench.board.eeprom.mixer == bytes(table)
     table[0] = 2
-    heard = ask(bench, "m", bytes(table))
-    assert heard is not None
-    assert heard.frame.payload[0] == 0
+    received = ask(bench, "m", bytes(table))
+    assert received is not None
+    assert received.frame.payload[0] == 0
 
 
 def test_motor_test_lasts_half_a_second():
@@ -197,10 +197,10 @@ def test_reading_motor_controllers(motor, running, done, status):
     bench = fc_bench()
     if running:
         bench.board.core.start()
-    heard = ask(bench, "u", bytes([motor]))
-    assert heard is not None
-    assert heard.frame.payload[:3] == bytes([done, status, motor])
-    assert heard.frame.payload[3:11] == bytes.fromhex("0200ff1e6340006c")
+    received = ask(bench, "u", bytes([motor]))
+    assert received is not None
+    assert received.frame.payload[:3] == bytes([done, status, motor])
+    assert received.frame.payload[3:11] == bytes.fromhex("0200ff1e6340006c")
 
 
 def configuration(*, current=40, revision=2, spoil=0):
@@ -220,9 +220,9 @@ WRITES = [
 @pytest.mark.parametrize(("motor", "raw", "done", "status", "changed"), WRITES)
 def test_writing_motor_controllers(motor, raw, done, status, changed):
     bench = fc_bench()
-    heard = ask(bench, "w", bytes([motor]) + raw)
-    assert heard is not None
-    assert heard.frame.payload[:2] == bytes([done, status])
+    received = ask(bench, "w", bytes([motor]) + raw)
+    assert received is not None
+    assert received.frame.payload[:2] == bytes([done, status])
     assert sum(stored == raw for stored in bench.board.eeprom.motor_configs) == changed
 
 
@@ -253,9 +253,9 @@ def test_reset_in_flight(word, running, resets):
 def test_serial_channels_show_in_p():
     bench = fc_bench()
     ask(bench, "y", bytes([10, 20, 30, 40, 50, 60, 70, 80, 90, 100, 110, 0x81]))
-    heard = ask(bench, "p")
-    assert heard is not None
-    channels = [int.from_bytes(heard.frame.payload[i : i + 2], "little", signed=True) for i in range(0, 70, 2)]
+    received = ask(bench, "p")
+    assert received is not None
+    channels = [int.from_bytes(received.frame.payload[i : i + 2], "little", signed=True) for i in range(0, 70, 2)]
     assert channels[17:29] == [10, 20, 30, 40, 50, 60, 70, 80, 90, 100, 110, -127]
 
 
@@ -264,9 +264,9 @@ def test_p_shows_sticks_and_the_gate_where_the_set_maps_them():
     pilot = bench.aircraft.pilot
     pilot.pitch, pilot.roll, pilot.gas, pilot.yaw, pilot.gate = 11, 22, 33, 44, 200
     bench.run(1.2)
-    heard = ask(bench, "p")
-    assert heard is not None
-    channels = [int.from_bytes(heard.frame.payload[i : i + 2], "little", signed=True) for i in range(0, 70, 2)]
+    received = ask(bench, "p")
+    assert received is not None
+    channels = [int.from_bytes(received.frame.payload[i : i + 2], "little", signed=True) for i in range(0, 70, 2)]
     assert channels[1:6] == [33, 22, 11, 44, 73]
 
 

@@ -22,7 +22,7 @@ def request(letter, interval):
 def test_debug_period(interval, period_ms):
     bench = fc_bench(gas_law=GasLaw.FORK)
     bench.send(request("d", interval), 1.1)
-    times = [heard.first for heard in bench.run(1.1 + 12 * period_ms * 1e-3) if heard.frame.id == "D"]
+    times = [received.first for received in bench.run(1.1 + 12 * period_ms * 1e-3) if received.frame.id == "D"]
     assert median(b - a for a, b in itertools.pairwise(times)) * 1e3 == pytest.approx(period_ms, rel=0.05)
 
 
@@ -31,14 +31,14 @@ def test_stream_ends_4_1_s_after_the_last_renewal(letter):
     bench = fc_bench()
     bench.send(request(letter, 10), 1.1)
     bench.send(request(letter, 10), 3.0)
-    last = max(heard.first for heard in bench.run(12.0) if heard.frame.id == KINDS[letter])
+    last = max(received.first for received in bench.run(12.0) if received.frame.id == KINDS[letter])
     assert last - 3.0 == pytest.approx(4.1, abs=0.15)
 
 
 def test_the_fork_never_stops_debug():
     bench = fc_bench(gas_law=GasLaw.FORK)
     bench.send(request("d", 50), 1.1)
-    assert max(heard.first for heard in bench.run(40.0)) > 39.0
+    assert max(received.first for received in bench.run(40.0)) > 39.0
 
 
 RENEWALS = [("c", True), ("d", True), ("h", True), ("t", True), ("b", False), ("v", False), ("a", False), ("g", False)]
@@ -52,7 +52,7 @@ def test_what_renews(letter, renews):
     bench.send(request(stream, 20), 1.1)
     for number in range(8):
         bench.send(encode_frame(1, letter, payloads.get(letter, b"")), 2.0 + number)
-    last = max(heard.first for heard in bench.run(10.0) if heard.frame.id == KINDS[stream])
+    last = max(received.first for received in bench.run(10.0) if received.frame.id == KINDS[stream])
     assert (last > 9.0) is renews
 
 
@@ -61,7 +61,7 @@ def test_debug_comes_at_once_and_attitude_after_one_interval():
     free = bench.send(request("d", 50), 1.1)
     assert bench.run(1.3)[0].first - free < 5e-3
     free = bench.send(request("c", 30), 2.0)
-    first = next(heard.first for heard in bench.run(2.6) if heard.frame.id == "C")
+    first = next(received.first for received in bench.run(2.6) if received.frame.id == "C")
     assert first - free == pytest.approx(0.315, abs=0.02)
 
 
@@ -69,7 +69,7 @@ def test_interval_0_stops():
     bench = fc_bench()
     bench.send(request("d", 10), 1.1)
     bench.send(request("d", 0), 2.0)
-    times = [heard.first for heard in bench.run(4.0) if heard.frame.id == "D"]
+    times = [received.first for received in bench.run(4.0) if received.frame.id == "D"]
     assert len(times) == 9
     assert max(times) < 2.01
 
@@ -81,7 +81,7 @@ def test_fast_debug_starves_confirmations_attitude_and_receiver():
     for number in range(20):
         bench.send(encode_frame(1, "b", V2), 1.5 + 0.1 * number)
         bench.send(encode_frame(1, "p"), 1.55 + 0.1 * number)
-    assert set(bench.ids(heard for heard in bench.run(3.5) if heard.first > 1.3)) == {"D"}
+    assert set(bench.ids(received for received in bench.run(3.5) if received.first > 1.3)) == {"D"}
 
 
 @pytest.mark.parametrize("interval", [2, 3, 5, 10])
@@ -91,7 +91,7 @@ def test_slower_debug_lets_the_confirmation_through_within_25_ms(interval):
     for number in range(25):
         at = 1.5 + 0.0613 * number
         free = bench.send(encode_frame(1, "b", V2), at)
-        confirmed = [heard for heard in bench.run(at + 0.06) if heard.frame.id == "B"]
+        confirmed = [received for received in bench.run(at + 0.06) if received.frame.id == "B"]
         assert confirmed
         assert confirmed[0].last - free < 25e-3
 
@@ -104,7 +104,7 @@ def test_a_label_asked_for_during_a_fast_stream_collides_and_is_still_readable()
     bench.run(4.0)
     raw = b"".join(byte for _, byte in bench.raw)
     assert b"##bA" in raw
-    assert [heard.frame.payload[0] for heard in bench.heard if heard.frame.id == "A"] == list(range(32))
+    assert [received.frame.payload[0] for received in bench.received if received.frame.id == "A"] == list(range(32))
     assert {drop.reason for drop in bench.dropped} == {DropReason.LENGTH}
 
 
@@ -133,10 +133,10 @@ def test_deaf_times_keep_one_frame_and_answer_it_late(make, deaf_time):
     # one frame is kept, the others are lost
     for number, letter in enumerate("vgg"):
         bench.send(encode_frame(1, letter), 2.0 + 0.05 + 0.3 * (letter == "v" and deaf_time > 5) + 0.03 * number)
-    late = [heard for heard in bench.run(9.0) if heard.frame.id in "VG"]
+    late = [received for received in bench.run(9.0) if received.frame.id in "VG"]
     assert late[0].frame.id == "V"
     assert late[0].first - began == pytest.approx(deaf_time, rel=0.15, abs=0.02)
-    assert [heard.frame.id for heard in late if heard.first - began < deaf_time + 0.05] == ["V"]
+    assert [received.frame.id for received in late if received.first - began < deaf_time + 0.05] == ["V"]
 
 
 def test_boot_prints_text_and_forgets():
@@ -146,7 +146,7 @@ def test_boot_prints_text_and_forgets():
     bench.send(encode_frame(1, "R"), 2.0)
     bench.run(12.0)
     assert {drop.reason for drop in bench.dropped} >= {DropReason.TEXT}
-    assert max(heard.first for heard in bench.heard if heard.frame.id == "D") < 2.3
+    assert max(received.first for received in bench.received if received.frame.id == "D") < 2.3
     assert not bench.board.core.calibrated
     assert bench.board.external.held.frame == 0
 
@@ -166,7 +166,7 @@ def test_early_firmware_feeds_a_compass_unasked(companion, period):
     bench = fc_bench("early")
     if companion:
         bench.board.adopt_companion((0, 24, 1))
-    times = [heard.first for heard in bench.run(6.0) if (heard.frame.address, heard.frame.id) == (3, "w")][2:]
+    times = [item.first for item in bench.run(6.0) if (item.frame.address, item.frame.id) == (3, "w")][2:]
     assert all(b - a == pytest.approx(period, abs=4e-3) for a, b in itertools.pairwise(times))
     assert len(times) >= 3
 

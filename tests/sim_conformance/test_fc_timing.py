@@ -36,12 +36,12 @@ def test_replies_are_as_long_and_as_late_as_measured(letter, payload, reply, cha
     times = []
     for at in moments(1, 60, 0.08):
         frame = encode_frame(1, letter, payload)
-        heard = bench.ask(frame, at, 0.06)
-        assert heard is not None
-        assert heard.frame.id == reply
-        assert heard.frame.address == 1
-        assert len(heard.frame.raw) == chars
-        times.append((heard.last - at - len(frame) * HOST_CHAR) * 1e3)
+        received = bench.ask(frame, at, 0.06)
+        assert received is not None
+        assert received.frame.id == reply
+        assert received.frame.address == 1
+        assert len(received.frame.raw) == chars
+        times.append((received.last - at - len(frame) * HOST_CHAR) * 1e3)
     assert median(times) == pytest.approx(median_ms, rel=0.15)
 
 
@@ -60,9 +60,9 @@ def test_first_character_comes_in_the_measured_window(letter, payload, low_ms, h
     frame = encode_frame(1, letter, payload)
     times = []
     for at in moments(2, 60, 0.08):
-        heard = bench.ask(frame, at, 0.06)
-        assert heard is not None
-        times.append((heard.first - FC_CHAR - at - len(frame) * HOST_CHAR) * 1e3)
+        received = bench.ask(frame, at, 0.06)
+        assert received is not None
+        times.append((received.first - FC_CHAR - at - len(frame) * HOST_CHAR) * 1e3)
     # the window was measured on 40 requests each: its ends are 0.1 ms sharp at best
     assert low_ms - 0.15 <= min(times)
     assert max(times) <= high_ms + 0.15
@@ -138,12 +138,12 @@ def test_periodic_b_is_lost_as_measured(rate, jitter_ms, low, high):
 def test_two_b_during_one_debug_frame_give_one_confirmation():
     bench = fc_bench()
     bench.send(encode_frame(1, "d", b"\x64"), 2.0)
-    begins = next(heard.begins for heard in bench.run(2.1) if heard.frame.id == "D")
+    begins = next(received.begins for received in bench.run(2.1) if received.frame.id == "D")
     bench = fc_bench()
     bench.send(encode_frame(1, "d", b"\x64"), 2.0)
     for number in (1, 2):
         bench.send(encode_frame(1, "b", bytes([0, 0, 0, 0, number, 1, 0])), begins + number * 6e-3 - 4e-3)
-    confirmed = [heard.frame.payload[0] for heard in bench.run(2.2) if heard.frame.id == "B"]
+    confirmed = [received.frame.payload[0] for received in bench.run(2.2) if received.frame.id == "B"]
     assert confirmed == [2]
 
 
@@ -155,7 +155,7 @@ def test_b_is_confirmed_before_it_acts_and_acts_with_the_receiver():
     for number, at in enumerate(moments(4, 120, 0.11, 1.5), 1):
         before = len(bench.aircraft.sticks)
         free = bench.send(encode_frame(1, "b", bytes([0, 0, 0, number % 60, 1 + number % 250, 1, 0])), at)
-        confirmed = next(heard for heard in bench.run(at + 0.08) if heard.frame.id == "B")
+        confirmed = next(received for received in bench.run(at + 0.08) if received.frame.id == "B")
         acted = bench.aircraft.sticks[before][0]
         delays.append((acted - free) * 1e3)
         assert confirmed.first - free < 6e-3

@@ -23,9 +23,9 @@ def test_idle_echo_takes_4_04_ms():
     times = []
     for number, at in enumerate(moments(1, 100, 0.05)):
         bench.send(echo(number), at)
-        (heard,) = bench.run(at + 0.02)
-        assert heard.frame.payload[:2] == (number & 0xFFFF).to_bytes(2, "little")
-        times.append((heard.last - at) * 1e3)
+        (received,) = bench.run(at + 0.02)
+        assert received.frame.payload[:2] == (number & 0xFFFF).to_bytes(2, "little")
+        times.append((received.last - at) * 1e3)
     assert median(times) == pytest.approx(4.04, rel=0.03)
 
 
@@ -55,9 +55,9 @@ def run_echoes(mix, rate, seconds, *, burst=1):
             bench.send(echo(number), at)
         # a rate of the host's own clock drifts through the phases of the streams
         at += 1.0007 / rate
-    heard = [item for item in bench.run(at + 0.3) if item.frame.id == "Z"]
-    trips = [(item.last - sent[int.from_bytes(item.frame.payload[:2], "little")]) * 1e3 for item in heard]
-    return len(heard) / len(sent), trips
+    received = [item for item in bench.run(at + 0.3) if item.frame.id == "Z"]
+    trips = [(item.last - sent[int.from_bytes(item.frame.payload[:2], "little")]) * 1e3 for item in received]
+    return len(received) / len(sent), trips
 
 
 @pytest.mark.parametrize("mix", ["O100", "O100 D200 C50"])
@@ -124,7 +124,7 @@ def test_a_saturating_stream_starves_what_is_below_it():
     bench = nc_bench()
     free = bench.send(stream("o", 1), 2.0)
     bench.send(encode_frame(2, "v"), 2.1)
-    version = next(heard for heard in bench.run(8.0) if heard.frame.id == "V")
+    version = next(received for received in bench.run(8.0) if received.frame.id == "V")
     assert version.first - 2.1 == pytest.approx(3.9, abs=0.15)
     assert version.first - free == pytest.approx(4.0, abs=0.1)
 
@@ -133,7 +133,7 @@ def test_a_saturating_stream_starves_what_is_below_it():
 def test_fastest_stream(letter, interval, floor_ms):
     bench = nc_bench()
     bench.send(stream(letter, interval), 2.0)
-    times = [heard.first for heard in bench.run(4.0)]
+    times = [received.first for received in bench.run(4.0)]
     assert median(b - a for a, b in itertools.pairwise(times)) * 1e3 == pytest.approx(floor_ms, rel=0.02)
 
 
@@ -142,7 +142,7 @@ def test_fastest_stream(letter, interval, floor_ms):
 def test_periods_are_exact(letter, interval):
     bench = nc_bench()
     bench.send(stream(letter, interval), 2.0)
-    times = [heard.first for heard in bench.run(5.5)][1:]
+    times = [received.first for received in bench.run(5.5)][1:]
     assert all(b - a == pytest.approx(interval * 0.01, abs=2e-4) for a, b in itertools.pairwise(times))
 
 
@@ -151,7 +151,7 @@ def test_streams_share_one_4_0_s_timer(letter):
     bench = nc_bench()
     frame = encode_frame(2, "h", b"\xff\x0a") if letter == "h" else stream(letter, 10)
     bench.send(frame, 2.0)
-    last = max(heard.first for heard in bench.run(9.0))
+    last = max(received.first for received in bench.run(9.0))
     assert last - 2.0 == pytest.approx(4.0, abs=0.15)
 
 
@@ -166,7 +166,7 @@ def test_what_renews_all_even_with_interval_0(letter, renews):
     bench.send(stream(other, 20), 1.5)
     for number in range(6):
         bench.send(encode_frame(2, letter, payload), 2.0 + number)
-    last = max(heard.first for heard in bench.run(8.5) if heard.frame.id == other.upper())
+    last = max(received.first for received in bench.run(8.5) if received.frame.id == other.upper())
     assert (last > 8.0) is renews
 
 
@@ -174,7 +174,7 @@ def test_a_request_sends_one_frame_at_once_and_restarts_the_phase():
     bench = nc_bench()
     bench.send(stream("o", 50), 2.0)
     free = bench.send(stream("o", 50), 2.2)
-    times = [heard.first for heard in bench.run(3.0) if heard.first > 2.1]
+    times = [received.first for received in bench.run(3.0) if received.first > 2.1]
     assert times[0] - free < 1e-3
     assert times[1] - times[0] == pytest.approx(0.5, abs=2e-3)
 
@@ -197,9 +197,9 @@ def test_b_is_forwarded_a_character_a_pass(loop_ms, rate, low, high):
     external.take = lambda raw: (taken.append(raw), take(raw))
     for number in range(400):
         bench.send(frame, 2.0 + number / rate)
-    heard = bench.run(2.5 + 400 / rate)
+    received = bench.run(2.5 + 400 / rate)
     assert low <= 1.0 - len(taken) / 400 <= high
-    assert "B" not in bench.ids(heard), "no confirmation through this NaviCtrl"
+    assert "B" not in bench.ids(received), "no confirmation through this NaviCtrl"
 
 
 def test_forwarding_is_only_for_b_and_y_to_the_flightctrl():
@@ -233,9 +233,9 @@ def test_an_sd_stall_keeps_what_comes_and_answers_late():
     bench.aircraft.faults.start("nc_sd_stall", duration=1.5)
     bench.send(encode_frame(2, "v"), 1.2)
     bench.send(echo(7), 1.4)
-    heard = bench.run(3.0)
-    assert sorted(bench.ids(heard)) == ["V", "Z"]
-    assert min(item.first for item in heard) == pytest.approx(2.5, abs=0.02)
+    received = bench.run(3.0)
+    assert sorted(bench.ids(received)) == ["V", "Z"]
+    assert min(item.first for item in received) == pytest.approx(2.5, abs=0.02)
 
 
 def test_a_long_stall_overflows_the_ring():
@@ -260,17 +260,17 @@ def test_longest_frame(chars, accepted):
 @pytest.mark.parametrize("debris", [b"#", b"#cz", b"#c#cz=", b"##", b"text\r", b"\x1b\x1b"])
 def test_any_hash_restarts_a_frame(debris):
     bench = nc_bench()
-    heard = bench.ask(debris + encode_frame(2, "v"), 2.0)
-    assert heard is not None
-    assert heard.frame.id == "V"
+    received = bench.ask(debris + encode_frame(2, "v"), 2.0)
+    assert received is not None
+    assert received.frame.id == "V"
 
 
 @pytest.mark.parametrize("address", range(28))
 def test_every_address_reaches_the_common_set(address):
     bench = nc_bench()
-    heard = bench.ask(encode_frame(address, "v"), 2.0)
-    assert heard is not None
-    assert heard.frame.address == 2
+    received = bench.ask(encode_frame(address, "v"), 2.0)
+    assert received is not None
+    assert received.frame.address == 2
 
 
 @pytest.mark.parametrize("letter", ["z", "e", "x", "j"])

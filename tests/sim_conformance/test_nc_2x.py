@@ -28,7 +28,7 @@ def wanted(interval, budget):
 def test_three_bytes_ask_for_all_data_sets_and_one_byte_for_navidata_5():
     bench = bench_2x()
     bench.send(wanted(5, 0x8000), 2.0)
-    sets = [heard.frame for heard in bench.run(3.0) if heard.frame.id == "O"]
+    sets = [received.frame for received in bench.run(3.0) if received.frame.id == "O"]
     assert {frame.payload[0]: len(frame.raw) for frame in sets} == LENGTHS
     bench.send(encode_frame(2, "o", b"\x0a"), 4.0)
     later = bench.run(4.5)
@@ -67,10 +67,10 @@ def test_motor_status_comes_one_motor_a_frame():
 
 
 def test_time():
-    heard = bench_2x().ask(encode_frame(2, "t", b"\x01"), 2.0)
-    assert heard is not None
-    assert heard.frame.id == "T"
-    assert int.from_bytes(heard.frame.payload[:2], "little") == 2026
+    received = bench_2x().ask(encode_frame(2, "t", b"\x01"), 2.0)
+    assert received is not None
+    assert received.frame.id == "T"
+    assert int.from_bytes(received.frame.payload[:2], "little") == 2026
 
 
 @pytest.mark.parametrize("letter", ["k", "t", "b"])

@@ -48,9 +48,9 @@ WRITES = [
 @pytest.mark.parametrize(("index", "status", "what", "reply", "stored"), WRITES)
 def test_write(index, status, what, reply, stored):
     bench = nc_bench()
-    heard = bench.ask(point(index, status=status, what=what), 2.0)
-    assert heard is not None
-    assert (heard.frame.id, heard.frame.payload[0]) == ("W", reply)
+    received = bench.ask(point(index, status=status, what=what), 2.0)
+    assert received is not None
+    assert (received.frame.id, received.frame.payload[0]) == ("W", reply)
     assert bench.board.navigator.points.count == stored
 
 
@@ -171,12 +171,12 @@ def test_the_route_holds_and_goes_on():
 
 def test_parameters():
     bench = nc_bench()
-    heard = bench.ask(encode_frame(2, "j", bytes([1, 0, 0x2C, 0x01])), 2.0, 0.05)
-    assert heard is not None
-    assert heard.frame.payload == bytes([0, 0x2C, 0x01])
-    heard = bench.ask(encode_frame(2, "j", bytes([0, 0, 0, 0])), 2.1, 0.05)
-    assert heard is not None
-    assert heard.frame.payload == bytes([0, 0x2C, 0x01])
+    received = bench.ask(encode_frame(2, "j", bytes([1, 0, 0x2C, 0x01])), 2.0, 0.05)
+    assert received is not None
+    assert received.frame.payload == bytes([0, 0x2C, 0x01])
+    received = bench.ask(encode_frame(2, "j", bytes([0, 0, 0, 0])), 2.1, 0.05)
+    assert received is not None
+    assert received.frame.payload == bytes([0, 0x2C, 0x01])
 
 
 def redirected(target=0):
@@ -190,11 +190,11 @@ def test_redirection_prints_text_and_reaches_the_flightctrl():
     bench = redirected()
     assert b"UART" in b"".join(byte for _, byte in bench.raw)
     for number, letter in enumerate("vnqp"):
-        heard = bench.ask(
+        received = bench.ask(
             b"\r\r" + encode_frame(1, letter, b"\xff" if letter == "q" else b""), 2.1 + 0.2 * number, 0.15
         )
-        assert heard is not None
-        assert (heard.frame.address, heard.frame.id) == (1, letter.upper())
+        assert received is not None
+        assert (received.frame.address, received.frame.id) == (1, letter.upper())
     assert bench.dropped[0].reason is DropReason.TEXT
 
 
@@ -217,16 +217,16 @@ ESCAPES = [
 def test_escape(raw, ends):
     bench = redirected()
     bench.send(raw, 2.1)
-    heard = bench.ask(encode_frame(2, "z", b"\x05\x00"), 2.2)
-    assert (heard is not None and heard.frame.id == "Z") is ends
+    received = bench.ask(encode_frame(2, "z", b"\x05\x00"), 2.2)
+    assert (received is not None and received.frame.id == "Z") is ends
 
 
-@pytest.mark.parametrize(("wait_ms", "heard"), [(0.2, False), (1.0, False), (2.2, True), (5.0, True)])
-def test_two_ms_after_the_escape_are_lost(wait_ms, heard):
+@pytest.mark.parametrize(("wait_ms", "received"), [(0.2, False), (1.0, False), (2.2, True), (5.0, True)])
+def test_two_ms_after_the_escape_are_lost(wait_ms, received):
     bench = redirected()
     free = bench.send(ESCAPE, 2.1)
     bench.send(encode_frame(2, "z", b"\x05\x00"), free + wait_ms * 1e-3)
-    assert ("Z" in bench.ids(bench.run(2.5))) is heard
+    assert ("Z" in bench.ids(bench.run(2.5))) is received
 
 
 def test_redirection_cuts_the_frame_being_sent_and_its_tail_comes_after_the_escape():
@@ -292,9 +292,11 @@ def test_error_codes_reach_navidata_and_forbid_the_start(spoil, code):
     bench = nc_bench()
     spoil(bench)
     bench.run(2.5)
-    heard = bench.ask(encode_frame(2, "o", b"\x00"), 2.5, 0.05) or bench.ask(encode_frame(2, "o", b"\x64"), 2.6, 0.05)
-    assert heard is not None
-    assert heard.frame.payload[69] == code
+    received = bench.ask(encode_frame(2, "o", b"\x00"), 2.5, 0.05) or bench.ask(
+        encode_frame(2, "o", b"\x64"), 2.6, 0.05
+    )
+    assert received is not None
+    assert received.frame.payload[69] == code
     assert bench.board.flight.companion_error == code
 
 
@@ -304,24 +306,24 @@ PAGES = [(0, 0), (1, 1), (15, 15), (16, 15), (64, 15), (255, 15)]
 @pytest.mark.parametrize(("asked", "given"), PAGES)
 def test_menu_pages(asked, given):
     bench = nc_bench()
-    heard = bench.ask(encode_frame(2, "l", bytes([asked])), 2.0)
-    assert heard is not None
-    assert heard.frame.payload[:2] == bytes([given, 15])
-    assert f"[{given}]".encode() in heard.frame.payload[:22]
+    received = bench.ask(encode_frame(2, "l", bytes([asked])), 2.0)
+    assert received is not None
+    assert received.frame.payload[:2] == bytes([given, 15])
+    assert f"[{given}]".encode() in received.frame.payload[:22]
 
 
 def test_menu_keys():
     bench = nc_bench()
     shown = []
     for number, keys in enumerate((0xFF, 0xFD, 0xFD, 0xFE, 0xFC, 0xFE)):
-        heard = bench.ask(encode_frame(2, "h", bytes([keys, 0])), 2.0 + 0.1 * number, 0.08)
-        shown.append(heard.frame.payload[:20].decode().rpartition("[")[2].rstrip("]"))
+        received = bench.ask(encode_frame(2, "h", bytes([keys, 0])), 2.0 + 0.1 * number, 0.08)
+        shown.append(received.frame.payload[:20].decode().rpartition("[")[2].rstrip("]"))
     assert shown == ["0", "1", "2", "1", "0", "15"]
 
 
 def test_the_obsolete_display_format_is_refused_once():
     bench = nc_bench()
-    heard = bench.ask(encode_frame(2, "h", b"\x05\x0a"), 2.0, 2.0)
-    assert heard is not None
-    assert len(heard.frame.raw) == 34
+    received = bench.ask(encode_frame(2, "h", b"\x05\x0a"), 2.0, 2.0)
+    assert received is not None
+    assert len(received.frame.raw) == 34
     assert bench.ids() == "H"

@@ -54,7 +54,7 @@ def replay(path):
         else:
             genuine += [item for item in decoder.feed(raw) if isinstance(item, Frame)]
     bench.run(START_TIME + entries[-1]["t"] + 0.5)
-    return genuine, [heard.frame for heard in bench.heard]
+    return genuine, [received.frame for received in bench.received]
 
 
 def kinds(frames):

@@ -6,8 +6,8 @@ import numpy as np
 import numpy.typing as npt
 
 from mkdaemon.frames import rotation_from_euler
+from mkdaemon.sim.scene.layers import Layer, sheet_layer
 from mkdaemon.sim.scene.light import Conditions
-from mkdaemon.sim.scene.print import Layer, sheet_layer
 from mkdaemon.sim.scene.scene import Scene, SceneTarget
 from mkdaemon.sim.scene.view import CameraView, Pose
 from mkdaemon.vision.camera.intrinsics import Intrinsics

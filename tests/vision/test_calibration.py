@@ -13,8 +13,8 @@ from mkdaemon.config.camera import MountSection
 from mkdaemon.config.vision import BoardSection, TargetSection
 from mkdaemon.errors import ConfigError, VisionError
 from mkdaemon.sim.scene.flights import FLU_FROM_CAM_DOWN
+from mkdaemon.sim.scene.layers import board_layer, sheet_layer, tag_layer
 from mkdaemon.sim.scene.light import Conditions
-from mkdaemon.sim.scene.print import board_layer, sheet_layer, tag_layer
 from mkdaemon.vision.calibrate.board import BoardPoints, CharucoBoard, TagBoard
 from mkdaemon.vision.calibrate.calibration import CalibrationResult, calibrate, hold_out_rms, rounded
 from mkdaemon.vision.calibrate.coverage import Coverage

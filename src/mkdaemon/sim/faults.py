@@ -57,7 +57,7 @@ class FaultSpec:
         reader: who acts on it.
         effect: what happens, in one sentence.
         parameters: what it takes.
-        duration: how long it lasts unless told otherwise [s]; None lasts until stopped.
+        duration: how long it lasts unless the request says so [s]; None lasts until stopped.
         once: an event: its reader takes it and it is over.
     """
 
@@ -146,7 +146,7 @@ class Faults:
 
     Attributes:
         now: simulated time, kept by the world [s].
-        generation: grows with every change, so that a reader can tell cheaply.
+        generation: grows with every change, so that a reader can compare it cheaply.
         active: running faults by name.
     """
 

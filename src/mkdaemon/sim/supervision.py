@@ -23,8 +23,8 @@ class Supervision:
     """Fly by hand until a machine takes over, rest the sticks while it flies, fly by hand again when it lets go.
 
     Attributes:
-        hand: the flight by hand that runs, None while the machine flies or the pilot waits for it.
-        handed_over: how often a machine took over.
+        flight: the flight by hand that runs, None while the machine flies or the pilot waits for it.
+        take_overs: how often a machine took over.
     """
 
     def __init__(
@@ -52,27 +52,27 @@ class Supervision:
         self._machine_flies = False
         self._has_flown = False
         self._down_since: float | None = None
-        self.hand: HandFlight | None = HandFlight(height=height) if take_off else None
-        self.handed_over = 0
+        self.flight: HandFlight | None = HandFlight(height=height) if take_off else None
+        self.take_overs = 0
 
     def fly(self, pilot: Pilot, view: FlightView, now: float) -> None:
         """Move the sticks."""
         if self._is_external():
-            self._let_fly(pilot, view, now)
+            self._rest_sticks(pilot, view, now)
         elif self._machine_flies:
-            self._take_back(view, now)
-        if self.hand is not None:
-            self.hand.fly(pilot, view, now)
+            self._resume_control(view, now)
+        if self.flight is not None:
+            self.flight.fly(pilot, view, now)
 
-    def _let_fly(self, pilot: Pilot, view: FlightView, now: float) -> None:
+    def _rest_sticks(self, pilot: Pilot, view: FlightView, now: float) -> None:
         """Rest the sticks, unless the pilot is still busy taking off or landing."""
-        if self.hand is not None and self.hand.phase is not Phase.FLY:
+        if self.flight is not None and self.flight.phase is not Phase.FLY:
             return
         if not self._machine_flies:
             self._machine_flies = True
-            self.handed_over += 1
+            self.take_overs += 1
         self._released_at = None
-        self.hand = None
+        self.flight = None
         pilot.set_sticks(gas=-STICK_LIMIT if self._has_landed(view, now) else self._ceiling)
 
     def _has_landed(self, view: FlightView, now: float) -> bool:
@@ -87,7 +87,7 @@ class Supervision:
         down_since = self._down_since
         return self._has_flown and down_since is not None and now - down_since > LANDED
 
-    def _take_back(self, view: FlightView, now: float) -> None:
+    def _resume_control(self, view: FlightView, now: float) -> None:
         """After the reaction time, hover here; on the ground, stop the motors."""
         if self._released_at is None:
             self._released_at = now
@@ -96,7 +96,7 @@ class Supervision:
         self._machine_flies = False
         airframe = view.airframe
         if airframe.on_ground:
-            self.hand = HandFlight.stopping()
+            self.flight = HandFlight.stopping()
             return
         surface = airframe.ground.at(airframe.east, airframe.north, now)[0]
-        self.hand = HandFlight(height=airframe.up - surface, flying=True)
+        self.flight = HandFlight(height=airframe.up - surface, flying=True)

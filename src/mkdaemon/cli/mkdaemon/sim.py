@@ -12,8 +12,8 @@ from cyclopts import Parameter
 
 from mkdaemon.cli.arguments import require_length
 from mkdaemon.cli.mkdaemon.logs import configure
-from mkdaemon.cli.mkdaemon.sim_bus import joined
-from mkdaemon.cli.mkdaemon.sim_camera import FilmOutlet, filming, open_camera, open_world
+from mkdaemon.cli.mkdaemon.sim_bus import sim_on_bus
+from mkdaemon.cli.mkdaemon.sim_camera import CameraPublisher, open_camera, open_world, run_camera
 from mkdaemon.config.reader import load
 from mkdaemon.config.root import Config
 from mkdaemon.sim.runtime import Runtime
@@ -66,11 +66,11 @@ async def _serve(config: Config, seconds: float | None) -> None:
     simulation = Simulation(config.sim, open_world(config.sim))
     camera = open_camera(config.sim)
     runtime = Runtime(simulation, listen=config.sim.listen)
-    outlet = FilmOutlet(config.vehicle.name, config.sim.scene.name)
+    publisher = CameraPublisher(config.vehicle.name, config.sim.scene.name)
     async with (
         runtime.serve(),
-        filming(camera, simulation, config.sim, outlet),
-        joined(simulation, config.sim, config.vehicle.name, outlet),
+        run_camera(camera, simulation, config.sim, publisher),
+        sim_on_bus(simulation, config.sim, config.vehicle.name, publisher),
     ):
         print(json.dumps({"port": runtime.port}), flush=True)
         ends = [asyncio.ensure_future(event.wait()) for event in (stop, runtime.ended)]

@@ -20,7 +20,7 @@ from mkdaemon.bus.codec import decode_map, encode, encode_map, encoding_of, read
 from mkdaemon.bus.gateway import refused
 from mkdaemon.bus.keys import key
 from mkdaemon.bus.session import close_session, open_session, session_config
-from mkdaemon.cli.mkdaemon.sim_camera import FilmOutlet
+from mkdaemon.cli.mkdaemon.sim_camera import CameraPublisher
 from mkdaemon.config.sim import SimConfig
 from mkdaemon.errors import CommandRejectedError, ConfigError, MkError
 from mkdaemon.sim.simulation import Simulation
@@ -73,7 +73,7 @@ def faults_of(simulation: Simulation) -> SimFaults:
     )
 
 
-def obey(simulation: Simulation, request: FaultRequest) -> CommandResult:
+def apply_fault_request(simulation: Simulation, request: FaultRequest) -> CommandResult:
     """Do what a fault request asks; the answer lists what runs then.
 
     Raises:
@@ -129,11 +129,11 @@ class SimBus:
         self._publishers[suffix].put(encode(value), encoding=encoding_of(type(value)))
 
     def _answer(self, query: zenoh.Query) -> None:
-        """Reply with last values; obey a fault request addressed to exactly its key."""
+        """Reply with last values; apply a fault request addressed to exactly its key."""
         with query:
             own = key(self._vehicle, FAULT)
             if str(query.key_expr) == own:
-                query.reply(own, encode(self._judge(query)), encoding=encoding_of(CommandResult))
+                query.reply(own, encode(self._handle_fault_request(query)), encoding=encoding_of(CommandResult))
                 return
             for suffix, (value, stamp) in self._last.items():
                 whole = key(self._vehicle, suffix)
@@ -141,17 +141,17 @@ class SimBus:
                     fields = decode_map(encode(value)) | {"age": round(time.monotonic() - stamp, 6)}
                     query.reply(whole, encode_map(fields), encoding=encoding_of(type(value)))
 
-    def _judge(self, query: zenoh.Query) -> CommandResult:
+    def _handle_fault_request(self, query: zenoh.Query) -> CommandResult:
         payload = query.payload.to_bytes() if query.payload is not None else b""
         try:
-            return obey(self._simulation, read_command(FaultRequest, payload))
+            return apply_fault_request(self._simulation, read_command(FaultRequest, payload))
         except CommandRejectedError as error:
             return refused(error)
 
 
 @contextlib.asynccontextmanager
-async def joined(
-    simulation: Simulation, config: SimConfig, vehicle: str, outlet: FilmOutlet | None = None
+async def sim_on_bus(
+    simulation: Simulation, config: SimConfig, vehicle: str, publisher: CameraPublisher | None = None
 ) -> AsyncIterator[None]:
     """Be on the bus, whenever somebody listens, for as long as the context lasts.
 
@@ -162,7 +162,7 @@ async def joined(
         if not _ENDPOINT.fullmatch(endpoint):
             msg = f"sim.connect '{endpoint}': give an endpoint like tcp/127.0.0.1:7447"
             raise ConfigError(msg)
-    job = asyncio.create_task(_join(simulation, config, vehicle, outlet), name="simulator on the bus")
+    job = asyncio.create_task(_stay_connected(simulation, config, vehicle, publisher), name="simulator on the bus")
     try:
         yield
     finally:
@@ -171,7 +171,9 @@ async def joined(
             await job
 
 
-async def _join(simulation: Simulation, config: SimConfig, vehicle: str, outlet: FilmOutlet | None) -> None:
+async def _stay_connected(
+    simulation: Simulation, config: SimConfig, vehicle: str, publisher: CameraPublisher | None
+) -> None:
     if not config.connect:
         return
     while True:
@@ -188,7 +190,7 @@ async def _join(simulation: Simulation, config: SimConfig, vehicle: str, outlet:
             await asyncio.sleep(_RETRY)
             continue
         try:
-            with outlet.open(session) if outlet is not None else contextlib.nullcontext():
+            with publisher.open(session) if publisher is not None else contextlib.nullcontext():
                 await SimBus(session, simulation, vehicle).publish(config.truth_rate_hz)
         finally:
             await asyncio.shield(close_session(session))

@@ -20,8 +20,8 @@ if TYPE_CHECKING:
     from mkdaemon.sim.scene.camera import SceneCamera
     from mkdaemon.sim.scene.outputs import FrameWriter
 
-LOOK_TIME = 0.002
-"""Time between two looks at the clock: exposures are this punctual, their stamps exact."""
+CAMERA_TICK_TIME = 0.002
+"""Period of the clock check [s]: exposures are this punctual, their stamps exact."""
 
 
 def open_camera(config: SimConfig) -> SceneCamera | None:
@@ -46,8 +46,8 @@ def open_world(config: SimConfig) -> World | None:
     return landing_world(config)
 
 
-class FilmOutlet:
-    """Where pictures leave for the bus: nowhere until a session is given, and again when it is taken away."""
+class CameraPublisher:
+    """Publishes pictures while it has a session; without one they are dropped."""
 
     def __init__(self, vehicle: str, camera: str) -> None:
         self._key = key(vehicle, f"sim/camera/{camera}")
@@ -77,8 +77,8 @@ class FilmOutlet:
 
 
 @contextlib.asynccontextmanager
-async def filming(
-    camera: SceneCamera | None, simulation: Simulation, config: SimConfig, outlet: FilmOutlet
+async def run_camera(
+    camera: SceneCamera | None, simulation: Simulation, config: SimConfig, publisher: CameraPublisher
 ) -> AsyncIterator[None]:
     """Take pictures for as long as the context lasts: for the bus while it is there, for video and loop device always.
 
@@ -91,14 +91,14 @@ async def filming(
     from mkdaemon.sim.scene.feed import SceneFeed
 
     writers = _writers(camera)
-    feed = SceneFeed(camera, outlet.send, seed=config.seed, writers=writers)
+    feed = SceneFeed(camera, publisher.send, seed=config.seed, writers=writers)
     feed.start()
 
     async def expose() -> None:
         while True:
-            if writers or outlet.is_open:
+            if writers or publisher.is_open:
                 feed.tick(simulation.now, simulation.world.truth, simulation.world.faults)
-            await asyncio.sleep(LOOK_TIME)
+            await asyncio.sleep(CAMERA_TICK_TIME)
 
     job = asyncio.create_task(expose(), name="simulated camera")
     try:

@@ -62,7 +62,7 @@ class Eeprom:
         self.motor_configs = [factory] * MOTORS
         if path is not None and path.exists():
             self._read(path)
-        self.save()  # a place that cannot be written is said now, not in flight
+        self.save()  # a place that cannot be written is an error now, not in flight
 
     def _factory(self, number: int) -> bytes:
         return Parameters(factory_set(self._revision, number)).with_value("external_control", self._gate_parameter)

@@ -1,4 +1,4 @@
-"""External control inside a FlightCtrl: what it holds, for how long, and how it meets the pilot's sticks.
+"""External control inside a FlightCtrl: what it holds, for how long, and how it is added to the pilot's sticks.
 
 Source: docs/firmware-notes, "External control"; docs/safety.md, "dead-man"; docs/protocol.md, "ExternalControl".
 """
@@ -30,9 +30,9 @@ class Sticks:
     throttle: float
 
     @classmethod
-    def from_receiver(cls, heard: Transmitter) -> Sticks:
+    def from_receiver(cls, transmitter: Transmitter) -> Sticks:
         """Take the pilot's sticks."""
-        return cls(heard.pitch, heard.roll, heard.yaw, heard.gas)
+        return cls(transmitter.pitch, transmitter.roll, transmitter.yaw, transmitter.gas)
 
 
 def _clip(value: float) -> float:

@@ -8,7 +8,7 @@ need the board's own address; those of the second are obeyed whatever the addres
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 from mkdaemon.protocol.messages import (
     Mixer,
@@ -17,12 +17,11 @@ from mkdaemon.protocol.messages import (
     SettingsSelected,
     SettingsWritten,
 )
+from mkdaemon.sim.boards import fc_display
 from mkdaemon.sim.boards.eeprom import BL_SIZE, MIXER_REVISION, MIXER_SIZE
+from mkdaemon.sim.boards.fc_board import FcBoard
 from mkdaemon.sim.boards.motors import READ, WRITE
 from mkdaemon.sim.boards.parameters import SETS, clamp_written, parameter_size
-
-if TYPE_CHECKING:
-    from mkdaemon.sim.boards.fc import FlightCtrl
 
 _OWN_ADDRESS: Final = 1
 _ACTIVE: Final = 255
@@ -41,7 +40,7 @@ _FORK_BUSY: Final = (0.24, 2.5)
 """Shortest and longest time a fork's beep keeps the board busy."""
 
 
-def handle(board: FlightCtrl, now: float) -> None:
+def handle(board: FcBoard, now: float) -> None:
     """Handle the frame in the receive buffer."""
     buffer = board.rx.buffer
     buffer.decode_in_place()
@@ -56,63 +55,63 @@ def handle(board: FlightCtrl, now: float) -> None:
         handler(board, now)
 
 
-def _read(board: FlightCtrl, size: int) -> bytes:
+def _read(board: FcBoard, size: int) -> bytes:
     return board.rx.buffer.payload(size)
 
 
 # --- any address ---
 
 
-def _version(board: FlightCtrl, now: float) -> None:
+def _version(board: FcBoard, now: float) -> None:
     asked = _read(board, 1)[0]
-    board.speech.wanted.version = asked if board.generation.release >= (2, 0, 0) else 0
+    board.requests.version = asked if board.generation.release >= (2, 0, 0) else 0
 
 
-def _control_state(board: FlightCtrl, now: float) -> None:
-    board.speech.wanted.control = True
+def _control_state(board: FcBoard, now: float) -> None:
+    board.requests.control = True
 
 
-def _label(board: FlightCtrl, now: float) -> None:
-    board.speech.wanted.label = min(_read(board, 1)[0], _LABELS)
+def _label(board: FcBoard, now: float) -> None:
+    board.requests.label = min(_read(board, 1)[0], _LABELS)
 
 
-def _debug(board: FlightCtrl, now: float) -> None:
-    board.speech.debug.interval = _read(board, 1)[0]
-    board.speech.wanted.debug = board.speech.debug.interval > 0
-    board.speech.renew(now)
+def _debug(board: FcBoard, now: float) -> None:
+    board.requests.debug_stream.interval = _read(board, 1)[0]
+    board.requests.debug = board.requests.debug_stream.interval > 0
+    board.requests.renew(now)
 
 
-def _attitude(board: FlightCtrl, now: float) -> None:
-    board.speech.attitude.interval = _read(board, 1)[0]
-    board.speech.attitude.restart(now)
-    board.speech.renew(now)
+def _attitude(board: FcBoard, now: float) -> None:
+    board.requests.attitude_stream.interval = _read(board, 1)[0]
+    board.requests.attitude_stream.restart(now)
+    board.requests.renew(now)
 
 
-def _display(board: FlightCtrl, now: float) -> None:
+def _display(board: FcBoard, now: float) -> None:
     keys, interval = _read(board, 2)
-    board.menu.press(board, keys)
+    fc_display.press_keys(board, keys)
     # the obsolete format is refused once, not streamed
-    board.speech.display.interval = interval if keys & 0x80 else 0
-    board.speech.wanted.display = True
-    board.speech.renew(now)
+    board.requests.display_stream.interval = interval if keys & 0x80 else 0
+    board.requests.display = True
+    board.requests.renew(now)
 
 
-def _menu(board: FlightCtrl, now: float) -> None:
-    board.speech.wanted.menu = _read(board, 1)[0]
+def _menu(board: FcBoard, now: float) -> None:
+    board.requests.menu = _read(board, 1)[0]
 
 
-def _control(board: FlightCtrl, now: float) -> None:
+def _control(board: FcBoard, now: float) -> None:
     external = board.external
     if external.accepts(board.rx.buffer.length):
         external.take(_read(board, external.size))
 
 
-def _compass(board: FlightCtrl, now: float) -> None:
+def _compass(board: FcBoard, now: float) -> None:
     board.forced_heading = int.from_bytes(_read(board, 2), "little", signed=True)
 
 
-def _motor_test(board: FlightCtrl, now: float) -> None:
-    board.speech.renew(now)
+def _motor_test(board: FcBoard, now: float) -> None:
+    board.requests.renew(now)
     reply = board.motors.test(_read(board, 16), board.rx.buffer.length, now)
     if board.generation.release >= (2, 0, 0):
         board.send_when_free(reply, now + _SETTLE)
@@ -121,16 +120,16 @@ def _motor_test(board: FlightCtrl, now: float) -> None:
 # --- own address ---
 
 
-def _receiver(board: FlightCtrl, now: float) -> None:
-    board.speech.wanted.receiver = True
+def _receiver(board: FcBoard, now: float) -> None:
+    board.requests.receiver = True
 
 
-def _mixer(board: FlightCtrl, now: float) -> None:
+def _mixer(board: FcBoard, now: float) -> None:
     if board.generation.answers_mixer:
         board.send_when_free(Mixer.decode(board.eeprom.mixer), now + _SETTLE)
 
 
-def _write_mixer(board: FlightCtrl, now: float) -> None:
+def _write_mixer(board: FcBoard, now: float) -> None:
     if not board.generation.answers_mixer:
         return
     raw = _read(board, MIXER_SIZE)
@@ -142,7 +141,7 @@ def _write_mixer(board: FlightCtrl, now: float) -> None:
     board.send_when_free(MixerWritten(stored=int(stored)), done)
 
 
-def _settings(board: FlightCtrl, now: float) -> None:
+def _settings(board: FcBoard, now: float) -> None:
     index = _read(board, 1)[0]
     running = board.core.running
     if running and "q" in board.generation.deaf_when_running:
@@ -158,7 +157,7 @@ def _settings(board: FlightCtrl, now: float) -> None:
     _send_settings(board, number, board.live.raw, now + _EEPROM_READ)
 
 
-def _reset_settings(board: FlightCtrl, index: int, now: float) -> None:
+def _reset_settings(board: FcBoard, index: int, now: float) -> None:
     number = min(max(index % 10, 1), SETS)
     eeprom = board.eeprom
     eeprom.reset_set(number, keep_channels=index < 20)
@@ -168,11 +167,11 @@ def _reset_settings(board: FlightCtrl, index: int, now: float) -> None:
     _send_settings(board, number, board.live.raw, now + _RESET_SET)
 
 
-def _send_settings(board: FlightCtrl, number: int, raw: bytes, at: float) -> None:
+def _send_settings(board: FcBoard, number: int, raw: bytes, at: float) -> None:
     board.send_when_free(Settings.decode(bytes([number]) + raw), at)
 
 
-def _write_settings(board: FlightCtrl, now: float) -> None:
+def _write_settings(board: FcBoard, now: float) -> None:
     size = parameter_size(board.generation.revision)
     index, raw = _read(board, 1)[0], _read(board, 1 + size)[1:]
     if not 1 <= index <= SETS or raw[0] != board.generation.revision or board.core.running:
@@ -187,7 +186,7 @@ def _write_settings(board: FlightCtrl, now: float) -> None:
     board.block(now + _SET_WRITE + index * _BEEP)
 
 
-def _select_settings(board: FlightCtrl, now: float) -> None:
+def _select_settings(board: FcBoard, now: float) -> None:
     if board.core.running:
         return
     number = _read(board, 1)[0]
@@ -198,19 +197,19 @@ def _select_settings(board: FlightCtrl, now: float) -> None:
     board.block(now + _SELECT + active * _BEEP)
 
 
-def _serial_channels(board: FlightCtrl, now: float) -> None:
+def _serial_channels(board: FcBoard, now: float) -> None:
     raw = _read(board, 12)
     board.serial_channels = [value - 256 if value > 127 else value for value in raw]
 
 
-def _read_motor_controller(board: FlightCtrl, now: float) -> None:
+def _read_motor_controller(board: FcBoard, now: float) -> None:
     motor = _read(board, 1)[0]
     reply = board.motors.read(motor, running=board.core.running)
     took = READ if reply.done else _SETTLE
     board.send_when_free(reply, now + took)
 
 
-def _write_motor_controller(board: FlightCtrl, now: float) -> None:
+def _write_motor_controller(board: FcBoard, now: float) -> None:
     if board.rx.buffer.encoded_length < BL_SIZE + 1:
         return
     raw = _read(board, BL_SIZE + 1)
@@ -219,29 +218,29 @@ def _write_motor_controller(board: FlightCtrl, now: float) -> None:
     board.send_when_free(reply, now + took)
 
 
-def _bridge(board: FlightCtrl, now: float) -> None:
+def _bridge(board: FcBoard, now: float) -> None:
     board.bridged = not board.core.running
 
 
 # --- the fork ---
 
 
-def _arm(board: FlightCtrl, now: float) -> None:
+def _arm(board: FcBoard, now: float) -> None:
     if board.core.calibrated and not board.companion_error:
         board.core.start()
 
 
-def _disarm(board: FlightCtrl, now: float) -> None:
+def _disarm(board: FcBoard, now: float) -> None:
     board.core.stop()
     board.block(now + _STOP)
 
 
-def _calibrate(board: FlightCtrl, now: float) -> None:
+def _calibrate(board: FcBoard, now: float) -> None:
     board.core.calibrate()
     board.block(now + 1.5)
 
 
-def _beep(board: FlightCtrl, now: float) -> None:
+def _beep(board: FcBoard, now: float) -> None:
     if board.core.running:
         return
     raw = _read(board, 3)
@@ -249,7 +248,7 @@ def _beep(board: FlightCtrl, now: float) -> None:
     board.block(now + max(_FORK_BUSY[0], min(_FORK_BUSY[1], length)))
 
 
-_Handler = Callable[["FlightCtrl", float], None]
+_Handler = Callable[[FcBoard, float], None]
 
 _ANY: Final[dict[str, _Handler]] = {
     "v": _version,

@@ -1,9 +1,9 @@
-"""What a FlightCtrl says: each reply built from the project's own messages. No state, no timing."""
+"""The replies of a FlightCtrl, each built from the project's own messages. No state, no timing."""
 
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 from mkdaemon.protocol.flags import BoardStatus, FlightFault0, FlightFault1, VersionFlags
 from mkdaemon.protocol.messages import (
@@ -22,10 +22,8 @@ from mkdaemon.protocol.messages import (
 )
 from mkdaemon.protocol.wire import WireMessage
 from mkdaemon.sim.boards.external import FULL
+from mkdaemon.sim.boards.fc_board import FcBoard
 from mkdaemon.sim.boards.labels import FC_LABELS, label, label_checksum
-
-if TYPE_CHECKING:
-    from mkdaemon.sim.boards.fc import FlightCtrl
 
 PROTOCOL_MAJOR: Final = 11
 _EARLY_PROTOCOL_MAJOR: Final = 10
@@ -44,7 +42,7 @@ def bounded(value: float, bits: int = 16) -> int:
     return max(-top, min(top, round(value)))
 
 
-def version(board: FlightCtrl) -> WireMessage:
+def version(board: FcBoard) -> WireMessage:
     """Build V."""
     generation = board.generation
     major, minor, patch = generation.release
@@ -90,7 +88,7 @@ def version(board: FlightCtrl) -> WireMessage:
     )
 
 
-def companion_version(board: FlightCtrl) -> WireMessage:
+def companion_version(board: FcBoard) -> WireMessage:
     """Build V as asked with payload 2: the NaviCtrl's release as learnt over SPI; zeros and faults without one."""
     major, minor, patch = board.companion_release
     fault = 0 if board.has_companion else 0xFF
@@ -105,7 +103,7 @@ def companion_version(board: FlightCtrl) -> WireMessage:
     )
 
 
-def control_state(board: FlightCtrl) -> WireMessage:
+def control_state(board: FcBoard) -> WireMessage:
     """Build G."""
     return board.external.held
 
@@ -116,7 +114,7 @@ def name(index: int) -> WireMessage:
     return Label(index=number, text=text)
 
 
-def attitude(board: FlightCtrl) -> WireMessage:
+def attitude(board: FcBoard) -> WireMessage:
     """Build C."""
     sensors = board.aircraft.sensors
     pitch = bounded(math.degrees(sensors.fc_angle_pitch) * 10.0 * _SHOWN)
@@ -134,7 +132,7 @@ def attitude(board: FlightCtrl) -> WireMessage:
     )
 
 
-def debug(board: FlightCtrl) -> WireMessage:
+def debug(board: FcBoard) -> WireMessage:
     """Build D; the channel meanings are the labels'."""
     sensors, core = board.aircraft.sensors, board.core
     motors = board.motors.setpoints(board.now) or sensors.motor_setpoints
@@ -167,7 +165,7 @@ def debug(board: FlightCtrl) -> WireMessage:
     return DebugDataFc(status_green=green, status_red=BoardStatus(0), analog=tuple(analog))
 
 
-def receiver(board: FlightCtrl) -> WireMessage:
+def receiver(board: FcBoard) -> WireMessage:
     """Build P: 0 level, 1..16 receiver, 17..28 serial channels, 29 waypoint event, 30..32 fixed, 33 and 34 spare."""
     count = board.generation.channels
     channels = [0] * 35
@@ -192,7 +190,7 @@ def confirm(frame: int) -> WireMessage:
     return ControlConfirm(frame=frame)
 
 
-def compass_feed(board: FlightCtrl) -> WireMessage:
+def compass_feed(board: FcBoard) -> WireMessage:
     """Build the attitude for an MK3Mag."""
     sensors = board.aircraft.sensors
     return CompassFeedOld(

@@ -88,12 +88,12 @@ class FlightCore:
     def evaluate(self, now: float, parameters: Parameters, *, may_start: bool) -> Gesture | None:
         """Sample the receiver and external control; return a gesture that was completed."""
         pilot = self._aircraft.pilot
-        heard = pilot.rc_quality
-        period = RECEIVER_FRAME if heard > 0 else BLIND_PERIOD
+        quality = pilot.rc_quality
+        period = RECEIVER_FRAME if quality > 0 else BLIND_PERIOD
         while self._next_at <= now:
             self._next_at += period
-        if heard > 0:
-            self.quality = min(heard, self.quality + 2 * _QUALITY_STEP)
+        if quality > 0:
+            self.quality = min(quality, self.quality + 2 * _QUALITY_STEP)
             self.receiver = Sticks.from_receiver(pilot)
             self.potis = read_potis(pilot)
         self._mix(parameters)

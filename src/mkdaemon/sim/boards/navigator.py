@@ -10,7 +10,7 @@ from typing import Final
 from mkdaemon.protocol.errorcodes import ErrorCode
 from mkdaemon.protocol.flags import FlightStatus, NaviStatus
 from mkdaemon.sim.boards.external import RC_LOST
-from mkdaemon.sim.boards.fc import FlightCtrl
+from mkdaemon.sim.boards.fc_board import FcBoard
 from mkdaemon.sim.boards.generations import NcGeneration
 from mkdaemon.sim.boards.waypoints import PointList
 
@@ -32,7 +32,7 @@ class Navigator:
         operating_radius: around home [m].
     """
 
-    def __init__(self, generation: NcGeneration, flight: FlightCtrl, now: float) -> None:
+    def __init__(self, generation: NcGeneration, flight: FcBoard, now: float) -> None:
         """Begin without a fix, a home or a route."""
         self.flight = flight
         self._generation = generation

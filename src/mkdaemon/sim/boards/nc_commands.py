@@ -7,15 +7,13 @@ Source: docs/protocol.md, section 8; docs/firmware-notes, "Sending" and "Subscri
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 from mkdaemon.protocol.flags import PointType, PositionStatus
 from mkdaemon.protocol.messages import WriteWaypoint024
+from mkdaemon.sim.boards.nc_board import NcBoard
 from mkdaemon.sim.boards.redirect import TO_FLIGHTCTRL, TO_GPS
 from mkdaemon.sim.boards.waypoints import POINT_SIZE
-
-if TYPE_CHECKING:
-    from mkdaemon.sim.boards.nc import NaviCtrl
 
 _FC_ADDRESS: Final = 1
 _OWN_ADDRESS: Final = 2
@@ -25,12 +23,12 @@ _CONTROL_SIZE: Final = 9
 _SET_PARAMETER: Final = 1
 
 
-def handle(board: NaviCtrl, now: float) -> None:
+def handle(board: NcBoard, now: float) -> None:
     """Handle the collected frame."""
     buffer = board.rx.buffer
     letter, address = buffer.command, buffer.address
     if letter == "R":
-        board.reboot(now)
+        board.enter_boot_loader(now)
         return
     if address == _FC_ADDRESS and letter in "by" and not board.generation.takes_control:
         board.forward(bytes(buffer.bytes[: buffer.length]), now)
@@ -48,7 +46,7 @@ def handle(board: NaviCtrl, now: float) -> None:
     handler(board, now)
 
 
-def _read(board: NaviCtrl, size: int) -> bytes:
+def _read(board: NcBoard, size: int) -> bytes:
     return board.rx.buffer.payload(size)
 
 
@@ -56,15 +54,15 @@ def _word(raw: bytes) -> int:
     return int.from_bytes(raw, "little", signed=True)
 
 
-def _echo(board: NaviCtrl, now: float) -> None:
+def _echo(board: NcBoard, now: float) -> None:
     board.ask("Z", int.from_bytes(_read(board, 2), "little"))
 
 
-def _error_text(board: NaviCtrl, now: float) -> None:
+def _error_text(board: NcBoard, now: float) -> None:
     board.ask("E")
 
 
-def _target(board: NaviCtrl, now: float) -> None:
+def _target(board: NcBoard, now: float) -> None:
     raw = _read(board, POINT_SIZE)
     point = WriteWaypoint024.decode(raw)
     if point.status is PositionStatus.NEW and 1 <= point.index <= board.generation.list_size:
@@ -72,7 +70,7 @@ def _target(board: NaviCtrl, now: float) -> None:
         board.navigator.start_route()
 
 
-def _write_point(board: NaviCtrl, now: float) -> None:
+def _write_point(board: NcBoard, now: float) -> None:
     raw = _read(board, POINT_SIZE)
     was_active = board.navigator.points.active
     index = board.navigator.points.write(raw)
@@ -81,27 +79,27 @@ def _write_point(board: NaviCtrl, now: float) -> None:
     board.ask("W", index)
 
 
-def _read_point(board: NaviCtrl, now: float) -> None:
+def _read_point(board: NcBoard, now: float) -> None:
     index = _read(board, 1)[0]
     if index:
         board.ask("X", index)
 
 
-def _redirect(board: NaviCtrl, now: float) -> None:
+def _redirect(board: NcBoard, now: float) -> None:
     target = _read(board, 1)[0]
     if target > TO_GPS or (target != TO_FLIGHTCTRL and board.flight.core.running):
         return
     board.redirection.start(target, now)
 
 
-def _parameter(board: NaviCtrl, now: float) -> None:
+def _parameter(board: NcBoard, now: float) -> None:
     raw = _read(board, 4)
     if raw[0] == _SET_PARAMETER:
         board.parameters[raw[1]] = _word(raw[2:4])
     board.ask("J", raw[1])
 
 
-def _osd(board: NaviCtrl, now: float) -> None:
+def _osd(board: NcBoard, now: float) -> None:
     raw = _read(board, 3)
     budget = int.from_bytes(raw[1:3], "little") if board.generation.data_sets else 0
     board.byte_budget = budget
@@ -109,48 +107,48 @@ def _osd(board: NaviCtrl, now: float) -> None:
 
 
 def _stream(letter: str) -> _Handler:
-    def subscribe(board: NaviCtrl, now: float) -> None:
+    def subscribe(board: NcBoard, now: float) -> None:
         board.subscribe(letter, _read(board, 1)[0], now)
 
     return subscribe
 
 
-def _display(board: NaviCtrl, now: float) -> None:
+def _display(board: NcBoard, now: float) -> None:
     keys, interval = _read(board, 2)
-    board.menu.press(keys)
+    board.menu.turn(keys)
     # the obsolete format is refused once, not streamed
     board.subscribe("H", interval if keys & 0x80 else 0, now)
     board.ask("H")
 
 
-def _menu(board: NaviCtrl, now: float) -> None:
+def _menu(board: NcBoard, now: float) -> None:
     board.ask("L", _read(board, 1)[0])
 
 
-def _label(board: NaviCtrl, now: float) -> None:
+def _label(board: NcBoard, now: float) -> None:
     board.ask("A", min(_read(board, 1)[0], _LABELS))
 
 
-def _version(board: NaviCtrl, now: float) -> None:
+def _version(board: NcBoard, now: float) -> None:
     board.ask("V")
 
 
-def _time(board: NaviCtrl, now: float) -> None:
+def _time(board: NcBoard, now: float) -> None:
     board.ask("T")
 
 
-def _control(board: NaviCtrl, now: float) -> None:
+def _control(board: NcBoard, now: float) -> None:
     raw = _read(board, _CONTROL_SIZE)
     board.control(raw[: board.flight.external.size])
     if raw[4]:
         board.ask("B", raw[4])
 
 
-def _serial_channels(board: NaviCtrl, now: float) -> None:
+def _serial_channels(board: NcBoard, now: float) -> None:
     board.flight.serial_channels = [value - 256 if value > 127 else value for value in _read(board, 12)]
 
 
-_Handler = Callable[["NaviCtrl", float], None]
+_Handler = Callable[[NcBoard, float], None]
 
 _OWN: Final[dict[str, _Handler]] = {
     "z": _echo,

@@ -1,11 +1,11 @@
-"""What a NaviCtrl says: each reply built from the project's own messages."""
+"""The replies of a NaviCtrl, each built from the project's own messages."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
 from datetime import UTC, datetime, timedelta
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 from mkdaemon.protocol.errorcodes import describe_error
 from mkdaemon.protocol.flags import BoardStatus, PositionStatus
@@ -30,14 +30,13 @@ from mkdaemon.protocol.messages import (
     WaypointWritten,
 )
 from mkdaemon.protocol.wire import Board, WireMessage
+from mkdaemon.sim.boards import nc_display
 from mkdaemon.sim.boards.external import FULL
 from mkdaemon.sim.boards.fc_replies import PROTOCOL_MAJOR, bounded
 from mkdaemon.sim.boards.labels import NC_LABELS, label
+from mkdaemon.sim.boards.nc_board import NcBoard
 from mkdaemon.sim.boards.nc_sets import build_set
 from mkdaemon.sim.boards.waypoints import distance_and_bearing
-
-if TYPE_CHECKING:
-    from mkdaemon.sim.boards.nc import NaviCtrl
 
 _OSD_VERSION: Final = 5
 _START_OF_TIME: Final = datetime(2026, 6, 1, 12, tzinfo=UTC)
@@ -45,7 +44,7 @@ _START_OF_TIME: Final = datetime(2026, 6, 1, 12, tzinfo=UTC)
 _SPI_PERIOD: Final = 0.02
 
 
-def build(board: NaviCtrl, letter: str, value: int) -> bytes | None:
+def build(board: NcBoard, letter: str, value: int) -> bytes | None:
     """Build the reply frame of this letter; `value` is what the request slot held. None sends nothing."""
     if letter == "E":
         return encode_frame(int(Board.NC), letter, _error_text(board))
@@ -53,23 +52,23 @@ def build(board: NaviCtrl, letter: str, value: int) -> bytes | None:
     return None if message is None else message.to_frame(Board.NC)
 
 
-def _confirm(board: NaviCtrl, value: int) -> WireMessage:
+def _confirm(board: NcBoard, value: int) -> WireMessage:
     return ControlConfirm(frame=value)
 
 
-def _echo(board: NaviCtrl, value: int) -> WireMessage:
+def _echo(board: NcBoard, value: int) -> WireMessage:
     return Echo(pattern=value)
 
 
-def _parameter(board: NaviCtrl, value: int) -> WireMessage:
+def _parameter(board: NcBoard, value: int) -> WireMessage:
     return NaviParameter.decode(bytes([value]) + (board.parameters.get(value, 0) & 0xFFFF).to_bytes(2, "little"))
 
 
-def _written(board: NaviCtrl, value: int) -> WireMessage:
+def _written(board: NcBoard, value: int) -> WireMessage:
     return WaypointWritten(index=value)
 
 
-def _point(board: NaviCtrl, value: int) -> WireMessage | None:
+def _point(board: NcBoard, value: int) -> WireMessage | None:
     raw = board.navigator.points.read(value)
     if raw is None:
         return None
@@ -78,34 +77,34 @@ def _point(board: NaviCtrl, value: int) -> WireMessage | None:
     return (Waypoint2x if board.generation.data_sets else Waypoint024).decode(raw)
 
 
-def _label(board: NaviCtrl, value: int) -> WireMessage:
+def _label(board: NcBoard, value: int) -> WireMessage:
     number, text = label(NC_LABELS, value)
     return Label(index=number, text=text)
 
 
-def _version(board: NaviCtrl, value: int) -> WireMessage:
+def _version(board: NcBoard, value: int) -> WireMessage:
     major, minor, patch = board.generation.release
     if board.generation.data_sets:
         return NaviVersion200.decode(bytes((major, minor, PROTOCOL_MAJOR, 0, patch, 0, 0, 20, 0, 1)))
     return NaviVersionClassic.decode(bytes((major, minor, PROTOCOL_MAJOR, 0, patch, 0, 0, 0, 0, 0)))
 
 
-def _error_text(board: NaviCtrl) -> bytes:
+def _error_text(board: NcBoard) -> bytes:
     """The text and, behind its end, what stood there before: no message class can say that."""
     text = describe_error(board.navigator.error_code)[: ErrorText.spec.size - 1].encode("latin-1", "replace") + b"\0"
     board.error_text[: len(text)] = text
     return bytes(board.error_text)
 
 
-def _display(board: NaviCtrl, value: int) -> WireMessage:
-    return board.menu.display(board)
+def _display(board: NcBoard, value: int) -> WireMessage:
+    return nc_display.display(board)
 
 
-def _menu(board: NaviCtrl, value: int) -> WireMessage:
-    return board.menu.page(board, value)
+def _menu(board: NcBoard, value: int) -> WireMessage:
+    return nc_display.menu(board, value)
 
 
-def _attitude(board: NaviCtrl, value: int) -> WireMessage:
+def _attitude(board: NcBoard, value: int) -> WireMessage:
     sensors = board.flight.aircraft.sensors
     pitch = bounded(math.degrees(sensors.fc_angle_pitch) * 10.0)
     roll = bounded(-math.degrees(sensors.fc_angle_roll) * 10.0)
@@ -125,7 +124,7 @@ def _attitude(board: NaviCtrl, value: int) -> WireMessage:
     )
 
 
-def _debug(board: NaviCtrl, value: int) -> WireMessage:
+def _debug(board: NcBoard, value: int) -> WireMessage:
     flight = board.flight
     sensors = flight.aircraft.sensors
     gps = sensors.gps
@@ -151,7 +150,7 @@ def _debug(board: NaviCtrl, value: int) -> WireMessage:
     return DebugDataNc(status_green=green, status_red=BoardStatus(0), analog=tuple(analog))
 
 
-def _osd(board: NaviCtrl, value: int) -> WireMessage | None:
+def _osd(board: NcBoard, value: int) -> WireMessage | None:
     if board.byte_budget:
         return build_set(board)
     flight = board.flight
@@ -209,7 +208,7 @@ def _osd(board: NaviCtrl, value: int) -> WireMessage | None:
     )
 
 
-def _motor(board: NaviCtrl, value: int) -> WireMessage:
+def _motor(board: NcBoard, value: int) -> WireMessage:
     index = board.motor_order.randrange(12)
     setpoint = board.flight.aircraft.sensors.motor_setpoints[index]
     present = index < 4
@@ -223,7 +222,7 @@ def _motor(board: NaviCtrl, value: int) -> WireMessage:
     )
 
 
-def _time(board: NaviCtrl, value: int) -> WireMessage:
+def _time(board: NcBoard, value: int) -> WireMessage:
     shown = _START_OF_TIME + timedelta(seconds=board.now)
     return NaviTime(
         year=shown.year,
@@ -237,7 +236,7 @@ def _time(board: NaviCtrl, value: int) -> WireMessage:
     )
 
 
-_BUILDERS: Final[dict[str, Callable[[NaviCtrl, int], WireMessage | None]]] = {
+_BUILDERS: Final[dict[str, Callable[[NcBoard, int], WireMessage | None]]] = {
     "B": _confirm,
     "J": _parameter,
     "Z": _echo,

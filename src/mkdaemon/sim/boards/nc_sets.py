@@ -7,7 +7,7 @@ not change is sent less often.
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 from mkdaemon.protocol.flags import FlightStatus, FlightStatus2, OsdStatus, OsdStatus2
 from mkdaemon.protocol.framing import padded_length
@@ -22,10 +22,8 @@ from mkdaemon.protocol.messages import (
 )
 from mkdaemon.protocol.wire import WireMessage
 from mkdaemon.sim.boards.fc_replies import bounded
+from mkdaemon.sim.boards.nc_board import NcBoard
 from mkdaemon.sim.boards.waypoints import distance_and_bearing
-
-if TYPE_CHECKING:
-    from mkdaemon.sim.boards.nc import NaviCtrl
 
 FIRST: Final = 10
 LAST: Final = 16
@@ -45,18 +43,18 @@ _STATUS_2: Final = (
 )
 
 
-def build_set(board: NaviCtrl) -> WireMessage | None:
+def build_set(board: NcBoard) -> WireMessage | None:
     """Build the next set of the rotation, or None while the byte budget is used up."""
     if not board.may_send_set(board.now):
         return None
     index = board.next_set
     board.next_set = FIRST if index >= LAST else index + 1
     message = _build(board, index)
-    board.hold_sets(_OVERHEAD + padded_length(message.spec.size) // 3 * 4)
+    board.spend_byte_budget(_OVERHEAD + padded_length(message.spec.size) // 3 * 4)
     return message
 
 
-def _head(board: NaviCtrl, index: int) -> dict[str, Any]:
+def _head(board: NcBoard, index: int) -> dict[str, Any]:
     sensors = board.flight.aircraft.sensors
     gps = sensors.gps
     fc, fc_2 = board.navigator.flight_status(), board.flight.core.status_2()
@@ -77,7 +75,7 @@ def _head(board: NaviCtrl, index: int) -> dict[str, Any]:
     }
 
 
-def _build(board: NaviCtrl, index: int) -> WireMessage:
+def _build(board: NcBoard, index: int) -> WireMessage:
     head = _head(board, index)
     flight = board.flight
     core, sensors = flight.core, flight.aircraft.sensors
@@ -157,7 +155,7 @@ def _build(board: NaviCtrl, index: int) -> WireMessage:
     )
 
 
-def _status_2(board: NaviCtrl) -> OsdStatus2:
+def _status_2(board: NcBoard) -> OsdStatus2:
     flags = OsdStatus2(0)
     fc = board.navigator.flight_status()
     for ours, shown in _STATUS_2:

@@ -7,8 +7,7 @@ from __future__ import annotations
 
 from typing import Final
 
-from mkdaemon.sim.boards.fc import FlightCtrl
-from mkdaemon.sim.boards.line import HOST_CHAR, Outbound
+from mkdaemon.sim.boards.line import HOST_CHAR, BoardPort, Outbound
 
 ESCAPE: Final = b"\x1b\x1b\x55\xaa\x00"
 TO_FLIGHTCTRL: Final = 0
@@ -28,7 +27,7 @@ class Redirection:
     SETTLE_TIME: Final = 2e-3
     """Characters within this time after the escape are lost."""
 
-    def __init__(self, flight: FlightCtrl, out: Outbound) -> None:
+    def __init__(self, flight: BoardPort, out: Outbound) -> None:
         self._flight = flight
         self._out = out
         self._matched = 0

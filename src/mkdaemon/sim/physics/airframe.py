@@ -171,18 +171,20 @@ class Airframe:
         self.on_ground = clearance <= 0.0 and v_up <= ground_up + 1e-9
         load = 0.0
         if self.on_ground:
-            self._judge_impact(self.v_up - ground_up, math.hypot(v_east - ground_east, v_north - ground_north))
+            self._check_impact(self.v_up - ground_up, math.hypot(v_east - ground_east, v_north - ground_north))
             load = max(0.0, -a_up) if v_up - ground_up > -0.5 else GRAVITY
             v_up = ground_up
-            v_east, v_north = self._slide(v_east - ground_east, v_north - ground_north, load * dt)
+            v_east, v_north = self._apply_friction(v_east - ground_east, v_north - ground_north, load * dt)
             v_east, v_north = v_east + ground_east, v_north + ground_north
             self.up = surface + self._leg
-        self._feel((v_east - self.v_east) / dt, (v_north - self.v_north) / dt, (v_up - self.v_up) / dt + GRAVITY)
+        self._set_specific_force(
+            (v_east - self.v_east) / dt, (v_north - self.v_north) / dt, (v_up - self.v_up) / dt + GRAVITY
+        )
         self.v_east, self.v_north, self.v_up = v_east, v_north, v_up
         self.east += v_east * dt
         self.north += v_north * dt
         self.up += v_up * dt
-        self._turn(torque, load, dt)
+        self._rotate(torque, load, dt)
 
     def _ground_effect(self, height: float) -> float:
         """Thrust gain near the ground (Cheeseman and Bennett, ARC R&M 3021, 1955)."""
@@ -193,7 +195,7 @@ class Airframe:
         square = ratio * ratio
         return cap if square >= 1.0 - 1.0 / cap else 1.0 / (1.0 - square)
 
-    def _judge_impact(self, v_up: float, slide: float) -> None:
+    def _check_impact(self, v_up: float, slide: float) -> None:
         """Decide whether this contact breaks the aircraft."""
         config = self._config
         if self.crashed:
@@ -205,7 +207,7 @@ class Airframe:
         elif self.tilt > math.radians(config.crash_tilt_deg):
             self.crashed, self.crash_reason = True, f"touched the ground tilted by {math.degrees(self.tilt):.0f} deg"
 
-    def _slide(self, v_east: float, v_north: float, load_dt: float) -> tuple[float, float]:
+    def _apply_friction(self, v_east: float, v_north: float, load_dt: float) -> tuple[float, float]:
         """Coulomb friction over one step on a velocity relative to the ground."""
         speed = math.hypot(v_east, v_north)
         stop = (2.0 if self.crashed else self._config.friction) * load_dt
@@ -214,14 +216,14 @@ class Airframe:
         keep = 1.0 - stop / speed
         return v_east * keep, v_north * keep
 
-    def _feel(self, f_east: float, f_north: float, f_up: float) -> None:
+    def _set_specific_force(self, f_east: float, f_north: float, f_up: float) -> None:
         """Turn a specific force from ENU to body."""
         r = self.enu_from_flu
         self.force_x = r[0] * f_east + r[3] * f_north + r[6] * f_up
         self.force_y = r[1] * f_east + r[4] * f_north + r[7] * f_up
         self.force_z = r[2] * f_east + r[5] * f_north + r[8] * f_up
 
-    def _turn(self, torque: tuple[float, float, float], load: float, dt: float) -> None:
+    def _rotate(self, torque: tuple[float, float, float], load: float, dt: float) -> None:
         """Advance attitude and rates; `load` is the legs' share of the weight [m/s2]."""
         config = self._config
         jx, jy, jz = config.inertia_roll, config.inertia_pitch, config.inertia_yaw
@@ -230,7 +232,7 @@ class Airframe:
         alpha_y = (torque[1] - (jx - jz) * s * p) / jy
         alpha_z = (torque[2] - (jy - jx) * p * q) / jz
         if load > 0.0 and not self.crashed:
-            alpha_x, alpha_y, alpha_z = self._stand(alpha_x, alpha_y, alpha_z, load, dt)
+            alpha_x, alpha_y, alpha_z = self._add_leg_torque(alpha_x, alpha_y, alpha_z, load, dt)
         if self.crashed:
             p = q = s = alpha_x = alpha_y = alpha_z = 0.0
         p = max(-_MAX_RATE, min(_MAX_RATE, p + alpha_x * dt))
@@ -249,7 +251,7 @@ class Airframe:
         self._qw, self._qx, self._qy, self._qz = w * scale, x * scale, y * scale, z * scale
         self.enu_from_flu = self._rotation()
 
-    def _stand(
+    def _add_leg_torque(
         self, alpha_x: float, alpha_y: float, alpha_z: float, load: float, dt: float
     ) -> tuple[float, float, float]:
         """Add what the legs do: right the aircraft as far as their load and radius allow, and stop it turning."""

@@ -43,7 +43,7 @@ class Phase(StrEnum):
     DONE = "done"
 
 
-class Hands:
+class StickLaw:
     """Sticks towards a position, speed and climb rate."""
 
     def __init__(self, gas: float) -> None:
@@ -120,7 +120,7 @@ class HandFlight:
         self._began: float | None = None
         self._phase_since = 0.0
         self._anchor: tuple[float, float, float] | None = None
-        self._hands = Hands(0.0 if flying else _GAS_START)
+        self._law = StickLaw(0.0 if flying else _GAS_START)
         self.phase = Phase.FLY if flying else Phase.CALIBRATE
 
     @classmethod
@@ -155,7 +155,7 @@ class HandFlight:
         if self.phase in (Phase.CALIBRATE, Phase.ARM, Phase.STOP):
             self._gesture(pilot, view, now)
         elif self.phase is not Phase.DONE:
-            self._in_air(pilot, view, now)
+            self._fly_phase(pilot, view, now)
 
     def _gesture(self, pilot: Pilot, view: FlightView, now: float) -> None:
         """Hold the stick corner of this phase, then centre the sticks for a moment."""
@@ -182,7 +182,7 @@ class HandFlight:
             if held >= 2.0 * _GESTURE + _PAUSE:
                 self._phase_since = now  # the board missed it: once more
 
-    def _in_air(self, pilot: Pilot, view: FlightView, now: float) -> None:
+    def _fly_phase(self, pilot: Pilot, view: FlightView, now: float) -> None:
         airframe = view.airframe
         assert self._anchor is not None
         east, north, ground = self._anchor
@@ -190,7 +190,7 @@ class HandFlight:
         if self.phase is Phase.LAND:
             surface = airframe.ground.at(airframe.east, airframe.north, now)[0]
             sink = _SINK_LOW if airframe.up - surface < 0.8 else _SINK
-            self._hands.move(pilot, view, (east, north), (0.0, 0.0), -sink)
+            self._law.move(pilot, view, (east, north), (0.0, 0.0), -sink)
             if airframe.on_ground:
                 pilot.set_sticks(gas=-STICK_LIMIT)
                 self._enter(Phase.STOP, now)
@@ -204,7 +204,7 @@ class HandFlight:
         elif height > self._height - 0.15:
             self._enter(Phase.FLY, now)
         climb = max(-_SINK, min(_CLIMB, 1.2 * (self._height - height)))
-        self._hands.move(pilot, view, (east + d_east, north + d_north), velocity, climb)
+        self._law.move(pilot, view, (east + d_east, north + d_north), velocity, climb)
 
     def _enter(self, phase: Phase, now: float) -> None:
         self.phase, self._phase_since = phase, now

@@ -108,21 +108,21 @@ class Pilot:
         heapq.heappush(self._script, (when, next(self._order), action))
 
     def take_over(self, now: float) -> None:
-        """See trouble at `now` [s]: after the reaction time the gate closes and the pilot flies."""
+        """Decide at `now` [s] to take over: after the reaction time the gate closes and the pilot flies."""
         if self._hand_on_at is None and self.took_over_at is None:
             self._hand_on_at = now + self._config.reaction
 
-    def hand_back(self) -> None:
+    def release_control(self) -> None:
         """Stop flying, open the gate and watch again."""
         self.took_over_at = None
         self.program = None
         self.gate = self._config.gate
 
     def update(self, view: FlightView, now: float) -> None:
-        """Run script, eyes and hands; called at every receiver frame."""
+        """Run the script, watch the aircraft, move the sticks; called at every receiver frame."""
         while self._script and self._script[0][0] <= now:
             heapq.heappop(self._script)[2](self)
-        if self._config.watches and self._sees_trouble(view):
+        if self._config.watches and self._must_take_over(view):
             self.take_over(now)
         if self._hand_on_at is not None and now >= self._hand_on_at:
             self._hand_on_at = None
@@ -132,7 +132,7 @@ class Pilot:
         if self.program is not None:
             self.program.fly(self, view, now)
 
-    def _sees_trouble(self, view: FlightView) -> bool:
+    def _must_take_over(self, view: FlightView) -> bool:
         airframe, config = view.airframe, self._config
         if self._home is None:
             self._home = (airframe.east, airframe.north)

@@ -1,4 +1,4 @@
-"""Wind as the aircraft meets it: a mean and turbulence that forgets in a few seconds."""
+"""Wind as the aircraft meets it: a mean and turbulence with a correlation time of a few seconds."""
 
 from __future__ import annotations
 

@@ -146,23 +146,23 @@ class _Weather:
         self._calm = Conditions(exposure=float(rng.uniform(0.6, 1.1)), noise_sd=float(rng.uniform(1.5, 4.0)))
 
     def is_blurred(self, time: float) -> bool:
-        return self._rules("blur", time)
+        return self._is_active("blur", time)
 
-    def _rules(self, name: str, time: float) -> bool:
+    def _is_active(self, name: str, time: float) -> bool:
         start, end = self._spells[name]
         return bool(start <= time < end)
 
     def at(self, time: float) -> Conditions:
         covers: tuple[Cover, ...] = ()
-        if self._rules("band", time):
+        if self._is_active("band", time):
             covers += (self._band,)
-        if self._rules("patches", time):
+        if self._is_active("patches", time):
             covers += self._patches
         now = replace(self._calm, covers=covers)
-        if self._rules("glare", time):
+        if self._is_active("glare", time):
             x, y = self._glare_from + self._glare_drift * (time - self._spells["glare"][0])
             now = replace(now, glare=(Glare((float(x), float(y)), self._glare_radius),))
-        if self._rules("shadow", time):
+        if self._is_active("shadow", time):
             x, y = self._shadow_drift * (time - self._spells["shadow"][0] - 1.0)
             now = replace(now, shadow=replace(self._shadow, point=(float(x), float(y))))
         return now

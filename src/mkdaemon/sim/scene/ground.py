@@ -40,7 +40,7 @@ def ground_texture(kind: GroundKind, seed: int) -> Image32:
     else:
         ground = _paving(rng)
         if kind == "clutter":
-            _strew(ground, rng)
+            _add_stones(ground, rng)
     return np.asarray(np.clip(ground, 0.02, 0.95), dtype=np.float32)
 
 
@@ -88,7 +88,7 @@ def _paving(rng: np.random.Generator) -> Image32:
     return np.asarray(slabs, dtype=np.float32)
 
 
-def _strew(ground: Image32, rng: np.random.Generator) -> None:
+def _add_stones(ground: Image32, rng: np.random.Generator) -> None:
     """Lay rectangles and boards of random squares on the ground, none of them a tag."""
     for _ in range(260):
         centre = rng.uniform(0, SIDE_TEXELS, 2)

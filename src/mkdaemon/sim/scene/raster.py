@@ -9,8 +9,8 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from mkdaemon.sim.scene.layers import PAD, PAPER, Layer
 from mkdaemon.sim.scene.light import Cover
-from mkdaemon.sim.scene.print import PAD, PAPER, Layer
 from mkdaemon.sim.scene.view import NEAR_M, CameraView, Pose, RayGrid, project
 
 Image32 = npt.NDArray[np.float32]

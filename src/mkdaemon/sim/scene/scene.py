@@ -1,7 +1,7 @@
 """The landing scene: flat prints on a textured ground, seen by a moving camera.
 
 Each print is carried into the image by inverting the exact projection for every sample, so distortion, perspective
-and anti-aliasing need no intermediate image. How an edge stays where it belongs is told in `scene_print`; the
+and anti-aliasing need no intermediate image. How an edge stays where it belongs is described in `layers`; the
 independent truth is `scene_view.project`.
 """
 
@@ -16,8 +16,8 @@ import numpy as np
 import numpy.typing as npt
 
 from mkdaemon.sim.scene.ground import Ground, GroundKind
+from mkdaemon.sim.scene.layers import Layer, print_target
 from mkdaemon.sim.scene.light import Conditions, Sensor, add_glare, lens_blur, shade, streak
-from mkdaemon.sim.scene.print import Layer, print_target
 from mkdaemon.sim.scene.raster import draw_cover, draw_layer, ray_from_plane, visible_layers
 from mkdaemon.sim.scene.view import NEAR_M, CameraView, Pose, RayGrid, project
 from mkdaemon.vision.camera.intrinsics import Intrinsics

@@ -29,10 +29,10 @@ def test_any_frame_to_a_flightctrl(word, law):
         bench.send(encode_frame(rng.randrange(4), letter, payload), at)
         at += rng.uniform(0.005, 0.4)
     bench.run(at + 12.0)
-    before = len(bench.heard)
+    before = len(bench.received)
     bench.send(b"\r\r" + encode_frame(1, "v"), at + 12.0)
     bench.run(at + 14.0)
-    assert "V" in bench.ids(bench.heard[before:])
+    assert "V" in bench.ids(bench.received[before:])
 
 
 @pytest.mark.parametrize("fc", ["early", "2.08", "2.12a", "2.14"])
@@ -50,10 +50,10 @@ def test_any_frame_to_a_navictrl(word, fc):
         at += rng.uniform(0.005, 0.2)
     bench.send(ESCAPE, at)
     bench.run(at + 5.0)
-    before = len(bench.heard)
+    before = len(bench.received)
     bench.send(b"\r" + encode_frame(2, "v"), at + 5.0)
     bench.run(at + 6.0)
-    assert "V" in bench.ids(bench.heard[before:])
+    assert "V" in bench.ids(bench.received[before:])
 
 
 @settings(max_examples=15, deadline=None)
@@ -63,5 +63,5 @@ def test_any_bytes_to_both_boards(chunks):
         for number, chunk in enumerate(chunks):
             bench.send(chunk, 1.1 + 0.1 * number)
         bench.run(3.0)
-        heard = bench.ask(b"\r\r" + encode_frame(address, "v"), 10.0)
-        assert heard is not None
+        received = bench.ask(b"\r\r" + encode_frame(address, "v"), 10.0)
+        assert received is not None

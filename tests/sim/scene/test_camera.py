@@ -28,7 +28,7 @@ from mkdaemon.vision.camera.imagecodec import boot_id, unpack
 from mkdaemon.vision.still import StillEye, StillResult
 from mkdaemon.vision.tags.tagmap import TagMap
 
-ROOT = Path(__file__).resolve().parents[2]
+ROOT = Path(__file__).resolve().parents[3]
 TURNED = rotation_from_euler(0.1, -0.08, 0.7)
 PATIENCE = 60.0
 """Longest wait for the renderer [s]; a loaded machine is slow, not wrong."""

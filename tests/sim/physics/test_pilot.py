@@ -70,7 +70,7 @@ def test_takes_over_after_his_reaction() -> None:
     assert world.pilot.took_over_at == pytest.approx(1.7, abs=RC_PERIOD + DT)
     assert world.pilot.gate == 0
     assert isinstance(world.pilot.program, HandFlight)
-    world.pilot.hand_back()
+    world.pilot.release_control()
     assert world.pilot.gate == 255
     assert world.pilot.program is None
 
