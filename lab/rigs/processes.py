@@ -20,7 +20,7 @@ import zenoh
 
 from mkdaemon.bus.codec import encode_map
 from mkdaemon.bus.endpoint import reserved_endpoint
-from mkdaemon.client.session import Client, Connection
+from mkdaemon.client import Vehicle, connect
 from mkdaemon.config.sim import SimConfig
 from mkdaemon.errors import MkError
 from mkdaemon.protocol.framing import Frame, FrameDecoder
@@ -168,11 +168,11 @@ async def daemon_process(port: str, folder: Path, *, link: str = "", endpoint: s
 
 
 @asynccontextmanager
-async def connected(endpoint: str) -> AsyncIterator[Client]:
+async def connected(endpoint: str) -> AsyncIterator[Vehicle]:
     """A client of its own session, as soon as the daemon listens."""
     async with asyncio.timeout(PATIENCE):
         while True:
-            opening = Client.open(Connection(vehicle=VEHICLE, connect=endpoint))
+            opening = connect(VEHICLE, endpoint)
             try:
                 client = await opening.__aenter__()
                 break
@@ -197,11 +197,11 @@ async def until(claim: Callable[[], Any], within: float = PATIENCE) -> float:
     return time.monotonic() - began
 
 
-async def wait_for_control(client: Client) -> None:
+async def wait_for_control(client: Vehicle) -> None:
     """Return when the daemon would grant a lease."""
     async with asyncio.timeout(PATIENCE):
         while True:
-            state = (await client.get("link/state")).get("link/state")
+            state = await client.get("link/state")
             if state and state.fields["external_control"] and state.fields["condition"] in {"up", "degraded"}:
                 return
             await asyncio.sleep(0.05)
@@ -215,7 +215,7 @@ class Pilot:
         epoch: of its lease.
     """
 
-    def __init__(self, client: Client, name: str, rate: float = 50.0) -> None:
+    def __init__(self, client: Vehicle, name: str, rate: float = 50.0) -> None:
         self.name = name
         self.sticks = {"pitch": 0.0, "roll": 0.0, "yaw": 0.0, "throttle": 0.0}
         self.epoch = 0

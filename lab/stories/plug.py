@@ -17,7 +17,7 @@ from typing import Final
 
 from lab.rigs.processes import DaemonProcess, ObservedSimulation, connected, daemon_process, until
 from lab.stories.cable import BACK, first_words
-from mkdaemon.client.session import Sample
+from mkdaemon.client import Sample
 from mkdaemon.config.sim import PilotPlan, SimConfig
 from mkdaemon.sim.runtime import Runtime
 

@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Final, NamedTuple
 
 from lab.rigs.processes import ObservedSimulation, Pilot, connected, daemon_process, wait_for_control
-from mkdaemon.client.session import Sample
+from mkdaemon.client import Sample
 from mkdaemon.config.sim import PilotPlan, SimConfig
 from mkdaemon.protocol.framing import Frame, FrameDecoder
 from mkdaemon.protocol.messages import ExternControlV2

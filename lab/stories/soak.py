@@ -26,7 +26,7 @@ from lab.rigs.processes import (
     daemon_process,
     wait_for_control,
 )
-from mkdaemon.client.session import Client
+from mkdaemon.client import Vehicle
 from mkdaemon.config.sim import PilotPlan, SimConfig
 from mkdaemon.sim.runtime import Runtime
 
@@ -146,7 +146,7 @@ class _Watch:
     engagements: int
 
 
-async def _fly(client: Client, daemon: DaemonProcess, simulation: ObservedSimulation, seconds: float) -> _Watch:
+async def _fly(client: Vehicle, daemon: DaemonProcess, simulation: ObservedSimulation, seconds: float) -> _Watch:
     """Stream slow circles of the sticks; a lease that is lost on a busy machine is taken again, and counted."""
     memory: list[float] = []
     descriptors: list[int] = []
@@ -171,7 +171,7 @@ async def _fly(client: Client, daemon: DaemonProcess, simulation: ObservedSimula
 
 
 @asynccontextmanager
-async def _last_values(client: Client, *suffixes: str) -> AsyncIterator[dict[str, dict[str, Any]]]:
+async def _last_values(client: Vehicle, *suffixes: str) -> AsyncIterator[dict[str, dict[str, Any]]]:
     """The latest value of each key, kept up to date while the context lasts."""
     last: dict[str, dict[str, Any]] = {}
     async with client.watch(*suffixes) as samples:

@@ -11,7 +11,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mkdaemon.bus.codec import MAX_MAP_BYTES, decode_map, encode, encode_map, encoding_of, read_command, schema_name
-from mkdaemon.bus.keys import KEYS, Use, find, key, roots, suffix_of
+from mkdaemon.bus.keys import KEYS, Use, find, roots
+from mkdaemon.bus.names import key, suffix_of
 from mkdaemon.bus.schema import schema_json, schema_names
 from mkdaemon.errors import CommandRejectedError
 from mkdaemon.protocol.messages import EchoRequest, OsdData5

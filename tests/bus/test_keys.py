@@ -8,7 +8,8 @@ import pytest
 import zenoh
 
 from mkdaemon.bus.codec import schema_name
-from mkdaemon.bus.keys import KEYS, Use, find, key, of_use, roots, suffix_of
+from mkdaemon.bus.keys import KEYS, Use, find, of_use, roots
+from mkdaemon.bus.names import key, suffix_of
 from mkdaemon.bus.schema import schema_json, schema_names
 
 

@@ -6,9 +6,10 @@ from typing import Any
 
 import pytest
 
-from mkdaemon.cli.mkctl.conversation import converse, read_reply, request
+from mkdaemon.cli.mkctl.conversation import converse, request
 from mkdaemon.cli.mkctl.waypoints import _guarded
-from mkdaemon.client.session import Answer
+from mkdaemon.client import Answer
+from mkdaemon.client.samples import message_from
 from mkdaemon.errors import CommandRejectedError, MkError, ProtocolError
 from mkdaemon.protocol.messages import SettingsRequest, VersionRequest
 from mkdaemon.protocol.procedures import Patience, Procedure
@@ -147,11 +148,11 @@ def test_every_answer_survives_the_bus(cls: type[WireMessage]) -> None:
         assert cls.spec.direction is Direction.TO_BOARD
         return
     wanted = cls.decode(bytes(7 * n % 251 for n in range(cls.spec.size)))
-    again = read_reply(f"{cls.__name__}.v1", _as_msgpack(wanted))
+    again = message_from(f"{cls.__name__}.v1", _as_msgpack(wanted))
     assert again.encode() == wanted.encode()
 
 
 @pytest.mark.parametrize("kind", ["Label.v1", "Colour.v1", None])
 def test_what_nobody_knows_is_named(kind: str | None) -> None:
     with pytest.raises(ProtocolError, match=rf"answers with {kind} \(index, colour\), unknown here; update mkctl"):
-        read_reply(kind, {"index": 1, "colour": 2})
+        message_from(kind, {"index": 1, "colour": 2})

@@ -14,7 +14,7 @@ import pytest
 from mkdaemon.cli.mkdaemon.app import app
 from mkdaemon.cli.mkdaemon.demo import ENOUGH, Tally, summarise
 from mkdaemon.cli.program import run
-from mkdaemon.client.session import Sample
+from mkdaemon.client import Sample
 from tests.daemon.processes import run_mkdaemon
 
 

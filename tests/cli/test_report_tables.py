@@ -14,8 +14,8 @@ import pytest
 import mkdaemon.protocol.messages as m
 from lab.rigs.grounded import GroundedAircraft
 from lab.rigs.virtualline import Noise, VirtualLine
-from mkdaemon.cli.mkctl.conversation import read_reply
 from mkdaemon.cli.mkctl.send import FORMS
+from mkdaemon.client.samples import message_from
 from mkdaemon.protocol.flags import ControlConfig, MotorControllerItems, NaviParameterId, PositionStatus, RedirectPort
 from mkdaemon.protocol.messages.blctrl import motor_controller_checksum
 from mkdaemon.protocol.procedures.steps import Patience, Pause, Procedure, ask
@@ -287,7 +287,7 @@ def test_every_row_is_typed_keyed_sent_and_answered(row: Row) -> None:
     assert answer.spec.id == spec.reply
     assert row.shows(boards, answer)
     # What the daemon puts on the bus becomes the same message again at the client.
-    assert read_reply(f"{type(answer).__name__}.v1", dict(answer.__dict__)) == answer
+    assert message_from(f"{type(answer).__name__}.v1", dict(answer.__dict__)) == answer
 
 
 def test_the_rows_cover_every_request_of_the_report() -> None:

@@ -11,7 +11,7 @@ from typing import Any
 import msgpack
 import zenoh
 
-from mkdaemon.client.session import Client, Connection, Sample
+from mkdaemon.client import Sample, Vehicle, connect
 from mkdaemon.config.commands import CommandsConfig
 from mkdaemon.config.control import ControlConfig, LeaseConfig
 from mkdaemon.config.link import LinkConfig
@@ -40,9 +40,9 @@ class Cockpit:
     news: asyncio.Event = field(default_factory=asyncio.Event)
 
     @asynccontextmanager
-    async def client(self) -> AsyncIterator[Client]:
+    async def client(self) -> AsyncIterator[Vehicle]:
         """A client of its own session, as another program would have."""
-        async with Client.open(Connection(vehicle="cockpit", connect=self.endpoint)) as client:
+        async with connect("cockpit", self.endpoint) as client:
             yield client
 
     def values(self, suffix: str) -> list[dict[str, Any]]:
@@ -76,7 +76,7 @@ class Cockpit:
 class Stream:
     """Setpoints at a steady rate for as long as the context lasts."""
 
-    def __init__(self, client: Client, epoch: int, rate: float = 50.0) -> None:
+    def __init__(self, client: Vehicle, epoch: int, rate: float = 50.0) -> None:
         self.sticks = {"pitch": 0.0, "roll": 0.0, "yaw": 0.0, "throttle": 0.0}
         self.epoch = epoch
         self.sequence = 0
@@ -143,7 +143,7 @@ async def _observer(flown: Cockpit) -> AsyncIterator[None]:
     async with asyncio.timeout(PATIENCE):
         while True:
             try:
-                session = Client.open(Connection(vehicle="cockpit", connect=flown.endpoint))
+                session = connect("cockpit", flown.endpoint)
                 client = await session.__aenter__()
                 break
             except MkError:
@@ -159,7 +159,7 @@ async def _observer(flown: Cockpit) -> AsyncIterator[None]:
 
     listening = asyncio.create_task(listen(), name="observer")
     try:
-        for sample in (await client.get("link/state")).values():
+        for sample in (await client.get_all("link/state")).values():
             flown.heard.append(sample)
         yield
     finally:

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from mkdaemon.bus.gateway import Bus
-from mkdaemon.client.session import Client, Connection
+from mkdaemon.client import connect
 from mkdaemon.config.camera import CameraSection
 from mkdaemon.config.root import Config
 from mkdaemon.daemon.eyes import Eyes, open_eyes
@@ -30,7 +30,7 @@ async def test_a_camera_reports_on_the_bus(tmp_path):
     endpoint = free_endpoint()
     camera = CameraSection(name="down", source=f"folder:{tmp_path}", loop=True, fps=20.0, targets=(TARGET,))
     cfg = Config(bus=bus_config(endpoint), cameras=(camera,))
-    async with Bus.open(cfg.bus, "eyes") as bus, Client.open(Connection("eyes", endpoint)) as client:
+    async with Bus.open(cfg.bus, "eyes") as bus, connect("eyes", endpoint) as client:
         eyes = open_eyes(cfg, bus)
         async with client.watch("vision/**") as samples, eyes.open():
             eyes.attitude_said(LEVEL)

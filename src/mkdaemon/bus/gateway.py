@@ -19,7 +19,8 @@ import zenoh
 from pydantic import BaseModel
 
 from mkdaemon.bus.codec import decode_map, encode, encode_map, encoding_of
-from mkdaemon.bus.keys import Use, find, key, roots, suffix_of
+from mkdaemon.bus.keys import Use, find, roots
+from mkdaemon.bus.names import key, suffix_of
 from mkdaemon.bus.schema import schema_json, schema_names
 from mkdaemon.bus.session import close_session, open_session, session_config
 from mkdaemon.config.bus import BusConfig

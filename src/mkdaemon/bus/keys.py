@@ -23,8 +23,6 @@ from mkdaemon.telemetry.traffic import FrameSample, RawFrame
 from mkdaemon.telemetry.vehicle import VehicleHealth
 from mkdaemon.telemetry.vision import Tags, Transform, VisionPose, VisionStats
 
-ROOT: Final = "mk"
-
 
 class Use(StrEnum):
     """How a key is used."""
@@ -140,24 +138,6 @@ KEYS: Final[tuple[KeySpec, ...]] = (
     ),
 )
 """Every key of a vehicle."""
-
-
-def key(vehicle: str, suffix: str) -> str:
-    """The whole key of a suffix."""
-    return f"{ROOT}/{vehicle}/{suffix}"
-
-
-def suffix_of(vehicle: str, whole: str) -> str:
-    """What follows `mk/<vehicle>/` in a key.
-
-    Raises:
-        ValueError: the key belongs to another vehicle.
-    """
-    head = f"{ROOT}/{vehicle}/"
-    if not whole.startswith(head):
-        msg = f"{whole} is no key of vehicle {vehicle}"
-        raise ValueError(msg)
-    return whole[len(head) :]
 
 
 def find(suffix: str) -> KeySpec | None:

@@ -7,8 +7,9 @@ from typing import Annotated, Final
 
 from cyclopts import App, Parameter, validators
 
+from mkdaemon.cli.mkctl.connection import HERE, Connection
 from mkdaemon.cli.mkctl.conversation import request
-from mkdaemon.client.session import Client, Connection
+from mkdaemon.client import Vehicle
 from mkdaemon.errors import ConfigError, MkError, RequestTimeoutError
 from mkdaemon.protocol.flags import MotorControllerBits, MotorControllerItems, MotorControllerStatus
 from mkdaemon.protocol.messages import (
@@ -22,7 +23,6 @@ from mkdaemon.protocol.wire import Board
 
 app = App(name="bl", help="Configuration of BL-Ctrl 2.0 and later, through a FlightCtrl 0.80 and later; motors off.")
 
-HERE: Final = Connection()
 ITEMS: Final = {
     "pwm_scaling": MotorControllerItems.PWM_SCALING,
     "current_limit": MotorControllerItems.CURRENT_LIMIT,
@@ -39,7 +39,7 @@ Byte = validators.Number(gte=0, lte=255)
 @app.command
 async def get(motor: Motor, /, *, connection: Connection = HERE) -> None:
     """Show a motor controller's configuration."""
-    async with Client.open(connection) as client:
+    async with connection.open() as client:
         _show(connection, await _read(client, motor))
 
 
@@ -77,7 +77,7 @@ async def set_configuration(
     if not confirm:
         msg = "a wrong sense of rotation or limit crashes the aircraft; check it and repeat with --confirm"
         raise ConfigError(msg)
-    async with Client.open(connection) as client:
+    async with connection.open() as client:
         wanted = configure(await _read(client, motor), given, reverse=reverse, save=save)
         answer = await request(client, Board.FC, wanted)
         if isinstance(answer, MotorControllerWritten) and not answer.done:
@@ -123,7 +123,7 @@ def configure(
     return draft.model_copy(update={"checksum": motor_controller_checksum(draft.encode()[1:8])})
 
 
-async def _read(client: Client, motor: int) -> MotorController:
+async def _read(client: Vehicle, motor: int) -> MotorController:
     answer = await request(client, Board.FC, MotorControllerRequest(motor=motor))
     if not isinstance(answer, MotorController):
         msg = f"no configuration of motor controller {motor}: motors must be off, the FlightCtrl 0.80 or later"

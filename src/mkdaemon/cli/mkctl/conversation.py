@@ -5,13 +5,13 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from functools import cache
 from typing import Any, Final, Protocol, TypeVar
 
-from mkdaemon.client.session import Answer
+from mkdaemon.client import Answer
+from mkdaemon.client.samples import message_from
 from mkdaemon.errors import MkError, ProtocolError
 from mkdaemon.protocol.procedures.steps import Pause, Procedure, Progress, Step
-from mkdaemon.protocol.wire import MESSAGES, Board, WireMessage
+from mkdaemon.protocol.wire import Board, WireMessage
 
 _Result = TypeVar("_Result")
 _TRY_AGAIN: Final = frozenset({"timeout", "busy"})
@@ -106,34 +106,7 @@ async def request(client: Commander, board: Board, message: WireMessage, *, conf
         await asyncio.sleep(_BUSY_WAIT)
     if answer.status in _TRY_AGAIN:
         return None
-    return read_reply(answer.reply_type, answer.require())
-
-
-def read_reply(reply_type: str | None, reply: Mapping[str, Any]) -> WireMessage:
-    """Make the message again that the daemon describes.
-
-    Args:
-        reply_type: schema the daemon names, for example `VersionFc210.v1`.
-        reply: the message's fields.
-
-    Raises:
-        ProtocolError: the schema is unknown here, or has other fields.
-    """
-    cls = _classes().get((reply_type or "").partition(".")[0])
-    if cls is None or cls.model_fields.keys() != reply.keys():
-        msg = f"the daemon answers with {reply_type} ({', '.join(reply) or 'empty'}), unknown here; update mkctl"
-        raise ProtocolError(msg)
-    # Not validated: what a board says may be outside the limits of what may be sent.
-    return cls.decode(cls.model_construct(**{name: _plain(value) for name, value in reply.items()}).encode())
-
-
-@cache
-def _classes() -> dict[str, type[WireMessage]]:
-    return {cls.__name__: cls for cls in MESSAGES.values()}
-
-
-def _plain(value: Any) -> Any:
-    return tuple(value) if isinstance(value, list) else value
+    return message_from(answer.reply_type, answer.require())
 
 
 @contextmanager

@@ -14,14 +14,14 @@ from typing import Annotated, Final, Literal
 
 from cyclopts import Parameter
 
+from mkdaemon.cli.mkctl.connection import HERE, Connection
 from mkdaemon.cli.mkctl.conversation import request
-from mkdaemon.client.session import Client, Connection
+from mkdaemon.client import Vehicle
 from mkdaemon.errors import MkError, RequestTimeoutError
 from mkdaemon.protocol.flags import MenuKey
 from mkdaemon.protocol.messages import Display, DisplayRequest
 from mkdaemon.protocol.wire import Board
 
-HERE: Final = Connection()
 LINES, COLUMNS = 4, 20
 INTERVAL: Final = 25
 """Between two pictures while nobody presses a key [10 ms]."""
@@ -62,7 +62,7 @@ async def display(
 
     Without a terminal, or with --once, one picture is printed.
     """
-    async with Client.open(connection) as client:
+    async with connection.open() as client:
         asked = Board[board.upper()] if board else await _board_here(client)
         if once or connection.json or not (sys.stdin.isatty() and sys.stdout.isatty()):
             picture = await _press(client, asked, MenuKey.NONE, 0)
@@ -72,13 +72,13 @@ async def display(
             await _live(client, asked, allow_change=keys)
 
 
-async def _board_here(client: Client) -> Board:
+async def _board_here(client: Vehicle) -> Board:
     """The board the wire ends at: the NaviCtrl where there is one. Waits a while for boards to be met."""
     boards: Sequence[str] = ()
     with contextlib.suppress(TimeoutError):
         async with asyncio.timeout(MEETING):
             while not boards:
-                sample = (await client.get("link/state")).get("link/state")
+                sample = await client.get("link/state")
                 boards = sample.fields.get("boards", ()) if sample else ("nc",)
                 await asyncio.sleep(0 if boards else 0.2)
     return Board.FC if boards == ["fc"] else Board.NC
@@ -96,7 +96,7 @@ def frame_of(text: str) -> str:
     return "\r\n".join([bar, *(f"|{line}|" for line in lines_of(text)), bar])
 
 
-async def _press(client: Client, board: Board, keys: MenuKey, interval: int) -> str:
+async def _press(client: Vehicle, board: Board, keys: MenuKey, interval: int) -> str:
     message = DisplayRequest(keys_inverted=0xFF & ~int(keys), interval=interval)
     answer = await request(client, board, message)
     if not isinstance(answer, Display):
@@ -105,7 +105,7 @@ async def _press(client: Client, board: Board, keys: MenuKey, interval: int) -> 
     return answer.text
 
 
-async def _live(client: Client, board: Board, *, allow_change: bool) -> None:
+async def _live(client: Vehicle, board: Board, *, allow_change: bool) -> None:
     """Draw what comes, and renew the stream; keys go out as they are typed."""
     print("\x1b[2J", end="")
     _draw(await _press(client, board, MenuKey.NONE, INTERVAL))

@@ -4,22 +4,22 @@ from __future__ import annotations
 
 from typing import Final
 
-from mkdaemon.client.session import Client
+from mkdaemon.client import Vehicle
 from mkdaemon.errors import CommandRejectedError
 
 FRESH: Final = 3.0
 """Oldest flight state that counts [s]; the NaviCtrl tells it several times a second."""
 
 
-async def motors_running(client: Client) -> bool | None:
+async def motors_running(client: Vehicle) -> bool | None:
     """Whether motors run, by the last flight state; None where nobody has told lately."""
-    sample = (await client.get("state/flight")).get("state/flight")
+    sample = await client.get("state/flight")
     if sample is None or sample.fields.get("age", FRESH) >= FRESH:
         return None
     return bool(sample.fields["motors_running"])
 
 
-async def require_motors_off(client: Client, why: str, option: str) -> None:
+async def require_motors_off(client: Vehicle, why: str, option: str) -> None:
     """Go on only with motors known to stand still.
 
     Args:
@@ -43,7 +43,7 @@ async def require_motors_off(client: Client, why: str, option: str) -> None:
         )
 
 
-async def refuse_running(client: Client, why: str) -> None:
+async def refuse_running(client: Vehicle, why: str) -> None:
     """Go on unless motors are known to run; what is unknown is left to the daemon's own gate.
 
     Args:

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import sys
 
+from mkdaemon.cli.mkctl.connection import HERE, Connection
 from mkdaemon.cli.printing import age_of, flat, json_line
-from mkdaemon.client.session import HERE, Client, Connection, Sample
+from mkdaemon.client import Sample
 from mkdaemon.errors import MkError
 
 
@@ -22,11 +23,11 @@ async def get(*patterns: str, connection: Connection = HERE) -> None:
     Raises:
         MkError: no value, no daemon, or a pattern is no key expression.
     """
-    async with Client.open(connection) as client:
+    async with connection.open() as client:
         found: dict[str, Sample] = {}
         empty = []
         for pattern in patterns or ("state/*",):
-            values = await client.get(pattern)
+            values = await client.get_all(pattern)
             if not pattern.startswith("schema"):
                 values = {suffix: value for suffix, value in values.items() if not suffix.startswith("schema/")}
             found |= values

@@ -13,8 +13,8 @@ from rich.table import Table
 from rich.text import Text
 
 from mkdaemon.cli.arguments import require_length
+from mkdaemon.cli.mkctl.connection import HERE, Connection
 from mkdaemon.cli.printing import json_line
-from mkdaemon.client.session import HERE, Client, Connection
 from mkdaemon.errors import MkError
 
 KEY = "link/health"
@@ -34,9 +34,9 @@ async def health(*, once: bool = False, seconds: float | None = None, connection
     """
     require_length(seconds, "--seconds")
     console = Console()
-    async with Client.open(connection) as client:
+    async with connection.open() as client:
         if connection.json or once or not console.is_terminal:
-            sample = (await client.get(KEY)).get(KEY)
+            sample = await client.get(KEY)
             if sample is None:
                 raise MkError(await client.absence() or f"vehicle {connection.vehicle} has no link measurements yet")
             if connection.json:

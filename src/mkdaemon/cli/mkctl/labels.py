@@ -7,13 +7,12 @@ from typing import Annotated, Final, Literal
 
 from cyclopts import Parameter
 
+from mkdaemon.cli.mkctl.connection import HERE, Connection
 from mkdaemon.cli.mkctl.conversation import converse, progress_bar
-from mkdaemon.client.session import Client, Connection
 from mkdaemon.protocol.procedures.labels import read_labels
 from mkdaemon.protocol.procedures.steps import Patience
 from mkdaemon.protocol.wire import Board
 
-HERE: Final = Connection()
 PATIENCE: Final = Patience(attempts=4)
 LONGEST: Final = 60.0
 """Longest time for 32 labels in the background of a busy line [s]."""
@@ -26,7 +25,7 @@ async def labels(
     connection: Connection = HERE,
 ) -> None:
     """Read all 32 labels; the daemon keeps them by firmware, and by their checksum where the board tells one."""
-    async with Client.open(connection) as client:
+    async with connection.open() as client:
         answer = await client.command("do", "labels", {"board": board}, patience=LONGEST)
         if answer.token == "board_unreachable":
             # The daemon asks only boards on the line itself; one behind a NaviCtrl is asked label by label.

@@ -9,8 +9,8 @@ from typing import Annotated, Any, Final
 
 from cyclopts import App, Parameter
 
+from mkdaemon.cli.mkctl.connection import HERE, Connection
 from mkdaemon.cli.printing import json_line
-from mkdaemon.client.session import HERE, Client, Connection
 
 app: Final = App(
     name="lease",
@@ -60,7 +60,7 @@ async def show(*, connection: Connection = HERE) -> None:
 
 
 async def _lease(fields: dict[str, Any], connection: Connection) -> None:
-    async with Client.open(connection) as client:
+    async with connection.open() as client:
         reply = (await client.command("do", "lease", fields)).require()
     if connection.json:
         print(json_line(reply))

@@ -9,16 +9,16 @@ from typing import Annotated, Any, Final
 
 from cyclopts import App, Parameter
 
+from mkdaemon.cli.mkctl.connection import HERE, Connection
 from mkdaemon.cli.mkctl.conversation import request
 from mkdaemon.cli.mkctl.flightstate import refuse_running
-from mkdaemon.client.session import Client, Connection
+from mkdaemon.client import Vehicle
 from mkdaemon.errors import ConfigError, MkError, RequestTimeoutError
 from mkdaemon.protocol.messages import Mixer, MixerRequest, MixerWritten, WriteMixer
 from mkdaemon.protocol.wire import Board
 
 app = App(name="mixer", help="Mixer of the FlightCtrl: 16 rows of throttle, pitch, roll, yaw; 64 is 100 %.")
 
-HERE: Final = Connection()
 COLUMNS: Final = ("throttle", "pitch", "roll", "yaw")
 ROWS: Final = 16
 
@@ -31,7 +31,7 @@ async def get(
     connection: Connection = HERE,
 ) -> None:
     """Show or save the mixer."""
-    async with Client.open(connection) as client:
+    async with connection.open() as client:
         mixer = await _read(client)
     if file is not None:
         _save(file, mixer)
@@ -59,7 +59,7 @@ async def set_mixer(
     if not confirm:
         msg = f"{file}: a wrong mixer flips the aircraft; check the rows and repeat with --confirm"
         raise ConfigError(msg)
-    async with Client.open(connection) as client:
+    async with connection.open() as client:
         await refuse_running(client, "the mixer is used at once")
         answer = await request(client, Board.FC, wanted)
         if isinstance(answer, MixerWritten) and not answer.stored:
@@ -123,7 +123,7 @@ def _is_row(row: object) -> bool:
     )
 
 
-async def _read(client: Client) -> Mixer:
+async def _read(client: Vehicle) -> Mixer:
     answer = await request(client, Board.FC, MixerRequest())
     if not isinstance(answer, Mixer):
         msg = "the FlightCtrl did not send its mixer; it must be 0.73 or later (`mkctl status`)"

@@ -9,16 +9,16 @@ from typing import Annotated, Final
 
 from cyclopts import App, Parameter, validators
 
+from mkdaemon.cli.mkctl.connection import HERE, Connection
 from mkdaemon.cli.mkctl.conversation import request
 from mkdaemon.cli.mkctl.flightstate import refuse_running
-from mkdaemon.client.session import Client, Connection
+from mkdaemon.client import Vehicle
 from mkdaemon.errors import ConfigError, MkError
 from mkdaemon.protocol.messages import MotorTest
 from mkdaemon.protocol.wire import Board
 
 app = App(name="motors", help="Motor test. Take the propellers off first.")
 
-HERE: Final = Connection()
 PERIOD: Final = 0.1
 """Between two frames [s]; each turns the motors for 0.5 s. Source: docs/firmware-notes, "Side effects"."""
 STOPS: Final = 5
@@ -60,7 +60,7 @@ async def test(
     if not propellers_off:
         _confirm(setpoint)
     points = tuple(setpoint if number in motors else 0 for number in range(1, 17))
-    async with Client.open(connection) as client:
+    async with connection.open() as client:
         await refuse_running(client, "a test would act right after they stop")
         try:
             await _turn(client, points, seconds)
@@ -70,14 +70,14 @@ async def test(
     print("motors stopped")
 
 
-async def _turn(client: Client, points: tuple[int, ...], seconds: float) -> None:
+async def _turn(client: Vehicle, points: tuple[int, ...], seconds: float) -> None:
     end = asyncio.get_running_loop().time() + seconds
     while asyncio.get_running_loop().time() < end:
         await request(client, Board.FC, MotorTest(motors=points))
         await asyncio.sleep(PERIOD)
 
 
-async def _stop(client: Client) -> None:
+async def _stop(client: Vehicle) -> None:
     """Send zeros, in spite of a Ctrl-C; without them the motors stop by themselves after 0.5 s."""
     stop = asyncio.gather(*(_send_stop(client, number * PERIOD / 2) for number in range(STOPS)))
     with contextlib.suppress(asyncio.CancelledError):
@@ -89,7 +89,7 @@ async def _stop(client: Client) -> None:
         raise MkError(msg)
 
 
-async def _send_stop(client: Client, after: float) -> bool:
+async def _send_stop(client: Vehicle, after: float) -> bool:
     await asyncio.sleep(after)
     with contextlib.suppress(MkError):
         await request(client, Board.FC, MotorTest(motors=(0,) * 16))

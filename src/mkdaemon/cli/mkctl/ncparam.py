@@ -7,8 +7,8 @@ from typing import Annotated, Final
 
 from cyclopts import App, Parameter, validators
 
+from mkdaemon.cli.mkctl.connection import HERE, Connection
 from mkdaemon.cli.mkctl.conversation import request
-from mkdaemon.client.session import Client, Connection
 from mkdaemon.errors import ConfigError, MkError, RequestTimeoutError
 from mkdaemon.protocol.flags import NaviParameterId
 from mkdaemon.protocol.messages import NaviParameter, NaviParameterRequest, WriteNaviParameter
@@ -16,7 +16,6 @@ from mkdaemon.protocol.wire import Board, WireMessage
 
 app = App(name="nc-param", help="Parameters of the NaviCtrl (0.24 and later). Setting one acts at once, in flight too.")
 
-HERE: Final = Connection()
 VALUE: Final = WriteNaviParameter.spec.wire("value")
 UNITS: Final = {
     NaviParameterId.TARGET_SPEED: "0.1 m/s",
@@ -65,7 +64,7 @@ async def set_value(
 
 
 async def _ask(connection: Connection, message: WireMessage) -> NaviParameter:
-    async with Client.open(connection) as client:
+    async with connection.open() as client:
         answer = await request(client, Board.NC, message)
     if not isinstance(answer, NaviParameter):
         msg = "the NaviCtrl did not answer; it must be 0.24 or later (`mkctl status`)"

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import re
 
+from mkdaemon.cli.mkctl.connection import HERE, Connection
 from mkdaemon.cli.printing import json_line
-from mkdaemon.client.session import HERE, Client, Connection
 from mkdaemon.errors import ConfigError
 
 _INTERVAL = re.compile(r"(\d+(?:\.\d+)?)\s*(ms|s|hz)?", re.IGNORECASE)
@@ -46,7 +46,7 @@ async def rate(stream: str | None = None, interval: str | None = None, *, connec
         msg = f"which interval for {stream}? For example: mkctl rate {stream} 100ms"
         raise ConfigError(msg)
     fields = {} if stream is None else {"stream": stream, "interval": read_interval(interval or "")}
-    async with Client.open(connection) as client:
+    async with connection.open() as client:
         reply = (await client.command("do", "rate", fields)).require()
     if connection.json:
         print(json_line(reply))

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+from mkdaemon.cli.mkctl.connection import HERE, Connection
 from mkdaemon.cli.printing import json_line
 from mkdaemon.cli.program import EXIT_FAILURE
-from mkdaemon.client.session import HERE, Client, Connection
 
 _WORDS = {
     "confirmed": "released, and the FlightCtrl confirmed it",
@@ -22,7 +22,7 @@ async def release(reason: str = "asked for by mkctl", *, connection: Connection 
     Args:
         reason: Published with the event.
     """
-    async with Client.open(connection) as client:
+    async with connection.open() as client:
         reply = (await client.command("do", "release", {"reason": reason})).require()
     print(json_line(reply) if connection.json else _WORDS.get(reply["status"], reply["status"]))
     return 0 if reply["status"] in {"confirmed", "not_observable"} else EXIT_FAILURE

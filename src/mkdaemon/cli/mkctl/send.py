@@ -9,12 +9,10 @@ from typing import Annotated, Any, Final, Literal
 
 from cyclopts import App, Parameter
 
-from mkdaemon.cli.mkctl.conversation import read_reply
+from mkdaemon.cli.mkctl.connection import HERE, Connection
 from mkdaemon.cli.mkctl.requests import FieldForm, RequestForm, request_forms
-from mkdaemon.client.session import Client, Connection
+from mkdaemon.client.samples import message_from
 from mkdaemon.protocol.wire import Board, WireMessage
-
-HERE: Final = Connection()
 
 app = App(
     name="send",
@@ -33,14 +31,14 @@ async def send(form: RequestForm, board: Board, given: dict[str, str | None], co
     fields = form.read(given)
     if confirm:
         fields["confirm"] = True
-    async with Client.open(at) as client:
+    async with at.open() as client:
         answer = await client.command(board.word, form.key, fields)
     reply = answer.require()
     if at.json:
         shown = {name: value.hex() if isinstance(value, bytes) else value for name, value in reply.items()}
         print(json.dumps({"status": answer.status, "reply": shown, "duration": answer.duration}))
     elif reply:
-        print(describe_reply(read_reply(answer.reply_type, reply)))
+        print(describe_reply(message_from(answer.reply_type, reply)))
     else:
         print(answer.reason or f"answered: {answer.status}")
 

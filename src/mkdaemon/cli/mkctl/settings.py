@@ -8,9 +8,9 @@ from typing import Annotated, Final, Literal
 
 from cyclopts import App, Parameter
 
+from mkdaemon.cli.mkctl.connection import HERE, Connection
 from mkdaemon.cli.mkctl.conversation import converse, progress_bar
 from mkdaemon.cli.mkctl.settings_files import Source, read_sets, read_target, write_backup
-from mkdaemon.client.session import Client, Connection
 from mkdaemon.errors import ConfigError, ProtocolError
 from mkdaemon.protocol.procedures.settings import SLOTS, Backup, Restoration, backup_settings, restore_settings
 from mkdaemon.protocol.procedures.steps import Patience
@@ -23,7 +23,6 @@ app = App(
     "again at the end and proven by comparing bytes.",
 )
 
-HERE: Final = Connection()
 PATIENCE: Final = Patience(attempts=6)
 
 Slot = Annotated[Literal[1, 2, 3, 4, 5] | None, Parameter(help="Set 1..5; without it the active one.")]
@@ -144,7 +143,7 @@ async def edit(*changes: Changes, slot: Slot = None, dry_run: DryRun = False, co
 
 
 async def _read(connection: Connection, slots: tuple[int, ...]) -> Backup:
-    async with Client.open(connection) as client:
+    async with connection.open() as client:
         with progress_bar("read", quiet=connection.json) as report:
             return await converse(client, backup_settings(PATIENCE, slots), report)
 
@@ -155,7 +154,7 @@ async def _write(connection: Connection, sets: dict[int, Source], *, dry_run: bo
             msg = f"{source.name}: {source.parameters.reason}; such sets are kept as a record and never written"
             raise ConfigError(msg)
     wanted = {slot: source.parameters.raw for slot, source in sets.items()}
-    async with Client.open(connection) as client:
+    async with connection.open() as client:
         with progress_bar("write", quiet=connection.json) as report:
             done = await converse(client, restore_settings(wanted, PATIENCE, dry_run=dry_run), report)
     _tell(connection, sets, done, dry_run=dry_run)

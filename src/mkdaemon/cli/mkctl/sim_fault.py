@@ -6,8 +6,8 @@ from typing import Annotated, Any, Final
 
 from cyclopts import App, Parameter
 
+from mkdaemon.cli.mkctl.connection import HERE, Connection
 from mkdaemon.cli.printing import json_line
-from mkdaemon.client.session import HERE, Client, Connection
 from mkdaemon.errors import ConfigError
 from mkdaemon.sim.faults import FAULTS, FaultNumber, FaultSpec
 
@@ -33,7 +33,7 @@ async def fault(
         fields = {"action": "stop", "name": name}
     else:
         fields = {"action": "start", "name": name, "duration": seconds, "values": _parse(values)}
-    async with Client.open(connection) as client:
+    async with connection.open() as client:
         answer = await client.command("sim", "fault", fields)
     running = answer.require()["active"]
     if connection.json:

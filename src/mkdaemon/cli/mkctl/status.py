@@ -9,9 +9,10 @@ from typing import Any
 from rich.console import Console
 from rich.table import Table
 
+from mkdaemon.cli.mkctl.connection import HERE, Connection
 from mkdaemon.cli.printing import age_of, json_line
 from mkdaemon.cli.program import EXIT_FAILURE
-from mkdaemon.client.session import HERE, Client, Connection, Sample
+from mkdaemon.client import Sample
 
 PATTERNS = ("health", "link/state", "link/health", "control/status", "state/*")
 
@@ -23,10 +24,10 @@ async def status(*, connection: Connection = HERE) -> int:
 
     Exit code 0 while the vehicle is alive, 1 while it is not.
     """
-    async with Client.open(connection) as client:
+    async with connection.open() as client:
         found: dict[str, Sample] = {}
         for pattern in PATTERNS:
-            found |= await client.get(pattern)
+            found |= await client.get_all(pattern)
         if not found:
             # Asking once more says why: no daemon, or another vehicle's.
             (await client.command("do", "lease", {"action": "show"})).require()

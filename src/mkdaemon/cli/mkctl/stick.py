@@ -11,10 +11,11 @@ import msgpack
 from cyclopts import Parameter
 
 from mkdaemon.cli.arguments import require_length
+from mkdaemon.cli.mkctl.connection import HERE, Connection
 from mkdaemon.cli.mkctl.lease import own_name
 from mkdaemon.cli.printing import json_line
 from mkdaemon.cli.program import EXIT_FAILURE
-from mkdaemon.client.session import HERE, Client, Connection, Sample
+from mkdaemon.client import Sample, Vehicle
 from mkdaemon.errors import ConfigError
 
 ENGAGING = 5.0
@@ -56,7 +57,7 @@ async def stick(
     require_length(rate, "--rate")
     name = own_name()
     neutral = {"pitch": 0.0, "roll": 0.0, "yaw": 0.0, "throttle": throttle}
-    async with Client.open(connection) as client, client.token(name), client.watch("control/status") as news:
+    async with connection.open() as client, client.token(name), client.watch("control/status") as news:
         take = {"action": "take", "holder": name, "force": force}
         epoch = (await client.command("do", "lease", take)).require()["epoch"]
         stream = _Stream(client, epoch, rate)
@@ -66,7 +67,7 @@ async def stick(
             flying.cancel()
             if flying.done() and not flying.cancelled():
                 await stream.put(wanted, asyncio.get_running_loop().create_future(), seconds)
-            outputs = (await client.get("control/output")).get("control/output")
+            outputs = await client.get("control/output")
             held = (await client.command("do", "lease", {"action": "show"})).require()
         finally:
             await asyncio.shield(client.command("do", "lease", {"action": "release", "epoch": epoch}))
@@ -108,7 +109,7 @@ async def _until_flying(news: AsyncIterator[Sample], epoch: int) -> None:
 class _Stream:
     """Setpoints of one lease at a steady rate."""
 
-    def __init__(self, client: Client, epoch: int, rate: float) -> None:
+    def __init__(self, client: Vehicle, epoch: int, rate: float) -> None:
         self.sequence = 0
         self._publisher = client.stream("setpoint/stick")
         self._epoch = epoch

@@ -10,8 +10,8 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from mkdaemon.cli.arguments import require_count, require_length
+from mkdaemon.cli.mkctl.connection import HERE, Connection
 from mkdaemon.cli.printing import flat, json_line
-from mkdaemon.client.session import HERE, Client, Connection
 
 
 async def watch(
@@ -35,7 +35,7 @@ async def watch(
     require_length(seconds, "--seconds")
     require_count(count, "--count")
     left = count
-    async with Client.open(connection) as client, client.watch(*(patterns or ("state/**",))) as samples:
+    async with connection.open() as client, client.watch(*(patterns or ("state/**",))) as samples:
         if (absence := await client.absence()) is not None:
             print(f"mkctl: {absence}; waiting for it", file=sys.stderr)
         with suppress(TimeoutError):

@@ -11,9 +11,10 @@ from typing import Annotated, Final, TypeVar
 from cyclopts import App, Parameter
 
 from mkdaemon.bus.codec import encode, encoding_of
+from mkdaemon.cli.mkctl.connection import HERE, Connection
 from mkdaemon.cli.mkctl.conversation import Report, converse, progress_bar
 from mkdaemon.cli.mkctl.flightstate import require_motors_off
-from mkdaemon.client.session import Client, Connection
+from mkdaemon.client import Vehicle
 from mkdaemon.errors import CommandRejectedError, MkError
 from mkdaemon.missions import read_mission, write_mission
 from mkdaemon.protocol.mission import Mission
@@ -36,7 +37,6 @@ app = App(
 
 _Result = TypeVar("_Result")
 
-HERE: Final = Connection()
 PATIENCE: Final = Patience(attempts=6)
 
 MissionFile = Annotated[Path, Parameter(help="Mission file; its suffix tells the format.")]
@@ -59,7 +59,7 @@ async def upload(
 ) -> None:
     """Replace the NaviCtrl's list by a mission, read it back and compare every byte."""
     mission = read_mission(file, start_elevation=start_elevation, altitude=altitude)
-    async with Client.open(connection) as client:
+    async with connection.open() as client:
         points = to_points(mission, await converse(client, read_format(PATIENCE)))
         if not in_flight:
             await require_motors_off(client, "an upload takes effect at once", "--in-flight")
@@ -77,7 +77,7 @@ async def download(file: MissionFile, /, *, connection: Connection = HERE) -> No
     Raises:
         MkError: the list is empty or could not be read.
     """
-    async with Client.open(connection) as client:
+    async with connection.open() as client:
         with progress_bar("download", quiet=connection.json) as report:
             mission, digest = await converse(client, _download(), report)
     if not mission.points:
@@ -99,7 +99,7 @@ async def verify(
 ) -> int:
     """Compare the NaviCtrl's list with a mission; changes nothing. Exit code 1 where they differ."""
     mission = read_mission(file, start_elevation=start_elevation, altitude=altitude)
-    async with Client.open(connection) as client:
+    async with connection.open() as client:
         with progress_bar("verify", quiet=connection.json) as report:
             found, digest = await converse(client, _verify(mission), report)
     if found:
@@ -113,7 +113,7 @@ async def verify(
 @app.command
 async def clear(*, in_flight: InFlight = False, connection: Connection = HERE) -> None:
     """Empty the NaviCtrl's list and see that it is empty."""
-    async with Client.open(connection) as client:
+    async with connection.open() as client:
         form = await converse(client, read_format(PATIENCE))
         if not in_flight:
             await require_motors_off(client, "clearing ends a running route at once", "--in-flight")
@@ -141,7 +141,7 @@ def convert(
 
 
 async def _guarded(
-    client: Client, procedure: Procedure[_Result], in_flight: bool, report: Report | None = None
+    client: Vehicle, procedure: Procedure[_Result], in_flight: bool, report: Report | None = None
 ) -> _Result:
     """Without the flag, the daemon refuses every write from the moment on when motors run or nobody knows."""
     try:
@@ -171,7 +171,7 @@ def _verify(mission: Mission) -> Procedure[tuple[tuple[Difference, ...], str]]:
     return (yield from verify_points(points, PATIENCE)), content_hash(points)
 
 
-def _publish(client: Client, action: str, count: int, digest: str, source: str) -> None:
+def _publish(client: Vehicle, action: str, count: int, digest: str, source: str) -> None:
     event = MissionEvent(t_wall=time.time(), action=action, count=count, digest=digest, source=source)
     client.stream("event/mission").put(encode(event), encoding=encoding_of(MissionEvent))
 

@@ -27,7 +27,7 @@ from mkdaemon.cli.arguments import AsJson, require_length
 from mkdaemon.cli.mkctl.status import render as render_status
 from mkdaemon.cli.printing import json_line
 from mkdaemon.cli.program import EXIT_FAILURE, EXIT_INTERRUPTED, EXIT_OK
-from mkdaemon.client.session import Client, Connection, Sample
+from mkdaemon.client import Sample, Vehicle, connect
 from mkdaemon.errors import MkError
 
 VEHICLE: Final = "demo"
@@ -130,7 +130,7 @@ async def _fly(endpoint: str, seconds: float, tally: Tally, console: Console) ->
             client = await _connect(stack, endpoint, daemon)
             samples = await stack.enter_async_context(client.watch("**"))
             # The link's state is put when it changes, which may have been before this client came.
-            tally.known.update({suffix: last.fields for suffix, last in (await client.get("link/state")).items()})
+            tally.known.update({suffix: last.fields for suffix, last in (await client.get_all("link/state")).items()})
             jobs = [
                 asyncio.create_task(_watch(samples, tally, console), name="watch"),
                 asyncio.create_task(_must_live("simulator", simulator), name="simulator"),
@@ -267,7 +267,7 @@ async def _port_of(simulator: Process) -> str:
     return port
 
 
-async def _connect(stack: AsyncExitStack, endpoint: str, daemon: Process) -> Client:
+async def _connect(stack: AsyncExitStack, endpoint: str, daemon: Process) -> Vehicle:
     """Enter a client of the daemon into the stack, as soon as the daemon listens.
 
     Raises:
@@ -277,7 +277,7 @@ async def _connect(stack: AsyncExitStack, endpoint: str, daemon: Process) -> Cli
     deadline = loop.time() + STARTUP
     while True:
         try:
-            return await stack.enter_async_context(Client.open(Connection(vehicle=VEHICLE, connect=endpoint)))
+            return await stack.enter_async_context(connect(VEHICLE, endpoint))
         except MkError as error:
             if daemon.returncode is not None or loop.time() > deadline:
                 raise MkError(f"the daemon did not start: {await _last_words(daemon) or error}") from error

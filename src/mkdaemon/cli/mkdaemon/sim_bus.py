@@ -18,7 +18,7 @@ from pydantic import BaseModel
 
 from mkdaemon.bus.codec import decode_map, encode, encode_map, encoding_of, read_command
 from mkdaemon.bus.gateway import refused
-from mkdaemon.bus.keys import key
+from mkdaemon.bus.names import key
 from mkdaemon.bus.session import close_session, open_session, session_config
 from mkdaemon.cli.mkdaemon.sim_camera import CameraPublisher
 from mkdaemon.config.sim import SimConfig

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import zenoh
 
 from mkdaemon.bus.codec import encoding_of
-from mkdaemon.bus.keys import key
+from mkdaemon.bus.names import key
 from mkdaemon.config.sim import SimConfig
 from mkdaemon.sim.simulation import Simulation
 from mkdaemon.telemetry.image import CameraFrame

@@ -10,7 +10,7 @@ import zenoh
 
 from mkdaemon.bus.gateway import Bus
 from mkdaemon.bus.session import session_config
-from mkdaemon.client.session import Client, Connection
+from mkdaemon.client import connect
 from mkdaemon.config.bus import BusConfig
 from mkdaemon.errors import MkError
 from mkdaemon.telemetry.command import CommandResult, Status
@@ -30,7 +30,7 @@ async def test_two_daemons_of_one_name_behind_a_router_are_noticed():
         async with Bus.open(config[0], "twin") as one, Bus.open(config[1], "twin") as other:
             one.serve("do", obey)
             other.serve("do", obey)
-            async with Client.open(Connection(vehicle="twin", connect=meeting_point)) as client:
+            async with connect("twin", meeting_point) as client:
                 deadline = time.monotonic() + PATIENCE
                 with pytest.raises(MkError, match="2 daemons of the name twin answered"):
                     while time.monotonic() < deadline:  # until the router knows both

@@ -1,0 +1,61 @@
+"""Patterns of keys: what can match a key that exists."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterator
+from functools import cache
+from typing import Final
+
+import zenoh
+
+from mkdaemon.errors import MkError
+
+_FRAMES: Final = ("rx", "tx")
+
+
+def require_known(pattern: str) -> None:
+    """Make sure that a pattern can match a key somebody publishes; a misspelt one would be watched for ever in silence.
+
+    Args:
+        pattern: key without `mk/<vehicle>/`; may hold `*` and `**`.
+
+    Raises:
+        MkError: no key matches; names the nearest one.
+    """
+    if not is_known(pattern):
+        msg = f"no key matches {pattern!r}{did_you_mean(pattern)}; docs/keys.md lists all keys"
+        raise MkError(msg)
+
+
+def is_known(pattern: str) -> bool:
+    """Whether a pattern matches a key of the table of keys; frames count by board and message."""
+    expression = zenoh.KeyExpr(pattern)
+    return any(expression.intersects(zenoh.KeyExpr(known)) for known in known_keys())
+
+
+def did_you_mean(pattern: str) -> str:
+    """The key nearest to a pattern as half a sentence; empty where none is near."""
+    near = difflib.get_close_matches(pattern, known_keys(), n=1, cutoff=0.5)
+    return f"; did you mean {near[0]}?" if near else ""
+
+
+@cache
+def known_keys() -> tuple[str, ...]:
+    """Every key that is published or streamed, without `mk/<vehicle>/`; names of cameras as `*`."""
+    from mkdaemon.bus.keys import KEYS, Use
+
+    streamed = {Use.PUBLISHED, Use.CLIENT, Use.SETPOINT}
+    plain = (spec.pattern for spec in KEYS if spec.use in streamed and spec.pattern.partition("/")[0] not in _FRAMES)
+    return (*plain, *_frame_keys())
+
+
+def _frame_keys() -> Iterator[str]:
+    """Keys of frames: every message under each board it belongs to, and those no message fits."""
+    import mkdaemon.protocol.messages  # noqa: F401 - fills the table
+    from mkdaemon.protocol.wire import MESSAGES, Board
+
+    for way in _FRAMES:
+        yield from dict.fromkeys(f"{way}/{board.word}/{cls.spec.key}" for (board, *_), cls in MESSAGES.items())
+        yield from dict.fromkeys(f"{way}/{Board.ANY.word}/{cls.spec.key}" for cls in MESSAGES.values())
+        yield from (f"{way}/{board}/unknown" for board in (*(board.word for board in Board), "other"))

@@ -1,0 +1,134 @@
+"""Values from the bus: the map as it came, and the typed value it stands for."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cache, cached_property
+from typing import TYPE_CHECKING, Any
+
+import msgpack
+
+from mkdaemon.errors import ProtocolError
+
+if TYPE_CHECKING:
+    from pydantic import BaseModel
+
+    from mkdaemon.protocol.wire import WireMessage
+
+
+@dataclass(frozen=True)
+class Sample:
+    """A value from the bus.
+
+    Attributes:
+        suffix: key without `mk/<vehicle>/`.
+        fields: the map as it came; a schema is parsed JSON.
+        encoding: as published, for example `application/msgpack;mk.Attitude.v1`.
+    """
+
+    suffix: str
+    fields: dict[str, Any]
+    encoding: str
+
+    @property
+    def schema(self) -> str | None:
+        """Name and version of the schema, for example `Attitude.v1`; None where the encoding names none."""
+        head, mark, name = self.encoding.rpartition(";mk.")
+        return name if mark and head else None
+
+    @property
+    def age(self) -> float | None:
+        """Time since the daemon published it, when the query was answered [s]; None for a value that was watched."""
+        age = self.fields.get("age")
+        return None if age is None else float(age)
+
+    @cached_property
+    def value(self) -> Any:
+        """The telemetry value, for example an `Attitude`; the map where its schema is not known here.
+
+        A frame under `rx/` or `tx/` is a `FrameSample` whose `fields` are the typed message.
+
+        Raises:
+            ProtocolError: the map does not fit the schema it names.
+        """
+        return typed_value(self.schema, self.fields)
+
+
+def read_payload(encoding: str, raw: bytes) -> dict[str, Any]:
+    """Unpack a payload; what is no map comes under `value`, an unknown encoding under `raw`."""
+    if "msgpack" in encoding:
+        value = msgpack.unpackb(raw)
+    elif "json" in encoding:
+        value = json.loads(raw)
+    else:
+        value = {"raw": raw}
+    return value if isinstance(value, dict) else {"value": value}
+
+
+def typed_value(schema: str | None, fields: dict[str, Any]) -> Any:
+    """Make the value that a map stands for; the map itself where the schema is not known here.
+
+    Args:
+        schema: name and version, for example `Attitude.v1`.
+        fields: the map.
+
+    Raises:
+        ProtocolError: the map does not fit the schema.
+    """
+    from pydantic import ValidationError
+
+    from mkdaemon.bus.codec import first_mistake
+    from mkdaemon.telemetry.traffic import FrameSample
+
+    model = _telemetry().get(schema or "")
+    try:
+        if model is not None:
+            return model.model_validate(fields)
+        message = _messages().get((schema or "").removesuffix(".v1"))
+        if message is None:
+            return fields
+        envelope = FrameSample.model_validate(fields)
+    except ValidationError as error:
+        msg = f"this is no {schema} as known here: {first_mistake(error)}; update mkdaemon here or there"
+        raise ProtocolError(msg) from error
+    return envelope.model_copy(update={"fields": message_from(schema, envelope.fields)})
+
+
+def message_from(schema: str | None, fields: Mapping[str, Any]) -> WireMessage:
+    """Make the message again that the daemon describes.
+
+    Args:
+        schema: as the daemon names it, for example `VersionFc210.v1`.
+        fields: the message's fields.
+
+    Raises:
+        ProtocolError: the schema is unknown here, or has other fields.
+    """
+    cls = _messages().get((schema or "").partition(".")[0])
+    if cls is None or cls.model_fields.keys() != fields.keys():
+        msg = f"the daemon answers with {schema} ({', '.join(fields) or 'empty'}), unknown here; update mkctl"
+        raise ProtocolError(msg)
+    # Not validated: what a board says may be outside the limits of what may be sent.
+    return cls.decode(cls.model_construct(**{name: _plain(value) for name, value in fields.items()}).encode())
+
+
+def _plain(value: Any) -> Any:
+    return tuple(value) if isinstance(value, list) else value
+
+
+@cache
+def _telemetry() -> dict[str, type[BaseModel]]:
+    from mkdaemon.bus.codec import schema_name
+    from mkdaemon.bus.keys import KEYS
+
+    return {schema_name(spec.carries): spec.carries for spec in KEYS if spec.carries is not None}
+
+
+@cache
+def _messages() -> dict[str, type[WireMessage]]:
+    import mkdaemon.protocol.messages  # noqa: F401 - fills the table
+    from mkdaemon.protocol.wire import MESSAGES
+
+    return {cls.__name__: cls for cls in MESSAGES.values()}

@@ -1,0 +1,200 @@
+"""What every part of the client stands on: queries, subscriptions, publishers and tokens of one vehicle.
+
+Nothing is imported from the daemon: any program on any machine can do the same with zenoh and msgpack alone.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import AsyncIterator, Mapping
+from contextlib import asynccontextmanager, suppress
+from typing import Any, Final
+
+import msgpack
+import zenoh
+
+from mkdaemon.bus.names import ROOT, key, suffix_of
+from mkdaemon.client.answers import Answer
+from mkdaemon.client.patterns import require_known
+from mkdaemon.client.samples import Sample, read_payload
+from mkdaemon.client.watch import Watch
+from mkdaemon.errors import MkError
+
+PATIENCE: Final = 15.0
+"""Longest wait for the answer to a command [s]; board requests with retries take up to 8 s."""
+_OTHER_ROOTS: Final = frozenset({"do", "sim"})
+"""Targets of a command that are no boards."""
+
+
+class Transport:
+    """An open session with one vehicle's daemon.
+
+    Attributes:
+        vehicle: name of the vehicle.
+    """
+
+    def __init__(self, session: zenoh.Session, vehicle: str, endpoint: str) -> None:
+        self.vehicle = vehicle
+        self._session = session
+        self._endpoint = endpoint
+        self._loop = asyncio.get_running_loop()
+
+    async def get_all(self, pattern: str, *, patience: float = 3.0) -> dict[str, Sample]:
+        """Ask for the last values of all keys that match, each with its `age`.
+
+        Args:
+            pattern: key without `mk/<vehicle>/`; may hold `*` and `**`.
+            patience: longest wait [s].
+
+        Returns:
+            The samples by key; empty where nothing was published yet.
+
+        Raises:
+            MkError: the pattern is no key expression.
+        """
+        replies = await self._query(pattern, b"", patience)
+        return {sample.suffix: sample for sample in replies}
+
+    async def get(self, suffix: str, *, patience: float = 3.0) -> Sample | None:
+        """Ask for the last value of a key, with its `age`; None where nothing was published yet.
+
+        Args:
+            suffix: key without `mk/<vehicle>/`.
+            patience: longest wait [s].
+
+        Raises:
+            MkError: there is no such key.
+        """
+        sample = (await self.get_all(suffix, patience=patience)).get(self._suffix(suffix))
+        if sample is None:
+            require_known(self._suffix(suffix))
+        return sample
+
+    async def command(
+        self, target: str, name: str, fields: Mapping[str, Any] | None = None, *, patience: float = PATIENCE
+    ) -> Answer:
+        """Ask a board, or the daemon, to do something.
+
+        Args:
+            target: `fc`, `nc`, `mag`, ... for a MikroKopter request, `do` for a verb of the daemon, `sim` for one of
+                the simulator.
+            name: key of the request, for example `version_request`, or the verb.
+            fields: of the request; dangerous ones want `confirm = True`.
+            patience: longest wait for the answer [s].
+
+        Raises:
+            MkError: no daemon speaks for this vehicle at the endpoint, or more than one does.
+        """
+        suffix = f"{target}/{name}" if target in _OTHER_ROOTS else f"cmd/{target}/{name}"
+        replies = await self._query(suffix, msgpack.packb(dict(fields or {})), patience)
+        if not replies:
+            raise MkError(
+                await self.absence() or f"the daemon gives no answer to {suffix}: is it older than this client?"
+            )
+        if len(replies) > 1:
+            msg = (
+                f"{len(replies)} daemons of the name {self.vehicle} answered, and all have obeyed: "
+                "give each aircraft a vehicle.name of its own"
+            )
+            raise MkError(msg)
+        return Answer.from_fields(replies[0].fields)
+
+    def watch(self, *patterns: str) -> Watch:
+        """Subscribe to keys: iterate over what comes with `async for`, or enter it first with `async with`.
+
+        Args:
+            patterns: keys without `mk/<vehicle>/`; may hold `*` and `**`.
+
+        Raises:
+            MkError: a pattern is no key expression, or no key that exists matches it.
+        """
+        watch = self._watch_unchecked(*patterns)
+        for pattern in patterns:
+            require_known(self._suffix(pattern))
+        return watch
+
+    def _watch_unchecked(self, *patterns: str) -> Watch:
+        return Watch(self._session, [self._expression(pattern) for pattern in patterns], self._sample)
+
+    @asynccontextmanager
+    async def token(self, name: str) -> AsyncIterator[None]:
+        """Show the liveliness token `client/<name>` for as long as the context lives; its end ends a lease."""
+        with self._session.liveliness().declare_token(self._key(f"client/{name}")):
+            yield
+
+    def stream(self, suffix: str) -> zenoh.Publisher:
+        """Make a publisher for setpoints: newest wins, so what cannot be sent at once is dropped."""
+        return self._session.declare_publisher(
+            self._key(suffix),
+            congestion_control=zenoh.CongestionControl.DROP,
+            priority=zenoh.Priority.REAL_TIME,
+            express=True,
+        )
+
+    async def vehicles(self) -> list[str]:
+        """Names of all vehicles whose daemon is alive."""
+        replies = await asyncio.to_thread(lambda: list(self._session.liveliness().get(f"{ROOT}/*/alive", timeout=1)))
+        return sorted(str(reply.ok.key_expr).split("/")[1] for reply in replies if reply.ok is not None)
+
+    def _key(self, suffix: str) -> str:
+        return key(self.vehicle, suffix)
+
+    def _suffix(self, pattern: str) -> str:
+        return pattern.removeprefix(self._key(""))
+
+    def _expression(self, pattern: str) -> zenoh.KeyExpr:
+        """A pattern as a user writes it; whole keys, copied from somewhere, are understood too.
+
+        Raises:
+            MkError: it is no key expression.
+        """
+        try:
+            return zenoh.KeyExpr(self._key(self._suffix(pattern)))
+        except zenoh.ZError as error:
+            why = str(error).partition(" at /")[0].rpartition("`: ")[2]
+            msg = f"{pattern!r} is no key: {why}"
+            raise MkError(msg) from error
+
+    async def _query(self, suffix: str, payload: bytes, patience: float) -> list[Sample]:
+        done: asyncio.Future[None] = self._loop.create_future()
+        replies: list[zenoh.Sample] = []
+        loop = self._loop
+
+        def finish() -> None:
+            if not done.done():
+                done.set_result(None)
+
+        def on_reply(reply: zenoh.Reply) -> None:
+            if reply.ok is not None:
+                replies.append(reply.ok)
+
+        def on_end() -> None:
+            with suppress(RuntimeError):
+                loop.call_soon_threadsafe(finish)
+
+        handler = zenoh.handlers.Callback(on_reply, on_end, indirect=False)
+        # Every answer, also a second one of the same key: a router would keep only one of two daemons' answers.
+        self._session.get(
+            self._expression(suffix),
+            handler,
+            payload=payload or None,
+            timeout=patience,
+            consolidation=zenoh.ConsolidationMode.NONE,
+        )
+        await done
+        return [self._sample(reply) for reply in replies]
+
+    def _sample(self, sample: zenoh.Sample) -> Sample:
+        encoding, raw = str(sample.encoding), sample.payload.to_bytes()
+        return Sample(suffix_of(self.vehicle, str(sample.key_expr)), read_payload(encoding, raw), encoding)
+
+    async def absence(self) -> str | None:
+        """Say that there is no daemon for this vehicle, and what there is; None while there is one."""
+        others = await self.vehicles()
+        if self.vehicle in others:
+            return None
+        if others:
+            return (
+                f"no daemon for vehicle {self.vehicle} at {self._endpoint}; there is {', '.join(others)}: use --vehicle"
+            )
+        return f"no daemon at {self._endpoint}: start `mkdaemon run`, or use --connect"

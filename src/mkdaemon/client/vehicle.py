@@ -1,0 +1,11 @@
+"""One vehicle, as a program sees it through its daemon."""
+
+from __future__ import annotations
+
+from mkdaemon.client.procedures import Procedures
+from mkdaemon.client.requests import Requests
+from mkdaemon.client.verbs import Verbs
+
+
+class Vehicle(Verbs, Requests, Procedures):
+    """A vehicle whose daemon this program is connected to; made by `connect`."""

@@ -1,0 +1,125 @@
+"""Verbs of the daemon as methods."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import TYPE_CHECKING, Any
+
+from mkdaemon.client.transport import Transport
+
+if TYPE_CHECKING:
+    from mkdaemon.telemetry.control import LeaseState
+
+
+class ReleaseOutcome(StrEnum):
+    """How a release went."""
+
+    CONFIRMED = "confirmed"
+    """The FlightCtrl confirmed it."""
+    NOT_OBSERVABLE = "not_observable"
+    """Sent; a confirmation cannot come this way (a NaviCtrl between us and the FlightCtrl)."""
+    UNCONFIRMED = "unconfirmed"
+    """Sent, not confirmed: the line is silenced until the FlightCtrl lets go by itself (6 s)."""
+    NOT_SENT = "not_sent"
+    """The line is down; it is the first thing sent when the line is back."""
+
+    @property
+    def is_done(self) -> bool:
+        """It was confirmed, or cannot be."""
+        return self in {ReleaseOutcome.CONFIRMED, ReleaseOutcome.NOT_OBSERVABLE}
+
+
+@dataclass(frozen=True, slots=True)
+class Release:
+    """What became of a release.
+
+    Attributes:
+        outcome: how it went.
+        fields: the daemon's whole reply.
+    """
+
+    outcome: ReleaseOutcome
+    fields: dict[str, Any]
+
+
+class Verbs(Transport):
+    """Asks the daemon itself."""
+
+    async def release(self, reason: str = "asked for by a client") -> Release:
+        """Let go of the aircraft, now, whoever flies: neutral sticks, then the pilot's sticks rule again.
+
+        Needs no lease. It does not stop motors.
+
+        Args:
+            reason: published with the event.
+
+        Raises:
+            CommandRejectedError: no end of it in time.
+            MkError: no daemon speaks for this vehicle.
+        """
+        reply = (await self.command("do", "release", {"reason": reason})).require()
+        return Release(ReleaseOutcome(reply["status"]), reply)
+
+    async def lease_state(self) -> LeaseState | None:
+        """Who holds the lease; None for nobody.
+
+        Raises:
+            MkError: no daemon speaks for this vehicle.
+        """
+        from mkdaemon.telemetry.control import LeaseState
+
+        reply = (await self.command("do", "lease", {"action": "show"})).require()
+        return LeaseState.model_validate(reply) if reply else None
+
+    async def rates(self) -> dict[str, float]:
+        """Time between two frames of each stream that is asked for [s].
+
+        Raises:
+            MkError: no daemon speaks for this vehicle.
+        """
+        reply = (await self.command("do", "rate")).require()
+        return dict(reply["intervals"])
+
+    async def rate(self, stream: str, interval: float) -> dict[str, float]:
+        """Ask for a telemetry stream at an interval.
+
+        Args:
+            stream: key of the message, for example `osd`, `attitude`, `debug`.
+            interval: time between two frames [s]; 0 stops the stream.
+
+        Returns:
+            The intervals of all streams [s].
+
+        Raises:
+            CommandRejectedError: there is no such stream, or the line cannot carry it.
+            MkError: no daemon speaks for this vehicle.
+        """
+        reply = (await self.command("do", "rate", {"stream": stream, "interval": interval})).require()
+        return dict(reply["intervals"])
+
+    async def labels(self, board: str) -> tuple[str, ...]:
+        """Names of a board's 32 debug channels.
+
+        Args:
+            board: `fc`, `nc` or `mag`.
+
+        Raises:
+            CommandRejectedError: the board did not answer, or cannot be reached.
+            MkError: no daemon speaks for this vehicle.
+        """
+        reply = (await self.command("do", "labels", {"board": board}, patience=60.0)).require()
+        return tuple(reply["names"])
+
+    async def schema(self, name: str) -> dict[str, Any] | None:
+        """The JSON Schema of a payload; None for an unknown name.
+
+        Args:
+            name: name and version, as an encoding names them: `Attitude.v1`.
+
+        Raises:
+            MkError: the name is no part of a key.
+        """
+        suffix = f"schema/{name}"
+        sample = (await self.get_all(suffix)).get(suffix)
+        return None if sample is None else sample.fields
