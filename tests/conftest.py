@@ -11,6 +11,7 @@ import pytest
 from hypothesis import HealthCheck, settings
 
 from tests.bus.support import give_back_endpoints
+from tests.places import DATA, REFERENCE
 
 # A loaded machine is slow, not wrong: how long an example takes, or takes to draw, says nothing about the code.
 # Every run draws the same examples; `pytest --hypothesis-profile=explore` draws new ones, and more of them.
@@ -23,9 +24,6 @@ settings.load_profile("house")
 signal.signal(signal.SIGHUP, signal.SIG_DFL)
 signal.signal(signal.SIGTERM, signal.SIG_DFL)
 signal.signal(signal.SIGINT, signal.default_int_handler)
-
-ROOT = Path(__file__).resolve().parents[1]
-SHARED = ROOT.parent / "shared"
 
 
 @pytest.fixture(scope="session", autouse=True)
@@ -51,12 +49,12 @@ def endpoints() -> Iterator[None]:
 @pytest.fixture(scope="session")
 def shared() -> Path:
     """The folder of reference material beside the checkout; tests that want it skip where it is absent."""
-    if not (SHARED / "README.md").is_file():
+    if not (REFERENCE / "README.md").is_file():
         pytest.skip("reference material (../shared) is not beside this checkout")
-    return SHARED
+    return REFERENCE
 
 
 @pytest.fixture(scope="session")
 def fixtures() -> Path:
     """Recorded bytes and expected values kept with the tests."""
-    return ROOT / "tests" / "data"
+    return DATA

@@ -8,10 +8,10 @@ import subprocess
 
 import pytest
 
-from tests.conftest import ROOT
+from tests.places import CONFIGS
 
-UNIT = ROOT / "configs" / "systemd" / "mkdaemon.service"
-RULES = ROOT / "configs" / "udev" / "60-mkdaemon.rules"
+UNIT = CONFIGS / "systemd" / "mkdaemon.service"
+RULES = CONFIGS / "udev" / "60-mkdaemon.rules"
 
 
 def systemd_analyze(*arguments):
@@ -49,5 +49,5 @@ def test_udev_rules_are_matches_and_assignments():
 
 
 def test_the_certificate_script_is_a_shell_script():
-    script = ROOT / "configs" / "zenoh" / "certificates.sh"
+    script = CONFIGS / "zenoh" / "certificates.sh"
     assert subprocess.run(["sh", "-n", str(script)], check=False).returncode == 0

@@ -10,7 +10,7 @@ import sys
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final
+from typing import Annotated, Final
 
 import grimp
 from cyclopts import App, Parameter
@@ -20,7 +20,6 @@ from rich.table import Table
 from mkdaemon.cli.program import run
 from mkdaemon.errors import MkError
 
-ROOT: Final = Path(__file__).resolve().parents[1]
 LONGEST_FILE: Final = 300
 """Lines a file of src/, lab/ or tools/ may have."""
 FOLDERS: Final = ("src", "lab", "tools", "tests")
@@ -61,7 +60,7 @@ class Package:
     lines: int
 
 
-def count_lines(root: Path = ROOT) -> dict[str, int]:
+def count_lines(root: Path) -> dict[str, int]:
     """Return the lines of every Python file of the tree, by its path from `root`."""
     files = sorted(path for folder in FOLDERS for path in (root / folder).rglob("*.py"))
     return {path.relative_to(root).as_posix(): path.read_text(encoding="utf-8").count("\n") for path in files}
@@ -135,7 +134,7 @@ def _reach(start: str, imported_by: Callable[[str], set[str]]) -> set[str]:
     return found
 
 
-def shape(*, root: Path = ROOT) -> None:
+def shape(*, root: Annotated[Path, Parameter(help="Root of the source tree.")] = Path()) -> None:
     """Print the size of every package, and check the length of files and the circles of imports.
 
     Raises:

@@ -15,8 +15,9 @@ from mkdaemon.bus.session import session_config
 from mkdaemon.telemetry.command import CommandResult, Status
 from mkdaemon.telemetry.event import LogEvent
 from tests.bus.support import PATIENCE, ask, bus_config, free_endpoint
+from tests.places import CONFIGS
 
-SAMPLES = Path(__file__).resolve().parents[2] / "configs" / "zenoh"
+SAMPLES = CONFIGS / "zenoh"
 IN_SAMPLES = "configs/zenoh/certificates/"
 HELLO = LogEvent(t_monotonic=1.0, t_wall=2.0, level="info", text="hello")
 

@@ -23,9 +23,9 @@ from mkdaemon.protocol.messages import (
     VersionRequestWhich,
 )
 from mkdaemon.protocol.wire import Board
-from tests.conftest import ROOT
+from tests.places import CAPTURES
 
-EXCERPTS = ROOT / "tests" / "data" / "captures"
+EXCERPTS = CAPTURES
 
 
 def version(major: int, minor: int) -> bytes:

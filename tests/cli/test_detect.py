@@ -18,9 +18,9 @@ from mkdaemon.sim.scene.scene import Scene, SceneTarget, cam_from_target, true_c
 from mkdaemon.sim.scene.view import view_towards
 from mkdaemon.vision.camera.intrinsics import Intrinsics
 from mkdaemon.vision.tags.tagmap import load, single
+from tests.places import CONFIGS
 
-ROOT = Path(__file__).resolve().parents[2]
-TARGET = ROOT / "configs" / "targets" / "nested.toml"
+TARGET = CONFIGS / "targets" / "nested.toml"
 LENS = Intrinsics(width=640, height=480, fx=600, fy=602, cx=322, cy=238, k1=-0.2, k2=0.05)
 SHORT = "600,602,322,238,-0.2,0.05"
 
@@ -104,7 +104,7 @@ def test_a_calibration_of_another_size_gives_an_error_and_no_pose(
 ) -> None:
     small = cv2.imread(str(pictures / "single.png"))[:400]
     cv2.imwrite(str(pictures / "small.png"), small)
-    camera = ROOT / "configs" / "cameras" / "sim.toml"
+    camera = CONFIGS / "cameras" / "sim.toml"
     code, (found,), _ = detect(capsys, pictures / "small.png", "--tag-size", 0.2, "--camera", camera, "--json")
     (pictures / "small.png").unlink()
     assert code == EXIT_FAILURE

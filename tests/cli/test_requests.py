@@ -1,7 +1,6 @@
 from __future__ import annotations
 
 import re
-from pathlib import Path
 
 import pytest
 
@@ -11,6 +10,7 @@ from mkdaemon.errors import ConfigError
 from mkdaemon.protocol.flags import MotorControllerItems
 from mkdaemon.protocol.messages import ErrorText, MotorController, Settings
 from mkdaemon.protocol.wire import MESSAGES, Direction
+from tests.places import DOCS
 
 FORMS = request_forms()
 
@@ -85,6 +85,6 @@ def test_answers_are_shown_with_units_and_names() -> None:
 
 
 def test_the_command_line_of_the_protocol_page_exists() -> None:
-    page = (Path(__file__).resolve().parents[2] / "docs" / "protocol.md").read_text(encoding="utf-8")
+    page = (DOCS / "protocol.md").read_text(encoding="utf-8")
     named = set(re.findall(r"mkctl send ([a-z0-9-]+)", page))
     assert named == {form.command for form in FORMS.values()}

@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import time
-from pathlib import Path
 
 import pytest
 import zenoh
@@ -17,8 +16,7 @@ from mkdaemon.errors import CommandRejectedError, ConfigError
 from mkdaemon.sim.simulation import Simulation
 from mkdaemon.telemetry.sim import FaultRequest
 from tests.bus.support import PATIENCE, ask, bus_config, client, free_endpoint
-
-SOURCE = Path(__file__).resolve().parents[2] / "src" / "mkdaemon"
+from tests.places import SOURCE
 
 
 @pytest.fixture

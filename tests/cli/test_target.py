@@ -11,8 +11,7 @@ import pytest
 from mkdaemon.cli.mkdaemon.app import app
 from mkdaemon.cli.program import EXIT_CONFIG, EXIT_OK, run
 from mkdaemon.vision.tags.tagmap import load
-
-ROOT = Path(__file__).resolve().parents[2]
+from tests.places import CONFIGS
 
 
 def target(*words: object) -> int:
@@ -22,7 +21,7 @@ def target(*words: object) -> int:
 @pytest.mark.parametrize(
     ("words", "width"),
     [
-        (("--target", ROOT / "configs" / "targets" / "nested.toml"), 304.8 * 10 / 8 + 26),
+        (("--target", CONFIGS / "targets" / "nested.toml"), 304.8 * 10 / 8 + 26),
         (("--tag", "7:0.16"), 160 * 10 / 8 + 26),
         (("--tag", "tag25h9/3:0.14"), 140 * 9 / 7 + 26),
         (("--charuco", "9x6", "--square", "0.03"), 270 + 26),

@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import pytest
 
 from mkdaemon.config.reader import load
 from mkdaemon.errors import ConfigError
-
-CONFIGS = Path(__file__).resolve().parents[2] / "configs"
+from tests.places import CONFIGS
 
 
 def test_no_file_is_all_defaults():

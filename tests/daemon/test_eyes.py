@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-from pathlib import Path
 
 import cv2
 import numpy as np
@@ -17,8 +16,9 @@ from mkdaemon.daemon.eyes import Eyes, open_eyes
 from mkdaemon.errors import ConfigError
 from mkdaemon.telemetry.state import Attitude
 from tests.bus.support import PATIENCE, bus_config, free_endpoint
+from tests.places import CONFIGS
 
-TARGET = Path(__file__).resolve().parents[2] / "configs" / "targets" / "nested.toml"
+TARGET = CONFIGS / "targets" / "nested.toml"
 LEVEL = Attitude(
     t_monotonic=1.0, t_wall=2.0, source="nc/attitude", quaternion=(1.0, 0.0, 0.0, 0.0), roll=0.0, pitch=0.0, yaw=0.0
 )

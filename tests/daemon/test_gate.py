@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from pathlib import Path
 
 import pytest
 
@@ -15,8 +14,8 @@ from mkdaemon.errors import CommandRejectedError
 from mkdaemon.protocol.wire import MESSAGES, Board, Direction
 from mkdaemon.telemetry.command import REFUSALS, Status, refuse
 from mkdaemon.telemetry.link import LinkCondition, LinkState
+from tests.places import SOURCE
 
-ROOT = Path(__file__).resolve().parents[2]
 ALL_ON = CommandsConfig(**dict.fromkeys(CommandsConfig.model_fields, True))
 
 REQUESTS = {}
@@ -192,7 +191,7 @@ def test_every_refusal_says_why_and_what_to_do(token):
 def test_every_token_used_by_the_daemon_and_the_link_is_in_the_table():
     used = set()
     for part in ("daemon", "control", "bus", "link"):
-        for source in (ROOT / "src" / "mkdaemon" / part).rglob("*.py"):
+        for source in (SOURCE / part).rglob("*.py"):
             text = source.read_text(encoding="utf-8")
             used |= set(re.findall(r"(?:refuse|CommandRejectedError)\(\s*\"(\w+)\"", text))
     assert used - set(REFUSALS) == set()

@@ -13,10 +13,10 @@ import zenoh
 
 from tests.bus.support import free_endpoint
 from tests.daemon.processes import PATIENCE, mkdaemon
+from tests.places import CAPTURES, REFERENCE
 
-ROOT = Path(__file__).resolve().parents[2]
-WHOLE = ROOT.parent / "shared" / "captures" / "nc_mixed_60s.jsonl"
-EXCERPT = ROOT / "tests" / "data" / "captures" / "nc_mixed_60s.jsonl"
+WHOLE = REFERENCE / "captures" / "nc_mixed_60s.jsonl"
+EXCERPT = CAPTURES / "nc_mixed_60s.jsonl"
 
 
 class Subscriber:

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import pytest
 
 from lab.figures import PLOTS, main
 from mkdaemon.errors import ConfigError, MkError
+from tests.places import CONFIGS
 
-NESTED = Path(__file__).resolve().parents[2] / "configs" / "targets" / "nested.toml"
+NESTED = CONFIGS / "targets" / "nested.toml"
 
 
 def test_missing_results_name_their_benchmarks_and_the_rest_is_drawn(tmp_path):

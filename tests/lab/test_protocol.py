@@ -9,9 +9,9 @@ import pytest
 from lab.protocol import default_recording, main, measure_speed, recording_of, survive
 from mkdaemon.errors import MkError
 from mkdaemon.protocol.framing import MAX_FRAME_CHARS
-from tests.conftest import ROOT
+from tests.places import CAPTURES
 
-EXCERPT = ROOT / "tests" / "data" / "captures" / "nc_mixed_60s.jsonl"
+EXCERPT = CAPTURES / "nc_mixed_60s.jsonl"
 
 
 def test_one_object_on_the_last_line(capsys):

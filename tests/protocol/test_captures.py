@@ -14,10 +14,10 @@ from mkdaemon.protocol.decoder import MessageDecoder, Unknown
 from mkdaemon.protocol.framing import Dropped, Frame, FrameDecoder
 from mkdaemon.protocol.messages import AttitudeDataNc, OsdData5
 from mkdaemon.protocol.wire import MESSAGES, WireMessage
-from tests.conftest import ROOT
+from tests.places import CAPTURES
 
 NAMES = ("fc_commands", "fc_debug_stream_95s", "fc_latency", "nc_commands", "nc_mixed_60s")
-EXCERPTS = ROOT / "tests" / "data" / "captures"
+EXCERPTS = CAPTURES
 
 
 def chunks(path: Path) -> Iterator[tuple[str, bytes]]:

@@ -19,9 +19,9 @@ from mkdaemon.protocol import (
     decode_capture,
     messages,
 )
-from tests.conftest import ROOT
+from tests.places import CAPTURES, ROOT
 
-CAPTURE = ROOT / "tests" / "data" / "captures" / "nc_mixed_60s.jsonl"
+CAPTURE = CAPTURES / "nc_mixed_60s.jsonl"
 
 EXPORTED = [
     *("MESSAGES", "Board", "Chunk", "DeadMan", "Decoded", "Dialect", "Direction", "DropReason", "Dropped", "ErrorCode"),

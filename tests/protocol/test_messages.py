@@ -18,10 +18,10 @@ from mkdaemon.protocol.errorcodes import ErrorCode, describe_error, error_since
 from mkdaemon.protocol.framing import Dropped, Frame, FrameDecoder
 from mkdaemon.protocol.messages import ESCAPE, motor_controller_checksum
 from mkdaemon.protocol.wire import MESSAGES, Board, Direction, WireMessage
-from tests.conftest import ROOT
+from tests.places import DATA
 from tests.protocol.strategies import CLASSES, class_name, messages, split
 
-VECTORS = json.loads((ROOT / "tests" / "data" / "wire_vectors.json").read_text(encoding="utf-8"))
+VECTORS = json.loads((DATA / "wire_vectors.json").read_text(encoding="utf-8"))
 FRAMED = [vector for vector in VECTORS["vectors"] if vector["command"] is not None]
 POINTS = {(Board.NC, letter): "2x" for letter in "swX"}
 

@@ -4,7 +4,7 @@ import re
 
 from mkdaemon.cli.program import run
 from mkdaemon.protocol.wire import MESSAGES, Board
-from tests.conftest import ROOT
+from tests.places import CAPTURES, ROOT
 from tools.coverage_table import coverage, shown_releases
 from tools.docs import GENERATED, app, make_page, stale_pages
 
@@ -71,7 +71,7 @@ def test_the_coverage_table_says_what_each_release_knows():
 
 
 def table(board):
-    rows = coverage(board, ROOT / "tests" / "data" / "captures")
+    rows = coverage(board, CAPTURES)
     return {(row.letter, row.name): dict(zip(shown_releases(board), row.cells, strict=True)) for row in rows}
 
 

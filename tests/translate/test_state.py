@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-from pathlib import Path
 
 import pytest
 
@@ -33,8 +32,9 @@ from mkdaemon.protocol.messages.osdsets import (
 from mkdaemon.telemetry.state import GpsMode
 from mkdaemon.translate import StateTranslator
 from mkdaemon.translate.state import COARSE_AFTER, motors_running
+from tests.places import CAPTURES
 
-EXCERPT = Path(__file__).resolve().parents[1] / "data" / "captures" / "nc_mixed_60s.jsonl"
+EXCERPT = CAPTURES / "nc_mixed_60s.jsonl"
 
 
 def blank(cls, **fields):

@@ -20,6 +20,7 @@ from mkdaemon.vision.calibrate.calibration import CalibrationResult, calibrate, 
 from mkdaemon.vision.calibrate.coverage import Coverage
 from mkdaemon.vision.camera.calibration_file import CalibrationRecord, Camera, load_camera, mount_rotation, save_camera
 from mkdaemon.vision.tags.tagmap import build
+from tests.places import CONFIGS
 
 from .boardviews import LENS, PLACES, board_views
 
@@ -226,7 +227,7 @@ def test_a_missing_camera_file_is_named(tmp_path: Path) -> None:
 
 
 def test_shipped_camera_files_load() -> None:
-    files = sorted((Path(__file__).resolve().parents[2] / "configs" / "cameras").glob("*.toml"))
+    files = sorted((CONFIGS / "cameras").glob("*.toml"))
     assert files
     for file in files:
         load_camera(file)

@@ -17,8 +17,8 @@ from mkdaemon.vision.calibrate.board import CharucoBoard
 from mkdaemon.vision.calibrate.target_print import PAPERS_MM, pdf, svg, write_page
 from mkdaemon.vision.calibrate.target_shapes import Page, board_page, outlines, target_page
 from mkdaemon.vision.tags.tagmap import Target, build, load, single
+from tests.places import CONFIGS
 
-ROOT = Path(__file__).resolve().parents[2]
 PX_PER_MM = 4
 NESTED = build(
     [TargetSection(name="pad", tags=(TagPlacement(id=48, size=0.16), TagPlacement(id=1, size=0.028)))], origin="test"
@@ -195,7 +195,7 @@ def test_a_target_that_is_not_flat_cannot_be_one_print() -> None:
 
 @pytest.mark.parametrize("name", ["single", "nested", "landing"])
 def test_shipped_targets_print(name: str, tmp_path: Path) -> None:
-    page: Page = target_page(load([ROOT / "configs" / "targets" / f"{name}.toml"]).targets[0])
+    page: Page = target_page(load([CONFIGS / "targets" / f"{name}.toml"]).targets[0])
     for suffix in ("svg", "pdf"):
         write_page(page, tmp_path / f"{name}.{suffix}")
         assert (tmp_path / f"{name}.{suffix}").stat().st_size > 1000

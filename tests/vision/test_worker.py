@@ -31,10 +31,10 @@ from mkdaemon.vision.pipeline import ALARM_WORDS, CameraPipeline
 from mkdaemon.vision.tags.tagmap import load
 from mkdaemon.vision.track.attitude import AttitudeSample
 from mkdaemon.vision.worker import VisionWorker
+from tests.places import CONFIGS
 
-ROOT = Path(__file__).resolve().parents[2]
-CAMERA_FILE = ROOT / "configs" / "cameras" / "sim.toml"
-TARGET_FILE = ROOT / "configs" / "targets" / "nested.toml"
+CAMERA_FILE = CONFIGS / "cameras" / "sim.toml"
+TARGET_FILE = CONFIGS / "targets" / "nested.toml"
 CAMERA = load_camera(CAMERA_FILE)
 PAD = SceneTarget.of(load([TARGET_FILE]).targets[0], Platform())
 SCENE = Scene([PAD], ground="tiles", seed=6, fine=False)

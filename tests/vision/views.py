@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from functools import lru_cache
-from pathlib import Path
 
 import cv2
 import numpy as np
@@ -17,14 +16,14 @@ from mkdaemon.sim.scene.view import CameraView
 from mkdaemon.vision.camera.image import CameraImage
 from mkdaemon.vision.camera.intrinsics import Intrinsics
 from mkdaemon.vision.tags.tagmap import Target, load
+from tests.places import CONFIGS
 
-CONFIGS = Path(__file__).resolve().parents[2] / "configs" / "targets"
 VGA = Intrinsics(width=640, height=480, fx=600.0, fy=600.0, cx=319.5, cy=239.5)
 
 
 @lru_cache(maxsize=4)
 def shipped(name: str) -> Target:
-    return load([CONFIGS / f"{name}.toml"]).targets[0]
+    return load([CONFIGS / "targets" / f"{name}.toml"]).targets[0]
 
 
 @lru_cache(maxsize=1)

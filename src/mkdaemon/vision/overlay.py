@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import cv2
 import numpy as np
 import numpy.typing as npt
@@ -42,6 +44,25 @@ def draw(pixels: npt.NDArray[np.uint8], result: StillResult, intrinsics: Intrins
         for pose in result.poses:
             _axes(picture, pose, intrinsics, scale)
     return picture
+
+
+def write_picture(path: Path, pixels: npt.NDArray[np.uint8]) -> None:
+    """Write a picture to a file; its suffix chooses the format.
+
+    Args:
+        path: in a folder that exists.
+        pixels: `(h, w, 3)` uint8, blue-green-red.
+
+    Raises:
+        OSError: it cannot be written.
+    """
+    try:
+        is_written = cv2.imwrite(str(path), pixels)
+    except cv2.error:
+        is_written = False
+    if not is_written:
+        msg = f"{path}: cannot be written"
+        raise OSError(msg)
 
 
 def _axes(picture: npt.NDArray[np.uint8], found: StillPose, k: Intrinsics, scale: float) -> None:

@@ -1,13 +1,11 @@
 from __future__ import annotations
 
 import string
-from pathlib import Path
 
 import pytest
 
 from mkdaemon.protocol.procedures.failures import FAILURES, fail
-
-DOCS = Path(__file__).resolve().parents[3] / "docs"
+from tests.places import DOCS
 
 
 @pytest.mark.parametrize("token", FAILURES)

@@ -27,8 +27,8 @@ from mkdaemon.vision.camera.calibration_file import load_camera
 from mkdaemon.vision.camera.imagecodec import boot_id, unpack
 from mkdaemon.vision.still import StillEye, StillResult
 from mkdaemon.vision.tags.tagmap import TagMap
+from tests.places import CONFIGS
 
-ROOT = Path(__file__).resolve().parents[3]
 TURNED = rotation_from_euler(0.1, -0.08, 0.7)
 PATIENCE = 60.0
 """Longest wait for the renderer [s]; a loaded machine is slow, not wrong."""
@@ -51,14 +51,14 @@ def vehicle_of(camera: SceneCamera, result: StillResult) -> np.ndarray:
 
 
 def test_the_pose_in_the_image_is_the_true_state() -> None:
-    camera = SceneCamera(SceneConfig(camera=ROOT / "configs" / "cameras" / "sim.toml"), seed=1)
+    camera = SceneCamera(SceneConfig(camera=CONFIGS / "cameras" / "sim.toml"), seed=1)
     assert camera.camera.mount.position_flu != (0.0, 0.0, 0.0)
     result = look(camera, camera.expose(state()))
     np.testing.assert_allclose(vehicle_of(camera, result), state().position_enu, atol=0.006)
 
 
 def test_the_shipped_camera_file_is_the_built_in_camera() -> None:
-    assert load_camera(ROOT / "configs" / "cameras" / "sim.toml").intrinsics == BUILT_IN.intrinsics
+    assert load_camera(CONFIGS / "cameras" / "sim.toml").intrinsics == BUILT_IN.intrinsics
 
 
 def test_the_target_moves_with_its_platform() -> None:
@@ -74,7 +74,7 @@ def test_the_target_moves_with_its_platform() -> None:
 
 
 def test_a_camera_off_the_centre_moves_when_the_body_turns() -> None:
-    camera = SceneCamera(SceneConfig(camera=ROOT / "configs" / "cameras" / "sim.toml"), seed=1)
+    camera = SceneCamera(SceneConfig(camera=CONFIGS / "cameras" / "sim.toml"), seed=1)
     spun = camera.view(state(spin=2.0))
     still = camera.view(state())
     turn = spun.velocity_enu - still.velocity_enu

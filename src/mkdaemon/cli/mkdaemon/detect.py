@@ -9,7 +9,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
-import cv2
 import numpy as np
 import numpy.typing as npt
 from cyclopts import Parameter
@@ -22,7 +21,7 @@ from mkdaemon.vision.camera.files import CLIPS, ClipSource, list_pictures
 from mkdaemon.vision.camera.imagecodec import decode_picture
 from mkdaemon.vision.camera.intrinsics import Intrinsics
 from mkdaemon.vision.camera.shot import EndOfImages
-from mkdaemon.vision.overlay import draw
+from mkdaemon.vision.overlay import draw, write_picture
 from mkdaemon.vision.still import StillEye, StillPose, StillResult, StillTag
 from mkdaemon.vision.tags.tagmap import load
 
@@ -275,9 +274,7 @@ def _write_overlay(place: Path, picture: Picture, drawn: npt.NDArray[np.uint8], 
         path = place / f"{Path(picture.file).stem}{number}.png"
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        written = cv2.imwrite(str(path), drawn)
-    except (OSError, cv2.error):
-        written = False
-    if not written:
+        write_picture(path, drawn)
+    except OSError:
         msg = f"--overlay {path}: cannot be written"
-        raise ConfigError(msg)
+        raise ConfigError(msg) from None

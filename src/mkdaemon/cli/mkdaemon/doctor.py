@@ -11,6 +11,7 @@ import socket
 import subprocess
 from collections.abc import Iterator
 from enum import StrEnum
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Annotated, Final, NamedTuple
 
@@ -229,6 +230,8 @@ def _cameras(machine: Machine, cfg: Config) -> Iterator[Finding]:
         else:
             fix = f"sudo usermod -aG video {getpass.getuser()}, then log in again."
             yield Finding(Verdict.BAD, "camera", f"{node} may not be opened by {getpass.getuser()}", fix)
+    if cfg.cameras and find_spec("cv2") is None:
+        yield Finding(Verdict.BAD, "camera", "OpenCV is not installed", "pip install 'mkdaemon[vision]'.")
     for camera in cfg.cameras:
         if camera.calibration is None:
             fix = "mkdaemon calibrate camera: without one tags are published, poses never."

@@ -1,0 +1,50 @@
+"""The wheel: only the product in it, and the base installation needs only what flight needs."""
+
+from __future__ import annotations
+
+import tomllib
+import zipfile
+
+import pytest
+from hatchling.builders.wheel import WheelBuilder
+from packaging.requirements import Requirement
+
+from tests.places import ROOT
+
+NEEDED_TO_FLY = {
+    "cyclopts", "eclipse-zenoh", "msgpack", "numpy", "pydantic", "pyserial", "pyserial-asyncio", "rich", "structlog",
+    "uvloop",
+}  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def wheel(tmp_path_factory) -> zipfile.ZipFile:
+    folder = tmp_path_factory.mktemp("wheel")
+    [path] = WheelBuilder(str(ROOT)).build(directory=str(folder), versions=["standard"])
+    with zipfile.ZipFile(path) as opened:
+        yield opened
+
+
+def test_the_wheel_holds_the_product_and_nothing_else(wheel):
+    names = wheel.namelist()
+    assert {name.split("/")[0].partition("-")[0] for name in names} == {"mkdaemon"}
+    sources = {path.relative_to(ROOT / "src").as_posix() for path in (ROOT / "src").rglob("*.py")}
+    assert {name for name in names if name.endswith(".py")} == sources
+    assert not any(room in name.split("/") for name in names for room in ("lab", "tools", "tests", "bench"))
+
+
+def test_the_wheel_has_both_programs_and_the_licence(wheel):
+    [programs] = [name for name in wheel.namelist() if name.endswith("entry_points.txt")]
+    text = wheel.read(programs).decode()
+    assert "mkdaemon = mkdaemon.cli.entry:mkdaemon" in text
+    assert "mkctl = mkdaemon.cli.entry:mkctl" in text
+    assert any(name.endswith("licenses/LICENSE") for name in wheel.namelist())
+
+
+def test_the_base_installation_needs_only_what_flight_needs():
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    assert {Requirement(line).name for line in project["dependencies"]} == NEEDED_TO_FLY
+    assert {Requirement(line).name for line in project["optional-dependencies"]["vision"]} == {
+        "opencv-python-headless",
+        "pyapriltags",
+    }
