@@ -35,7 +35,7 @@ def board(monkeypatch: pytest.MonkeyPatch) -> FlightCtrl:
 
     monkeypatch.setattr(command, "Client", Client)
     monkeypatch.setattr(command, "PATIENCE", Patience(2))
-    monkeypatch.setattr("mkdaemon.protocol.procedures.settings.Pause", lambda seconds: Pause(0.0))
+    monkeypatch.setattr("mkdaemon.protocol.procedures.live_set.Pause", lambda seconds: Pause(0.0))
     return flight
 
 

@@ -7,6 +7,7 @@ import pytest
 
 from mkdaemon.daemon.verbs import Verbs
 from mkdaemon.errors import CommandRejectedError
+from mkdaemon.link.labels import LabelCache
 from mkdaemon.telemetry.command import CommandResult, Status, refuse
 
 
@@ -32,7 +33,7 @@ class Desk:
 
     def __init__(self):
         self.events = []
-        self._verbs = Verbs(self, Line(), self)
+        self._verbs = Verbs(self, Line(), self, LabelCache(None))
 
     async def lease(self, raw):
         raise refuse("not_leased")

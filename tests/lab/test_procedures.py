@@ -23,7 +23,8 @@ from lab.rigs.virtualline import Noise, VirtualLine
 from mkdaemon.protocol.messages import Label, LabelRequest
 from mkdaemon.protocol.procedures import Patience
 from mkdaemon.protocol.procedures.labels import read_labels
-from mkdaemon.protocol.procedures.settings import differing, restore_settings
+from mkdaemon.protocol.procedures.live_set import differing
+from mkdaemon.protocol.procedures.settings import restore_settings
 from mkdaemon.protocol.wire import Board
 from mkdaemon.sim.boards.fc import FlightCtrl
 from mkdaemon.sim.boards.generations import FC_GENERATIONS

@@ -6,7 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from mkdaemon.link.labels import LABELS, LabelCache, cache_key
+from mkdaemon.link.labels import LABELS, LabelCache, cache_key, read_labels
+from mkdaemon.link.procedures import SilentObserver
 from mkdaemon.protocol.dialect import Dialect, Release
 from mkdaemon.protocol.wire import Board
 from tests.link.rig import Rig, flight_ctrl, navi_ctrl, rig, virtually
@@ -22,17 +23,19 @@ def asked(r: Rig) -> int:
 @virtually
 async def test_labels_are_read_once_and_kept(make, board, tmp_path):
     path = tmp_path / "state" / "labels.json"
-    async with rig(make, label_cache=path) as r:
+    cache = LabelCache(path)
+    async with rig(make) as r:
         await r.until_up()
-        first = await r.link.labels(board)
+        first = await read_labels(r.link, board, cache, SilentObserver())
         assert len(first) == LABELS
         assert any("AngleNick" in name or "Angle" in name for name in first)
         assert asked(r) == LABELS
-        assert await r.link.labels(board) == first
+        assert await read_labels(r.link, board, cache, SilentObserver()) == first
         assert asked(r) == LABELS
-    async with rig(make, label_cache=path) as r:
+    cache = LabelCache(path)
+    async with rig(make) as r:
         await r.until_up()
-        assert await r.link.labels(board) == first
+        assert await read_labels(r.link, board, cache, SilentObserver()) == first
         assert asked(r) == 0
 
 
@@ -40,7 +43,7 @@ async def test_labels_are_read_once_and_kept(make, board, tmp_path):
 async def test_reading_labels_delays_nothing_else():
     async with rig(navi_ctrl(), rates={"osd": 100, "attitude": 50}, echo_hz=10) as r:
         await r.until_up()
-        await r.link.labels(Board.NC)
+        await read_labels(r.link, Board.NC, LabelCache(None), SilentObserver())
         health = r.link.health()
         assert health.echo.lost == 0
         assert not any(kind.is_stale for kind in health.kinds)

@@ -22,6 +22,7 @@ from mkdaemon.daemon.verbs import Verbs
 from mkdaemon.daemon.vitals import Vitals
 from mkdaemon.daemon.watchdog import Notifier, feed_watchdog
 from mkdaemon.errors import ConfigError, MkError
+from mkdaemon.link.labels import LabelCache
 from mkdaemon.link.link import Link
 from mkdaemon.link.ports.port import open_port
 
@@ -80,7 +81,7 @@ class Daemon:
         self._link = Link(cfg.link, BusSink(bus, self._vitals, audit, self._eyes))
         self._flight = FlightControl(cfg.control, self._link, bus, self._vitals, audit)
         bus.serve("cmd", BoardRequests(cfg.commands, self._link, self._vitals, audit).answer)
-        bus.serve("do", Verbs(self._flight, self._link, audit).answer)
+        bus.serve("do", Verbs(self._flight, self._link, audit, LabelCache(cfg.link.label_cache)).answer)
         bus.receive("setpoint/stick", self._flight.stick_arrived)
         bus.watch_clients(self._flight.client_changed)
 

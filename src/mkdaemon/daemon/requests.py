@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import difflib
-from collections.abc import AsyncIterator
-from contextlib import asynccontextmanager
 from typing import Any, Final
 
 from pydantic import ValidationError
@@ -21,14 +19,12 @@ from mkdaemon.daemon.vitals import Vitals
 from mkdaemon.errors import CommandRejectedError, LinkLostError, RequestTimeoutError
 from mkdaemon.link.discovery import PORTS, redirected
 from mkdaemon.link.link import Link
-from mkdaemon.link.session.peers import FORWARDED
+from mkdaemon.link.procedures import way_to
 from mkdaemon.protocol.flags import RedirectPort
 from mkdaemon.protocol.messages import Redirect, VersionRequest
 from mkdaemon.protocol.wire import MESSAGES, Board, Direction, WireMessage
 from mkdaemon.telemetry.command import CommandResult, Status, refuse
 
-_BEHIND = (Board.FC, Board.MAG)
-"""Boards a NaviCtrl can pass the line through to."""
 PASSAGE: Final = 5.0
 """How long a bare redirection lasts [s]; a client waits 15 s for an answer."""
 _BOARDS = {board.word: board for board in Board if board is not Board.ANY}
@@ -74,7 +70,7 @@ class BoardRequests:
                 vitals=self._vitals,
                 now=now().t_monotonic,
             )
-        async with self._way_to(board, message):
+        async with way_to(self._link, board, message):
             if rule is not None and rule.proven:
                 await self._prove(board)
             if message.spec.key == "motor_test":
@@ -96,22 +92,6 @@ class BoardRequests:
             "Requests to cmd/fc and cmd/mag are passed through by themselves."
         )
         return CommandResult(status=Status.NOT_OBSERVABLE, reason=reason)
-
-    @asynccontextmanager
-    async def _way_to(self, board: Board, message: WireMessage) -> AsyncIterator[None]:
-        """Let the board hear us: a NaviCtrl in front of it passes the line through for as long as the context lives.
-
-        One request a passage, so that telemetry, which stops meanwhile, tells about the motors before the next one.
-
-        Raises:
-            CommandRejectedError: `not_redirectable`, `motors_not_known_off`.
-        """
-        is_behind = self._link.direct_board is Board.NC and board in _BEHIND and message.spec.id not in FORWARDED
-        if not is_behind:
-            yield
-            return
-        async with redirected(self._link, board):
-            yield
 
     def _build(self, board: Board, name: str, fields: dict[str, Any]) -> WireMessage:
         """Make the message from a client's fields, in the layout this aircraft speaks.

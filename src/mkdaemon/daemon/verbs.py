@@ -11,7 +11,9 @@ from mkdaemon.bus.gateway import refused
 from mkdaemon.daemon.audit import Audit
 from mkdaemon.daemon.flight import FlightControl
 from mkdaemon.errors import CommandRejectedError, LinkLostError, RequestTimeoutError
+from mkdaemon.link.labels import LabelCache, read_labels
 from mkdaemon.link.link import Link
+from mkdaemon.link.procedures import SilentObserver
 from mkdaemon.protocol.wire import Board
 from mkdaemon.telemetry.command import CommandResult, Labels, LabelsRequest, RateRequest, Rates, Status, refuse
 
@@ -21,8 +23,9 @@ Verb = Callable[[bytes], Awaitable[CommandResult]]
 class Verbs:
     """Answers queries under `do/`."""
 
-    def __init__(self, flight: FlightControl, link: Link, audit: Audit) -> None:
+    def __init__(self, flight: FlightControl, link: Link, audit: Audit, label_cache: LabelCache) -> None:
         self._link = link
+        self._label_cache = label_cache
         self._audit = audit
         self._verbs: dict[str, Verb] = {
             "lease": flight.lease,
@@ -59,7 +62,7 @@ class Verbs:
         """Answer `do/labels` from what is kept for this firmware, or from the board itself."""
         request = read_command(LabelsRequest, raw)
         try:
-            names = await self._link.labels(Board[request.board.upper()])
+            names = await read_labels(self._link, Board[request.board.upper()], self._label_cache, SilentObserver())
         except RequestTimeoutError as error:
             raise refuse("timeout", board=request.board, name="label", detail=str(error)) from error
         except LinkLostError as error:

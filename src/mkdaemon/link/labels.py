@@ -11,16 +11,19 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
+from mkdaemon.link.procedures import Observer, run_procedure
 from mkdaemon.link.session.traffic import Purpose
-from mkdaemon.protocol.messages.display import LabelRequest
+from mkdaemon.protocol.procedures import Patience
+from mkdaemon.protocol.procedures.labels import LABELS
+from mkdaemon.protocol.procedures.labels import read_labels as labels_procedure
 from mkdaemon.protocol.wire import Board
 
 if TYPE_CHECKING:
     from mkdaemon.link.link import Link
     from mkdaemon.protocol.dialect import Dialect
 
-LABELS: Final = 32
-"""Debug channels of every board."""
+PATIENCE: Final = Patience(attempts=6, timeout=0.5)
+"""With each of the 33 questions, in the background of a busy line."""
 
 
 class LabelCache:
@@ -59,11 +62,17 @@ def cache_key(board: Board, dialect: Dialect) -> str | None:
     return f"{board.word} {release}"
 
 
-async def read_labels(link: Link, board: Board, cache: LabelCache) -> tuple[str, ...]:
+async def read_labels(link: Link, board: Board, cache: LabelCache, observer: Observer) -> tuple[str, ...]:
     """Return the 32 labels of a board, from the cache or in the background of everything else on the line.
 
+    Args:
+        link: the line.
+        board: whose.
+        cache: what has been read before.
+        observer: hears how far the reading is.
+
     Raises:
-        CommandRejectedError: the board cannot be reached.
+        CommandRejectedError: the board cannot be reached, or `labels_inconsistent`.
         RequestTimeoutError: it did not answer.
         LinkLostError: the port is not open, or was lost meanwhile.
     """
@@ -71,10 +80,7 @@ async def read_labels(link: Link, board: Board, cache: LabelCache) -> tuple[str,
     known = None if key is None else cache.find(key)
     if known is not None:
         return known
-    labels = []
-    for index in range(LABELS):
-        label = await link.request(LabelRequest(index=index), board=board, purpose=Purpose.BACKGROUND)
-        labels.append(str(label.text).strip())  # type: ignore[attr-defined]  # a label's reply is a Label
+    labels = await run_procedure(link, labels_procedure(board, PATIENCE), observer, purpose=Purpose.BACKGROUND)
     if key is not None:
-        cache.keep(key, tuple(labels))
-    return tuple(labels)
+        cache.keep(key, labels)
+    return labels

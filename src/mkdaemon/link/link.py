@@ -14,7 +14,6 @@ from typing import Protocol
 from mkdaemon.config.link import LinkConfig
 from mkdaemon.errors import CommandRejectedError, LinkError, LinkLostError, RequestTimeoutError
 from mkdaemon.link.discovery import introduce, look_behind
-from mkdaemon.link.labels import LabelCache, read_labels
 from mkdaemon.link.ports.port import Port, open_port
 from mkdaemon.link.session.dialogue import Dialogue
 from mkdaemon.link.session.exchange import Exchange
@@ -60,7 +59,6 @@ class Link:
         self._dialogue = Dialogue(cfg, clock())
         self._exchange = Exchange(cfg, sink, self._dialogue, clock)
         self._aliases = AliasMemory()
-        self._labels = LabelCache(cfg.label_cache)
         self.passage = asyncio.Lock()
 
     # -- what callers use -----------------------------------------------------------------------------------------
@@ -168,16 +166,6 @@ class Link:
         waiter = self._exchange.waiters.for_release()
         self._exchange.pump()
         return await waiter
-
-    async def labels(self, board: Board) -> tuple[str, ...]:
-        """Names of a board's 32 debug channels, kept by firmware.
-
-        Raises:
-            CommandRejectedError: the board cannot be reached.
-            RequestTimeoutError: it did not answer.
-            LinkLostError: the port is not open, or was lost meanwhile.
-        """
-        return await read_labels(self, board, self._labels)
 
     def set_rate(self, kind: str, interval: float) -> None:
         """Change the interval of a stream [s]; 0 ends it.

@@ -10,7 +10,8 @@ from hypothesis import strategies as st
 from mkdaemon.errors import CommandRejectedError, MkError, RequestTimeoutError
 from mkdaemon.protocol.messages import Settings, SettingsRequest, WriteSettings
 from mkdaemon.protocol.procedures import Patience
-from mkdaemon.protocol.procedures.settings import backup_settings, differing, restore_settings
+from mkdaemon.protocol.procedures.live_set import differing
+from mkdaemon.protocol.procedures.settings import backup_settings, restore_settings
 from mkdaemon.protocol.wire import WireMessage
 
 from .talk import FlightCtrl, Reply, drive, losing
@@ -61,7 +62,7 @@ def test_a_board_that_falls_silent_says_that_the_live_set_is_unproven() -> None:
         asked.append(request)
         return board(request) if len(asked) < 8 else None
 
-    with pytest.raises(CommandRejectedError, match=r"set 2 could not be made live again for certain\. Restart the Fl"):
+    with pytest.raises(CommandRejectedError, match=r"set 2 could not be made live again for certain\. Do not fly"):
         drive(backup_settings(PATIENCE), talk)
 
 

@@ -10,7 +10,7 @@ from typing import Any, Final, Protocol, TypeVar
 from mkdaemon.client import Answer
 from mkdaemon.client.samples import message_from
 from mkdaemon.errors import MkError, ProtocolError
-from mkdaemon.protocol.procedures.steps import Pause, Procedure, Progress, Step
+from mkdaemon.protocol.procedures.steps import Ask, Pause, Procedure, Progress, Step
 from mkdaemon.protocol.wire import Board, WireMessage
 
 _Result = TypeVar("_Result")
@@ -84,6 +84,8 @@ async def _take(client: Commander, step: Step, report: Report | None, confirm: b
         return None
     if isinstance(step, Pause):
         await asyncio.sleep(step.seconds)
+        return None
+    if not isinstance(step, Ask):
         return None
     answer = await request(client, step.board, step.message, confirm=confirm)
     return answer if answer is not None and step.accepts(answer) else None

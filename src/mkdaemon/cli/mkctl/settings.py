@@ -12,7 +12,8 @@ from mkdaemon.cli.mkctl.connection import HERE, Connection
 from mkdaemon.cli.mkctl.conversation import converse, progress_bar
 from mkdaemon.cli.mkctl.settings_files import Source, read_sets, read_target, write_backup
 from mkdaemon.errors import ConfigError, ProtocolError
-from mkdaemon.protocol.procedures.settings import SLOTS, Backup, Restoration, backup_settings, restore_settings
+from mkdaemon.protocol.procedures.live_set import SLOTS
+from mkdaemon.protocol.procedures.settings import Backup, Restoration, backup_settings, restore_settings
 from mkdaemon.protocol.procedures.steps import Patience
 from mkdaemon.protocol.settings import ParameterSet, Value, is_useful
 from mkdaemon.protocol.settings_file import Spelled, SpelledChange, parse_value, spell_changes, spell_value

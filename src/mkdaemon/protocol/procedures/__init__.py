@@ -1,5 +1,25 @@
-"""Conversations with a board: waypoints, settings, labels. Pure generators; see `steps`."""
+"""Conversations with a board: waypoints, settings, labels, mixer, motor controllers. Pure generators; see `steps`."""
 
-from mkdaemon.protocol.procedures.steps import Ask, Patience, Pause, Procedure, Progress, Step
+from mkdaemon.protocol.procedures.steps import (
+    Ask,
+    LiveSet,
+    LiveSetAtRisk,
+    LiveSetProven,
+    Patience,
+    Pause,
+    Procedure,
+    Progress,
+    Step,
+)
 
-__all__ = ["Ask", "Patience", "Pause", "Procedure", "Progress", "Step"]
+__all__ = [
+    "Ask",
+    "LiveSet",
+    "LiveSetAtRisk",
+    "LiveSetProven",
+    "Patience",
+    "Pause",
+    "Procedure",
+    "Progress",
+    "Step",
+]

@@ -61,16 +61,31 @@ FAILURES: Final = {
     ),
     "live_set_unproven": Failure(
         "reading stopped ({cause}), and set {slot} could not be made live again for certain.",
-        "Restart the FlightCtrl before flying: it then loads its active set; repeat on a better line.",
+        "Do not fly: the daemon makes it live again as soon as the FlightCtrl answers; repeat on a better line.",
     ),
     "active_set_moved": Failure(
         "the FlightCtrl says set {present} is active, and set {wanted} was before.",
         "Choose the set on the transmitter or restore again; do not fly before.",
     ),
+    "other_aircraft": Failure(
+        "this is not the FlightCtrl whose parameter set was left unproven: {detail}.",
+        "Nothing was written; the note is kept for that aircraft. `mkctl settings recover --discard` forgets it.",
+    ),
     "write_refused": Failure(
         "the FlightCtrl refused to store set {slot} (it answered 0).",
         "Stop the motors; check that the set was made for this firmware.",
     ),
+    "mixer_refused": Failure(
+        "the FlightCtrl refused the mixer: it speaks another revision.", "Nothing was stored; save its mixer first."
+    ),
+    "mixer_differs": Failure(
+        "the FlightCtrl holds another mixer than was sent ({where}).", "Do not fly; store the mixer again and compare."
+    ),
+    "motor_controller_refused": Failure(
+        "motor controller {motor}: {status}.",
+        "Check that the motors are off and that the controller is a BL-Ctrl 2.0 or later.",
+    ),
+    "motor_controller_differs": Failure("motor controller {motor}: {where}.", "Do not fly; set it again and compare."),
     "labels_inconsistent": Failure(
         "the labels read do not have the checksum the {board} tells ({found:#04x}, not {wanted:#04x}).",
         "Read them again on a better line.",

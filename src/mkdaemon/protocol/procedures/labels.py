@@ -58,7 +58,7 @@ def read_labels(board: Board, patience: Patience) -> Procedure[tuple[str, ...]]:
         found = sum(sum(label.encode()[1:]) for label in labels) & 0xFF
         if found != version.label_checksum:
             raise fail("labels_inconsistent", board=board.word.upper(), found=found, wanted=version.label_checksum)
-    return tuple(label.text for label in labels)
+    return tuple(label.text.strip() for label in labels)
 
 
 def _label(board: Board, index: int) -> Question[Label]:

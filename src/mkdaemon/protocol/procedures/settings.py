@@ -1,47 +1,26 @@
-"""Parameter sets of a FlightCtrl: back up and restore, with proof of what is live afterwards.
-
-Reading a set that is not active loads it into the live parameters, and writing one activates it. So a backup ends with
-the active set read again, which makes it live, and compared byte for byte with the first reading; a restore ends with
-the set that was active before written last. Both must only run while the motors stand still: a 2.12a with running
-motors answers every reading with the set in use. Sources: docs/protocol.md, "FlightCtrl commands";
-docs/firmware-notes, "Side effects".
-
-Bytes are as they cross the line: revision first, zero padding behind the last field kept.
-"""
+"""Parameter sets of a FlightCtrl: back up, restore and edit, with proof of what is live afterwards (`live_set`)."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 
-from mkdaemon.errors import MkError, RequestTimeoutError
-from mkdaemon.protocol.framing import padded_length
+from mkdaemon.errors import MkError
 from mkdaemon.protocol.generations import Release, fc_generation
-from mkdaemon.protocol.messages import Settings, SettingsRequest, SettingsWritten, WriteSettings
 from mkdaemon.protocol.procedures.failures import fail
-from mkdaemon.protocol.procedures.labels import Version, read_version
-from mkdaemon.protocol.procedures.steps import (
-    Patience,
-    Pause,
-    Procedure,
-    Progress,
-    Question,
-    insist,
-    insist_twice,
+from mkdaemon.protocol.procedures.labels import Version
+from mkdaemon.protocol.procedures.live_set import (
+    SLOTS,
+    FoundSets,
+    collect_sets,
+    make_live,
+    open_sets,
+    pad_set,
+    write_back,
+    write_set,
 )
+from mkdaemon.protocol.procedures.steps import LiveSetAtRisk, LiveSetProven, Patience, Procedure, Progress
 from mkdaemon.protocol.settings import layout_of
-from mkdaemon.protocol.wire import Board
-
-SLOTS = (1, 2, 3, 4, 5)
-ACTIVE = 255
-"""Index that asks for the active set."""
-_WRITE_TIMEOUT = 2.5
-"""A write takes 0.3 to 0.6 s and the FlightCtrl beeps afterwards; source: docs/firmware-notes, "Timing" [s]."""
-_DEAF = 2.0
-"""Quiet time after a write: the FlightCtrl beeps the set's number and hears nothing for 1.33 s [s]."""
-_WRITES = 3
-_STUBBORN = 5
-"""So many times the patience for the proof that the live set is what it was: giving up there costs the most."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,27 +57,6 @@ class Restoration:
     written: tuple[int, ...]
 
 
-@dataclass(slots=True)
-class _Session:
-    """The FlightCtrl as found, and how to leave it."""
-
-    version: Version
-    active: int
-    live: bytes
-    patience: Patience
-    sets: dict[int, bytes] = field(default_factory=dict)
-
-
-def read_active(patience: Patience) -> Procedure[tuple[int, bytes]]:
-    """Read the active set: its number and bytes.
-
-    Raises:
-        RequestTimeoutError: no answer.
-    """
-    answer = yield from insist_twice(_read(ACTIVE), patience)
-    return answer.index, answer.parameters
-
-
 def backup_settings(patience: Patience, slots: tuple[int, ...] = SLOTS) -> Procedure[Backup]:
     """Read parameter sets; the active one is live again afterwards, proven by comparing bytes.
 
@@ -110,10 +68,10 @@ def backup_settings(patience: Patience, slots: tuple[int, ...] = SLOTS) -> Proce
         RequestTimeoutError: no answer; the active set was made live again all the same.
         CommandRejectedError: `live_set_changed`, `live_set_unproven` or `active_set_moved`: do not fly.
     """
-    session = yield from _open(patience)
-    yield from _collect(session, slots)
+    session = yield from open_sets(patience)
+    yield from collect_sets(session, slots)
     yield Progress(len(slots), len(slots) + 1, "proving the live set")
-    yield from _make_live(session)
+    yield from make_live(session)
     yield Progress(len(slots) + 1, len(slots) + 1, "proven")
     return Backup(session.version, session.active, dict(sorted(session.sets.items())))
 
@@ -135,114 +93,74 @@ def restore_settings(
         CommandRejectedError: `unknown_revision`, `revision_differs`, `length_differs` (nothing was written),
             `write_refused`, `live_set_changed`, `live_set_unproven` or `active_set_moved`.
     """
-    session = yield from _open(patience)
+    session = yield from open_sets(patience)
     _check_known(session)
     for raw in wanted.values():
         _check(raw, session.live)
-    yield from _collect(session, tuple(sorted(wanted)))
+    yield from collect_sets(session, tuple(sorted(wanted)))
+    return (yield from _replace(session, wanted, dry_run=dry_run))
+
+
+def edit_settings(
+    slot: int | None, change: Callable[[bytes], bytes], patience: Patience, *, dry_run: bool = False
+) -> Procedure[Restoration]:
+    """Read one parameter set, change it, write and read it back, and leave the set active that was.
+
+    Args:
+        slot: number of the set; None for the active one.
+        change: makes the new bytes from those found; an `MkError` of it ends the procedure with the live set proven.
+        patience: how long to insist on each answer.
+        dry_run: read and compare only; `Restoration.stored` is then the set as it would be written.
+
+    Raises:
+        MkError: what `change` raised.
+        RequestTimeoutError: no answer; the set that was active has been made live again.
+        CommandRejectedError: as `restore_settings`.
+    """
+    session = yield from open_sets(patience)
+    _check_known(session)
+    number = session.active if slot is None else slot
+    yield from collect_sets(session, (number,))
+    try:
+        wanted = {number: change(session.sets[number])}
+    except MkError:
+        yield from make_live(session)
+        raise
+    done = yield from _replace(session, wanted, dry_run=dry_run)
+    if dry_run:
+        return Restoration(done.version, done.active, done.before, {number: pad_set(wanted[number])}, ())
+    return done
+
+
+def _replace(session: FoundSets, wanted: Mapping[int, bytes], *, dry_run: bool) -> Procedure[Restoration]:
+    """Write what differs from the sets collected, the active one last, and prove the live set."""
     before = {slot: session.sets[slot] for slot in sorted(wanted)}
-    todo = [slot for slot in before if _padded(wanted[slot]) != before[slot]]
+    todo = [slot for slot in before if pad_set(wanted[slot]) != before[slot]]
     if dry_run or not todo:
-        yield from _make_live(session)
+        yield from make_live(session)
         return Restoration(session.version, session.active, before, before, ())
     # The active set comes last, also unchanged, because every write activates what it writes.
     order = [*(slot for slot in todo if slot != session.active), session.active]
+    writing = {slot: pad_set(wanted.get(slot, session.live)) for slot in order}
+    yield LiveSetAtRisk(session.live_set(writing))
     stored = dict(before)
     try:
         for done, slot in enumerate(order):
             yield Progress(done, len(order) + 1, f"writing set {slot}")
-            stored[slot] = yield from _write(slot, wanted.get(slot, session.live), patience)
+            stored[slot] = yield from write_set(slot, writing[slot], session.patience)
     except MkError as cause:
-        yield from _write_back(session, cause)
+        yield from write_back(session, cause)
+        yield LiveSetProven()
         raise
     session.live = stored[session.active]
     yield Progress(len(order), len(order) + 1, "proving the live set")
-    yield from _make_live(session)
+    yield from make_live(session)
     yield Progress(len(order) + 1, len(order) + 1, "proven")
     kept = {slot: stored[slot] for slot in before}
     return Restoration(session.version, session.active, before, kept, tuple(order))
 
 
-def differing(wanted: bytes, stored: bytes) -> tuple[int, ...]:
-    """Offsets at which two parameter sets differ, the padding of either ignored."""
-    wanted, stored = _padded(wanted), _padded(stored)
-    longest = max(len(wanted), len(stored))
-    pairs = zip(wanted.ljust(longest, b"\0"), stored.ljust(longest, b"\0"), strict=True)
-    return tuple(offset for offset, (a, b) in enumerate(pairs) if a != b)
-
-
-def _open(patience: Patience) -> Procedure[_Session]:
-    version = yield from read_version(Board.FC, patience)
-    active, live = yield from read_active(patience)
-    return _Session(version, active, live, patience, {active: live})
-
-
-def _collect(session: _Session, slots: tuple[int, ...]) -> Procedure[None]:
-    """Read sets; whatever happens, the active one is made live again."""
-    try:
-        for done, slot in enumerate(slots):
-            yield Progress(done, len(slots) + 1, f"reading set {slot}")
-            if slot not in session.sets:
-                session.sets[slot] = (yield from insist_twice(_read(slot), session.patience)).parameters
-    except MkError as cause:
-        try:
-            yield from _load_live(session)
-        except RequestTimeoutError as second:
-            raise fail("live_set_unproven", cause=f"{cause}; then {second}", slot=session.active) from second
-        raise
-
-
-def _make_live(session: _Session) -> Procedure[None]:
-    """Make the active set live, and prove that it is what it was and still the active one."""
-    try:
-        yield from _load_live(session)
-        present = (yield from insist(_read(ACTIVE), session.patience)).index
-    except RequestTimeoutError as cause:
-        raise fail("live_set_unproven", cause=cause, slot=session.active) from cause
-    if present != session.active:
-        raise fail("active_set_moved", present=present, wanted=session.active)
-
-
-def _load_live(session: _Session) -> Procedure[None]:
-    """Read the active set, which loads it, and compare it with the first reading; twice, for a damaged answer."""
-    stubborn = Patience(_STUBBORN * session.patience.attempts, session.patience.timeout)
-    for _ in range(2):
-        found = (yield from insist(_read(session.active), stubborn)).parameters
-        if found == session.live:
-            return
-    where = ", ".join(f"byte {offset}" for offset in differing(session.live, found))
-    raise fail("live_set_changed", slot=session.active, where=where)
-
-
-def _write(slot: int, raw: bytes, patience: Patience) -> Procedure[bytes]:
-    """Write one set and read it back; a difference that comes twice is the FlightCtrl's own will."""
-    slow = Patience(patience.attempts, max(patience.timeout, _WRITE_TIMEOUT))
-    before: bytes | None = None
-    for _ in range(_WRITES):
-        written = yield from insist(_store(slot, raw), slow)
-        if written.index == 0:
-            raise fail("write_refused", slot=slot)
-        yield Pause(_DEAF)
-        stored = (yield from insist_twice(_read(slot), patience)).parameters
-        if stored in (_padded(raw), before):
-            break
-        before = stored
-    return stored
-
-
-def _write_back(session: _Session, cause: MkError) -> Procedure[None]:
-    """After a failed restore: see that the set that was active still is, as it was, or write it so."""
-    try:
-        if (yield from read_active(session.patience)) == (session.active, session.live):
-            return
-        stored = yield from _write(session.active, session.live, session.patience)
-    except MkError as second:
-        raise fail("live_set_unproven", cause=f"{cause}; then {second}", slot=session.active) from second
-    if stored != session.live:
-        raise fail("live_set_changed", slot=session.active, where=f"after {cause}")
-
-
-def _check_known(session: _Session) -> None:
+def _check_known(session: FoundSets) -> None:
     """Writing needs a revision whose layout is known and that belongs to the FlightCtrl's release."""
     version, revision = session.version, session.live[0]
     generation = fc_generation(Release(version.major, version.minor, version.patch))
@@ -253,21 +171,5 @@ def _check_known(session: _Session) -> None:
 def _check(raw: bytes, live: bytes) -> None:
     if raw[:1] != live[:1]:
         raise fail("revision_differs", wanted=raw[0] if raw else "no", present=live[0])
-    if len(_padded(raw)) != len(live):
+    if len(pad_set(raw)) != len(live):
         raise fail("length_differs", wanted=len(raw), present=len(live))
-
-
-def _padded(raw: bytes) -> bytes:
-    """A set as it is received: index and set together padded to a multiple of three."""
-    return raw.ljust(padded_length(1 + len(raw)) - 1, b"\0")
-
-
-def _read(index: int) -> Question[Settings]:
-    what = "read the active set" if index == ACTIVE else f"read set {index}"
-    wanted = SLOTS if index == ACTIVE else (index,)
-    return Question(Board.FC, SettingsRequest(index=index), (Settings,), lambda s: s.index in wanted, what)
-
-
-def _store(slot: int, raw: bytes) -> Question[SettingsWritten]:
-    request = WriteSettings(index=slot, parameters=raw)
-    return Question(Board.FC, request, (SettingsWritten,), lambda s: s.index in (0, slot), f"write set {slot}")

@@ -1,16 +1,17 @@
 """Procedures: conversations with a board that take several requests, written without I/O and without a clock.
 
 A procedure is a generator. It yields what it wants done next and is sent what came back: the answer to a request, or
-None when none came in time. Whoever drives it owns the line: the command line over Zenoh queries, tests and benchmarks
-over a simulated line in virtual time. A procedure ends with its result or raises, so there is no third outcome.
+None when none came in time. Whoever drives it owns the line: the daemon over its link (`mkdaemon.link.procedures`),
+tests and campaigns over a simulated line in virtual time. A procedure ends with its result or raises, so there is no
+third outcome.
 
 The line may lose, damage, delay and repeat frames, but keeps their order. Source: docs/firmware-notes, "Losses".
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator
-from dataclasses import dataclass
+from collections.abc import Callable, Generator, Mapping
+from dataclasses import dataclass, field
 from typing import Generic, TypeVar
 
 from mkdaemon.errors import RequestTimeoutError
@@ -60,7 +61,40 @@ class Progress:
     what: str
 
 
-Step = Ask | Pause | Progress
+@dataclass(frozen=True, slots=True)
+class LiveSet:
+    """The parameter set a FlightCtrl flies with, as it must be again when a procedure has ended.
+
+    Attributes:
+        firmware: release of the FlightCtrl, for example `2.12a`.
+        active: number of the active set.
+        live: bytes of the live set, which is the active one.
+        writing: bytes of the sets that are about to be written, by number; empty where sets are only read.
+    """
+
+    firmware: str
+    active: int
+    live: bytes
+    writing: Mapping[int, bytes] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True)
+class LiveSetAtRisk:
+    """From the next request on another set may be live: whoever drives the procedure notes which one belongs there.
+
+    Attributes:
+        wanted: what has to be live in the end.
+    """
+
+    wanted: LiveSet
+
+
+@dataclass(frozen=True, slots=True)
+class LiveSetProven:
+    """The live set has been compared and is the right one: the note is not needed any more."""
+
+
+Step = Ask | Pause | Progress | LiveSetAtRisk | LiveSetProven
 """What a procedure may want."""
 
 _Result = TypeVar("_Result")

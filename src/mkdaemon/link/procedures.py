@@ -1,0 +1,192 @@
+"""Runs procedures of the protocol over a link: directly, or through a NaviCtrl that passes the line through.
+
+A procedure is a pure generator (`mkdaemon.protocol.procedures`); here its requests become frames, its pauses time. Each
+request behind a NaviCtrl is a passage of its own, so that telemetry, which stops meanwhile, tells about the motors
+before the next one.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import AsyncIterator, Callable
+from contextlib import asynccontextmanager
+from typing import TYPE_CHECKING, Any, Final, Protocol, TypeVar
+
+from mkdaemon.errors import CommandRejectedError, MkError, ProtocolError, RequestTimeoutError
+from mkdaemon.link.discovery import redirected
+from mkdaemon.link.session.peers import FORWARDED
+from mkdaemon.link.session.traffic import Purpose
+from mkdaemon.protocol.procedures.steps import (
+    Ask,
+    LiveSet,
+    LiveSetAtRisk,
+    Pause,
+    Procedure,
+    Progress,
+    Step,
+)
+from mkdaemon.protocol.wire import Board, WireMessage
+
+if TYPE_CHECKING:
+    from mkdaemon.link.link import Link
+
+BUSY_WAIT: Final = 0.2
+"""Before asking again what the line had no room for [s]."""
+_BEHIND: Final = (Board.FC, Board.MAG)
+"""Boards a NaviCtrl can pass the line through to."""
+
+_Result = TypeVar("_Result")
+
+
+class InterruptedProcedureError(MkError):
+    """A procedure was stopped from outside; it has left the board as it promises to."""
+
+
+class Observer(Protocol):
+    """Who hears how a procedure goes, and may forbid its requests."""
+
+    def progress(self, progress: Progress) -> None:
+        """The procedure has come so far."""
+
+    async def live_set_at_risk(self, wanted: LiveSet) -> None:
+        """From the next request on another set may be live; an `MkError` ends the procedure before that."""
+
+    async def live_set_proven(self) -> None:
+        """The live set is the right one."""
+
+    def check(self, board: Board, message: WireMessage) -> None:
+        """Let a request pass, or raise `CommandRejectedError`; asked before the line is passed through."""
+
+    async def prove(self, board: Board, message: WireMessage) -> None:
+        """Make sure that the board hears us, or raise `CommandRejectedError`; asked right before the request."""
+
+
+class SilentObserver:
+    """Lets everything pass and keeps nothing: for procedures that only read what is harmless to read."""
+
+    def progress(self, progress: Progress) -> None:
+        """Ignore it."""
+
+    async def live_set_at_risk(self, wanted: LiveSet) -> None:
+        """Refuse: somebody must keep a note of the live set.
+
+        Raises:
+            ProtocolError: always.
+        """
+        msg = f"nobody keeps a note of the live set {wanted.active}"
+        raise ProtocolError(msg)
+
+    async def live_set_proven(self) -> None:
+        """Ignore it."""
+
+    def check(self, board: Board, message: WireMessage) -> None:
+        """Let it pass."""
+
+    async def prove(self, board: Board, message: WireMessage) -> None:
+        """Let it pass."""
+
+
+async def run_procedure(
+    link: Link, procedure: Procedure[_Result], observer: Observer, *, purpose: Purpose = Purpose.REQUEST
+) -> _Result:
+    """Run a procedure to its end.
+
+    A cancellation is handed to the procedure once, so that it can leave the board as it found it; then this raises
+    `InterruptedProcedureError`. A second one ends it where it stands.
+
+    Args:
+        link: the line.
+        procedure: what to do.
+        observer: hears of it.
+        purpose: of every request; BACKGROUND for what nobody waits for.
+
+    Raises:
+        MkError: whatever the procedure, the observer or the link raised.
+        ProtocolError: the procedure took no step.
+    """
+    step = next(procedure, None)
+    is_interrupted = False
+    while step is not None:
+        try:
+            answer = await _take(link, step, observer, purpose)
+        except MkError as error:
+            move = _thrower(procedure, error)
+        except asyncio.CancelledError:
+            task = asyncio.current_task()
+            if is_interrupted or task is None:
+                procedure.close()
+                raise
+            task.uncancel()
+            is_interrupted = True
+            move = _thrower(procedure, InterruptedProcedureError("interrupted"))
+        else:
+            move = _sender(procedure, answer)
+        try:
+            step = move()
+        except StopIteration as end:
+            return end.value  # type: ignore[no-any-return]  # a generator's value is untyped at run time
+    msg = "a procedure ended before it began"
+    raise ProtocolError(msg)
+
+
+async def ask_once(link: Link, step: Ask, observer: Observer, purpose: Purpose) -> WireMessage | None:
+    """Send one request once; the answer where one came in time that fits.
+
+    Raises:
+        CommandRejectedError: the observer or the link refused it.
+        LinkLostError: the port is not open, or was lost meanwhile.
+    """
+    observer.check(step.board, step.message)
+    try:
+        async with way_to(link, step.board, step.message):
+            await observer.prove(step.board, step.message)
+            answer = await link.request(
+                step.message, board=step.board, timeout=step.timeout, retries=0, purpose=purpose
+            )
+    except RequestTimeoutError:
+        return None
+    except CommandRejectedError as error:
+        if error.token != "busy":
+            raise
+        await asyncio.sleep(BUSY_WAIT)
+        return None
+    return answer if step.accepts(answer) else None
+
+
+@asynccontextmanager
+async def way_to(link: Link, board: Board, message: WireMessage) -> AsyncIterator[None]:
+    """Let a board hear a message: a NaviCtrl in front of it passes the line through while the context lives.
+
+    Raises:
+        CommandRejectedError: `not_redirectable`, `motors_not_known_off`.
+    """
+    is_behind = link.direct_board is Board.NC and board in _BEHIND and message.spec.id not in FORWARDED
+    if not is_behind:
+        yield
+        return
+    async with redirected(link, board):
+        yield
+
+
+async def _take(link: Link, step: Step, observer: Observer, purpose: Purpose) -> WireMessage | None:
+    """Do one step; the answer to a request, if it has one."""
+    match step:
+        case Ask():
+            return await ask_once(link, step, observer, purpose)
+        case Pause():
+            await asyncio.sleep(step.seconds)
+        case Progress():
+            observer.progress(step)
+        case LiveSetAtRisk():
+            await observer.live_set_at_risk(step.wanted)
+        case _:
+            await observer.live_set_proven()
+    return None
+
+
+def _sender(procedure: Procedure[Any], answer: WireMessage | None) -> Callable[[], Step]:
+    return lambda: procedure.send(answer)
+
+
+def _thrower(procedure: Procedure[Any], error: MkError) -> Callable[[], Step]:
+    return lambda: procedure.throw(error)

@@ -1,0 +1,250 @@
+"""The live parameter set of a FlightCtrl: what may change it, and how a procedure leaves it as it found it.
+
+Reading a set that is not active loads it into the live parameters, and writing one activates it. So whoever reads or
+writes sets announces it first (`LiveSetAtRisk`), ends with the active set read again, which makes it live, and compares
+it byte for byte with the first reading. Motors must stand still: a 2.12a with running motors answers every reading with
+the set in use. Sources: docs/protocol.md, "FlightCtrl commands"; docs/firmware-notes, "Side effects".
+
+Bytes are as they cross the line: revision first, zero padding behind the last field kept.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+from mkdaemon.errors import LinkError, MkError
+from mkdaemon.protocol.framing import padded_length
+from mkdaemon.protocol.messages import Settings, SettingsRequest, SettingsWritten, WriteSettings
+from mkdaemon.protocol.procedures.failures import fail
+from mkdaemon.protocol.procedures.labels import Version, read_version
+from mkdaemon.protocol.procedures.steps import (
+    LiveSet,
+    LiveSetAtRisk,
+    LiveSetProven,
+    Patience,
+    Pause,
+    Procedure,
+    Progress,
+    Question,
+    insist,
+    insist_twice,
+)
+from mkdaemon.protocol.wire import Board
+
+SLOTS = (1, 2, 3, 4, 5)
+ACTIVE = 255
+"""Index that asks for the active set."""
+_WRITE_TIMEOUT = 2.5
+"""A write takes 0.3 to 0.6 s and the FlightCtrl beeps afterwards; source: docs/firmware-notes, "Timing" [s]."""
+_DEAF = 2.0
+"""Quiet time after a write: the FlightCtrl beeps the set's number and hears nothing for 1.33 s [s]."""
+_WRITES = 3
+_STUBBORN = 5
+"""So many times the patience for the proof that the live set is what it was: giving up there costs the most."""
+_CLAMPED = 8
+"""A FlightCtrl pulls at most so many bytes of a set into their ranges when it stores it."""
+
+
+@dataclass(slots=True)
+class FoundSets:
+    """The sets of a FlightCtrl as found, and how to leave it.
+
+    Attributes:
+        version: what it said of itself.
+        active: number of the active set.
+        live: bytes of the active set, which must be live in the end.
+        patience: how long to insist on each answer.
+        sets: bytes of every set read so far, by number.
+        is_at_risk: another set may be live.
+    """
+
+    version: Version
+    active: int
+    live: bytes
+    patience: Patience
+    sets: dict[int, bytes] = field(default_factory=dict)
+    is_at_risk: bool = False
+
+    def live_set(self, writing: Mapping[int, bytes]) -> LiveSet:
+        """What must be live in the end."""
+        return LiveSet(self.version.release, self.active, self.live, writing)
+
+
+def read_active(patience: Patience) -> Procedure[tuple[int, bytes]]:
+    """Read the active set: its number and bytes.
+
+    Raises:
+        RequestTimeoutError: no answer.
+    """
+    answer = yield from insist_twice(_read(ACTIVE), patience)
+    return answer.index, answer.parameters
+
+
+def recover_live_set(lost: LiveSet, patience: Patience) -> Procedure[bool]:
+    """Make the set live again that was live when another procedure was cut off.
+
+    Returns:
+        Whether a set had to be written for it.
+
+    Raises:
+        RequestTimeoutError: no answer.
+        CommandRejectedError: `other_aircraft`: this is not the FlightCtrl the note is about, nothing was written;
+            `live_set_changed`, `live_set_unproven`, `active_set_moved`: do not fly.
+    """
+    version = yield from read_version(Board.FC, patience)
+    if version.release != lost.firmware:
+        raise fail("other_aircraft", detail=f"it is a FlightCtrl {version.release}, not {lost.firmware}")
+    yield Progress(0, 2, f"making set {lost.active} live")
+    active, live = yield from read_active(patience)
+    is_written = (active, live) != (lost.active, lost.live)
+    if is_written:
+        yield from _check_same_aircraft(lost, active, live, patience)
+        stored = yield from write_set(lost.active, lost.live, patience)
+        if stored != lost.live:
+            where = ", ".join(f"byte {offset}" for offset in differing(lost.live, stored))
+            raise fail("live_set_changed", slot=lost.active, where=where)
+    yield Progress(1, 2, "proving the live set")
+    yield from make_live(FoundSets(version, lost.active, lost.live, patience))
+    yield Progress(2, 2, "proven")
+    return is_written
+
+
+def _check_same_aircraft(lost: LiveSet, active: int, live: bytes, patience: Patience) -> Procedure[None]:
+    """Refuse to write unless what is active can be what the procedure that was cut off has written."""
+    if not _is_half_written(lost, active, live):
+        raise fail("other_aircraft", detail=f"its active set {active} is neither what was there nor what was written")
+    if active == lost.active:
+        return
+    stored = (yield from insist_twice(_read(lost.active), patience)).parameters
+    if stored != lost.live and not _is_half_written(lost, lost.active, stored):
+        yield from insist(_read(ACTIVE), patience)
+        raise fail("other_aircraft", detail=f"its set {lost.active} is neither what was there nor what was written")
+
+
+def _is_half_written(lost: LiveSet, slot: int, found: bytes) -> bool:
+    wanted = lost.writing.get(slot)
+    return wanted is not None and found[:1] == wanted[:1] and len(differing(wanted, found)) <= _CLAMPED
+
+
+def differing(wanted: bytes, stored: bytes) -> tuple[int, ...]:
+    """Offsets at which two parameter sets differ, the padding of either ignored."""
+    wanted, stored = pad_set(wanted), pad_set(stored)
+    longest = max(len(wanted), len(stored))
+    pairs = zip(wanted.ljust(longest, b"\0"), stored.ljust(longest, b"\0"), strict=True)
+    return tuple(offset for offset, (a, b) in enumerate(pairs) if a != b)
+
+
+def open_sets(patience: Patience) -> Procedure[FoundSets]:
+    """Ask for the release and the active set, which changes nothing.
+
+    Raises:
+        RequestTimeoutError: no answer.
+    """
+    version = yield from read_version(Board.FC, patience)
+    active, live = yield from read_active(patience)
+    return FoundSets(version, active, live, patience, {active: live})
+
+
+def collect_sets(session: FoundSets, slots: tuple[int, ...]) -> Procedure[None]:
+    """Read sets; when that fails, the active one is made live again.
+
+    Raises:
+        RequestTimeoutError: no answer; the live set is proven.
+        CommandRejectedError: `live_set_changed` or `live_set_unproven`: do not fly.
+    """
+    try:
+        for done, slot in enumerate(slots):
+            yield Progress(done, len(slots) + 1, f"reading set {slot}")
+            if slot not in session.sets:
+                if not session.is_at_risk:
+                    session.is_at_risk = True
+                    yield LiveSetAtRisk(session.live_set({}))
+                session.sets[slot] = (yield from insist_twice(_read(slot), session.patience)).parameters
+    except MkError as cause:
+        try:
+            yield from _load_live(session)
+        except LinkError as second:
+            raise fail("live_set_unproven", cause=f"{cause}; then {second}", slot=session.active) from second
+        yield LiveSetProven()
+        raise
+
+
+def make_live(session: FoundSets) -> Procedure[None]:
+    """Make the active set live, and prove that it is what it was and still the active one.
+
+    Raises:
+        CommandRejectedError: `live_set_changed`, `live_set_unproven` or `active_set_moved`: do not fly.
+    """
+    try:
+        yield from _load_live(session)
+        present = (yield from insist(_read(ACTIVE), session.patience)).index
+    except LinkError as cause:
+        raise fail("live_set_unproven", cause=cause, slot=session.active) from cause
+    if present != session.active:
+        raise fail("active_set_moved", present=present, wanted=session.active)
+    yield LiveSetProven()
+
+
+def _load_live(session: FoundSets) -> Procedure[None]:
+    """Read the active set, which loads it, and compare it with the first reading; twice, for a damaged answer."""
+    stubborn = Patience(_STUBBORN * session.patience.attempts, session.patience.timeout)
+    for _ in range(2):
+        found = (yield from insist(_read(session.active), stubborn)).parameters
+        if found == session.live:
+            return
+    where = ", ".join(f"byte {offset}" for offset in differing(session.live, found))
+    raise fail("live_set_changed", slot=session.active, where=where)
+
+
+def write_set(slot: int, raw: bytes, patience: Patience) -> Procedure[bytes]:
+    """Write one set and read it back; a difference that comes twice is what the FlightCtrl makes of it.
+
+    Raises:
+        RequestTimeoutError: no answer.
+        CommandRejectedError: `write_refused`.
+    """
+    slow = Patience(patience.attempts, max(patience.timeout, _WRITE_TIMEOUT))
+    before: bytes | None = None
+    for _ in range(_WRITES):
+        written = yield from insist(_store(slot, raw), slow)
+        if written.index == 0:
+            raise fail("write_refused", slot=slot)
+        yield Pause(_DEAF)
+        stored = (yield from insist_twice(_read(slot), patience)).parameters
+        if stored in (pad_set(raw), before):
+            break
+        before = stored
+    return stored
+
+
+def write_back(session: FoundSets, cause: MkError) -> Procedure[None]:
+    """After a failed restore: see that the set that was active still is, as it was, or write it so.
+
+    Raises:
+        CommandRejectedError: `live_set_changed` or `live_set_unproven`: do not fly.
+    """
+    try:
+        if (yield from read_active(session.patience)) == (session.active, session.live):
+            return
+        stored = yield from write_set(session.active, session.live, session.patience)
+    except MkError as second:
+        raise fail("live_set_unproven", cause=f"{cause}; then {second}", slot=session.active) from second
+    if stored != session.live:
+        raise fail("live_set_changed", slot=session.active, where=f"after {cause}")
+
+
+def pad_set(raw: bytes) -> bytes:
+    """Return a set as it is received: index and set together padded to a multiple of three."""
+    return raw.ljust(padded_length(1 + len(raw)) - 1, b"\0")
+
+
+def _read(index: int) -> Question[Settings]:
+    what = "read the active set" if index == ACTIVE else f"read set {index}"
+    wanted = SLOTS if index == ACTIVE else (index,)
+    return Question(Board.FC, SettingsRequest(index=index), (Settings,), lambda s: s.index in wanted, what)
+
+
+def _store(slot: int, raw: bytes) -> Question[SettingsWritten]:
+    request = WriteSettings(index=slot, parameters=raw)
+    return Question(Board.FC, request, (SettingsWritten,), lambda s: s.index in (0, slot), f"write set {slot}")

@@ -1,0 +1,145 @@
+"""Procedures over a whole link in virtual time: directly, behind a NaviCtrl, interrupted."""
+
+from __future__ import annotations
+
+import asyncio
+
+import pytest
+
+from lab.rigs.boardport import Socket
+from mkdaemon.errors import CommandRejectedError, LinkLostError, ProtocolError
+from mkdaemon.link.procedures import InterruptedProcedureError, SilentObserver, run_procedure
+from mkdaemon.protocol.messages import SettingsRequest
+from mkdaemon.protocol.procedures import LiveSet, Patience, Progress
+from mkdaemon.protocol.procedures.settings import backup_settings
+from tests.link.rig import Rig, flight_ctrl, navi_ctrl, rig, virtually
+
+PATIENCE = Patience(6, 0.5)
+
+
+class Notes(SilentObserver):
+    """Keeps what it hears; may refuse a request, or wait for a set to be read."""
+
+    def __init__(self) -> None:
+        self.steps: list[str] = []
+        self.at_risk: list[LiveSet] = []
+        self.refuses_set: int | None = None
+        self.reading = asyncio.Event()
+
+    def progress(self, progress: Progress) -> None:
+        self.steps.append(progress.what)
+        if progress.what == "reading set 2":
+            self.reading.set()
+
+    async def live_set_at_risk(self, wanted: LiveSet) -> None:
+        self.at_risk.append(wanted)
+        self.steps.append("at risk")
+
+    async def live_set_proven(self) -> None:
+        self.steps.append("live set proven")
+
+    def check(self, board, message) -> None:
+        if isinstance(message, SettingsRequest) and message.index == self.refuses_set:
+            raise CommandRejectedError("motors_running", "motors are running.", "Stop them.")
+
+
+def make_sets_differ(socket: Socket) -> None:
+    """The factory's sets 3 to 5 are equal."""
+    eeprom = socket.aircraft.flight.eeprom
+    for slot, raw in list(eeprom.sets.items()):
+        eeprom.sets[slot] = raw[:50] + bytes((slot,)) + raw[51:]
+    socket.aircraft.flight.load(eeprom.active)
+
+
+async def ready(r: Rig) -> None:
+    await r.until_up()
+    await r.until(lambda: not r.link.is_looking_behind and r.link.dialect.fc_release is not None, 10)
+    make_sets_differ(r.socket)
+
+
+@pytest.mark.parametrize("make", [flight_ctrl(), navi_ctrl()], ids=["fc", "nc"])
+@virtually
+async def test_a_backup_reads_all_sets_and_leaves_the_live_one(make):
+    async with rig(make) as r:
+        await ready(r)
+        flight, notes = r.socket.aircraft.flight, Notes()
+        live = flight.live.raw
+        backup = await run_procedure(r.link, backup_settings(PATIENCE), notes)
+        assert {slot: raw[: len(live)] for slot, raw in backup.sets.items()} == flight.eeprom.sets
+        assert flight.live.raw == live
+        assert notes.steps.index("at risk") < notes.steps.index("live set proven")
+        assert (notes.at_risk[0].active, notes.at_risk[0].live[: len(live)]) == (3, live)
+        assert r.link.health().state.redirected_to == ""
+
+
+@virtually
+async def test_an_interrupted_procedure_leaves_the_board_as_it_promises():
+    async with rig(flight_ctrl()) as r:
+        await ready(r)
+        flight, notes = r.socket.aircraft.flight, Notes()
+        task = asyncio.create_task(run_procedure(r.link, backup_settings(PATIENCE), notes))
+        await r.until(lambda: flight.live.raw == flight.eeprom.sets[2], 5)
+        task.cancel()
+        with pytest.raises(InterruptedProcedureError):
+            await task
+        assert flight.live.raw == flight.eeprom.sets[3]
+        assert notes.steps[-1] == "live set proven"
+
+
+@virtually
+async def test_a_second_cancellation_ends_a_procedure_where_it_stands():
+    async with rig(flight_ctrl()) as r:
+        await ready(r)
+        notes = Notes()
+        task = asyncio.create_task(run_procedure(r.link, backup_settings(PATIENCE), notes))
+        await notes.reading.wait()
+        task.cancel()
+        await asyncio.sleep(0)
+        task.cancel()
+        with pytest.raises(asyncio.CancelledError):
+            await task
+        assert notes.steps[-1] != "live set proven"
+
+
+@virtually
+async def test_a_refused_request_ends_a_procedure_after_it_has_cleaned_up():
+    async with rig(flight_ctrl()) as r:
+        await ready(r)
+        flight, notes = r.socket.aircraft.flight, Notes()
+        notes.refuses_set = 4
+        with pytest.raises(CommandRejectedError, match="motors_running"):
+            await run_procedure(r.link, backup_settings(PATIENCE), notes)
+        assert flight.live.raw == flight.eeprom.sets[3]
+
+
+@virtually
+async def test_a_lost_port_leaves_the_live_set_unproven():
+    async with rig(flight_ctrl()) as r:
+        await ready(r)
+        notes = Notes()
+        task = asyncio.create_task(run_procedure(r.link, backup_settings(PATIENCE), notes))
+        await notes.reading.wait()
+        r.socket.unplug()
+        with pytest.raises(CommandRejectedError, match="live_set_unproven"):
+            await task
+        assert notes.steps[-1] != "live set proven"
+
+
+@virtually
+async def test_who_keeps_no_note_cannot_put_the_live_set_at_risk():
+    async with rig(flight_ctrl()) as r:
+        await ready(r)
+        flight = r.socket.aircraft.flight
+        with pytest.raises(ProtocolError, match="nobody keeps a note"):
+            await run_procedure(r.link, backup_settings(PATIENCE), SilentObserver())
+        assert flight.live.raw == flight.eeprom.sets[3]
+
+
+@virtually
+async def test_without_a_port_a_procedure_fails_at_once():
+    async with rig(flight_ctrl()) as r:
+        await ready(r)
+        r.socket.unplug()
+        await r.until(lambda: r.condition != "up", 5)
+        with pytest.raises(LinkLostError):
+            await run_procedure(r.link, backup_settings(PATIENCE), Notes())
