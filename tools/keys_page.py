@@ -10,6 +10,7 @@ from pydantic import BaseModel
 
 from mkdaemon.bus.codec import schema_name
 from mkdaemon.bus.keys import KEYS, KeySpec, Use
+from mkdaemon.stamp import Stamp
 from mkdaemon.telemetry.command import REFUSALS, CommandResult, RateRequest
 from mkdaemon.telemetry.control import LeaseState
 
@@ -22,9 +23,12 @@ encoding of each names its schema, `application/msgpack;mk.<Name>.v<N>`, and `mk
 answers a query with that JSON Schema. A field may be added without a new version; readers ignore what they do not
 know.
 
-**Last values.** Every published key answers a query with its last value and `age`, the time since it was put [s].
-Nothing is repeated to look fresh: a value is as old as its stamps say. `t_monotonic` is the daemon's monotonic
-clock, `t_wall` is Unix time, both of the moment the frame's last byte arrived.
+**Last values.** Every published key answers a query with its last value and `age`, the time since it was true [s].
+Nothing is repeated to look fresh: a value is as old as its `stamp` says.
+
+**Times and units.** `stamp` is one map on every value: `monotonic` [s], `wall` [s; Unix time], `boot` and
+`synchronised`; [time.md](time.md) says what each is good for. A field in seconds or another SI unit has a plain name;
+every other unit is the end of the name (`used_mah`, `p95_ms`, `rms_px`).
 
 **Who answers.** The daemon shows the liveliness token `alive`. No reply to a query means that nobody is home.
 Clients connect in Zenoh mode `client`; a query with a wildcard under `cmd/` or `do/` commands nothing.
@@ -100,7 +104,7 @@ def _anchor(model: type[BaseModel]) -> str:
 
 def _models() -> list[type[BaseModel]]:
     carried = [spec.carries for spec in KEYS if spec.carries is not None]
-    return list(dict.fromkeys([*carried, CommandResult, LeaseState, RateRequest]))
+    return list(dict.fromkeys([Stamp, *carried, CommandResult, LeaseState, RateRequest]))
 
 
 def _fields(model: type[BaseModel]) -> Iterator[str]:

@@ -59,7 +59,7 @@ class Meter:
         self.rx[letter] += 1
         asked = self._asked.pop(letter, None)
         if asked is not None:
-            self.trips.append((asked, frame.t_monotonic))
+            self.trips.append((asked, frame.at))
 
     def sent(self, frame: Sent) -> None:
         """Count; note when a link test and a setpoint left."""
@@ -68,7 +68,7 @@ class Meter:
             return
         self.tx[message.spec.id] += 1
         if frame.purpose is Purpose.ECHO and message.spec.reply is not None:
-            self._asked[message.spec.reply] = frame.t_monotonic
+            self._asked[message.spec.reply] = frame.at
         elif frame.purpose is Purpose.SETPOINT:
             self.waits.append(time.monotonic() - self.handed_in)
 

@@ -11,6 +11,7 @@ from lab.link.cases import Case
 from lab.link.sim import Witness
 from lab.rigs.boardport import Socket
 from lab.rigs.virtualloop import run_virtually
+from mkdaemon.clock import Clock
 from mkdaemon.config.link import LinkConfig
 from mkdaemon.config.sim import PilotPlan, SimConfig
 from mkdaemon.errors import ConfigError
@@ -37,7 +38,7 @@ class Waits:
     def sent(self, frame: Sent) -> None:
         """Note the wait of a setpoint."""
         if frame.purpose is Purpose.SETPOINT:
-            self.waits.append(frame.t_monotonic - self.handed_in)
+            self.waits.append(frame.at - self.handed_in)
 
     def dropped(self, loss: Lost) -> None:
         """Not of interest."""
@@ -68,7 +69,7 @@ async def met(case: Case, witness: Witness, options: dict[str, Any], sink: Waits
     """A running link that has met the boards of a case, in the time of the running loop."""
     socket = Socket(lambda: witness, seed=0)
     loop = asyncio.get_running_loop()
-    link = Link(LinkConfig(port="/dev/virtual", **options), sink, opener=socket.open, clock=loop.time)
+    link = Link(LinkConfig(port="/dev/virtual", **options), sink, opener=socket.open, clock=Clock(monotonic=loop.time))
     running = asyncio.create_task(link.run())
     try:
         await asyncio.sleep(SETTLE_TIME)

@@ -18,11 +18,11 @@ from pydantic import BaseModel
 from lab.rigs.boardport import Socket
 from lab.rigs.grounded import GroundedAircraft
 from mkdaemon.bus.codec import encode_map
+from mkdaemon.clock import Clock
 from mkdaemon.config.control import ControlConfig
 from mkdaemon.config.link import LinkConfig
 from mkdaemon.config.sim import PilotPlan, SimConfig
 from mkdaemon.daemon.audit import Audit
-from mkdaemon.daemon.clock import Instant
 from mkdaemon.daemon.eyes import Eyes
 from mkdaemon.daemon.flight import FlightControl
 from mkdaemon.daemon.sink import BusSink
@@ -111,8 +111,8 @@ class KeepingSink(BusSink):
         states: every verdict on the line.
     """
 
-    def __init__(self, vitals: Vitals, audit: Audit) -> None:
-        super().__init__(_Unheard(), vitals, audit, Eyes(None))
+    def __init__(self, vitals: Vitals, audit: Audit, clock: Clock) -> None:
+        super().__init__(_Unheard(), vitals, audit, Eyes(None), clock)
         self.tx: list[Sent] = []
         self.heard_at = self.streamed_at = float("-inf")
         self.states: list[LinkState] = []
@@ -120,9 +120,9 @@ class KeepingSink(BusSink):
     def received(self, frame: Received) -> None:
         """Take a right frame."""
         super().received(frame)
-        self.heard_at = frame.t_monotonic
+        self.heard_at = frame.at
         if frame.frame.id in "OCD":
-            self.streamed_at = frame.t_monotonic
+            self.streamed_at = frame.at
 
     def sent(self, frame: Sent) -> None:
         """Take a transmission."""
@@ -229,15 +229,13 @@ async def cockpit(
     loop = asyncio.get_running_loop()
     wall = 1.7e9 + random.Random(f"{seed} wall").random()
 
-    def clock() -> Instant:
-        return Instant(loop.time(), wall + loop.time())
-
+    clock = Clock(monotonic=loop.time, wall=lambda: wall + loop.time(), synchronised=lambda: True)
     socket = Socket(boards.make(seed, **(sim or {})), seed=seed)
     vitals = Vitals("")
-    audit = Audit(_Unheard(), clock=clock)
-    sink = KeepingSink(vitals, audit)
+    audit = Audit(_Unheard(), clock)
+    sink = KeepingSink(vitals, audit, clock)
     cfg = LinkConfig.model_validate({"port": "/dev/virtual"} | link)
-    line = link_class(cfg, sink, opener=socket.open, clock=loop.time)
+    line = link_class(cfg, sink, opener=socket.open, clock=clock)
     flight = FlightControl(ControlConfig(), line, _Unheard(), vitals, audit, clock=clock)
     flown = Cockpit(line, flight, sink, socket)
     flown.tasks = [asyncio.create_task(line.run(), name="link"), asyncio.create_task(flight.run(), name="control")]

@@ -136,7 +136,7 @@ async def _interrupt(flown: Cockpit, cut: Cut, number: int, rng: random.Random) 
     back = await flown.until(lambda: flown.sink.streamed_at > returned, step=0.002)
     await asyncio.sleep(WATCH)
     begun = returned - 0.5 if cut is Cut.REBOOT else returned
-    steering = [frame for frame in flown.sink.tx if frame.purpose is Purpose.SETPOINT and frame.t_monotonic >= begun]
+    steering = [frame for frame in flown.sink.tx if frame.purpose is Purpose.SETPOINT and frame.at >= begun]
     first = "release"
     if cut is not Cut.REBOOT:  # there the port stays open, and nothing begins
         first = first_words(b"".join(data for _, data in socket.wire[written:][:2]))

@@ -240,11 +240,11 @@ def _measure(flown: Cockpit, since: float) -> Loss:
     sticks = [frame for frame in flown.sink.tx if frame.purpose in {Purpose.SETPOINT, Purpose.RELEASE}]
     moving = max((n for n, frame in enumerate(sticks) if not _is_neutral(frame)), default=-1)
     level = next((frame for frame in sticks[moving + 1 :]), None)
-    wire = None if level is None else level.t_monotonic + len(level.raw) * HOST_CHAR - since
+    wire = None if level is None else level.at + len(level.raw) * HOST_CHAR - since
     held, applied = flown.aircraft.held, flown.aircraft.applied
     neutral, released = _settled(held, lambda one: one.is_neutral), _settled(held, lambda one: not one.is_valid)
     mixed = _settled(applied, lambda one: one.is_neutral)
-    begun = next((n for n, frame in enumerate(sticks) if frame.t_monotonic > since and not _config(frame)), len(sticks))
+    begun = next((n for n, frame in enumerate(sticks) if frame.at > since and not _config(frame)), len(sticks))
     return Loss(
         seed=0,
         number=0,

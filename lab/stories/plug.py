@@ -75,7 +75,7 @@ class _Telemetry:
         """Take samples for ever."""
         async for sample in samples:
             if sample.suffix.rpartition("/")[2] in STREAMED:
-                self.latest = sample.fields["t_monotonic"]
+                self.latest = sample.fields["stamp"]["monotonic"]
 
 
 class _Bench:

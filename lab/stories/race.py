@@ -87,7 +87,9 @@ class _Observer:
             self.numbers.append(sample.fields["sequence"])
             for item in FrameDecoder().feed(sample.fields["raw"]):
                 if isinstance(item, Frame) and item.id == "b" and sample.fields["purpose"] == "setpoint":
-                    self.sticks.append((sample.fields["t_monotonic"], ExternControlV2.decode(item.payload).pitch))
+                    self.sticks.append(
+                        (sample.fields["stamp"]["monotonic"], ExternControlV2.decode(item.payload).pitch)
+                    )
 
 
 async def race(seconds: float, *, seed: int = 1) -> Race:

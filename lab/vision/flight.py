@@ -158,7 +158,7 @@ def fly(
         seen = target.tags[0].corners @ rotation.T + position
         uv = seen[:, :2] / np.maximum(seen[:, 2:], 1e-3) * intrinsics.fx + (intrinsics.cx, intrinsics.cy)
         inside = (seen[:, 2] > 0) & (uv > 0).all(axis=1) & (uv < (intrinsics.width, intrinsics.height)).all(axis=1)
-        image = CameraImage(pixels, t, t, t, k, "bench", "driver")
+        image = CameraImage(pixels, t, t, k, "bench", "driver")
         yield FlightFrame(image, attitude, rotation, position, trouble, float(inside.mean()))
 
 

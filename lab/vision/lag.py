@@ -20,6 +20,7 @@ from lab.places import CONFIGS
 from lab.vision.flight import ATTITUDE_RATE, FlightFrame, fly
 from lab.vision.stills import TARGETS, target_named
 from mkdaemon.bus.codec import encode
+from mkdaemon.clock import Clock
 from mkdaemon.config.camera import CameraSection
 from mkdaemon.config.vision import VisionSection
 from mkdaemon.daemon.priority import favour_loop, treat_loop_equally
@@ -128,7 +129,7 @@ async def _measure(film: Film, rounds: int) -> dict[str, Any]:
     """Idle and working, favoured and ordinary, in turn."""
     cfg = CameraSection(source="film", calibration=CAMERA_FILE, targets=(TARGETS / "nested.toml",))
     audience, loop = _Audience(), asyncio.get_running_loop()
-    worker = VisionWorker([cfg], VisionSection(), audience, loop, open_source=lambda _cfg, _session: film)
+    worker = VisionWorker([cfg], VisionSection(), audience, loop, Clock(), open_source=lambda _cfg, _session: film)
     film.say = worker.attitude_arrived
     samples: dict[tuple[bool, bool], list[Samples]] = {(f, p): [] for f in (True, False) for p in (False, True)}
     allowed, played = False, 0.0

@@ -140,7 +140,7 @@ class Studio:
         noise = np.radians(attitude_noise_deg) * np.array([*rng.standard_normal(2), 0.0])
         rpy = np.array(euler_from_rotation(enu_from_cam @ LOOKING_DOWN.flu_from_cam.T)) + noise
         sample = AttitudeSample(0.0, *(float(a) for a in rpy))
-        image = CameraImage(pixels, 0.0, 0.0, 0.0, self._count, "bench", "driver")
+        image = CameraImage(pixels, 0.0, 0.0, self._count, "bench", "driver")
         return Still(image, AttitudeHistory([sample]), rotation, seen)
 
 

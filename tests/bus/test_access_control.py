@@ -12,6 +12,7 @@ import zenoh
 
 from mkdaemon.bus.gateway import Bus
 from mkdaemon.bus.session import session_config
+from mkdaemon.stamp import Stamp
 from mkdaemon.telemetry.command import CommandResult, Status
 from mkdaemon.telemetry.event import LogEvent
 from tests.bus.support import PATIENCE, ask, bus_config, free_endpoint
@@ -19,7 +20,7 @@ from tests.places import CONFIGS
 
 SAMPLES = CONFIGS / "zenoh"
 IN_SAMPLES = "configs/zenoh/certificates/"
-HELLO = LogEvent(t_monotonic=1.0, t_wall=2.0, level="info", text="hello")
+HELLO = LogEvent(stamp=Stamp(monotonic=1.0, wall=2.0), level="info", text="hello")
 
 
 async def until(claim):

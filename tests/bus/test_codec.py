@@ -16,14 +16,16 @@ from mkdaemon.bus.names import key, suffix_of
 from mkdaemon.bus.schema import schema_json, schema_names
 from mkdaemon.errors import CommandRejectedError
 from mkdaemon.protocol.messages import EchoRequest, OsdData5
+from mkdaemon.stamp import Stamp
 from mkdaemon.telemetry.command import LeaseRequest, RateRequest
 from mkdaemon.telemetry.link import LinkCondition, LinkState
 from mkdaemon.telemetry.setpoint import StickSetpoint
 from mkdaemon.telemetry.traffic import FrameSample
 from tools.keys_page import keys_page
 
+STAMP = Stamp(monotonic=1, wall=2, boot="12345678", synchronised=True)
 STATE = LinkState(
-    condition=LinkCondition.UP, reason="", since_s=1, stamp_s=2, port="x", baud=57600, hears_board=True,
+    condition=LinkCondition.UP, reason="", since=STAMP, stamp=STAMP, port="x", baud=57600, hears_board=True,
     board_hears_us=False, boards=("nc",),
 )  # fmt: skip
 
@@ -32,7 +34,7 @@ def test_models_become_maps_with_the_values_of_their_enums():
     fields = msgpack.unpackb(encode(STATE))
     assert fields == STATE.model_dump(mode="json")
     sample = FrameSample(
-        t_monotonic=1, t_wall=2, sequence=3, board="nc", id="z", message="m", layout="1", fields=EchoRequest(pattern=9)
+        stamp=STAMP, sequence=3, board="nc", id="z", message="m", layout="1", fields=EchoRequest(pattern=9)
     )
     assert msgpack.unpackb(encode(sample))["fields"] == {"pattern": 9}
     assert msgpack.unpackb(encode_map({"a": np.arange(3), "b": b"\0"})) == {"a": [0, 1, 2], "b": b"\0"}

@@ -14,12 +14,14 @@ import zenoh
 from mkdaemon.bus.gateway import Bus
 from mkdaemon.bus.session import session_config
 from mkdaemon.errors import ConfigError, MkError
+from mkdaemon.stamp import Stamp
 from mkdaemon.telemetry.command import CommandResult, Status, refuse
 from mkdaemon.telemetry.event import LogEvent
 from mkdaemon.telemetry.state import Attitude, Battery
 from tests.bus.support import PATIENCE, ask, bus_config, client, free_endpoint
 
-BATTERY = Battery(t_monotonic=1.0, t_wall=2.0, source="nc/osd", voltage=11.4, current=2.5, used_mah=130.0, is_low=False)
+STAMP = Stamp(monotonic=1.0, wall=2.0)
+BATTERY = Battery(stamp=STAMP, source="nc/osd", voltage=11.4, current=2.5, used_mah=130.0, is_low=False)
 
 
 @pytest.fixture
@@ -66,7 +68,7 @@ async def test_every_key_answers_with_its_last_value_and_age(bus):
     opened, endpoint = bus
     opened.publish("state/battery", BATTERY.model_copy(update={"voltage": 12.0}))
     opened.publish("state/battery", BATTERY)
-    opened.publish("event/log", LogEvent(t_monotonic=1.0, t_wall=2.0, level="info", text="hello"))
+    opened.publish("event/log", LogEvent(stamp=STAMP, level="info", text="hello"))
     with client(endpoint) as session:
         [(key, value, encoding)] = await asyncio.to_thread(ask, session, "mk/t1/state/*")
         everything = await asyncio.to_thread(ask, session, "mk/t1/**")
@@ -263,7 +265,7 @@ async def test_a_stopped_subscriber_does_not_hold_up_the_publisher(bus):
         deadline = time.monotonic() + PATIENCE
         while not last.is_set():
             assert time.monotonic() < deadline, "the subscriber was cut off"
-            opened.publish("event/log", LogEvent(t_monotonic=1.0, t_wall=2.0, level="info", text="still here?"))
+            opened.publish("event/log", LogEvent(stamp=STAMP, level="info", text="still here?"))
             await asyncio.sleep(0.05)
 
 

@@ -10,18 +10,25 @@ import pytest
 
 from mkdaemon.bus.gateway import Bus
 from mkdaemon.client import connect
+from mkdaemon.clock import Clock
 from mkdaemon.config.camera import CameraSection
 from mkdaemon.config.root import Config
 from mkdaemon.daemon.eyes import Eyes, open_eyes
 from mkdaemon.errors import ConfigError
+from mkdaemon.stamp import Stamp
 from mkdaemon.telemetry.state import Attitude
 from tests.bus.support import PATIENCE, bus_config, free_endpoint
 from tests.places import CONFIGS
 
 TARGET = CONFIGS / "targets" / "nested.toml"
 LEVEL = Attitude(
-    t_monotonic=1.0, t_wall=2.0, source="nc/attitude", quaternion=(1.0, 0.0, 0.0, 0.0), roll=0.0, pitch=0.0, yaw=0.0
-)
+    stamp=Stamp(monotonic=1.0, wall=2.0),
+    source="nc/attitude",
+    quaternion=(1.0, 0.0, 0.0, 0.0),
+    roll=0.0,
+    pitch=0.0,
+    yaw=0.0,
+)  # fmt: skip
 
 
 async def test_a_camera_reports_on_the_bus(tmp_path):
@@ -31,7 +38,7 @@ async def test_a_camera_reports_on_the_bus(tmp_path):
     camera = CameraSection(name="down", source=f"folder:{tmp_path}", loop=True, fps=20.0, targets=(TARGET,))
     cfg = Config(bus=bus_config(endpoint), cameras=(camera,))
     async with Bus.open(cfg.bus, "eyes") as bus, connect("eyes", endpoint) as client:
-        eyes = open_eyes(cfg, bus)
+        eyes = open_eyes(cfg, bus, Clock())
         async with client.watch("vision/**") as samples, eyes.open():
             eyes.attitude_said(LEVEL)
             async with asyncio.timeout(PATIENCE):
@@ -52,4 +59,4 @@ async def test_a_camera_that_cannot_work_is_a_configuration_error():
     cfg = Config(bus=bus_config(free_endpoint()), cameras=(CameraSection(source="/dev/video0"),))
     async with Bus.open(cfg.bus, "eyes2") as bus:
         with pytest.raises(ConfigError, match="no targets"):
-            open_eyes(cfg, bus)
+            open_eyes(cfg, bus, Clock())

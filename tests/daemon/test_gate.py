@@ -12,6 +12,7 @@ from mkdaemon.daemon.gate import RULES, check, rule_for
 from mkdaemon.daemon.vitals import MOTORS_AGE, PROOF_AGE, TEST_LASTS, Vitals
 from mkdaemon.errors import CommandRejectedError
 from mkdaemon.protocol.wire import MESSAGES, Board, Direction
+from mkdaemon.stamp import Stamp
 from mkdaemon.telemetry.command import REFUSALS, Status, refuse
 from mkdaemon.telemetry.link import LinkCondition, LinkState
 from tests.places import SOURCE
@@ -137,9 +138,12 @@ def test_a_motor_test_may_go_on_although_it_turns_motors():
 # -- what the gate asks --------------------------------------------------------------------------------------------
 
 
+STAMP = Stamp(monotonic=5.0, wall=6.0)
+
+
 def link_state(openings=1, redirected_to="", condition=LinkCondition.UP):
     return LinkState(
-        condition=condition, reason="", since_s=0, stamp_s=0, port="x", baud=57600, hears_board=True,
+        condition=condition, reason="", since=STAMP, stamp=STAMP, port="x", baud=57600, hears_board=True,
         board_hears_us=True, openings=openings, redirected_to=redirected_to,
     )  # fmt: skip
 
@@ -165,12 +169,11 @@ def test_a_version_reply_proves_a_board_until_it_is_old_or_the_line_has_changed(
 
 def test_vehicle_alive_is_not_daemon_alive():
     known = Vitals("a note")
-    stamps = {"t_monotonic": 5.0, "t_wall": 6.0}
-    silent = known.health(**stamps, read_only="unknown firmware")
+    silent = known.health(STAMP, read_only="unknown firmware")
     assert (silent.is_alive, silent.link, silent.read_only) == (False, "absent", "unknown firmware")
     for condition, alive in ((LinkCondition.UP, True), (LinkCondition.ONE_WAY, True), (LinkCondition.MUTE, False)):
         known.link_said(link_state(condition=condition))
-        assert known.health(**stamps, read_only=None).is_alive is alive
+        assert known.health(STAMP, read_only=None).is_alive is alive
 
 
 # -- refusals ------------------------------------------------------------------------------------------------------

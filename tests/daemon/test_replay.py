@@ -105,7 +105,7 @@ def test_si_values_agree_with_the_frames_they_came_from(heard):
     ):
         fields = frame["fields"]
         assert battery["voltage"] == pytest.approx(fields["battery"] / 10)
-        assert battery["t_monotonic"] == position["t_monotonic"] == frame["t_monotonic"]
+        assert battery["stamp"] == position["stamp"] == frame["stamp"]
         assert position["latitude"] == pytest.approx(fields["position_latitude"] * 1e-7)
         east, north, up = position["position_enu"]
         assert (east**2 + north**2) ** 0.5 == pytest.approx(fields["home_distance"] / 10, abs=0.15, rel=0.01)
@@ -114,7 +114,7 @@ def test_si_values_agree_with_the_frames_they_came_from(heard):
 
 
 def test_the_timing_of_the_recording_is_kept(heard):
-    stamps = [value["t_wall"] for value in heard.values["rx/nc/osd"]]
+    stamps = [value["stamp"]["wall"] for value in heard.values["rx/nc/osd"]]
     assert (stamps[-1] - stamps[0]) * 20 == pytest.approx(59.8, rel=0.2)
     assert stamps == sorted(stamps)
 

@@ -8,9 +8,9 @@ from unittest.mock import ANY
 import msgpack
 import pytest
 
+from mkdaemon.clock import Clock
 from mkdaemon.config.commands import CommandsConfig
 from mkdaemon.daemon import requests
-from mkdaemon.daemon.clock import Instant
 from mkdaemon.daemon.requests import BoardRequests
 from mkdaemon.daemon.vitals import Vitals
 from mkdaemon.errors import LinkLostError, RequestTimeoutError
@@ -41,7 +41,7 @@ class Line:
     async def request(self, message, *, board=None):
         self.asked.append((board, message))
         if isinstance(message, VersionRequest) and VersionRequest not in self.answers:
-            self._vitals.version_said(self.who_answers, "2.12a", _now())
+            self._vitals.version_said(self.who_answers, "2.12a", STILL.now())
             return VersionFc210.decode(bytes(12))
         answer = self.answers.get(type(message), Echo(pattern=7))
         if isinstance(answer, Exception):
@@ -52,17 +52,8 @@ class Line:
         self.asked.append((board, message))
 
 
-NOW = Instant(100.0, 1.7e9)
-
-
-def _now():
-    return NOW.t_monotonic
-
-
-@pytest.fixture(autouse=True)
-def still(monkeypatch):
-    """Time stands still: nothing known becomes old because the machine is slow."""
-    monkeypatch.setattr(requests, "now", lambda: NOW)
+STILL = Clock(monotonic=lambda: 100.0, wall=lambda: 1.7e9)
+"""Time stands still: nothing known becomes old because the machine is slow."""
 
 
 class Desk:
@@ -72,9 +63,9 @@ class Desk:
         self.events = []
         self.vitals = Vitals("")
         self.vitals.link_said(link_state())
-        self.vitals.motors_said(False, _now())
+        self.vitals.motors_said(False, STILL.now())
         self.line = Line(self.vitals)
-        self._requests = BoardRequests(cfg or CommandsConfig(), self.line, self.vitals, self)
+        self._requests = BoardRequests(cfg or CommandsConfig(), self.line, self.vitals, self, STILL)
 
     def command(self, key, fields, result):
         self.events.append((key, fields, result))

@@ -10,6 +10,7 @@ from contextlib import asynccontextmanager
 
 from lab.rigs.boardport import Socket
 from lab.rigs.virtualloop import run_virtually
+from mkdaemon.clock import Clock
 from mkdaemon.config.link import LinkConfig
 from mkdaemon.config.sim import PilotPlan, SimConfig
 from mkdaemon.link.link import Link
@@ -59,7 +60,7 @@ class Log:
         self.traffics.append(traffic)
 
     def kinds(self, since: float = 0.0) -> Counter[str]:
-        return Counter(frame.frame.id for frame in self.rx if frame.t_monotonic >= since)
+        return Counter(frame.frame.id for frame in self.rx if frame.at >= since)
 
 
 def flight_ctrl(word: str = "2.12a", seed: int = 1, **sim: object) -> Callable[[], Simulation]:
@@ -107,7 +108,7 @@ async def rig(
         LinkConfig.model_validate({"port": "/dev/rig", **cfg}),
         log,
         opener=socket.open,
-        clock=asyncio.get_running_loop().time,
+        clock=Clock(monotonic=asyncio.get_running_loop().time),
     )
     task = asyncio.create_task(link.run())
     try:

@@ -59,7 +59,7 @@ async def test_a_flightctrl_that_was_silent_at_first_is_asked_again():
         await r.until(lambda: r.link.dialect.extern_control is ExternControlV2, 10)
         assert await introduced(r.link)
         redirects = [s for s in r.log.tx if s.message is not None and s.message.spec.id == "u"]
-        assert [later.t_monotonic - at.t_monotonic > 1 for at, later in itertools.pairwise(redirects)] == [True] * 2
+        assert [later.at - at.at > 1 for at, later in itertools.pairwise(redirects)] == [True] * 2
         await asyncio.sleep(60)
         assert len([s for s in r.log.tx if s.message is not None and s.message.spec.id == "u"]) == 3
 
@@ -76,7 +76,7 @@ async def test_an_aircraft_that_flew_at_first_is_known_once_its_motors_stop():
         await asyncio.sleep(20)
         assert r.link.is_looking_behind
         assert not await introduced(r.link)
-        assert all(s.message.spec.id != "u" for s in r.log.tx if s.message and s.t_monotonic > took_off)
+        assert all(s.message.spec.id != "u" for s in r.log.tx if s.message and s.at > took_off)
         boards.world.pilot.program = None
         boards.world.faults.start("fc_reboot")
         await r.until(lambda: r.link.dialect.extern_control is ExternControlV2, 20)

@@ -241,8 +241,8 @@ async def test_auto_echo_yields_to_confirmations_but_not_to_silence():
                 ExternControlV2(pitch=0, roll=0, yaw=0, throttle=0, config=1), deadline=loop.time() + 0.1
             )
             await asyncio.sleep(0.02)
-        echoes = [s for s in r.log.tx if s.purpose is Purpose.ECHO and s.t_monotonic > began + 0.1]
+        echoes = [s for s in r.log.tx if s.purpose is Purpose.ECHO and s.at > began + 0.1]
         assert echoes == []
         await asyncio.sleep(2)
-        echoes = [s for s in r.log.tx if s.purpose is Purpose.ECHO and s.t_monotonic > began + 2.1]
+        echoes = [s for s in r.log.tx if s.purpose is Purpose.ECHO and s.at > began + 2.1]
         assert len(echoes) >= 8

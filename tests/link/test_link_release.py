@@ -134,7 +134,7 @@ async def test_an_unconfirmed_release_silences_what_keeps_the_sticks_alive(word)
         began = asyncio.get_running_loop().time()
         await asyncio.sleep(5.9)
         dead_man = r.link.dialect.dead_man
-        after = [s for s in r.log.tx if s.t_monotonic > began and s.message is not None]
+        after = [s for s in r.log.tx if s.at > began and s.message is not None]
         refreshing = [s for s in after if dead_man.refreshed_by(s.message.spec.id)]
         assert {s.purpose for s in refreshing} == {Purpose.RELEASE}, "nothing but further releases"
         assert len(refreshing) <= 12
@@ -211,7 +211,7 @@ async def test_nothing_follows_the_release_of_an_exit(word):
             await hold(r, 0.2, pitch=20)
             await asyncio.sleep(0.013 * seed)
             began = asyncio.get_running_loop().time()
-        after = [s for s in r.log.tx if s.t_monotonic >= began]
+        after = [s for s in r.log.tx if s.at >= began]
         assert {s.purpose for s in after} == {Purpose.RELEASE}, seed
         assert int(after[-1].message.config) == 0
 

@@ -7,6 +7,7 @@ import asyncio
 import pytest
 
 from lab.rigs.boardport import LineFault, Socket
+from mkdaemon.clock import Clock
 from mkdaemon.config.link import LinkConfig
 from mkdaemon.errors import (
     ConfigError,
@@ -52,9 +53,7 @@ async def test_the_right_word_within_half_a_second_and_back_again(make, fault, w
             r.socket.is_present = True
             if r.socket.port.fault is not LineFault.NONE and not r.socket.port.is_closed:
                 r.socket.port.inject(LineFault.NONE)
-            await r.until(
-                lambda r=r: r.condition in ("up", "degraded") and r.log.kinds(r.log.tx[-1].t_monotonic) != {}, 3
-            )
+            await r.until(lambda r=r: r.condition in ("up", "degraded") and r.log.kinds(r.log.tx[-1].at) != {}, 3)
             await r.until_up(11 if fault in (LineFault.BYTE_LOSS, LineFault.BIT_FLIPS) else 4)
 
 
@@ -132,7 +131,7 @@ async def test_a_port_missing_at_the_start_ends_the_run_or_is_waited_for():
         log, socket = Log(), Socket(navi_ctrl(), seed=1)
         socket.is_present = False
         cfg = LinkConfig(port="/dev/rig", wait_for_port=wait)
-        link = Link(cfg, log, opener=socket.open, clock=asyncio.get_running_loop().time)
+        link = Link(cfg, log, opener=socket.open, clock=Clock(monotonic=asyncio.get_running_loop().time))
         task = asyncio.create_task(link.run())
         await asyncio.sleep(1)
         if wait:

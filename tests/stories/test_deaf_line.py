@@ -45,7 +45,7 @@ async def flying(boards):
 
 
 def sticks_since(flown, since):
-    return [frame for frame in flown.sink.tx if frame.purpose is Purpose.SETPOINT and frame.t_monotonic > since]
+    return [frame for frame in flown.sink.tx if frame.purpose is Purpose.SETPOINT and frame.at > since]
 
 
 @pytest.mark.parametrize("fault", [LineFault.SILENCE, LineFault.ONE_WAY, LineFault.STUCK_WRITER])

@@ -29,6 +29,7 @@ from mkdaemon.protocol.messages.osdsets import (
     OsdVolatile,
     OsdWaypoint,
 )
+from mkdaemon.stamp import Stamp
 from mkdaemon.telemetry.state import GpsMode
 from mkdaemon.translate import StateTranslator
 from mkdaemon.translate.state import COARSE_AFTER, motors_running
@@ -43,7 +44,7 @@ def blank(cls, **fields):
 
 
 def states(message, board="nc", t=1.0, translator=None):
-    return dict((translator or StateTranslator()).states(board, message, t, t + 1e9))
+    return dict((translator or StateTranslator()).states(board, message, Stamp(monotonic=t, wall=t + 1e9)))
 
 
 @pytest.mark.parametrize("cls", [AttitudeDataNc, AttitudeDataFc210])
@@ -64,7 +65,7 @@ def test_attitude_has_our_signs(cls, wire, axis, expected):
     assert getattr(value, axis) == pytest.approx(expected)
     roll, pitch, yaw = euler_from_rotation(rotation_from_quaternion(value.quaternion))
     assert (roll, pitch, yaw) == pytest.approx((value.roll, value.pitch, value.yaw))
-    assert (value.t_monotonic, value.t_wall, value.source) == (1.0, 1.0 + 1e9, f"{board}/attitude")
+    assert (value.stamp.monotonic, value.stamp.wall, value.source) == (1.0, 1.0 + 1e9, f"{board}/attitude")
 
 
 def test_nose_down_points_forward_below_the_horizon_and_right_side_down_points_right_below_it():
@@ -244,7 +245,9 @@ def test_recorded_frames_make_a_consistent_aircraft():
         for frame in framing.feed(bytes.fromhex(chunk["hex"])):
             assert isinstance(frame, Frame)
             board = board_at(frame.address)
-            for suffix, value in translator.states(board.word, messages.decode(frame), chunk["t"], chunk["t"]):
+            for suffix, value in translator.states(
+                board.word, messages.decode(frame), Stamp(monotonic=chunk["t"], wall=chunk["t"])
+            ):
                 found.setdefault(suffix, []).append(value)
     assert {"state/attitude", "state/position", "state/battery", "state/flight"} <= set(found)
     for position in found["state/position"]:

@@ -12,13 +12,15 @@ import numpy as np
 import pytest
 import zenoh
 
+from mkdaemon.clock import Clock
 from mkdaemon.config.camera import CameraSection
 from mkdaemon.errors import ConfigError, VisionError
+from mkdaemon.stamp import Stamp
 from mkdaemon.telemetry.image import CameraFrame
 from mkdaemon.vision.camera.camera import CameraStream, StreamState, StreamStatus, retry_delays
 from mkdaemon.vision.camera.files import list_pictures
 from mkdaemon.vision.camera.image import CameraImage
-from mkdaemon.vision.camera.imagecodec import boot_id, encode_jpeg, pack
+from mkdaemon.vision.camera.imagecodec import encode_jpeg, pack
 from mkdaemon.vision.camera.shot import EndOfImages, Shot
 from mkdaemon.vision.camera.slot import NewestSlot
 from mkdaemon.vision.camera.sources import source_of
@@ -278,7 +280,7 @@ def frame(image: np.ndarray, sequence: int, **fields: object) -> CameraFrame:
         "width": image.shape[1],
         "height": image.shape[0],
         "coding": "gray8",
-        "captured_wall": time.time(),
+        "stamp": Clock().stamp(),
         "pixels": image.tobytes(),
     }
     return CameraFrame.model_validate(base | fields)
@@ -291,7 +293,7 @@ def test_images_from_the_bus_keep_their_capture_time(session: zenoh.Session) -> 
     stream.start()
     until(stream, lambda s: s.state is StreamState.STREAMING)
     taken = time.monotonic() - 0.123
-    sent = frame(picture(77), 5, captured_monotonic=taken, clock=boot_id())
+    sent = frame(picture(77), 5, stamp=Clock().stamp(taken))
     session.put("test/camera/image", pack(sent))
     image = slot.take(PATIENCE)
     assert image is not None
@@ -302,10 +304,21 @@ def test_images_from_the_bus_keep_their_capture_time(session: zenoh.Session) -> 
     session.put("test/camera/image", b"\xc1 not msgpack")
     jpeg, width, height = encode_jpeg(picture(150), 90, 64)
     taken_wall = time.time() - 0.2
+    taken_there = Stamp(monotonic=0.0, wall=taken_wall, boot="another")
     earliest = time.monotonic() - (time.time() - taken_wall)
     session.put(
         "test/camera/image",
-        pack(frame(picture(), 8, coding="jpeg", pixels=jpeg, width=width, height=height, captured_wall=taken_wall)),
+        pack(
+            frame(
+                picture(),
+                8,
+                coding="jpeg",
+                pixels=jpeg,
+                width=width,
+                height=height,
+                stamp=taken_there,
+            )
+        ),
     )
     image = slot.take(PATIENCE)
     assert image is not None

@@ -9,13 +9,20 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from mkdaemon.stamp import Stamp
 from mkdaemon.telemetry.image import CameraFrame
 from mkdaemon.vision.camera.imagecodec import decode_picture, encode_jpeg, pack, to_grey, unpack
 
 PIXELS = np.arange(12 * 16, dtype=np.uint8).reshape(12, 16)
 FRAME = CameraFrame(
-    camera="c", sequence=3, width=16, height=12, coding="gray8", captured_wall=1.5e9, pixels=PIXELS.tobytes()
-)
+    camera="c",
+    sequence=3,
+    width=16,
+    height=12,
+    coding="gray8",
+    stamp=Stamp(monotonic=1.0, wall=1.5e9),
+    pixels=PIXELS.tobytes(),
+)  # fmt: skip
 
 
 def test_grey_pixels_come_back_as_they_went() -> None:
@@ -40,12 +47,12 @@ def test_png_comes_back_as_it_went() -> None:
         ({"width": 16000, "height": 16000}, "impossible"),
         ({"coding": "jpeg"}, "cannot be decoded"),
         ({"coding": "gif"}, "coding"),
-        ({"captured_wall": float("nan")}, "captured_wall"),
+        ({"stamp": {"monotonic": 1.0, "wall": float("nan")}}, "stamp.wall"),
         ({"pixels": b""}, "has 0 bytes"),
     ],
 )
 def test_what_is_wrong_is_named(change: dict[str, object], words: str) -> None:
-    answer = unpack(msgpack.packb({**dict(FRAME), **change}))
+    answer = unpack(msgpack.packb({**dict(FRAME), **change}, default=vars))
     assert isinstance(answer, str)
     assert words in answer
 

@@ -47,7 +47,7 @@ def test_a_rendered_tag_is_found_with_its_corners_and_posed(name):
         view = place(distance, tilt, roll=0.7 * k)
         pixels = scene.render(view)
         tracker = Tracker(TagMap((target,)), VGA, LOOKING_DOWN)
-        results = [tracker.update(CameraImage(pixels, t, t, t, n, "test", "driver")) for n, t in enumerate((0.0, 0.1))]
+        results = [tracker.update(CameraImage(pixels, t, t, n, "test", "driver")) for n, t in enumerate((0.0, 0.1))]
         [found] = next(result.detections for result in results if result.detections)
         true = true_corners(placed, view)[name, 7]
         assert (found.family, found.tag_id, found.hamming) == (name, 7, 0)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from mkdaemon.clock import Clock
 from mkdaemon.config.camera import CameraSection
 from mkdaemon.config.vision import TagPlacement, TargetSection, VisionSection
 from mkdaemon.frames import rotation_from_euler
@@ -106,13 +107,13 @@ def test_the_camera_says_so_in_place_of_a_pose(tmp_path) -> None:
     target.write_text(
         '[[targets]]\nname = "pad"\n[[targets.tags]]\nid = 48\nsize = 0.25\n[[targets.tags]]\nid = 1\nsize = 0.048\n'
     )
-    eye = CameraPipeline(CameraSection(source="x", calibration=lens, targets=(target,)), VisionSection())
+    eye = CameraPipeline(CameraSection(source="x", calibration=lens, targets=(target,)), VisionSection(), Clock())
     poses = []
     for number in range(CONTRADICTIONS + 2):
         at = number / 30
         state = BodyState(at, np.array([0.02 * np.sin(number), 0.0, 0.5]), np.zeros(3), np.eye(3), np.zeros(3))
-        image = CameraImage(scene.expose(state), 10.0 + at, 0.0, 10.0 + at, number, "down")
-        poses += [name for name, _ in eye.process(image, None, lambda at=at: 10.0 + at) if name.endswith("pose")]
+        image = CameraImage(scene.expose(state), 10.0 + at, 10.0 + at, number, "down")
+        poses += [name for name, _ in eye.process(image, None) if name.endswith("pose")]
     assert poses == []
     state, reason = eye.state(StreamStatus(StreamState.STREAMING, width=640, height=480))
     assert state is EyeState.TARGET_MISMATCH

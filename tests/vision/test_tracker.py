@@ -95,7 +95,7 @@ def test_attitude_is_ignored_for_walls_and_without_a_mounting(tmp_path):
 
 @pytest.mark.parametrize("pixels", [np.zeros((720, 1280), np.uint8), np.zeros((0, 640), np.uint8)])
 def test_wrong_size_gives_an_alarm_and_no_pose(pixels):
-    result = tracker().update(CameraImage(pixels, 0.0, 0.0, 0.0, 0, "test"))
+    result = tracker().update(CameraImage(pixels, 0.0, 0.0, 0, "test"))
     assert result.alarms == ("wrong_size",)
     assert result.poses == ()
 
@@ -108,7 +108,7 @@ def test_black_white_and_frozen_images():
         assert bool(result.poses) == ("frozen" not in result.alarms)
     assert "frozen" in result.alarms
     for level, alarm in ((0, "dark"), (255, "blown")):
-        flat = CameraImage(np.full((480, 640), level, np.uint8), 1.0 + level, 0.0, 0.0, 9, "test")
+        flat = CameraImage(np.full((480, 640), level, np.uint8), 1.0 + level, 0.0, 9, "test")
         result = follower.update(flat)
         assert alarm in result.alarms
         assert result.poses == ()
@@ -160,7 +160,7 @@ def test_two_targets_each_in_its_frame_one_of_them_moving(tmp_path):
     counted = 0
     for k in range(8):
         view = replace(place(2.2, 0.1), time=k / 30)
-        image = CameraImage(scene.render(view), k / 30, k / 30, k / 30, k, "test", "driver")
+        image = CameraImage(scene.render(view), k / 30, k / 30, k, "test", "driver")
         result = follower.update(image)
         for found in result.poses:
             placed = still if found.target == "pad" else moving

@@ -12,6 +12,7 @@ import cv2
 import numpy as np
 import pytest
 
+from mkdaemon.clock import Clock
 from mkdaemon.config.camera import CameraSection
 from mkdaemon.config.vision import VisionSection
 from mkdaemon.errors import ConfigError
@@ -40,6 +41,7 @@ PAD = SceneTarget.of(load([TARGET_FILE]).targets[0], Platform())
 SCENE = Scene([PAD], ground="tiles", seed=6, fine=False)
 STREAMING = StreamStatus(state=StreamState.STREAMING, width=640, height=480)
 PATIENCE = 40.0
+CLOCK = Clock(monotonic=lambda: 100.05, wall=lambda: 1.7e9 + 100.05)
 
 
 def view(k: int = 0) -> CameraView:
@@ -56,13 +58,13 @@ def section(**change: object) -> CameraSection:
 
 
 def image(pixels: np.ndarray, k: int) -> CameraImage:
-    return CameraImage(pixels, 100.0 + k / 30, 1.7e9 + k / 30, 100.01 + k / 30, k, "down")
+    return CameraImage(pixels, 100.0 + k / 30, 100.01 + k / 30, k, "down")
 
 
 def feed(pipeline: CameraPipeline, pictures: list[np.ndarray]) -> list[tuple[str, Telemetry]]:
     values: list[tuple[str, Telemetry]] = []
     for k, pixels in enumerate(pictures):
-        values += pipeline.process(image(pixels, k), None, lambda: 100.05)
+        values += pipeline.process(image(pixels, k), None)
     return values
 
 
@@ -71,11 +73,11 @@ def poses(values: list[tuple[str, Telemetry]]) -> list[VisionPose]:
 
 
 def stats(pipeline: CameraPipeline, stream: StreamStatus = STREAMING) -> VisionStats:
-    return pipeline.stats(stream, 0, 1.0, 2.0)
+    return pipeline.stats(stream, 0, CLOCK.stamp())
 
 
 def test_a_rendered_target_becomes_the_true_pose_of_the_vehicle() -> None:
-    values = feed(CameraPipeline(section(), VisionSection()), [shot()])
+    values = feed(CameraPipeline(section(), VisionSection(), CLOCK), [shot()])
     assert [suffix for suffix, _ in values] == ["vision/down/tags", "vision/down/pose", "tf"]
     (pose,) = poses(values)
     enu_from_flu = view().enu_from_cam @ mount_rotation(CAMERA.mount).T
@@ -101,7 +103,7 @@ def test_the_covariance_is_carried_to_the_body() -> None:
     """Against sampled small turns and shifts of the camera, which move the body with them."""
     picture = shot()
     near, far = (
-        poses(feed(CameraPipeline(section(mount={"position_flu": at}), VisionSection()), [picture]))[0]
+        poses(feed(CameraPipeline(section(mount={"position_flu": at}), VisionSection(), CLOCK), [picture]))[0]
         for at in ((0.0, 0.0, 0.0), (3.0, 0.0, 0.0))
     )
     a, b = (np.array(pose.covariance).reshape(6, 6) for pose in (near, far))
@@ -131,7 +133,7 @@ BLACK, WHITE = np.zeros((480, 640), np.uint8), np.full((480, 640), 255, np.uint8
 def test_unusable_images_are_named_and_give_no_pose(
     pictures: list[np.ndarray], change: dict[str, object], state: EyeState, words: str
 ) -> None:
-    pipeline = CameraPipeline(section(**change), VisionSection())
+    pipeline = CameraPipeline(section(**change), VisionSection(), CLOCK)
     values = feed(pipeline, pictures)
     height, width = pictures[-1].shape
     found = stats(pipeline, replace(STREAMING, width=width, height=height))
@@ -141,19 +143,19 @@ def test_unusable_images_are_named_and_give_no_pose(
 
 
 def test_a_frozen_camera_stops_giving_poses_and_recovers() -> None:
-    pipeline = CameraPipeline(section(), VisionSection())
+    pipeline = CameraPipeline(section(), VisionSection(), CLOCK)
     still = shot()
     assert len(poses(feed(pipeline, [still] * 8))) < 8
     found = stats(pipeline)
     assert found.state is EyeState.FROZEN
-    values = pipeline.process(image(still, 9), None, lambda: 100.4)
+    values = pipeline.process(image(still, 9), None)
     assert poses(values) == []
-    assert poses(pipeline.process(image(shot(), 10), None, lambda: 100.4))
+    assert poses(pipeline.process(image(shot(), 10), None))
     assert stats(pipeline).state is EyeState.OK
 
 
 def test_a_dark_image_that_is_posed_is_an_alarm_and_no_obstacle() -> None:
-    pipeline = CameraPipeline(section(), VisionSection())
+    pipeline = CameraPipeline(section(), VisionSection(), CLOCK)
     values = feed(pipeline, [shot(k, Conditions(exposure=0.09)) for k in range(2)])
     assert len(poses(values)) == 2
     found = stats(pipeline)
@@ -163,7 +165,7 @@ def test_a_dark_image_that_is_posed_is_an_alarm_and_no_obstacle() -> None:
 
 
 def test_an_image_that_breaks_the_detector_is_counted() -> None:
-    pipeline = CameraPipeline(section(), VisionSection())
+    pipeline = CameraPipeline(section(), VisionSection(), CLOCK)
 
     def broken(*_: object) -> None:
         raise cv2.error("inside")
@@ -183,18 +185,18 @@ def test_an_image_that_breaks_the_detector_is_counted() -> None:
 )
 def test_wrong_files_stop_before_anything_runs(change: dict[str, object], words: str) -> None:
     with pytest.raises(ConfigError, match=words):
-        CameraPipeline(section(**change), VisionSection())
+        CameraPipeline(section(**change), VisionSection(), CLOCK)
 
 
 def test_a_target_of_wrong_size_is_a_configuration_error(tmp_path: Path) -> None:
     wrong = tmp_path / "target.toml"
     wrong.write_text(TARGET_FILE.read_text().replace("0.3048", "304.8"))
     with pytest.raises(ConfigError, match=r"304\.8 is no tag size"):
-        CameraPipeline(section(targets=(wrong,)), VisionSection())
+        CameraPipeline(section(targets=(wrong,)), VisionSection(), CLOCK)
 
 
 def test_published_pictures_are_bounded_in_rate_and_size() -> None:
-    pipeline = CameraPipeline(section(jpeg_hz=10, jpeg_width=320), VisionSection())
+    pipeline = CameraPipeline(section(jpeg_hz=10, jpeg_width=320), VisionSection(), CLOCK)
     pixels = np.full((480, 640), 90, np.uint8)
     taken = [frame for k in range(90) if (frame := pipeline.picture(image(pixels, k))) is not None]
     assert 29 <= len(taken) <= 31  # three seconds at 30 Hz
@@ -204,7 +206,7 @@ def test_published_pictures_are_bounded_in_rate_and_size() -> None:
     late = pipeline.picture(image(pixels, 300))  # after a pause of seven seconds
     assert late is not None
     assert pipeline.picture(image(pixels, 301)) is None
-    assert CameraPipeline(section(), VisionSection()).picture(image(pixels, 0)) is None
+    assert CameraPipeline(section(), VisionSection(), CLOCK).picture(image(pixels, 0)) is None
 
 
 class Collected:
@@ -237,7 +239,7 @@ async def test_the_worker_publishes_on_the_loop_from_the_first_image_to_the_last
         cv2.imwrite(str(tmp_path / f"{k}.png"), shot())
     sink = Collected()
     cfg = section(source=f"folder:{tmp_path}", fps=50, jpeg_hz=10, jpeg_width=320)
-    worker = VisionWorker([cfg], VisionSection(), sink, asyncio.get_running_loop())
+    worker = VisionWorker([cfg], VisionSection(), sink, asyncio.get_running_loop(), Clock())
     worker.attitude_arrived(AttitudeSample(0.0, 0.0, 0.0, 0.0))
     worker.start()
     await sink.until(lambda _: any(found.state is EyeState.ENDED for found in sink.stats()))
@@ -263,7 +265,7 @@ async def test_a_camera_that_comes_late_is_waited_for(tmp_path: Path) -> None:
     sink = Collected()
     folder = tmp_path / "later"
     cfg = section(source=f"folder:{folder}", fps=50, reopen_min=0.02, reopen_max=0.05)
-    worker = VisionWorker([cfg], VisionSection(), sink, asyncio.get_running_loop())
+    worker = VisionWorker([cfg], VisionSection(), sink, asyncio.get_running_loop(), Clock())
     worker.start()
     await sink.until(lambda _: any(found.state is EyeState.GONE for found in sink.stats()))
     assert "no such folder" in sink.stats()[-1].reason
@@ -277,7 +279,7 @@ async def test_a_camera_that_comes_late_is_waited_for(tmp_path: Path) -> None:
 
 async def test_the_worker_ends_when_the_loop_is_gone() -> None:
     other = asyncio.new_event_loop()
-    worker = VisionWorker([section()], VisionSection(), Collected(), other)
+    worker = VisionWorker([section()], VisionSection(), Collected(), other, Clock())
     other.close()
     worker.start()
     async with asyncio.timeout(PATIENCE):
@@ -288,7 +290,7 @@ async def test_the_worker_ends_when_the_loop_is_gone() -> None:
 
 async def test_two_cameras_of_one_name_are_refused() -> None:
     with pytest.raises(ConfigError, match="two cameras are called 'down'"):
-        VisionWorker([section(), section()], VisionSection(), Collected(), asyncio.get_running_loop())
+        VisionWorker([section(), section()], VisionSection(), Collected(), asyncio.get_running_loop(), Clock())
 
 
 def test_cameras_take_turns() -> None:

@@ -59,7 +59,7 @@ class View:
         self.corners = true_corners(placed, view)
 
     def image(self, time: float = 0.0, sequence: int = 0) -> CameraImage:
-        return CameraImage(self.pixels, time, time, time, sequence, "test", "driver")
+        return CameraImage(self.pixels, time, time, sequence, "test", "driver")
 
 
 def printed(cells: npt.NDArray[np.uint8], pixels_per_cell: int = 20, margin: int = 3) -> npt.NDArray[np.uint8]:

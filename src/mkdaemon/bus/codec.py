@@ -25,14 +25,14 @@ def encode(value: BaseModel) -> bytes:
 
     Packing through `__dict__` takes half the time of `model_dump`.
     """
-    packed: bytes = msgpack.packb(value, default=_plain)
+    packed: bytes = msgpack.packb(value.__dict__, default=_plain)
     return packed
 
 
 def _plain(value: Any) -> Any:
-    if hasattr(value, "tolist"):  # arrays
-        return value.tolist()
-    return value.__dict__
+    # A model first, and without asking it for what it lacks: pydantic takes 2 us to say that there is no `tolist`.
+    fields = getattr(value, "__dict__", None)
+    return value.tolist() if fields is None else fields
 
 
 def encode_map(value: dict[str, Any]) -> bytes:

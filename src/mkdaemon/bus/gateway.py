@@ -25,6 +25,7 @@ from mkdaemon.bus.schema import schema_json, schema_names
 from mkdaemon.bus.session import close_session, open_session, session_config
 from mkdaemon.config.bus import BusConfig
 from mkdaemon.errors import CommandRejectedError
+from mkdaemon.stamp import Stamp
 from mkdaemon.telemetry.command import REFUSALS, CommandResult, Status, refuse
 
 _log = structlog.get_logger(__name__)
@@ -108,7 +109,8 @@ class Bus:
         publisher = known[0]
         payload = encode(value)
         encoding = encoding_of(schema or type(value))
-        self._last[suffix] = (payload, encoding, time.monotonic())
+        stamp = getattr(value, "stamp", None)
+        self._last[suffix] = (payload, encoding, stamp.monotonic if isinstance(stamp, Stamp) else time.monotonic())
         publisher.put(payload, encoding=encoding)
 
     async def wait_until_watched(self) -> None:
@@ -195,7 +197,7 @@ class Bus:
         self._session.declare_queryable(key(self.vehicle, suffix), zenoh.handlers.Callback(on_query, indirect=False))
 
     def _answer_last(self, query: zenoh.Query) -> None:
-        """Reply with the last value of every key asked for, `age` added."""
+        """Reply with the last value of every key asked for; `age` is the time since its stamp, or since it was put."""
         now = time.monotonic()
         with query:
             for suffix, (payload, encoding, stamp) in self._last.items():

@@ -12,7 +12,7 @@ from pydantic import BaseModel
 
 from mkdaemon.telemetry.command import CommandResult, LabelsRequest, LeaseRequest, RateRequest, ReleaseRequest
 from mkdaemon.telemetry.control import ControlOutput, ControlStatus
-from mkdaemon.telemetry.event import CommandEvent, FailsafeEvent, LogEvent, ModeEvent
+from mkdaemon.telemetry.event import ClockEvent, CommandEvent, FailsafeEvent, LogEvent, ModeEvent
 from mkdaemon.telemetry.image import CameraFrame
 from mkdaemon.telemetry.link import LinkHealth, LinkState, LinkTraffic
 from mkdaemon.telemetry.mission import MissionEvent
@@ -117,6 +117,7 @@ KEYS: Final[tuple[KeySpec, ...]] = (
     KeySpec("sim/faults", Use.CLIENT, SimFaults, "1 Hz and on change", "Faults the simulator plays."),
     KeySpec("sim/camera/<name>", Use.CLIENT, CameraFrame, "30 Hz, where it is on", "What the simulated camera sees."),
     KeySpec("sim/fault", _Q, FaultRequest, "", "Begin or end a fault of the simulator."),
+    KeySpec("event/clock", _P, ClockEvent, "on occurrence", "The system clock was set: how far, and which way."),
     KeySpec("event/log", _P, LogEvent, "on occurrence", "Other things worth knowing."),
     KeySpec(
         "health", _P, VehicleHealth, "1 Hz and on change", "Whether the vehicle is alive (the daemon: see `alive`)."

@@ -18,7 +18,7 @@ def _plain(value: object) -> object:
 
 def flat(fields: Mapping[str, Any]) -> str:
     """One value on one line of text: `name=value`, times left out, floats short."""
-    skipped = {"t_monotonic", "t_wall", "source", "age"}
+    skipped = {"stamp", "source", "age"}
     return " ".join(f"{name}={short(value)}" for name, value in fields.items() if name not in skipped)
 
 

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any, Final, Protocol
 
 import structlog
 from pydantic import BaseModel
 
-from mkdaemon.daemon.clock import Instant, now
+from mkdaemon.clock import Clock, ClockStep
 from mkdaemon.telemetry.command import CommandResult
-from mkdaemon.telemetry.event import CommandEvent, FailsafeEvent, LogEvent, ModeEvent
+from mkdaemon.telemetry.event import ClockEvent, CommandEvent, FailsafeEvent, LogEvent, ModeEvent
 
 _log = structlog.get_logger("mkdaemon")
 _SHOWN: Final = 16
@@ -27,14 +26,14 @@ class Outlet(Protocol):
 class Audit:
     """Publishes events, and logs them for whoever reads the journal."""
 
-    def __init__(self, bus: Outlet, *, clock: Callable[[], Instant] = now) -> None:
+    def __init__(self, bus: Outlet, clock: Clock) -> None:
         self._bus = bus
         self._clock = clock
 
     def command(self, key: str, fields: dict[str, Any], result: CommandResult) -> None:
         """A command and its end."""
         event = CommandEvent(
-            **self._clock()._asdict(),
+            stamp=self._clock.stamp(),
             key=key,
             fields=fields,
             status=result.status.value,
@@ -49,16 +48,22 @@ class Audit:
 
     def mode(self, before: str, after: str, reason: str) -> None:
         """Authority moved from one phase to another."""
-        self._bus.publish("event/mode", ModeEvent(**self._clock()._asdict(), before=before, after=after, reason=reason))
+        self._bus.publish("event/mode", ModeEvent(stamp=self._clock.stamp(), before=before, after=after, reason=reason))
         _log.info("mode", before=before, after=after, reason=reason)
 
     def failsafe(self, action: str, reason: str, released: bool | None = None) -> None:
         """The daemon acted on its own."""
-        event = FailsafeEvent(**self._clock()._asdict(), action=action, reason=reason, released=released)
+        event = FailsafeEvent(stamp=self._clock.stamp(), action=action, reason=reason, released=released)
         self._bus.publish("event/failsafe", event)
         _log.warning("failsafe", action=action, reason=reason, released=released)
 
+    def clock_stepped(self, step: ClockStep) -> None:
+        """The system clock was set; stamps follow it from now on."""
+        event = ClockEvent(stamp=self._clock.stamp(step.at), step=step.step, suspended=step.suspended)
+        self._bus.publish("event/clock", event)
+        _log.warning("system clock was set", step=round(step.step, 3), suspended=round(step.suspended, 3))
+
     def log(self, level: str, text: str) -> None:
         """Something worth a line: info, warning or error."""
-        self._bus.publish("event/log", LogEvent(**self._clock()._asdict(), level=level, text=text))
+        self._bus.publish("event/log", LogEvent(stamp=self._clock.stamp(), level=level, text=text))
         getattr(_log, level)(text)

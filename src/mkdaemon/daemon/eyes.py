@@ -8,6 +8,7 @@ from contextlib import asynccontextmanager
 from typing import TYPE_CHECKING
 
 from mkdaemon.bus.gateway import Bus
+from mkdaemon.clock import Clock
 from mkdaemon.config.root import Config
 from mkdaemon.telemetry.state import Attitude
 
@@ -39,7 +40,7 @@ class Eyes:
             return
         from mkdaemon.vision.track.attitude import AttitudeSample
 
-        sample = AttitudeSample(attitude.t_monotonic, attitude.roll, attitude.pitch, attitude.yaw)
+        sample = AttitudeSample(attitude.stamp.monotonic, attitude.roll, attitude.pitch, attitude.yaw)
         self._worker.attitude_arrived(sample)
 
 
@@ -47,7 +48,7 @@ CLOSING = 1.0
 """Longest time cameras get to close [s]; the whole daemon must be gone within two."""
 
 
-def open_eyes(cfg: Config, bus: Bus) -> Eyes:
+def open_eyes(cfg: Config, bus: Bus, clock: Clock) -> Eyes:
     """Prepare the cameras; a daemon without any never loads OpenCV.
 
     Raises:
@@ -58,4 +59,4 @@ def open_eyes(cfg: Config, bus: Bus) -> Eyes:
     from mkdaemon.vision.worker import VisionWorker
 
     loop = asyncio.get_running_loop()
-    return Eyes(VisionWorker(cfg.cameras, cfg.vision, bus, loop, session=lambda: bus.session))
+    return Eyes(VisionWorker(cfg.cameras, cfg.vision, bus, loop, clock, session=lambda: bus.session))

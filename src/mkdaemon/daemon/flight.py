@@ -7,18 +7,17 @@ Setpoint out: Zenoh thread, `call_soon_threadsafe`, `Authority.offer` (newest wi
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import asdict
 from typing import Any, Final
 
 from mkdaemon.bus.codec import decode_map, read_command, schema_name
 from mkdaemon.bus.gateway import refused
+from mkdaemon.clock import Clock
 from mkdaemon.config.control import ControlConfig
 from mkdaemon.control.authority import Authority, Fly, LetGo
 from mkdaemon.control.limiter import Sticks, count, limit
 from mkdaemon.daemon.audit import Audit, Outlet
-from mkdaemon.daemon.clock import Instant, now
 from mkdaemon.daemon.meeting import meet
 from mkdaemon.daemon.preflight import check_gate
 from mkdaemon.daemon.vitals import Vitals
@@ -68,7 +67,7 @@ class FlightControl:
         vitals: Vitals,
         audit: Audit,
         *,
-        clock: Callable[[], Instant] = now,
+        clock: Clock,
     ) -> None:
         self._cfg = cfg
         self._link = link
@@ -76,9 +75,9 @@ class FlightControl:
         self._vitals = vitals
         self._audit = audit
         self._clock = clock
-        start = clock()
+        start = clock.stamp()
         # Milliseconds since 1970: above every epoch of an earlier run, whatever a client still streams.
-        self._authority = Authority(cfg, first_epoch=int(start.t_wall * 1000))
+        self._authority = Authority(cfg, first_epoch=int(start.wall * 1000))
         self._wake = asyncio.Event()
         self._last = Sticks(0.0, 0.0, 0.0, cfg.limiter.hover_throttle)
         self._sent_at = float("-inf")
@@ -127,10 +126,10 @@ class FlightControl:
         request = read_command(LeaseRequest, raw)
         if request.action == "take":
             await meet(self._link, self._vitals.link)
-            if self._authority.lease(self._clock().t_monotonic) is None:  # who takes it over must not wait
+            if self._authority.lease(self._clock.now()) is None:  # who takes it over must not wait
                 self._check_control()
                 await check_gate(self._link, allow_constant=self._cfg.lease.allow_constant_gate)
-        t = self._clock().t_monotonic
+        t = self._clock.now()
         match request.action:
             case "take":
                 openings = self._check_control()
@@ -179,7 +178,7 @@ class FlightControl:
         while True:
             await self._wait()
             self.ticks += 1
-            before, t = self._authority.phase, self._clock().t_monotonic
+            before, t = self._authority.phase, self._clock.now()
             self._watch_line(t)
             action = self._authority.tick(t)
             self._note_phase(before)
@@ -215,17 +214,17 @@ class FlightControl:
         """
         flying = self._authority.phase in {Phase.FLYING, Phase.STALE}
         # A repetition waits half a period longer than a client should, or it would delay the setpoint just behind it.
-        until = self._clock().t_monotonic + (1.5 / self._cfg.rate if flying else IDLE_PERIOD)
+        until = self._clock.now() + (1.5 / self._cfg.rate if flying else IDLE_PERIOD)
         deadline = self._authority.deadline()
         if deadline is not None:
             until = deadline + JUST_AFTER if until > deadline - SHORTEST_STEP else until
         # Timers of some loops are early by up to half a millisecond.
-        while not self._wake.is_set() and (left := until - self._clock().t_monotonic) > 0:
+        while not self._wake.is_set() and (left := until - self._clock.now()) > 0:
             with suppress(TimeoutError):
                 async with asyncio.timeout(left):
                     await self._wake.wait()
         self._wake.clear()
-        early = self._sent_at + SHORTEST_STEP - self._clock().t_monotonic
+        early = self._sent_at + SHORTEST_STEP - self._clock.now()
         if flying and early > 0:
             await asyncio.sleep(early)
 
@@ -269,7 +268,7 @@ class FlightControl:
             return
         self._last, self._sent_at = sticks, t
         output = ControlOutput(
-            **self._clock()._asdict(),
+            stamp=self._clock.stamp(),
             epoch=order.epoch,
             sequence=order.sequence,
             age=order.age,
@@ -295,7 +294,7 @@ class FlightControl:
                 result = await self._link.release(order.reason)
                 alive.cancel()
         before = self._authority.phase
-        self._authority.released(self._clock().t_monotonic)
+        self._authority.released(self._clock.now())
         self._note_phase(before)
         confirmed = {"confirmed": True, "unconfirmed": False, "not_sent": False}
         if not order.asked:
@@ -333,18 +332,18 @@ class FlightControl:
             self._audit.failsafe("neutral", self._authority.reason)
 
     def _publish_status(self) -> None:
-        stamp = self._clock()
-        lease = self._authority.lease(stamp.t_monotonic)
+        stamp = self._clock.stamp()
+        lease = self._authority.lease(stamp.monotonic)
         told = (self._authority.phase, self._authority.reason, lease.epoch if lease else None)
-        if told == self._told and stamp.t_monotonic - self._told_at < STATUS_PERIOD:
+        if told == self._told and stamp.monotonic - self._told_at < STATUS_PERIOD:
             return
-        self._told, self._told_at = told, stamp.t_monotonic
+        self._told, self._told_at = told, stamp.monotonic
         status = ControlStatus(
-            **stamp._asdict(),
+            stamp=stamp,
             phase=self._authority.phase,
             reason=self._authority.reason,
             lease=lease,
-            setpoint_age=self._authority.setpoint_age(stamp.t_monotonic),
+            setpoint_age=self._authority.setpoint_age(stamp.monotonic),
             refused=self._authority.refused,
             external_control=self._link.dialect.extern_control_layout,
         )

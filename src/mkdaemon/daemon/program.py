@@ -10,9 +10,9 @@ from contextlib import suppress
 from typing import Final
 
 from mkdaemon.bus.gateway import Bus
+from mkdaemon.clock import Clock
 from mkdaemon.config.root import Config
 from mkdaemon.daemon.audit import Audit
-from mkdaemon.daemon.clock import now
 from mkdaemon.daemon.eyes import open_eyes
 from mkdaemon.daemon.flight import FlightControl
 from mkdaemon.daemon.priority import spare_collector
@@ -30,6 +30,8 @@ HEALTH_PERIOD: Final = 1.0
 """The vehicle's signs of life are published at least this often [s]."""
 HEALTH_LOOK: Final = 0.1
 """Time between two looks at them [s]."""
+CLOCK_LOOK: Final = 0.5
+"""Time between two looks for a step of the system clock [s]."""
 RECORDING: Final = "replay:"
 """Ports that begin so are recordings."""
 AUDIENCE_WAIT: Final = 3.0
@@ -39,8 +41,13 @@ SETTLE: Final = 0.3
 """After the first subscriber has come: time for its other subscriptions, and for the last samples to leave [s]."""
 
 
-async def run(cfg: Config, stop: asyncio.Event) -> None:
+async def run(cfg: Config, stop: asyncio.Event, clock: Clock | None = None) -> None:
     """Fly until `stop` is set, or until a recording has ended.
+
+    Args:
+        cfg: all of it.
+        stop: ends the flight.
+        clock: the machine's if none is given.
 
     Raises:
         ConfigError: the configuration cannot work.
@@ -51,7 +58,7 @@ async def run(cfg: Config, stop: asyncio.Event) -> None:
         raise ConfigError(msg)
     notifier = Notifier()
     async with Bus.open(cfg.bus, cfg.vehicle.name) as bus:
-        daemon = Daemon(cfg, bus)
+        daemon = Daemon(cfg, bus, clock or Clock())
         spare_collector()
         try:
             await daemon.serve(stop, notifier)
@@ -67,7 +74,7 @@ async def run(cfg: Config, stop: asyncio.Event) -> None:
 class Daemon:
     """Everything that runs, wired together."""
 
-    def __init__(self, cfg: Config, bus: Bus) -> None:
+    def __init__(self, cfg: Config, bus: Bus, clock: Clock) -> None:
         """Build and wire; nothing runs yet.
 
         Raises:
@@ -75,12 +82,13 @@ class Daemon:
         """
         self._cfg = cfg
         self._bus = bus
+        self._clock = clock
         self._vitals = Vitals(cfg.vehicle.note)
-        audit = self._audit = Audit(bus)
-        self._eyes = open_eyes(cfg, bus)
-        self._link = Link(cfg.link, BusSink(bus, self._vitals, audit, self._eyes))
-        self._flight = FlightControl(cfg.control, self._link, bus, self._vitals, audit)
-        bus.serve("cmd", BoardRequests(cfg.commands, self._link, self._vitals, audit).answer)
+        audit = self._audit = Audit(bus, clock)
+        self._eyes = open_eyes(cfg, bus, clock)
+        self._link = Link(cfg.link, BusSink(bus, self._vitals, audit, self._eyes, clock), clock=clock)
+        self._flight = FlightControl(cfg.control, self._link, bus, self._vitals, audit, clock=clock)
+        bus.serve("cmd", BoardRequests(cfg.commands, self._link, self._vitals, audit, clock).answer)
         bus.serve("do", Verbs(self._flight, self._link, audit, LabelCache(cfg.link.label_cache)).answer)
         bus.receive("setpoint/stick", self._flight.stick_arrived)
         bus.watch_clients(self._flight.client_changed)
@@ -96,6 +104,7 @@ class Daemon:
                 tasks = [
                     above.create_task(self._flight.run(), name="control"),
                     above.create_task(self._tell_vitals(), name="vitals"),
+                    above.create_task(self._watch_system_clock(), name="clock"),
                     above.create_task(feed_watchdog(notifier, lambda: self._flight.ticks), name="watchdog"),
                     (stopped := above.create_task(stop.wait(), name="stop")),
                 ]
@@ -126,12 +135,19 @@ class Daemon:
         """Publish whether the vehicle is alive, once a second and at once when it changes."""
         told, told_at = None, float("-inf")
         while True:
-            health = self._vitals.health(**now()._asdict(), read_only=self._link.dialect.read_only_reason)
-            facts = health.model_copy(update={"t_monotonic": 0.0, "t_wall": 0.0})
-            if facts != told or health.t_monotonic - told_at >= HEALTH_PERIOD:
-                told, told_at = facts, health.t_monotonic
+            health = self._vitals.health(self._clock.stamp(), read_only=self._link.dialect.read_only_reason)
+            facts = health.model_dump(exclude={"stamp"})
+            if facts != told or health.stamp.monotonic - told_at >= HEALTH_PERIOD:
+                told, told_at = facts, health.stamp.monotonic
                 self._bus.publish("health", health)
             await asyncio.sleep(HEALTH_LOOK)
+
+    async def _watch_system_clock(self) -> None:
+        """Publish every step of the system clock."""
+        while True:
+            for step in self._clock.take_steps():
+                self._audit.clock_stepped(step)
+            await asyncio.sleep(CLOCK_LOOK)
 
 
 def _first(group: BaseExceptionGroup[MkError]) -> MkError:

@@ -10,9 +10,9 @@ from pydantic import ValidationError
 
 from mkdaemon.bus.codec import decode_map, first_mistake, schema_name
 from mkdaemon.bus.gateway import refused
+from mkdaemon.clock import Clock
 from mkdaemon.config.commands import CommandsConfig
 from mkdaemon.daemon.audit import Audit
-from mkdaemon.daemon.clock import now
 from mkdaemon.daemon.gate import Rule, check, rule_for
 from mkdaemon.daemon.meeting import meet
 from mkdaemon.daemon.vitals import Vitals
@@ -33,11 +33,12 @@ _BOARDS = {board.word: board for board in Board if board is not Board.ANY}
 class BoardRequests:
     """Answers queries under `cmd/`."""
 
-    def __init__(self, cfg: CommandsConfig, link: Link, vitals: Vitals, audit: Audit) -> None:
+    def __init__(self, cfg: CommandsConfig, link: Link, vitals: Vitals, audit: Audit, clock: Clock) -> None:
         self._cfg = cfg
         self._link = link
         self._vitals = vitals
         self._audit = audit
+        self._clock = clock
 
     async def answer(self, suffix: str, raw: bytes) -> CommandResult:
         """Answer one query; every one is mirrored under `event/command`, whatever becomes of it."""
@@ -68,13 +69,13 @@ class BoardRequests:
                 confirmed=confirmed,
                 cfg=self._cfg,
                 vitals=self._vitals,
-                now=now().t_monotonic,
+                now=self._clock.now(),
             )
         async with way_to(self._link, board, message):
             if rule is not None and rule.proven:
                 await self._prove(board)
             if message.spec.key == "motor_test":
-                self._vitals.motor_test_sent(now().t_monotonic)
+                self._vitals.motor_test_sent(self._clock.now())
             if isinstance(message, Redirect):
                 return await self._pass_through(message.port)
             return await self._converse(board, message)
@@ -138,13 +139,13 @@ class BoardRequests:
         Raises:
             CommandRejectedError: `board_unproven`, or what the link refuses.
         """
-        if self._vitals.is_proven(board, now().t_monotonic):
+        if self._vitals.is_proven(board, self._clock.now()):
             return
         try:
             await self._link.request(VersionRequest(), board=board)
         except (RequestTimeoutError, LinkLostError) as error:
             raise refuse("board_unproven", board=board.word, detail=str(error)) from error
-        if not self._vitals.is_proven(board, now().t_monotonic):
+        if not self._vitals.is_proven(board, self._clock.now()):
             raise refuse("board_unproven", board=board.word, detail=self._vitals.last_named())
 
     async def _converse(self, board: Board, message: WireMessage) -> CommandResult:

@@ -6,6 +6,7 @@ from typing import Final
 
 from pydantic import BaseModel
 
+from mkdaemon.clock import Clock
 from mkdaemon.daemon.audit import Audit, Outlet
 from mkdaemon.daemon.eyes import Eyes
 from mkdaemon.daemon.vitals import Vitals
@@ -14,6 +15,7 @@ from mkdaemon.link.session.traffic import Lost, Received, Sent
 from mkdaemon.protocol.boards import board_at
 from mkdaemon.protocol.decoder import Unknown
 from mkdaemon.protocol.wire import Board, WireMessage
+from mkdaemon.stamp import Stamp
 from mkdaemon.telemetry.link import LinkCondition, LinkHealth, LinkState, LinkTraffic
 from mkdaemon.telemetry.state import Attitude, Flight, Pilot
 from mkdaemon.telemetry.traffic import FrameSample, RawFrame
@@ -27,32 +29,33 @@ _FOREIGN: Final = "other"
 class BusSink:
     """Hears about the line and publishes; every method returns at once."""
 
-    def __init__(self, bus: Outlet, vitals: Vitals, audit: Audit, eyes: Eyes) -> None:
+    def __init__(self, bus: Outlet, vitals: Vitals, audit: Audit, eyes: Eyes, clock: Clock) -> None:
         self._bus = bus
         self._vitals = vitals
         self._audit = audit
         self._eyes = eyes
+        self._clock = clock
         self._translator = StateTranslator()
         self._counts = {"rx": 0, "tx": 0}
 
     def received(self, frame: Received) -> None:
         """Publish a frame as bytes, as a message and as state."""
         sequence = self._count("rx")
-        when = {"t_monotonic": frame.t_monotonic, "t_wall": frame.t_wall}
-        self._bus.publish("raw/rx", RawFrame(**when, sequence=sequence, raw=frame.frame.raw))
+        stamp = self._clock.stamp(frame.at)
+        self._bus.publish("raw/rx", RawFrame(stamp=stamp, sequence=sequence, raw=frame.frame.raw))
         board = board_at(frame.frame.address)
         word = _FOREIGN if board is None else board.word
         message = frame.message
-        sample, schema = _sample(message, word, frame.frame.id, sequence, frame.t_monotonic, frame.t_wall)
+        sample, schema = _sample(message, word, frame.frame.id, sequence, stamp)
         self._bus.publish(f"rx/{word}/{_key(message)}", sample, schema=schema)
         if isinstance(message, Unknown):
             return
         running = motors_running(word, message)
         if running is not None:
-            self._vitals.motors_said(running, frame.t_monotonic)
+            self._vitals.motors_said(running, frame.at)
         if message.spec.key == "version" and board is not None:
-            self._vitals.version_said(board, str(getattr(message, "release", "")), frame.t_monotonic)
-        for suffix, value in self._translator.states(word, message, frame.t_monotonic, frame.t_wall):
+            self._vitals.version_said(board, str(getattr(message, "release", "")), frame.at)
+        for suffix, value in self._translator.states(word, message, stamp):
             match value:
                 case Attitude():
                     self._eyes.attitude_said(value)
@@ -65,24 +68,21 @@ class BusSink:
     def sent(self, frame: Sent) -> None:
         """Publish a transmission as bytes and as a message."""
         sequence = self._count("tx")
-        when = {"t_monotonic": frame.t_monotonic, "t_wall": frame.t_wall}
+        stamp = self._clock.stamp(frame.at)
         purpose = frame.purpose.name.lower()
-        self._bus.publish("raw/tx", RawFrame(**when, sequence=sequence, raw=frame.raw, purpose=purpose))
+        self._bus.publish("raw/tx", RawFrame(stamp=stamp, sequence=sequence, raw=frame.raw, purpose=purpose))
         message = frame.message
         if message is None:
             return
         board = _addressee(frame.raw)
         word = _FOREIGN if board is None else board.word
-        sample, schema = _sample(
-            message, word, message.spec.id, sequence, frame.t_monotonic, frame.t_wall, purpose=purpose
-        )
+        sample, schema = _sample(message, word, message.spec.id, sequence, stamp, purpose=purpose)
         self._bus.publish(f"tx/{word}/{message.spec.key}", sample, schema=schema)
 
     def dropped(self, loss: Lost) -> None:
         """Publish bytes that did not get through, and why."""
         raw = RawFrame(
-            t_monotonic=loss.t_monotonic,
-            t_wall=loss.t_wall,
+            stamp=self._clock.stamp(loss.at),
             sequence=self._count(loss.direction),
             raw=loss.raw,
             dropped=loss.reason,
@@ -126,8 +126,7 @@ def _sample(
     board: str,
     letter: str,
     sequence: int,
-    t_monotonic: float,
-    t_wall: float,
+    stamp: Stamp,
     *,
     purpose: str | None = None,
 ) -> tuple[FrameSample, type[BaseModel]]:
@@ -139,8 +138,7 @@ def _sample(
     else:
         name, layout, schema, fields = message.spec.name, message.spec.layout, type(message), message
     sample = FrameSample(
-        t_monotonic=t_monotonic,
-        t_wall=t_wall,
+        stamp=stamp,
         sequence=sequence,
         board=board,
         id=letter,

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Final, NamedTuple
 
 from mkdaemon.protocol.wire import Board
+from mkdaemon.stamp import Stamp
 from mkdaemon.telemetry.link import LinkCondition, LinkState
 from mkdaemon.telemetry.state import Flight, Pilot
 from mkdaemon.telemetry.vehicle import VehicleHealth
@@ -78,13 +79,13 @@ class Vitals:
 
     def is_flying(self, now: float) -> bool | None:
         """Whether it is in the air; None where nobody has said so lately."""
-        if self._flight is None or now - self._flight.t_monotonic > MOTORS_AGE:
+        if self._flight is None or now - self._flight.stamp.monotonic > MOTORS_AGE:
             return None
         return self._flight.is_flying
 
     def pilot_throttle(self, now: float) -> float | None:
         """The pilot's throttle [stick]; None where the boards do not tell it."""
-        if self._pilot is None or now - self._pilot.t_monotonic > MOTORS_AGE:
+        if self._pilot is None or now - self._pilot.stamp.monotonic > MOTORS_AGE:
             return None
         return self._pilot.throttle
 
@@ -96,20 +97,19 @@ class Vitals:
         """Which board answered the last version request, in words for a refusal."""
         return "no board answered one" if self._proof is None else f"{self._proof[0].word} answered it"
 
-    def health(self, *, t_monotonic: float, t_wall: float, read_only: str | None) -> VehicleHealth:
+    def health(self, stamp: Stamp, *, read_only: str | None) -> VehicleHealth:
         """The vehicle's signs of life."""
         link, flight = self.link, self._flight
-        fresh = flight is not None and t_monotonic - flight.t_monotonic <= MOTORS_AGE
+        fresh = flight is not None and stamp.monotonic - flight.stamp.monotonic <= MOTORS_AGE
         return VehicleHealth(
-            t_monotonic=t_monotonic,
-            t_wall=t_wall,
+            stamp=stamp,
             is_alive=link is not None and link.condition in _HEARD,
             reason="the line has not been opened yet" if link is None else link.reason,
             boards=() if link is None else link.boards,
             firmware=dict(self._firmware),
             read_only=read_only,
             link="absent" if link is None else link.condition.value,
-            motors_running=self.motors_running(t_monotonic),
+            motors_running=self.motors_running(stamp.monotonic),
             error=flight.error or None if flight is not None and fresh else None,
             note=self._note,
         )

@@ -7,10 +7,10 @@ about it is `dialogue`.
 from __future__ import annotations
 
 import asyncio
-import time
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable
 from typing import Protocol
 
+from mkdaemon.clock import Clock
 from mkdaemon.config.link import LinkConfig
 from mkdaemon.errors import CommandRejectedError, LinkError, LinkLostError, RequestTimeoutError
 from mkdaemon.link.discovery import introduce, look_behind
@@ -45,7 +45,7 @@ class Link:
         sink: LinkSink,
         *,
         opener: Opener = open_port,
-        clock: Callable[[], float] = time.monotonic,
+        clock: Clock | None = None,
     ) -> None:
         """Prepare; `run` does the work.
 
@@ -55,8 +55,8 @@ class Link:
         check_rates(cfg)
         self._cfg = cfg
         self._opener = opener
-        self._clock = clock
-        self._dialogue = Dialogue(cfg, clock())
+        self._clock = clock = clock or Clock()
+        self._dialogue = Dialogue(cfg, clock.now())
         self._exchange = Exchange(cfg, sink, self._dialogue, clock)
         self._aliases = AliasMemory()
         self.passage = asyncio.Lock()
@@ -92,11 +92,11 @@ class Link:
 
     def health(self) -> LinkHealth:
         """Everything measured about the line, now."""
-        return self._exchange.reporter.health(self._clock())
+        return self._exchange.reporter.health(self._clock.now())
 
     def traffic(self) -> LinkTraffic:
         """The counters, now."""
-        return self._exchange.reporter.traffic(self._clock())
+        return self._exchange.reporter.traffic(self._clock.now())
 
     def rates(self) -> dict[str, float]:
         """Interval of every wanted stream [s]."""
@@ -146,12 +146,12 @@ class Link:
 
         Args:
             msg: in the layout `dialect.extern_control`; its frame number is set here.
-            deadline: [s; the link's clock].
+            deadline: [s; monotonic].
 
         Raises:
             CommandRejectedError: `link_down`, `read_only`, `wrong_layout` or `releasing`.
         """
-        self._dialogue.steer(msg, deadline, self._clock())
+        self._dialogue.steer(msg, deadline, self._clock.now())
         self._exchange.pump()
 
     async def release(self, reason: str) -> ReleaseResult:
@@ -162,7 +162,7 @@ class Link:
         """
         if self._exchange.port is None or self._exchange.port.is_recording:
             return ReleaseResult("not_sent", 0, 0, reason)
-        self._dialogue.steering.release(reason, self._clock())
+        self._dialogue.steering.release(reason, self._clock.now())
         waiter = self._exchange.waiters.for_release()
         self._exchange.pump()
         return await waiter
@@ -185,7 +185,7 @@ class Link:
 
     def motors_running(self) -> bool | None:
         """Whether fresh telemetry says that the motors run; None where there is none."""
-        return self._dialogue.peers.motors_running(self._clock())
+        return self._dialogue.peers.motors_running(self._clock.now())
 
     def note_redirect(self, board: Board | None) -> None:
         """A NaviCtrl passes the line through to a board from now on; None: no more."""
@@ -194,7 +194,7 @@ class Link:
 
     async def send_escape(self) -> None:
         """Send the sequence that ends a redirection."""
-        self._dialogue.escape(self._clock())
+        self._dialogue.escape(self._clock.now())
         self._exchange.pump()
 
     # -- running --------------------------------------------------------------------------------------------------
@@ -256,7 +256,7 @@ class Link:
         """Ask, and wait for the outcome; a caller that is cancelled leaves nothing behind."""
         if self._exchange.port is None:
             raise LinkLostError(f"{self._cfg.port}: {self._dialogue.health.verdict.reason}")
-        now = self._clock()
+        now = self._clock.now()
         waiter = self._exchange.waiters.for_answer()
         pending = self._dialogue.ask(
             msg,
@@ -271,7 +271,7 @@ class Link:
         try:
             return await waiter
         finally:
-            self._dialogue.questions.withdraw(pending, self._clock())
+            self._dialogue.questions.withdraw(pending, self._clock.now())
 
     def _addressee(self, msg: WireMessage) -> Board:
         here = self._dialogue.peers.redirected or self._dialogue.peers.direct

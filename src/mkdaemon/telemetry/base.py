@@ -6,6 +6,8 @@ from typing import ClassVar
 
 from pydantic import BaseModel, ConfigDict
 
+from mkdaemon.stamp import Stamp
+
 
 class Telemetry(BaseModel):
     """A frozen SI value; ENU world, FLU body. Receivers ignore fields they do not know.
@@ -16,6 +18,13 @@ class Telemetry(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="ignore", allow_inf_nan=False, use_attribute_docstrings=True)
     schema_version: ClassVar[int] = 1
+
+
+class Stamped(Telemetry):
+    """A value that is true of one moment."""
+
+    stamp: Stamp
+    """The moment, on both clocks."""
 
 
 class Command(BaseModel):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from enum import StrEnum
 
-from mkdaemon.telemetry.base import Telemetry
+from mkdaemon.telemetry.base import Stamped, Telemetry
 
 
 class Phase(StrEnum):
@@ -35,13 +35,9 @@ class LeaseState(Telemetry):
     """Time until it ends without a sign of life [s]."""
 
 
-class ControlStatus(Telemetry):
+class ControlStatus(Stamped):
     """Authority and what it does: `control/status`, on every change and once a second."""
 
-    t_monotonic: float
-    """When this was so, on the daemon's clock [s]."""
-    t_wall: float
-    """The same, Unix time [s]."""
     phase: Phase
     """Where authority stands."""
     reason: str
@@ -56,13 +52,9 @@ class ControlStatus(Telemetry):
     """Layout of stick frames this aircraft takes; null where control is not possible."""
 
 
-class ControlOutput(Telemetry):
-    """One stick frame as handed to the line: `control/output`. FLU signs, after the limiter."""
+class ControlOutput(Stamped):
+    """One stick frame at the moment it was handed to the line: `control/output`. FLU signs, after the limiter."""
 
-    t_monotonic: float
-    """When it was handed over [s]."""
-    t_wall: float
-    """The same, Unix time [s]."""
     epoch: int
     """The lease it stands on."""
     sequence: int

@@ -4,19 +4,10 @@ from __future__ import annotations
 
 from typing import Any
 
-from mkdaemon.telemetry.base import Telemetry
+from mkdaemon.telemetry.base import Stamped
 
 
-class Event(Telemetry):
-    """What every event carries."""
-
-    t_monotonic: float
-    """When, on the daemon's clock [s]."""
-    t_wall: float
-    """The same, Unix time [s]."""
-
-
-class CommandEvent(Event):
+class CommandEvent(Stamped):
     """A command or the first setpoint of an epoch, and what became of it: `event/command`."""
 
     key: str
@@ -35,7 +26,7 @@ class CommandEvent(Event):
     """Time it took [s]."""
 
 
-class ModeEvent(Event):
+class ModeEvent(Stamped):
     """Authority or flight mode changed: `event/mode`."""
 
     before: str
@@ -46,7 +37,7 @@ class ModeEvent(Event):
     """Why."""
 
 
-class FailsafeEvent(Event):
+class FailsafeEvent(Stamped):
     """The ladder of docs/safety.md took a step on its own: `event/failsafe`."""
 
     action: str
@@ -57,10 +48,19 @@ class FailsafeEvent(Event):
     """Whether the board confirmed the release; null where it cannot."""
 
 
-class LogEvent(Event):
+class LogEvent(Stamped):
     """Something worth a line in a log: `event/log`."""
 
     level: str
     """info, warning or error."""
     text: str
     """One sentence."""
+
+
+class ClockEvent(Stamped):
+    """The system clock was set: wall times before it and after it do not fit together. `event/clock`."""
+
+    step: float
+    """How far it jumped against the monotonic clock, forward positive [s]."""
+    suspended: float
+    """How much of that the machine slept [s]."""

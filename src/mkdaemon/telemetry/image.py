@@ -1,4 +1,7 @@
-"""Images on the bus: what a camera saw and when. The same model carries images to the daemon and away from it."""
+"""Images on the bus: what a camera saw and when. The same model carries images to the daemon and away from it.
+
+The stamp is the middle of the exposure, on the sender's clocks.
+"""
 
 from __future__ import annotations
 
@@ -6,10 +9,10 @@ from typing import Literal
 
 from pydantic import Field
 
-from mkdaemon.telemetry.base import Telemetry
+from mkdaemon.telemetry.base import Stamped
 
 
-class CameraFrame(Telemetry):
+class CameraFrame(Stamped):
     """One grey image: `vision/<camera>/image`, and any key a camera's `zenoh:` source names."""
 
     camera: str = ""
@@ -22,11 +25,5 @@ class CameraFrame(Telemetry):
     """[px]."""
     coding: Literal["gray8", "jpeg", "png"]
     """How `pixels` is stored; `gray8` is one byte a pixel, rows from the top."""
-    captured_wall: float
-    """Middle of the exposure, Unix time [s]."""
-    captured_monotonic: float | None = None
-    """The same on the sender's monotonic clock [s]; meaningful where `clock` is equal."""
-    clock: str = ""
-    """Names the clock of `captured_monotonic`: the boot id of the machine, empty when unknown."""
     pixels: bytes
     """The image."""

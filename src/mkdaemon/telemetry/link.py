@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from enum import StrEnum
 
-from mkdaemon.telemetry.base import Telemetry
+from mkdaemon.stamp import Stamp
+from mkdaemon.telemetry.base import Stamped, Telemetry
 
 
 class LinkCondition(StrEnum):
@@ -26,17 +27,15 @@ class LinkCondition(StrEnum):
     """There is no such port at the moment."""
 
 
-class LinkState(Telemetry):
+class LinkState(Stamped):
     """State of the line, with the reason and since when."""
 
     condition: LinkCondition
     """The one word."""
     reason: str
     """One sentence: what was seen, and what to do where something can be done."""
-    since_s: float
-    """When this condition began [s; Unix time]."""
-    stamp_s: float
-    """When this was written [s; Unix time]."""
+    since: Stamp
+    """When this condition began."""
     port: str
     """The port in use or looked for."""
     baud: int
@@ -105,7 +104,7 @@ class KindHealth(Telemetry):
     """Three periods were missed."""
 
 
-class LinkHealth(Telemetry):
+class LinkHealth(Stamped):
     """Everything measured about the line; published at 5 Hz and at once when the condition changes."""
 
     state: LinkState
@@ -134,11 +133,9 @@ class LinkHealth(Telemetry):
     """Every kind of frame heard or asked for."""
 
 
-class LinkTraffic(Telemetry):
+class LinkTraffic(Stamped):
     """What crossed the line, and how much of it is planned."""
 
-    stamp_s: float
-    """When this was written [s; Unix time]."""
     rx_bytes: int
     """Bytes received since the start."""
     tx_bytes: int

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from mkdaemon.telemetry.base import Telemetry
+from mkdaemon.telemetry.base import Stamped
 
 
-class MissionEvent(Telemetry):
+class MissionEvent(Stamped):
     """A waypoint list was stored or cleared, and read back: `event/mission`."""
 
-    t_wall: float
-    """When, Unix time [s]."""
     action: str
     """`uploaded` or `cleared`."""
     count: int

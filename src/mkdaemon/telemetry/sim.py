@@ -6,10 +6,10 @@ from enum import StrEnum
 
 from pydantic import Field
 
-from mkdaemon.telemetry.base import Command, Telemetry
+from mkdaemon.telemetry.base import Command, Stamped, Telemetry
 
 
-class SimTruth(Telemetry):
+class SimTruth(Stamped):
     """The simulated aircraft as it really is."""
 
     t: float
@@ -51,7 +51,7 @@ class RunningFault(Telemetry):
     """Simulated time of its end [s]; None when it lasts until it is stopped."""
 
 
-class SimFaults(Telemetry):
+class SimFaults(Stamped):
     """All faults that run."""
 
     t: float

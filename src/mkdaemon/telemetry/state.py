@@ -8,23 +8,19 @@ from __future__ import annotations
 
 from enum import StrEnum
 
-from mkdaemon.telemetry.base import Telemetry
+from mkdaemon.telemetry.base import Stamped
 
 Vector3 = tuple[float, float, float]
 
 
-class Stamped(Telemetry):
-    """When and from where."""
+class StateValue(Stamped):
+    """When its frame's last byte arrived, and from where."""
 
-    t_monotonic: float
-    """Arrival of the frame's last byte on the daemon's clock [s]."""
-    t_wall: float
-    """The same, Unix time [s]."""
     source: str
     """Board and message, for example `nc/osd`."""
 
 
-class Attitude(Stamped):
+class Attitude(StateValue):
     """Orientation: `state/attitude`."""
 
     quaternion: tuple[float, float, float, float]
@@ -37,7 +33,7 @@ class Attitude(Stamped):
     """Counter-clockwise from magnetic east, seen from above, in (-pi, pi] [rad]."""
 
 
-class Position(Stamped):
+class Position(StateValue):
     """Where it is: `state/position`. Published only while the GPS position is valid."""
 
     latitude: float
@@ -58,7 +54,7 @@ class Position(Stamped):
     """As the board says it [m]."""
 
 
-class Velocity(Stamped):
+class Velocity(StateValue):
     """How fast: `state/velocity`. Published only while the GPS position is valid."""
 
     velocity_enu: Vector3
@@ -71,7 +67,7 @@ class Velocity(Stamped):
     """Up positive, by GPS [m/s]."""
 
 
-class Battery(Stamped):
+class Battery(StateValue):
     """Energy: `state/battery`."""
 
     voltage: float
@@ -91,7 +87,7 @@ class GpsFix(StrEnum):
     VALID = "valid"
 
 
-class Gps(Stamped):
+class Gps(StateValue):
     """Reception: `state/gps`."""
 
     satellites: int | None
@@ -113,7 +109,7 @@ class GpsMode(StrEnum):
     UNKNOWN = "unknown"
 
 
-class Flight(Stamped):
+class Flight(StateValue):
     """What the aircraft is doing: `state/flight`."""
 
     motors_running: bool
@@ -166,7 +162,7 @@ class Flight(Stamped):
     """Of altitude control, above start [m]; null while it is off or not reported."""
 
 
-class Pilot(Stamped):
+class Pilot(StateValue):
     """What reaches the aircraft from the pilot: `state/pilot`."""
 
     rc_quality: float

@@ -1,19 +1,18 @@
-"""Every frame on the line, as bytes and as a typed message."""
+"""Every frame on the line, as bytes and as a typed message.
+
+The stamp is the moment the last byte arrived, or was handed to the port.
+"""
 
 from __future__ import annotations
 
 from typing import Any
 
-from mkdaemon.telemetry.base import Telemetry
+from mkdaemon.telemetry.base import Stamped
 
 
-class RawFrame(Telemetry):
+class RawFrame(Stamped):
     """Bytes that crossed the line: `raw/rx`, `raw/tx`."""
 
-    t_monotonic: float
-    """When the last byte came, or was handed to the port [s]."""
-    t_wall: float
-    """The same, Unix time [s]."""
     sequence: int
     """Counts frames and losses of this direction; a gap is a loss on the bus."""
     raw: bytes
@@ -24,13 +23,9 @@ class RawFrame(Telemetry):
     """Why it was sent: `release`, `setpoint`, `request`, `subscription`, `echo`; null for received ones."""
 
 
-class FrameSample(Telemetry):
+class FrameSample(Stamped):
     """A decoded message as it came or went: `rx/<board>/<message>`, `tx/<board>/<message>`."""
 
-    t_monotonic: float
-    """When the last byte came, or was handed to the port [s]."""
-    t_wall: float
-    """The same, Unix time [s]."""
     sequence: int
     """The same number as in `raw/rx` or `raw/tx`."""
     board: str

@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-from mkdaemon.telemetry.base import Telemetry
+from mkdaemon.telemetry.base import Stamped
 
 
-class VehicleHealth(Telemetry):
+class VehicleHealth(Stamped):
     """The vehicle's own signs of life: `health`, at 1 Hz and on every change."""
 
-    t_monotonic: float
-    """When this was so, on the daemon's clock [s]."""
-    t_wall: float
-    """The same, Unix time [s]."""
     is_alive: bool
     """A board is heard: the link is up, degraded or one-way."""
     reason: str

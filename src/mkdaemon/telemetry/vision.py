@@ -1,33 +1,29 @@
 """What the cameras see: tags, poses, how well the eyes work, and the tree of frames.
 
 Camera axes are right, down, forward; body is forward, left, up; a target has x to the right and y to the top of its
-print and z out of the paper. Times are of the exposure's middle.
+print and z out of the paper. Stamps of what was seen are of the exposure's middle.
 """
 
 from __future__ import annotations
 
 from enum import StrEnum
 
-from mkdaemon.telemetry.base import Telemetry
+from mkdaemon.telemetry.base import Stamped, Telemetry
 
 Vector3 = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
 Pixel = tuple[float, float]
 
 
-class Seen(Telemetry):
+class Seen(Stamped):
     """Which image a value comes from."""
 
     camera: str
     """Name of the camera."""
     sequence: int
     """Number of the image; a gap is a lost image."""
-    t_monotonic: float
-    """Middle of the exposure on the daemon's clock [s]."""
-    t_wall: float
-    """The same, Unix time [s]."""
     stamped_by: str
-    """Who knew that time: `driver`, `header` or `arrival`."""
+    """Who knew the middle of the exposure: `driver`, `header` or `arrival`."""
 
 
 class TagSighting(Telemetry):
@@ -108,15 +104,11 @@ class EyeState(StrEnum):
     ENDED = "ended"
 
 
-class VisionStats(Telemetry):
+class VisionStats(Stamped):
     """How well a camera and its detector work: `vision/<camera>/stats`, once a second and on change."""
 
     camera: str
     """Name of the camera."""
-    t_monotonic: float
-    """Now, on the daemon's clock [s]."""
-    t_wall: float
-    """The same, Unix time [s]."""
     state: EyeState
     """Ready, or the first thing in the way."""
     reason: str
@@ -159,17 +151,13 @@ class VisionStats(Telemetry):
     """What searches for tags; says what is lost when it is not the best one."""
 
 
-class Transform(Telemetry):
+class Transform(Stamped):
     """One edge of the tree of frames: `tf`."""
 
     parent: str
     """Frame the child is expressed in: `body`, `camera/<name>`, a target's frame."""
     child: str
     """Frame that is described."""
-    t_monotonic: float
-    """When it was true on the daemon's clock [s]."""
-    t_wall: float
-    """The same, Unix time [s]."""
     translation: Vector3
     """Origin of the child in the parent [m]."""
     quaternion: Quaternion

@@ -12,7 +12,7 @@ from mkdaemon.frames import (
     yaw_enu_from_heading,
 )
 from mkdaemon.telemetry.state import Attitude, Position
-from mkdaemon.translate.stamp import Stamp
+from mkdaemon.translate.origin import Origin
 
 
 @dataclass(frozen=True, slots=True)
@@ -23,22 +23,22 @@ class Home:
     longitude: float
 
 
-def attitude(stamp: Stamp, *, roll: float, pitch: float, heading: float) -> Attitude:
+def attitude(origin: Origin, *, roll: float, pitch: float, heading: float) -> Attitude:
     """Make an attitude.
 
     Args:
-        stamp: when and from where.
+        origin: when and from where.
         roll: right side down positive [rad; FLU].
         pitch: nose down positive [rad; FLU].
         heading: clockwise from magnetic north [rad].
     """
     yaw = yaw_enu_from_heading(heading)
     quaternion = quaternion_from_rotation(rotation_from_euler(roll, pitch, yaw))
-    return Attitude(**stamp._asdict(), quaternion=quaternion, roll=roll, pitch=pitch, yaw=yaw)
+    return Attitude(**origin._asdict(), quaternion=quaternion, roll=roll, pitch=pitch, yaw=yaw)
 
 
 def position(
-    stamp: Stamp,
+    origin: Origin,
     *,
     latitude: float,
     longitude: float,
@@ -50,7 +50,7 @@ def position(
     """Make a position; east and north of home by GPS, up by the barometer, which is the better of the two.
 
     Args:
-        stamp: when and from where.
+        origin: when and from where.
         latitude: [deg].
         longitude: [deg].
         altitude: by GPS [m].
@@ -68,7 +68,7 @@ def position(
         )
         position_enu = (east, north, above_start)
     return Position(
-        **stamp._asdict(),
+        **origin._asdict(),
         latitude=latitude,
         longitude=longitude,
         altitude=altitude,

@@ -10,7 +10,7 @@ from mkdaemon.protocol.flags import FlightStatus, FlightStatus2, NaviStatus, Pos
 from mkdaemon.protocol.messages import OsdData4, OsdData5
 from mkdaemon.telemetry.state import Battery, Flight, Gps, GpsFix, GpsMode, Pilot, Position, Velocity
 from mkdaemon.translate.geometry import Home, position
-from mkdaemon.translate.stamp import Stamp, State
+from mkdaemon.translate.origin import Origin, State
 
 RC_FULL = 200.0
 """Receiver quality that counts as full; WIRE 7, channel 10."""
@@ -34,10 +34,12 @@ def error_text(code: ErrorCode) -> str:
     return describe_error(code) if code else ""
 
 
-def pilot(stamp: Stamp, quality: float, *, sticks: tuple[float, float, float] | None, throttle: float | None) -> Pilot:
+def pilot(
+    origin: Origin, quality: float, *, sticks: tuple[float, float, float] | None, throttle: float | None
+) -> Pilot:
     """What reaches the aircraft from the pilot; quality in the board's 0..200."""
     return Pilot(
-        **stamp._asdict(),
+        **origin._asdict(),
         rc_quality=min(quality / RC_FULL, 1.0),
         has_signal=quality >= RC_ENOUGH,
         throttle=throttle,
@@ -45,17 +47,17 @@ def pilot(stamp: Stamp, quality: float, *, sticks: tuple[float, float, float] | 
     )
 
 
-def from_osd(osd: OsdData4 | OsdData5, stamp: Stamp) -> list[State]:
+def from_osd(osd: OsdData4 | OsdData5, origin: Origin) -> list[State]:
     """Everything an OSD frame says, attitude aside (that one has a degree's resolution here)."""
     states: list[State] = [
-        ("state/battery", _battery(osd, stamp)),
-        ("state/gps", _gps(osd, stamp)),
-        ("state/flight", _flight(osd, stamp)),
-        ("state/pilot", pilot(stamp, float(osd.rc_quality), sticks=None, throttle=None)),
+        ("state/battery", _battery(osd, origin)),
+        ("state/gps", _gps(osd, origin)),
+        ("state/flight", _flight(osd, origin)),
+        ("state/pilot", pilot(origin, float(osd.rc_quality), sticks=None, throttle=None)),
     ]
     if osd.position_status != PositionStatus.INVALID:
-        states.append(("state/position", _position(osd, stamp)))
-        states.append(("state/velocity", _velocity(osd, stamp)))
+        states.append(("state/position", _position(osd, origin)))
+        states.append(("state/velocity", _velocity(osd, origin)))
     return states
 
 
@@ -65,10 +67,10 @@ def _home(osd: OsdData4 | OsdData5) -> Home | None:
     return Home(osd.si("home_latitude"), osd.si("home_longitude"))
 
 
-def _position(osd: OsdData4 | OsdData5, stamp: Stamp) -> Position:
+def _position(osd: OsdData4 | OsdData5, origin: Origin) -> Position:
     home = _home(osd)
     return position(
-        stamp,
+        origin,
         latitude=osd.si("position_latitude"),
         longitude=osd.si("position_longitude"),
         altitude=osd.si("position_altitude"),
@@ -78,11 +80,11 @@ def _position(osd: OsdData4 | OsdData5, stamp: Stamp) -> Position:
     )
 
 
-def _velocity(osd: OsdData4 | OsdData5, stamp: Stamp) -> Velocity:
+def _velocity(osd: OsdData4 | OsdData5, origin: Origin) -> Velocity:
     speed, climb = osd.si("ground_speed"), osd.si("vertical_speed")
     course = yaw_enu_from_heading(osd.si("course"))
     return Velocity(
-        **stamp._asdict(),
+        **origin._asdict(),
         velocity_enu=(speed * math.cos(course), speed * math.sin(course), climb),
         ground_speed=speed,
         course=course,
@@ -90,9 +92,9 @@ def _velocity(osd: OsdData4 | OsdData5, stamp: Stamp) -> Velocity:
     )
 
 
-def _battery(osd: OsdData4 | OsdData5, stamp: Stamp) -> Battery:
+def _battery(osd: OsdData4 | OsdData5, origin: Origin) -> Battery:
     return Battery(
-        **stamp._asdict(),
+        **origin._asdict(),
         voltage=osd.si("battery"),
         current=osd.si("current"),
         used_mah=float(osd.used_capacity),
@@ -100,9 +102,9 @@ def _battery(osd: OsdData4 | OsdData5, stamp: Stamp) -> Battery:
     )
 
 
-def _gps(osd: OsdData4 | OsdData5, stamp: Stamp) -> Gps:
+def _gps(osd: OsdData4 | OsdData5, origin: Origin) -> Gps:
     return Gps(
-        **stamp._asdict(),
+        **origin._asdict(),
         satellites=osd.satellites,
         fix=GpsFix.NONE if osd.position_status == PositionStatus.INVALID else GpsFix.VALID,
         is_usable=bool(osd.nc_flags & NaviStatus.GPS_OK),
@@ -110,7 +112,7 @@ def _gps(osd: OsdData4 | OsdData5, stamp: Stamp) -> Gps:
     )
 
 
-def _flight(osd: OsdData4 | OsdData5, stamp: Stamp) -> Flight:
+def _flight(osd: OsdData4 | OsdData5, origin: Origin) -> Flight:
     first, navi = osd.fc_flags, osd.nc_flags
     second = osd.fc_flags_2 if isinstance(osd, OsdData5) else None
 
@@ -119,7 +121,7 @@ def _flight(osd: OsdData4 | OsdData5, stamp: Stamp) -> Flight:
 
     has_target = osd.target_status != PositionStatus.INVALID
     return Flight(
-        **stamp._asdict(),
+        **origin._asdict(),
         # The first six bits mean the same in both generations of the flags.
         motors_running=bool(first & FlightStatus.MOTORS_RUNNING),
         is_flying=bool(first & FlightStatus.FLYING),

@@ -9,8 +9,8 @@ from mkdaemon.protocol.messages.osdsets import OsdDeviation, OsdFlags, OsdHome, 
 from mkdaemon.protocol.wire import WireMessage
 from mkdaemon.telemetry.state import Battery, Flight, Gps, GpsFix, Position
 from mkdaemon.translate.geometry import Home, attitude, position
+from mkdaemon.translate.origin import Origin, State
 from mkdaemon.translate.osd import error_text, gps_mode, pilot
-from mkdaemon.translate.stamp import Stamp, State
 
 
 @dataclass(slots=True)
@@ -23,17 +23,17 @@ class SetTranslator:
     waypoint: OsdWaypoint | None = None
     altitude_setpoint: float | None = None
 
-    def states(self, message: WireMessage, stamp: Stamp) -> list[State]:
+    def states(self, message: WireMessage, origin: Origin) -> list[State]:
         """What one data set says."""
         states: list[State] = []
         if message.latitude or message.longitude:  # type: ignore[attr-defined]  # every set has the same head
-            states.append(("state/position", self._position(message, stamp)))
+            states.append(("state/position", self._position(message, origin)))
         match message:
             case OsdFlags():
-                states.append(("state/flight", self._flight(message, stamp)))
-                states.append(("state/gps", self._gps(message, stamp)))
+                states.append(("state/flight", self._flight(message, origin)))
+                states.append(("state/gps", self._gps(message, origin)))
             case OsdTarget():
-                states.append(("state/pilot", pilot(stamp, float(message.rc_quality), sticks=None, throttle=None)))
+                states.append(("state/pilot", pilot(origin, float(message.rc_quality), sticks=None, throttle=None)))
             case OsdHome():
                 self.home = Home(message.si("home_latitude"), message.si("home_longitude"))
             case OsdDeviation():
@@ -43,19 +43,19 @@ class SetTranslator:
             case OsdVolatile():
                 self.heading = message.si("heading")
                 self.altitude_setpoint = message.si("altitude_setpoint")
-                states.append(("state/battery", _battery(message, stamp)))
+                states.append(("state/battery", _battery(message, origin)))
         return states
 
-    def attitude(self, message: WireMessage, stamp: Stamp) -> State | None:
+    def attitude(self, message: WireMessage, origin: Origin) -> State | None:
         """Attitude of a degree's resolution, once the heading is known from another set."""
         if not isinstance(message, OsdDeviation) or self.heading is None:
             return None
-        coarse = attitude(stamp, roll=message.si("roll"), pitch=message.si("pitch"), heading=self.heading)
+        coarse = attitude(origin, roll=message.si("roll"), pitch=message.si("pitch"), heading=self.heading)
         return "state/attitude", coarse
 
-    def _position(self, message: WireMessage, stamp: Stamp) -> Position:
+    def _position(self, message: WireMessage, origin: Origin) -> Position:
         return position(
-            stamp,
+            origin,
             latitude=message.si("latitude"),
             longitude=message.si("longitude"),
             altitude=None,
@@ -64,20 +64,20 @@ class SetTranslator:
             home_distance=None if self.deviation is None else self.deviation.si("home_distance"),
         )
 
-    def _gps(self, flags: OsdFlags, stamp: Stamp) -> Gps:
+    def _gps(self, flags: OsdFlags, origin: Origin) -> Gps:
         usable = bool(flags.nc_flags & NaviStatus.GPS_OK)
         return Gps(
-            **stamp._asdict(),
+            **origin._asdict(),
             satellites=None if self.deviation is None else self.deviation.satellites,
             fix=GpsFix.VALID if flags.latitude or flags.longitude else GpsFix.NONE,
             is_usable=usable,
             is_home_set=None if self.home is None else True,
         )
 
-    def _flight(self, flags: OsdFlags, stamp: Stamp) -> Flight:
+    def _flight(self, flags: OsdFlags, origin: Origin) -> Flight:
         first, second, navi = flags.status, flags.status_2, flags.nc_flags
         return Flight(
-            **stamp._asdict(),
+            **origin._asdict(),
             motors_running=bool(second & OsdStatus2.MOTORS_RUNNING),
             is_flying=bool(second & OsdStatus2.FLYING),
             is_calibrating=bool(first & OsdStatus.CALIBRATING),
@@ -105,9 +105,9 @@ class SetTranslator:
         )
 
 
-def _battery(message: OsdVolatile, stamp: Stamp) -> Battery:
+def _battery(message: OsdVolatile, origin: Origin) -> Battery:
     return Battery(
-        **stamp._asdict(),
+        **origin._asdict(),
         voltage=message.si("battery"),
         current=message.si("current"),
         used_mah=float(message.used_capacity),

@@ -14,11 +14,12 @@ from mkdaemon.protocol.messages import (
 )
 from mkdaemon.protocol.messages.osdsets import OsdFlags
 from mkdaemon.protocol.wire import WireMessage
+from mkdaemon.stamp import Stamp
 from mkdaemon.telemetry.state import Battery
 from mkdaemon.translate.geometry import attitude
+from mkdaemon.translate.origin import Origin, State
 from mkdaemon.translate.osd import from_osd, pilot
 from mkdaemon.translate.osdsets import SetTranslator
-from mkdaemon.translate.stamp import Stamp, State
 
 COARSE_AFTER = 0.5
 """Attitude of a degree's resolution (OSD) is published once the attitude stream is this old [s]."""
@@ -35,31 +36,30 @@ class StateTranslator:
         self._fine_attitude_at = float("-inf")
         self._sets = SetTranslator()
 
-    def states(self, board: str, message: WireMessage, t_monotonic: float, t_wall: float) -> list[State]:
+    def states(self, board: str, message: WireMessage, stamp: Stamp) -> list[State]:
         """Return what a message says about the aircraft, keys without `mk/<vehicle>/`; often nothing.
 
         Args:
             board: who sent it, as in keys.
             message: decoded.
-            t_monotonic: arrival [s; monotonic].
-            t_wall: arrival [s; Unix time].
+            stamp: when its last byte arrived.
         """
-        stamp = Stamp(t_monotonic, t_wall, f"{board}/{message.spec.key}")
+        origin = Origin(stamp, f"{board}/{message.spec.key}")
         match message:
             case AttitudeDataFc210() | AttitudeDataFcOld() | AttitudeDataNc() | AttitudeDataNcSticks():
-                self._fine_attitude_at = t_monotonic
-                return _from_attitude(message, stamp)
+                self._fine_attitude_at = stamp.monotonic
+                return _from_attitude(message, origin)
             case OsdData4() | OsdData5():
-                states = from_osd(message, stamp)
-                if self._wants_coarse(t_monotonic):
-                    states.append(_coarse_attitude(message, stamp))
+                states = from_osd(message, origin)
+                if self._wants_coarse(stamp.monotonic):
+                    states.append(_coarse_attitude(message, origin))
                 return states
             case DebugDataFc() if board == "fc":
-                return _from_debug(message, stamp)
+                return _from_debug(message, origin)
             case _ if message.spec.id == "O":
-                states = self._sets.states(message, stamp)
-                coarse = self._sets.attitude(message, stamp)
-                if coarse is not None and self._wants_coarse(t_monotonic):
+                states = self._sets.states(message, origin)
+                coarse = self._sets.attitude(message, origin)
+                if coarse is not None and self._wants_coarse(stamp.monotonic):
                     states.append(coarse)
                 return states
         return []
@@ -80,21 +80,21 @@ def motors_running(board: str, message: WireMessage) -> bool | None:
     return None
 
 
-def _coarse_attitude(osd: OsdData4 | OsdData5, stamp: Stamp) -> State:
-    value = attitude(stamp, roll=osd.si("roll"), pitch=osd.si("pitch"), heading=osd.si("heading"))
+def _coarse_attitude(osd: OsdData4 | OsdData5, origin: Origin) -> State:
+    value = attitude(origin, roll=osd.si("roll"), pitch=osd.si("pitch"), heading=osd.si("heading"))
     return "state/attitude", value
 
 
-def _from_attitude(message: WireMessage, stamp: Stamp) -> list[State]:
-    value = attitude(stamp, roll=message.si("roll"), pitch=message.si("pitch"), heading=message.si("heading"))
+def _from_attitude(message: WireMessage, origin: Origin) -> list[State]:
+    value = attitude(origin, roll=message.si("roll"), pitch=message.si("pitch"), heading=message.si("heading"))
     return [("state/attitude", value)]
 
 
-def _from_debug(debug: DebugDataFc, stamp: Stamp) -> list[State]:
+def _from_debug(debug: DebugDataFc, origin: Origin) -> list[State]:
     """Battery and receiver where no NaviCtrl tells them."""
     channels = debug.analog
     battery = Battery(
-        **stamp._asdict(),
+        **origin._asdict(),
         voltage=channels[_CHANNEL_VOLTAGE] / 10,
         current=channels[_CHANNEL_CURRENT] / 10,
         used_mah=float(channels[_CHANNEL_CAPACITY]),
@@ -102,5 +102,5 @@ def _from_debug(debug: DebugDataFc, stamp: Stamp) -> list[State]:
     )
     return [
         ("state/battery", battery),
-        ("state/pilot", pilot(stamp, float(channels[_CHANNEL_RECEIVER]), sticks=None, throttle=None)),
+        ("state/pilot", pilot(origin, float(channels[_CHANNEL_RECEIVER]), sticks=None, throttle=None)),
     ]

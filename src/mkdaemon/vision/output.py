@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from mkdaemon.frames import quaternion_from_rotation
+from mkdaemon.stamp import Stamp
 from mkdaemon.telemetry.base import Telemetry
 from mkdaemon.telemetry.vision import Tags, TagSighting, Transform, VisionPose
 from mkdaemon.vision.camera.image import CameraImage
@@ -26,20 +27,21 @@ def camera_frame(name: str) -> str:
 
 
 def values_of(
-    result: VisionResult, image: CameraImage, mounting: Mounting, ready_at: float
+    result: VisionResult, image: CameraImage, stamp: Stamp, mounting: Mounting, ready_at: float
 ) -> Iterator[tuple[str, Telemetry]]:
     """Key suffixes and values of one image.
 
     Args:
         result: what the tracker found.
         image: where it looked.
+        stamp: of the middle of its exposure.
         mounting: how the camera sits on the vehicle.
         ready_at: when the result was there [s; monotonic].
     """
     if result.detections:
-        yield f"vision/{image.camera}/tags", tags_of(result, image)
+        yield f"vision/{image.camera}/tags", tags_of(result, image, stamp)
     for found in result.poses:
-        yield f"vision/{image.camera}/pose", pose_of(found, image, mounting, ready_at)
+        yield f"vision/{image.camera}/pose", pose_of(found, image, stamp, mounting, ready_at)
         yield (
             "tf",
             transform(
@@ -47,15 +49,14 @@ def values_of(
                 found.frame,
                 found.pose.rotation,
                 found.pose.position,
-                image.captured_at,
-                image.captured_wall,
+                stamp,
             ),
         )
 
 
-def tags_of(result: VisionResult, image: CameraImage) -> Tags:
+def tags_of(result: VisionResult, image: CameraImage, stamp: Stamp) -> Tags:
     """All decoded tags of one image."""
-    return Tags(**_seen(image), tags=tuple(sighting(found) for found in result.detections))
+    return Tags(**_seen(image, stamp), tags=tuple(sighting(found) for found in result.detections))
 
 
 def sighting(found: Detection) -> TagSighting:
@@ -71,7 +72,7 @@ def sighting(found: Detection) -> TagSighting:
     )
 
 
-def pose_of(found: TargetPose, image: CameraImage, mounting: Mounting, ready_at: float) -> VisionPose:
+def pose_of(found: TargetPose, image: CameraImage, stamp: Stamp, mounting: Mounting, ready_at: float) -> VisionPose:
     """A pose both ways round, with the covariance carried from camera to body."""
     target_from_cam, camera_target, covariance = found.camera_in_target()
     cam_from_flu = mounting.flu_from_cam.T
@@ -83,7 +84,7 @@ def pose_of(found: TargetPose, image: CameraImage, mounting: Mounting, ready_at:
     carry[:3, 3:] = -np.array([[0.0, -arm[2], arm[1]], [arm[2], 0.0, -arm[0]], [-arm[1], arm[0], 0.0]])
     body_covariance = carry @ covariance @ carry.T
     return VisionPose(
-        **_seen(image),
+        **_seen(image, stamp),
         target=found.target,
         position_target=_vector(vehicle_target),
         quaternion_target_from_flu=quaternion_from_rotation(target_from_flu),
@@ -103,33 +104,29 @@ def pose_of(found: TargetPose, image: CameraImage, mounting: Mounting, ready_at:
     )
 
 
-def mount_transform(camera: str, mounting: Mounting, t_monotonic: float, t_wall: float) -> Transform:
+def mount_transform(camera: str, mounting: Mounting, stamp: Stamp) -> Transform:
     """The camera in the body, from the configuration."""
-    edge = transform(BODY, camera_frame(camera), mounting.flu_from_cam, mounting.position_flu, t_monotonic, t_wall)
+    edge = transform(BODY, camera_frame(camera), mounting.flu_from_cam, mounting.position_flu, stamp)
     return edge.model_copy(update={"static": True})
 
 
-def transform(
-    parent: str, child: str, parent_from_child: Array, position: Array, t_monotonic: float, t_wall: float
-) -> Transform:
+def transform(parent: str, child: str, parent_from_child: Array, position: Array, stamp: Stamp) -> Transform:
     """One edge of the tree of frames."""
     return Transform(
         parent=parent,
         child=child,
-        t_monotonic=t_monotonic,
-        t_wall=t_wall,
+        stamp=stamp,
         translation=_vector(position),
         quaternion=quaternion_from_rotation(parent_from_child),
         static=False,
     )
 
 
-def _seen(image: CameraImage) -> dict[str, object]:
+def _seen(image: CameraImage, stamp: Stamp) -> dict[str, object]:
     return {
         "camera": image.camera,
         "sequence": image.sequence,
-        "t_monotonic": image.captured_at,
-        "t_wall": image.captured_wall,
+        "stamp": stamp,
         "stamped_by": image.stamped_by,
     }
 

@@ -3,22 +3,23 @@
 from __future__ import annotations
 
 from collections import Counter, deque
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import cv2
 import numpy as np
 
+from mkdaemon.clock import Clock
 from mkdaemon.config.camera import CameraSection
 from mkdaemon.config.vision import VisionSection
 from mkdaemon.errors import ConfigError
+from mkdaemon.stamp import Stamp
 from mkdaemon.telemetry.base import Telemetry
 from mkdaemon.telemetry.image import CameraFrame
 from mkdaemon.telemetry.vision import EyeState, Transform, VisionStats
 from mkdaemon.vision.camera.calibration_file import Camera, load_camera, mount_rotation
 from mkdaemon.vision.camera.camera import StreamState, StreamStatus
 from mkdaemon.vision.camera.image import CameraImage
-from mkdaemon.vision.camera.imagecodec import boot_id, encode_jpeg
+from mkdaemon.vision.camera.imagecodec import encode_jpeg
 from mkdaemon.vision.output import mount_transform, values_of
 from mkdaemon.vision.pose.projection import Projection
 from mkdaemon.vision.pose.target_check import TargetCheck
@@ -41,7 +42,6 @@ NEVER_POSED = ("wrong_size", "uncalibrated", "frozen")
 """Alarms under which no pose is published, the first one first."""
 MAYBE_POSED = ("dark", "blown", "target_mismatch")
 """Alarms that explain why there is no pose, while there is none."""
-Clock = Callable[[], float]
 WINDOW = 150
 """Images the figures look back on: five seconds at 30 Hz."""
 
@@ -60,8 +60,9 @@ class CameraPipeline:
         ConfigError: a camera or target file is wrong, or there is no target.
     """
 
-    def __init__(self, cfg: CameraSection, vision: VisionSection) -> None:
+    def __init__(self, cfg: CameraSection, vision: VisionSection, clock: Clock) -> None:
         self.cfg = cfg
+        self._clock = clock
         self.camera: Camera | None = load_camera(cfg.calibration) if cfg.calibration is not None else None
         if not cfg.targets:
             msg = f'camera {cfg.name}: no targets; set `targets`, for example ["configs/targets/nested.toml"]'
@@ -85,17 +86,14 @@ class CameraPipeline:
         self.alarms: tuple[str, ...] = ()
         self._next_jpeg = -np.inf
 
-    def process(
-        self, image: CameraImage, attitude: AttitudeHistory | None, clock: Clock
-    ) -> list[tuple[str, Telemetry]]:
+    def process(self, image: CameraImage, attitude: AttitudeHistory | None) -> list[tuple[str, Telemetry]]:
         """Look at one image; an image that makes the detector fail is counted and forgotten.
 
         Args:
             image: the newest.
             attitude: of the vehicle around its exposure.
-            clock: gives the time [s; monotonic].
         """
-        started = clock()
+        started = self._clock.now()
         self._processed += 1
         try:
             result = self.tracker.update(image, attitude)
@@ -103,8 +101,8 @@ class CameraPipeline:
             self._faults += 1
             self.tracker.reset()
             return []
-        ready = clock()
-        values = list(values_of(result, image, self.mounting, ready))
+        ready = self._clock.now()
+        values = list(values_of(result, image, self._clock.stamp(image.captured_at), self.mounting, ready))
         self._check.look(result.detections, (pose.target for pose in result.poses))
         mismatch = ("target_mismatch",) if self._check.contradicted else ()
         self.alarms = (*result.alarms, *mismatch)
@@ -125,25 +123,22 @@ class CameraPipeline:
             width=width,
             height=height,
             coding="jpeg",
-            captured_wall=image.captured_wall,
-            captured_monotonic=image.captured_at,
-            clock=boot_id(),
+            stamp=self._clock.stamp(image.captured_at),
             pixels=pixels,
         )
         return f"vision/{image.camera}/image", frame
 
-    def mount(self, t_monotonic: float, t_wall: float) -> Transform | None:
+    def mount(self, stamp: Stamp) -> Transform | None:
         """The camera in the body; None where nobody said how it sits."""
-        return mount_transform(self.cfg.name, self.mounting, t_monotonic, t_wall) if self._has_mount else None
+        return mount_transform(self.cfg.name, self.mounting, stamp) if self._has_mount else None
 
-    def stats(self, stream: StreamStatus, dropped: int, t_monotonic: float, t_wall: float) -> VisionStats:
+    def stats(self, stream: StreamStatus, dropped: int, stamp: Stamp) -> VisionStats:
         """Figures of the last images."""
         state, reason = self.state(stream)
         detect, latency = ([getattr(timing, name) for timing in self._timings] for name in ("detect", "latency"))
         return VisionStats(
             camera=self.cfg.name,
-            t_monotonic=t_monotonic,
-            t_wall=t_wall,
+            stamp=stamp,
             state=state,
             reason=reason,
             alarms={name: ALARM_WORDS.get(name, "") for name in self.alarms},

@@ -12,9 +12,11 @@ from typing import Protocol
 import cv2
 import zenoh
 
+from mkdaemon.clock import Clock
 from mkdaemon.config.camera import CameraSection
 from mkdaemon.config.vision import VisionSection
 from mkdaemon.errors import ConfigError
+from mkdaemon.stamp import Stamp
 from mkdaemon.telemetry.base import Telemetry
 from mkdaemon.telemetry.vision import EyeState
 from mkdaemon.vision.camera.camera import CameraStream
@@ -47,6 +49,7 @@ class VisionWorker:
         vision: detector and tracker.
         sink: where values go.
         loop: the event loop `sink` lives on.
+        clock: stamps.
         session: gives the Zenoh session for `zenoh:` sources.
         open_source: chooses the source a camera section names.
 
@@ -60,6 +63,7 @@ class VisionWorker:
         vision: VisionSection,
         sink: Sink,
         loop: asyncio.AbstractEventLoop,
+        clock: Clock,
         session: Callable[[], zenoh.Session] | None = None,
         *,
         open_source: Callable[[CameraSection, Callable[[], zenoh.Session] | None], Source] = source_of,
@@ -71,12 +75,13 @@ class VisionWorker:
                 raise ConfigError(msg)
         self._sink = sink
         self._loop = loop
+        self._clock = clock
         self._slots: NewestSlots[CameraImage] = NewestSlots()
         self._eyes: dict[str, _Eye] = {}
         for cfg in cameras:
             slot = self._slots.add()
             self._eyes[cfg.name] = _Eye(
-                CameraPipeline(cfg, vision), CameraStream(cfg, open_source(cfg, session), slot), slot
+                CameraPipeline(cfg, vision, clock), CameraStream(cfg, open_source(cfg, session), slot), slot
             )
         self._attitudes: deque[AttitudeSample] = deque(maxlen=ATTITUDES)
         self._stop = threading.Event()
@@ -111,7 +116,7 @@ class VisionWorker:
             if image is not None:
                 values += self._eyes[image.camera].look(image, AttitudeHistory(tuple(self._attitudes)))
             for eye in self._eyes.values():
-                values += eye.report(time.monotonic())
+                values += eye.report(self._clock.stamp())
             if values and not self._hand_over(values):
                 return
 
@@ -139,20 +144,19 @@ class _Eye:
         self._due = 0.0
 
     def look(self, image: CameraImage, attitude: AttitudeHistory) -> list[tuple[str, Telemetry]]:
-        values = self.pipeline.process(image, attitude, time.monotonic)
+        values = self.pipeline.process(image, attitude)
         picture = self.pipeline.picture(image)
         return [*values, picture] if picture is not None else values
 
-    def report(self, now: float) -> list[tuple[str, Telemetry]]:
+    def report(self, stamp: Stamp) -> list[tuple[str, Telemetry]]:
         """Stats and the static frame, once a second and when the state changes."""
         status = self.stream.status()
         facts = (self.pipeline.state(status)[0], self.pipeline.alarms)
-        if facts == self._told and now < self._due:
+        if facts == self._told and stamp.monotonic < self._due:
             return []
-        wall = time.time()
-        stats = self.pipeline.stats(status, self._slot.dropped, now, wall)
-        self._told, self._due = facts, now + STATS_EVERY
+        stats = self.pipeline.stats(status, self._slot.dropped, stamp)
+        self._told, self._due = facts, stamp.monotonic + STATS_EVERY
         name = self.pipeline.cfg.name
         values: list[tuple[str, Telemetry]] = [(f"vision/{name}/stats", stats)]
-        mount = self.pipeline.mount(now, wall)
+        mount = self.pipeline.mount(stamp)
         return [*values, ("tf", mount)] if mount is not None else values

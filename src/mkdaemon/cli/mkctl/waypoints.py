@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import sys
-import time
 from pathlib import Path
 from typing import Annotated, Final, TypeVar
 
@@ -15,6 +14,7 @@ from mkdaemon.cli.mkctl.connection import HERE, Connection
 from mkdaemon.cli.mkctl.conversation import Report, converse, progress_bar
 from mkdaemon.cli.mkctl.flightstate import require_motors_off
 from mkdaemon.client import Vehicle
+from mkdaemon.clock import Clock
 from mkdaemon.errors import CommandRejectedError, MkError
 from mkdaemon.missions import read_mission, write_mission
 from mkdaemon.protocol.mission import Mission
@@ -172,7 +172,7 @@ def _verify(mission: Mission) -> Procedure[tuple[tuple[Difference, ...], str]]:
 
 
 def _publish(client: Vehicle, action: str, count: int, digest: str, source: str) -> None:
-    event = MissionEvent(t_wall=time.time(), action=action, count=count, digest=digest, source=source)
+    event = MissionEvent(stamp=Clock().stamp(), action=action, count=count, digest=digest, source=source)
     client.stream("event/mission").put(encode(event), encoding=encoding_of(MissionEvent))
 
 

@@ -21,9 +21,11 @@ from mkdaemon.bus.gateway import refused
 from mkdaemon.bus.names import key
 from mkdaemon.bus.session import close_session, open_session, session_config
 from mkdaemon.cli.mkdaemon.sim_camera import CameraPublisher
+from mkdaemon.clock import Clock
 from mkdaemon.config.sim import SimConfig
 from mkdaemon.errors import CommandRejectedError, ConfigError, MkError
 from mkdaemon.sim.simulation import Simulation
+from mkdaemon.stamp import Stamp
 from mkdaemon.telemetry.command import CommandResult, Status
 from mkdaemon.telemetry.sim import FaultAction, FaultRequest, RunningFault, SimFaults, SimTruth
 
@@ -38,12 +40,13 @@ FAULTS = "sim/faults"
 FAULT = "sim/fault"
 
 
-def truth_of(simulation: Simulation) -> SimTruth:
+def truth_of(simulation: Simulation, stamp: Stamp) -> SimTruth:
     """The true state now."""
     truth, core = simulation.world.truth, simulation.flight.core
     east, north, up = truth.position_enu.tolist()
     setpoints = simulation.world.sensors.motor_setpoints
     return SimTruth(
+        stamp=stamp,
         t=simulation.now,
         position_enu=(east, north, up),
         velocity_enu=tuple(truth.velocity_enu.tolist()),
@@ -60,9 +63,10 @@ def truth_of(simulation: Simulation) -> SimTruth:
     )
 
 
-def faults_of(simulation: Simulation) -> SimFaults:
+def faults_of(simulation: Simulation, stamp: Stamp) -> SimFaults:
     """The faults that run now."""
     return SimFaults(
+        stamp=stamp,
         t=simulation.now,
         active={
             name: RunningFault(
@@ -73,7 +77,7 @@ def faults_of(simulation: Simulation) -> SimFaults:
     )
 
 
-def apply_fault_request(simulation: Simulation, request: FaultRequest) -> CommandResult:
+def apply_fault_request(simulation: Simulation, request: FaultRequest, stamp: Stamp) -> CommandResult:
     """Do what a fault request asks; the answer lists what runs then.
 
     Raises:
@@ -87,7 +91,7 @@ def apply_fault_request(simulation: Simulation, request: FaultRequest) -> Comman
     elif request.action is FaultAction.CLEAR:
         faults.clear()
     _log.info("fault", action=request.action.value, name=request.name, t=round(simulation.now, 3))
-    return CommandResult(status=Status.ACCEPTED, reply=faults_of(simulation).model_dump())
+    return CommandResult(status=Status.ACCEPTED, reply=faults_of(simulation, stamp).model_dump())
 
 
 class SimBus:
@@ -97,6 +101,7 @@ class SimBus:
         self._session = session
         self._simulation = simulation
         self._vehicle = vehicle
+        self._clock = Clock()
         self._last: dict[str, tuple[BaseModel, float]] = {}
         self._publishers = {
             suffix: session.declare_publisher(key(vehicle, suffix), congestion_control=zenoh.CongestionControl.DROP)
@@ -117,11 +122,11 @@ class SimBus:
         period = 1.0 / rate_hz if rate_hz else _FAULTS_PERIOD
         while True:
             if rate_hz:
-                self._put(TRUTH, truth_of(self._simulation))
+                self._put(TRUTH, truth_of(self._simulation, self._clock.stamp()))
             now = time.monotonic()
             if faults.generation != seen or now >= next_faults:
                 seen, next_faults = faults.generation, now + _FAULTS_PERIOD
-                self._put(FAULTS, faults_of(self._simulation))
+                self._put(FAULTS, faults_of(self._simulation, self._clock.stamp()))
             await asyncio.sleep(period)
 
     def _put(self, suffix: str, value: BaseModel) -> None:
@@ -144,7 +149,7 @@ class SimBus:
     def _handle_fault_request(self, query: zenoh.Query) -> CommandResult:
         payload = query.payload.to_bytes() if query.payload is not None else b""
         try:
-            return apply_fault_request(self._simulation, read_command(FaultRequest, payload))
+            return apply_fault_request(self._simulation, read_command(FaultRequest, payload), self._clock.stamp())
         except CommandRejectedError as error:
             return refused(error)
 

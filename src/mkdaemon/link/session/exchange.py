@@ -7,11 +7,11 @@ without a queue. Frame out: `Dialogue.poll` gives what may be written now; a tim
 from __future__ import annotations
 
 import asyncio
-import time
 from collections.abc import Callable, Coroutine
 from contextlib import suppress
 from typing import Any, Final
 
+from mkdaemon.clock import Clock
 from mkdaemon.config.link import LinkConfig
 from mkdaemon.errors import LinkError, LinkLostError
 from mkdaemon.link.ports.port import Port, parse_address
@@ -45,7 +45,7 @@ class Exchange:
         wants_introduction: set when the boards must be met anew.
     """
 
-    def __init__(self, cfg: LinkConfig, sink: LinkSink, dialogue: Dialogue, clock: Callable[[], float]) -> None:
+    def __init__(self, cfg: LinkConfig, sink: LinkSink, dialogue: Dialogue, clock: Clock) -> None:
         """Prepare.
 
         Raises:
@@ -54,7 +54,6 @@ class Exchange:
         self._sink = sink
         self._dialogue = dialogue
         self._clock = clock
-        self._wall_offset = time.time() - clock()
         self._decoder = FrameDecoder()
         self._messages = MessageDecoder()
         self._broken: asyncio.Future[None] | None = None
@@ -63,7 +62,7 @@ class Exchange:
         self._has_ended = False
         self._opened_at = 0.0
         self.port: Port | None = None
-        self.reporter = Reporter(cfg, dialogue, wall_offset=self._wall_offset)
+        self.reporter = Reporter(cfg, dialogue, clock)
         has_rate = parse_address(cfg.port).scheme == "serial"
         self.bauds = BaudSearch(cfg.baud, enabled=cfg.probe_baud and has_rate)
         self.wants_introduction = asyncio.Event()
@@ -85,7 +84,7 @@ class Exchange:
         self._broken = asyncio.get_running_loop().create_future()
         if not port.is_recording:
             self.wants_introduction.set()
-        self._opened_at = self._clock()
+        self._opened_at = self._clock.now()
         self._dialogue.opened(
             self._opened_at,
             baud=self.bauds.current,
@@ -132,8 +131,7 @@ class Exchange:
             self.pump()
 
     def _take(self, chunk: bytes) -> None:
-        now = self._clock()
-        wall = now + self._wall_offset
+        now = self._clock.now()
         dialogue, sink = self._dialogue, self._sink
         dialogue.arrived(len(chunk), now)
         for item in self._decoder.feed(chunk):
@@ -142,10 +140,10 @@ class Exchange:
                 dialogue.received(item, message, now)
                 if dialogue.take_dialect_change():
                     self._messages = MessageDecoder(dialogue.dialect.layouts)
-                sink.received(Received(now, wall, item, message))
+                sink.received(Received(now, item, message))
             else:
                 dialogue.damaged(item, now)
-                sink.dropped(Lost(now, wall, "rx", item.reason.value, item.raw))
+                sink.dropped(Lost(now, "rx", item.reason.value, item.raw))
 
     async def _watch(self) -> None:
         """End the conversation when writing failed or the line rate is wrong."""
@@ -156,7 +154,7 @@ class Exchange:
         """End an orderly exit with a release; bounded, and the port may be gone already."""
         if port.is_recording:
             return
-        self._dialogue.steering.leave(self._clock())
+        self._dialogue.steering.leave(self._clock.now())
         with suppress(LinkError, TimeoutError):
             async with asyncio.timeout(FAREWELL):
                 self.pump()
@@ -174,7 +172,7 @@ class Exchange:
 
     def pump(self) -> None:
         """Write what may be written now, settle what ended, judge and report, and set the timer for the rest."""
-        now = self._clock()
+        now = self._clock.now()
         port = self.port
         if port is None:
             self._settle()
@@ -182,7 +180,7 @@ class Exchange:
         try:
             for entry in self._dialogue.poll(now):
                 port.write(entry.raw)
-                self._sink.sent(Sent(now, now + self._wall_offset, entry.raw, entry.message, entry.purpose))
+                self._sink.sent(Sent(now, entry.raw, entry.message, entry.purpose))
         except LinkLostError as error:
             self._break(error)
             return
@@ -195,8 +193,8 @@ class Exchange:
         """Hand answers, refusals and losses to whoever waits for them."""
         self.waiters.settle(self._dialogue)
         for entry in self._dialogue.take_discarded():
-            now = self._clock()
-            self._sink.dropped(Lost(now, now + self._wall_offset, "tx", "expired", entry.raw))
+            now = self._clock.now()
+            self._sink.dropped(Lost(now, "tx", "expired", entry.raw))
 
     def _break(self, error: LinkLostError) -> None:
         if self._broken is not None and not self._broken.done():
@@ -220,7 +218,7 @@ class Exchange:
             self._break(LinkLostError(advice))
 
     def _publish(self) -> None:
-        now = self._clock()
+        now = self._clock.now()
         if self.reporter.state_is_news():
             self._sink.state_changed(self.reporter.state(now))
         self._sink.health_measured(self.reporter.health(now))
@@ -228,11 +226,11 @@ class Exchange:
     def note_loss(self, reason: str, condition: LinkCondition = LinkCondition.DOWN) -> None:
         """Say at once that the port is gone, and why."""
         self.port = None
-        self._dialogue.lost(self._clock(), reason, condition)
+        self._dialogue.lost(self._clock.now(), reason, condition)
         self._settle()
         self.waiters.port_lost(reason)
         self._publish()
-        self._sink.traffic_counted(self.reporter.traffic(self._clock()))
+        self._sink.traffic_counted(self.reporter.traffic(self._clock.now()))
 
     def _set_timer(self, delay: float) -> None:
         if self._timer is not None:
@@ -245,8 +243,8 @@ class Exchange:
             self._timer = None
         if self._broken is not None and not self._broken.done():
             self._broken.cancel()
-        now = self._clock()
+        now = self._clock.now()
         for item in self._decoder.flush():
             if not isinstance(item, Frame):
                 self._dialogue.damaged(item, now)
-                self._sink.dropped(Lost(now, now + self._wall_offset, "rx", item.reason.value, item.raw))
+                self._sink.dropped(Lost(now, "rx", item.reason.value, item.raw))

@@ -6,6 +6,7 @@ import math
 from collections import deque
 from typing import Final
 
+from mkdaemon.clock import Clock
 from mkdaemon.config.link import LinkConfig
 from mkdaemon.link.session import budget
 from mkdaemon.link.session.dialogue import Dialogue
@@ -22,13 +23,13 @@ _FRESH: Final = 0.5
 class Reporter:
     """Builds state, health and traffic."""
 
-    def __init__(self, cfg: LinkConfig, dialogue: Dialogue, *, wall_offset: float) -> None:
-        """Read from a dialogue; `wall_offset` is Unix time less the link's clock [s]."""
+    def __init__(self, cfg: LinkConfig, dialogue: Dialogue, clock: Clock) -> None:
+        """Read from a dialogue, and stamp with the link's clock."""
         self._health_at = -math.inf
         self._traffic_at = -math.inf
         self._cfg = cfg
         self._dialogue = dialogue
-        self._offset = wall_offset
+        self._clock = clock
         self._port = cfg.port
         self._openings = 0
         self._told: object = None
@@ -75,10 +76,10 @@ class Reporter:
         verdict = dialogue.health.verdict
         heard, heard_us = dialogue.health.ages(now)
         return LinkState(
+            stamp=self._clock.stamp(now),
             condition=verdict.condition,
             reason=verdict.reason,
-            since_s=verdict.since + self._offset,
-            stamp_s=now + self._offset,
+            since=self._clock.stamp(verdict.since),
             port=self._port,
             baud=dialogue.rules.baud,
             hears_board=dialogue.is_open and heard < _FRESH,
@@ -96,6 +97,7 @@ class Reporter:
         heard, heard_us = monitor.ages(now)
         garbage, checksums = monitor.damage_rates(now)
         return LinkHealth(
+            stamp=self._clock.stamp(now),
             state=self.state(now),
             echo=monitor.echo.statistics(now),
             confirm=monitor.confirm.statistics(now),
@@ -120,7 +122,7 @@ class Reporter:
         per_byte = dialogue.rules.wire_time(b"#")
         planned = budget.plan(dialogue.demand(dialogue.streams.wanted), dialogue.rules)
         return LinkTraffic(
-            stamp_s=now + self._offset,
+            stamp=self._clock.stamp(now),
             rx_bytes=dialogue.bytes["rx"],
             tx_bytes=dialogue.bytes["tx"],
             rx_frames=counts["rx"].total(),

@@ -35,14 +35,12 @@ class Received(NamedTuple):
     """One right frame from a board.
 
     Attributes:
-        t_monotonic: when its last byte was read [s; monotonic].
-        t_wall: the same instant [s; Unix time].
+        at: when its last byte was read [s; monotonic].
         frame: as it stood on the wire.
         message: typed, or `Unknown` with the reason.
     """
 
-    t_monotonic: float
-    t_wall: float
+    at: float
     frame: Frame
     message: WireMessage | Unknown
 
@@ -51,15 +49,13 @@ class Sent(NamedTuple):
     """One transmission, handed to the port.
 
     Attributes:
-        t_monotonic: when [s; monotonic].
-        t_wall: the same instant [s; Unix time].
+        at: when [s; monotonic].
         raw: every byte written, a resynchronising `CR CR` included.
         message: what it says; None for bytes that are not a frame (the escape sequence).
         purpose: why it was sent.
     """
 
-    t_monotonic: float
-    t_wall: float
+    at: float
     raw: bytes
     message: WireMessage | None
     purpose: Purpose
@@ -69,15 +65,13 @@ class Lost(NamedTuple):
     """Something that did not get through.
 
     Attributes:
-        t_monotonic: when it was noticed [s; monotonic].
-        t_wall: the same instant [s; Unix time].
+        at: when it was noticed [s; monotonic].
         direction: `rx` for bytes that did not become a frame, `tx` for a frame never sent.
         reason: `text`, `length`, `characters`, `checksum`; `expired` for what was too old to send.
         raw: the bytes.
     """
 
-    t_monotonic: float
-    t_wall: float
+    at: float
     direction: Literal["rx", "tx"]
     reason: str
     raw: bytes

@@ -11,12 +11,13 @@ from dataclasses import dataclass
 import numpy as np
 import structlog
 
+from mkdaemon.clock import Clock
 from mkdaemon.sim.faults import Faults
 from mkdaemon.sim.physics.truth import Truth
 from mkdaemon.sim.scene.camera import BodyState, SceneCamera
 from mkdaemon.sim.scene.outputs import FrameWriter
 from mkdaemon.telemetry.image import CameraFrame
-from mkdaemon.vision.camera.imagecodec import boot_id, pack
+from mkdaemon.vision.camera.imagecodec import pack
 from mkdaemon.vision.camera.slot import NewestSlot
 
 _log = structlog.get_logger(__name__)
@@ -55,6 +56,7 @@ class SceneFeed:
         self._camera = camera
         self._send = send
         self._writers = writers
+        self._clock = Clock()
         self._rng = np.random.default_rng([seed, 0xCA3E])
         self._due = -np.inf
         self._sequence = 0
@@ -130,7 +132,7 @@ class SceneFeed:
                 self._writers = tuple(other for other in self._writers if other is not writer)
                 writer.close()
         cfg = self._camera.cfg
-        stamp = exposure.monotonic + cfg.stamp_error_ms / 1000.0
+        exposed = exposure.monotonic + cfg.stamp_error_ms / 1000.0
         height, width = pixels.shape
         return pack(
             CameraFrame(
@@ -139,9 +141,7 @@ class SceneFeed:
                 width=width,
                 height=height,
                 coding="gray8",
-                captured_wall=time.time() - time.monotonic() + stamp,
-                captured_monotonic=stamp,
-                clock=boot_id(),
+                stamp=self._clock.stamp(exposed),
                 pixels=pixels.tobytes(),
             )
         )

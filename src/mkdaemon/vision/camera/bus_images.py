@@ -8,9 +8,9 @@ from collections.abc import Callable
 
 import zenoh
 
+from mkdaemon.clock import Clock
 from mkdaemon.errors import VisionError
-from mkdaemon.telemetry.image import CameraFrame
-from mkdaemon.vision.camera.imagecodec import boot_id, unpack
+from mkdaemon.vision.camera.imagecodec import unpack
 from mkdaemon.vision.camera.shot import Shot
 
 
@@ -22,6 +22,7 @@ class ZenohSource:
     def __init__(self, key: str, session: Callable[[], zenoh.Session]) -> None:
         self._key = key
         self._session = session
+        self._clock = Clock()
         self._subscriber: zenoh.Subscriber[None] | None = None
         self._arrival = threading.Condition()
         self._newest: tuple[bytes, float] | None = None
@@ -57,17 +58,10 @@ class ZenohSource:
             return None
         self.refused = ""
         frame, pixels = found
-        return Shot(pixels, arrived, _own_clock(frame), frame.sequence)
+        return Shot(pixels, arrived, self._clock.monotonic_of(frame.stamp), frame.sequence)
 
     def close(self) -> None:
         """End the subscription."""
         if self._subscriber is not None:
             self._subscriber.undeclare()  # type: ignore[no-untyped-call]
             self._subscriber = None
-
-
-def _own_clock(frame: CameraFrame) -> float:
-    """Capture time on our monotonic clock: directly on one machine, through both wall clocks otherwise."""
-    if frame.captured_monotonic is not None and frame.clock and frame.clock == boot_id():
-        return frame.captured_monotonic
-    return frame.captured_wall - time.time() + time.monotonic()

@@ -193,10 +193,7 @@ class CameraStream:
             height=height,
             stamped_by=stamped_by,
         )
-        wall = time.time() - time.monotonic() + captured_at
-        self._slot.put(
-            CameraImage(shot.pixels, captured_at, wall, shot.arrived, self._sequence, self.cfg.name, stamped_by)
-        )
+        self._slot.put(CameraImage(shot.pixels, captured_at, shot.arrived, self._sequence, self.cfg.name, stamped_by))
 
     def _become(
         self,

@@ -15,7 +15,6 @@ class CameraImage:
     Attributes:
         pixels: `(height, width)` uint8.
         captured_at: middle of the exposure, monotonic clock of this machine [s].
-        captured_wall: the same moment on the wall clock, Unix time [s].
         received_at: when the daemon had it, monotonic [s].
         sequence: counts images of this camera; a gap is a lost image.
         camera: name of the camera in the configuration.
@@ -24,7 +23,6 @@ class CameraImage:
 
     pixels: npt.NDArray[np.uint8]
     captured_at: float
-    captured_wall: float
     received_at: float
     sequence: int
     camera: str

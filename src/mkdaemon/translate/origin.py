@@ -4,20 +4,19 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+from mkdaemon.stamp import Stamp
 from mkdaemon.telemetry.base import Telemetry
 
 
-class Stamp(NamedTuple):
-    """Arrival of a frame.
+class Origin(NamedTuple):
+    """What every state value takes from its frame.
 
     Attributes:
-        t_monotonic: [s; monotonic].
-        t_wall: [s; Unix time].
+        stamp: when the frame's last byte arrived.
         source: board and message, for example `nc/osd`.
     """
 
-    t_monotonic: float
-    t_wall: float
+    stamp: Stamp
     source: str
 
 

@@ -1,0 +1,24 @@
+"""The stamp every value carries: one moment, on both clocks."""
+
+from __future__ import annotations
+
+from pydantic import BaseModel, ConfigDict
+
+
+class Stamp(BaseModel):
+    """A moment, on the monotonic and on the system clock; docs/time.md.
+
+    Compare and subtract `monotonic` where `boot` is equal; use `wall` between machines and across restarts, and look
+    at `synchronised` before believing it.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="ignore", allow_inf_nan=False, use_attribute_docstrings=True)
+
+    monotonic: float
+    """On the clock that never jumps [s]; it counts from the machine's start and stops while the machine sleeps."""
+    wall: float
+    """Unix time [s]."""
+    boot: str = ""
+    """Names the monotonic clock: the first eight digits of the kernel's boot id; empty where it is not known."""
+    synchronised: bool | None = None
+    """Whether the kernel says that the system clock follows a time server; null where it does not say."""

@@ -1,0 +1,63 @@
+"""The system clock is set while the whole daemon runs on a recording."""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from pathlib import Path
+
+import msgpack
+import pytest
+import zenoh
+
+from mkdaemon.clock import Clock
+from mkdaemon.config.root import Config
+from mkdaemon.daemon.program import run
+from tests.bus.support import PATIENCE, bus_config, client, free_endpoint
+
+RECORDING = Path(__file__).resolve().parents[1] / "data" / "captures" / "nc_mixed_60s.jsonl"
+SETTLED = 2.0
+"""Stamps are right again so long after the step [s]."""
+TOLERANCE = 0.1
+"""How right [s]."""
+
+
+@pytest.mark.parametrize("step", [3600.0, -3600.0])
+async def test_after_a_step_of_an_hour_stamps_are_right_within_2_s_and_an_event_says_so(step):
+    shift = 0.0
+    clock = Clock(wall=lambda: time.time() + shift)
+    endpoint = free_endpoint()
+    cfg = Config.model_validate(
+        {"link": {"port": f"replay:{RECORDING}"}, "bus": bus_config(endpoint), "vehicle": {"name": "t"}}
+    )
+    stop = asyncio.Event()
+    daemon = asyncio.create_task(run(cfg, stop, clock))
+    heard: list[tuple[str, dict]] = []
+    loop, flowing = asyncio.get_running_loop(), asyncio.Event()
+
+    def on_sample(sample: zenoh.Sample) -> None:
+        heard.append((str(sample.key_expr), msgpack.unpackb(sample.payload.to_bytes())))
+        if heard[-1][0] == "mk/t/state/attitude":
+            loop.call_soon_threadsafe(flowing.set)
+
+    session = client(endpoint)
+    with await asyncio.to_thread(session.__enter__) as opened:
+        opened.declare_subscriber("mk/t/**", on_sample)
+        async with asyncio.timeout(PATIENCE):
+            await flowing.wait()
+        shift, stepped_at = step, time.monotonic()
+        await asyncio.sleep(SETTLED + 1.0)
+        offset = time.time() + shift - time.monotonic()
+    stop.set()
+    await asyncio.wait_for(daemon, PATIENCE)
+
+    [event] = [value for key, value in heard if key == "mk/t/event/clock"]
+    assert event["step"] == pytest.approx(step, abs=TOLERANCE)
+    assert 0 <= event["stamp"]["monotonic"] - stepped_at <= SETTLED
+    stamps = {}
+    for key, value in heard:
+        stamp = value["stamp"]
+        if stamp["monotonic"] - stepped_at > SETTLED:
+            stamps[key] = abs(stamp["wall"] - stamp["monotonic"] - offset)
+    assert {"mk/t/raw/rx", "mk/t/rx/nc/osd", "mk/t/state/attitude", "mk/t/link/health", "mk/t/health"} <= set(stamps)
+    assert max(stamps.values()) < TOLERANCE
