@@ -9,6 +9,8 @@
     │   ├── LinkLostError          device gone or silent; retrying can help
     │   └── RequestTimeoutError    link alive, no reply
     ├── CommandRejectedError       understood and refused; carries token, reason and fix
+    ├── LeaseLostError             the aircraft is no longer ours to fly
+    ├── NotEngagedError            leased, but the daemon sends no sticks
     ├── VisionError                an image, camera, calibration or target cannot be used
     └── ConfigError                found before any task starts
 
@@ -54,6 +56,14 @@ class CommandRejectedError(MkError):
         self.token = token
         self.reason = reason
         self.fix = fix
+
+
+class LeaseLostError(MkError):
+    """The lease ended while it was being flown: somebody took it, or the daemon let go of the aircraft; says why."""
+
+
+class NotEngagedError(MkError):
+    """The lease is held, but the daemon did not begin to send what is streamed."""
 
 
 class VisionError(MkError):

@@ -132,6 +132,7 @@ async def test_mistakes_are_one_line():
             (("get", "a//b"), "'a//b' is no key: empty chunks are forbidden"),
             (("get", "--vehicle", "other"), "there is cockpit: use --vehicle"),
             (("watch", ""), "'' is no key"),
+            (("watch", "state/atitude"), "no key matches 'state/atitude'; did you mean state/attitude?"),
             (("status", "--vehicle", "other"), "there is cockpit: use --vehicle"),
             (("status", "--connect", "tcp/127.0.0.1:1"), "nobody answers"),
             (("rate", "osd"), "which interval"),
@@ -153,7 +154,8 @@ async def test_what_is_not_there_is_said_beside_what_is():
         mkctl = Shell(flown.endpoint)
         await flown.until(lambda: flown.values("state/battery"))
         code, out, err = await mkctl("get", "state/battery", "state/nothing")
-        assert (code, err) == (0, "mkctl: no value for state/nothing of vehicle cockpit (yet)\n")
+        hint = "did you mean state/position?"
+        assert (code, err) == (0, f"mkctl: no value for state/nothing of vehicle cockpit (yet); {hint}\n")
         assert out.startswith("state/battery  voltage=")
         code, out, _ = await mkctl("get", "mk/cockpit/state/battery")  # a whole key, as another program shows it
         assert (code, out.startswith("state/battery")) == (0, True)

@@ -2,9 +2,21 @@
 
 from mkdaemon.client.answers import Answer
 from mkdaemon.client.connection import connect
+from mkdaemon.client.lease import Lease
 from mkdaemon.client.samples import Sample
+from mkdaemon.client.summary import VehicleStatus
 from mkdaemon.client.vehicle import Vehicle
-from mkdaemon.client.verbs import Release, ReleaseOutcome
+from mkdaemon.client.verbs import ReleaseOutcome, ReleaseResult
 from mkdaemon.client.watch import Watch
 
-__all__ = ["Answer", "Release", "ReleaseOutcome", "Sample", "Vehicle", "Watch", "connect"]
+__all__ = [
+    "Answer",
+    "Lease",
+    "ReleaseOutcome",
+    "ReleaseResult",
+    "Sample",
+    "Vehicle",
+    "VehicleStatus",
+    "Watch",
+    "connect",
+]

@@ -24,7 +24,7 @@ def require_known(pattern: str) -> None:
         MkError: no key matches; names the nearest one.
     """
     if not is_known(pattern):
-        msg = f"no key matches {pattern!r}{did_you_mean(pattern)}; docs/keys.md lists all keys"
+        msg = f"no key matches {pattern!r}{did_you_mean(pattern) or '; docs/keys.md lists all keys'}"
         raise MkError(msg)
 
 
@@ -52,8 +52,7 @@ def known_keys() -> tuple[str, ...]:
 
 def _frame_keys() -> Iterator[str]:
     """Keys of frames: every message under each board it belongs to, and those no message fits."""
-    import mkdaemon.protocol.messages  # noqa: F401 - fills the table
-    from mkdaemon.protocol.wire import MESSAGES, Board
+    from mkdaemon.protocol import MESSAGES, Board
 
     for way in _FRAMES:
         yield from dict.fromkeys(f"{way}/{board.word}/{cls.spec.key}" for (board, *_), cls in MESSAGES.items())

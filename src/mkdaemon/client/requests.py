@@ -9,7 +9,7 @@ from mkdaemon.client.transport import Transport
 from mkdaemon.errors import ProtocolError
 
 if TYPE_CHECKING:
-    from mkdaemon.protocol.wire import Board, WireMessage
+    from mkdaemon.protocol import Board, WireMessage
 
 _Reply = TypeVar("_Reply", bound="WireMessage")
 

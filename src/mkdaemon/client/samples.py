@@ -15,7 +15,7 @@ from mkdaemon.errors import ProtocolError
 if TYPE_CHECKING:
     from pydantic import BaseModel
 
-    from mkdaemon.protocol.wire import WireMessage
+    from mkdaemon.protocol import WireMessage
 
 
 @dataclass(frozen=True)
@@ -128,7 +128,6 @@ def _telemetry() -> dict[str, type[BaseModel]]:
 
 @cache
 def _messages() -> dict[str, type[WireMessage]]:
-    import mkdaemon.protocol.messages  # noqa: F401 - fills the table
-    from mkdaemon.protocol.wire import MESSAGES
+    from mkdaemon.protocol import MESSAGES
 
     return {cls.__name__: cls for cls in MESSAGES.values()}

@@ -31,7 +31,7 @@ class ReleaseOutcome(StrEnum):
 
 
 @dataclass(frozen=True, slots=True)
-class Release:
+class ReleaseResult:
     """What became of a release.
 
     Attributes:
@@ -46,7 +46,7 @@ class Release:
 class Verbs(Transport):
     """Asks the daemon itself."""
 
-    async def release(self, reason: str = "asked for by a client") -> Release:
+    async def release(self, reason: str = "asked for by a client") -> ReleaseResult:
         """Let go of the aircraft, now, whoever flies: neutral sticks, then the pilot's sticks rule again.
 
         Needs no lease. It does not stop motors.
@@ -59,7 +59,7 @@ class Verbs(Transport):
             MkError: no daemon speaks for this vehicle.
         """
         reply = (await self.command("do", "release", {"reason": reason})).require()
-        return Release(ReleaseOutcome(reply["status"]), reply)
+        return ReleaseResult(ReleaseOutcome(reply["status"]), reply)
 
     async def lease_state(self) -> LeaseState | None:
         """Who holds the lease; None for nobody.

@@ -7,6 +7,7 @@ import sys
 from mkdaemon.cli.mkctl.connection import HERE, Connection
 from mkdaemon.cli.printing import age_of, flat, json_line
 from mkdaemon.client import Sample
+from mkdaemon.client.patterns import did_you_mean, is_known
 from mkdaemon.errors import MkError
 
 
@@ -35,7 +36,7 @@ async def get(*patterns: str, connection: Connection = HERE) -> None:
                 empty.append(pattern)
         if empty:
             absence = await client.absence()
-            words = absence or f"no value for {', '.join(empty)} of vehicle {connection.vehicle} (yet)"
+            words = absence or f"no value for {', '.join(empty)} of vehicle {connection.vehicle} (yet){_hints(empty)}"
             if not found:
                 raise MkError(words)
             print(f"mkctl: {words}", file=sys.stderr)
@@ -44,3 +45,9 @@ async def get(*patterns: str, connection: Connection = HERE) -> None:
             print(json_line({"key": suffix, **sample.fields}))
         else:
             print(f"{suffix}  {flat(sample.fields)}  {age_of(sample.fields)}".rstrip())
+
+
+def _hints(patterns: list[str]) -> str:
+    """What may have been meant by patterns that no key matches."""
+    unknown = [pattern for pattern in patterns if not pattern.startswith("schema") and not is_known(pattern)]
+    return "".join(did_you_mean(pattern) for pattern in unknown)

@@ -2,26 +2,18 @@
 
 from __future__ import annotations
 
-import getpass
-import os
-import socket
 from typing import Annotated, Any, Final
 
 from cyclopts import App, Parameter
 
 from mkdaemon.cli.mkctl.connection import HERE, Connection
 from mkdaemon.cli.printing import json_line
+from mkdaemon.client.lease import client_name
 
 app: Final = App(
     name="lease",
     help="The right to fly: one client at a time holds it. Setpoints carry its epoch; those of any other are refused.",
 )
-
-
-def own_name() -> str:
-    """A name for this client that nobody else has: user, machine, process."""
-    raw = f"{getpass.getuser()}-{socket.gethostname()}-{os.getpid()}"
-    return "".join(c if c.isalnum() or c in "._-" else "_" for c in raw)[:64]
 
 
 @app.command
@@ -37,7 +29,7 @@ async def take(
     Args:
         holder: Name others see; default: user, machine and process.
     """
-    fields: dict[str, Any] = {"action": "take", "holder": holder or own_name(), "force": force}
+    fields: dict[str, Any] = {"action": "take", "holder": holder or client_name(), "force": force}
     if ttl is not None:
         fields["ttl"] = ttl
     await _lease(fields, connection)

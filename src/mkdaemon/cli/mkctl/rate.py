@@ -45,11 +45,11 @@ async def rate(stream: str | None = None, interval: str | None = None, *, connec
     if stream is not None and interval is None:
         msg = f"which interval for {stream}? For example: mkctl rate {stream} 100ms"
         raise ConfigError(msg)
-    fields = {} if stream is None else {"stream": stream, "interval": read_interval(interval or "")}
-    async with connection.open() as client:
-        reply = (await client.command("do", "rate", fields)).require()
+    wanted = None if stream is None else read_interval(interval or "")
+    async with connection.open() as uav:
+        intervals = await (uav.rates() if stream is None or wanted is None else uav.rate(stream, wanted))
     if connection.json:
-        print(json_line(reply))
+        print(json_line({"intervals": intervals}))
         return
-    for name, seconds in sorted(reply["intervals"].items()):
+    for name, seconds in sorted(intervals.items()):
         print(f"{name:<12} {1000 * seconds:6.0f} ms  {1 / seconds if seconds else 0:6.1f} Hz")

@@ -5,12 +5,13 @@ from __future__ import annotations
 from mkdaemon.cli.mkctl.connection import HERE, Connection
 from mkdaemon.cli.printing import json_line
 from mkdaemon.cli.program import EXIT_FAILURE
+from mkdaemon.client import ReleaseOutcome
 
 _WORDS = {
-    "confirmed": "released, and the FlightCtrl confirmed it",
-    "not_observable": "released; a confirmation cannot come this way (NaviCtrl between us and the FlightCtrl)",
-    "unconfirmed": "released, but NOT confirmed: the line is silenced until the FlightCtrl lets go by itself (6 s)",
-    "not_sent": "NOT sent, the line is down; it is the first thing sent when the line is back",
+    ReleaseOutcome.CONFIRMED: "released, and the FlightCtrl confirmed it",
+    ReleaseOutcome.NOT_OBSERVABLE: "released; no confirmation comes through the NaviCtrl between us and the FlightCtrl",
+    ReleaseOutcome.UNCONFIRMED: "released, NOT confirmed: the line is silent until the FlightCtrl lets go itself (6 s)",
+    ReleaseOutcome.NOT_SENT: "NOT sent, the line is down; it is the first thing sent when the line is back",
 }
 
 
@@ -23,6 +24,6 @@ async def release(reason: str = "asked for by mkctl", *, connection: Connection 
         reason: Published with the event.
     """
     async with connection.open() as client:
-        reply = (await client.command("do", "release", {"reason": reason})).require()
-    print(json_line(reply) if connection.json else _WORDS.get(reply["status"], reply["status"]))
-    return 0 if reply["status"] in {"confirmed", "not_observable"} else EXIT_FAILURE
+        done = await client.release(reason)
+    print(json_line(done.fields) if connection.json else _WORDS[done.outcome])
+    return 0 if done.outcome.is_done else EXIT_FAILURE

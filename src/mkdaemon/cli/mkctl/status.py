@@ -12,9 +12,6 @@ from rich.table import Table
 from mkdaemon.cli.mkctl.connection import HERE, Connection
 from mkdaemon.cli.printing import age_of, json_line
 from mkdaemon.cli.program import EXIT_FAILURE
-from mkdaemon.client import Sample
-
-PATTERNS = ("health", "link/state", "link/health", "control/status", "state/*")
 
 Fields = Mapping[str, Any]
 
@@ -25,18 +22,13 @@ async def status(*, connection: Connection = HERE) -> int:
     Exit code 0 while the vehicle is alive, 1 while it is not.
     """
     async with connection.open() as client:
-        found: dict[str, Sample] = {}
-        for pattern in PATTERNS:
-            found |= await client.get_all(pattern)
-        if not found:
-            # Asking once more says why: no daemon, or another vehicle's.
-            (await client.command("do", "lease", {"action": "show"})).require()
-    known: dict[str, Fields] = {suffix: sample.fields for suffix, sample in found.items()}
+        found = await client.status()
+    known: dict[str, Fields] = {suffix: sample.fields for suffix, sample in found.samples.items()}
     if connection.json:
         print(json_line(known))
     else:
         Console().print(render(connection.vehicle, known))
-    return 0 if known.get("health", {}).get("is_alive") else EXIT_FAILURE
+    return 0 if found.is_alive else EXIT_FAILURE
 
 
 def render(vehicle: str, known: Mapping[str, Fields]) -> Table:

@@ -1,0 +1,146 @@
+"""A daemon's side of the bus without boards: grants a lease, engages, answers verbs and requests as it is told."""
+
+from __future__ import annotations
+
+import asyncio
+from contextlib import asynccontextmanager
+from dataclasses import dataclass, field
+
+from mkdaemon.bus.codec import decode_map, schema_name
+from mkdaemon.bus.gateway import Bus
+from mkdaemon.client import connect
+from mkdaemon.clock import Clock
+from mkdaemon.protocol.messages import Settings
+from mkdaemon.telemetry.command import CommandResult, Status, refuse
+from mkdaemon.telemetry.control import ControlStatus, LeaseState, Phase
+from mkdaemon.telemetry.state import Attitude
+from tests.bus.support import bus_config, free_endpoint
+
+VEHICLE = "fake"
+EPOCH = 1000
+CLOCK = Clock()
+
+
+@dataclass
+class FakeDaemon:
+    """What it was asked, and what it is to do.
+
+    Attributes:
+        engages: setpoints after which it says that it flies; None for never.
+        asked: every command, as (suffix, fields).
+        setpoints: every stick setpoint.
+    """
+
+    bus: Bus
+    endpoint: str
+    engages: int | None = 3
+    asked: list = field(default_factory=list)
+    setpoints: list = field(default_factory=list)
+    clients: set = field(default_factory=set)
+    holder: str | None = None
+    phase: Phase = Phase.FREE
+
+    async def answer(self, suffix, payload):
+        """One command."""
+        fields = decode_map(payload)
+        self.asked.append((suffix, fields))
+        match suffix, fields.get("action"):
+            case "do/lease", "take":
+                if self.holder and not fields["force"]:
+                    raise refuse("lease_held", holder=self.holder, left=1.0)
+                self.holder = fields["holder"]
+                self.say(Phase.LEASED, "waiting for a live, neutral stream")
+            case "do/lease", "release":
+                if fields["epoch"] != EPOCH or self.holder is None:
+                    raise refuse("not_leased")
+                self.holder = None
+                self.say(Phase.FREE, "given back")
+                return CommandResult(status=Status.ACCEPTED)
+            case "do/lease", _:
+                pass
+            case "do/release", _:
+                self.lose(fields["reason"])
+                reply = {"status": "confirmed", "sent": 5, "confirmed": 5, "reason": fields["reason"]}
+                return CommandResult(status=Status.ACCEPTED, reply=reply)
+            case "do/rate", _:
+                return CommandResult(status=Status.ACCEPTED, reply={"intervals": {"osd": fields.get("interval", 0.1)}})
+            case "do/labels", _:
+                return CommandResult(status=Status.ACCEPTED, reply={"board": fields["board"], "names": ["one", "two"]})
+            case "cmd/fc/settings_request", _:
+                message = Settings(index=3, parameters=bytes(range(100)))
+                return CommandResult(status=Status.ACCEPTED, reply=dict(message), reply_type=schema_name(Settings))
+            case "cmd/fc/version_request", _:
+                raise refuse("timeout", board="fc", name="version_request", detail="3 tries")
+            case "cmd/fc/motor_test", _:
+                return CommandResult(status=Status.NOT_OBSERVABLE)
+            case _:
+                raise refuse("unknown_verb", name=suffix, near="lease")
+        shown = self.lease()
+        return CommandResult(status=Status.ACCEPTED, reply=None if shown is None else dict(shown))
+
+    def lease(self):
+        """The lease as the bus shows it."""
+        return LeaseState(holder=self.holder, epoch=EPOCH, ttl=5.0, left=5.0) if self.holder else None
+
+    def say(self, phase, reason, lease=None):
+        """Publish `control/status`."""
+        self.phase = phase
+        status = ControlStatus(
+            stamp=CLOCK.stamp(),
+            phase=phase,
+            reason=reason,
+            lease=lease or self.lease(),
+            setpoint_age=None,
+            refused=0,
+            external_control="V3",
+        )
+        self.bus.publish("control/status", status)
+
+    def lose(self, reason):
+        """Let go of the aircraft."""
+        self.holder = None
+        self.say(Phase.RELEASING, reason)
+
+    def take_setpoint(self, arrived, raw):
+        """One stick setpoint."""
+        self.setpoints.append(decode_map(raw))
+        if self.holder and self.phase is Phase.LEASED and self.engages and len(self.setpoints) >= self.engages:
+            self.say(Phase.FLYING, f"{self.holder} flies")
+
+    def client_changed(self, name, is_here):
+        """A client came or went."""
+        (self.clients.add if is_here else self.clients.discard)(name)
+
+    def publish_attitude(self, yaw):
+        """Publish `state/attitude`."""
+        value = Attitude(
+            stamp=CLOCK.stamp(), source="nc/osd", quaternion=(1.0, 0.0, 0.0, 0.0), roll=0.0, pitch=0.0, yaw=yaw
+        )
+        self.bus.publish("state/attitude", value)
+
+
+@asynccontextmanager
+async def fake_daemon(**more):
+    """A fake daemon on a bus of its own."""
+    endpoint = free_endpoint()
+    async with Bus.open(bus_config(endpoint), VEHICLE) as bus:
+        daemon = FakeDaemon(bus, endpoint, **more)
+        for root in ("do", "cmd"):
+            bus.serve(root, daemon.answer)
+        bus.receive("setpoint/stick", daemon.take_setpoint)
+        bus.watch_clients(daemon.client_changed)
+        yield daemon
+
+
+@asynccontextmanager
+async def connected(**more):
+    """A fake daemon and a client of it."""
+    async with fake_daemon(**more) as daemon, connect(VEHICLE, daemon.endpoint) as uav:
+        yield daemon, uav
+
+
+async def until(claim, within=60.0):
+    """Wait for a claim to hold."""
+    async with asyncio.timeout(within):
+        while not claim():  # noqa: ASYNC110 - what is looked at changes in callbacks of the bus
+            await asyncio.sleep(0.005)

@@ -1,0 +1,149 @@
+"""The lease as a program holds it: engagement, loss, and release however the context is left."""
+
+from __future__ import annotations
+
+import asyncio
+
+import pytest
+
+from mkdaemon.client import lease as lease_module
+from mkdaemon.errors import CommandRejectedError, LeaseLostError, MkError, NotEngagedError
+from mkdaemon.telemetry.control import LeaseState, Phase
+from tests.client.fake import EPOCH, connected, until
+
+RELEASE = ("do/lease", {"action": "release", "epoch": EPOCH})
+
+
+async def test_neutral_sticks_are_streamed_until_the_daemon_engages_then_the_wanted_ones():
+    async with connected(engages=10) as (daemon, uav):
+        async with uav.lease() as lease:
+            await lease.stick(pitch=-12, throttle=5, seconds=0.3)
+            assert lease.is_engaged
+        pitches = [setpoint["pitch"] for setpoint in daemon.setpoints]
+        first = pitches.index(-12.0)
+        assert first >= 10
+        assert pitches == [0.0] * first + [-12.0] * (len(pitches) - first)
+        assert {setpoint["throttle"] for setpoint in daemon.setpoints} == {5.0}
+        assert [setpoint["sequence"] for setpoint in daemon.setpoints] == list(range(1, len(pitches) + 1))
+        assert {(setpoint["epoch"], setpoint["ttl"]) for setpoint in daemon.setpoints} == {(EPOCH, 0.3)}
+        assert daemon.asked[-1] == RELEASE
+
+
+async def test_a_second_call_goes_on_without_a_neutral_lead():
+    async with connected() as (daemon, uav), uav.lease() as lease:
+        await lease.stick(pitch=5, throttle=0, seconds=0.1)
+        before = len(daemon.setpoints)
+        await lease.stick(pitch=9, throttle=0, seconds=0.1)
+        assert {setpoint["pitch"] for setpoint in daemon.setpoints[before:]} == {9.0}
+
+
+async def test_sticks_are_streamed_at_the_rate_asked_for():
+    async with connected(engages=1) as (_, uav), uav.lease() as lease:
+        await lease.stick(throttle=0, seconds=0.1)
+        before = lease.setpoints
+        await lease.stick(throttle=0, seconds=0.5, rate=100)
+        assert 25 <= lease.setpoints - before <= 50  # a busy machine streams fewer, never more
+
+
+async def test_a_lease_somebody_holds_is_refused_with_token_reason_and_fix():
+    async with connected() as (daemon, uav):
+        daemon.holder = "somebody"
+        with pytest.raises(CommandRejectedError, match="somebody holds the lease") as refused:
+            async with uav.lease():
+                pytest.fail("nobody may fly")
+        assert refused.value.token == "lease_held"
+        assert "--force" in refused.value.fix
+        async with uav.lease(force=True, ttl=2.0, holder="me"):
+            assert daemon.asked[-1][1] == {"action": "take", "holder": "me", "force": True, "ttl": 2.0}
+            await until(lambda: "me" in daemon.clients)
+        await until(lambda: "me" not in daemon.clients)
+
+
+async def test_a_lost_lease_ends_the_flight_with_the_reason():
+    async with connected() as (daemon, uav), uav.lease() as lease:
+        flying = asyncio.create_task(lease.stick(throttle=0, seconds=60))
+        await until(lambda: lease.is_engaged)
+        daemon.lose("the link is mute")
+        with pytest.raises(LeaseLostError, match="the lease was lost: the link is mute"):
+            await flying
+        with pytest.raises(LeaseLostError):
+            lease.set("stick", pitch=0, roll=0, yaw=0, throttle=0)
+
+
+async def test_a_lease_somebody_else_took_is_lost():
+    async with connected() as (daemon, uav), uav.lease() as lease:
+        await lease.stick(throttle=0, seconds=0.05)
+        other = LeaseState(holder="other", epoch=EPOCH + 1, ttl=5, left=5)
+        daemon.say(Phase.LEASED, "other took the lease from me", other)
+        with pytest.raises(LeaseLostError, match="other took the lease"):
+            await lease.stick(throttle=0, seconds=60)
+
+
+async def test_status_from_before_the_lease_does_not_end_it():
+    async with connected() as (daemon, uav):
+        daemon.say(Phase.FREE, "nobody has taken the lease")
+        async with uav.lease() as lease:
+            await lease.stick(throttle=0, seconds=0.1)
+
+
+async def test_a_silent_daemon_is_a_lost_lease(monkeypatch):
+    monkeypatch.setattr(lease_module, "SILENCE", 0.3)
+    async with connected(engages=1) as (_, uav), uav.lease() as lease:
+        with pytest.raises(LeaseLostError, match="the daemon has not been heard"):
+            await lease.stick(throttle=0, seconds=60)
+
+
+async def test_a_daemon_that_does_not_engage_is_told_with_its_reason(monkeypatch):
+    monkeypatch.setattr(lease_module, "ENGAGING", 0.3)
+    async with connected(engages=None) as (daemon, uav):
+        with pytest.raises(NotEngagedError, match="waiting for a live, neutral stream"):
+            async with uav.lease() as lease:
+                await lease.stick(throttle=0, seconds=1)
+        assert daemon.asked[-1] == RELEASE
+
+
+async def test_an_exception_and_a_cancellation_release_the_aircraft():
+    async with connected() as (daemon, uav):
+        with pytest.raises(ZeroDivisionError):
+            async with uav.lease():
+                raise ZeroDivisionError
+        assert daemon.asked[-1] == RELEASE
+
+        async def fly():
+            async with uav.lease() as lease:
+                await lease.stick(throttle=0, seconds=60)
+
+        daemon.asked.clear()
+        flying = asyncio.create_task(fly())
+        await until(lambda: daemon.phase is Phase.FLYING)
+        flying.cancel()
+        with pytest.raises(asyncio.CancelledError):
+            await flying
+        assert daemon.asked[-1] == RELEASE
+
+
+async def test_own_streams_set_one_setpoint_at_a_time():
+    async with connected() as (daemon, uav), uav.lease() as lease:
+        lease.set(pitch=1, roll=2, yaw=3, throttle=4, ttl=0.2)
+        await until(lambda: daemon.setpoints)
+        wanted = {"pitch": 1.0, "roll": 2.0, "yaw": 3.0, "throttle": 4.0, "ttl": 0.2, "epoch": EPOCH, "sequence": 1}
+        assert daemon.setpoints == [wanted]
+
+
+async def test_setpoints_out_of_range_are_refused_before_they_are_sent():
+    async with connected() as (daemon, uav), uav.lease() as lease:
+        with pytest.raises(CommandRejectedError, match="pitch"):
+            await lease.stick(pitch=300, throttle=0, seconds=1)
+        with pytest.raises(CommandRejectedError, match="throttle"):
+            lease.set("stick", pitch=1, roll=2, yaw=3, throttle=float("nan"))
+        with pytest.raises(MkError, match="there is no setpoint 'stik'; there is stick"):
+            lease.set("stik", pitch=1)
+        assert (lease.setpoints, daemon.setpoints) == (0, [])
+
+
+async def test_a_lease_can_be_renewed_and_looked_at():
+    async with connected() as (_, uav):
+        assert await uav.lease_state() is None
+        async with uav.lease(holder="me") as lease:
+            assert (await lease.renew()).epoch == EPOCH
+            assert (await uav.lease_state()).holder == "me"
