@@ -11,8 +11,9 @@ from pydantic import BaseModel
 from mkdaemon.bus.codec import schema_name
 from mkdaemon.bus.keys import KEYS, KeySpec, Use
 from mkdaemon.stamp import Stamp
-from mkdaemon.telemetry.command import REFUSALS, CommandResult, RateRequest
+from mkdaemon.telemetry.command import CommandResult, RateRequest
 from mkdaemon.telemetry.control import LeaseState
+from mkdaemon.telemetry.refusals import REFUSALS
 
 _HEAD: Final = """# Keys
 

@@ -32,7 +32,8 @@ from mkdaemon.protocol.messages import (
 )
 from mkdaemon.protocol.settings import known_revisions, layout_of
 from mkdaemon.protocol.settings_table import PARAMETERS, REVISIONS, Kind
-from mkdaemon.protocol.wire import MESSAGES, Board, Direction, WireMessage
+from mkdaemon.protocol.wire import MESSAGES, Board, Direction, MessageSpec, WireMessage
+from mkdaemon.telemetry.danger import Confirm, Danger
 from tools.coverage_table import RECORDED, coverage, shown_releases
 from tools.protocol_text import APPENDED, COVERAGE, DISAGREEMENTS, INTRODUCTION, SETTINGS
 
@@ -92,7 +93,8 @@ def _message(layouts: list[type[WireMessage]]) -> Iterator[str]:
         anyone = ", obeyed whatever the address" if spec.any_address else ""
         yield f"`{spec.id}` to {boards}{anyone}; {reply}."
         yield f"Key `cmd/{spec.boards[0].word}/{spec.key}`, command line `mkctl send {spec.key.replace('_', '-')}`."
-        dangers = dict.fromkeys(cls.spec.danger for cls in layouts if cls.spec.danger)
+        yield _asking(spec)
+        dangers = dict.fromkeys(cls.spec.danger.effect for cls in layouts if cls.spec.danger)
         yield from (f"**Danger**: {danger}." for danger in dangers)
     else:
         yield f"`{spec.id}` from {boards}. Key `rx/{spec.boards[0].word}/{spec.key}`."
@@ -101,11 +103,27 @@ def _message(layouts: list[type[WireMessage]]) -> Iterator[str]:
         yield from _layout(cls, alone=len(layouts) == 1)
 
 
+def _asking(spec: MessageSpec) -> str:
+    """How it is asked: time-outs and retries of each board, what it starts, who passes it on."""
+    words = []
+    for board in spec.boards:
+        policy = spec.policy(board)
+        wait = f"{policy.timeout:g} s and {policy.retries} retries" if spec.reply else "none"
+        deaf = f", deaf for {policy.deaf:g} s" if policy.deaf else ""
+        words.append(f"{board.word} {wait}{deaf}")
+    text = f"Time-out: {'; '.join(words)}."
+    if spec.stream is not None:
+        text += f" Starts the stream `{spec.stream.key}`."
+    if spec.is_forwarded:
+        text += " A NaviCtrl passes it on to the FlightCtrl."
+    return text
+
+
 def _layout(cls: type[WireMessage], *, alone: bool) -> Iterator[str]:
     spec = cls.spec
     longest = f" to {spec.longest}" if spec.longest else " or more" if spec.open_ended else ""
     name = "" if alone and spec.layout == "1" else f"Layout `{spec.layout}`: "
-    yield f"{name}{spec.size}{longest} bytes; {spec.firmware}. Source: {spec.source}."
+    yield f"{name}{spec.size}{longest} bytes; {spec.firmware}. Source: {', '.join(spec.sources)}."
     yield ""
     if spec.slots:
         yield from _table(
@@ -141,16 +159,37 @@ def _number(value: float) -> str:
 def _danger() -> Iterator[str]:
     yield "## Danger"
     yield ""
-    yield "What a request can do, whoever sends it. Gates: [safety.md](safety.md)."
+    yield "What a request can do, and what it must meet before it is sent for a client; see [safety.md](safety.md)."
     yield ""
     found = {
-        (cls.spec.id, cls.spec.boards[0].word, cls.spec.name, cls.spec.danger, cls.spec.firmware)
+        (f"`{cls.spec.id}`", cls.spec.boards[0].word, cls.spec.name, cls.spec.danger.effect, *_rule(cls.spec.danger))
         for cls in MESSAGES.values()
         if cls.spec.danger
     }
-    rows = ((f"`{i}`", board, name, danger, firmware) for i, board, name, danger, firmware in sorted(found))
-    yield from _table(("id", "board", "message", "effect", "firmware"), rows)
+    yield from _table(("id", "board", "message", "effect", "must meet", "harmless with"), sorted(found))
     yield ""
+
+
+def _rule(danger: Danger) -> tuple[str, str]:
+    """What it must meet, and the value with which it does no harm."""
+    harmless = ""
+    if danger.harmless is not None:
+        name, value = danger.harmless
+        harmless = f"{name} all 0" if isinstance(value, tuple) else f"{name} {value}"
+    if danger.never:
+        return f"never sent for a client: {danger.never}", harmless
+    terms = []
+    if danger.switch is not None:
+        terms.append(f"`commands.{danger.switch}`")
+    if danger.stopped:
+        terms.append("motors stopped")
+    if danger.proven:
+        terms.append("board proven")
+    if danger.confirm is Confirm.ALWAYS:
+        terms.append("`confirm`")
+    elif danger.confirm is Confirm.IN_FLIGHT:
+        terms.append("`confirm` unless motors are known to stand still")
+    return ", ".join(terms), harmless
 
 
 def _flags() -> Iterator[str]:

@@ -13,8 +13,9 @@ import zenoh
 from mkdaemon.bus.gateway import Bus
 from mkdaemon.bus.session import session_config
 from mkdaemon.stamp import Stamp
-from mkdaemon.telemetry.command import CommandResult, Status
+from mkdaemon.telemetry.command import CommandResult
 from mkdaemon.telemetry.event import LogEvent
+from mkdaemon.telemetry.refusals import Status
 from tests.bus.support import PATIENCE, ask, bus_config, free_endpoint
 from tests.places import CONFIGS
 

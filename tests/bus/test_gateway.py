@@ -15,8 +15,9 @@ from mkdaemon.bus.gateway import Bus
 from mkdaemon.bus.session import session_config
 from mkdaemon.errors import ConfigError, MkError
 from mkdaemon.stamp import Stamp
-from mkdaemon.telemetry.command import CommandResult, Status, refuse
+from mkdaemon.telemetry.command import CommandResult
 from mkdaemon.telemetry.event import LogEvent
+from mkdaemon.telemetry.refusals import Status, Token, refuse
 from mkdaemon.telemetry.state import Attitude, Battery
 from tests.bus.support import PATIENCE, ask, bus_config, client, free_endpoint
 
@@ -105,7 +106,7 @@ async def test_a_command_is_answered_by_its_handler_and_refusals_keep_their_word
         if suffix == "do/release":
             return CommandResult(status=Status.ACCEPTED, reply={"heard": msgpack.unpackb(payload)})
         if suffix == "do/rate":
-            raise refuse("not_leased")
+            raise refuse(Token.NOT_LEASED)
         raise RuntimeError("wires crossed")
 
     opened.serve("do", handler)

@@ -11,8 +11,9 @@ from mkdaemon.bus.gateway import Bus
 from mkdaemon.client import connect
 from mkdaemon.clock import Clock
 from mkdaemon.protocol.messages import Settings
-from mkdaemon.telemetry.command import CommandResult, Status, refuse
+from mkdaemon.telemetry.command import CommandResult
 from mkdaemon.telemetry.control import ControlStatus, LeaseState, Phase
+from mkdaemon.telemetry.refusals import Status, Token, refuse
 from mkdaemon.telemetry.state import Attitude
 from tests.bus.support import bus_config, free_endpoint
 
@@ -47,12 +48,12 @@ class FakeDaemon:
         match suffix, fields.get("action"):
             case "do/lease", "take":
                 if self.holder and not fields["force"]:
-                    raise refuse("lease_held", holder=self.holder, left=1.0)
+                    raise refuse(Token.LEASE_HELD, holder=self.holder, left=1.0)
                 self.holder = fields["holder"]
                 self.say(Phase.LEASED, "waiting for a live, neutral stream")
             case "do/lease", "release":
                 if fields["epoch"] != EPOCH or self.holder is None:
-                    raise refuse("not_leased")
+                    raise refuse(Token.NOT_LEASED)
                 self.holder = None
                 self.say(Phase.FREE, "given back")
                 return CommandResult(status=Status.ACCEPTED)
@@ -70,11 +71,11 @@ class FakeDaemon:
                 message = Settings(index=3, parameters=bytes(range(100)))
                 return CommandResult(status=Status.ACCEPTED, reply=dict(message), reply_type=schema_name(Settings))
             case "cmd/fc/version_request", _:
-                raise refuse("timeout", board="fc", name="version_request", detail="3 tries")
+                raise refuse(Token.TIMEOUT, board="fc", name="version_request", detail="3 tries")
             case "cmd/fc/motor_test", _:
                 return CommandResult(status=Status.NOT_OBSERVABLE)
             case _:
-                raise refuse("unknown_verb", name=suffix, near="lease")
+                raise refuse(Token.UNKNOWN_VERB, name=suffix, near="lease")
         shown = self.lease()
         return CommandResult(status=Status.ACCEPTED, reply=None if shown is None else dict(shown))
 

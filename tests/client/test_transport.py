@@ -13,7 +13,8 @@ from mkdaemon.bus.session import session_config
 from mkdaemon.client import connect
 from mkdaemon.config.bus import BusConfig
 from mkdaemon.errors import MkError
-from mkdaemon.telemetry.command import CommandResult, Status
+from mkdaemon.telemetry.command import CommandResult
+from mkdaemon.telemetry.refusals import Status
 from tests.bus.support import free_endpoint
 from tests.daemon.processes import PATIENCE
 

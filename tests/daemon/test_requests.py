@@ -18,7 +18,7 @@ from mkdaemon.protocol.dialect import Dialect, Evidence, decide
 from mkdaemon.protocol.messages import Echo, MotorTest, VersionFc210, VersionRequest
 from mkdaemon.protocol.wire import Board
 from mkdaemon.telemetry.command import CommandResult
-from tests.daemon.test_gate import link_state
+from tests.daemon.test_vitals import link_state
 
 TURNING = [30] + [0] * 15
 FC_212 = VersionFc210.decode(bytes([2, 12, 11, 0xBA, 0, 0, 0, 22, 103, 1]))
@@ -35,7 +35,7 @@ class Line:
         self.direct_board = Board.FC
         self.boards = {Board.FC}
         self.is_up = True
-        self.lacks_flightctrl = False
+        self.is_looking_behind = False
         self._vitals = vitals
 
     async def request(self, message, *, board=None):
@@ -220,7 +220,7 @@ async def test_a_bare_redirection_comes_back_by_itself(desk, monkeypatch, port, 
         yield
         seen.append(("back", board))
 
-    monkeypatch.setattr(requests, "redirection", passed)
+    monkeypatch.setattr(requests, "redirected", passed)
     monkeypatch.setattr(requests, "PASSAGE", 0.0)
     desk.line.who_answers = Board.NC
     result = await desk.ask("nc/redirect", {"port": port, "confirm": True})

@@ -8,7 +8,8 @@ import pytest
 from mkdaemon.daemon.verbs import Verbs
 from mkdaemon.errors import CommandRejectedError
 from mkdaemon.link.labels import LabelCache
-from mkdaemon.telemetry.command import CommandResult, Status, refuse
+from mkdaemon.telemetry.command import CommandResult
+from mkdaemon.telemetry.refusals import Status, Token, refuse
 
 
 class Line:
@@ -24,7 +25,7 @@ class Line:
         if stream not in self.intervals:
             raise CommandRejectedError("no_such_stream", f"nc has no stream {stream!r}.", "It has osd.")
         if 0 < interval < 0.02:
-            raise refuse("line_budget", detail="O at 10 ms needs 184 % of the line")
+            raise refuse(Token.LINE_BUDGET, detail="O at 10 ms needs 184 % of the line")
         self.intervals[stream] = interval
 
 
@@ -36,7 +37,7 @@ class Desk:
         self._verbs = Verbs(self, Line(), self, LabelCache(None))
 
     async def lease(self, raw):
-        raise refuse("not_leased")
+        raise refuse(Token.NOT_LEASED)
 
     async def release(self, raw):
         return CommandResult(status=Status.ACCEPTED, reply={"status": "confirmed"})

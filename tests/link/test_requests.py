@@ -6,8 +6,9 @@ import math
 
 import pytest
 
-from mkdaemon.link.session.requests import LATE_WINDOW, Pending, RequestBook, answers, policy_for
+from mkdaemon.link.session.requests import LATE_WINDOW, Pending, RequestBook, answers
 from mkdaemon.protocol.messages import (
+    ACTIVE_SET,
     DebugDataNc,
     DebugRequest,
     Echo,
@@ -16,8 +17,11 @@ from mkdaemon.protocol.messages import (
     LabelRequest,
     Menu,
     MenuRequest,
+    SettingsRequest,
+    SettingsReset,
     VersionRequest,
 )
+from mkdaemon.protocol.spec import Policy
 from mkdaemon.protocol.wire import MESSAGES, Board, Direction, WireMessage
 
 DEBUG = DebugDataNc(status_green=0, status_red=0, analog=(0,) * 32)
@@ -67,13 +71,17 @@ def reply(board: Board, letter: str, **fields: object) -> WireMessage:
 
 
 @pytest.mark.parametrize(
-    ("index", "answer", "fits"),
-    [(255, 3, True), (3, 3, True), (3, 4, False), (13, 3, True), (13, 2, False), (29, 5, True)],
+    ("asked", "answer", "fits"),
+    [
+        (SettingsRequest(index=ACTIVE_SET), 3, True),
+        (SettingsRequest(index=3), 3, True),
+        (SettingsRequest(index=3), 4, False),
+        (SettingsReset(index=13), 3, True),
+        (SettingsReset(index=13), 2, False),
+        (SettingsReset(index=25), 5, True),
+    ],
 )
-def test_settings_answer_by_slot(index, answer, fits):
-    asked = next(
-        cls for (owner, letter, _), cls in MESSAGES.items() if owner is Board.FC and letter == "q"
-    ).model_construct(index=index)
+def test_settings_answer_by_slot(asked, answer, fits):
     assert answers(asked, Board.FC, reply(Board.FC, "Q", index=answer), Board.FC) is fits
 
 
@@ -104,23 +112,21 @@ def test_a_layout_without_the_field_is_matched_by_its_letter():
 
 def test_writing_settings_waits_longer_and_leaves_the_board_in_peace():
     cls = next(cls for (owner, letter, _), cls in MESSAGES.items() if owner is Board.FC and letter == "s")
-    policy = policy_for(Board.FC, cls.model_construct())
+    policy = cls.spec.policy(Board.FC)
     assert policy.timeout >= 1.33
     assert policy.deaf == pytest.approx(1.33)
 
 
 def test_resetting_a_slot_is_never_repeated_and_reading_one_is():
-    cls = next(cls for (owner, letter, _), cls in MESSAGES.items() if owner is Board.FC and letter == "q")
-    assert policy_for(Board.FC, cls.model_construct(index=12)).retries == 0
-    assert policy_for(Board.FC, cls.model_construct(index=12)).deaf == 0.5
-    assert policy_for(Board.FC, cls.model_construct(index=2)).retries > 0
+    assert SettingsReset.spec.policy(Board.FC) == Policy(1.5, 0, deaf=0.5)
+    assert SettingsRequest.spec.policy(Board.FC).retries > 0
 
 
 def test_what_moves_motors_or_arms_is_never_repeated():
     for letter in "txew":
         cls = next((cls for (owner, i, _), cls in MESSAGES.items() if owner is Board.FC and i == letter), None)
         assert cls is not None
-        assert policy_for(Board.FC, cls.model_construct()).retries == 0
+        assert cls.spec.policy(Board.FC).retries == 0
 
 
 def ask(book: RequestBook, index: int, now: float, retries: int = 1) -> Pending:
@@ -202,10 +208,10 @@ def test_a_lost_port_takes_every_question_with_it():
 def test_every_request_of_the_table_has_a_policy():
     for (board, _, _), cls in MESSAGES.items():
         if cls.spec.direction is Direction.TO_BOARD:
-            policy = policy_for(board, cls.model_construct())
+            policy = cls.spec.policy(board)
             assert 0.1 <= policy.timeout <= 3
             assert 0 <= policy.retries <= 5
 
 
 def test_version_requests_are_cheap_to_repeat():
-    assert policy_for(Board.FC, VersionRequest()).retries >= 3
+    assert VersionRequest().spec.policy(Board.FC).retries >= 3

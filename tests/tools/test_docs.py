@@ -3,6 +3,7 @@ from __future__ import annotations
 import re
 
 from mkdaemon.cli.program import run
+from mkdaemon.protocol.sources import Source
 from mkdaemon.protocol.wire import MESSAGES, Board
 from tests.places import CAPTURES, ROOT
 from tools.coverage_table import coverage, shown_releases
@@ -34,7 +35,7 @@ def test_the_protocol_page_shows_every_message_field_and_danger():
     for cls in MESSAGES.values():
         assert f"### {cls.spec.name} (`{cls.spec.id}`" in page
         assert f"/{cls.spec.key}`" in page
-        assert cls.spec.danger in page
+        assert cls.spec.danger is None or cls.spec.danger.effect in page
         for slot in cls.spec.slots:
             assert f"`{slot.name}`" in page
 
@@ -79,3 +80,10 @@ def test_tables_are_not_broken_by_bars():
     for line in make_page(GENERATED["docs/protocol.md"], ROOT).splitlines():
         if line.startswith("| ") and line.count("|") != line.count("\\|"):
             assert line.endswith(" |")
+
+
+def test_every_source_of_a_message_is_explained():
+    page = (ROOT / "docs" / "sources.md").read_text(encoding="utf-8")
+    assert [source.name for source in Source if f"| {source} |" not in page] == []
+    used = {source for cls in MESSAGES.values() for source in cls.spec.sources}
+    assert used == set(Source)

@@ -11,7 +11,7 @@ import msgpack
 from pydantic import BaseModel, ValidationError
 
 from mkdaemon.telemetry.base import Command
-from mkdaemon.telemetry.command import refuse
+from mkdaemon.telemetry.refusals import Token, refuse
 
 MEDIA_TYPE: Final = "application/msgpack"
 MAX_MAP_BYTES: Final = 1 << 20
@@ -60,13 +60,13 @@ def decode_map(raw: bytes) -> dict[str, Any]:
     if not raw:
         return {}
     if len(raw) > MAX_MAP_BYTES:
-        raise refuse("malformed", detail=f"{len(raw)} bytes are more than {MAX_MAP_BYTES}")
+        raise refuse(Token.MALFORMED, detail=f"{len(raw)} bytes are more than {MAX_MAP_BYTES}")
     try:
         value = msgpack.unpackb(raw)
     except (ValueError, TypeError, RecursionError, msgpack.exceptions.UnpackException) as error:
-        raise refuse("malformed", detail=f"no msgpack, {type(error).__name__}") from error
+        raise refuse(Token.MALFORMED, detail=f"no msgpack, {type(error).__name__}") from error
     if not isinstance(value, dict) or not all(isinstance(key, str) for key in value):
-        raise refuse("malformed", detail="msgpack, but no map with words as keys")
+        raise refuse(Token.MALFORMED, detail="msgpack, but no map with words as keys")
     return value
 
 
@@ -80,7 +80,7 @@ def read_command(model: type[_Command], raw: bytes) -> _Command:
     try:
         return model.model_validate(fields)
     except ValidationError as error:
-        raise refuse("bad_field", name=model.__name__, detail=first_mistake(error)) from error
+        raise refuse(Token.BAD_FIELD, name=model.__name__, detail=first_mistake(error)) from error
 
 
 def first_mistake(error: ValidationError) -> str:

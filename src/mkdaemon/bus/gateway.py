@@ -26,7 +26,8 @@ from mkdaemon.bus.session import close_session, open_session, session_config
 from mkdaemon.config.bus import BusConfig
 from mkdaemon.errors import CommandRejectedError
 from mkdaemon.stamp import Stamp
-from mkdaemon.telemetry.command import REFUSALS, CommandResult, Status, refuse
+from mkdaemon.telemetry.command import CommandResult
+from mkdaemon.telemetry.refusals import REFUSALS, Status, Token, refuse
 
 _log = structlog.get_logger(__name__)
 _RESULT_ENCODING: Final = encoding_of(CommandResult)
@@ -136,7 +137,7 @@ class Bus:
 
         def take(query: zenoh.Query) -> None:
             if len(self._answering) >= self._cfg.max_queries:
-                error = refuse("busy", detail=f"{len(self._answering)} commands are being worked on")
+                error = refuse(Token.BUSY, detail=f"{len(self._answering)} commands are being worked on")
                 with query:
                     self._reply_result(query, refused(error))
                 return
@@ -227,7 +228,7 @@ class Bus:
             except Exception as error:  # noqa: BLE001
                 # One client's strange request must not end the flight of another: answer, log, go on.
                 _log.exception("command failed", key=whole)
-                result = refused(refuse("internal", detail=f"{type(error).__name__}: {error}"))
+                result = refused(refuse(Token.INTERNAL, detail=f"{type(error).__name__}: {error}"))
             took = round(time.monotonic() - started, 6)
             self._reply_result(query, result.model_copy(update={"duration": took}))
 

@@ -37,7 +37,7 @@ class Setpoints:
         from pydantic import ValidationError
 
         from mkdaemon.bus.codec import first_mistake
-        from mkdaemon.telemetry.command import refuse
+        from mkdaemon.telemetry.refusals import Token, refuse
 
         model = _models().get(kind)
         if model is None:
@@ -46,7 +46,7 @@ class Setpoints:
         try:
             return model.model_validate({**fields, "epoch": self._epoch, "sequence": self.sequence + 1, "ttl": ttl})
         except ValidationError as error:
-            raise refuse("bad_field", name=model.__name__, detail=first_mistake(error)) from error
+            raise refuse(Token.BAD_FIELD, name=model.__name__, detail=first_mistake(error)) from error
 
     def put(self, kind: str, ttl: float, fields: Mapping[str, Any]) -> None:
         """Check a setpoint and put it.

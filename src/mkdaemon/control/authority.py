@@ -11,8 +11,8 @@ from dataclasses import dataclass
 from mkdaemon.config.control import ControlConfig
 from mkdaemon.control.limiter import Sticks
 from mkdaemon.errors import CommandRejectedError
-from mkdaemon.telemetry.command import refuse
 from mkdaemon.telemetry.control import LeaseState, Phase
+from mkdaemon.telemetry.refusals import Token, refuse
 from mkdaemon.telemetry.setpoint import StickSetpoint
 
 
@@ -125,9 +125,9 @@ class Authority:
         """
         present = self.lease(now)
         if present is not None and present.left > 0 and present.holder != holder and not force:
-            raise refuse("lease_held", holder=present.holder, left=present.left)
+            raise refuse(Token.LEASE_HELD, holder=present.holder, left=present.left)
         if present is None and self.phase is Phase.RELEASING:
-            raise refuse("busy", detail="the aircraft is being let go of")
+            raise refuse(Token.BUSY, detail="the aircraft is being let go of")
         if present is not None:
             self._end(f"{holder} took the lease from {present.holder}", asked=True)
         life = self._cfg.lease.ttl if ttl is None else min(ttl, self._cfg.lease.ttl)
@@ -177,7 +177,7 @@ class Authority:
         try:
             lease = self._check(setpoint.epoch)
             if lease.newest is not None and setpoint.sequence <= lease.newest.sequence:
-                raise refuse("stale_sequence", sequence=setpoint.sequence, last=lease.newest.sequence)
+                raise refuse(Token.STALE_SEQUENCE, sequence=setpoint.sequence, last=lease.newest.sequence)
         except CommandRejectedError:
             self.refused += 1
             raise
@@ -221,9 +221,9 @@ class Authority:
 
     def _check(self, epoch: int) -> _Lease:
         if self._lease is None:
-            raise refuse("not_leased")
+            raise refuse(Token.NOT_LEASED)
         if epoch != self._lease.epoch:
-            raise refuse("wrong_epoch", epoch=epoch, current=self._lease.epoch)
+            raise refuse(Token.WRONG_EPOCH, epoch=epoch, current=self._lease.epoch)
         return self._lease
 
     def _grow_old(self, lease: _Lease, now: float) -> None:

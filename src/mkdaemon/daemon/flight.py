@@ -24,9 +24,10 @@ from mkdaemon.daemon.vitals import Vitals
 from mkdaemon.errors import CommandRejectedError
 from mkdaemon.link.link import Link
 from mkdaemon.link.session.traffic import ReleaseResult
-from mkdaemon.telemetry.command import CommandResult, LeaseRequest, ReleaseRequest, Status, refuse
+from mkdaemon.telemetry.command import CommandResult, LeaseRequest, ReleaseRequest
 from mkdaemon.telemetry.control import ControlOutput, ControlStatus, LeaseState, Phase
 from mkdaemon.telemetry.link import LinkCondition
+from mkdaemon.telemetry.refusals import Status, Token, refuse
 from mkdaemon.telemetry.setpoint import StickSetpoint
 from mkdaemon.translate import extern_control
 
@@ -166,7 +167,7 @@ class FlightControl:
         self._wake.set()
         result = await done
         if result is None:
-            return refused(refuse("timeout", board="fc", name="release", detail=f"no end in {LONGEST_RELEASE:g} s"))
+            return refused(refuse(Token.TIMEOUT, board="fc", name="release", detail=f"no end in {LONGEST_RELEASE:g} s"))
         seen = result.status == "confirmed"
         status = Status.ACCEPTED if seen else Status.NOT_OBSERVABLE
         return CommandResult(status=status, reply=asdict(result), reply_type="ReleaseResult.v1")
@@ -317,10 +318,10 @@ class FlightControl:
         """Refuse a lease nobody could fly with; returns which opening of the port it stands on."""
         dialect, state = self._link.dialect, self._vitals.link
         if dialect.extern_control is None:
-            raise refuse("no_control", detail=dialect.read_only_reason or "this firmware has no external control")
+            raise refuse(Token.NO_CONTROL, detail=dialect.read_only_reason or "this firmware has no external control")
         if state is None or not self._link.is_up:
             condition = "absent" if state is None else state.condition.value
-            raise refuse("link_down", state=condition, detail="" if state is None else state.reason)
+            raise refuse(Token.LINK_DOWN, state=condition, detail="" if state is None else state.reason)
         return state.openings
 
     def _note_phase(self, before: Phase) -> None:

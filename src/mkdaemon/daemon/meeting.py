@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from mkdaemon.link.discovery import wait_for_discovery
+from mkdaemon.link.discovery import introduced
 from mkdaemon.link.link import Link
-from mkdaemon.telemetry.command import refuse
 from mkdaemon.telemetry.link import LinkState
+from mkdaemon.telemetry.refusals import Token, refuse
 
 
 async def meet(link: Link, state: LinkState | None) -> None:
@@ -24,6 +24,6 @@ async def meet(link: Link, state: LinkState | None) -> None:
         return
     if not link.is_up and not link.boards:
         condition = "absent" if state is None else state.condition.value
-        raise refuse("link_down", state=condition, detail="" if state is None else state.reason)
-    if not await wait_for_discovery(link):
-        raise refuse("discovering", detail=link.dialect.read_only_reason)
+        raise refuse(Token.LINK_DOWN, state=condition, detail="" if state is None else state.reason)
+    if not await introduced(link):
+        raise refuse(Token.DISCOVERING, detail=link.dialect.read_only_reason)

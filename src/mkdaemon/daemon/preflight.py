@@ -11,15 +11,13 @@ from typing import Final
 
 from mkdaemon.errors import CommandRejectedError, LinkError
 from mkdaemon.link.link import Link
-from mkdaemon.protocol.messages import Settings, SettingsRequest
+from mkdaemon.protocol.messages import ACTIVE_SET, Settings, SettingsRequest
 from mkdaemon.protocol.settings import ParameterSet, poti_number
 from mkdaemon.protocol.wire import Board
-from mkdaemon.telemetry.command import refuse
+from mkdaemon.telemetry.refusals import Token, refuse
 
 OPEN_ABOVE: Final = 128
 """The gate is open while its value is above this."""
-ACTIVE_SET: Final = 255
-"""The only set whose reading changes nothing."""
 LONGEST: Final = 1.0
 """Longest time the question may take [s]; a FlightCtrl answers within 40 ms."""
 
@@ -41,9 +39,9 @@ async def check_gate(link: Link, *, allow_constant: bool) -> None:
     if value is None or poti_number(value) is not None:
         return
     if value <= OPEN_ABOVE:
-        raise refuse("gate_shut", value=value)
+        raise refuse(Token.GATE_SHUT, value=value)
     if not allow_constant:
-        raise refuse("gate_constant", value=value)
+        raise refuse(Token.GATE_CONSTANT, value=value)
 
 
 async def _read_gate(link: Link) -> int | None:

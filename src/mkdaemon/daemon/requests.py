@@ -12,18 +12,20 @@ from mkdaemon.bus.codec import decode_map, first_mistake, schema_name
 from mkdaemon.bus.gateway import refused
 from mkdaemon.clock import Clock
 from mkdaemon.config.commands import CommandsConfig
+from mkdaemon.control.danger import check_danger, check_proof
 from mkdaemon.daemon.audit import Audit
-from mkdaemon.daemon.gate import Rule, check, rule_for
 from mkdaemon.daemon.meeting import meet
 from mkdaemon.daemon.vitals import Vitals
 from mkdaemon.errors import CommandRejectedError, LinkLostError, RequestTimeoutError
-from mkdaemon.link.discovery import PORTS, redirection
+from mkdaemon.link.discovery import PORTS, redirected
 from mkdaemon.link.link import Link
 from mkdaemon.link.procedures import way_to
 from mkdaemon.protocol.flags import RedirectPort
 from mkdaemon.protocol.messages import Redirect, VersionRequest
 from mkdaemon.protocol.wire import MESSAGES, Board, Direction, WireMessage
-from mkdaemon.telemetry.command import CommandResult, Status, refuse
+from mkdaemon.telemetry.command import CommandResult
+from mkdaemon.telemetry.danger import Danger, Switch
+from mkdaemon.telemetry.refusals import Status, Token, refuse
 
 PASSAGE: Final = 5.0
 """How long a bare redirection lasts [s]; a client waits 15 s for an answer."""
@@ -57,24 +59,23 @@ class BoardRequests:
         board, name = _place(suffix)
         confirmed = fields.pop("confirm", False) is True
         message = self._build(board, name, fields)
-        rule = rule_for(board, message)
-        if rule is not None:
+        danger = _danger_of(message)
+        if danger is not None:
             await meet(self._link, self._vitals.link)
-        self._check_dialect(board, message, rule)
-        if rule is not None:
-            check(
-                board,
-                message,
-                rule,
-                confirmed=confirmed,
-                cfg=self._cfg,
-                vitals=self._vitals,
-                now=self._clock.now(),
+        self._check_dialect(board, message, danger)
+        if danger is not None:
+            check_danger(
+                f"{board.word}/{message.spec.key}",
+                danger,
+                is_confirmed=confirmed,
+                switches=[switch for switch in Switch if getattr(self._cfg, switch)],
+                motors_running=self._vitals.motors_running(self._clock.now()),
+                is_testing_motors=self._vitals.is_testing_motors(self._clock.now()),
             )
         async with way_to(self._link, board, message):
-            if rule is not None and rule.proven:
-                await self._prove(board)
-            if message.spec.key == "motor_test":
+            if danger is not None and danger.proven:
+                await self._prove(board, danger)
+            if message.spec.danger is not None and message.spec.danger.turns_motors:
                 self._vitals.motor_test_sent(self._clock.now())
             if isinstance(message, Redirect):
                 return await self._pass_through(message.port)
@@ -86,7 +87,7 @@ class BoardRequests:
         Raises:
             CommandRejectedError: `not_redirectable`, `motors_not_known_off`.
         """
-        async with redirection(self._link, PORTS[port]):
+        async with redirected(self._link, PORTS[port]):
             await asyncio.sleep(PASSAGE)
         reason = (
             f"the line led to the {port.name} for {PASSAGE:g} s and is back; what came is under raw/rx. "
@@ -107,12 +108,12 @@ class BoardRequests:
             if owner is board and cls.spec.key == name and cls.spec.direction is Direction.TO_BOARD
         ]
         if not layouts:
-            raise refuse("unknown_message", board=board.word, name=name, near=_near(board, name))
+            raise refuse(Token.UNKNOWN_MESSAGE, board=board.word, name=name, near=_near(board, name))
         spoken = wanted or self._link.dialect.layouts.get((board, layouts[0].spec.id))
         layouts.sort(key=lambda cls: cls.spec.layout != spoken)
         if wanted is not None and layouts[0].spec.layout != wanted:
             known = ", ".join(cls.spec.layout for cls in layouts)
-            raise refuse("bad_field", name=name, detail=f"layout {wanted!r} is none of {known}")
+            raise refuse(Token.BAD_FIELD, name=name, detail=f"layout {wanted!r} is none of {known}")
         mistake: ValidationError | None = None
         for cls in layouts:
             try:
@@ -120,20 +121,20 @@ class BoardRequests:
             except ValidationError as error:
                 mistake = mistake or error
         assert mistake is not None
-        raise refuse("bad_field", name=layouts[0].__name__, detail=first_mistake(mistake)) from mistake
+        raise refuse(Token.BAD_FIELD, name=layouts[0].__name__, detail=first_mistake(mistake)) from mistake
 
-    def _check_dialect(self, board: Board, message: WireMessage, rule: Rule | None) -> None:
+    def _check_dialect(self, board: Board, message: WireMessage, danger: Danger | None) -> None:
         dialect, spec = self._link.dialect, message.spec
         # Nothing on the line tells the fork from stock firmware: who enables its commands says that it is one.
         reason = None if spec.is_fork else dialect.unsupported.get((board, spec.key))
         if reason is not None:
-            raise refuse("unsupported", name=f"{board.word}/{spec.key}", detail=reason)
-        if rule is not None and dialect.read_only_reason is not None:
-            raise refuse("read_only", detail=dialect.read_only_reason)
+            raise refuse(Token.UNSUPPORTED, name=f"{board.word}/{spec.key}", detail=reason)
+        if danger is not None and dialect.read_only_reason is not None:
+            raise refuse(Token.READ_ONLY, detail=dialect.read_only_reason)
         if spec.key == "write_settings" and dialect.settings_read_only_reason is not None:
-            raise refuse("read_only", detail=dialect.settings_read_only_reason)
+            raise refuse(Token.READ_ONLY, detail=dialect.settings_read_only_reason)
 
-    async def _prove(self, board: Board) -> None:
+    async def _prove(self, board: Board, danger: Danger) -> None:
         """Make sure that the board asked is the one that hears us: another may read the same letter as a motor test.
 
         Raises:
@@ -144,9 +145,9 @@ class BoardRequests:
         try:
             await self._link.request(VersionRequest(), board=board)
         except (RequestTimeoutError, LinkLostError) as error:
-            raise refuse("board_unproven", board=board.word, detail=str(error)) from error
-        if not self._vitals.is_proven(board, self._clock.now()):
-            raise refuse("board_unproven", board=board.word, detail=self._vitals.last_named())
+            raise refuse(Token.BOARD_UNPROVEN, board=board.word, detail=str(error)) from error
+        is_proven = self._vitals.is_proven(board, self._clock.now())
+        check_proof(board.word, danger, is_proven=is_proven, found=self._vitals.last_named())
 
     async def _converse(self, board: Board, message: WireMessage) -> CommandResult:
         spec = message.spec
@@ -158,13 +159,19 @@ class BoardRequests:
                 )
             reply = await self._link.request(message, board=board)
         except RequestTimeoutError as error:
-            return refused(refuse("timeout", board=board.word, name=spec.key, detail=str(error)))
+            return refused(refuse(Token.TIMEOUT, board=board.word, name=spec.key, detail=str(error)))
         return CommandResult(status=Status.ACCEPTED, reply=dict(reply.__dict__), reply_type=schema_name(type(reply)))
 
     def _link_down(self, error: LinkLostError) -> CommandResult:
         state = self._vitals.link
         condition = "absent" if state is None else state.condition.value
-        return refused(refuse("link_down", state=condition, detail=str(error)))
+        return refused(refuse(Token.LINK_DOWN, state=condition, detail=str(error)))
+
+
+def _danger_of(message: WireMessage) -> Danger | None:
+    """What makes this request dangerous; None where it is harmless as it stands."""
+    danger = message.spec.danger
+    return danger if danger is not None and danger.applies(message.__dict__) else None
 
 
 def _place(suffix: str) -> tuple[Board, str]:
@@ -172,7 +179,10 @@ def _place(suffix: str) -> tuple[Board, str]:
     parts = suffix.split("/")
     if len(parts) != 3 or parts[1] not in _BOARDS:
         raise refuse(
-            "unknown_message", board=parts[1] if len(parts) > 1 else "?", name=parts[-1], near="cmd/fc/..., cmd/nc/..."
+            Token.UNKNOWN_MESSAGE,
+            board=parts[1] if len(parts) > 1 else "?",
+            name=parts[-1],
+            near="cmd/fc/..., cmd/nc/...",
         )
     return _BOARDS[parts[1]], parts[2]
 

@@ -15,7 +15,8 @@ from mkdaemon.link.labels import LabelCache, read_labels
 from mkdaemon.link.link import Link
 from mkdaemon.link.procedures import SilentObserver
 from mkdaemon.protocol.wire import Board
-from mkdaemon.telemetry.command import CommandResult, Labels, LabelsRequest, RateRequest, Rates, Status, refuse
+from mkdaemon.telemetry.command import CommandResult, Labels, LabelsRequest, RateRequest, Rates
+from mkdaemon.telemetry.refusals import Status, Token, refuse
 
 Verb = Callable[[bytes], Awaitable[CommandResult]]
 
@@ -43,7 +44,7 @@ class Verbs:
             verb = self._verbs.get(name)
             if verb is None:
                 near = difflib.get_close_matches(name, self._verbs, n=1, cutoff=0.4) or list(self._verbs)
-                raise refuse("unknown_verb", name=name, near=" or ".join(near))
+                raise refuse(Token.UNKNOWN_VERB, name=name, near=" or ".join(near))
             result = await verb(raw)
         except CommandRejectedError as error:
             result = refused(error)
@@ -64,9 +65,9 @@ class Verbs:
         try:
             names = await read_labels(self._link, Board[request.board.upper()], self._label_cache, SilentObserver())
         except RequestTimeoutError as error:
-            raise refuse("timeout", board=request.board, name="label", detail=str(error)) from error
+            raise refuse(Token.TIMEOUT, board=request.board, name="label", detail=str(error)) from error
         except LinkLostError as error:
             condition = self._link.health().state.condition.value
-            raise refuse("link_down", state=condition, detail=str(error)) from error
+            raise refuse(Token.LINK_DOWN, state=condition, detail=str(error)) from error
         labels = Labels(board=request.board, names=names)
         return CommandResult(status=Status.ACCEPTED, reply=dict(labels), reply_type=schema_name(Labels))

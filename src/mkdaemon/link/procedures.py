@@ -13,8 +13,7 @@ from contextlib import asynccontextmanager
 from typing import TYPE_CHECKING, Any, Final, Protocol, TypeVar
 
 from mkdaemon.errors import CommandRejectedError, MkError, ProtocolError, RequestTimeoutError
-from mkdaemon.link.discovery import redirection
-from mkdaemon.link.session.peers import FORWARDED
+from mkdaemon.link.discovery import redirected
 from mkdaemon.link.session.traffic import Purpose
 from mkdaemon.protocol.procedures.steps import (
     Ask,
@@ -160,11 +159,11 @@ async def way_to(link: Link, board: Board, message: WireMessage) -> AsyncIterato
     Raises:
         CommandRejectedError: `not_redirectable`, `motors_not_known_off`.
     """
-    is_behind = link.direct_board is Board.NC and board in _BEHIND and message.spec.id not in FORWARDED
+    is_behind = link.direct_board is Board.NC and board in _BEHIND and not message.spec.is_forwarded
     if not is_behind:
         yield
         return
-    async with redirection(link, board):
+    async with redirected(link, board):
         yield
 
 

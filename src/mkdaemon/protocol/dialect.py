@@ -33,6 +33,9 @@ OSD_SETS: Final = frozenset(range(10, 17))
 OSD_VERSIONS: Final = frozenset({3, 4, 5}) | OSD_SETS
 """First bytes of NaviData that are documented."""
 
+EVIDENCE_LETTERS: Final = frozenset(cls.spec.id for cls in MESSAGES.values() if cls.spec.tells_firmware)
+"""Letters of the answers that tell something about the firmware, whatever their form."""
+
 _CONTROL: Final[dict[ControlLayout, type[WireMessage]]] = {
     "v1": ExternControlV1,
     "v2": ExternControlV2,

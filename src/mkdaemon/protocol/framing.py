@@ -23,6 +23,11 @@ from mkdaemon.errors import EncodeError
 MAX_FRAME_CHARS: Final = 512
 """Longest frame accepted [characters]; the longest known reply (settings revision 108 and later) has 246."""
 
+FRAME_OVERHEAD: Final = 6
+"""Characters of a frame without payload: `#`, address, letter, two of the checksum, CR."""
+
+_OVERHEAD: Final = FRAME_OVERHEAD - 1
+"""The same without the CR, on which a received line has been split."""
 _STANDARD: Final = b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/"
 _MODIFIED: Final = bytes(range(0x3D, 0x7D))
 _SKIPPED: Final = b"\0"
@@ -31,7 +36,6 @@ _TO_STANDARD: Final = bytes(_STANDARD[code - 0x3D] if 0x3D <= code <= 0x7C else 
 _TO_MODIFIED: Final = bytes.maketrans(_STANDARD + b"=", _MODIFIED + b"=")
 _IDLE: Final = b" \n\t\0"
 _ADDRESS_BASE: Final = 0x61
-_OVERHEAD: Final = 5
 
 
 class DropReason(StrEnum):

@@ -19,7 +19,9 @@ from mkdaemon.errors import EncodeError, ProtocolError
 from mkdaemon.protocol.boards import Board, Direction
 from mkdaemon.protocol.framing import encode_frame
 from mkdaemon.protocol.layout import lay_out, make_reader
-from mkdaemon.protocol.spec import MessageSpec
+from mkdaemon.protocol.sources import Source
+from mkdaemon.protocol.spec import MessageSpec, Policy, Stream
+from mkdaemon.telemetry.danger import Danger
 
 __all__ = ["MESSAGES", "Board", "Direction", "Facts", "MessageSpec", "WireMessage", "answer", "reader_of", "request"]
 
@@ -117,7 +119,7 @@ class Facts(TypedDict, total=False):
     key: str
     layout: str
     firmware: str
-    source: str
+    source: Source | tuple[Source, ...]
     marker: frozenset[int]
     recognise: Callable[[bytes], bool]
     open_ended: bool
@@ -129,12 +131,29 @@ def request(
     command: str,
     *,
     reply: str | None = None,
-    danger: str = "",
+    policy: Policy | Mapping[Board, Policy] | None = None,
+    matches: Callable[[Any, Any], bool] | None = None,
+    danger: Danger | None = None,
+    stream: Stream | None = None,
     any_address: bool = False,
+    is_forwarded: bool = False,
     is_fork: bool = False,
     **facts: Unpack[Facts],
 ) -> Callable[[_Message], _Message]:
-    """Enter a message from the host to a board into the table.
+    """Enter a message from the host to a board into the table; for the columns see `MessageSpec`.
+
+    Args:
+        boards: who is asked with it.
+        command: its letter.
+        reply: letter of the answer; None where none comes.
+        policy: how boards are asked; one `Policy` holds for all of them.
+        matches: whether an answer (second) answers this very request (first).
+        danger: what harm it can do.
+        stream: what it starts.
+        any_address: boards obey it whatever the address.
+        is_forwarded: a NaviCtrl passes it on to the FlightCtrl.
+        is_fork: only a public fork of the FlightCtrl knows it.
+        facts: what may be said of any message.
 
     Raises:
         ProtocolError: a field has no wire type, or the place in the table is taken.
@@ -142,20 +161,37 @@ def request(
 
     def enter(cls: _Message) -> _Message:
         spec = _specify(cls, Direction.TO_BOARD, boards, command, facts)
-        return _enter(cls, replace(spec, reply=reply, danger=danger, any_address=any_address, is_fork=is_fork))
+        policies = dict.fromkeys(spec.boards, policy) if isinstance(policy, Policy) else policy or {}
+        return _enter(
+            cls,
+            replace(
+                spec,
+                reply=reply,
+                policies=policies,
+                matches=matches,
+                danger=danger,
+                stream=stream,
+                any_address=any_address,
+                is_forwarded=is_forwarded,
+                is_fork=is_fork,
+            ),
+        )
 
     return enter
 
 
-def answer(boards: Board | tuple[Board, ...], command: str, **facts: Unpack[Facts]) -> Callable[[_Message], _Message]:
-    """Enter a message from a board to the host into the table.
+def answer(
+    boards: Board | tuple[Board, ...], command: str, *, tells_firmware: bool = False, **facts: Unpack[Facts]
+) -> Callable[[_Message], _Message]:
+    """Enter a message from a board to the host into the table; for the columns see `MessageSpec`.
 
     Raises:
         ProtocolError: a field has no wire type, or the place in the table is taken.
     """
 
     def enter(cls: _Message) -> _Message:
-        return _enter(cls, _specify(cls, Direction.FROM_BOARD, boards, command, facts))
+        spec = _specify(cls, Direction.FROM_BOARD, boards, command, facts)
+        return _enter(cls, replace(spec, tells_firmware=tells_firmware))
 
     return enter
 
@@ -167,6 +203,7 @@ def _specify(
     owners = boards if isinstance(boards, tuple) else (boards,)
     name = facts.get("name", cls.__name__)
     since = facts.get("since", {})
+    source = facts.get("source", ())
     return MessageSpec(
         name=name,
         key=facts.get("key", re.sub("(?<=[a-z0-9])(?=[A-Z])", "_", name).lower()),
@@ -177,7 +214,7 @@ def _specify(
         size=packer.size,
         slots=slots,
         firmware=facts.get("firmware", ""),
-        source=facts.get("source", ""),
+        sources=source if isinstance(source, tuple) else (source,),
         marker=facts.get("marker", frozenset()),
         recognise=facts.get("recognise"),
         open_ended=facts.get("open_ended", False),

@@ -1,156 +1,17 @@
 """What a client asks for by query, what it is told, and why it is refused.
 
-Every answer to a command is a map with `status`; a refusal adds a stable `token`, the `reason` and the `fix`. All
-refusals of the whole daemon stand in one table, so a client can know them all, and a test walks it.
+Every answer to a command is a map with `status`; a refusal adds a stable `token`, the `reason` and the `fix`, see
+`telemetry.refusals`.
 """
 
 from __future__ import annotations
 
-from enum import StrEnum
-from typing import Any, Final, Literal, NamedTuple
+from typing import Any, Literal
 
 from pydantic import Field
 
-from mkdaemon.errors import CommandRejectedError
 from mkdaemon.telemetry.base import Command, Telemetry
-
-
-class Status(StrEnum):
-    """How a command ended."""
-
-    ACCEPTED = "accepted"
-    DENIED = "denied"
-    BUSY = "busy"
-    UNSUPPORTED = "unsupported"
-    TIMEOUT = "timeout"
-    NOT_OBSERVABLE = "not_observable"
-    """Sent, but this board gives no sign by which success could be known."""
-
-
-class Refusal(NamedTuple):
-    """One way to be refused; reason and fix may name `{words}` that the refusal fills in."""
-
-    status: Status
-    reason: str
-    fix: str
-
-
-REFUSALS: Final[dict[str, Refusal]] = {
-    # the request itself
-    "malformed": Refusal(
-        Status.DENIED, "the request cannot be read: {detail}.", "Send a msgpack map; `mkctl send --help` shows fields."
-    ),
-    "bad_field": Refusal(
-        Status.DENIED, "{name} does not take this: {detail}.", "`mkctl get schema/{name}.v1` shows fields and limits."
-    ),
-    "unknown_message": Refusal(
-        Status.UNSUPPORTED, "{board} has no request {name!r}.", "Did you mean {near}? docs/protocol.md lists all."
-    ),
-    "unknown_verb": Refusal(Status.UNSUPPORTED, "there is no verb {name!r}.", "Did you mean {near}? See docs/keys.md."),
-    "unsupported": Refusal(
-        Status.UNSUPPORTED, "this firmware does not know {name}: {detail}.", "docs/protocol.md says who does."
-    ),
-    "read_only": Refusal(
-        Status.DENIED, "the aircraft is read-only: {detail}.", "Connect a firmware this version knows; `mkctl status`."
-    ),
-    "discovering": Refusal(
-        Status.BUSY,
-        "the aircraft is not known yet: {detail}.",
-        "The board is asked again every few seconds while telemetry says that the motors stand still; `mkctl status`.",
-    ),
-    "busy": Refusal(Status.BUSY, "{detail}.", "Try again when the first one has been answered."),
-    "internal": Refusal(Status.DENIED, "the daemon failed on it: {detail}.", "This is a defect; see the daemon's log."),
-    # the line
-    "link_down": Refusal(
-        Status.DENIED, "the link is {state}: {detail}.", "`mkctl health` shows the line; check cable, power, port."
-    ),
-    "timeout": Refusal(
-        Status.TIMEOUT,
-        "{board} did not answer {name}: {detail}.",
-        "The boards never say no: check `mkctl health`, then whether docs/protocol.md lists a condition for {name}.",
-    ),
-    "line_budget": Refusal(Status.DENIED, "{detail}.", "Make the intervals longer, or stop a stream."),
-    "no_such_stream": Refusal(Status.UNSUPPORTED, "{board} has no stream {name!r}.", "`mkctl rate` shows them."),
-    "board_unreachable": Refusal(
-        Status.DENIED, "{board} cannot be reached from here: {detail}.", "Connect to it, or redirect the line first."
-    ),
-    "no_reply": Refusal(Status.UNSUPPORTED, "{name} is never answered.", "Send it without waiting."),
-    "recording": Refusal(Status.DENIED, "a recording plays: nobody listens.", "Connect an aircraft."),
-    "not_redirectable": Refusal(
-        Status.UNSUPPORTED, "the line cannot be passed through to {board}.", "Connect to that board directly."
-    ),
-    "motors_not_known_off": Refusal(
-        Status.DENIED, "a redirection stops the NaviCtrl's telemetry and servos.", "Stop the motors first."
-    ),
-    "wrong_layout": Refusal(
-        Status.DENIED, "this FlightCtrl takes another layout of external control.", "This is a defect; see the log."
-    ),
-    "releasing": Refusal(Status.BUSY, "a release is under way.", "Wait for its result."),
-    # danger gate
-    "not_enabled": Refusal(
-        Status.DENIED, "{name} is off: {detail}.", "Set commands.{option} = true in the configuration, knowing why."
-    ),
-    "not_confirmed": Refusal(
-        Status.DENIED, "{name} is dangerous: {detail}.", "Repeat the request with `confirm` set to {confirm!r}."
-    ),
-    "motors_running": Refusal(
-        Status.DENIED, "motors are running, and {name} {detail}.", "Land, stop the motors, repeat."
-    ),
-    "motors_unknown": Refusal(
-        Status.DENIED,
-        "nobody knows whether motors run ({detail}), and {name} must not meet running motors.",
-        "Subscribe to the NaviCtrl's OSD data (`mkctl rate osd 200ms`), or check the cable to the NaviCtrl.",
-    ),
-    "board_unproven": Refusal(
-        Status.DENIED,
-        "the last version reply does not prove that {board} is on the line ({detail}).",
-        "`mkctl send version-request --board {board}` first; behind a NaviCtrl redirect the line.",
-    ),
-    "never": Refusal(Status.DENIED, "{name} is never sent for a client: {detail}.", "{instead}"),
-    # authority
-    "not_leased": Refusal(Status.DENIED, "nobody holds the lease.", "`mkctl lease take` first."),
-    "lease_held": Refusal(
-        Status.DENIED,
-        "{holder} holds the lease for another {left:.1f} s.",
-        "Ask the holder, or take it with `--force`.",
-    ),
-    "wrong_epoch": Refusal(
-        Status.DENIED, "epoch {epoch} is not the lease's epoch {current}.", "Take a lease and use the epoch it returns."
-    ),
-    "stale_sequence": Refusal(
-        Status.DENIED, "sequence {sequence} is not after {last}.", "Count sequence up from one setpoint to the next."
-    ),
-    "gate_shut": Refusal(
-        Status.DENIED,
-        "the FlightCtrl ignores stick frames: ExternalControl of its active set is {value}, not above 128.",
-        "Put it on a switch of the transmitter: `mkctl settings edit external_control=poti1` (to poti8).",
-    ),
-    "gate_constant": Refusal(
-        Status.DENIED,
-        "no switch of the transmitter ends external control: ExternalControl of the active set is {value}, a constant.",
-        "`mkctl settings edit external_control=poti1`, or set control.lease.allow_constant_gate = true, knowing why.",
-    ),
-    "no_control": Refusal(
-        Status.DENIED, "external control is not possible: {detail}.", "`mkctl status` shows the firmware and the gate."
-    ),
-}
-"""Every refusal by its token; docs/keys.md shows the same table."""
-
-
-class _Words(dict[str, Any]):
-    def __missing__(self, key: str) -> str:
-        return f"({key})"
-
-
-def refuse(token: str, **words: Any) -> CommandRejectedError:
-    """Make the refusal `token`, its reason and fix filled in with `words`.
-
-    Raises:
-        KeyError: the token is not in the table.
-    """
-    refusal = REFUSALS[token]
-    filled = _Words(words)
-    return CommandRejectedError(token, refusal.reason.format_map(filled), refusal.fix.format_map(filled))
+from mkdaemon.telemetry.refusals import Status
 
 
 class CommandResult(Telemetry):

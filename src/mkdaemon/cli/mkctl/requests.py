@@ -168,7 +168,7 @@ def _form(key: str, classes: list[type[WireMessage]]) -> RequestForm:
         key=key,
         boards=tuple(dict.fromkeys(board for cls in classes for board in cls.spec.boards)),
         about=(first.__doc__ or "").strip().partition("\n")[0],
-        danger=next((cls.spec.danger for cls in classes if cls.spec.danger), ""),
+        danger=next((cls.spec.danger.effect for cls in classes if cls.spec.danger), ""),
         firmware="; ".join(dict.fromkeys(cls.spec.firmware for cls in classes)),
         reply=first.spec.reply,
         fields=tuple(fields.values()),

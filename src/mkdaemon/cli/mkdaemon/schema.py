@@ -25,8 +25,8 @@ def describe_message(board: Board, cls: type[WireMessage]) -> dict[str, Any]:
         "size": spec.size,
         "reply": spec.reply,
         "firmware": spec.firmware,
-        "danger": spec.danger,
-        "source": spec.source,
+        "danger": spec.danger.effect if spec.danger else "",
+        "source": ", ".join(spec.sources),
         "fields": [
             {
                 "name": slot.name,

@@ -26,7 +26,8 @@ from mkdaemon.config.sim import SimConfig
 from mkdaemon.errors import CommandRejectedError, ConfigError, MkError
 from mkdaemon.sim.simulation import Simulation
 from mkdaemon.stamp import Stamp
-from mkdaemon.telemetry.command import CommandResult, Status
+from mkdaemon.telemetry.command import CommandResult
+from mkdaemon.telemetry.refusals import Status
 from mkdaemon.telemetry.sim import FaultAction, FaultRequest, RunningFault, SimFaults, SimTruth
 
 _log = structlog.get_logger(__name__)

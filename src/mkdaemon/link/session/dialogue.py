@@ -16,7 +16,7 @@ from mkdaemon.errors import CommandRejectedError
 from mkdaemon.link.session import budget
 from mkdaemon.link.session.health import HealthMonitor, Verdict
 from mkdaemon.link.session.line import FORWARDING_GAP, LineRules
-from mkdaemon.link.session.peers import PROOF_LETTERS, Acquaintance
+from mkdaemon.link.session.peers import Acquaintance
 from mkdaemon.link.session.prober import VERSION_TOKEN, Prober
 from mkdaemon.link.session.questions import Questions
 from mkdaemon.link.session.requests import Pending
@@ -25,7 +25,7 @@ from mkdaemon.link.session.steering import Steering
 from mkdaemon.link.session.streams import Streams
 from mkdaemon.link.session.traffic import Purpose
 from mkdaemon.protocol.decoder import Unknown
-from mkdaemon.protocol.dialect import Dialect
+from mkdaemon.protocol.dialect import EVIDENCE_LETTERS, Dialect
 from mkdaemon.protocol.framing import Dropped, DropReason, Frame
 from mkdaemon.protocol.messages.navictrl import ESCAPE
 from mkdaemon.protocol.wire import Board, WireMessage
@@ -100,7 +100,7 @@ class Dialogue:
         self.counts["rx"][f"{board.word}.{frame.id}"] += 1
         if isinstance(message, Unknown):
             self.health.frame_received(board.word, f"unknown_{frame.id}", size, now)
-            if frame.id in PROOF_LETTERS:
+            if frame.id in EVIDENCE_LETTERS:
                 self._meet(board)
                 self._learn(board, message, now)
             return
@@ -126,7 +126,7 @@ class Dialogue:
             case _:
                 pass
         pending = self.questions.received(message, board, now)
-        if letter in PROOF_LETTERS and self.questions.proves_sender(pending):
+        if message.spec.tells_firmware and self.questions.proves_sender(pending):
             self._learn(board, message, now)
 
     def damaged(self, loss: Dropped, now: float) -> None:
@@ -249,13 +249,15 @@ class Dialogue:
         discarded, self._discarded = self._discarded, []
         return discarded
 
-    def condition_changed(self, before: Verdict, now: float) -> bool:
-        """The condition was this and is another one; returns whether the boards must be discovered anew.
+    def notice(self, before: Verdict, now: float) -> bool:
+        """The condition changed from this; returns whether the boards must be met anew.
 
         After a silence as long as a reboot another board may be there, or the same one without its subscriptions.
         """
         self.scheduler.resynchronise()
-        if not (before.condition.is_silent and self.health.verdict.condition.hears_board):
+        silent = before.condition in (LinkCondition.MUTE, LinkCondition.GARBAGE)
+        hears = self.health.verdict.condition in (LinkCondition.UP, LinkCondition.DEGRADED, LinkCondition.ONE_WAY)
+        if not (silent and hears):
             return False
         self.streams.forget()
         return now - before.since > REBOOT_TIME

@@ -10,10 +10,6 @@ from mkdaemon.protocol.decoder import Unknown
 from mkdaemon.protocol.dialect import Dialect, Evidence, decide
 from mkdaemon.protocol.wire import Board, WireMessage
 
-FORWARDED: Final = frozenset("by")
-"""Letters a NaviCtrl passes on to the FlightCtrl."""
-PROOF_LETTERS: Final = frozenset("VQPGO")
-"""Replies that tell something about the firmware."""
 MOTORS_RUN: Final = 0x01
 """FCStatusFlags bit 0."""
 MOTORS_FRESH: Final = 1.0
@@ -85,7 +81,7 @@ class Acquaintance:
     def reaches_fc(self, message: WireMessage, board: Board) -> bool:
         """Whether a FlightCtrl receives this frame."""
         if self.direct is Board.NC and self.redirected is None:
-            return board is Board.FC and message.spec.id in FORWARDED
+            return board is Board.FC and message.spec.is_forwarded
         return True
 
     def check_reach(self, message: WireMessage, board: Board) -> None:
@@ -95,7 +91,7 @@ class Acquaintance:
             CommandRejectedError: the wire does not lead to this board.
         """
         behind = self.direct is Board.NC and board is Board.FC and self.redirected is not Board.FC
-        if behind and message.spec.id not in FORWARDED:
+        if behind and not message.spec.is_forwarded:
             raise CommandRejectedError(
                 "board_unreachable",
                 f"A NaviCtrl does not pass {message.spec.name} on to the FlightCtrl.",

@@ -1,6 +1,6 @@
 """Questions on their way: queued, sent, answered, asked again, given up. Pure; driven with `now`.
 
-Between the callers and the scheduler: what a command allows (`requests.policy_for`) decides how often and how patiently
+Between the callers and the scheduler: the message's declaration (`MessageSpec.policy`) decides how often and how long
 it is asked, and every question ends with exactly one outcome.
 """
 
@@ -12,9 +12,10 @@ from typing import Final
 from mkdaemon.errors import CommandRejectedError
 from mkdaemon.link.session.health import HealthMonitor
 from mkdaemon.link.session.peers import Acquaintance
-from mkdaemon.link.session.requests import Pending, RequestBook, policy_for
+from mkdaemon.link.session.requests import Pending, RequestBook
 from mkdaemon.link.session.scheduler import Entry, TransmitScheduler
 from mkdaemon.link.session.traffic import Purpose
+from mkdaemon.protocol.messages import VersionRequestWhich
 from mkdaemon.protocol.wire import Board, WireMessage
 
 QUEUED: Final = 10.0
@@ -54,7 +55,7 @@ class Questions:
             CommandRejectedError: the board cannot be reached, or too much waits already.
         """
         self._peers.check_reach(message, board)
-        policy = policy_for(board, message)
+        policy = message.spec.policy(board)
         pending = Pending(
             message,
             board,
@@ -80,10 +81,10 @@ class Questions:
         self.book.sent(pending, now)
         if pending.message.spec.id == "v":
             self._health.question_sent(now)
-        policy = policy_for(pending.board, pending.message)
-        if policy.deaf:
-            self._scheduler.deafen(pending.board, now + policy.deaf)
-            self._health.pause(now + policy.deaf)
+        deaf = pending.message.spec.policy(pending.board).deaf
+        if deaf:
+            self._scheduler.deafen(pending.board, now + deaf)
+            self._health.pause(now + deaf)
         if pending.message.spec.reply is None:
             self.book.withdraw(pending, now)
             self._finished.append((pending, None))
@@ -92,7 +93,7 @@ class Questions:
         """A message arrived; returns the question it answers, if any."""
         pending = self.book.received(message, board, now)
         if pending is not None:
-            self._health.board_answered(now)
+            self._health.heard_us(now)
             self._finished.append((pending, message))
         return pending
 
@@ -128,7 +129,7 @@ class Questions:
 
         A FlightCtrl asked for the NaviCtrl's release answers under its own address: proof of nothing.
         """
-        return pending is None or pending.message.spec.layout != "which"
+        return pending is None or not isinstance(pending.message, VersionRequestWhich)
 
     def _queue(self, pending: Pending, purpose: Purpose, now: float) -> bool:
         message = pending.message

@@ -10,15 +10,12 @@ Source: docs/firmware-notes, "Subscriptions".
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Final
 
 from mkdaemon.errors import CommandRejectedError
-from mkdaemon.protocol.messages.display import DisplayRequest
-from mkdaemon.protocol.messages.osd import OsdRequestV1
-from mkdaemon.protocol.messages.streams import AttitudeRequest, DebugRequest
-from mkdaemon.protocol.wire import Board, WireMessage
+from mkdaemon.protocol.wire import MESSAGES, Board, Direction, WireMessage
 
 TICK_TIME: Final = 0.01
 """Boards count intervals in steps of 10 ms."""
@@ -40,6 +37,7 @@ class StreamKind:
         characters: length of one frame on the wire.
         boards: who streams it.
         request: message class that asks for it.
+        renews: see `Stream.renews`.
     """
 
     key: str
@@ -47,6 +45,7 @@ class StreamKind:
     characters: int
     boards: frozenset[Board]
     request: Callable[..., WireMessage]
+    renews: int | None
 
     def ask(self, interval: float) -> WireMessage:
         """Return the request for an interval [s]; 0 stops the stream."""
@@ -54,18 +53,18 @@ class StreamKind:
         return self.request(interval=ticks)
 
 
-_BOTH: Final = frozenset({Board.FC, Board.NC})
+def _kinds() -> Iterator[StreamKind]:
+    """Every stream that a request declares, those first that renew the others best."""
+    answers = sorted((cls.spec for cls in MESSAGES.values()), key=lambda spec: spec.characters)
+    longest = {spec.key: spec for spec in answers if spec.direction is Direction.FROM_BOARD}
+    requests = {cls.spec.stream: cls for cls in MESSAGES.values() if cls.spec.stream is not None}
+    for stream, cls in sorted(requests.items(), key=lambda item: (item[0].renews is None, item[0].renews)):
+        frame = longest[stream.key]
+        yield StreamKind(stream.key, frame.id, frame.characters, frozenset(cls.spec.boards), cls, stream.renews)
 
-KINDS: Final = {
-    kind.key: kind
-    for kind in (
-        StreamKind("attitude", "C", 26, _BOTH, AttitudeRequest),
-        StreamKind("osd", "O", 118, frozenset({Board.NC}), OsdRequestV1),
-        StreamKind("debug", "D", 94, _BOTH, DebugRequest),
-        StreamKind("display", "H", 114, _BOTH, DisplayRequest),
-    )
-}
-"""Every stream by key, cheapest frame first; the renewal is chosen in this order."""
+
+KINDS: Final = {kind.key: kind for kind in _kinds()}
+"""Every stream by key; the renewal is chosen in this order."""
 
 
 def settle(interval: float) -> float:
@@ -170,7 +169,7 @@ class Subscriptions:
 
     def _renewal(self, now: float) -> WireMessage:
         for key, kind in KINDS.items():
-            if key not in self._wanted and self.board in kind.boards and key != "display":
+            if key not in self._wanted and self.board in kind.boards and kind.renews is not None:
                 return kind.ask(0)
         key = next(key for key in KINDS if key in self._wanted)
         self._wanted[key].asked_at = now

@@ -20,6 +20,7 @@ from mkdaemon.protocol.messages.control import (
     ExternControlV3,
 )
 from mkdaemon.protocol.messages.display import (
+    ALL_KEYS_UP,
     Display,
     DisplayOld,
     DisplayRequest,
@@ -122,6 +123,7 @@ from mkdaemon.protocol.messages.waypoints import (
 
 __all__ = [
     "ACTIVE_SET",
+    "ALL_KEYS_UP",
     "ESCAPE",
     "ArmMotors",
     "AttitudeDataFc210",

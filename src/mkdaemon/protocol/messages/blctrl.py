@@ -14,8 +14,12 @@ from mkdaemon.protocol.flags import (
     MotorControllerStatus,
     RedundancyBits,
 )
+from mkdaemon.protocol.matching import same
+from mkdaemon.protocol.sources import Source
+from mkdaemon.protocol.spec import Policy
 from mkdaemon.protocol.units import AMPERE, CELSIUS, DECIAMPERE
 from mkdaemon.protocol.wire import Board, WireMessage, answer, request
+from mkdaemon.telemetry.danger import Confirm, Danger
 
 
 def motor_controller_checksum(configuration: bytes) -> int:
@@ -54,14 +58,24 @@ class _Request(WireMessage):
     """1..16; 0 is all."""
 
 
-@request(Board.FC, "u", reply="U", firmware="FC 0.80 and later", source="WIRE 7, BLConfigRequest", since=(0, 80))
+@request(
+    Board.FC,
+    "u",
+    reply="U",
+    firmware="FC 0.80 and later",
+    since=(0, 80),
+    source=Source.FC_RECEIVE,
+    policy=Policy(1.3, 2),
+    matches=same("motor"),
+    danger=Danger(effect="the FlightCtrl refuses it while motors run", stopped=True, proven=True),
+)
 class MotorControllerRequest(WireMessage):
     """Ask for a motor controller's configuration; takes up to 1 s, not while motors run."""
 
     motor: Annotated[int, U8(mk="Motor", low=1, high=16)]
 
 
-@answer(Board.FC, "U", firmware="FC 0.80 and later", source="WIRE 7, BLConfigReply")
+@answer(Board.FC, "U", firmware="FC 0.80 and later", source=Source.FC_SEND)
 class MotorController(_Configuration, _Reply):
     """A motor controller's configuration."""
 
@@ -71,20 +85,23 @@ class MotorController(_Configuration, _Reply):
     "w",
     reply="W",
     firmware="FC 0.80 and later",
-    source="WIRE 7, BLConfigWrite",
-    danger="reprograms limits and direction of motor controllers",
     since=(0, 80),
+    source=Source.FC_RECEIVE,
+    policy=Policy(1.3, 0, deaf=1.0),
+    danger=Danger(
+        effect="reprograms limits and direction of motor controllers", confirm=Confirm.ALWAYS, stopped=True, proven=True
+    ),
 )
 class WriteMotorController(_Configuration, _Request):
     """Store a motor controller's configuration."""
 
 
-@answer(Board.FC, "W", firmware="FC 0.80 and later", source="WIRE 7, BLConfigWriteReply")
+@answer(Board.FC, "W", firmware="FC 0.80 and later", source=Source.FC_SEND)
 class MotorControllerWritten(_Ack):
     """How storing a motor controller's configuration ended."""
 
 
-@answer(Board.BL, "?", firmware="FC built as redundant slave; address 11 + motor", source="WIRE 10, RedundantStatus")
+@answer(Board.BL, "?", firmware="FC built as redundant slave; address 11 + motor", source=Source.FC_SEND)
 class RedundancyStatus(WireMessage):
     """What a motor controller tells a redundant FlightCtrl; internal, only ever overheard."""
 
@@ -100,8 +117,12 @@ class RedundancyStatus(WireMessage):
     "!",
     reply="?",
     firmware="FC built as redundant slave; address 11 + motor",
-    source="WIRE 10",
-    danger="drives motors past the FlightCtrl: never originate it",
+    source=Source.FC_RECEIVE,
+    danger=Danger(
+        effect="drives motors past the FlightCtrl: never originate it",
+        never="it drives motors past the FlightCtrl",
+        instead="Use `motor_test`, propellers off.",
+    ),
 )
 class RedundancySetpoints(WireMessage):
     """What a redundant FlightCtrl tells motor controllers; internal, only ever overheard."""

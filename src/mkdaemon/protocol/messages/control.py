@@ -10,10 +10,17 @@ from typing import Annotated
 
 from mkdaemon.protocol.fields import S8, U8
 from mkdaemon.protocol.flags import ControlConfig, ControlSwitches
+from mkdaemon.protocol.sources import Source
+from mkdaemon.protocol.spec import Policy
 from mkdaemon.protocol.units import STICK, STICK_FROM_BOTTOM
 from mkdaemon.protocol.wire import Board, WireMessage, answer, request
+from mkdaemon.telemetry.danger import Danger
 
-_DANGER = "flies the aircraft"
+_DANGER = Danger(
+    effect="flies the aircraft",
+    never="stick frames go through the lease and the limiter",
+    instead="Take a lease and stream `setpoint/stick`.",
+)
 
 
 class _Sticks(WireMessage):
@@ -69,10 +76,11 @@ class _ControlV1(WireMessage):
     layout="v2",
     reply="B",
     firmware="FC 2.10a to 2.12a",
-    source="WIRE 6, ExternControl_v2",
-    danger=_DANGER,
     since=(2, 10),
+    source=Source.FC_RECEIVE,
+    danger=_DANGER,
     any_address=True,
+    is_forwarded=True,
 )
 class ExternControlV2(_ControlV2):
     """Offsets the FlightCtrl adds to its receiver's channels.
@@ -88,10 +96,11 @@ class ExternControlV2(_ControlV2):
     layout="v3",
     reply="B",
     firmware="FC and NC 2.13 beta and later",
-    source="WIRE 6, ExternControl_v3",
-    danger=_DANGER,
     since=(2, 13),
+    source=(Source.TOOLS, Source.WIKI),
+    danger=_DANGER,
     any_address=True,
+    is_forwarded=True,
 )
 class ExternControlV3(_ControlV3):
     """Offsets the FlightCtrl adds to its receiver's channels; as long on the wire as v2."""
@@ -104,9 +113,10 @@ class ExternControlV3(_ControlV3):
     layout="v1",
     reply="B",
     firmware="FC up to 2.08; 2.09 unverified",
-    source="WIRE 6, ExternControl_v1",
+    source=Source.FC_RECEIVE,
     danger=_DANGER,
     any_address=True,
+    is_forwarded=True,
 )
 class ExternControlV1(_ControlV1):
     """Offsets the FlightCtrl adds to its receiver's commands; held 5.1 s, refreshed by any polling."""
@@ -116,7 +126,7 @@ class ExternControlV1(_ControlV1):
     (Board.FC, Board.NC),
     "B",
     firmware="FC; never through an NC 0.24; NC 2.13 and later, which takes external control itself",
-    source="WIRE 6.5, ConfirmFrame",
+    source=Source.FC_SEND,
 )
 class ControlConfirm(WireMessage):
     """An external control frame arrived (about 5 ms after it, before it acts)."""
@@ -125,13 +135,19 @@ class ControlConfirm(WireMessage):
     """That of the confirmed frame; never 0."""
 
 
-@request(Board.FC, "g", reply="G", firmware="FC", source="WIRE 5", any_address=True)
+@request(Board.FC, "g", reply="G", firmware="FC", source=Source.FC_RECEIVE, policy=Policy(0.15, 4), any_address=True)
 class ControlStateRequest(WireMessage):
     """Ask which external control the FlightCtrl holds; the length of the answer tells its layout."""
 
 
 @answer(
-    Board.FC, "G", name="ControlState", layout="v2", firmware="FC 2.10a to 2.12a", source="WIRE 6, ExternControl_v2"
+    Board.FC,
+    "G",
+    name="ControlState",
+    layout="v2",
+    firmware="FC 2.10a to 2.12a",
+    source=Source.FC_SEND,
+    tells_firmware=True,
 )
 class ControlStateV2(_ControlV2):
     """External control as the FlightCtrl holds it."""
@@ -143,12 +159,21 @@ class ControlStateV2(_ControlV2):
     name="ControlState",
     layout="v3",
     firmware="FC 2.13 beta and later",
-    source="WIRE 6, ExternControl_v3",
+    source=(Source.TOOLS, Source.WIKI),
+    tells_firmware=True,
 )
 class ControlStateV3(_ControlV3):
     """External control as the FlightCtrl holds it."""
 
 
-@answer(Board.FC, "G", name="ControlState", layout="v1", firmware="FC up to 2.08", source="WIRE 6, ExternControl_v1")
+@answer(
+    Board.FC,
+    "G",
+    name="ControlState",
+    layout="v1",
+    firmware="FC up to 2.08",
+    source=Source.FC_SEND,
+    tells_firmware=True,
+)
 class ControlStateV1(_ControlV1):
     """External control as the FlightCtrl holds it."""

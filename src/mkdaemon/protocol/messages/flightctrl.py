@@ -8,16 +8,21 @@ from __future__ import annotations
 from typing import Annotated
 
 from mkdaemon.protocol.fields import S8, S16, U8
+from mkdaemon.protocol.sources import Source
+from mkdaemon.protocol.spec import Policy
 from mkdaemon.protocol.units import DEG, STICK
 from mkdaemon.protocol.wire import Board, WireMessage, answer, request
+from mkdaemon.telemetry.danger import Confirm, Danger, Switch
 
 
 @request(
     Board.FC,
     "K",
     firmware="all",
-    source="WIRE 7, CompassHeading",
-    danger="falsifies the heading until the compass speaks again",
+    source=Source.FC_RECEIVE,
+    danger=Danger(
+        effect="falsifies the heading until the compass speaks again", confirm=Confirm.ALWAYS, stopped=True, proven=True
+    ),
     any_address=True,
 )
 class CompassHeading(WireMessage):
@@ -33,9 +38,17 @@ class CompassHeading(WireMessage):
     layout="16",
     reply="T",
     firmware="FC 0.73 and later",
-    source="WIRE 7, MotorTest16",
-    danger="spins motors for 0.5 s; values sent while motors run take effect right after they stop",
     since=(0, 73),
+    source=Source.FC_RECEIVE,
+    policy=Policy(0.2, 0),
+    danger=Danger(
+        effect="spins motors for 0.5 s; values sent while motors run take effect right after they stop",
+        stopped=True,
+        proven=True,
+        confirm=Confirm.ALWAYS,
+        harmless=("motors", (0,) * 16),
+        turns_motors=True,
+    ),
     any_address=True,
 )
 class MotorTest(WireMessage):
@@ -52,8 +65,16 @@ class MotorTest(WireMessage):
     layout="4",
     reply="T",
     firmware="FC",
-    source="WIRE 7, MotorTest4",
-    danger="spins motors for 0.5 s; short frames are filled with checksum characters by the board",
+    source=Source.FC_RECEIVE,
+    policy=Policy(0.2, 0),
+    danger=Danger(
+        effect="spins motors for 0.5 s; short frames are filled with checksum characters by the board",
+        stopped=True,
+        proven=True,
+        confirm=Confirm.ALWAYS,
+        harmless=("motors", (0,) * 4),
+        turns_motors=True,
+    ),
     any_address=True,
 )
 class MotorTest4(WireMessage):
@@ -62,12 +83,12 @@ class MotorTest4(WireMessage):
     motors: Annotated[tuple[int, ...], U8(mk="Motor", count=4)]
 
 
-@answer(Board.FC, "T", firmware="FC; gone in 0.71h, back in 2.x: optional", source='WIRE 7; vector "motor test reply"')
+@answer(Board.FC, "T", firmware="FC; gone in 0.71h, back in 2.x: optional", source=Source.FC_SEND)
 class MotorTestDone(WireMessage):
     """A motor test was taken."""
 
 
-@request(Board.FC, "p", reply="P", firmware="FC", source="WIRE 7")
+@request(Board.FC, "p", reply="P", firmware="FC", source=Source.FC_RECEIVE, policy=Policy(0.2, 3))
 class ReceiverRequest(WireMessage):
     """Ask for all channels the FlightCtrl receives."""
 
@@ -78,8 +99,9 @@ class ReceiverRequest(WireMessage):
     name="Receiver",
     layout="200",
     firmware="FC 0.91, 2.00a and later",
-    source="WIRE 7, PPM_200",
     since=(0, 91),
+    source=Source.FC_SEND,
+    tells_firmware=True,
 )
 class Receiver200(WireMessage):
     """Channels the FlightCtrl receives."""
@@ -89,7 +111,14 @@ class Receiver200(WireMessage):
 
 
 @answer(
-    Board.FC, "P", name="Receiver", layout="077", firmware="FC 0.77 to 0.90", source="WIRE 7, PPM_077", since=(0, 77)
+    Board.FC,
+    "P",
+    name="Receiver",
+    layout="077",
+    firmware="FC 0.77 to 0.90",
+    since=(0, 77),
+    source=Source.CHANGE_LOG,
+    tells_firmware=True,
 )
 class Receiver077(WireMessage):
     """Channels the FlightCtrl receives."""
@@ -98,7 +127,9 @@ class Receiver077(WireMessage):
     """0 RSSI, 1..12 receiver, 13..24 serial (the split is inferred)."""
 
 
-@answer(Board.FC, "P", name="Receiver", layout="071", firmware="FC 0.71 to 0.76", source="WIRE 7, PPM_071")
+@answer(
+    Board.FC, "P", name="Receiver", layout="071", firmware="FC 0.71 to 0.76", source=Source.WIKI, tells_firmware=True
+)
 class Receiver071(WireMessage):
     """Channels the FlightCtrl receives."""
 
@@ -110,9 +141,13 @@ class Receiver071(WireMessage):
     (Board.FC, Board.NC),
     "y",
     firmware="FC 0.77 and later; NC 0.24 forwards FC-addressed ones, NC 2.13 and later takes them itself",
-    source="WIRE 7, SerialPoti",
-    danger="drives any function mapped to a serial channel: GPS mode, care-free, motor switch",
     since={Board.FC: (0, 77), Board.NC: (2, 13)},
+    source=(Source.FC_RECEIVE, Source.NC_RECEIVE),
+    danger=Danger(
+        effect="drives any function mapped to a serial channel: GPS mode, care-free, motor switch",
+        confirm=Confirm.ALWAYS,
+    ),
+    is_forwarded=True,
 )
 class SerialChannels(WireMessage):
     """Set the serial channels; they become selectable channels 17..28 (2.x) or 13..24 (0.77 to 0.90)."""
@@ -124,9 +159,15 @@ class SerialChannels(WireMessage):
     Board.FC,
     "j",
     firmware="FC 0.82 and later",
-    source="WIRE 7, ReceiverPassthrough",
-    danger="turns the port into a bridge to the receiver until power-off; the FlightCtrl stops working",
     since=(0, 82),
+    source=Source.FC_RECEIVE,
+    danger=Danger(
+        effect="turns the port into a bridge to the receiver until power-off; the FlightCtrl stops working",
+        confirm=Confirm.ALWAYS,
+        stopped=True,
+        proven=True,
+        switch=Switch.RECEIVER_BRIDGE,
+    ),
 )
 class ReceiverBridge(WireMessage):
     """Hand the port to the receiver, for its firmware update."""
@@ -138,17 +179,31 @@ class ReceiverBridge(WireMessage):
 _FORK = "a public fork of FC 2.12a and 2.00a"
 
 
-@request(Board.FC, "x", firmware=_FORK, source="WIRE 7; firmware notes 1", danger="starts the motors", is_fork=True)
+@request(
+    Board.FC,
+    "x",
+    firmware=_FORK,
+    source=Source.FC_FORK,
+    policy=Policy(0.3, 0),
+    danger=Danger(
+        effect="starts the motors", confirm=Confirm.ALWAYS, stopped=True, proven=True, switch=Switch.FORK_ARMING
+    ),
+    is_fork=True,
+)
 class ArmMotors(WireMessage):
     """Start the motors; needs a calibration and no errors."""
 
 
+# A running motor must not stand in the way of stopping it.
 @request(
     Board.FC,
     "e",
     firmware=_FORK,
-    source="WIRE 7; firmware notes 1",
-    danger="stops the motors, in flight too",
+    source=Source.FC_FORK,
+    policy=Policy(0.3, 0, deaf=0.85),
+    danger=Danger(
+        effect="stops the motors, in flight too", confirm=Confirm.ALWAYS, proven=True, switch=Switch.FORK_ARMING
+    ),
     is_fork=True,
 )
 class DisarmMotors(WireMessage):
@@ -159,8 +214,15 @@ class DisarmMotors(WireMessage):
     Board.FC,
     "r",
     firmware=_FORK,
-    source="WIRE 7; firmware notes 1",
-    danger="recalibrates the sensors; the FlightCtrl is deaf for 1.5 s",
+    source=Source.FC_FORK,
+    policy=Policy(0.3, 0, deaf=1.5),
+    danger=Danger(
+        effect="recalibrates the sensors; the FlightCtrl is deaf for 1.5 s",
+        confirm=Confirm.ALWAYS,
+        stopped=True,
+        proven=True,
+        switch=Switch.FORK_ARMING,
+    ),
     is_fork=True,
 )
 class Recalibrate(WireMessage):
@@ -173,8 +235,15 @@ class Recalibrate(WireMessage):
     Board.FC,
     "o",
     firmware=_FORK,
-    source="WIRE 7; firmware notes 1",
-    danger="the FlightCtrl is deaf for 0.24 to 2.5 s",
+    source=Source.FC_FORK,
+    policy=Policy(0.3, 0, deaf=2.5),
+    danger=Danger(
+        effect="the FlightCtrl is deaf for 0.24 to 2.5 s",
+        confirm=Confirm.ALWAYS,
+        stopped=True,
+        proven=True,
+        switch=Switch.FORK_ARMING,
+    ),
     is_fork=True,
 )
 class Beep(WireMessage):
@@ -188,8 +257,15 @@ class Beep(WireMessage):
     (Board.FC, Board.NC),
     "R",
     firmware="all",
-    source="WIRE 12",
-    danger="reboots the board: FC up to 2.00a and NC 0.24 even in flight, the NC into its boot loader",
+    source=(Source.FC_RECEIVE, Source.NC_RECEIVE),
+    policy=Policy(0.3, 0, deaf=5.25),
+    danger=Danger(
+        effect="reboots the board: FC up to 2.00a and NC 0.24 even in flight, the NC into its boot loader",
+        confirm=Confirm.ALWAYS,
+        stopped=True,
+        proven=True,
+        switch=Switch.RESET,
+    ),
     any_address=True,
 )
 class Reset(WireMessage):

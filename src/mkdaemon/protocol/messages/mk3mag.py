@@ -8,10 +8,18 @@ from __future__ import annotations
 from typing import Annotated
 
 from mkdaemon.protocol.fields import S16, U8
+from mkdaemon.protocol.sources import Source
 from mkdaemon.protocol.units import DECI_DEG
 from mkdaemon.protocol.wire import Board, WireMessage, request
+from mkdaemon.telemetry.danger import Confirm, Danger, Switch
 
-_DANGER = "drives the compass calibration: can corrupt it"
+_DANGER = Danger(
+    effect="drives the compass calibration: can corrupt it",
+    confirm=Confirm.ALWAYS,
+    stopped=True,
+    proven=True,
+    switch=Switch.COMPASS_CALIBRATION,
+)
 
 
 class _Feed(WireMessage):
@@ -27,7 +35,7 @@ class _Feed(WireMessage):
     """1 on FC 0.9x and later: a hint on how it is mounted."""
 
 
-@request(Board.MAG, "k", layout="k", reply="K", firmware="FC 2.x", source="WIRE 9, ToMK3Mag", danger=_DANGER)
+@request(Board.MAG, "k", layout="k", reply="K", firmware="FC 2.x", source=Source.FC_SEND, danger=_DANGER)
 class CompassFeed(_Feed):
     """Attitude for tilt compensation, every 99 ms (999 ms with a NaviCtrl)."""
 
@@ -39,7 +47,7 @@ class CompassFeed(_Feed):
     layout="w",
     reply="K",
     firmware="FC 0.7x and 0.8x",
-    source="WIRE 9, ToMK3Mag",
+    source=Source.FC_SEND,
     danger=_DANGER,
 )
 class CompassFeedOld(_Feed):

@@ -9,8 +9,12 @@ from typing import Annotated, Final
 
 from mkdaemon.protocol.fields import S16, U8, U16
 from mkdaemon.protocol.flags import NaviParameterId, RedirectPort
+from mkdaemon.protocol.matching import same
+from mkdaemon.protocol.sources import Source
+from mkdaemon.protocol.spec import Policy
 from mkdaemon.protocol.units import CELSIUS, DECIAMPERE, MILLISECOND, TEN_MS
 from mkdaemon.protocol.wire import Board, WireMessage, answer, request
+from mkdaemon.telemetry.danger import Confirm, Danger
 
 ESCAPE: Final = bytes.fromhex("1b1b55aa00")
 """Ends a redirection; no frame, all five bytes. Send it twice, 50 ms apart."""
@@ -22,8 +26,13 @@ _PARAMETER = NaviParameterId
     Board.NC,
     "u",
     firmware="NC",
-    source="WIRE 8, RedirectUart",
-    danger="blinds the NaviCtrl's port and stops its servos; commands of the other board become reachable",
+    source=Source.NC_RECEIVE,
+    danger=Danger(
+        effect="blinds the NaviCtrl's port and stops its servos; commands of the other board become reachable",
+        confirm=Confirm.ALWAYS,
+        stopped=True,
+        proven=True,
+    ),
 )
 class Redirect(WireMessage):
     """Connect the host to another board until the escape; 1 and 2 are refused while motors run."""
@@ -44,8 +53,10 @@ def _is_set(payload: bytes) -> bool:
     "j",
     reply="J",
     firmware="NC 0.24 and later",
-    source="WIRE 8, NcParamRequest",
     since=(0, 24),
+    source=Source.NC_RECEIVE,
+    policy=Policy(0.4, 4),
+    matches=same("id"),
     recognise=_is_get,
 )
 class NaviParameterRequest(WireMessage):
@@ -64,8 +75,10 @@ class NaviParameterRequest(WireMessage):
     layout="short",
     reply="J",
     firmware="NC 0.24 and later",
-    source='WIRE 8; vector "NC parameter 0 get"',
     since=(0, 24),
+    source=(Source.NC_RECEIVE, Source.TOOLS),
+    policy=Policy(0.4, 4),
+    matches=same("id"),
     recognise=_is_get,
 )
 class NaviParameterRequestShort(WireMessage):
@@ -81,9 +94,13 @@ class NaviParameterRequestShort(WireMessage):
     layout="set",
     reply="J",
     firmware="NC 0.24 and later",
-    source="WIRE 8, NcParamRequest",
-    danger="changes speed, heading or altitude set points in flight",
     since=(0, 24),
+    source=Source.NC_RECEIVE,
+    policy=Policy(0.4, 4),
+    matches=same("id"),
+    danger=Danger(
+        effect="changes speed, heading or altitude set points in flight", confirm=Confirm.IN_FLIGHT, proven=True
+    ),
     recognise=_is_set,
 )
 class WriteNaviParameter(WireMessage):
@@ -95,7 +112,7 @@ class WriteNaviParameter(WireMessage):
     """In the unit of the parameter: speed 0.1 m/s, heading deg (-1 none), altitude dm."""
 
 
-@answer(Board.NC, "J", firmware="NC 0.24 and later", source="WIRE 8, NcParamReply")
+@answer(Board.NC, "J", firmware="NC 0.24 and later", source=Source.NC_SEND)
 class NaviParameter(WireMessage):
     """A parameter."""
 
@@ -104,7 +121,15 @@ class NaviParameter(WireMessage):
     """TARGET_SPEED 0.1 m/s, HEADING_SETPOINT deg (-1 none), ALTITUDE_SETPOINT dm."""
 
 
-@request(Board.NC, "k", reply="K", firmware="NC 0.26/0.27 and later", source="WIRE 8", since=(0, 26), any_address=True)
+@request(
+    Board.NC,
+    "k",
+    reply="K",
+    firmware="NC 0.26/0.27 and later",
+    since=(0, 26),
+    source=(Source.TOOLS, Source.WIKI),
+    any_address=True,
+)
 class MotorStatusRequest(WireMessage):
     """Stream the state of the motor controllers, one motor a frame."""
 
@@ -112,7 +137,7 @@ class MotorStatusRequest(WireMessage):
     """0 stops."""
 
 
-@answer(Board.NC, "K", firmware="NC 0.26/0.27 and later", source="WIRE 8, BLData")
+@answer(Board.NC, "K", firmware="NC 0.26/0.27 and later", source=(Source.TOOLS, Source.WIKI))
 class MotorStatus(WireMessage):
     """State of one motor controller; motors come in no fixed order, absent ones seldom."""
 
@@ -133,9 +158,13 @@ class MotorStatus(WireMessage):
     "t",
     reply="T",
     firmware="NC 0.30g and later",
-    source="WIRE 4, 8",
-    danger="a FlightCtrl reads it as a motor test: only while the last version reply came from a NaviCtrl",
     since=(0, 30),
+    source=(Source.TOOLS, Source.WIKI),
+    policy=Policy(0.4, 0),
+    danger=Danger(
+        effect="a FlightCtrl reads it as a motor test: only while the last version reply came from a NaviCtrl",
+        proven=True,
+    ),
 )
 class TimeRequest(WireMessage):
     """Ask for the GPS time."""
@@ -143,7 +172,7 @@ class TimeRequest(WireMessage):
     one: Annotated[int, U8(mk="Interval", low=1, high=1)] = 1
 
 
-@answer(Board.NC, "T", key="time", firmware="NC 0.30g and later", source="WIRE 8, DateTime_arm")
+@answer(Board.NC, "T", key="time", firmware="NC 0.30g and later", source=Source.INFERRED)
 class NaviTime(WireMessage):
     """GPS time, UTC."""
 

@@ -1,6 +1,6 @@
 """NaviData: position, state and energy of the aircraft, as the NaviCtrl streams it.
 
-Source: docs/protocol.md, "NaviData"; units: WIRE 8.1.
+Source: docs/protocol.md, "NaviData"; units: `protocol.units`.
 """
 
 from __future__ import annotations
@@ -10,6 +10,8 @@ from typing import Annotated
 from mkdaemon.protocol.errorcodes import ErrorCode
 from mkdaemon.protocol.fields import S8, S16, S32, U8, U16
 from mkdaemon.protocol.flags import FlightStatus, FlightStatus2, FlightStatusOld, NaviStatus, PositionStatus
+from mkdaemon.protocol.sources import Source
+from mkdaemon.protocol.spec import Stream
 from mkdaemon.protocol.units import (
     BYTES_PER_S,
     CM_PER_S,
@@ -40,7 +42,8 @@ def _asks_for_sets(payload: bytes) -> bool:
     layout="v1",
     reply="O",
     firmware="all NC",
-    source="WIRE 8, OsdRequest_v1",
+    source=Source.NC_RECEIVE,
+    stream=Stream("osd", renews=2),
     recognise=lambda payload: not _asks_for_sets(payload),
     any_address=True,
 )
@@ -58,8 +61,8 @@ class OsdRequestV1(WireMessage):
     layout="v2",
     reply="O",
     firmware="NC 2.14 and later",
-    source="WIRE 8, OsdRequest_v2",
     since=(2, 14),
+    source=(Source.WIKI, Source.UGCS),
     recognise=_asks_for_sets,
     any_address=True,
 )
@@ -155,9 +158,10 @@ class _Power(WireMessage):
     key="osd",
     layout="5",
     firmware="NC 0.22 to 2.1x with the 1-byte request",
-    source="WIRE 8.1, NaviData_v5",
     since=(0, 22),
+    source=Source.NC_SEND,
     marker=frozenset({5}),
+    tells_firmware=True,
 )
 class OsdData5(_Power, _State5):
     """The whole state of the aircraft."""
@@ -172,8 +176,9 @@ class OsdData5(_Power, _State5):
     key="osd",
     layout="4",
     firmware="NC 0.18 to 0.22 (about)",
-    source="WIRE 8.1, NaviData_v3_v4",
+    source=Source.TOOLS,
     marker=frozenset({3, 4}),
+    tells_firmware=True,
 )
 class OsdData4(_Power, _State4):
     """The whole state of the aircraft, before FC 0.82."""

@@ -10,6 +10,7 @@ from typing import Annotated
 from mkdaemon.protocol.errorcodes import ErrorCode
 from mkdaemon.protocol.fields import S8, S16, S32, U8, U16, Text
 from mkdaemon.protocol.flags import NaviStatus, OsdStatus, OsdStatus2
+from mkdaemon.protocol.sources import Source
 from mkdaemon.protocol.units import (
     DECIAMPERE,
     DECIMETRE,
@@ -46,9 +47,10 @@ class _Head(WireMessage):
     "O",
     layout="10",
     firmware=_FIRMWARE,
-    source="WIRE 8.1, NaviTiny_10",
     since=(2, 14),
+    source=(Source.WIKI, Source.UGCS),
     marker=frozenset({10}),
+    tells_firmware=True,
 )
 class OsdTiny(_Head):
     """Data set 10: position."""
@@ -64,10 +66,11 @@ class OsdTiny(_Head):
     "O",
     layout="11",
     firmware=_FIRMWARE,
-    source="WIRE 8.1, NaviFlags_11",
     since=(2, 14),
+    source=(Source.WIKI, Source.UGCS),
     marker=frozenset({11}),
     open_ended=True,
+    tells_firmware=True,
 )
 class OsdFlags(_Head):
     """Data set 11: flags; some releases append reserved bytes."""
@@ -89,9 +92,10 @@ class OsdFlags(_Head):
     "O",
     layout="12",
     firmware=_FIRMWARE,
-    source="WIRE 8.1, NaviTarget_12",
     since=(2, 14),
+    source=(Source.WIKI, Source.UGCS),
     marker=frozenset({12}),
+    tells_firmware=True,
 )
 class OsdTarget(_Head):
     """Data set 12: target."""
@@ -110,9 +114,10 @@ class OsdTarget(_Head):
     "O",
     layout="13",
     firmware=_FIRMWARE,
-    source="WIRE 8.1, NaviHome_13",
     since=(2, 14),
+    source=(Source.WIKI, Source.UGCS),
     marker=frozenset({13}),
+    tells_firmware=True,
 )
 class OsdHome(_Head):
     """Data set 13: home and limits."""
@@ -136,9 +141,10 @@ class OsdHome(_Head):
     "O",
     layout="14",
     firmware=_FIRMWARE,
-    source="WIRE 8.1, NaviDeviation_14",
     since=(2, 14),
+    source=Source.UGCS,
     marker=frozenset({14}),
+    tells_firmware=True,
 )
 class OsdDeviation(_Head):
     """Data set 14: distances and attitude."""
@@ -159,7 +165,14 @@ class OsdDeviation(_Head):
 
 
 @answer(
-    Board.NC, "O", layout="15", firmware=_FIRMWARE, source="WIRE 8.1, NaviWP_15", since=(2, 14), marker=frozenset({15})
+    Board.NC,
+    "O",
+    layout="15",
+    firmware=_FIRMWARE,
+    since=(2, 14),
+    source=Source.UGCS,
+    marker=frozenset({15}),
+    tells_firmware=True,
 )
 class OsdWaypoint(_Head):
     """Data set 15: route."""
@@ -177,9 +190,10 @@ class OsdWaypoint(_Head):
     "O",
     layout="16",
     firmware=_FIRMWARE,
-    source="WIRE 8.1, NaviVolatile_16",
     since=(2, 14),
+    source=Source.UGCS,
     marker=frozenset({16}),
+    tells_firmware=True,
 )
 class OsdVolatile(_Head):
     """Data set 16: energy and heading."""

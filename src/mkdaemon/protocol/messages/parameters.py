@@ -8,11 +8,15 @@ from __future__ import annotations
 from typing import Annotated, Final
 
 from mkdaemon.protocol.fields import S8, U8, Rest, Text
+from mkdaemon.protocol.matching import same
+from mkdaemon.protocol.sources import Source
+from mkdaemon.protocol.spec import Policy
 from mkdaemon.protocol.units import MIX
 from mkdaemon.protocol.wire import Board, WireMessage, answer, request
+from mkdaemon.telemetry.danger import Confirm, Danger, Switch
 
 ACTIVE_SET: Final = 255
-"""Index that asks for the set in use."""
+"""`SettingsRequest.index` of the set in use, the only one whose reading changes nothing."""
 
 _SHORTEST: Final = 88
 """Bytes of a parameter set of revision 73."""
@@ -33,8 +37,16 @@ def _is_request(payload: bytes) -> bool:
     "q",
     reply="Q",
     firmware="FC",
-    source="WIRE 7, SettingsRequest",
-    danger="a set that is not active is loaded into the live parameters",
+    source=Source.FC_RECEIVE,
+    policy=Policy(0.4, 4),
+    matches=same("index", also=ACTIVE_SET),
+    danger=Danger(
+        effect="a set that is not active is loaded into the live parameters",
+        confirm=Confirm.ALWAYS,
+        stopped=True,
+        proven=True,
+        harmless=("index", ACTIVE_SET),
+    ),
     recognise=_is_request,
 )
 class SettingsRequest(WireMessage):
@@ -50,8 +62,16 @@ class SettingsRequest(WireMessage):
     layout="reset",
     reply="Q",
     firmware="FC",
-    source="WIRE 7, SettingsRequest",
-    danger="resets a parameter set to defaults, stores it and makes it active",
+    source=Source.FC_RECEIVE,
+    policy=Policy(1.5, 0, deaf=0.5),
+    matches=lambda asked, came: came.index == asked.index % 10,
+    danger=Danger(
+        effect="resets a parameter set to defaults, stores it and makes it active",
+        confirm=Confirm.ALWAYS,
+        stopped=True,
+        proven=True,
+        switch=Switch.FACTORY_RESET,
+    ),
     recognise=_is_reset,
 )
 class SettingsReset(WireMessage):
@@ -61,7 +81,7 @@ class SettingsReset(WireMessage):
     """10 + set: keep the channels; 20 + set: reset them too."""
 
 
-@answer(Board.FC, "Q", firmware="FC", source="WIRE 7, 16")
+@answer(Board.FC, "Q", firmware="FC", source=Source.FC_SEND, tells_firmware=True)
 class Settings(WireMessage):
     """A parameter set; its layout is that of the revision in its first byte."""
 
@@ -71,7 +91,15 @@ class Settings(WireMessage):
 
 
 @request(
-    Board.FC, "s", reply="S", firmware="FC", source="WIRE 7, 16", danger="overwrites a parameter set and activates it"
+    Board.FC,
+    "s",
+    reply="S",
+    firmware="FC",
+    source=Source.FC_RECEIVE,
+    policy=Policy(2.5, 1, deaf=1.33),
+    danger=Danger(
+        effect="overwrites a parameter set and activates it", confirm=Confirm.ALWAYS, stopped=True, proven=True
+    ),
 )
 class WriteSettings(WireMessage):
     """Store a parameter set and activate it; refused with motors running or on another revision."""
@@ -81,7 +109,7 @@ class WriteSettings(WireMessage):
     """A whole set, from the revision byte to the name."""
 
 
-@answer(Board.FC, "S", firmware="FC", source="WIRE 7, SettingNumberReply")
+@answer(Board.FC, "S", firmware="FC", source=Source.FC_SEND)
 class SettingsWritten(WireMessage):
     """How storing a parameter set ended."""
 
@@ -94,9 +122,15 @@ class SettingsWritten(WireMessage):
     "f",
     reply="F",
     firmware="FC 0.77a and later",
-    source="WIRE 7, ChangeSetting",
-    danger="switches the live parameters; silence while motors run",
     since=(0, 77),
+    source=Source.FC_RECEIVE,
+    policy=Policy(1.5, 1, deaf=0.73),
+    danger=Danger(
+        effect="switches the live parameters; silence while motors run",
+        confirm=Confirm.ALWAYS,
+        stopped=True,
+        proven=True,
+    ),
 )
 class SelectSettings(WireMessage):
     """Load a stored parameter set into the live parameters."""
@@ -104,7 +138,7 @@ class SelectSettings(WireMessage):
     index: Annotated[int, U8(mk="Index", low=1, high=5)]
 
 
-@answer(Board.FC, "F", firmware="FC 0.77a and later", source="WIRE 7, SettingNumberReply")
+@answer(Board.FC, "F", firmware="FC 0.77a and later", source=Source.FC_SEND)
 class SettingsSelected(WireMessage):
     """A parameter set was loaded."""
 
@@ -119,12 +153,20 @@ class _MixerTable(WireMessage):
     """16 rows of throttle, pitch, roll, yaw."""
 
 
-@request(Board.FC, "n", reply="N", firmware="FC 0.73 and later", source="WIRE 7", since=(0, 73))
+@request(
+    Board.FC,
+    "n",
+    reply="N",
+    firmware="FC 0.73 and later",
+    since=(0, 73),
+    source=Source.FC_RECEIVE,
+    policy=Policy(0.2, 3),
+)
 class MixerRequest(WireMessage):
     """Ask for the mixer."""
 
 
-@answer(Board.FC, "N", firmware="FC 0.73 and later", source="WIRE 7, MixerTable")
+@answer(Board.FC, "N", firmware="FC 0.73 and later", source=Source.FC_SEND)
 class Mixer(_MixerTable):
     """How throttle and sticks drive each motor."""
 
@@ -134,15 +176,18 @@ class Mixer(_MixerTable):
     "m",
     reply="M",
     firmware="FC 0.73 and later",
-    source="WIRE 7, MixerTable",
-    danger="overwrites the mixer at once, in flight too",
     since=(0, 73),
+    source=Source.FC_RECEIVE,
+    policy=Policy(1.0, 1, deaf=0.3),
+    danger=Danger(
+        effect="overwrites the mixer at once, in flight too", confirm=Confirm.ALWAYS, stopped=True, proven=True
+    ),
 )
 class WriteMixer(_MixerTable):
     """Store a mixer and use it."""
 
 
-@answer(Board.FC, "M", firmware="FC 0.73 and later", source="WIRE 7, MixerWriteReply")
+@answer(Board.FC, "M", firmware="FC 0.73 and later", source=Source.FC_SEND)
 class MixerWritten(WireMessage):
     """How storing a mixer ended."""
 

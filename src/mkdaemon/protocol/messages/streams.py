@@ -9,12 +9,20 @@ from typing import Annotated
 
 from mkdaemon.protocol.fields import S8, S16, U8, U16
 from mkdaemon.protocol.flags import BoardStatus
+from mkdaemon.protocol.sources import Source
+from mkdaemon.protocol.spec import Stream
 from mkdaemon.protocol.units import DECI_DEG, STICK, TEN_MS
 from mkdaemon.protocol.wire import Board, WireMessage, answer, request
 
 
 @request(
-    (Board.FC, Board.NC, Board.MAG), "d", reply="D", firmware="all", source="WIRE 5, IntervalRequest", any_address=True
+    (Board.FC, Board.NC, Board.MAG),
+    "d",
+    reply="D",
+    firmware="all",
+    source=(Source.FC_RECEIVE, Source.NC_RECEIVE),
+    stream=Stream("debug", renews=3),
+    any_address=True,
 )
 class DebugRequest(WireMessage):
     """Stream the debug channels; the first frame comes at once."""
@@ -31,13 +39,7 @@ class _Debug(WireMessage):
 
 
 @answer(
-    (Board.FC, Board.MAG),
-    "D",
-    name="DebugData",
-    key="debug",
-    layout="fc",
-    firmware="FC, MK3Mag",
-    source="WIRE 15, DebugOut_FC",
+    (Board.FC, Board.MAG), "D", name="DebugData", key="debug", layout="fc", firmware="FC, MK3Mag", source=Source.FC_SEND
 )
 class DebugDataFc(_Debug):
     """32 debug channels; their labels tell meaning and unit."""
@@ -45,7 +47,7 @@ class DebugDataFc(_Debug):
     analog: Annotated[tuple[int, ...], S16(mk="Analog", count=32)]
 
 
-@answer(Board.NC, "D", name="DebugData", key="debug", layout="nc", firmware="NC", source="WIRE 15, DebugOut_NC")
+@answer(Board.NC, "D", name="DebugData", key="debug", layout="nc", firmware="NC", source=Source.NC_SEND)
 class DebugDataNc(_Debug):
     """32 debug channels; declared unsigned in the NC's source, but many are signed, so they are read as signed."""
 
@@ -57,8 +59,9 @@ class DebugDataNc(_Debug):
     "c",
     reply="C",
     firmware="FC 0.72o and later, NC",
-    source="WIRE 5, IntervalRequest",
     since=(0, 18),
+    source=(Source.FC_RECEIVE, Source.NC_RECEIVE),
+    stream=Stream("attitude", renews=1),
     any_address=True,
 )
 class AttitudeRequest(WireMessage):
@@ -89,7 +92,7 @@ class _FcAttitude(_Attitude):
     key="attitude",
     layout="fc210",
     firmware="FC 2.09 and later",
-    source="WIRE 15, Data3D_FC210",
+    source=Source.FC_SEND,
 )
 class AttitudeDataFc210(_FcAttitude):
     """Attitude of the FlightCtrl."""
@@ -105,7 +108,7 @@ class AttitudeDataFc210(_FcAttitude):
     key="attitude",
     layout="fc_old",
     firmware="FC 0.72o to 2.08",
-    source="WIRE 15, Data3D_FC_old",
+    source=Source.FC_SEND,
 )
 class AttitudeDataFcOld(_FcAttitude):
     """Attitude of the FlightCtrl."""
@@ -113,9 +116,7 @@ class AttitudeDataFcOld(_FcAttitude):
     reserved: Annotated[tuple[int, ...], S8(mk="reserve", count=5)]
 
 
-@answer(
-    Board.NC, "C", name="AttitudeData", key="attitude", layout="nc", firmware="NC 0.2x", source="WIRE 15, Data3D_NC"
-)
+@answer(Board.NC, "C", name="AttitudeData", key="attitude", layout="nc", firmware="NC 0.2x", source=Source.NC_SEND)
 class AttitudeDataNc(_Attitude):
     """Attitude of the FlightCtrl as the NaviCtrl knows it."""
 
@@ -129,7 +130,7 @@ class AttitudeDataNc(_Attitude):
     key="attitude",
     layout="nc_sticks",
     firmware="NC 0.28 and later (about)",
-    source="WIRE 15, Data3D_NC_sticks",
+    source=Source.TOOLS,
 )
 class AttitudeDataNcSticks(_Attitude):
     """Attitude of the FlightCtrl as the NaviCtrl knows it, with the pilot's sticks."""

@@ -11,12 +11,22 @@ from typing import Annotated
 from mkdaemon.protocol.fields import U8
 from mkdaemon.protocol.flags import FlightFault0, FlightFault1, NaviFault0, VersionFlags
 from mkdaemon.protocol.generations import Release
+from mkdaemon.protocol.sources import Source
+from mkdaemon.protocol.spec import Policy
 from mkdaemon.protocol.wire import Board, WireMessage, answer, request
 
 _BOARDS = (Board.FC, Board.NC, Board.MAG)
 
 
-@request(_BOARDS, "v", reply="V", firmware="all", source="WIRE 5", any_address=True)
+@request(
+    _BOARDS,
+    "v",
+    reply="V",
+    firmware="all",
+    source=(Source.FC_RECEIVE, Source.NC_RECEIVE),
+    policy={Board.FC: Policy(0.15, 4), Board.NC: Policy(0.3, 5)},
+    any_address=True,
+)
 class VersionRequest(WireMessage):
     """Ask a board for its firmware release."""
 
@@ -28,7 +38,8 @@ class VersionRequest(WireMessage):
     layout="which",
     reply="V",
     firmware="FC 2.x on ATmega1284",
-    source="WIRE 5, VersionRequestFC",
+    source=Source.FC_RECEIVE,
+    policy=Policy(0.15, 4),
 )
 class VersionRequestWhich(WireMessage):
     """Ask a FlightCtrl for its own release or for that of the NaviCtrl behind it."""
@@ -98,8 +109,9 @@ class _FcState(WireMessage):
     name="Version",
     layout="fc210",
     firmware="FC 2.09 and later",
-    source="WIRE 15, VersionInfo_FC210",
+    source=Source.FC_SEND,
     recognise=_is_fc210,
+    tells_firmware=True,
 )
 class VersionFc210(_FcState, _Labelled):
     """Release and faults of a FlightCtrl."""
@@ -111,8 +123,9 @@ class VersionFc210(_FcState, _Labelled):
     name="Version",
     layout="fc200",
     firmware="FC 0.91, 2.00a to 2.08",
-    source="WIRE 15, VersionInfo_FC200",
+    source=Source.FC_SEND,
     recognise=_is_fc200,
+    tells_firmware=True,
 )
 class VersionFc200(_FcState, _Reserved):
     """Release and faults of a FlightCtrl."""
@@ -132,8 +145,9 @@ class _Classic(_Release):
     name="Version",
     layout="classic",
     firmware="FC up to 0.90",
-    source="WIRE 15, VersionInfo_classic",
+    source=(Source.FC_SEND, Source.NC_SEND),
     recognise=_is_classic,
+    tells_firmware=True,
 )
 class VersionClassic(_Classic):
     """Release and faults of a FlightCtrl."""
@@ -149,8 +163,9 @@ class VersionClassic(_Classic):
     name="Version",
     layout="classic",
     firmware="NC up to 0.3x",
-    source="WIRE 15, VersionInfo_classic",
+    source=Source.NC_SEND,
     recognise=_is_classic,
+    tells_firmware=True,
 )
 class NaviVersionClassic(_Classic):
     """Release and faults of a NaviCtrl."""
@@ -165,8 +180,9 @@ class NaviVersionClassic(_Classic):
     name="Version",
     layout="fc200",
     firmware="NC 2.x",
-    source="WIRE 15, VersionInfo_FC200, by continuity",
+    source=Source.INFERRED,
     recognise=_is_navi_200,
+    tells_firmware=True,
 )
 class NaviVersion200(_Reserved):
     """Release and faults of a NaviCtrl."""
@@ -180,7 +196,7 @@ class NaviVersion200(_Reserved):
     flags: Annotated[VersionFlags, U8(mk="Flags", enum=VersionFlags)]
 
 
-@answer(Board.MAG, "V", name="Version", layout="classic", firmware="MK3Mag", source="WIRE 15, VersionInfo_classic")
+@answer(Board.MAG, "V", name="Version", layout="classic", firmware="MK3Mag", source=Source.TOOLS, tells_firmware=True)
 class CompassVersion(_Classic):
     """Release of a MK3Mag."""
 

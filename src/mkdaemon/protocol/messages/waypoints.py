@@ -9,15 +9,21 @@ from typing import Annotated
 
 from mkdaemon.protocol.fields import S16, S32, U8, Text
 from mkdaemon.protocol.flags import PointEvent, PointType, PositionStatus
+from mkdaemon.protocol.matching import same
+from mkdaemon.protocol.sources import Source
+from mkdaemon.protocol.spec import Policy
 from mkdaemon.protocol.units import DECIMETRE, DEG, DM_PER_S, GLOBE, METRE, SECOND
 from mkdaemon.protocol.wire import Board, WireMessage, answer, request
+from mkdaemon.telemetry.danger import Confirm, Danger
 
 _OLD = "NC up to 0.20 (about)"
 _024 = "NC 0.22 to 0.26"
 _027 = "NC 0.27 to 2.0x"
 _2X = "NC 2.0x with automatic photo, and later"
-_TARGET_DANGER = "flies to a point in coming-home mode"
-_WRITE_DANGER = "changes the running route; status INVALID with index 0 clears it"
+_TARGET_DANGER = Danger(effect="flies to a point in coming-home mode", confirm=Confirm.ALWAYS, proven=True)
+_WRITE_DANGER = Danger(
+    effect="changes the running route; status INVALID with index 0 clears it", confirm=Confirm.IN_FLIGHT, proven=True
+)
 
 
 class _Point(WireMessage):
@@ -81,28 +87,30 @@ class _ReadBack(WireMessage):
     """The one asked for."""
 
 
-@request(
-    Board.NC, "s", name="SendTarget", layout="024", firmware=_024, source="WIRE 8, Point_024", danger=_TARGET_DANGER
-)
+@request(Board.NC, "s", name="SendTarget", layout="024", firmware=_024, source=Source.NC_RECEIVE, danger=_TARGET_DANGER)
 class SendTarget024(_Point024):
     """Set the target; no answer but a beep."""
 
 
-@request(
-    Board.NC, "s", name="SendTarget", layout="027", firmware=_027, source="WIRE 8, Point_027", danger=_TARGET_DANGER
-)
+@request(Board.NC, "s", name="SendTarget", layout="027", firmware=_027, source=Source.TOOLS, danger=_TARGET_DANGER)
 class SendTarget027(_Point027):
     """Set the target; no answer but a beep."""
 
 
-@request(Board.NC, "s", name="SendTarget", layout="2x", firmware=_2X, source="WIRE 8, Point_2x", danger=_TARGET_DANGER)
+@request(
+    Board.NC,
+    "s",
+    name="SendTarget",
+    layout="2x",
+    firmware=_2X,
+    source=(Source.WIKI, Source.UGCS),
+    danger=_TARGET_DANGER,
+)
 class SendTarget2x(_Point2x):
     """Set the target; no answer but a beep."""
 
 
-@request(
-    Board.NC, "s", name="SendTarget", layout="old", firmware=_OLD, source="WIRE 8, WayPoint_old", danger=_TARGET_DANGER
-)
+@request(Board.NC, "s", name="SendTarget", layout="old", firmware=_OLD, source=Source.TOOLS, danger=_TARGET_DANGER)
 class SendTargetOld(_PointOld):
     """Set the target; no answer but a beep."""
 
@@ -114,7 +122,9 @@ class SendTargetOld(_PointOld):
     layout="024",
     reply="W",
     firmware=_024,
-    source="WIRE 8, Point_024",
+    source=Source.NC_RECEIVE,
+    policy=Policy(0.5, 3),
+    matches=same("index", also=0),
     danger=_WRITE_DANGER,
 )
 class WriteWaypoint024(_Point024):
@@ -128,7 +138,9 @@ class WriteWaypoint024(_Point024):
     layout="027",
     reply="W",
     firmware=_027,
-    source="WIRE 8, Point_027",
+    source=Source.TOOLS,
+    policy=Policy(0.5, 3),
+    matches=same("index", also=0),
     danger=_WRITE_DANGER,
 )
 class WriteWaypoint027(_Point027):
@@ -142,7 +154,9 @@ class WriteWaypoint027(_Point027):
     layout="2x",
     reply="W",
     firmware=_2X,
-    source="WIRE 8, Point_2x",
+    source=(Source.WIKI, Source.UGCS),
+    policy=Policy(0.5, 3),
+    matches=same("index", also=0),
     danger=_WRITE_DANGER,
 )
 class WriteWaypoint2x(_Point2x):
@@ -156,14 +170,16 @@ class WriteWaypoint2x(_Point2x):
     layout="old",
     reply="W",
     firmware=_OLD,
-    source="WIRE 8, WayPoint_old",
+    source=Source.TOOLS,
+    policy=Policy(0.5, 3),
+    matches=same("index", also=0),
     danger=_WRITE_DANGER,
 )
 class WriteWaypointOld(_PointOld):
     """Store a point of the route."""
 
 
-@answer(Board.NC, "W", firmware="NC", source="WIRE 8, PointWriteReply")
+@answer(Board.NC, "W", firmware="NC", source=Source.NC_SEND)
 class WaypointWritten(WireMessage):
     """How storing a point ended."""
 
@@ -171,7 +187,15 @@ class WaypointWritten(WireMessage):
     """The stored one; 0 means cleared AND refused: only the list's state tells them apart."""
 
 
-@request(Board.NC, "x", reply="X", firmware="NC", source="WIRE 8, PointRequest")
+@request(
+    Board.NC,
+    "x",
+    reply="X",
+    firmware="NC",
+    source=Source.NC_RECEIVE,
+    policy=Policy(0.4, 4),
+    matches=same("index", "number"),
+)
 class WaypointRequest(WireMessage):
     """Ask for a stored point."""
 
@@ -179,22 +203,22 @@ class WaypointRequest(WireMessage):
     """1..; 0 gets no answer, above the count only the count."""
 
 
-@answer(Board.NC, "X", name="Waypoint", layout="024", firmware=_024, source="WIRE 8, PointReply, Point_024")
+@answer(Board.NC, "X", name="Waypoint", layout="024", firmware=_024, source=Source.NC_SEND)
 class Waypoint024(_Point024, _ReadBack):
     """A stored point."""
 
 
-@answer(Board.NC, "X", name="Waypoint", layout="027", firmware=_027, source="WIRE 8, PointReply, Point_027")
+@answer(Board.NC, "X", name="Waypoint", layout="027", firmware=_027, source=Source.TOOLS)
 class Waypoint027(_Point027, _ReadBack):
     """A stored point."""
 
 
-@answer(Board.NC, "X", name="Waypoint", layout="2x", firmware=_2X, source="WIRE 8, PointReply, Point_2x")
+@answer(Board.NC, "X", name="Waypoint", layout="2x", firmware=_2X, source=(Source.WIKI, Source.UGCS))
 class Waypoint2x(_Point2x, _ReadBack):
     """A stored point."""
 
 
-@answer(Board.NC, "X", layout="count", firmware="NC", source="WIRE 8, PointReply")
+@answer(Board.NC, "X", layout="count", firmware="NC", source=Source.NC_SEND)
 class WaypointCount(WireMessage):
     """The answer when there is no such point."""
 

@@ -1,0 +1,117 @@
+"""Whether a dangerous request may be sent: every declared danger against what it must meet."""
+
+from __future__ import annotations
+
+import pytest
+
+import mkdaemon.protocol.messages as messages
+from mkdaemon.config.commands import CommandsConfig
+from mkdaemon.control.danger import check_danger, check_proof
+from mkdaemon.errors import CommandRejectedError
+from mkdaemon.protocol.wire import MESSAGES, Board
+from mkdaemon.telemetry.danger import Confirm, Danger, Switch
+from mkdaemon.telemetry.refusals import Token
+
+DANGEROUS = {cls.__name__: cls.spec.danger for cls in MESSAGES.values() if cls.spec.danger}
+
+
+def check(danger: Danger, *, confirmed=True, switches=tuple(Switch), motors: bool | None = False, testing=False):
+    check_danger(
+        "fc/x",
+        danger,
+        is_confirmed=confirmed,
+        switches=switches,
+        motors_running=motors,
+        is_testing_motors=testing,
+    )
+
+
+def token_of(danger: Danger, **terms):
+    with pytest.raises(CommandRejectedError) as caught:
+        check(danger, **terms)
+    assert "{" not in caught.value.reason + caught.value.fix
+    assert "(detail)" not in caught.value.reason
+    return caught.value.token
+
+
+@pytest.mark.parametrize("name", sorted(DANGEROUS))
+def test_every_declared_danger_refuses_for_its_reasons_and_passes_when_they_are_met(name):
+    danger = DANGEROUS[name]
+    if danger.never:
+        assert token_of(danger) == Token.NEVER
+        return
+    check(danger)
+    if danger.switch:
+        assert token_of(danger, switches=()) == Token.NOT_ENABLED
+    if danger.stopped:
+        assert token_of(danger, motors=True) == Token.MOTORS_RUNNING
+        assert token_of(danger, motors=None) == Token.MOTORS_UNKNOWN
+    if danger.confirm is Confirm.ALWAYS:
+        assert token_of(danger, confirmed=False) == Token.NOT_CONFIRMED
+    if danger.confirm is Confirm.IN_FLIGHT:
+        check(danger, confirmed=False)
+        assert token_of(danger, confirmed=False, motors=True) == Token.NOT_CONFIRMED
+        assert token_of(danger, confirmed=False, motors=None) == Token.NOT_CONFIRMED
+        check(danger, motors=True)
+    if danger.proven:
+        with pytest.raises(CommandRejectedError, match=Token.BOARD_UNPROVEN):
+            check_proof("fc", danger, is_proven=False, found="nc answered it")
+    check_proof("fc", danger, is_proven=True, found="")
+
+
+def test_a_danger_without_terms_passes():
+    harmless = Danger(effect="none")
+    check(harmless, confirmed=False, switches=(), motors=None)
+    check_proof("fc", harmless, is_proven=False, found="")
+
+
+def test_the_refusals_come_in_this_order():
+    danger = Danger(effect="x", confirm=Confirm.ALWAYS, stopped=True, switch=Switch.RESET)
+    assert token_of(danger, confirmed=False, switches=(), motors=True) == Token.NOT_ENABLED
+    assert token_of(danger, confirmed=False, motors=True) == Token.MOTORS_RUNNING
+    assert token_of(danger, confirmed=False, motors=None) == Token.MOTORS_UNKNOWN
+    assert token_of(danger, confirmed=False) == Token.NOT_CONFIRMED
+
+
+def test_what_safety_forbids_in_flight_is_forbidden_whatever_the_configuration():
+    """docs/safety.md: never t s m w j u and q 10..29 with motors running or unknown; R never in flight."""
+    letters = {
+        cls.spec.id
+        for (board, _, _), cls in MESSAGES.items()
+        if board is Board.FC and cls.spec.danger and (cls.spec.danger.stopped or cls.spec.danger.never)
+    }
+    assert set("tsmwjuqfR") <= letters
+    reset = MESSAGES[Board.NC, "R", "1"].spec.danger
+    assert reset is not None
+    assert reset.stopped
+
+
+@pytest.mark.parametrize(
+    ("message", "is_dangerous"),
+    [
+        (messages.SettingsRequest(index=messages.ACTIVE_SET), False),
+        (messages.SettingsRequest(index=1), True),
+        (messages.DisplayRequest(keys_inverted=messages.ALL_KEYS_UP, interval=10), False),
+        (messages.DisplayRequest(keys_inverted=0xFE), True),
+        (messages.MotorTest(motors=(0,) * 16), False),
+        (messages.MotorTest(motors=(0,) * 15 + (1,)), True),
+        (messages.MotorTest4(motors=(0,) * 4), False),
+    ],
+    ids=repr,
+)
+def test_harmless_values_of_dangerous_requests_pass_freely(message, is_dangerous):
+    danger = message.spec.danger
+    assert danger is not None
+    assert danger.applies(message.__dict__) is is_dangerous
+
+
+def test_a_motor_test_may_go_on_although_it_turns_motors():
+    test, write = DANGEROUS["MotorTest"], DANGEROUS["WriteMixer"]
+    assert token_of(test, motors=True) == Token.MOTORS_RUNNING
+    check(test, motors=True, testing=True)
+    assert token_of(test, motors=None, testing=True) == Token.MOTORS_UNKNOWN
+    assert token_of(write, motors=True, testing=True) == Token.MOTORS_RUNNING
+
+
+def test_every_switch_is_a_field_of_the_configuration():
+    assert {switch.value for switch in Switch} == set(CommandsConfig.model_fields)
