@@ -35,7 +35,7 @@ class Line:
         self.direct_board = Board.FC
         self.boards = {Board.FC}
         self.is_up = True
-        self.is_looking_behind = False
+        self.lacks_flightctrl = False
         self._vitals = vitals
 
     async def request(self, message, *, board=None):
@@ -220,7 +220,7 @@ async def test_a_bare_redirection_comes_back_by_itself(desk, monkeypatch, port, 
         yield
         seen.append(("back", board))
 
-    monkeypatch.setattr(requests, "redirected", passed)
+    monkeypatch.setattr(requests, "redirection", passed)
     monkeypatch.setattr(requests, "PASSAGE", 0.0)
     desk.line.who_answers = Board.NC
     result = await desk.ask("nc/redirect", {"port": port, "confirm": True})

@@ -8,7 +8,7 @@ import itertools
 import pytest
 
 from mkdaemon.errors import CommandRejectedError
-from mkdaemon.link.discovery import PORTS, introduced, redirected
+from mkdaemon.link.discovery import PORTS, redirection, wait_for_discovery
 from mkdaemon.protocol.messages import ControlStateRequest, ExternControlV2, VersionRequest
 from mkdaemon.protocol.wire import Board
 from tests.link.rig import flight_ctrl, navi_ctrl, rig, virtually
@@ -54,10 +54,10 @@ async def test_a_flightctrl_that_was_silent_at_first_is_asked_again():
 
         r.socket.aircraft.write = write
         await r.until(lambda: len(lost) == 6, 10)
-        assert r.link.is_looking_behind
+        assert r.link.lacks_flightctrl
         assert r.link.dialect.read_only_reason is not None
         await r.until(lambda: r.link.dialect.extern_control is ExternControlV2, 10)
-        assert await introduced(r.link)
+        assert await wait_for_discovery(r.link)
         redirects = [s for s in r.log.tx if s.message is not None and s.message.spec.id == "u"]
         assert [later.at - at.at > 1 for at, later in itertools.pairwise(redirects)] == [True] * 2
         await asyncio.sleep(60)
@@ -74,8 +74,8 @@ async def test_an_aircraft_that_flew_at_first_is_known_once_its_motors_stop():
         boards.write = passed_on
         took_off = loop.time()
         await asyncio.sleep(20)
-        assert r.link.is_looking_behind
-        assert not await introduced(r.link)
+        assert r.link.lacks_flightctrl
+        assert not await wait_for_discovery(r.link)
         assert all(s.message.spec.id != "u" for s in r.log.tx if s.message and s.at > took_off)
         boards.world.pilot.program = None
         boards.world.faults.start("fc_reboot")
@@ -122,7 +122,7 @@ async def test_a_flightctrl_behind_a_navictrl_can_be_asked_while_redirected():
     async with rig(navi_ctrl()) as r:
         await r.until(lambda: r.link.dialect.fc_release is not None, 3)
         await asyncio.sleep(1)
-        async with redirected(r.link, Board.FC):
+        async with redirection(r.link, Board.FC):
             assert r.link.health().state.redirected_to == "fc"
             reply = await r.link.request(ControlStateRequest())
             assert int(reply.config) == 0
@@ -137,13 +137,13 @@ async def test_a_redirection_is_refused_with_motors_not_known_off_and_without_a_
         await r.until_up()
         await asyncio.sleep(2)
         with pytest.raises(CommandRejectedError) as caught:
-            async with redirected(r.link, Board.FC):
+            async with redirection(r.link, Board.FC):
                 raise AssertionError
         assert caught.value.token == "motors_not_known_off"
     async with rig(flight_ctrl()) as r:
         await r.until_up()
         with pytest.raises(CommandRejectedError) as caught:
-            async with redirected(r.link, Board.MAG):
+            async with redirection(r.link, Board.MAG):
                 raise AssertionError
         assert caught.value.token == "not_redirectable"
 
@@ -153,7 +153,7 @@ async def test_whoever_the_line_led_to_the_navictrl_is_back_afterwards():
     async with rig(navi_ctrl()) as r:
         await r.until(lambda: r.link.dialect.fc_release is not None, 3)
         for end in PORTS.values():
-            async with redirected(r.link, end):
+            async with redirection(r.link, end):
                 await asyncio.sleep(5)
             await r.until(lambda: r.condition == "up", 3)
             assert await r.link.request(VersionRequest(), board=Board.NC)

@@ -85,9 +85,9 @@ def test_a_line_that_works_is_up_and_says_both_directions():
     line = up()
     assert line.health.verdict.reason == "both directions proven"
     assert line.health.two_way_proof > line.now - 0.3
-    heard, heard_us = line.health.ages(line.now)
+    heard, answered = line.health.heard_age(line.now), line.health.answer_age(line.now)
     assert heard < 0.1
-    assert heard_us < 0.3
+    assert answered < 0.3
 
 
 def test_just_opened_claims_nothing():
@@ -116,7 +116,7 @@ def test_silence_is_noticed_without_a_reply_when_nothing_streams():
 def test_silence_is_no_news_where_nothing_was_asked():
     line = Line(streams={}, probes=False)
     line.health.frame_received("nc", "version", 22, line.now)
-    line.health.heard_us(line.now)
+    line.health.board_answered(line.now)
     line.run(5.0)
     assert line.health.verdict.condition is LinkCondition.UP
 
@@ -386,4 +386,4 @@ def test_answers_to_nothing_change_nothing():
     health.port_opened(1.0)
     health.probe_answered(7, 1.1)
     health.confirmed(8, 1.1)
-    assert health.ages(1.2)[1] == float("inf")
+    assert health.answer_age(1.2) == float("inf")

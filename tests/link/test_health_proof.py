@@ -27,7 +27,7 @@ def test_a_board_that_talks_unasked_proves_only_one_direction():
         health.frame_received("fc", "debug", 94, 1.0 + step / 10)
         health.judge(1.01 + step / 10)
     assert health.verdict.condition is LinkCondition.DOWN
-    health.heard_us(3.0)
+    health.board_answered(3.0)
     health.judge(3.01)
     assert health.verdict.condition is LinkCondition.UP
 

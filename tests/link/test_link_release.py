@@ -10,7 +10,7 @@ from lab.rigs.boardport import LineFault
 from mkdaemon.errors import (
     CommandRejectedError,
 )
-from mkdaemon.link.discovery import redirected
+from mkdaemon.link.discovery import redirection
 from mkdaemon.link.session.traffic import Purpose
 from mkdaemon.protocol.messages import (
     ExternControlV1,
@@ -92,7 +92,7 @@ async def test_a_release_does_not_wait_for_confirmations_a_redirection_took_with
     async with rig(navi_ctrl(gate_parameter=200)) as r:
         await r.until(lambda: r.link.dialect.extern_control is not None, 5)
         await asyncio.sleep(1)
-        async with redirected(r.link, Board.FC):
+        async with redirection(r.link, Board.FC):
             releasing = asyncio.create_task(r.link.release("test"))
             await asyncio.sleep(ended_after)
         async with asyncio.timeout(0.4):

@@ -53,7 +53,7 @@ def make_sets_differ(socket: Socket) -> None:
 
 async def ready(r: Rig) -> None:
     await r.until_up()
-    await r.until(lambda: not r.link.is_looking_behind and r.link.dialect.fc_release is not None, 10)
+    await r.until(lambda: not r.link.lacks_flightctrl and r.link.dialect.fc_release is not None, 10)
     make_sets_differ(r.socket)
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from mkdaemon.link.discovery import introduced
+from mkdaemon.link.discovery import wait_for_discovery
 from mkdaemon.link.link import Link
 from mkdaemon.telemetry.link import LinkState
 from mkdaemon.telemetry.refusals import Token, refuse
@@ -25,5 +25,5 @@ async def meet(link: Link, state: LinkState | None) -> None:
     if not link.is_up and not link.boards:
         condition = "absent" if state is None else state.condition.value
         raise refuse(Token.LINK_DOWN, state=condition, detail="" if state is None else state.reason)
-    if not await introduced(link):
+    if not await wait_for_discovery(link):
         raise refuse(Token.DISCOVERING, detail=link.dialect.read_only_reason)

@@ -17,7 +17,7 @@ from mkdaemon.daemon.audit import Audit
 from mkdaemon.daemon.meeting import meet
 from mkdaemon.daemon.vitals import Vitals
 from mkdaemon.errors import CommandRejectedError, LinkLostError, RequestTimeoutError
-from mkdaemon.link.discovery import PORTS, redirected
+from mkdaemon.link.discovery import PORTS, redirection
 from mkdaemon.link.link import Link
 from mkdaemon.link.procedures import way_to
 from mkdaemon.protocol.flags import RedirectPort
@@ -87,7 +87,7 @@ class BoardRequests:
         Raises:
             CommandRejectedError: `not_redirectable`, `motors_not_known_off`.
         """
-        async with redirected(self._link, PORTS[port]):
+        async with redirection(self._link, PORTS[port]):
             await asyncio.sleep(PASSAGE)
         reason = (
             f"the line led to the {port.name} for {PASSAGE:g} s and is back; what came is under raw/rx. "

@@ -6,7 +6,7 @@ from typing import Final, NamedTuple
 
 from mkdaemon.protocol.wire import Board
 from mkdaemon.stamp import Stamp
-from mkdaemon.telemetry.link import LinkCondition, LinkState
+from mkdaemon.telemetry.link import LinkState
 from mkdaemon.telemetry.state import Flight, Pilot
 from mkdaemon.telemetry.vehicle import VehicleHealth
 
@@ -16,8 +16,6 @@ TEST_LASTS: Final = 1.0
 """A motor test turns motors for 0.5 s, and the last message that shows them turning may be as old again [s]."""
 PROOF_AGE: Final = 10.0
 """A version reply older than this proves no longer who is on the line [s]."""
-
-_HEARD: Final = frozenset({LinkCondition.UP, LinkCondition.DEGRADED, LinkCondition.ONE_WAY})
 
 
 class _Motors(NamedTuple):
@@ -103,7 +101,7 @@ class Vitals:
         fresh = flight is not None and stamp.monotonic - flight.stamp.monotonic <= MOTORS_AGE
         return VehicleHealth(
             stamp=stamp,
-            is_alive=link is not None and link.condition in _HEARD,
+            is_alive=link is not None and link.condition.hears_board,
             reason="the line has not been opened yet" if link is None else link.reason,
             boards=() if link is None else link.boards,
             firmware=dict(self._firmware),

@@ -17,20 +17,18 @@ import asyncio
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager, suppress
 from itertools import chain, repeat
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 from mkdaemon.errors import CommandRejectedError, LinkError
+from mkdaemon.link.conversation import Conversation
 from mkdaemon.protocol.flags import RedirectPort
 from mkdaemon.protocol.messages.navictrl import Redirect
 from mkdaemon.protocol.messages.version import VersionRequest
 from mkdaemon.protocol.wire import Board
 
-if TYPE_CHECKING:
-    from mkdaemon.link.link import Link
-
 ESCAPE_PAUSE: Final = 0.05
 """Between the two escape sequences, and after them before the next frame [s]."""
-SWITCH: Final = 0.03
+SWITCH_TIME: Final = 0.03
 """A NaviCtrl takes this long to switch its port over [s]; 25 ms measured."""
 MOTORS_WAIT: Final = 3.0
 """How long to wait for telemetry that tells whether the motors run [s]."""
@@ -38,52 +36,52 @@ ASK_AGAIN: Final = (0.1, 0.2, 0.4)
 """Pauses between rounds of questions while nobody answers; the last one repeats [s]."""
 LOOK_AGAIN: Final = (1.0, 2.0, 4.0, 8.0, 15.0)
 """Pauses between looks behind a NaviCtrl while its FlightCtrl is unknown; the last one repeats [s]."""
-INTRODUCTION_TIME: Final = 4.0
+DISCOVERY_TIME: Final = 4.0
 """How long whoever wants to act waits for the boards to be known [s]; a start takes 0.5-1.5 s."""
 
 
-async def introduce(link: Link) -> None:
+async def discover_boards(link: Conversation) -> None:
     """Find out who is on the line, and ask for the streams."""
     await _find_direct_board(link)
-    link.begin_streams()
+    link.start_streams()
 
 
-async def look_behind(link: Link, *, until: asyncio.Event) -> None:
+async def discover_flightctrl(link: Conversation, *, until: asyncio.Event) -> None:
     """Ask the FlightCtrl behind a NaviCtrl for its release, again and again; ends when it is known.
 
     Args:
-        link: introduced.
-        until: ends it, too: the boards must be met anew.
+        link: its boards are discovered.
+        until: ends it, too: the boards must be discovered anew.
     """
     pauses = chain(LOOK_AGAIN, repeat(LOOK_AGAIN[-1]))
-    while link.is_looking_behind and not until.is_set():
+    while link.lacks_flightctrl and not until.is_set():
         with suppress(CommandRejectedError):
-            await _look_once(link)
-        if link.is_looking_behind:
+            await _ask_flightctrl(link)
+        if link.lacks_flightctrl:
             with suppress(TimeoutError):
                 async with asyncio.timeout(next(pauses)):
                     await until.wait()
 
 
-async def introduced(link: Link) -> bool:
-    """Wait a while for the boards on the line to name their releases; whether they have."""
+async def wait_for_discovery(link: Conversation) -> bool:
+    """Wait a while for the boards on the line to name their releases; returns whether they have."""
     with suppress(TimeoutError):
-        async with asyncio.timeout(INTRODUCTION_TIME):
-            while link.is_looking_behind or not link.boards:  # noqa: ASYNC110 - what is known is a state, not an event
+        async with asyncio.timeout(DISCOVERY_TIME):
+            while link.lacks_flightctrl or not link.boards:  # noqa: ASYNC110 - what is known is a state, not an event
                 await asyncio.sleep(0.05)
-    return not link.is_looking_behind and bool(link.boards)
+    return not link.lacks_flightctrl and bool(link.boards)
 
 
-async def _look_once(link: Link) -> None:
+async def _ask_flightctrl(link: Conversation) -> None:
     """Through a NaviCtrl 0.24 no release is ever confirmed; while the line is passed through one is."""
-    async with redirected(link, Board.FC):
+    async with redirection(link, Board.FC):
         for _ in range(3):
             if await _ask_version(link, Board.FC):
                 await link.release("FlightCtrl found")
                 break
 
 
-async def _find_direct_board(link: Link) -> None:
+async def _find_direct_board(link: Conversation) -> None:
     for round_number in range(1_000_000):
         if await _ask_version(link, Board.ANY) and link.direct_board is Board.NC:
             return
@@ -96,7 +94,7 @@ async def _find_direct_board(link: Link) -> None:
         await asyncio.sleep(ASK_AGAIN[min(round_number, len(ASK_AGAIN) - 1)])
 
 
-async def _ask_version(link: Link, board: Board) -> bool:
+async def _ask_version(link: Conversation, board: Board) -> bool:
     try:
         await link.request(VersionRequest(), board=board, timeout=0.15, retries=0)
     except (LinkError, CommandRejectedError):
@@ -104,8 +102,8 @@ async def _ask_version(link: Link, board: Board) -> bool:
     return True
 
 
-async def motors_stand_still(link: Link) -> bool:
-    """Wait a while for telemetry to tell; whether it said that they do."""
+async def wait_for_still_motors(link: Conversation) -> bool:
+    """Wait a while for telemetry that says whether the motors run; returns whether they stand still."""
     with suppress(TimeoutError):
         async with asyncio.timeout(MOTORS_WAIT):
             while link.motors_running() is None:  # noqa: ASYNC110 - telemetry is a state, not an event
@@ -118,7 +116,7 @@ PORTS: Final = {RedirectPort.FC: Board.FC, RedirectPort.MAG: Board.MAG, Redirect
 
 
 @asynccontextmanager
-async def redirected(link: Link, board: Board) -> AsyncIterator[None]:
+async def redirection(link: Conversation, board: Board) -> AsyncIterator[None]:
     """Have a NaviCtrl pass the line through to another board; the escape sequence ends it, whatever happens.
 
     `Board.ANY` is the GPS receiver: nothing is sent to it, what it says is raw bytes.
@@ -136,19 +134,19 @@ async def redirected(link: Link, board: Board) -> AsyncIterator[None]:
             "not_redirectable", f"The line cannot be passed through to {board.word}.", "Connect to that board directly."
         )
     async with link.passage:
-        if not await motors_stand_still(link):
+        if not await wait_for_still_motors(link):
             raise CommandRejectedError(
                 "motors_not_known_off",
                 "A redirection stops the NaviCtrl's telemetry and servos.",
                 "Stop the motors and wait for telemetry that says so.",
             )
         await link.send(Redirect(port=ports[board]), board=Board.NC)
-        link.note_redirect(board)
+        link.set_redirection(board)
         try:
-            await asyncio.sleep(SWITCH)
+            await asyncio.sleep(SWITCH_TIME)
             yield
         finally:
             for _ in range(2):
                 await link.send_escape()
                 await asyncio.sleep(ESCAPE_PAUSE)
-            link.note_redirect(None)
+            link.set_redirection(None)

@@ -1,7 +1,7 @@
-"""The link as its users see it: one port, reopened for ever; questions, setpoints and releases.
+"""The link as its users see it: one port, reopened for ever, and the boards at its other end.
 
-Everything happens in the task of `run` and in the callers' own: what crosses the port is `exchange`, what is decided
-about it is `dialogue`.
+Everything happens in the task of `run` and in the callers' own. What may be said is `conversation`, what crosses the
+port is `exchange`, what is decided about it is `dialogue`, and who is there `discovery` finds out.
 """
 
 from __future__ import annotations
@@ -12,17 +12,13 @@ from typing import Protocol
 
 from mkdaemon.clock import Clock
 from mkdaemon.config.link import LinkConfig
-from mkdaemon.errors import CommandRejectedError, LinkError, LinkLostError, RequestTimeoutError
-from mkdaemon.link.discovery import introduce, look_behind
+from mkdaemon.errors import LinkError, LinkLostError
+from mkdaemon.link.conversation import Conversation
+from mkdaemon.link.discovery import discover_boards, discover_flightctrl
 from mkdaemon.link.ports.port import Port, open_port
-from mkdaemon.link.session.dialogue import Dialogue
-from mkdaemon.link.session.exchange import Exchange
 from mkdaemon.link.session.reopening import AliasMemory, backoff
-from mkdaemon.link.session.streams import check_rates
-from mkdaemon.link.session.traffic import LinkSink, Purpose, ReleaseResult
-from mkdaemon.protocol.dialect import Dialect
-from mkdaemon.protocol.wire import Board, WireMessage
-from mkdaemon.telemetry.link import LinkCondition, LinkHealth, LinkTraffic
+from mkdaemon.link.session.traffic import LinkSink
+from mkdaemon.telemetry.link import LinkCondition
 
 
 class Opener(Protocol):
@@ -32,12 +28,8 @@ class Opener(Protocol):
         """Open; raises what `open_port` raises."""
 
 
-class Link:
-    """A line to a MikroKopter that can be trusted.
-
-    Attributes:
-        passage: held while a NaviCtrl passes the line through to another board.
-    """
+class Link(Conversation):
+    """A line to a MikroKopter that can be trusted: opened, watched, and opened again."""
 
     def __init__(
         self,
@@ -49,155 +41,18 @@ class Link:
     ) -> None:
         """Prepare; `run` does the work.
 
+        Args:
+            cfg: the port, its pace and the streams.
+            sink: hears of everything that crosses the line.
+            opener: opens the port.
+            clock: the machine's if none is given.
+
         Raises:
             ConfigError: the configured port or a configured stream cannot exist, or the line cannot carry the rates.
         """
-        check_rates(cfg)
-        self._cfg = cfg
+        super().__init__(cfg, sink, clock or Clock())
         self._opener = opener
-        self._clock = clock = clock or Clock()
-        self._dialogue = Dialogue(cfg, clock.now())
-        self._exchange = Exchange(cfg, sink, self._dialogue, clock)
         self._aliases = AliasMemory()
-        self.passage = asyncio.Lock()
-
-    # -- what callers use -----------------------------------------------------------------------------------------
-
-    @property
-    def dialect(self) -> Dialect:
-        """How to speak to this aircraft, as far as it has shown itself."""
-        return self._dialogue.dialect
-
-    @property
-    def boards(self) -> frozenset[Board]:
-        """Boards heard since the port was opened."""
-        return frozenset(self._dialogue.peers.boards)
-
-    @property
-    def direct_board(self) -> Board:
-        """The board the wire ends at; ANY while unknown."""
-        return self._dialogue.peers.direct
-
-    @property
-    def is_looking_behind(self) -> bool:
-        """Whether the FlightCtrl behind the NaviCtrl at the end of the wire is still to be asked for its release."""
-        port = self._exchange.port
-        may_ask = self._cfg.probe_flightctrl and port is not None and not port.is_recording
-        return may_ask and self.direct_board is Board.NC and self.dialect.fc_release is None
-
-    @property
-    def is_up(self) -> bool:
-        """Whether both directions work, perhaps with losses."""
-        return self._exchange.reporter.is_usable
-
-    def health(self) -> LinkHealth:
-        """Everything measured about the line, now."""
-        return self._exchange.reporter.health(self._clock.now())
-
-    def traffic(self) -> LinkTraffic:
-        """The counters, now."""
-        return self._exchange.reporter.traffic(self._clock.now())
-
-    def rates(self) -> dict[str, float]:
-        """Interval of every wanted stream [s]."""
-        return self._dialogue.streams.wanted
-
-    async def request(
-        self,
-        msg: WireMessage,
-        *,
-        board: Board | None = None,
-        timeout: float | None = None,  # noqa: ASYNC109 - of one attempt, kept by the dialogue
-        retries: int | None = None,
-        purpose: Purpose = Purpose.REQUEST,
-    ) -> WireMessage:
-        """Ask a board and return its answer.
-
-        Args:
-            msg: the question.
-            board: who is asked; by default the board at the end of the wire, or the only one that understands it.
-            timeout: wait for the first answer [s]; by default what this command takes.
-            retries: further attempts; by default what repeating this command may do.
-            purpose: REQUEST, or BACKGROUND for what nobody waits for.
-
-        Raises:
-            CommandRejectedError: the board cannot be reached, too much waits, or the message has no answer.
-            RequestTimeoutError: no answer, all attempts used.
-            LinkLostError: the port is not open, or was lost meanwhile.
-        """
-        if msg.spec.reply is None:
-            raise CommandRejectedError("no_reply", f"{msg.spec.name} is never answered.", "Send it without waiting.")
-        reply = await self._converse(msg, board, patience=timeout, retries=retries, purpose=purpose)
-        if reply is None:
-            raise RequestTimeoutError(f"{msg.spec.name}: no answer")
-        return reply
-
-    async def send(self, msg: WireMessage, *, board: Board | None = None) -> None:
-        """Send a message that is never answered; returns when it is on the wire.
-
-        Raises:
-            CommandRejectedError: the board cannot be reached, or too much waits.
-            LinkLostError: the port is not open, or was lost meanwhile.
-        """
-        await self._converse(msg, board, patience=None, retries=0, purpose=Purpose.REQUEST)
-
-    def send_setpoint(self, msg: WireMessage, *, deadline: float) -> None:
-        """Hand in an external control frame; the newest wins, and none leaves after its deadline.
-
-        Args:
-            msg: in the layout `dialect.extern_control`; its frame number is set here.
-            deadline: [s; monotonic].
-
-        Raises:
-            CommandRejectedError: `link_down`, `read_only`, `wrong_layout` or `releasing`.
-        """
-        self._dialogue.steer(msg, deadline, self._clock.now())
-        self._exchange.pump()
-
-    async def release(self, reason: str) -> ReleaseResult:
-        """Let go of the aircraft: neutral sticks, then Config = 0 five times, confirmed where that is possible.
-
-        Setpoints are refused until this is done. Never raises; without an open port the release is what goes out
-        first after the next opening.
-        """
-        if self._exchange.port is None or self._exchange.port.is_recording:
-            return ReleaseResult("not_sent", 0, 0, reason)
-        self._dialogue.steering.release(reason, self._clock.now())
-        waiter = self._exchange.waiters.for_release()
-        self._exchange.pump()
-        return await waiter
-
-    def set_rate(self, kind: str, interval: float) -> None:
-        """Change the interval of a stream [s]; 0 ends it.
-
-        Raises:
-            CommandRejectedError: no such stream, or the line cannot carry it; with the arithmetic.
-        """
-        self._dialogue.want(kind, interval)
-        self._exchange.pump()
-
-    # -- what discovery uses --------------------------------------------------------------------------------------
-
-    def begin_streams(self) -> None:
-        """Ask for the configured streams."""
-        self._dialogue.start_streams()
-        self._exchange.pump()
-
-    def motors_running(self) -> bool | None:
-        """Whether fresh telemetry says that the motors run; None where there is none."""
-        return self._dialogue.peers.motors_running(self._clock.now())
-
-    def note_redirect(self, board: Board | None) -> None:
-        """A NaviCtrl passes the line through to a board from now on; None: no more."""
-        self._dialogue.redirect(board)
-        self._exchange.pump()
-
-    async def send_escape(self) -> None:
-        """Send the sequence that ends a redirection."""
-        self._dialogue.escape(self._clock.now())
-        self._exchange.pump()
-
-    # -- running --------------------------------------------------------------------------------------------------
 
     async def run(self) -> None:
         """Open, read, write, and open again whenever the port is lost; ends only with a recording.
@@ -215,14 +70,14 @@ class Link:
                 port = await self._open()
             except LinkError as error:
                 missing = isinstance(error, LinkLostError)
-                self._exchange.note_loss(str(error), LinkCondition.ABSENT if missing else LinkCondition.DOWN)
+                self._exchange.port_lost(str(error), LinkCondition.ABSENT if missing else LinkCondition.DOWN)
                 if not has_been_open:
                     raise
                 await asyncio.sleep(next(delays))
                 continue
             has_been_open = True
             try:
-                if await self._exchange.serve(port, self._introduce):
+                if await self._exchange.serve(port, self._discover):
                     return
             finally:
                 self._exchange.port = None
@@ -242,37 +97,10 @@ class Link:
         self._aliases.learn(url)
         return port
 
-    async def _introduce(self) -> None:
+    async def _discover(self) -> None:
         """Find out who is there, after the opening and after every silence long enough for a reboot."""
         while True:
-            await self._exchange.wants_introduction.wait()
-            self._exchange.wants_introduction.clear()
-            await introduce(self)
-            await look_behind(self, until=self._exchange.wants_introduction)
-
-    async def _converse(
-        self, msg: WireMessage, board: Board | None, *, patience: float | None, retries: int | None, purpose: Purpose
-    ) -> WireMessage | None:
-        """Ask, and wait for the outcome; a caller that is cancelled leaves nothing behind."""
-        if self._exchange.port is None:
-            raise LinkLostError(f"{self._cfg.port}: {self._dialogue.health.verdict.reason}")
-        now = self._clock.now()
-        waiter = self._exchange.waiters.for_answer()
-        pending = self._dialogue.ask(
-            msg,
-            self._addressee(msg) if board is None else board,
-            now,
-            timeout=patience,
-            retries=retries,
-            purpose=purpose,
-            token=waiter,
-        )
-        self._exchange.pump()
-        try:
-            return await waiter
-        finally:
-            self._dialogue.questions.withdraw(pending, self._clock.now())
-
-    def _addressee(self, msg: WireMessage) -> Board:
-        here = self._dialogue.peers.redirected or self._dialogue.peers.direct
-        return here if here in msg.spec.boards else msg.spec.boards[0]
+            await self._exchange.needs_discovery.wait()
+            self._exchange.needs_discovery.clear()
+            await discover_boards(self)
+            await discover_flightctrl(self, until=self._exchange.needs_discovery)

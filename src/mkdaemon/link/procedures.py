@@ -13,7 +13,7 @@ from contextlib import asynccontextmanager
 from typing import TYPE_CHECKING, Any, Final, Protocol, TypeVar
 
 from mkdaemon.errors import CommandRejectedError, MkError, ProtocolError, RequestTimeoutError
-from mkdaemon.link.discovery import redirected
+from mkdaemon.link.discovery import redirection
 from mkdaemon.link.session.traffic import Purpose
 from mkdaemon.protocol.procedures.steps import (
     Ask,
@@ -163,7 +163,7 @@ async def way_to(link: Link, board: Board, message: WireMessage) -> AsyncIterato
     if not is_behind:
         yield
         return
-    async with redirected(link, board):
+    async with redirection(link, board):
         yield
 
 

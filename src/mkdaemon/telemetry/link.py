@@ -26,6 +26,21 @@ class LinkCondition(StrEnum):
     ABSENT = "absent"
     """There is no such port at the moment."""
 
+    @property
+    def is_usable(self) -> bool:
+        """Both directions work, perhaps with losses."""
+        return self in (LinkCondition.UP, LinkCondition.DEGRADED)
+
+    @property
+    def hears_board(self) -> bool:
+        """Right frames arrive."""
+        return self.is_usable or self is LinkCondition.ONE_WAY
+
+    @property
+    def is_silent(self) -> bool:
+        """The port is open, and no right frame arrives."""
+        return self in (LinkCondition.MUTE, LinkCondition.GARBAGE)
+
 
 class LinkState(Stamped):
     """State of the line, with the reason and since when."""
@@ -121,7 +136,7 @@ class LinkHealth(Stamped):
     """Requests given up, since the start."""
     heard_age: float | None = None
     """Time since the latest right frame [s]; None before the first."""
-    heard_us_age: float | None = None
+    answer_age: float | None = None
     """Time since the latest proof that the board hears us [s]; None before the first."""
     garbage_bytes_per_s: float = 0.0
     """Bytes that did not become frames [bytes/s]."""

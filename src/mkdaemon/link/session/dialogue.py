@@ -249,15 +249,13 @@ class Dialogue:
         discarded, self._discarded = self._discarded, []
         return discarded
 
-    def notice(self, before: Verdict, now: float) -> bool:
-        """The condition changed from this; returns whether the boards must be met anew.
+    def condition_changed(self, before: Verdict, now: float) -> bool:
+        """The condition was this and is another one; returns whether the boards must be discovered anew.
 
         After a silence as long as a reboot another board may be there, or the same one without its subscriptions.
         """
         self.scheduler.resynchronise()
-        silent = before.condition in (LinkCondition.MUTE, LinkCondition.GARBAGE)
-        hears = self.health.verdict.condition in (LinkCondition.UP, LinkCondition.DEGRADED, LinkCondition.ONE_WAY)
-        if not (silent and hears):
+        if not (before.condition.is_silent and self.health.verdict.condition.hears_board):
             return False
         self.streams.forget()
         return now - before.since > REBOOT_TIME

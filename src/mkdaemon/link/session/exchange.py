@@ -24,14 +24,14 @@ from mkdaemon.protocol.decoder import MessageDecoder
 from mkdaemon.protocol.framing import Frame, FrameDecoder
 from mkdaemon.telemetry.link import LinkCondition
 
-JUDGE: Final = 0.05
+JUDGE_PERIOD: Final = 0.05
 """How often the evidence is weighed [s]; a twentieth of a second of the half second a verdict may take."""
 CLOSED: Final = "closed by us"
 """Reason of an orderly end."""
-FAREWELL: Final = 0.6
+EXIT_TIME: Final = 0.6
 """Longest time the release of an orderly exit may take [s]."""
-Introduction = Callable[[], Coroutine[Any, Any, None]]
-"""Makes the task that meets the boards."""
+Discovery = Callable[[], Coroutine[Any, Any, None]]
+"""Finds out who is there whenever `needs_discovery` is set; runs for ever."""
 
 
 class Exchange:
@@ -42,7 +42,7 @@ class Exchange:
         bauds: the line rate to open the next port with.
         reporter: builds what is published.
         waiters: callers that wait for an outcome.
-        wants_introduction: set when the boards must be met anew.
+        needs_discovery: set when the boards must be discovered anew.
     """
 
     def __init__(self, cfg: LinkConfig, sink: LinkSink, dialogue: Dialogue, clock: Clock) -> None:
@@ -65,25 +65,25 @@ class Exchange:
         self.reporter = Reporter(cfg, dialogue, clock)
         has_rate = parse_address(cfg.port).scheme == "serial"
         self.bauds = BaudSearch(cfg.baud, enabled=cfg.probe_baud and has_rate)
-        self.wants_introduction = asyncio.Event()
+        self.needs_discovery = asyncio.Event()
         self.waiters = Waiters()
 
     # -- reading --------------------------------------------------------------------------------------------------
 
-    async def serve(self, port: Port, introduce: Introduction) -> bool:
+    async def serve(self, port: Port, discover: Discovery) -> bool:
         """Read and write until the port is lost; returns whether it was a recording that ended.
 
         Cancelling it ends with a release.
 
         Args:
             port: open; closing it is the caller's.
-            introduce: runs beside the reading, and finds out who is there whenever `wants_introduction` is set.
+            discover: runs beside the reading.
         """
         self.port = port
         self._decoder = FrameDecoder()
         self._broken = asyncio.get_running_loop().create_future()
         if not port.is_recording:
-            self.wants_introduction.set()
+            self.needs_discovery.set()
         self._opened_at = self._clock.now()
         self._dialogue.opened(
             self._opened_at,
@@ -96,23 +96,23 @@ class Exchange:
         reason = CLOSED
         try:
             self.pump()
-            reason = await self._talk(port, introduce)
+            reason = await self._talk(port, discover)
         except asyncio.CancelledError:
-            await self._farewell(port)
+            await self._release_before_exit(port)
             raise
         finally:
             self._stop()
-            self.note_loss(reason, self.bauds.condition if self.bauds.attempt else LinkCondition.DOWN)
+            self.port_lost(reason, self.bauds.condition if self.bauds.attempt else LinkCondition.DOWN)
         return self._has_ended
 
-    async def _talk(self, port: Port, introduce: Introduction) -> str:
-        """Read, introduce ourselves, watch for failures; returns why it is over."""
+    async def _talk(self, port: Port, discover: Discovery) -> str:
+        """Read, discover the boards, watch for failures; returns why it is over."""
         reason = ""
         try:
             async with asyncio.TaskGroup() as tasks:
                 reader = tasks.create_task(self._read(port), name="link.read")
                 others = [
-                    tasks.create_task(introduce(), name="link.introduce"),
+                    tasks.create_task(discover(), name="link.discover"),
                     tasks.create_task(self._watch(), name="link.watch"),
                 ]
                 await reader
@@ -150,13 +150,13 @@ class Exchange:
         assert self._broken is not None
         await self._broken
 
-    async def _farewell(self, port: Port) -> None:
+    async def _release_before_exit(self, port: Port) -> None:
         """End an orderly exit with a release; bounded, and the port may be gone already."""
         if port.is_recording:
             return
         self._dialogue.steering.leave(self._clock.now())
         with suppress(LinkError, TimeoutError):
-            async with asyncio.timeout(FAREWELL):
+            async with asyncio.timeout(EXIT_TIME):
                 self.pump()
                 while self._dialogue.steering.is_releasing:
                     try:
@@ -202,13 +202,13 @@ class Exchange:
 
     def _judge(self, port: Port, now: float) -> None:
         """Weigh the evidence, report, and act on a verdict that needs the port closed."""
-        self._judge_at = max(self._judge_at + JUDGE, now + JUDGE / 2)
+        self._judge_at = max(self._judge_at + JUDGE_PERIOD, now + JUDGE_PERIOD / 2)
         health = self._dialogue.health
         health.port_backlog(port.backlog, now)
         before = health.verdict
         changed = health.judge(now)
-        if changed and self._dialogue.notice(before, now):
-            self.wants_introduction.set()
+        if changed and self._dialogue.condition_changed(before, now):
+            self.needs_discovery.set()
         if self.reporter.health_is_due(now) or changed:
             self._publish()
         if self.reporter.traffic_is_due(now):
@@ -219,11 +219,11 @@ class Exchange:
 
     def _publish(self) -> None:
         now = self._clock.now()
-        if self.reporter.state_is_news():
+        if self.reporter.state_differs():
             self._sink.state_changed(self.reporter.state(now))
         self._sink.health_measured(self.reporter.health(now))
 
-    def note_loss(self, reason: str, condition: LinkCondition = LinkCondition.DOWN) -> None:
+    def port_lost(self, reason: str, condition: LinkCondition = LinkCondition.DOWN) -> None:
         """Say at once that the port is gone, and why."""
         self.port = None
         self._dialogue.lost(self._clock.now(), reason, condition)

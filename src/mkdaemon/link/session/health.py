@@ -47,8 +47,6 @@ PROBE_TIMEOUT: Final = 0.25
 """A link test without an answer for this long is lost [s]; the longest measured wait beside a saturated line is 27 ms,
 the longest radio round trip 0.13 s."""
 
-_OUTAGES: Final = frozenset({LinkCondition.DOWN, LinkCondition.MUTE, LinkCondition.GARBAGE, LinkCondition.ONE_WAY})
-
 
 @dataclass(frozen=True, slots=True)
 class Verdict:
@@ -103,7 +101,7 @@ class HealthMonitor:
         self._max_loss = max_loss_percent
         self._kinds: dict[tuple[str, str], _Kind] = {}
         self._heard = -math.inf
-        self._heard_us = -math.inf
+        self._answered = -math.inf
         self._opened: float | None = None
         self._is_recording = False
         self._open_questions: deque[float] = deque(maxlen=8)
@@ -129,7 +127,7 @@ class HealthMonitor:
         """
         self._opened = now
         self._is_recording = is_recording
-        self._heard = self._heard_us = -math.inf
+        self._heard = self._answered = -math.inf
         self._open_questions.clear()
         self._backlog_since = None
         self.backlog = 0
@@ -168,9 +166,9 @@ class HealthMonitor:
         if reason is DropReason.TEXT and self._verdict.condition is not LinkCondition.GARBAGE:
             self._text = raw.decode("latin-1")
 
-    def heard_us(self, now: float) -> None:
+    def board_answered(self, now: float) -> None:
         """A reply or confirmation shows that the board received something from us."""
-        self._heard_us = now
+        self._answered = now
         self._open_questions.clear()
 
     def question_sent(self, now: float) -> None:
@@ -185,12 +183,12 @@ class HealthMonitor:
     def probe_answered(self, token: Hashable, now: float) -> None:
         """A link test came back."""
         if self.echo.answered(token, now) is not None:
-            self.heard_us(now)
+            self.board_answered(now)
 
     def confirmed(self, token: Hashable, now: float) -> None:
         """An external control frame was confirmed."""
         if self.confirm.answered(token, now) is not None:
-            self.heard_us(now)
+            self.board_answered(now)
 
     def wanted(self, board: str, intervals: dict[str, float], now: float) -> None:
         """These streams are asked for, at these intervals [s]; others are not."""
@@ -230,14 +228,18 @@ class HealthMonitor:
         """A probe is unanswered: the next one should not wait its turn longer than `SUSPICION`."""
         return bool(self._open_questions)
 
-    def ages(self, now: float) -> tuple[float, float]:
-        """Time since we heard the board, and since it proved that it hears us [s]; infinite for never."""
-        return now - self._heard, now - self._heard_us
+    def heard_age(self, now: float) -> float:
+        """Time since the latest right frame [s]; infinite for never."""
+        return now - self._heard
+
+    def answer_age(self, now: float) -> float:
+        """Time since the latest proof that the board hears us [s]; infinite for never."""
+        return now - self._answered
 
     @property
     def two_way_proof(self) -> float:
         """When both directions were last proven [s; monotonic]; minus infinity for never."""
-        return min(self._heard, self._heard_us)
+        return min(self._heard, self._answered)
 
     def judge(self, now: float) -> bool:
         """Weigh the evidence; returns whether the condition changed."""
@@ -247,7 +249,7 @@ class HealthMonitor:
             return False
         before = self._verdict.condition
         condition, reason = self._weigh(self._opened, now)
-        if before in _OUTAGES and condition not in _OUTAGES:
+        if condition.is_usable and not before.is_usable:
             # What an outage swallowed was told as that; it says nothing about the line as it is now.
             self.echo.forgive()
             self.confirm.forgive()
@@ -290,7 +292,7 @@ class HealthMonitor:
             if silent_for < SILENCE_TIME / 2 or self._talks_slowly(now):
                 return self._explain_deafness(now)
             return self._verdict.condition, self._verdict.reason  # deaf or mute: the silence will tell
-        if self._heard_us == -math.inf and not self._is_recording:
+        if self._answered == -math.inf and not self._is_recording:
             return self._verdict.condition, self._verdict.reason  # it talks, but nothing shows that it hears us
         return self._weigh_quality(now)
 

@@ -93,7 +93,7 @@ class Questions:
         """A message arrived; returns the question it answers, if any."""
         pending = self.book.received(message, board, now)
         if pending is not None:
-            self._health.heard_us(now)
+            self._health.board_answered(now)
             self._finished.append((pending, message))
         return pending
 

@@ -60,7 +60,7 @@ class BaudSearch:
     def judge(self, verdict: Verdict, opened: float, now: float) -> str | None:
         """Say why the port must be closed and opened again (perhaps at another rate); None where it need not."""
         condition = verdict.condition
-        if condition in (LinkCondition.UP, LinkCondition.DEGRADED, LinkCondition.ONE_WAY):
+        if condition.hears_board:
             self.attempt, self._heard = "", True
             return None
         if verdict.reason == STUCK and now - verdict.since > STUCK_PATIENCE:

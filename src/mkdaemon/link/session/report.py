@@ -10,11 +10,11 @@ from mkdaemon.clock import Clock
 from mkdaemon.config.link import LinkConfig
 from mkdaemon.link.session import budget
 from mkdaemon.link.session.dialogue import Dialogue
-from mkdaemon.telemetry.link import LinkCondition, LinkHealth, LinkState, LinkTraffic
+from mkdaemon.telemetry.link import LinkHealth, LinkState, LinkTraffic
 
-HEALTH_EVERY: Final = 0.2
+HEALTH_PERIOD: Final = 0.2
 """Health is published at 5 Hz."""
-TRAFFIC_EVERY: Final = 1.0
+TRAFFIC_PERIOD: Final = 1.0
 """Traffic counters are published at 1 Hz."""
 _FRESH: Final = 0.5
 """Evidence of a direction counts for this long [s]."""
@@ -32,7 +32,7 @@ class Reporter:
         self._clock = clock
         self._port = cfg.port
         self._openings = 0
-        self._told: object = None
+        self._published: object = None
         self._bytes: deque[tuple[float, int, int]] = deque(maxlen=4)
 
     def port_opened(self, name: str) -> None:
@@ -41,40 +41,35 @@ class Reporter:
         self._openings += 1
         self._bytes.clear()
 
-    @property
-    def is_usable(self) -> bool:
-        """Whether both directions work, perhaps with losses."""
-        return self._dialogue.health.verdict.condition in (LinkCondition.UP, LinkCondition.DEGRADED)
-
-    def state_is_news(self) -> bool:
-        """Whether the state differs from the one told last."""
+    def state_differs(self) -> bool:
+        """Whether the state differs from the one published last; notes it as published."""
         dialogue, peers = self._dialogue, self._dialogue.peers
         verdict = dialogue.health.verdict
         # While the port is open the reason follows the measurements; it changes too often to be an event.
         reason = "" if dialogue.is_open else verdict.reason
-        told = (verdict.condition, reason, peers.dialect, peers.redirected, self._openings, len(peers.boards))
-        news, self._told = told != self._told, told
-        return news
+        shown = (verdict.condition, reason, peers.dialect, peers.redirected, self._openings, len(peers.boards))
+        differs, self._published = shown != self._published, shown
+        return differs
 
     def health_is_due(self, now: float) -> bool:
-        """Whether it is time for the next health; notes it as told."""
+        """Whether it is time for the next health; notes it as published."""
         due = now >= self._health_at
         if due:
-            self._health_at = max(self._health_at + HEALTH_EVERY, now + HEALTH_EVERY / 2)
+            self._health_at = max(self._health_at + HEALTH_PERIOD, now + HEALTH_PERIOD / 2)
         return due
 
     def traffic_is_due(self, now: float) -> bool:
-        """Whether it is time for the next counters; notes them as told."""
+        """Whether it is time for the next counters; notes them as published."""
         due = now >= self._traffic_at
         if due:
-            self._traffic_at = max(self._traffic_at + TRAFFIC_EVERY, now + TRAFFIC_EVERY / 2)
+            self._traffic_at = max(self._traffic_at + TRAFFIC_PERIOD, now + TRAFFIC_PERIOD / 2)
         return due
 
     def state(self, now: float) -> LinkState:
         """The state of the line."""
         dialogue = self._dialogue
         verdict = dialogue.health.verdict
-        heard, heard_us = dialogue.health.ages(now)
+        heard, answered = dialogue.health.heard_age(now), dialogue.health.answer_age(now)
         return LinkState(
             stamp=self._clock.stamp(now),
             condition=verdict.condition,
@@ -83,7 +78,7 @@ class Reporter:
             port=self._port,
             baud=dialogue.rules.baud,
             hears_board=dialogue.is_open and heard < _FRESH,
-            board_hears_us=dialogue.is_open and heard_us < _FRESH,
+            board_hears_us=dialogue.is_open and answered < _FRESH,
             boards=tuple(board.word for board in sorted(dialogue.peers.boards)),
             firmware=_firmware(dialogue),
             external_control=dialogue.dialect.extern_control_layout or "",
@@ -94,7 +89,7 @@ class Reporter:
     def health(self, now: float) -> LinkHealth:
         """Everything measured."""
         dialogue, monitor = self._dialogue, self._dialogue.health
-        heard, heard_us = monitor.ages(now)
+        heard, answered = monitor.heard_age(now), monitor.answer_age(now)
         garbage, checksums = monitor.damage_rates(now)
         return LinkHealth(
             stamp=self._clock.stamp(now),
@@ -105,7 +100,7 @@ class Reporter:
             requests_answered=dialogue.questions.book.answered,
             requests_unanswered=dialogue.questions.book.unanswered,
             heard_age=heard if math.isfinite(heard) else None,
-            heard_us_age=heard_us if math.isfinite(heard_us) else None,
+            answer_age=answered if math.isfinite(answered) else None,
             garbage_bytes_per_s=garbage,
             checksum_errors_per_s=checksums,
             backlog_bytes=monitor.backlog,
