@@ -22,6 +22,7 @@ from mkdaemon.clock import Clock
 from mkdaemon.config.control import ControlConfig
 from mkdaemon.config.link import LinkConfig
 from mkdaemon.config.sim import PilotPlan, SimConfig
+from mkdaemon.control.core import FlightCore
 from mkdaemon.daemon.audit import Audit
 from mkdaemon.daemon.eyes import Eyes
 from mkdaemon.daemon.flight import FlightControl
@@ -236,7 +237,8 @@ async def cockpit(
     sink = KeepingSink(vitals, audit, clock)
     cfg = LinkConfig.model_validate({"port": "/dev/virtual"} | link)
     line = link_class(cfg, sink, opener=socket.open, clock=clock)
-    flight = FlightControl(ControlConfig(), line, _Unheard(), vitals, audit, clock=clock)
+    core = FlightCore(ControlConfig(), vitals.facts, first_epoch=int(clock.stamp().wall * 1000))
+    flight = FlightControl(core, line, _Unheard(), vitals.facts, audit, clock=clock)
     flown = Cockpit(line, flight, sink, socket)
     flown.tasks = [asyncio.create_task(line.run(), name="link"), asyncio.create_task(flight.run(), name="control")]
     try:

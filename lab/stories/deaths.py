@@ -23,7 +23,7 @@ from mkdaemon.link.link import Link
 from mkdaemon.link.session.traffic import Purpose, ReleaseResult, Sent
 from mkdaemon.protocol.messages import LabelRequest
 from mkdaemon.sim.boards.line import HOST_CHAR
-from mkdaemon.telemetry.control import Phase
+from mkdaemon.telemetry.control import Phase, ReleaseOutcome
 
 STICK_HZ: Final = 50.0
 NEUTRAL_TIME: Final = 0.350
@@ -94,7 +94,7 @@ class SilentRelease(Link):
 
     async def release(self, reason: str) -> ReleaseResult:
         """Claim to have let go."""
-        return ReleaseResult("not_sent", 0, 0, reason)
+        return ReleaseResult(ReleaseOutcome.NOT_SENT, 0, 0, reason)
 
 
 class _Client:

@@ -6,6 +6,9 @@ import pytest
 
 from mkdaemon.config.control import ControlConfig
 from mkdaemon.control.authority import Authority, Fly, LetGo, Silent
+from mkdaemon.control.modes import Event
+from mkdaemon.control.setpoints import follow_sticks
+from mkdaemon.control.vehicle import VehicleFacts
 from mkdaemon.errors import CommandRejectedError
 from mkdaemon.telemetry.control import Phase
 from mkdaemon.telemetry.setpoint import StickSetpoint
@@ -18,11 +21,15 @@ def setpoint(epoch, sequence, *, pitch=0.0, ttl=0.3):
     return StickSetpoint(epoch=epoch, sequence=sequence, ttl=ttl, pitch=pitch, roll=0.0, yaw=0.0, throttle=10.0)
 
 
+def authority(first_epoch):
+    return Authority(CFG, first_epoch=first_epoch, guide=lambda sp, now: follow_sticks(sp, VehicleFacts(), now))
+
+
 class Cockpit:
     """An authority driven through time, as the daemon drives it."""
 
     def __init__(self) -> None:
-        self.authority = Authority(CFG, first_epoch=100)
+        self.authority = authority(100)
         self.now = 0.0
         self.sequence = 0
         self.actions: list[tuple[float, Fly | LetGo]] = []
@@ -255,7 +262,7 @@ def test_the_death_of_somebody_without_lease_means_nothing(cockpit):
 
 
 def test_anybody_may_end_it_even_when_nobody_flies(cockpit):
-    cockpit.authority.end("big red button", asked=True)
+    cockpit.authority.end(Event.RELEASE_REQUESTED, cause="big red button")
     cockpit.pass_time(0.1)
     [(_, release)] = cockpit.releases
     assert (release.reason, release.holder) == ("big red button", "")
@@ -291,9 +298,9 @@ def test_taking_by_force_releases_first_and_the_new_holder_engages_anew(cockpit)
 
 def test_a_second_end_during_a_release_is_carried_out_too(cockpit):
     cockpit.fly()
-    cockpit.authority.end("first", asked=True)
+    cockpit.authority.end(Event.RELEASE_REQUESTED, cause="first")
     cockpit.pass_time(TICK)
-    cockpit.authority.end("second", asked=True)
+    cockpit.authority.end(Event.RELEASE_REQUESTED, cause="second")
     cockpit.authority.released(cockpit.now)  # of the first
     cockpit.pass_time(TICK)
     assert [release.reason for _, release in cockpit.releases] == ["first", "second"]
@@ -327,3 +334,19 @@ def test_released_out_of_place_changes_nothing(cockpit):
     cockpit.fly()
     cockpit.authority.released(cockpit.now)
     assert cockpit.authority.phase is Phase.FLYING
+
+
+def test_the_next_deadline_is_that_of_the_phase():
+    held = authority(1)
+    assert held.deadline() is None
+    epoch = held.take("alice", 0.0).epoch
+    assert held.deadline() is None
+    for step in range(1, 201):
+        held.offer(setpoint(epoch, step, ttl=0.2), step * TICK)
+        held.tick(step * TICK)
+    last = 200 * TICK
+    assert held.deadline() == pytest.approx(last + 0.2)
+    held.tick(last + 0.201)
+    assert held.deadline() == pytest.approx(last + CFG.lease.release_after)
+    held.tick(last + CFG.lease.release_after + 0.001)
+    assert held.deadline() is None

@@ -7,10 +7,11 @@ from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, rule
 
-from mkdaemon.control.authority import Authority, Fly, LetGo
+from mkdaemon.control.authority import Fly, LetGo
+from mkdaemon.control.modes import Event
 from mkdaemon.errors import CommandRejectedError
 from mkdaemon.telemetry.control import Phase
-from tests.control.test_authority import CFG, TICK, setpoint
+from tests.control.test_authority import CFG, TICK, authority, setpoint
 
 
 class Race(RuleBasedStateMachine):
@@ -18,7 +19,7 @@ class Race(RuleBasedStateMachine):
 
     def __init__(self) -> None:
         super().__init__()
-        self.authority = Authority(CFG, first_epoch=1)
+        self.authority = authority(1)
         self.now = 0.0
         self.epochs: dict[str, int] = {}
         self.sequence = 0
@@ -63,7 +64,7 @@ class Race(RuleBasedStateMachine):
 
     @rule(reason=st.just("line lost"))
     def end(self, reason):
-        self.authority.end(reason, asked=False)
+        self.authority.end(Event.LINK_LOST, cause=reason)
 
     @rule()
     def released(self):

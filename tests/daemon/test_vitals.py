@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from mkdaemon.daemon.vitals import MOTORS_AGE, PROOF_AGE, TEST_LASTS, Vitals
+from mkdaemon.control.vehicle import FRESH as MOTORS_AGE
+from mkdaemon.control.vehicle import MOTOR_TEST as TEST_LASTS
+from mkdaemon.daemon.vitals import PROOF_AGE, Vitals
 from mkdaemon.protocol.wire import Board
 from mkdaemon.stamp import Stamp
 from mkdaemon.telemetry.link import LinkCondition, LinkState

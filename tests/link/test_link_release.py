@@ -93,7 +93,7 @@ async def test_a_release_does_not_wait_for_confirmations_a_redirection_took_with
         await r.until(lambda: r.link.dialect.extern_control is not None, 5)
         await asyncio.sleep(1)
         async with redirection(r.link, Board.FC):
-            releasing = asyncio.create_task(r.link.release("test"))
+            releasing = asyncio.ensure_future(r.link.release("test"))
             await asyncio.sleep(ended_after)
         async with asyncio.timeout(0.4):
             result = await releasing
@@ -113,7 +113,7 @@ async def test_nothing_is_steered_during_a_release_nor_in_the_wrong_layout():
         with pytest.raises(CommandRejectedError) as caught:
             r.link.send_setpoint(ExternControlV1(pitch=0, roll=0, yaw=0, throttle=0), deadline=1e9)
         assert caught.value.token == "wrong_layout"
-        releasing = asyncio.create_task(r.link.release("test"))
+        releasing = asyncio.ensure_future(r.link.release("test"))
         await asyncio.sleep(0)
         with pytest.raises(CommandRejectedError) as caught:
             steer(r)
@@ -182,7 +182,7 @@ async def test_losing_the_port_ends_a_release_that_waits():
     async with rig(flight_ctrl()) as r:
         await r.until_up()
         r.socket.port.inject(LineFault.ONE_WAY)
-        releasing = asyncio.create_task(r.link.release("test"))
+        releasing = asyncio.ensure_future(r.link.release("test"))
         await asyncio.sleep(0.1)
         r.socket.unplug()
         assert (await releasing).status == "not_sent"

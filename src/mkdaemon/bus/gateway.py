@@ -26,8 +26,8 @@ from mkdaemon.bus.session import close_session, open_session, session_config
 from mkdaemon.config.bus import BusConfig
 from mkdaemon.errors import CommandRejectedError
 from mkdaemon.stamp import Stamp
-from mkdaemon.telemetry.command import CommandResult
-from mkdaemon.telemetry.refusals import REFUSALS, Status, Token, refuse
+from mkdaemon.telemetry.command import CommandResult, refused
+from mkdaemon.telemetry.refusals import Token, refuse
 
 _log = structlog.get_logger(__name__)
 _RESULT_ENCODING: Final = encoding_of(CommandResult)
@@ -240,10 +240,3 @@ class Bus:
         for task in self._answering:
             task.cancel()
         await asyncio.gather(*self._answering, return_exceptions=True)
-
-
-def refused(error: CommandRejectedError) -> CommandResult:
-    """The answer that carries a refusal."""
-    refusal = REFUSALS.get(error.token)
-    status = refusal.status if refusal else Status.DENIED
-    return CommandResult(status=status, token=error.token, reason=error.reason, fix=error.fix)

@@ -1,19 +1,25 @@
 """Who may fly, and what is sent because of it: one lease at a time, and the ladder from setpoint to release.
 
-A pure state machine: every method takes `now` [s; monotonic] and nothing happens between calls. Frames of an old epoch
-cannot leave: only `tick` hands out sticks, and it hands out those of the present lease. Source: docs/safety.md.
+A pure state machine over the table of `modes`: every method takes `now` [s; monotonic] and nothing happens between
+calls. Frames of an old epoch cannot leave: only `tick` hands out sticks, and it hands out those of the present lease.
+Source: docs/safety.md.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 from mkdaemon.config.control import ControlConfig
 from mkdaemon.control.limiter import Sticks
+from mkdaemon.control.modes import Event, Reaction, Row, Situation, find_row
 from mkdaemon.errors import CommandRejectedError
 from mkdaemon.telemetry.control import LeaseState, Phase
 from mkdaemon.telemetry.refusals import Token, refuse
-from mkdaemon.telemetry.setpoint import StickSetpoint
+from mkdaemon.telemetry.setpoint import Setpoint
+
+Guide = Callable[[Setpoint, float], Sticks]
+"""Turns a setpoint into sticks, at a time [s]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,11 +48,11 @@ class Fly:
 
 @dataclass(frozen=True, slots=True)
 class LetGo:
-    """Release the aircraft now, and say `released` when that is done.
+    """Release the aircraft now, and call `released` when that is done.
 
     Attributes:
         reason: why, one sentence.
-        holder: who lost the lease.
+        holder: who lost the lease; empty for nobody.
         asked: somebody asked for it, so it is no failsafe.
     """
 
@@ -55,7 +61,7 @@ class LetGo:
     asked: bool
 
 
-Action = Silent | Fly | LetGo
+Decision = Silent | Fly | LetGo
 
 
 @dataclass(slots=True)
@@ -68,7 +74,7 @@ class _Lease:
     sign_of_life: float
     since: float
     arrived: float
-    newest: StickSetpoint | None = None
+    newest: Setpoint | None = None
 
     def shown(self, now: float) -> LeaseState:
         left = max(0.0, self.sign_of_life + self.ttl - now)
@@ -76,40 +82,52 @@ class _Lease:
 
 
 class Authority:
-    """The lease and the phase it is in."""
+    """The lease and the phase it is in.
 
-    def __init__(self, cfg: ControlConfig, *, first_epoch: int) -> None:
+    Attributes:
+        phase: where authority stands.
+        reason: why, one sentence.
+        refused: setpoints refused since the start.
+    """
+
+    def __init__(self, cfg: ControlConfig, *, first_epoch: int, guide: Guide) -> None:
         """Start with nobody flying.
 
         Args:
             cfg: times and bands.
             first_epoch: epoch of the first lease; must be above every epoch of an earlier run of the daemon, so that
                 nothing a client still streams from before is applied.
+            guide: turns a setpoint into sticks.
         """
         self._cfg = cfg
         self._next_epoch = first_epoch
+        self._guide = guide
         self._lease: _Lease | None = None
         self._pending: LetGo | None = None
         self.phase = Phase.FREE
         self.reason = "nobody has taken the lease"
         self.refused = 0
 
+    # -- what is known --------------------------------------------------------------------------------------------
+
     def lease(self, now: float) -> LeaseState | None:
-        """The present lease as the bus shows it; None for nobody."""
+        """Return the present lease as the bus shows it; None for nobody."""
         return None if self._lease is None else self._lease.shown(now)
 
     def setpoint_age(self, now: float) -> float | None:
-        """Age of the setpoint in use [s]; None where there is none."""
+        """Return the age of the setpoint in use [s]; None where there is none."""
         return None if self._lease is None or self._lease.newest is None else now - self._lease.arrived
 
     def deadline(self) -> float | None:
-        """When silence will change what is sent [s]; None while nothing is."""
+        """Return when silence will change what is sent [s]; None while nothing is."""
         lease = self._lease
         if lease is None or lease.newest is None:
             return None
         if self.phase is Phase.FLYING:
-            return lease.arrived + min(lease.newest.ttl, self._cfg.limiter.setpoint_ttl)
+            return lease.arrived + self._life(lease.newest)
         return lease.arrived + self._cfg.lease.release_after if self.phase is Phase.STALE else None
+
+    # -- what clients ask for -------------------------------------------------------------------------------------
 
     def take(self, holder: str, now: float, *, ttl: float | None = None, force: bool = False) -> LeaseState:
         """Give the lease to a client.
@@ -121,7 +139,7 @@ class Authority:
             force: take it from whoever holds it.
 
         Raises:
-            CommandRejectedError: `lease_held`, `busy` (the aircraft is just being let go of).
+            CommandRejectedError: `lease_held`, `busy` (a release is under way).
         """
         present = self.lease(now)
         if present is not None and present.left > 0 and present.holder != holder and not force:
@@ -129,16 +147,15 @@ class Authority:
         if present is None and self.phase is Phase.RELEASING:
             raise refuse(Token.BUSY, detail="the aircraft is being let go of")
         if present is not None:
-            self._end(f"{holder} took the lease from {present.holder}", asked=True)
+            self.end(Event.LEASE_TAKEN_OVER, taker=holder)
         life = self._cfg.lease.ttl if ttl is None else min(ttl, self._cfg.lease.ttl)
         self._lease = _Lease(holder, self._next_epoch, life, sign_of_life=now, since=now, arrived=now)
         self._next_epoch += 1
-        if self.phase is not Phase.RELEASING:
-            self._enter(Phase.LEASED, f"{holder} holds the lease; waiting for a live, neutral stream")
+        self._move(Event.LEASE_TAKEN)
         return self._lease.shown(now)
 
     def renew(self, epoch: int, now: float) -> LeaseState:
-        """Give a sign of life without a setpoint.
+        """Take a sign of life without a setpoint.
 
         Raises:
             CommandRejectedError: `not_leased`, `wrong_epoch`.
@@ -153,19 +170,26 @@ class Authority:
         Raises:
             CommandRejectedError: `not_leased`, `wrong_epoch`.
         """
-        holder = self._check(epoch).holder
-        self._end(f"{holder} gave the lease back", asked=True)
-
-    def end(self, reason: str, *, asked: bool) -> None:
-        """End the lease, whoever holds it, and let go of the aircraft, even if nobody holds it."""
-        self._end(reason, asked=asked)
+        self._check(epoch)
+        self.end(Event.LEASE_RETURNED)
 
     def client_gone(self, holder: str) -> None:
-        """Hear that a client died; ends the lease if it was the holder."""
+        """End the lease if this client held it: the client died."""
         if self._lease is not None and self._lease.holder == holder:
-            self._end(f"client {holder} is gone", asked=False)
+            self.end(Event.CLIENT_GONE)
 
-    def offer(self, setpoint: StickSetpoint, now: float) -> bool:
+    def end(self, event: Event, **words: str) -> None:
+        """End the lease, whoever holds it, and release the aircraft at the next tick, even if nobody holds the lease.
+
+        Args:
+            event: what happened; nothing is done in a phase for which the table has no row.
+            words: what the reason of the row is filled in with.
+        """
+        row = find_row(self.phase, event, Situation(is_held=self._lease is not None))
+        if row is not None:
+            self._pending = self._let_go(row, **words)
+
+    def offer(self, setpoint: Setpoint, now: float) -> bool:
         """Take a setpoint; the newest of the present lease wins.
 
         Returns:
@@ -188,36 +212,36 @@ class Authority:
         lease.newest = setpoint
         return is_first
 
-    def tick(self, now: float) -> Action:
+    # -- what happens ---------------------------------------------------------------------------------------------
+
+    def tick(self, now: float) -> Decision:
         """Decide what is sent now. `LetGo` comes once; nothing is sent until `released` answers it."""
-        if self._pending is None and self._lease is not None and self.phase is not Phase.RELEASING:
-            self._grow_old(self._lease, now)
         if self._pending is not None:
             order, self._pending = self._pending, None
-            self._enter(Phase.RELEASING, order.reason)
+            self.phase, self.reason = Phase.RELEASING, order.reason
             return order
         lease = self._lease
-        if lease is None or lease.newest is None or self.phase is Phase.RELEASING:
+        if lease is None:
             return Silent()
-        if self.phase is Phase.LEASED and not self._may_engage(lease, lease.newest, now):
+        sticks = None if lease.newest is None else self._guide(lease.newest, now)
+        row = self._move(Event.TICK, self._judge(lease, sticks, now), silence=f"{self._silence(lease, now):.2f}")
+        if row is None or row.reaction is Reaction.NOTHING:
             return Silent()
-        newest, age = lease.newest, now - lease.arrived
-        if age > min(newest.ttl, self._cfg.limiter.setpoint_ttl):
-            self._enter(Phase.STALE, "the setpoint is too old: neutral sticks")
-        else:
-            self._enter(Phase.FLYING, f"{lease.holder} flies")
-        sticks = Sticks(newest.pitch, newest.roll, newest.yaw, newest.throttle)
-        return Fly(sticks, age, newest.ttl, newest.epoch, newest.sequence)
+        if row.reaction is Reaction.RELEASE:
+            self._lease = None
+            return LetGo(self.reason, lease.holder, row.is_asked)
+        assert lease.newest is not None
+        assert sticks is not None
+        return Fly(sticks, now - lease.arrived, lease.newest.ttl, lease.epoch, lease.newest.sequence)
 
     def released(self, now: float) -> None:
-        """Hear that the release is done, or queued as the first bytes after the line comes back."""
-        if self.phase is not Phase.RELEASING or self._pending is not None:
-            return
-        if self._lease is None:
-            self._enter(Phase.FREE, self.reason)
-        else:
+        """Note that the release is done, or queued as the first bytes after the line comes back."""
+        owed = self._pending is not None
+        row = self._move(Event.RELEASE_DONE, Situation(is_held=self._lease is not None, is_release_owed=owed))
+        if row is not None and row.target is Phase.LEASED and self._lease is not None:
             self._lease.sign_of_life = now
-            self._enter(Phase.LEASED, f"{self._lease.holder} holds the lease; waiting for a live, neutral stream")
+
+    # -- inside ---------------------------------------------------------------------------------------------------
 
     def _check(self, epoch: int) -> _Lease:
         if self._lease is None:
@@ -226,28 +250,42 @@ class Authority:
             raise refuse(Token.WRONG_EPOCH, epoch=epoch, current=self._lease.epoch)
         return self._lease
 
-    def _grow_old(self, lease: _Lease, now: float) -> None:
-        """End a lease whose holder has fallen silent: setpoints count while it flies, any sign of life before."""
-        flying = self.phase in {Phase.FLYING, Phase.STALE}
-        silence = now - (lease.arrived if flying else lease.sign_of_life)
-        if silence >= (self._cfg.lease.release_after if flying else lease.ttl):
-            what = "setpoint" if flying else "sign of life"
-            self._end(f"no {what} from {lease.holder} for {silence:.2f} s", asked=False)
+    def _life(self, setpoint: Setpoint) -> float:
+        """Time a setpoint holds [s]."""
+        return min(setpoint.ttl, self._cfg.limiter.setpoint_ttl)
 
-    def _may_engage(self, lease: _Lease, newest: StickSetpoint, now: float) -> bool:
-        """Whether the stream has lived long enough, lives, and its sticks are neutral."""
-        cfg = self._cfg.lease
-        if now - lease.arrived > 1.0 / cfg.engage_rate or lease.arrived - lease.since < cfg.engage_after:
-            return False
-        if max(abs(newest.pitch), abs(newest.roll), abs(newest.yaw)) > cfg.neutral_band:
-            self.reason = f"{lease.holder} streams; waiting for neutral sticks"
-            return False
-        return True
+    def _silence(self, lease: _Lease, now: float) -> float:
+        """Time the holder has been silent [s]: setpoints count while it flies, any sign of life before."""
+        return now - (lease.arrived if self.phase in {Phase.FLYING, Phase.STALE} else lease.sign_of_life)
 
-    def _end(self, reason: str, *, asked: bool) -> None:
+    def _judge(self, lease: _Lease, sticks: Sticks | None, now: float) -> Situation:
+        """Gather what the guards of a tick look at."""
+        cfg, newest, age = self._cfg.lease, lease.newest, now - lease.arrived
+        longest = cfg.release_after if self.phase in {Phase.FLYING, Phase.STALE} else lease.ttl
+        is_silent = self._silence(lease, now) >= longest
+        if newest is None or sticks is None:
+            return Situation(is_held=True, is_silent=is_silent)
+        return Situation(
+            is_held=True,
+            is_silent=is_silent,
+            is_live=age <= 1.0 / cfg.engage_rate and lease.arrived - lease.since >= cfg.engage_after,
+            is_neutral=max(abs(sticks.pitch), abs(sticks.roll), abs(sticks.yaw)) <= cfg.neutral_band,
+            is_fresh=age <= self._life(newest),
+        )
+
+    def _move(self, event: Event, situation: Situation | None = None, **words: str) -> Row | None:
+        """Take the row of an event, if there is one."""
+        row = find_row(self.phase, event, situation or Situation(is_held=self._lease is not None))
+        if row is not None:
+            self.phase, self.reason = row.target, self._reason(row, **words)
+        return row
+
+    def _let_go(self, row: Row, **words: str) -> LetGo:
+        reason = self._reason(row, **words)
         holder = self._lease.holder if self._lease is not None else ""
         self._lease = None
-        self._pending = LetGo(reason, holder, asked)
+        return LetGo(reason, holder, row.is_asked)
 
-    def _enter(self, phase: Phase, reason: str) -> None:
-        self.phase, self.reason = phase, reason
+    def _reason(self, row: Row, **words: str) -> str:
+        holder = self._lease.holder if self._lease is not None else ""
+        return row.reason.format(**{"holder": holder, "reason": self.reason, **words})

@@ -12,6 +12,7 @@ from typing import Final
 from mkdaemon.bus.gateway import Bus
 from mkdaemon.clock import Clock
 from mkdaemon.config.root import Config
+from mkdaemon.control.core import FlightCore
 from mkdaemon.daemon.audit import Audit
 from mkdaemon.daemon.eyes import open_eyes
 from mkdaemon.daemon.flight import FlightControl
@@ -87,7 +88,9 @@ class Daemon:
         audit = self._audit = Audit(bus, clock)
         self._eyes = open_eyes(cfg, bus, clock)
         self._link = Link(cfg.link, BusSink(bus, self._vitals, audit, self._eyes, clock), clock=clock)
-        self._flight = FlightControl(cfg.control, self._link, bus, self._vitals, audit, clock=clock)
+        # Milliseconds since 1970: above every epoch of an earlier run, whatever a client still streams.
+        core = FlightCore(cfg.control, self._vitals.facts, first_epoch=int(clock.stamp().wall * 1000))
+        self._flight = FlightControl(core, self._link, bus, self._vitals.facts, audit, clock=clock)
         bus.serve("cmd", BoardRequests(cfg.commands, self._link, self._vitals, audit, clock).answer)
         bus.serve("do", Verbs(self._flight, self._link, audit, LabelCache(cfg.link.label_cache)).answer)
         bus.receive("setpoint/stick", self._flight.stick_arrived)

@@ -9,7 +9,6 @@ from typing import Any, Final
 from pydantic import ValidationError
 
 from mkdaemon.bus.codec import decode_map, first_mistake, schema_name
-from mkdaemon.bus.gateway import refused
 from mkdaemon.clock import Clock
 from mkdaemon.config.commands import CommandsConfig
 from mkdaemon.control.danger import check_danger, check_proof
@@ -23,7 +22,7 @@ from mkdaemon.link.procedures import way_to
 from mkdaemon.protocol.flags import RedirectPort
 from mkdaemon.protocol.messages import Redirect, VersionRequest
 from mkdaemon.protocol.wire import MESSAGES, Board, Direction, WireMessage
-from mkdaemon.telemetry.command import CommandResult
+from mkdaemon.telemetry.command import CommandResult, refused
 from mkdaemon.telemetry.danger import Danger, Switch
 from mkdaemon.telemetry.refusals import Status, Token, refuse
 

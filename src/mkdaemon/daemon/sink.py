@@ -17,7 +17,7 @@ from mkdaemon.protocol.decoder import Unknown
 from mkdaemon.protocol.wire import Board, WireMessage
 from mkdaemon.stamp import Stamp
 from mkdaemon.telemetry.link import LinkCondition, LinkHealth, LinkState, LinkTraffic
-from mkdaemon.telemetry.state import Attitude, Flight, Pilot
+from mkdaemon.telemetry.state import Attitude
 from mkdaemon.telemetry.traffic import FrameSample, RawFrame
 from mkdaemon.translate import StateTranslator
 from mkdaemon.translate.state import motors_running
@@ -56,13 +56,9 @@ class BusSink:
         if message.spec.key == "version" and board is not None:
             self._vitals.version_said(board, str(getattr(message, "release", "")), frame.at)
         for suffix, value in self._translator.states(word, message, stamp):
-            match value:
-                case Attitude():
-                    self._eyes.attitude_said(value)
-                case Flight():
-                    self._vitals.flight_said(value)
-                case Pilot():
-                    self._vitals.pilot_said(value)
+            self._vitals.facts.state_received(value, frame.at)
+            if isinstance(value, Attitude):
+                self._eyes.attitude_said(value)
             self._bus.publish(suffix, value)
 
     def sent(self, frame: Sent) -> None:

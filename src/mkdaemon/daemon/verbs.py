@@ -7,7 +7,6 @@ from collections.abc import Awaitable, Callable
 from typing import Any
 
 from mkdaemon.bus.codec import decode_map, read_command, schema_name
-from mkdaemon.bus.gateway import refused
 from mkdaemon.daemon.audit import Audit
 from mkdaemon.daemon.flight import FlightControl
 from mkdaemon.errors import CommandRejectedError, LinkLostError, RequestTimeoutError
@@ -15,7 +14,7 @@ from mkdaemon.link.labels import LabelCache, read_labels
 from mkdaemon.link.link import Link
 from mkdaemon.link.procedures import SilentObserver
 from mkdaemon.protocol.wire import Board
-from mkdaemon.telemetry.command import CommandResult, Labels, LabelsRequest, RateRequest, Rates
+from mkdaemon.telemetry.command import CommandResult, Labels, LabelsRequest, RateRequest, Rates, refused
 from mkdaemon.telemetry.refusals import Status, Token, refuse
 
 Verb = Callable[[bytes], Awaitable[CommandResult]]

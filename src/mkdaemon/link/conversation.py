@@ -6,6 +6,7 @@ Each call hands something to the dialogue and pumps the exchange; who opens the 
 from __future__ import annotations
 
 import asyncio
+from collections.abc import Awaitable
 
 from mkdaemon.clock import Clock
 from mkdaemon.config.link import LinkConfig
@@ -16,6 +17,7 @@ from mkdaemon.link.session.streams import check_rates
 from mkdaemon.link.session.traffic import LinkSink, Purpose, ReleaseResult
 from mkdaemon.protocol.dialect import Dialect
 from mkdaemon.protocol.wire import Board, WireMessage
+from mkdaemon.telemetry.control import ControlLine, ReleaseOutcome
 from mkdaemon.telemetry.link import LinkHealth, LinkTraffic
 
 
@@ -119,6 +121,10 @@ class Conversation:
         """
         await self._converse(msg, board, patience=None, retries=0, purpose=Purpose.REQUEST)
 
+    def control_line(self) -> ControlLine:
+        """What the line can take from the flight core now."""
+        return self._dialogue.control_line(self._clock.now())
+
     def send_setpoint(self, msg: WireMessage, *, deadline: float) -> None:
         """Hand in an external control frame; the newest wins, and none leaves after its deadline.
 
@@ -127,23 +133,27 @@ class Conversation:
             deadline: [s; monotonic].
 
         Raises:
-            CommandRejectedError: `link_down`, `read_only`, `wrong_layout` or `releasing`.
+            CommandRejectedError: the line takes none now (see `Obstacle`), or `wrong_layout`.
         """
         self._dialogue.steer(msg, deadline, self._clock.now())
         self._exchange.pump()
 
-    async def release(self, reason: str) -> ReleaseResult:
-        """Let go of the aircraft: neutral sticks, then Config = 0 five times, confirmed where that is possible.
+    def release(self, reason: str) -> Awaitable[ReleaseResult]:
+        """Release the aircraft: neutral sticks, then Config = 0 five times, confirmed where that is possible.
 
-        Setpoints are refused until this is done. Never raises; without an open port the release is what goes out
-        first after the next opening.
+        The first frame is handed in at once. Setpoints are refused until the release is done. Without an open port it
+        is what goes out first after the next opening.
+
+        Returns:
+            What to wait on for its end; never raises.
         """
-        if self._exchange.port is None or self._exchange.port.is_recording:
-            return ReleaseResult("not_sent", 0, 0, reason)
-        self._dialogue.steering.release(reason, self._clock.now())
         waiter = self._exchange.waiters.for_release()
+        if self._exchange.port is None or self._exchange.port.is_recording:
+            self._exchange.waiters.end_releases(ReleaseResult(ReleaseOutcome.NOT_SENT, 0, 0, reason))
+            return waiter
+        self._dialogue.steering.release(reason, self._clock.now())
         self._exchange.pump()
-        return await waiter
+        return waiter
 
     def set_rate(self, kind: str, interval: float) -> None:
         """Change the interval of a stream [s]; 0 ends it.

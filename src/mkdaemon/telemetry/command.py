@@ -10,8 +10,9 @@ from typing import Any, Literal
 
 from pydantic import Field
 
+from mkdaemon.errors import CommandRejectedError
 from mkdaemon.telemetry.base import Command, Telemetry
-from mkdaemon.telemetry.refusals import Status
+from mkdaemon.telemetry.refusals import REFUSALS, Status
 
 
 class CommandResult(Telemetry):
@@ -31,6 +32,13 @@ class CommandResult(Telemetry):
     """Schema of `reply`, `<Name>.v<N>`; a board's reply has the fields of that message, as on the wire."""
     duration: float | None = None
     """Time from the query's arrival to this answer [s]."""
+
+
+def refused(error: CommandRejectedError) -> CommandResult:
+    """Make the answer that carries a refusal."""
+    refusal = REFUSALS.get(error.token)
+    status = refusal.status if refusal else Status.DENIED
+    return CommandResult(status=status, token=error.token, reason=error.reason, fix=error.fix)
 
 
 class LeaseRequest(Command):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from enum import StrEnum
 
 from mkdaemon.telemetry.base import Stamped, Telemetry
@@ -20,6 +21,49 @@ class Phase(StrEnum):
     """The setpoint is too old: neutral sticks at hover throttle are sent."""
     RELEASING = "releasing"
     """The aircraft is being let go of; nobody's setpoints are sent."""
+
+
+class Obstacle(StrEnum):
+    """Why the link takes no stick frame now; the values are tokens of refusals."""
+
+    LINK_DOWN = "link_down"
+    """The port is not open."""
+    RECORDING = "recording"
+    """A recording plays."""
+    READ_ONLY = "read_only"
+    """It is not known which external control this aircraft reads, if any."""
+    RELEASING = "releasing"
+    """A release is under way."""
+    UNCONFIRMED = "unconfirmed"
+    """The last release is not confirmed yet, and a stick frame would keep an old command alive."""
+
+
+@dataclass(frozen=True, slots=True)
+class ControlLine:
+    """What the link can take from the flight core.
+
+    Attributes:
+        layout: layout of external control this aircraft reads; None where it must not be steered.
+        obstacle: why no stick frame can be sent now; None where one can.
+        reason: why there is no layout; else what the link says about the line.
+    """
+
+    layout: str | None = None
+    obstacle: Obstacle | None = None
+    reason: str = ""
+
+
+class ReleaseOutcome(StrEnum):
+    """How a release ended."""
+
+    CONFIRMED = "confirmed"
+    """The board confirmed five frames."""
+    NOT_OBSERVABLE = "not_observable"
+    """Sent; no confirmation can come here."""
+    UNCONFIRMED = "unconfirmed"
+    """A confirmation could have come and did not; what keeps the sticks alive is silenced."""
+    NOT_SENT = "not_sent"
+    """No open port: the release is the first thing sent after opening."""
 
 
 class LeaseState(Telemetry):

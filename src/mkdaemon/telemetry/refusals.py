@@ -47,6 +47,7 @@ class Token(StrEnum):
     MOTORS_NOT_KNOWN_OFF = "motors_not_known_off"
     WRONG_LAYOUT = "wrong_layout"
     RELEASING = "releasing"
+    UNCONFIRMED = "unconfirmed"
     NOT_ENABLED = "not_enabled"
     NOT_CONFIRMED = "not_confirmed"
     MOTORS_RUNNING = "motors_running"
@@ -57,6 +58,7 @@ class Token(StrEnum):
     LEASE_HELD = "lease_held"
     WRONG_EPOCH = "wrong_epoch"
     STALE_SEQUENCE = "stale_sequence"
+    NO_GUIDANCE = "no_guidance"
     GATE_SHUT = "gate_shut"
     GATE_CONSTANT = "gate_constant"
     NO_CONTROL = "no_control"
@@ -125,6 +127,7 @@ REFUSALS: Final[Mapping[str, Refusal]] = {
         Status.DENIED, "this FlightCtrl takes another layout of external control.", "This is a defect; see the log."
     ),
     Token.RELEASING: Refusal(Status.BUSY, "a release is under way.", "Wait for its result."),
+    Token.UNCONFIRMED: Refusal(Status.BUSY, "the last release is not confirmed yet.", "Wait until it is, or 6 s."),
     # danger gate
     Token.NOT_ENABLED: Refusal(
         Status.DENIED, "{name} is off: {detail}.", "Set commands.{option} = true in the configuration, knowing why."
@@ -158,6 +161,9 @@ REFUSALS: Final[Mapping[str, Refusal]] = {
     ),
     Token.STALE_SEQUENCE: Refusal(
         Status.DENIED, "sequence {sequence} is not after {last}.", "Count sequence up from one setpoint to the next."
+    ),
+    Token.NO_GUIDANCE: Refusal(
+        Status.UNSUPPORTED, "nothing turns {name} into sticks: the daemon follows {known}.", "Stream one of these."
     ),
     Token.GATE_SHUT: Refusal(
         Status.DENIED,

@@ -2,14 +2,21 @@
 
 from __future__ import annotations
 
+from typing import ClassVar
+
 from pydantic import Field
 
 from mkdaemon.telemetry.base import Command
 
 
 class Setpoint(Command):
-    """What every setpoint carries. The daemon stamps its arrival; clocks of clients are not trusted."""
+    """What every setpoint carries. The daemon stamps its arrival; clocks of clients are not trusted.
 
+    Attributes:
+        suffix: key it is streamed to, without `mk/<vehicle>/`.
+    """
+
+    suffix: ClassVar[str]
     epoch: int = Field(ge=0)
     """Epoch of the lease it stands on."""
     sequence: int = Field(ge=0)
@@ -21,6 +28,7 @@ class Setpoint(Command):
 class StickSetpoint(Setpoint):
     """Stick offsets, FLU signs: `setpoint/stick`."""
 
+    suffix: ClassVar[str] = "setpoint/stick"
     pitch: float = Field(ge=-127, le=127, strict=False)
     """Nose down positive [stick]."""
     roll: float = Field(ge=-127, le=127, strict=False)

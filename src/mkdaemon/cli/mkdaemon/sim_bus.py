@@ -17,7 +17,6 @@ import zenoh
 from pydantic import BaseModel
 
 from mkdaemon.bus.codec import decode_map, encode, encode_map, encoding_of, read_command
-from mkdaemon.bus.gateway import refused
 from mkdaemon.bus.names import key
 from mkdaemon.bus.session import close_session, open_session, session_config
 from mkdaemon.cli.mkdaemon.sim_camera import CameraPublisher
@@ -26,7 +25,7 @@ from mkdaemon.config.sim import SimConfig
 from mkdaemon.errors import CommandRejectedError, ConfigError, MkError
 from mkdaemon.sim.simulation import Simulation
 from mkdaemon.stamp import Stamp
-from mkdaemon.telemetry.command import CommandResult
+from mkdaemon.telemetry.command import CommandResult, refused
 from mkdaemon.telemetry.refusals import Status
 from mkdaemon.telemetry.sim import FaultAction, FaultRequest, RunningFault, SimFaults, SimTruth
 

@@ -29,7 +29,9 @@ from mkdaemon.protocol.dialect import EVIDENCE_LETTERS, Dialect
 from mkdaemon.protocol.framing import Dropped, DropReason, Frame
 from mkdaemon.protocol.messages.navictrl import ESCAPE
 from mkdaemon.protocol.wire import Board, WireMessage
+from mkdaemon.telemetry.control import ControlLine, Obstacle
 from mkdaemon.telemetry.link import LinkCondition
+from mkdaemon.telemetry.refusals import Token, refuse
 
 REBOOT_TIME: Final = 0.5
 """A silence longer than this may have been a reboot [s]."""
@@ -164,11 +166,24 @@ class Dialogue:
         Raises:
             CommandRejectedError: nothing may be steered now; says why.
         """
-        if not self.is_open:
-            raise CommandRejectedError("link_down", self.health.verdict.reason + ".", "Wait until the link is up.")
-        if self.is_recording:
-            raise CommandRejectedError("recording", "A recording plays: nobody listens.", "Connect an aircraft.")
+        line = self.control_line(now)
+        if line.obstacle is not None:
+            raise refuse(Token(line.obstacle.value), state="down", detail=line.reason)
+        if type(message) is not self.dialect.extern_control:
+            raise refuse(Token.WRONG_LAYOUT)
         self.steering.steer(message, deadline, now)
+
+    def control_line(self, now: float) -> ControlLine:
+        """What the line can take from the flight core now; the one place that answers."""
+        layout, obstacle = self.dialect.extern_control_layout, self.steering.obstacle(now)
+        reason = self.health.verdict.reason if layout is not None else self.dialect.read_only_reason or ""
+        if not self.is_open:
+            obstacle = Obstacle.LINK_DOWN
+        elif self.is_recording:
+            obstacle = Obstacle.RECORDING
+        elif layout is None:
+            obstacle = Obstacle.READ_ONLY
+        return ControlLine(layout, obstacle, reason)
 
     def want(self, key: str, interval: float) -> None:
         """Change one stream; 0 ends it.

@@ -17,11 +17,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import Final, Literal
+from typing import Final
 
 from mkdaemon.link.session.traffic import ReleaseResult
 from mkdaemon.protocol.messages.control import ExternControlV1
 from mkdaemon.protocol.wire import WireMessage
+from mkdaemon.telemetry.control import ReleaseOutcome
 
 REPEATS: Final = 5
 """Frames with Config = 0, each confirmed."""
@@ -50,7 +51,11 @@ def neutral_of(setpoint: WireMessage) -> WireMessage:
 
 
 class ReleasePlan:
-    """One release, from the first neutral frame to the verdict."""
+    """One release, from the first neutral frame to the verdict.
+
+    Attributes:
+        outcome: how it ended; None while it runs.
+    """
 
     def __init__(
         self,
@@ -81,18 +86,18 @@ class ReleasePlan:
         self._awaited: dict[int, float] = {}
         self._sent = 0
         self._confirmed = 0
-        self.status: Literal["running", "confirmed", "not_observable", "unconfirmed"] = "running"
+        self.outcome: ReleaseOutcome | None = None
 
     @property
     def is_running(self) -> bool:
         """Whether frames are still to be sent or confirmed."""
-        return self.status == "running"
+        return self.outcome is None
 
     def due(self, now: float) -> WireMessage | None:
         """Return the frame to send now, if any; number it and tell `sent`."""
         if now < self.next_time():
             return None
-        if self.status == "unconfirmed":
+        if self.outcome is ReleaseOutcome.UNCONFIRMED:
             self._next = now + REMIND if now <= self._reminds_until else math.inf
             return self._zero if now <= self._reminds_until else None
         if self._neutral is not None:
@@ -100,11 +105,11 @@ class ReleasePlan:
             self._next = now
             return neutral
         if self.confirms and now - self._began > GIVE_UP:
-            self.status = "unconfirmed"
+            self.outcome = ReleaseOutcome.UNCONFIRMED
             self._next, self._reminds_until = now + REMIND, now + QUIET_TIME
             return None
         if not self.confirms and self._sent >= REPEATS:
-            self.status = "not_observable"
+            self.outcome = ReleaseOutcome.NOT_OBSERVABLE
             return None
         self._next = now + (CONFIRM_WAIT if self.confirms else SPACING)
         return self._zero
@@ -116,7 +121,7 @@ class ReleasePlan:
         self._sent += 1
         self._awaited[number] = now
         if not self.confirms and self._sent >= REPEATS:
-            self.status = "not_observable"
+            self.outcome = ReleaseOutcome.NOT_OBSERVABLE
 
     def confirmed(self, number: int, now: float) -> None:
         """The board confirmed a frame number."""
@@ -125,7 +130,7 @@ class ReleasePlan:
         self._confirmed += 1
         self._next = now
         if self._confirmed >= REPEATS:
-            self.status = "confirmed"
+            self.outcome = ReleaseOutcome.CONFIRMED
 
     def expect_no_confirmation(self) -> None:
         """What could confirm is out of reach from now on, as when a redirection ends."""
@@ -133,9 +138,8 @@ class ReleasePlan:
 
     def next_time(self) -> float:
         """When `due` has something next [s]; infinite when all is said."""
-        return self._next if self.status in {"running", "unconfirmed"} else math.inf
+        return self._next if self.outcome in {None, ReleaseOutcome.UNCONFIRMED} else math.inf
 
     def result(self) -> ReleaseResult:
         """How it went."""
-        status = "unconfirmed" if self.status == "running" else self.status
-        return ReleaseResult(status, self._sent, self._confirmed, self.reason)
+        return ReleaseResult(self.outcome or ReleaseOutcome.UNCONFIRMED, self._sent, self._confirmed, self.reason)

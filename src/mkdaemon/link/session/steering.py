@@ -10,15 +10,19 @@ bit that the dead-man guards. Source: docs/safety.md; docs/firmware-notes, "Exte
 from __future__ import annotations
 
 import math
+from typing import Final
 
-from mkdaemon.errors import CommandRejectedError
 from mkdaemon.link.session import release
 from mkdaemon.link.session.controlpath import ControlPath
 from mkdaemon.link.session.health import HealthMonitor
 from mkdaemon.link.session.peers import Acquaintance
 from mkdaemon.link.session.scheduler import Entry, TransmitScheduler
 from mkdaemon.link.session.traffic import Purpose
+from mkdaemon.protocol.messages.control import ExternControlV1
 from mkdaemon.protocol.wire import Board, WireMessage
+from mkdaemon.telemetry.control import Obstacle, ReleaseOutcome
+
+_LETTER: Final = ExternControlV1.spec.id
 
 
 class Steering:
@@ -59,29 +63,14 @@ class Steering:
         """Whether a release is under way."""
         return self.plan is not None and self.plan.is_running
 
-    def steer(self, message: WireMessage, deadline: float, now: float) -> None:
-        """Hand in a setpoint; it replaces one that waits.
-
-        Raises:
-            CommandRejectedError: nothing may be steered now; says why.
-        """
-        dialect = self._peers.dialect
-        wanted = dialect.extern_control
-        if wanted is None:
-            reason = dialect.read_only_reason or "The FlightCtrl's release is not known."
-            raise CommandRejectedError("read_only", reason, "Connect a FlightCtrl whose version is known.")
-        if type(message) is not wanted:
-            raise CommandRejectedError(
-                "wrong_layout",
-                f"This FlightCtrl takes {wanted.__name__}, not {type(message).__name__}.",
-                "Build the frame from the link's dialect.",
-            )
+    def obstacle(self, now: float) -> Obstacle | None:
+        """Why a release stands in the way of stick frames; None where none does."""
         if self.is_releasing:
-            raise CommandRejectedError("releasing", "A release is under way.", "Wait for its result.")
-        if self._scheduler.holds_back(message.spec.id, now):
-            raise CommandRejectedError(
-                "releasing", "The last release is not confirmed yet.", "Wait until it is, or 6 s."
-            )
+            return Obstacle.RELEASING
+        return Obstacle.UNCONFIRMED if self._scheduler.holds_back(_LETTER, now) else None
+
+    def steer(self, message: WireMessage, deadline: float, now: float) -> None:
+        """Hand in a setpoint that the line can take; it replaces one that waits."""
         self._scheduler.submit(self.control.entry(message, Purpose.SETPOINT, deadline), now)
 
     def release(self, reason: str, now: float) -> None:
@@ -133,18 +122,18 @@ class Steering:
         message = None if self._scheduler.release_waits else plan.due(now)
         if message is not None:
             self._scheduler.submit(self.control.entry(message, Purpose.RELEASE, now + 1.0, tag=plan), now)
-        if plan.status == "confirmed":
+        if plan.outcome is ReleaseOutcome.CONFIRMED:
             self._scheduler.end_quiet()  # an earlier release that could not be confirmed may have begun it
             self._health.keep_quiet(now)
         if plan.is_running or self._plan_is_settled:
             return
         self._plan_is_settled = True
-        if plan.status == "unconfirmed":
+        if plan.outcome is ReleaseOutcome.UNCONFIRMED:
             refreshes = self._peers.dialect.dead_man.refreshed_by
             self._scheduler.quieten(refreshes, now + release.QUIET_TIME)
             if refreshes("v"):
                 self._health.keep_quiet(now + release.QUIET_TIME)
-        elif plan.status == "not_observable" and not self._scheduler.holds_back("b", now):
+        elif plan.outcome is ReleaseOutcome.NOT_OBSERVABLE and not self._scheduler.holds_back("b", now):
             # Nobody can tell whether it arrived; beside stick frames a NaviCtrl passes only serial channels on.
             refreshes = self._peers.dialect.dead_man.refreshed_by
             self._scheduler.quieten(lambda letter: letter == "y" and refreshes("y"), now + release.QUIET_TIME)

@@ -9,6 +9,7 @@ from typing import Literal, NamedTuple, Protocol
 from mkdaemon.protocol.decoder import Unknown
 from mkdaemon.protocol.framing import Frame
 from mkdaemon.protocol.wire import WireMessage
+from mkdaemon.telemetry.control import ReleaseOutcome
 from mkdaemon.telemetry.link import LinkHealth, LinkState, LinkTraffic
 
 
@@ -112,7 +113,7 @@ class ReleaseResult:
         reason: why it was released.
     """
 
-    status: Literal["confirmed", "not_observable", "unconfirmed", "not_sent"]
+    status: ReleaseOutcome
     sent: int
     confirmed: int
     reason: str

@@ -8,6 +8,7 @@ from mkdaemon.errors import LinkLostError, RequestTimeoutError
 from mkdaemon.link.session.dialogue import Dialogue
 from mkdaemon.link.session.traffic import ReleaseResult
 from mkdaemon.protocol.wire import WireMessage
+from mkdaemon.telemetry.control import ReleaseOutcome
 
 Answer = asyncio.Future[WireMessage | None]
 """Of a question: its answer; None where it was sent and none ever comes."""
@@ -36,13 +37,14 @@ class Waiters:
             if isinstance(waiter, asyncio.Future) and not waiter.done():
                 _resolve(waiter, outcome, is_open=dialogue.is_open)
         if self._releases and not dialogue.steering.is_releasing and dialogue.steering.plan is not None:
-            self._end_releases(dialogue.steering.plan.result())
+            self.end_releases(dialogue.steering.plan.result())
 
     def port_lost(self, reason: str) -> None:
         """A release that waits cannot be sent now; it is the first thing sent after opening."""
-        self._end_releases(ReleaseResult("not_sent", 0, 0, reason))
+        self.end_releases(ReleaseResult(ReleaseOutcome.NOT_SENT, 0, 0, reason))
 
-    def _end_releases(self, result: ReleaseResult) -> None:
+    def end_releases(self, result: ReleaseResult) -> None:
+        """Hand everybody who waits for a release its result."""
         waiters, self._releases = self._releases, []
         for waiter in waiters:
             if not waiter.done():

@@ -1,0 +1,92 @@
+"""What the flight core wants done: small frozen values that the daemon carries out in order."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from mkdaemon.control.limiter import StickCounts
+from mkdaemon.telemetry.command import CommandResult
+from mkdaemon.telemetry.control import LeaseState, Phase
+
+
+@dataclass(frozen=True, slots=True)
+class SendSticks:
+    """Hand one stick frame to the line.
+
+    Attributes:
+        counts: limited sticks [stick; FLU].
+        deadline: not sent after this [s; monotonic].
+        epoch: lease it stands on.
+        sequence: number of the setpoint it came from.
+        age: age of that setpoint [s].
+        is_limited: the limiter changed what was asked for.
+    """
+
+    counts: StickCounts
+    deadline: float
+    epoch: int
+    sequence: int
+    age: float
+    is_limited: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Release:
+    """Let go of the aircraft, and report `released` to the core when that is done."""
+
+    reason: str
+
+
+@dataclass(frozen=True, slots=True)
+class PublishStatus:
+    """Publish `control/status`; fields as in `ControlStatus`."""
+
+    phase: Phase
+    reason: str
+    lease: LeaseState | None
+    setpoint_age: float | None
+    refused: int
+    external_control: str | None
+
+
+@dataclass(frozen=True, slots=True)
+class ReportMode:
+    """Authority moved from one phase to another."""
+
+    before: Phase
+    after: Phase
+    reason: str
+
+
+@dataclass(frozen=True, slots=True)
+class ReportFailsafe:
+    """The ladder took a step on its own; `released` says whether a release was confirmed, None where it cannot be."""
+
+    action: str
+    reason: str
+    released: bool | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class ReportCommand:
+    """A setpoint was refused, or was the first of its epoch."""
+
+    key: str
+    fields: dict[str, Any]
+    result: CommandResult
+
+
+@dataclass(frozen=True, slots=True)
+class Warn:
+    """Something worth a line in the log."""
+
+    text: str
+
+
+Action = SendSticks | Release | PublishStatus | ReportMode | ReportFailsafe | ReportCommand | Warn
+
+
+@dataclass(frozen=True, slots=True)
+class ReadGate:
+    """Read ExternalControl of the active set, then ask for the lease again with what was read."""

@@ -1,0 +1,177 @@
+"""The phases of authority: one table of states, events, guards, actions and reasons.
+
+`Authority` moves only along these rows, docs/modes.md is drawn from them, and a test walks every one. To add a mode,
+add its phase, the events that lead to it and its rows. Source of the rules: docs/safety.md.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import Final
+
+from mkdaemon.telemetry.control import Phase
+
+
+class Event(StrEnum):
+    """What can happen to authority."""
+
+    TICK = "tick"
+    """Time has passed, or a setpoint has arrived: the stream is judged."""
+    LEASE_TAKEN = "lease_taken"
+    """A client takes the lease."""
+    LEASE_TAKEN_OVER = "lease_taken_over"
+    """A client takes the lease from its holder."""
+    LEASE_RETURNED = "lease_returned"
+    """The holder gives the lease back."""
+    RELEASE_REQUESTED = "release_requested"
+    """Somebody asks for a release."""
+    CLIENT_GONE = "client_gone"
+    """The holder's liveliness token is gone."""
+    LINK_LOST = "link_lost"
+    """The link is unusable for too long, or the port was opened anew."""
+    CONTROL_IMPOSSIBLE = "control_impossible"
+    """The aircraft takes no external control any more."""
+    LINE_RELEASING = "line_releasing"
+    """The link is releasing by itself, or waits for a release to be confirmed."""
+    RELEASE_DONE = "release_done"
+    """The release is done, or queued as the first bytes after the line comes back."""
+
+
+class Reaction(StrEnum):
+    """What a transition sends."""
+
+    NOTHING = "nothing"
+    """No stick frame."""
+    STICKS = "sticks"
+    """The setpoint's sticks, through the limiter."""
+    NEUTRAL = "neutral"
+    """Neutral sticks at hover throttle, through the limiter."""
+    RELEASE = "release"
+    """The active release: neutral sticks, then `Config = 0` until it is confirmed."""
+
+
+@dataclass(frozen=True, slots=True)
+class Situation:
+    """What guards look at.
+
+    Attributes:
+        is_held: somebody holds the lease.
+        is_silent: its holder has been silent for too long: setpoints count in flight, any sign of life before.
+        is_live: its stream has lived for `lease.engage_after` at `lease.engage_rate` or faster, and still does.
+        is_neutral: its newest setpoint gives neutral sticks.
+        is_fresh: its newest setpoint is within its time to live.
+        is_release_owed: another release was asked for since the last one began.
+    """
+
+    is_held: bool = False
+    is_silent: bool = False
+    is_live: bool = False
+    is_neutral: bool = False
+    is_fresh: bool = False
+    is_release_owed: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Guard:
+    """A condition of a row.
+
+    Attributes:
+        meaning: in words, for the documentation.
+        holds: the condition itself.
+    """
+
+    meaning: str
+    holds: Callable[[Situation], bool]
+
+
+ALWAYS: Final = Guard("always", lambda now: True)
+SILENT: Final = Guard("the holder is silent for too long", lambda now: now.is_silent)
+NOT_NEUTRAL: Final = Guard("the stream is live, its sticks are not neutral", lambda n: n.is_live and not n.is_neutral)
+READY: Final = Guard(
+    "the stream is live and neutral, its newest setpoint is fresh",
+    lambda now: now.is_live and now.is_neutral and now.is_fresh,
+)
+READY_BUT_OLD: Final = Guard(
+    "the stream is live and neutral, its newest setpoint is too old",
+    lambda now: now.is_live and now.is_neutral and not now.is_fresh,
+)
+FRESH: Final = Guard("the newest setpoint is fresh", lambda now: now.is_held and now.is_fresh)
+TOO_OLD: Final = Guard("the newest setpoint is too old", lambda now: now.is_held and not now.is_fresh)
+RELEASE_OWED: Final = Guard("another release was asked for meanwhile", lambda now: now.is_release_owed)
+HELD: Final = Guard("a client holds the lease", lambda now: now.is_held)
+NOT_HELD: Final = Guard("nobody holds the lease", lambda now: not now.is_held)
+
+
+@dataclass(frozen=True, slots=True)
+class Row:
+    """One line of the table.
+
+    Attributes:
+        sources: phases it starts from.
+        event: what happens.
+        guard: what must hold besides; the first row of an event whose guard holds is taken.
+        target: phase it leads to.
+        reaction: what is sent.
+        reason: one sentence for `control/status`; `{words}` are filled in, `{cause}` is given by who reports the event.
+        is_asked: somebody asked for it; a release nobody asked for is a failsafe.
+    """
+
+    sources: tuple[Phase, ...]
+    event: Event
+    guard: Guard
+    target: Phase
+    reaction: Reaction
+    reason: str
+    is_asked: bool = False
+
+
+_FREE, _LEASED, _FLYING, _STALE, _RELEASING = Phase
+_IN_FLIGHT: Final = (_FLYING, _STALE)
+_HELD: Final = (_LEASED, _FLYING, _STALE)
+_WAITING: Final = "{holder} holds the lease; waiting for a live, neutral stream"
+_FLIES: Final = "{holder} flies"
+_OLD: Final = "the setpoint is too old: neutral sticks"
+
+
+def _release(event: Event, sources: tuple[Phase, ...], reason: str, *, is_asked: bool = False) -> Row:
+    return Row(sources, event, ALWAYS, _RELEASING, Reaction.RELEASE, reason, is_asked)
+
+
+ROWS: Final = (
+    Row((_FREE, *_HELD), Event.LEASE_TAKEN, ALWAYS, _LEASED, Reaction.NOTHING, _WAITING, is_asked=True),
+    Row((_RELEASING,), Event.LEASE_TAKEN, ALWAYS, _RELEASING, Reaction.NOTHING, "{reason}", is_asked=True),
+    Row((_LEASED,), Event.TICK, SILENT, _RELEASING, Reaction.RELEASE, "no sign of life from {holder} for {silence} s"),
+    Row((_LEASED,), Event.TICK, NOT_NEUTRAL, _LEASED, Reaction.NOTHING, "{holder} streams; waiting for neutral sticks"),
+    Row((_LEASED,), Event.TICK, READY, _FLYING, Reaction.STICKS, _FLIES),
+    Row((_LEASED,), Event.TICK, READY_BUT_OLD, _STALE, Reaction.NEUTRAL, _OLD),
+    Row(_IN_FLIGHT, Event.TICK, SILENT, _RELEASING, Reaction.RELEASE, "no setpoint from {holder} for {silence} s"),
+    Row(_IN_FLIGHT, Event.TICK, FRESH, _FLYING, Reaction.STICKS, _FLIES),
+    Row(_IN_FLIGHT, Event.TICK, TOO_OLD, _STALE, Reaction.NEUTRAL, _OLD),
+    _release(Event.LEASE_TAKEN_OVER, (*_HELD, _RELEASING), "{taker} took the lease from {holder}", is_asked=True),
+    _release(Event.LEASE_RETURNED, (*_HELD, _RELEASING), "{holder} gave the lease back", is_asked=True),
+    _release(Event.RELEASE_REQUESTED, tuple(Phase), "{cause}", is_asked=True),
+    _release(Event.CLIENT_GONE, (*_HELD, _RELEASING), "client {holder} is gone"),
+    _release(Event.LINK_LOST, _HELD, "the link is {cause}"),
+    _release(Event.CONTROL_IMPOSSIBLE, _IN_FLIGHT, "external control is not possible: {cause}"),
+    _release(Event.LINE_RELEASING, _IN_FLIGHT, "{cause}"),
+    Row((_RELEASING,), Event.RELEASE_DONE, RELEASE_OWED, _RELEASING, Reaction.NOTHING, "{reason}"),
+    Row((_RELEASING,), Event.RELEASE_DONE, HELD, _LEASED, Reaction.NOTHING, _WAITING),
+    Row((_RELEASING,), Event.RELEASE_DONE, NOT_HELD, _FREE, Reaction.NOTHING, "{reason}"),
+)
+"""Every transition. A release takes effect at the next tick; what happens in between is judged from the same phase."""
+
+
+def find_row(phase: Phase, event: Event, situation: Situation) -> Row | None:
+    """Return the row an event takes from a phase; None where nothing changes.
+
+    Args:
+        phase: present one.
+        event: what happened.
+        situation: what guards look at.
+    """
+    for row in ROWS:
+        if row.event is event and phase in row.sources and row.guard.holds(situation):
+            return row
+    return None

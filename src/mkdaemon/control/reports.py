@@ -1,0 +1,78 @@
+"""What the flight core reports about itself, and how often: phases, status, refused setpoints, frames not sent."""
+
+from __future__ import annotations
+
+from typing import Any, Final
+
+from mkdaemon.control.actions import Action, PublishStatus, ReportCommand, ReportFailsafe, ReportMode, Warn
+from mkdaemon.control.authority import Authority
+from mkdaemon.errors import CommandRejectedError
+from mkdaemon.telemetry.command import CommandResult, refused
+from mkdaemon.telemetry.control import Phase
+from mkdaemon.telemetry.refusals import Status
+from mkdaemon.telemetry.setpoint import Setpoint
+
+STATUS_PERIOD: Final = 1.0
+"""Status is published at least this often [s]."""
+REPORT_PERIOD: Final = 1.0
+"""Refused setpoints, and stick frames the line does not take, are reported at most this often [s]."""
+
+
+class Reports:
+    """Collects what the next tick hands out."""
+
+    def __init__(self, authority: Authority) -> None:
+        self._authority = authority
+        self._phase = authority.phase
+        self._status: tuple[Phase, str, int | None] | None = None
+        self._status_at = self._refusal_at = self._unsent_at = float("-inf")
+        self._waiting: list[Action] = []
+
+    def take(self) -> list[Action]:
+        """Return what was collected, once."""
+        waiting, self._waiting = self._waiting, []
+        return waiting
+
+    def first_setpoint(self, setpoint: Setpoint) -> None:
+        """Report the first setpoint of an epoch."""
+        accepted = CommandResult(status=Status.ACCEPTED)
+        self._waiting.append(ReportCommand(setpoint.suffix, setpoint.__dict__, accepted))
+
+    def setpoint_refused(self, key: str, fields: dict[str, Any], error: CommandRejectedError, now: float) -> None:
+        """Report a refused setpoint, but not too often."""
+        if now - self._refusal_at >= REPORT_PERIOD:
+            self._refusal_at = now
+            self._waiting.append(ReportCommand(key, fields, refused(error)))
+
+    def frame_not_sent(self, error: CommandRejectedError, now: float) -> None:
+        """Report a stick frame that the line does not take, but not too often."""
+        if now - self._unsent_at >= REPORT_PERIOD:
+            self._unsent_at = now
+            self._waiting.append(Warn(f"stick frame not sent: {error}"))
+
+    def released(self, reason: str, confirmed: bool | None) -> None:
+        """Report the end of a release nobody asked for."""
+        self._waiting.append(ReportFailsafe("release", reason, confirmed))
+
+    def phase_changed(self) -> None:
+        """Report the phase if it is another one than reported last."""
+        before, after = self._phase, self._authority.phase
+        if after is before:
+            return
+        self._phase = after
+        self._waiting.append(ReportMode(before, after, self._authority.reason))
+        if after is Phase.STALE:
+            self._waiting.append(ReportFailsafe("neutral", self._authority.reason))
+
+    def status(self, layout: str | None, now: float) -> None:
+        """Report the status if it has changed or is due."""
+        authority = self._authority
+        lease = authority.lease(now)
+        news = (authority.phase, authority.reason, lease.epoch if lease else None)
+        if news == self._status and now - self._status_at < STATUS_PERIOD:
+            return
+        self._status, self._status_at = news, now
+        age = authority.setpoint_age(now)
+        self._waiting.append(
+            PublishStatus(authority.phase, authority.reason, lease, age, authority.refused, layout),
+        )

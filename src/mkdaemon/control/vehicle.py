@@ -1,0 +1,79 @@
+"""What is known about the vehicle and how old that knowledge is: motors, flight, pilot, link, poses."""
+
+from __future__ import annotations
+
+from typing import Final, NamedTuple
+
+from mkdaemon.telemetry.base import Telemetry
+from mkdaemon.telemetry.link import LinkState
+from mkdaemon.telemetry.state import Flight, Pilot
+
+FRESH: Final = 2.0
+"""Knowledge about motors, flight and pilot that is older is none [s]."""
+MOTOR_TEST: Final = 1.0
+"""A motor test turns motors for 0.5 s, and the last message that shows them turning may be as old again [s]."""
+
+
+class _Motors(NamedTuple):
+    are_running: bool
+    at: float
+
+
+class VehicleFacts:
+    """Latest facts, each with the time it arrived; the one owner of what the boards say about the flight.
+
+    Attributes:
+        link: the latest verdict on the line; None before the first.
+    """
+
+    def __init__(self) -> None:
+        self.link: LinkState | None = None
+        self._motors: _Motors | None = None
+        self._flight: tuple[Flight, float] | None = None
+        self._pilot: tuple[Pilot, float] | None = None
+        self._tested_at: float | None = None
+
+    def motors_reported(self, are_running: bool, at: float) -> None:
+        """Take what a message says about the motors."""
+        self._motors = _Motors(are_running, at)
+
+    def motor_test_sent(self, at: float) -> None:
+        """Note that motors are about to turn because a client tests them."""
+        self._tested_at = at
+
+    def state_received(self, value: Telemetry, at: float) -> None:
+        """Take a state value; kinds that decide nothing are ignored."""
+        match value:
+            case Flight():
+                self._flight = (value, at)
+            case Pilot():
+                self._pilot = (value, at)
+            case _:
+                pass
+
+    def link_changed(self, state: LinkState) -> None:
+        """Take a verdict on the line."""
+        self.link = state
+
+    def motors_running(self, now: float) -> bool | None:
+        """Whether motors run; None where no message has said so lately."""
+        if self._motors is None or now - self._motors.at > FRESH:
+            return None
+        return self._motors.are_running
+
+    def is_testing_motors(self, now: float) -> bool:
+        """Whether motors that turn may turn because of a motor test."""
+        return self._tested_at is not None and now - self._tested_at <= MOTOR_TEST
+
+    def flight(self, now: float) -> Flight | None:
+        """What the aircraft does; None where no message has said so lately."""
+        return self._flight[0] if self._flight is not None and now - self._flight[1] <= FRESH else None
+
+    def is_flying(self, now: float) -> bool | None:
+        """Whether it is in the air; None where no message has said so lately."""
+        flight = self.flight(now)
+        return None if flight is None else flight.is_flying
+
+    def pilot_throttle(self, now: float) -> float | None:
+        """The pilot's throttle [stick]; None where the boards do not tell it."""
+        return self._pilot[0].throttle if self._pilot is not None and now - self._pilot[1] <= FRESH else None

@@ -1,0 +1,127 @@
+"""Drives a flight core by a list of events, with a clock that is a number."""
+
+from __future__ import annotations
+
+from mkdaemon.config.control import ControlConfig
+from mkdaemon.control.actions import Release, SendSticks
+from mkdaemon.control.core import FlightCore
+from mkdaemon.control.preflight import Gate, GateKind
+from mkdaemon.control.setpoints import GUIDANCE
+from mkdaemon.control.vehicle import VehicleFacts
+from mkdaemon.stamp import Stamp
+from mkdaemon.telemetry.command import LeaseRequest, ReleaseRequest
+from mkdaemon.telemetry.control import ControlLine, ReleaseOutcome
+from mkdaemon.telemetry.link import LinkCondition, LinkState
+from mkdaemon.telemetry.setpoint import StickSetpoint
+from mkdaemon.telemetry.state import Flight, GpsMode, Pilot
+
+CFG = ControlConfig()
+STAMP = Stamp(monotonic=0.0, wall=0.0)
+OPEN = ControlLine("v2")
+CHANNEL = Gate(GateKind.CHANNEL, 250)
+PERIOD = 0.02
+"""Time between two setpoints of a stream [s]."""
+
+
+def link_state(condition=LinkCondition.UP, reason="all is well", openings=1):
+    return LinkState(
+        condition=condition, reason=reason, since=STAMP, stamp=STAMP, port="p", baud=57600, hears_board=True,
+        board_hears_us=True, openings=openings,
+    )  # fmt: skip
+
+
+def flight(*, is_flying, motors_running=True):
+    return Flight(
+        stamp=STAMP, source="nc/osd", motors_running=motors_running, is_flying=is_flying,
+        is_calibrating=False, is_starting=False, emergency_landing=False, battery_low=False, care_free=None,
+        altitude_control=None, rc_failsafe=None, waiting_for_takeoff=None, auto_starting=None, auto_landing=None,
+        gps_mode=GpsMode.FREE, manual_control=False, range_limit=False, target_reached=False, serial_link_lost=False,
+        error_code=0, error="", flying_time=None, waypoint_index=None, waypoint_count=None, target_distance=None,
+        altitude_setpoint=None,
+    )  # fmt: skip
+
+
+def pilot(throttle):
+    return Pilot(stamp=STAMP, source="fc/debug", rc_quality=1.0, has_signal=True, throttle=throttle, sticks=None)
+
+
+class Driver:
+    """A flight core, its clock, and everything it wanted done."""
+
+    def __init__(self, cfg=CFG, guidance=GUIDANCE, line=OPEN) -> None:
+        self.facts = VehicleFacts()
+        self.core = FlightCore(cfg, self.facts, first_epoch=100, guidance=guidance)
+        self.now = 0.0
+        self.sequence = 0
+        self.epoch = 0
+        self.done: list[tuple[float, object]] = []
+        self.facts.link_changed(link_state())
+        self.core.line_changed(line)
+
+    def of(self, kind):
+        """Every action of a kind so far."""
+        return [action for _, action in self.done if isinstance(action, kind)]
+
+    def tick(self):
+        """Tick now."""
+        actions = self.core.tick(self.now)
+        self.done += [(self.now, action) for action in actions]
+        return actions
+
+    def run(self, seconds):
+        """Tick whenever the core wants to."""
+        end = self.now + seconds
+        while (due := max(self.core.next_time(), self.now)) <= end:
+            self.now = due
+            self.tick()
+        self.now = end
+
+    def request(self, action="take", *, gate=CHANNEL, **fields):
+        """Ask for the lease; the gate is read as given."""
+        request = LeaseRequest(action=action, **fields)
+        granted = self.core.lease(request, self.now)
+        if granted is not None and not hasattr(granted, "epoch"):
+            granted = self.core.lease(request, self.now, gate=gate)
+        return granted
+
+    def take(self, holder="alice", **fields):
+        """Take the lease."""
+        self.epoch = self.request(holder=holder, **fields).epoch
+        return self.epoch
+
+    def put(self, *, epoch=None, ttl=0.3, throttle=10.0, **sticks):
+        """One setpoint; returns why it was refused."""
+        self.sequence += 1
+        fields = {"pitch": 0.0, "roll": 0.0, "yaw": 0.0, "throttle": throttle} | sticks
+        setpoint = StickSetpoint(
+            epoch=self.epoch if epoch is None else epoch, sequence=self.sequence, ttl=ttl, **fields
+        )
+        return self.core.setpoint(setpoint, self.now)
+
+    def stream(self, seconds, **setpoint):
+        """Setpoints at 50 Hz."""
+        for _ in range(round(seconds / PERIOD)):
+            self.put(**setpoint)
+            self.run(PERIOD)
+
+    def fly(self, holder="alice"):
+        """Take the lease and stream until sticks are sent; forgets what was done."""
+        self.take(holder)
+        self.stream(1.2)
+        assert self.core.phase.value == "flying"
+        self.done.clear()
+        return self.epoch
+
+    def ask_release(self, reason="asked"):
+        self.core.release(ReleaseRequest(reason=reason))
+
+    def release_ends(self, outcome=ReleaseOutcome.CONFIRMED):
+        self.core.released(outcome, self.now)
+
+    @property
+    def sticks(self):
+        return self.of(SendSticks)
+
+    @property
+    def releases(self):
+        return self.of(Release)

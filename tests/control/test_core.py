@@ -1,0 +1,391 @@
+"""The flight core as a list of events: what is sent, when, and why nothing is."""
+
+from __future__ import annotations
+
+import itertools
+
+import pytest
+
+from mkdaemon.config.control import ControlConfig, LeaseConfig
+from mkdaemon.control.actions import (
+    PublishStatus,
+    ReadGate,
+    ReportCommand,
+    ReportFailsafe,
+    ReportMode,
+    SendSticks,
+    Warn,
+)
+from mkdaemon.control.core import IDLE_PERIOD, JUST_AFTER, SHORTEST_STEP
+from mkdaemon.control.preflight import Gate, GateKind
+from mkdaemon.errors import CommandRejectedError
+from mkdaemon.telemetry.command import LeaseRequest
+from mkdaemon.telemetry.control import ControlLine, Obstacle, Phase, ReleaseOutcome
+from mkdaemon.telemetry.link import LinkCondition
+from mkdaemon.telemetry.refusals import Token, refuse
+from tests.control.events import CFG, PERIOD, Driver, flight, link_state, pilot
+
+
+@pytest.fixture
+def drive():
+    return Driver()
+
+
+def token_of(call):
+    with pytest.raises(CommandRejectedError) as caught:
+        call()
+    return caught.value.token
+
+
+# -- setpoints -----------------------------------------------------------------------------------------------------
+
+
+def test_a_live_neutral_stream_is_sent_after_a_second_and_each_setpoint_once(drive):
+    drive.take()
+    drive.stream(CFG.lease.engage_after - PERIOD)
+    assert drive.sticks == []
+    drive.stream(1.0)
+    assert drive.core.phase is Phase.FLYING
+    sequences = [sent.sequence for sent in drive.sticks]
+    assert sequences == sorted(set(sequences))
+    assert {sent.epoch for sent in drive.sticks} == {drive.epoch}
+    assert {sent.age for sent in drive.sticks} == {0.0}
+
+
+def test_a_setpoint_that_does_not_come_is_repeated_after_one_and_a_half_periods(drive):
+    drive.fly()
+    drive.put(pitch=20.0)
+    drive.run(1.5 / CFG.rate + 0.001)
+    first, second = drive.sticks
+    assert first.sequence == second.sequence
+    assert second.age == pytest.approx(1.5 / CFG.rate)
+
+
+def test_stick_frames_are_never_closer_than_the_boards_can_take(drive):
+    drive.fly()
+    for _ in range(50):
+        drive.put()
+        drive.run(0.001)
+    times = [at for at, action in drive.done if isinstance(action, SendSticks)]
+    assert min(later - at for at, later in itertools.pairwise(times)) >= SHORTEST_STEP - 1e-9
+
+
+def test_silence_gives_neutral_sticks_at_its_deadline_then_a_release(drive):
+    drive.fly()
+    drive.put(pitch=40.0)
+    began = drive.now
+    drive.run(2.0)
+    neutral = next(
+        at for at, sent in drive.done if isinstance(sent, SendSticks) and sent.age > CFG.limiter.setpoint_ttl
+    )
+    assert neutral - began == pytest.approx(CFG.limiter.setpoint_ttl + JUST_AFTER)
+    assert all(sent.counts.pitch == 0 for sent in drive.sticks if sent.age > CFG.limiter.setpoint_ttl)
+    [released] = [at for at, action in drive.done if action in drive.releases]
+    assert released - began == pytest.approx(CFG.lease.release_after + JUST_AFTER)
+    assert [event.action for event in drive.of(ReportFailsafe)] == ["neutral"]
+    drive.release_ends()
+    drive.tick()
+    assert [(event.action, event.released) for event in drive.of(ReportFailsafe)][1:] == [("release", True)]
+
+
+@pytest.mark.parametrize(("ttl", "life"), [(0.3, 0.1), (0.05, 0.05)])
+def test_a_frame_is_not_sent_later_than_its_setpoint_holds_or_a_tenth_of_a_second(drive, ttl, life):
+    drive.fly()
+    drive.put(ttl=ttl)
+    drive.tick()
+    assert drive.sticks[-1].deadline == pytest.approx(drive.now + life)
+
+
+def test_tilt_starts_from_neutral_and_throttle_where_the_client_holds_it(drive):
+    drive.take()
+    drive.stream(1.2, throttle=50.0)
+    assert drive.sticks[0].counts.throttle == 50
+    drive.put(pitch=60.0, throttle=50.0)
+    drive.tick()
+    assert 0 < drive.sticks[-1].counts.pitch < 60
+    assert drive.sticks[-1].is_limited
+
+
+def test_a_stale_command_never_gives_more_throttle_than_the_pilot_or_the_ground_allows(drive):
+    drive.fly()
+    drive.facts.state_received(flight(is_flying=True), drive.now)
+    drive.facts.state_received(pilot(-30.0), drive.now)
+    drive.run(0.5)
+    assert drive.sticks[-1].counts.throttle == -30
+    on_ground = Driver()
+    on_ground.take()
+    on_ground.stream(1.2, throttle=-80.0)
+    on_ground.run(0.5)
+    assert on_ground.sticks[-1].counts.throttle == -80
+    in_flight = Driver()
+    in_flight.take()
+    in_flight.facts.state_received(flight(is_flying=True), 0.0)
+    in_flight.stream(1.2, throttle=-80.0)
+    in_flight.facts.state_received(flight(is_flying=True), in_flight.now)
+    in_flight.run(0.5)
+    assert in_flight.sticks[-1].counts.throttle == round(CFG.limiter.hover_throttle)
+
+
+def test_the_first_setpoint_of_an_epoch_is_reported_and_refusals_once_a_second(drive):
+    drive.take()
+    drive.put()
+    drive.put()
+    drive.tick()
+    [first] = drive.of(ReportCommand)
+    assert (first.key, first.result.status, first.fields["epoch"]) == ("setpoint/stick", "accepted", drive.epoch)
+    drive.done.clear()
+    for _ in range(15):
+        error = drive.put(epoch=7)
+        assert error is not None
+        assert error.token == "wrong_epoch"
+        drive.run(0.1)
+    assert [event.result.token for event in drive.of(ReportCommand)] == ["wrong_epoch"] * 2
+    assert drive.of(PublishStatus)[-1].refused > 10
+
+
+def test_a_refused_setpoint_does_not_bring_the_next_tick_forward(drive):
+    drive.run(0.05)
+    before = drive.core.next_time()
+    drive.put(epoch=7)
+    drive.core.setpoint_refused("setpoint/stick", {"bytes": 3}, refuse(Token.MALFORMED), drive.now)
+    assert drive.core.next_time() == before
+
+
+def test_a_kind_without_guidance_is_refused_and_the_stream_goes_on():
+    drive = Driver(guidance={})
+    drive.take()
+    error = drive.put()
+    assert error is not None
+    assert error.token == "no_guidance"
+    assert drive.core.phase is Phase.LEASED
+
+
+# -- the lease -----------------------------------------------------------------------------------------------------
+
+
+def test_the_gate_is_read_before_a_lease_but_not_before_a_take_over(drive):
+    assert drive.core.lease(LeaseRequest(action="take", holder="alice"), 0.0) == ReadGate()
+    drive.take("alice")
+    assert drive.core.lease(LeaseRequest(action="take", holder="bob", force=True), 0.0).holder == "bob"
+
+
+@pytest.mark.parametrize(
+    ("gate", "token"), [(Gate(GateKind.CONSTANT, 128), "gate_shut"), (Gate(GateKind.CONSTANT, 129), "gate_constant")]
+)
+def test_a_gate_that_is_shut_or_constant_is_refused(drive, gate, token):
+    assert token_of(lambda: drive.request(gate=gate)) == token
+
+
+def test_an_accepted_constant_an_unknown_gate_and_a_channel_are_good_enough():
+    drive = Driver(ControlConfig(lease=LeaseConfig(allow_constant_gate=True)))
+    assert drive.request(gate=Gate(GateKind.CONSTANT, 200)).epoch == 100
+    assert Driver().request(gate=Gate(GateKind.UNKNOWN)).epoch == 100
+    assert Driver().request(gate=Gate(GateKind.CHANNEL, 250)).epoch == 100
+
+
+def test_renew_show_and_give_back(drive):
+    epoch = drive.take()
+    assert drive.request("show").epoch == epoch
+    assert drive.request("renew", epoch=epoch).epoch == epoch
+    assert token_of(lambda: drive.request("renew")) == "wrong_epoch"
+    assert drive.request("release", epoch=epoch) is None
+    assert drive.request("show") is None
+    assert token_of(lambda: drive.request("release")) == "not_leased"
+
+
+def test_clients_without_a_name_never_share_one(drive):
+    first = drive.request()
+    drive.request("release", epoch=first.epoch)
+    drive.tick()
+    drive.release_ends()
+    assert drive.request().holder != first.holder
+
+
+@pytest.mark.parametrize(
+    ("line", "link", "token"),
+    [
+        (ControlLine(None, Obstacle.READ_ONLY, "unknown release"), link_state(), "no_control"),
+        (ControlLine(), link_state(), "no_control"),
+        (ControlLine("v2"), link_state(LinkCondition.ONE_WAY), "link_down"),
+        (ControlLine("v2"), None, "link_down"),
+    ],
+)
+def test_a_lease_nobody_could_fly_with_is_refused(drive, line, link, token):
+    drive.core.line_changed(line)
+    drive.facts.link = link
+    assert token_of(drive.request) == token
+
+
+def test_a_client_that_is_gone_is_released_and_a_stranger_means_nothing(drive):
+    drive.fly()
+    drive.core.client_gone("bob")
+    drive.tick()
+    assert drive.releases == []
+    drive.core.client_gone("alice")
+    drive.now += SHORTEST_STEP
+    drive.tick()
+    assert [release.reason for release in drive.releases] == ["client alice is gone"]
+
+
+# -- releasing -----------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("outcome", "released"),
+    [
+        (ReleaseOutcome.CONFIRMED, True),
+        (ReleaseOutcome.UNCONFIRMED, False),
+        (ReleaseOutcome.NOT_SENT, False),
+        (ReleaseOutcome.NOT_OBSERVABLE, None),
+        (None, None),
+    ],
+)
+def test_a_failsafe_says_whether_its_release_was_confirmed(drive, outcome, released):
+    drive.fly()
+    drive.core.client_gone("alice")
+    drive.run(0.1)
+    drive.release_ends(outcome)
+    drive.tick()
+    [event] = drive.of(ReportFailsafe)
+    assert (event.action, event.reason, event.released) == ("release", "client alice is gone", released)
+
+
+def test_an_asked_release_is_no_failsafe_and_nothing_is_sent_while_it_runs(drive):
+    epoch = drive.fly()
+    drive.ask_release("big red button")
+    drive.run(SHORTEST_STEP)
+    assert [release.reason for release in drive.releases] == ["big red button"]
+    drive.done.clear()
+    drive.stream(1.0, epoch=epoch)
+    drive.ask_release("again")
+    drive.run(1.0)
+    assert drive.sticks == []
+    assert drive.releases == [], "one at a time"
+    assert drive.of(PublishStatus)[0].phase is Phase.RELEASING
+    drive.release_ends()
+    drive.tick()
+    assert [release.reason for release in drive.releases] == ["again"]
+    drive.release_ends()
+    drive.tick()
+    assert drive.of(ReportFailsafe) == []
+    assert drive.core.phase is Phase.FREE
+
+
+def test_a_release_under_way_is_looked_at_regularly_so_that_the_watchdog_sees_progress(drive):
+    drive.ask_release()
+    drive.tick()
+    assert drive.core.next_time() == pytest.approx(drive.now + IDLE_PERIOD)
+
+
+def test_released_out_of_place_changes_nothing(drive):
+    drive.fly()
+    drive.release_ends()
+    drive.tick()
+    assert drive.core.phase is Phase.FLYING
+    assert drive.of(ReportFailsafe) == []
+
+
+# -- the line ------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("condition", "patience"),
+    [
+        (LinkCondition.DOWN, 0.0),
+        (LinkCondition.ABSENT, 0.0),
+        (LinkCondition.MUTE, 0.15),
+        (LinkCondition.GARBAGE, 0.15),
+        (LinkCondition.ONE_WAY, CFG.lease.release_after),
+    ],
+)
+def test_each_bad_line_ends_the_lease_after_its_patience(drive, condition, patience):
+    drive.fly()
+    drive.facts.link_changed(link_state(condition, "gone"))
+    began = drive.now
+    drive.stream(patience + 0.1)
+    [(at, release)] = [(at, action) for at, action in drive.done if action in drive.releases]
+    assert release.reason == f"the link is {condition.value}: gone"
+    assert patience <= at - began <= patience + 2 * PERIOD
+
+
+def test_a_line_that_recovers_in_time_costs_nothing(drive):
+    drive.fly()
+    drive.facts.link_changed(link_state(LinkCondition.MUTE))
+    drive.stream(0.1)
+    drive.facts.link_changed(link_state())
+    drive.stream(1.0)
+    assert drive.releases == []
+
+
+def test_another_opening_of_the_port_ends_the_lease(drive):
+    drive.fly()
+    drive.facts.link_changed(link_state(openings=2))
+    drive.stream(0.1)
+    assert len(drive.releases) == 1
+
+
+def test_before_the_first_verdict_nothing_is_judged(drive):
+    drive.facts.link = None
+    drive.run(1.0)
+    assert drive.core.phase is Phase.FREE
+
+
+def test_an_aircraft_that_takes_no_control_any_more_is_released(drive):
+    drive.fly()
+    drive.core.line_changed(ControlLine(None, Obstacle.READ_ONLY, "another release"))
+    drive.stream(0.1)
+    [release] = drive.releases
+    assert release.reason == "external control is not possible: another release"
+    assert drive.sticks == []
+
+
+@pytest.mark.parametrize("obstacle", [Obstacle.RELEASING, Obstacle.UNCONFIRMED])
+def test_a_line_that_releases_by_itself_ends_the_lease(drive, obstacle):
+    drive.fly()
+    drive.core.line_changed(ControlLine("v2", obstacle))
+    drive.stream(0.1)
+    assert drive.sticks == []
+    [release] = drive.releases
+    assert release.reason == refuse(Token(obstacle.value)).reason
+
+
+def test_frames_the_line_does_not_take_are_reported_once_a_second_and_keep_the_lease(drive):
+    drive.fly()
+    drive.core.line_changed(ControlLine("v2", Obstacle.LINK_DOWN, "unplugged"))
+    drive.stream(1.5)
+    assert drive.sticks == []
+    assert drive.releases == []
+    assert len(drive.of(Warn)) == 2
+    assert "stick frame not sent: link_down" in drive.of(Warn)[0].text
+    drive.core.line_changed(ControlLine("v2"))
+    drive.stream(0.1)
+    assert drive.sticks
+
+
+# -- reports -------------------------------------------------------------------------------------------------------
+
+
+def test_every_change_of_phase_is_reported_with_its_reason(drive):
+    epoch = drive.take()
+    drive.stream(1.2)
+    drive.request("release", epoch=epoch)
+    drive.run(0.1)
+    drive.release_ends()
+    drive.run(0.1)
+    steps = [(event.before.value, event.after.value) for event in drive.of(ReportMode)]
+    assert steps == [("free", "leased"), ("leased", "flying"), ("flying", "releasing"), ("releasing", "free")]
+    assert drive.of(ReportMode)[2].reason == "alice gave the lease back"
+
+
+def test_status_is_published_on_change_and_once_a_second(drive):
+    drive.run(3.5)
+    assert len(drive.of(PublishStatus)) == 4
+    drive.done.clear()
+    drive.take()
+    drive.tick()
+    [status] = drive.of(PublishStatus)
+    assert (status.phase, status.lease.holder, status.external_control) == (Phase.LEASED, "alice", "v2")
+    assert status.setpoint_age is None
+    drive.put()
+    drive.run(1.15)
+    assert drive.of(PublishStatus)[-1].setpoint_age == pytest.approx(1.0, abs=0.2)

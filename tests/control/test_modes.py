@@ -1,0 +1,104 @@
+"""The table of phases: every row by itself, what has no row, and what the table promises as a whole."""
+
+from __future__ import annotations
+
+import itertools
+import string
+
+import pytest
+
+from mkdaemon.control.modes import (
+    ALWAYS,
+    FRESH,
+    HELD,
+    NOT_HELD,
+    NOT_NEUTRAL,
+    READY,
+    READY_BUT_OLD,
+    RELEASE_OWED,
+    ROWS,
+    SILENT,
+    TOO_OLD,
+    Event,
+    Reaction,
+    Situation,
+    find_row,
+)
+from mkdaemon.telemetry.control import Phase
+
+WHEN = {
+    ALWAYS: Situation(),
+    SILENT: Situation(is_held=True, is_silent=True, is_fresh=True),
+    NOT_NEUTRAL: Situation(is_held=True, is_live=True, is_fresh=True),
+    READY: Situation(is_held=True, is_live=True, is_neutral=True, is_fresh=True),
+    READY_BUT_OLD: Situation(is_held=True, is_live=True, is_neutral=True),
+    FRESH: Situation(is_held=True, is_fresh=True),
+    TOO_OLD: Situation(is_held=True),
+    RELEASE_OWED: Situation(is_held=True, is_release_owed=True),
+    HELD: Situation(is_held=True),
+    NOT_HELD: Situation(),
+}
+"""A situation in which each guard holds, and none of an earlier row."""
+
+ALL = [Situation(*flags) for flags in itertools.product((False, True), repeat=6)]
+
+
+@pytest.mark.parametrize("row", ROWS, ids=lambda row: f"{row.event}-{row.sources[0]}-{row.target}")
+def test_every_row_is_taken_from_each_of_its_phases(row):
+    for phase in row.sources:
+        assert find_row(phase, row.event, WHEN[row.guard]) is row
+
+
+@pytest.mark.parametrize(
+    ("phase", "event"),
+    [
+        (Phase.FREE, Event.TICK),
+        (Phase.RELEASING, Event.TICK),
+        (Phase.FREE, Event.CLIENT_GONE),
+        (Phase.FREE, Event.LINK_LOST),
+        (Phase.RELEASING, Event.LINK_LOST),
+        (Phase.LEASED, Event.CONTROL_IMPOSSIBLE),
+        (Phase.LEASED, Event.RELEASE_DONE),
+        (Phase.FLYING, Event.RELEASE_DONE),
+    ],
+)
+def test_what_has_no_row_changes_nothing(phase, event):
+    assert all(find_row(phase, event, situation) is None for situation in ALL)
+
+
+def test_a_lease_that_is_neither_live_nor_silent_waits():
+    assert find_row(Phase.LEASED, Event.TICK, Situation(is_held=True, is_neutral=True, is_fresh=True)) is None
+
+
+@pytest.mark.parametrize("situation", ALL)
+def test_sticks_are_sent_in_flight_only_and_a_stale_setpoint_never_tilts(situation):
+    for phase in Phase:
+        row = find_row(phase, Event.TICK, situation)
+        if row is not None and row.reaction is Reaction.STICKS:
+            assert row.target is Phase.FLYING
+            assert situation.is_fresh
+            assert not situation.is_silent
+        if row is not None and row.reaction is Reaction.NEUTRAL:
+            assert row.target is Phase.STALE
+
+
+def test_every_phase_can_be_released_by_anybody():
+    for phase, situation in itertools.product(Phase, ALL):
+        row = find_row(phase, Event.RELEASE_REQUESTED, situation)
+        assert row is not None
+        assert (row.target, row.reaction) == (Phase.RELEASING, Reaction.RELEASE)
+
+
+def test_every_release_leads_to_releasing_and_nothing_else_does_but_a_release_under_way():
+    for row in ROWS:
+        if row.reaction is Reaction.RELEASE:
+            assert row.target is Phase.RELEASING
+        elif row.target is Phase.RELEASING:
+            assert row.sources == (Phase.RELEASING,)
+
+
+def test_every_event_and_reaction_is_used_and_every_reason_names_known_words():
+    assert {row.event for row in ROWS} == set(Event)
+    assert {row.reaction for row in ROWS} == set(Reaction)
+    words = {name for row in ROWS for _, name, _, _ in string.Formatter().parse(row.reason) if name}
+    assert words == {"holder", "silence", "taker", "cause", "reason"}

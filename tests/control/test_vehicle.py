@@ -1,0 +1,42 @@
+"""What is known about the vehicle, and when it is too old to be known."""
+
+from __future__ import annotations
+
+from mkdaemon.control.vehicle import FRESH, MOTOR_TEST, VehicleFacts
+from mkdaemon.telemetry.control import LeaseState
+from tests.control.events import flight, link_state, pilot
+
+
+def test_at_first_nothing_is_known():
+    facts = VehicleFacts()
+    assert facts.link is None
+    assert facts.motors_running(0.0) is None
+    assert facts.is_flying(0.0) is None
+    assert facts.pilot_throttle(0.0) is None
+    assert not facts.is_testing_motors(0.0)
+
+
+def test_facts_hold_until_they_are_too_old():
+    facts = VehicleFacts()
+    facts.motors_reported(True, 10.0)
+    facts.state_received(flight(is_flying=True), 10.0)
+    facts.state_received(pilot(20.0), 10.0)
+    facts.link_changed(link_state())
+    last = 10.0 + FRESH
+    assert (facts.motors_running(last), facts.is_flying(last), facts.pilot_throttle(last)) == (True, True, 20.0)
+    late = last + 0.01
+    assert (facts.motors_running(late), facts.is_flying(late), facts.pilot_throttle(late)) == (None, None, None)
+    assert facts.link == link_state()
+
+
+def test_a_motor_test_explains_turning_motors_for_a_while():
+    facts = VehicleFacts()
+    facts.motor_test_sent(5.0)
+    assert facts.is_testing_motors(5.0 + MOTOR_TEST)
+    assert not facts.is_testing_motors(5.01 + MOTOR_TEST)
+
+
+def test_values_that_decide_nothing_are_ignored():
+    facts = VehicleFacts()
+    facts.state_received(LeaseState(holder="a", epoch=1, ttl=1, left=1), 0.0)
+    assert facts.flight(0.0) is None
