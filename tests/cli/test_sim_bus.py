@@ -14,9 +14,12 @@ from mkdaemon.cli.mkdaemon.sim_bus import apply_fault_request, sim_on_bus, truth
 from mkdaemon.config.sim import SimConfig
 from mkdaemon.errors import CommandRejectedError, ConfigError
 from mkdaemon.sim.simulation import Simulation
+from mkdaemon.stamp import Stamp
 from mkdaemon.telemetry.sim import FaultRequest
 from tests.bus.support import PATIENCE, ask, bus_config, client, free_endpoint
 from tests.places import SOURCE
+
+STAMP = Stamp(monotonic=1.0, wall=2.0)
 
 
 @pytest.fixture
@@ -94,7 +97,7 @@ REQUESTS = [
 
 @pytest.mark.parametrize(("fields", "running"), REQUESTS)
 def test_requests(simulation, fields, running):
-    result = apply_fault_request(simulation, FaultRequest.model_validate(fields))
+    result = apply_fault_request(simulation, FaultRequest.model_validate(fields), STAMP)
     assert set(result.reply["active"]) == running == set(simulation.world.faults.active)
 
 
@@ -108,13 +111,13 @@ def test_requests(simulation, fields, running):
 )
 def test_refusals(simulation, fields, token):
     with pytest.raises(CommandRejectedError) as caught:
-        apply_fault_request(simulation, FaultRequest.model_validate(fields))
+        apply_fault_request(simulation, FaultRequest.model_validate(fields), STAMP)
     assert caught.value.token == token
     assert not simulation.world.faults.active
 
 
 def test_truth_is_the_worlds(simulation):
-    truth = truth_of(simulation)
+    truth = truth_of(simulation, STAMP)
     assert truth.position_enu == tuple(simulation.world.truth.position_enu)
     assert truth.airborne is False
 

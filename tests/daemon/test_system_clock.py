@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import time
-from pathlib import Path
 
 import msgpack
 import pytest
@@ -14,8 +13,9 @@ from mkdaemon.clock import Clock
 from mkdaemon.config.root import Config
 from mkdaemon.daemon.program import run
 from tests.bus.support import PATIENCE, bus_config, client, free_endpoint
+from tests.places import DATA
 
-RECORDING = Path(__file__).resolve().parents[1] / "data" / "captures" / "nc_mixed_60s.jsonl"
+RECORDING = DATA / "captures" / "nc_mixed_60s.jsonl"
 SETTLED = 2.0
 """Stamps are right again so long after the step [s]."""
 TOLERANCE = 0.1

@@ -14,7 +14,7 @@ from typing import Final
 from mkdaemon.config.link import LinkConfig
 from mkdaemon.errors import CommandRejectedError
 from mkdaemon.link.session import budget
-from mkdaemon.link.session.health import HealthMonitor, Verdict
+from mkdaemon.link.session.health import HealthMonitor
 from mkdaemon.link.session.line import FORWARDING_GAP, LineRules
 from mkdaemon.link.session.peers import Acquaintance
 from mkdaemon.link.session.prober import VERSION_TOKEN, Prober
@@ -24,6 +24,7 @@ from mkdaemon.link.session.scheduler import Entry, TransmitScheduler
 from mkdaemon.link.session.steering import Steering
 from mkdaemon.link.session.streams import Streams
 from mkdaemon.link.session.traffic import Purpose
+from mkdaemon.link.session.verdict import Finding, Verdict
 from mkdaemon.protocol.decoder import Unknown
 from mkdaemon.protocol.dialect import EVIDENCE_LETTERS, Dialect
 from mkdaemon.protocol.framing import Dropped, DropReason, Frame
@@ -65,7 +66,7 @@ class Dialogue:
         *,
         baud: int,
         is_recording: bool = False,
-        searching: tuple[LinkCondition, str] | None = None,
+        searching: Finding | None = None,
     ) -> None:
         """A port is open. Whatever flew before may still obey its last command: a release is the first thing sent."""
         self.is_open = True

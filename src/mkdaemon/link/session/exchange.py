@@ -89,7 +89,7 @@ class Exchange:
             self._opened_at,
             baud=self.bauds.current,
             is_recording=port.is_recording,
-            searching=(self.bauds.condition, self.bauds.attempt) if self.bauds.attempt else None,
+            searching=self.bauds.attempt,
         )
         self.reporter.port_opened(port.name)
         self._publish()
@@ -102,7 +102,7 @@ class Exchange:
             raise
         finally:
             self._stop()
-            self.port_lost(reason, self.bauds.condition if self.bauds.attempt else LinkCondition.DOWN)
+            self.port_lost(reason, self.bauds.attempt.condition if self.bauds.attempt else LinkCondition.DOWN)
         return self._has_ended
 
     async def _talk(self, port: Port, discover: Discovery) -> str:
@@ -213,9 +213,9 @@ class Exchange:
             self._publish()
         if self.reporter.traffic_is_due(now):
             self._sink.traffic_counted(self.reporter.traffic(now))
-        advice = self.bauds.judge(health.verdict, self._opened_at, now)
-        if advice is not None:
-            self._break(LinkLostError(advice))
+        why = self.bauds.reason_to_reopen(health.verdict, self._opened_at, now)
+        if why is not None:
+            self._break(LinkLostError(why))
 
     def _publish(self) -> None:
         now = self._clock.now()

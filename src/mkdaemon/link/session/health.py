@@ -12,10 +12,12 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Hashable
-from dataclasses import dataclass, field
 from typing import Final
 
+from mkdaemon.link.session.arrivals import Arrivals
+from mkdaemon.link.session.damage import ReceivedBytes
 from mkdaemon.link.session.roundtrips import RoundTrips
+from mkdaemon.link.session.verdict import Cause, Finding, Verdict
 from mkdaemon.protocol.framing import DropReason
 from mkdaemon.telemetry.link import KindHealth, LinkCondition
 
@@ -31,12 +33,10 @@ STUCK: Final = "the port takes no bytes: flow control stops it, or its reader ha
 """Reason of a stuck port."""
 NOTHING: Final = "nothing arrives: check power, wiring and that this is the right port"
 """Reason of a mute line."""
+UNANSWERED: Final = "frames arrive, but nothing we send is answered: check the board's RX wire"
+"""Reason of a one-way line."""
 QUIET: Final = "nothing arrives, and for 6 s hardly anything is asked: the last release was not confirmed"
 """Reason of a mute line while requests would keep an old stick command alive."""
-STALE_PERIODS: Final = 3
-"""A stream is stale after this many missed periods."""
-OVERDUE: Final = 0.2
-"""A stale stream degrades the link after this at the earliest [s]; a radio's spike of 62 ms is 3 periods at 50 Hz."""
 GARBAGE_BYTES: Final = 6
 """Fewer undecodable bytes than this within the silence are a glitch, not a wrong baud rate; `#av@w` has 6."""
 GARBAGE_MEMORY: Final = 1.2
@@ -48,48 +48,6 @@ PROBE_TIMEOUT: Final = 0.25
 the longest radio round trip 0.13 s."""
 
 
-@dataclass(frozen=True, slots=True)
-class Verdict:
-    """The condition, why, and since when [s; monotonic]."""
-
-    condition: LinkCondition
-    reason: str
-    since: float
-
-
-@dataclass(slots=True)
-class _Kind:
-    """Arrivals of one kind of frame."""
-
-    key: str
-    board: str
-    frames: int = 0
-    last: float = -math.inf
-    asked: float | None = None
-    asked_since: float = math.inf
-    arrivals: deque[float] = field(default_factory=lambda: deque(maxlen=256))
-
-    def missed(self, now: float) -> float:
-        """Periods since the latest frame, or since it was asked for."""
-        if self.asked is None:
-            return 0.0
-        return (now - max(self.last, self.asked_since)) / self.asked
-
-    def is_overdue(self, now: float) -> bool:
-        """Stale for long enough that the line, not a single late frame of a fast stream, is to blame."""
-        return self.missed(now) > STALE_PERIODS and now - max(self.last, self.asked_since) > OVERDUE
-
-    def rate(self, now: float, window: float) -> float:
-        """Frames a second over the window [Hz]."""
-        while self.arrivals and self.arrivals[0] < now - window:
-            self.arrivals.popleft()
-        if len(self.arrivals) < 2:
-            return 0.0
-        # The time since the last arrival counts, so that a stream that stopped does not keep its rate.
-        span = max(self.arrivals[-1] - self.arrivals[0], now - self.arrivals[0] - 2 * (self.asked or 1.0))
-        return (len(self.arrivals) - 1) / span if span > 0 else 0.0
-
-
 class HealthMonitor:
     """Collects evidence and judges it."""
 
@@ -99,31 +57,26 @@ class HealthMonitor:
         self.backlog = 0
         self._window = window
         self._max_loss = max_loss_percent
-        self._kinds: dict[tuple[str, str], _Kind] = {}
+        self._arrivals = Arrivals()
+        self._bytes = ReceivedBytes(window)
         self._heard = -math.inf
         self._answered = -math.inf
         self._opened: float | None = None
         self._is_recording = False
         self._open_questions: deque[float] = deque(maxlen=8)
         self._backlog_since: float | None = None
-        self._damage: deque[tuple[float, int, DropReason]] = deque(maxlen=1024)
-        self._rx: deque[tuple[float, int]] = deque(maxlen=4096)
-        self._raw: deque[tuple[float, int]] = deque(maxlen=256)
-        self._text = ""
-        self._verdict = Verdict(LinkCondition.ABSENT, "not opened yet", now)
+        self._verdict = Verdict(Finding(LinkCondition.ABSENT, "not opened yet"), now)
         self._paused_until = self._quiet_until = -math.inf
 
     # -- what happened --------------------------------------------------------------------------------------------
 
-    def port_opened(
-        self, now: float, *, is_recording: bool = False, searching: tuple[LinkCondition, str] | None = None
-    ) -> None:
+    def port_opened(self, now: float, *, is_recording: bool = False, searching: Finding | None = None) -> None:
         """A port is open; nothing is known about its other end.
 
         Args:
             now: [s; monotonic].
             is_recording: nobody listens there.
-            searching: condition and what is tried, where a search for the line rate opened the port anew.
+            searching: what is tried, where a search for the line rate opened the port anew.
         """
         self._opened = now
         self._is_recording = is_recording
@@ -131,40 +84,31 @@ class HealthMonitor:
         self._open_questions.clear()
         self._backlog_since = None
         self.backlog = 0
-        self._damage.clear()
-        self._raw.clear()
-        self._kinds.clear()
-        condition, reason = searching or (LinkCondition.DOWN, "just opened, nothing heard yet")
-        self._judge_as(condition, reason, now)
+        self._bytes.clear()
+        self._arrivals.clear()
+        self._conclude(searching or Finding(LinkCondition.DOWN, "just opened, nothing heard yet"), now)
 
     def port_lost(self, now: float, reason: str, condition: LinkCondition = LinkCondition.DOWN) -> None:
         """The port is gone, or could not be opened."""
         self._opened = None
         self.echo.clear()
         self.confirm.clear()
-        self._judge_as(condition, reason, now)
+        self._conclude(Finding(condition, reason), now)
 
     def bytes_received(self, size: int, now: float) -> None:
         """Bytes arrived, whatever they are."""
-        self._raw.append((now, size))
+        self._bytes.arrived(size, now)
 
     def frame_received(self, board: str, key: str, characters: int, now: float) -> None:
         """A right frame arrived."""
         self._heard = now
-        self._rx.append((now, characters))
-        kind = self._kinds.get((board, key))
-        if kind is None:
-            kind = self._kinds[board, key] = _Kind(key, board)
-        kind.frames += 1
-        kind.last = now
-        kind.arrivals.append(now)
+        self._bytes.frame(characters, now)
+        self._arrivals.received(board, key, now)
 
     def damaged(self, reason: DropReason, raw: bytes, now: float) -> None:
         """Bytes arrived that are no frame."""
-        self._damage.append((now, len(raw), reason))
-        self._rx.append((now, len(raw)))
-        if reason is DropReason.TEXT and self._verdict.condition is not LinkCondition.GARBAGE:
-            self._text = raw.decode("latin-1")
+        # Once garbage was told, the text it was told with stays: the reason must not change with every line.
+        self._bytes.damaged(reason, raw, now, keep_text=self._verdict.condition is not LinkCondition.GARBAGE)
 
     def board_answered(self, now: float) -> None:
         """A reply or confirmation shows that the board received something from us."""
@@ -192,13 +136,7 @@ class HealthMonitor:
 
     def wanted(self, board: str, intervals: dict[str, float], now: float) -> None:
         """These streams are asked for, at these intervals [s]; others are not."""
-        for kind in self._kinds.values():
-            if kind.board == board and kind.key not in intervals:
-                kind.asked = None
-        for key, interval in intervals.items():
-            kind = self._kinds.setdefault((board, key), _Kind(key, board))
-            if kind.asked != interval:
-                kind.asked, kind.asked_since = interval, now
+        self._arrivals.wanted(board, intervals, now)
 
     def port_backlog(self, size: int, now: float) -> None:
         """So many bytes wait inside the port."""
@@ -248,94 +186,82 @@ class HealthMonitor:
         if self._opened is None:
             return False
         before = self._verdict.condition
-        condition, reason = self._weigh(self._opened, now)
-        if condition.is_usable and not before.is_usable:
+        finding = self._weigh(self._opened, now)
+        if finding.condition.is_usable and not before.is_usable:
             # What an outage swallowed was told as that; it says nothing about the line as it is now.
             self.echo.forgive()
             self.confirm.forgive()
-            self._damage.clear()
-        return self._judge_as(condition, reason, now)
+            self._bytes.forgive()
+        return self._conclude(finding, now)
 
     def kinds(self, now: float) -> tuple[KindHealth, ...]:
         """Describe every kind of frame heard or asked for."""
-        return tuple(
-            KindHealth(
-                key=kind.key,
-                board=kind.board,
-                frames=kind.frames,
-                rate_hz=kind.rate(now, self._window),
-                asked_hz=None if kind.asked is None else 1 / kind.asked,
-                age=min(now - kind.last, 1e9),
-                is_stale=kind.missed(now) > STALE_PERIODS,
-            )
-            for kind in self._kinds.values()
-        )
+        return self._arrivals.health(now, self._window)
 
     def damage_rates(self, now: float) -> tuple[float, float]:
         """Undecodable bytes and wrong checksums a second over the window [1/s]."""
-        self._forget(now)
-        checksums = sum(1 for _, _, reason in self._damage if reason is DropReason.CHECKSUM)
-        return sum(size for _, size, _ in self._damage) / self._window, checksums / self._window
+        return self._bytes.rates(now)
 
-    def _weigh(self, opened: float, now: float) -> tuple[LinkCondition, str]:
+    def _weigh(self, opened: float, now: float) -> Finding:
         is_stuck = self._backlog_since is not None and now - self._backlog_since > STUCK_TIME
         if is_stuck:
-            return LinkCondition.DOWN, STUCK
+            return Finding(LinkCondition.DOWN, STUCK, Cause.PORT_STUCK)
         if now < self._paused_until:
-            return self._verdict.condition, self._verdict.reason
+            return self._verdict.finding
         silent_for = now - max(self._heard, opened)
         if silent_for > SILENCE_TIME and self._expects_something(now) and not self._talks_slowly(now):
             return self._explain_silence(now)
         if self._heard == -math.inf:
-            return self._verdict.condition, self._verdict.reason
+            return self._verdict.finding
         if self._missed(now) >= PROBES_MISSED:
             if silent_for < SILENCE_TIME / 2 or self._talks_slowly(now):
                 return self._explain_deafness(now)
-            return self._verdict.condition, self._verdict.reason  # deaf or mute: the silence will tell
+            return self._verdict.finding  # deaf or mute: the silence will tell
         if self._answered == -math.inf and not self._is_recording:
-            return self._verdict.condition, self._verdict.reason  # it talks, but nothing shows that it hears us
+            return self._verdict.finding  # it talks, but nothing shows that it hears us
         return self._weigh_quality(now)
 
     def _talks_slowly(self, now: float) -> bool:
         """A board that hears nothing but sends what it was asked for, on time, is not mute between two frames."""
-        asked = [kind for kind in self._kinds.values() if kind.asked is not None]
-        on_time = bool(asked) and not any(kind.missed(now) > STALE_PERIODS for kind in asked)
-        return self._verdict.condition is LinkCondition.ONE_WAY and on_time
+        return self._verdict.condition is LinkCondition.ONE_WAY and self._arrivals.are_on_time(now)
 
-    def _explain_deafness(self, now: float) -> tuple[LinkCondition, str]:
+    def _explain_deafness(self, now: float) -> Finding:
         if self.backlog:
-            return self._verdict.condition, self._verdict.reason  # nothing left the port: the board is not to blame
-        if sum(size for at, size, _ in self._damage if at > now - SILENCE_TIME) >= GARBAGE_BYTES:
-            return LinkCondition.DEGRADED, "frames arrive damaged, and nothing we send is answered"
-        return LinkCondition.ONE_WAY, "frames arrive, but nothing we send is answered: check the board's RX wire"
+            return self._verdict.finding  # nothing left the port: the board is not to blame
+        if self._bytes.damaged_since(now - SILENCE_TIME) >= GARBAGE_BYTES:
+            return Finding(LinkCondition.DEGRADED, "frames arrive damaged, and nothing we send is answered")
+        return Finding(LinkCondition.ONE_WAY, UNANSWERED)
 
-    def _weigh_quality(self, now: float) -> tuple[LinkCondition, str]:
-        stale = [kind for kind in self._kinds.values() if kind.is_overdue(now)]
+    def _weigh_quality(self, now: float) -> Finding:
+        stale = self._arrivals.overdue(now)
         if stale:
             worst = max(stale, key=lambda kind: kind.missed(now))
-            only = " (only link tests are answered)" if len(stale) == self._asked_kinds() else ""
-            return LinkCondition.DEGRADED, f"{worst.board} {worst.key} is overdue: asked every {worst.asked:g} s{only}"
+            only = " (only link tests are answered)" if len(stale) == len(self._arrivals.asked) else ""
+            reason = f"{worst.board} {worst.key} is overdue: asked every {worst.interval:g} s{only}"
+            return Finding(LinkCondition.DEGRADED, reason)
         for name, trips in (("link test", self.echo), ("control frame", self.confirm)):
             sent, lost = trips.fates(now)
             # One lost probe proves nothing; the limit counts from the second on.
             if lost >= 2 and 100 * lost > self._max_loss * sent:
-                return LinkCondition.DEGRADED, f"{100 * lost / sent:.1f} % of {name}s lost in {self._window:g} s"
-        bad, total = self._damage_share(now)
+                reason = f"{100 * lost / sent:.1f} % of {name}s lost in {self._window:g} s"
+                return Finding(LinkCondition.DEGRADED, reason)
+        bad, total = self._bytes.share(now)
         if bad > DAMAGE_LIMIT * total:
-            return LinkCondition.DEGRADED, f"{100 * bad / total:.0f} % of the received bytes are damaged"
-        return LinkCondition.UP, "a recording plays" if self._is_recording else "both directions proven"
+            return Finding(LinkCondition.DEGRADED, f"{100 * bad / total:.0f} % of the received bytes are damaged")
+        return Finding(LinkCondition.UP, "a recording plays" if self._is_recording else "both directions proven")
 
-    def _explain_silence(self, now: float) -> tuple[LinkCondition, str]:
+    def _explain_silence(self, now: float) -> Finding:
         # Half the silence: the end of a frame that was cut off is no garbage. Once it is, slow garbage stays it.
         is_garbage = self._verdict.condition is LinkCondition.GARBAGE
         since = now - (GARBAGE_MEMORY if is_garbage else SILENCE_TIME / 2)
-        if sum(size for at, size in self._raw if at > since) < GARBAGE_BYTES:
-            return LinkCondition.MUTE, QUIET if now < self._quiet_until else NOTHING
-        recent = [reason for at, _, reason in self._damage if at > since]
-        if recent and all(reason is DropReason.TEXT for reason in recent) and _is_text(self._text):
-            shown = " ".join(self._text.split())[:40]
-            return LinkCondition.GARBAGE, f'only plain text arrives ("{shown}"): the board boots, or prints something'
-        return LinkCondition.GARBAGE, "bytes arrive, but no frame: wrong baud rate, or a damaged line"
+        if self._bytes.arrived_since(since) < GARBAGE_BYTES:
+            return Finding(LinkCondition.MUTE, QUIET if now < self._quiet_until else NOTHING)
+        text = self._bytes.text_since(since)
+        if text is not None:
+            shown = " ".join(text.split())[:40]
+            reason = f'only plain text arrives ("{shown}"): the board boots, or prints something'
+            return Finding(LinkCondition.GARBAGE, reason, Cause.PLAIN_TEXT)
+        return Finding(LinkCondition.GARBAGE, "bytes arrive, but no frame: wrong baud rate, or a damaged line")
 
     def _expects_something(self, now: float) -> bool:
         """Whether a frame should have come: link tests are out, or a stream that was asked for is overdue.
@@ -344,34 +270,13 @@ class HealthMonitor:
         before its time.
         """
         enough = 1 if self._heard == -math.inf else PROBES_MISSED
-        return self._missed(now) >= enough or any(kind.is_overdue(now) for kind in self._kinds.values())
+        return self._missed(now) >= enough or bool(self._arrivals.overdue(now))
 
     def _missed(self, now: float) -> int:
         """Probes unanswered for longer than usual, since the board last proved that it hears us."""
         return sum(1 for sent in self._open_questions if now - sent > SUSPICION)
 
-    def _asked_kinds(self) -> int:
-        return sum(1 for kind in self._kinds.values() if kind.asked is not None)
-
-    def _damage_share(self, now: float) -> tuple[int, int]:
-        self._forget(now)
-        return sum(size for _, size, _ in self._damage), sum(size for _, size in self._rx)
-
-    def _forget(self, now: float) -> None:
-        for events in (self._damage, self._rx):
-            while events and events[0][0] < now - self._window:
-                events.popleft()
-
-    def _judge_as(self, condition: LinkCondition, reason: str, now: float) -> bool:
-        changed = condition is not self._verdict.condition
-        if changed:
-            self._verdict = Verdict(condition, reason, now)
-        elif reason != self._verdict.reason:
-            self._verdict = Verdict(condition, reason, self._verdict.since)
-        return changed
-
-
-def _is_text(sample: str) -> bool:
-    """Mostly printable, as boot banners are and a wrong baud rate is not."""
-    readable = sum(1 for c in sample if c.isascii() and (c.isprintable() or c.isspace()))
-    return readable >= 0.9 * len(sample)
+    def _conclude(self, finding: Finding, now: float) -> bool:
+        """Make a finding the verdict; returns whether the condition changed."""
+        before, self._verdict = self._verdict, self._verdict.followed_by(finding, now)
+        return self._verdict.condition is not before.condition

@@ -10,7 +10,7 @@ from typing import Final
 
 from mkdaemon.errors import ConfigError
 from mkdaemon.link.ports.port import parse_address
-from mkdaemon.link.session.health import STUCK, Verdict
+from mkdaemon.link.session.verdict import Cause, Finding, Verdict
 from mkdaemon.telemetry.link import LinkCondition
 
 BAUDS: Final = (57600, 115200, 38400, 19200, 9600, 230400)
@@ -44,46 +44,43 @@ class BaudSearch:
 
     Attributes:
         current: rate to open with [baud].
-        attempt: what is tried; empty while not searching.
-        condition: what the search began with: garbage, or mute from the very start.
+        attempt: what is tried, under the condition the search began with (garbage, or mute from the very start); None
+            while not searching.
     """
 
     def __init__(self, configured: int, *, enabled: bool) -> None:
         self.current = configured
-        self.attempt = ""
-        self.condition = LinkCondition.DOWN
+        self.attempt: Finding | None = None
         self._configured = configured
         self._enabled = enabled
         self._others = itertools.cycle(baud for baud in BAUDS if baud != configured)
         self._heard = False
 
-    def judge(self, verdict: Verdict, opened: float, now: float) -> str | None:
+    def reason_to_reopen(self, verdict: Verdict, opened: float, now: float) -> str | None:
         """Say why the port must be closed and opened again (perhaps at another rate); None where it need not."""
-        condition = verdict.condition
-        if condition.hears_board:
-            self.attempt, self._heard = "", True
+        if verdict.condition.hears_board:
+            self.attempt, self._heard = None, True
             return None
-        if verdict.reason == STUCK and now - verdict.since > STUCK_PATIENCE:
+        if verdict.cause is Cause.PORT_STUCK and now - verdict.since > STUCK_PATIENCE:
             return verdict.reason
-        if not self._enabled or now - self._begins(verdict, opened) <= 0:
+        if not self._enabled or now - self._search_time(verdict, opened) <= 0:
             return None
-        if not self.attempt:
-            self.condition = condition
-        tried, self.current = self.current, self._next()
-        self.attempt = f"no frame at {tried} baud: trying {self.current}"
-        return self.attempt
+        condition = verdict.condition if self.attempt is None else self.attempt.condition
+        tried, self.current = self.current, self._next_baud()
+        self.attempt = Finding(condition, f"no frame at {tried} baud: trying {self.current}")
+        return self.attempt.reason
 
-    def _begins(self, verdict: Verdict, opened: float) -> float:
+    def _search_time(self, verdict: Verdict, opened: float) -> float:
         """When to try the next rate [s]; infinite while the line rate is not in doubt."""
-        if self.attempt:
+        if self.attempt is not None:
             return opened + SILENT_PATIENCE
-        if verdict.condition is LinkCondition.GARBAGE and "plain text" not in verdict.reason:
+        if verdict.condition is LinkCondition.GARBAGE and verdict.cause is not Cause.PLAIN_TEXT:
             return verdict.since + GARBAGE_PATIENCE
         if verdict.condition is LinkCondition.MUTE and not self._heard:
             return verdict.since + MUTE_PATIENCE
         return math.inf
 
-    def _next(self) -> int:
+    def _next_baud(self) -> int:
         """The configured rate every second time: it is the likely one once the fault has gone."""
         return self._configured if self.current != self._configured else next(self._others)
 
