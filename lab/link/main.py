@@ -26,6 +26,7 @@ from cyclopts import Parameter
 from lab.link.cases import CASES, Case
 from lab.link.fates import LIMIT, PROOF, prove
 from lab.link.virtual import SETTLE_TIME, configurations, loss_between, play, radio_loss, until_steerable
+from lab.rigs.sticks import build_sticks
 from mkdaemon.cli.arguments import AsJson
 from mkdaemon.config.link import LinkConfig
 from mkdaemon.config.sim import SimConfig
@@ -33,7 +34,6 @@ from mkdaemon.errors import CommandRejectedError, ConfigError
 from mkdaemon.link.link import Link
 from mkdaemon.link.session.roundtrips import percentile
 from mkdaemon.link.session.traffic import Lost, Purpose, Received, Sent
-from mkdaemon.protocol.wire import WireMessage
 from mkdaemon.telemetry.link import LinkHealth, LinkState, LinkTraffic
 
 LAG = 0.005
@@ -170,13 +170,13 @@ async def measure(case: Case, seconds: float) -> dict[str, Any]:
 
 async def _steer(link: Link, meter: Meter, rate: float, seconds: float) -> None:
     """Hand in setpoints at a steady rate, as a control loop would."""
-    layout: Callable[..., WireMessage] | None = link.dialect.extern_control
+    layout = link.dialect.extern_control
     if layout is None:
         raise ConfigError(f"the simulator's FlightCtrl was not recognised: {link.dialect.read_only_reason}")
     began = time.monotonic()
     for step in range(int(rate * seconds)):
         await asyncio.sleep(max(0.0, began + step / rate - time.monotonic()))
-        setpoint = layout(pitch=step % 21 - 10, roll=0, yaw=0, throttle=0, config=1)
+        setpoint = build_sticks(layout, pitch=step % 21 - 10)
         meter.handed_in = time.monotonic()
         try:
             link.send_setpoint(setpoint, deadline=meter.handed_in + 0.1)

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from typing import Any, Final
 
 from lab.link.cases import Case
 from lab.link.sim import Witness
 from lab.rigs.boardport import Socket
+from lab.rigs.sticks import build_sticks
 from lab.rigs.virtualloop import run_virtually
 from mkdaemon.clock import Clock
 from mkdaemon.config.link import LinkConfig
@@ -18,7 +19,6 @@ from mkdaemon.errors import ConfigError
 from mkdaemon.link.link import Link
 from mkdaemon.link.session.roundtrips import percentile
 from mkdaemon.link.session.traffic import Lost, Purpose, Received, Sent
-from mkdaemon.protocol.wire import WireMessage
 from mkdaemon.telemetry.link import LinkHealth, LinkState, LinkTraffic, RoundTripStats
 
 SETTLE_TIME: Final = 2.5
@@ -103,12 +103,12 @@ async def steer_steadily(link: Link, case: Case, seconds: float, sink: Waits) ->
     """Hand in the setpoints of a case for so long, or just wait where it has none; returns how many."""
     loop = asyncio.get_running_loop()
     began, steps = loop.time(), int(case.setpoint_hz * seconds)
-    layout: Callable[..., WireMessage] | None = link.dialect.extern_control
+    layout = link.dialect.extern_control
     for step in range(steps):
         assert layout is not None
         await asyncio.sleep(max(0.0, began + step / case.setpoint_hz - loop.time()))
         sink.handed_in = loop.time()
-        setpoint = layout(pitch=step % 21 - 10, roll=0, yaw=0, throttle=0, config=1)
+        setpoint = build_sticks(layout, pitch=step % 21 - 10)
         link.send_setpoint(setpoint, deadline=loop.time() + 0.1)
     await asyncio.sleep(began + seconds - loop.time())
     return steps

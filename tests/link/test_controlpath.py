@@ -6,12 +6,13 @@ import itertools
 
 import pytest
 
+from lab.rigs.sticks import build_sticks
 from mkdaemon.link.session.controlpath import ControlPath
 from mkdaemon.link.session.health import HealthMonitor
 from mkdaemon.link.session.traffic import Purpose
 from mkdaemon.protocol.messages import ExternControlV2
 
-STICKS = ExternControlV2(pitch=10, roll=0, yaw=0, throttle=50, config=1)
+STICKS = build_sticks(ExternControlV2, pitch=10, throttle=50)
 
 
 @pytest.fixture
@@ -20,7 +21,9 @@ def path() -> ControlPath:
 
 
 def send(path: ControlPath, now: float) -> int:
-    return path.sent(path.entry(STICKS, Purpose.SETPOINT, now + 0.1), now, confirms=True)
+    entry = path.entry(STICKS, Purpose.SETPOINT, now + 0.1)
+    path.sent(entry, now, confirms=True)
+    return entry.number
 
 
 def lost(path: ControlPath, now: float) -> int:
@@ -29,7 +32,7 @@ def lost(path: ControlPath, now: float) -> int:
 
 
 def test_numbers_roll_and_never_are_zero(path):
-    numbers = [path.entry(STICKS, Purpose.SETPOINT, 1.0).message.frame for _ in range(600)]
+    numbers = [path.entry(STICKS, Purpose.SETPOINT, 1.0).number for _ in range(600)]
     assert set(numbers) == set(range(1, 256))
     assert all((b - a) % 255 == 1 for a, b in itertools.pairwise(numbers))
 

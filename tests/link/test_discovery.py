@@ -7,6 +7,7 @@ import itertools
 
 import pytest
 
+from lab.rigs.sticks import build_sticks
 from mkdaemon.errors import CommandRejectedError
 from mkdaemon.link.discovery import PORTS, redirection, wait_for_discovery
 from mkdaemon.protocol.messages import ControlStateRequest, ExternControlV2, VersionRequest
@@ -89,7 +90,7 @@ async def test_the_look_behind_can_be_switched_off():
         await asyncio.sleep(2)
         assert all(s.message is None or s.message.spec.id != "u" for s in r.log.tx)
         with pytest.raises(CommandRejectedError) as caught:
-            r.link.send_setpoint(ExternControlV2(pitch=0, roll=0, yaw=0, throttle=0, config=1), deadline=9e9)
+            r.link.send_setpoint(build_sticks(ExternControlV2), deadline=9e9)
         assert caught.value.token == "read_only"
 
 

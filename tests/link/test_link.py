@@ -8,6 +8,7 @@ import itertools
 import pytest
 
 from lab.rigs.boardport import LineFault
+from lab.rigs.sticks import build_sticks
 from mkdaemon.errors import (
     CommandRejectedError,
     LinkLostError,
@@ -57,7 +58,7 @@ async def test_no_control_frame_is_lost_at_any_rate(make, rate):
         began = loop.time()
         for step in range(4 * rate):
             await asyncio.sleep(max(0.0, began + step / rate - loop.time()))
-            setpoint = layout(pitch=step % 20, roll=0, yaw=0, throttle=0, config=1)
+            setpoint = build_sticks(layout, pitch=step % 20)
             r.link.send_setpoint(setpoint, deadline=loop.time() + 0.1)
         await asyncio.sleep(0.4)
         health = r.link.health()
@@ -237,9 +238,7 @@ async def test_auto_echo_yields_to_confirmations_but_not_to_silence():
         await asyncio.sleep(0.5)
         began = loop.time()
         for _ in range(100):
-            r.link.send_setpoint(
-                ExternControlV2(pitch=0, roll=0, yaw=0, throttle=0, config=1), deadline=loop.time() + 0.1
-            )
+            r.link.send_setpoint(build_sticks(ExternControlV2), deadline=loop.time() + 0.1)
             await asyncio.sleep(0.02)
         echoes = [s for s in r.log.tx if s.purpose is Purpose.ECHO and s.at > began + 0.1]
         assert echoes == []

@@ -7,6 +7,7 @@ import asyncio
 import pytest
 
 from lab.rigs.boardport import LineFault
+from lab.rigs.sticks import build_sticks
 from mkdaemon.errors import (
     CommandRejectedError,
 )
@@ -31,7 +32,7 @@ def steer(r: Rig, **fields: int) -> None:
     layout = r.link.dialect.extern_control
     assert layout is not None
     r.link.send_setpoint(
-        layout(**{"pitch": 0, "roll": 0, "yaw": 0, "throttle": 60, "config": 1, **fields}),
+        build_sticks(layout, **{"throttle": 60, **fields}),
         deadline=asyncio.get_running_loop().time() + 0.1,
     )
 
@@ -106,12 +107,12 @@ async def test_a_release_does_not_wait_for_confirmations_a_redirection_took_with
 async def test_nothing_is_steered_during_a_release_nor_in_the_wrong_layout():
     async with rig(flight_ctrl()) as r:
         with pytest.raises(CommandRejectedError) as caught:
-            r.link.send_setpoint(ExternControlV2(pitch=0, roll=0, yaw=0, throttle=0), deadline=1e9)
+            r.link.send_setpoint(build_sticks(ExternControlV2), deadline=1e9)
         assert caught.value.token == "link_down"
         await r.until_up()
         await asyncio.sleep(0.3)
         with pytest.raises(CommandRejectedError) as caught:
-            r.link.send_setpoint(ExternControlV1(pitch=0, roll=0, yaw=0, throttle=0), deadline=1e9)
+            r.link.send_setpoint(build_sticks(ExternControlV1), deadline=1e9)
         assert caught.value.token == "wrong_layout"
         releasing = asyncio.ensure_future(r.link.release("test"))
         await asyncio.sleep(0)

@@ -22,8 +22,9 @@ def play(
         for at, confirmed in [a for a in answers if a[0] <= now]:
             plan.confirmed(confirmed, at)
             answers.remove((at, confirmed))
-        if (message := plan.due(now)) is not None:
+        if (build := plan.due(now)) is not None:
             number += 1
+            message = build(number)
             plan.sent(message, number, now)
             sent.append((now, message))
             if confirm is not None and number > lose:
@@ -92,21 +93,21 @@ def test_a_strange_confirmation_changes_nothing():
 
 @pytest.mark.parametrize("layout", [ExternControlV1, ExternControlV2, ExternControlV3, None])
 def test_the_release_frame_of_every_layout_is_all_zero(layout):
-    frame = zero_frame(layout)
+    frame = zero_frame(layout, 0)
     assert not any(frame.encode())
     assert type(frame) is (layout or ExternControlV1)
 
 
 def test_the_frame_for_an_unknown_release_cannot_set_the_valid_bit_anywhere():
     """Read as any layout, at any length a FlightCtrl may take, Config is zero."""
-    raw = zero_frame(None).model_copy(update={"frame": 255}).encode()
+    raw = zero_frame(None, 255).encode()
     assert len(raw) == 11
-    assert len(zero_frame(None).to_frame()) == 22  # 16 payload characters: 2.12a ignores 20 and more in all
+    assert len(zero_frame(None, 1).to_frame()) == 22  # 16 payload characters: 2.12a ignores 20 and more in all
     for cls in (ExternControlV2, ExternControlV3):
         assert int(cls.decode(raw).config) == 0
     assert int(ExternControlV1.decode(raw).config) == 0
 
 
 def test_level_sticks_keep_their_throttle():
-    level = neutral_of(FLYING)
-    assert (level.pitch, level.roll, level.yaw, level.throttle) == (0, 0, 0, 40)
+    level = neutral_of(FLYING, 7)
+    assert (level.pitch, level.roll, level.yaw, level.throttle, level.frame) == (0, 0, 0, 40, 7)

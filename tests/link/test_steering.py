@@ -6,6 +6,8 @@ import itertools
 
 import pytest
 
+from lab.rigs.sticks import build_sticks
+from mkdaemon.link.session.controlpath import ControlEntry
 from mkdaemon.link.session.health import HealthMonitor
 from mkdaemon.link.session.line import FORWARDING_GAP, LineRules
 from mkdaemon.link.session.peers import Acquaintance
@@ -43,20 +45,17 @@ class Bench:
             while (entry := self.scheduler.take(self.now)) is not None:
                 assert entry.message is not None
                 self.sent.append((self.now, entry, entry.message))
-                if entry.purpose in (Purpose.SETPOINT, Purpose.RELEASE):
-                    self.steering.sent(entry, entry.message, self.now)
+                if isinstance(entry, ControlEntry):
+                    self.steering.sent(entry, self.now)
                     if answers:
-                        self.steering.confirmed(entry.message.frame, self.now)
+                        self.steering.confirmed(entry.number, self.now)
             self.now += 0.001
         return self.sent[before:]
 
-    def setpoint(self, **fields: int) -> WireMessage:
+    def steer(self) -> None:
         layout = self.peers.dialect.extern_control
         assert layout is not None
-        return layout(**{"pitch": 20, "roll": 0, "yaw": 0, "throttle": 60, "config": 1, **fields})
-
-    def steer(self) -> None:
-        self.steering.steer(self.setpoint(), self.now + 1.0, self.now)
+        self.steering.steer(build_sticks(layout, pitch=20, throttle=60), self.now + 1.0, self.now)
 
     def poll_telemetry(self) -> None:
         """Queue a request that keeps the sticks of a 2.08 alive."""

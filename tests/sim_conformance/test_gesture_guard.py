@@ -32,7 +32,7 @@ def test_no_corner_of_the_sticks_is_a_gesture(release, law, pilot_throttle):
             wanted = Sticks(127.0, 127.0, yaw, throttle)
             counts = count(limit(wanted, wanted, age=0.0, ttl=0.3, dt=0.02, layout=layout, cfg=WIDE))
             control = external.ExternalControl(FC_GENERATIONS[release], law)
-            message = extern_control(LAYOUTS[layout], counts)
+            message = extern_control(LAYOUTS[layout], counts, 1)
             control.take(message.encode())
             assert control.held.config & ControlConfig.VALID
             reader, mixed = GestureReader(), control.mix(pilot)

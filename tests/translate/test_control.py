@@ -41,11 +41,11 @@ def test_the_limiters_range_is_what_the_layout_declares(name):
     layout, room = LAYOUTS[name], RANGES[name]
     for axis in ("pitch", "roll", "yaw"):
         for count in (-room.tilt, room.tilt):
-            extern_control(layout, StickCounts(**{"pitch": 0, "roll": 0, "yaw": 0, "throttle": 0, axis: count}))
+            extern_control(layout, StickCounts(**{"pitch": 0, "roll": 0, "yaw": 0, "throttle": 0, axis: count}), 1)
         wire = layout.spec.wire(axis)
         assert (wire.minimum, wire.maximum) == (-room.tilt, room.tilt)
     for count in (room.lowest, room.highest):
-        assert extern_control(layout, StickCounts(0, 0, 0, count)).encode()
+        assert extern_control(layout, StickCounts(0, 0, 0, count), 1).encode()
 
 
 @pytest.mark.parametrize("axis", ["pitch", "roll", "yaw", "throttle"])
@@ -53,4 +53,4 @@ def test_the_limiters_range_is_what_the_layout_declares(name):
 def test_what_does_not_fit_is_never_sent(layout, axis):
     sticks = {"pitch": 0, "roll": 0, "yaw": 0, "throttle": 0, axis: -129}
     with pytest.raises(EncodeError):
-        extern_control(layout, StickCounts(**sticks))
+        extern_control(layout, StickCounts(**sticks), 1)

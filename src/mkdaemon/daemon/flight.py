@@ -10,6 +10,7 @@ import asyncio
 from collections.abc import Awaitable
 from contextlib import suppress
 from dataclasses import asdict, fields
+from functools import partial
 from typing import Any, Final
 
 from mkdaemon.bus.codec import decode_map, read_command, schema_name
@@ -167,11 +168,12 @@ class FlightControl:
     def _send(self, order: SendSticks) -> None:
         layout = self._link.dialect.extern_control
         assert layout is not None
-        self._link.send_setpoint(extern_control(layout, order.counts), deadline=order.deadline)
+        frame = self._link.send_setpoint(partial(extern_control, layout, order.counts), deadline=order.deadline)
         output = ControlOutput(
             stamp=self._clock.stamp(),
             epoch=order.epoch,
             sequence=order.sequence,
+            frame=frame,
             age=order.age,
             **asdict(order.counts),
             limited=order.is_limited,

@@ -11,6 +11,7 @@ from collections.abc import Awaitable
 from mkdaemon.clock import Clock
 from mkdaemon.config.link import LinkConfig
 from mkdaemon.errors import CommandRejectedError, LinkLostError, RequestTimeoutError
+from mkdaemon.link.session.controlpath import BuildControl, FrameNumber
 from mkdaemon.link.session.dialogue import Dialogue
 from mkdaemon.link.session.exchange import Exchange
 from mkdaemon.link.session.streams import check_rates
@@ -125,18 +126,22 @@ class Conversation:
         """What the line can take from the flight core now."""
         return self._dialogue.control_line(self._clock.now())
 
-    def send_setpoint(self, msg: WireMessage, *, deadline: float) -> None:
+    def send_setpoint(self, build: BuildControl, *, deadline: float) -> FrameNumber:
         """Hand in an external control frame; the newest wins, and none leaves after its deadline.
 
         Args:
-            msg: in the layout `dialect.extern_control`; its frame number is set here.
+            build: makes the message, in the layout `dialect.extern_control`, with the frame number it is given.
             deadline: [s; monotonic].
+
+        Returns:
+            The frame number; the board's confirmation repeats it.
 
         Raises:
             CommandRejectedError: the line takes none now (see `Obstacle`), or `wrong_layout`.
         """
-        self._dialogue.steer(msg, deadline, self._clock.now())
+        number = self._dialogue.steer(build, deadline, self._clock.now())
         self._exchange.pump()
+        return number
 
     def release(self, reason: str) -> Awaitable[ReleaseResult]:
         """Release the aircraft: neutral sticks, then Config = 0 five times, confirmed where that is possible.

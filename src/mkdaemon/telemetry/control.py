@@ -103,6 +103,8 @@ class ControlOutput(Stamped):
     """The lease it stands on."""
     sequence: int
     """The setpoint it came from."""
+    frame: int
+    """Its number on the wire, 1..255; the board's confirmation repeats it."""
     age: float
     """Age of that setpoint [s]."""
     pitch: int

@@ -9,7 +9,7 @@ from mkdaemon.protocol.flags import ControlConfig
 from mkdaemon.protocol.wire import WireMessage
 
 
-def extern_control(layout: type[WireMessage], sticks: StickCounts, *, frame: int = 0) -> WireMessage:
+def extern_control(layout: type[WireMessage], sticks: StickCounts, frame: int) -> WireMessage:
     """Build the external control message that carries these sticks.
 
     The signs between FLU and the wire, and where throttle is zero, are declared on the fields of each layout.
@@ -17,7 +17,7 @@ def extern_control(layout: type[WireMessage], sticks: StickCounts, *, frame: int
     Args:
         layout: class the dialect chose: `ExternControlV1`, `V2` or `V3`.
         sticks: limited stick offsets [stick; FLU].
-        frame: number echoed in the confirmation, 1..255; 0 for none.
+        frame: number the confirmation repeats, 1..255; 0 for no confirmation.
 
     Raises:
         EncodeError: a stick is beyond what the layout carries.

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import itertools
 from collections import deque
-from typing import Final
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Final, NewType
 
 from mkdaemon.link.session.health import HealthMonitor
 from mkdaemon.link.session.scheduler import Entry
@@ -21,6 +23,22 @@ _PAUSE: Final = 0.005
 _TOLERANCE_TIME: Final = 0.003
 """Times at the host and at the board differ by about this much, and by the line's jitter [s]."""
 
+FrameNumber = NewType("FrameNumber", int)
+"""Number of an external control frame, 1..255: the board's confirmation repeats it. Never 0, which asks for none."""
+BuildControl = Callable[[FrameNumber], WireMessage]
+"""Makes the external control message that carries a frame number."""
+
+
+@dataclass(slots=True, eq=False)
+class ControlEntry(Entry):
+    """An external control frame waiting for its turn.
+
+    Attributes:
+        number: of the frame.
+    """
+
+    number: FrameNumber = FrameNumber(0)
+
 
 class ControlPath:
     """The way of external control frames to the board and of their confirmations back.
@@ -35,7 +53,7 @@ class ControlPath:
         self.hidden = 0
         self.last_command: WireMessage | None = None
         self._health = health
-        self._number = 0
+        self._number = FrameNumber(0)
         self._rx_busy: deque[tuple[float, float]] = deque(maxlen=16)
 
     def restart(self) -> None:
@@ -47,20 +65,20 @@ class ControlPath:
         self.last_command = None
         self._rx_busy.clear()
 
-    def entry(self, message: WireMessage, purpose: Purpose, deadline: float, *, tag: object = None) -> Entry:
-        """Number a frame (never 0: that would ask for no confirmation) and make it ready to send."""
-        self._number = self._number % 255 + 1
-        numbered = message.model_copy(update={"frame": self._number})
-        return Entry(numbered.to_frame(), purpose, deadline, Board.FC, numbered, reaches_fc=True, tag=tag)
+    def entry(self, build: BuildControl, purpose: Purpose, deadline: float, *, tag: object = None) -> ControlEntry:
+        """Build the next frame with its number, ready to send."""
+        self._number = FrameNumber(self._number % 255 + 1)
+        message = build(self._number)
+        return ControlEntry(
+            message.to_frame(), purpose, deadline, Board.FC, message, reaches_fc=True, tag=tag, number=self._number
+        )
 
-    def sent(self, entry: Entry, now: float, *, confirms: bool) -> int:
-        """A frame went out; returns its number."""
-        number: int = entry.message.frame  # type: ignore[union-attr]  # every layout of external control has it
+    def sent(self, entry: ControlEntry, now: float, *, confirms: bool) -> None:
+        """A frame went out."""
         if confirms:
-            self._health.confirm.sent(number, now)
+            self._health.confirm.sent(entry.number, now)
         if entry.purpose is Purpose.SETPOINT:
             self.last_command = entry.message
-        return number
 
     def board_was_busy(self, began: float, ended: float) -> None:
         """Another frame occupied the board's transmitter for this time [s]; frames on end are one stretch."""
@@ -68,7 +86,7 @@ class ControlPath:
             began = self._rx_busy.pop()[0]
         self._rx_busy.append((began, ended))
 
-    def confirmed(self, number: int, now: float) -> None:
+    def confirmed(self, number: FrameNumber, now: float) -> None:
         """A confirmation came; older numbers it replaced before they could be sent are hidden, not lost."""
         confirm = self._health.confirm
         began = confirm.began(number)

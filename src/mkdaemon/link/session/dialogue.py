@@ -14,6 +14,7 @@ from typing import Final
 from mkdaemon.config.link import LinkConfig
 from mkdaemon.errors import CommandRejectedError
 from mkdaemon.link.session import budget
+from mkdaemon.link.session.controlpath import BuildControl, ControlEntry, FrameNumber
 from mkdaemon.link.session.health import HealthMonitor
 from mkdaemon.link.session.line import FORWARDING_GAP, LineRules
 from mkdaemon.link.session.peers import Acquaintance
@@ -119,8 +120,7 @@ class Dialogue:
             case "Z" if not self.is_recording:
                 self.health.probe_answered(message.pattern, now)  # type: ignore[attr-defined]
             case "B":
-                number: int = message.frame  # type: ignore[attr-defined]
-                if self.steering.confirmed(number, now):
+                if self.steering.confirmed(FrameNumber(message.frame), now):  # type: ignore[attr-defined]
                     self._apply_rules()
             case "V" if self.health.echo.began(VERSION_TOKEN) is not None:
                 self.health.probe_answered(VERSION_TOKEN, now)
@@ -161,8 +161,8 @@ class Dialogue:
             raise CommandRejectedError("recording", "A recording plays: nobody listens.", "Connect an aircraft.")
         return self.questions.ask(message, board, now, timeout=timeout, retries=retries, purpose=purpose, token=token)
 
-    def steer(self, message: WireMessage, deadline: float, now: float) -> None:
-        """Hand in a setpoint; it replaces one that waits.
+    def steer(self, build: BuildControl, deadline: float, now: float) -> FrameNumber:
+        """Hand in a setpoint; it replaces one that waits. Returns its frame number.
 
         Raises:
             CommandRejectedError: nothing may be steered now; says why.
@@ -170,9 +170,7 @@ class Dialogue:
         line = self.control_line(now)
         if line.obstacle is not None:
             raise refuse(Token(line.obstacle.value), state="down", detail=line.reason)
-        if type(message) is not self.dialect.extern_control:
-            raise refuse(Token.WRONG_LAYOUT)
-        self.steering.steer(message, deadline, now)
+        return self.steering.steer(build, deadline, now)
 
     def control_line(self, now: float) -> ControlLine:
         """What the line can take from the flight core now; the one place that answers."""
@@ -340,8 +338,8 @@ class Dialogue:
             self.questions.sent(entry.tag, now)
         elif entry.purpose is Purpose.ECHO:
             self.prober.sent(entry, now)
-        elif entry.purpose in (Purpose.SETPOINT, Purpose.RELEASE):
-            self.steering.sent(entry, message, now)
+        elif isinstance(entry, ControlEntry):
+            self.steering.sent(entry, now)
 
 
 _ADDRESSES: Final = {int(board): board for board in Board}

@@ -17,8 +17,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from functools import partial
 from typing import Final
 
+from mkdaemon.link.session.controlpath import BuildControl, FrameNumber
 from mkdaemon.link.session.traffic import ReleaseResult
 from mkdaemon.protocol.messages.control import ExternControlV1
 from mkdaemon.protocol.wire import WireMessage
@@ -39,15 +41,15 @@ REMIND: Final = 0.5
 and can be confirmed, one that does not arrive keeps nothing alive."""
 
 
-def zero_frame(layout: type[WireMessage] | None) -> WireMessage:
+def zero_frame(layout: type[WireMessage] | None, number: int) -> WireMessage:
     """The release frame of a layout; of v1 where the layout is unknown, because that one is safe everywhere."""
     make: Callable[..., WireMessage] = layout or ExternControlV1
-    return make(pitch=0, roll=0, yaw=0, throttle=0)
+    return make(pitch=0, roll=0, yaw=0, throttle=0, frame=number)
 
 
-def neutral_of(setpoint: WireMessage) -> WireMessage:
+def neutral_of(setpoint: WireMessage, number: int) -> WireMessage:
     """The same command with level sticks and its own throttle."""
-    return setpoint.model_copy(update={"pitch": 0, "roll": 0, "yaw": 0})
+    return setpoint.model_copy(update={"pitch": 0, "roll": 0, "yaw": 0, "frame": number})
 
 
 class ReleasePlan:
@@ -77,13 +79,13 @@ class ReleasePlan:
         """
         self.layout = layout
         self.reason = reason
-        self._zero = zero_frame(layout)
-        self._neutral = None if last_setpoint is None else neutral_of(last_setpoint)
+        self._zero: BuildControl = partial(zero_frame, layout)
+        self._neutral: BuildControl | None = None if last_setpoint is None else partial(neutral_of, last_setpoint)
         self.confirms = confirms
         self._began = now
         self._next = now
         self._reminds_until = -math.inf
-        self._awaited: dict[int, float] = {}
+        self._awaited: dict[FrameNumber, float] = {}
         self._sent = 0
         self._confirmed = 0
         self.outcome: ReleaseOutcome | None = None
@@ -93,8 +95,8 @@ class ReleasePlan:
         """Whether frames are still to be sent or confirmed."""
         return self.outcome is None
 
-    def due(self, now: float) -> WireMessage | None:
-        """Return the frame to send now, if any; number it and tell `sent`."""
+    def due(self, now: float) -> BuildControl | None:
+        """Return what builds the frame to send now; None for none."""
         if now < self.next_time():
             return None
         if self.outcome is ReleaseOutcome.UNCONFIRMED:
@@ -114,7 +116,7 @@ class ReleasePlan:
         self._next = now + (CONFIRM_WAIT if self.confirms else SPACING)
         return self._zero
 
-    def sent(self, message: WireMessage, number: int, now: float) -> None:
+    def sent(self, message: WireMessage, number: FrameNumber, now: float) -> None:
         """A frame of this plan went out under a number."""
         if message.config:  # type: ignore[attr-defined]  # every layout of external control has it
             return
@@ -123,7 +125,7 @@ class ReleasePlan:
         if not self.confirms and self._sent >= REPEATS:
             self.outcome = ReleaseOutcome.NOT_OBSERVABLE
 
-    def confirmed(self, number: int, now: float) -> None:
+    def confirmed(self, number: FrameNumber, now: float) -> None:
         """The board confirmed a frame number."""
         if self._awaited.pop(number, None) is None:
             return

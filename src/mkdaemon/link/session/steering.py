@@ -13,14 +13,15 @@ import math
 from typing import Final
 
 from mkdaemon.link.session import release
-from mkdaemon.link.session.controlpath import ControlPath
+from mkdaemon.link.session.controlpath import BuildControl, ControlEntry, ControlPath, FrameNumber
 from mkdaemon.link.session.health import HealthMonitor
 from mkdaemon.link.session.peers import Acquaintance
-from mkdaemon.link.session.scheduler import Entry, TransmitScheduler
+from mkdaemon.link.session.scheduler import TransmitScheduler
 from mkdaemon.link.session.traffic import Purpose
 from mkdaemon.protocol.messages.control import ExternControlV1
-from mkdaemon.protocol.wire import Board, WireMessage
+from mkdaemon.protocol.wire import Board
 from mkdaemon.telemetry.control import Obstacle, ReleaseOutcome
+from mkdaemon.telemetry.refusals import Token, refuse
 
 _LETTER: Final = ExternControlV1.spec.id
 
@@ -69,9 +70,17 @@ class Steering:
             return Obstacle.RELEASING
         return Obstacle.UNCONFIRMED if self._scheduler.holds_back(_LETTER, now) else None
 
-    def steer(self, message: WireMessage, deadline: float, now: float) -> None:
-        """Hand in a setpoint that the line can take; it replaces one that waits."""
-        self._scheduler.submit(self.control.entry(message, Purpose.SETPOINT, deadline), now)
+    def steer(self, build: BuildControl, deadline: float, now: float) -> FrameNumber:
+        """Hand in a setpoint that the line can take; it replaces one that waits.
+
+        Raises:
+            CommandRejectedError: `wrong_layout`.
+        """
+        entry = self.control.entry(build, Purpose.SETPOINT, deadline)
+        if type(entry.message) is not self._peers.dialect.extern_control:
+            raise refuse(Token.WRONG_LAYOUT)
+        self._scheduler.submit(entry, now)
+        return entry.number
 
     def release(self, reason: str, now: float) -> None:
         """Begin to let go of the aircraft; setpoints are refused until that is done."""
@@ -96,7 +105,7 @@ class Steering:
         if self.plan is not None and not self.confirms:
             self.plan.expect_no_confirmation()
 
-    def confirmed(self, number: int, now: float) -> bool:
+    def confirmed(self, number: FrameNumber, now: float) -> bool:
         """A confirmation came; returns whether it is the first of a NaviCtrl that takes the frames itself."""
         self.control.confirmed(number, now)
         is_navictrl = self._peers.direct is Board.NC and self._peers.redirected is None
@@ -106,22 +115,22 @@ class Steering:
             self.plan.confirmed(number, now)
         return is_first
 
-    def sent(self, entry: Entry, message: WireMessage, now: float) -> None:
+    def sent(self, entry: ControlEntry, now: float) -> None:
         """A setpoint or a frame of a release went out."""
         # A frame in the layout that is safe everywhere is not confirmed by a board that does not understand it.
-        is_understood = type(message) is self._peers.dialect.extern_control
-        number = self.control.sent(entry, now, confirms=self.confirms and is_understood)
-        if isinstance(entry.tag, release.ReleasePlan):
-            entry.tag.sent(message, number, now)
+        is_understood = type(entry.message) is self._peers.dialect.extern_control
+        self.control.sent(entry, now, confirms=self.confirms and is_understood)
+        if isinstance(entry.tag, release.ReleasePlan) and entry.message is not None:
+            entry.tag.sent(entry.message, entry.number, now)
 
     def step(self, now: float) -> None:
         """Queue the next frame of the release, and act on its end."""
         plan = self.plan
         if plan is None:
             return
-        message = None if self._scheduler.release_waits else plan.due(now)
-        if message is not None:
-            self._scheduler.submit(self.control.entry(message, Purpose.RELEASE, now + 1.0, tag=plan), now)
+        build = None if self._scheduler.release_waits else plan.due(now)
+        if build is not None:
+            self._scheduler.submit(self.control.entry(build, Purpose.RELEASE, now + 1.0, tag=plan), now)
         if plan.outcome is ReleaseOutcome.CONFIRMED:
             self._scheduler.end_quiet()  # an earlier release that could not be confirmed may have begun it
             self._health.keep_quiet(now)
