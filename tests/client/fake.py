@@ -140,6 +140,11 @@ async def connected(**more):
         yield daemon, uav
 
 
+async def settle(uav):
+    """Return when the daemon knows what the client subscribed to: its messages arrive in order."""
+    await uav.rates()
+
+
 async def until(claim, within=60.0):
     """Wait for a claim to hold."""
     async with asyncio.timeout(within):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import difflib
 import importlib.util
 import os
 import signal
@@ -61,9 +62,16 @@ def build(name: str, about: str, table: Iterable[CommandEntry], *, chosen: str =
     return app
 
 
-def main(name: str, about: str, table: Iterable[CommandEntry]) -> NoReturn:
-    """Run a program and end the process: 0 as asked, 1 failed while running, 2 wrong configuration or usage."""
-    tokens = sys.argv[1:]
+def main(name: str, about: str, table: Iterable[CommandEntry], tokens: list[str] | None = None) -> NoReturn:
+    """Run a program and end the process: 0 as asked, 1 failed while running, 2 wrong configuration or usage.
+
+    Args:
+        name: of the program.
+        about: its own help.
+        table: its commands.
+        tokens: the command line; that of the process by default.
+    """
+    tokens = sys.argv[1:] if tokens is None else tokens
     # `mkdaemon.cli.entry` has let an interrupt kill the process until here, where it can end in order.
     signal.signal(signal.SIGINT, signal.default_int_handler)
     ended_by = _end_like_an_interrupt()
@@ -93,6 +101,9 @@ def _end_like_an_interrupt() -> list[int]:
 
 def run(app: App, tokens: Sequence[str] | None = None) -> int:
     """Run a program and return its exit code; every mistake is one line on stderr."""
+    tokens = sys.argv[1:] if tokens is None else tokens
+    if (mistake := _unknown_command(app, tokens)) is not None:
+        return _complain(app, mistake, EXIT_CONFIG)
     try:
         result = app(tokens, exit_on_error=False, print_error=False, result_action="return_value")
         sys.stdout.flush()
@@ -114,6 +125,18 @@ def run(app: App, tokens: Sequence[str] | None = None) -> int:
         _mute()
         return _complain(app, f"{error.filename or 'standard output'}: {error.strerror or error}", EXIT_FAILURE)
     return result if isinstance(result, int) else EXIT_OK
+
+
+def _unknown_command(app: App, tokens: Sequence[str]) -> str | None:
+    """What is wrong with the first word, said without importing every command as cyclopts would; None if nothing is."""
+    names = [name for name in app if name not in {*app.help_flags, *app.version_flags}]
+    if not tokens or not names or app.default_command is not None or tokens[0] in app:
+        return None
+    if tokens[0].startswith("-"):
+        return f'Unknown option "{tokens[0]}". See `{app.name[0]} --help`.'
+    near = difflib.get_close_matches(tokens[0], names, n=1)
+    hint = f'Did you mean "{near[0]}"?' if near else f"There is {', '.join(names)}."
+    return f'Unknown command "{tokens[0]}". {hint} See `{app.name[0]} --help`.'
 
 
 def _mute() -> None:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import sys
 from typing import Final, NoReturn
 
+from mkdaemon.cli.mkctl.options import move_behind_command
 from mkdaemon.cli.program import CommandEntry
 from mkdaemon.cli.program import build as _build
 from mkdaemon.cli.program import main as _main
@@ -50,8 +52,9 @@ COMMANDS: Final = (
 
 ABOUT: Final = """Look at a MikroKopter, fly it and set it up, through a running mkdaemon.
 
-Every command takes `--vehicle NAME` (default mk1, or MK_VEHICLE), `--connect ENDPOINT` (default tcp/127.0.0.1:7447, or
-MK_CONNECT) and `--json` for one JSON object a line. A refusal names its token, the reason and the fix.
+Every command takes, before it or behind it, `--vehicle NAME` (default mk1, or MK_VEHICLE), `--connect ENDPOINT`
+(default tcp/127.0.0.1:7447, or MK_CONNECT) and `--json` for one JSON object a line. A refusal names its token, the
+reason and the fix.
 
 First steps: `mkctl status`, `mkctl watch 'state/**'`, `mkctl health`.
 """
@@ -61,7 +64,8 @@ app = _build("mkctl", ABOUT, COMMANDS)
 
 def main() -> NoReturn:
     """Entry point."""
-    _main("mkctl", ABOUT, COMMANDS)
+    groups = {entry.name for entry in COMMANDS if entry.target.endswith(":app")}
+    _main("mkctl", ABOUT, COMMANDS, move_behind_command(sys.argv[1:], groups))
 
 
 if __name__ == "__main__":

@@ -1,0 +1,87 @@
+"""Typed values from maps."""
+
+from __future__ import annotations
+
+import pytest
+
+from mkdaemon.bus.codec import encoding_of
+from mkdaemon.bus.keys import KEYS
+from mkdaemon.client import Sample
+from mkdaemon.client.samples import message_from, read_payload
+from mkdaemon.clock import Clock
+from mkdaemon.errors import ProtocolError
+from mkdaemon.protocol.messages import Settings, SettingsRequest
+from mkdaemon.telemetry.state import Attitude
+from mkdaemon.telemetry.traffic import FrameSample
+from tests.client.fake import connected, settle
+
+ATTITUDE = Attitude(
+    stamp=Clock().stamp(), source="nc/osd", quaternion=(1.0, 0.0, 0.0, 0.0), roll=0.1, pitch=0.2, yaw=0.3
+)
+
+
+async def test_telemetry_comes_back_as_the_model_that_was_published():
+    async with connected() as (daemon, uav), uav.watch("state/attitude") as samples:
+        await settle(uav)
+        daemon.bus.publish("state/attitude", ATTITUDE)
+        sample = await anext(samples)
+        assert (sample.suffix, sample.schema, sample.age) == ("state/attitude", "Attitude.v1", None)
+        assert sample.value == ATTITUDE
+        assert sample.fields["yaw"] == 0.3
+        last = await uav.get("state/attitude")
+        assert last.value == ATTITUDE
+        assert 0 <= last.age < 60
+
+
+async def test_a_frame_comes_back_with_its_typed_message():
+    message = SettingsRequest(index=3)
+    envelope = FrameSample(
+        stamp=Clock().stamp(), sequence=1, board="fc", id="q", message="SettingsRequest", layout="1", fields=message
+    )
+    async with connected() as (daemon, uav), uav.watch("tx/fc/*") as samples:
+        await settle(uav)
+        daemon.bus.publish("tx/fc/settings_request", envelope, schema=SettingsRequest)
+        value = (await anext(samples)).value
+        assert (value.board, value.fields) == ("fc", message)
+        unknown = envelope.model_copy(update={"fields": {"payload": b"\x01", "reason": "no such command"}})
+        daemon.bus.publish("tx/fc/unknown", unknown)
+        assert (await anext(samples)).value.fields == {"payload": b"\x01", "reason": "no such command"}
+
+
+@pytest.mark.parametrize("encoding", ["", "application/msgpack", "application/msgpack;mk.Later.v3"])
+def test_an_unknown_schema_leaves_the_map(encoding):
+    assert Sample("x", {"a": 1}, encoding).value == {"a": 1}
+
+
+def test_a_map_that_does_not_fit_its_schema_is_an_error_that_names_the_field():
+    with pytest.raises(ProtocolError, match=r"this is no Attitude\.v1 as known here: stamp: field required"):
+        _ = Sample("state/attitude", {"yaw": 1.0}, encoding_of(Attitude)).value
+
+
+def test_every_model_of_the_table_of_keys_is_known():
+    for spec in KEYS:
+        if spec.carries is not None:
+            sample = Sample(spec.suffix, {}, encoding_of(spec.carries))
+            assert sample.schema == f"{spec.carries.__name__}.v{spec.carries.schema_version}"
+
+
+@pytest.mark.parametrize(
+    ("encoding", "raw", "fields"),
+    [
+        ("application/msgpack;mk.X.v1", b"\x81\xa1a\x01", {"a": 1}),
+        ("application/msgpack", b"\x93\x01\x02\x03", {"value": [1, 2, 3]}),
+        ("application/schema+json", b'{"a": 1}', {"a": 1}),
+        ("text/plain", b"hello", {"raw": b"hello"}),
+    ],
+)
+def test_payloads_are_read_by_their_encoding(encoding, raw, fields):
+    assert read_payload(encoding, raw) == fields
+
+
+def test_a_message_is_made_again_from_its_fields():
+    message = Settings(index=3, parameters=bytes(range(100)))
+    assert message_from("Settings.v1", dict(message)) == message
+    with pytest.raises(ProtocolError, match="unknown here"):
+        message_from("Settings.v1", {"index": 3})
+    with pytest.raises(ProtocolError, match=r"Later\.v1 \(empty\)"):
+        message_from("Later.v1", {})
