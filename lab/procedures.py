@@ -21,7 +21,6 @@ from lab.rigs.virtualline import Noise, VirtualBoard, VirtualLine
 from mkdaemon.cli.arguments import AsJson
 from mkdaemon.errors import CommandRejectedError, MkError
 from mkdaemon.protocol.generations import Release
-from mkdaemon.protocol.mission import Mission, MissionPoint
 from mkdaemon.protocol.procedures.points import point_format, to_points
 from mkdaemon.protocol.procedures.settings import backup_settings
 from mkdaemon.protocol.procedures.steps import Patience, Procedure
@@ -30,6 +29,7 @@ from mkdaemon.protocol.wire import WireMessage
 from mkdaemon.sim.boards.fc import FlightCtrl
 from mkdaemon.sim.boards.generations import FC_GENERATIONS, NC_GENERATIONS
 from mkdaemon.sim.boards.nc import NaviCtrl
+from mkdaemon.telemetry.mission import Mission, MissionPoint
 
 NOISE: Final = Noise(lost=0.015, damaged=0.015, stalled=0.01, longest_stall=1.0, repeated=0.01)
 """Three of a hundred bytes come to harm, half of them lost, half damaged; some frames are late or come twice."""

@@ -32,7 +32,12 @@ def surroundings(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
     home = str(tmp_path_factory.mktemp("home"))
     with pytest.MonkeyPatch.context() as patch:
         for name in os.environ:
-            if name.startswith(("MK_", "XDG_", "ZENOH_")) or name in {"FORCE_COLOR", "NOTIFY_SOCKET", "WATCHDOG_USEC"}:
+            if name.startswith(("MK_", "XDG_", "ZENOH_")) or name in {
+                "FORCE_COLOR",
+                "NOTIFY_SOCKET",
+                "WATCHDOG_USEC",
+                "STATE_DIRECTORY",
+            }:
                 patch.delenv(name)
         for name, value in {"HOME": home, "NO_COLOR": "1", "TERM": "dumb", "COLUMNS": "120"}.items():
             patch.setenv(name, value)

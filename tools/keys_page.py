@@ -95,8 +95,14 @@ def _parts() -> Iterator[str]:
 
 
 def _row(spec: KeySpec) -> str:
-    payload = f"[{schema_name(spec.carries)}](#{_anchor(spec.carries)})" if spec.carries else ""
+    payload = _link(spec.carries) if spec.carries else ""
+    if spec.reply is not None:
+        payload += f"; reply {_link(spec.reply)}"
     return f"| `{spec.suffix}` | {payload} | {spec.when} | {spec.about} |\n"
+
+
+def _link(model: type[BaseModel]) -> str:
+    return f"[{schema_name(model)}](#{_anchor(model)})"
 
 
 def _anchor(model: type[BaseModel]) -> str:
@@ -105,7 +111,8 @@ def _anchor(model: type[BaseModel]) -> str:
 
 def _models() -> list[type[BaseModel]]:
     carried = [spec.carries for spec in KEYS if spec.carries is not None]
-    return list(dict.fromkeys([Stamp, *carried, CommandResult, LeaseState, RateRequest]))
+    replies = [spec.reply for spec in KEYS if spec.reply is not None]
+    return list(dict.fromkeys([Stamp, *carried, *replies, CommandResult, LeaseState, RateRequest]))
 
 
 def _fields(model: type[BaseModel]) -> Iterator[str]:

@@ -14,7 +14,7 @@ import pytest
 from mkdaemon.cli.mkctl.app import app
 from mkdaemon.cli.program import EXIT_CONFIG, EXIT_FAILURE, EXIT_OK, run
 from mkdaemon.missions import write_mission
-from mkdaemon.protocol.mission import Mission, MissionPoint
+from mkdaemon.telemetry.mission import Mission, MissionPoint
 from tests.bus.support import free_endpoint
 from tests.cli.starvation import PATIENCE, is_starved
 from tests.daemon.processes import mkdaemon

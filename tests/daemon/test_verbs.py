@@ -5,10 +5,11 @@ from __future__ import annotations
 import msgpack
 import pytest
 
+from mkdaemon.daemon.procedures import Occupancy
 from mkdaemon.daemon.verbs import Verbs
 from mkdaemon.errors import CommandRejectedError
-from mkdaemon.link.labels import LabelCache
 from mkdaemon.telemetry.command import CommandResult
+from mkdaemon.telemetry.control import Phase
 from mkdaemon.telemetry.refusals import Status, Token, refuse
 
 
@@ -34,7 +35,7 @@ class Desk:
 
     def __init__(self):
         self.events = []
-        self._verbs = Verbs(self, Line(), self, LabelCache(None))
+        self._verbs = Verbs(self, Line(), self, Occupancy(lambda: Phase.FREE), {})
 
     async def lease(self, raw):
         raise refuse(Token.NOT_LEASED)

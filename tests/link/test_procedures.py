@@ -38,7 +38,7 @@ class Notes(SilentObserver):
     async def live_set_proven(self) -> None:
         self.steps.append("live set proven")
 
-    def check(self, board, message) -> None:
+    async def check(self, board, message) -> None:
         if isinstance(message, SettingsRequest) and message.index == self.refuses_set:
             raise CommandRejectedError("motors_running", "motors are running.", "Stop them.")
 

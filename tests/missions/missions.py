@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from hypothesis import strategies as st
 
-from mkdaemon.protocol.mission import Mission, MissionPoint, PointKind
+from mkdaemon.telemetry.mission import Mission, MissionPoint, PointKind
 
 ROUND = Mission(
     name="Round",

@@ -7,7 +7,7 @@ from hypothesis import given, settings
 
 from mkdaemon.errors import ConfigError
 from mkdaemon.missions import FORMATS, AltitudeReference, read_mission, write_mission
-from mkdaemon.protocol.mission import Mission, MissionPoint, PointKind
+from mkdaemon.telemetry.mission import Mission, MissionPoint, PointKind
 
 from .missions import ROUND, missions
 

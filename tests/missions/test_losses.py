@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from mkdaemon.errors import ConfigError
 from mkdaemon.missions import FORMATS, write_mission
 from mkdaemon.missions.losses import lost
-from mkdaemon.protocol.mission import Mission, MissionPoint, PointKind
+from mkdaemon.telemetry.mission import Mission, MissionPoint, PointKind
 
 from .missions import ROUND, missions
 

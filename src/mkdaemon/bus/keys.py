@@ -10,12 +10,14 @@ from typing import Final
 
 from pydantic import BaseModel
 
-from mkdaemon.telemetry.command import CommandResult, LabelsRequest, LeaseRequest, RateRequest, ReleaseRequest
+from mkdaemon.telemetry import mission, settings
+from mkdaemon.telemetry.command import CommandResult, Labels, LabelsRequest, LeaseRequest, RateRequest, ReleaseRequest
 from mkdaemon.telemetry.control import ControlOutput, ControlStatus
 from mkdaemon.telemetry.event import ClockEvent, CommandEvent, FailsafeEvent, LogEvent, ModeEvent
 from mkdaemon.telemetry.image import CameraFrame
 from mkdaemon.telemetry.link import LinkHealth, LinkState, LinkTraffic
 from mkdaemon.telemetry.mission import MissionEvent
+from mkdaemon.telemetry.procedure import Cancelled, CancelRequest, ProcedureProgress
 from mkdaemon.telemetry.setpoint import StickSetpoint
 from mkdaemon.telemetry.sim import FaultRequest, SimFaults, SimTruth
 from mkdaemon.telemetry.state import Attitude, Battery, Flight, Gps, Pilot, Position, Velocity
@@ -49,6 +51,7 @@ class KeySpec:
         carries: model of the payload; None for a payload described by `about`.
         when: how often, or on what.
         about: what it says.
+        reply: model of the answer to a query, inside its `CommandResult`; None where there is none of its own.
     """
 
     suffix: str
@@ -56,6 +59,7 @@ class KeySpec:
     carries: type[BaseModel] | None
     when: str
     about: str
+    reply: type[BaseModel] | None = None
 
     @property
     def pattern(self) -> str:
@@ -106,13 +110,8 @@ KEYS: Final[tuple[KeySpec, ...]] = (
     KeySpec("event/command", _P, CommandEvent, "every command", "Who asked what, what was decided and why."),
     KeySpec("event/mode", _P, ModeEvent, "on change", "Authority or flight mode changed."),
     KeySpec("event/failsafe", _P, FailsafeEvent, "on occurrence", "The daemon let go on its own."),
-    KeySpec(
-        "event/mission",
-        Use.CLIENT,
-        MissionEvent,
-        "after an upload",
-        "A client stored a waypoint list and read it back.",
-    ),
+    KeySpec("event/mission", _P, MissionEvent, "after an upload", "A waypoint list was stored and read back."),
+    KeySpec("event/progress", _P, ProcedureProgress, "every step", "How far a procedure is, and how it ended."),
     KeySpec("sim/truth", Use.CLIENT, SimTruth, "50 Hz", "The simulator's true state; never read by flight code."),
     KeySpec("sim/faults", Use.CLIENT, SimFaults, "1 Hz and on change", "Faults the simulator plays."),
     KeySpec("sim/camera/<name>", Use.CLIENT, CameraFrame, "30 Hz, where it is on", "What the simulated camera sees."),
@@ -126,7 +125,88 @@ KEYS: Final[tuple[KeySpec, ...]] = (
     KeySpec("do/lease", _Q, LeaseRequest, "", "Take, renew, give back or show the lease."),
     KeySpec("do/release", _Q, ReleaseRequest, "", "Let go of the aircraft now; anyone may."),
     KeySpec("do/rate", _Q, RateRequest, "", "Ask for a stream at a rate."),
-    KeySpec("do/labels", _Q, LabelsRequest, "", "Names of a board's debug channels, kept by firmware."),
+    KeySpec("do/labels", _Q, LabelsRequest, "", "Names of a board's debug channels, kept by firmware.", Labels),
+    KeySpec(
+        "do/settings_backup", _Q, settings.SettingsBackupRequest, "", "Read parameter sets.", settings.SettingsBackup
+    ),
+    KeySpec(
+        "do/settings_compare",
+        _Q,
+        settings.SettingsCompareRequest,
+        "",
+        "Compare parameter sets.",
+        settings.SettingsComparison,
+    ),
+    KeySpec(
+        "do/settings_restore",
+        _Q,
+        settings.SettingsRestoreRequest,
+        "",
+        "Write parameter sets that differ.",
+        settings.SettingsRestoration,
+    ),
+    KeySpec(
+        "do/settings_write",
+        _Q,
+        settings.SettingsWriteRequest,
+        "",
+        "Change parameters by name.",
+        settings.SettingsRestoration,
+    ),
+    KeySpec(
+        "do/settings_recover",
+        _Q,
+        settings.SettingsRecoverRequest,
+        "",
+        "Look after a live set left unproven.",
+        settings.OwedSets,
+    ),
+    KeySpec(
+        "do/waypoints_upload",
+        _Q,
+        mission.WaypointsUploadRequest,
+        "",
+        "Replace the NaviCtrl's list.",
+        mission.WaypointsStored,
+    ),
+    KeySpec(
+        "do/waypoints_read", _Q, mission.WaypointsReadRequest, "", "Read the NaviCtrl's list.", mission.WaypointList
+    ),
+    KeySpec(
+        "do/waypoints_verify",
+        _Q,
+        mission.WaypointsVerifyRequest,
+        "",
+        "Compare the list with a mission.",
+        mission.WaypointsComparison,
+    ),
+    KeySpec(
+        "do/waypoints_clear",
+        _Q,
+        mission.WaypointsClearRequest,
+        "",
+        "Empty the NaviCtrl's list.",
+        mission.WaypointsStored,
+    ),
+    KeySpec("do/mixer_read", _Q, settings.MixerReadRequest, "", "Read the mixer.", settings.MixerTable),
+    KeySpec("do/mixer_write", _Q, settings.MixerWriteRequest, "", "Store a mixer.", settings.MixerTable),
+    KeySpec(
+        "do/motor_controllers_read",
+        _Q,
+        settings.MotorControllersReadRequest,
+        "",
+        "Read motor controllers.",
+        settings.MotorControllers,
+    ),
+    KeySpec(
+        "do/motor_controllers_write",
+        _Q,
+        settings.MotorControllersWriteRequest,
+        "",
+        "Change a motor controller.",
+        settings.MotorControllers,
+    ),
+    KeySpec("do/cancel", _Q, CancelRequest, "", "End the procedure that runs.", Cancelled),
     KeySpec("schema/<name>", _Q, None, "", "JSON Schema of `<Name>.v<N>`, as the encoding of every payload names it."),
     KeySpec("setpoint/stick", Use.SETPOINT, StickSetpoint, "", "Stick offsets, under a lease."),
     KeySpec("alive", Use.TOKEN, None, "", "The daemon is alive."),

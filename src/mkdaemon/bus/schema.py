@@ -20,6 +20,7 @@ __all__ = ["schema_json", "schema_names"]
 @cache
 def _models() -> dict[str, type[BaseModel]]:
     models: list[type[BaseModel]] = [CommandResult, *(spec.carries for spec in KEYS if spec.carries is not None)]
+    models.extend(spec.reply for spec in KEYS if spec.reply is not None)
     models.extend(MESSAGES.values())
     return {schema_name(model): model for model in models}
 

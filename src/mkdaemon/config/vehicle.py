@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 from pydantic import Field
 
 from mkdaemon.config.base import Section
@@ -13,5 +15,8 @@ class VehicleConfig(Section):
 
     name: str = Field(default="mk1", pattern=VEHICLE_NAME)
     """Name in every key, `mk/<name>/...`: lower-case letters, digits, `-` and `_`."""
+    state_folder: Path | None = None
+    """Folder of what must survive a restart, for example which parameter set has to be live; null: systemd's
+    `$STATE_DIRECTORY/<name>`, else `$XDG_STATE_HOME/mkdaemon/<name>`, else `~/.local/state/mkdaemon/<name>`."""
     note: str = Field(default="", max_length=200)
     """Free text shown by `mkctl status`, for example airframe and battery."""

@@ -17,6 +17,7 @@ from mkdaemon.daemon.audit import Audit
 from mkdaemon.daemon.eyes import open_eyes
 from mkdaemon.daemon.flight import FlightControl
 from mkdaemon.daemon.priority import spare_collector
+from mkdaemon.daemon.procedures import Journal, Occupancy, ProcedureDesk, state_folder
 from mkdaemon.daemon.requests import BoardRequests
 from mkdaemon.daemon.sink import BusSink
 from mkdaemon.daemon.verbs import Verbs
@@ -91,8 +92,21 @@ class Daemon:
         # Milliseconds since 1970: above every epoch of an earlier run, whatever a client still streams.
         core = FlightCore(cfg.control, self._vitals.facts, first_epoch=int(clock.stamp().wall * 1000))
         self._flight = FlightControl(core, self._link, bus, self._vitals.facts, audit, clock=clock)
-        bus.serve("cmd", BoardRequests(cfg.commands, self._link, self._vitals, audit, clock).answer)
-        bus.serve("do", Verbs(self._flight, self._link, audit, LabelCache(cfg.link.label_cache)).answer)
+        occupancy = Occupancy(lambda: self._flight.phase)
+        requests = BoardRequests(cfg.commands, self._link, self._vitals, audit, clock, admit=occupancy.check_request)
+        self._procedures = ProcedureDesk(
+            self._link,
+            self._vitals,
+            bus,
+            audit,
+            requests,
+            occupancy,
+            Journal(state_folder(cfg.vehicle)),
+            LabelCache(cfg.link.label_cache),
+            clock,
+        )
+        bus.serve("cmd", requests.answer)
+        bus.serve("do", Verbs(self._flight, self._link, audit, occupancy, self._procedures.verbs).answer)
         bus.receive("setpoint/stick", self._flight.stick_arrived)
         bus.watch_clients(self._flight.client_changed)
 
@@ -106,6 +120,7 @@ class Daemon:
             async with asyncio.TaskGroup() as above:
                 tasks = [
                     above.create_task(self._flight.run(), name="control"),
+                    above.create_task(self._procedures.run(), name="procedures"),
                     above.create_task(self._tell_vitals(), name="vitals"),
                     above.create_task(self._watch_system_clock(), name="clock"),
                     above.create_task(feed_watchdog(notifier, lambda: self._flight.ticks), name="watchdog"),

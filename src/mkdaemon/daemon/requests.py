@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import difflib
+from collections.abc import Callable
 from typing import Any, Final
 
 from pydantic import ValidationError
@@ -23,7 +24,7 @@ from mkdaemon.protocol.flags import RedirectPort
 from mkdaemon.protocol.messages import Redirect, VersionRequest
 from mkdaemon.protocol.wire import MESSAGES, Board, Direction, WireMessage
 from mkdaemon.telemetry.command import CommandResult, refused
-from mkdaemon.telemetry.danger import Danger, Switch
+from mkdaemon.telemetry.danger import Confirm, Danger, Switch
 from mkdaemon.telemetry.refusals import Status, Token, refuse
 
 PASSAGE: Final = 5.0
@@ -34,8 +35,28 @@ _BOARDS = {board.word: board for board in Board if board is not Board.ANY}
 class BoardRequests:
     """Answers queries under `cmd/`."""
 
-    def __init__(self, cfg: CommandsConfig, link: Link, vitals: Vitals, audit: Audit, clock: Clock) -> None:
+    def __init__(
+        self,
+        cfg: CommandsConfig,
+        link: Link,
+        vitals: Vitals,
+        audit: Audit,
+        clock: Clock,
+        *,
+        admit: Callable[[Board], None] = lambda board: None,
+    ) -> None:
+        """Answer for one line.
+
+        Args:
+            cfg: what is enabled.
+            link: the line.
+            vitals: what is known about the vehicle.
+            audit: hears of every command.
+            clock: of the daemon.
+            admit: refuses what would disturb a procedure.
+        """
         self._cfg = cfg
+        self._admit = admit
         self._link = link
         self._vitals = vitals
         self._audit = audit
@@ -60,25 +81,50 @@ class BoardRequests:
         message = self._build(board, name, fields)
         danger = _danger_of(message)
         if danger is not None:
+            if danger.stopped or danger.confirm is Confirm.IN_FLIGHT:
+                self._admit(board)
             await meet(self._link, self._vitals.link)
-        self._check_dialect(board, message, danger)
-        if danger is not None:
-            check_danger(
-                f"{board.word}/{message.spec.key}",
-                danger,
-                is_confirmed=confirmed,
-                switches=[switch for switch in Switch if getattr(self._cfg, switch)],
-                motors_running=self._vitals.motors_running(self._clock.now()),
-                is_testing_motors=self._vitals.is_testing_motors(self._clock.now()),
-            )
+        self.check_request(board, message, is_confirmed=confirmed)
         async with way_to(self._link, board, message):
-            if danger is not None and danger.proven:
-                await self._prove(board, danger)
+            await self.prove_board(board, message)
             if message.spec.danger is not None and message.spec.danger.turns_motors:
                 self._vitals.motor_test_sent(self._clock.now())
             if isinstance(message, Redirect):
                 return await self._pass_through(message.port)
             return await self._converse(board, message)
+
+    def check_request(self, board: Board, message: WireMessage, *, is_confirmed: bool) -> None:
+        """Let a request pass, or refuse it.
+
+        Args:
+            board: who is asked.
+            message: the request.
+            is_confirmed: whoever asks knows the danger.
+
+        Raises:
+            CommandRejectedError: `unsupported`, `read_only`, or what `check_danger` refuses.
+        """
+        danger = _danger_of(message)
+        self._check_dialect(board, message, danger)
+        if danger is not None:
+            check_danger(
+                f"{board.word}/{message.spec.key}",
+                danger,
+                is_confirmed=is_confirmed,
+                switches=[switch for switch in Switch if getattr(self._cfg, switch)],
+                motors_running=self._vitals.motors_running(self._clock.now()),
+                is_testing_motors=self._vitals.is_testing_motors(self._clock.now()),
+            )
+
+    async def prove_board(self, board: Board, message: WireMessage) -> None:
+        """Make sure that the board asked is the one that hears us, where the request needs that.
+
+        Raises:
+            CommandRejectedError: `board_unproven`, or what the link refuses.
+        """
+        danger = _danger_of(message)
+        if danger is not None and danger.proven:
+            await self._prove(board, danger)
 
     async def _pass_through(self, port: RedirectPort) -> CommandResult:
         """Answer a bare redirection: for a while and back again, or the line would be lost to everybody for ever.

@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Mapping
 from typing import Any
 
 from mkdaemon.bus.codec import decode_map, read_command, schema_name
 from mkdaemon.daemon.audit import Audit
 from mkdaemon.daemon.flight import FlightControl
-from mkdaemon.errors import CommandRejectedError, LinkLostError, RequestTimeoutError
-from mkdaemon.link.labels import LabelCache, read_labels
+from mkdaemon.daemon.procedures import Occupancy
+from mkdaemon.errors import CommandRejectedError
 from mkdaemon.link.link import Link
-from mkdaemon.link.procedures import SilentObserver
-from mkdaemon.protocol.wire import Board
-from mkdaemon.telemetry.command import CommandResult, Labels, LabelsRequest, RateRequest, Rates, refused
+from mkdaemon.telemetry.command import CommandResult, LeaseRequest, RateRequest, Rates, refused
 from mkdaemon.telemetry.refusals import Status, Token, refuse
 
 Verb = Callable[[bytes], Awaitable[CommandResult]]
@@ -23,15 +21,18 @@ Verb = Callable[[bytes], Awaitable[CommandResult]]
 class Verbs:
     """Answers queries under `do/`."""
 
-    def __init__(self, flight: FlightControl, link: Link, audit: Audit, label_cache: LabelCache) -> None:
+    def __init__(
+        self, flight: FlightControl, link: Link, audit: Audit, occupancy: Occupancy, procedures: Mapping[str, Verb]
+    ) -> None:
         self._link = link
-        self._label_cache = label_cache
+        self._flight = flight
         self._audit = audit
+        self._occupancy = occupancy
         self._verbs: dict[str, Verb] = {
-            "lease": flight.lease,
+            "lease": self._lease,
             "release": flight.release,
             "rate": self._rate,
-            "labels": self._labels,
+            **procedures,
         }
 
     async def answer(self, suffix: str, raw: bytes) -> CommandResult:
@@ -50,6 +51,13 @@ class Verbs:
         self._audit.command(suffix, fields, result)
         return result
 
+    async def _lease(self, raw: bytes) -> CommandResult:
+        """Answer `do/lease`; nobody takes one while a procedure needs the boards."""
+        if read_command(LeaseRequest, raw).action != "take":
+            return await self._flight.lease(raw)
+        with self._occupancy.taking_lease():
+            return await self._flight.lease(raw)
+
     async def _rate(self, raw: bytes) -> CommandResult:
         """Answer `do/rate`: change one stream, or just show all."""
         request = read_command(RateRequest, raw)
@@ -57,16 +65,3 @@ class Verbs:
             self._link.set_rate(request.stream, request.interval)
         rates = Rates(intervals=self._link.rates())
         return CommandResult(status=Status.ACCEPTED, reply=dict(rates), reply_type=schema_name(Rates))
-
-    async def _labels(self, raw: bytes) -> CommandResult:
-        """Answer `do/labels` from what is kept for this firmware, or from the board itself."""
-        request = read_command(LabelsRequest, raw)
-        try:
-            names = await read_labels(self._link, Board[request.board.upper()], self._label_cache, SilentObserver())
-        except RequestTimeoutError as error:
-            raise refuse(Token.TIMEOUT, board=request.board, name="label", detail=str(error)) from error
-        except LinkLostError as error:
-            condition = self._link.health().state.condition.value
-            raise refuse(Token.LINK_DOWN, state=condition, detail=str(error)) from error
-        labels = Labels(board=request.board, names=names)
-        return CommandResult(status=Status.ACCEPTED, reply=dict(labels), reply_type=schema_name(Labels))

@@ -43,6 +43,11 @@ class LabelCache:
         names = self._known.get(key, [])
         return tuple(names) if len(names) == LABELS else None
 
+    def find_for(self, board: Board, dialect: Dialect) -> tuple[str, ...] | None:
+        """Return what is kept for the firmware on the line."""
+        key = cache_key(board, dialect)
+        return None if key is None else self.find(key)
+
     def keep(self, key: str, labels: tuple[str, ...]) -> None:
         """Keep labels; a file that cannot be written is no reason to fail."""
         self._known[key] = list(labels)
@@ -77,7 +82,7 @@ async def read_labels(link: Link, board: Board, cache: LabelCache, observer: Obs
         LinkLostError: the port is not open, or was lost meanwhile.
     """
     key = cache_key(board, link.dialect)
-    known = None if key is None else cache.find(key)
+    known = cache.find_for(board, link.dialect)
     if known is not None:
         return known
     labels = await run_procedure(link, labels_procedure(board, PATIENCE), observer, purpose=Purpose.BACKGROUND)

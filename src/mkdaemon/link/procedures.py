@@ -53,7 +53,7 @@ class Observer(Protocol):
     async def live_set_proven(self) -> None:
         """The live set is the right one."""
 
-    def check(self, board: Board, message: WireMessage) -> None:
+    async def check(self, board: Board, message: WireMessage) -> None:
         """Let a request pass, or raise `CommandRejectedError`; asked before the line is passed through."""
 
     async def prove(self, board: Board, message: WireMessage) -> None:
@@ -78,7 +78,7 @@ class SilentObserver:
     async def live_set_proven(self) -> None:
         """Ignore it."""
 
-    def check(self, board: Board, message: WireMessage) -> None:
+    async def check(self, board: Board, message: WireMessage) -> None:
         """Let it pass."""
 
     async def prove(self, board: Board, message: WireMessage) -> None:
@@ -135,7 +135,7 @@ async def ask_once(link: Link, step: Ask, observer: Observer, purpose: Purpose) 
         CommandRejectedError: the observer or the link refused it.
         LinkLostError: the port is not open, or was lost meanwhile.
     """
-    observer.check(step.board, step.message)
+    await observer.check(step.board, step.message)
     try:
         async with way_to(link, step.board, step.message):
             await observer.prove(step.board, step.message)

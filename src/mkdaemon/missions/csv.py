@@ -12,7 +12,7 @@ import io
 from typing import Any
 
 from mkdaemon.missions.source import AltitudeReference, MissionDraft, Place, assemble
-from mkdaemon.protocol.mission import Mission, MissionPoint, PointKind
+from mkdaemon.telemetry.mission import Mission, MissionPoint, PointKind
 
 _COLUMNS = tuple(MissionPoint.model_fields)
 _REQUIRED = ("latitude_deg", "longitude_deg", "altitude")

@@ -10,7 +10,7 @@ from mkdaemon.errors import ConfigError
 from mkdaemon.missions import csv, gpx, kml, qgc, wpl
 from mkdaemon.missions.losses import lost
 from mkdaemon.missions.source import MissionDraft
-from mkdaemon.protocol.mission import Mission
+from mkdaemon.telemetry.mission import Mission
 
 MAX_BYTES: Final = 4_000_000
 """Largest file read [bytes]; 31 points need some ten thousand."""

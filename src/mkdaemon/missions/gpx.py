@@ -11,7 +11,7 @@ from xml.sax.saxutils import escape, quoteattr
 
 from mkdaemon.missions.source import AltitudeReference, MissionDraft, Place, assemble, short_name
 from mkdaemon.missions.xmltree import Element, parse_xml
-from mkdaemon.protocol.mission import Mission, MissionPoint, PointKind
+from mkdaemon.telemetry.mission import Mission, MissionPoint, PointKind
 
 NAMESPACE = "urn:mkdaemon:mission:1"
 _WHOLE = ("radius", "hold", "heading_deg", "poi", "camera_angle_deg", "event", "photo_distance")

@@ -11,7 +11,7 @@ from xml.sax.saxutils import escape
 from mkdaemon.missions.gpx import read_extras
 from mkdaemon.missions.source import AltitudeReference, MissionDraft, Place, assemble, short_name
 from mkdaemon.missions.xmltree import Element, parse_xml
-from mkdaemon.protocol.mission import Mission, MissionPoint
+from mkdaemon.telemetry.mission import Mission, MissionPoint
 
 _REFERENCES = {
     "relativeToGround": AltitudeReference.START,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any, Final
 
-from mkdaemon.protocol.mission import Mission, MissionPoint, PointKind
+from mkdaemon.telemetry.mission import Mission, MissionPoint, PointKind
 
 _TOLERANCE: Final = {"latitude_deg": 1e-7, "longitude_deg": 1e-7, "altitude": 1e-3}
 """Largest difference that is rounding; a point on the wire counts 1e-7 deg and 0.1 m."""

@@ -14,7 +14,7 @@ from typing import Any
 
 from mkdaemon.errors import ConfigError
 from mkdaemon.missions.source import AltitudeReference, MissionDraft, Place, assemble
-from mkdaemon.protocol.mission import AUTOMATIC_CAMERA, Mission, MissionPoint, PointKind
+from mkdaemon.telemetry.mission import AUTOMATIC_CAMERA, Mission, MissionPoint, PointKind
 
 _WAYPOINT, _LOITER_TIME, _LAND = 16, 19, 21
 _CHANGE_SPEED, _ROI_LOCATION, _ROI_NONE, _ROI = 178, 195, 197, 201

@@ -10,7 +10,7 @@ from typing import Any
 from pydantic import ValidationError
 
 from mkdaemon.errors import ConfigError
-from mkdaemon.protocol.mission import Mission, MissionPoint
+from mkdaemon.telemetry.mission import Mission, MissionPoint
 
 
 class AltitudeReference(StrEnum):

@@ -19,7 +19,7 @@ import re
 from typing import Any, Final, NamedTuple
 
 from mkdaemon.missions.source import MissionDraft, Place, assemble
-from mkdaemon.protocol.mission import Mission, MissionPoint, PointKind
+from mkdaemon.telemetry.mission import Mission, MissionPoint, PointKind
 
 
 class _Entry(NamedTuple):

@@ -17,12 +17,12 @@ from mkdaemon.protocol.dialect import Dialect, Evidence, decide
 from mkdaemon.protocol.errorcodes import ErrorCode, describe_error
 from mkdaemon.protocol.framing import Dropped, DropReason, Frame, FrameDecoder, encode_frame
 from mkdaemon.protocol.generations import DeadMan, Release
-from mkdaemon.protocol.mission import Mission, MissionPoint
 from mkdaemon.protocol.settings import ParameterSet, known_revisions, layout_of
 from mkdaemon.protocol.settings_file import SettingsFile
 from mkdaemon.protocol.spec import MessageSpec
 from mkdaemon.protocol.traffic import Decoded, TrafficDecoder, decode_capture, decode_chunks
 from mkdaemon.protocol.wire import MESSAGES, WireMessage
+from mkdaemon.telemetry.mission import Mission, MissionPoint
 
 __all__ = [
     "MESSAGES",

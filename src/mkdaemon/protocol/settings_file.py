@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from typing import Any, Final, NamedTuple
 
 from mkdaemon.errors import EncodeError, ProtocolError
-from mkdaemon.protocol.settings import Layout, ParameterSet, Value, layout_of, poti_number, poti_reference
+from mkdaemon.protocol.settings import Layout, ParameterSet, Value, is_useful, layout_of, poti_number, poti_reference
 from mkdaemon.protocol.settings_table import Kind
 
 _FORMAT: Final = "mikrokopter-parameter-set"
@@ -96,6 +96,36 @@ class SpelledChange(NamedTuple):
     name: str
     before: Spelled | None
     after: Spelled | None
+
+
+def change_by_name(current: ParameterSet, wanted: Mapping[str, Spelled]) -> ParameterSet:
+    """Return a set with some parameters changed.
+
+    Args:
+        current: the set.
+        wanted: new values by name: `poti1`, bits as a list of names or as `name,name`, or plain values.
+
+    Raises:
+        ProtocolError: the layout is not known, has no such parameter, or the value does not fit it.
+    """
+    layout = current.layout
+    if layout is None:
+        msg = f"{current.reason}; nothing can be changed by name"
+        raise ProtocolError(msg)
+    values: dict[str, Value] = {}
+    for name, given in wanted.items():
+        parameter = layout.place(name).parameter
+        is_list = isinstance(given, str) and (bool(parameter.bits) or "," in given) and not given.isdecimal()
+        value = values[name] = parse_value(layout, name, _split_list(str(given)) if is_list else given)
+        if isinstance(value, int) and value != current[name] and not is_useful(parameter, value):
+            msg = f"{name} takes 0..{parameter.high}, not {value}: {parameter.meaning}"
+            raise ProtocolError(msg)
+    return current.replaced(values)
+
+
+def _split_list(text: str) -> list[int] | list[str]:
+    words = [word for word in text.split(",") if word]
+    return [int(word) for word in words] if words and all(word.isdecimal() for word in words) else words
 
 
 def spell_value(parameters: ParameterSet, name: str) -> Spelled:

@@ -35,6 +35,16 @@ class Token(StrEnum):
     READ_ONLY = "read_only"
     DISCOVERING = "discovering"
     BUSY = "busy"
+    BAD_VALUE = "bad_value"
+    FLYING = "flying"
+    IN_FLIGHT_NEEDED = "in_flight_needed"
+    MOTORS_STARTED = "motors_started"
+    LIST_INCOMPLETE = "list_incomplete"
+    LIVE_SET_OWED = "live_set_owed"
+    JOURNAL_UNWRITABLE = "journal_unwritable"
+    CANCELLED = "cancelled"
+    NO_PROCEDURE = "no_procedure"
+    PROCEDURE_FAILED = "procedure_failed"
     INTERNAL = "internal"
     LINK_DOWN = "link_down"
     TIMEOUT = "timeout"
@@ -98,6 +108,46 @@ REFUSALS: Final[Mapping[str, Refusal]] = {
         "The board is asked again every few seconds while telemetry says that the motors stand still; `mkctl status`.",
     ),
     Token.BUSY: Refusal(Status.BUSY, "{detail}.", "Try again when the first one has been answered."),
+    Token.BAD_VALUE: Refusal(Status.DENIED, "{detail}.", "`mkctl settings show` lists names and values."),
+    # procedures
+    Token.FLYING: Refusal(
+        Status.DENIED,
+        "{name} and flying exclude each other, and control is {phase}.",
+        "Give the lease back (`mkctl lease release`), stop the motors, repeat.",
+    ),
+    Token.IN_FLIGHT_NEEDED: Refusal(
+        Status.DENIED,
+        "{detail}, and {name} takes effect at once.",
+        "Land and stop the motors, or repeat with `in_flight` (`--in-flight`), knowing what it does.",
+    ),
+    Token.MOTORS_STARTED: Refusal(
+        Status.DENIED,
+        "motors have started during {name}, or nobody knows any more: what was begun may be incomplete.",
+        "Land, stop the motors, repeat.",
+    ),
+    Token.LIST_INCOMPLETE: Refusal(
+        Status.DENIED,
+        "{detail}; the board's list may be incomplete.",
+        "Repeat the upload, or empty the list: `mkctl waypoints clear`.",
+    ),
+    Token.LIVE_SET_OWED: Refusal(
+        Status.DENIED,
+        "{verb} was cut off, and parameter set {slot}, live before it, is not proven to be live again, so {name} must "
+        "wait: {detail}.",
+        "Stop the motors: it is restored as soon as the FlightCtrl answers; `mkctl settings recover` looks after it.",
+    ),
+    Token.JOURNAL_UNWRITABLE: Refusal(
+        Status.DENIED,
+        "the live parameter set cannot be noted for the case that the daemon dies: {detail}.",
+        "Make the folder writable, or set vehicle.state_folder in the configuration.",
+    ),
+    Token.CANCELLED: Refusal(
+        Status.DENIED, "{name} was cancelled: {detail}.", "Repeat it; what was half written stays so until then."
+    ),
+    Token.NO_PROCEDURE: Refusal(
+        Status.DENIED, "no such procedure is under way.", "`mkctl get event/progress` shows the last."
+    ),
+    Token.PROCEDURE_FAILED: Refusal(Status.DENIED, "{name} failed: {detail}.", "Check `mkctl health`, then repeat it."),
     Token.INTERNAL: Refusal(
         Status.DENIED, "the daemon failed on it: {detail}.", "This is a defect; see the daemon's log."
     ),

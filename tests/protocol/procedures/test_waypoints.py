@@ -8,7 +8,6 @@ from mkdaemon.errors import CommandRejectedError, MkError, RequestTimeoutError
 from mkdaemon.protocol.framing import encode_frame
 from mkdaemon.protocol.generations import Release
 from mkdaemon.protocol.messages import NaviVersionClassic, WaypointRequest, WaypointWritten, WriteWaypoint024
-from mkdaemon.protocol.mission import Mission, MissionPoint, PointKind
 from mkdaemon.protocol.procedures import Patience
 from mkdaemon.protocol.procedures.points import from_points, point_format, read_format, to_points
 from mkdaemon.protocol.procedures.steps import Progress, Step
@@ -21,6 +20,7 @@ from mkdaemon.protocol.procedures.waypoints import (
     verify_points,
 )
 from mkdaemon.protocol.wire import WireMessage
+from mkdaemon.telemetry.mission import Mission, MissionPoint, PointKind
 
 from .talk import NaviCtrl, Reply, drive, losing
 

@@ -17,7 +17,6 @@ from mkdaemon.client import Vehicle
 from mkdaemon.clock import Clock
 from mkdaemon.errors import CommandRejectedError, MkError
 from mkdaemon.missions import read_mission, write_mission
-from mkdaemon.protocol.mission import Mission
 from mkdaemon.protocol.procedures.points import PointFormat, from_points, read_format, to_points
 from mkdaemon.protocol.procedures.steps import Patience, Procedure
 from mkdaemon.protocol.procedures.waypoints import (
@@ -28,7 +27,7 @@ from mkdaemon.protocol.procedures.waypoints import (
     upload_points,
     verify_points,
 )
-from mkdaemon.telemetry.mission import MissionEvent
+from mkdaemon.telemetry.mission import Mission, MissionEvent
 
 app = App(
     name="waypoints",

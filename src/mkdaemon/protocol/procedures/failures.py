@@ -67,10 +67,6 @@ FAILURES: Final = {
         "the FlightCtrl says set {present} is active, and set {wanted} was before.",
         "Choose the set on the transmitter or restore again; do not fly before.",
     ),
-    "other_aircraft": Failure(
-        "this is not the FlightCtrl whose parameter set was left unproven: {detail}.",
-        "Nothing was written; the note is kept for that aircraft. `mkctl settings recover --discard` forgets it.",
-    ),
     "write_refused": Failure(
         "the FlightCtrl refused to store set {slot} (it answered 0).",
         "Stop the motors; check that the set was made for this firmware.",

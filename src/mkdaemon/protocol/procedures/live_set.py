@@ -12,8 +12,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from enum import Enum
 
-from mkdaemon.errors import LinkError, MkError
+from mkdaemon.errors import MkError
 from mkdaemon.protocol.framing import padded_length
 from mkdaemon.protocol.messages import Settings, SettingsRequest, SettingsWritten, WriteSettings
 from mkdaemon.protocol.procedures.failures import fail
@@ -44,6 +45,17 @@ _STUBBORN = 5
 """So many times the patience for the proof that the live set is what it was: giving up there costs the most."""
 _CLAMPED = 8
 """A FlightCtrl pulls at most so many bytes of a set into their ranges when it stores it."""
+
+
+class Recovered(Enum):
+    """How a live set was recovered."""
+
+    LOADED = "loaded"
+    """The FlightCtrl had it stored and has loaded it."""
+    WRITTEN = "written"
+    """It was written again: a procedure had been cut off while it wrote."""
+    OTHER_AIRCRAFT = "other aircraft"
+    """Not at all: another release, or sets that the procedure cannot have left behind."""
 
 
 @dataclass(slots=True)
@@ -81,45 +93,45 @@ def read_active(patience: Patience) -> Procedure[tuple[int, bytes]]:
     return answer.index, answer.parameters
 
 
-def recover_live_set(lost: LiveSet, patience: Patience) -> Procedure[bool]:
+def recover_live_set(lost: LiveSet, patience: Patience) -> Procedure[Recovered]:
     """Make the set live again that was live when another procedure was cut off.
 
     Returns:
-        Whether a set had to be written for it.
+        How; nothing is written to another aircraft than the one that lost its set.
 
     Raises:
         RequestTimeoutError: no answer.
-        CommandRejectedError: `other_aircraft`: this is not the FlightCtrl the note is about, nothing was written;
-            `live_set_changed`, `live_set_unproven`, `active_set_moved`: do not fly.
+        CommandRejectedError: `write_refused`, `live_set_changed`, `live_set_unproven`, `active_set_moved`: do not fly.
     """
     version = yield from read_version(Board.FC, patience)
     if version.release != lost.firmware:
-        raise fail("other_aircraft", detail=f"it is a FlightCtrl {version.release}, not {lost.firmware}")
+        return Recovered.OTHER_AIRCRAFT
     yield Progress(0, 2, f"making set {lost.active} live")
     active, live = yield from read_active(patience)
-    is_written = (active, live) != (lost.active, lost.live)
-    if is_written:
-        yield from _check_same_aircraft(lost, active, live, patience)
+    is_same = (active, live) == (lost.active, lost.live)
+    if not is_same:
+        if not (yield from _is_same_aircraft(lost, active, live, patience)):
+            return Recovered.OTHER_AIRCRAFT
         stored = yield from write_set(lost.active, lost.live, patience)
         if stored != lost.live:
-            where = ", ".join(f"byte {offset}" for offset in differing(lost.live, stored))
-            raise fail("live_set_changed", slot=lost.active, where=where)
+            raise fail("live_set_changed", slot=lost.active, where=_places(lost.live, stored))
     yield Progress(1, 2, "proving the live set")
     yield from make_live(FoundSets(version, lost.active, lost.live, patience))
     yield Progress(2, 2, "proven")
-    return is_written
+    return Recovered.LOADED if is_same else Recovered.WRITTEN
 
 
-def _check_same_aircraft(lost: LiveSet, active: int, live: bytes, patience: Patience) -> Procedure[None]:
-    """Refuse to write unless what is active can be what the procedure that was cut off has written."""
+def _is_same_aircraft(lost: LiveSet, active: int, live: bytes, patience: Patience) -> Procedure[bool]:
+    """Whether what is active can be what the procedure that was cut off has written."""
     if not _is_half_written(lost, active, live):
-        raise fail("other_aircraft", detail=f"its active set {active} is neither what was there nor what was written")
+        return False
     if active == lost.active:
-        return
+        return True
     stored = (yield from insist_twice(_read(lost.active), patience)).parameters
-    if stored != lost.live and not _is_half_written(lost, lost.active, stored):
-        yield from insist(_read(ACTIVE), patience)
-        raise fail("other_aircraft", detail=f"its set {lost.active} is neither what was there nor what was written")
+    if stored == lost.live or _is_half_written(lost, lost.active, stored):
+        return True
+    yield from insist(_read(ACTIVE), patience)
+    return False
 
 
 def _is_half_written(lost: LiveSet, slot: int, found: bytes) -> bool:
@@ -163,9 +175,11 @@ def collect_sets(session: FoundSets, slots: tuple[int, ...]) -> Procedure[None]:
                 session.sets[slot] = (yield from insist_twice(_read(slot), session.patience)).parameters
     except MkError as cause:
         try:
-            yield from _load_live(session)
-        except LinkError as second:
+            changed = yield from _load_live(session)
+        except MkError as second:
             raise fail("live_set_unproven", cause=f"{cause}; then {second}", slot=session.active) from second
+        if changed:
+            raise fail("live_set_changed", slot=session.active, where=changed) from cause
         yield LiveSetProven()
         raise
 
@@ -177,24 +191,29 @@ def make_live(session: FoundSets) -> Procedure[None]:
         CommandRejectedError: `live_set_changed`, `live_set_unproven` or `active_set_moved`: do not fly.
     """
     try:
-        yield from _load_live(session)
+        changed = yield from _load_live(session)
         present = (yield from insist(_read(ACTIVE), session.patience)).index
-    except LinkError as cause:
+    except MkError as cause:
         raise fail("live_set_unproven", cause=cause, slot=session.active) from cause
+    if changed:
+        raise fail("live_set_changed", slot=session.active, where=changed)
     if present != session.active:
         raise fail("active_set_moved", present=present, wanted=session.active)
     yield LiveSetProven()
 
 
-def _load_live(session: FoundSets) -> Procedure[None]:
-    """Read the active set, which loads it, and compare it with the first reading; twice, for a damaged answer."""
+def _load_live(session: FoundSets) -> Procedure[str]:
+    """Read the active set, which loads it; returns where it is not as at first, read twice for a damaged answer."""
     stubborn = Patience(_STUBBORN * session.patience.attempts, session.patience.timeout)
     for _ in range(2):
         found = (yield from insist(_read(session.active), stubborn)).parameters
         if found == session.live:
-            return
-    where = ", ".join(f"byte {offset}" for offset in differing(session.live, found))
-    raise fail("live_set_changed", slot=session.active, where=where)
+            return ""
+    return _places(session.live, found)
+
+
+def _places(wanted: bytes, stored: bytes) -> str:
+    return ", ".join(f"byte {offset}" for offset in differing(wanted, stored))
 
 
 def write_set(slot: int, raw: bytes, patience: Patience) -> Procedure[bytes]:

@@ -14,11 +14,11 @@ from typing import Any, Final
 from mkdaemon.protocol.flags import PointType, PositionStatus
 from mkdaemon.protocol.generations import Release, nc_generation
 from mkdaemon.protocol.messages import WriteWaypoint024, WriteWaypoint027, WriteWaypoint2x
-from mkdaemon.protocol.mission import Mission, MissionPoint, PointKind
 from mkdaemon.protocol.procedures.failures import fail
 from mkdaemon.protocol.procedures.labels import read_version
 from mkdaemon.protocol.procedures.steps import Patience, Procedure
 from mkdaemon.protocol.wire import Board, WireMessage
+from mkdaemon.telemetry.mission import Mission, MissionPoint, PointKind
 
 _CLASSES: Final[dict[str, type[WireMessage]]] = {
     "024": WriteWaypoint024,

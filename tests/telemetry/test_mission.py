@@ -3,7 +3,7 @@ from __future__ import annotations
 import pytest
 from pydantic import ValidationError
 
-from mkdaemon.protocol.mission import Mission, MissionPoint, PointKind
+from mkdaemon.telemetry.mission import Mission, MissionPoint, PointKind
 
 HERE = MissionPoint(latitude_deg=48.0, longitude_deg=11.5, altitude=520.0)
 

@@ -1,0 +1,296 @@
+"""Takes requests for procedures and runs them, one at a time; a client that dies meanwhile changes nothing.
+
+Whoever asks waits for the end; the run itself belongs to the daemon. On an orderly exit a procedure gets a moment to
+leave the board as it promises to; what it cannot finish stays in the journal and is done at the next start.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Awaitable, Callable
+from contextlib import suppress
+from functools import partial
+from typing import Any, Final
+
+import structlog
+
+from mkdaemon.bus.codec import read_command, schema_name
+from mkdaemon.clock import Clock
+from mkdaemon.daemon.audit import Audit, Outlet
+from mkdaemon.daemon.meeting import meet
+from mkdaemon.daemon.procedures.job import Guard, Job, JobObserver, state_of
+from mkdaemon.daemon.procedures.journal import Journal, Note
+from mkdaemon.daemon.procedures.make import PATIENCE
+from mkdaemon.daemon.procedures.occupancy import Occupancy
+from mkdaemon.daemon.procedures.recovery import Recovery
+from mkdaemon.daemon.procedures.table import PROCEDURES, ProcedureSpec, request_model
+from mkdaemon.daemon.vitals import Vitals
+from mkdaemon.errors import CommandRejectedError, LinkLostError, MkError, RequestTimeoutError
+from mkdaemon.link.labels import LabelCache, read_labels
+from mkdaemon.link.link import Link
+from mkdaemon.link.procedures import InterruptedProcedureError, Observer, run_procedure
+from mkdaemon.protocol.procedures.live_set import recover_live_set
+from mkdaemon.protocol.wire import Board
+from mkdaemon.telemetry.base import Telemetry
+from mkdaemon.telemetry.command import CommandResult, Labels, LabelsRequest
+from mkdaemon.telemetry.mission import MissionEvent, WaypointsStored, WaypointsUploadRequest
+from mkdaemon.telemetry.procedure import Cancelled, CancelRequest, InFlightRequest, ProcedureState
+from mkdaemon.telemetry.refusals import Status, Token, refuse
+from mkdaemon.telemetry.settings import OwedSets, SettingsRecoverRequest
+
+LEAVE: Final = 1.0
+"""Longest time a procedure gets to leave the board on an orderly exit [s]; the whole daemon must be gone within two."""
+LOOK: Final = 0.2
+"""Time between two looks at a live set that is owed [s]."""
+MOTORS_WAIT: Final = 3.0
+"""How long to wait for telemetry that tells whether the motors run [s]."""
+
+_log = structlog.get_logger(__name__)
+
+
+class ProcedureDesk:
+    """Runs procedures; everything happens on the loop."""
+
+    def __init__(
+        self,
+        link: Link,
+        vitals: Vitals,
+        bus: Outlet,
+        audit: Audit,
+        guard: Guard,
+        occupancy: Occupancy,
+        journal: Journal,
+        labels: LabelCache,
+        clock: Clock,
+    ) -> None:
+        """Read what an earlier daemon left in the journal; `run` does the work."""
+        self._link, self._vitals, self._bus, self._audit = link, vitals, bus, audit
+        self._guard, self._occupancy, self._journal, self._labels = guard, occupancy, journal, labels
+        self._clock = clock
+        self._recovery = Recovery(journal, link, vitals, audit, occupancy)
+        self._job: Job | None = None
+        self._news = asyncio.Event()
+
+    @property
+    def verbs(self) -> dict[str, Callable[[bytes], Awaitable[CommandResult]]]:
+        """What can be asked for under `do/`, each with what answers it."""
+        return {
+            **{verb: partial(self._answer, verb, spec) for verb, spec in PROCEDURES.items()},
+            "labels": self._answer_labels,
+            "cancel": self._cancel,
+            "settings_recover": self._recover,
+        }
+
+    async def run(self) -> None:
+        """Carry out what is asked for, and what an earlier daemon left."""
+        while True:
+            await self._carry_out(await self._next_job())
+
+    # -- what clients ask for -------------------------------------------------------------------------------------
+
+    async def _answer(self, verb: str, spec: ProcedureSpec, raw: bytes) -> CommandResult:
+        model = request_model(verb)
+        request = read_command(model, raw)
+        if not request.is_confirmed:
+            raise refuse(Token.NOT_CONFIRMED, name=f"do/{verb}", detail=spec.writes, confirm=True)
+        is_alone = (spec.is_alone and not request.allows_flight) or self._is_behind(spec.board)
+        admit = partial(self._occupancy.check_procedure, verb, is_alone=is_alone, needs_live_set=spec.needs_live_set)
+        admit()
+        await meet(self._link, self._vitals.link)
+        if is_alone:
+            await self._check_motors(f"do/{verb}", can_fly=issubclass(model, InFlightRequest))
+        admit()
+
+        async def work(observer: Observer) -> Telemetry:
+            reply = await run_procedure(self._link, spec.make(request), observer)
+            if isinstance(reply, WaypointsStored):
+                source = request.source if isinstance(request, WaypointsUploadRequest) else ""
+                self._publish_mission(reply, source)
+            return reply
+
+        reply = await self._queue(Job(verb, request.holder, work, is_alone))
+        return CommandResult(status=Status.ACCEPTED, reply=dict(reply), reply_type=schema_name(type(reply)))
+
+    def _is_behind(self, board: Board) -> bool:
+        """Whether a NaviCtrl must pass the line through to a board, which stops its telemetry."""
+        return self._link.direct_board is Board.NC and board is not Board.NC
+
+    def _publish_mission(self, stored: WaypointsStored, source: str) -> None:
+        event = MissionEvent(
+            stamp=self._clock.stamp(),
+            action="uploaded" if stored.count else "cleared",
+            count=stored.count,
+            digest=stored.digest,
+            source=source,
+        )
+        self._bus.publish("event/mission", event)
+
+    async def _answer_labels(self, raw: bytes) -> CommandResult:
+        """Answer `do/labels` from what is kept for this firmware, or from the board itself."""
+        request = read_command(LabelsRequest, raw)
+        board = Board[request.board.upper()]
+        kept = self._labels.find_for(board, self._link.dialect)
+        if kept is None:
+            is_behind = self._is_behind(board)
+            self._occupancy.check_procedure("labels", is_alone=is_behind, needs_live_set=False)
+
+            async def work(observer: Observer) -> tuple[str, ...]:
+                return await read_labels(self._link, board, self._labels, observer)
+
+            kept = await self._queue(Job("labels", "", work, is_behind))
+        reply = Labels(board=request.board, names=kept)
+        return CommandResult(status=Status.ACCEPTED, reply=dict(reply), reply_type=schema_name(Labels))
+
+    async def _cancel(self, raw: bytes) -> CommandResult:
+        request = read_command(CancelRequest, raw)
+        job = self._job
+        if job is None or job.task is None or request.id not in {None, job.id}:
+            raise refuse(Token.NO_PROCEDURE)
+        job.task.cancel()
+        await asyncio.wait({job.done})
+        return CommandResult(
+            status=Status.ACCEPTED, reply={"id": job.id, "verb": job.verb}, reply_type=schema_name(Cancelled)
+        )
+
+    async def _recover(self, raw: bytes) -> CommandResult:
+        request = read_command(SettingsRecoverRequest, raw)
+        if not request.is_confirmed:
+            detail = "whatever is live stays live"
+            raise refuse(Token.NOT_CONFIRMED, name="do/settings_recover", detail=detail, confirm=True)
+        if request.action == "retry":
+            self._recovery.retry()
+            self._news.set()
+        elif request.action == "discard":
+            for note in self._recovery.notes:
+                await self._journal.drop(note.id)
+            self._recovery.forget()
+        reply = OwedSets(notes=self._recovery.shown())
+        return CommandResult(status=Status.ACCEPTED, reply=dict(reply), reply_type=schema_name(OwedSets))
+
+    async def _check_motors(self, name: str, *, can_fly: bool) -> None:
+        """Go on only with motors known to stand still.
+
+        Raises:
+            CommandRejectedError: `motors_running`, `motors_unknown` or `in_flight_needed`.
+        """
+        match await self._find_motors():
+            case False:
+                return
+            case True if can_fly:
+                raise refuse(Token.IN_FLIGHT_NEEDED, name=name, detail="motors are running")
+            case None if can_fly:
+                raise refuse(Token.IN_FLIGHT_NEEDED, name=name, detail="nobody knows whether motors run")
+            case True:
+                raise refuse(Token.MOTORS_RUNNING, name=name, detail="must not meet them")
+            case _:
+                raise refuse(Token.MOTORS_UNKNOWN, name=name, detail="no message has told so for 2 s")
+
+    async def _find_motors(self) -> bool | None:
+        """Whether motors run; waits a while for telemetry to tell, which pauses while a board is deaf."""
+        with suppress(TimeoutError):
+            async with asyncio.timeout(MOTORS_WAIT):
+                # Telemetry is a state, not an event.
+                while self._vitals.motors_running(self._clock.now()) is None:  # noqa: ASYNC110
+                    await asyncio.sleep(0.05)
+        return self._vitals.motors_running(self._clock.now())
+
+    # -- running --------------------------------------------------------------------------------------------------
+
+    async def _queue(self, job: Job) -> Any:
+        """Hand a job to `run` and wait for its end; who stops waiting does not stop it."""
+        observer = self._observe(job)
+        self._job, self._occupancy.is_alone = job, job.is_alone
+        self._occupancy.running = observer.tell(ProcedureState.RUNNING, "begins")
+        self._news.set()
+        return await asyncio.shield(job.done)
+
+    def _observe(self, job: Job) -> JobObserver:
+        return JobObserver(job, self._bus, self._journal, self._guard, self._clock, self._find_motors)
+
+    async def _next_job(self) -> Job:
+        """Wait for a client's job, or for the moment when a live set that is owed can be restored."""
+        while self._job is None:
+            note = self._recovery.due(self._clock.now())
+            if note is not None and self._may_recover():
+                job = Job("recovery", "mkdaemon", partial(self._restore, note), is_alone=True, note_id=note.id)
+                self._job, self._occupancy.is_alone = job, True
+                self._occupancy.running = self._observe(job).tell(ProcedureState.RUNNING, "begins")
+                break
+            self._news.clear()
+            with suppress(TimeoutError):
+                async with asyncio.timeout(LOOK if self._recovery.notes else None):
+                    await self._news.wait()
+        return self._job
+
+    def _may_recover(self) -> bool:
+        try:
+            self._occupancy.check_procedure("recovery", is_alone=True, needs_live_set=False)
+        except CommandRejectedError:
+            return False
+        return True
+
+    async def _restore(self, note: Note, observer: Observer) -> None:
+        found = await run_procedure(self._link, recover_live_set(note.wanted, PATIENCE), observer)
+        self._recovery.ended(note, found)
+
+    async def _carry_out(self, job: Job) -> None:
+        observer = self._observe(job)
+        job.task = asyncio.create_task(self._work(job, observer), name=f"procedure {job.verb}")
+        try:
+            await asyncio.wait({job.task})
+        except asyncio.CancelledError:
+            job.task.cancel()
+            await asyncio.wait({job.task}, timeout=LEAVE)
+            job.task.cancel()
+            await asyncio.wait({job.task})
+            raise
+        finally:
+            self._make_room(job)
+            job.done.cancel()
+
+    def _make_room(self, job: Job) -> None:
+        """Let the next procedure begin; before whoever waited hears of the end and may ask for it."""
+        if self._job is job:
+            self._job, self._occupancy.running, self._occupancy.is_alone = None, None, False
+
+    async def _work(self, job: Job, observer: JobObserver) -> None:
+        """Run a job to its end, whatever that is; the end is published before whoever waits hears of it."""
+        try:
+            result = await job.work(observer)
+        except Exception as error:  # noqa: BLE001
+            # One client's strange request must not end the flight of another: answer, log, go on.
+            refusal = self._refusal(job, error)
+            observer.tell(state_of(error), f"{refusal.reason} {refusal.fix}", refusal.token)
+            self._settle(job, observer, refusal)
+            self._make_room(job)
+            job.done.set_exception(refusal)
+        else:
+            observer.tell(ProcedureState.DONE, "done")
+            self._settle(job, observer, None)
+            self._make_room(job)
+            job.done.set_result(result)
+
+    def _settle(self, job: Job, observer: JobObserver, refusal: CommandRejectedError | None) -> None:
+        """Whatever was left unproven is the recovery's from now on."""
+        if observer.note is not None:
+            self._recovery.add(observer.note)
+        owed = self._occupancy.owed
+        if refusal is not None and owed is not None and owed.id == job.note_id and observer.note is None:
+            self._recovery.failed(owed, refusal.reason, self._clock.now())
+
+    def _refusal(self, job: Job, error: Exception) -> CommandRejectedError:
+        """What to answer for an error."""
+        match error:
+            case CommandRejectedError():
+                return error
+            case InterruptedProcedureError():
+                return refuse(Token.CANCELLED, name=job.verb, detail="somebody asked for that, or the daemon ends")
+            case RequestTimeoutError():
+                return refuse(Token.PROCEDURE_FAILED, name=job.verb, detail=str(error))
+            case LinkLostError():
+                condition = self._link.health().state.condition.value
+                return refuse(Token.LINK_DOWN, state=condition, detail=str(error))
+            case MkError():
+                return refuse(Token.PROCEDURE_FAILED, name=job.verb, detail=str(error))
+        _log.error("procedure failed", verb=job.verb, exc_info=error)
+        return refuse(Token.INTERNAL, detail=f"{type(error).__name__}: {error}")

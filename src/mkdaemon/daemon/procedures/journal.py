@@ -1,0 +1,122 @@
+"""What survives the daemon's death: which parameter set has to be live, noted before anything may change that.
+
+One small file a procedure, `<state folder>/live-set-<id>.json`, written whole and flushed before the first request that
+loads another set, removed when the live set is proven.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import os
+from pathlib import Path
+from typing import Final
+
+from pydantic import BaseModel, ConfigDict, ValidationError
+
+from mkdaemon.config.vehicle import VehicleConfig
+from mkdaemon.files import flush_folder, write_whole
+from mkdaemon.protocol.procedures.steps import LiveSet
+
+_PREFIX: Final = "live-set-"
+_VERSION: Final = 1
+
+
+class Note(BaseModel):
+    """A live set that is at risk."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", ser_json_bytes="hex", val_json_bytes="hex")
+
+    version: int = _VERSION
+    """Of this form."""
+    id: str
+    """Of the procedure."""
+    verb: str
+    """What it is."""
+    holder: str
+    """Who asked for it."""
+    t_wall: float
+    """When the note was taken, Unix time [s]."""
+    board: str = "fc"
+    """Whose sets."""
+    firmware: str
+    """Release of the FlightCtrl."""
+    active: int
+    """Number of the set that has to be live."""
+    live: bytes
+    """Its bytes."""
+    writing: dict[int, bytes]
+    """Bytes of the sets about to be written, by number; empty where sets are only read."""
+
+    @property
+    def wanted(self) -> LiveSet:
+        """What has to be live."""
+        return LiveSet(self.firmware, self.active, self.live, self.writing)
+
+
+class Journal:
+    """The notes of one vehicle."""
+
+    def __init__(self, folder: Path) -> None:
+        """Use a folder; it is made when the first note is taken."""
+        self.folder = folder
+
+    def read(self) -> tuple[list[Note], list[Path]]:
+        """Return the notes, oldest first, and the files that are none."""
+        notes: list[Note] = []
+        strange: list[Path] = []
+        for path in sorted(self.folder.glob(f"{_PREFIX}*.json")) if self.folder.is_dir() else ():
+            try:
+                notes.append(Note.model_validate_json(path.read_bytes()))
+            except (OSError, ValidationError):
+                strange.append(path)
+        return sorted(notes, key=lambda note: note.t_wall), strange
+
+    async def keep(self, note: Note) -> None:
+        """Keep a note; returns when it is on the disk, which may take longer than control can wait.
+
+        Raises:
+            OSError: it cannot be kept.
+        """
+        await asyncio.to_thread(self.write, note)
+
+    async def drop(self, note_id: str) -> None:
+        """Forget a note; one that is gone already is no error.
+
+        Raises:
+            OSError: it cannot be removed.
+        """
+        await asyncio.to_thread(self.discard, note_id)
+
+    def write(self, note: Note) -> None:
+        """Keep a note, see `keep`.
+
+        Raises:
+            OSError: it cannot be kept.
+        """
+        self.folder.mkdir(parents=True, exist_ok=True)
+        write_whole(self._path(note.id), note.model_dump_json(indent=1) + "\n", overwrite=True)
+
+    def discard(self, note_id: str) -> None:
+        """Forget a note, see `drop`.
+
+        Raises:
+            OSError: it cannot be removed.
+        """
+        path = self._path(note_id)
+        if path.exists():
+            path.unlink()
+            flush_folder(self.folder)
+
+    def _path(self, note_id: str) -> Path:
+        return self.folder / f"{_PREFIX}{note_id}.json"
+
+
+def state_folder(vehicle: VehicleConfig) -> Path:
+    """Folder of what must survive a restart: the configured one, systemd's, or the user's."""
+    if vehicle.state_folder is not None:
+        return vehicle.state_folder
+    given = os.environ.get("STATE_DIRECTORY", "").partition(":")[0]
+    if given:
+        return Path(given) / vehicle.name
+    home = os.environ.get("XDG_STATE_HOME")
+    return (Path(home) if home else Path.home() / ".local" / "state") / "mkdaemon" / vehicle.name

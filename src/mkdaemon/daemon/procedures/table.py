@@ -1,0 +1,84 @@
+"""Every procedure that is a verb, in one table: what it needs, how it is made.
+
+Requests and replies stand beside the verbs in the table of keys (`mkdaemon.bus.keys`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import partial
+from typing import Any, Final
+
+from mkdaemon.bus.keys import find
+from mkdaemon.daemon.procedures import make
+from mkdaemon.protocol.procedures.steps import Procedure
+from mkdaemon.protocol.wire import Board
+from mkdaemon.telemetry.base import Telemetry
+from mkdaemon.telemetry.procedure import ProcedureRequest
+
+
+@dataclass(frozen=True, slots=True)
+class ProcedureSpec:
+    """One procedure.
+
+    Attributes:
+        board: who is asked.
+        make: makes the procedure for a request.
+        is_alone: motors must stand still and nobody may fly, unless the request says `in_flight`.
+        writes: what is written, in words; the request must say `confirm`, unless it is a dry run.
+        needs_live_set: it must not begin while a live set is owed.
+    """
+
+    board: Board
+    make: Callable[[Any], Procedure[Telemetry]]
+    is_alone: bool = True
+    writes: str | None = None
+    needs_live_set: bool = False
+
+
+_settings = partial(ProcedureSpec, Board.FC, needs_live_set=True)
+
+PROCEDURES: Final[Mapping[str, ProcedureSpec]] = {
+    "settings_backup": _settings(make.settings_backup),
+    "settings_compare": _settings(make.settings_compare),
+    "settings_restore": _settings(
+        make.settings_restore,
+        writes="parameter sets decide how the aircraft flies",
+    ),
+    "settings_write": _settings(
+        make.settings_write,
+        writes="parameters decide how the aircraft flies",
+    ),
+    "waypoints_upload": ProcedureSpec(Board.NC, make.waypoints_upload),
+    "waypoints_clear": ProcedureSpec(Board.NC, make.waypoints_clear),
+    "waypoints_read": ProcedureSpec(Board.NC, make.waypoints_read, is_alone=False),
+    "waypoints_verify": ProcedureSpec(Board.NC, make.waypoints_verify, is_alone=False),
+    "mixer_read": ProcedureSpec(Board.FC, make.mixer_read, is_alone=False),
+    "mixer_write": ProcedureSpec(
+        Board.FC,
+        make.mixer_write,
+        writes="a wrong mixer flips the aircraft",
+        needs_live_set=True,
+    ),
+    "motor_controllers_read": ProcedureSpec(Board.FC, make.motor_controllers_read),
+    "motor_controllers_write": ProcedureSpec(
+        Board.FC,
+        make.motor_controllers_write,
+        writes="a wrong sense of rotation or limit crashes the aircraft",
+    ),
+}
+"""By verb."""
+
+
+def request_model(verb: str) -> type[ProcedureRequest]:
+    """What a client sends for a procedure.
+
+    Raises:
+        ValueError: the table of keys has no such verb, or another kind of request for it.
+    """
+    spec = find(f"do/{verb}")
+    if spec is None or spec.carries is None or not issubclass(spec.carries, ProcedureRequest):
+        msg = f"do/{verb} is no procedure of the table in bus/keys.py"
+        raise ValueError(msg)
+    return spec.carries

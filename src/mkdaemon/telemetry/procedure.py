@@ -1,0 +1,104 @@
+"""Procedures the daemon runs with the boards: what every request may carry, and what is told meanwhile.
+
+Every request may name its `holder`, which others read in the progress and in refusals. The requests themselves are in
+`settings` and `mission`.
+"""
+
+from __future__ import annotations
+
+from enum import StrEnum
+
+from pydantic import Field
+
+from mkdaemon.telemetry.base import Command, Stamped, Telemetry
+
+
+class ProcedureState(StrEnum):
+    """Where a procedure stands."""
+
+    RUNNING = "running"
+    """It is under way."""
+    DONE = "done"
+    """It came to its end, and what it promises is proven."""
+    REFUSED = "refused"
+    """The daemon or a board refused it."""
+    FAILED = "failed"
+    """It could not come to its end; the text says what is left."""
+
+
+class ProcedureProgress(Stamped):
+    """How far a procedure is: `event/progress`, with every step of it."""
+
+    id: str
+    """Of this run; `do/cancel` takes it."""
+    verb: str
+    """What was asked for, `settings_backup`; `recovery` where the daemon itself began it."""
+    holder: str
+    """Who asked."""
+    state: ProcedureState
+    """Where it stands."""
+    step: int
+    """Finished parts."""
+    of: int
+    """All parts; 0 before they are known."""
+    text: str
+    """The present part, or how it ended, in words."""
+    token: str | None = None
+    """Stable word of a refusal or failure."""
+
+
+class ProcedureRequest(Command):
+    """What every request of a procedure may carry."""
+
+    holder: str = Field(default="", max_length=64, pattern=r"^[A-Za-z0-9._-]*$")
+    """Who asks."""
+
+    @property
+    def is_confirmed(self) -> bool:
+        """Whether nothing is left to be confirmed."""
+        return True
+
+    @property
+    def allows_flight(self) -> bool:
+        """Whether it may be done in flight."""
+        return False
+
+
+class ConfirmedRequest(ProcedureRequest):
+    """What every request that writes to a board must carry."""
+
+    confirm: bool = False
+    """Must be true: what is written decides how the aircraft flies."""
+
+    @property
+    def is_confirmed(self) -> bool:
+        """Whether nothing is left to be confirmed."""
+        return self.confirm
+
+
+class InFlightRequest(ProcedureRequest):
+    """What every request may carry that can be obeyed in flight."""
+
+    in_flight: bool = False
+    """Allow it with running motors, or with nobody knowing whether they run: it takes effect at once."""
+
+    @property
+    def allows_flight(self) -> bool:
+        """Whether it may be done in flight."""
+        return self.in_flight
+
+
+class CancelRequest(Command):
+    """End the procedure that runs: `do/cancel`. It leaves the board as it promises to."""
+
+    id: str | None = None
+    """Which one; null for whichever runs."""
+
+
+class Cancelled(Telemetry):
+    """What was ended: the answer to `do/cancel`."""
+
+    id: str
+    """Of the run."""
+    verb: str
+    """What it was."""

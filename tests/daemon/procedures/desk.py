@@ -1,0 +1,155 @@
+"""A desk for procedures in virtual time: a real link, simulated boards, a journal in a real folder."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import AsyncIterator, Callable
+from contextlib import asynccontextmanager
+from pathlib import Path
+from typing import Any
+
+import msgpack
+from pydantic import BaseModel
+
+from lab.rigs.boardport import Socket
+from mkdaemon.clock import Clock
+from mkdaemon.config.commands import CommandsConfig
+from mkdaemon.config.link import LinkConfig
+from mkdaemon.daemon.audit import Audit
+from mkdaemon.daemon.eyes import Eyes
+from mkdaemon.daemon.procedures import Journal, Occupancy, ProcedureDesk
+from mkdaemon.daemon.requests import BoardRequests
+from mkdaemon.daemon.sink import BusSink
+from mkdaemon.daemon.vitals import Vitals
+from mkdaemon.errors import CommandRejectedError
+from mkdaemon.link.labels import LabelCache
+from mkdaemon.link.link import Link
+from mkdaemon.sim.simulation import Simulation
+from mkdaemon.telemetry.command import CommandResult, refused
+from mkdaemon.telemetry.control import Phase
+
+
+class PromptJournal(Journal):
+    """Writes without a thread, which virtual time would not wait for."""
+
+    async def keep(self, note: Any) -> None:
+        self.write(note)
+
+    async def drop(self, note_id: str) -> None:
+        self.discard(note_id)
+
+
+class Bus:
+    """What is published."""
+
+    def __init__(self) -> None:
+        self.published: list[tuple[str, BaseModel]] = []
+
+    def publish(self, suffix: str, value: BaseModel, *, schema: type[BaseModel] | None = None) -> None:
+        self.published.append((suffix, value))
+
+    def values(self, suffix: str) -> list[Any]:
+        return [value for key, value in self.published if key == suffix]
+
+    def texts(self) -> list[str]:
+        return [value.text for value in self.values("event/log")]
+
+
+class Guard(BoardRequests):
+    """The daemon's guard; a test may refuse more."""
+
+    refusal: Callable[[Any], None] = staticmethod(lambda message: None)
+
+    def check_request(self, board: Any, message: Any, *, is_confirmed: bool) -> None:
+        self.refusal(message)
+        super().check_request(board, message, is_confirmed=is_confirmed)
+
+
+class Desk:
+    """One daemon's procedures on a line."""
+
+    def __init__(self, socket: Socket, folder: Path) -> None:
+        loop = asyncio.get_running_loop()
+        self.socket, self.bus, self.phase = socket, Bus(), Phase.FREE
+        clock = Clock(monotonic=loop.time)
+        vitals = Vitals("")
+        audit = Audit(self.bus, clock)
+        cfg = LinkConfig.model_validate({"port": "/dev/rig"})
+        sink = BusSink(self.bus, vitals, audit, Eyes(None), clock)
+        self.link = Link(cfg, sink, opener=socket.open, clock=clock)
+        self.occupancy = Occupancy(lambda: self.phase)
+        self.journal = PromptJournal(folder)
+        self.guard = Guard(CommandsConfig(), self.link, vitals, audit, clock)
+        self.desk = ProcedureDesk(
+            self.link,
+            vitals,
+            self.bus,
+            audit,
+            self.guard,
+            self.occupancy,
+            self.journal,
+            LabelCache(None),
+            clock,
+        )
+        self.tasks: list[asyncio.Task[None]] = []
+
+    @property
+    def flight(self) -> Any:
+        """The simulated FlightCtrl."""
+        return self.socket.aircraft.flight
+
+    async def ask(self, verb: str, **fields: Any) -> CommandResult:
+        """Ask for a verb, as the bus would."""
+        try:
+            return await self.desk.verbs[verb](msgpack.packb(fields))
+        except CommandRejectedError as error:
+            return refused(error)
+
+    async def until(self, claim: Callable[[], Any], within: float = 30.0) -> None:
+        """Wait for something to become true."""
+        async with asyncio.timeout(within):
+            while not claim():  # noqa: ASYNC110 - what is looked at is a state, not an event
+                await asyncio.sleep(0.005)
+
+    async def until_ready(self) -> None:
+        """Wait for the daemon to know its boards."""
+        await self.until(lambda: self.link.is_up and self.link.dialect.fc_release is not None)
+
+    def steps(self) -> list[tuple[str, str]]:
+        """Verb and state of every progress published, repetitions left out."""
+        told = [(value.verb, value.state.value) for value in self.bus.values("event/progress")]
+        return [step for n, step in enumerate(told) if n == 0 or told[n - 1] != step]
+
+    async def die(self) -> None:
+        """End as a killed process does: nothing is left of it but the journal, not even a farewell on the line."""
+        for task in self.tasks:
+            task.cancel()
+            task.cancel()
+        port = self.socket.port
+        assert port is not None
+        port.lose("killed")
+        await asyncio.gather(*self.tasks, return_exceptions=True)
+        self.tasks.clear()
+
+
+@asynccontextmanager
+async def desk_on(socket: Socket, folder: Path) -> AsyncIterator[Desk]:
+    """Run the procedures of a daemon on a line while the context lives."""
+    desk = Desk(socket, folder)
+    desk.tasks = [asyncio.create_task(desk.desk.run()), asyncio.create_task(desk.link.run())]
+    try:
+        yield desk
+    finally:
+        for task in desk.tasks:
+            task.cancel()
+            await asyncio.gather(task, return_exceptions=True)
+
+
+def plug_in(make: Callable[[], Simulation], seed: int = 1) -> Socket:
+    """Simulated boards whose five parameter sets all differ."""
+    socket = Socket(make, seed=seed)
+    flight = socket.aircraft.flight
+    for slot, raw in list(flight.eeprom.sets.items()):
+        flight.eeprom.sets[slot] = raw[:50] + bytes((slot,)) + raw[51:]
+    flight.load(flight.eeprom.active)
+    return socket

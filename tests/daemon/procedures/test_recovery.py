@@ -1,0 +1,148 @@
+"""A daemon that dies during a procedure leaves a note; the next one makes the live set live again."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import random
+
+import pytest
+
+from mkdaemon.errors import CommandRejectedError
+from tests.daemon.procedures.desk import desk_on, plug_in
+from tests.link.rig import flight_ctrl, navi_ctrl, virtually
+
+
+async def kill_during(socket, folder, verb, after, **fields):
+    """Begin a procedure and kill the daemon so long afterwards [s]."""
+    async with desk_on(socket, folder) as desk:
+        await desk.until_ready()
+        asked = asyncio.create_task(desk.ask(verb, **fields))
+        await desk.until(lambda: desk.occupancy.running)
+        await asyncio.sleep(after)
+        await desk.die()
+        asked.cancel()
+        await asyncio.gather(asked, return_exceptions=True)
+    socket.is_present = True
+
+
+async def restart(socket, folder):
+    """Start the next daemon, and wait until it owes nothing."""
+    async with desk_on(socket, folder) as desk:
+        await desk.until_ready()
+        await desk.until(lambda: not desk.desk._recovery.notes)
+        return desk.bus.texts()
+
+
+def changed_sets(socket, slots, rng):
+    sets = socket.aircraft.flight.eeprom.sets
+    return [{"slot": slot, "raw": sets[slot][:20] + rng.randbytes(6) + sets[slot][26:]} for slot in slots]
+
+
+@pytest.mark.parametrize("seed", range(12))
+@virtually
+async def test_a_kill_during_a_backup_or_restore_leaves_what_was_live(seed, tmp_path):
+    rng = random.Random(seed)
+    socket = plug_in((flight_ctrl, navi_ctrl)[seed % 2](), seed)
+    flight = socket.aircraft.flight
+    live, sets, active = flight.live.raw, dict(flight.eeprom.sets), flight.eeprom.active
+    if seed % 4 < 2:
+        await kill_during(socket, tmp_path, "settings_backup", rng.uniform(0, 2))
+    else:
+        wanted = changed_sets(socket, (1, 4), rng)
+        await kill_during(socket, tmp_path, "settings_restore", rng.uniform(0, 12), sets=wanted, confirm=True)
+    await restart(socket, tmp_path)
+    assert (flight.live.raw, flight.eeprom.active) == (live, active)
+    kept = (2, 3, 5) if seed % 4 >= 2 else (1, 2, 3, 4, 5)
+    assert {slot: flight.eeprom.sets[slot] for slot in kept} == {slot: sets[slot] for slot in kept}
+    assert list(tmp_path.iterdir()) == []
+
+
+@virtually
+async def test_a_kill_while_the_active_set_is_written_brings_the_old_one_back(tmp_path):
+    socket = plug_in(flight_ctrl())
+    flight = socket.aircraft.flight
+    live = flight.live.raw
+    wanted = changed_sets(socket, (3,), random.Random(1))
+    async with desk_on(socket, tmp_path) as desk:
+        await desk.until_ready()
+        asked = asyncio.create_task(desk.ask("settings_restore", sets=wanted, confirm=True))
+        await desk.until(lambda: flight.live.raw != live)
+        await desk.die()
+        asked.cancel()
+    socket.is_present = True
+    texts = await restart(socket, tmp_path)
+    assert flight.live.raw == flight.eeprom.sets[3] == live
+    assert any("it has been written again and is live, byte for byte as before" in text for text in texts)
+
+
+@virtually
+async def test_while_a_live_set_is_owed_nobody_flies_and_the_refusal_says_why(tmp_path):
+    socket = plug_in(flight_ctrl())
+    await kill_during(socket, tmp_path, "settings_backup", 0.5)
+    async with desk_on(socket, tmp_path) as desk:
+        with pytest.raises(CommandRejectedError, match="settings_backup was cut off"), desk.occupancy.taking_lease():
+            pass
+        shown = (await desk.ask("settings_recover")).reply["notes"]
+        assert [(note.verb, note.active, note.is_owed) for note in shown] == [("settings_backup", 3, True)]
+        await desk.until(lambda: desk.occupancy.owed is None)
+        with desk.occupancy.taking_lease():
+            pass
+        assert (await desk.ask("settings_recover")).reply["notes"] == ()
+
+
+@pytest.mark.parametrize("other", ["2.08", "2.12a"])
+@virtually
+async def test_a_note_of_another_aircraft_is_kept_and_not_applied(other, tmp_path):
+    """Another release tells it at once; the same release with other sets is found out by reading the active one."""
+    socket = plug_in(flight_ctrl())
+    await kill_during(socket, tmp_path, "settings_backup", 0.5)
+    stranger = plug_in(flight_ctrl(other), seed=2)
+    flight = stranger.aircraft.flight
+    flight.eeprom.sets[3] = flight.eeprom.sets[3][:60] + bytes(9) + flight.eeprom.sets[3][69:]
+    flight.load(3)
+    sets = dict(flight.eeprom.sets)
+    async with desk_on(stranger, tmp_path) as desk:
+        await desk.until_ready()
+        await desk.until(lambda: desk.occupancy.owed is None)
+        assert any("this is another aircraft" in text for text in desk.bus.texts())
+        assert (flight.eeprom.sets, flight.live.raw) == (sets, sets[3])
+        assert len(list(tmp_path.iterdir())) == 1
+        assert (await desk.ask("settings_backup")).status == "accepted"
+        assert [note.is_owed for note in (await desk.ask("settings_recover")).reply["notes"]] == [False]
+    await restart(socket, tmp_path)
+    assert socket.aircraft.flight.live.raw == socket.aircraft.flight.eeprom.sets[3]
+
+
+@virtually
+async def test_a_note_can_be_discarded_by_who_knows(tmp_path):
+    socket = plug_in(flight_ctrl())
+    await kill_during(socket, tmp_path, "settings_backup", 0.5)
+    async with desk_on(socket, tmp_path) as desk:
+        assert (await desk.ask("settings_recover", action="discard", confirm=True)).reply["notes"] == ()
+        assert desk.occupancy.owed is None
+        assert list(tmp_path.iterdir()) == []
+
+
+@virtually
+async def test_a_file_that_is_no_note_is_named_and_kept(tmp_path):
+    (tmp_path / "live-set-0000.json").write_text(json.dumps({"version": 1}))
+    async with desk_on(plug_in(flight_ctrl()), tmp_path) as desk:
+        assert any("live-set-0000.json: no note of a live set" in text for text in desk.bus.texts())
+        assert desk.occupancy.owed is None
+        assert len(list(tmp_path.iterdir())) == 1
+
+
+@virtually
+async def test_an_orderly_end_gives_a_procedure_time_to_leave_the_board(tmp_path):
+    socket = plug_in(flight_ctrl())
+    flight = socket.aircraft.flight
+    async with desk_on(socket, tmp_path) as desk:
+        await desk.until_ready()
+        asked = asyncio.create_task(desk.ask("settings_backup"))
+        await desk.until(lambda: flight.live.raw == flight.eeprom.sets[2])
+        desk.tasks[0].cancel()
+        await asyncio.gather(desk.tasks[0], return_exceptions=True)
+        assert flight.live.raw == flight.eeprom.sets[3]
+        assert list(tmp_path.iterdir()) == []
+        await asyncio.gather(asked, return_exceptions=True)
