@@ -12,6 +12,7 @@ from hypothesis import HealthCheck, settings
 
 from tests.bus.support import give_back_endpoints
 from tests.places import DATA, REFERENCE
+from tests.repeats import Repeats
 
 # A loaded machine is slow, not wrong: how long an example takes, or takes to draw, says nothing about the code.
 # Every run draws the same examples; `pytest --hypothesis-profile=explore` draws new ones, and more of them.
@@ -24,6 +25,10 @@ settings.load_profile("house")
 signal.signal(signal.SIGHUP, signal.SIG_DFL)
 signal.signal(signal.SIGTERM, signal.SIG_DFL)
 signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    config.pluginmanager.register(Repeats(), "repeats")
 
 
 @pytest.fixture(scope="session", autouse=True)

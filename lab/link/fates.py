@@ -17,7 +17,7 @@ from typing import Any, Final
 
 from lab.link.cases import Case
 from lab.link.sim import Witness
-from lab.link.virtual import Waits, configurations, met, steer_steadily
+from lab.link.virtual import Waits, configurations, running_link, steer_steadily
 from lab.rigs.virtualloop import run_virtually
 from mkdaemon.config.sim import SimConfig
 from mkdaemon.link.session.health import PROBE_TIMEOUT
@@ -192,7 +192,7 @@ async def _follow_all(case: Case, seconds: float) -> tuple[Account, Account | No
     sim, options = configurations(case)
     tracer, sink = Tracer(sim), Waits()
     loop = asyncio.get_running_loop()
-    async with met(case, tracer, options, sink) as link:
+    async with running_link(case, tracer, options, sink) as link:
         began = loop.time()
         handed_in = await steer_steadily(link, case, seconds, sink)
         ended = loop.time()

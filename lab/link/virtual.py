@@ -9,11 +9,9 @@ from typing import Any, Final
 
 from lab.link.cases import Case
 from lab.link.sim import Witness
-from lab.rigs.boardport import Socket
+from lab.rigs.linkrig import rig
 from lab.rigs.sticks import build_sticks
 from lab.rigs.virtualloop import run_virtually
-from mkdaemon.clock import Clock
-from mkdaemon.config.link import LinkConfig
 from mkdaemon.config.sim import PilotPlan, SimConfig
 from mkdaemon.errors import ConfigError
 from mkdaemon.link.link import Link
@@ -65,25 +63,18 @@ def play(case: Case, seconds: float) -> dict[str, Any]:
 
 
 @asynccontextmanager
-async def met(case: Case, witness: Witness, options: dict[str, Any], sink: Waits) -> AsyncIterator[Link]:
-    """A running link that has met the boards of a case, in the time of the running loop."""
-    socket = Socket(lambda: witness, seed=0)
-    loop = asyncio.get_running_loop()
-    link = Link(LinkConfig(port="/dev/virtual", **options), sink, opener=socket.open, clock=Clock(monotonic=loop.time))
-    running = asyncio.create_task(link.run())
-    try:
+async def running_link(case: Case, witness: Witness, options: dict[str, Any], sink: Waits) -> AsyncIterator[Link]:
+    """A link that runs and knows the boards of a case, in the time of the running loop."""
+    async with rig(lambda: witness, seed=0, sink=sink, **options) as running:
         await asyncio.sleep(SETTLE_TIME)
-        await until_steerable(link, case)
-        yield link
-    finally:
-        running.cancel()
-        await asyncio.gather(running, return_exceptions=True)
+        await until_steerable(running.link, case)
+        yield running.link
 
 
 async def _play(case: Case, seconds: float) -> dict[str, Any]:
     sim, options = configurations(case)
     witness, sink = Witness(sim), Waits()
-    async with met(case, witness, options, sink) as link:
+    async with running_link(case, witness, options, sink) as link:
         before = link.health()
         await steer_steadily(link, case, seconds, sink)
         await asyncio.sleep(0.4)

@@ -1,57 +1,79 @@
-"""An aircraft that stands still on the bench, for campaigns in which only the boards matter: no physics to pay for."""
+"""An aircraft that stands still on the bench, where only the boards matter: no physics to pay for."""
 
 from __future__ import annotations
+
+from dataclasses import dataclass, field
 
 from mkdaemon.sim.faults import Faults
 from mkdaemon.sim.physics.attitude_loop import AttitudeGains
 from mkdaemon.sim.physics.sensors import GpsFix
 from mkdaemon.sim.physics.world import DT, StickInput
 
-
-class _Values:
-    """Constant readings: level, motors off, a full battery, a fix."""
-
-    def __init__(self) -> None:
-        self.acc_x = self.acc_y = 0.0
-        self.acc_z = 9.81
-        self.gyro_z = 0.0
-        self.fc_angle_pitch = self.fc_angle_roll = 0.0
-        self.heading_deg = self.compass_deg = 0.0
-        self.baro_height = self.vertical_speed = 0.0
-        self.gps = GpsFix(530712345, 87912345, 12.0, (0.0, 0.0, 0.0), 9, True, 0.0, 1)
-        self.battery_voltage, self.battery_current, self.battery_used_mah = 12.5, 0.4, 0.0
-        self.motor_setpoints = [0] * 12
+FIX = GpsFix(530712345, 87912345, 12.0, (0.0, 0.0, 0.0), 9, True, 0.0, 1)
 
 
-class _Hands:
+@dataclass
+class Readings:
+    """What its sensors say: level, motors off, a full battery, a fix. Units are those of the simulated sensors."""
+
+    acc_x: float = 0.0
+    acc_y: float = 0.0
+    acc_z: float = 9.81
+    gyro_z: float = 0.0
+    fc_angle_pitch: float = 0.0
+    fc_angle_roll: float = 0.0
+    heading_deg: float = 0.0
+    compass_deg: float = 0.0
+    baro_height: float = 0.0
+    vertical_speed: float = 0.0
+    gps: GpsFix = FIX
+    battery_voltage: float = 12.5
+    battery_current: float = 0.4
+    battery_used_mah: float = 0.0
+    motor_setpoints: list[int] = field(default_factory=lambda: [0] * 12)
+
+
+@dataclass
+class Transmitter:
     """A transmitter that is switched on, sticks at rest, gate closed."""
 
-    pitch = roll = yaw = 0
-    gas = -127
-    gate = 0
-    rc_quality = 200
-
-    def __init__(self) -> None:
-        self.switches: dict[int, int] = {}
+    pitch: int = 0
+    roll: int = 0
+    yaw: int = 0
+    gas: int = -127
+    gate: int = 0
+    rc_quality: int = 200
+    switches: dict[int, int] = field(default_factory=dict)
 
 
 class GroundedAircraft:
-    """Stands still."""
+    """Does not fly.
 
-    def __init__(self) -> None:
+    Attributes:
+        now: virtual time [s].
+        gains: the FlightCtrl's attitude gains, as it set them last.
+        calibrations: how often it was zeroed.
+    """
+
+    def __init__(self, sensors: Readings | None = None, pilot: Transmitter | None = None) -> None:
         self.now = 0.0
         self.faults = Faults()
-        self.sensors = _Values()
-        self.pilot = _Hands()
+        self.sensors = sensors or Readings()
+        self.pilot = pilot or Transmitter()
+        self.gains: AttitudeGains | None = None
+        self.calibrations = 0
         self._steps = 0
 
     def step(self, sticks: StickInput) -> None:
         """Let one period of the control loop pass."""
         self._steps += 1
         self.now = self._steps * DT
+        self.faults.advance(self.now)
 
     def calibrate(self) -> None:
-        """Nothing to zero."""
+        """Zero the sensors, which show no error."""
+        self.calibrations += 1
 
     def set_attitude_gains(self, gains: AttitudeGains) -> None:
-        """No attitude loop."""
+        """Take gains; there is no attitude loop."""
+        self.gains = gains

@@ -1,7 +1,7 @@
-"""Stories told in real time: `mkdaemon run` as a process, simulated boards on a pseudo terminal, clients on the bus.
+"""`mkdaemon run` as a process, simulated boards on a pseudo terminal, and clients on the bus, in real time.
 
-Only what depends on the operating system, on Zenoh or on a process that dies is told here; the rest runs in virtual
-time (`stories_deaths`, `stories_cable`).
+Only what depends on the operating system, on Zenoh or on a process that dies needs it; everything else runs in virtual
+time (`lab.rigs.cockpit`).
 """
 
 from __future__ import annotations
@@ -11,14 +11,12 @@ import os
 import signal
 import sys
 import time
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager, nullcontext, suppress
 from pathlib import Path
 from typing import Any, Final, Self
 
-import zenoh
-
-from mkdaemon.bus.codec import encode_map
+from lab.rigs.waiting import PATIENCE
 from mkdaemon.bus.endpoint import reserved_endpoint
 from mkdaemon.client import Vehicle, connect
 from mkdaemon.config.sim import SimConfig
@@ -27,10 +25,6 @@ from mkdaemon.protocol.framing import Frame, FrameDecoder
 from mkdaemon.sim.simulation import Simulation
 
 VEHICLE: Final = "stories"
-PATIENCE: Final = 120.0
-"""Longest wait for anything [s]; a loaded machine is slow, not wrong."""
-ENGAGE_WAIT: Final = 4.0
-"""A stream that lives is obeyed within this time [s]; the daemon wants one second of it first."""
 
 
 class ObservedSimulation(Simulation):
@@ -168,11 +162,15 @@ async def daemon_process(port: str, folder: Path, *, link: str = "", endpoint: s
 
 
 @asynccontextmanager
-async def connected(endpoint: str) -> AsyncIterator[Vehicle]:
-    """A client of its own session, as soon as the daemon listens."""
+async def connected(endpoint: str, vehicle: str = VEHICLE) -> AsyncIterator[Vehicle]:
+    """A client of its own session, as soon as the daemon listens.
+
+    Raises:
+        TimeoutError: nobody listened.
+    """
     async with asyncio.timeout(PATIENCE):
         while True:
-            opening = connect(VEHICLE, endpoint)
+            opening = connect(vehicle, endpoint)
             try:
                 client = await opening.__aenter__()
                 break
@@ -184,85 +182,15 @@ async def connected(endpoint: str) -> AsyncIterator[Vehicle]:
         await opening.__aexit__(None, None, None)
 
 
-async def until(claim: Callable[[], Any], within: float = PATIENCE) -> float:
-    """Wait for a claim to hold; returns how long that took [s].
+async def wait_for_control(client: Vehicle) -> None:
+    """Return when the daemon would grant a lease.
 
     Raises:
-        TimeoutError: it did not.
+        TimeoutError: it would not.
     """
-    began = time.monotonic()
-    async with asyncio.timeout(within):
-        while not claim():  # noqa: ASYNC110 - what is looked at lives in another process or thread
-            await asyncio.sleep(0.002)
-    return time.monotonic() - began
-
-
-async def wait_for_control(client: Vehicle) -> None:
-    """Return when the daemon would grant a lease."""
     async with asyncio.timeout(PATIENCE):
         while True:
             state = await client.get("link/state")
             if state and state.fields["external_control"] and state.fields["condition"] in {"up", "degraded"}:
                 return
             await asyncio.sleep(0.05)
-
-
-class Pilot:
-    """A client that holds a lease and streams sticks for as long as the context lasts.
-
-    Attributes:
-        sticks: what it streams [stick; FLU].
-        epoch: of its lease.
-    """
-
-    def __init__(self, client: Vehicle, name: str, rate: float = 50.0) -> None:
-        self.name = name
-        self.sticks = {"pitch": 0.0, "roll": 0.0, "yaw": 0.0, "throttle": 0.0}
-        self.epoch = 0
-        self._client = client
-        self._publisher = client.stream("setpoint/stick")
-        self._period = 1.0 / rate
-        self._sequence = 0
-        self._task: asyncio.Task[None] | None = None
-
-    async def take(self, *, force: bool = False) -> bool:
-        """Ask for the lease; returns whether it was granted."""
-        fields = {"action": "take", "holder": self.name, "force": force}
-        answer = await self._client.command("do", "lease", fields)
-        if answer.is_accepted:
-            self.epoch, self._sequence = int(answer.reply["epoch"]), 0
-        return answer.is_accepted
-
-    async def engage(self, is_controlled: Callable[[], bool]) -> None:
-        """Take the lease until the aircraft obeys: a busy machine may cost a client its lease before it flies.
-
-        Raises:
-            TimeoutError: it never obeyed.
-        """
-        async with asyncio.timeout(PATIENCE):
-            while True:
-                if await self.take():
-                    with suppress(TimeoutError):
-                        await until(is_controlled, ENGAGE_WAIT)
-                        return
-                await asyncio.sleep(0.1)
-
-    async def __aenter__(self) -> Self:
-        self._task = asyncio.create_task(self._stream(), name=f"pilot {self.name}")
-        return self
-
-    async def __aexit__(self, *_: object) -> None:
-        assert self._task is not None
-        self._task.cancel()
-        await asyncio.gather(self._task, return_exceptions=True)
-
-    async def _stream(self) -> None:
-        loop = asyncio.get_running_loop()
-        due = loop.time()
-        with suppress(zenoh.ZError):  # the daemon may be killed while it streams: that is what some stories are about
-            while True:
-                self._sequence += 1
-                fields = {**self.sticks, "epoch": self.epoch, "sequence": self._sequence, "ttl": 0.3}
-                self._publisher.put(encode_map(fields))
-                due = max(due + self._period, loop.time())
-                await asyncio.sleep(due - loop.time())

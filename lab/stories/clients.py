@@ -16,14 +16,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
+from lab.rigs.pilot import Pilot
 from lab.rigs.processes import (
     ObservedSimulation,
-    Pilot,
     connected,
     daemon_process,
-    until,
     wait_for_control,
 )
+from lab.rigs.waiting import wait_until
 from mkdaemon.config.sim import PilotPlan, SimConfig
 from mkdaemon.sim.runtime import Runtime
 
@@ -84,12 +84,12 @@ async def _lose(
 ) -> Loss:
     process = await asyncio.create_subprocess_exec(sys.executable, "-c", _CLIENT, endpoint, name)
     try:
-        await until(lambda: _tilts(simulation))
+        await wait_until(lambda: _tilts(simulation))
         await asyncio.sleep(rng.uniform(0.1, 0.5))
         began = time.monotonic()
         process.send_signal(how)
-        neutral = await until(lambda: not _tilts(simulation), _LATE)
-        await until(lambda: not simulation.is_controlled, _LATE)
+        neutral = await wait_until(lambda: not _tilts(simulation), _LATE)
+        await wait_until(lambda: not simulation.is_controlled, _LATE)
         return Loss(how.name, round(neutral, 3), round(time.monotonic() - began, 3))
     finally:
         with suppress(ProcessLookupError):

@@ -14,15 +14,15 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
+from lab.rigs.pilot import Pilot
 from lab.rigs.processes import (
     DaemonProcess,
     ObservedSimulation,
-    Pilot,
     connected,
     daemon_process,
-    until,
     wait_for_control,
 )
+from lab.rigs.waiting import wait_until
 from lab.stories.cable import first_words
 from mkdaemon.config.sim import PilotPlan, SimConfig
 from mkdaemon.protocol.framing import Frame, FrameDecoder
@@ -92,7 +92,7 @@ async def end_daemon(fc: str, number: signal.Signals, *, seed: int) -> End:
             await asyncio.sleep(rng.uniform(0.2, 0.6))
             simulation.heard.clear()
             began = time.monotonic()
-            letting_go = asyncio.create_task(until(lambda: not simulation.is_controlled), name="letting go")
+            letting_go = asyncio.create_task(wait_until(lambda: not simulation.is_controlled), name="letting go")
             code = await daemon.end(number)
             took = time.monotonic() - began
             if number is signal.SIGKILL:
@@ -110,9 +110,9 @@ async def _restart(
 ) -> tuple[str, int, float]:
     """Start the next daemon where the killed one was; the client finds it again and streams what it streamed."""
     async with daemon_process(port, folder, endpoint=before.endpoint) as daemon:
-        await until(lambda: len(_written(simulation)) >= 20)
+        await wait_until(lambda: len(_written(simulation)) >= 20)
         opened = simulation.heard[0][0]
-        await until(lambda: not simulation.is_controlled)
+        await wait_until(lambda: not simulation.is_controlled)
         released = time.monotonic() - opened
         await asyncio.sleep(WATCH)
         written = _written(simulation)

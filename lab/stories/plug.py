@@ -15,7 +15,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
-from lab.rigs.processes import DaemonProcess, ObservedSimulation, connected, daemon_process, until
+from lab.rigs.processes import DaemonProcess, ObservedSimulation, connected, daemon_process
+from lab.rigs.waiting import wait_until
 from lab.stories.cable import BACK, first_words
 from mkdaemon.client import Sample
 from mkdaemon.config.sim import PilotPlan, SimConfig
@@ -101,7 +102,7 @@ class _Bench:
             self._device.symlink_to(runtime.port)
             try:
                 # After our first bytes: what the old line still held may be read late.
-                await until(lambda: simulation.heard and telemetry.latest >= simulation.heard[0][0])
+                await wait_until(lambda: simulation.heard and telemetry.latest >= simulation.heard[0][0])
                 self.back.append(telemetry.latest - returned)
             except TimeoutError:
                 self.lost.append(number)

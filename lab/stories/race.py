@@ -15,7 +15,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final, NamedTuple
 
-from lab.rigs.processes import ObservedSimulation, Pilot, connected, daemon_process, wait_for_control
+from lab.rigs.pilot import Pilot
+from lab.rigs.processes import ObservedSimulation, connected, daemon_process, wait_for_control
 from mkdaemon.client import Sample
 from mkdaemon.config.sim import PilotPlan, SimConfig
 from mkdaemon.protocol.framing import Frame, FrameDecoder

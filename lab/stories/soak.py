@@ -18,10 +18,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
+from lab.rigs.pilot import Pilot
 from lab.rigs.processes import (
     DaemonProcess,
     ObservedSimulation,
-    Pilot,
     connected,
     daemon_process,
     wait_for_control,

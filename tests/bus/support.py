@@ -8,12 +8,10 @@ from contextlib import ExitStack, contextmanager
 import msgpack
 import zenoh
 
+from lab.rigs.waiting import PATIENCE
 from mkdaemon.bus.endpoint import reserved_endpoint
 from mkdaemon.bus.session import session_config
 from mkdaemon.config.bus import BusConfig
-
-PATIENCE = 60.0
-"""Longest wait for anything [s]; a loaded machine is slow, not wrong."""
 
 _RESERVED = ExitStack()
 

@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 import zenoh
 
+from lab.rigs.waiting import wait_until
 from mkdaemon.bus.gateway import Bus
 from mkdaemon.bus.session import session_config
 from mkdaemon.stamp import Stamp
@@ -22,13 +23,6 @@ from tests.places import CONFIGS
 SAMPLES = CONFIGS / "zenoh"
 IN_SAMPLES = "configs/zenoh/certificates/"
 HELLO = LogEvent(stamp=Stamp(monotonic=1.0, wall=2.0), level="info", text="hello")
-
-
-async def until(claim):
-    """Wait until a claim holds; a claim that never does fails."""
-    async with asyncio.timeout(PATIENCE):
-        while not claim():  # noqa: ASYNC110 - what is looked at is filled by another thread
-            await asyncio.sleep(0.01)
 
 
 @pytest.fixture(scope="module")
@@ -95,7 +89,7 @@ async def test_a_pilot_looks_and_commands(guarded, connect):
     [(_, result, _)] = await asyncio.to_thread(ask, pilot, "mk/t1/do/release")
     assert result["status"] == "accepted"
     pilot.put("mk/t1/setpoint/stick", b"sticks")
-    await until(lambda: b"sticks" in commanded)
+    await wait_until(lambda: b"sticks" in commanded)
 
 
 async def test_a_watcher_looks_and_cannot_command_or_fly(guarded, connect):
@@ -110,7 +104,7 @@ async def test_a_watcher_looks_and_cannot_command_or_fly(guarded, connect):
         ask, watcher, "mk/t1/event/log"
     )  # the put went the same way, so it has arrived or never will
     pilot.put("mk/t1/setpoint/stick", b"mine")
-    await until(lambda: b"mine" in commanded)
+    await wait_until(lambda: b"mine" in commanded)
     assert commanded == [b"mine"]
 
 
@@ -127,7 +121,7 @@ async def test_nobody_forges_telemetry(guarded, connect):
         guarded[0].publish("event/log", HELLO)
         return "mk/t1/event/log" in heard
 
-    await until(hears_us)
+    await wait_until(hears_us)
     pilot.put("mk/t1/state/battery", b"full")
     for _ in range(3):
         await asyncio.to_thread(ask, pilot, "mk/t1/event/log")

@@ -5,20 +5,19 @@ from __future__ import annotations
 import json
 import os
 import signal
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
 
+from lab.rigs.programs import mkdaemon, run_mkdaemon
 from mkdaemon.cli.mkdaemon.app import app
 from mkdaemon.cli.mkdaemon.demo import ENOUGH, Tally, summarise
 from mkdaemon.cli.program import run
 from mkdaemon.client import Sample
-from tests.daemon.processes import run_mkdaemon
 
 
 @pytest.mark.flight
+@pytest.mark.real_time(tolerance=0.1)
 def test_the_demo_flies_shows_and_ends_with_a_summary():
     code, out, err = run_mkdaemon("demo", "--seconds", "2.5")
     assert code == 0, out + err
@@ -28,6 +27,7 @@ def test_the_demo_flies_shows_and_ends_with_a_summary():
 
 
 @pytest.mark.flight
+@pytest.mark.real_time(tolerance=0.1)
 def test_the_summary_as_json():
     code, out, err = run_mkdaemon("demo", "--seconds", "2", "--json")
     summary = json.loads(out.splitlines()[-1])
@@ -48,11 +48,12 @@ def test_what_is_no_length_of_time_starts_nothing(seconds, capsys):
 
 
 @pytest.mark.flight
+@pytest.mark.real_time(tolerance=0.1)
 @pytest.mark.parametrize(
     ("stage", "number"), [("starting the simulated", signal.SIGINT), ("aircraft on", signal.SIGTERM)]
 )
 def test_a_signal_while_it_starts_ends_it(stage, number):
-    with started_demo() as program:
+    with mkdaemon("demo", "--seconds", "100") as program:
         while stage not in program.stdout.readline():
             pass
         program.send_signal(number)
@@ -63,8 +64,9 @@ def test_a_signal_while_it_starts_ends_it(stage, number):
 
 
 @pytest.mark.flight
+@pytest.mark.real_time(tolerance=0.1)
 def test_a_daemon_that_dies_is_noticed():
-    with started_demo() as program:
+    with mkdaemon("demo", "--seconds", "100") as program:
         while "frames" not in program.stdout.readline():
             pass
         victim = [pid for pid in children_of(program.pid) if "run" in arguments_of(pid)]
@@ -77,17 +79,6 @@ def test_a_daemon_that_dies_is_noticed():
 def own_words(err):
     """What the demo said; asyncio notes a child that was asked to end twice and whose exit code came in between."""
     return [line for line in err.splitlines() if not line.startswith("Unknown child process")]
-
-
-def started_demo():
-    command = (sys.executable, "-m", "mkdaemon.cli.mkdaemon.app", "demo", "--seconds", "100")
-    return subprocess.Popen(
-        command,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        env={**os.environ, "PYTHONUNBUFFERED": "1"},
-    )
 
 
 def children_of(pid):

@@ -7,24 +7,16 @@ import os
 import select
 import signal
 import socket
-import subprocess
-import sys
 import time
 import tty
 
 import pytest
 
+from lab.rigs.programs import PATIENCE, mkdaemon, run_mkdaemon
 from mkdaemon.protocol.framing import Frame, FrameDecoder, encode_frame
-from tests.daemon.processes import PATIENCE
 
-
-def start(*options):
-    return subprocess.Popen(
-        [sys.executable, "-m", "mkdaemon.cli.mkdaemon.app", "sim", "--connect", "tcp/127.0.0.1:9", *options],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-    )
+ALONE = ("sim", "--connect", "tcp/127.0.0.1:9")
+"""No daemon answers there."""
 
 
 def talk(port, requests, wanted, patience=PATIENCE):
@@ -44,8 +36,7 @@ def talk(port, requests, wanted, patience=PATIENCE):
 
 @pytest.mark.parametrize(("board", "address", "wanted"), [("nc", 2, set("VOCDA")), ("fc", 1, set("VCDA"))])
 def test_the_first_line_names_a_port_that_answers(board, address, wanted):
-    program = start("--board", board)
-    try:
+    with mkdaemon(*ALONE, "--board", board) as program:
         port = json.loads(program.stdout.readline())["port"]
         requests = b"\r\r" + encode_frame(0, "v")
         frames = talk(port, requests, {"V"})
@@ -56,9 +47,6 @@ def test_the_first_line_names_a_port_that_answers(board, address, wanted):
         program.send_signal(signal.SIGTERM)
         assert program.wait(PATIENCE) == 0
         assert program.stderr.read() == ""
-    finally:
-        program.kill()
-        program.communicate()
 
 
 MISTAKES = [
@@ -72,9 +60,8 @@ MISTAKES = [
 
 @pytest.mark.parametrize(("options", "code", "says"), MISTAKES)
 def test_a_mistake_is_one_line(options, code, says):
-    program = start(*options)
-    out, err = program.communicate(timeout=PATIENCE)
-    assert program.returncode == code
+    returned, out, err = run_mkdaemon(*ALONE, *options)
+    assert returned == code
     assert out == ""
     assert says in err
 
@@ -83,9 +70,8 @@ def test_a_tcp_port_in_use_is_one_line():
     with socket.socket() as taken:
         taken.bind(("127.0.0.1", 0))
         taken.listen()
-        program = start("--listen", f"127.0.0.1:{taken.getsockname()[1]}")
-        out, err = program.communicate(timeout=PATIENCE)
-    assert program.returncode == 1
+        code, out, err = run_mkdaemon(*ALONE, "--listen", f"127.0.0.1:{taken.getsockname()[1]}")
+    assert code == 1
     assert out == ""
     assert "sim.listen" in err
     assert len(err.strip().splitlines()) == 1

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import time
 
 import pytest
 import zenoh
 
+from lab.rigs.waiting import wait_for_blocking
 from mkdaemon.bus.gateway import Bus
 from mkdaemon.cli.mkdaemon.sim_bus import apply_fault_request, sim_on_bus, truth_of
 from mkdaemon.config.sim import SimConfig
@@ -16,7 +16,7 @@ from mkdaemon.errors import CommandRejectedError, ConfigError
 from mkdaemon.sim.simulation import Simulation
 from mkdaemon.stamp import Stamp
 from mkdaemon.telemetry.sim import FaultRequest
-from tests.bus.support import PATIENCE, ask, bus_config, client, free_endpoint
+from tests.bus.support import ask, bus_config, client, free_endpoint
 from tests.places import SOURCE
 
 STAMP = Stamp(monotonic=1.0, wall=2.0)
@@ -29,15 +29,6 @@ def simulation():
     return made
 
 
-async def until(found, patience=PATIENCE):
-    """What `found` returns in a thread, as soon as it returns something."""
-    deadline = time.monotonic() + patience
-    while not (result := await asyncio.to_thread(found)):
-        assert time.monotonic() < deadline
-        await asyncio.sleep(0.05)
-    return result
-
-
 async def test_truth_and_faults_reach_a_client_of_the_daemon(simulation):
     endpoint = free_endpoint()
     async with (
@@ -45,7 +36,7 @@ async def test_truth_and_faults_reach_a_client_of_the_daemon(simulation):
         sim_on_bus(simulation, SimConfig(connect=(endpoint,)), "t9"),
     ):
         with client(endpoint) as session:
-            ((_, truth, encoding),) = await until(lambda: ask(session, "mk/t9/sim/truth"))
+            ((_, truth, encoding),) = await wait_for_blocking(lambda: ask(session, "mk/t9/sim/truth"))
             assert encoding == "application/msgpack;mk.SimTruth.v1"
             assert truth["t"] == 0.5
             assert truth["age"] >= 0.0
@@ -56,7 +47,7 @@ async def test_truth_and_faults_reach_a_client_of_the_daemon(simulation):
             assert simulation.world.faults.number("motor_weak", "motor") == 2
             samples = [await asyncio.to_thread(heard.handler.recv) for _ in range(3)]
             assert {str(sample.key_expr) for sample in samples} <= {"mk/t9/sim/truth", "mk/t9/sim/faults"}
-            ((_, faults, _),) = await until(
+            ((_, faults, _),) = await wait_for_blocking(
                 lambda: [r for r in ask(session, "mk/t9/sim/faults") if "motor_weak" in r[1]["active"]]
             )
             assert faults["active"]["motor_weak"]["values"] == {"motor": 2.0, "share": 0.8}
@@ -71,7 +62,7 @@ async def test_without_a_daemon_the_simulator_waits_and_joins_later(simulation):
         await asyncio.sleep(0.7)
         async with Bus.open(bus_config(endpoint), "t9"):
             with client(endpoint) as session:
-                assert await until(lambda: ask(session, "mk/t9/sim/truth"))
+                assert await wait_for_blocking(lambda: ask(session, "mk/t9/sim/truth"))
 
 
 async def test_an_endpoint_nobody_can_understand_is_said_at_once(simulation):

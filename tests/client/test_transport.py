@@ -8,6 +8,7 @@ import time
 import pytest
 import zenoh
 
+from lab.rigs.programs import PATIENCE
 from mkdaemon.bus.gateway import Bus
 from mkdaemon.bus.session import session_config
 from mkdaemon.client import connect
@@ -16,7 +17,6 @@ from mkdaemon.errors import MkError
 from mkdaemon.telemetry.command import CommandResult
 from mkdaemon.telemetry.refusals import Status
 from tests.bus.support import free_endpoint
-from tests.daemon.processes import PATIENCE
 
 
 async def obey(suffix, payload):

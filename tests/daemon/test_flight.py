@@ -4,70 +4,71 @@ from __future__ import annotations
 
 import pytest
 
+from lab.rigs.live import LiveDaemon, live_daemon
+from lab.rigs.pilot import Pilot
 from mkdaemon.errors import CommandRejectedError
-from tests.daemon.cockpit import Cockpit, Stream, cockpit
-from tests.daemon.standstill import flown_again
 
-pytestmark = pytest.mark.flight
+pytestmark = [pytest.mark.flight, pytest.mark.real_time(tolerance=0.03)]
+"""Two link tests unanswered for 0.1 s each are an outage, a setpoint lives for 0.3 s, and one standstill seldom comes
+alone."""
 
 
 async def take(client, holder, **more):
     return (await client.command("do", "lease", {"action": "take", "holder": holder, **more})).require()["epoch"]
 
 
-def frames(flown: Cockpit, since: int = 0):
+def frames(flown: LiveDaemon, since: int = 0):
     """External control frames sent, in order, with their purpose."""
-    sent = [sample.fields for sample in flown.heard[since:] if sample.suffix == "tx/fc/extern_control"]
+    sent = [sample.fields for sample in flown.samples[since:] if sample.suffix == "tx/fc/extern_control"]
     return [(frame["purpose"], frame["fields"]) for frame in sent]
 
 
-def releases(flown: Cockpit, since: int):
+def releases(flown: LiveDaemon, since: int):
     return [fields for purpose, fields in frames(flown, since) if purpose == "release" and fields["config"] == 0]
 
 
 async def engage(flown, client, holder):
     """Take the lease and stream neutral sticks until they are sent."""
-    stream = Stream(client, await take(client, holder))
-    await stream.__aenter__()
+    pilot = Pilot(client, holder)
+    assert await pilot.take()
+    await pilot.__aenter__()
     await flown.until_phase("flying")
-    return stream
+    return pilot
 
 
-@flown_again
 async def test_sticks_reach_the_board_and_leave_with_the_lease():
-    async with cockpit() as flown, flown.client() as client, client.token("alice"):
-        stream = await engage(flown, client, "alice")
+    async with live_daemon() as flown, flown.client() as client, client.token("alice"):
+        pilot = await engage(flown, client, "alice")
         assert all(not fields["config"] or not fields["pitch"] for _, fields in frames(flown))
-        stream.sticks |= {"pitch": 20.0, "roll": 10.0, "yaw": -15.0, "throttle": 5.0}
+        pilot.sticks |= {"pitch": 20.0, "roll": 10.0, "yaw": -15.0, "throttle": 5.0}
         wanted = {"pitch": 20, "roll": -10, "yaw": -15, "throttle": 5, "config": 1}  # the wire counts roll to the left
         await flown.until(lambda: any(wanted.items() <= fields.items() for _, fields in frames(flown)))
-        before = len(flown.heard)
-        answer = await client.command("do", "lease", {"action": "release", "epoch": stream.epoch})
+        before = len(flown.samples)
+        answer = await client.command("do", "lease", {"action": "release", "epoch": pilot.epoch})
         assert answer.status == "accepted"
         await flown.until_phase("free")
-        stream.end()
+        await pilot.stop()
         assert len(releases(flown, before)) >= 5
         sent = [purpose for purpose, _ in frames(flown, before)]
         assert "setpoint" not in sent[sent.index("release") :]
 
 
 @pytest.mark.parametrize("way", ["killed", "frozen", "told"])
-@flown_again
 async def test_a_lost_client_never_leaves_a_tilt_behind(way):
-    async with cockpit() as flown, flown.client() as other:
+    async with live_daemon() as flown, flown.client() as other:
         async with flown.client() as client, client.token("alice"):
-            stream = await engage(flown, client, "alice")
-            stream.sticks["pitch"] = 40.0
+            pilot = await engage(flown, client, "alice")
+            pilot.sticks["pitch"] = 40.0
             await flown.until(lambda: any(fields["pitch"] == 40 for _, fields in frames(flown)))
-            before = len(flown.heard)
+            before = len(flown.samples)
             if way == "told":
                 reply = (await other.command("do", "release", {"reason": "test"})).require()
                 assert reply["status"] == "confirmed"
-            stream.end()
+            await pilot.stop()
             if way == "frozen":
                 await flown.until_phase("free")
         await flown.until_phase("free")
-        outputs = [sample.fields for sample in flown.heard if sample.suffix == "control/output"]
+        outputs = [sample.fields for sample in flown.samples if sample.suffix == "control/output"]
         assert all(output["pitch"] == 0 for output in outputs if output["age"] > 0.3)
         if way == "frozen":
             assert [event["action"] for event in flown.values("event/failsafe")] == ["neutral", "release"]
@@ -84,21 +85,22 @@ async def test_a_lost_client_never_leaves_a_tilt_behind(way):
         assert flown.values("control/status")[-1]["lease"] is None
 
 
-@flown_again
 async def test_two_clients_race_and_no_frame_of_the_old_epoch_follows_the_new_lease():
-    async with cockpit() as flown, flown.client() as one, flown.client() as two:
+    async with live_daemon() as flown, flown.client() as one, flown.client() as two:
         first = await engage(flown, one, "alice")
         first.sticks["pitch"] = 30.0
         await flown.until(lambda: any(fields["pitch"] == 30 for _, fields in frames(flown)))
         with pytest.raises(CommandRejectedError, match="lease_held"):
             await take(two, "bob")
-        before = len(flown.heard)
-        epoch = await take(two, "bob", force=True)
-        async with Stream(two, epoch) as second:  # the first one goes on streaming all the while
+        before = len(flown.samples)
+        second = Pilot(two, "bob")
+        assert await second.take(force=True)
+        epoch = second.epoch
+        async with second:  # the first one goes on streaming all the while
             await flown.until(lambda: any(out["epoch"] == epoch for out in flown.values("control/output")))
             second.sticks["roll"] = 25.0
             await flown.until(lambda: any(fields["roll"] == -25 for _, fields in frames(flown, before)))
-        first.end()
+        await first.stop()
         assert epoch > first.epoch
         epochs = [output["epoch"] for output in flown.values("control/output")]
         assert epochs == sorted(epochs)
@@ -110,22 +112,20 @@ async def test_two_clients_race_and_no_frame_of_the_old_epoch_follows_the_new_le
         assert flown.values("control/status")[-1]["refused"] > 0
 
 
-@flown_again
 async def test_leaving_while_flying_ends_with_a_release():
-    async with cockpit() as flown, flown.client() as client:
-        stream = await engage(flown, client, "alice")
-        stream.sticks["pitch"] = 30.0
+    async with live_daemon() as flown, flown.client() as client:
+        pilot = await engage(flown, client, "alice")
+        pilot.sticks["pitch"] = 30.0
         await flown.until(lambda: any(fields["pitch"] == 30 for _, fields in frames(flown)))
-        before = len(flown.heard)
-        await flown.land()
-        stream.end()
+        before = len(flown.samples)
+        await flown.end()
+        await pilot.stop()
         assert len(releases(flown, before)) >= 5
         assert not flown.runtime.simulation.flight.core.controlled
 
 
-@flown_again
 async def test_malformed_setpoints_are_counted_and_named():
-    async with cockpit() as flown, flown.client() as client:
+    async with live_daemon() as flown, flown.client() as client:
         publisher = client.stream("setpoint/stick")
         publisher.put(b"\xff\x00 no msgpack")
         event = await flown.until(

@@ -16,9 +16,9 @@ import tty
 import pytest
 import zenoh
 
+from lab.rigs.programs import PATIENCE, mkdaemon, run_mkdaemon
 from mkdaemon.bus.session import session_config
 from tests.bus.support import free_endpoint
-from tests.daemon.processes import PATIENCE, mkdaemon, run_mkdaemon
 
 
 @pytest.fixture

@@ -11,8 +11,8 @@ import msgpack
 import pytest
 import zenoh
 
+from lab.rigs.programs import PATIENCE, mkdaemon
 from tests.bus.support import free_endpoint
-from tests.daemon.processes import PATIENCE, mkdaemon
 from tests.places import CAPTURES, REFERENCE
 
 WHOLE = REFERENCE / "captures" / "nc_mixed_60s.jsonl"

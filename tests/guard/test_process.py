@@ -12,7 +12,7 @@ import tty
 
 import pytest
 
-from lab.rigs.processes import until
+from lab.rigs.waiting import wait_until
 from mkdaemon.daemon.guard import GuardProcess, take_report
 
 NEUTRAL, RELEASE = b"#neutral\r", b"#release\r"
@@ -59,7 +59,7 @@ async def test_a_guard_without_beats_sends_neutral_then_the_release_and_says_so(
     guard.acted = acts.append
     got = await arrived(far, RELEASE)
     assert got.startswith(b"\r\r" + NEUTRAL)
-    await until(lambda: True in acts)
+    await wait_until(lambda: True in acts)
     assert acts[0] is False
     guard.released()
     await guard.stop()
@@ -79,7 +79,7 @@ async def test_a_killed_guard_is_noticed(line):
     guard = await flying(line[1])
     assert guard.is_alive
     os.kill(guard.pid, signal.SIGKILL)
-    await until(lambda: not guard.is_alive)
+    await wait_until(lambda: not guard.is_alive)
     await guard.stop()
 
 
@@ -88,7 +88,7 @@ async def test_a_frozen_guard_is_noticed(line):
     guard.released()
     os.kill(guard.pid, signal.SIGSTOP)
     watcher = asyncio.create_task(guard.watch())
-    await until(lambda: not guard.is_alive)
+    await wait_until(lambda: not guard.is_alive)
     watcher.cancel()
     os.kill(guard.pid, signal.SIGKILL)
     await guard.stop()
@@ -97,7 +97,7 @@ async def test_a_frozen_guard_is_noticed(line):
 DAEMON = """
 import asyncio, os, signal, sys
 from pathlib import Path
-from lab.rigs.processes import until
+from lab.rigs.waiting import wait_until
 from mkdaemon.daemon.guard import GuardProcess
 async def main():
     guard = GuardProcess(Path(sys.argv[2]))
@@ -129,7 +129,7 @@ async def test_a_daemon_that_dies_or_freezes_is_followed_by_a_release_and_a_repo
         assert got.startswith(b"\r\r" + NEUTRAL)
         if name == "SIGSTOP":
             daemon.kill()
-        await until(report.exists)
+        await wait_until(report.exists)
         assert "release frames sent" in take_report(report)
         assert take_report(report) is None
     finally:

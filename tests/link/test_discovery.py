@@ -7,12 +7,12 @@ import itertools
 
 import pytest
 
+from lab.rigs.linkrig import flight_ctrl, navi_ctrl, rig, virtually
 from lab.rigs.sticks import build_sticks
 from mkdaemon.errors import CommandRejectedError
 from mkdaemon.link.discovery import PORTS, redirection, wait_for_discovery
 from mkdaemon.protocol.messages import ControlStateRequest, ExternControlV2, VersionRequest
 from mkdaemon.protocol.wire import Board
-from tests.link.rig import flight_ctrl, navi_ctrl, rig, virtually
 
 
 @virtually

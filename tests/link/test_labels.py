@@ -6,11 +6,11 @@ from pathlib import Path
 
 import pytest
 
+from lab.rigs.linkrig import Rig, flight_ctrl, navi_ctrl, rig, virtually
 from mkdaemon.link.labels import LABELS, LabelCache, cache_key, read_labels
 from mkdaemon.link.procedures import SilentObserver
 from mkdaemon.protocol.dialect import Dialect, Release
 from mkdaemon.protocol.wire import Board
-from tests.link.rig import Rig, flight_ctrl, navi_ctrl, rig, virtually
 
 NAMES = tuple(f"channel {n}" for n in range(LABELS))
 

@@ -8,6 +8,7 @@ import itertools
 import pytest
 
 from lab.rigs.boardport import LineFault
+from lab.rigs.linkrig import flight_ctrl, navi_ctrl, rig, virtually
 from lab.rigs.sticks import build_sticks
 from mkdaemon.errors import (
     CommandRejectedError,
@@ -25,7 +26,6 @@ from mkdaemon.protocol.messages import (
     VersionRequest,
 )
 from mkdaemon.protocol.wire import Board
-from tests.link.rig import flight_ctrl, navi_ctrl, rig, virtually
 
 EVERY_FC = ("early", "2.08", "2.12a", "2.14")
 

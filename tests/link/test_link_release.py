@@ -7,6 +7,7 @@ import asyncio
 import pytest
 
 from lab.rigs.boardport import LineFault
+from lab.rigs.linkrig import Rig, flight_ctrl, navi_ctrl, rig, virtually
 from lab.rigs.sticks import build_sticks
 from mkdaemon.errors import (
     CommandRejectedError,
@@ -18,7 +19,6 @@ from mkdaemon.protocol.messages import (
     ExternControlV2,
 )
 from mkdaemon.protocol.wire import Board
-from tests.link.rig import Rig, flight_ctrl, navi_ctrl, rig, virtually
 
 EVERY_FC = ("early", "2.08", "2.12a", "2.14")
 

@@ -7,6 +7,7 @@ import asyncio
 import pytest
 
 from lab.rigs.boardport import LineFault, Socket
+from lab.rigs.linkrig import Log, flight_ctrl, navi_ctrl, rig, virtually
 from mkdaemon.clock import Clock
 from mkdaemon.config.link import LinkConfig
 from mkdaemon.errors import (
@@ -19,7 +20,6 @@ from mkdaemon.protocol.messages import (
     OsdRequestV1,
 )
 from mkdaemon.telemetry.link import LinkCondition
-from tests.link.rig import Log, flight_ctrl, navi_ctrl, rig, virtually
 
 FAULTS = [
     (LineFault.BYTE_LOSS, {"degraded", "garbage"}, 0.05),

@@ -7,12 +7,12 @@ import asyncio
 import pytest
 
 from lab.rigs.boardport import Socket
+from lab.rigs.linkrig import Rig, flight_ctrl, navi_ctrl, rig, virtually
 from mkdaemon.errors import CommandRejectedError, LinkLostError, ProtocolError
 from mkdaemon.link.procedures import InterruptedProcedureError, SilentObserver, run_procedure
 from mkdaemon.protocol.messages import SettingsRequest
 from mkdaemon.protocol.procedures import LiveSet, Patience, Progress
 from mkdaemon.protocol.procedures.settings import backup_settings
-from tests.link.rig import Rig, flight_ctrl, navi_ctrl, rig, virtually
 
 PATIENCE = Patience(6, 0.5)
 

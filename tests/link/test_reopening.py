@@ -6,17 +6,18 @@ import asyncio
 import contextlib
 import os
 import tty
-from collections.abc import AsyncIterator, Callable, Iterator
+from collections.abc import AsyncIterator, Iterator
 from contextlib import asynccontextmanager
 from pathlib import Path
 
 import pytest
 
+from lab.rigs.linkrig import Log
+from lab.rigs.waiting import wait_until
 from mkdaemon.config.link import LinkConfig
 from mkdaemon.link.link import Link
 from mkdaemon.link.session.reopening import AliasMemory
 from mkdaemon.protocol.framing import Frame, FrameDecoder
-from tests.link.rig import Log
 
 BY_ID = "usb-FTDI_FT232R_USB_UART_A50285BI-if00-port0"
 
@@ -76,14 +77,6 @@ async def linked(name: Path, *, by_id: Path | None = None) -> AsyncIterator[tupl
         await asyncio.gather(task, return_exceptions=True)
 
 
-async def until(claim: Callable[[], bool]) -> None:
-    loop = asyncio.get_running_loop()
-    deadline = loop.time() + 20
-    while not claim():
-        assert loop.time() < deadline, "not within 20 s"
-        await asyncio.sleep(0.01)
-
-
 def point(name: Path, device: Path) -> None:
     """Make a name lead to a device, in one step as udev does."""
     fresh = name.with_name("#new")
@@ -96,13 +89,13 @@ async def test_a_link_by_id_follows_the_adapter_to_its_new_number(adapters, tmp_
     name = tmp_path / BY_ID
     point(name, first.device)
     async with linked(name) as (link, opened):
-        await until(lambda: "b" in first.letters())
+        await wait_until(lambda: "b" in first.letters())
         first.unplug()
         name.unlink()
-        await until(lambda: link.health().state.condition.value == "absent")
+        await wait_until(lambda: link.health().state.condition.value == "absent")
         assert opened == [str(name)]
         point(name, second.device)
-        await until(lambda: "b" in second.letters())
+        await wait_until(lambda: "b" in second.letters())
         assert opened == [str(name)] * 2
         assert link.health().state.port == str(name)
         assert second.letters()[0] == "b", "the release comes first here too"
@@ -115,14 +108,14 @@ async def test_a_link_by_number_finds_its_adapter_again_under_its_by_id_name(ada
     point(number, first.device)
     point(by_id / BY_ID, first.device)
     async with linked(number, by_id=by_id) as (link, opened):
-        await until(lambda: "b" in first.letters())
+        await wait_until(lambda: "b" in first.letters())
         first.unplug()
         (by_id / BY_ID).unlink()
         number.unlink()
-        await until(lambda: link.health().state.condition.value == "absent")
+        await wait_until(lambda: link.health().state.condition.value == "absent")
         point(tmp_path / "ttyUSB1", second.device)
         point(by_id / BY_ID, second.device)
-        await until(lambda: "b" in second.letters())
+        await wait_until(lambda: "b" in second.letters())
         assert opened == [str(number), str(by_id / BY_ID)]
         assert second.letters()[0] == "b"
 

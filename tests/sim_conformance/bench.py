@@ -4,83 +4,34 @@ from __future__ import annotations
 
 import random
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, field
 from typing import NamedTuple
 
+from lab.rigs.grounded import GroundedAircraft, Readings, Transmitter
 from mkdaemon.config.sim import GasLaw
 from mkdaemon.protocol.framing import Dropped, Frame, FrameDecoder
 from mkdaemon.sim.boards.fc import FlightCtrl
 from mkdaemon.sim.boards.generations import FC_GENERATIONS, NC_GENERATIONS
 from mkdaemon.sim.boards.line import HOST_CHAR
 from mkdaemon.sim.boards.nc import NaviCtrl
-from mkdaemon.sim.faults import Faults
-from mkdaemon.sim.physics.attitude_loop import AttitudeGains
 from mkdaemon.sim.physics.sensors import GpsFix
-from mkdaemon.sim.physics.world import DT, StickInput
+from mkdaemon.sim.physics.world import StickInput
 
 MAG = 3
 FIX = GpsFix(532301000, 74591000, 12.0, (0.0, 0.0, 0.0), 9, True, 0.0, 1)
 
 
-@dataclass
-class StillSensors:
-    """Readings of an aircraft on the bench."""
-
-    acc_x: float = 0.0
-    acc_y: float = 0.0
-    acc_z: float = 9.81
-    gyro_z: float = 0.0
-    fc_angle_pitch: float = 0.0
-    fc_angle_roll: float = 0.0
-    heading_deg: float = 90.0
-    compass_deg: float = 90.0
-    baro_height: float = 0.0
-    vertical_speed: float = 0.0
-    gps: GpsFix = FIX
-    battery_voltage: float = 12.4
-    battery_current: float = 0.6
-    battery_used_mah: float = 0.0
-    motor_setpoints: list[int] = field(default_factory=lambda: [0] * 12)
-
-
-@dataclass
-class StillTransmitter:
-    """A transmitter held still."""
-
-    pitch: int = 0
-    roll: int = 0
-    yaw: int = 0
-    gas: int = 0
-    gate: int = 255
-    rc_quality: int = 200
-    switches: dict[int, int] = field(default_factory=dict)
-
-
-class StillAircraft:
-    """Does not fly; remembers every change of what it was told, with its time."""
+class StillAircraft(GroundedAircraft):
+    """Stands still, its pilot's gate open; remembers every change of the sticks, with its time."""
 
     def __init__(self) -> None:
-        self.now = 0.0
-        self.faults = Faults()
-        self.sensors = StillSensors()
-        self.pilot = StillTransmitter()
+        readings = Readings(heading_deg=90.0, compass_deg=90.0, gps=FIX, battery_voltage=12.4, battery_current=0.6)
+        super().__init__(readings, Transmitter(gas=0, gate=255))
         self.sticks: list[tuple[float, StickInput]] = []
-        self.gains: AttitudeGains | None = None
-        self.calibrations = 0
-        self._steps = 0
 
     def step(self, sticks: StickInput) -> None:
         if not self.sticks or self.sticks[-1][1] != sticks:
             self.sticks.append((self.now, sticks))
-        self._steps += 1
-        self.now = self._steps * DT
-        self.faults.advance(self.now)
-
-    def calibrate(self) -> None:
-        self.calibrations += 1
-
-    def set_attitude_gains(self, gains: AttitudeGains) -> None:
-        self.gains = gains
+        super().step(sticks)
 
 
 class Received(NamedTuple):

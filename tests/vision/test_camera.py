@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 
 import cv2
@@ -17,7 +17,7 @@ from mkdaemon.config.camera import CameraSection
 from mkdaemon.errors import ConfigError, VisionError
 from mkdaemon.stamp import Stamp
 from mkdaemon.telemetry.image import CameraFrame
-from mkdaemon.vision.camera.camera import CameraStream, StreamState, StreamStatus, retry_delays
+from mkdaemon.vision.camera.camera import CameraStream, StreamState, retry_delays
 from mkdaemon.vision.camera.files import list_pictures
 from mkdaemon.vision.camera.image import CameraImage
 from mkdaemon.vision.camera.imagecodec import encode_jpeg, pack
@@ -25,6 +25,7 @@ from mkdaemon.vision.camera.shot import EndOfImages, Shot
 from mkdaemon.vision.camera.slot import NewestSlot
 from mkdaemon.vision.camera.sources import source_of
 from mkdaemon.vision.camera.stamping import StampClock
+from tests.vision.streams import wait_for_status
 
 PATIENCE = 60.0
 
@@ -78,19 +79,11 @@ def run(source: Scripted, **options: object) -> tuple[CameraStream, NewestSlot[C
     return stream, slot
 
 
-def until(stream: CameraStream, wanted: Callable[[StreamStatus], bool]) -> StreamStatus:
-    deadline = time.monotonic() + PATIENCE
-    while not wanted(stream.status()):
-        assert time.monotonic() < deadline, stream.status()
-        threading.Event().wait(0.005)
-    return stream.status()
-
-
 def test_an_unplugged_camera_is_named_and_comes_back() -> None:
     source = Scripted(["image", "image", "unplug", "image"])
     stream, slot = run(source, silent_after=PATIENCE)
     assert source.drained.wait(PATIENCE)
-    status = until(stream, lambda s: s.images == 3)
+    status = wait_for_status(stream, lambda s: s.images == 3)
     assert status.state is StreamState.STREAMING
     assert status.refused == ("gain=3: the driver has 1",)
     assert (source.opened, status.reopened) == (3, 2)  # lost, missing once, back
@@ -105,7 +98,7 @@ def test_a_missing_camera_says_so_until_it_is_there() -> None:
     source = Scripted([])
     source.open = lambda: (_ for _ in ()).throw(VisionError("camera test: not there"))  # type: ignore[method-assign]
     stream, _ = run(source)
-    status = until(stream, lambda s: s.state is StreamState.GONE and s.reopened >= 3)
+    status = wait_for_status(stream, lambda s: s.state is StreamState.GONE and s.reopened >= 3)
     assert status.reason == "camera test: not there"
     stream.stop()
 
@@ -120,11 +113,11 @@ def test_a_camera_without_images_is_silent_then_streaming_again() -> None:
 
     source.read = read  # type: ignore[method-assign]
     stream, _ = run(source, silent_after=0.05)
-    status = until(stream, lambda s: s.state is StreamState.SILENT)
+    status = wait_for_status(stream, lambda s: s.state is StreamState.SILENT)
     assert "no image for" in status.reason
     assert status.fps == 0.0
     gate.set()
-    until(stream, lambda s: s.state is StreamState.STREAMING)
+    wait_for_status(stream, lambda s: s.state is StreamState.STREAMING)
     stream.stop()
 
 
@@ -200,7 +193,7 @@ def test_the_rate_is_that_of_bursts_and_gaps_together() -> None:
         Shot(picture(), at) if (at := next(times, None)) is not None else Scripted.read(source, timeout)
     )
     stream, _ = run(source, silent_after=60.0)
-    status = until(stream, lambda s: s.images == 60)
+    status = wait_for_status(stream, lambda s: s.images == 60)
     assert status.fps == pytest.approx(20.0, rel=0.05)
     stream.stop()
 
@@ -242,7 +235,7 @@ def test_a_folder_is_shown_in_natural_order_to_its_end(tmp_path: Path) -> None:
     stream.start()
     seen = [image for _ in range(3) if (image := slot.take(PATIENCE)) is not None]
     assert [int(image.pixels[0, 0]) for image in seen] == [20, 40, 200]
-    until(stream, lambda s: s.state is StreamState.ENDED)
+    wait_for_status(stream, lambda s: s.state is StreamState.ENDED)
     assert slot.dropped == 0
     stream.stop()
 
@@ -291,7 +284,7 @@ def test_images_from_the_bus_keep_their_capture_time(session: zenoh.Session) -> 
     slot: NewestSlot[CameraImage] = NewestSlot()
     stream = CameraStream(cfg, source_of(cfg, lambda: session), slot)
     stream.start()
-    until(stream, lambda s: s.state is StreamState.STREAMING)
+    wait_for_status(stream, lambda s: s.state is StreamState.STREAMING)
     taken = time.monotonic() - 0.123
     sent = frame(picture(77), 5, stamp=Clock().stamp(taken))
     session.put("test/camera/image", pack(sent))
@@ -334,9 +327,9 @@ def test_rubbish_on_an_image_key_is_named(session: zenoh.Session) -> None:
     slot: NewestSlot[CameraImage] = NewestSlot()
     stream = CameraStream(cfg, source_of(cfg, lambda: session), slot)
     stream.start()
-    until(stream, lambda s: s.state in (StreamState.STREAMING, StreamState.SILENT))
+    wait_for_status(stream, lambda s: s.state in (StreamState.STREAMING, StreamState.SILENT))
     session.put("test/rubbish/image", b"hello")
-    status = until(stream, lambda s: s.state is StreamState.SILENT and "not an image" in s.reason)
+    status = wait_for_status(stream, lambda s: s.state is StreamState.SILENT and "not an image" in s.reason)
     assert status.images == 0
     stream.stop()
 

@@ -2,19 +2,16 @@
 
 from __future__ import annotations
 
-import threading
-import time
-from collections.abc import Callable
-
 import pytest
 
 from mkdaemon.config.camera import CameraSection
-from mkdaemon.vision.camera.camera import CameraStream, StreamState, StreamStatus
+from mkdaemon.vision.camera.camera import CameraStream, StreamState
 from mkdaemon.vision.camera.image import CameraImage
 from mkdaemon.vision.camera.slot import NewestSlot
 from mkdaemon.vision.camera.sources import source_of
 from tests.bus.support import free_endpoint
 from tests.vision.network_cameras import HEIGHT, WIDTH, HttpCamera, NetworkCamera, RtspCamera
+from tests.vision.streams import wait_for_status
 
 PATIENCE = 60.0
 
@@ -27,31 +24,23 @@ def watch(address: str) -> tuple[CameraStream, NewestSlot[CameraImage]]:
     return stream, slot
 
 
-def until(stream: CameraStream, wanted: Callable[[StreamStatus], bool]) -> StreamStatus:
-    deadline = time.monotonic() + PATIENCE
-    while not wanted(stream.status()):
-        assert time.monotonic() < deadline, stream.status()
-        threading.Event().wait(0.01)
-    return stream.status()
-
-
 @pytest.mark.parametrize("kind", [HttpCamera, RtspCamera])
 def test_a_network_camera_is_seen_lost_and_found_again(kind: type[NetworkCamera]) -> None:
     port = int(free_endpoint().rpartition(":")[2])  # nobody takes it while the camera is gone
     with kind(0.02, port) as camera:
         address = camera.address
         stream, slot = watch(address)
-        status = until(stream, lambda s: s.images >= 5)
+        status = wait_for_status(stream, lambda s: s.images >= 5)
         assert (status.width, status.height) == (WIDTH, HEIGHT)
         image = slot.take(PATIENCE)
         assert image is not None
         grey = int(image.pixels.mean())
         assert min(abs(grey - 40 - 10 * number) for number in range(20)) <= 2
-    status = until(stream, lambda s: s.state is StreamState.GONE)
+    status = wait_for_status(stream, lambda s: s.state is StreamState.GONE)
     assert address in status.reason
     seen = status.images
     with kind(0.02, port):
-        until(stream, lambda s: s.state is StreamState.STREAMING and s.images > seen)
+        wait_for_status(stream, lambda s: s.state is StreamState.STREAMING and s.images > seen)
         stream.stop()
 
 

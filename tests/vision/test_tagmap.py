@@ -7,7 +7,7 @@ import pytest
 
 from mkdaemon.errors import ConfigError
 from mkdaemon.vision.tags.tagmap import load, single
-from tests.vision.views import CONFIGS
+from tests.places import CONFIGS
 
 ONE = """
 [[targets]]
@@ -24,14 +24,14 @@ def written(tmp_path, text, name="target.toml"):
     return path
 
 
-@pytest.mark.parametrize("path", sorted(CONFIGS.glob("*.toml")), ids=lambda path: path.stem)
+@pytest.mark.parametrize("path", sorted((CONFIGS / "targets").glob("*.toml")), ids=lambda path: path.stem)
 def test_shipped_targets_load(path):
     tagmap = load([path])
     assert all(tag.size >= 0.005 for target in tagmap.targets for tag in target.tags)
 
 
 def test_nested_target():
-    tagmap = load([CONFIGS / "nested.toml"])
+    tagmap = load([CONFIGS / "targets" / "nested.toml"])
     target = tagmap.targets[0]
     assert [(tag.tag_id, tag.size) for tag in target.tags] == [(48, 0.3048), (1, 0.048)]
     assert tagmap.whitelist == {"tag36h11": frozenset({1, 48})}

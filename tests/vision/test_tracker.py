@@ -20,7 +20,10 @@ from mkdaemon.vision.tags.tagmap import TagMap, load
 from mkdaemon.vision.track.attitude import LOOKING_DOWN, AttitudeHistory, AttitudeSample
 from mkdaemon.vision.track.judge import Sight
 from mkdaemon.vision.track.tracker import Tracker
-from tests.vision.views import CONFIGS, View, angle_deg, place, shipped
+from tests.places import CONFIGS
+from tests.vision.views import View, angle_deg, place, shipped
+
+TARGETS = CONFIGS / "targets"
 
 
 @lru_cache(maxsize=1)
@@ -88,7 +91,7 @@ def test_attitude_is_ignored_for_walls_and_without_a_mounting(tmp_path):
     view = View(shipped("nested"), place(2.0, 0.3))
     wrong = AttitudeHistory([AttitudeSample(0.0, 0.5, 0.3, 0.0)])
     wall = tmp_path / "wall.toml"
-    wall.write_text((CONFIGS / "nested.toml").read_text().replace('name = "pad"', 'name = "pad"\nlevel = false'))
+    wall.write_text((TARGETS / "nested.toml").read_text().replace('name = "pad"', 'name = "pad"\nlevel = false'))
     assert Tracker(load([wall]), VGA, LOOKING_DOWN).update(view.image(), wrong).poses
     assert Tracker(TagMap((shipped("nested"),)), VGA, None).update(view.image(), wrong).poses
 
@@ -148,7 +151,7 @@ def test_a_tracked_target_is_decoded_every_second():
 
 
 def test_two_targets_each_in_its_frame_one_of_them_moving(tmp_path):
-    text = (CONFIGS / "single.toml").read_text().replace("id = 0", "id = 9").replace('"pad"', '"deck"\nmoving = true')
+    text = (TARGETS / "single.toml").read_text().replace("id = 0", "id = 9").replace('"pad"', '"deck"\nmoving = true')
     nested = shipped("nested")
     path = tmp_path / "deck.toml"
     path.write_text(text)
@@ -175,7 +178,7 @@ def test_two_targets_each_in_its_frame_one_of_them_moving(tmp_path):
 def test_a_wrong_tag_size_shows_as_contradiction_between_nested_tags(tmp_path):
     """The outer tag is 20 % smaller in the file than on the ground: outer and inner edges cannot both fit."""
     path = tmp_path / "wrong.toml"
-    path.write_text((CONFIGS / "nested.toml").read_text().replace("0.3048", "0.24384"))
+    path.write_text((TARGETS / "nested.toml").read_text().replace("0.3048", "0.24384"))
     view = View(shipped("nested"), place(1.0, 0.2))
     result = Tracker(load([path]), VGA, LOOKING_DOWN).update(view.image(), attitude_of(view))
     honest = tracker().update(view.image(), attitude_of(view)).pose_of("pad")

@@ -12,6 +12,7 @@ import cv2
 import numpy as np
 import pytest
 
+from lab.rigs.waiting import wait_until
 from mkdaemon.clock import Clock
 from mkdaemon.config.camera import CameraSection
 from mkdaemon.config.vision import VisionSection
@@ -215,18 +216,13 @@ class Collected:
     def __init__(self) -> None:
         self.values: list[tuple[str, Telemetry]] = []
         self.threads: set[int] = set()
-        self._more = asyncio.Event()
 
     def publish(self, suffix: str, value: Telemetry) -> None:
         self.values.append((suffix, value))
         self.threads.add(threading.get_ident())
-        self._more.set()
 
     async def until(self, wanted: Callable[[list[tuple[str, Telemetry]]], bool]) -> None:
-        async with asyncio.timeout(PATIENCE):
-            while not wanted(self.values):
-                self._more.clear()
-                await self._more.wait()
+        await wait_until(lambda: wanted(self.values))
 
     def stats(self) -> list[VisionStats]:
         return [value for _, value in self.values if isinstance(value, VisionStats)]

@@ -5,16 +5,18 @@ from __future__ import annotations
 import asyncio
 import inspect
 from collections import Counter
-from collections.abc import AsyncIterator, Awaitable, Callable
+from collections.abc import AsyncIterator, Awaitable, Callable, Coroutine
 from contextlib import asynccontextmanager
+from typing import Any, cast
 
 from lab.rigs.boardport import Socket
 from lab.rigs.virtualloop import run_virtually
+from lab.rigs.waiting import wait_until
 from mkdaemon.clock import Clock
 from mkdaemon.config.link import LinkConfig
 from mkdaemon.config.sim import PilotPlan, SimConfig
 from mkdaemon.link.link import Link
-from mkdaemon.link.session.traffic import Lost, Received, Sent
+from mkdaemon.link.session.traffic import LinkSink, Lost, Received, Sent
 from mkdaemon.sim.simulation import Simulation
 from mkdaemon.telemetry.link import LinkHealth, LinkState, LinkTraffic
 
@@ -23,7 +25,7 @@ def virtually(test: Callable[..., Awaitable[None]]) -> Callable[..., None]:
     """Run a test in virtual time (pytest sees a plain function with the same arguments)."""
 
     def run(**arguments: object) -> None:
-        run_virtually(test(**arguments))  # type: ignore[arg-type]
+        run_virtually(cast("Coroutine[Any, Any, None]", test(**arguments)))
 
     run.__name__, run.__doc__ = test.__name__, test.__doc__
     run.__signature__ = inspect.signature(test)  # type: ignore[attr-defined]
@@ -42,32 +44,41 @@ class Log:
         self.traffics: list[LinkTraffic] = []
 
     def received(self, frame: Received) -> None:
+        """Keep a right frame."""
         self.rx.append(frame)
 
     def sent(self, frame: Sent) -> None:
+        """Keep a transmission."""
         self.tx.append(frame)
 
     def dropped(self, loss: Lost) -> None:
+        """Keep what was dropped."""
         self.lost.append(loss)
 
     def state_changed(self, state: LinkState) -> None:
+        """Keep a verdict."""
         self.states.append(state)
 
     def health_measured(self, health: LinkHealth) -> None:
+        """Keep a measurement."""
         self.healths.append(health)
 
     def traffic_counted(self, traffic: LinkTraffic) -> None:
+        """Keep counts."""
         self.traffics.append(traffic)
 
     def kinds(self, since: float = 0.0) -> Counter[str]:
+        """Count received frames by letter, from a time on [s]."""
         return Counter(frame.frame.id for frame in self.rx if frame.at >= since)
 
 
 def flight_ctrl(word: str = "2.12a", seed: int = 1, **sim: object) -> Callable[[], Simulation]:
+    """What powers a FlightCtrl up."""
     return _aircraft(board="fc", fc=word, seed=seed, **sim)
 
 
 def navi_ctrl(word: str = "0.24", flight: str = "2.12a", seed: int = 1, **sim: object) -> Callable[[], Simulation]:
+    """What powers a NaviCtrl with a FlightCtrl behind it up."""
     return _aircraft(board="nc", nc=word, fc=flight, seed=seed, **sim)
 
 
@@ -77,36 +88,66 @@ def _aircraft(**sim: object) -> Callable[[], Simulation]:
 
 
 class Rig:
+    """A running link.
+
+    Attributes:
+        link: the link.
+        log: everything it reported, where it has no other sink.
+        socket: the cable and the boards at its end.
+        task: in which it runs.
+    """
+
     def __init__(self, link: Link, log: Log, socket: Socket, task: asyncio.Task[None]) -> None:
         self.link, self.log, self.socket, self.task = link, log, socket, task
 
     @property
     def condition(self) -> str:
+        """The verdict on the line."""
         return self.link.health().state.condition.value
 
     async def until(self, claim: Callable[[], bool], within: float) -> float:
-        """Wait for something to become true; returns how long it took [s]."""
-        loop = asyncio.get_running_loop()
-        began = loop.time()
-        while not claim():
-            if loop.time() - began > within:
-                raise AssertionError(f"not within {within} s; link says {self.link.health().state}")
-            await asyncio.sleep(0.005)
-        return loop.time() - began
+        """Wait for something to become true; returns how long it took [s].
+
+        Raises:
+            AssertionError: it did not in time.
+        """
+        try:
+            return await wait_until(claim, within, step=0.005)
+        except TimeoutError as late:
+            raise AssertionError(f"{late}; link says {self.link.health().state}") from None
 
     async def until_up(self, within: float = 3.0) -> float:
+        """Wait until the link is up; returns how long it took [s].
+
+        Raises:
+            AssertionError: it was not in time.
+        """
         return await self.until(lambda: self.condition == "up", within)
 
 
 @asynccontextmanager
 async def rig(
-    make: Callable[[], Simulation], *, seed: int = 1, right_baud: int = 57600, **cfg: object
+    make: Callable[[], Simulation],
+    *,
+    seed: int = 1,
+    right_baud: int = 57600,
+    sink: LinkSink | None = None,
+    **cfg: object,
 ) -> AsyncIterator[Rig]:
+    """A link that runs as long as the context lasts, in the time of the running loop.
+
+    Args:
+        make: powers the boards up.
+        seed: of the line.
+        right_baud: line rate at which bytes can be understood.
+        sink: told everything, in place of the log.
+        cfg: further settings of the link.
+    """
     log = Log()
     socket = Socket(make, seed=seed, right_baud=right_baud)
     link = Link(
         LinkConfig.model_validate({"port": "/dev/rig", **cfg}),
-        log,
+        sink or log,
         opener=socket.open,
         clock=Clock(monotonic=asyncio.get_running_loop().time),
     )

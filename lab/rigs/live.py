@@ -1,0 +1,141 @@
+"""The whole daemon in this process, in real time, on simulated boards behind a pseudo terminal, and who watches it."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import AsyncIterator, Callable
+from contextlib import asynccontextmanager
+from typing import Any, Final, TypeVar
+
+from lab.rigs.processes import connected
+from lab.rigs.waiting import PATIENCE, wait_for
+from mkdaemon.bus.endpoint import reserved_endpoint
+from mkdaemon.client import Sample, Vehicle, connect
+from mkdaemon.config.bus import BusConfig
+from mkdaemon.config.commands import CommandsConfig
+from mkdaemon.config.control import ControlConfig, LeaseConfig
+from mkdaemon.config.link import LinkConfig
+from mkdaemon.config.root import Config
+from mkdaemon.config.sim import PilotPlan, SimConfig
+from mkdaemon.config.vehicle import VehicleConfig
+from mkdaemon.daemon import run
+from mkdaemon.sim.runtime import Runtime
+from mkdaemon.sim.simulation import Simulation
+
+VEHICLE: Final = "cockpit"
+
+_Found = TypeVar("_Found")
+
+
+class LiveDaemon:
+    """A simulator, a daemon, and what an observer received from it.
+
+    Attributes:
+        runtime: the simulator.
+        endpoint: where the daemon's bus listens.
+        samples: everything received so far.
+    """
+
+    def __init__(self, runtime: Runtime, endpoint: str, stop: asyncio.Event, task: asyncio.Task[None]) -> None:
+        self.runtime = runtime
+        self.endpoint = endpoint
+        self.samples: list[Sample] = []
+        self._stop = stop
+        self._task = task
+
+    @asynccontextmanager
+    async def client(self) -> AsyncIterator[Vehicle]:
+        """A client of its own session, as another program would have."""
+        async with connect(VEHICLE, self.endpoint) as client:
+            yield client
+
+    def values(self, suffix: str) -> list[dict[str, Any]]:
+        """Everything received under a key so far."""
+        return [sample.fields for sample in self.samples if sample.suffix == suffix]
+
+    async def until(self, find: Callable[[], _Found]) -> _Found:
+        """Wait until a look at what was received finds something, and return it.
+
+        Raises:
+            TimeoutError: it found nothing.
+        """
+        return await wait_for(find)
+
+    async def until_phase(self, phase: str) -> dict[str, Any]:
+        """Wait until control is in a phase, and return its status.
+
+        Raises:
+            TimeoutError: it never was.
+        """
+
+        def status() -> dict[str, Any]:
+            known = self.values("control/status")
+            return known[-1] if known and known[-1]["phase"] == phase else {}
+
+        return await self.until(status)
+
+    async def end(self) -> None:
+        """End the daemon in order.
+
+        Raises:
+            TimeoutError: it went on.
+        """
+        self._stop.set()
+        async with asyncio.timeout(PATIENCE):
+            await self._task
+
+
+@asynccontextmanager
+async def live_daemon(*, commands: CommandsConfig | None = None, **sim: Any) -> AsyncIterator[LiveDaemon]:
+    """A daemon that runs as long as the context lasts, as soon as external control is possible.
+
+    Args:
+        commands: which dangerous commands are enabled.
+        sim: settings of the simulator.
+
+    Raises:
+        TimeoutError: external control was not possible in time.
+    """
+    settings = {"board": "fc", "pilot_plan": PilotPlan.NOTHING, "calibrated": True} | sim
+    runtime = Runtime(Simulation(SimConfig(**settings)))
+    with reserved_endpoint() as endpoint:
+        async with runtime.serve():
+            cfg = Config(
+                vehicle=VehicleConfig(name=VEHICLE),
+                link=LinkConfig(port=f"pty:{runtime.port}"),
+                bus=BusConfig(listen=(endpoint,), lease=30.0),
+                control=ControlConfig(lease=LeaseConfig(ttl=60.0)),
+                commands=commands or CommandsConfig(),
+            )
+            stop = asyncio.Event()
+            live = LiveDaemon(runtime, endpoint, stop, asyncio.create_task(run(cfg, stop), name="daemon"))
+            async with _observer(live):
+                await live.until(lambda: _is_controllable(live.values("link/state")))
+                try:
+                    yield live
+                finally:
+                    await live.end()
+
+
+def _is_controllable(states: list[dict[str, Any]]) -> bool:
+    """Whether a lease would be granted now."""
+    is_known = any(state["external_control"] for state in states)
+    return is_known and states[-1]["condition"] in {"up", "degraded"}
+
+
+@asynccontextmanager
+async def _observer(live: LiveDaemon) -> AsyncIterator[None]:
+    async with connected(live.endpoint, VEHICLE) as client:
+
+        async def listen() -> None:
+            async with client.watch("**") as samples:
+                async for sample in samples:
+                    live.samples.append(sample)
+
+        listening = asyncio.create_task(listen(), name="observer")
+        try:
+            live.samples += (await client.get_all("link/state")).values()
+            yield
+        finally:
+            listening.cancel()
+            await asyncio.gather(listening, return_exceptions=True)

@@ -1,0 +1,89 @@
+"""A client that takes the lease and streams sticks."""
+
+from __future__ import annotations
+
+import asyncio
+import sys
+from collections.abc import Callable
+from contextlib import suppress
+from typing import Final, Self
+
+import zenoh
+
+from lab.rigs.waiting import wait_until
+from mkdaemon.bus.codec import encode_map
+from mkdaemon.client import Vehicle
+
+ENGAGE_WAIT: Final = 4.0
+"""A stream that lives is obeyed within this time [s]; the daemon wants one second of it first."""
+
+
+class Pilot:
+    """A client that holds a lease and streams sticks for as long as the context lasts.
+
+    Attributes:
+        sticks: what it streams [stick; FLU].
+        epoch: of its lease.
+    """
+
+    def __init__(self, client: Vehicle, name: str, rate: float = 50.0) -> None:
+        self.name = name
+        self.sticks = {"pitch": 0.0, "roll": 0.0, "yaw": 0.0, "throttle": 0.0}
+        self.epoch = 0
+        self._client = client
+        self._publisher = client.stream("setpoint/stick")
+        self._period = 1.0 / rate
+        self._sequence = 0
+        self._task: asyncio.Task[None] | None = None
+
+    async def take(self, *, force: bool = False) -> bool:
+        """Ask for the lease; returns whether it was granted."""
+        fields = {"action": "take", "holder": self.name, "force": force}
+        answer = await self._client.command("do", "lease", fields)
+        if answer.is_accepted:
+            self.epoch, self._sequence = int(answer.reply["epoch"]), 0
+        return answer.is_accepted
+
+    async def engage(self, is_controlled: Callable[[], bool]) -> None:
+        """Take the lease and wait until the aircraft obeys.
+
+        A busy machine may cost a client its lease before it flies; then it is taken once more, and stderr says so.
+
+        Raises:
+            TimeoutError: it did not obey the second time either.
+        """
+        try:
+            await self._engage_once(is_controlled)
+        except TimeoutError:
+            print(f"{self.name}: not obeyed within {ENGAGE_WAIT:g} s; takes the lease once more", file=sys.stderr)
+            await self._engage_once(is_controlled)
+
+    async def _engage_once(self, is_controlled: Callable[[], bool]) -> None:
+        async with asyncio.timeout(ENGAGE_WAIT):
+            while not await self.take():  # noqa: ASYNC110 - the answer comes from another process
+                await asyncio.sleep(0.1)
+        await wait_until(is_controlled, ENGAGE_WAIT)
+
+    async def __aenter__(self) -> Self:
+        self._task = asyncio.create_task(self._stream(), name=f"pilot {self.name}")
+        return self
+
+    async def __aexit__(self, *_: object) -> None:
+        await self.stop()
+
+    async def stop(self) -> None:
+        """Stream no more; the lease stays."""
+        assert self._task is not None
+        self._task.cancel()
+        await asyncio.gather(self._task, return_exceptions=True)
+
+    async def _stream(self) -> None:
+        loop = asyncio.get_running_loop()
+        due = loop.time()
+        with suppress(zenoh.ZError):  # the daemon may be killed while it streams: that is what some stories are about
+            while True:
+                self._sequence += 1
+                fields = {**self.sticks, "epoch": self.epoch, "sequence": self._sequence, "ttl": 0.3}
+                self._publisher.put(encode_map(fields))
+                due = max(due + self._period, loop.time())
+                await asyncio.sleep(due - loop.time())

@@ -1,0 +1,46 @@
+"""`mkdaemon` as a process, started the way a user starts it."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Final
+
+PATIENCE: Final = 30.0
+"""Longest wait for a program that ends in two seconds on an idle machine [s]."""
+COMMAND: Final = (sys.executable, "-m", "mkdaemon.cli.mkdaemon.app")
+
+
+@contextmanager
+def mkdaemon(*arguments: str) -> Iterator[subprocess.Popen[str]]:
+    """A running `mkdaemon`; killed at the end of the context if it has not ended by itself."""
+    process = subprocess.Popen(
+        [*COMMAND, *arguments],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        env={**os.environ, "PYTHONUNBUFFERED": "1"},
+    )
+    try:
+        yield process
+    finally:
+        if process.poll() is None:
+            process.kill()
+        process.communicate()
+
+
+def run_mkdaemon(*arguments: str) -> tuple[int, str, str]:
+    """Run `mkdaemon` to its end.
+
+    Returns:
+        Exit code, output, errors.
+
+    Raises:
+        subprocess.TimeoutExpired: it did not end in time.
+    """
+    with mkdaemon(*arguments) as process:
+        out, err = process.communicate(timeout=PATIENCE)
+    return process.returncode, out, err

@@ -1,0 +1,75 @@
+"""Waiting for something to become true, in real and in virtual time."""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from collections.abc import Callable
+from typing import Any, Final, TypeVar
+
+PATIENCE: Final = 30.0
+"""Longest wait for what takes two seconds on an idle machine [s]: what takes longer is broken."""
+
+_Found = TypeVar("_Found")
+
+
+async def wait_until(claim: Callable[[], Any], within: float = PATIENCE, step: float = 0.002) -> float:
+    """Wait until a claim holds, in the time of the running loop.
+
+    Args:
+        claim: looked at every `step`.
+        within: longest wait [s].
+        step: time between two looks [s].
+
+    Returns:
+        How long it took [s].
+
+    Raises:
+        TimeoutError: it did not hold in time.
+    """
+    loop = asyncio.get_running_loop()
+    start = loop.time()
+    await wait_for(claim, within, step)
+    return loop.time() - start
+
+
+async def wait_for(find: Callable[[], _Found], within: float = PATIENCE, step: float = 0.002) -> _Found:
+    """Wait until a function returns something that counts as true, and return it; see `wait_until`.
+
+    Raises:
+        TimeoutError: it returned nothing in time.
+    """
+    loop = asyncio.get_running_loop()
+    end = loop.time() + within
+    while not (found := find()):
+        if loop.time() > end:
+            msg = f"not within {within:g} s"
+            raise TimeoutError(msg)
+        await asyncio.sleep(step)
+    return found
+
+
+async def wait_for_blocking(find: Callable[[], _Found], within: float = PATIENCE, step: float = 0.05) -> _Found:
+    """Wait until a function that blocks, and runs in a thread for that, returns something; see `wait_for`.
+
+    Raises:
+        TimeoutError: it returned nothing in time.
+    """
+    async with asyncio.timeout(within):
+        while not (found := await asyncio.to_thread(find)):  # noqa: ASYNC110 - another thread finds it
+            await asyncio.sleep(step)
+    return found
+
+
+def wait_blocking(claim: Callable[[], Any], within: float = PATIENCE, step: float = 0.01) -> None:
+    """Wait until a claim holds, without a loop: for what other threads and processes do.
+
+    Raises:
+        TimeoutError: it did not hold in time.
+    """
+    end = time.monotonic() + within
+    while not claim():
+        if time.monotonic() > end:
+            msg = f"not within {within:g} s"
+            raise TimeoutError(msg)
+        time.sleep(step)
