@@ -29,7 +29,6 @@ LIMITED: Final = ("src", "lab", "tools")
 LONG_FILES: Final = (
     "src/mkdaemon/client/session.py",
     "src/mkdaemon/daemon/flight.py",
-    "src/mkdaemon/link/session/dialogue.py",
     "src/mkdaemon/protocol/settings_table.py",
     "src/mkdaemon/protocol/wire.py",
     "src/mkdaemon/vision/pose/edgefit.py",

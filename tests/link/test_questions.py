@@ -8,7 +8,7 @@ from mkdaemon.errors import CommandRejectedError
 from mkdaemon.link.session.health import HealthMonitor
 from mkdaemon.link.session.line import LineRules
 from mkdaemon.link.session.peers import Acquaintance
-from mkdaemon.link.session.questions import Questions
+from mkdaemon.link.session.questions import Answered, Questions, Unanswered
 from mkdaemon.link.session.requests import Pending
 from mkdaemon.link.session.scheduler import QUEUE_LIMIT, TransmitScheduler
 from mkdaemon.link.session.traffic import Purpose
@@ -46,7 +46,7 @@ def test_an_answer_ends_a_question():
     answer = Label(index=3, text="Voltage")
     assert bench.questions.received(Label(index=4, text="Current"), Board.NC, bench.now) is None
     assert bench.questions.received(answer, Board.NC, bench.now) is pending
-    assert bench.questions.take_finished() == [(pending, answer)]
+    assert bench.questions.take_finished() == [Answered(pending, answer)]
     assert bench.questions.take_finished() == []
     bench.run(5.0)
     assert len(bench.sent) == 1
@@ -60,7 +60,7 @@ def test_silence_is_asked_again_more_patiently_and_then_given_up_in_words():
     first, second, third = [at for at, _ in bench.sent]
     assert second - first == pytest.approx(0.2, abs=0.02)
     assert third - second == pytest.approx(0.3, abs=0.02)
-    assert bench.questions.take_finished() == [(pending, "nc did not answer, asked 3 times")]
+    assert bench.questions.take_finished() == [Unanswered(pending, "nc did not answer, asked 3 times")]
     assert bench.questions.book.unanswered == 1
 
 
@@ -89,7 +89,10 @@ def test_the_loss_of_the_port_and_a_line_never_free_are_outcomes_too():
     bench.questions.port_lost("unplugged")
     late = bench.questions.ask(LabelRequest(index=2), Board.NC, bench.now)
     bench.questions.never_sent(late, bench.now)
-    assert bench.questions.take_finished() == [(lost, "unplugged"), (late, "the line was never free for it")]
+    assert bench.questions.take_finished() == [
+        Unanswered(lost, "unplugged"),
+        Unanswered(late, "the line was never free for it"),
+    ]
 
 
 def test_what_a_board_says_about_another_proves_nothing():

@@ -38,7 +38,7 @@ def test_no_stream_is_asked_for_faster_than_wished(wish):
 def test_whatever_is_wished_the_line_never_carries_more_than_its_share(board, wishes):
     rules = LineRules(direct=board)
     streams = Streams(LinkConfig(port="/dev/x", rates="off"))
-    streams.meet(board)
+    streams.use_board(board)
     for key, interval in wishes.items():
         before = streams.wanted
         try:
@@ -51,7 +51,7 @@ def test_whatever_is_wished_the_line_never_carries_more_than_its_share(board, wi
 def test_25_ms_of_osd_is_asked_for_as_30_ms():
     """Rounded down it was 20 ms: 103 % of the line."""
     streams = Streams(LinkConfig(port="/dev/x", rates="off"))
-    streams.meet(Board.NC)
+    streams.use_board(Board.NC)
     streams.want("osd", 0.025, LineRules(direct=Board.NC), demand_of)
     assert streams.wanted == {"osd": pytest.approx(0.03)}
 

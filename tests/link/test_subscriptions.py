@@ -15,7 +15,7 @@ from mkdaemon.protocol.wire import Board
 
 def flow(subscriptions: Subscriptions, now: float) -> None:
     for key in subscriptions.wanted:
-        subscriptions.seen(key, now)
+        subscriptions.frame_received(key, now)
 
 
 def requests_until(subscriptions: Subscriptions, end: float, now: float = 0.0) -> list[tuple[float, object]]:
@@ -95,8 +95,8 @@ def test_a_stream_that_does_not_come_is_asked_for_again():
     subscriptions.want("osd", 0.1)
     subscriptions.due(0.0)
     assert OsdRequestV1(interval=10) in subscriptions.due(ASK_AGAIN)
-    subscriptions.seen("osd", 2.0)
-    subscriptions.seen("attitude", 2.0)
+    subscriptions.frame_received("osd", 2.0)
+    subscriptions.frame_received("attitude", 2.0)
     assert OsdRequestV1(interval=10) not in subscriptions.due(2.5)
 
 

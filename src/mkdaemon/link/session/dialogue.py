@@ -1,22 +1,23 @@
 """The conversation with the boards: everything the link decides, without a clock, a port or a task.
 
-Told what arrived (`received`, `damaged`) and what callers want (`ask`, `steer`, `want`, `steering.release`), it answers
-`poll` with the frames to write now and `next_time` with when to poll again. It passes things on to those who decide:
-`questions`, `steering`, `streams`, `prober`, `health`, `peers`, `scheduler`.
+It hears what arrived (`frame_received`, `bytes_damaged`) and what callers want (`ask`, `steer`, `want`,
+`steering.release`), answers `poll` with the frames to write now and `next_time` with when to poll again, and passes
+everything on to those who decide: `questions`, `steering`, `streams`, `prober`, `health`, `peers`, `scheduler`.
 """
 
 from __future__ import annotations
 
 import math
-from collections import Counter
 from typing import Final
 
 from mkdaemon.config.link import LinkConfig
 from mkdaemon.errors import CommandRejectedError
 from mkdaemon.link.session import budget
-from mkdaemon.link.session.controlpath import BuildControl, ControlEntry, FrameNumber
+from mkdaemon.link.session.controlpath import BuildControl, FrameNumber
+from mkdaemon.link.session.counters import Counters
 from mkdaemon.link.session.health import HealthMonitor
 from mkdaemon.link.session.line import FORWARDING_GAP, LineRules
+from mkdaemon.link.session.outgoing import Outgoing
 from mkdaemon.link.session.peers import Acquaintance
 from mkdaemon.link.session.prober import VERSION_TOKEN, Prober
 from mkdaemon.link.session.questions import Questions
@@ -26,6 +27,7 @@ from mkdaemon.link.session.steering import Steering
 from mkdaemon.link.session.streams import Streams
 from mkdaemon.link.session.traffic import Purpose
 from mkdaemon.link.session.verdict import Finding, Verdict
+from mkdaemon.protocol.boards import board_at
 from mkdaemon.protocol.decoder import Unknown
 from mkdaemon.protocol.dialect import EVIDENCE_LETTERS, Dialect
 from mkdaemon.protocol.framing import Dropped, DropReason, Frame
@@ -54,20 +56,23 @@ class Dialogue:
         self.steering = Steering(self.scheduler, self.peers, self.health)
         self.is_open = False
         self.is_recording = False
-        self._discarded: list[Entry] = []
-        self.counts: dict[str, Counter[str]] = {"rx": Counter(), "tx": Counter(), "dropped": Counter()}
-        self.bytes: dict[str, int] = {"rx": 0, "tx": 0}
+        self.counters = Counters()
+        self.outgoing = Outgoing(
+            self.scheduler,
+            self.peers,
+            self.health,
+            self.counters,
+            questions=self.questions,
+            steering=self.steering,
+            streams=self.streams,
+            prober=self.prober,
+        )
         self._dialect_changed = True
 
     # -- the port -------------------------------------------------------------------------------------------------
 
-    def opened(
-        self,
-        now: float,
-        *,
-        baud: int,
-        is_recording: bool = False,
-        searching: Finding | None = None,
+    def port_opened(
+        self, now: float, *, baud: int, is_recording: bool = False, searching: Finding | None = None
     ) -> None:
         """A port is open. Whatever flew before may still obey its last command: a release is the first thing sent."""
         self.is_open = True
@@ -76,13 +81,12 @@ class Dialogue:
         self.streams.restart()
         self.steering.restart()
         self.prober.restart()
-        self.rules = LineRules(baud=baud, gap=self.rules.gap, setpoint_interval=1 / self._cfg.setpoint_hz)
         self.scheduler.clear()
-        self.scheduler.rules = self.rules
+        self._set_rules(LineRules(baud=baud, gap=self.rules.gap, setpoint_interval=1 / self._cfg.setpoint_hz))
         self.health.port_opened(now, is_recording=is_recording, searching=searching)
         self.steering.release("opened", now)
 
-    def lost(self, now: float, reason: str, condition: LinkCondition = LinkCondition.DOWN) -> None:
+    def port_lost(self, now: float, reason: str, condition: LinkCondition = LinkCondition.DOWN) -> None:
         """The port is gone."""
         self.is_open = False
         self.steering.control.restart()
@@ -92,49 +96,53 @@ class Dialogue:
 
     # -- what arrives ---------------------------------------------------------------------------------------------
 
-    def arrived(self, size: int, now: float) -> None:
+    def bytes_received(self, size: int, now: float) -> None:
         """Bytes arrived, whatever they are."""
-        self.bytes["rx"] += size
+        self.counters.bytes_received(size)
         self.health.bytes_received(size, now)
 
-    def received(self, frame: Frame, message: WireMessage | Unknown, now: float) -> None:
+    def frame_received(self, frame: Frame, message: WireMessage | Unknown, now: float) -> None:
         """A right frame arrived."""
         size = len(frame.raw)
-        board = _board_of(frame.address)
-        self.counts["rx"][f"{board.word}.{frame.id}"] += 1
+        board = board_at(frame.address) or Board.ANY
+        self.counters.frame_received(board, frame)
         if isinstance(message, Unknown):
             self.health.frame_received(board.word, f"unknown_{frame.id}", size, now)
             if frame.id in EVIDENCE_LETTERS:
-                self._meet(board)
+                self._note_sender(board)
                 self._learn(board, message, now)
             return
         key = message.spec.key
         self.health.frame_received(board.word, key, size, now)
-        self._meet(board)
+        self._note_sender(board)
         letter = frame.id
         if letter != "B":
             self.steering.control.board_was_busy(now - self.rules.reply_time(size), now)
         self.scheduler.reply_seen(board, letter)
-        self.streams.seen(key, now)
-        match letter:
+        self.streams.frame_received(key, now)
+        self._note_content(message, now)
+        pending = self.questions.received(message, board, now)
+        if message.spec.tells_firmware and self.questions.proves_sender(pending):
+            self._learn(board, message, now)
+
+    def _note_content(self, message: WireMessage, now: float) -> None:
+        """Hand a link test's echo, a confirmation or telemetry to whom it concerns."""
+        match message.spec.id:
             case "Z" if not self.is_recording:
                 self.health.probe_answered(message.pattern, now)  # type: ignore[attr-defined]
             case "B":
                 if self.steering.confirmed(FrameNumber(message.frame), now):  # type: ignore[attr-defined]
-                    self._apply_rules()
+                    self._pace_for_board()
             case "V" if self.health.echo.began(VERSION_TOKEN) is not None:
                 self.health.probe_answered(VERSION_TOKEN, now)
             case "O":
                 self.peers.note_motors(message, now)
             case _:
                 pass
-        pending = self.questions.received(message, board, now)
-        if message.spec.tells_firmware and self.questions.proves_sender(pending):
-            self._learn(board, message, now)
 
-    def damaged(self, loss: Dropped, now: float) -> None:
+    def bytes_damaged(self, loss: Dropped, now: float) -> None:
         """Bytes arrived that are no frame."""
-        self.counts["dropped"][loss.reason.value] += 1
+        self.counters.damaged(loss)
         self.health.damaged(loss.reason, loss.raw, now)
         if loss.reason is not DropReason.TEXT:
             self.scheduler.resynchronise()
@@ -194,7 +202,7 @@ class Dialogue:
 
     def start_streams(self) -> list[str]:
         """Ask for the configured streams; returns those this board does not have."""
-        return self.streams.begin(self.rules, self.demand)
+        return self.streams.start(self.rules, self.demand)
 
     def demand(self, streams: dict[str, float]) -> budget.Demand:
         """What the line must carry with these streams [s]."""
@@ -222,29 +230,11 @@ class Dialogue:
 
     def poll(self, now: float) -> list[Entry]:
         """Return what to write now, in order."""
-        if not self.is_open or self.is_recording:
-            return []
-        self.questions.step(now)
-        self._drop_expired(now)
-        self.steering.step(now)
-        self._step_streams(now)
-        if now >= self._probe_time():
-            self.scheduler.submit(self.prober.make(self.peers.direct, now), now)
-        out: list[Entry] = []
-        while (entry := self.scheduler.take(now)) is not None:
-            self._sent(entry, now)
-            out.append(entry)
-        return out
+        return self.outgoing.poll(now) if self.is_open and not self.is_recording else []
 
     def next_time(self, now: float) -> float:
         """When to poll again [s]."""
-        if self.is_recording:
-            return math.inf
-        times = [self.scheduler.next_time(now) or math.inf, self.questions.book.next_time(), self.steering.next_time()]
-        if self.peers.redirected is None:
-            times.append(self.streams.next_time())
-        times.append(self._probe_time())
-        return min(times)
+        return math.inf if self.is_recording else self.outgoing.next_time(now)
 
     # -- what is known --------------------------------------------------------------------------------------------
 
@@ -257,11 +247,6 @@ class Dialogue:
         """Whether the dialect changed since the last call."""
         changed, self._dialect_changed = self._dialect_changed, False
         return changed
-
-    def take_discarded(self) -> list[Entry]:
-        """Return what was never sent since the last call."""
-        discarded, self._discarded = self._discarded, []
-        return discarded
 
     def condition_changed(self, before: Verdict, now: float) -> bool:
         """The condition was this and is another one; returns whether the boards must be discovered anew.
@@ -276,14 +261,14 @@ class Dialogue:
 
     # -- inside ---------------------------------------------------------------------------------------------------
 
-    def _meet(self, board: Board) -> None:
+    def _note_sender(self, board: Board) -> None:
         """Learn from a sender who is at the other end of the wire."""
         if not self.peers.meet(board):
             return
-        self._apply_rules()
-        self.streams.meet(board)
+        self._pace_for_board()
+        self.streams.use_board(board)
 
-    def _apply_rules(self) -> None:
+    def _pace_for_board(self) -> None:
         """Pace for the board at the end of the wire.
 
         A NaviCtrl that confirms external control takes the frames itself and does not pass them on byte by byte.
@@ -291,8 +276,10 @@ class Dialogue:
         interval = 1 / self._cfg.setpoint_hz
         if self.peers.direct is Board.NC and not self.steering.navictrl_confirms:
             interval = max(interval, FORWARDING_GAP)
-        self.rules = LineRules(self.rules.baud, self.peers.direct, self.rules.gap, interval)
-        self.scheduler.rules = self.rules
+        self._set_rules(LineRules(self.rules.baud, self.peers.direct, self.rules.gap, interval))
+
+    def _set_rules(self, rules: LineRules) -> None:
+        self.rules = self.scheduler.rules = rules
 
     def _learn(self, board: Board, message: WireMessage | Unknown, now: float) -> None:
         layout = self.dialect.extern_control
@@ -302,48 +289,3 @@ class Dialogue:
         if self.dialect.extern_control not in (None, layout):
             # The release of the opening went out in the layout that is safe everywhere but not understood everywhere.
             self.steering.release("external control layout known", now)
-
-    def _drop_expired(self, now: float) -> None:
-        for entry in self.scheduler.take_expired():
-            if entry.purpose is Purpose.ECHO:
-                self.prober.dropped()
-            if isinstance(entry.tag, Pending):
-                self.questions.never_sent(entry.tag, now)
-            self.counts["dropped"]["expired"] += 1
-            self._discarded.append(entry)
-
-    def _step_streams(self, now: float) -> None:
-        if self.peers.redirected is not None or now < self.streams.next_time():
-            return
-        for message in self.streams.due(now):
-            self.scheduler.submit(
-                Entry(message.to_frame(self.peers.direct), Purpose.SUBSCRIPTION, now + 1.0, self.peers.direct, message),
-                now,
-            )
-        self.health.wanted(self.peers.direct.word, self.streams.wanted, now)
-
-    def _probe_time(self) -> float:
-        """When the next link test is due [s]; infinite while nobody could answer it."""
-        return (
-            math.inf if self.peers.direct is Board.ANY or self.peers.redirected is not None else self.prober.next_time()
-        )
-
-    def _sent(self, entry: Entry, now: float) -> None:
-        self.bytes["tx"] += len(entry.raw)
-        message = entry.message
-        if message is None:
-            return
-        self.counts["tx"][f"{entry.board.word}.{message.spec.id}"] += 1
-        if isinstance(entry.tag, Pending):
-            self.questions.sent(entry.tag, now)
-        elif entry.purpose is Purpose.ECHO:
-            self.prober.sent(entry, now)
-        elif isinstance(entry, ControlEntry):
-            self.steering.sent(entry, now)
-
-
-_ADDRESSES: Final = {int(board): board for board in Board}
-
-
-def _board_of(address: int) -> Board:
-    return _ADDRESSES.get(address, Board.ANY)

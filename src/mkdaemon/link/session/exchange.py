@@ -1,7 +1,7 @@
 """What crosses the port: bytes in, frames out, and the verdicts that end it.
 
-Frame in: bytes, `FrameDecoder.feed`, `MessageDecoder.decode`, `Dialogue.received`, `LinkSink.received`: a straight line
-without a queue. Frame out: `Dialogue.poll` gives what may be written now; a timer asks again when it said so.
+Frame in: bytes, `FrameDecoder.feed`, `MessageDecoder.decode`, `Dialogue.frame_received`, `LinkSink.received`: a
+straight line without a queue. Frame out: `Dialogue.poll` gives what may be written now; a timer asks again in time.
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ from mkdaemon.link.session.reopening import BaudSearch
 from mkdaemon.link.session.report import Reporter
 from mkdaemon.link.session.traffic import LinkSink, Lost, Received, Sent
 from mkdaemon.link.session.waiters import Waiters
+from mkdaemon.protocol.boards import Direction
 from mkdaemon.protocol.decoder import MessageDecoder
 from mkdaemon.protocol.framing import Frame, FrameDecoder
 from mkdaemon.telemetry.link import LinkCondition
@@ -85,7 +86,7 @@ class Exchange:
         if not port.is_recording:
             self.needs_discovery.set()
         self._opened_at = self._clock.now()
-        self._dialogue.opened(
+        self._dialogue.port_opened(
             self._opened_at,
             baud=self.bauds.current,
             is_recording=port.is_recording,
@@ -133,17 +134,17 @@ class Exchange:
     def _take(self, chunk: bytes) -> None:
         now = self._clock.now()
         dialogue, sink = self._dialogue, self._sink
-        dialogue.arrived(len(chunk), now)
+        dialogue.bytes_received(len(chunk), now)
         for item in self._decoder.feed(chunk):
             if isinstance(item, Frame):
                 message = self._messages.decode(item)
-                dialogue.received(item, message, now)
+                dialogue.frame_received(item, message, now)
                 if dialogue.take_dialect_change():
                     self._messages = MessageDecoder(dialogue.dialect.layouts)
                 sink.received(Received(now, item, message))
             else:
-                dialogue.damaged(item, now)
-                sink.dropped(Lost(now, "rx", item.reason.value, item.raw))
+                dialogue.bytes_damaged(item, now)
+                sink.dropped(Lost(now, Direction.FROM_BOARD, item.reason.value, item.raw))
 
     async def _watch(self) -> None:
         """End the conversation when writing failed or the line rate is wrong."""
@@ -192,9 +193,9 @@ class Exchange:
     def _settle(self) -> None:
         """Hand answers, refusals and losses to whoever waits for them."""
         self.waiters.settle(self._dialogue)
-        for entry in self._dialogue.take_discarded():
+        for entry in self._dialogue.outgoing.take_discarded():
             now = self._clock.now()
-            self._sink.dropped(Lost(now, "tx", "expired", entry.raw))
+            self._sink.dropped(Lost(now, Direction.TO_BOARD, "expired", entry.raw))
 
     def _break(self, error: LinkLostError) -> None:
         if self._broken is not None and not self._broken.done():
@@ -226,7 +227,7 @@ class Exchange:
     def port_lost(self, reason: str, condition: LinkCondition = LinkCondition.DOWN) -> None:
         """Say at once that the port is gone, and why."""
         self.port = None
-        self._dialogue.lost(self._clock.now(), reason, condition)
+        self._dialogue.port_lost(self._clock.now(), reason, condition)
         self._settle()
         self.waiters.port_lost(reason)
         self._publish()
@@ -246,5 +247,5 @@ class Exchange:
         now = self._clock.now()
         for item in self._decoder.flush():
             if not isinstance(item, Frame):
-                self._dialogue.damaged(item, now)
-                self._sink.dropped(Lost(now, "rx", item.reason.value, item.raw))
+                self._dialogue.bytes_damaged(item, now)
+                self._sink.dropped(Lost(now, Direction.FROM_BOARD, item.reason.value, item.raw))

@@ -7,6 +7,7 @@ it is asked, and every question ends with exactly one outcome.
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from typing import Final
 
 from mkdaemon.errors import CommandRejectedError
@@ -20,8 +21,36 @@ from mkdaemon.protocol.wire import Board, WireMessage
 
 QUEUED: Final = 10.0
 """Longest time a question waits for the line [s]; longer than the 6 s it may be held back after a release."""
-Outcome = tuple[Pending, WireMessage | str | None]
-"""A question, and its answer; None where it was sent and none ever comes; or why there is none."""
+
+
+@dataclass(frozen=True, slots=True)
+class Answered:
+    """A question that ended well.
+
+    Attributes:
+        pending: the question.
+        answer: what the board said; None where it was sent and no answer ever comes.
+    """
+
+    pending: Pending
+    answer: WireMessage | None
+
+
+@dataclass(frozen=True, slots=True)
+class Unanswered:
+    """A question that was given up.
+
+    Attributes:
+        pending: the question.
+        reason: why there is no answer.
+    """
+
+    pending: Pending
+    reason: str
+
+
+Outcome = Answered | Unanswered
+"""How a question ended."""
 
 
 class Questions:
@@ -87,14 +116,14 @@ class Questions:
             self._health.pause(now + deaf)
         if pending.message.spec.reply is None:
             self.book.withdraw(pending, now)
-            self._finished.append((pending, None))
+            self._finished.append(Answered(pending, None))
 
     def received(self, message: WireMessage, board: Board, now: float) -> Pending | None:
         """A message arrived; returns the question it answers, if any."""
         pending = self.book.received(message, board, now)
         if pending is not None:
             self._health.board_answered(now)
-            self._finished.append((pending, message))
+            self._finished.append(Answered(pending, message))
         return pending
 
     def step(self, now: float) -> None:
@@ -107,16 +136,17 @@ class Questions:
                 self._queue(pending, Purpose.RETRY, now)
             else:
                 self.book.give_up(pending, now)
-                self._finished.append((pending, f"{pending.board.word} did not answer, asked {pending.sent} times"))
+                reason = f"{pending.board.word} did not answer, asked {pending.sent} times"
+                self._finished.append(Unanswered(pending, reason))
 
     def never_sent(self, pending: Pending, now: float) -> None:
         """It waited for its turn until it was too old."""
         self.book.give_up(pending, now)
-        self._finished.append((pending, "the line was never free for it"))
+        self._finished.append(Unanswered(pending, "the line was never free for it"))
 
     def port_lost(self, reason: str) -> None:
         """Nothing under way will be answered any more."""
-        self._finished.extend((pending, reason) for pending in self.book.drain())
+        self._finished.extend(Unanswered(pending, reason) for pending in self.book.drain())
 
     def take_finished(self) -> list[Outcome]:
         """Return questions that ended since the last call, each with its outcome."""

@@ -110,25 +110,25 @@ class Reporter:
     def traffic(self, now: float) -> LinkTraffic:
         """What crossed the line."""
         dialogue = self._dialogue
-        counts = dialogue.counts
-        self._bytes.append((now, dialogue.bytes["rx"], dialogue.bytes["tx"]))
+        counters = dialogue.counters
+        self._bytes.append((now, counters.rx_bytes, counters.tx_bytes))
         began, rx, tx = self._bytes[0]
         span = now - began
         per_byte = dialogue.rules.wire_time(b"#")
         planned = budget.plan(dialogue.demand(dialogue.streams.wanted), dialogue.rules)
         return LinkTraffic(
             stamp=self._clock.stamp(now),
-            rx_bytes=dialogue.bytes["rx"],
-            tx_bytes=dialogue.bytes["tx"],
-            rx_frames=counts["rx"].total(),
-            tx_frames=counts["tx"].total(),
-            rx_share=(dialogue.bytes["rx"] - rx) * per_byte / span if span > 0 else 0.0,
-            tx_share=(dialogue.bytes["tx"] - tx) * per_byte / span if span > 0 else 0.0,
+            rx_bytes=counters.rx_bytes,
+            tx_bytes=counters.tx_bytes,
+            rx_frames=counters.rx.total(),
+            tx_frames=counters.tx.total(),
+            rx_share=(counters.rx_bytes - rx) * per_byte / span if span > 0 else 0.0,
+            tx_share=(counters.tx_bytes - tx) * per_byte / span if span > 0 else 0.0,
             rx_planned=planned.rx,
             tx_planned=planned.tx,
-            rx_kinds=dict(counts["rx"]),
-            tx_kinds=dict(counts["tx"]),
-            dropped=dict(counts["dropped"]),
+            rx_kinds=dict(counters.rx),
+            tx_kinds=dict(counters.tx),
+            dropped=dict(counters.dropped),
         )
 
 

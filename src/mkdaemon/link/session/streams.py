@@ -4,15 +4,20 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Callable
+from typing import Final
 
 from mkdaemon.config.link import LinkConfig
 from mkdaemon.errors import CommandRejectedError, ConfigError
 from mkdaemon.link.session import budget
 from mkdaemon.link.session.line import LineRules
 from mkdaemon.link.session.prober import AUTO
+from mkdaemon.link.session.scheduler import Entry
 from mkdaemon.link.session.subscriptions import KINDS, Subscriptions, kind_of, settle
-from mkdaemon.protocol.wire import Board, WireMessage
+from mkdaemon.link.session.traffic import Purpose
+from mkdaemon.protocol.wire import Board
 
+QUEUED: Final = 1.0
+"""Longest time a request for a stream waits for the line [s]; it is asked again anyway."""
 DemandOf = Callable[[dict[str, float]], budget.Demand]
 """What the line must carry with these streams [s]."""
 
@@ -64,7 +69,7 @@ class Streams:
         """The board forgot what it was asked: ask again."""
         self._subscriptions.forget()
 
-    def meet(self, board: Board) -> None:
+    def use_board(self, board: Board) -> None:
         """This board streams from now on; wishes it cannot fulfil wait for one that can."""
         wanted = self._subscriptions.wanted
         self._subscriptions = Subscriptions(board, renew=self._cfg.renewal)
@@ -89,7 +94,7 @@ class Streams:
         self._subscriptions.want(key, interval)
         self._wishes = streams
 
-    def begin(self, rules: LineRules, demand_of: DemandOf) -> list[str]:
+    def start(self, rules: LineRules, demand_of: DemandOf) -> list[str]:
         """Ask for the configured streams; returns those this board does not have."""
         wishes, missing = self._wishes, []
         if self._cfg.rates == "auto" and not wishes:
@@ -102,14 +107,18 @@ class Streams:
         self.is_on = True
         return missing
 
-    def seen(self, key: str, now: float) -> None:
+    def frame_received(self, key: str, now: float) -> None:
         """A frame of a kind arrived."""
         if key in KINDS:
-            self._subscriptions.seen(key, now)
+            self._subscriptions.frame_received(key, now)
 
-    def due(self, now: float) -> list[WireMessage]:
-        """Return the requests to send now."""
-        return self._subscriptions.due(now)
+    def due(self, now: float) -> list[Entry]:
+        """Return the requests to send now, as frames for the scheduler."""
+        board = self._subscriptions.board
+        return [
+            Entry(message.to_frame(board), Purpose.SUBSCRIPTION, now + QUEUED, board, message)
+            for message in self._subscriptions.due(now)
+        ]
 
     def next_time(self) -> float:
         """When there are requests next [s]; infinite for never."""

@@ -130,7 +130,7 @@ class Subscriptions:
             stream.asked_at = stream.seen_at = -math.inf
         self._renewed_at = -math.inf
 
-    def seen(self, key: str, now: float) -> None:
+    def frame_received(self, key: str, now: float) -> None:
         """A frame of a kind arrived."""
         stream = self._wanted.get(key)
         if stream is not None:

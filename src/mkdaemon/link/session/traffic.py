@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import IntEnum
-from typing import Literal, NamedTuple, Protocol
+from typing import NamedTuple, Protocol
 
+from mkdaemon.protocol.boards import Direction
 from mkdaemon.protocol.decoder import Unknown
 from mkdaemon.protocol.framing import Frame
 from mkdaemon.protocol.wire import WireMessage
@@ -67,13 +68,13 @@ class Lost(NamedTuple):
 
     Attributes:
         at: when it was noticed [s; monotonic].
-        direction: `rx` for bytes that did not become a frame, `tx` for a frame never sent.
+        direction: from the board for bytes that did not become a frame, to it for a frame never sent.
         reason: `text`, `length`, `characters`, `checksum`; `expired` for what was too old to send.
         raw: the bytes.
     """
 
     at: float
-    direction: Literal["rx", "tx"]
+    direction: Direction
     reason: str
     raw: bytes
 

@@ -6,6 +6,7 @@ import asyncio
 
 from mkdaemon.errors import LinkLostError, RequestTimeoutError
 from mkdaemon.link.session.dialogue import Dialogue
+from mkdaemon.link.session.questions import Answered, Outcome, Unanswered
 from mkdaemon.link.session.traffic import ReleaseResult
 from mkdaemon.protocol.wire import WireMessage
 from mkdaemon.telemetry.control import ReleaseOutcome
@@ -32,8 +33,8 @@ class Waiters:
 
     def settle(self, dialogue: Dialogue) -> None:
         """Hand out what is known by now."""
-        for pending, outcome in dialogue.questions.take_finished():
-            waiter = pending.token
+        for outcome in dialogue.questions.take_finished():
+            waiter = outcome.pending.token
             if isinstance(waiter, asyncio.Future) and not waiter.done():
                 _resolve(waiter, outcome, is_open=dialogue.is_open)
         if self._releases and not dialogue.steering.is_releasing and dialogue.steering.plan is not None:
@@ -51,10 +52,9 @@ class Waiters:
                 waiter.set_result(result)
 
 
-def _resolve(waiter: Answer, outcome: WireMessage | str | None, *, is_open: bool) -> None:
-    if not isinstance(outcome, str):
-        waiter.set_result(outcome)
-    elif is_open:
-        waiter.set_exception(RequestTimeoutError(outcome))
-    else:
-        waiter.set_exception(LinkLostError(outcome))
+def _resolve(waiter: Answer, outcome: Outcome, *, is_open: bool) -> None:
+    match outcome:
+        case Answered():
+            waiter.set_result(outcome.answer)
+        case Unanswered():
+            waiter.set_exception((RequestTimeoutError if is_open else LinkLostError)(outcome.reason))
