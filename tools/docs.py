@@ -19,6 +19,7 @@ from mkdaemon.errors import MkError
 
 GENERATED: Final[Mapping[str, str]] = {
     "docs/keys.md": "tools.keys_page:keys_page",
+    "docs/modes.md": "tools.modes_page:modes_page",
     "docs/protocol.md": "tools.protocol_page:protocol_page",
 }
 """Page, relative to the root of the source tree, and the function that makes it (imported when it is needed)."""

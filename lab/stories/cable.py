@@ -22,6 +22,7 @@ from mkdaemon.link.session.traffic import Purpose
 from mkdaemon.protocol.decoder import MessageDecoder
 from mkdaemon.protocol.framing import Frame, FrameDecoder
 from mkdaemon.telemetry.control import Phase
+from mkdaemon.telemetry.setpoint import StickSetpoint
 
 BACK: Final = 3.0
 """Telemetry flows again so long after the device is back [s]."""
@@ -113,7 +114,8 @@ async def _fly_on(flown: Cockpit, name: str) -> None:
         sequence += 1
         tilt = 40.0 if flown.flight.phase is Phase.FLYING else tilt
         sticks = {"pitch": tilt, "roll": -tilt, "yaw": 0.0, "throttle": -10.0}
-        flown.flight.stick_arrived(loop.time(), encode_map(sticks | {"epoch": epoch, "sequence": sequence, "ttl": 0.3}))
+        setpoint = encode_map(sticks | {"epoch": epoch, "sequence": sequence, "ttl": 0.3})
+        flown.flight.setpoint_arrived(StickSetpoint, loop.time(), setpoint)
         await asyncio.sleep(STICK_TIME)
 
 

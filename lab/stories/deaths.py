@@ -24,6 +24,7 @@ from mkdaemon.link.session.traffic import Purpose, ReleaseResult, Sent
 from mkdaemon.protocol.messages import LabelRequest
 from mkdaemon.sim.boards.line import HOST_CHAR
 from mkdaemon.telemetry.control import Phase, ReleaseOutcome
+from mkdaemon.telemetry.setpoint import StickSetpoint
 
 STICK_HZ: Final = 50.0
 NEUTRAL_TIME: Final = 0.350
@@ -148,7 +149,7 @@ class _Client:
         now = asyncio.get_running_loop().time()
         if usable:
             self._raw, self.last_usable = raw, now
-        self._flown.flight.stick_arrived(now, raw)
+        self._flown.flight.setpoint_arrived(StickSetpoint, now, raw)
 
     async def die(self, death: Death, watched: float) -> None:
         """End in this way, and stay so for the time it is watched [s]."""

@@ -147,7 +147,7 @@ class FlightCore:
                 granted = self._authority.renew(epoch, at)
             case "release":
                 self._authority.give_back(epoch)
-            case "show":
+            case _:
                 granted = self._authority.lease(at)
         self._is_due = True
         return granted

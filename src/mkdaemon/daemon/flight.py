@@ -37,7 +37,7 @@ from mkdaemon.link.session.traffic import ReleaseResult
 from mkdaemon.telemetry.command import CommandResult, LeaseRequest, ReleaseRequest, refused
 from mkdaemon.telemetry.control import ControlOutput, ControlStatus, LeaseState, Phase, ReleaseOutcome
 from mkdaemon.telemetry.refusals import Status, Token, refuse
-from mkdaemon.telemetry.setpoint import StickSetpoint
+from mkdaemon.telemetry.setpoint import Setpoint
 from mkdaemon.translate import extern_control
 
 LONGEST_RELEASE: Final = 5.0
@@ -74,12 +74,12 @@ class FlightControl:
 
     # -- what the bus brings --------------------------------------------------------------------------------------
 
-    def stick_arrived(self, arrived: float, raw: bytes) -> None:
+    def setpoint_arrived(self, kind: type[Setpoint], arrived: float, raw: bytes) -> None:
         """Take a streamed setpoint; one that is refused is counted and reported."""
         try:
-            setpoint = read_command(StickSetpoint, raw)
+            setpoint = read_command(kind, raw)
         except CommandRejectedError as error:
-            self._core.setpoint_refused(StickSetpoint.suffix, _fields(raw), error, arrived)
+            self._core.setpoint_refused(kind.suffix, _fields(raw), error, arrived)
             return
         self._core.setpoint(setpoint, arrived)
         self._news.set()

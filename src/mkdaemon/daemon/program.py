@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import asyncio
 from contextlib import suppress
+from functools import partial
 from typing import Final
 
 from mkdaemon.bus.gateway import Bus
@@ -27,6 +28,7 @@ from mkdaemon.errors import ConfigError, MkError
 from mkdaemon.link.labels import LabelCache
 from mkdaemon.link.link import Link
 from mkdaemon.link.ports.port import open_port
+from mkdaemon.telemetry.setpoint import SETPOINTS
 
 HEALTH_PERIOD: Final = 1.0
 """The vehicle's signs of life are published at least this often [s]."""
@@ -107,7 +109,8 @@ class Daemon:
         )
         bus.serve("cmd", requests.answer)
         bus.serve("do", Verbs(self._flight, self._link, audit, occupancy, self._procedures.verbs).answer)
-        bus.receive("setpoint/stick", self._flight.stick_arrived)
+        for kind in SETPOINTS:
+            bus.receive(kind.suffix, partial(self._flight.setpoint_arrived, kind))
         bus.watch_clients(self._flight.client_changed)
 
     async def serve(self, stop: asyncio.Event, notifier: Notifier) -> None:

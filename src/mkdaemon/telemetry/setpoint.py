@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
+import math
+from enum import StrEnum
+from typing import Annotated, ClassVar, Final
 
 from pydantic import Field
 
@@ -17,10 +19,11 @@ class Setpoint(Command):
     """
 
     suffix: ClassVar[str]
+
     epoch: int = Field(ge=0)
     """Epoch of the lease it stands on."""
     sequence: int = Field(ge=0)
-    """Counts up from one setpoint of an epoch to the next."""
+    """Counts up from one setpoint of an epoch to the next, whatever their kind."""
     ttl: float = Field(gt=0, le=1.0, strict=False)
     """Time after arrival at which it no longer holds [s]; the daemon's own limit applies as well."""
 
@@ -29,6 +32,7 @@ class StickSetpoint(Setpoint):
     """Stick offsets, FLU signs: `setpoint/stick`."""
 
     suffix: ClassVar[str] = "setpoint/stick"
+
     pitch: float = Field(ge=-127, le=127, strict=False)
     """Nose down positive [stick]."""
     roll: float = Field(ge=-127, le=127, strict=False)
@@ -37,3 +41,65 @@ class StickSetpoint(Setpoint):
     """Nose left positive [stick]."""
     throttle: float = Field(ge=-127, le=127, strict=False)
     """More lift positive [stick from the centre]. Stock firmware takes the smaller of this and the pilot's."""
+
+
+class SetpointFrame(StrEnum):
+    """The frame a velocity or a position is given in; docs/frames.md."""
+
+    HOME = "home"
+    """ENU axes; origin at the home position."""
+    PAD = "pad"
+    """Axes and origin of the target in use; a velocity is relative to a target that moves."""
+    BODY = "body"
+    """FLU axes turned level; origin at the vehicle."""
+
+
+_Angle = Annotated[float, Field(ge=-math.pi, le=math.pi)]
+_Tilt = Annotated[float, Field(ge=-math.pi / 4, le=math.pi / 4, strict=False)]
+_Speed = Annotated[float, Field(ge=-20.0, le=20.0)]
+_Metres = Annotated[float, Field(ge=-10_000.0, le=10_000.0)]
+
+
+class AttitudeSetpoint(Setpoint):
+    """Attitude and thrust, FLU signs: `setpoint/attitude`."""
+
+    suffix: ClassVar[str] = "setpoint/attitude"
+
+    roll: _Tilt
+    """Right side down positive [rad]."""
+    pitch: _Tilt
+    """Nose down positive [rad]."""
+    yaw_rate: float = Field(ge=-math.pi, le=math.pi, strict=False)
+    """Nose left positive [rad/s]."""
+    thrust: float = Field(ge=0, le=2, strict=False)
+    """Thrust along the body's up axis, as a share of the weight: 1 carries the aircraft when level."""
+
+
+class VelocitySetpoint(Setpoint):
+    """Velocity: `setpoint/velocity`."""
+
+    suffix: ClassVar[str] = "setpoint/velocity"
+
+    velocity: tuple[_Speed, _Speed, _Speed] = Field(strict=False)
+    """In the axes of `frame` [m/s]."""
+    frame: SetpointFrame = Field(strict=False)
+    """What the velocity is given in."""
+    yaw_rate: float = Field(default=0.0, ge=-math.pi, le=math.pi, strict=False)
+    """Nose left positive [rad/s]."""
+
+
+class PositionSetpoint(Setpoint):
+    """Position and heading: `setpoint/position`."""
+
+    suffix: ClassVar[str] = "setpoint/position"
+
+    position: tuple[_Metres, _Metres, _Metres] = Field(strict=False)
+    """In the axes of `frame`, from its origin [m]."""
+    frame: SetpointFrame = Field(strict=False)
+    """What the position is given in."""
+    yaw: _Angle | None = None
+    """Heading about the up axis of `frame`, counter-clockwise from its first axis [rad]; null to keep the heading."""
+
+
+SETPOINTS: Final[tuple[type[Setpoint], ...]] = (StickSetpoint, AttitudeSetpoint, VelocitySetpoint, PositionSetpoint)
+"""Every kind of setpoint."""

@@ -1,0 +1,131 @@
+"""Every kind of setpoint takes the same way; guidance decides what becomes of it."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+from pydantic import ValidationError
+
+from mkdaemon.control.actions import ReportCommand
+from mkdaemon.control.limiter import Sticks
+from mkdaemon.control.setpoints import GUIDANCE, follow_sticks, guidance_for
+from mkdaemon.control.vehicle import VehicleFacts
+from mkdaemon.errors import CommandRejectedError
+from mkdaemon.telemetry.control import Phase
+from mkdaemon.telemetry.setpoint import (
+    SETPOINTS,
+    AttitudeSetpoint,
+    PositionSetpoint,
+    Setpoint,
+    SetpointFrame,
+    StickSetpoint,
+    VelocitySetpoint,
+)
+from tests.control.events import PERIOD, Driver
+
+BASE = {"epoch": 100, "sequence": 1, "ttl": 0.3}
+EXAMPLES: dict[type[Setpoint], dict[str, object]] = {
+    StickSetpoint: {"pitch": 1, "roll": 2, "yaw": 3, "throttle": 4},
+    AttitudeSetpoint: {"roll": 0.1, "pitch": 0, "yaw_rate": 0, "thrust": 1},
+    VelocitySetpoint: {"velocity": [0.5, 0, -0.1], "frame": "pad"},
+    PositionSetpoint: {"position": [1, 2, 3], "frame": "home"},
+}
+
+
+def example(kind, **change):
+    return kind.model_validate({**BASE, **EXAMPLES[kind], **change})
+
+
+def test_every_kind_has_a_key_of_its_own_and_an_example():
+    assert set(EXAMPLES) == set(SETPOINTS)
+    assert len({kind.suffix for kind in SETPOINTS}) == len(SETPOINTS)
+
+
+@pytest.mark.parametrize("kind", SETPOINTS)
+def test_every_kind_is_read_as_it_comes_from_the_bus(kind):
+    assert example(kind).epoch == 100
+
+
+def test_frames_are_words_and_vectors_are_tuples():
+    assert example(VelocitySetpoint).frame is SetpointFrame.PAD
+    assert example(PositionSetpoint).position == (1.0, 2.0, 3.0)
+    assert example(PositionSetpoint).yaw is None
+
+
+@pytest.mark.parametrize(
+    ("kind", "change"),
+    [
+        (AttitudeSetpoint, {"roll": 1.0}),
+        (AttitudeSetpoint, {"thrust": -0.1}),
+        (AttitudeSetpoint, {"pitch": math.nan}),
+        (VelocitySetpoint, {"velocity": [1, 2]}),
+        (VelocitySetpoint, {"velocity": [math.inf, 0, 0]}),
+        (VelocitySetpoint, {"velocity": [21, 0, 0]}),
+        (VelocitySetpoint, {"velocity": ["1", 0, 0]}),
+        (VelocitySetpoint, {"frame": "ned"}),
+        (PositionSetpoint, {"position": [20_000, 0, 0]}),
+        (PositionSetpoint, {"yaw": 4.0}),
+        (PositionSetpoint, {"epoch": None}),
+        (PositionSetpoint, {"heading": 0.0}),
+    ],
+)
+def test_what_is_out_of_range_or_unknown_is_refused(kind, change):
+    with pytest.raises(ValidationError):
+        example(kind, **change)
+
+
+def test_stick_setpoints_are_their_own_sticks():
+    sticks = follow_sticks(example(StickSetpoint), VehicleFacts(), 0.0)
+    assert sticks == Sticks(1.0, 2.0, 3.0, 4.0)
+
+
+@pytest.mark.parametrize("kind", [kind for kind in SETPOINTS if kind not in GUIDANCE])
+def test_a_kind_without_guidance_is_refused_with_what_to_do(kind):
+    with pytest.raises(CommandRejectedError) as caught:
+        guidance_for(example(kind), GUIDANCE)
+    assert caught.value.token == "no_guidance"
+    assert kind.suffix in caught.value.reason
+    assert "setpoint/stick" in caught.value.reason
+
+
+@pytest.mark.parametrize("kind", [kind for kind in SETPOINTS if kind not in GUIDANCE])
+def test_a_kind_without_guidance_does_not_touch_the_stream_of_the_lease(kind):
+    drive = Driver()
+    epoch = drive.fly()
+    for _ in range(10):
+        drive.core.setpoint(example(kind, epoch=epoch, sequence=10_000), drive.now)
+        drive.put()
+        drive.run(PERIOD)
+    assert drive.core.phase is Phase.FLYING
+    assert [sent.age for sent in drive.sticks] == [0.0] * 10
+    [refusal] = drive.of(ReportCommand)
+    assert (refusal.key, refusal.result.token) == (kind.suffix, "no_guidance")
+
+
+def test_guidance_can_be_added_for_any_kind():
+    def lean(setpoint, facts, now):
+        assert isinstance(setpoint, AttitudeSetpoint)
+        return Sticks(setpoint.pitch * 100, setpoint.roll * 100, 0.0, 0.0)
+
+    drive = Driver(guidance={**GUIDANCE, AttitudeSetpoint: lean})
+    epoch = drive.fly()
+    for sequence in range(1000, 1050):
+        assert drive.core.setpoint(example(AttitudeSetpoint, epoch=epoch, sequence=sequence), drive.now) is None
+        drive.run(PERIOD)
+    assert drive.sticks[-1].counts.roll == 10
+
+
+def test_neutral_is_judged_by_the_sticks_guidance_gives():
+    def lean(setpoint, facts, now):
+        return Sticks(setpoint.pitch * 100, setpoint.roll * 100, 0.0, 0.0)
+
+    drive = Driver(guidance={AttitudeSetpoint: lean})
+    epoch = drive.take()
+    for sequence in range(100):
+        drive.core.setpoint(example(AttitudeSetpoint, epoch=epoch, sequence=sequence), drive.now)
+        drive.run(PERIOD)
+    assert drive.core.phase is Phase.LEASED
+    drive.core.setpoint(example(AttitudeSetpoint, epoch=epoch, sequence=1000, roll=0.0), drive.now)
+    drive.run(PERIOD)
+    assert drive.core.phase is Phase.FLYING
