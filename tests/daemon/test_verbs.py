@@ -26,7 +26,7 @@ class Line:
         if stream not in self.intervals:
             raise CommandRejectedError("no_such_stream", f"nc has no stream {stream!r}.", "It has osd.")
         if 0 < interval < 0.02:
-            raise refuse(Token.LINE_BUDGET, detail="O at 10 ms needs 184 % of the line")
+            raise refuse(Token.LINE_BUDGET, terms="O at 10 ms needs 184 %", limit=85, factor=2.2)
         self.intervals[stream] = interval
 
 

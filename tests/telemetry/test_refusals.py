@@ -1,29 +1,71 @@
-"""The one table of refusals."""
+"""The one table of refusals: complete, used, documented, and the only place with words."""
 
 from __future__ import annotations
 
-import re
+import ast
+import string
 
 import pytest
 
+from mkdaemon.telemetry.control import Obstacle
 from mkdaemon.telemetry.refusals import REFUSALS, Status, Token, refuse
+from tests.places import DOCS, ROOT
+
+SOURCES = sorted((ROOT / "src" / "mkdaemon").rglob("*.py"))
+
+
+def words_of(token: str) -> set[str]:
+    """Words that a refusal fills in."""
+    refusal = REFUSALS[token]
+    text = refusal.reason + refusal.fix
+    return {name for _, name, _, _ in string.Formatter().parse(text) if name}
+
+
+def calls(name: str):
+    """Every call of a function of this name in the sources, with its file."""
+    for source in SOURCES:
+        for node in ast.walk(ast.parse(source.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id == name:
+                yield source, node
 
 
 @pytest.mark.parametrize("token", sorted(REFUSALS))
 def test_every_refusal_says_why_and_what_to_do(token):
-    words = set(re.findall(r"{(\w+)", REFUSALS[token].reason + REFUSALS[token].fix))
-    numbers = {"left": 1.0}
-    error = refuse(token, **{word: numbers.get(word, f"<{word}>") for word in words})
+    error = refuse(token, **dict.fromkeys(words_of(token), 1))
     assert error.token == token
-    assert all(f"<{word}>" in error.reason + error.fix for word in words - set(numbers))
+    assert "{" not in error.reason + error.fix
     assert error.reason.endswith(".")
-    assert error.fix.strip().endswith((".", ">"))
+    assert error.fix.strip().endswith((".", "1"))
     assert REFUSALS[token].status not in {Status.ACCEPTED, Status.NOT_OBSERVABLE}
 
 
-def test_every_token_is_in_the_table():
+def test_every_token_has_a_refusal_and_is_documented():
     assert set(REFUSALS) == set(Token)
+    page = (DOCS / "keys.md").read_text(encoding="utf-8")
+    assert [token for token in Token if f"`{token}`" not in page] == []
+
+
+def test_every_token_is_raised_somewhere_and_none_is_built_by_hand():
+    raised = set()
+    for source, call in calls("refuse"):
+        token = call.args[0]
+        if isinstance(token, ast.Call):  # Token(line.obstacle.value)
+            raised |= {Token(obstacle.value) for obstacle in Obstacle}
+            continue
+        assert isinstance(token, ast.Attribute), f"{source.name}:{call.lineno}"
+        raised.add(Token[token.attr])
+        if all(keyword.arg for keyword in call.keywords):
+            given = {keyword.arg for keyword in call.keywords}
+            assert words_of(Token[token.attr]) == given, f"{source.name}:{call.lineno}"
+    assert set(Token) - raised == set()
+
+
+def test_no_other_place_has_words_of_its_own():
+    built = {source.relative_to(ROOT / "src" / "mkdaemon").as_posix() for source, _ in calls("CommandRejectedError")}
+    # A client gives back the words that the daemon sent it.
+    assert built == {"telemetry/refusals.py", "client/answers.py"}
 
 
 def test_a_refusal_never_fails_for_a_missing_word():
     assert "(detail)" in refuse(Token.BUSY).reason
+    assert "(limit) %" in refuse(Token.LINE_BUDGET).reason

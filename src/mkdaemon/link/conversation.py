@@ -10,7 +10,7 @@ from collections.abc import Awaitable
 
 from mkdaemon.clock import Clock
 from mkdaemon.config.link import LinkConfig
-from mkdaemon.errors import CommandRejectedError, LinkLostError, RequestTimeoutError
+from mkdaemon.errors import LinkLostError, RequestTimeoutError
 from mkdaemon.link.session.controlpath import BuildControl, FrameNumber
 from mkdaemon.link.session.dialogue import Dialogue
 from mkdaemon.link.session.exchange import Exchange
@@ -20,6 +20,7 @@ from mkdaemon.protocol.dialect import Dialect
 from mkdaemon.protocol.wire import Board, WireMessage
 from mkdaemon.telemetry.control import ControlLine, ReleaseOutcome
 from mkdaemon.telemetry.link import LinkHealth, LinkTraffic
+from mkdaemon.telemetry.refusals import Token, refuse
 
 
 class Conversation:
@@ -107,7 +108,7 @@ class Conversation:
             LinkLostError: the port is not open, or was lost meanwhile.
         """
         if msg.spec.reply is None:
-            raise CommandRejectedError("no_reply", f"{msg.spec.name} is never answered.", "Send it without waiting.")
+            raise refuse(Token.NO_REPLY, name=msg.spec.name)
         reply = await self._converse(msg, board, patience=timeout, retries=retries, purpose=purpose)
         if reply is None:
             raise RequestTimeoutError(f"{msg.spec.name}: no answer")

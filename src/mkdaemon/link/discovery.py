@@ -25,6 +25,7 @@ from mkdaemon.protocol.flags import RedirectPort
 from mkdaemon.protocol.messages.navictrl import Redirect
 from mkdaemon.protocol.messages.version import VersionRequest
 from mkdaemon.protocol.wire import Board
+from mkdaemon.telemetry.refusals import Token, refuse
 
 ESCAPE_PAUSE: Final = 0.05
 """Between the two escape sequences, and after them before the next frame [s]."""
@@ -130,16 +131,10 @@ async def redirection(link: Conversation, board: Board) -> AsyncIterator[None]:
     """
     ports = {end: port for port, end in PORTS.items()}
     if link.direct_board is not Board.NC or board not in ports:
-        raise CommandRejectedError(
-            "not_redirectable", f"The line cannot be passed through to {board.word}.", "Connect to that board directly."
-        )
+        raise refuse(Token.NOT_REDIRECTABLE, board=board.word)
     async with link.passage:
         if not await wait_for_still_motors(link):
-            raise CommandRejectedError(
-                "motors_not_known_off",
-                "A redirection stops the NaviCtrl's telemetry and servos.",
-                "Stop the motors and wait for telemetry that says so.",
-            )
+            raise refuse(Token.MOTORS_NOT_KNOWN_OFF)
         await link.send(Redirect(port=ports[board]), board=Board.NC)
         link.set_redirection(board)
         try:

@@ -25,6 +25,7 @@ from mkdaemon.protocol.procedures.steps import (
     Step,
 )
 from mkdaemon.protocol.wire import Board, WireMessage
+from mkdaemon.telemetry.refusals import Token
 
 if TYPE_CHECKING:
     from mkdaemon.link.link import Link
@@ -145,7 +146,7 @@ async def ask_once(link: Link, step: Ask, observer: Observer, purpose: Purpose) 
     except RequestTimeoutError:
         return None
     except CommandRejectedError as error:
-        if error.token != "busy":
+        if error.token != Token.BUSY:
             raise
         await asyncio.sleep(BUSY_WAIT)
         return None

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Final
 
-from mkdaemon.errors import CommandRejectedError
+from mkdaemon.telemetry.refusals import Token, refuse
 
 
 class Reader(StrEnum):
@@ -174,8 +174,8 @@ class Faults:
         for key, value in values.items():
             taken[key] = _checked(name, spec, key, value)
         if duration is not None and not 0.0 < duration < math.inf:
-            raise CommandRejectedError(
-                "out_of_range", f"Fault '{name}' cannot last {duration} s.", "Give a duration above 0 s."
+            raise refuse(
+                Token.OUT_OF_RANGE, name=f"duration of {name!r}", value=duration, wanted="a duration above 0 s"
             )
         lasts = spec.duration if duration is None else duration
         self.active[name] = ActiveFault(taken, self.now, math.inf if lasts is None else self.now + lasts)
@@ -241,9 +241,7 @@ def _spec(name: str) -> FaultSpec:
     spec = FAULTS.get(name)
     if spec is None:
         near = difflib.get_close_matches(name, FAULTS, n=1, cutoff=0.0)[0]
-        raise CommandRejectedError(
-            "unknown_fault", f"There is no fault '{name}'.", f"Did you mean '{near}'? All: {', '.join(FAULTS)}."
-        )
+        raise refuse(Token.UNKNOWN_FAULT, name=name, near=near, known=", ".join(FAULTS))
     return spec
 
 
@@ -251,14 +249,11 @@ def _checked(name: str, spec: FaultSpec, key: str, value: FaultValue) -> FaultVa
     parameter = spec.parameters.get(key)
     if parameter is None:
         known = ", ".join(spec.parameters) or "none"
-        raise CommandRejectedError(
-            "unknown_parameter", f"Fault '{name}' has no parameter '{key}'.", f"Its parameters: {known}."
-        )
+        raise refuse(Token.UNKNOWN_PARAMETER, name=name, parameter=key, known=known)
     if isinstance(parameter, FaultChoice):
         if value not in parameter.choices:
-            raise CommandRejectedError(
-                "out_of_range", f"'{value}' is no {key} of '{name}'.", f"Choose {', '.join(parameter.choices)}."
-            )
+            wanted = ", ".join(parameter.choices)
+            raise refuse(Token.OUT_OF_RANGE, name=f"{key} of {name!r}", value=repr(value), wanted=wanted)
         return value
     try:
         number = float(value)
@@ -266,9 +261,6 @@ def _checked(name: str, spec: FaultSpec, key: str, value: FaultValue) -> FaultVa
         number = math.nan
     if not parameter.low <= number <= parameter.high or (parameter.whole and number % 1.0):
         unit = f" {parameter.unit}" if parameter.unit else ""
-        raise CommandRejectedError(
-            "out_of_range",
-            f"{key} of '{name}' cannot be {value}.",
-            f"Give {'a whole number from ' if parameter.whole else ''}{parameter.low:g} to {parameter.high:g}{unit}.",
-        )
+        wanted = f"{'a whole number from ' if parameter.whole else ''}{parameter.low:g} to {parameter.high:g}{unit}"
+        raise refuse(Token.OUT_OF_RANGE, name=f"{key} of {name!r}", value=value, wanted=wanted)
     return number

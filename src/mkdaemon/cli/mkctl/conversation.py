@@ -12,9 +12,10 @@ from mkdaemon.client.samples import message_from
 from mkdaemon.errors import MkError, ProtocolError
 from mkdaemon.protocol.procedures.steps import Ask, Pause, Procedure, Progress, Step
 from mkdaemon.protocol.wire import Board, WireMessage
+from mkdaemon.telemetry.tokens import Status
 
 _Result = TypeVar("_Result")
-_TRY_AGAIN: Final = frozenset({"timeout", "busy"})
+_TRY_AGAIN: Final = frozenset({Status.TIMEOUT, Status.BUSY})
 """Ends of a query after which the procedure itself may ask again."""
 _BUSY_WAIT: Final = 0.2
 """Before asking again what the daemon was too busy for [s]."""
@@ -104,7 +105,7 @@ async def request(client: Commander, board: Board, message: WireMessage, *, conf
     if message.spec.danger and confirm:
         fields["confirm"] = True
     answer = await client.command(board.word, message.spec.key, fields)
-    if answer.status == "busy":
+    if answer.status == Status.BUSY:
         await asyncio.sleep(_BUSY_WAIT)
     if answer.status in _TRY_AGAIN:
         return None

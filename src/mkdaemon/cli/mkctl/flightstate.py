@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Final
 
 from mkdaemon.client import Vehicle
-from mkdaemon.errors import CommandRejectedError
+from mkdaemon.telemetry.refusals import Token, refuse
 
 FRESH: Final = 3.0
 """Oldest flight state that counts [s]; the NaviCtrl tells it several times a second."""
@@ -32,15 +32,9 @@ async def require_motors_off(client: Vehicle, why: str, option: str) -> None:
     """
     running = await motors_running(client)
     if running is None:
-        raise CommandRejectedError(
-            "motors_unknown",
-            f"nobody knows whether motors run, and {why}.",
-            f"Stream the NaviCtrl's data (`mkctl rate osd 200ms`), or repeat with {option}.",
-        )
+        raise refuse(Token.MOTORS_UNKNOWN, detail=f"{why} ({option} does it all the same)")
     if running:
-        raise CommandRejectedError(
-            "motors_running", f"motors are running, and {why}.", f"Land and stop them, or repeat with {option}."
-        )
+        raise refuse(Token.MOTORS_RUNNING, detail=f"{why} ({option} does it all the same)")
 
 
 async def refuse_running(client: Vehicle, why: str) -> None:
@@ -54,4 +48,4 @@ async def refuse_running(client: Vehicle, why: str) -> None:
         CommandRejectedError: `motors_running`.
     """
     if await motors_running(client):
-        raise CommandRejectedError("motors_running", f"motors are running, and {why}.", "Stop them first.")
+        raise refuse(Token.MOTORS_RUNNING, detail=why)

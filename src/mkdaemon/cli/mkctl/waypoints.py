@@ -28,6 +28,7 @@ from mkdaemon.protocol.procedures.waypoints import (
     verify_points,
 )
 from mkdaemon.telemetry.mission import Mission, MissionEvent
+from mkdaemon.telemetry.refusals import Token, refuse
 
 app = App(
     name="waypoints",
@@ -146,13 +147,9 @@ async def _guarded(
     try:
         return await converse(client, procedure, report, confirm=in_flight)
     except CommandRejectedError as error:
-        if error.token != "not_confirmed":
+        if error.token != Token.NOT_CONFIRMED:
             raise
-        raise CommandRejectedError(
-            "motors_running",
-            "motors have started, or nobody knows any more: the list may be incomplete.",
-            "Land and repeat, or repeat with --in-flight.",
-        ) from error
+        raise refuse(Token.MOTORS_STARTED, name="the upload") from error
     except MkError as error:
         msg = f"{error}; the board's list may be incomplete: repeat, or `mkctl waypoints clear`"
         raise MkError(msg) from error

@@ -181,9 +181,9 @@ class ProcedureDesk:
             case None if can_fly:
                 raise refuse(Token.IN_FLIGHT_NEEDED, name=name, detail="nobody knows whether motors run")
             case True:
-                raise refuse(Token.MOTORS_RUNNING, name=name, detail="must not meet them")
+                raise refuse(Token.MOTORS_RUNNING, detail=f"{name} must not meet them")
             case _:
-                raise refuse(Token.MOTORS_UNKNOWN, name=name, detail="no message has told so for 2 s")
+                raise refuse(Token.MOTORS_UNKNOWN, detail=f"{name} must not meet running motors")
 
     async def _find_motors(self) -> bool | None:
         """Whether motors run; waits a while for telemetry to tell, which pauses while a board is deaf."""

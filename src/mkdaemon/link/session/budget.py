@@ -11,10 +11,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Final
 
-from mkdaemon.errors import CommandRejectedError
 from mkdaemon.link.session.line import LineRules
 from mkdaemon.link.session.subscriptions import KINDS, StreamKind
 from mkdaemon.protocol.wire import Board
+from mkdaemon.telemetry.refusals import Token, refuse
 
 ECHO_CHARACTERS: Final = {Board.NC: (10, 10), Board.FC: (6, 22), Board.ANY: (6, 22)}
 """Link test by board: characters there and back (`z`; a FlightCtrl has none and is asked for its version)."""
@@ -101,18 +101,10 @@ def check(demand: Demand, rules: LineRules, *, limit: float) -> LinePlan:
         verb = "need" if len(terms) > 1 else "needs"
         # Every stream slowed by the same factor would fit; the advice is that factor, never rounded down.
         factor = math.ceil(10 * streams / max(limit - others, 0.01)) / 10
-        raise CommandRejectedError(
-            "line_budget",
-            f"{' + '.join(terms)} {verb} {wanted.rx * 100:.0f} % of the line; {limit * 100:.0f} % is the limit.",
-            f"Make the intervals {factor:.1f} times longer, or stop a stream.",
-        )
+        sums = f"{' + '.join(terms)} {verb} {wanted.rx * 100:.0f} %"
+        raise refuse(Token.LINE_BUDGET, terms=sums, limit=limit * 100, factor=factor)
     if wanted.tx > 1.0:
-        raise CommandRejectedError(
-            "line_budget",
-            f"Setpoints at {demand.setpoint_hz:.0f} Hz, echoes and renewals need {wanted.tx * 100:.0f} % of the line "
-            "towards the board.",
-            "Lower the setpoint or echo rate.",
-        )
+        raise refuse(Token.UPLINK_BUDGET, hz=demand.setpoint_hz, share=wanted.tx * 100)
     return wanted
 
 

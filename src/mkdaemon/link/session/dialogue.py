@@ -11,7 +11,6 @@ import math
 from typing import Final
 
 from mkdaemon.config.link import LinkConfig
-from mkdaemon.errors import CommandRejectedError
 from mkdaemon.link.session import budget
 from mkdaemon.link.session.controlpath import BuildControl, FrameNumber
 from mkdaemon.link.session.counters import Counters
@@ -166,7 +165,7 @@ class Dialogue:
             CommandRejectedError: a recording plays, the board cannot be reached, or too much waits already.
         """
         if self.is_recording:
-            raise CommandRejectedError("recording", "A recording plays: nobody listens.", "Connect an aircraft.")
+            raise refuse(Token.RECORDING)
         return self.questions.ask(message, board, now, timeout=timeout, retries=retries, purpose=purpose, token=token)
 
     def steer(self, build: BuildControl, deadline: float, now: float) -> FrameNumber:

@@ -5,10 +5,10 @@ from __future__ import annotations
 import math
 from typing import Final
 
-from mkdaemon.errors import CommandRejectedError
 from mkdaemon.protocol.decoder import Unknown
 from mkdaemon.protocol.dialect import Dialect, Evidence, decide
 from mkdaemon.protocol.wire import Board, WireMessage
+from mkdaemon.telemetry.refusals import Token, refuse
 
 MOTORS_RUN: Final = 0x01
 """FCStatusFlags bit 0."""
@@ -92,12 +92,7 @@ class Acquaintance:
         """
         behind = self.direct is Board.NC and board is Board.FC and self.redirected is not Board.FC
         if behind and not message.spec.is_forwarded:
-            raise CommandRejectedError(
-                "board_unreachable",
-                f"A NaviCtrl does not pass {message.spec.name} on to the FlightCtrl.",
-                "Connect to the FlightCtrl, or redirect the line first.",
-            )
+            detail = f"a NaviCtrl does not pass {message.spec.name} on to the FlightCtrl"
+            raise refuse(Token.BOARD_UNREACHABLE, board=board.word, detail=detail)
         if self.direct is Board.FC and board is Board.NC:
-            raise CommandRejectedError(
-                "board_unreachable", "The line ends at a FlightCtrl, not at a NaviCtrl.", "Connect to the NaviCtrl."
-            )
+            raise refuse(Token.BOARD_UNREACHABLE, board=board.word, detail="the line ends at a FlightCtrl")

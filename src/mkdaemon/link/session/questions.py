@@ -10,7 +10,6 @@ import math
 from dataclasses import dataclass
 from typing import Final
 
-from mkdaemon.errors import CommandRejectedError
 from mkdaemon.link.session.health import HealthMonitor
 from mkdaemon.link.session.peers import Acquaintance
 from mkdaemon.link.session.requests import Pending, RequestBook
@@ -18,6 +17,7 @@ from mkdaemon.link.session.scheduler import Entry, TransmitScheduler
 from mkdaemon.link.session.traffic import Purpose
 from mkdaemon.protocol.messages import VersionRequestWhich
 from mkdaemon.protocol.wire import Board, WireMessage
+from mkdaemon.telemetry.refusals import Token, refuse
 
 QUEUED: Final = 10.0
 """Longest time a question waits for the line [s]; longer than the 6 s it may be held back after a release."""
@@ -95,9 +95,7 @@ class Questions:
         self.book.open(pending)
         if not self._queue(pending, purpose, now):
             self.book.withdraw(pending, now)
-            raise CommandRejectedError(
-                "busy", f"{self._scheduler.waiting} frames wait for the line already.", "Wait for their answers."
-            )
+            raise refuse(Token.BUSY, detail=f"{self._scheduler.waiting} frames wait for the line already")
         return pending
 
     def withdraw(self, pending: Pending, now: float) -> None:

@@ -78,7 +78,7 @@ class Steering:
         """
         entry = self.control.entry(build, Purpose.SETPOINT, deadline)
         if type(entry.message) is not self._peers.dialect.extern_control:
-            raise refuse(Token.WRONG_LAYOUT)
+            raise refuse(Token.WRONG_LAYOUT, given=type(entry.message).__name__)
         self._scheduler.submit(entry, now)
         return entry.number
 

@@ -10,12 +10,12 @@ Source: docs/firmware-notes, "Subscriptions".
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Final
 
-from mkdaemon.errors import CommandRejectedError
 from mkdaemon.protocol.wire import MESSAGES, Board, Direction, WireMessage
+from mkdaemon.telemetry.refusals import Token, refuse
 
 TICK_TIME: Final = 0.01
 """Boards count intervals in steps of 10 ms."""
@@ -53,17 +53,25 @@ class StreamKind:
         return self.request(interval=ticks)
 
 
-def _kinds() -> Iterator[StreamKind]:
-    """Every stream that a request declares, those first that renew the others best."""
+def find_streams() -> dict[str, StreamKind]:
+    """Return every stream that a request declares, by key, those first that renew the others best."""
     answers = sorted((cls.spec for cls in MESSAGES.values()), key=lambda spec: spec.characters)
     longest = {spec.key: spec for spec in answers if spec.direction is Direction.FROM_BOARD}
     requests = {cls.spec.stream: cls for cls in MESSAGES.values() if cls.spec.stream is not None}
-    for stream, cls in sorted(requests.items(), key=lambda item: (item[0].renews is None, item[0].renews)):
-        frame = longest[stream.key]
-        yield StreamKind(stream.key, frame.id, frame.characters, frozenset(cls.spec.boards), cls, stream.renews)
+    return {
+        stream.key: StreamKind(
+            stream.key,
+            longest[stream.key].id,
+            longest[stream.key].characters,
+            frozenset(cls.spec.boards),
+            cls,
+            stream.renews,
+        )
+        for stream, cls in sorted(requests.items(), key=lambda item: (item[0].renews is None, item[0].renews))
+    }
 
 
-KINDS: Final = {kind.key: kind for kind in _kinds()}
+KINDS: Final = find_streams()
 """Every stream by key; the renewal is chosen in this order."""
 
 
@@ -80,9 +88,7 @@ def kind_of(key: str, board: Board) -> StreamKind:
     """
     offered = [name for name, kind in KINDS.items() if board in kind.boards or board is Board.ANY]
     if key not in offered:
-        raise CommandRejectedError(
-            "no_such_stream", f"{board.word} has no stream {key!r}.", f"It has {', '.join(offered)}."
-        )
+        raise refuse(Token.NO_SUCH_STREAM, board=board.word, name=key, known=", ".join(offered))
     return KINDS[key]
 
 

@@ -19,9 +19,9 @@ from mkdaemon.protocol.messages import (
     VersionFc210,
     VersionRequest,
 )
-from mkdaemon.protocol.procedures.failures import fail
 from mkdaemon.protocol.procedures.steps import Patience, Procedure, Progress, Question, insist
 from mkdaemon.protocol.wire import Board
+from mkdaemon.telemetry.refusals import Token, refuse
 
 LABELS = 32
 """Debug channels of every board."""
@@ -57,7 +57,9 @@ def read_labels(board: Board, patience: Patience) -> Procedure[tuple[str, ...]]:
     if isinstance(version, VersionFc210):
         found = sum(sum(label.encode()[1:]) for label in labels) & 0xFF
         if found != version.label_checksum:
-            raise fail("labels_inconsistent", board=board.word.upper(), found=found, wanted=version.label_checksum)
+            raise refuse(
+                Token.LABELS_INCONSISTENT, board=board.word.upper(), found=found, wanted=version.label_checksum
+            )
     return tuple(label.text.strip() for label in labels)
 
 

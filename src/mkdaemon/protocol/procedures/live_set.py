@@ -17,7 +17,6 @@ from enum import Enum
 from mkdaemon.errors import MkError
 from mkdaemon.protocol.framing import padded_length
 from mkdaemon.protocol.messages import Settings, SettingsRequest, SettingsWritten, WriteSettings
-from mkdaemon.protocol.procedures.failures import fail
 from mkdaemon.protocol.procedures.labels import Version, read_version
 from mkdaemon.protocol.procedures.steps import (
     LiveSet,
@@ -32,6 +31,7 @@ from mkdaemon.protocol.procedures.steps import (
     insist_twice,
 )
 from mkdaemon.protocol.wire import Board
+from mkdaemon.telemetry.refusals import Token, refuse
 
 SLOTS = (1, 2, 3, 4, 5)
 ACTIVE = 255
@@ -114,7 +114,7 @@ def recover_live_set(lost: LiveSet, patience: Patience) -> Procedure[Recovered]:
             return Recovered.OTHER_AIRCRAFT
         stored = yield from write_set(lost.active, lost.live, patience)
         if stored != lost.live:
-            raise fail("live_set_changed", slot=lost.active, where=_places(lost.live, stored))
+            raise refuse(Token.LIVE_SET_CHANGED, slot=lost.active, where=_places(lost.live, stored))
     yield Progress(1, 2, "proving the live set")
     yield from make_live(FoundSets(version, lost.active, lost.live, patience))
     yield Progress(2, 2, "proven")
@@ -177,9 +177,9 @@ def collect_sets(session: FoundSets, slots: tuple[int, ...]) -> Procedure[None]:
         try:
             changed = yield from _load_live(session)
         except MkError as second:
-            raise fail("live_set_unproven", cause=f"{cause}; then {second}", slot=session.active) from second
+            raise refuse(Token.LIVE_SET_UNPROVEN, cause=f"{cause}; then {second}", slot=session.active) from second
         if changed:
-            raise fail("live_set_changed", slot=session.active, where=changed) from cause
+            raise refuse(Token.LIVE_SET_CHANGED, slot=session.active, where=changed) from cause
         yield LiveSetProven()
         raise
 
@@ -194,11 +194,11 @@ def make_live(session: FoundSets) -> Procedure[None]:
         changed = yield from _load_live(session)
         present = (yield from insist(_read(ACTIVE), session.patience)).index
     except MkError as cause:
-        raise fail("live_set_unproven", cause=cause, slot=session.active) from cause
+        raise refuse(Token.LIVE_SET_UNPROVEN, cause=cause, slot=session.active) from cause
     if changed:
-        raise fail("live_set_changed", slot=session.active, where=changed)
+        raise refuse(Token.LIVE_SET_CHANGED, slot=session.active, where=changed)
     if present != session.active:
-        raise fail("active_set_moved", present=present, wanted=session.active)
+        raise refuse(Token.ACTIVE_SET_MOVED, present=present, wanted=session.active)
     yield LiveSetProven()
 
 
@@ -228,7 +228,7 @@ def write_set(slot: int, raw: bytes, patience: Patience) -> Procedure[bytes]:
     for _ in range(_WRITES):
         written = yield from insist(_store(slot, raw), slow)
         if written.index == 0:
-            raise fail("write_refused", slot=slot)
+            raise refuse(Token.WRITE_REFUSED, slot=slot)
         yield Pause(_DEAF)
         stored = (yield from insist_twice(_read(slot), patience)).parameters
         if stored in (pad_set(raw), before):
@@ -248,9 +248,9 @@ def write_back(session: FoundSets, cause: MkError) -> Procedure[None]:
             return
         stored = yield from write_set(session.active, session.live, session.patience)
     except MkError as second:
-        raise fail("live_set_unproven", cause=f"{cause}; then {second}", slot=session.active) from second
+        raise refuse(Token.LIVE_SET_UNPROVEN, cause=f"{cause}; then {second}", slot=session.active) from second
     if stored != session.live:
-        raise fail("live_set_changed", slot=session.active, where=f"after {cause}")
+        raise refuse(Token.LIVE_SET_CHANGED, slot=session.active, where=f"after {cause}")
 
 
 def pad_set(raw: bytes) -> bytes:

@@ -16,9 +16,9 @@ from mkdaemon.protocol.messages import (
     WriteMotorController,
 )
 from mkdaemon.protocol.messages.blctrl import motor_controller_checksum
-from mkdaemon.protocol.procedures.failures import fail
 from mkdaemon.protocol.procedures.steps import Patience, Procedure, Progress, Question, insist
 from mkdaemon.protocol.wire import Board
+from mkdaemon.telemetry.refusals import Token, refuse
 
 ITEMS: Final = {
     "pwm_scaling": MotorControllerItems.PWM_SCALING,
@@ -83,7 +83,7 @@ def change_motor_controller(
     wrong = [name for name in ITEMS if getattr(stored, name) != getattr(wanted, name)]
     if wrong:
         where = "; ".join(f"{name} is {getattr(stored, name)}, not {getattr(wanted, name)}" for name in wrong)
-        raise fail("motor_controller_differs", motor=motor, where=where)
+        raise refuse(Token.MOTOR_CONTROLLER_DIFFERS, motor=motor, where=where)
     yield Progress(3, 3, "read back")
     return stored
 
@@ -126,4 +126,4 @@ def _slow(patience: Patience) -> Patience:
 
 def _refusal(motor: int, status: MotorControllerStatus) -> Exception:
     words = MotorControllerStatus(status).name.lower().replace("_", " ")
-    return fail("motor_controller_refused", motor=motor, status=words)
+    return refuse(Token.MOTOR_CONTROLLER_REFUSED, motor=motor, status=words)

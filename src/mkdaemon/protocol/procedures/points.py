@@ -14,11 +14,11 @@ from typing import Any, Final
 from mkdaemon.protocol.flags import PointType, PositionStatus
 from mkdaemon.protocol.generations import Release, nc_generation
 from mkdaemon.protocol.messages import WriteWaypoint024, WriteWaypoint027, WriteWaypoint2x
-from mkdaemon.protocol.procedures.failures import fail
 from mkdaemon.protocol.procedures.labels import read_version
 from mkdaemon.protocol.procedures.steps import Patience, Procedure
 from mkdaemon.protocol.wire import Board, WireMessage
 from mkdaemon.telemetry.mission import Mission, MissionPoint, PointKind
+from mkdaemon.telemetry.refusals import Token, refuse
 
 _CLASSES: Final[dict[str, type[WireMessage]]] = {
     "024": WriteWaypoint024,
@@ -70,7 +70,7 @@ def point_format(release: Release) -> PointFormat:
     generation = nc_generation(release)
     kind = _CLASSES.get(generation.point or "") if generation else None
     if kind is None:
-        raise fail("unknown_navictrl", release=release)
+        raise refuse(Token.UNKNOWN_NAVICTRL, release=release)
     return PointFormat(
         release=release,
         kind=kind,
@@ -86,7 +86,7 @@ def to_points(mission: Mission, form: PointFormat) -> tuple[WireMessage, ...]:
         CommandRejectedError: `too_many_points` or `point_not_expressible`.
     """
     if len(mission.points) > form.limit:
-        raise fail("too_many_points", count=len(mission.points), limit=form.limit)
+        raise refuse(Token.TOO_MANY_POINTS, count=len(mission.points), limit=form.limit)
     return tuple(_to_point(number, point, form) for number, point in enumerate(mission.points, 1))
 
 
@@ -102,7 +102,7 @@ def from_points(points: Sequence[WireMessage], form: PointFormat) -> Mission:
     except ValueError as error:
         number = next(n for n, point in enumerate(found, 1) if point.poi and not _is_poi(found, point.poi))
         detail = f"it looks at point {found[number - 1].poi}, which is no point of interest of this list"
-        raise fail("point_not_expressible", number=number, detail=detail) from error
+        raise refuse(Token.POINT_NOT_EXPRESSIBLE, number=number, detail=detail) from error
 
 
 def _is_poi(points: Sequence[MissionPoint], number: int) -> bool:
@@ -113,7 +113,7 @@ def _to_point(number: int, point: MissionPoint, form: PointFormat) -> WireMessag
     kind, since = _KINDS[point.kind]
     if form.release[:2] < since:
         detail = f"NaviCtrl {form.release} knows no {point.kind} points (since {since[0]}.{since[1]:02d})"
-        raise fail("point_not_expressible", number=number, detail=detail)
+        raise refuse(Token.POINT_NOT_EXPRESSIBLE, number=number, detail=detail)
     scale = form.poi_scale if point.kind is PointKind.POI else 10
     fields: dict[str, Any] = {
         "longitude": round(point.longitude_deg * 1e7),
@@ -135,7 +135,7 @@ def _to_point(number: int, point: MissionPoint, form: PointFormat) -> WireMessag
         elif ours != "name" and value:
             # A name is only for people; anything else left out would fly differently.
             detail = f"NaviCtrl {form.release} points carry no {ours}, the mission says {value}"
-            raise fail("point_not_expressible", number=number, detail=detail)
+            raise refuse(Token.POINT_NOT_EXPRESSIBLE, number=number, detail=detail)
     return form.kind(**fields)
 
 
@@ -144,8 +144,8 @@ def _from_point(number: int, point: WireMessage, form: PointFormat) -> MissionPo
     kinds = {wire: ours for ours, (wire, _) in _KINDS.items()}
     kind = kinds.get(values["type"])
     if kind is None or values["status"] == PositionStatus.INVALID:
-        raise fail(
-            "point_not_expressible", number=number, detail=f"the board holds an invalid one (type {values['type']})"
+        raise refuse(
+            Token.POINT_NOT_EXPRESSIBLE, number=number, detail=f"the board holds an invalid one (type {values['type']})"
         )
     heading = values["heading"]
     fields: dict[str, Any] = {ours: values[wire] for ours, wire in _OPTIONAL.items() if wire in values}
@@ -167,7 +167,7 @@ def _from_point(number: int, point: WireMessage, form: PointFormat) -> MissionPo
         )
     except ValueError as error:
         detail = f"the board holds one out of range (latitude {values['latitude']}, longitude {values['longitude']})"
-        raise fail("point_not_expressible", number=number, detail=detail) from error
+        raise refuse(Token.POINT_NOT_EXPRESSIBLE, number=number, detail=detail) from error
 
 
 def read_format(patience: Patience) -> Procedure[PointFormat]:

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 
 from mkdaemon.errors import MkError
 from mkdaemon.protocol.generations import Release, fc_generation
-from mkdaemon.protocol.procedures.failures import fail
 from mkdaemon.protocol.procedures.labels import Version
 from mkdaemon.protocol.procedures.live_set import (
     SLOTS,
@@ -21,6 +20,7 @@ from mkdaemon.protocol.procedures.live_set import (
 )
 from mkdaemon.protocol.procedures.steps import LiveSetAtRisk, LiveSetProven, Patience, Procedure, Progress
 from mkdaemon.protocol.settings import layout_of
+from mkdaemon.telemetry.refusals import Token, refuse
 
 
 @dataclass(frozen=True, slots=True)
@@ -165,11 +165,11 @@ def _check_known(session: FoundSets) -> None:
     version, revision = session.version, session.live[0]
     generation = fc_generation(Release(version.major, version.minor, version.patch))
     if layout_of(revision) is None or generation is None or revision not in generation.revisions:
-        raise fail("unknown_revision", revision=revision, size=len(session.live), release=version.release)
+        raise refuse(Token.UNKNOWN_REVISION, revision=revision, size=len(session.live), release=version.release)
 
 
 def _check(raw: bytes, live: bytes) -> None:
     if raw[:1] != live[:1]:
-        raise fail("revision_differs", wanted=raw[0] if raw else "no", present=live[0])
+        raise refuse(Token.REVISION_DIFFERS, wanted=raw[0] if raw else "no", present=live[0])
     if len(pad_set(raw)) != len(live):
-        raise fail("length_differs", wanted=len(raw), present=len(live))
+        raise refuse(Token.LENGTH_DIFFERS, wanted=len(raw), present=len(live))

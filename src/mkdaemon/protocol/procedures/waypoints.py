@@ -25,9 +25,9 @@ from mkdaemon.protocol.messages import (
     WaypointRequest,
     WaypointWritten,
 )
-from mkdaemon.protocol.procedures.failures import fail
 from mkdaemon.protocol.procedures.steps import Patience, Procedure, Progress, Question, insist, insist_twice
 from mkdaemon.protocol.wire import Board, WireMessage
+from mkdaemon.telemetry.refusals import Token, refuse
 
 _Stored = Waypoint024 | Waypoint027 | Waypoint2x
 _COUNT = Question(
@@ -111,7 +111,7 @@ def clear_points(kind: type[WireMessage], patience: Patience) -> Procedure[None]
         count = yield from count_points(patience)
         if count == 0:
             return
-    raise fail("not_cleared", count=count, rounds=_CLEAR_ROUNDS)
+    raise refuse(Token.NOT_CLEARED, count=count, rounds=_CLEAR_ROUNDS)
 
 
 def upload_points(points: Sequence[WireMessage], patience: Patience) -> Procedure[Upload]:
@@ -144,7 +144,7 @@ def upload_points(points: Sequence[WireMessage], patience: Patience) -> Procedur
         must_clear = count > total
         pending = list(range(total)) if must_clear else bad
     where = ", ".join(f"point {index + 1}" for index in bad) or "the end of the list"
-    raise fail("not_verified", rounds=_ROUNDS, where=where)
+    raise refuse(Token.NOT_VERIFIED, rounds=_ROUNDS, where=where)
 
 
 def verify_points(points: Sequence[WireMessage], patience: Patience) -> Procedure[tuple[Difference, ...]]:
@@ -183,11 +183,11 @@ def download_points(kind: type[WireMessage], patience: Patience) -> Procedure[tu
         yield Progress(number - 1, count, f"reading point {number}")
         answer = yield from insist_twice(_read(number), patience)
         if isinstance(answer, WaypointCount):
-            raise fail("list_changing", before=count, after=answer.count)
+            raise refuse(Token.LIST_CHANGING, before=count, after=answer.count)
         points.append(kind.decode(_stored(answer)))
     after = yield from count_points(patience)
     if after != count:
-        raise fail("list_changing", before=count, after=after)
+        raise refuse(Token.LIST_CHANGING, before=count, after=after)
     yield Progress(count, count, "read")
     return tuple(points)
 
@@ -208,7 +208,7 @@ def _store(point: WireMessage, number: int, total: int, patience: Patience) -> P
         count = yield from count_points(patience)
         if count < number - 1:
             return False
-    raise fail("point_refused", number=number, total=total, count=count)
+    raise refuse(Token.POINT_REFUSED, number=number, total=total, count=count)
 
 
 def _compare(points: Sequence[WireMessage], patience: Patience) -> Procedure[tuple[list[int], int]]:

@@ -1,0 +1,110 @@
+"""How commands end, and the stable words by which programs know why one was refused."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+from typing import NamedTuple
+
+
+class Status(StrEnum):
+    """How a command ended."""
+
+    ACCEPTED = "accepted"
+    DENIED = "denied"
+    BUSY = "busy"
+    UNSUPPORTED = "unsupported"
+    TIMEOUT = "timeout"
+    NOT_OBSERVABLE = "not_observable"
+    """Sent, but this board gives no sign by which success could be known."""
+
+
+class Token(StrEnum):
+    """Stable word of a refusal."""
+
+    # the request itself
+    MALFORMED = "malformed"
+    BAD_FIELD = "bad_field"
+    UNKNOWN_MESSAGE = "unknown_message"
+    UNKNOWN_VERB = "unknown_verb"
+    UNSUPPORTED = "unsupported"
+    READ_ONLY = "read_only"
+    DISCOVERING = "discovering"
+    BUSY = "busy"
+    INTERNAL = "internal"
+
+    # the line
+    LINK_DOWN = "link_down"
+    TIMEOUT = "timeout"
+    LINE_BUDGET = "line_budget"
+    UPLINK_BUDGET = "uplink_budget"
+    NO_SUCH_STREAM = "no_such_stream"
+    BOARD_UNREACHABLE = "board_unreachable"
+    NO_REPLY = "no_reply"
+    RECORDING = "recording"
+    NOT_REDIRECTABLE = "not_redirectable"
+    MOTORS_NOT_KNOWN_OFF = "motors_not_known_off"
+    WRONG_LAYOUT = "wrong_layout"
+    RELEASING = "releasing"
+    UNCONFIRMED = "unconfirmed"
+
+    # dangers
+    NOT_ENABLED = "not_enabled"
+    NOT_CONFIRMED = "not_confirmed"
+    MOTORS_RUNNING = "motors_running"
+    MOTORS_UNKNOWN = "motors_unknown"
+    BOARD_UNPROVEN = "board_unproven"
+    NEVER = "never"
+
+    # authority
+    NOT_LEASED = "not_leased"
+    LEASE_HELD = "lease_held"
+    WRONG_EPOCH = "wrong_epoch"
+    STALE_SEQUENCE = "stale_sequence"
+    NO_GUIDANCE = "no_guidance"
+    GATE_SHUT = "gate_shut"
+    GATE_CONSTANT = "gate_constant"
+    NO_CONTROL = "no_control"
+
+    # procedures on the boards
+    BAD_VALUE = "bad_value"
+    FLYING = "flying"
+    IN_FLIGHT_NEEDED = "in_flight_needed"
+    MOTORS_STARTED = "motors_started"
+    LIST_INCOMPLETE = "list_incomplete"
+    LIVE_SET_OWED = "live_set_owed"
+    JOURNAL_UNWRITABLE = "journal_unwritable"
+    CANCELLED = "cancelled"
+    NO_PROCEDURE = "no_procedure"
+    PROCEDURE_FAILED = "procedure_failed"
+    NOT_CLEARED = "not_cleared"
+    POINT_REFUSED = "point_refused"
+    NOT_VERIFIED = "not_verified"
+    LIST_CHANGING = "list_changing"
+    TOO_MANY_POINTS = "too_many_points"
+    POINT_NOT_EXPRESSIBLE = "point_not_expressible"
+    UNKNOWN_NAVICTRL = "unknown_navictrl"
+    UNKNOWN_REVISION = "unknown_revision"
+    REVISION_DIFFERS = "revision_differs"
+    LENGTH_DIFFERS = "length_differs"
+    LIVE_SET_CHANGED = "live_set_changed"
+    LIVE_SET_UNPROVEN = "live_set_unproven"
+    ACTIVE_SET_MOVED = "active_set_moved"
+    WRITE_REFUSED = "write_refused"
+    MIXER_REFUSED = "mixer_refused"
+    MIXER_DIFFERS = "mixer_differs"
+    MOTOR_CONTROLLER_REFUSED = "motor_controller_refused"
+    MOTOR_CONTROLLER_DIFFERS = "motor_controller_differs"
+    LABELS_INCONSISTENT = "labels_inconsistent"
+
+    # faults of the simulator
+    UNKNOWN_FAULT = "unknown_fault"
+    UNKNOWN_PARAMETER = "unknown_parameter"
+    OUT_OF_RANGE = "out_of_range"
+
+
+class Refusal(NamedTuple):
+    """One way to be refused; reason and fix may name `{words}` that the refusal fills in."""
+
+    status: Status
+    reason: str
+    fix: str

@@ -1,0 +1,97 @@
+"""Adding a message is one class: everything else reads its declaration."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Annotated
+
+import pytest
+
+from mkdaemon.bus.codec import schema_name
+from mkdaemon.cli.mkctl.requests import request_forms
+from mkdaemon.cli.mkdaemon.schema import describe_message
+from mkdaemon.control.danger import check_danger
+from mkdaemon.errors import CommandRejectedError
+from mkdaemon.link.session.requests import answers
+from mkdaemon.link.session.subscriptions import find_streams
+from mkdaemon.protocol import MESSAGES, Board, FrameDecoder, MessageDecoder
+from mkdaemon.protocol.fields import U8, U16
+from mkdaemon.protocol.matching import same
+from mkdaemon.protocol.sources import Source
+from mkdaemon.protocol.spec import Policy, Stream
+from mkdaemon.protocol.units import DECIVOLT, TEN_MS
+from mkdaemon.protocol.wire import WireMessage, answer, request
+from mkdaemon.telemetry.danger import Confirm, Danger
+from mkdaemon.telemetry.refusals import Token
+from tools.protocol_page import protocol_page
+
+
+@pytest.fixture
+def lamp():
+    """A request and its answer, declared for the length of a test."""
+    before = dict(MESSAGES)
+
+    @request(
+        Board.NC,
+        "q",
+        reply="Q",
+        firmware="NC 9.0",
+        source=Source.INFERRED,
+        policy=Policy(0.7, 1, deaf=0.1),
+        matches=same("number"),
+        stream=Stream("lamp", renews=9),
+        danger=Danger(effect="blinds the pilot", confirm=Confirm.ALWAYS),
+    )
+    class LampRequest(WireMessage):
+        """Light a lamp."""
+
+        number: Annotated[int, U8(mk="Nr", low=1, high=4)]
+        interval: Annotated[int, U8(mk="Interval", unit=TEN_MS)] = 0
+
+    @answer(Board.NC, "Q", firmware="NC 9.0", source=Source.INFERRED)
+    class Lamp(WireMessage):
+        """State of a lamp."""
+
+        number: Annotated[int, U8(mk="Nr")]
+        voltage: Annotated[int, U16(mk="U", unit=DECIVOLT)]
+
+    yield LampRequest, Lamp
+    MESSAGES.clear()
+    MESSAGES.update(before)
+
+
+def test_one_class_is_enough_everywhere(lamp):
+    asked, answered = lamp
+    (frame,) = FrameDecoder().feed(asked(number=2).to_frame())
+    assert MessageDecoder().decode(frame) == asked(number=2), "the codec"
+    assert (asked.spec.key, answered.spec.key) == ("lamp_request", "lamp"), "the keys"
+    assert schema_name(asked) == "LampRequest.v1", "the schema"
+    assert "x-firmware-word" in json.dumps(asked.model_json_schema())
+    form = request_forms()["lamp_request"]
+    assert [field.name for field in form.fields] == ["number", "interval"], "the command line"
+    assert form.danger == "blinds the pilot"
+    assert describe_message(Board.NC, asked)["danger"] == "blinds the pilot", "the table for machines"
+    assert asked.spec.policy(Board.NC) == Policy(0.7, 1, deaf=0.1), "the policies"
+    assert asked.spec.policy(Board.FC) == Policy()
+    assert answers(asked(number=2), Board.NC, answered(number=2, voltage=1), Board.NC), "the matching"
+    assert not answers(asked(number=2), Board.NC, answered(number=3, voltage=1), Board.NC)
+    stream = find_streams()["lamp"]
+    assert (stream.reply, stream.characters) == ("Q", 10), "the streams"
+    with pytest.raises(CommandRejectedError, match=Token.NOT_CONFIRMED):
+        check_danger(
+            "nc/lamp_request",
+            asked.spec.danger,
+            is_confirmed=False,
+            switches=(),
+            motors_running=False,
+            is_testing_motors=False,
+        )
+
+
+def test_the_documentation_shows_a_declared_message(lamp, monkeypatch):
+    monkeypatch.setattr("tools.protocol_page._SECTIONS", (("Lamps", (__import__(__name__, fromlist=["x"]),)),))
+    page = protocol_page(Path())
+    assert "### LampRequest (`q`, nc)" in page
+    assert "Time-out: nc 0.7 s and 1 retries, deaf for 0.1 s. Starts the stream `lamp`." in page
+    assert "| `q` | nc | LampRequest | blinds the pilot | `confirm` |" in page
