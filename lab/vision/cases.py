@@ -73,7 +73,7 @@ class _Share:
     def add(self, still: Still, intrinsics: Intrinsics = VGA, *, blind: bool = True) -> None:
         """Look at one image, with attitude and, unless told otherwise, without."""
         self.images += 1
-        self.decoded += bool(self._detector.climb(still.image.pixels))
+        self.decoded += bool(self._detector.search_ladder(still.image.pixels))
         for with_attitude in (True, False) if blind else (True,):
             found = look_once(still, self._target, intrinsics, with_attitude=with_attitude).pose_of(self._target.name)
             if found is None:
@@ -164,7 +164,7 @@ def _sum_up_view_angle(_quick: bool, parts: Sequence[Part], rows: Sequence[dict[
     return {"images_each": parts[0].images, "distance": 2.0, **_by_first_argument(parts, rows)}
 
 
-def _draws(side: float) -> dict[str, Callable[[np.random.Generator], Conditions]]:
+def draws(side: float) -> dict[str, Callable[[np.random.Generator], Conditions]]:
     """What light, lens and things lying about do, by name."""
     base = Conditions()
     draws: dict[str, Callable[[np.random.Generator], Conditions]] = {"none": lambda _: base}
@@ -186,13 +186,13 @@ def _draws(side: float) -> dict[str, Callable[[np.random.Generator], Conditions]
 
 def _plan_conditions(quick: bool, seeds: SeedSet) -> list[Part]:
     count = 12 if quick else 50
-    return [Part(_condition_row, (name, count, seeds.base + 400, part), count) for part, name in enumerate(_draws(1.0))]
+    return [Part(_condition_row, (name, count, seeds.base + 400, part), count) for part, name in enumerate(draws(1.0))]
 
 
 def _condition_row(name: str, count: int, seed: int, part: int) -> dict[str, Any]:
     """Cold start of the nested target in one kind of bad image, 0.5 to 2 m: one whole tag can be seen."""
     target = target_named("nested")
-    draw = _draws(target.tags[0].size)[name]
+    draw = draws(target.tags[0].size)[name]
     studio = Studio(target, seed, fine=False, part=part)
     tally = _Share(target)
     for _ in range(count):

@@ -93,7 +93,7 @@ class _Path:
         return position, np.array([roll, pitch, yaw])
 
 
-def make_path(rng: np.random.Generator, seconds: float, near: float = 0.35, far: float = 4.5) -> _Path:
+def make_path(rng: np.random.Generator, seconds: float, near: float, far: float) -> _Path:
     """Draw a way."""
     count = int(seconds * 200) + 8
     keep = np.exp(-0.005 / SHAKE_TIME)
@@ -118,6 +118,8 @@ def fly(
     intrinsics: Intrinsics = VGA,
     lens: Intrinsics | None = None,
     troubled: bool = True,
+    near: float = 0.35,
+    far: float = 4.5,
 ) -> Iterator[FlightFrame]:
     """Render one flight.
 
@@ -128,13 +130,15 @@ def fly(
         fps: images a second.
         intrinsics: what the estimator believes; gives the image size.
         lens: what the camera really is; the same when absent.
+        near: least height [m].
+        far: greatest height [m].
         troubled: occlusion, patches, glare, shadow, defocus, motion blur and dim light come and go.
 
     Yields:
         The images in order.
     """
     rng = np.random.default_rng([seed, 0xF117])
-    path = make_path(rng, seconds)
+    path = make_path(rng, seconds, near, far)
     placed = SceneTarget.of(target, Platform())
     scene = Scene([placed], ground=GROUNDS[seed % 4], seed=seed, fine=False)
     bias = np.radians(ATTITUDE_BIAS_DEG) * np.array([*rng.standard_normal(2), 0.0])

@@ -16,6 +16,7 @@ import cv2
 from cyclopts import Parameter
 
 from lab.campaign import Case, Part, run_parts
+from lab.vision import ablation
 from lab.vision.cases import ACCURACY, COLD, CONDITIONS, VIEW_ANGLE
 from lab.vision.never import FLIGHTS, FLIPS, all_flips
 from lab.vision.rates import rates
@@ -80,7 +81,10 @@ def main(
     *,
     case: Annotated[str | None, Parameter(help="One campaign instead of all.")] = None,
     quick: Annotated[bool, Parameter(negative=(), help="A fraction of the images.")] = False,
-    seeds: Annotated[SeedSet, Parameter(help="Which scenes.")] = SeedSet.REPORTING,
+    seeds: Annotated[SeedSet | None, Parameter(help="Which scenes; `reporting` unless said.")] = None,
+    ablate: Annotated[
+        bool, Parameter(negative=(), help="Switch every gate, fit and search off, one at a time.")
+    ] = False,
     jobs: Annotated[int | None, Parameter(help="Processes; as many as cores unless said.")] = None,
     as_json: AsJson = False,
 ) -> None:
@@ -89,7 +93,9 @@ def main(
     Args:
         case: one campaign instead of all.
         quick: a fraction of the images.
-        seeds: `reporting` scenes were never looked at during development.
+        seeds: `reporting` scenes were never looked at during development; `ablation` ones, the default of `--ablate`,
+            decide which parts stay.
+        ablate: what every part earns, in place of the campaigns.
         jobs: processes that share the images; the figures do not depend on it.
         as_json: print one JSON object, on the last line.
 
@@ -100,6 +106,14 @@ def main(
         msg = f"--jobs {jobs}: give 1 or more"
         raise ConfigError(msg)
     cv2.setNumThreads(1)
+    if ablate:
+        seeds = seeds or SeedSet.ABLATION
+        start = time.perf_counter()
+        figures = {"seeds": seeds.value, "quick": quick, **ablation.run(quick, seeds, jobs or os.cpu_count() or 1)}
+        figures["seconds"] = round(time.perf_counter() - start, 1)
+        print(json.dumps(figures) if as_json else ablation.table(figures))
+        return
+    seeds = seeds or SeedSet.REPORTING
     names = [case] if case is not None else list(CASES)
     results: dict[str, Any] = {"seeds": seeds.value, "quick": quick}
     for name in names:

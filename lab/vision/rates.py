@@ -27,7 +27,7 @@ def rates(quick: bool, seeds: SeedSet) -> dict[str, Any]:
     frames = list(fly(target, seeds.base + 800, seconds=2.0 if quick else 8.0, troubled=False))
     images = [frame.image.pixels for frame in frames]
     detector = Detector(TagMap((target,)).whitelist)
-    search = _times(images, lambda pixels: detector.climb(pixels))
+    search = _times(images, lambda pixels: detector.search_ladder(pixels))
     plain = Detector(TagMap((target,)).whitelist)
     april = _times(images, lambda pixels: plain.search(pixels, "decimate1"))
     opencv = _times(images, _opencv())

@@ -16,7 +16,6 @@ from lab.campaign import Case, Part, in_parts
 from lab.places import REFERENCE
 from lab.vision.flight import VGA
 from lab.vision.stills import SeedSet, Studio, error_of, look_once, target_named
-from mkdaemon.config.vision import TrackerSection
 from mkdaemon.vision.camera.intrinsics import Intrinsics
 from mkdaemon.vision.pose.fitting import TargetFitter
 from mkdaemon.vision.pose.pose import FLOOR_ANGLE, FLOOR_LATERAL, FLOOR_RANGE, Pose
@@ -188,7 +187,7 @@ def rotation_series(folder: Path) -> dict[str, Any]:
 def rotation_pose(pixels: npt.NDArray[np.uint8], found: Detection, camera: Intrinsics) -> Pose:
     """Pose of a tag of the rotation series with an exact camera: of both candidates the better fit."""
     target = single(ROTATION_TAG_M, found.tag_id)
-    poses = TargetFitter(target, Projection(camera), TrackerSection()).cold(pixels, [(target.tags[0], found)])
+    poses = TargetFitter(target, Projection(camera)).cold(pixels, [(target.tags[0], found)])
     return min(poses, key=lambda pose: pose.loss)
 
 

@@ -29,7 +29,7 @@ from mkdaemon.vision.camera.calibration_file import load_camera, mount_rotation
 from mkdaemon.vision.camera.camera import StreamState, StreamStatus
 from mkdaemon.vision.camera.image import CameraImage
 from mkdaemon.vision.camera.slot import NewestSlots
-from mkdaemon.vision.pipeline import ALARM_WORDS, CameraPipeline
+from mkdaemon.vision.pipeline import ALARM_ADVICE, CameraPipeline
 from mkdaemon.vision.tags.tagmap import load
 from mkdaemon.vision.track.attitude import AttitudeSample
 from mkdaemon.vision.worker import VisionWorker
@@ -161,7 +161,7 @@ def test_a_dark_image_that_is_posed_is_an_alarm_and_no_obstacle() -> None:
     assert len(poses(values)) == 2
     found = stats(pipeline)
     assert found.state is EyeState.OK
-    assert found.alarms == {"dark": ALARM_WORDS["dark"]}
+    assert found.alarms == {"dark": ALARM_ADVICE["dark"]}
     assert found.posed == 1.0
 
 

@@ -88,6 +88,58 @@ class VisionPose(Seen):
     """From the middle of the exposure to this value [s]."""
 
 
+class Refusal(StrEnum):
+    """Why a measured pose is not published."""
+
+    NO_FIT = "no_fit"
+    """No fit came to an end near its start."""
+    INLIERS = "inliers"
+    """Too few of the measurements agree."""
+    POINTS = "points"
+    """Too few measurements."""
+    RESIDUAL = "residual"
+    """What agrees does so badly, or worse than usual."""
+    STEP = "step"
+    """The fit had not come to rest."""
+    BITS = "bits"
+    """The image does not show the target's cells there."""
+    ATTITUDE = "attitude"
+    """Roll and pitch of the vehicle contradict."""
+    ROTATION_JUMP = "rotation_jump"
+    """Turned farther from the prediction than a vehicle turns."""
+    RANGE_JUMP = "range_jump"
+    """Nearer or farther than predicted."""
+    POSITION_JUMP = "position_jump"
+    """Elsewhere over the target than predicted."""
+    ANGLE_UNCERTAIN = "angle_uncertain"
+    """Its own covariance allows for a wrong angle."""
+    POSITION_UNCERTAIN = "position_uncertain"
+    """Its own covariance allows for a wrong position."""
+    AMBIGUOUS = "ambiguous"
+    """Nothing tells it from its mirror image."""
+    BLURRED = "blurred"
+    """Blur hides the perspective that would tell."""
+    OFF_COURSE = "off_course"
+    """No vehicle gets there from where it was."""
+    DECODED_ELSEWHERE = "decoded_elsewhere"
+    """A tag of the target was decoded in another place."""
+    NOT_DECODED = "not_decoded"
+    """None of its tags was decoded for too long."""
+
+
+class Alarm(StrEnum):
+    """What is wrong with a camera's images, its calibration or its target's file."""
+
+    WRONG_SIZE = "wrong_size"
+    UNCALIBRATED = "uncalibrated"
+    FROZEN = "frozen"
+    DARK = "dark"
+    BLOWN = "blown"
+    BLURRED = "blurred"
+    RESIDUAL_DRIFT = "residual_drift"
+    TARGET_MISMATCH = "target_mismatch"
+
+
 class EyeState(StrEnum):
     """Whether a camera delivers poses, and what is in the way if not."""
 
@@ -113,7 +165,7 @@ class VisionStats(Stamped):
     """Ready, or the first thing in the way."""
     reason: str
     """One sentence with what to do; empty when ready."""
-    alarms: dict[str, str]
+    alarms: dict[Alarm, str]
     """What else is wrong with the images, each with what to do."""
     source: str
     """Where images come from."""
@@ -135,7 +187,7 @@ class VisionStats(Stamped):
     """Images that made the detector fail."""
     posed: float
     """Share of the images of the last seconds that gave a pose, 0 to 1."""
-    refused: dict[str, int]
+    refused: dict[Refusal, int]
     """Measured poses that were not believed, by reason, since the start."""
     detect_ms_p50: float
     """Time the detector takes an image, median of the last seconds [ms]."""

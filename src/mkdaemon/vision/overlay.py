@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from mkdaemon.vision.camera.intrinsics import Intrinsics
+from mkdaemon.vision.pose.projection import NEAR_M
 from mkdaemon.vision.still import StillPose, StillResult
 
 Colour = tuple[int, int, int]
@@ -70,7 +71,7 @@ def _axes(picture: npt.NDArray[np.uint8], found: StillPose, k: Intrinsics, scale
     length = 0.1 * found.pose.range_m
     points = np.array([[0, 0, 0], [length, 0, 0], [0, length, 0], [0, 0, length]]) @ found.pose.rotation.T
     points = points + found.pose.position
-    if float(points[:, 2].min()) <= 0.01:
+    if float(points[:, 2].min()) <= NEAR_M:
         return
     seen, _ = cv2.projectPoints(points, np.zeros(3), np.zeros(3), k.matrix, k.distortion)
     for end, colour in zip(seen[1:, 0], AXES, strict=True):

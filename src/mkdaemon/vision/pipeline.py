@@ -15,7 +15,7 @@ from mkdaemon.errors import ConfigError
 from mkdaemon.stamp import Stamp
 from mkdaemon.telemetry.base import Telemetry
 from mkdaemon.telemetry.image import CameraFrame
-from mkdaemon.telemetry.vision import EyeState, Transform, VisionStats
+from mkdaemon.telemetry.vision import Alarm, EyeState, Refusal, Transform, VisionStats
 from mkdaemon.vision.camera.calibration_file import Camera, load_camera, mount_rotation
 from mkdaemon.vision.camera.camera import StreamState, StreamStatus
 from mkdaemon.vision.camera.image import CameraImage
@@ -27,20 +27,20 @@ from mkdaemon.vision.tags.tagmap import load
 from mkdaemon.vision.track.attitude import AttitudeHistory, Mounting
 from mkdaemon.vision.track.tracker import Tracker
 
-ALARM_WORDS = {
-    "wrong_size": "the images have another size than the calibration: set width and height, or calibrate at this size",
-    "uncalibrated": "no calibration: tags only, no poses; run mkdaemon calibrate camera and set `calibration`",
-    "frozen": "equal images in a row: the camera is frozen, unplug it or restart its driver",
-    "target_mismatch": "the tags of one target contradict its file: check sizes and positions there, measure the print",
-    "dark": "the images are dark: lens cap, light or exposure",
-    "blown": "the images are over-exposed: shorten the exposure or lower the gain",
-    "blurred": "edges are wide: clean and focus the lens, shorten the exposure",
-    "residual_drift": "tag edges no longer fit the calibration: calibrate again, check that the print is flat",
+ALARM_ADVICE = {
+    Alarm.WRONG_SIZE: "images and calibration differ in size: set width and height, or calibrate at this size",
+    Alarm.UNCALIBRATED: "no calibration: tags only, no poses; run mkdaemon calibrate camera and set `calibration`",
+    Alarm.FROZEN: "equal images in a row: the camera is frozen, unplug it or restart its driver",
+    Alarm.TARGET_MISMATCH: "the tags of a target contradict its file: check sizes and positions, measure the print",
+    Alarm.DARK: "the images are dark: lens cap, light or exposure",
+    Alarm.BLOWN: "the images are over-exposed: shorten the exposure or lower the gain",
+    Alarm.BLURRED: "edges are wide: clean and focus the lens, shorten the exposure",
+    Alarm.RESIDUAL_DRIFT: "tag edges no longer fit the calibration: calibrate again, check that the print is flat",
 }
 """What to do about an alarm."""
-NEVER_POSED = ("wrong_size", "uncalibrated", "frozen")
+NEVER_POSED = (Alarm.WRONG_SIZE, Alarm.UNCALIBRATED, Alarm.FROZEN)
 """Alarms under which no pose is published, the first one first."""
-MAYBE_POSED = ("dark", "blown", "target_mismatch")
+MAYBE_POSED = (Alarm.DARK, Alarm.BLOWN, Alarm.TARGET_MISMATCH)
 """Alarms that explain why there is no pose, while there is none."""
 WINDOW = 150
 """Images the figures look back on: five seconds at 30 Hz."""
@@ -81,9 +81,9 @@ class CameraPipeline:
         self.tracker = Tracker(tagmap, intrinsics, mounting, vision.tracker, vision.detector)
         self._check = TargetCheck(tagmap, Projection(intrinsics) if intrinsics is not None else None)
         self._timings: deque[_Timing] = deque(maxlen=WINDOW)
-        self._refused: Counter[str] = Counter()
+        self._refused: Counter[Refusal] = Counter()
         self._processed = self._faults = 0
-        self.alarms: tuple[str, ...] = ()
+        self.alarms: tuple[Alarm, ...] = ()
         self._next_jpeg = -np.inf
 
     def process(self, image: CameraImage, attitude: AttitudeHistory | None) -> list[tuple[str, Telemetry]]:
@@ -104,7 +104,7 @@ class CameraPipeline:
         ready = self._clock.now()
         values = list(values_of(result, image, self._clock.stamp(image.captured_at), self.mounting, ready))
         self._check.look(result.detections, (pose.target for pose in result.poses))
-        mismatch = ("target_mismatch",) if self._check.contradicted else ()
+        mismatch = (Alarm.TARGET_MISMATCH,) if self._check.contradicted else ()
         self.alarms = (*result.alarms, *mismatch)
         self._refused.update(reason for _, reason in result.refused)
         self._timings.append(_Timing(ready - started, ready - image.captured_at, bool(result.poses)))
@@ -141,7 +141,7 @@ class CameraPipeline:
             stamp=stamp,
             state=state,
             reason=reason,
-            alarms={name: ALARM_WORDS.get(name, "") for name in self.alarms},
+            alarms={name: ALARM_ADVICE[name] for name in self.alarms},
             source=self.cfg.source,
             width=stream.width,
             height=stream.height,
@@ -168,12 +168,14 @@ class CameraPipeline:
         posed = bool(self._timings) and self._timings[-1].posed
         for name in NEVER_POSED if posed else (*NEVER_POSED, *MAYBE_POSED):
             if name in self.alarms:
-                return EyeState(name), self._size_words(stream) if name == "wrong_size" else ALARM_WORDS[name]
+                return EyeState(name.value), self._size_words(stream) if name is Alarm.WRONG_SIZE else ALARM_ADVICE[
+                    name
+                ]
         return EyeState.OK, ""
 
     def _size_words(self, stream: StreamStatus) -> str:
         if self.camera is None:
-            return ALARM_WORDS["wrong_size"]
+            return ALARM_ADVICE[Alarm.WRONG_SIZE]
         k = self.camera.intrinsics
         return (
             f"the camera gives {stream.width}x{stream.height}, its calibration is for {k.width}x{k.height}:"

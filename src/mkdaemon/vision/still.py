@@ -9,11 +9,13 @@ import numpy as np
 import numpy.typing as npt
 
 from mkdaemon.config.vision import DetectorSection, TrackerSection
+from mkdaemon.telemetry.vision import Refusal
 from mkdaemon.vision.camera.intrinsics import Intrinsics
+from mkdaemon.vision.limits import LIMITS
 from mkdaemon.vision.pose.ambiguity import choose
 from mkdaemon.vision.pose.edgefit import EdgeFit
 from mkdaemon.vision.pose.fitting import TargetFitter
-from mkdaemon.vision.pose.gates import fit_fault
+from mkdaemon.vision.pose.gates import fit_refusal
 from mkdaemon.vision.pose.pose import FLOOR_RANGE, Pose, angle_between, with_floor
 from mkdaemon.vision.pose.projection import Projection
 from mkdaemon.vision.tags.detection import Detection, Stage
@@ -29,11 +31,6 @@ ANY_ID_FALSE_RATE = 2e-6
 the limit for a short whitelist would refuse even one wrong bit."""
 WHOLE_TAGS: tuple[Stage, ...] = ("decimate1", "log", "decimate2", "equalised")
 """The searches of a still; a broken outline needs a track or an attitude to be trusted."""
-SAME_TAG = 0.5
-"""Detections whose centres are closer than this share of the side are one tag."""
-DISTINCT = np.radians(1.0)
-LENS_DOUBT_PX = 0.15
-"""Edge residual from which the calibration is in doubt [px]; a right one leaves 0.03 to 0.1 in a sharp image."""
 STRETCH_ITERATIONS = 12
 """Tilt and ratio hang together: the fit creeps along their valley."""
 
@@ -47,14 +44,14 @@ class StillPose:
         pose: camera from target.
         ambiguity: residual of the mirrored pose over this one; infinite without a rival.
         ambiguous: nothing in the image tells this pose from its mirror; it would not be published in flight.
-        fault: the gate it fails, empty when it passes all.
+        refusal: the gate it fails; none when it passes all.
     """
 
     target: str
     pose: Pose
     ambiguity: float
     ambiguous: bool
-    fault: str
+    refusal: Refusal | None
 
     @property
     def covariance(self) -> Array:
@@ -141,7 +138,10 @@ class StillEye:
             for tag in self._detector.search_all(pixels, stage):
                 middle = tag.corners.mean(axis=0)
                 known = (other for other in found if (other.family, other.tag_id) == (tag.family, tag.tag_id))
-                if all(np.linalg.norm(middle - k.corners.mean(axis=0)) > SAME_TAG * tag.side_px for k in known):
+                if all(
+                    np.linalg.norm(middle - k.corners.mean(axis=0)) > LIMITS.health.same_tag * tag.side_px
+                    for k in known
+                ):
                     found.append(tag)
         return sorted(found, key=lambda tag: -tag.side_px)
 
@@ -175,24 +175,26 @@ class StillEye:
             return None
         fitter = self._fitters.get(key)
         if fitter is None:
-            fitter = self._fitters.setdefault(key, TargetFitter(target, self._projection, self._cfg))
-        candidates = self._doubting_lens(pixels, key, target, fitter.cold(pixels, tags))
+            fitter = self._fitters.setdefault(key, TargetFitter(target, self._projection))
+        candidates = self._fit_with_lens_in_doubt(pixels, key, target, fitter.cold(pixels, tags))
         candidates.sort(key=lambda pose: pose.loss)
         if not candidates:
             return None
         choice = choose(candidates, min_ratio=self._cfg.min_ambiguity_ratio)
         best = choice.pose if choice is not None else candidates[0]
-        rivals = [pose for pose in candidates if angle_between(pose.rotation, best.rotation) > DISTINCT]
+        rivals = [
+            pose for pose in candidates if angle_between(pose.rotation, best.rotation) > LIMITS.ambiguity.same_pose
+        ]
         ratio = float(np.sqrt(rivals[0].loss / max(best.loss, 1e-12))) if rivals else float("inf")
         return StillPose(
             f"{tags[0][1].family}:{tags[0][1].tag_id}" if isinstance(key, tuple) else target.name,
             best,
             ratio,
             choice is None,
-            fit_fault(best, self._cfg),
+            fit_refusal(best, self._cfg),
         )
 
-    def _doubting_lens(
+    def _fit_with_lens_in_doubt(
         self, pixels: Grey, key: tuple[str, int] | str, target: Target, candidates: list[Pose]
     ) -> list[Pose]:
         """Fit once more with the ratio of the focal lengths free within its calibration, where a residual asks for it.
@@ -202,7 +204,7 @@ class StillEye:
         """
         if self._projection is None or any(pose.source != "edges" for pose in candidates):
             return candidates
-        if min((pose.rms_px for pose in candidates), default=0.0) < LENS_DOUBT_PX:
+        if min((pose.rms_px for pose in candidates), default=0.0) < LIMITS.health.drift_px:
             return candidates
         fit = self._edges.get(key)
         if fit is None:

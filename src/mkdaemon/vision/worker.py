@@ -18,7 +18,7 @@ from mkdaemon.config.vision import VisionSection
 from mkdaemon.errors import ConfigError
 from mkdaemon.stamp import Stamp
 from mkdaemon.telemetry.base import Telemetry
-from mkdaemon.telemetry.vision import EyeState
+from mkdaemon.telemetry.vision import Alarm, EyeState
 from mkdaemon.vision.camera.camera import CameraStream
 from mkdaemon.vision.camera.image import CameraImage
 from mkdaemon.vision.camera.shot import Source
@@ -140,7 +140,7 @@ class _Eye:
         self.pipeline = pipeline
         self.stream = stream
         self._slot = slot
-        self._told: tuple[EyeState, tuple[str, ...]] | None = None
+        self._reported: tuple[EyeState, tuple[Alarm, ...]] | None = None
         self._due = 0.0
 
     def look(self, image: CameraImage, attitude: AttitudeHistory) -> list[tuple[str, Telemetry]]:
@@ -152,10 +152,10 @@ class _Eye:
         """Stats and the static frame, once a second and when the state changes."""
         status = self.stream.status()
         facts = (self.pipeline.state(status)[0], self.pipeline.alarms)
-        if facts == self._told and stamp.monotonic < self._due:
+        if facts == self._reported and stamp.monotonic < self._due:
             return []
         stats = self.pipeline.stats(status, self._slot.dropped, stamp)
-        self._told, self._due = facts, stamp.monotonic + STATS_EVERY
+        self._reported, self._due = facts, stamp.monotonic + STATS_EVERY
         name = self.pipeline.cfg.name
         values: list[tuple[str, Telemetry]] = [(f"vision/{name}/stats", stats)]
         mount = self.pipeline.mount(stamp)

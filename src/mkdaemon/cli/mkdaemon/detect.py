@@ -205,7 +205,7 @@ def _tell(
         print(f"  {found.family} {found.tag_id} at {x:.1f}, {y:.1f} px, hamming {found.hamming}")
     for pose in result.poses:
         x, y, z = pose.pose.position
-        doubt = f", doubtful: {pose.fault}" if pose.fault else ""
+        doubt = f", doubtful: {pose.refusal}" if pose.refusal is not None else ""
         tilt = f"tilt {np.degrees(pose.pose.tilt):.1f} deg{', ambiguous' if pose.ambiguous else ''}{doubt}"
         print(f"  {pose.target}: right {x:.4f}, down {y:.4f}, ahead {z:.4f} m, {tilt}")
     if result.tags and not result.poses:
@@ -261,7 +261,7 @@ def _pose(found: StillPose) -> dict[str, Any]:
         "source": pose.source,
         "points": pose.points,
         "rms_px": pose.rms_px,
-        "doubt": found.fault,
+        "doubt": found.refusal or "",
     }
 
 

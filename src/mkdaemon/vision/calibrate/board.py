@@ -22,6 +22,12 @@ CELLS_PER_SQUARE = 8
 """A square of our ChArUco boards is 8 cells: a 4x4 marker with its border is 6, one white cell on each side."""
 MARKER_CELLS = 6
 DICTIONARY = cv2.aruco.DICT_4X4_250
+LEAST_SQUARES, MOST_MARKERS = 3, 250
+"""Squares along a side at least, and markers the dictionary has."""
+SQUARE_M = (0.002, 1.0)
+"""Sides of squares somebody prints [m]."""
+ON_A_LINE = 0.5
+"""Corners that spread by less than this share of a square across one direction lie on a line."""
 MIN_POINTS = 8
 
 
@@ -71,7 +77,8 @@ class CharucoBoard:
 
     def __post_init__(self) -> None:
         markers = self.columns * self.rows // 2
-        if not (self.columns >= 3 and self.rows >= 3 and markers <= 250 and 0.002 <= self.square <= 1.0):
+        is_whole = min(self.columns, self.rows) >= LEAST_SQUARES and markers <= MOST_MARKERS
+        if not (is_whole and SQUARE_M[0] <= self.square <= SQUARE_M[1]):
             msg = (
                 f"board {self.columns}x{self.rows} of {self.square} m: give at least 3x3 squares, at most 500,"
                 " of 0.002 to 1 m"
@@ -114,7 +121,7 @@ class CharucoBoard:
         known = np.asarray(self._cv.getChessboardCorners(), dtype=np.float64)
         image = np.asarray(corners, dtype=np.float64).reshape(-1, 2)
         spread = known[index][:, :2].max(axis=0) - known[index][:, :2].min(axis=0)
-        if min(spread) < 0.5 * self.square:
+        if min(spread) < ON_A_LINE * self.square:
             return None  # all on one line
         return BoardPoints(index, known[index], image)
 

@@ -17,6 +17,10 @@ Array = npt.NDArray[np.float64]
 
 MARGIN_MM = 10.0
 """White around everything: printers leave a rim blank."""
+CENTIMETRE, HALF_CENTIMETRE = 10, 5
+"""Longer marks of the ruler [mm]."""
+LISTED = 6
+"""Tags that are named in the title of a page."""
 RULER_MM = 100
 FOOT_MM = 24.0
 """Height of the strip with ruler and text under a target."""
@@ -130,8 +134,8 @@ def target_page(target: Target, *, note: str = "") -> Page:
             for loop in ink
         ]
         areas.append(Area(tuple(placed)))
-    sizes = ", ".join(f"{tag.family.name} {tag.tag_id} = {1000 * tag.size:g} mm" for tag in target.tags[:6])
-    more = f" and {len(target.tags) - 6} more" if len(target.tags) > 6 else ""
+    sizes = ", ".join(f"{tag.family.name} {tag.tag_id} = {1000 * tag.size:g} mm" for tag in target.tags[:LISTED])
+    more = f" and {len(target.tags) - LISTED} more" if len(target.tags) > LISTED else ""
     width, height = 1000.0 * (x1 - x0), 1000.0 * (y1 - y0)
     measured = " or ".join(dict.fromkeys(size_words(tag.family) for tag in target.tags))
     return _finished(areas, width, height, f"{target.name}: {sizes}{more} ({measured})", note)
@@ -198,7 +202,7 @@ def _ruler(x: float, y: float) -> list[tuple[float, float, float, float]]:
     line = 0.15
     marks = [(x, y, float(RULER_MM), line)]
     for mm in range(RULER_MM + 1):
-        length = 5.0 if mm % 10 == 0 else 3.5 if mm % 5 == 0 else 2.0
+        length = 5.0 if mm % CENTIMETRE == 0 else 3.5 if mm % HALF_CENTIMETRE == 0 else 2.0
         at = x + mm - (0.0 if mm == 0 else line if mm == RULER_MM else line / 2)
         marks.append((at, y, line, length))
     return marks

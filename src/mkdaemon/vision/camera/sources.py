@@ -22,6 +22,8 @@ V4L2_MANUAL, V4L2_AUTO = 1, 3
 """Values of V4L2_CID_EXPOSURE_AUTO (linux/v4l2-controls.h): manual and aperture priority."""
 
 
+TAKEN = 0.01
+"""A setting was taken when the driver reads it back within this share."""
 _WHAT_TO_CHECK = {
     cv2.CAP_V4L2: "is it a camera, and does another program hold it?",
     cv2.CAP_FFMPEG: "check address, user and password, and that the camera is on",
@@ -154,6 +156,6 @@ def _set_controls(capture: cv2.VideoCapture, cfg: CameraSection, backend: int) -
     if backend != cv2.CAP_FFMPEG:
         capture.set(cv2.CAP_PROP_BUFFERSIZE, 1)
     for control, value, name in wanted:
-        if not capture.set(control, value) or abs(capture.get(control) - value) > 0.01 * max(value, 1.0):
+        if not capture.set(control, value) or abs(capture.get(control) - value) > TAKEN * max(value, 1.0):
             refused.append(f"{name}={value:g}: the driver has {capture.get(control):g}")
     return refused

@@ -13,25 +13,11 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 
-from mkdaemon.vision.pose.gates import BLIND_GREY_RMS_PX
+from mkdaemon.vision.limits import LIMITS, Limits
 from mkdaemon.vision.pose.pose import Pose, angle_between
 
 Array = npt.NDArray[np.float64]
 Decision = Literal["unique", "image", "attitude", "track"]
-
-SAME_POSE = np.radians(1.0)
-"""Candidates closer than this are one pose [rad]."""
-SAMPLES_PER_FACT = 4.0
-"""Neighbouring samples share pixels; a quarter of them counts as independent."""
-MIN_LOG_ODDS = 12.0
-"""Natural log of the odds from which the image alone decides: one in 160,000."""
-
-CLEAR_RATIO = 1.4
-"""Residual ratio asked for however many samples speak; unmodelled light and blur are shared by all of them."""
-EXPLAINED_INLIERS = 0.95
-"""Share of the pixels that agree where nothing lies over the target."""
-MAX_ODDS_AGAINST = 2.0
-"""Log odds of the image against a candidate up to which the track may still choose it."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -56,6 +42,7 @@ def choose(
     tilt_errors: Sequence[float] | None = None,
     tilt_gate: float = 0.0,
     predicted: Array | None = None,
+    limits: Limits = LIMITS,
 ) -> Choice | None:
     """Pick the true candidate.
 
@@ -65,14 +52,16 @@ def choose(
         tilt_errors: disagreement of each candidate with the vehicle's attitude [rad]; none when unknown.
         tilt_gate: largest believable disagreement [rad].
         predicted: rotation the track expects `(3, 3)`.
+        limits: what decides.
 
     Returns:
         The choice; none when nothing decides or the attitude contradicts every candidate.
     """
+    decides = limits.ambiguity
     order = sorted(range(len(candidates)), key=lambda k: candidates[k].loss)
     distinct: list[int] = []
     for k in order:
-        if all(angle_between(candidates[k].rotation, candidates[j].rotation) > SAME_POSE for j in distinct):
+        if all(angle_between(candidates[k].rotation, candidates[j].rotation) > decides.same_pose for j in distinct):
             distinct.append(k)
     if not distinct:
         return None
@@ -89,9 +78,7 @@ def choose(
     if len(distinct) == 1:
         return Choice(first, ratio, "unique")
     second = candidates[distinct[1]]
-    if ratio >= min_ratio and log_odds(first, second) >= MIN_LOG_ODDS:
-        return Choice(first, ratio, "image")
-    if _is_explained(first, second) and log_odds(first, second) >= MIN_LOG_ODDS:
+    if log_odds(first, second) >= decides.min_log_odds and (ratio >= min_ratio or _is_explained(first, second, limits)):
         return Choice(first, ratio, "image")
     if predicted is not None:
         by_track = sorted(distinct, key=lambda k: angle_between(candidates[k].rotation, predicted))
@@ -99,23 +86,28 @@ def choose(
         chosen = candidates[by_track[0]]
         # The track may break a tie; it may not overrule what the image says.
         against = log_odds(first, chosen) if chosen is not first else 0.0
-        if near < np.radians(5.0) and far > 2.0 * near + np.radians(2.0) and against < MAX_ODDS_AGAINST:
+        is_near = near < decides.track_near and far > 2.0 * near + decides.track_far
+        if is_near and against < decides.max_odds_against:
             return Choice(chosen, ratio, "track")
-    if ratio >= CLEAR_RATIO and log_odds(first, second) >= 4 * MIN_LOG_ODDS:
+    if ratio >= decides.clear_ratio and log_odds(first, second) >= decides.clear_log_odds:
         return Choice(first, ratio, "image")
     return None
 
 
 def log_odds(first: Pose, second: Pose) -> float:
-    """Log likelihood ratio of two fits of equal Gaussian residuals with unknown variance."""
-    facts = min(first.points, second.points) / SAMPLES_PER_FACT
+    """Log likelihood ratio of two fits of equal Gaussian residuals with unknown variance.
+
+    n / 2 ln(s2^2 / s1^2) with n independent residuals; neighbouring samples share pixels and are not.
+    """
+    facts = min(first.points, second.points) / LIMITS.ambiguity.samples_per_fact
     return 0.5 * facts * float(np.log(max(second.loss, 1e-12) / max(first.loss, 1e-12)))
 
 
-def _is_explained(first: Pose, second: Pose) -> bool:
+def _is_explained(first: Pose, second: Pose, limits: Limits) -> bool:
     """Whether a fit to grey values leaves no more than noise: then nothing unmodelled takes sides."""
     grey = first.source == "photometric" and second.source == "photometric"
-    return grey and first.rms_px <= BLIND_GREY_RMS_PX and first.inliers >= EXPLAINED_INLIERS
+    quiet = first.rms_px <= limits.certainty.blind_grey_rms_px
+    return grey and quiet and first.inliers >= limits.agreement.explained
 
 
 def _ratio(candidates: Sequence[Pose], distinct: Sequence[int]) -> float:

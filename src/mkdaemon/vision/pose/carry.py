@@ -9,7 +9,8 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from mkdaemon.vision.pose.edgefit import covered
+from mkdaemon.vision.limits import LIMITS, Limits
+from mkdaemon.vision.pose.edgemodel import covered
 from mkdaemon.vision.pose.pose import Pose
 from mkdaemon.vision.pose.projection import NEAR_M, Projection
 from mkdaemon.vision.tags.tagmap import Target
@@ -17,25 +18,17 @@ from mkdaemon.vision.tags.tagmap import Target
 Array = npt.NDArray[np.float64]
 Grey = npt.NDArray[np.uint8]
 
-FLOW_POINTS = 60
-FLOW_CELL_PX = 2.5
-"""Corners of smaller cells have nothing for optical flow to hold on to [px]."""
-FLOW_CONTRAST = 1e-7
-"""Least eigenvalue of a window that is followed: the corners are known to be there, however dim the light is; OpenCV's
-own limit of 1e-4 drops all of them at 6 % of the light."""
-SHAKEN = 0.08
-"""How far a target is looked for as a whole, as a turn of the camera between two images [rad]."""
-ALIKE = 0.5
-"""Correlation from which its image counts as found again."""
-PATCH_PX = 40
-"""The image of a target is compared at about this size [px]."""
+BORDER = 3
+"""White cells around a corner of three; of one, all others are black."""
 
 
 class Carrier:
     """Finds a target again that was seen a moment ago."""
 
-    def __init__(self, target: Target, projection: Projection) -> None:
+    def __init__(self, target: Target, projection: Projection, limits: Limits = LIMITS) -> None:
         self._projection = projection
+        self._limits, self._readable_px = limits.carry, limits.cells.readable_px
+        self._smallest_px = limits.search.min_window_px
         self._corners, self._cells = _cell_corners(target)
 
     def starts(self, before: Grey, now: Grey, last: Pose, predicted: Pose) -> Iterator[Pose]:
@@ -55,13 +48,15 @@ class Carrier:
         """Carry the last pose over by the optical flow of the corners of its cells; none when too few are found."""
         seen, visible = self._projection.project(self._corners @ last.rotation.T + last.position)
         height, width = now.shape
-        visible &= (seen > 4).all(axis=1) & (seen[:, 0] < width - 5) & (seen[:, 1] < height - 5)
-        visible &= self._cells * float(self._projection.focal[0]) > FLOW_CELL_PX * float(last.position[2])
+        edge = self._limits.edge_px
+        visible &= (seen > edge).all(axis=1) & (seen < (width - 1 - edge, height - 1 - edge)).all(axis=1)
+        # Corners of smaller cells have nothing for optical flow to hold on to.
+        visible &= self._cells * float(self._projection.focal[0]) > self._readable_px * float(last.position[2])
         index = np.flatnonzero(visible)
-        if len(index) < 8:
+        if len(index) < self._limits.flow_min_points:
             return None
-        if len(index) > FLOW_POINTS:
-            index = index[np.linspace(0, len(index) - 1, FLOW_POINTS).astype(np.intp)]
+        if len(index) > self._limits.flow_points:
+            index = index[np.linspace(0, len(index) - 1, self._limits.flow_points).astype(np.intp)]
         points = self._corners[index]
         guess, _ = self._projection.project(points @ predicted.rotation.T + predicted.position)
         window = (21, 21)
@@ -74,10 +69,10 @@ class Carrier:
             maxLevel=3,
             criteria=(cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 12, 0.03),
             flags=cv2.OPTFLOW_USE_INITIAL_FLOW,
-            minEigThreshold=FLOW_CONTRAST,
+            minEigThreshold=self._limits.flow_contrast,
         )
         good = np.asarray(status).ravel() > 0
-        if int(good.sum()) < 8:
+        if int(good.sum()) < self._limits.flow_min_points:
             return None
         rays = self._projection.undistort(np.asarray(moved, dtype=np.float64).reshape(-1, 2)[good])
         start_r = cv2.Rodrigues(predicted.rotation)[0]
@@ -93,7 +88,7 @@ class Carrier:
             reprojectionError=3.0 / float(self._projection.focal[0]),
             flags=cv2.SOLVEPNP_ITERATIVE,
         )
-        if not found or inliers is None or len(inliers) < 8:
+        if not found or inliers is None or len(inliers) < self._limits.flow_min_points:
             return None
         rotation = np.asarray(cv2.Rodrigues(rvec)[0], dtype=np.float64)
         position = np.asarray(tvec, dtype=np.float64).ravel()
@@ -106,7 +101,7 @@ class Carrier:
 
         The camera is taken to have turned; none when the image is not found.
         """
-        reach = int(SHAKEN * float(self._projection.focal[0]))
+        reach = int(self._limits.shake * float(self._projection.focal[0]))
         height, width = now.shape
         seen, visible = self._projection.project(self._corners @ last.rotation.T + last.position)
         centre, ahead = self._projection.project(last.position[None, :])
@@ -114,13 +109,13 @@ class Carrier:
             return None
         x0, y0 = np.maximum(seen.min(axis=0) - 2, reach).astype(int)
         x1, y1 = np.minimum(seen.max(axis=0) + 3, [width - reach, height - reach]).astype(int)
-        if min(x1 - x0, y1 - y0) < 16:
+        if min(x1 - x0, y1 - y0) < self._smallest_px:
             return None
-        coarse = 1.0 / max(min(x1 - x0, y1 - y0) // PATCH_PX, 1)
+        coarse = 1.0 / max(min(x1 - x0, y1 - y0) // self._limits.patch_px, 1)
         patch = _reduced(before[y0:y1, x0:x1], coarse)
         area = _reduced(now[y0 - reach : y1 + reach, x0 - reach : x1 + reach], coarse)
         _, likeness, _, place = cv2.minMaxLoc(cv2.matchTemplate(area, patch, cv2.TM_CCOEFF_NORMED))
-        if likeness < ALIKE:
+        if likeness < self._limits.alike:
             return None
         rays = self._projection.undistort(np.vstack([centre, centre + np.array(place) / coarse - reach]))
         old, new = (np.append(ray, 1.0) / np.hypot(1.0, np.linalg.norm(ray)) for ray in rays)
@@ -147,7 +142,7 @@ def _cell_corners(target: Target) -> tuple[Array, Array]:
         white = np.pad(tag.bitmap > 0, 1, constant_values=True).astype(int)
         around = white[:-1, :-1] + white[:-1, 1:] + white[1:, :-1] + white[1:, 1:]
         crossed = (around == 2) & (white[:-1, :-1] == white[1:, 1:])
-        row, column = np.nonzero((around == 1) | (around == 3) | crossed)
+        row, column = np.nonzero((around == 1) | (around == BORDER) | crossed)
         placed = tag.place(np.column_stack([column - n / 2, n / 2 - row]) * tag.module)
         keep = np.ones(len(placed), dtype=bool)
         for later in target.tags[k + 1 :]:

@@ -1,4 +1,4 @@
-"""Whether the edges of a partly hidden target bear out a pose, or could be faked by what lies over it.
+"""Whether the edges of a partly hidden target support a pose, or could be faked by what lies over it.
 
 A first pose without attitude has nothing to contradict it but its own image. Two questions tell a right pose from one
 that follows the rim of something lying on the print: do the edges agree whose cells are seen, and does the pose stay
@@ -12,7 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from mkdaemon.vision.pose.edgefit import EdgeFit, EdgeModel
+from mkdaemon.vision.limits import LIMITS, EvidenceLimits, Limits
+from mkdaemon.vision.pose.edgefit import MAD, EdgeFit
+from mkdaemon.vision.pose.edgemodel import EdgeModel
 from mkdaemon.vision.pose.pose import Pose, median
 from mkdaemon.vision.pose.projection import Projection
 from mkdaemon.vision.tags.cellread import sample
@@ -23,19 +25,10 @@ Grey = npt.NDArray[np.uint8]
 
 ALL_SAMPLES = 4000
 """More than any target has: which edges are hidden is asked of all of them."""
-SEEN_CONTRAST = 0.5
-"""An edge is seen when its cells differ by this share of what the clear ones do."""
-LEAST_SCALE_PX = 0.1
-"""Located edges scatter by this at least when outliers are told [px]."""
-OUTLIER = 4.0
-"""Deviations from which a located edge does not agree."""
-MIN_AGREEING = 0.9
-"""Share of the seen edges that a right pose explains; 0.94 and more on development images."""
-MIN_SEEN = 0.4
-"""Share of the edges in view that has to be seen."""
-MAX_LEVERAGE = float(np.radians(0.4))
-"""A pose that one line of edges can turn by more is not borne out [rad]: right ones behind covers mostly give less than
-0.3 degrees, wrong ones in sharp images 0.48 and more (development images)."""
+CLEAR_PERCENT = 75
+"""Percentile of the contrast that the clear edges have."""
+HALF_WAY = 0.5
+"""Between two axes of a tag: which one a normal follows."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,24 +45,25 @@ class Evidence:
     agreeing: float
     leverage: float
 
-    @property
-    def bears_out(self) -> bool:
+    def supports(self, limits: EvidenceLimits) -> bool:
         """Whether the pose can be believed with parts of the target hidden."""
-        return self.seen >= MIN_SEEN and self.agreeing >= MIN_AGREEING and self.leverage <= MAX_LEVERAGE
+        agrees = self.seen >= limits.min_seen and self.agreeing >= limits.min_agreeing
+        return agrees and self.leverage <= limits.max_leverage
 
 
 class EdgeEvidence:
     """Asks the edges of one target."""
 
-    def __init__(self, target: Target, projection: Projection) -> None:
+    def __init__(self, target: Target, projection: Projection, limits: Limits = LIMITS) -> None:
         self._projection = projection
-        self._fit = EdgeFit(target, projection, ALL_SAMPLES)
+        self._limits = limits.evidence
+        self._fit = EdgeFit(target, projection, ALL_SAMPLES, limits)
         model = self._fit.model
         reach = 0.5 * model.cell[:, None] * model.normals
         self._dark, self._bright = model.points - reach, model.points + reach
         self._line = _lines(target, model)
 
-    def weigh(self, pixels: Grey, pose: Pose) -> Evidence | None:
+    def measure(self, pixels: Grey, pose: Pose) -> Evidence | None:
         """Ask all edges about a fitted pose; none when too few are in view.
 
         Args:
@@ -81,10 +75,11 @@ class EdgeEvidence:
             return None
         index = located.index
         contrast = self._grey(pixels, self._bright[index], pose) - self._grey(pixels, self._dark[index], pose)
-        seen = contrast > SEEN_CONTRAST * max(float(np.percentile(contrast, 75)), 1.0)
+        clear = max(float(np.percentile(contrast, CLEAR_PERCENT)), 1.0)
+        seen = contrast > self._limits.seen_contrast * clear
         size = np.abs(located.offsets)
-        scatter = max(1.4826 * median(size[located.found]), LEAST_SCALE_PX)
-        agrees = located.found & (size < OUTLIER * scatter)
+        scatter = max(MAD * median(size[located.found]), self._limits.least_scale_px)
+        agrees = located.found & (size < self._limits.outlier * scatter)
         return Evidence(
             float(seen.mean()),
             float((agrees & seen).sum()) / max(int(seen.sum()), 1),
@@ -101,14 +96,17 @@ def _lines(target: Target, model: EdgeModel) -> npt.NDArray[np.intp]:
     keys: list[tuple[int, int, int]] = []
     for point, normal, cell, k in zip(model.points, model.normals, model.cell, model.tag.tolist(), strict=True):
         tag = target.tags[k]
-        axis = int(abs(float(normal @ tag.rotation[:, 1])) > 0.5)
+        axis = int(abs(float(normal @ tag.rotation[:, 1])) > HALF_WAY)
         keys.append((k, axis, round(2 * float((point - tag.position) @ tag.rotation[:, axis]) / float(cell))))
     number = {key: k for k, key in enumerate(sorted(set(keys)))}
     return np.array([number[key] for key in keys], dtype=np.intp)
 
 
 def _leverage(jacobian: Array, offsets: Array, line: npt.NDArray[np.intp]) -> float:
-    """Largest turn [rad] that leaving out the samples of one line gives, to first order."""
+    """Largest turn [rad] that leaving out the samples of one line gives, to first order.
+
+    Without the rows L of a line the least-squares pose moves by (J^T J - L^T L)^-1 L^T d_L.
+    """
     normal = jacobian.T @ jacobian
     largest = 0.0
     for k in np.unique(line):

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from mkdaemon.config.vision import TrackerSection
+from mkdaemon.vision.limits import LIMITS, Limits
 from mkdaemon.vision.pose.edgefit import EdgeFit, Level
 from mkdaemon.vision.pose.evidence import EdgeEvidence
 from mkdaemon.vision.pose.gates import BitModel
@@ -22,25 +22,25 @@ from mkdaemon.vision.tags.tagmap import Tag, Target
 Array = npt.NDArray[np.float64]
 Grey = npt.NDArray[np.uint8]
 
-PHOTOMETRIC_BELOW_PX = 4.0
-"""Cells smaller than this are fitted by their grey values [px]."""
-EDGES_UP_TO = np.radians(60.0)
-"""Tilt from which edges across the foreshortened direction run into each other [rad]."""
-AGREEMENT_PX = 1.5
-"""Corner residual above which the tags of a target contradict each other [px]."""
+ROOM, ROOM_PX = 0.2, 14.0
+"""Room around a target in a window: share of its size, and so much more [px]."""
+WHOLE_ROOM_PX = 6.0
+"""Room around a tag that is wholly in the image [px]: a search wants its quiet zone."""
+DECODED_CELL_PX = 3
+"""Cells from this size on are decoded in most images [px]."""
 
 
 class TargetFitter:
     """Measures one target."""
 
-    def __init__(self, target: Target, projection: Projection, cfg: TrackerSection) -> None:
+    def __init__(self, target: Target, projection: Projection, limits: Limits = LIMITS) -> None:
         self.target = target
         self._projection = projection
-        self._cfg = cfg
-        self._edges = EdgeFit(target, projection)
-        self._photo = PhotoFit(target, projection)
-        self._bits = BitModel(target, projection)
-        self._evidence = EdgeEvidence(target, projection)
+        self._limits = limits
+        self._edges = EdgeFit(target, projection, limits=limits)
+        self._photo = PhotoFit(target, projection, limits)
+        self._bits = BitModel(target, projection, limits)
+        self._evidence = EdgeEvidence(target, projection, limits)
         self._cell = target.tags[0].module
         papers = [tag.paper / 2 for tag in target.tags]
         square = np.array([[-1.0, 1.0], [1.0, 1.0], [1.0, -1.0], [-1.0, -1.0]])
@@ -51,7 +51,7 @@ class TargetFitter:
     def cold(self, pixels: Grey, tags: Sequence[tuple[Tag, Detection]]) -> list[Pose]:
         """Fit every candidate that decoded tags allow; rival poses stay in the list."""
         candidates = solve(tags, self._projection)
-        if len(tags) > 1 and (not candidates or candidates[0].rms_px > AGREEMENT_PX):
+        if len(tags) > 1 and (not candidates or candidates[0].rms_px > self._limits.health.agreement_px):
             # A border faked by something lying over the tag: let every tag speak for itself.
             candidates = [pose for pair in tags for pose in solve([pair], self._projection)]
         # Losses compare only between fits of one kind, so all candidates get the one the first of them asks for.
@@ -77,7 +77,8 @@ class TargetFitter:
     def _wants_photometric(self, start: Pose) -> bool:
         depth = max(float(start.position[2]), NEAR_M)
         cell_px = float(self._projection.focal[0]) * self._cell / depth
-        return cell_px < PHOTOMETRIC_BELOW_PX or start.tilt > EDGES_UP_TO
+        cells = self._limits.cells
+        return cell_px < cells.photometric_px or start.tilt > cells.edges_up_to
 
     def _fit(self, pixels: Grey, start: Pose, *, photometric: bool) -> Pose | None:
         if not photometric:
@@ -92,12 +93,12 @@ class TargetFitter:
             return pose.match if pose.match is not None else read
         return read
 
-    def is_borne_out(self, pixels: Grey, pose: Pose) -> bool:
-        """Whether the edges that are seen bear out a pose with parts of the target hidden."""
-        evidence = self._evidence.weigh(pixels, pose)
-        return evidence is not None and evidence.bears_out
+    def is_supported(self, pixels: Grey, pose: Pose) -> bool:
+        """Whether the edges that are seen support a pose with parts of the target hidden."""
+        evidence = self._evidence.measure(pixels, pose)
+        return evidence is not None and evidence.supports(self._limits.evidence)
 
-    def mirrored(self, pixels: Grey, pose: Pose) -> Pose | None:
+    def fit_mirrored(self, pixels: Grey, pose: Pose) -> Pose | None:
         """Fit the rival of a pose: the same place, the normal mirrored about the line of sight.
 
         Returns:
@@ -114,7 +115,7 @@ class TargetFitter:
         rival = self.refine(pixels, start)
         return rival if rival is not None and rival.source == pose.source else None
 
-    def by_grey_values(self, pixels: Grey, rivals: Sequence[Pose]) -> list[Pose]:
+    def fit_grey_values(self, pixels: Grey, rivals: Sequence[Pose]) -> list[Pose]:
         """Fit rivals of a small tag once more on all its pixels; empty when one of them cannot be."""
         fitted = [self._fit(pixels, rival, photometric=True) for rival in rivals]
         return [pose for pose in fitted if pose is not None] if all(fitted) else []
@@ -125,19 +126,21 @@ class TargetFitter:
         if not bool(visible.any()):
             return None
         low, high = seen[visible].min(axis=0), seen[visible].max(axis=0)
-        room = 0.2 * float((high - low).max()) + 14.0
+        room = ROOM * float((high - low).max()) + ROOM_PX
         x0, y0 = np.maximum(low - room, 0).astype(int)
         x1, y1 = np.minimum(high + room + 1, [shape[1], shape[0]]).astype(int)
         if not bool(visible.all()):
             return 0, 0, shape[1], shape[0]
-        return (int(x0), int(y0), int(x1), int(y1)) if x1 - x0 >= 16 and y1 - y0 >= 16 else None
+        return (
+            (int(x0), int(y0), int(x1), int(y1)) if min(x1 - x0, y1 - y0) >= self._limits.search.min_window_px else None
+        )
 
     def side_px(self, pose: Pose) -> float:
         """Side of the largest tag in the image [px]."""
         return float(self._projection.focal[0]) * self.target.tags[0].size / max(float(pose.position[2]), NEAR_M)
 
-    def disagreement_px(self, pose: Pose, tags: Sequence[tuple[Tag, Detection]]) -> float:
-        """Largest mean corner distance between decoded tags and where the pose puts them, in cells of the tag."""
+    def disagreement(self, pose: Pose, tags: Sequence[tuple[Tag, Detection]]) -> float:
+        """Largest mean corner distance between decoded tags and where the pose puts them [cells of the tag]."""
         worst = 0.0
         for tag, found in tags:
             seen, visible = self._projection.project(tag.corners @ pose.rotation.T + pose.position)
@@ -147,11 +150,12 @@ class TargetFitter:
             worst = max(worst, distance / max(found.side_px / tag.family.size_cells, 1.0))
         return worst
 
-    def shows_whole_tag(self, pose: Pose, shape: tuple[int, ...], room: float = 6.0) -> bool:
+    def shows_whole_tag(self, pose: Pose, shape: tuple[int, ...]) -> bool:
         """Whether any tag lies in the image with all its corners, large enough to be decoded."""
         for tag in self.target.tags:
             seen, visible = self._projection.project(tag.corners @ pose.rotation.T + pose.position)
-            inside = (seen > room) & (seen < np.array([shape[1], shape[0]]) - 1 - room)
-            if bool(visible.all()) and bool(inside.all()) and float(np.ptp(seen, axis=0).min()) > 3 * len(tag.bitmap):
+            inside = (seen > WHOLE_ROOM_PX) & (seen < np.array([shape[1], shape[0]]) - 1 - WHOLE_ROOM_PX)
+            least = DECODED_CELL_PX * len(tag.bitmap)
+            if bool(visible.all()) and bool(inside.all()) and float(np.ptp(seen, axis=0).min()) > least:
                 return True
         return False

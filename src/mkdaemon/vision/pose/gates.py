@@ -6,47 +6,24 @@ import numpy as np
 import numpy.typing as npt
 
 from mkdaemon.config.vision import TrackerSection
-from mkdaemon.vision.pose.edgefit import covered
+from mkdaemon.telemetry.vision import Refusal
+from mkdaemon.vision.limits import LIMITS, Limits
+from mkdaemon.vision.pose.edgemodel import covered
 from mkdaemon.vision.pose.pose import Pose, angle_between, correlation, largest_variance
 from mkdaemon.vision.pose.projection import Projection
-from mkdaemon.vision.tags.cellread import SATURATED, sample
+from mkdaemon.vision.tags.cellread import sample
 from mkdaemon.vision.tags.tagmap import Target
 
 Array = npt.NDArray[np.float64]
 Grey = npt.NDArray[np.uint8]
 
-MIN_CELL_PX = 2.5
-"""Cells smaller than this carry no bit evidence [px]."""
-MIN_CELLS = 16
-PAPER_SHARE = 0.2
-"""Share of the white cells that has to be below that for the others to lie in a highlight."""
-MAX_ANGLE_SD = np.radians(1.25)
-"""A pose less certain than this is not published: four sd would be a wrong pose of 5 degrees [rad]."""
-BLIND_INLIERS = 0.6
-"""Share of agreeing points asked for while no attitude can contradict a fit."""
-NOISY_INLIERS = 0.9
-"""In a dark image the residual is large and yet nearly all points agree; hidden or smeared edges leave fewer."""
-BLIND_ANGLE_SD = np.radians(0.9)
-"""As `MAX_ANGLE_SD`, without attitude [rad]."""
-BLIND_RMS_PX = 0.5
-"""Residual above which a fit is not believed while no attitude can contradict it [px]."""
-MAX_POSITION_SD = (0.0125, 0.0025)
-"""Largest standard deviation that is published: metres, or this share of the range where that is more; four sd of the
-first are a wrong pose of 5 cm."""
-WIDE_PX = 3.0
-"""Width of an edge from which its place depends on what the blur looks like [px]."""
-WIDE_FACTOR = 1.7
-"""On the deviation of a position from such edges: one NEES in twenty is above 4.4 in blurred images beyond 3 m."""
-
-BLIND_GREY_RMS_PX = 0.15
-"""The same for photometric fits, in pixels of edge shift: motion blur, which they do not model, shows here [px]."""
-
 
 class BitModel:
     """The cells of a target, to be compared with an image."""
 
-    def __init__(self, target: Target, projection: Projection) -> None:
+    def __init__(self, target: Target, projection: Projection, limits: Limits = LIMITS) -> None:
         self._projection = projection
+        self._read, self._readable_px = limits.read, limits.cells.readable_px
         points: list[Array] = []
         bright: list[Array] = []
         size: list[Array] = []
@@ -95,18 +72,18 @@ class BitModel:
         seen = self._points @ pose.rotation.T + pose.position
         uv, visible = self._projection.project(seen)
         height, width = pixels.shape
-        depth = np.where(seen[:, 2] > 1e-6, seen[:, 2], 1.0)
+        depth = np.where(visible, seen[:, 2], 1.0)
         visible &= (uv[:, 0] > 1) & (uv[:, 1] > 1) & (uv[:, 0] < width - 2) & (uv[:, 1] < height - 2)
-        visible &= self._size * float(self._projection.focal[0]) > MIN_CELL_PX * depth
+        visible &= self._size * float(self._projection.focal[0]) > self._readable_px * depth
         if not bool(visible.any()):
             return None
         grey = np.zeros(len(uv))
         grey[visible] = sample(pixels, uv[visible])
         white = visible & (self._bright > 0)
-        if float((grey[white] < SATURATED).mean() if bool(white.any()) else 0.0) > PAPER_SHARE:
+        if float((grey[white] < self._read.saturated).mean() if bool(white.any()) else 0.0) > self._read.paper_share:
             # The paper is not blown: what is, lies in a highlight and says nothing about the cells below it.
-            visible &= grey < SATURATED
-        if int(visible.sum()) < MIN_CELLS:
+            visible &= grey < self._read.saturated
+        if int(visible.sum()) < self._read.min_cells:
             return None
         known = self._bright[visible]
         if bool((known > 0).all()) or bool((known < 0).all()):
@@ -116,56 +93,64 @@ class BitModel:
         fitted = np.linalg.solve(normal + 1e-9 * len(known) * np.eye(len(normal)), design.T @ grey[visible])
         even = correlation(grey[visible] - design[:, :-1] @ fitted[:-1], known)
         both = visible[self._pairs].all(axis=1)
-        if int(both.sum()) < MIN_CELLS:
+        if int(both.sum()) < self._read.min_cells:
             return even
         rise = grey[self._pairs[both, 1]] - grey[self._pairs[both, 0]]
-        clear = rise > max(2.0, 0.1 * float(np.abs(rise).mean()))
+        clear = rise > max(self._read.rise_grey, self._read.rise * float(np.abs(rise).mean()))
         return max(even, 2.0 * float(clear.mean()) - 1.0)
 
 
-def fit_fault(pose: Pose, cfg: TrackerSection) -> str:
-    """Say what is wrong with a fit by itself; empty when nothing is."""
+def fit_refusal(pose: Pose, cfg: TrackerSection) -> Refusal | None:
+    """What is wrong with a fit by itself; none when nothing is."""
     if pose.source == "corners":
-        return ""
+        return None
     if pose.inliers < cfg.min_inlier_fraction:
-        return "inliers"
+        return Refusal.INLIERS
     if pose.points < cfg.min_points:
-        return "points"
+        return Refusal.POINTS
     if pose.rms_px > cfg.max_rms_px:
-        return "residual"
+        return Refusal.RESIDUAL
     if pose.step > cfg.max_step:
-        return "step"
-    return ""
+        return Refusal.STEP
+    return None
 
 
-def certainty_fault(pose: Pose, *, has_attitude: bool, is_plain: bool = False, is_backed: bool = False) -> str:
-    """Refuse poses whose own covariance or residual says they may be wrong; empty when certain enough.
+def certainty_refusal(
+    pose: Pose, *, has_attitude: bool, is_plain: bool = False, is_backed: bool = False, limits: Limits = LIMITS
+) -> Refusal | None:
+    """Refuse poses whose own covariance or residual says they may be wrong; none when certain enough.
 
     Args:
         pose: measured.
         has_attitude: whether an attitude stands against it.
         is_plain: the target is large in the image and its cells are read clearly; hidden parts then mislead nobody.
         is_backed: the images before and inertia say the same; noise alone then may make the residual large.
+        limits: what is certain enough.
     """
+    certain = limits.certainty
     if not has_attitude and pose.source != "corners":
-        noisy = is_backed and pose.source == "edges" and pose.inliers > NOISY_INLIERS
-        if not noisy and pose.rms_px > (BLIND_RMS_PX if pose.source == "edges" else BLIND_GREY_RMS_PX):
-            return "residual"
-        if pose.inliers < BLIND_INLIERS and not is_plain:
-            return "inliers"
+        # In a dark image the residual is large and yet nearly all points agree.
+        noisy = is_backed and pose.source == "edges" and pose.inliers > limits.agreement.whole
+        most = certain.blind_rms_px if pose.source == "edges" else certain.blind_grey_rms_px
+        if not noisy and pose.rms_px > most:
+            return Refusal.RESIDUAL
+        if pose.inliers < limits.agreement.blind and not is_plain:
+            return Refusal.INLIERS
     variance = largest_variance(pose.covariance[3:, 3:])
-    if not np.isfinite(variance) or variance > (MAX_ANGLE_SD if has_attitude else BLIND_ANGLE_SD) ** 2:
-        return "angle_uncertain"
+    if not np.isfinite(variance) or variance > (certain.angle_sd if has_attitude else certain.blind_angle_sd) ** 2:
+        return Refusal.ANGLE_UNCERTAIN
     spread = float(np.sqrt(largest_variance(pose.covariance[:3, :3])))
-    if pose.source == "edges" and pose.blur_px is not None and pose.blur_px > WIDE_PX:
-        spread *= WIDE_FACTOR
-    if spread > max(MAX_POSITION_SD[0], MAX_POSITION_SD[1] * pose.range_m):
-        return "position_uncertain"
-    return ""
+    if pose.source == "edges" and pose.blur_px is not None and pose.blur_px > limits.blur.wide_px:
+        spread *= certain.wide_factor
+    if spread > max(certain.position_sd_m, certain.position_share * pose.range_m):
+        return Refusal.POSITION_UNCERTAIN
+    return None
 
 
-def innovation_fault(pose: Pose, predicted: Pose, age: float, *, has_attitude: bool, has_velocity: bool) -> str:
-    """Compare a pose with the track's prediction.
+def innovation_refusal(
+    pose: Pose, predicted: Pose, age: float, *, has_attitude: bool, has_velocity: bool, limits: Limits = LIMITS
+) -> Refusal | None:
+    """Compare a pose with the track's prediction; none when it may have got there.
 
     Args:
         pose: measured.
@@ -173,15 +158,18 @@ def innovation_fault(pose: Pose, predicted: Pose, age: float, *, has_attitude: b
         age: time since the track's last pose [s].
         has_attitude: whether the prediction used the vehicle's attitude.
         has_velocity: whether it used a velocity.
+        limits: how far is too far.
     """
-    # Without attitude a shaken camera turns by degrees between images; with it only the gyro error is left.
-    angle = np.radians(6.0 if has_attitude else 8.0) + np.radians(60.0) * age
+    allowed = limits.innovation
+    angle = (allowed.angle if has_attitude else allowed.blind_angle) + allowed.angle_rate * age
     if angle_between(pose.rotation, predicted.rotation) > angle:
-        return "rotation_jump"
-    # Shaking does not change the range; 1 m/s is what 30 m/s^2 add between two images.
-    speed = 1.0 if has_velocity else 6.0
-    if abs(pose.range_m - predicted.range_m) > 0.01 * predicted.range_m + speed * age:
-        return "range_jump"
-    centre = pose.rotation.T @ pose.position - predicted.rotation.T @ predicted.position
-    reach = 0.05 * predicted.range_m + 4.0 * age + 0.35 * angle * predicted.range_m
-    return "position_jump" if float(np.linalg.norm(centre)) > reach else ""
+        return Refusal.ROTATION_JUMP
+    # Shaking does not change the range.
+    speed = allowed.range_speed if has_velocity else allowed.first_range_speed
+    if abs(pose.range_m - predicted.range_m) > allowed.range_share * predicted.range_m + speed * age:
+        return Refusal.RANGE_JUMP
+    moved = float(np.linalg.norm(pose.rotation.T @ pose.position - predicted.rotation.T @ predicted.position))
+    reach = allowed.place_share * predicted.range_m + allowed.place_speed * age
+    if moved > reach + allowed.place_angle * angle * predicted.range_m:
+        return Refusal.POSITION_JUMP
+    return None

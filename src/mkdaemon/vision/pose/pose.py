@@ -16,11 +16,15 @@ import numpy.typing as npt
 
 from mkdaemon.vision.pose.projection import NEAR_M, Projection
 from mkdaemon.vision.tags.detection import Detection
-from mkdaemon.vision.tags.tagmap import Tag
+from mkdaemon.vision.tags.tagmap import SAME_HEIGHT_M, Tag
 
 Array = npt.NDArray[np.float64]
 Source = Literal["corners", "edges", "photometric"]
 
+NO_BETTER, SETTLED_RMS_PX = 1 + 1e-9, 1e-7
+"""Refining corners ends when the residual rises by this factor, or falls by less than this [px]."""
+LEAST_NORM = 1e-9
+"""Vectors shorter than this have no direction."""
 CORNER_SD_PX = 0.15
 """Deviation of a detected corner [px]: 0.02 on large tags, 0.15 at 15 px a side, rendered images."""
 FLOOR_RANGE = 0.003
@@ -144,7 +148,7 @@ def _square(tag: Tag, rays: Array) -> list[tuple[Array, Array]]:
 def _several(tags: Sequence[tuple[Tag, Detection]], points: Array, rays: Array) -> list[tuple[Array, Array]]:
     first = tags[0][0]
     local = (points - first.position) @ first.rotation
-    if float(np.abs(local[:, 2]).max()) < 1e-6:  # one plane: IPPE knows both solutions
+    if float(np.abs(local[:, 2]).max()) < SAME_HEIGHT_M:  # one plane: IPPE knows both solutions
         local[:, 2] = 0.0
         ok, rotations, positions, _ = cv2.solvePnPGeneric(local, rays, np.eye(3), np.zeros(0), flags=cv2.SOLVEPNP_IPPE)
         found: list[tuple[Array, Array]] = []
@@ -180,7 +184,7 @@ def _refine(
             return None
         error = (pixels - projected).reshape(-1, 1)
         rms = float(np.sqrt(((scale * error) ** 2).sum() / (scale**2).sum() * 2))
-        if rms > last * (1 + 1e-9) or last - rms < 1e-7:
+        if rms > last * NO_BETTER or last - rms < SETTLED_RMS_PX:
             break
         last = rms
         jacobian = projection.pose_jacobian(seen, position).reshape(-1, 6) * scale
@@ -234,7 +238,7 @@ def correlation(a: Array, b: Array) -> float:
     """Pearson's correlation of two vectors; zero when one of them is constant."""
     a, b = a - a.mean(), b - b.mean()
     norm = float(np.sqrt((a @ a) * (b @ b)))
-    return float(a @ b) / norm if norm > 1e-9 else 0.0
+    return float(a @ b) / norm if norm > LEAST_NORM else 0.0
 
 
 def median(values: npt.NDArray[np.floating]) -> float:

@@ -12,20 +12,12 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from mkdaemon.vision.limits import LIMITS
 from mkdaemon.vision.pose.projection import Projection
 from mkdaemon.vision.tags.detection import Detection
 from mkdaemon.vision.tags.tagmap import Tag, TagMap
 
 Array = npt.NDArray[np.float64]
-
-MISFIT_SHARE = 0.02
-"""A corner off its place by more than this share of the tag's side contradicts the file."""
-MISFIT_PX = 1.0
-"""And by more than this [px]: decoded corners are loose by a quarter of a pixel, where edges are bent by the lens."""
-REACH = 3.0
-"""Tags farther than this many sides from the largest one are not judged: its outline does not reach so far."""
-CONTRADICTIONS = 10
-"""Images that contradict the file, without one that agrees, until it is said."""
 
 
 class TargetCheck:
@@ -44,7 +36,7 @@ class TargetCheck:
     @property
     def contradicted(self) -> tuple[str, ...]:
         """Targets whose file is wrong."""
-        return tuple(name for name, count in self._contradictions.items() if count >= CONTRADICTIONS)
+        return tuple(name for name, count in self._contradictions.items() if count >= LIMITS.health.misfit_images)
 
     def look(self, detections: Iterable[Detection], posed: Iterable[str]) -> None:
         """Judge the tags decoded in one image; a target that was `posed` in it fits its file."""
@@ -74,7 +66,8 @@ def misfit(seen: list[tuple[Tag, Detection]], projection: Projection) -> bool | 
     near = [
         (tag, found)
         for tag, found in others
-        if tag is not base and float(np.linalg.norm(tag.position - base.position)) < REACH * base.size
+        if tag is not base
+        and float(np.linalg.norm(tag.position - base.position)) < LIMITS.health.misfit_reach * base.size
     ]
     if not near:
         return None
@@ -84,12 +77,12 @@ def misfit(seen: list[tuple[Tag, Detection]], projection: Projection) -> bool | 
         return np.asarray((tag.corners - base.position) @ plane, dtype=np.float64)
 
     ahead, _ = cv2.findHomography(flat(base), projection.undistort(at.corners))
-    if np.shape(ahead) != (3, 3):
+    if np.size(ahead) <= 1:
         return None  # corners on one line
     focal = 0.5 * (projection.intrinsics.fx + projection.intrinsics.fy)
     wrong = False
     for tag, found in near:
         expected = cv2.perspectiveTransform(flat(tag)[:, None, :], ahead)[:, 0]
         off = focal * float(np.linalg.norm(expected - projection.undistort(found.corners), axis=1).max())
-        wrong |= off > max(MISFIT_PX, MISFIT_SHARE * found.side_px)
+        wrong |= off > max(LIMITS.health.misfit_px, LIMITS.health.misfit_share * found.side_px)
     return wrong

@@ -8,15 +8,14 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from mkdaemon.vision.limits import LIMITS
 from mkdaemon.vision.tags.tagfamily import cells
 
 Array = npt.NDArray[np.float64]
 Grey = npt.NDArray[np.uint8]
 
-SATURATED = 253
-"""Grey value from which a pixel may have been anything."""
-QUIET_MIN_SHARE = 0.5
-"""A side is quiet when this share of its outer samples is nearer to the local white than to the local black."""
+QUIET_DEPTHS = (0.5, 0.3)
+"""Where the quiet zone is sampled, outside the black square [cells]."""
 
 
 def sample(pixels: Grey, points: Array) -> Array:
@@ -105,9 +104,9 @@ def quiet_sides(pixels: Grey, corners: Array, n: int, *, inverted: bool = False)
     homography = image_from_cells(corners, n)
     black = sample(pixels, carry(homography, _rims(n)[1].reshape(-1, 2))).reshape(4, -1)
     quiet = np.ones(4, dtype=bool)
-    for depth in (0.5, 0.3):
+    for depth in QUIET_DEPTHS:
         white = sample(pixels, carry(homography, _rims(n, depth)[0].reshape(-1, 2))).reshape(4, -1)
         contrast = black - white if inverted else white - black
-        floor = max(3.0, 0.15 * float(np.median(np.abs(contrast))))
-        quiet &= (contrast > floor).mean(axis=1) > QUIET_MIN_SHARE
+        floor = max(LIMITS.read.quiet_grey, LIMITS.read.quiet_contrast * float(np.median(np.abs(contrast))))
+        quiet &= (contrast > floor).mean(axis=1) > LIMITS.read.quiet_share
     return int(quiet.sum())

@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal, Protocol
+from typing import Protocol
 
 import numpy as np
 import numpy.typing as npt
 
+from mkdaemon.vision.limits import Stage
+
 Array = npt.NDArray[np.float64]
 Grey = npt.NDArray[np.uint8]
-Stage = Literal["decimate2", "decimate1", "log", "equalised", "outline", "thorough"]
+
+__all__ = ["Detection", "Search", "Stage"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from mkdaemon.config.vision import DetectorSection
+from mkdaemon.vision.limits import LIMITS, Limits
 from mkdaemon.vision.tags import apriltaglib
 from mkdaemon.vision.tags.aruco_fallback import ArucoSearch
 from mkdaemon.vision.tags.cellread import quiet_sides
@@ -24,14 +25,10 @@ if TYPE_CHECKING:
 
 Grey = npt.NDArray[np.uint8]
 
-
-LADDER: tuple[Stage, ...] = ("decimate2", "decimate1", "log", "equalised", "outline")
-"""Cheapest first, then what finds most of the rest: 5, 18, 6.5, 7 and 10 ms on VGA."""
-TILE_PX = 70.0
-"""Neighbourhood in which `equalised` spreads the grey values [px]: shadows over small or blurred tags."""
-
-SMALL_TAG_PX = 46.0
-"""Below this side both corner sets of a thorough search are averaged [px]."""
+SIDES = 4
+"""Of a tag; all of them have to be quiet."""
+ARUCO_LADDER: tuple[Stage, ...] = ("decimate1", "log", "outline")
+"""Searches without libapriltag."""
 
 LOST_WITHOUT_APRILTAG = (
     "pyapriltags is not installed: tags are searched with cv2.aruco, which loses range (4 m instead of 10 m for a"
@@ -48,7 +45,7 @@ def _prepared(pixels: Grey, stage: Stage) -> npt.NDArray[np.generic]:
     if stage == "log":
         return cv2.LUT(pixels, _LOG_LUT)
     if stage == "equalised":
-        tiles = [max(round(length / TILE_PX), 2) for length in (pixels.shape[1], pixels.shape[0])]
+        tiles = [max(round(length / LIMITS.search.tile_px), 2) for length in (pixels.shape[1], pixels.shape[0])]
         return cv2.createCLAHE(4.0, (tiles[0], tiles[1])).apply(pixels)
     return pixels
 
@@ -81,11 +78,12 @@ class AprilTagSearch:
             twins = [
                 k
                 for k, other in enumerate(merged)
-                if other.tag_id == found.tag_id and np.abs(other.corners.mean(axis=0) - middle).max() < 4.0
+                if other.tag_id == found.tag_id
+                and np.abs(other.corners.mean(axis=0) - middle).max() < LIMITS.search.twin_px
             ]
             if not twins:
                 merged.append(found)
-            elif found.side_px < SMALL_TAG_PX:
+            elif found.side_px < LIMITS.search.small_tag_px:
                 twin = merged[twins[0]]
                 merged[twins[0]] = replace(twin, corners=(twin.corners + found.corners) / 2)
         return merged
@@ -120,6 +118,7 @@ class Detector:
         cfg: DetectorSection | None = None,
         *,
         backend: Literal["auto", "apriltag", "aruco"] = "auto",
+        limits: Limits = LIMITS,
     ) -> None:
         """Prepare the searches.
 
@@ -137,7 +136,7 @@ class Detector:
         self._search: Search = AprilTagSearch(families) if backend == "apriltag" else ArucoSearch(families)
         classic = {name: ids for name, ids in self._whitelist.items() if not find_family(name).is_inverted}
         self._outline = OutlineSearch(classic)
-        self.stages: tuple[Stage, ...] = LADDER if backend == "apriltag" else ("decimate1", "log", "outline")
+        self.stages: tuple[Stage, ...] = limits.search.ladder if backend == "apriltag" else ARUCO_LADDER
         if not classic:
             # It starts from the outline of something black, and an inverted tag has data there.
             self.stages = tuple(stage for stage in self.stages if stage != "outline")
@@ -156,7 +155,7 @@ class Detector:
         height, width = pixels.shape
         x0, y0, x1, y1 = roi or (0, 0, width, height)
         part = pixels[y0:y1, x0:x1]
-        if min(part.shape) < 16:
+        if min(part.shape) < LIMITS.search.min_window_px:
             return []
         best: dict[tuple[str, int], Detection] = {}
         search = self._outline if stage == "outline" else self._search
@@ -172,7 +171,7 @@ class Detector:
         frame = (0, 0, pixels.shape[1], pixels.shape[0])
         return [found for found in self._search.find(pixels, stage) if self._accepts(pixels, found, frame)]
 
-    def climb(self, pixels: Grey, roi: tuple[int, int, int, int] | None = None) -> list[Detection]:
+    def search_ladder(self, pixels: Grey, roi: tuple[int, int, int, int] | None = None) -> list[Detection]:
         """Search from cheap to thorough until something is found."""
         for stage in self.stages:
             found = self.search(pixels, stage, roi)
@@ -187,7 +186,8 @@ class Detector:
         allowed, words = 0, 1
         for distance in range(1, min(self._cfg.max_hamming, family.corrected_bits) + 1):
             words += math.comb(bits, distance)
-            if 4 * ids * words / 2**bits > self._cfg.max_false_rate:
+            false_rate = SIDES * ids * words / 2**bits  # a quad may be turned any way
+            if false_rate > self._cfg.max_false_rate:
                 break
             allowed = distance
         return allowed
@@ -202,11 +202,8 @@ class Detector:
         if found.hamming > self._max_hamming[found.family] * (2 if broken else 1):
             return False
         # Other images than the camera's have contrast on their own scale; hamming and quiet zone judge the bits there.
-        if found.stage not in (
-            "log",
-            "equalised",
-            "outline",
-        ) and found.decision_margin < cfg.min_decision_margin * _contrast_share(pixels, found):
+        margin = cfg.min_decision_margin * _contrast_share(pixels, found)
+        if found.stage not in ("log", "equalised", "outline") and found.decision_margin < margin:
             return False
         low, high = found.corners.min(axis=0), found.corners.max(axis=0)
         x0, y0, x1, y1 = frame
@@ -217,7 +214,7 @@ class Detector:
         if broken or not cfg.quiet_zone:
             return True
         family = find_family(found.family)
-        return quiet_sides(pixels, found.corners, family.size_cells, inverted=family.is_inverted) == 4
+        return quiet_sides(pixels, found.corners, family.size_cells, inverted=family.is_inverted) == SIDES
 
 
 def _rank(found: Detection) -> tuple[int, float]:
@@ -225,10 +222,10 @@ def _rank(found: Detection) -> tuple[int, float]:
 
 
 def _contrast_share(pixels: Grey, found: Detection) -> float:
-    """Scale of the margin in dark images: 1 from 60 grey levels of range upwards, less below."""
+    """Scale of the margin in dark images: 1 from a full range of grey values upwards, less below."""
     x0, y0 = np.maximum(found.corners.min(axis=0).astype(int), 0)
     x1, y1 = found.corners.max(axis=0).astype(int) + 1
     part = pixels[y0:y1, x0:x1]
     if part.size == 0:
         return 1.0
-    return min(float(int(part.max()) - int(part.min())) / 60.0, 1.0)
+    return min(float(int(part.max()) - int(part.min())) / LIMITS.search.full_contrast, 1.0)

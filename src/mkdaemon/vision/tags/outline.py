@@ -16,6 +16,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from mkdaemon.vision.limits import LIMITS
 from mkdaemon.vision.tags.cellread import carry, image_from_cells, sample
 from mkdaemon.vision.tags.detection import Detection, Stage
 from mkdaemon.vision.tags.tagfamily import cells, find_family
@@ -23,24 +24,11 @@ from mkdaemon.vision.tags.tagfamily import cells, find_family
 Array = npt.NDArray[np.float64]
 Grey = npt.NDArray[np.uint8]
 
-MIN_SIDE_PX = 40.0
-"""Smaller tags are left to libapriltag: their outline pieces are too short [px]."""
-MAX_LINES = 8
-MAX_BLOBS = 12
-STRAIGHT_PX = 1.6
-"""Pieces and collinear pieces may deviate by this from a line [px]."""
-MIN_SUPPORT = 0.6
-"""Share of a quad's perimeter that is outline."""
-MIN_SIDE_SUPPORT = 0.3
-"""The same for each of its sides."""
-HULL_SHARE = 0.75
-"""What sticks out of a quad makes its hull longer: so much of the support is asked for before quads are tried."""
-LEVEL = 0.2
-"""A cell counts as black or white within this share of the contrast."""
-MIN_CONTRAST = 20.0
-"""Between paper and border [grey levels]."""
-MAX_CHANCE = 4e-6
-"""Chance that a random quad reads this well, over all codes and rotations."""
+OUTLINE = LIMITS.outline
+CORNER_POINTS = 2
+"""Points at each end of a piece that do not lie on its line: corners of a blob are round."""
+LINE_REACH = 0.01
+"""A line's direction is good to this angle: collinear pieces may be off by so much of their distance [rad]."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -74,7 +62,8 @@ class OutlineSearch:
         """All codes whose readable cells agree beyond chance."""
         _, dark = cv2.threshold(pixels, 0, 255, cv2.THRESH_BINARY_INV | cv2.THRESH_OTSU)
         outlines, _ = cv2.findContours(dark, cv2.RETR_LIST, cv2.CHAIN_APPROX_NONE)
-        large = sorted((c for c in outlines if len(c) > 3 * MIN_SIDE_PX), key=len, reverse=True)[:MAX_BLOBS]
+        least = 3 * OUTLINE.min_side_px  # points of three sides
+        large = sorted((c for c in outlines if len(c) > least), key=len, reverse=True)[: OUTLINE.max_blobs]
         found: list[Detection] = []
         for outline in large:
             for quad in _quads(np.asarray(outline, dtype=np.int32)):
@@ -95,15 +84,15 @@ class OutlineSearch:
             paper = float(np.median(np.concatenate([values[0], values[-1], values[1:-1, 0], values[1:-1, -1]])))
             ring = values[1:-1, 1:-1]
             ink = float(np.median(np.concatenate([ring[0], ring[-1], ring[1:-1, 0], ring[1:-1, -1]])))
-            if paper - ink < MIN_CONTRAST:
+            if paper - ink < OUTLINE.min_contrast:
                 continue
             share = (ring[1:-1, 1:-1] - ink) / (paper - ink)
-            white, black = np.abs(share - 1) < LEVEL, np.abs(share) < LEVEL
+            white, black = np.abs(share - 1) < OUTLINE.level, np.abs(share) < OUTLINE.level
             known = int(white.sum() + black.sum())
             for tag_id, bits, turn in codes:
                 wrong = int((white & ~bits).sum() + (black & bits).sum())
                 chance = len(codes) * sum(math.comb(known, k) for k in range(wrong + 1)) / 2.0**known
-                if chance <= MAX_CHANCE and (best is None or chance < best[0]):
+                if chance <= OUTLINE.max_chance and (best is None or chance < best[0]):
                     margin = float(np.abs(share - 0.5)[white | black].mean()) * (paper - ink)
                     # The print is turned counter-clockwise by `turn` quarters: so are its corners.
                     corners = np.roll(quad, turn, axis=0)
@@ -115,7 +104,7 @@ def _quads(outline: npt.NDArray[np.int32]) -> list[Array]:
     """Quads that a blob's outline supports, the best first, corners clockwise in the image."""
     around = cv2.arcLength(cv2.convexHull(outline), closed=True)
     lines = _lines(outline)
-    if sum(line.length for line in lines) < MIN_SUPPORT * HULL_SHARE * around:
+    if sum(line.length for line in lines) < OUTLINE.min_support * OUTLINE.hull_share * around:
         return []
     rated: list[tuple[float, Array]] = []
     for four in itertools.combinations(lines, 4):
@@ -123,7 +112,7 @@ def _quads(outline: npt.NDArray[np.int32]) -> list[Array]:
         if quad is None:
             continue
         support = _support(quad, four)
-        if support >= MIN_SUPPORT:
+        if support >= OUTLINE.min_support:
             rated.append((support, quad))
     rated.sort(key=lambda pair: -pair[0])
     return [quad for _, quad in rated[:3]]
@@ -132,29 +121,28 @@ def _quads(outline: npt.NDArray[np.int32]) -> list[Array]:
 def _lines(outline: npt.NDArray[np.int32]) -> list[_Line]:
     """The longest straight lines of an outline, pieces of one line put together."""
     points = outline.reshape(-1, 2).astype(np.float64)
-    ends = cv2.approxPolyDP(outline, STRAIGHT_PX, closed=True).reshape(-1, 2)
+    ends = cv2.approxPolyDP(outline, OUTLINE.straight_px, closed=True).reshape(-1, 2)
     keys = outline.reshape(-1, 2).astype(np.int64) @ np.array([1, 1 << 20])
     marks = np.flatnonzero(np.isin(keys, ends.astype(np.int64) @ np.array([1, 1 << 20]))).tolist()
     pieces: list[_Line] = []
     for a, b in itertools.pairwise([*marks, marks[0] + len(points)]):
-        # Corners of a blob are round: the ends of a piece do not lie on its line.
-        part = points[np.arange(a + 2, b - 1) % len(points)]
-        if len(part) >= 8:
+        part = points[np.arange(a + CORNER_POINTS, b - CORNER_POINTS + 1) % len(points)]
+        if len(part) >= OUTLINE.min_piece_px:
             pieces.append(_line(part))
     pieces.sort(key=lambda piece: -piece.length)
     merged: list[_Line] = []
     for piece in pieces:
         middle = piece.points.mean(axis=0)
         for k, line in enumerate(merged):
-            reach = STRAIGHT_PX + 0.01 * float(np.linalg.norm(middle - line.points.mean(axis=0)))
-            parallel = float(line.normal @ piece.normal) > 0.98
+            reach = OUTLINE.straight_px + LINE_REACH * float(np.linalg.norm(middle - line.points.mean(axis=0)))
+            parallel = float(line.normal @ piece.normal) > OUTLINE.parallel
             if parallel and float(np.abs(piece.points @ line.normal - line.offset).max()) < reach:
                 merged[k] = _line(np.concatenate([line.points, piece.points]), line)
                 break
         else:
             merged.append(piece)
     merged.sort(key=lambda line: -line.length)
-    return merged[:MAX_LINES]
+    return merged[: OUTLINE.max_lines]
 
 
 def _line(points: Array, part: _Line | None = None) -> _Line:
@@ -176,7 +164,7 @@ def _corners(four: tuple[_Line, ...]) -> Array | None:
     corners = []
     for first, second in zip(order, [*order[1:], order[0]], strict=True):
         matrix = np.array([first.normal, second.normal])
-        if abs(float(np.linalg.det(matrix))) < 0.2:
+        if abs(float(np.linalg.det(matrix))) < OUTLINE.min_sine:
             return None
         # The outline runs over the blob's own pixels: its edge is half a pixel farther out.
         out = [0.5 * np.sign(line.offset - float(line.normal @ middle)) for line in (first, second)]
@@ -185,7 +173,7 @@ def _corners(four: tuple[_Line, ...]) -> Array | None:
     sides = np.roll(quad, -1, axis=0) - quad
     after = np.roll(sides, -1, axis=0)
     turns = sides[:, 0] * after[:, 1] - sides[:, 1] * after[:, 0]
-    if float(np.linalg.norm(sides, axis=1).min()) < MIN_SIDE_PX / 2 or not (turns > 0).all():
+    if float(np.linalg.norm(sides, axis=1).min()) < OUTLINE.min_side_px / 2 or not (turns > 0).all():
         return None
     return quad
 
@@ -199,11 +187,11 @@ def _support(quad: Array, four: tuple[_Line, ...]) -> float:
         normal = np.array([-along[1], along[0]])
         share = 0.0
         for line in four:
-            if float(np.abs((line.points - a) @ normal).max()) < 2 * STRAIGHT_PX:
+            if float(np.abs((line.points - a) @ normal).max()) < 2 * OUTLINE.straight_px:
                 place = (line.points - a) @ along
                 inside = (place > -1) & (place < length + 1)
                 share += len(np.unique(np.floor(place[inside]))) / length
-        if share < MIN_SIDE_SUPPORT:
+        if share < OUTLINE.min_side_support:
             return 0.0
         covered += min(share, 1.0) * length
         perimeter += length

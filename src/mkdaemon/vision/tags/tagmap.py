@@ -22,6 +22,12 @@ from mkdaemon.vision.tags.tagfamily import QUIET_ZONE_CELLS, Cells, TagFamily, c
 
 Array = npt.NDArray[np.float64]
 
+ONE_PLANE = 1 - 1e-9
+"""Cosine between the normals of tags of one plane."""
+SAME_HEIGHT_M = 1e-6
+"""Distance between the planes of tags of one plane [m]."""
+ROUNDING_M = 1e-9
+"""Lengths from decimal numbers may differ by this [m]."""
 _UPSIDE_DOWN = rotation_from_euler(0.0, 0.0, math.pi)
 
 
@@ -100,8 +106,8 @@ class Target:
         """Whether all tags lie in one plane with equal normals."""
         first = self.tags[0]
         return all(
-            float(tag.rotation[:, 2] @ first.rotation[:, 2]) > 1 - 1e-9
-            and abs(float(first.rotation[:, 2] @ (tag.position - first.position))) < 1e-6
+            float(tag.rotation[:, 2] @ first.rotation[:, 2]) > ONE_PLANE
+            and abs(float(first.rotation[:, 2] @ (tag.position - first.position))) < SAME_HEIGHT_M
             for tag in self.tags
         )
 
@@ -256,7 +262,7 @@ def _check_overlaps(target: Target, origin: str) -> None:
             # inverted families correct too few bits to lose any.
             room = outer.module * outer.family.hole_cells / 2 if outer.family.is_inverted else half - outer.module
             quiet = QUIET_ZONE_CELLS * inner.module
-            nested = bool((low - quiet >= -room - 1e-9).all() and (high + quiet <= room + 1e-9).all())
+            nested = bool((low - quiet >= -room - ROUNDING_M).all() and (high + quiet <= room + ROUNDING_M).all())
             if not (apart or nested):
                 msg = (
                     f"{origin}: target '{target.name}': tag {inner.tag_id} ({inner.size:g} m) covers the border of tag"

@@ -7,21 +7,14 @@ from collections import deque
 import numpy as np
 import numpy.typing as npt
 
+from mkdaemon.telemetry.vision import Alarm
+from mkdaemon.vision.limits import LIMITS
 from mkdaemon.vision.pose.pose import Pose
 
 Grey = npt.NDArray[np.uint8]
 
-DARK_BELOW = 25
-"""The brightest percent of a usable image is above this [grey]."""
-BLOWN_SHARE = 0.5
-"""Share of saturated pixels in an over-exposed image."""
-FROZEN_AFTER = 3
-"""Identical images in a row; the noise of a living sensor never repeats."""
-BLURRED_PX = 5.0
-"""Width of an edge from which motion or focus is at fault [px]."""
-DRIFT_PX = 0.15
-"""Edge residual that a right calibration does not leave behind [px]."""
-DRIFT_FITS = 30
+BRIGHTEST = 99
+"""Percentile of the grey values of an image that tells whether it has light."""
 
 
 class ImageHealth:
@@ -31,34 +24,35 @@ class ImageHealth:
         self._shape = (height, width) if width is not None and height is not None else None
         self._last: Grey | None = None
         self._repeats = 0
-        self._residuals: deque[float] = deque(maxlen=DRIFT_FITS)
-        self._blur: deque[float] = deque(maxlen=5)
+        self._residuals: deque[float] = deque(maxlen=LIMITS.health.drift_fits)
+        self._blur: deque[float] = deque(maxlen=LIMITS.health.blur_fits)
 
-    def check(self, pixels: Grey) -> list[str]:
+    def check(self, pixels: Grey) -> list[Alarm]:
         """Alarms of one image `(h, w)` uint8."""
         if pixels.ndim != 2 or pixels.size == 0 or (self._shape is not None and pixels.shape != self._shape):
-            return ["wrong_size"]
-        alarms: list[str] = []
+            return [Alarm.WRONG_SIZE]
+        limits = LIMITS.health
+        alarms: list[Alarm] = []
         thin = pixels[::8, ::8]
-        if float(np.percentile(thin, 99)) < DARK_BELOW:
-            alarms.append("dark")
-        if float((thin >= 250).mean()) > BLOWN_SHARE:
-            alarms.append("blown")
+        if float(np.percentile(thin, BRIGHTEST)) < limits.dark_grey:
+            alarms.append(Alarm.DARK)
+        if float((thin >= limits.blown_grey).mean()) > limits.blown_share:
+            alarms.append(Alarm.BLOWN)
         if self._is_frozen(np.ascontiguousarray(pixels[::3, ::5])):
-            alarms.append("frozen")
-        if len(self._blur) == self._blur.maxlen and float(np.median(self._blur)) > BLURRED_PX:
-            alarms.append("blurred")
-        if len(self._residuals) == DRIFT_FITS and float(np.median(self._residuals)) > DRIFT_PX:
-            alarms.append("residual_drift")
+            alarms.append(Alarm.FROZEN)
+        if len(self._blur) == self._blur.maxlen and float(np.median(self._blur)) > LIMITS.blur.alarm_px:
+            alarms.append(Alarm.BLURRED)
+        if len(self._residuals) == self._residuals.maxlen and float(np.median(self._residuals)) > limits.drift_px:
+            alarms.append(Alarm.RESIDUAL_DRIFT)
         return alarms
 
     def note(self, pose: Pose, side_px: float) -> None:
         """Remember the residual and sharpness of an accepted fit; small tags say nothing about calibration."""
-        if pose.source != "edges" or side_px < 60.0:
+        if pose.source != "edges" or side_px < LIMITS.health.large_tag_px:
             return
         if pose.blur_px is not None:
             self._blur.append(pose.blur_px)
-        if pose.blur_px is None or pose.blur_px < 3.0:
+        if pose.blur_px is None or pose.blur_px < LIMITS.blur.wide_px:
             self._residuals.append(pose.rms_px)
 
     def _is_frozen(self, thin: Grey) -> bool:
@@ -66,4 +60,4 @@ class ImageHealth:
         same = self._last is not None and bool(np.array_equal(self._last, thin)) and int(thin.min()) < int(thin.max())
         self._repeats = self._repeats + 1 if same else 0
         self._last = thin
-        return self._repeats >= FROZEN_AFTER
+        return self._repeats >= LIMITS.health.frozen_images

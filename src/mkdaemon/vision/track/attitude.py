@@ -46,6 +46,8 @@ class Mounting:
     position_flu: Array
 
 
+LEAST_SINE = 1e-12
+"""Below, two directions are one."""
 LOOKING_DOWN = Mounting(np.array([[0.0, -1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, -1.0]]), np.zeros(3))
 """A camera under the vehicle whose image has the nose at the top."""
 
@@ -116,7 +118,7 @@ def fuse_level(pose: Pose, mounting: Mounting, enu_from_flu: Array, spread: floa
     up = (enu_from_flu @ mounting.flu_from_cam).T[:, 2]
     error = np.cross(normal, up)
     sine = float(np.linalg.norm(error))
-    if sine > 1e-12:
+    if sine > LEAST_SINE:
         error = error / sine * float(np.arctan2(sine, normal @ up))
     # Rotation vectors across the normal tilt it; the one along it is yaw, which the attitude says nothing about.
     across = np.linalg.svd(normal.reshape(1, 3))[2][1:]

@@ -15,33 +15,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
+from mkdaemon.vision.limits import LIMITS
 from mkdaemon.vision.pose.ambiguity import log_odds
 from mkdaemon.vision.pose.pose import Pose
 from mkdaemon.vision.track.course import ACCELERATION_PSD, MOVING_PSD, Course
 
 Array = npt.NDArray[np.float64]
 
-SILENT_ODDS = 3.0
-"""Log odds of one image that may be blur or light rather than tilt."""
-TRUSTED_SHARE = 0.3
-"""Of the log odds beyond that; neighbouring images have faults in common."""
-MAX_ODDS = 6.0
-"""The most one image adds."""
-JUMP_ODDS = 10.0
-"""What a jump off the course costs at most, in log odds; a branch can be left at that price."""
-MISS_ODDS = 6.0
-"""What it costs to take all candidates of an image for wrong; smeared or covered edges give sharp and wrong poses."""
-CERTAIN = 25.0
-"""Odds do not grow beyond this, so that a wrong branch can be left again."""
-DECIDED = 8.0
-"""Log odds from which the better branch is believed."""
-SEEN_OFTEN = 5
-"""Images a decision by gathered odds needs besides: two smeared ones may agree on nonsense."""
-SAME_DIRECTION = np.radians(3.5)
-"""Branches that see the target from directions this close are one answer, with the doubt in its covariance [rad]."""
-OVERRULED = 0.5
-"""Log odds of the newest image against a pose from which the images before do not get it published."""
-KEPT = 3
+BRANCHES = LIMITS.branches
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -67,17 +48,17 @@ class Branch:
     def next(self, time: float, candidates: Sequence[Pose]) -> list[Branch]:
         """Everything that may have become of this branch in a new image."""
         prior = self.course.ahead(time)
-        costs = [prior.surprise(pose) / 2 for pose in candidates]
+        costs = [prior.mahalanobis2(pose) / 2 for pose in candidates]
         likeliest = min(candidates, key=lambda pose: pose.loss)
         found = []
         for pose, cost in zip(candidates, costs, strict=True):
-            leaps = cost > JUMP_ODDS
+            leaps = cost > BRANCHES.jump
             course = Course.begin(time, pose, prior.psd) if leaps else prior.corrected(pose)
             against = _evidence(likeliest, pose)
-            weight = self.weight - against - min(cost, JUMP_ODDS)
+            weight = self.weight - against - min(cost, BRANCHES.jump)
             found.append(Branch(course, prior, pose, weight, against=against))
         nearest = candidates[int(np.argmin(costs))]
-        return [*found, Branch(prior, prior, nearest, self.weight - MISS_ODDS, missed=True)]
+        return [*found, Branch(prior, prior, nearest, self.weight - BRANCHES.miss, missed=True)]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -105,9 +86,9 @@ class Branches:
         first, psd = candidates[0], MOVING_PSD if moving else ACCELERATION_PSD
         found = [Branch(Course.begin(time, first, psd), None, first, 0.0)]
         for other in candidates[1:]:
-            weight = -CERTAIN if decided else -_evidence(first, other)
+            weight = -BRANCHES.certain if decided else -_evidence(first, other)
             found.append(Branch(Course.begin(time, other, psd), None, other, weight))
-        return cls(_pruned(found), SEEN_OFTEN if decided else 1)
+        return cls(_pruned(found), BRANCHES.min_images if decided else 1)
 
     @property
     def best(self) -> Branch:
@@ -117,20 +98,20 @@ class Branches:
     @property
     def lead(self) -> float:
         """Log odds of the likeliest branch against the next that means another pose."""
-        rivals = [b.weight for b in self.ranked[1:] if _apart(self.best, b) > SAME_DIRECTION]
-        return -max(rivals, default=-CERTAIN)
+        rivals = [b.weight for b in self.ranked[1:] if _apart(self.best, b) > BRANCHES.same_direction]
+        return -max(rivals, default=-BRANCHES.certain)
 
     @property
     def is_decided(self) -> bool:
         """Whether the likeliest branch is believed."""
-        return self.lead >= DECIDED and self.images >= SEEN_OFTEN
+        return self.lead >= BRANCHES.decided and self.images >= BRANCHES.min_images
 
     @property
     def doubt(self) -> float:
         """Variance of the direction from what is left of other branches close to the likeliest [rad^2]."""
         odds = np.exp([b.weight for b in self.ranked])
         apart = np.array([_apart(self.best, b) for b in self.ranked])
-        close = apart <= SAME_DIRECTION
+        close = apart <= BRANCHES.same_direction
         return float((odds * apart**2)[close].sum() / odds[close].sum())
 
     def after(self, time: float, candidates: Sequence[Pose]) -> Branches:
@@ -143,7 +124,8 @@ def _evidence(better: Pose, worse: Pose) -> float:
     """What one image adds to the log odds of the better of two fits, zero or more."""
     if better is worse:
         return 0.0
-    return float(np.clip(TRUSTED_SHARE * (log_odds(better, worse) - SILENT_ODDS), 0.0, MAX_ODDS))
+    trusted = BRANCHES.trusted_share * (log_odds(better, worse) - BRANCHES.silent)
+    return float(np.clip(trusted, 0.0, BRANCHES.max_image))
 
 
 def _apart(a: Branch, b: Branch) -> float:
@@ -160,11 +142,14 @@ def _pruned(found: list[Branch]) -> tuple[Branch, ...]:
         if all(_differ(branch, other) for other in kept):
             kept.append(branch)
     top = kept[0].weight
-    return tuple(replace(branch, weight=max(branch.weight - top, -CERTAIN)) for branch in kept[:KEPT])
+    return tuple(
+        replace(branch, weight=max(branch.weight - top, -BRANCHES.certain)) for branch in kept[: BRANCHES.kept]
+    )
 
 
 def _differ(a: Branch, b: Branch) -> bool:
     """Whether two branches will ever predict different images."""
     distance = max(float(np.linalg.norm(a.course.centre)), 1e-9)
     step = a.course.state - b.course.state
-    return float(np.linalg.norm(step[:3])) > 0.01 * distance or float(np.linalg.norm(step[3:])) > 0.2 * distance
+    apart, faster = float(np.linalg.norm(step[:3])), float(np.linalg.norm(step[3:]))
+    return apart > BRANCHES.differ_place * distance or faster > BRANCHES.differ_speed * distance

@@ -11,14 +11,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-import cv2
 import numpy as np
 import numpy.typing as npt
 
+from mkdaemon.vision.limits import LIMITS
 from mkdaemon.vision.pose.pose import Pose, inverse, turn
 
 Array = npt.NDArray[np.float64]
 
+AGREEMENT = LIMITS.agreement
 ACCELERATION_PSD = 1.0
 """Of a vehicle over a target at rest: 1.3 m/s^2 that last for 0.3 s [m^2/s^3]."""
 MOVING_PSD = 25.0
@@ -70,7 +71,11 @@ class Course:
         return float(np.sqrt(spread)) / max(float(np.linalg.norm(self.centre)), 1e-9)
 
     def ahead(self, time: float) -> Course:
-        """The same course at a later time, before anything is seen."""
+        """The same course at a later time, before anything is seen.
+
+        With F the motion over dt and Q the white acceleration of density q: P' = F P F^T + Q, the blocks of Q being
+        q dt^3 / 3 for the position, q dt^2 / 2 between both, q dt for the velocity.
+        """
         dt = time - self.time
         move = np.eye(6)
         move[:3, 3:] = dt * np.eye(3)
@@ -78,7 +83,7 @@ class Course:
         grown = move @ self.covariance @ move.T + np.kron(block, np.eye(3))
         return replace(self, time=time, state=move @ self.state, covariance=grown)
 
-    def surprise(self, pose: Pose, caution: float | None = None) -> float:
+    def mahalanobis2(self, pose: Pose, caution: float | None = None) -> float:
         """Squared Mahalanobis distance of a pose from this course, three degrees of freedom.
 
         Args:
@@ -90,7 +95,7 @@ class Course:
         return float(error @ np.linalg.solve(self.covariance[:3, :3] + spread, error))
 
     def corrected(self, pose: Pose) -> Course:
-        """The course after a pose."""
+        """The course after a pose: a Kalman update, K = P H^T (H P H^T + R)^-1, H taking the position."""
         centre, spread = _measured(pose)
         gain = self.covariance[:, :3] @ np.linalg.inv(self.covariance[:3, :3] + spread)
         covariance = self.covariance - gain @ self.covariance[:3, :]
@@ -100,7 +105,8 @@ class Course:
     def fused(self, pose: Pose) -> Pose:
         """A pose with what this course knew before it about where the lens is.
 
-        A Kalman update; nearby, where the image says far more than inertia, nothing changes.
+        The lens is at c = -R^T p in the target's frame; dc = -R^T dp - R^T [p]x w. A Kalman update of (p, w) by what
+        the course knows of c; nearby, where the image says far more than inertia, nothing changes.
         """
         back = pose.rotation.T
         jacobian = np.hstack([-back, -back @ _cross(pose.position)])
@@ -119,25 +125,11 @@ class Course:
             covariance=(posterior + posterior.T) / 2,
         )
 
-    def up(self, pose: Pose) -> Array:
-        """The target's normal `(3,)` [camera] for a lens on this course that sees the origin where `pose` does.
-
-        Of the pose only the line of sight and the turn about it count, which any part of a target shows well.
-        """
-        seen = pose.rotation @ (self.centre / max(float(np.linalg.norm(self.centre)), 1e-9))
-        sight = -pose.position / max(pose.range_m, 1e-9)
-        axis = np.cross(seen, sight)
-        sine = float(np.linalg.norm(axis))
-        if sine < 1e-9:
-            return pose.rotation[:, 2]
-        by = axis / sine * float(np.arctan2(sine, float(seen @ sight)))
-        normal: Array = np.asarray(cv2.Rodrigues(by)[0], dtype=np.float64) @ pose.rotation[:, 2]
-        return normal
-
 
 def _measured(pose: Pose, caution: float | None = None) -> tuple[Array, Array]:
     """Where a pose puts the lens [m; target] and how well that may be believed over several images."""
-    factor = CAUTION / max(pose.inliers, 0.3) ** 4 if caution is None else caution
+    shared = max(pose.inliers, AGREEMENT.floor) ** AGREEMENT.power
+    factor = CAUTION / shared if caution is None else caution
     _, centre, spread = inverse(pose, factor * pose.covariance)
     return centre, spread[:3, :3] + (FLOOR * pose.range_m) ** 2 * np.eye(3)
 

@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
 
+from mkdaemon.telemetry.vision import Alarm, Refusal
 from mkdaemon.vision.pose.ambiguity import Decision
 from mkdaemon.vision.pose.pose import Pose, inverse, with_floor
 from mkdaemon.vision.tags.detection import Detection
 
 Array = npt.NDArray[np.float64]
+FoundBy = Literal["predicted", "flow", "roi", "search"]
+"""How a pose was found: from a prediction, by optical flow, in a window around it, in the whole image."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -24,7 +28,7 @@ class TargetPose:
         pose: camera from target, with the covariance of the measurement alone.
         ratio: residual of the mirrored candidate over this one; infinite without a rival.
         decided_by: what settled which candidate is true.
-        mode: how it was found: `predicted`, `flow`, `roi`, `search`.
+        mode: how it was found.
         bits: correlation of the known cells with the image; none when they are too small to be read.
         decode_age: time since a tag of the target was last decoded [s].
     """
@@ -34,7 +38,7 @@ class TargetPose:
     pose: Pose
     ratio: float
     decided_by: Decision
-    mode: str
+    mode: FoundBy
     bits: float | None
     decode_age: float
 
@@ -58,7 +62,7 @@ class VisionResult:
         captured_at: middle of its exposure, monotonic [s].
         detections: decoded tags with their pixels; empty in images that were tracked without a search.
         poses: at most one per target.
-        alarms: `wrong_size`, `dark`, `blown`, `blurred`, `frozen`, `residual_drift`, `uncalibrated`.
+        alarms: what is wrong with the image.
         refused: targets whose pose was measured and not believed, each with the reason.
     """
 
@@ -67,8 +71,8 @@ class VisionResult:
     captured_at: float
     detections: tuple[Detection, ...]
     poses: tuple[TargetPose, ...]
-    alarms: tuple[str, ...]
-    refused: tuple[tuple[str, str], ...] = ()
+    alarms: tuple[Alarm, ...]
+    refused: tuple[tuple[str, Refusal], ...] = ()
 
     def pose_of(self, target: str) -> TargetPose | None:
         """The pose of a target by name."""

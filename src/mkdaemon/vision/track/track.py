@@ -7,20 +7,16 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import numpy.typing as npt
 
+from mkdaemon.vision.limits import LIMITS
 from mkdaemon.vision.pose.pose import Pose, angle_between
 from mkdaemon.vision.track.attitude import Mounting
 from mkdaemon.vision.track.branches import Branches
 
 Array = npt.NDArray[np.float64]
 
-MAX_SPEED = 8.0
-"""Camera against target [m/s]; a faster step is a wrong pose, not a motion."""
-MAX_TURN = np.radians(25.0)
-"""Largest turn between two images that is continued [rad]."""
-MAX_AHEAD = 6.0
-"""Steps over which a velocity is carried on through missing images."""
-FORGET_VELOCITY = 0.3
-"""Poses farther apart than this do not make a velocity [s]."""
+TRACK = LIMITS.track
+RMS_SHARE = 0.2
+"""Share of the newest residual in the usual one: a memory of five images."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -28,6 +24,19 @@ class _Moment:
     time: float
     pose: Pose
     enu_from_flu: Array | None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Prediction:
+    """Where a target should be.
+
+    Attributes:
+        pose: expected.
+        has_attitude: whether the vehicle's attitude went into it.
+    """
+
+    pose: Pose
+    has_attitude: bool
 
 
 @dataclass(slots=True)
@@ -78,8 +87,9 @@ class Track:
         self.image = image
         if pose.source == "edges":
             known = self.usual_rms if self.usual_rms is not None else pose.rms_px
-            self.usual_rms = known + 0.2 * (pose.rms_px - known)
-        if self.misses > 2 or (self._moments and not 0 < time - self._moments[-1].time < FORGET_VELOCITY):
+            self.usual_rms = known + RMS_SHARE * (pose.rms_px - known)
+        gap = time - self._moments[-1].time if self._moments else 0.0
+        if self.misses > TRACK.forget_misses or (self._moments and not 0 < gap < TRACK.forget_velocity):
             self._moments.clear()
         self._moments = [*self._moments[-1:], _Moment(time, pose, enu_from_flu)]
         self.misses = 0
@@ -94,15 +104,12 @@ class Track:
         self.misses = 0
         self.decoded_at = -np.inf
 
-    def predict(self, time: float, enu_from_flu: Array | None, mounting: Mounting | None) -> tuple[Pose, bool]:
+    def predict(self, time: float, enu_from_flu: Array | None, mounting: Mounting | None) -> Prediction:
         """Expected pose at a time.
 
         Motion is taken in the camera frame, where the position is known to a fraction of a pixel; in the target frame
         every error of tilt would swing it by the range. With the vehicle's attitude the turn of the camera is taken
         out first and put back for the new image; without, image motion and turn simply go on.
-
-        Returns:
-            The pose and whether the attitude was used.
         """
         now = self._moments[-1]
         before = self._moments[-2] if self.has_velocity else None
@@ -115,13 +122,14 @@ class Track:
                 step = position - earlier @ before.pose.position
             else:
                 step = position - before.pose.position
-                if ahead < 1.5 and angle_between(now.pose.rotation, before.pose.rotation) < MAX_TURN:
+                turned_by = angle_between(now.pose.rotation, before.pose.rotation)
+                if ahead < TRACK.turn_ahead and turned_by < TRACK.max_turn:
                     rotation = now.pose.rotation @ before.pose.rotation.T @ now.pose.rotation
-            if float(np.linalg.norm(step)) < MAX_SPEED * (now.time - before.time):
-                position = position + min(ahead, MAX_AHEAD) * step
+            if float(np.linalg.norm(step)) < TRACK.max_speed * (now.time - before.time):
+                position = position + min(ahead, TRACK.max_ahead) * step
         if turned is None:
-            return replace(now.pose, rotation=rotation, position=position), False
-        return replace(now.pose, rotation=turned @ now.pose.rotation, position=turned @ position), True
+            return Prediction(replace(now.pose, rotation=rotation, position=position), False)
+        return Prediction(replace(now.pose, rotation=turned @ now.pose.rotation, position=turned @ position), True)
 
 
 def _camera_turn(now: Array | None, then: Array | None, mounting: Mounting | None) -> Array | None:

@@ -11,7 +11,8 @@ from hypothesis import strategies as st
 
 from mkdaemon.sim.scene.light import Conditions, Glare
 from mkdaemon.vision.camera.intrinsics import Intrinsics
-from mkdaemon.vision.pose.edgefit import EdgeFit, EdgeModel, Level
+from mkdaemon.vision.pose.edgefit import EdgeFit, Level
+from mkdaemon.vision.pose.edgemodel import EdgeModel
 from mkdaemon.vision.pose.gates import BitModel
 from mkdaemon.vision.pose.photofit import PhotoFit
 from mkdaemon.vision.pose.pose import FLOOR_RANGE, Pose, inverse, largest_variance, solve, turn, with_floor
@@ -26,7 +27,7 @@ WIDE = Intrinsics(width=640, height=480, fx=420, fy=425, cx=322, cy=235, k1=-0.2
 
 def cold(view, target):
     tagmap = TagMap((target,))
-    found = Detector(tagmap.whitelist).climb(view.pixels)
+    found = Detector(tagmap.whitelist).search_ladder(view.pixels)
     return solve([(tagmap.owners[item.family, item.tag_id][1], item) for item in found], PROJECTION)
 
 

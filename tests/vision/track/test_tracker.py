@@ -13,12 +13,13 @@ from mkdaemon.frames import euler_from_rotation
 from mkdaemon.sim.scene.light import Conditions
 from mkdaemon.sim.scene.motion import Platform
 from mkdaemon.sim.scene.scene import Scene, SceneTarget, cam_from_target
+from mkdaemon.telemetry.vision import Refusal
 from mkdaemon.vision.camera.image import CameraImage
-from mkdaemon.vision.pose.gates import certainty_fault
+from mkdaemon.vision.pose.gates import certainty_refusal
 from mkdaemon.vision.pose.pose import FLOOR_ANGLE, FLOOR_RANGE
 from mkdaemon.vision.tags.tagmap import TagMap, load
 from mkdaemon.vision.track.attitude import LOOKING_DOWN, AttitudeHistory, AttitudeSample
-from mkdaemon.vision.track.judge import Sight
+from mkdaemon.vision.track.level import Sight
 from mkdaemon.vision.track.tracker import Tracker
 from tests.places import CONFIGS
 from tests.vision.views import View, angle_deg, place, shipped
@@ -215,12 +216,15 @@ def test_with_attitude_inertia_helps_an_uncertain_pose_that_agrees_with_it():
         view = View(shipped("single"), place(4.2 + 0.01 * k, 0.3, around=0.3 + 0.004 * k))
         found = follower.update(view.image(k / 30, k), attitude_of(view)).pose_of("pad")
     assert found is not None
-    judge = follower._judges["pad"]
+    judge = follower.followers[0].judge
     seen = Sight(view.pixels, 13 / 30 + 0.001, attitude_of(view).at(0.0, 1.0))
     vague = replace(found.pose, covariance=found.pose.covariance + np.diag([1e-5, 1e-5, 4e-4, 1e-4, 1e-4, 1e-4]))
-    assert certainty_fault(vague, has_attitude=True) == "position_uncertain"
-    helped, fault = judge._helped(seen, vague)
-    assert fault == ""
-    assert np.linalg.norm(helped.position - view.position) < 0.01
+    assert certainty_refusal(vague, has_attitude=True) is Refusal.POSITION_UNCERTAIN
+    helped = judge.add_inertia(seen, vague)
+    assert helped.refusal is None
+    assert helped.pose is not None
+    assert np.linalg.norm(helped.pose.position - view.position) < 0.01
     elsewhere = replace(vague, position=vague.position * 1.03)
-    assert judge._helped(seen, elsewhere) == (elsewhere, "position_uncertain")
+    refused = judge.add_inertia(seen, elsewhere)
+    assert refused.pose is elsewhere
+    assert refused.refusal is Refusal.POSITION_UNCERTAIN

@@ -11,9 +11,10 @@ import pytest
 
 from mkdaemon.config.vision import DetectorSection
 from mkdaemon.sim.scene.light import Conditions, Cover, Shadow
+from mkdaemon.vision.limits import LIMITS
 from mkdaemon.vision.tags.aruco_fallback import ArucoSearch
 from mkdaemon.vision.tags.cellread import quiet_sides
-from mkdaemon.vision.tags.detector import LADDER, Detector
+from mkdaemon.vision.tags.detector import Detector
 from mkdaemon.vision.tags.tagfamily import cells, find_family
 from tests.vision.views import View, place, printed, shipped
 
@@ -22,7 +23,7 @@ LOW, HIGH = PX * MARGIN - 0.5, PX * (MARGIN + 8) - 0.5
 UPRIGHT = np.array([[LOW, LOW], [HIGH, LOW], [HIGH, HIGH], [LOW, HIGH]])
 
 
-@pytest.mark.parametrize("stage", LADDER)
+@pytest.mark.parametrize("stage", LIMITS.search.ladder)
 def test_official_print_has_its_corners_in_order_with_pixel_centres_at_integers(stage):
     # The black square covers pixels 60..219, so its edges lie at 59.5 and 219.5.
     found = Detector({"tag36h11": frozenset({17})}).search(printed(cells("tag36h11", 17), PX, MARGIN), stage)
@@ -33,7 +34,7 @@ def test_official_print_has_its_corners_in_order_with_pixel_centres_at_integers(
 @pytest.mark.parametrize("turns", [0, 1, 2, 3])
 def test_corners_follow_a_turned_print(turns):
     image = np.ascontiguousarray(np.rot90(printed(cells("tag36h11", 17), PX, MARGIN), turns))
-    found = Detector({"tag36h11": frozenset({17})}).climb(image)
+    found = Detector({"tag36h11": frozenset({17})}).search_ladder(image)
     # A print turned counter-clockwise by quarters has its top-left where the next corner was.
     assert np.abs(found[0].corners - np.roll(UPRIGHT, turns, axis=0)).max() < 0.15
 
@@ -41,7 +42,7 @@ def test_corners_follow_a_turned_print(turns):
 def test_tag_drawn_by_opencv_is_seen_upside_down():
     dictionary = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_APRILTAG_36h11)
     drawn = cv2.aruco.generateImageMarker(dictionary, 17, 8)
-    found = Detector({"tag36h11": frozenset({17})}).climb(printed(drawn, PX, MARGIN))
+    found = Detector({"tag36h11": frozenset({17})}).search_ladder(printed(drawn, PX, MARGIN))
     assert np.abs(found[0].corners - np.roll(UPRIGHT, 2, axis=0)).max() < 0.15
 
 
@@ -51,8 +52,8 @@ def test_opencv_fallback_agrees_about_the_corners(family):
     image = printed(cells(family, 5), PX, MARGIN)
     high = PX * (MARGIN + n) - 0.5
     expected = np.array([[LOW, LOW], [high, LOW], [high, high], [LOW, high]])
-    with_lib = Detector({family: frozenset({5})}).climb(image)
-    without = Detector({family: frozenset({5})}, backend="aruco").climb(image)
+    with_lib = Detector({family: frozenset({5})}).search_ladder(image)
+    without = Detector({family: frozenset({5})}, backend="aruco").search_ladder(image)
     assert np.abs(with_lib[0].corners - expected).max() < 0.15
     assert np.abs(without[0].corners - expected).max() < 1.0
     assert without[0].hamming == 0
@@ -70,38 +71,38 @@ def test_fallback_says_what_is_lost():
 def test_rendered_corners_are_where_projection_puts_them(distance):
     target = shipped("single")
     view = View(target, place(distance, 0.4, roll=0.7))
-    found = Detector({"tag36h11": frozenset({0})}).climb(view.pixels)
+    found = Detector({"tag36h11": frozenset({0})}).search_ladder(view.pixels)
     assert np.abs(found[0].corners - view.corners["tag36h11", 0]).max() < (0.1 if distance < 5 else 0.4)
 
 
 def test_both_tags_of_a_nested_target():
     view = View(shipped("nested"), place(0.9, 0.2))
-    found = Detector({"tag36h11": frozenset({1, 48})}).climb(view.pixels)
+    found = Detector({"tag36h11": frozenset({1, 48})}).search_ladder(view.pixels)
     assert {item.tag_id for item in found} == {1, 48}
 
 
 @pytest.mark.parametrize("distance", [0.2, 0.6, 1.5, 3.0, 6.0, 10.0])
 def test_landing_target_is_decoded_at_every_height(distance):
     view = View(shipped("landing"), place(distance, 0.15))
-    found = Detector({"tag36h11": frozenset({46, 487, 373})}).climb(view.pixels)
+    found = Detector({"tag36h11": frozenset({46, 487, 373})}).search_ladder(view.pixels)
     assert found
 
 
 def test_whitelist_hamming_and_margin():
     image = printed(cells("tag36h11", 17), PX, MARGIN)
-    assert Detector({"tag36h11": frozenset({18})}).climb(image) == []
+    assert Detector({"tag36h11": frozenset({18})}).search_ladder(image) == []
     wrong = cells("tag36h11", 17).copy()
     for k in range(3):
-        assert bool(Detector({"tag36h11": frozenset({17})}).climb(printed(wrong, PX, MARGIN))) == (k <= 2)
+        assert bool(Detector({"tag36h11": frozenset({17})}).search_ladder(printed(wrong, PX, MARGIN))) == (k <= 2)
         wrong[2, 2 + k] ^= 255
     many = frozenset(range(587))
     one_wrong = cells("tag36h11", 17).copy()
     one_wrong[2, 2] ^= 255
     # With every id allowed a corrected bit is no evidence any more.
-    assert Detector({"tag36h11": many}).climb(printed(one_wrong, PX, MARGIN)) == []
+    assert Detector({"tag36h11": many}).search_ladder(printed(one_wrong, PX, MARGIN)) == []
     # The edge of the tag two pixels from the edge of the image.
     cut = image[:, int(LOW) - 1 :]
-    assert Detector({"tag36h11": frozenset({17})}).climb(np.ascontiguousarray(cut)) == []
+    assert Detector({"tag36h11": frozenset({17})}).search_ladder(np.ascontiguousarray(cut)) == []
 
 
 def test_quiet_zone_on_four_sides():
@@ -112,7 +113,7 @@ def test_quiet_zone_on_four_sides():
         dark[side] = 0
         assert quiet_sides(dark, UPRIGHT, 8) == 3, k
     loose = Detector({"tag36h11": frozenset({17})}, DetectorSection(quiet_zone=False))
-    assert loose.climb(image)
+    assert loose.search_ladder(image)
 
 
 def test_roi_gives_image_coordinates():
@@ -131,7 +132,7 @@ def test_shadow_edge_is_found_by_the_log_search():
     view = View(target, place(2.0, 0.2), condition)
     detector = Detector({"tag36h11": frozenset({0})})
     assert detector.search(view.pixels, "log")
-    assert detector.climb(view.pixels)
+    assert detector.search_ladder(view.pixels)
 
 
 def test_shadow_edge_in_a_blurred_image_is_found_by_the_equalised_search():
@@ -154,7 +155,7 @@ def test_patches_on_the_border_and_the_inner_tag_leave_an_outline(roll):
     covers = (patch(0.14, 0.03, 0.5), patch(0.0, 0.02, 0.4), patch(-0.05, -0.15, 0.3))
     view = View(shipped("nested"), place(1.4, 0.3, roll=roll), replace(Conditions(), covers=covers))
     detector = Detector({"tag36h11": frozenset({1, 48})})
-    assert [found for stage in LADDER[:-1] for found in detector.search(view.pixels, stage)] == []
+    assert [found for stage in LIMITS.search.ladder[:-1] for found in detector.search(view.pixels, stage)] == []
     (found,) = detector.search(view.pixels, "outline")
     assert found.tag_id == 48
     assert np.linalg.norm(found.corners - view.corners["tag36h11", 48], axis=1).max() < 1.5
@@ -173,14 +174,14 @@ def test_no_tag_in_a_tag_free_scene():
     target = shipped("single")
     view = View(target, place(2.0, 0.2), replace(Conditions(), target_in_view=False))
     detector = Detector({"tag36h11": frozenset(range(8))})
-    assert [found for stage in LADDER for found in detector.search(view.pixels, stage)] == []
+    assert [found for stage in LIMITS.search.ladder for found in detector.search(view.pixels, stage)] == []
 
 
 def test_a_covered_border_is_no_tag():
     half = 0.3048 / 2
     strip = Cover(((-0.3, half - 0.05), (0.3, half - 0.05), (0.3, 0.3), (-0.3, 0.3)), 0.3)
     view = View(shipped("single"), place(1.5, 0.1), replace(Conditions(), covers=(strip,)))
-    assert Detector({"tag36h11": frozenset({0})}).climb(view.pixels) == []
+    assert Detector({"tag36h11": frozenset({0})}).search_ladder(view.pixels) == []
 
 
 def test_field_photographs(shared):

@@ -12,8 +12,9 @@ from mkdaemon.sim.scene.motion import Platform
 from mkdaemon.sim.scene.scene import Scene, SceneTarget
 from mkdaemon.sim.scene.view import view_towards
 from mkdaemon.vision.camera.intrinsics import Intrinsics
+from mkdaemon.vision.limits import LIMITS
 from mkdaemon.vision.tags.tagmap import single
-from mkdaemon.vision.track.alarms import FROZEN_AFTER, ImageHealth
+from mkdaemon.vision.track.alarms import ImageHealth
 
 VGA = Intrinsics(width=640, height=480, fx=600, fy=600, cx=319.5, cy=239.5)
 PAD = SceneTarget.of(single(0.3048, 48), Platform())
@@ -49,12 +50,12 @@ def test_without_a_calibration_any_size_will_do() -> None:
 def test_equal_images_are_a_frozen_camera() -> None:
     image, fresh = shot(), shot()
     health = ImageHealth(640, 480)
-    frozen = ["frozen" in health.check(image) for _ in range(FROZEN_AFTER + 2)]
-    assert frozen == [False] * FROZEN_AFTER + [True] * 2
+    frozen = ["frozen" in health.check(image) for _ in range(LIMITS.health.frozen_images + 2)]
+    assert frozen == [False] * LIMITS.health.frozen_images + [True] * 2
     assert "frozen" not in health.check(fresh)
 
 
 def test_a_covered_lens_is_dark_and_not_frozen() -> None:
     health = ImageHealth(640, 480)
-    for _ in range(FROZEN_AFTER + 3):
+    for _ in range(LIMITS.health.frozen_images + 3):
         assert health.check(np.zeros((480, 640), np.uint8)) == ["dark"]

@@ -14,13 +14,15 @@ from mkdaemon.sim.scene.scene import Scene, SceneTarget, cam_from_target, true_c
 from mkdaemon.vision.calibrate.target_print import svg
 from mkdaemon.vision.calibrate.target_shapes import target_page
 from mkdaemon.vision.camera.image import CameraImage
+from mkdaemon.vision.pose.fitting import TargetFitter
+from mkdaemon.vision.pose.projection import Projection
 from mkdaemon.vision.tags import apriltaglib, tagfamily
 from mkdaemon.vision.tags.detector import Detector
 from mkdaemon.vision.tags.tagfamily import FAMILIES
 from mkdaemon.vision.tags.tagmap import TagMap, Target, build, single
 from mkdaemon.vision.track.attitude import LOOKING_DOWN
 from mkdaemon.vision.track.tracker import Tracker
-from tests.vision.test_target_print import PX_PER_MM, paint_svg
+from tests.vision.calibrate.test_target_print import PX_PER_MM, paint_svg
 from tests.vision.views import VGA, place
 
 INVERTED = [family.name for family in FAMILIES.values() if family.is_inverted]
@@ -52,7 +54,7 @@ def test_a_rendered_tag_is_found_with_its_corners_and_posed(name):
         true = true_corners(placed, view)[name, 7]
         assert (found.family, found.tag_id, found.hamming) == (name, 7, 0)
         assert np.abs(found.corners - true).max() < (0.3 if distance < 3.0 else 0.8)
-        fitted = tracker._fitters[target.name].cold(pixels, [(target.tags[0], found)])
+        fitted = TargetFitter(target, Projection(VGA)).cold(pixels, [(target.tags[0], found)])
         rotation, position = cam_from_target(placed, view)
         errors = [error_of(pose.rotation, pose.position, rotation, position) for pose in fitted]
         best = min(errors, key=lambda error: error.angle_deg)

@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from mkdaemon.vision.limits import LIMITS
 from mkdaemon.vision.pose.pose import Pose, turn
-from mkdaemon.vision.track.branches import DECIDED, Branches
+from mkdaemon.vision.track.branches import Branches
 from mkdaemon.vision.track.course import MOVING_PSD, Course
 from tests.vision.views import angle_deg
 
@@ -44,12 +45,12 @@ def flown(count: int, sd_deg: float, seed: int = 1) -> tuple[Course, np.ndarray]
     return course.ahead(count * STEP), centre
 
 
-def test_shaking_is_no_surprise_and_the_mirrored_pose_is_one():
+def test_shaking_stays_near_the_course_and_the_mirrored_pose_does_not():
     course, centre = flown(20, 0.3)
     for shake in ((0, 0, 0), (3, -2, 1), (-4, 4, 10)):
         true = seen(centre, shake)
-        assert course.surprise(true) < 9.0
-        assert course.surprise(mirrored(true)) > 50.0
+        assert course.mahalanobis2(true) < 9.0
+        assert course.mahalanobis2(mirrored(true)) > 50.0
 
 
 @pytest.mark.parametrize("seed", range(5))
@@ -86,8 +87,8 @@ def test_a_vague_pose_is_moved_onto_the_course_and_a_sharp_one_stays():
 def test_hidden_parts_make_a_pose_count_less():
     course, centre = flown(20, 0.3)
     aside = centre + np.array([0.3, 0.0, 0.0])
-    assert course.surprise(seen(aside, inliers=0.5)) < 0.7 * course.surprise(seen(aside))
-    assert course.surprise(seen(aside, inliers=0.5), 1.0) == pytest.approx(course.surprise(seen(aside), 1.0))
+    assert course.mahalanobis2(seen(aside, inliers=0.5)) < 0.7 * course.mahalanobis2(seen(aside))
+    assert course.mahalanobis2(seen(aside, inliers=0.5), 1.0) == pytest.approx(course.mahalanobis2(seen(aside), 1.0))
 
 
 def branches_of(*loss: float, decided: bool = False, moving: bool = False) -> Branches:
@@ -113,7 +114,7 @@ def test_odds_gather_until_they_decide():
     assert not once.is_decided
     few = fly(once, [(0.010, 0.014)] * 2)
     many = fly(once, [(0.010, 0.014)] * 8)
-    assert 0 < few.lead < DECIDED
+    assert 0 < few.lead < LIMITS.branches.decided
     assert many.is_decided
     assert is_true(many)
 

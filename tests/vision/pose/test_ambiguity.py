@@ -7,7 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from mkdaemon.vision.pose.ambiguity import MIN_LOG_ODDS, choose, log_odds
+from mkdaemon.vision.limits import LIMITS
+from mkdaemon.vision.pose.ambiguity import choose, log_odds
 from mkdaemon.vision.pose.pose import Pose, turn
 from mkdaemon.vision.track.attitude import LOOKING_DOWN, AttitudeHistory, AttitudeSample, fuse_level, tilt_error
 from tests.vision.views import angle_deg
@@ -61,7 +62,7 @@ def test_choice(candidates, options, expected):
 def test_odds_decide_alone_where_a_fit_leaves_only_noise(rms, inliers, source, decides):
     marks = {"rms_px": rms, "inliers": inliers, "source": source}
     first, second = replace(tilted(10, 9.0, 600), **marks), replace(tilted(-10, 11.0, 600), **marks)
-    assert log_odds(first, second) > MIN_LOG_ODDS
+    assert log_odds(first, second) > LIMITS.ambiguity.min_log_odds
     choice = choose([first, second], min_ratio=2.0)
     assert (choice is not None) == decides
     assert choose([first, replace(second, loss=9.5)], min_ratio=2.0) is None

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from mkdaemon.sim.scene.light import Conditions, Cover
+from mkdaemon.vision.limits import LIMITS
 from mkdaemon.vision.pose.edgefit import EdgeFit
 from mkdaemon.vision.pose.evidence import EdgeEvidence
 from mkdaemon.vision.pose.pose import Pose, turn
@@ -35,9 +36,9 @@ def test_a_right_pose_is_borne_out_behind_a_cover(name, reflectance, share):
     fitted = EdgeFit(target, PROJECTION).fit(view.pixels, start)
     assert fitted is not None
     assert angle_deg(fitted.rotation, view.rotation) < 0.5
-    evidence = EdgeEvidence(target, PROJECTION).weigh(view.pixels, fitted)
+    evidence = EdgeEvidence(target, PROJECTION).measure(view.pixels, fitted)
     assert evidence is not None
-    assert evidence.bears_out, evidence
+    assert evidence.supports(LIMITS.evidence), evidence
 
 
 def test_no_wrong_fit_is_borne_out():
@@ -56,8 +57,8 @@ def test_no_wrong_fit_is_borne_out():
         if fitted is None or angle_deg(fitted.rotation, view.rotation) < 2.0:
             continue
         wrong += 1
-        said = evidence.weigh(view.pixels, fitted)
-        assert said is None or not said.bears_out, (k, said)
+        found = evidence.measure(view.pixels, fitted)
+        assert found is None or not found.supports(LIMITS.evidence), (k, found)
     assert wrong >= 10
 
 
@@ -66,11 +67,11 @@ def test_nothing_is_borne_out_where_there_is_no_target():
     view = View(target, place(1.0, 0.2))
     pose = Pose(view.rotation, view.position, np.eye(6), "edges", 0, 0.0)
     evidence = EdgeEvidence(target, PROJECTION)
-    assert evidence.weigh(np.full((480, 640), 90, np.uint8), pose) is None
+    assert evidence.measure(np.full((480, 640), 90, np.uint8), pose) is None
     noise = np.random.default_rng(1).integers(0, 255, (480, 640)).astype(np.uint8)
-    said = evidence.weigh(noise, pose)
-    assert said is None or not said.bears_out
-    assert evidence.weigh(view.pixels, replace(pose, position=np.array([9.0, 0.0, 1.0]))) is None
+    found = evidence.measure(noise, pose)
+    assert found is None or not found.supports(LIMITS.evidence)
+    assert evidence.measure(view.pixels, replace(pose, position=np.array([9.0, 0.0, 1.0]))) is None
 
 
 @pytest.mark.parametrize("reflectance", [0.1, 0.5, 0.8])

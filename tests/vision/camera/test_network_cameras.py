@@ -10,7 +10,7 @@ from mkdaemon.vision.camera.image import CameraImage
 from mkdaemon.vision.camera.slot import NewestSlot
 from mkdaemon.vision.camera.sources import source_of
 from tests.bus.support import free_endpoint
-from tests.vision.network_cameras import HEIGHT, WIDTH, HttpCamera, NetworkCamera, RtspCamera
+from tests.vision.camera.network_cameras import HEIGHT, WIDTH, HttpCamera, NetworkCamera, RtspCamera
 from tests.vision.streams import wait_for_status
 
 PATIENCE = 60.0

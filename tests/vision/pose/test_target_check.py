@@ -13,9 +13,10 @@ from mkdaemon.telemetry.vision import EyeState
 from mkdaemon.vision.camera.camera import StreamState, StreamStatus
 from mkdaemon.vision.camera.image import CameraImage
 from mkdaemon.vision.camera.intrinsics import Intrinsics
+from mkdaemon.vision.limits import LIMITS
 from mkdaemon.vision.pipeline import CameraPipeline
 from mkdaemon.vision.pose.projection import Projection
-from mkdaemon.vision.pose.target_check import CONTRADICTIONS, TargetCheck, misfit
+from mkdaemon.vision.pose.target_check import TargetCheck, misfit
 from mkdaemon.vision.tags.detection import Detection
 from mkdaemon.vision.tags.tagmap import TagMap, build
 
@@ -78,7 +79,7 @@ def test_it_is_said_after_some_images_and_taken_back_by_one_that_fits() -> None:
     rng = np.random.default_rng(2)
     wrong = pad(0.25)
     check = TargetCheck(wrong, LENS)
-    for _ in range(CONTRADICTIONS - 1):
+    for _ in range(LIMITS.health.misfit_images - 1):
         check.look([found for _, found in seen(pad(), wrong, rng)], ())
         assert check.contradicted == ()
     check.look([found for _, found in seen(pad(), wrong, rng)], ())
@@ -91,7 +92,7 @@ def test_it_is_said_after_some_images_and_taken_back_by_one_that_fits() -> None:
 
 def test_without_a_calibration_nothing_is_judged() -> None:
     check = TargetCheck(pad(0.25), None)
-    for _ in range(3 * CONTRADICTIONS):
+    for _ in range(3 * LIMITS.health.misfit_images):
         check.look([found for _, found in seen(pad(), pad(), np.random.default_rng(3))], ())
     assert check.contradicted == ()
 
@@ -109,7 +110,7 @@ def test_the_camera_says_so_in_place_of_a_pose(tmp_path) -> None:
     )
     eye = CameraPipeline(CameraSection(source="x", calibration=lens, targets=(target,)), VisionSection(), Clock())
     poses = []
-    for number in range(CONTRADICTIONS + 2):
+    for number in range(LIMITS.health.misfit_images + 2):
         at = number / 30
         state = BodyState(at, np.array([0.02 * np.sin(number), 0.0, 0.5]), np.zeros(3), np.eye(3), np.zeros(3))
         image = CameraImage(scene.expose(state), 10.0 + at, 10.0 + at, number, "down")

@@ -1,0 +1,261 @@
+"""What every gate, fit, search and memory of the tracker earns: the same images with one of them switched off.
+
+Each is switched off by the limits handed to the tracker, nothing is patched. Images are rendered once and shown to all
+variants, so that differences are counted image by image: `lost` are posed by the whole pipeline only, `won` by the
+variant only. Of n images that differ, chance makes a difference of sqrt(n); `noise` is twice that.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from typing import Any, Final
+
+import numpy as np
+import numpy.typing as npt
+
+from lab.campaign import Part, run_parts
+from lab.vision.cases import draws
+from lab.vision.flight import VGA, fly
+from lab.vision.stills import SeedSet, Studio, error_of, target_named
+from lab.vision.variants import VARIANTS, WHOLE, Variant
+from mkdaemon.vision.camera.image import CameraImage
+from mkdaemon.vision.pose.pose import Pose
+from mkdaemon.vision.tags.tagmap import TagMap
+from mkdaemon.vision.track.attitude import LOOKING_DOWN, AttitudeHistory
+from mkdaemon.vision.track.tracker import Tracker
+
+Array = npt.NDArray[np.float64]
+
+SCENES: Final = ("flights", "far", "cold", "hidden", "steep")
+"""Troubled flights below 4.5 m and from 3 to 9 m; first images by distance, in covers and bad light, from 70 deg up."""
+FAR_M: Final = (3.0, 9.0)
+COLD_M: Final = (0.15, 0.5, 2.0, 4.57, 8.0, 10.0, 12.0)
+STEEP_DEG: Final = (70.0, 78.0, 82.0)
+FLIGHT_SECONDS: Final = 4.0
+SHORT_SECONDS: Final = 2.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class View:
+    """One image of a scene, with its truth; the images of a flight follow each other."""
+
+    image: CameraImage
+    attitude: AttitudeHistory
+    rotation: Array
+    position: Array
+    looks: int
+
+
+@dataclass(slots=True)
+class Score:
+    """What one variant made of the images of a scene.
+
+    Attributes:
+        posed: whether each image was posed.
+        distance: errors of the posed ones [m].
+        angle: and of their angles [deg].
+        wrong: posed beyond 5 cm and 1 % of the range, or 5 degrees.
+        seconds: of one core.
+    """
+
+    posed: list[bool] = field(default_factory=list)
+    distance: list[float] = field(default_factory=list)
+    angle: list[float] = field(default_factory=list)
+    wrong: int = 0
+    seconds: float = 0.0
+
+    def add(self, pose: Pose | None, view: View) -> None:
+        """Compare one pose with the truth."""
+        self.posed.append(pose is not None)
+        if pose is None:
+            return
+        error = error_of(pose.rotation, pose.position, view.rotation, view.position)
+        self.distance.append(error.distance)
+        self.angle.append(error.angle_deg)
+        too_far = error.distance > max(0.05, 0.01 * float(np.linalg.norm(view.position)))
+        self.wrong += too_far or error.angle_deg > 5.0
+
+    def extend(self, other: Score) -> None:
+        """Add the images of another part."""
+        self.posed += other.posed
+        self.distance += other.distance
+        self.angle += other.angle
+        self.wrong += other.wrong
+        self.seconds += other.seconds
+
+    def against(self, whole: Score) -> dict[str, Any]:
+        """The figures, and how they differ from the whole pipeline's."""
+        mine, theirs = np.array(self.posed), np.array(whole.posed)
+        lost, won = int((theirs & ~mine).sum()), int((mine & ~theirs).sum())
+        return {
+            "posed": round(float(mine.mean()), 4),
+            "lost": lost,
+            "won": won,
+            "noise": round(2.0 * float(np.sqrt(lost + won)), 1),
+            "wrong": self.wrong,
+            "median_cm": _median(self.distance, 100.0),
+            "p95_cm": _percentile(self.distance, 95, 100.0),
+            "median_deg": _median(self.angle, 1.0),
+            "p95_deg": _percentile(self.angle, 95, 1.0),
+            "ms": round(1000.0 * self.seconds / max(len(mine), 1), 2),
+        }
+
+
+def plan(quick: bool, seeds: SeedSet, variants: Sequence[Variant] = VARIANTS) -> list[Part]:
+    """The parts of the campaign; every scene is seen with attitude and without.
+
+    Args:
+        quick: a fraction of the images.
+        seeds: which scenes.
+        variants: what is switched off.
+    """
+    flights, seconds, each = (1, SHORT_SECONDS, 3) if quick else (4, FLIGHT_SECONDS, 12)
+    images = int(30 * seconds)
+    parts = [
+        Part(look, (scene, name, seeds.base + 900 + k, seconds, variants), images)
+        for scene in ("flights", "far")
+        for name in ("nested", "single")
+        for k in range(flights)
+    ]
+    stills: list[tuple[str, str, float | str]] = [
+        ("cold", name, distance) for name in ("nested", "single") for distance in COLD_M
+    ]
+    stills += [("hidden", "nested", condition) for condition in draws(1.0) if condition != "none"]
+    stills += [("steep", "single", degrees) for degrees in STEEP_DEG]
+    parts += [
+        Part(look_at_stills, (scene, name, which, each, seeds.base + 950, k, variants), each)
+        for k, (scene, name, which) in enumerate(stills)
+    ]
+    return parts
+
+
+def look(
+    scene: str, name: str, seed: int, seconds: float, variants: Sequence[Variant]
+) -> dict[tuple[str, bool], Score]:
+    """One flight, seen by every variant."""
+    near, far = FAR_M if scene == "far" else (0.35, 4.5)
+    frames = fly(target_named(name), seed, seconds=seconds, near=near, far=far)
+    views = (View(frame.image, frame.attitude, frame.rotation, frame.position, 1) for frame in frames)
+    return _show(name, views, variants, anew=False)
+
+
+def look_at_stills(
+    scene: str, name: str, which: float | str, count: int, seed: int, part: int, variants: Sequence[Variant]
+) -> dict[tuple[str, bool], Score]:
+    """Images that nothing was known before, seen by every variant; twice each, so that every search has its turn."""
+    return _show(name, _stills(scene, name, which, count, seed, part), variants, anew=True)
+
+
+def _stills(scene: str, name: str, which: float | str, count: int, seed: int, part: int) -> Iterator[View]:
+    target = target_named(name)
+    studio = Studio(target, seed, fine=False, part=part)
+    for _ in range(count):
+        rng = studio.rng
+        if scene == "hidden":
+            conditions = draws(target.tags[0].size)[str(which)](rng)
+            still = studio.shoot(float(rng.uniform(0.5, 2.0)), float(rng.uniform(0, 0.7)), conditions, off=0.08)
+        elif scene == "steep":
+            still = studio.shoot(2.0, float(np.radians(which)), off=0.02)
+        else:
+            distance = float(which)
+            still = studio.shoot(distance, float(rng.uniform(0, 0.7)), off=0.05 if distance < 0.2 else 0.12)
+        yield View(still.image, still.attitude, still.rotation, still.position, 2)
+
+
+def _show(
+    name: str, views: Iterator[View], variants: Sequence[Variant], *, anew: bool
+) -> dict[tuple[str, bool], Score]:
+    """Scores by variant and whether the attitude was known."""
+    target = target_named(name)
+    trackers = {
+        (v.name, known): Tracker(TagMap((target,)), VGA, LOOKING_DOWN, v.tracker, v.detector, v.limits)
+        for v in (WHOLE, *variants)
+        for known in (True, False)
+    }
+    scores = {key: Score() for key in trackers}
+    for view in views:
+        for key, tracker in trackers.items():
+            if anew:
+                tracker.reset()
+            attitude = view.attitude if key[1] else None
+            start = time.process_time()
+            found = tracker.update(view.image, attitude).pose_of(target.name)
+            if found is None and view.looks > 1:
+                found = tracker.update(view.image, attitude).pose_of(target.name)
+            scores[key].seconds += time.process_time() - start
+            scores[key].add(found.pose if found is not None else None, view)
+    return scores
+
+
+def run(quick: bool, seeds: SeedSet, jobs: int = 1, variants: Sequence[Variant] = VARIANTS) -> dict[str, Any]:
+    """Run the campaign.
+
+    Args:
+        quick: a fraction of the images.
+        seeds: which scenes.
+        jobs: processes; the figures but the times do not depend on it.
+        variants: what is switched off.
+    """
+    parts = plan(quick, seeds, variants)
+    results: list[dict[tuple[str, bool], Score]] = run_parts("ablation", parts, jobs)
+    whole = _by_scene(parts, results, WHOLE)
+    return {
+        "images": {scene: sum(p.images for p in parts if p.args[0] == scene) for scene in SCENES},
+        "whole": {scene: score.against(score) for scene, score in whole.items()},
+        "without": [
+            {
+                "name": variant.name,
+                "kind": variant.kind,
+                "what": variant.what,
+                **{s: score.against(whole[s]) for s, score in _by_scene(parts, results, variant).items()},
+            }
+            for variant in variants
+        ],
+    }
+
+
+def table(figures: dict[str, Any]) -> str:
+    """The figures as Markdown: images lost and won, and wrong poses more, in each scene.
+
+    Args:
+        figures: of `run`.
+    """
+    scenes = list(figures["whole"])
+    whole = figures["whole"]
+    lines = [
+        "| without | " + " | ".join(scenes) + " | wrong | ms |",
+        "|---|" + "---|" * (len(scenes) + 2),
+        "| nothing | "
+        + " | ".join(f"{100 * whole[scene]['posed']:.0f} %" for scene in scenes)
+        + f" | {sum(w['wrong'] for w in whole.values())} | {_mean_ms(whole, scenes):.1f} |",
+    ]
+    for row in figures["without"]:
+        cells = [f"-{row[scene]['lost']} +{row[scene]['won']}" for scene in scenes]
+        wrong = sum(row[scene]["wrong"] for scene in scenes)
+        lines.append(f"| {row['name']} | " + " | ".join(cells) + f" | {wrong} | {_mean_ms(row, scenes):.1f} |")
+    return "\n".join(lines)
+
+
+def _mean_ms(row: dict[str, Any], scenes: Sequence[str]) -> float:
+    return float(np.mean([row[scene]["ms"] for scene in scenes]))
+
+
+def _by_scene(
+    parts: Sequence[Part], results: Sequence[dict[tuple[str, bool], Score]], variant: Variant
+) -> dict[str, Score]:
+    """Scores by scene and attitude."""
+    found: dict[str, Score] = {}
+    for part, scores in zip(parts, results, strict=True):
+        for known, words in ((True, "with attitude"), (False, "without")):
+            found.setdefault(f"{part.args[0]} {words}", Score()).extend(scores[variant.name, known])
+    return found
+
+
+def _median(values: Sequence[float], scale: float) -> float | None:
+    return _percentile(values, 50, scale)
+
+
+def _percentile(values: Sequence[float], share: float, scale: float) -> float | None:
+    return round(scale * float(np.percentile(values, share)), 4) if values else None

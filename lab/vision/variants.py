@@ -1,0 +1,121 @@
+"""The tracker with one part switched off, by the limits and settings it is given."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import Any, Final, Literal
+
+from mkdaemon.config.vision import DetectorSection, TrackerSection
+from mkdaemon.vision.limits import LIMITS, Limits, SearchLimits
+
+Kind = Literal["whole", "search", "fit", "gate", "memory"]
+NEVER: Final = math.inf
+ALWAYS_ANGLE: Final = math.pi
+"""An angle nothing exceeds."""
+
+
+@dataclass(frozen=True, slots=True)
+class Variant:
+    """A tracker.
+
+    Attributes:
+        name: of what is switched off.
+        kind: what it is.
+        what: it does, in a few words.
+        limits: with it switched off.
+        tracker: settings with it switched off.
+        detector: the same.
+    """
+
+    name: str
+    kind: Kind
+    what: str
+    limits: Limits = LIMITS
+    tracker: TrackerSection | None = None
+    detector: DetectorSection | None = None
+
+
+def limits(**groups: dict[str, Any]) -> Limits:
+    """The limits with some values of some groups changed."""
+    changed = {group: replace(getattr(LIMITS, group), **values) for group, values in groups.items()}
+    return replace(LIMITS, **changed)
+
+
+def without_search(stage: str) -> Limits:
+    """The limits with one search less, everywhere but where a followed target is decoded again."""
+    search: SearchLimits = LIMITS.search
+    ladder = tuple(one for one in search.ladder if one != stage)
+    nearby = tuple(tuple(one for one in way if one != stage) for way in search.nearby)
+    return replace(LIMITS, search=replace(search, ladder=ladder, nearby=nearby))
+
+
+def settings(**values: Any) -> TrackerSection:
+    """Settings beyond what a configuration file may say."""
+    return TrackerSection.model_construct(**(TrackerSection().model_dump() | values))
+
+
+WHOLE: Final = Variant("whole", "whole", "everything on")
+VARIANTS: Final[tuple[Variant, ...]] = (
+    Variant("search decimate1", "search", "full resolution", without_search("decimate1")),
+    Variant("search log", "search", "logarithm of the grey values", without_search("log")),
+    Variant("search equalised", "search", "local contrast", without_search("equalised")),
+    Variant("search outline", "search", "broken outlines", without_search("outline")),
+    Variant("search nearby", "search", "around a prediction", limits(search={"nearby": ((),)})),
+    Variant("re-detection", "search", "decoding a followed tag again", tracker=settings(redetect_period=NEVER)),
+    Variant(
+        "photometric fit",
+        "fit",
+        "grey values of small and steep tags",
+        limits(cells={"photometric_px": 0.0, "edges_up_to": ALWAYS_ANGLE}),
+    ),
+    Variant("polish", "fit", "grey values after the edges of a first pose", limits(cells={"polish_px": 0.0})),
+    Variant("grey rivals", "fit", "grey values for a pose and its mirror image", limits(cells={"rivals_px": 0.0})),
+    Variant("held tilt", "fit", "a second fit with the tilt held level", limits(judge={"holds_tilt": False})),
+    Variant("glare mask", "fit", "leaving out what lies in a highlight", limits(read={"saturated": 256})),
+    Variant("wide-edge factor", "fit", "doubt about wide edges", limits(certainty={"wide_factor": 1.0})),
+    Variant("level fusion", "fit", "the attitude's tilt in the pose", tracker=settings(attitude_sd_deg=60.0)),
+    Variant("course fusion", "memory", "inertia in the pose", limits(judge={"fuses_course": False})),
+    Variant("backing", "memory", "inertia speaking for a pose", limits(judge={"expected": -1.0})),
+    Variant("optical flow", "memory", "corners followed into the image", limits(carry={"flow_min_points": 1000})),
+    Variant("shift", "memory", "the target found again as a whole", limits(carry={"alike": 2.0})),
+    Variant("mirror of first", "gate", "asking a first pose for its mirror", limits(ambiguity={"asks_mirror": False})),
+    Variant("evidence", "fit", "edges that support a partly hidden first pose", limits(evidence={"min_seen": 2.0})),
+    Variant("inliers gate", "gate", "share that agrees", tracker=settings(min_inlier_fraction=0.0)),
+    Variant("residual gate", "gate", "rms of what agrees", tracker=settings(max_rms_px=NEVER)),
+    Variant("step gate", "gate", "fit at rest", tracker=settings(max_step=NEVER)),
+    Variant("bits gate", "gate", "cells of the print", tracker=settings(min_bit_correlation=-2.0)),
+    Variant("attitude gate", "gate", "roll and pitch", tracker=settings(attitude_gate_deg=180.0)),
+    Variant(
+        "innovation gate",
+        "gate",
+        "distance from the prediction",
+        limits(innovation={"angle": NEVER, "blind_angle": NEVER, "range_share": NEVER, "place_share": NEVER}),
+    ),
+    Variant(
+        "certainty gate",
+        "gate",
+        "its own covariance",
+        limits(certainty={"angle_sd": NEVER, "blind_angle_sd": NEVER, "position_sd_m": NEVER}),
+    ),
+    Variant(
+        "blind residual gate",
+        "gate",
+        "rms without attitude",
+        limits(certainty={"blind_rms_px": NEVER, "blind_grey_rms_px": NEVER}),
+    ),
+    Variant("blind inliers gate", "gate", "0.6 without attitude", limits(agreement={"blind": 0.0})),
+    Variant("whole inliers gate", "gate", "0.9 of a first pose", limits(agreement={"whole": 0.0})),
+    Variant(
+        "usual residual gate",
+        "gate",
+        "residual against the usual one",
+        limits(judge={"odd_rms": NEVER, "odd_rms_level": NEVER}),
+    ),
+    Variant("smear gate", "gate", "blurred first pose without attitude", limits(blur={"smeared_px": NEVER})),
+    Variant("course gate", "gate", "distance from the course", limits(judge={"surprising": NEVER})),
+    Variant("agreement power", "gate", "doubt from points that disagree", limits(agreement={"power": 0})),
+    Variant("quiet zone", "gate", "white around a decoded tag", detector=DetectorSection(quiet_zone=False)),
+    Variant("decision margin", "gate", "contrast of a decoded tag", detector=DetectorSection(min_decision_margin=0.0)),
+)
+"""Each with one part switched off."""

@@ -1,0 +1,90 @@
+"""The black-white edges of a target, sampled, in the target's frame."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from mkdaemon.vision.tags.tagmap import Tag, Target
+
+Array = npt.NDArray[np.float64]
+
+SAMPLED = (0.15, 0.7)
+"""Where the samples of an edge begin, and the length they are spread over [cells]: corners are rounded by blur."""
+COVER_CELLS = 0.3
+"""How far beyond its paper a tag hides what lies below [cells]: its rim casts a shadow and blurs."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class EdgeModel:
+    """Samples on the edges of a target.
+
+    Attributes:
+        points: `(n, 3)` [m; target].
+        normals: towards the brighter side, unit `(n, 3)` [target].
+        cell: side of the cell at each sample `(n,)` [m].
+        tag: index of the tag of each sample `(n,)`.
+        side: 0-3 for samples on the border (top, right, bottom, left), -1 inside `(n,)`.
+    """
+
+    points: Array
+    normals: Array
+    cell: Array
+    tag: npt.NDArray[np.intp]
+    side: npt.NDArray[np.intp]
+
+    @classmethod
+    def of(cls, target: Target, per_cell: int = 3) -> EdgeModel:
+        """Sample every visible edge of a target `per_cell` times a cell."""
+        parts = [_tag_edges(tag, per_cell) for tag in target.tags]
+        points = np.concatenate([tag.place(part[0]) for tag, part in zip(target.tags, parts, strict=True)])
+        normals = np.concatenate(
+            [part[1] @ tag.rotation[:, :2].T for tag, part in zip(target.tags, parts, strict=True)]
+        )
+        index = np.concatenate([np.full(len(part[0]), k) for k, part in enumerate(parts)])
+        cell = np.array([tag.module for tag in target.tags])[index]
+        side = np.concatenate([part[2] for part in parts])
+        keep = np.ones(len(points), dtype=bool)
+        for k, tag in enumerate(target.tags):
+            keep &= ~((index < k) & covered(points, tag))
+        return cls(points[keep], normals[keep], cell[keep], index[keep], side[keep])
+
+
+def covered(points: Array, tag: Tag) -> npt.NDArray[np.bool_]:
+    """Which points `(n, 3)` [m; target] lie under the paper of a tag in the same plane."""
+    local = (points - tag.position) @ tag.rotation
+    half = tag.paper / 2 + COVER_CELLS * tag.module
+    under: npt.NDArray[np.bool_] = (np.abs(local[:, 2]) < tag.module) & (np.abs(local[:, :2]).max(axis=1) <= half)
+    return under
+
+
+def _tag_edges(tag: Tag, per_cell: int) -> tuple[Array, Array, npt.NDArray[np.intp]]:
+    """Points, normals `(n, 2)` in the tag's plane and border sides `(n,)`."""
+    n = tag.family.black_cells
+    bright = np.pad((tag.bitmap > 0).astype(np.int8), 1, constant_values=1)
+    along = SAMPLED[0] + SAMPLED[1] * (np.arange(per_cell) + 0.5) / per_cell
+    points: list[Array] = []
+    normals: list[Array] = []
+    sides: list[npt.NDArray[np.intp]] = []
+    for axis in (0, 1):
+        # Differences along x (axis 0) and, on the transposed grid, along y; row 0 is the top, where y is positive.
+        grid = bright if axis == 0 else bright.T
+        rise = grid[1:-1, 1:].astype(int) - grid[1:-1, :-1]
+        line, place = np.nonzero(rise)
+        sign = rise[line, place].astype(np.float64)
+        across = np.repeat(place.astype(np.float64), per_cell)
+        run = (line[:, None] + along[None, :]).ravel()
+        sign = np.repeat(sign, per_cell)
+        side = np.where(across == 0, 3 if axis == 0 else 0, np.where(across == n, 1 if axis == 0 else 2, -1))
+        if axis == 0:
+            points.append(np.column_stack([across, run]))
+            normals.append(np.column_stack([sign, np.zeros_like(sign)]))
+        else:
+            points.append(np.column_stack([run, across]))
+            normals.append(np.column_stack([np.zeros_like(sign), -sign]))
+        sides.append(side.astype(np.intp))
+    cells_xy = np.concatenate(points)
+    plane = np.column_stack([cells_xy[:, 0] - n / 2, n / 2 - cells_xy[:, 1]]) * tag.module
+    return plane, np.concatenate(normals), np.concatenate(sides)

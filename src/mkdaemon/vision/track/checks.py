@@ -1,0 +1,113 @@
+"""What every pose of a target is asked, whether a track expects it or not."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from mkdaemon.config.vision import TrackerSection
+from mkdaemon.telemetry.vision import Refusal
+from mkdaemon.vision.limits import LIMITS, Limits
+from mkdaemon.vision.pose.fitting import TargetFitter
+from mkdaemon.vision.pose.gates import fit_refusal, innovation_refusal
+from mkdaemon.vision.pose.pose import Pose, angle_between
+from mkdaemon.vision.track.attitude import Mounting
+from mkdaemon.vision.track.level import LevelKnowledge, Sight
+from mkdaemon.vision.track.track import Track
+
+
+class Checks:
+    """The gates of one target.
+
+    Attributes:
+        fitter: measures the target.
+        track: its memory.
+        cfg: settings of the tracker.
+        limits: all thresholds.
+        level: what the attitude says.
+    """
+
+    def __init__(
+        self,
+        fitter: TargetFitter,
+        track: Track,
+        cfg: TrackerSection,
+        mounting: Mounting | None,
+        limits: Limits = LIMITS,
+    ) -> None:
+        self.fitter = fitter
+        self.track = track
+        self.cfg = cfg
+        self.limits = limits
+        self.level = LevelKnowledge(fitter.target.level, mounting, cfg, limits.judge)
+
+    def refusal(self, seen: Sight, pose: Pose, predicted: Pose | None) -> Refusal | None:
+        """The first sign that a pose is wrong; none without any.
+
+        Args:
+            seen: the image.
+            pose: measured in it.
+            predicted: by the track; none for a first pose.
+        """
+        refused = fit_refusal(pose, self.cfg)
+        if refused is not None:
+            return refused
+        limits = self.limits.judge
+        is_late = predicted is not None and self.track.misses > limits.flow_through
+        bits = self.fitter.match(seen.pixels, pose)
+        if bits is not None and bits < (limits.clear_bits if is_late else self.cfg.min_bit_correlation):
+            return Refusal.BITS
+        tilt = self.level.tilt(seen, pose)
+        if tilt is not None and tilt > self.level.gate(pose):
+            return Refusal.ATTITUDE
+        if predicted is None:
+            return None
+        return innovation_refusal(
+            pose,
+            predicted,
+            seen.time - self.track.last_time,
+            has_attitude=seen.enu_from_flu is not None,
+            has_velocity=self.track.has_velocity,
+            limits=self.limits,
+        )
+
+    def candidates(self, seen: Sight, pose: Pose) -> list[Pose]:
+        """A fit and, where perspective does not rule it out, its mirror image."""
+        limits = self.limits.ambiguity
+        if self.shows_perspective(pose) or pose.tilt < limits.small_tilt:
+            return [pose]
+        rival = self.fitter.fit_mirrored(seen.pixels, pose)
+        if rival is None or angle_between(pose.rotation, rival.rotation) < limits.same_pose:
+            return [pose]
+        return [pose, rival]
+
+    def cell_px(self, pose: Pose) -> float:
+        """Side of a cell of the largest tag in the image [px]."""
+        return self.fitter.side_px(pose) / self.fitter.target.tags[0].family.size_cells
+
+    def is_blurred(self, pose: Pose) -> bool:
+        """Whether the image is too blurred to show perspective."""
+        return pose.blur_px is not None and pose.blur_px > self.limits.blur.smeared_px
+
+    def shows_perspective(self, pose: Pose) -> bool:
+        """Whether the image alone tells a pose from its mirror image."""
+        return self.cell_px(pose) > self.limits.cells.perspective_px and not self.is_blurred(pose)
+
+    def is_smeared(self, pose: Pose) -> bool:
+        """Whether blur hides what perspective there is: both candidates then run into one pose that may be neither."""
+        return self.is_blurred(pose) and self.cell_px(pose) < self.limits.cells.perspective_px
+
+    def is_plain(self, seen: Sight, pose: Pose) -> bool:
+        """Whether the target is large and its cells are read clearly: hidden parts then mislead nobody."""
+        if self.cell_px(pose) <= self.limits.cells.perspective_px:
+            return False
+        bits = self.fitter.match(seen.pixels, pose)
+        return bits is not None and bits >= self.limits.judge.clear_bits
+
+
+def with_angle_variance(pose: Pose, variance: float) -> Pose:
+    """The pose with so much more variance of every angle [rad^2]."""
+    covariance = pose.covariance.copy()
+    covariance[3:, 3:] += variance * np.eye(3)
+    return replace(pose, covariance=covariance)

@@ -1,0 +1,124 @@
+"""Deciding about poses from decoded tags, without a track or against it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from mkdaemon.telemetry.vision import Refusal
+from mkdaemon.vision.pose.ambiguity import Choice, choose
+from mkdaemon.vision.pose.gates import certainty_refusal
+from mkdaemon.vision.pose.pose import Pose, angle_between
+from mkdaemon.vision.track.checks import Checks, with_angle_variance
+from mkdaemon.vision.track.level import Sight
+
+Array = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FirstVerdict:
+    """Which of several first poses is published; one of the two is none.
+
+    Attributes:
+        choice: the pose, with the attitude's knowledge in it.
+        refusal: why there is none.
+    """
+
+    choice: Choice | None
+    refusal: Refusal | None
+
+
+class FirstJudge:
+    """Judges the first poses of one target.
+
+    Args:
+        checks: the target's gates.
+    """
+
+    def __init__(self, checks: Checks) -> None:
+        self._checks = checks
+        self._fitter = checks.fitter
+        self._limits = checks.limits
+
+    def choose(self, seen: Sight, candidates: Sequence[Pose], expected: Array | None) -> FirstVerdict:
+        """Decide about poses from decoded tags.
+
+        Args:
+            seen: the image.
+            candidates: fitted poses.
+            expected: rotation a track expects; none without one.
+        """
+        checks, level = self._checks, self._checks.level
+        refusals = [checks.refusal(seen, pose, None) for pose in candidates]
+        believable = [pose for pose, why in zip(candidates, refusals, strict=True) if why in (None, Refusal.ATTITUDE)]
+        if not believable:
+            return _refused(refusals[0] if refusals else Refusal.NO_FIT)
+        tilts = [level.tilt(seen, pose) for pose in believable]
+        known = [tilt for tilt in tilts if tilt is not None]
+        choice = choose(
+            believable,
+            min_ratio=checks.cfg.min_ambiguity_ratio,
+            tilt_errors=known or None,
+            tilt_gate=max(level.gate(pose) for pose in believable),
+            predicted=expected,
+            limits=self._limits,
+        )
+        if choice is None and known:
+            return self._fit_level(seen, min(believable, key=lambda pose: pose.loss))
+        if choice is None:
+            return _refused(Refusal.AMBIGUOUS)
+        is_supported = False
+        if choice.pose.source == "edges" and choice.pose.inliers < self._limits.agreement.whole:
+            # Hidden parts, or a border faked by what hides them: a held tilt tells these apart, or the edges seen.
+            if known:
+                return self._fit_level(seen, choice.pose)
+            is_supported = self._fitter.is_supported(seen.pixels, choice.pose)
+            if not is_supported:
+                return _refused(Refusal.INLIERS)
+        if not known and choice.pose.source == "edges" and checks.is_smeared(choice.pose):
+            return _refused(Refusal.BLURRED)
+        if choice.decided_by in ("unique", "image") and self._limits.ambiguity.asks_mirror and not known:
+            # Both starts may have run into one minimum, or one of them into none: the mirrored pose of a small tag is
+            # asked for by name.
+            decided = self._decide_mirror(seen, choice.pose)
+            if decided is None:
+                return _refused(Refusal.AMBIGUOUS)
+            choice = replace(choice, pose=decided)
+        fused = level.fused(seen, choice.pose)
+        refused = checks.refusal(seen, choice.pose, None) or certainty_refusal(
+            fused, has_attitude=bool(known), is_plain=is_supported, limits=self._limits
+        )
+        return _refused(refused) if refused is not None else FirstVerdict(replace(choice, pose=fused), None)
+
+    def _decide_mirror(self, seen: Sight, pose: Pose) -> Pose | None:
+        """Compare a first pose that has no rival with its mirror image; none when the image does not decide."""
+        min_ratio, limits = self._checks.cfg.min_ambiguity_ratio, self._limits
+        rivals = self._checks.candidates(seen, pose)
+        choice = choose(rivals, min_ratio=min_ratio, limits=limits)
+        if choice is None and pose.source == "edges" and self._checks.cell_px(pose) < limits.cells.rivals_px:
+            grey = self._fitter.fit_grey_values(seen.pixels, rivals)
+            choice = choose(grey, min_ratio=min_ratio, limits=limits) if grey else None
+        if choice is not None:
+            return choice.pose
+        between = angle_between(rivals[0].rotation, rivals[1].rotation)
+        if between > limits.ambiguity.harmless:
+            return None
+        return with_angle_variance(min(rivals, key=lambda rival: rival.loss), (between / 2) ** 2)
+
+    def _fit_level(self, seen: Sight, pose: Pose) -> FirstVerdict:
+        """Fit once more with the tilt held: something lying over one side gives a quad that is off by that much."""
+        vertical = self._checks.level.vertical(seen)
+        if vertical is None:
+            return _refused(Refusal.ATTITUDE)
+        held = self._fitter.refine_level(seen.pixels, self._checks.level.turned_level(seen, pose), vertical)
+        if held is None or self._checks.refusal(seen, held, None) is not None:
+            return _refused(Refusal.ATTITUDE)
+        refused = certainty_refusal(held, has_attitude=True, limits=self._limits)
+        return _refused(refused) if refused is not None else FirstVerdict(Choice(held, float("inf"), "attitude"), None)
+
+
+def _refused(why: Refusal | None) -> FirstVerdict:
+    return FirstVerdict(None, why)

@@ -1,0 +1,256 @@
+"""Following one target from image to image: prediction, fit, gates, re-detection, and starting anew."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+
+from mkdaemon.config.vision import TrackerSection
+from mkdaemon.telemetry.vision import Refusal
+from mkdaemon.vision.camera.image import CameraImage
+from mkdaemon.vision.limits import LIMITS, Limits, Stage
+from mkdaemon.vision.pose.ambiguity import Choice
+from mkdaemon.vision.pose.carry import Carrier
+from mkdaemon.vision.pose.fitting import TargetFitter
+from mkdaemon.vision.pose.pose import Pose
+from mkdaemon.vision.pose.projection import Projection
+from mkdaemon.vision.tags.detection import Detection
+from mkdaemon.vision.tags.detector import Detector
+from mkdaemon.vision.tags.tagmap import Tag, Target
+from mkdaemon.vision.track.alarms import ImageHealth
+from mkdaemon.vision.track.attitude import Mounting
+from mkdaemon.vision.track.checks import Checks
+from mkdaemon.vision.track.first import FirstJudge
+from mkdaemon.vision.track.judge import Judge, Verdict
+from mkdaemon.vision.track.level import Sight
+from mkdaemon.vision.track.result import FoundBy, TargetPose
+from mkdaemon.vision.track.track import Prediction, Track
+
+
+@dataclass(slots=True)
+class Frame:
+    """One image on its way through the tracker.
+
+    Attributes:
+        image: as the camera gave it.
+        sight: what is known about it.
+        detections: tags decoded in it so far.
+        poses: that are published.
+        refused: why a target has none.
+    """
+
+    image: CameraImage
+    sight: Sight
+    detections: list[Detection] = field(default_factory=list)
+    poses: list[TargetPose] = field(default_factory=list)
+    refused: dict[str, Refusal] = field(default_factory=dict)
+    _followed: set[str] = field(default_factory=set)
+
+    def follow(self, name: str, refused: Refusal) -> None:
+        """A target was found and is followed, but not published."""
+        self.refused[name] = refused
+        self._followed.add(name)
+
+    def has(self, name: str) -> bool:
+        """Whether a target was found."""
+        return name in self._followed or any(found.target == name for found in self.poses)
+
+
+class Follower:
+    """Finds and follows one target.
+
+    Attributes:
+        name: of the target.
+        track: its memory.
+        judge: decides about poses of the followed target.
+    """
+
+    def __init__(
+        self,
+        target: Target,
+        projection: Projection,
+        detector: Detector,
+        health: ImageHealth,
+        mounting: Mounting | None,
+        cfg: TrackerSection,
+        limits: Limits = LIMITS,
+    ) -> None:
+        self.name = target.name
+        self.track = Track()
+        self._target = target
+        self._detector, self._health = detector, health
+        self._mounting = mounting
+        self._cfg, self._limits = cfg, limits
+        self._fitter = TargetFitter(target, projection, limits)
+        self._carrier = Carrier(target, projection, limits)
+        self._checks = Checks(self._fitter, self.track, cfg, mounting, limits)
+        self.judge = Judge(self._checks)
+        self._first = FirstJudge(self._checks)
+
+    def follow(self, frame: Frame) -> None:
+        """Try to find the target where it should be."""
+        track, now = self.track, frame.sight.time
+        if track.is_live and not 0.0 < now - track.last_time < self._limits.track.max_gap:
+            track.lose()
+        if not track.is_live:
+            return
+        predicted = track.predict(now, frame.sight.enu_from_flu, self._mounting)
+        for mode, start in self._starts(frame, predicted):
+            verdict = self.judge.measure(frame.sight, start, predicted.pose)
+            if verdict.pose is None:
+                frame.refused[self.name] = verdict.refusal or Refusal.NO_FIT
+                continue
+            if not self._decode_again(frame, verdict.pose):
+                return
+            if verdict.refusal is not None:
+                self._accept(frame, verdict.pose)
+                track.in_doubt = track.in_doubt or verdict.refusal is Refusal.AMBIGUOUS
+                frame.follow(self.name, verdict.refusal)
+            else:
+                track.in_doubt = False
+                self._publish(frame, Choice(verdict.pose, float("inf"), "track"), mode)
+            return
+        window = self._fitter.window(predicted.pose, frame.sight.pixels.shape)
+        if window is not None:
+            found = self._search_nearby(frame, window)
+            frame.detections.extend(found)
+            self.start(frame, found, "roi", None if track.in_doubt else predicted.pose)
+
+    def note_miss(self, frame: Frame) -> None:
+        """Count an image in which the target was not found, and give it up in time."""
+        self.track.misses += 1
+        if self.track.is_live and frame.sight.time - self.track.last_time > self._cfg.coast:
+            self.track.lose()
+
+    def start(self, frame: Frame, found: Sequence[Detection], mode: FoundBy, predicted: Pose | None) -> None:
+        """Start or restart the track from decoded tags.
+
+        Args:
+            frame: the image.
+            found: tags of any target.
+            mode: how they were found.
+            predicted: by the track; none when it has no say.
+        """
+        tags = self._own(found)
+        if not tags:
+            return
+        candidates = self._fitter.cold(frame.sight.pixels, tags)
+        verdict = self._first.choose(frame.sight, candidates, predicted.rotation if predicted is not None else None)
+        if verdict.choice is None:
+            frame.refused[self.name] = verdict.refusal or Refusal.NO_FIT
+            if verdict.refusal is Refusal.AMBIGUOUS:
+                self._start_ambiguous(frame, candidates, mode)
+            return
+        self.track.decoded_at = self.track.tried_at = frame.sight.time
+        self.track.in_doubt = False
+        self.track.branches = self.judge.start_branches(frame.sight, [verdict.choice.pose], decided=True)
+        self._publish(frame, verdict.choice, mode)
+
+    def _starts(self, frame: Frame, predicted: Prediction) -> Iterator[tuple[FoundBy, Pose]]:
+        """Where to begin fitting, the cheapest first; later ones are computed only when the earlier ones failed."""
+        track, through = self.track, self._limits.judge.flow_through
+        patience = self._limits.track.predict_through if predicted.has_attitude else through
+        if track.misses < patience and (predicted.has_attitude or track.has_velocity):
+            yield "predicted", predicted.pose
+        if track.misses < through and track.image is not None:
+            for carried in self._carrier.starts(track.image, frame.sight.pixels, track.last, predicted.pose):
+                yield "flow", carried
+
+    def _decode_again(self, frame: Frame, pose: Pose) -> bool:
+        """Decode the followed target once a period; false ends the track."""
+        track, limits, pixels = self.track, self._limits.track, frame.sight.pixels
+        now = frame.sight.time
+        overdue = now - track.decoded_at - self._cfg.redetect_period
+        if overdue < 0.0:
+            return True
+        if now - track.tried_at >= limits.retry_decode:
+            track.tried_at = now
+            window = self._fitter.window(pose, pixels.shape)
+            found = self._detector.search(pixels, "decimate1", window) if window is not None else []
+            tags = self._own(found)
+            frame.detections.extend(found)
+            if tags:
+                if self._fitter.disagreement(pose, tags) < limits.decode_agrees:
+                    track.decoded_at = now
+                    return True
+                frame.refused[self.name] = Refusal.DECODED_ELSEWHERE
+                track.lose()
+                self.start(frame, found, "roi", None)
+                return False
+        if overdue < limits.undecoded_grace or self._is_vouched_for(frame, pose, overdue):
+            return True
+        frame.refused[self.name] = Refusal.NOT_DECODED
+        track.lose()
+        return False
+
+    def _is_vouched_for(self, frame: Frame, pose: Pose, overdue: float) -> bool:
+        """Whether clear cells and a second witness stand in for a tag that could not be decoded."""
+        pixels = frame.sight.pixels
+        bits = self._fitter.match(pixels, pose)
+        if bits is None or bits < self._limits.judge.clear_bits:
+            return False
+        if self._checks.level.knows(frame.sight):
+            return True
+        # Where no tag is whole in the image, decoding cannot succeed and its failure says nothing.
+        is_cut = not self._fitter.shows_whole_tag(pose, pixels.shape)
+        return (is_cut or self.judge.is_backed) and overdue < self._limits.track.blind_grace
+
+    def _search_nearby(self, frame: Frame, window: tuple[int, int, int, int]) -> list[Detection]:
+        """Search a part of the image, in another way after every miss."""
+        ways: tuple[tuple[Stage, ...], ...] = self._limits.search.nearby
+        found: list[Detection] = []
+        for stage in ways[self.track.misses % len(ways)]:
+            found = found or self._detector.search(frame.sight.pixels, stage, window)
+        return found
+
+    def _own(self, found: Sequence[Detection]) -> list[tuple[Tag, Detection]]:
+        """The target's own tags among decoded ones."""
+        own = {(tag.family.name, tag.tag_id): tag for tag in self._target.tags}
+        pairs = ((own.get((detection.family, detection.tag_id)), detection) for detection in found)
+        return [(tag, detection) for tag, detection in pairs if tag is not None]
+
+    def _start_ambiguous(self, frame: Frame, candidates: Sequence[Pose], mode: FoundBy) -> None:
+        """Let the track decide between a pose and its mirror image, or start one that waits until it can."""
+        rivals = sorted((pose for pose in candidates if pose.source != "corners"), key=lambda pose: pose.loss)
+        if not rivals:
+            return
+        track, judge, now = self.track, self.judge, frame.sight.time
+        verdict = Verdict(None, Refusal.AMBIGUOUS)
+        if track.is_live:
+            predicted = track.predict(now, frame.sight.enu_from_flu, self._mounting)
+            verdict = judge.rejoin(frame.sight, rivals, predicted.pose)
+        if verdict.pose is not None and verdict.refusal is None:
+            track.decoded_at = track.tried_at = now
+            track.in_doubt = False
+            self._publish(frame, Choice(verdict.pose, float("inf"), "track"), mode)
+            return
+        if verdict.pose is None:
+            if track.is_live and not track.in_doubt and track.misses <= self._limits.judge.flow_through:
+                return
+            track.lose()
+            track.branches = judge.start_branches(frame.sight, rivals, decided=False)
+            verdict = Verdict(rivals[0], Refusal.AMBIGUOUS)
+        track.decoded_at = track.tried_at = now
+        self._accept(frame, verdict.pose or rivals[0])
+        track.in_doubt = True
+        frame.follow(self.name, verdict.refusal or Refusal.AMBIGUOUS)
+
+    def _accept(self, frame: Frame, pose: Pose) -> None:
+        self.track.accept(frame.sight.time, pose, frame.sight.enu_from_flu, frame.sight.pixels)
+
+    def _publish(self, frame: Frame, choice: Choice, mode: FoundBy) -> None:
+        self._accept(frame, choice.pose)
+        frame.refused.pop(self.name, None)
+        self._health.note(choice.pose, self._fitter.side_px(choice.pose))
+        frame.poses.append(
+            TargetPose(
+                self.name,
+                self._target.frame,
+                choice.pose,
+                choice.ratio,
+                choice.decided_by,
+                mode,
+                self._fitter.match(frame.sight.pixels, choice.pose),
+                frame.sight.time - self.track.decoded_at,
+            )
+        )

@@ -1,0 +1,54 @@
+"""One place for thresholds: no other file of the eyes compares with a number of its own."""
+
+from __future__ import annotations
+
+import ast
+from dataclasses import fields, is_dataclass
+from pathlib import Path
+
+import pytest
+
+import mkdaemon.vision
+from mkdaemon.vision.limits import LIMITS
+
+ROOT = Path(mkdaemon.vision.__file__).parent
+STRUCTURAL = range(5)
+"""Signs, emptiness, dimensions, channels, corners; everything else is a threshold or deserves a name."""
+
+
+def literals(source: Path) -> list[str]:
+    """Comparisons with a numeric literal, named constants excepted."""
+    found = []
+    for node in ast.walk(ast.parse(source.read_text(encoding="utf-8"))):
+        if not isinstance(node, ast.Compare):
+            continue
+        for part in ast.walk(node):
+            if not isinstance(part, ast.Constant) or type(part.value) not in (int, float):
+                continue
+            if part.value not in (STRUCTURAL if isinstance(part.value, int) else range(3)):
+                found.append(f"{source.name}:{node.lineno}: {ast.unparse(node)}")
+                break
+    return found
+
+
+@pytest.mark.parametrize("source", sorted(ROOT.rglob("*.py")), ids=lambda path: str(path.relative_to(ROOT)))
+def test_no_file_compares_with_a_number_of_its_own(source):
+    assert literals(source) == []
+
+
+def test_every_limit_says_unit_meaning_and_source():
+    for group in fields(LIMITS):
+        limits = getattr(LIMITS, group.name)
+        assert is_dataclass(limits)
+        for limit in fields(limits):
+            assert set(limit.metadata) == {"unit", "meaning", "source"}, limit.name
+            assert limit.metadata["meaning"], limit.name
+            assert limit.metadata["source"], limit.name
+
+
+def test_one_quantity_has_one_place():
+    """Cell sizes, shares of agreement and widths of edges each rise from one use to the next."""
+    cells = LIMITS.cells
+    assert cells.located_px <= cells.readable_px < cells.photometric_px < cells.rivals_px < cells.perspective_px
+    assert LIMITS.agreement.blind < LIMITS.agreement.whole <= LIMITS.agreement.explained
+    assert LIMITS.blur.sharp_px < LIMITS.blur.wide_px < LIMITS.blur.smeared_px < LIMITS.blur.widest_px
