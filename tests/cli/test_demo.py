@@ -38,7 +38,7 @@ def test_the_summary_as_json():
     echo = summary["echo_ms"]["p50"]  # None where a loaded machine let no link test be answered yet
     assert echo is None or echo > 3.4  # two frames of ten characters at 57600 baud
     assert 10 < summary["battery_v"] < 18
-    assert -90 < summary["latitude"] < 90
+    assert -90 < summary["latitude_deg"] < 90
 
 
 @pytest.mark.parametrize("seconds", ["0", "-1", "nan", "inf"])

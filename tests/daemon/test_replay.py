@@ -95,7 +95,7 @@ def test_not_one_frame_of_the_recording_is_lost(heard):
 def test_positions_are_where_it_flew(heard):
     positions = heard.values["state/position"]
     assert len(positions) == 611
-    assert all(abs(p["latitude"] - 42.46) < 0.001 and abs(p["longitude"] + 71.27) < 0.001 for p in positions)
+    assert all(abs(p["latitude_deg"] - 42.46) < 0.001 and abs(p["longitude_deg"] + 71.27) < 0.001 for p in positions)
     assert heard.encodings["state/position"] == "application/msgpack;mk.Position.v1"
 
 
@@ -106,7 +106,7 @@ def test_si_values_agree_with_the_frames_they_came_from(heard):
         fields = frame["fields"]
         assert battery["voltage"] == pytest.approx(fields["battery"] / 10)
         assert battery["stamp"] == position["stamp"] == frame["stamp"]
-        assert position["latitude"] == pytest.approx(fields["position_latitude"] * 1e-7)
+        assert position["latitude_deg"] == pytest.approx(fields["position_latitude"] * 1e-7)
         east, north, up = position["position_enu"]
         assert (east**2 + north**2) ** 0.5 == pytest.approx(fields["home_distance"] / 10, abs=0.15, rel=0.01)
         assert up == pytest.approx(fields["altimeter"] * 0.05)

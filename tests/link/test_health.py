@@ -237,7 +237,7 @@ def test_one_stale_stream_degrades_and_names_it():
     kinds = {kind.key: kind for kind in line.health.kinds(line.now)}
     assert kinds["osd"].is_stale
     assert not kinds["attitude"].is_stale
-    assert kinds["osd"].asked_hz == pytest.approx(10)
+    assert kinds["osd"].asked_rate == pytest.approx(10)
 
 
 def test_a_stream_nobody_wants_any_more_is_not_missed():
@@ -246,7 +246,7 @@ def test_a_stream_nobody_wants_any_more_is_not_missed():
     line.health.wanted("nc", line.streams, line.now)
     line.run(2.0)
     assert line.health.verdict.condition is LinkCondition.UP
-    assert {kind.key: kind.asked_hz for kind in line.health.kinds(line.now)}["osd"] is None
+    assert {kind.key: kind.asked_rate for kind in line.health.kinds(line.now)}["osd"] is None
 
 
 def test_streams_of_another_board_are_left_alone():
@@ -364,14 +364,14 @@ def test_a_recording_needs_no_answers():
 
 def test_rates_follow_the_window_and_a_stream_that_stopped():
     line = up()
-    rates = {kind.key: kind.rate_hz for kind in line.health.kinds(line.now)}
+    rates = {kind.key: kind.rate for kind in line.health.kinds(line.now)}
     assert rates["osd"] == pytest.approx(10, rel=0.1)
     assert rates["attitude"] == pytest.approx(20, rel=0.1)
     line.streams = {"attitude": 0.05}
     line.run(3.0)
-    assert {kind.key: kind.rate_hz for kind in line.health.kinds(line.now)}["osd"] < 5
+    assert {kind.key: kind.rate for kind in line.health.kinds(line.now)}["osd"] < 5
     line.run(12.0)
-    assert {kind.key: kind.rate_hz for kind in line.health.kinds(line.now)}["osd"] == 0
+    assert {kind.key: kind.rate for kind in line.health.kinds(line.now)}["osd"] == 0
 
 
 def test_frames_at_one_instant_have_no_rate():
@@ -379,7 +379,7 @@ def test_frames_at_one_instant_have_no_rate():
     health.port_opened(1.0)
     health.frame_received("nc", "version", 22, 1.0)
     health.frame_received("nc", "version", 22, 1.0)
-    assert health.kinds(1.0)[0].rate_hz == 0
+    assert health.kinds(1.0)[0].rate == 0
 
 
 def test_answers_to_nothing_change_nothing():

@@ -96,8 +96,8 @@ async def test_a_saturated_navictrl_answers_everything(seed):
         assert health.echo.lost == 0
         assert health.requests_unanswered == 0
         for kind in health.kinds:
-            if kind.asked_hz is not None:
-                assert kind.rate_hz == pytest.approx(20, rel=0.05)
+            if kind.asked_rate is not None:
+                assert kind.rate == pytest.approx(20, rel=0.05)
 
 
 @virtually
@@ -186,7 +186,7 @@ async def test_rates_change_at_run_time_and_only_within_the_line():
         r.link.set_rate("osd", 0.05)
         r.link.set_rate("attitude", 0.05)
         await asyncio.sleep(12)
-        rates = {kind.key: kind.rate_hz for kind in r.link.health().kinds}
+        rates = {kind.key: kind.rate for kind in r.link.health().kinds}
         assert rates["osd"] == pytest.approx(20, rel=0.05)
         assert rates["attitude"] == pytest.approx(20, rel=0.05)
         with pytest.raises(CommandRejectedError, match=r"need .* % of the line"):
@@ -216,7 +216,7 @@ async def test_streams_live_longer_than_the_boards_timer_and_rates_survive_a_rep
         r.socket.is_present = True
         await r.until_up(3)
         await asyncio.sleep(11)
-        rates = {kind.key: kind.rate_hz for kind in r.link.health().kinds}
+        rates = {kind.key: kind.rate for kind in r.link.health().kinds}
         assert rates["osd"] == pytest.approx(5, rel=0.1)
 
 

@@ -103,7 +103,7 @@ OSD = {
 def test_position_velocity_battery_in_si():
     found = states(blank(OsdData5, **OSD))
     position, velocity, battery = found["state/position"], found["state/velocity"], found["state/battery"]
-    assert (position.latitude, position.longitude) == pytest.approx((42.460268, -71.2699574))
+    assert (position.latitude_deg, position.longitude_deg) == pytest.approx((42.460268, -71.2699574))
     assert (position.altitude, position.altitude_above_start) == pytest.approx((118.654, 18.6))
     east, north, up = position.position_enu
     assert east == pytest.approx(0.0, abs=1e-6)
@@ -123,7 +123,7 @@ def test_no_position_is_published_while_it_is_not_valid():
     assert "state/velocity" not in found
     assert found["state/gps"].fix == "none"
     without_home = states(blank(OsdData5, **OSD | {"home_status": 0}))["state/position"]
-    assert (without_home.position_enu, without_home.home_latitude, without_home.home_distance) == (None, None, None)
+    assert (without_home.position_enu, without_home.home_latitude_deg, without_home.home_distance) == (None, None, None)
 
 
 FLIGHT_FLAGS = [
@@ -251,7 +251,7 @@ def test_recorded_frames_make_a_consistent_aircraft():
                 found.setdefault(suffix, []).append(value)
     assert {"state/attitude", "state/position", "state/battery", "state/flight"} <= set(found)
     for position in found["state/position"]:
-        assert (position.latitude, position.longitude) == pytest.approx((42.46, -71.27), abs=0.001)
+        assert (position.latitude_deg, position.longitude_deg) == pytest.approx((42.46, -71.27), abs=0.001)
         east, north, _ = position.position_enu
         assert math.hypot(east, north) == pytest.approx(position.home_distance, abs=0.15, rel=0.01)
     assert all(10 < battery.voltage < 20 for battery in found["state/battery"])

@@ -42,7 +42,6 @@ _IS_CONFIRMED: Final = {
     ReleaseOutcome.NOT_SENT: False,
     ReleaseOutcome.NOT_OBSERVABLE: None,
 }
-_USABLE: Final = frozenset({LinkCondition.UP, LinkCondition.DEGRADED})
 _IN_FLIGHT: Final = frozenset({Phase.FLYING, Phase.STALE})
 
 
@@ -273,7 +272,7 @@ class FlightCore:
         link = self._facts.link
         if self._line.layout is None:
             raise refuse(Token.NO_CONTROL, detail=self._line.reason or "this firmware has no external control")
-        if link is None or link.condition not in _USABLE:
+        if link is None or not link.condition.is_usable:
             condition = LinkCondition.ABSENT if link is None else link.condition
             raise refuse(Token.LINK_DOWN, state=condition.value, detail="" if link is None else link.reason)
         return link.openings

@@ -109,9 +109,9 @@ class KindHealth(Telemetry):
     """Who sends it."""
     frames: int
     """Frames since the port was opened."""
-    rate_hz: float
+    rate: float
     """Rate over the moving window [Hz]."""
-    asked_hz: float | None
+    asked_rate: float | None
     """Rate asked for [Hz]; None where nobody subscribed."""
     age: float
     """Time since the latest frame [s]."""
@@ -140,7 +140,7 @@ class LinkHealth(Stamped):
     """Time since the latest proof that the board hears us [s]; None before the first."""
     garbage_bytes_per_s: float = 0.0
     """Bytes that did not become frames [bytes/s]."""
-    checksum_errors_per_s: float = 0.0
+    checksum_error_rate: float = 0.0
     """Frames with a wrong checksum [1/s]."""
     backlog_bytes: int = 0
     """Bytes the port has not taken yet."""

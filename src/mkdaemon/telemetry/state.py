@@ -36,9 +36,9 @@ class Attitude(StateValue):
 class Position(StateValue):
     """Where it is: `state/position`. Published only while the GPS position is valid."""
 
-    latitude: float
+    latitude_deg: float
     """WGS-84 [deg]."""
-    longitude: float
+    longitude_deg: float
     """WGS-84 [deg]."""
     altitude: float | None
     """By GPS, as the receiver gives it [m]; null where this message does not carry it."""
@@ -46,9 +46,9 @@ class Position(StateValue):
     """By barometer, above the point of calibration [m]."""
     position_enu: Vector3 | None
     """East, north, up of home [m]; null until home is known. Up is the barometer's."""
-    home_latitude: float | None
+    home_latitude_deg: float | None
     """WGS-84 [deg]."""
-    home_longitude: float | None
+    home_longitude_deg: float | None
     """WGS-84 [deg]."""
     home_distance: float | None
     """As the board says it [m]."""

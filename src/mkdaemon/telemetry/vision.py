@@ -189,13 +189,13 @@ class VisionStats(Stamped):
     """Share of the images of the last seconds that gave a pose, 0 to 1."""
     refused: dict[Refusal, int]
     """Measured poses that were not believed, by reason, since the start."""
-    detect_ms_p50: float
+    detect_p50_ms: float
     """Time the detector takes an image, median of the last seconds [ms]."""
-    detect_ms_p99: float
+    detect_p99_ms: float
     """99th percentile [ms]."""
-    latency_ms_p50: float
+    latency_p50_ms: float
     """From exposure to result, median [ms]."""
-    latency_ms_p99: float
+    latency_p99_ms: float
     """99th percentile [ms]."""
     settings_refused: tuple[str, ...]
     """Settings the camera's driver did not take."""

@@ -69,12 +69,12 @@ def position(
         position_enu = (east, north, above_start)
     return Position(
         **origin._asdict(),
-        latitude=latitude,
-        longitude=longitude,
+        latitude_deg=latitude,
+        longitude_deg=longitude,
         altitude=altitude,
         altitude_above_start=above_start,
         position_enu=position_enu,
-        home_latitude=None if home is None else home.latitude,
-        home_longitude=None if home is None else home.longitude,
+        home_latitude_deg=None if home is None else home.latitude,
+        home_longitude_deg=None if home is None else home.longitude,
         home_distance=home_distance,
     )

@@ -82,8 +82,8 @@ def _round_trips(fields: Mapping[str, Any]) -> Table:
 def _streams(kinds: list[Mapping[str, Any]]) -> Table:
     table = Table("frame", "board", "frames", "Hz", "asked Hz", "age s", "")
     for kind in kinds:
-        asked = "-" if kind["asked_hz"] is None else f"{kind['asked_hz']:.1f}"
+        asked = "-" if kind["asked_rate"] is None else f"{kind['asked_rate']:.1f}"
         stale = Text("STALE", style="bold red") if kind["is_stale"] else Text("")
-        numbers = (str(kind["frames"]), f"{kind['rate_hz']:.1f}", asked, f"{kind['age']:.2f}")
+        numbers = (str(kind["frames"]), f"{kind['rate']:.1f}", asked, f"{kind['age']:.2f}")
         table.add_row(kind["key"], kind["board"], *numbers, stale)
     return table

@@ -97,7 +97,7 @@ def _attitude(fields: Fields) -> str:
 
 def _position(fields: Fields) -> str:
     height = fields["altitude_above_start"]
-    text = f"{fields['latitude']:.7f}, {fields['longitude']:.7f}, {height:.1f} m above start"
+    text = f"{fields['latitude_deg']:.7f}, {fields['longitude_deg']:.7f}, {height:.1f} m above start"
     if fields["position_enu"] is not None:
         east, north, _ = fields["position_enu"]
         text += f"; {math.hypot(east, north):.1f} m from home"

@@ -188,7 +188,7 @@ def progress_line(tally: Tally) -> str:
     if battery is not None:
         words.append(f"{battery['voltage']:.1f} V")
     if position is not None:
-        words.append(f"{position['latitude']:.6f}, {position['longitude']:.6f}")
+        words.append(f"{position['latitude_deg']:.6f}, {position['longitude_deg']:.6f}")
         words.append(f"{position['altitude_above_start']:.1f} m above start")
     return "; ".join(words)
 
@@ -217,8 +217,8 @@ def summarise(tally: Tally) -> dict[str, Any]:
         "echo_sent": echo.get("sent"),
         "battery_v": battery.get("voltage"),
         "battery_used_mah": battery.get("used_mah"),
-        "latitude": position.get("latitude"),
-        "longitude": position.get("longitude"),
+        "latitude_deg": position.get("latitude_deg"),
+        "longitude_deg": position.get("longitude_deg"),
         "position_enu": position.get("position_enu"),
     }
 

@@ -108,8 +108,8 @@ class Arrivals:
                 key=kind.key,
                 board=kind.board,
                 frames=kind.frames,
-                rate_hz=kind.rate(now, window),
-                asked_hz=None if kind.interval is None else 1 / kind.interval,
+                rate=kind.rate(now, window),
+                asked_rate=None if kind.interval is None else 1 / kind.interval,
                 age=min(now - kind.last, 1e9),
                 is_stale=kind.missed(now) > STALE_PERIODS,
             )

@@ -220,7 +220,7 @@ class Exchange:
 
     def _publish(self) -> None:
         now = self._clock.now()
-        if self.reporter.state_differs():
+        if self.reporter.take_state_change():
             self._sink.state_changed(self.reporter.state(now))
         self._sink.health_measured(self.reporter.health(now))
 

@@ -41,7 +41,7 @@ class Reporter:
         self._openings += 1
         self._bytes.clear()
 
-    def state_differs(self) -> bool:
+    def take_state_change(self) -> bool:
         """Whether the state differs from the one published last; notes it as published."""
         dialogue, peers = self._dialogue, self._dialogue.peers
         verdict = dialogue.health.verdict
@@ -102,7 +102,7 @@ class Reporter:
             heard_age=heard if math.isfinite(heard) else None,
             answer_age=answered if math.isfinite(answered) else None,
             garbage_bytes_per_s=garbage,
-            checksum_errors_per_s=checksums,
+            checksum_error_rate=checksums,
             backlog_bytes=monitor.backlog,
             kinds=monitor.kinds(now),
         )

@@ -1,0 +1,28 @@
+"""A verdict: when its condition began, and what it stands on."""
+
+from __future__ import annotations
+
+import pytest
+
+from mkdaemon.link.session.verdict import Cause, Finding, Verdict
+from mkdaemon.telemetry.link import LinkCondition
+
+
+def test_another_reason_for_the_same_condition_does_not_begin_it_anew():
+    first = Verdict(Finding(LinkCondition.DEGRADED, "osd is overdue"), 1.0)
+    second = first.followed_by(Finding(LinkCondition.DEGRADED, "12 % damaged"), 2.0)
+    assert (second.condition, second.reason, second.since) == (LinkCondition.DEGRADED, "12 % damaged", 1.0)
+
+
+def test_another_condition_begins_when_it_is_found():
+    first = Verdict(Finding(LinkCondition.UP, "both directions proven"), 1.0)
+    second = first.followed_by(Finding(LinkCondition.DOWN, "stuck", Cause.PORT_STUCK), 2.0)
+    assert (second.condition, second.cause, second.since) == (LinkCondition.DOWN, Cause.PORT_STUCK, 2.0)
+
+
+@pytest.mark.parametrize("condition", LinkCondition)
+def test_a_condition_says_what_it_means(condition: LinkCondition):
+    usable = condition in {LinkCondition.UP, LinkCondition.DEGRADED}
+    assert condition.is_usable is usable
+    assert condition.hears_board is (usable or condition is LinkCondition.ONE_WAY)
+    assert condition.is_silent is (condition in {LinkCondition.MUTE, LinkCondition.GARBAGE})
