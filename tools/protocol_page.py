@@ -4,16 +4,12 @@ from __future__ import annotations
 
 import inspect
 import math
-from collections.abc import Iterable, Iterator
-from enum import Enum, IntFlag
+from collections.abc import Iterator
 from itertools import groupby
 from pathlib import Path
 from types import ModuleType
 from typing import Final
 
-from mkdaemon.protocol import flags
-from mkdaemon.protocol.errorcodes import ErrorCode, describe_error, error_since
-from mkdaemon.protocol.generations import FC_GENERATIONS, NC_GENERATIONS
 from mkdaemon.protocol.layout import Slot
 from mkdaemon.protocol.messages import (
     blctrl,
@@ -30,12 +26,11 @@ from mkdaemon.protocol.messages import (
     version,
     waypoints,
 )
-from mkdaemon.protocol.settings import known_revisions, layout_of
-from mkdaemon.protocol.settings_table import PARAMETERS, REVISIONS, Kind
 from mkdaemon.protocol.wire import MESSAGES, Board, Direction, MessageSpec, WireMessage
-from mkdaemon.telemetry.danger import Confirm, Danger
 from tools.coverage_table import RECORDED, coverage, shown_releases
-from tools.protocol_text import APPENDED, COVERAGE, DISAGREEMENTS, INTRODUCTION, SETTINGS
+from tools.markdown import escape, table
+from tools.protocol_tables import compatibility_tables, danger_table, error_table, flag_tables, settings_tables
+from tools.protocol_text import APPENDED, COVERAGE, DISAGREEMENTS, INTRODUCTION
 
 _SECTIONS: Final[tuple[tuple[str, tuple[ModuleType, ...]], ...]] = (
     ("VersionInfo", (version,)),
@@ -66,18 +61,18 @@ def protocol_page(root: Path) -> str:
             lines += _message(list(layouts))
         if title in APPENDED:
             lines += [APPENDED[title].strip(), ""]
-    lines += _danger()
-    lines += _flags()
-    lines += _error_codes()
-    lines += _compatibility()
-    lines += _settings()
+    lines += danger_table()
+    lines += flag_tables()
+    lines += error_table()
+    lines += compatibility_tables()
+    lines += settings_tables()
     lines += [DISAGREEMENTS.strip(), ""]
     lines += _coverage(root / "tests" / "data" / "captures")
     return "\n".join(lines)
 
 
 def _first_paragraph(module: ModuleType) -> str:
-    return " ".join(_escape(line) for line in inspect.cleandoc(module.__doc__ or "").split("\n\n")[0].splitlines())
+    return " ".join(escape(line) for line in inspect.cleandoc(module.__doc__ or "").split("\n\n")[0].splitlines())
 
 
 def _message(layouts: list[type[WireMessage]]) -> Iterator[str]:
@@ -126,7 +121,7 @@ def _layout(cls: type[WireMessage], *, alone: bool) -> Iterator[str]:
     yield f"{name}{spec.size}{longest} bytes; {spec.firmware}. Source: {', '.join(spec.sources)}."
     yield ""
     if spec.slots:
-        yield from _table(
+        yield from table(
             ("offset", "type", "field", "firmware", "unit", "SI", "sent", "meaning"),
             (_field(cls, slot) for slot in spec.slots),
         )
@@ -156,179 +151,11 @@ def _number(value: float) -> str:
     return f"{value:g}"
 
 
-def _danger() -> Iterator[str]:
-    yield "## Danger"
-    yield ""
-    yield "What a request can do, and what it must meet before it is sent for a client; see [safety.md](safety.md)."
-    yield ""
-    found = {
-        (f"`{cls.spec.id}`", cls.spec.boards[0].word, cls.spec.name, cls.spec.danger.effect, *_rule(cls.spec.danger))
-        for cls in MESSAGES.values()
-        if cls.spec.danger
-    }
-    yield from _table(("id", "board", "message", "effect", "must meet", "harmless with"), sorted(found))
-    yield ""
-
-
-def _rule(danger: Danger) -> tuple[str, str]:
-    """What it must meet, and the value with which it does no harm."""
-    harmless = ""
-    if danger.harmless is not None:
-        name, value = danger.harmless
-        harmless = f"{name} all 0" if isinstance(value, tuple) else f"{name} {value}"
-    if danger.never:
-        return f"never sent for a client: {danger.never}", harmless
-    terms = []
-    if danger.switch is not None:
-        terms.append(f"`commands.{danger.switch}`")
-    if danger.stopped:
-        terms.append("motors stopped")
-    if danger.proven:
-        terms.append("board proven")
-    if danger.confirm is Confirm.ALWAYS:
-        terms.append("`confirm`")
-    elif danger.confirm is Confirm.IN_FLIGHT:
-        terms.append("`confirm` unless motors are known to stand still")
-    return ", ".join(terms), harmless
-
-
-def _flags() -> Iterator[str]:
-    yield "## Flags"
-    yield ""
-    kinds = [item for item in vars(flags).values() if inspect.isclass(item) and item.__module__ == flags.__name__]
-    for kind in (kind for kind in kinds if issubclass(kind, Enum)):
-        yield f"### {kind.__name__}"
-        yield ""
-        yield inspect.cleandoc(kind.__doc__ or "")
-        yield ""
-        yield ", ".join(_member(kind, member) for member in kind)
-        yield ""
-
-
-def _member(kind: type[Enum], member: Enum) -> str:
-    is_flag = issubclass(kind, IntFlag)
-    return f"`{int(member.value):#04x}` {member.name}" if is_flag else f"{member.value} {member.name}"
-
-
-def _error_codes() -> Iterator[str]:
-    yield "## Error codes"
-    yield ""
-    yield "### ErrorCode"
-    yield ""
-    yield "Codes of the NaviCtrl; with any but 0 the motors do not start (FlightCtrl 0.84 and later)."
-    yield ""
-    rows = ((str(int(code)), code.name, describe_error(code), error_since(code)) for code in ErrorCode)
-    yield from _table(("code", "name", "meaning", "since"), rows)
-    yield ""
-
-
-def _compatibility() -> Iterator[str]:
-    yield "## Compatibility"
-    yield ""
-    yield "The release in the version reply chooses the row; a release in no row is read only."
-    yield ""
-    yield from _table(
-        ("FlightCtrl", "settings revisions", "b", "P", "C", "holds the last b", "stick filter", "R in flight"),
-        (
-            (
-                _releases(row.since, row.until),
-                _span(row.revisions),
-                row.control or "read back (g) to know",
-                row.receiver or "by length",
-                row.attitude,
-                row.dead_man.value,
-                "yes" if row.stick_filter else "no",
-                "obeyed" if row.resets_in_flight else "ignored",
-            )
-            for row in FC_GENERATIONS
-        ),
-    )
-    yield ""
-    yield from _table(
-        ("NaviCtrl", "points", "C", "data sets 10..16", "b"),
-        (
-            (
-                _releases(row.since, row.until),
-                row.point,
-                row.attitude,
-                "yes" if row.has_sets else "no",
-                "taken" if row.takes_control else "forwarded to the FlightCtrl, unconfirmed",
-            )
-            for row in NC_GENERATIONS
-        ),
-    )
-    yield ""
-
-
-def _releases(since: tuple[int, int], until: tuple[int, int]) -> str:
-    return f"{since[0]}.{since[1]:02d} to {until[0]}.{until[1]:02d}" if since != until else f"{since[0]}.{since[1]:02d}"
-
-
-def _span(numbers: Iterable[int]) -> str:
-    known = sorted(numbers)
-    return str(known[0]) if len(known) == 1 else f"{known[0]}..{known[-1]}"
-
-
-def _settings() -> Iterator[str]:
-    yield "## Settings"
-    yield ""
-    yield SETTINGS.strip()
-    yield ""
-    sizes = (
-        (str(number), str(layout.size), layout.firmware)
-        for number in known_revisions()
-        if (layout := layout_of(number))
-    )
-    yield from _table(("revision", "bytes", "firmware"), sizes)
-    yield ""
-    yield "### ParamSet layouts"
-    yield ""
-    last = max(REVISIONS)
-    rows = (
-        (
-            f"`{item.name}`",
-            item.mk,
-            f"{item.since}..{item.until if item.until < 255 else ''}",
-            " then ".join(f"{count} from {first}" for first, count in item.lengths) or "1",
-            item.kind.value + ("" if item.high == 255 else f", to {item.high}"),
-            item.unit,
-            item.meaning,
-        )
-        for item in PARAMETERS
-    )
-    yield from _table(("parameter", "firmware", "revisions", "bytes", "kind", "unit", "meaning"), rows)
-    yield ""
-    for item in PARAMETERS:
-        if item.kind is Kind.BITS:
-            bits = (
-                f"`{bit.mask:#04x}` {bit.name} ({bit.mk}{_bit_span(bit.since, bit.until, last)})" for bit in item.bits
-            )
-            yield f"`{item.name}`: " + ", ".join(bits)
-            yield ""
-
-
-def _bit_span(since: int, until: int, last: int) -> str:
-    if since == 0 and until >= last:
-        return ""
-    return f"; {since or ''}..{until if until < last else ''}"
-
-
 def _coverage(recordings: Path) -> Iterator[str]:
     releases = " and ".join(f"{board.word} {str(release)[:-1]}" for board, release in RECORDED.items())
     yield COVERAGE.strip().format(releases=releases)
     yield ""
     for board, name in ((Board.FC, "FlightCtrl"), (Board.NC, "NaviCtrl")):
         rows = ((f"`{row.letter}`", row.name, *row.cells) for row in coverage(board, recordings))
-        yield from _table((name, "message", *shown_releases(board)), rows)
+        yield from table((name, "message", *shown_releases(board)), rows)
         yield ""
-
-
-def _table(head: tuple[str, ...], rows: Iterable[tuple[str, ...]]) -> Iterator[str]:
-    yield "| " + " | ".join(head) + " |"
-    yield "|" + "---|" * len(head)
-    for row in rows:
-        yield "| " + " | ".join(_escape(cell) for cell in row) + " |"
-
-
-def _escape(text: str) -> str:
-    return text.replace("|", "\\|")

@@ -74,8 +74,8 @@ EXTERNAL_CONTROL: Final = """
 
 Config has VALID, and the parameter `external_control` is above 128: a constant, or a poti (248..255), which makes it
 the pilot's switch. It is 0 from the factory. The receiver must be good: with it lost, a FlightCtrl up to 2.12a goes
-into emergency throttle whatever external control says. Values are sampled when a receiver frame is processed, about
-every 22.5 ms. Sums with the sticks are clipped to ±127.
+into emergency throttle (level below 100 of about 200) whatever external control says. Values are sampled when a
+receiver frame is processed, about every 22.5 ms. Sums with the sticks are clipped to ±127.
 
 v1 is added behind the care-free rotation and without a filter; v2 and v3 are added to the channels in front of both.
 FlightCtrl 2.12a ignores frames of 20 and more characters, so v1 does no harm there. The reverse is dangerous: v2 or v3
@@ -89,7 +89,26 @@ configured) starts them, the same with yaw +127 stops them, in flight too. The l
 together with a yaw beyond ±100: [safety.md](safety.md).
 """
 
-APPENDED: Final = {"ExternalControl": EXTERNAL_CONTROL}
+DEBUG_CHANNELS: Final = """
+### Debug channels of the FlightCtrl
+
+Labels tell the channels of every release (`a`); those of 2.12a are:
+
+| channel | meaning | channel | meaning |
+|---|---|---|---|
+| 0, 1 | pitch, roll, 0.1 deg | 16..19 | unused; sticks in a public fork |
+| 2, 3 | accelerometers, about 0.1 deg | 20 | servo |
+| 4 | yaw gyro, raw | 21 | hover throttle |
+| 5 | height, 0.1 m | 22, 23 | current 0.1 A, capacity mAh |
+| 6 | vertical acceleration, raw | 24 | height set point, 0.1 m |
+| 7 | throttle, times 4 | 25, 26 | unused; external control active, calibrated in a public fork |
+| 8, 11 | compass, gyro compass, deg | 27 | compass set point |
+| 9 | voltage, 0.1 V | 28 | I2C errors |
+| 10 | receiver level, 0 to about 200 | 29 | lowest PWM limit of the motor controllers |
+| 12..15 | set points of motors 1..4 | 30, 31 | GPS pitch, GPS roll |
+"""
+
+APPENDED: Final = {"Common commands": DEBUG_CHANNELS, "ExternalControl": EXTERNAL_CONTROL}
 """What follows the messages of a section."""
 
 DISAGREEMENTS: Final = """

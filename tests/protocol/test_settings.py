@@ -18,7 +18,8 @@ from mkdaemon.protocol.settings import (
     poti_number,
     poti_reference,
 )
-from mkdaemon.protocol.settings_table import PARAMETERS, SAME_LAYOUT, Kind
+from mkdaemon.protocol.settings_fields import Kind
+from mkdaemon.protocol.settings_table import PARAMETERS, SAME_LAYOUT
 
 REVISIONS = st.sampled_from(known_revisions())
 

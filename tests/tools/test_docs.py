@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import re
+from pathlib import Path
 
 from mkdaemon.cli.program import run
 from mkdaemon.protocol.sources import Source
@@ -8,6 +9,8 @@ from mkdaemon.protocol.wire import MESSAGES, Board
 from tests.places import CAPTURES, ROOT
 from tools.coverage_table import coverage, shown_releases
 from tools.docs import GENERATED, app, make_page, stale_pages
+
+PARTS = ("src", "lab", "tools", "tests")
 
 
 def test_generated_pages_are_up_to_date():
@@ -87,3 +90,10 @@ def test_every_source_of_a_message_is_explained():
     assert [source.name for source in Source if f"| {source} |" not in page] == []
     used = {source for cls in MESSAGES.values() for source in cls.spec.sources}
     assert used == set(Source)
+
+
+def test_citations_name_documents_of_this_repository():
+    outside = re.compile(r"WIRE [0-9]|WIRE\.md|firmware\.md")
+    texts = {path: path.read_text(encoding="utf-8") for part in PARTS for path in (ROOT / part).rglob("*.py")}
+    own = Path(__file__)
+    assert [str(path) for path, text in texts.items() if outside.search(text) and path != own] == []

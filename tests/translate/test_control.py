@@ -17,7 +17,7 @@ NOSE_DOWN_RIGHT_DOWN_NOSE_LEFT = StickCounts(pitch=20, roll=30, yaw=40, throttle
 @pytest.mark.parametrize(
     ("layout", "wire"),
     [
-        # WIRE 6.3: stick left is positive for roll; v1 counts yaw clockwise and throttle from the bottom.
+        # Stick left is positive for roll; v1 counts yaw clockwise and throttle from the bottom.
         (ExternControlV1, {"pitch": 20, "roll": -30, "yaw": -40, "throttle": 137}),
         (ExternControlV2, {"pitch": 20, "roll": -30, "yaw": 40, "throttle": 10}),
         (ExternControlV3, {"pitch": 20, "roll": -30, "yaw": 40, "throttle": 10}),

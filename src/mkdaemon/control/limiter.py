@@ -18,11 +18,12 @@ LONGEST_STEP: Final = 0.1
 """Slew counts at most this much time [s]: a loop that stood still must not jump when it wakes."""
 
 GESTURE_LOW: Final = -100.0
-"""Throttle below this together with much yaw starts and stops motors, in flight too [stick]; WIRE 6.4."""
+"""Throttle below this together with much yaw starts and stops motors, in flight too [stick]; docs/protocol.md,
+"Starting and stopping motors"."""
 GESTURE_YAW: Final = 70.0
 """Most yaw at any throttle [stick]: every gesture (start, stop, calibrate) wants more than 75, and the pilot's trim is
-added. Our own throttle says nothing here, because stock firmware takes the smaller of the pilot's and ours; WIRE 6.3,
-firmware notes 6."""
+added. Our own throttle says nothing here, because stock firmware takes the smaller of the pilot's and ours;
+docs/protocol.md, "Starting and stopping motors", and docs/firmware-notes.md, section 6."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,12 +8,10 @@ from typing import Final
 from mkdaemon.control.preflight import Gate, GateKind
 from mkdaemon.errors import CommandRejectedError, LinkError
 from mkdaemon.link.link import Link
-from mkdaemon.protocol.messages import Settings, SettingsRequest
+from mkdaemon.protocol.messages import ACTIVE_SET, Settings, SettingsRequest
 from mkdaemon.protocol.settings import ParameterSet, poti_number
 from mkdaemon.protocol.wire import Board
 
-ACTIVE_SET: Final = 255
-"""The only set whose reading changes nothing."""
 READ_TIMEOUT: Final = 1.0
 """Longest time the question may take [s]; a FlightCtrl answers within 40 ms."""
 _UNKNOWN: Final = Gate(GateKind.UNKNOWN)

@@ -1,6 +1,7 @@
 """Which firmware generation speaks how: the compatibility tables of FlightCtrl and NaviCtrl.
 
-Source: docs/protocol.md, "Compatibility"; the dead-man generations: docs/safety.md and firmware notes 6.
+Source: docs/protocol.md, "Compatibility"; the dead-man generations: docs/safety.md,
+docs/firmware-notes.md, section 6.
 """
 
 from __future__ import annotations

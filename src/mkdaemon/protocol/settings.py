@@ -15,7 +15,8 @@ from typing import Final, NamedTuple
 
 from mkdaemon.errors import EncodeError, ProtocolError
 from mkdaemon.protocol.framing import padded_length
-from mkdaemon.protocol.settings_table import PARAMETERS, REVISIONS, SAME_LAYOUT, Bit, Kind, Parameter
+from mkdaemon.protocol.settings_fields import Bit, Kind, Parameter
+from mkdaemon.protocol.settings_table import PARAMETERS, REVISIONS, SAME_LAYOUT
 
 Value = int | str | tuple[int, ...]
 """A parameter's value: a number, the name, or a list of numbers."""

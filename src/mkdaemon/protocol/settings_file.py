@@ -14,7 +14,7 @@ from typing import Any, Final, NamedTuple
 
 from mkdaemon.errors import EncodeError, ProtocolError
 from mkdaemon.protocol.settings import Layout, ParameterSet, Value, is_useful, layout_of, poti_number, poti_reference
-from mkdaemon.protocol.settings_table import Kind
+from mkdaemon.protocol.settings_fields import Kind
 
 _FORMAT: Final = "mikrokopter-parameter-set"
 

@@ -2,7 +2,8 @@
 
 Headings and bearings keep the compass sense (clockwise from north); everything about the body is turned to FLU by the
 sign: pitch + is nose down, roll + is right side down, yaw + is nose left. The firmware counts roll positive with the
-LEFT side down, so its roll fields carry a negated unit. Sources: docs/protocol.md, "Signs"; firmware notes, section 6.
+LEFT side down, so its roll fields carry a negated unit. Sources: docs/protocol.md, "Signs"; docs/firmware-notes.md,
+section 6.
 """
 
 from __future__ import annotations

@@ -13,9 +13,9 @@ from mkdaemon.translate.geometry import Home, position
 from mkdaemon.translate.origin import Origin, State
 
 RC_FULL = 200.0
-"""Receiver quality that counts as full; WIRE 7, channel 10."""
+"""Receiver quality that counts as full; docs/protocol.md, "Debug channels of the FlightCtrl", channel 10."""
 RC_ENOUGH = 100.0
-"""Below this the FlightCtrl goes into emergency; WIRE 6.2."""
+"""Below this the FlightCtrl goes into emergency; docs/protocol.md, "When it acts"."""
 
 _MODES = {
     NaviStatus.FREE: GpsMode.FREE,

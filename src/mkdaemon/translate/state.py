@@ -24,7 +24,7 @@ from mkdaemon.translate.osdsets import SetTranslator
 COARSE_AFTER = 0.5
 """Attitude of a degree's resolution (OSD) is published once the attitude stream is this old [s]."""
 
-# Debug channels of a FlightCtrl; WIRE 7, "FC analog channels" (2.12a).
+# Source: docs/protocol.md, "Debug channels of the FlightCtrl".
 _CHANNEL_VOLTAGE, _CHANNEL_RECEIVER, _CHANNEL_CURRENT, _CHANNEL_CAPACITY = 9, 10, 22, 23
 _CHANNEL_MOTORS = slice(12, 16)
 

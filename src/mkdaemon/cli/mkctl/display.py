@@ -19,7 +19,7 @@ from mkdaemon.cli.mkctl.conversation import request
 from mkdaemon.client import Vehicle
 from mkdaemon.errors import MkError, RequestTimeoutError
 from mkdaemon.protocol.flags import MenuKey
-from mkdaemon.protocol.messages import Display, DisplayRequest
+from mkdaemon.protocol.messages import ALL_KEYS_UP, Display, DisplayRequest
 from mkdaemon.protocol.wire import Board
 
 LINES, COLUMNS = 4, 20
@@ -97,7 +97,7 @@ def frame_of(text: str) -> str:
 
 
 async def _press(client: Vehicle, board: Board, keys: MenuKey, interval: int) -> str:
-    message = DisplayRequest(keys_inverted=0xFF & ~int(keys), interval=interval)
+    message = DisplayRequest(keys_inverted=ALL_KEYS_UP & ~int(keys), interval=interval)
     answer = await request(client, board, message)
     if not isinstance(answer, Display):
         msg = f"the {board.word.upper()} sends no menu; check `mkctl status`"

@@ -1,7 +1,8 @@
 """External control: offsets the FlightCtrl adds to the sticks of its receiver.
 
 Three layouts that differ in length, in the sense of yaw and in the meaning of throttle; the wrong one can fly the
-aircraft, so the dialect chooses before the first frame. Source: docs/protocol.md, "ExternalControl"; firmware notes 6.
+aircraft, so the dialect chooses before the first frame.
+Source: docs/protocol.md, "ExternalControl"; docs/firmware-notes.md, section 6.
 """
 
 from __future__ import annotations

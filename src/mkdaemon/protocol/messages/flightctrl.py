@@ -1,6 +1,6 @@
 """FlightCtrl: motors, receiver channels, compass, and the commands of a public fork.
 
-Source: docs/protocol.md, "FlightCtrl commands"; firmware notes 7.
+Source: docs/protocol.md, "FlightCtrl commands"; docs/firmware-notes.md, section 7.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """Parameter sets and mixer of the FlightCtrl, as they cross the line; what the bytes mean is `protocol.settings`.
 
-Source: docs/protocol.md, "FlightCtrl commands"; firmware notes 7.
+Source: docs/protocol.md, "FlightCtrl commands"; docs/firmware-notes.md, section 7.
 """
 
 from __future__ import annotations

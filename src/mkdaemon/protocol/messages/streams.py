@@ -1,6 +1,6 @@
 """Streams every pilot board offers: debug channels and attitude. They end 4 s after the last request.
 
-Source: docs/protocol.md, "Common commands"; firmware notes 5.
+Source: docs/protocol.md, "Common commands"; docs/firmware-notes.md, section 5.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """Routes: points the NaviCtrl stores and flies to. 30 bytes in every release; the tail changed its meaning.
 
-Source: docs/protocol.md, "Points"; firmware notes 4.
+Source: docs/protocol.md, "Points"; docs/firmware-notes.md, section 4.
 """
 
 from __future__ import annotations

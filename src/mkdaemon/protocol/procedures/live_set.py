@@ -16,7 +16,7 @@ from enum import Enum
 
 from mkdaemon.errors import MkError
 from mkdaemon.protocol.framing import padded_length
-from mkdaemon.protocol.messages import Settings, SettingsRequest, SettingsWritten, WriteSettings
+from mkdaemon.protocol.messages import ACTIVE_SET, Settings, SettingsRequest, SettingsWritten, WriteSettings
 from mkdaemon.protocol.procedures.labels import Version, read_version
 from mkdaemon.protocol.procedures.steps import (
     LiveSet,
@@ -34,8 +34,6 @@ from mkdaemon.protocol.wire import Board
 from mkdaemon.telemetry.refusals import Token, refuse
 
 SLOTS = (1, 2, 3, 4, 5)
-ACTIVE = 255
-"""Index that asks for the active set."""
 _WRITE_TIMEOUT = 2.5
 """A write takes 0.3 to 0.6 s and the FlightCtrl beeps afterwards; source: docs/firmware-notes, "Timing" [s]."""
 _DEAF = 2.0
@@ -89,7 +87,7 @@ def read_active(patience: Patience) -> Procedure[tuple[int, bytes]]:
     Raises:
         RequestTimeoutError: no answer.
     """
-    answer = yield from insist_twice(_read(ACTIVE), patience)
+    answer = yield from insist_twice(_read(ACTIVE_SET), patience)
     return answer.index, answer.parameters
 
 
@@ -130,7 +128,7 @@ def _is_same_aircraft(lost: LiveSet, active: int, live: bytes, patience: Patienc
     stored = (yield from insist_twice(_read(lost.active), patience)).parameters
     if stored == lost.live or _is_half_written(lost, lost.active, stored):
         return True
-    yield from insist(_read(ACTIVE), patience)
+    yield from insist(_read(ACTIVE_SET), patience)
     return False
 
 
@@ -192,7 +190,7 @@ def make_live(session: FoundSets) -> Procedure[None]:
     """
     try:
         changed = yield from _load_live(session)
-        present = (yield from insist(_read(ACTIVE), session.patience)).index
+        present = (yield from insist(_read(ACTIVE_SET), session.patience)).index
     except MkError as cause:
         raise refuse(Token.LIVE_SET_UNPROVEN, cause=cause, slot=session.active) from cause
     if changed:
@@ -259,8 +257,8 @@ def pad_set(raw: bytes) -> bytes:
 
 
 def _read(index: int) -> Question[Settings]:
-    what = "read the active set" if index == ACTIVE else f"read set {index}"
-    wanted = SLOTS if index == ACTIVE else (index,)
+    what = "read the active set" if index == ACTIVE_SET else f"read set {index}"
+    wanted = SLOTS if index == ACTIVE_SET else (index,)
     return Question(Board.FC, SettingsRequest(index=index), (Settings,), lambda s: s.index in wanted, what)
 
 

@@ -11,6 +11,7 @@ from collections.abc import Callable
 from typing import Final
 
 from mkdaemon.protocol.messages import (
+    ACTIVE_SET,
     Mixer,
     MixerWritten,
     Settings,
@@ -24,7 +25,6 @@ from mkdaemon.sim.boards.motors import READ, WRITE
 from mkdaemon.sim.boards.parameters import SETS, clamp_written, parameter_size
 
 _OWN_ADDRESS: Final = 1
-_ACTIVE: Final = 255
 _EEPROM_READ: Final = 1.2e-3
 _SET_WRITE: Final = 0.64
 _MIXER_WRITE: Final = 0.3
@@ -152,7 +152,7 @@ def _settings(board: FcBoard, now: float) -> None:
     if 10 <= index < 30:
         _reset_settings(board, index, now)
         return
-    number = board.eeprom.active if index == _ACTIVE else min(max(index, 1), SETS)
+    number = board.eeprom.active if index == ACTIVE_SET else min(max(index, 1), SETS)
     board.load(number)
     _send_settings(board, number, board.live.raw, now + _EEPROM_READ)
 
