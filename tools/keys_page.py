@@ -8,12 +8,14 @@ from typing import Final
 
 from pydantic import BaseModel
 
-from mkdaemon.bus.codec import schema_name
 from mkdaemon.bus.keys import KEYS, KeySpec, Use
+from mkdaemon.config.bus import BusConfig
 from mkdaemon.stamp import Stamp
 from mkdaemon.telemetry.command import CommandResult, RateRequest
 from mkdaemon.telemetry.control import LeaseState
 from mkdaemon.telemetry.refusals import REFUSALS
+from tools.markdown import escape
+from tools.model_tables import enums_of, fields_of, link_to, members_of, with_parts
 
 _HEAD: Final = """# Keys
 
@@ -30,6 +32,9 @@ Nothing is repeated to look fresh: a value is as old as its `stamp` says.
 **Times and units.** `stamp` is one map on every value: `monotonic` [s], `wall` [s; Unix time], `boot` and
 `synchronised`; [time.md](time.md) says what each is good for. A field in seconds or another SI unit has a plain name;
 every other unit is the end of the name (`used_mah`, `p95_ms`, `rms_px`).
+
+**Where.** The daemon listens at `{endpoint}` (Zenoh; `bus.listen` in the configuration); programs connect there with
+`--connect` or `MK_CONNECT`.
 
 **Who answers.** The daemon shows the liveliness token `alive`. No reply to a query means that nobody is home.
 Clients connect in Zenoh mode `client`; a query with a wildcard under `cmd/` or `do/` commands nothing.
@@ -78,7 +83,7 @@ def keys_page(_root: Path | None = None) -> str:
 
 
 def _parts() -> Iterator[str]:
-    yield _HEAD
+    yield _HEAD.replace("{endpoint}", ", ".join(BusConfig().listen))
     for use, title in _TITLES.items():
         yield f"\n## {title}\n\n"
         yield "| key | payload | when | what |\n|---|---|---|---|\n"
@@ -87,59 +92,25 @@ def _parts() -> Iterator[str]:
                 yield _row(spec)
     yield f"\n{_COMMANDS}\n{_FLYING}\n{_REFUSALS}"
     for token, refusal in REFUSALS.items():
-        yield f"| `{token}` | {refusal.status.value} | {_cell(refusal.reason)} | {_cell(refusal.fix)} |\n"
+        yield f"| `{token}` | {refusal.status.value} | {escape(refusal.reason)} | {escape(refusal.fix)} |\n"
     yield "\n## Payloads\n"
-    for model in _models():
-        yield from _fields(model)
+    models = _models()
+    for model in models:
+        yield from fields_of(model)
+    yield "\n## Enumerations\n\n| name | values |\n|---|---|\n"
+    for kind in enums_of(models):
+        yield f'| <a id="{kind.__name__.lower()}"></a>{kind.__name__} | {members_of(kind)} |\n'
     yield "\nThe payloads of `rx/` and `tx/` carry the message's own fields: [protocol.md](protocol.md).\n"
 
 
 def _row(spec: KeySpec) -> str:
-    payload = _link(spec.carries) if spec.carries else ""
+    payload = link_to(spec.carries) if spec.carries else ""
     if spec.reply is not None:
-        payload += f"; reply {_link(spec.reply)}"
+        payload += f"; reply {link_to(spec.reply)}"
     return f"| `{spec.suffix}` | {payload} | {spec.when} | {spec.about} |\n"
-
-
-def _link(model: type[BaseModel]) -> str:
-    return f"[{schema_name(model)}](#{_anchor(model)})"
-
-
-def _anchor(model: type[BaseModel]) -> str:
-    return schema_name(model).replace(".", "").lower()
 
 
 def _models() -> list[type[BaseModel]]:
     carried = [spec.carries for spec in KEYS if spec.carries is not None]
     replies = [spec.reply for spec in KEYS if spec.reply is not None]
-    return list(dict.fromkeys([Stamp, *carried, *replies, CommandResult, LeaseState, RateRequest]))
-
-
-def _fields(model: type[BaseModel]) -> Iterator[str]:
-    about = " ".join((model.__doc__ or "").split("\n\n")[0].split())
-    yield f"\n### {schema_name(model)}\n\n{about}\n\n| field | type | meaning |\n|---|---|---|\n"
-    for name, info in model.model_fields.items():
-        kind = getattr(info.annotation, "__name__", None) if not _is_generic(info.annotation) else None
-        shown = (kind or str(info.annotation)).replace("mkdaemon.telemetry.", "").replace("typing.", "")
-        yield f"| `{name}` | {_cell(_short(shown))} | {_cell(info.description or '')} |\n"
-
-
-def _is_generic(annotation: object) -> bool:
-    return "[" in str(annotation) or "|" in str(annotation)
-
-
-def _short(kind: str) -> str:
-    """A type without the modules its parts come from."""
-    words = kind.replace("|", " | ").replace("[", " [ ").replace("]", " ] ").replace(",", " , ").split()
-    text = " ".join(word.rpartition(".")[2] if word.count(".") and word != "..." else word for word in words)
-    return (
-        text.replace(" [ ", "[")
-        .replace(" ]", "]")
-        .replace(" ,", ",")
-        .replace("NoneType", "null")
-        .replace("None", "null")
-    )
-
-
-def _cell(text: str) -> str:
-    return " ".join(text.replace("|", "\\|").split())
+    return with_parts([Stamp, *carried, *replies, CommandResult, LeaseState, RateRequest])

@@ -97,3 +97,13 @@ def test_citations_name_documents_of_this_repository():
     texts = {path: path.read_text(encoding="utf-8") for part in PARTS for path in (ROOT / part).rglob("*.py")}
     own = Path(__file__)
     assert [str(path) for path, text in texts.items() if outside.search(text) and path != own] == []
+
+
+def test_the_keys_page_says_where_what_is_required_and_what_every_word_can_be():
+    page = make_page(GENERATED["docs/keys.md"], ROOT)
+    assert "`tcp/127.0.0.1:7447`" in page
+    assert "| `action` | `take` \\| `renew` \\| `release` \\| `show` | required | What to do. |" in page
+    assert "| `ttl` | float \\| null | default null, >= 0.5, <= 60 |" in page
+    for name in re.findall(r"\]\(#([a-z0-9]+)\)", page):
+        assert f'<a id="{name}"></a>' in page or name in re.sub(r"\.", "", page.lower()), name
+    assert '<a id="linkcondition"></a>LinkCondition | `up`, `degraded`, `one_way`' in page

@@ -1,0 +1,117 @@
+"""Models of the bus as tables: fields, types, what a request needs, and every enumeration spelled out."""
+
+from __future__ import annotations
+
+import types
+from collections.abc import Iterable, Iterator
+from enum import Enum
+from typing import Any, Literal, Union, get_args, get_origin
+
+from pydantic import BaseModel
+
+from mkdaemon.bus.codec import schema_name
+from mkdaemon.telemetry.base import Command
+from tools.markdown import escape
+
+_LIMITS = {"minimum": ">=", "exclusiveMinimum": ">", "maximum": "<=", "exclusiveMaximum": "<", "maxLength": "length <="}
+
+
+def with_parts(models: Iterable[type[BaseModel]]) -> list[type[BaseModel]]:
+    """Return models and, each behind the one that has it first, the models in their fields."""
+    found: dict[type[BaseModel], None] = {}
+
+    def add(model: type[BaseModel]) -> None:
+        if model not in found:
+            found[model] = None
+            for part in _leaves(model):
+                if issubclass(part, BaseModel):
+                    add(part)
+
+    for model in models:
+        add(model)
+    return list(found)
+
+
+def enums_of(models: Iterable[type[BaseModel]]) -> list[type[Enum]]:
+    """Return every enumeration in the fields of models, by name."""
+    found = {leaf for model in models for leaf in _leaves(model) if issubclass(leaf, Enum)}
+    return sorted(found, key=lambda kind: kind.__name__)
+
+
+def members_of(kind: type[Enum]) -> str:
+    """Return the values of an enumeration."""
+    return ", ".join(f"`{member.value}`" for member in kind)
+
+
+def link_to(model: type[BaseModel]) -> str:
+    """Return a link to the table of a model."""
+    name = schema_name(model)
+    return f"[{name}](#{name.replace('.', '').lower()})"
+
+
+def fields_of(model: type[BaseModel]) -> Iterator[str]:
+    """Return the section of a model; what clients send says which fields it needs."""
+    about = " ".join((model.__doc__ or "").split("\n\n")[0].split())
+    is_sent = issubclass(model, Command)
+    needs = ("field", "type", "needed", "meaning") if is_sent else ("field", "type", "meaning")
+    yield f"\n### {schema_name(model)}\n\n{about}\n\n| {' | '.join(needs)} |\n{'|---' * len(needs)}|\n"
+    schema = model.model_json_schema()
+    for name, info in model.model_fields.items():
+        cells = [f"`{name}`", type_of(info.annotation), info.description or ""]
+        if is_sent:
+            cells.insert(2, _need(name, schema))
+        yield f"| {' | '.join(_cell(cell) for cell in cells)} |\n"
+
+
+def _cell(text: str) -> str:
+    return escape(" ".join(text.split()))
+
+
+def type_of(annotation: Any) -> str:
+    """Return a type in words, enumerations and models as links."""
+    if annotation is None or annotation is type(None):
+        return "null"
+    origin, args = get_origin(annotation), get_args(annotation)
+    if origin in (Union, types.UnionType):
+        return " | ".join(type_of(arg) for arg in args)
+    if origin is Literal:
+        return " | ".join(f"`{value}`" for value in args)
+    if origin is not None:
+        inner = ", ".join("..." if arg is Ellipsis else type_of(arg) for arg in args)
+        return inner if origin not in (tuple, list, dict) else f"{'map' if origin is dict else 'list'} of {inner}"
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return link_to(annotation)
+    if isinstance(annotation, type) and issubclass(annotation, Enum):
+        return f"[{annotation.__name__}](#{annotation.__name__.lower()})"
+    return str(getattr(annotation, "__name__", annotation))
+
+
+def _need(name: str, schema: dict[str, Any]) -> str:
+    """What a client must know to fill a field: whether it is required, its default, its range."""
+    field = schema["properties"][name]
+    words = ["required"] if name in schema.get("required", ()) else [f"default {_plain(field.get('default'))}"]
+    for part in (field, *field.get("anyOf", ())):
+        words += [f"{sign} {part[limit]:g}" for limit, sign in _LIMITS.items() if limit in part]
+        if "pattern" in part:
+            words.append(f"matches `{part['pattern']}`")
+    return ", ".join(words)
+
+
+def _plain(value: object) -> str:
+    words = {None: "null", True: "true", False: "false", "": "empty"}
+    return words.get(value, f"`{value}`") if isinstance(value, str | bool | None) else f"{value}"
+
+
+def _leaves(model: type[BaseModel]) -> Iterator[type]:
+    for info in model.model_fields.values():
+        yield from _parts(info.annotation)
+
+
+def _parts(annotation: Any) -> Iterator[type]:
+    if get_origin(annotation) is None:
+        if isinstance(annotation, type):
+            yield annotation
+        return
+    if get_origin(annotation) is not Literal:
+        for arg in get_args(annotation):
+            yield from _parts(arg)
