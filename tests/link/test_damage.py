@@ -44,16 +44,16 @@ def test_only_readable_text_and_nothing_else_is_text(pieces: list[tuple[DropReas
     assert received.text_since(0.0) == text
 
 
-def test_the_text_that_was_told_stays():
+def test_text_that_is_kept_is_not_replaced():
     received = ReceivedBytes(window=10.0)
     received.damaged(DropReason.TEXT, b"first", 1.0, keep_text=True)
     received.damaged(DropReason.TEXT, b"second", 2.0, keep_text=False)
     assert received.text_since(1.5) == "first"
 
 
-def test_an_outage_that_is_over_is_forgiven():
+def test_damage_of_an_outage_can_be_forgotten():
     received = ReceivedBytes(window=10.0)
     received.damaged(DropReason.LENGTH, bytes(20), 1.0, keep_text=True)
-    received.forgive()
+    received.forget_damage()
     assert received.damaged_since(0.0) == 0
     assert received.share(1.0) == (0, 20)

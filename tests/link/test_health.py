@@ -54,7 +54,7 @@ class Line:
         if self.garbage:
             health.bytes_received(len(self.garbage), now)
             health.damaged(self.reason, self.garbage, now)
-        rate = 0.101 if health.is_suspicious else 0.2
+        rate = 0.101 if health.awaits_answer else 0.2
         if self.probes and now - self._last_probe >= rate:
             self._probe += 1
             self._last_probe = now

@@ -75,7 +75,7 @@ def test_forgiving_drops_losses_and_keeps_round_trips():
     trips.sent("good", 0.4)
     trips.answered("good", 0.41)
     trips.sent("under way", 0.5)
-    trips.forgive()
+    trips.forget_losses()
     assert trips.fates(0.6) == (1, 0)
     assert (trips.statistics(0.6).sent_total, trips.statistics(0.6).lost_total) == (2, 1)
     trips.answered("under way", 0.7)

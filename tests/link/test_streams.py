@@ -11,7 +11,7 @@ from mkdaemon.errors import CommandRejectedError, ConfigError
 from mkdaemon.link.session import budget
 from mkdaemon.link.session.line import LineRules
 from mkdaemon.link.session.streams import Streams, check_rates
-from mkdaemon.link.session.subscriptions import FASTEST, KINDS, SLOWEST_TIME, TICK_TIME, settle
+from mkdaemon.link.session.subscriptions import FASTEST, KINDS, SLOWEST_TIME, TICK_TIME, round_up_interval
 from mkdaemon.protocol.wire import Board
 
 INTERVALS = st.floats(0.001, 3.0)
@@ -27,7 +27,7 @@ def demand_of(streams):
 
 @given(wish=INTERVALS)
 def test_no_stream_is_asked_for_faster_than_wished(wish):
-    real = settle(wish)
+    real = round_up_interval(wish)
     assert FASTEST <= real <= SLOWEST_TIME + 1e-9
     assert real == pytest.approx(round(real / TICK_TIME) * TICK_TIME)
     assert real >= min(wish, SLOWEST_TIME) - 1e-7

@@ -23,7 +23,7 @@ class ReceivedBytes:
         self._damage.clear()
         self._raw.clear()
 
-    def forgive(self) -> None:
+    def forget_damage(self) -> None:
         """An outage is over: the damage it did says nothing about the line as it is now."""
         self._damage.clear()
 

@@ -57,7 +57,7 @@ class Exchange:
         self._clock = clock
         self._decoder = FrameDecoder()
         self._messages = MessageDecoder()
-        self._broken: asyncio.Future[None] | None = None
+        self._failure: asyncio.Future[None] | None = None
         self._timer: asyncio.TimerHandle | None = None
         self._judge_at = 0.0
         self._has_ended = False
@@ -82,7 +82,7 @@ class Exchange:
         """
         self.port = port
         self._decoder = FrameDecoder()
-        self._broken = asyncio.get_running_loop().create_future()
+        self._failure = asyncio.get_running_loop().create_future()
         if not port.is_recording:
             self.needs_discovery.set()
         self._opened_at = self._clock.now()
@@ -97,7 +97,7 @@ class Exchange:
         reason = CLOSED
         try:
             self.pump()
-            reason = await self._talk(port, discover)
+            reason = await self._converse(port, discover)
         except asyncio.CancelledError:
             await self._release_before_exit(port)
             raise
@@ -106,7 +106,7 @@ class Exchange:
             self.port_lost(reason, self.bauds.attempt.condition if self.bauds.attempt else LinkCondition.DOWN)
         return self._has_ended
 
-    async def _talk(self, port: Port, discover: Discovery) -> str:
+    async def _converse(self, port: Port, discover: Discovery) -> str:
         """Read, discover the boards, watch for failures; returns why it is over."""
         reason = ""
         try:
@@ -114,7 +114,7 @@ class Exchange:
                 reader = tasks.create_task(self._read(port), name="link.read")
                 others = [
                     tasks.create_task(discover(), name="link.discover"),
-                    tasks.create_task(self._watch(), name="link.watch"),
+                    tasks.create_task(self._wait_for_failure(), name="link.failure"),
                 ]
                 await reader
                 for task in others:
@@ -128,10 +128,10 @@ class Exchange:
     async def _read(self, port: Port) -> None:
         """Take bytes until there are no more: the straight line from the port to the sink."""
         while chunk := await port.read():
-            self._take(chunk)
+            self._process(chunk)
             self.pump()
 
-    def _take(self, chunk: bytes) -> None:
+    def _process(self, chunk: bytes) -> None:
         now = self._clock.now()
         dialogue, sink = self._dialogue, self._sink
         dialogue.bytes_received(len(chunk), now)
@@ -146,10 +146,10 @@ class Exchange:
                 dialogue.bytes_damaged(item, now)
                 sink.dropped(Lost(now, Direction.FROM_BOARD, item.reason.value, item.raw))
 
-    async def _watch(self) -> None:
+    async def _wait_for_failure(self) -> None:
         """End the conversation when writing failed or the line rate is wrong."""
-        assert self._broken is not None
-        await self._broken
+        assert self._failure is not None
+        await self._failure
 
     async def _release_before_exit(self, port: Port) -> None:
         """End an orderly exit with a release; bounded, and the port may be gone already."""
@@ -165,7 +165,7 @@ class Exchange:
                             chunk = await port.read()
                     except TimeoutError:
                         chunk = b""
-                    self._take(chunk)
+                    self._process(chunk)
                     self.pump()
                 await port.drain()
 
@@ -183,7 +183,7 @@ class Exchange:
                 port.write(entry.raw)
                 self._sink.sent(Sent(now, entry.raw, entry.message, entry.purpose))
         except LinkLostError as error:
-            self._break(error)
+            self._fail(error)
             return
         self._settle()
         if now >= self._judge_at:
@@ -197,9 +197,9 @@ class Exchange:
             now = self._clock.now()
             self._sink.dropped(Lost(now, Direction.TO_BOARD, "expired", entry.raw))
 
-    def _break(self, error: LinkLostError) -> None:
-        if self._broken is not None and not self._broken.done():
-            self._broken.set_exception(error)
+    def _fail(self, error: LinkLostError) -> None:
+        if self._failure is not None and not self._failure.done():
+            self._failure.set_exception(error)
 
     def _judge(self, port: Port, now: float) -> None:
         """Weigh the evidence, report, and act on a verdict that needs the port closed."""
@@ -216,7 +216,7 @@ class Exchange:
             self._sink.traffic_counted(self.reporter.traffic(now))
         why = self.bauds.reason_to_reopen(health.verdict, self._opened_at, now)
         if why is not None:
-            self._break(LinkLostError(why))
+            self._fail(LinkLostError(why))
 
     def _publish(self) -> None:
         now = self._clock.now()
@@ -242,8 +242,8 @@ class Exchange:
         if self._timer is not None:
             self._timer.cancel()
             self._timer = None
-        if self._broken is not None and not self._broken.done():
-            self._broken.cancel()
+        if self._failure is not None and not self._failure.done():
+            self._failure.cancel()
         now = self._clock.now()
         for item in self._decoder.flush():
             if not isinstance(item, Frame):

@@ -1,4 +1,4 @@
-"""What is true about the line: pure, driven with `now`, told everything that happens, sure of nothing else.
+"""What is true about the line: weighs all that happens on it, and claims nothing else. Pure; driven with `now`.
 
 Evidence is kept per direction. *We hear them*: a right frame within `SILENCE_TIME`. *They hear us*: a reply or a
 confirmation to something we sent. Absence counts only where something was to be expected: a stream that was asked
@@ -23,7 +23,7 @@ from mkdaemon.telemetry.link import KindHealth, LinkCondition
 
 SILENCE_TIME: Final = 0.35
 """Without a right frame for this long while some are due, we do not hear the board [s]."""
-SUSPICION: Final = 0.1
+PROBE_PATIENCE: Final = 0.1
 """A probe unanswered for this long is followed by another at once [s]; radios of 2010 answer within 0.13 s."""
 PROBES_MISSED: Final = 2
 """So many probes unanswered in a row, and the board does not hear us."""
@@ -107,7 +107,7 @@ class HealthMonitor:
 
     def damaged(self, reason: DropReason, raw: bytes, now: float) -> None:
         """Bytes arrived that are no frame."""
-        # Once garbage was told, the text it was told with stays: the reason must not change with every line.
+        # The text of a garbage verdict stays: its reason must not change with every line that arrives.
         self._bytes.damaged(reason, raw, now, keep_text=self._verdict.condition is not LinkCondition.GARBAGE)
 
     def board_answered(self, now: float) -> None:
@@ -162,8 +162,8 @@ class HealthMonitor:
         return self._verdict
 
     @property
-    def is_suspicious(self) -> bool:
-        """A probe is unanswered: the next one should not wait its turn longer than `SUSPICION`."""
+    def awaits_answer(self) -> bool:
+        """A probe or a question is unanswered: the next probe should follow after `PROBE_PATIENCE`."""
         return bool(self._open_questions)
 
     def heard_age(self, now: float) -> float:
@@ -188,10 +188,10 @@ class HealthMonitor:
         before = self._verdict.condition
         finding = self._weigh(self._opened, now)
         if finding.condition.is_usable and not before.is_usable:
-            # What an outage swallowed was told as that; it says nothing about the line as it is now.
-            self.echo.forgive()
-            self.confirm.forgive()
-            self._bytes.forgive()
+            # The outage has had its verdict; what it swallowed says nothing about the line as it is now.
+            self.echo.forget_losses()
+            self.confirm.forget_losses()
+            self._bytes.forget_damage()
         return self._conclude(finding, now)
 
     def kinds(self, now: float) -> tuple[KindHealth, ...]:
@@ -209,19 +209,19 @@ class HealthMonitor:
         if now < self._paused_until:
             return self._verdict.finding
         silent_for = now - max(self._heard, opened)
-        if silent_for > SILENCE_TIME and self._expects_something(now) and not self._talks_slowly(now):
+        if silent_for > SILENCE_TIME and self._expects_something(now) and not self._sends_on_time(now):
             return self._explain_silence(now)
         if self._heard == -math.inf:
             return self._verdict.finding
         if self._missed(now) >= PROBES_MISSED:
-            if silent_for < SILENCE_TIME / 2 or self._talks_slowly(now):
+            if silent_for < SILENCE_TIME / 2 or self._sends_on_time(now):
                 return self._explain_deafness(now)
             return self._verdict.finding  # deaf or mute: the silence will tell
         if self._answered == -math.inf and not self._is_recording:
             return self._verdict.finding  # it talks, but nothing shows that it hears us
         return self._weigh_quality(now)
 
-    def _talks_slowly(self, now: float) -> bool:
+    def _sends_on_time(self, now: float) -> bool:
         """A board that hears nothing but sends what it was asked for, on time, is not mute between two frames."""
         return self._verdict.condition is LinkCondition.ONE_WAY and self._arrivals.are_on_time(now)
 
@@ -274,7 +274,7 @@ class HealthMonitor:
 
     def _missed(self, now: float) -> int:
         """Probes unanswered for longer than usual, since the board last proved that it hears us."""
-        return sum(1 for sent in self._open_questions if now - sent > SUSPICION)
+        return sum(1 for sent in self._open_questions if now - sent > PROBE_PATIENCE)
 
     def _conclude(self, finding: Finding, now: float) -> bool:
         """Make a finding the verdict; returns whether the condition changed."""

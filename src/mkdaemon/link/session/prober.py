@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from typing import Final, Literal
 
-from mkdaemon.link.session.health import SUSPICION, HealthMonitor
+from mkdaemon.link.session.health import PROBE_PATIENCE, HealthMonitor
 from mkdaemon.link.session.scheduler import Entry
 from mkdaemon.link.session.traffic import Purpose
 from mkdaemon.protocol.messages.linktest import EchoRequest
@@ -51,8 +51,8 @@ class Prober:
         """
         if self._waiting or self._rate == 0:
             return math.inf
-        if self._health.is_suspicious:
-            return self._sent_at + SUSPICION + 0.001
+        if self._health.awaits_answer:
+            return self._sent_at + PROBE_PATIENCE + 0.001
         if self._rate == "auto":
             return max(self._sent_at, self._health.two_way_proof) + AUTO
         return self._sent_at + 1 / self._rate
@@ -73,7 +73,7 @@ class Prober:
             board,
             message,
             slot=(board, message.spec.reply or ""),
-            reply_within=SUSPICION,
+            reply_within=PROBE_PATIENCE,
             tag=token,
         )
 

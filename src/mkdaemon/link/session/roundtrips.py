@@ -106,7 +106,7 @@ class RoundTrips:
         self._open.clear()
         self._given_up.clear()
 
-    def forgive(self) -> None:
+    def forget_losses(self) -> None:
         """Forget the losses of the window and what waits; round trips stay, and a late answer is known as late."""
         self._given_up.extend(self._open.items())
         self._open.clear()

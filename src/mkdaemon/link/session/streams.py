@@ -12,7 +12,7 @@ from mkdaemon.link.session import budget
 from mkdaemon.link.session.line import LineRules
 from mkdaemon.link.session.prober import AUTO
 from mkdaemon.link.session.scheduler import Entry
-from mkdaemon.link.session.subscriptions import KINDS, Subscriptions, kind_of, settle
+from mkdaemon.link.session.subscriptions import KINDS, Subscriptions, kind_of, round_up_interval
 from mkdaemon.link.session.traffic import Purpose
 from mkdaemon.protocol.wire import Board
 
@@ -34,7 +34,7 @@ def check_rates(cfg: LinkConfig) -> None:
         raise ConfigError(f"link.rates: there is no stream {key!r}; did you mean {' or '.join(near)}?")
     echo_hz = 1 / AUTO if cfg.echo_hz == "auto" else cfg.echo_hz
     for board in (Board.NC, Board.FC):
-        streams = {key: settle(ms / 1000) for key, ms in rates.items() if board in KINDS[key].boards}
+        streams = {key: round_up_interval(ms / 1000) for key, ms in rates.items() if board in KINDS[key].boards}
         rules = LineRules(baud=cfg.baud, direct=board, gap=cfg.gap_ms / 1000)
         try:
             budget.check(budget.Demand(streams, echo_hz), rules, limit=cfg.max_line_share)
@@ -90,7 +90,7 @@ class Streams:
             kind_of(key, rules.direct)
             # What was wished is weighed where it is faster than what boards are asked for: it is refused, not bent.
             budget.check(demand_of(streams), rules, limit=self._cfg.max_line_share)
-            streams[key] = settle(interval)
+            streams[key] = round_up_interval(interval)
         self._subscriptions.want(key, interval)
         self._wishes = streams
 

@@ -75,7 +75,7 @@ KINDS: Final = find_streams()
 """Every stream by key; the renewal is chosen in this order."""
 
 
-def settle(interval: float) -> float:
+def round_up_interval(interval: float) -> float:
     """The interval a board is really asked for [s]: whole steps of 10 ms, never shorter than wished, 20 ms at least."""
     return math.ceil(min(max(interval, FASTEST), SLOWEST_TIME) / TICK_TIME - 1e-6) * TICK_TIME
 
@@ -115,7 +115,7 @@ class Subscriptions:
         return {key: stream.interval for key, stream in self._wanted.items()}
 
     def want(self, key: str, interval: float) -> None:
-        """Want a stream at an interval [s], see `settle`; 0 or less ends it.
+        """Want a stream at an interval [s], see `round_up_interval`; 0 or less ends it.
 
         Raises:
             CommandRejectedError: see `kind_of`.
@@ -125,7 +125,7 @@ class Subscriptions:
             if self._wanted.pop(key, None) is not None:
                 self._to_stop.append(key)
             return
-        interval = settle(interval)
+        interval = round_up_interval(interval)
         stream = self._wanted.get(key)
         if stream is None or stream.interval != interval:
             self._wanted[key] = _Stream(interval)
