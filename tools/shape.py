@@ -26,16 +26,9 @@ FOLDERS: Final = ("src", "lab", "tools", "tests")
 LIMITED: Final = ("src", "lab", "tools")
 """Folders whose files have the limit."""
 
-LONG_FILES: Final = (
-    "src/mkdaemon/client/session.py",
-    "src/mkdaemon/daemon/flight.py",
-    "src/mkdaemon/vision/limits.py",
-)
+LONG_FILES: Final = ("src/mkdaemon/vision/limits.py",)
 """Files that may still have `LONGEST_LISTED` lines. This list only gets shorter."""
 LONGEST_LISTED: Final = 400
-
-CIRCLES: Final = ("mkdaemon.sim.boards",)
-"""Packages whose own modules still import each other in a circle. This list only gets shorter."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,15 +74,14 @@ def find_long_files(lines: Mapping[str, int], listed: Collection[str] = LONG_FIL
     ]
 
 
-def find_circles(package: str = "mkdaemon", allowed: Collection[str] = CIRCLES) -> list[list[str]]:
-    """Return the circles of imports in a package that are not allowed.
+def find_circles(package: str = "mkdaemon") -> list[list[str]]:
+    """Return the circles of imports in a package.
 
     Two kinds count: modules that import each other, and neighbours in one package (modules or packages) that do when
     each stands for everything below it.
 
     Args:
         package: importable package.
-        allowed: packages; a circle between modules of one of these is left out.
 
     Returns:
         Every circle once, its members sorted.
@@ -104,7 +96,7 @@ def find_circles(package: str = "mkdaemon", allowed: Collection[str] = CIRCLES) 
             reached = {owner[other] for other in graph.find_modules_directly_imported_by(module) if other in owner}
             imports[child] |= reached - {child}
         circles += [circle for circle in _circles(children, imports.__getitem__) if circle not in circles]
-    return [circle for circle in circles if {name.rpartition(".")[0] for name in circle} - set(allowed)]
+    return circles
 
 
 def _circles(nodes: Collection[str], imported_by: Callable[[str], set[str]]) -> list[list[str]]:
@@ -143,8 +135,6 @@ def shape(*, root: Annotated[Path, Parameter(help="Root of the source tree.")] =
     print(f"no file above {LONGEST_FILE} lines, no circle of imports")
     for path in (path for path in LONG_FILES if lines.get(path, 0) <= LONGEST_FILE):
         print(f"{path} is no longer too long: take it off the list in tools/shape.py")
-    for package in (package for package in CIRCLES if not find_circles(allowed=set(CIRCLES) - {package})):
-        print(f"{package} has no circle any more: take it off the list in tools/shape.py")
 
 
 def _print_sizes(packages: list[Package], lines: Mapping[str, int]) -> None:

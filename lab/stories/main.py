@@ -1,4 +1,4 @@
-"""`python -m lab stories`: the safety stories about link and release, told a thousand times against simulated boards.
+"""`python -m lab stories`: the safety stories about link and release, run a thousand times against simulated boards.
 
 Each case ends in rows of one table: what was tried, how often, what was measured, what the limit is. Everything in
 virtual time is seeded and the same on every machine; `plug`, `kill`, `race` and `soak` run real processes.
@@ -44,7 +44,7 @@ CYCLES: Final = 20
 Case = Literal["deaths", "unreleased", "clients", "cable", "plug", "kill", "race", "faults", "soak"]
 
 
-def tell_deaths(runs: int | None, jobs: int) -> Iterator[Row]:
+def run_client_deaths(runs: int | None, jobs: int) -> Iterator[Row]:
     """Clients that die while they fly."""
     for boards in DIRECT:
         yield loss_row(campaign(boards, runs or 1000, jobs=jobs))
@@ -67,7 +67,7 @@ def _ms(time: float | None) -> str:
     return "never" if time is None else f"{time:g} ms"
 
 
-def tell_unreleased(runs: int | None, jobs: int) -> Iterator[Row]:
+def run_deaths_without_release(runs: int | None, jobs: int) -> Iterator[Row]:
     """The same with the active release taken out: it must be seen to fail."""
     for boards in DIRECT:
         yield unreleased_row(
@@ -88,7 +88,7 @@ def unreleased_row(losses: Losses) -> Row:
     return Row("unreleased", story, losses.boards, losses.runs, figure, "must fail", shown, asdict(losses))
 
 
-def tell_clients(runs: int | None, jobs: int) -> Iterator[Row]:
+def run_process_deaths(runs: int | None, jobs: int) -> Iterator[Row]:
     """Client processes that are killed or stopped."""
     for boards in DIRECT:
         found = asyncio.run(lose_clients(boards.fc, runs or 20))
@@ -108,7 +108,7 @@ def client_row(boards: str, name: str, found: list[Lost]) -> Row:
     )
 
 
-def tell_cable(runs: int | None, jobs: int) -> Iterator[Row]:
+def run_cable_cuts(runs: int | None, jobs: int) -> Iterator[Row]:
     """The line is interrupted while a client flies."""
     for boards in (*DIRECT, BEHIND[2]):
         sessions = math.ceil((runs or 200) / CYCLES)
@@ -126,7 +126,7 @@ def tell_cable(runs: int | None, jobs: int) -> Iterator[Row]:
                   not wrong, detail)  # fmt: skip
 
 
-def tell_plug(runs: int | None, jobs: int) -> Iterator[Row]:
+def run_replugs(runs: int | None, jobs: int) -> Iterator[Row]:
     """A pseudo terminal comes and goes under a daemon process."""
     yield plug_row(asyncio.run(replug(runs or 200)))
 
@@ -143,7 +143,7 @@ def plug_row(cycles: Replugs) -> Row:
                figure, limit, cycles.holds, asdict(cycles))  # fmt: skip
 
 
-def tell_kill(runs: int | None, jobs: int) -> Iterator[Row]:
+def run_daemon_ends(runs: int | None, jobs: int) -> Iterator[Row]:
     """The daemon's process ends while a client flies."""
     for number in SIGNALS:
         for boards in DIRECT:
@@ -174,7 +174,7 @@ def end_row(ends: list[End]) -> Row:
     return Row("kill", f"{name} while a client flies", f"FC {fc}", len(ends), figure, limit, is_right, detail)
 
 
-def tell_race(runs: int | None, jobs: int) -> Iterator[Row]:
+def run_lease_race(runs: int | None, jobs: int) -> Iterator[Row]:
     """Two clients fight for the lease; a run is a second."""
     yield race_row(asyncio.run(race(float(runs or 120))))
 
@@ -189,7 +189,7 @@ def race_row(found: Race) -> Row:
     return Row("race", story, "FC 2.12a", found.takes, figure, "0; 0; 0", found.holds, asdict(found))
 
 
-def tell_faults(runs: int | None, jobs: int) -> Iterator[Row]:
+def run_line_faults(runs: int | None, jobs: int) -> Iterator[Row]:
     """Every named fault of the line."""
     for boards in (DIRECT[2], BEHIND[2]):
         for fault in FAULTS:
@@ -206,7 +206,7 @@ def fault_row(found: Verdicts) -> Row:
                f"{1000 * VERDICT:g} ms", found.holds, asdict(found))  # fmt: skip
 
 
-def tell_soak(seconds: float) -> Iterator[Row]:
+def run_soak(seconds: float) -> Iterator[Row]:
     """Full load for a long time."""
     yield soak_row(asyncio.run(soak(seconds)))
 
@@ -227,14 +227,14 @@ def soak_row(found: Soak) -> Row:
 
 
 _CASES: Final[dict[str, Callable[[int | None, int], Iterator[Row]]]] = {
-    "deaths": tell_deaths,
-    "unreleased": tell_unreleased,
-    "clients": tell_clients,
-    "cable": tell_cable,
-    "plug": tell_plug,
-    "kill": tell_kill,
-    "race": tell_race,
-    "faults": tell_faults,
+    "deaths": run_client_deaths,
+    "unreleased": run_deaths_without_release,
+    "clients": run_process_deaths,
+    "cable": run_cable_cuts,
+    "plug": run_replugs,
+    "kill": run_daemon_ends,
+    "race": run_lease_race,
+    "faults": run_line_faults,
 }
 
 
@@ -251,7 +251,7 @@ def main(
     silence_log()
     rows: list[Row] = []
     for name in (*_CASES, "soak") if case is None else (case,):
-        rows.extend(tell_soak(seconds) if name == "soak" else _CASES[name](runs, jobs))
+        rows.extend(run_soak(seconds) if name == "soak" else _CASES[name](runs, jobs))
     if page is not None:
         write_page(page, rows)
     if as_json:

@@ -14,8 +14,7 @@ from mkdaemon.sim.scene.layers import board_layer
 from mkdaemon.vision.calibrate.board import CharucoBoard
 from mkdaemon.vision.calibrate.views import LiveViews
 from mkdaemon.vision.camera.calibration_file import load_camera
-
-from ..vision.boardviews import LENS, PLACES, board_views
+from tests.vision.calibrate.boardviews import LENS, PLACES, board_views
 
 BOARD = CharucoBoard(9, 6, 0.03)
 

@@ -6,13 +6,13 @@ import asyncio
 
 import pytest
 
+from lab.rigs.linkrig import flight_ctrl, navi_ctrl, virtually
 from mkdaemon.errors import CommandRejectedError
 from mkdaemon.protocol.messages import SettingsRequest
 from mkdaemon.protocol.wire import Board
 from mkdaemon.telemetry.control import Phase
 from mkdaemon.telemetry.refusals import Token, refuse
 from tests.daemon.procedures.desk import desk_on, plug_in
-from tests.link.rig import flight_ctrl, navi_ctrl, virtually
 
 
 @pytest.mark.parametrize("make", [flight_ctrl(), navi_ctrl()], ids=["fc", "nc"])

@@ -8,9 +8,9 @@ import random
 
 import pytest
 
+from lab.rigs.linkrig import flight_ctrl, navi_ctrl, virtually
 from mkdaemon.errors import CommandRejectedError
 from tests.daemon.procedures.desk import desk_on, plug_in
-from tests.link.rig import flight_ctrl, navi_ctrl, virtually
 
 
 async def kill_during(socket, folder, verb, after, **fields):
