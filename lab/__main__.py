@@ -13,6 +13,7 @@ CAMPAIGNS: Final = (
     CommandEntry("vision", "lab.vision.main:main", "Detection: rate, accuracy, latency."),
     CommandEntry("stories", "lab.stories.main:main", "Lost clients, pulled cables, races: the safety stories."),
     CommandEntry("procedures", "lab.procedures:main", "Uploads and backups over a line that loses bytes."),
+    CommandEntry("kills", "lab.kills:main", "kill -9 of mkctl and of the daemon during backups and restores."),
     CommandEntry("flight", "lab.flight:main", "The simulated flight against the plant's figures."),
     CommandEntry("figures", "lab.figures:main", "Every plot of docs/figures."),
 )

@@ -258,9 +258,9 @@ def test_in_flight_an_upload_needs_its_flag(ctl: Ctl, tmp_path: Path) -> None:
         wait_blocking(lambda: json.loads(ctl(at, "get", "state/flight", "--json")[1] or "{}").get("motors_running"))
         code, _, err = ctl(at, "waypoints", "upload", str(file))
         assert code == EXIT_FAILURE
-        assert "motors_running: motors are running, and an upload takes effect at once" in err
+        assert "in_flight_needed: motors are running, and do/waypoints_upload takes effect at once" in err
         assert "--in-flight" in err
         assert ctl(at, "waypoints", "upload", str(file), "--in-flight")[::2] == (EXIT_OK, "")
         code, _, err = ctl(at, "settings", "list")
         assert code == EXIT_FAILURE
-        assert "motors_not_known_off" in err
+        assert "motors_running" in err

@@ -10,16 +10,13 @@ from pathlib import Path
 
 import pytest
 
-import mkdaemon.cli.mkctl.settings as command
 from mkdaemon.cli.mkctl.app import app
-from mkdaemon.cli.mkctl.settings_files import read_sets
+from mkdaemon.cli.mkctl.connection import Connection
 from mkdaemon.cli.program import EXIT_CONFIG, EXIT_FAILURE, EXIT_OK, run
+from mkdaemon.client.settings_files import read_sets
 from mkdaemon.errors import ConfigError
-from mkdaemon.protocol.procedures import Patience
-from mkdaemon.protocol.procedures.steps import Pause
-
-from ..protocol.procedures.talk import FlightCtrl
-from .test_conversation import Daemon
+from tests.client.message_boards import BoardVehicle
+from tests.protocol.procedures.talk import FlightCtrl
 
 
 @pytest.fixture
@@ -27,15 +24,11 @@ def board(monkeypatch: pytest.MonkeyPatch) -> FlightCtrl:
     """A FlightCtrl behind a daemon that needs no line."""
     flight = FlightCtrl()
 
-    class Client:
-        @classmethod
-        @asynccontextmanager
-        async def open(cls, connection: object) -> AsyncIterator[Daemon]:
-            yield Daemon(flight)
+    @asynccontextmanager
+    async def opened(connection: Connection) -> AsyncIterator[BoardVehicle]:
+        yield BoardVehicle(flight)
 
-    monkeypatch.setattr(command, "Client", Client)
-    monkeypatch.setattr(command, "PATIENCE", Patience(2))
-    monkeypatch.setattr("mkdaemon.protocol.procedures.live_set.Pause", lambda seconds: Pause(0.0))
+    monkeypatch.setattr(Connection, "open", opened)
     return flight
 
 
@@ -67,6 +60,7 @@ def test_a_folder_keeps_five_sets_and_is_never_overwritten(
     assert (code, len(json.loads(out)["files"]), json.loads(out)["active"]) == (EXIT_OK, 5, 3)
     assert {slot: source.parameters.raw for slot, source in read_sets(folder).items()} == board.sets
     assert ctl(capsys, "backup", str(folder))[0] == EXIT_CONFIG
+    assert ctl(capsys, "backup", str(folder), "--force")[0] == EXIT_OK
     one = tmp_path / "one.json"
     assert ctl(capsys, "backup", str(one), "--slot", "5")[0] == EXIT_OK
     assert read_sets(one)[5].parameters.raw == board.sets[5]
@@ -170,3 +164,21 @@ def test_an_edit_keeps_to_the_ranges_that_are_known(board: FlightCtrl, capsys: p
         assert f"{change.partition('=')[0]} takes {limit}, not" in err
     for change in ("receiver=9", "altitude_channel=32", "external_control=poti8"):
         assert ctl(capsys, "edit", change, "--dry-run")[::2] == (EXIT_OK, "")
+
+
+def test_a_full_disk_leaves_the_old_file_and_fails(
+    board: FlightCtrl, capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    file = tmp_path / "set.toml"
+    assert ctl(capsys, "backup", str(file))[0] == EXIT_OK
+    before = file.read_bytes()
+
+    def full(number: int) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("os.fsync", full)
+    code, _, err = ctl(capsys, "backup", str(file), "--force")
+    assert (code, err.count("\n")) == (EXIT_FAILURE, 1)
+    assert "cannot be written (No space left on device)" in err
+    assert file.read_bytes() == before
+    assert list(tmp_path.iterdir()) == [file]

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from mkdaemon.client.lease import Leasing
-from mkdaemon.client.procedures import Procedures
 from mkdaemon.client.requests import Requests
+from mkdaemon.client.settings import SettingsProcedures
 from mkdaemon.client.summary import Summary
 from mkdaemon.client.verbs import Verbs
+from mkdaemon.client.waypoints import WaypointProcedures
 
 
-class Vehicle(Summary, Leasing, Verbs, Requests, Procedures):
+class Vehicle(Summary, Leasing, Verbs, Requests, SettingsProcedures, WaypointProcedures):
     """A vehicle whose daemon this program is connected to; made by `connect`."""

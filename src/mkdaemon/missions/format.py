@@ -6,7 +6,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Final, NamedTuple
 
-from mkdaemon.errors import ConfigError
+from mkdaemon.errors import ConfigError, MkError
+from mkdaemon.files import write_whole
 from mkdaemon.missions import csv, gpx, kml, qgc, wpl
 from mkdaemon.missions.losses import lost
 from mkdaemon.missions.source import MissionDraft
@@ -67,15 +68,34 @@ def read_mission(path: Path, *, start_elevation: float | None = None, altitude: 
     return draft.settled(str(path), start_elevation=start_elevation, altitude=altitude)
 
 
-def write_mission(mission: Mission, path: Path) -> tuple[str, ...]:
-    """Write a mission to a file; the suffix tells the format.
+def refuse_existing(path: Path, *, overwrite: bool) -> None:
+    """Check that a file may be written, before the work that fills it.
+
+    Raises:
+        ConfigError: it is there already, and `overwrite` is off; or its suffix is no format.
+    """
+    _format(path)
+    if path.exists() and not overwrite:
+        msg = f"{path}: exists already; choose another name, or overwrite it with --force"
+        raise ConfigError(msg)
+
+
+def write_mission(mission: Mission, path: Path, *, overwrite: bool = False) -> tuple[str, ...]:
+    """Write a mission to a file, whole or not at all; the suffix tells the format.
+
+    Args:
+        mission: what to write.
+        path: the file.
+        overwrite: replace a file that is there.
 
     Returns:
         What the format does not keep, for example `climb of points 2 and 3`.
 
     Raises:
-        ConfigError: the format is unknown, would fly another mission, or the file cannot be written.
+        ConfigError: the format is unknown or would fly another mission, or the file is there already.
+        MkError: the file cannot be written; what was there is untouched.
     """
+    refuse_existing(path, overwrite=overwrite)
     chosen = _format(path)
     try:
         text = chosen.write(mission)
@@ -84,10 +104,10 @@ def write_mission(mission: Mission, path: Path) -> tuple[str, ...]:
         msg = f"{path}: this format cannot keep the mission: {error}"
         raise ConfigError(msg) from error
     try:
-        path.write_text(text, encoding="utf-8")
+        write_whole(path, text, overwrite=overwrite)
     except OSError as error:
         msg = f"{path}: cannot be written ({error.strerror}); choose another place"
-        raise ConfigError(msg) from error
+        raise MkError(msg) from error
     return gone
 
 

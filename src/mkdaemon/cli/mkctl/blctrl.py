@@ -3,34 +3,16 @@
 from __future__ import annotations
 
 import json
-from typing import Annotated, Final
+from typing import Annotated
 
 from cyclopts import App, Parameter, validators
 
 from mkdaemon.cli.mkctl.connection import HERE, Connection
-from mkdaemon.cli.mkctl.conversation import request
-from mkdaemon.client import Vehicle
-from mkdaemon.errors import ConfigError, MkError, RequestTimeoutError
-from mkdaemon.protocol.flags import MotorControllerBits, MotorControllerItems, MotorControllerStatus
-from mkdaemon.protocol.messages import (
-    MotorController,
-    MotorControllerRequest,
-    MotorControllerWritten,
-    WriteMotorController,
-)
-from mkdaemon.protocol.messages.blctrl import motor_controller_checksum
-from mkdaemon.protocol.wire import Board
+from mkdaemon.errors import ConfigError
+from mkdaemon.protocol.messages import MotorController
+from mkdaemon.telemetry.settings import ControllerSettings
 
 app = App(name="bl", help="Configuration of BL-Ctrl 2.0 and later, through a FlightCtrl 0.80 and later; motors off.")
-
-ITEMS: Final = {
-    "pwm_scaling": MotorControllerItems.PWM_SCALING,
-    "current_limit": MotorControllerItems.CURRENT_LIMIT,
-    "temperature_limit": MotorControllerItems.TEMPERATURE_LIMIT,
-    "current_scaling": MotorControllerItems.CURRENT_SCALING,
-    "bits": MotorControllerItems.BITS,
-}
-"""Fields that can be set, each with the bit that applies it."""
 
 Motor = Annotated[int, Parameter(help="Motor 1..16.", validator=validators.Number(gte=1, lte=16))]
 Byte = validators.Number(gte=0, lte=255)
@@ -39,8 +21,9 @@ Byte = validators.Number(gte=0, lte=255)
 @app.command
 async def get(motor: Motor, /, *, connection: Connection = HERE) -> None:
     """Show a motor controller's configuration."""
-    async with connection.open() as client:
-        _show(connection, await _read(client, motor))
+    async with connection.open() as uav:
+        [found] = await uav.motor_controllers([motor])
+    _show(connection, found)
 
 
 @app.command(name="set")
@@ -77,74 +60,16 @@ async def set_configuration(
     if not confirm:
         msg = "a wrong sense of rotation or limit crashes the aircraft; check it and repeat with --confirm"
         raise ConfigError(msg)
-    async with connection.open() as client:
-        wanted = configure(await _read(client, motor), given, reverse=reverse, save=save)
-        answer = await request(client, Board.FC, wanted)
-        if isinstance(answer, MotorControllerWritten) and not answer.done:
-            _raise_status(motor, answer.status)
-        stored = await _read(client, motor)
-    wrong = [name for name in ITEMS if getattr(stored, name) != getattr(wanted, name)]
-    if wrong:
-        texts = [f"{name} is {getattr(stored, name)}, not {getattr(wanted, name)}" for name in wrong]
-        msg = f"motor controller {motor}: {'; '.join(texts)}; do not fly"
-        raise MkError(msg)
+    async with connection.open() as uav:
+        stored = await uav.change_motor_controller(motor, confirm=confirm, reverse=reverse, save=save, **given)
     _show(connection, stored)
 
 
-def configure(
-    present: MotorController, given: dict[str, int | None], *, reverse: bool | None, save: bool
-) -> WriteMotorController:
-    """Return the write that changes only what is given: its mask names those items, its checksum is right.
-
-    Args:
-        present: configuration as it is.
-        given: new values by field; None keeps.
-        reverse: sense of rotation; None keeps.
-        save: whether the controller keeps it.
-    """
-    values = {name: getattr(present, name) for name in ITEMS} | {k: v for k, v in given.items() if v is not None}
-    items = MotorControllerItems.NONE
-    for name, value in given.items():
-        if value is not None:
-            items |= ITEMS[name]
-    if reverse is not None:
-        bits = MotorControllerBits(present.bits)
-        values["bits"] = bits | MotorControllerBits.REVERSE if reverse else bits & ~MotorControllerBits.REVERSE
-        items |= MotorControllerItems.BITS
-    if save:
-        items |= MotorControllerItems.SAVE
-    draft = WriteMotorController(
-        motor=present.motor,
-        revision=present.revision,
-        items=items,
-        checksum=0,
-        **{k: int(v) for k, v in values.items()},
-    )
-    return draft.model_copy(update={"checksum": motor_controller_checksum(draft.encode()[1:8])})
-
-
-async def _read(client: Vehicle, motor: int) -> MotorController:
-    answer = await request(client, Board.FC, MotorControllerRequest(motor=motor))
-    if not isinstance(answer, MotorController):
-        msg = f"no configuration of motor controller {motor}: motors must be off, the FlightCtrl 0.80 or later"
-        raise RequestTimeoutError(msg)
-    if not answer.done:
-        _raise_status(motor, answer.status)
-    return answer
-
-
-def _raise_status(motor: int, status: MotorControllerStatus) -> None:
-    words = MotorControllerStatus(status).name.lower().replace("_", " ")
-    msg = f"motor controller {motor}: {words}; check that motors are off and the controller is a BL-Ctrl 2.0 or later"
-    raise MkError(msg)
-
-
-def _show(connection: Connection, found: MotorController) -> None:
-    fields = found.model_dump(mode="json", exclude={"done", "status", "items", "checksum"})
-    fields["reverse"] = bool(found.bits & MotorControllerBits.REVERSE)
+def _show(connection: Connection, found: ControllerSettings) -> None:
+    fields = found.model_dump()
     if connection.json:
         print(json.dumps(fields))
         return
     for name, value in fields.items():
-        unit = found.spec.wire(name).unit if name in type(found).model_fields else ""
+        unit = MotorController.spec.wire(name).unit if name in MotorController.model_fields else ""
         print(f"{name:20} {value} {unit}".rstrip())

@@ -19,24 +19,6 @@ async def motors_running(client: Vehicle) -> bool | None:
     return bool(sample.fields["motors_running"])
 
 
-async def require_motors_off(client: Vehicle, why: str, option: str) -> None:
-    """Go on only with motors known to stand still.
-
-    Args:
-        client: the daemon's client.
-        why: what running motors would mean, in words.
-        option: what allows it all the same.
-
-    Raises:
-        CommandRejectedError: `motors_running` or `motors_unknown`.
-    """
-    running = await motors_running(client)
-    if running is None:
-        raise refuse(Token.MOTORS_UNKNOWN, detail=f"{why} ({option} does it all the same)")
-    if running:
-        raise refuse(Token.MOTORS_RUNNING, detail=f"{why} ({option} does it all the same)")
-
-
 async def refuse_running(client: Vehicle, why: str) -> None:
     """Go on unless motors are known to run; what is unknown is left to the daemon's own gate.
 

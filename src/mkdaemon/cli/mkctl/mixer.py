@@ -10,12 +10,10 @@ from typing import Annotated, Any, Final
 from cyclopts import App, Parameter
 
 from mkdaemon.cli.mkctl.connection import HERE, Connection
-from mkdaemon.cli.mkctl.conversation import request
-from mkdaemon.cli.mkctl.flightstate import refuse_running
-from mkdaemon.client import Vehicle
-from mkdaemon.errors import ConfigError, MkError, RequestTimeoutError
-from mkdaemon.protocol.messages import Mixer, MixerRequest, MixerWritten, WriteMixer
-from mkdaemon.protocol.wire import Board
+from mkdaemon.errors import ConfigError, MkError
+from mkdaemon.files import write_whole
+from mkdaemon.protocol.messages import WriteMixer
+from mkdaemon.telemetry.settings import MixerTable
 
 app = App(name="mixer", help="Mixer of the FlightCtrl: 16 rows of throttle, pitch, roll, yaw; 64 is 100 %.")
 
@@ -28,13 +26,22 @@ async def get(
     file: Annotated[Path | None, Parameter(help="Save it as TOML; without it the table is shown.")] = None,
     /,
     *,
+    force: Annotated[bool, Parameter(help="Overwrite a file that is there.", negative=())] = False,
     connection: Connection = HERE,
 ) -> None:
-    """Show or save the mixer."""
-    async with connection.open() as client:
-        mixer = await _read(client)
+    """Show or save the mixer.
+
+    Raises:
+        ConfigError: the file is there already.
+        MkError: the FlightCtrl did not answer, or the file cannot be written.
+    """
+    if file is not None and file.exists() and not force:
+        msg = f"{file}: exists already; choose another name, or overwrite it with --force"
+        raise ConfigError(msg)
+    async with connection.open() as uav:
+        mixer = await uav.mixer()
     if file is not None:
-        _save(file, mixer)
+        _save(file, mixer, overwrite=force)
     elif connection.json:
         print(json.dumps({"name": mixer.name, "motors": _rows(mixer)}))
     else:
@@ -59,17 +66,8 @@ async def set_mixer(
     if not confirm:
         msg = f"{file}: a wrong mixer flips the aircraft; check the rows and repeat with --confirm"
         raise ConfigError(msg)
-    async with connection.open() as client:
-        await refuse_running(client, "the mixer is used at once")
-        answer = await request(client, Board.FC, wanted)
-        if isinstance(answer, MixerWritten) and not answer.stored:
-            msg = "the FlightCtrl refused the mixer: it speaks another revision"
-            raise MkError(msg)
-        stored = await _read(client)
-    if (stored.name, stored.motors) != (wanted.name, wanted.motors):
-        rows = [n + 1 for n in range(ROWS) if stored.motors[4 * n : 4 * n + 4] != wanted.motors[4 * n : 4 * n + 4]]
-        msg = f"the FlightCtrl holds another mixer than {file} (rows {rows or 'equal, but the name'}); do not fly"
-        raise MkError(msg)
+    async with connection.open() as uav:
+        stored = await uav.write_mixer(wanted.name, wanted.motors, confirm=confirm)
     print(f"stored and read back: {stored.name}")
 
 
@@ -123,22 +121,14 @@ def _is_row(row: object) -> bool:
     )
 
 
-async def _read(client: Vehicle) -> Mixer:
-    answer = await request(client, Board.FC, MixerRequest())
-    if not isinstance(answer, Mixer):
-        msg = "the FlightCtrl did not send its mixer; it must be 0.73 or later (`mkctl status`)"
-        raise RequestTimeoutError(msg)
-    return answer
-
-
-def _save(file: Path, mixer: Mixer) -> None:
+def _save(file: Path, mixer: MixerTable, *, overwrite: bool) -> None:
     try:
-        file.write_text(to_toml(mixer.name, mixer.motors), encoding="utf-8")
+        write_whole(file, to_toml(mixer.name, mixer.motors), overwrite=overwrite)
     except OSError as error:
         msg = f"{file}: cannot be written ({error.strerror}); choose another place"
-        raise ConfigError(msg) from error
+        raise MkError(msg) from error
     print(f"saved {file}")
 
 
-def _rows(mixer: Mixer) -> list[list[int]]:
+def _rows(mixer: MixerTable) -> list[list[int]]:
     return [list(mixer.motors[4 * n : 4 * n + 4]) for n in range(ROWS)]

@@ -9,8 +9,8 @@ from typing import Annotated, Final
 
 from cyclopts import App, Parameter, validators
 
+from mkdaemon.cli.mkctl.asking import ask_board
 from mkdaemon.cli.mkctl.connection import HERE, Connection
-from mkdaemon.cli.mkctl.conversation import request
 from mkdaemon.cli.mkctl.flightstate import refuse_running
 from mkdaemon.client import Vehicle
 from mkdaemon.errors import ConfigError, MkError
@@ -73,7 +73,7 @@ async def test(
 async def _turn(client: Vehicle, points: tuple[int, ...], seconds: float) -> None:
     end = asyncio.get_running_loop().time() + seconds
     while asyncio.get_running_loop().time() < end:
-        await request(client, Board.FC, MotorTest(motors=points))
+        await ask_board(client, Board.FC, MotorTest(motors=points))
         await asyncio.sleep(PERIOD)
 
 
@@ -92,7 +92,7 @@ async def _stop(client: Vehicle) -> None:
 async def _send_stop(client: Vehicle, after: float) -> bool:
     await asyncio.sleep(after)
     with contextlib.suppress(MkError):
-        await request(client, Board.FC, MotorTest(motors=(0,) * 16))
+        await ask_board(client, Board.FC, MotorTest(motors=(0,) * 16))
         return True
     return False
 

@@ -7,8 +7,8 @@ from typing import Annotated, Final
 
 from cyclopts import App, Parameter, validators
 
+from mkdaemon.cli.mkctl.asking import ask_board
 from mkdaemon.cli.mkctl.connection import HERE, Connection
-from mkdaemon.cli.mkctl.conversation import request
 from mkdaemon.errors import ConfigError, MkError, RequestTimeoutError
 from mkdaemon.protocol.flags import NaviParameterId
 from mkdaemon.protocol.messages import NaviParameter, NaviParameterRequest, WriteNaviParameter
@@ -65,7 +65,7 @@ async def set_value(
 
 async def _ask(connection: Connection, message: WireMessage) -> NaviParameter:
     async with connection.open() as client:
-        answer = await request(client, Board.NC, message)
+        answer = await ask_board(client, Board.NC, message)
     if not isinstance(answer, NaviParameter):
         msg = "the NaviCtrl did not answer; it must be 0.24 or later (`mkctl status`)"
         raise RequestTimeoutError(msg)

@@ -4,27 +4,25 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import Annotated, Final, Literal
+from typing import Annotated, Literal
 
 from cyclopts import App, Parameter
 
 from mkdaemon.cli.mkctl.connection import HERE, Connection
-from mkdaemon.cli.mkctl.conversation import converse, progress_bar
-from mkdaemon.cli.mkctl.settings_files import Source, read_sets, read_target, write_backup
-from mkdaemon.errors import ConfigError, ProtocolError
-from mkdaemon.protocol.procedures.live_set import SLOTS
-from mkdaemon.protocol.procedures.settings import Backup, Restoration, backup_settings, restore_settings
-from mkdaemon.protocol.procedures.steps import Patience
-from mkdaemon.protocol.settings import ParameterSet, Value, is_useful
-from mkdaemon.protocol.settings_file import Spelled, SpelledChange, parse_value, spell_changes, spell_value
+from mkdaemon.cli.mkctl.progress import following
+from mkdaemon.client.settings import ALL_SLOTS
+from mkdaemon.client.settings_files import Source, check_target, read_sets, write_backup
+from mkdaemon.errors import CommandRejectedError, ConfigError
+from mkdaemon.protocol.settings import ParameterSet
+from mkdaemon.protocol.settings_file import Spelled, SpelledChange, change_by_name, spell_changes, spell_value
+from mkdaemon.telemetry.refusals import Token
+from mkdaemon.telemetry.settings import SettingsBackup, SettingsRestoration, StoredSet
 
 app = App(
     name="settings",
     help="Parameter sets of the FlightCtrl. Reading a set loads it, so motors must be off; the active set is loaded "
     "again at the end and proven by comparing bytes.",
 )
-
-PATIENCE: Final = Patience(attempts=6)
 
 Slot = Annotated[Literal[1, 2, 3, 4, 5] | None, Parameter(help="Set 1..5; without it the active one.")]
 Names = Annotated[str, Parameter(help="Parameters to show; all without any.")]
@@ -33,15 +31,16 @@ Saved = Annotated[Path, Parameter(help="File or folder of a backup.")]
 Other = Annotated[Path | None, Parameter(help="Another; without it the board is read.")]
 Target = Annotated[Path, Parameter(help="A folder for all five sets, or one `.toml` or `.json` file for one.")]
 DryRun = Annotated[bool, Parameter(negative=(), help="Read and compare only.")]
+Force = Annotated[bool, Parameter(negative=(), help="Overwrite files that are there.")]
 
 
 @app.command(name="list")
 async def list_sets(*, connection: Connection = HERE) -> None:
     """Show number, name and revision of all five sets, and which one is active."""
-    backup = await _read(connection, SLOTS)
+    backup = await _read(connection, ALL_SLOTS)
     rows = [
         {"slot": slot, "name": found.name, "revision": found.revision, "active": slot == backup.active}
-        for slot, found in _sets(backup).items()
+        for slot, found in _sets(backup.sets).items()
     ]
     if connection.json:
         print(json.dumps(rows))
@@ -55,7 +54,7 @@ async def show(*names: Names, slot: Slot = None, connection: Connection = HERE) 
     """Show a set's parameters by name: value, unit, meaning."""
     backup = await _read(connection, (slot,) if slot else ())
     number = slot or backup.active
-    found = _sets(backup)[number]
+    found = _sets(backup.sets)[number]
     if found.layout is None:
         print(f"# {found.reason}")
         print(found.raw.hex())
@@ -64,7 +63,7 @@ async def show(*names: Names, slot: Slot = None, connection: Connection = HERE) 
     if connection.json:
         print(json.dumps({"slot": number, "revision": found.revision, "values": values}))
         return
-    print(f"# set {number} {found.name!r}, revision {found.revision}, FlightCtrl {backup.version.release}")
+    print(f"# set {number} {found.name!r}, revision {found.revision}, FlightCtrl {backup.firmware}")
     for name, value in values.items():
         parameter = found.layout.place(name).parameter
         unit = f" {parameter.unit}" if parameter.unit else ""
@@ -72,13 +71,11 @@ async def show(*names: Names, slot: Slot = None, connection: Connection = HERE) 
 
 
 @app.command
-async def backup(target: Target, /, *, slot: Slot = None, connection: Connection = HERE) -> None:
+async def backup(target: Target, /, *, slot: Slot = None, force: Force = False, connection: Connection = HERE) -> None:
     """Save sets to files; the live set is byte-identical afterwards, proven by reading it again."""
-    is_file = read_target(target)
-    slots = ((slot,) if slot else ()) if is_file or slot else SLOTS
+    slots = check_target(target, (slot,) if slot else ALL_SLOTS, overwrite=force)
     found = await _read(connection, slots)
-    wanted = {slot or found.active} if is_file or slot else set(SLOTS)
-    paths = write_backup(target, found, wanted)
+    paths = write_backup(target, found, slots or (found.active,), overwrite=force)
     if connection.json:
         print(json.dumps({"active": found.active, "files": [str(path) for path in paths]}))
         return
@@ -91,10 +88,11 @@ async def diff(first: Saved, second: Other = None, /, *, connection: Connection 
     before = read_sets(first)
     if second is not None:
         after = {slot: source.parameters for slot, source in read_sets(second).items()}
+        if before.keys() != after.keys() and len(before) == len(after) == 1:
+            after = dict(zip(before, after.values(), strict=True))
     else:
-        after = _sets(await _read(connection, tuple(before)))
-    if before.keys() != after.keys() and len(before) == len(after) == 1:
-        after = dict(zip(before, after.values(), strict=True))
+        async with connection.open() as uav, following(uav, "read", quiet=connection.json) as report:
+            after = _sets((await uav.compare_settings(_raw(before), on_progress=report)).stored)
     changes = {slot: spell_changes(source.parameters, after[slot]) for slot, source in before.items() if slot in after}
     _print_changes(connection, changes, "{name} is {before} in the first and {after} in the second")
     return 1 if any(changes.values()) else 0
@@ -118,7 +116,13 @@ async def restore(
             msg = f"{source}: --slot moves a single set, this holds {len(sets)}; name one file"
             raise ConfigError(msg)
         sets = {slot: next(iter(sets.values()))}
-    await _write(connection, sets, dry_run=dry_run)
+    for source_set in sets.values():
+        if source_set.parameters.layout is None:
+            msg = f"{source_set.name}: {source_set.parameters.reason}; such sets are a record and never written"
+            raise ConfigError(msg)
+    async with connection.open() as uav, following(uav, "write", quiet=connection.json) as report:
+        done = await uav.restore_settings(_raw(sets), dry_run=dry_run, on_progress=report)
+    _print_written(connection, {slot: found.parameters for slot, found in sets.items()}, done, dry_run=dry_run)
 
 
 @app.command
@@ -133,48 +137,71 @@ async def edit(*changes: Changes, slot: Slot = None, dry_run: DryRun = False, co
     if not wanted:
         msg = "nothing to change; write NAME=VALUE, for example gyro_p=85 (`mkctl settings show` lists names)"
         raise ConfigError(msg)
-    found = await _read(connection, (slot,) if slot else ())
-    number = slot or found.active
-    current = _sets(found)[number]
-    changed = _change(current, wanted)
-    if changed.raw == current.raw:
+    async with connection.open() as uav, following(uav, "write", quiet=connection.json) as report:
+        try:
+            done = await uav.write_settings(wanted, slot, dry_run=dry_run, on_progress=report)
+        except CommandRejectedError as error:
+            if error.token != Token.BAD_VALUE:
+                raise
+            raise ConfigError(f"{error.reason} {error.fix}") from error
+    [(number, before)] = _sets(done.before).items()
+    changed = change_by_name(before, wanted)
+    if changed.raw == before.raw:
         print("nothing to change")
         return
-    await _write(connection, {number: Source(changed, f"set {number}")}, dry_run=dry_run)
+    _print_written(connection, {number: changed}, done, dry_run=dry_run)
 
 
-async def _read(connection: Connection, slots: tuple[int, ...]) -> Backup:
-    async with connection.open() as client:
-        with progress_bar("read", quiet=connection.json) as report:
-            return await converse(client, backup_settings(PATIENCE, slots), report)
+@app.command
+async def recover(
+    *,
+    retry: Annotated[bool, Parameter(negative=(), help="Try at once.")] = False,
+    discard: Annotated[bool, Parameter(negative=(), help="Forget it: you know what is live.")] = False,
+    connection: Connection = HERE,
+) -> int:
+    """Show live sets that a procedure left unproven; the daemon restores them when it can. Exit code 1 if any is owed.
+
+    Raises:
+        ConfigError: both at once.
+    """
+    if retry and discard:
+        msg = "--retry and --discard exclude each other"
+        raise ConfigError(msg)
+    async with connection.open() as uav:
+        notes = await uav.recover_settings("discard" if discard else "retry" if retry else "show")
+    if connection.json:
+        print(json.dumps([note.model_dump() for note in notes]))
+    else:
+        for note in notes:
+            print(
+                f"set {note.active} of a FlightCtrl {note.firmware}, live when {note.verb} was cut off: {note.detail}"
+            )
+        if not notes:
+            print("no live set is owed")
+    return 1 if any(note.is_owed for note in notes) else 0
 
 
-async def _write(connection: Connection, sets: dict[int, Source], *, dry_run: bool) -> None:
-    for source in sets.values():
-        if source.parameters.layout is None:
-            msg = f"{source.name}: {source.parameters.reason}; such sets are kept as a record and never written"
-            raise ConfigError(msg)
-    wanted = {slot: source.parameters.raw for slot, source in sets.items()}
-    async with connection.open() as client:
-        with progress_bar("write", quiet=connection.json) as report:
-            done = await converse(client, restore_settings(wanted, PATIENCE, dry_run=dry_run), report)
-    _tell(connection, sets, done, dry_run=dry_run)
+async def _read(connection: Connection, slots: tuple[int, ...]) -> SettingsBackup:
+    async with connection.open() as uav, following(uav, "read", quiet=connection.json) as report:
+        return await uav.read_settings(slots, on_progress=report)
 
 
-def _tell(connection: Connection, sets: dict[int, Source], done: Restoration, *, dry_run: bool) -> None:
+def _print_written(
+    connection: Connection, wanted: dict[int, ParameterSet], done: SettingsRestoration, *, dry_run: bool
+) -> None:
     """Say what would change or was changed, and what the FlightCtrl made of it."""
-    before = {slot: ParameterSet.from_payload(raw) for slot, raw in done.before.items()}
-    planned = {slot: spell_changes(before[slot], source.parameters) for slot, source in sets.items()}
+    before = _sets(done.before)
+    planned = {slot: spell_changes(before[slot], parameters) for slot, parameters in wanted.items()}
     if dry_run:
         _print_changes(connection, planned, "would change {name} from {before} to {after}")
         return
-    stored = {slot: ParameterSet.from_payload(raw) for slot, raw in done.stored.items()}
-    own_will = {slot: spell_changes(source.parameters, stored[slot]) for slot, source in sets.items()}
+    stored = _sets(done.stored)
+    of_fc = {slot: spell_changes(parameters, stored[slot]) for slot, parameters in wanted.items()}
     if connection.json:
-        print(json.dumps({"written": done.written, "active": done.active, "changed_by_fc": _plain(own_will)}))
+        print(json.dumps({"written": done.written, "active": done.active, "changed_by_fc": _plain(of_fc)}))
         return
     _print_changes(connection, planned, "{name}: {before} -> {after}")
-    _print_changes(connection, own_will, "the FC changed {name} from {before} to {after}", silent=True)
+    _print_changes(connection, of_fc, "the FC changed {name} from {before} to {after}", silent=True)
     print(f"set {done.active} is active and live" if done.written else "nothing had to be written")
 
 
@@ -196,8 +223,12 @@ def _plain(changes: dict[int, tuple[SpelledChange, ...]]) -> dict[int, list[dict
     return {slot: [change._asdict() for change in found] for slot, found in changes.items()}
 
 
-def _sets(found: Backup) -> dict[int, ParameterSet]:
-    return {slot: ParameterSet.from_payload(raw) for slot, raw in found.sets.items()}
+def _sets(found: tuple[StoredSet, ...]) -> dict[int, ParameterSet]:
+    return {one.slot: ParameterSet.from_payload(one.raw) for one in found}
+
+
+def _raw(sets: dict[int, Source]) -> dict[int, bytes]:
+    return {slot: source.parameters.raw for slot, source in sets.items()}
 
 
 def _split(change: str) -> tuple[str, str]:
@@ -206,27 +237,6 @@ def _split(change: str) -> tuple[str, str]:
         msg = f"{change!r} is no change; write NAME=VALUE, for example gyro_p=85"
         raise ConfigError(msg)
     return name.strip().replace("-", "_"), value.strip()
-
-
-def _change(current: ParameterSet, wanted: dict[str, str]) -> ParameterSet:
-    layout = current.layout
-    if layout is None:
-        raise ConfigError(f"{current.reason}; nothing can be changed by name")
-    values: dict[str, Value] = {}
-    try:
-        for name, text in wanted.items():
-            is_list = layout.place(name).parameter.bits or "," in text
-            spelled: object = [word for word in text.split(",") if word] if is_list and not text.isdecimal() else text
-            if isinstance(spelled, list) and all(word.isdecimal() for word in spelled) and spelled:
-                spelled = [int(word) for word in spelled]
-            value = values[name] = parse_value(layout, name, spelled)
-            parameter = layout.place(name).parameter
-            if isinstance(value, int) and value != current[name] and not is_useful(parameter, value):
-                msg = f"{name} takes 0..{parameter.high}, not {value}: {parameter.meaning}"
-                raise ConfigError(msg)
-        return current.replaced(values)
-    except ProtocolError as error:
-        raise ConfigError(f"{error}; `mkctl settings show` lists names and values") from error
 
 
 def _spell(value: object) -> str:

@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 import datetime
-from collections.abc import Collection
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Final, NamedTuple
 
-from mkdaemon.errors import ConfigError, ProtocolError
-from mkdaemon.protocol.procedures.settings import Backup
+from mkdaemon.errors import ConfigError, MkError, ProtocolError
+from mkdaemon.files import write_whole
 from mkdaemon.protocol.settings import ParameterSet
 from mkdaemon.protocol.settings_file import SettingsFile
+from mkdaemon.telemetry.settings import SettingsBackup
 
 _SUFFIXES: Final = (".toml", ".json")
+_ALL: Final = 5
+"""Sets of a FlightCtrl."""
 
 
 class Source(NamedTuple):
@@ -27,46 +30,58 @@ class Source(NamedTuple):
     name: str
 
 
-def read_target(target: Path) -> bool:
-    """Whether a backup's target is one file (True) or a folder (False).
+def check_target(target: Path, slots: Sequence[int], *, overwrite: bool = False) -> tuple[int, ...]:
+    """Check where a backup goes before anything is read.
+
+    Args:
+        target: a folder, or a `.toml` or `.json` file for a single set.
+        slots: numbers of the sets; all five for a file mean the active one.
+        overwrite: replace files that are there.
+
+    Returns:
+        Numbers of the sets to read; none for the active one.
 
     Raises:
-        ConfigError: the file exists already, or the folder holds other things.
+        ConfigError: a file is there already, or several sets were to go into one.
     """
     if target.suffix.lower() in _SUFFIXES:
-        if target.exists():
-            msg = f"{target}: exists already; choose another name, backups are never overwritten"
+        if target.exists() and not overwrite:
+            msg = f"{target}: exists already; choose another name, or overwrite it with --force"
             raise ConfigError(msg)
-        return True
-    if target.is_file() or (target.is_dir() and any(target.glob("set*"))):
-        msg = f"{target}: holds something already; choose another folder, or a file ending in .toml or .json"
+        if len(slots) > 1 and len(slots) < _ALL:
+            msg = f"{target}: one file holds one set, not {len(slots)}; name a folder"
+            raise ConfigError(msg)
+        return tuple(slots) if len(slots) == 1 else ()
+    if target.is_file() or (target.is_dir() and any(target.glob("set*")) and not overwrite):
+        msg = f"{target}: holds something already; choose another folder, a file ending in .toml or .json, or --force"
         raise ConfigError(msg)
-    return False
+    return tuple(slots)
 
 
-def write_backup(target: Path, backup: Backup, wanted: Collection[int]) -> list[Path]:
-    """Write sets; returns the files.
+def write_backup(
+    target: Path, found: SettingsBackup, slots: Sequence[int], *, overwrite: bool = False
+) -> tuple[Path, ...]:
+    """Write sets, each file whole or not at all; returns the files.
 
     Raises:
-        ConfigError: the place cannot be written.
+        MkError: the place cannot be written.
     """
     saved = datetime.datetime.now(tz=datetime.UTC).isoformat(timespec="seconds")
     is_file = target.suffix.lower() in _SUFFIXES
+    raw = {one.slot: one.raw for one in found.sets}
     paths = []
     try:
         (target.parent if is_file else target).mkdir(parents=True, exist_ok=True)
-        for slot in sorted(wanted):
-            parameters = ParameterSet.from_payload(backup.sets[slot])
-            content = SettingsFile(parameters, slot, backup.version.release, saved)
+        for slot in sorted(slots):
+            content = SettingsFile(ParameterSet.from_payload(raw[slot]), slot, found.firmware, saved)
             path = target if is_file else target / f"set{slot}.toml"
-            path.write_text(
-                content.to_json() if path.suffix.lower() == ".json" else content.to_toml(), encoding="utf-8"
-            )
+            text = content.to_json() if path.suffix.lower() == ".json" else content.to_toml()
+            write_whole(path, text, overwrite=overwrite)
             paths.append(path)
     except OSError as error:
         msg = f"{target}: cannot be written ({error.strerror}); choose another place"
-        raise ConfigError(msg) from error
-    return paths
+        raise MkError(msg) from error
+    return tuple(paths)
 
 
 def read_sets(source: Path) -> dict[int, Source]:

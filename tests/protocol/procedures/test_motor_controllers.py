@@ -2,10 +2,10 @@ from __future__ import annotations
 
 import pytest
 
-from mkdaemon.cli.mkctl.blctrl import configure
 from mkdaemon.protocol.flags import MotorControllerBits, MotorControllerItems
 from mkdaemon.protocol.messages import MotorController
 from mkdaemon.protocol.messages.blctrl import motor_controller_checksum
+from mkdaemon.protocol.procedures.motor_controllers import configure
 
 PRESENT = MotorController.decode(bytes((1, 0, 3, 2, 0, 255, 30, 99, 64, 0x02, 7)))
 NOTHING: dict[str, int | None] = dict.fromkeys(["pwm_scaling", "current_limit", "temperature_limit", "current_scaling"])

@@ -1,0 +1,303 @@
+"""`python -m lab kills`: `kill -9` of mkctl and of the daemon at random moments of a settings backup and of a restore.
+
+Real processes, the simulated FlightCtrl on a pseudo terminal. Afterwards (after the next start, where the daemon was
+killed) the live parameter set must be byte-identical to what it was, and so must every stored set that was not to be
+changed. The moments are drawn over the length of the procedure, measured first.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import random
+import signal
+import sys
+import tempfile
+import time
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager, suppress
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Annotated, Final
+
+from cyclopts import Parameter
+
+from lab.rigs.processes import VEHICLE, DaemonProcess, ObservedSimulation, connected, daemon_process
+from lab.rigs.waiting import PATIENCE
+from mkdaemon.cli.arguments import AsJson
+from mkdaemon.client import Vehicle
+from mkdaemon.client.settings_files import write_backup
+from mkdaemon.config.sim import PilotPlan, SimConfig
+from mkdaemon.errors import MkError
+from mkdaemon.sim.runtime import Runtime
+from mkdaemon.telemetry.settings import SettingsBackup, StoredSet
+
+RESTORED: Final = (1, 4)
+"""Sets that a restore changes; the active one is another."""
+LOOK: Final = 0.1
+"""Time between two looks at whether the live set is proven [s]."""
+
+
+@dataclass(frozen=True, slots=True)
+class Kill:
+    """One kill and what was left.
+
+    Attributes:
+        victim: `mkctl` or `daemon`.
+        verb: `backup` or `restore`.
+        seed: of everything random in it.
+        moment: from the first progress to the kill [s].
+        was_other_set_live: another set than the right one was live at that moment.
+        is_live_same: the live set is byte-identical in the end, and the same one is active.
+        are_others_same: so is every stored set that was not to be changed.
+        is_half_written: a set to be restored is neither the old one nor the new one.
+        took: from the kill to the end of the procedure, or to the proof after the next start [s].
+    """
+
+    victim: str
+    verb: str
+    seed: int
+    moment: float
+    was_other_set_live: bool
+    is_live_same: bool
+    are_others_same: bool
+    is_half_written: bool
+    took: float
+
+    @property
+    def is_wrong(self) -> bool:
+        """Whether anything is not as it must be."""
+        return not (self.is_live_same and self.are_others_same) or self.is_half_written
+
+
+class Bench:
+    """A simulated FlightCtrl whose five sets differ, and the daemon on it."""
+
+    def __init__(self, seed: int, folder: Path) -> None:
+        config = {"board": "fc", "fc": "2.12a", "pilot_plan": PilotPlan.NOTHING, "calibrated": True, "seed": seed}
+        self.simulation = ObservedSimulation(SimConfig.model_validate(config), keeps=False)
+        self.runtime = Runtime(self.simulation)
+        self.folder = folder
+        self._rng = random.Random(f"{seed} sets")
+        flight = self.simulation.flight
+        for slot, raw in list(flight.eeprom.sets.items()):
+            flight.eeprom.sets[slot] = raw[:50] + bytes((slot,)) + raw[51:]
+        flight.load(flight.eeprom.active)
+
+    @property
+    def port(self) -> str:
+        """URL of the line."""
+        return f"pty:{self.runtime.port}"
+
+    def new_sets(self) -> dict[int, bytes]:
+        """Other bytes for the sets to be restored, within what a FlightCtrl stores as it is."""
+        sets = self.simulation.flight.eeprom.sets
+        return {slot: sets[slot][:51] + self._rng.randbytes(3) + sets[slot][54:] for slot in RESTORED}
+
+    def snapshot(self) -> tuple[bytes, int, dict[int, bytes]]:
+        """The live set, the number of the active one, and what is stored."""
+        flight = self.simulation.flight
+        return flight.live.raw, flight.eeprom.active, dict(flight.eeprom.sets)
+
+    async def ask(self, uav: Vehicle, verb: str, wanted: dict[int, bytes]) -> None:
+        """Ask for the procedure and wait for its end."""
+        if verb == "backup":
+            await uav.read_settings()
+        else:
+            await uav.restore_settings(wanted)
+
+
+async def measure(bench: Bench, uav: Vehicle) -> dict[str, float]:
+    """How long each procedure takes when nobody is killed [s]."""
+    lengths = {}
+    for verb in ("backup", "restore"):
+        began = time.monotonic()
+        await bench.ask(uav, verb, bench.new_sets())
+        lengths[verb] = time.monotonic() - began
+    return lengths
+
+
+async def kill_mkctl(bench: Bench, uav: Vehicle, endpoint: str, verb: str, seed: int, length: float) -> Kill:
+    """Kill the program that asked; the daemon must bring the procedure to its end."""
+    rng = random.Random(f"mkctl {verb} {seed}")
+    wanted, before = bench.new_sets(), bench.snapshot()
+    moment = rng.uniform(0.0, length)
+    with tempfile.TemporaryDirectory() as name:
+        words = ["backup", f"{name}/saved"]
+        if verb == "restore":
+            saved = SettingsBackup(
+                firmware="2.12a", active=3, sets=tuple(StoredSet(slot=slot, raw=raw) for slot, raw in wanted.items())
+            )
+            write_backup(Path(name) / "wanted", saved, RESTORED)
+            words = ["restore", f"{name}/wanted"]
+        async with uav.watch("event/progress") as samples:
+            program = await asyncio.create_subprocess_exec(
+                *(sys.executable, "-m", "mkdaemon.cli.mkctl.app", "settings", *words),
+                *("--vehicle", VEHICLE, "--connect", endpoint),
+                stdout=asyncio.subprocess.DEVNULL,
+                stderr=asyncio.subprocess.DEVNULL,
+            )
+            async with asyncio.timeout(PATIENCE):
+                first = await anext(samples)
+                await asyncio.sleep(moment)
+                with suppress(ProcessLookupError):
+                    program.send_signal(signal.SIGKILL)
+                at, other = time.monotonic(), bench.simulation.flight.live.raw != before[0]
+                await program.wait()
+                state = first.fields["state"]
+                while state == "running":
+                    state = (await anext(samples)).fields["state"]
+    return judge(bench, "mkctl", verb, seed, moment, other, before, wanted, time.monotonic() - at)
+
+
+async def kill_daemon(
+    bench: Bench, daemon: DaemonProcess, uav: Vehicle, verb: str, seed: int, length: float
+) -> tuple[float, bool, tuple[bytes, int, dict[int, bytes]], dict[int, bytes]]:
+    """Begin a procedure and kill the daemon that runs it; returns what is needed to judge the next one."""
+    rng = random.Random(f"daemon {verb} {seed}")
+    wanted, before = bench.new_sets(), bench.snapshot()
+    moment = rng.uniform(0.0, length)
+    async with uav.watch("event/progress") as samples:
+        asking = asyncio.create_task(bench.ask(uav, verb, wanted), name=verb)
+        async with asyncio.timeout(PATIENCE):
+            await anext(samples)
+        await asyncio.sleep(moment)
+        await daemon.end(signal.SIGKILL)
+        other = bench.simulation.flight.live.raw != before[0]
+        asking.cancel()
+        await asyncio.gather(asking, return_exceptions=True)
+    return moment, other, before, wanted
+
+
+async def wait_until_proven(uav: Vehicle) -> None:
+    """Return when the daemon knows its FlightCtrl and owes it no live set.
+
+    Raises:
+        TimeoutError: it still does.
+    """
+    async with asyncio.timeout(PATIENCE):
+        while True:
+            with suppress(MkError):
+                state = await uav.get("link/state")
+                is_up = state is not None and state.fields["firmware"] and state.fields["condition"] == "up"
+                if is_up and not await uav.recover_settings():
+                    return
+            await asyncio.sleep(LOOK)
+
+
+def judge(
+    bench: Bench,
+    victim: str,
+    verb: str,
+    seed: int,
+    moment: float,
+    other: bool,
+    before: tuple[bytes, int, dict[int, bytes]],
+    wanted: dict[int, bytes],
+    took: float,
+) -> Kill:
+    """Compare what is left with what was there."""
+    live, active, sets = bench.snapshot()
+    changed = RESTORED if verb == "restore" else ()
+    return Kill(
+        victim=victim,
+        verb=verb,
+        seed=seed,
+        moment=round(moment, 3),
+        was_other_set_live=other,
+        is_live_same=(live, active) == before[:2],
+        are_others_same=all(sets[slot] == raw for slot, raw in before[2].items() if slot not in changed),
+        is_half_written=any(sets[slot] not in (before[2][slot], wanted[slot]) for slot in changed),
+        took=round(took, 3),
+    )
+
+
+async def run_mkctl_kills(runs: int, seed: int) -> AsyncIterator[Kill]:
+    """Kill mkctl so many times in a backup and in a restore, beside one daemon."""
+    async with (
+        _bench(seed) as bench,
+        daemon_process(bench.port, bench.folder) as daemon,
+        connected(daemon.endpoint) as uav,
+    ):
+        await wait_until_proven(uav)
+        lengths = await measure(bench, uav)
+        for number in range(runs):
+            for verb, length in lengths.items():
+                yield await kill_mkctl(bench, uav, daemon.endpoint, verb, seed + number, length)
+
+
+async def run_daemon_kills(runs: int, seed: int) -> AsyncIterator[Kill]:
+    """Kill the daemon so many times in a backup and in a restore; each next one is the victim after it."""
+    async with _bench(seed) as bench:
+        lengths: dict[str, float] = {}
+        pending: tuple[str, int, float, bool, tuple[bytes, int, dict[int, bytes]], dict[int, bytes]] | None = None
+        plan = [(verb, seed + number) for number in range(runs) for verb in ("backup", "restore")]
+        for verb, number in [*plan, ("", 0)]:
+            began = time.monotonic()
+            async with daemon_process(bench.port, bench.folder) as daemon, connected(daemon.endpoint) as uav:
+                await wait_until_proven(uav)
+                if pending is not None:
+                    before_verb, before_seed, moment, other, before, wanted = pending
+                    took = time.monotonic() - began
+                    yield judge(bench, "daemon", before_verb, before_seed, moment, other, before, wanted, took)
+                if not verb:
+                    break
+                lengths = lengths or await measure(bench, uav)
+                pending = (verb, number, *await kill_daemon(bench, daemon, uav, verb, number, lengths[verb]))
+
+
+@asynccontextmanager
+async def _bench(seed: int) -> AsyncIterator[Bench]:
+    with tempfile.TemporaryDirectory() as name:
+        bench = Bench(seed, Path(name))
+        async with bench.runtime.serve():
+            yield bench
+
+
+def summarise(kills: list[Kill]) -> list[dict[str, object]]:
+    """Counts by victim and procedure."""
+    rows = []
+    for victim, verb in dict.fromkeys((kill.victim, kill.verb) for kill in kills):
+        these = [kill for kill in kills if (kill.victim, kill.verb) == (victim, verb)]
+        times = sorted(kill.took for kill in these)
+        rows.append(
+            {
+                "victim": victim,
+                "verb": verb,
+                "runs": len(these),
+                "live_set_same": sum(kill.is_live_same for kill in these),
+                "other_sets_same": sum(kill.are_others_same for kill in these),
+                "half_written": sum(kill.is_half_written for kill in these),
+                "other_set_live_at_the_kill": sum(kill.was_other_set_live for kill in these),
+                "until_proven_p50": times[len(times) // 2],
+                "until_proven_max": times[-1],
+            }
+        )
+    return rows
+
+
+async def _run(runs: int, seed: int) -> list[Kill]:
+    kills = []
+    for campaign in (run_mkctl_kills(runs, seed), run_daemon_kills(runs, seed)):
+        async for kill in campaign:
+            kills.append(kill)
+            if kill.is_wrong:
+                print(f"WRONG: {kill}", file=sys.stderr, flush=True)
+    return kills
+
+
+def main(
+    *,
+    runs: Annotated[int, Parameter(help="Kills of each victim in each procedure; four times as many in all.")] = 25,
+    seed: Annotated[int, Parameter(help="Of the first run.")] = 0,
+    as_json: AsJson = False,
+) -> int:
+    """Kill mkctl and the daemon during backups and restores; exit code 1 if a live set was not the same afterwards."""
+    kills = asyncio.run(_run(runs, seed))
+    rows = summarise(kills)
+    if as_json:
+        print(json.dumps({"kills": rows, "runs": [asdict(kill) for kill in kills]}))
+    else:
+        for row in rows:
+            print(", ".join(f"{name} {value}" for name, value in row.items()))
+    return 1 if any(kill.is_wrong for kill in kills) else 0

@@ -1,0 +1,41 @@
+"""A bar for a procedure that the daemon runs, and Ctrl-C for it."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager, suppress
+
+from mkdaemon.client import Vehicle
+from mkdaemon.client.procedures import OnProgress
+from mkdaemon.errors import MkError
+from mkdaemon.telemetry.procedure import ProcedureProgress
+
+
+@asynccontextmanager
+async def following(uav: Vehicle, title: str, *, quiet: bool = False) -> AsyncIterator[OnProgress]:
+    """Show a bar on standard error while the context lives; nothing when `quiet` or no terminal is there.
+
+    Ctrl-C meanwhile ends the procedure as well, which leaves the board as it promises to; whoever is killed ends only
+    the bar.
+    """
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn
+
+    running: list[str] = []
+    console = Console(stderr=True)
+    columns = (TextColumn(title), BarColumn(), TaskProgressColumn(), TextColumn("{task.description}"))
+    with Progress(*columns, console=console, transient=True, disable=quiet or not console.is_terminal) as bars:
+        task = bars.add_task("", total=None)
+
+        def show(progress: ProcedureProgress) -> None:
+            running[:] = [progress.id]
+            bars.update(task, total=progress.of or None, completed=progress.step, description=progress.text)
+
+        try:
+            yield show
+        except asyncio.CancelledError:
+            if running:
+                with suppress(MkError):
+                    await uav.cancel_procedure(running[0])
+            raise
