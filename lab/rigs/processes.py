@@ -152,7 +152,10 @@ async def daemon_process(port: str, folder: Path, *, link: str = "", endpoint: s
         endpoint: where its bus listens; a free one by default.
     """
     config = folder / "daemon.toml"
-    config.write_text(f'[vehicle]\nname = "{VEHICLE}"\n[link]\nport = "{port}"\n{link}\n', encoding="utf-8")
+    config.write_text(
+        f'[vehicle]\nname = "{VEHICLE}"\nstate_folder = "{folder}/state"\n[link]\nport = "{port}"\n{link}\n',
+        encoding="utf-8",
+    )
     with reserved_endpoint() if endpoint is None else nullcontext(endpoint) as where:
         daemon = await DaemonProcess.start(config, where)
         try:

@@ -8,6 +8,7 @@ from mkdaemon.client import ReleaseOutcome, connect
 from mkdaemon.errors import CommandRejectedError, ConfigError, MkError, ProtocolError
 from mkdaemon.protocol import Board
 from mkdaemon.protocol.messages import MotorTest, Settings, SettingsRequest, VersionFc210, VersionRequest
+from mkdaemon.telemetry.settings import SettingsBackup
 from tests.bus.support import free_endpoint
 from tests.client.fake import VEHICLE, connected, fake_daemon
 
@@ -55,7 +56,7 @@ async def test_a_refusal_carries_token_reason_and_fix():
         assert refused.value.token == "timeout"
         assert "mkctl health" in refused.value.fix
         with pytest.raises(CommandRejectedError, match="there is no verb"):
-            await uav.run_procedure("backup_everything")
+            await uav.run_procedure("backup_everything", SettingsBackup)
 
 
 async def test_a_missing_daemon_is_named_beside_those_that_are_there():
