@@ -7,6 +7,7 @@ import pytest
 from mkdaemon.errors import ProtocolError
 from mkdaemon.protocol.decoder import Unknown
 from mkdaemon.protocol.dialect import Dialect, Evidence, decide
+from mkdaemon.protocol.evidence import ControlForm
 from mkdaemon.protocol.generations import (
     FC_GENERATIONS,
     NC_GENERATIONS,
@@ -206,10 +207,10 @@ def test_another_release_at_the_same_address_starts_over():
     )
     assert decide(first).settings_revision == 104
     second = first.with_message(Board.FC, fc_version(2, 12))
-    assert second.control_length is None
+    assert second.control_form is None
     assert decide(second).settings_revision is None
     same = first.with_message(Board.FC, fc_version(2, 9))
-    assert same.control_length == "short"
+    assert same.control_form is ControlForm.SHORT
 
 
 def test_evidence_of_the_flightctrl():

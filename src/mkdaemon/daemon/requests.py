@@ -21,7 +21,7 @@ from mkdaemon.link.discovery import PORTS, redirection
 from mkdaemon.link.link import Link
 from mkdaemon.link.procedures import way_to
 from mkdaemon.protocol.flags import RedirectPort
-from mkdaemon.protocol.messages import Redirect, VersionRequest
+from mkdaemon.protocol.messages import Redirect, VersionRequest, WriteSettings
 from mkdaemon.protocol.wire import MESSAGES, Board, Direction, WireMessage
 from mkdaemon.telemetry.command import CommandResult, refused
 from mkdaemon.telemetry.danger import Confirm, Danger, Switch
@@ -176,7 +176,7 @@ class BoardRequests:
             raise refuse(Token.UNSUPPORTED, name=f"{board.word}/{spec.key}", detail=reason)
         if danger is not None and dialect.read_only_reason is not None:
             raise refuse(Token.READ_ONLY, detail=dialect.read_only_reason)
-        if spec.key == "write_settings" and dialect.settings_read_only_reason is not None:
+        if isinstance(message, WriteSettings) and dialect.settings_read_only_reason is not None:
             raise refuse(Token.READ_ONLY, detail=dialect.settings_read_only_reason)
 
     async def _prove(self, board: Board, danger: Danger) -> None:

@@ -7,14 +7,13 @@ not known is not guessed: the dialect is read-only then, and says why.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import Final
 
 from mkdaemon.errors import ProtocolError
-from mkdaemon.protocol.decoder import Unknown
+from mkdaemon.protocol.evidence import ControlForm, Evidence
 from mkdaemon.protocol.generations import (
-    PROTOCOL_MAJORS,
     ControlLayout,
     DeadMan,
     FcGeneration,
@@ -33,93 +32,17 @@ OSD_SETS: Final = frozenset(range(10, 17))
 OSD_VERSIONS: Final = frozenset({3, 4, 5}) | OSD_SETS
 """First bytes of NaviData that are documented."""
 
-EVIDENCE_LETTERS: Final = frozenset(cls.spec.id for cls in MESSAGES.values() if cls.spec.tells_firmware)
-"""Letters of the answers that tell something about the firmware, whatever their form."""
-
 _CONTROL: Final[dict[ControlLayout, type[WireMessage]]] = {
     "v1": ExternControlV1,
     "v2": ExternControlV2,
     "v3": ExternControlV3,
 }
-_CONTROL_LENGTHS: Final[dict[ControlLayout, str]] = {"v1": "long", "v2": "short", "v3": "short"}
-
-
-@dataclass(frozen=True, slots=True)
-class Evidence:
-    """What the boards have shown of themselves so far.
-
-    Attributes:
-        releases: release each board named in its version reply.
-        hardware: FlightCtrl board revision times ten, where it named one.
-        label_checksum: checksum of the FlightCtrl's debug labels, where it named one.
-        settings_revision: first byte of the parameter set it sent.
-        receiver: layout of its receiver channels.
-        control_length: `short` (v2, v3) or `long` (v1), from external control read back.
-        osd_versions: versions and data sets of the NaviData received.
-        foreign: why a board's firmware is not MikroKopter's; empty where it is.
-    """
-
-    releases: Mapping[Board, Release] = field(default_factory=lambda: MappingProxyType({}))
-    hardware: int | None = None
-    label_checksum: int | None = None
-    settings_revision: int | None = None
-    receiver: str | None = None
-    control_length: str | None = None
-    osd_versions: frozenset[int] = frozenset()
-    foreign: str = ""
-
-    def with_message(self, board: Board, message: WireMessage | Unknown) -> Evidence:
-        """Return the evidence after one more message from a board; most messages change nothing.
-
-        Never pass the answer to a `VersionRequestWhich`: it names another board's release under the FlightCtrl's
-        address.
-        """
-        if isinstance(message, Unknown):
-            return self._with_unknown(board, message)
-        key, layout = message.spec.key, message.spec.layout
-        if key == "version":
-            return self._with_version(board, message)
-        if key == "settings":
-            return replace(self, settings_revision=message.parameters[0])  # type: ignore[attr-defined]
-        if key == "receiver":
-            return replace(self, receiver=layout)
-        if key == "control_state":
-            return replace(self, control_length="long" if layout == "v1" else "short")
-        if message.spec.id == "O":
-            number = message.version if key == "osd" else message.index  # type: ignore[attr-defined]
-            return replace(self, osd_versions=self.osd_versions | {number})
-        return self
-
-    def _with_unknown(self, board: Board, message: Unknown) -> Evidence:
-        if message.id == "O" and message.payload:
-            return replace(self, osd_versions=self.osd_versions | {message.payload[0]})
-        if message.id != "V":
-            return self
-        if not message.payload:
-            reason = f"{board.word} answers the version request with an empty frame, as the ctraabe firmware does"
-        else:
-            reason = f"{board.word} answers the version request with {len(message.payload)} bytes, not 12"
-        return replace(self, foreign=reason)
-
-    def _with_version(self, board: Board, message: WireMessage) -> Evidence:
-        facts = message.model_dump()
-        if facts["protocol_major"] not in PROTOCOL_MAJORS:
-            reason = (
-                f"{board.word} speaks serial protocol {facts['protocol_major']}, MikroKopter firmware "
-                f"{PROTOCOL_MAJORS[0]} to {PROTOCOL_MAJORS[-1]}: not MikroKopter firmware, or newer than this program"
-            )
-            return replace(self, foreign=reason)
-        release = Release(facts["major"], facts["minor"], facts["patch"])
-        known = self
-        if self.releases.get(board, release) != release:
-            # Another release at the same address is another aircraft, or a board that was flashed: start over.
-            known = Evidence()
-        if known.foreign.startswith(f"{board.word} "):
-            known = replace(known, foreign="")
-        known = replace(known, releases=MappingProxyType({**known.releases, board: release}))
-        if board is Board.FC:
-            known = replace(known, hardware=facts.get("hardware"), label_checksum=facts.get("label_checksum"))
-        return known
+_FORMS: Final[dict[ControlLayout, ControlForm]] = {
+    "v1": ControlForm.LONG,
+    "v2": ControlForm.SHORT,
+    "v3": ControlForm.SHORT,
+}
+_BY_FORM: Final[dict[ControlForm | None, ControlLayout]] = {ControlForm.LONG: "v1", ControlForm.SHORT: "v2"}
 
 
 @dataclass(frozen=True, slots=True)
@@ -209,15 +132,15 @@ def _control_layout(evidence: Evidence, fc: FcGeneration | None) -> ControlLayou
     """The layout of the release; where it is not verified (2.09), the length of what the board reads back."""
     if fc is None or fc.control is not None:
         return fc.control if fc else None
-    return {"long": "v1", "short": "v2"}.get(evidence.control_length or "")  # type: ignore[return-value]
+    return _BY_FORM.get(evidence.control_form)
 
 
 def _read_only_reason(
     evidence: Evidence, fc: FcGeneration | None, nc: NcGeneration | None, control: ControlLayout | None
 ) -> str | None:
     releases = evidence.releases
-    if evidence.foreign:
-        return evidence.foreign
+    if evidence.foreign is not None:
+        return evidence.foreign.reason
     if not releases:
         return "no board has named its release yet"
     if Board.NC in releases and nc is None:
@@ -228,10 +151,10 @@ def _read_only_reason(
         return f"FlightCtrl {releases[Board.FC]} is in no table"
     if control is None:
         return f"FlightCtrl {releases[Board.FC]} may read either external control: read it back (g) to know"
-    if evidence.control_length not in {None, _CONTROL_LENGTHS[control]}:
+    if evidence.control_form is not None and evidence.control_form is not _FORMS[control]:
         return (
             f"FlightCtrl {releases[Board.FC]} should hold external control {control}, "
-            f"but what it reads back is of the {evidence.control_length} form"
+            f"but what it reads back is of the {evidence.control_form.value} form"
         )
     return None
 
@@ -262,8 +185,8 @@ def _settings_reason(evidence: Evidence, fc: FcGeneration | None) -> str | None:
         return "no parameter set has been read yet (`settings_request` with index 255 reads the active one)"
     if release is None or fc is None:
         return "the FlightCtrl's release is not known"
-    if evidence.foreign:
-        return evidence.foreign
+    if evidence.foreign is not None:
+        return evidence.foreign.reason
     if revision not in fc.revisions:
         known = ", ".join(str(number) for number in sorted(fc.revisions))
         return f"parameter revision {revision} does not belong to FlightCtrl {release} ({known})"

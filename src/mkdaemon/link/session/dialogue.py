@@ -28,7 +28,8 @@ from mkdaemon.link.session.traffic import Purpose
 from mkdaemon.link.session.verdict import Finding, Verdict
 from mkdaemon.protocol.boards import board_at
 from mkdaemon.protocol.decoder import Unknown
-from mkdaemon.protocol.dialect import EVIDENCE_LETTERS, Dialect
+from mkdaemon.protocol.dialect import Dialect
+from mkdaemon.protocol.evidence import EVIDENCE_LETTERS
 from mkdaemon.protocol.framing import Dropped, DropReason, Frame
 from mkdaemon.protocol.messages.navictrl import ESCAPE
 from mkdaemon.protocol.wire import Board, WireMessage

@@ -15,7 +15,7 @@ from mkdaemon.link.session.peers import Acquaintance
 from mkdaemon.link.session.requests import Pending, RequestBook
 from mkdaemon.link.session.scheduler import Entry, TransmitScheduler
 from mkdaemon.link.session.traffic import Purpose
-from mkdaemon.protocol.messages import VersionRequestWhich
+from mkdaemon.protocol.messages import VersionRequest, VersionRequestWhich
 from mkdaemon.protocol.wire import Board, WireMessage
 from mkdaemon.telemetry.refusals import Token, refuse
 
@@ -106,7 +106,7 @@ class Questions:
     def sent(self, pending: Pending, now: float) -> None:
         """One attempt went out."""
         self.book.sent(pending, now)
-        if pending.message.spec.id == "v":
+        if isinstance(pending.message, VersionRequest | VersionRequestWhich):
             self._health.question_sent(now)
         deaf = pending.message.spec.policy(pending.board).deaf
         if deaf:

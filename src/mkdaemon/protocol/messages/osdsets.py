@@ -30,7 +30,9 @@ from mkdaemon.protocol.wire import Board, WireMessage, answer
 _FIRMWARE = "NC 2.14 and later, with the 3-byte request"
 
 
-class _Head(WireMessage):
+class OsdSet(WireMessage):
+    """What every data set begins with."""
+
     index: Annotated[int, U8(mk="Index")]
     """Number of the data set."""
     longitude: Annotated[int, S32(mk="Longitude", unit=GLOBE)]
@@ -52,7 +54,7 @@ class _Head(WireMessage):
     marker=frozenset({10}),
     tells_firmware=True,
 )
-class OsdTiny(_Head):
+class OsdTiny(OsdSet):
     """Data set 10: position."""
 
     index: Annotated[int, U8(mk="Index", only=frozenset({10}))] = 10
@@ -72,7 +74,7 @@ class OsdTiny(_Head):
     open_ended=True,
     tells_firmware=True,
 )
-class OsdFlags(_Head):
+class OsdFlags(OsdSet):
     """Data set 11: flags; some releases append reserved bytes."""
 
     index: Annotated[int, U8(mk="Index", only=frozenset({11}))] = 11
@@ -97,7 +99,7 @@ class OsdFlags(_Head):
     marker=frozenset({12}),
     tells_firmware=True,
 )
-class OsdTarget(_Head):
+class OsdTarget(OsdSet):
     """Data set 12: target."""
 
     index: Annotated[int, U8(mk="Index", only=frozenset({12}))] = 12
@@ -119,7 +121,7 @@ class OsdTarget(_Head):
     marker=frozenset({13}),
     tells_firmware=True,
 )
-class OsdHome(_Head):
+class OsdHome(OsdSet):
     """Data set 13: home and limits."""
 
     index: Annotated[int, U8(mk="Index", only=frozenset({13}))] = 13
@@ -146,7 +148,7 @@ class OsdHome(_Head):
     marker=frozenset({14}),
     tells_firmware=True,
 )
-class OsdDeviation(_Head):
+class OsdDeviation(OsdSet):
     """Data set 14: distances and attitude."""
 
     index: Annotated[int, U8(mk="Index", only=frozenset({14}))] = 14
@@ -174,7 +176,7 @@ class OsdDeviation(_Head):
     marker=frozenset({15}),
     tells_firmware=True,
 )
-class OsdWaypoint(_Head):
+class OsdWaypoint(OsdSet):
     """Data set 15: route."""
 
     index: Annotated[int, U8(mk="Index", only=frozenset({15}))] = 15
@@ -195,7 +197,7 @@ class OsdWaypoint(_Head):
     marker=frozenset({16}),
     tells_firmware=True,
 )
-class OsdVolatile(_Head):
+class OsdVolatile(OsdSet):
     """Data set 16: energy and heading."""
 
     index: Annotated[int, U8(mk="Index", only=frozenset({16}))] = 16

@@ -68,7 +68,7 @@ def _is_classic(payload: bytes) -> bool:
     return payload[0] < 2
 
 
-class _Release(WireMessage):
+class VersionReply(WireMessage):
     """What every version reply begins with."""
 
     major: Annotated[int, U8(mk="SWMajor")]
@@ -83,12 +83,12 @@ class _Release(WireMessage):
         return str(Release(self.major, self.minor, patch))
 
 
-class _Labelled(_Release):
+class _Labelled(VersionReply):
     label_checksum: Annotated[int, U8(mk="LabelTextCRC")]
     """8-bit sum of all 512 label characters; labels known for it need not be read again."""
 
 
-class _Reserved(_Release):
+class _Reserved(VersionReply):
     reserved_1: Annotated[int, U8(mk="reserved1")]
 
 
@@ -134,7 +134,7 @@ class VersionFc200(_FcState, _Reserved):
     """0; the BL-Ctrl release times hundred from about 2.06e on."""
 
 
-class _Classic(_Release):
+class _Classic(VersionReply):
     protocol_minor: Annotated[int, U8(mk="ProtoMinor")]
     patch: Annotated[int, U8(mk="SWPatch")]
 
