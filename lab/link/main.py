@@ -26,6 +26,7 @@ from cyclopts import Parameter
 from lab.link.cases import CASES, Case
 from lab.link.fates import LIMIT, PROOF, prove
 from lab.link.virtual import SETTLE_TIME, configurations, loss_between, play, radio_loss, until_steerable
+from lab.rigs.motors import MotorWatch
 from lab.rigs.sticks import build_sticks
 from mkdaemon.cli.arguments import AsJson
 from mkdaemon.config.link import LinkConfig
@@ -123,7 +124,8 @@ async def measure(case: Case, seconds: float) -> dict[str, Any]:
     async with simulator(sim) as (port, ask_report):
         cfg = LinkConfig(port=f"pty:{port}", **options)
         meter = Meter()
-        link = Link(cfg, meter)
+        watch = MotorWatch(meter)
+        link = Link(cfg, watch, motors_running=watch.facts.motors_running)
         running = asyncio.create_task(link.run(), name="link")
         await asyncio.sleep(SETTLE_TIME)
         await until_steerable(link, case)

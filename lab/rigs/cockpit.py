@@ -23,11 +23,11 @@ from mkdaemon.config.control import ControlConfig
 from mkdaemon.config.link import LinkConfig
 from mkdaemon.config.sim import PilotPlan, SimConfig
 from mkdaemon.control.core import FlightCore
+from mkdaemon.control.vehicle import VehicleFacts
 from mkdaemon.daemon.audit import Audit
 from mkdaemon.daemon.eyes import Eyes
 from mkdaemon.daemon.flight import FlightControl
 from mkdaemon.daemon.sink import BusSink
-from mkdaemon.daemon.vitals import Vitals
 from mkdaemon.link.link import Link
 from mkdaemon.link.session.traffic import Received, Sent
 from mkdaemon.sim.physics.world import World
@@ -112,8 +112,8 @@ class KeepingSink(BusSink):
         states: every verdict on the line.
     """
 
-    def __init__(self, vitals: Vitals, audit: Audit, clock: Clock) -> None:
-        super().__init__(_Unheard(), vitals, audit, Eyes(None), clock)
+    def __init__(self, core: FlightCore, audit: Audit, clock: Clock) -> None:
+        super().__init__(_Unheard(), core, audit, Eyes(None), clock)
         self.tx: list[Sent] = []
         self.heard_at = self.streamed_at = float("-inf")
         self.states: list[LinkState] = []
@@ -232,13 +232,12 @@ async def cockpit(
 
     clock = Clock(monotonic=loop.time, wall=lambda: wall + loop.time(), synchronised=lambda: True)
     socket = Socket(boards.make(seed, **(sim or {})), seed=seed)
-    vitals = Vitals("")
+    core = FlightCore(ControlConfig(), VehicleFacts(), first_epoch=int(clock.stamp().wall * 1000))
     audit = Audit(_Unheard(), clock)
-    sink = KeepingSink(vitals, audit, clock)
+    sink = KeepingSink(core, audit, clock)
     cfg = LinkConfig.model_validate({"port": "/dev/virtual"} | link)
-    line = link_class(cfg, sink, opener=socket.open, clock=clock)
-    core = FlightCore(ControlConfig(), vitals.facts, first_epoch=int(clock.stamp().wall * 1000))
-    flight = FlightControl(core, line, _Unheard(), vitals.facts, audit, clock=clock)
+    line = link_class(cfg, sink, opener=socket.open, clock=clock, motors_running=core.facts.motors_running)
+    flight = FlightControl(core, line, _Unheard(), audit, clock=clock)
     flown = Cockpit(line, flight, sink, socket)
     flown.tasks = [asyncio.create_task(line.run(), name="link"), asyncio.create_task(flight.run(), name="control")]
     try:

@@ -10,6 +10,7 @@ from contextlib import asynccontextmanager
 from typing import Any, cast
 
 from lab.rigs.boardport import Socket
+from lab.rigs.motors import MotorWatch
 from lab.rigs.virtualloop import run_virtually
 from lab.rigs.waiting import wait_until
 from mkdaemon.clock import Clock
@@ -145,11 +146,13 @@ async def rig(
     """
     log = Log()
     socket = Socket(make, seed=seed, right_baud=right_baud)
+    watch = MotorWatch(sink or log)
     link = Link(
         LinkConfig.model_validate({"port": "/dev/rig", **cfg}),
-        sink or log,
+        watch,
         opener=socket.open,
         clock=Clock(monotonic=asyncio.get_running_loop().time),
+        motors_running=watch.facts.motors_running,
     )
     task = asyncio.create_task(link.run())
     try:

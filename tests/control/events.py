@@ -14,6 +14,7 @@ from mkdaemon.telemetry.control import ControlLine, ReleaseOutcome
 from mkdaemon.telemetry.link import LinkCondition, LinkState
 from mkdaemon.telemetry.setpoint import StickSetpoint
 from mkdaemon.telemetry.state import Flight, GpsMode, Pilot
+from mkdaemon.telemetry.vision import VisionPose
 
 CFG = ControlConfig()
 STAMP = Stamp(monotonic=0.0, wall=0.0)
@@ -43,6 +44,11 @@ def flight(*, is_flying, motors_running=True):
 
 def pilot(throttle):
     return Pilot(stamp=STAMP, source="fc/debug", rc_quality=1.0, has_signal=True, throttle=throttle, sticks=None)
+
+
+def pose(at):
+    """A pose of an image at a time; only the time matters here."""
+    return VisionPose.model_construct(stamp=Stamp(monotonic=at, wall=at))
 
 
 class Driver:

@@ -23,7 +23,7 @@ from mkdaemon.telemetry.command import LeaseRequest
 from mkdaemon.telemetry.control import ControlLine, Obstacle, Phase, ReleaseOutcome
 from mkdaemon.telemetry.link import LinkCondition
 from mkdaemon.telemetry.refusals import Token, refuse
-from tests.control.events import CFG, PERIOD, Driver, flight, link_state, pilot
+from tests.control.events import CFG, PERIOD, Driver, flight, link_state, pilot, pose
 
 
 @pytest.fixture
@@ -389,3 +389,34 @@ def test_status_is_published_on_change_and_once_a_second(drive):
     drive.put()
     drive.run(1.15)
     assert drive.of(PublishStatus)[-1].setpoint_age == pytest.approx(1.0, abs=0.2)
+
+
+def test_status_counts_what_becomes_of_stick_frames(drive):
+    drive.fly()
+    drive.core.frame_sent(7)
+    drive.core.frame_sent(8)
+    drive.core.frame_confirmed(7)
+    drive.core.frame_confirmed(7)
+    drive.core.frame_confirmed(99)
+    drive.run(2.5)
+    status = drive.of(PublishStatus)[-1]
+    assert status.frames_handed_over >= len(drive.sticks) > 0
+    assert (status.frames_sent, status.frames_confirmed) == (2, 1)
+
+
+def test_states_verdicts_and_motors_reach_the_facts_through_the_core(drive):
+    drive.core.motors_reported(True, 0.0)
+    drive.core.state_received(flight(is_flying=True), 0.0)
+    drive.core.link_changed(link_state(LinkCondition.MUTE))
+    facts = drive.core.facts
+    assert (facts.motors_running(0.0), facts.is_flying(0.0)) == (True, True)
+    assert facts.link.condition is LinkCondition.MUTE
+
+
+def test_status_tells_how_old_the_newest_pose_is(drive):
+    drive.tick()
+    assert drive.of(PublishStatus)[-1].pose_age is None
+    drive.core.pose_received(pose(0.5))
+    drive.core.pose_received(pose(0.2))  # of an older image
+    drive.run(1.5)
+    assert drive.of(PublishStatus)[-1].pose_age == pytest.approx(drive.done[-1][0] - 0.5)

@@ -29,6 +29,26 @@ def test_facts_hold_until_they_are_too_old():
     assert facts.link == link_state()
 
 
+def test_motors_may_be_asked_for_with_a_stricter_age():
+    facts = VehicleFacts()
+    facts.motors_reported(False, 10.0)
+    assert facts.motors_running(11.0, within=1.0) is False
+    assert facts.motors_running(11.1, within=1.0) is None
+    assert facts.motors_running(11.1) is False
+
+
+def test_another_opening_of_the_port_voids_what_the_boards_said():
+    facts = VehicleFacts()
+    facts.link_changed(link_state(openings=1))
+    facts.motors_reported(False, 10.0)
+    facts.state_received(flight(is_flying=True), 10.0)
+    facts.state_received(pilot(20.0), 10.0)
+    facts.link_changed(link_state(openings=1))
+    assert facts.motors_running(10.0) is False
+    facts.link_changed(link_state(openings=2))
+    assert (facts.motors_running(10.0), facts.is_flying(10.0), facts.pilot_throttle(10.0)) == (None, None, None)
+
+
 def test_a_motor_test_explains_turning_motors_for_a_while():
     facts = VehicleFacts()
     facts.motor_test_sent(5.0)

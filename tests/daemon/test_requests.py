@@ -10,15 +10,16 @@ import pytest
 
 from mkdaemon.clock import Clock
 from mkdaemon.config.commands import CommandsConfig
+from mkdaemon.control.vehicle import VehicleFacts
 from mkdaemon.daemon import requests
 from mkdaemon.daemon.requests import BoardRequests
-from mkdaemon.daemon.vitals import Vitals
 from mkdaemon.errors import LinkLostError, RequestTimeoutError
+from mkdaemon.link.session.peers import Peers
 from mkdaemon.protocol.dialect import Dialect, Evidence, decide
 from mkdaemon.protocol.messages import Echo, MotorTest, VersionFc210, VersionRequest
 from mkdaemon.protocol.wire import Board
 from mkdaemon.telemetry.command import CommandResult
-from tests.daemon.test_vitals import link_state
+from tests.control.events import link_state
 
 TURNING = [30] + [0] * 15
 FC_212 = VersionFc210.decode(bytes([2, 12, 11, 0xBA, 0, 0, 0, 22, 103, 1]))
@@ -27,7 +28,7 @@ FC_212 = VersionFc210.decode(bytes([2, 12, 11, 0xBA, 0, 0, 0, 22, 103, 1]))
 class Line:
     """A link that answers from a list and remembers what it was asked."""
 
-    def __init__(self, vitals):
+    def __init__(self):
         self.dialect = Dialect(read_only_reason=None)
         self.asked = []
         self.answers = {}
@@ -36,12 +37,19 @@ class Line:
         self.boards = {Board.FC}
         self.is_up = True
         self.lacks_flightctrl = False
-        self._vitals = vitals
+        self._peers = Peers()
+
+    @property
+    def proof(self):
+        return self._peers.proof
+
+    def is_proven(self, board):
+        return self._peers.is_proven(board, STILL.now())
 
     async def request(self, message, *, board=None):
         self.asked.append((board, message))
         if isinstance(message, VersionRequest) and VersionRequest not in self.answers:
-            self._vitals.version_said(self.who_answers, "2.12a", STILL.now())
+            self._peers.version_received(self.who_answers, FC_212, STILL.now())
             return VersionFc210.decode(bytes(12))
         answer = self.answers.get(type(message), Echo(pattern=7))
         if isinstance(answer, Exception):
@@ -61,11 +69,11 @@ class Desk:
 
     def __init__(self, cfg=None):
         self.events = []
-        self.vitals = Vitals("")
-        self.vitals.link_said(link_state())
-        self.vitals.motors_said(False, STILL.now())
-        self.line = Line(self.vitals)
-        self._requests = BoardRequests(cfg or CommandsConfig(), self.line, self.vitals, self, STILL)
+        self.facts = VehicleFacts()
+        self.facts.link_changed(link_state())
+        self.facts.motors_reported(False, STILL.now())
+        self.line = Line()
+        self._requests = BoardRequests(cfg or CommandsConfig(), self.line, self.facts, self, STILL)
 
     def command(self, key, fields, result):
         self.events.append((key, fields, result))

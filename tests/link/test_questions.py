@@ -7,7 +7,7 @@ import pytest
 from mkdaemon.errors import CommandRejectedError
 from mkdaemon.link.session.health import HealthMonitor
 from mkdaemon.link.session.line import LineRules
-from mkdaemon.link.session.peers import Acquaintance
+from mkdaemon.link.session.peers import Peers
 from mkdaemon.link.session.questions import Answered, Questions, Unanswered
 from mkdaemon.link.session.requests import Pending
 from mkdaemon.link.session.scheduler import QUEUE_LIMIT, TransmitScheduler
@@ -20,8 +20,8 @@ class Bench:
     """Questions on a line to a NaviCtrl."""
 
     def __init__(self) -> None:
-        self.peers = Acquaintance()
-        self.peers.meet(Board.NC)
+        self.peers = Peers()
+        self.peers.sender_heard(Board.NC)
         self.scheduler = TransmitScheduler(LineRules(direct=Board.NC))
         self.health = HealthMonitor(window=10.0, max_loss_percent=5.0, now=0.0)
         self.questions = Questions(self.scheduler, self.peers, self.health)

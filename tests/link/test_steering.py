@@ -10,7 +10,7 @@ from lab.rigs.sticks import build_sticks
 from mkdaemon.link.session.controlpath import ControlEntry
 from mkdaemon.link.session.health import HealthMonitor
 from mkdaemon.link.session.line import FORWARDING_GAP, LineRules
-from mkdaemon.link.session.peers import Acquaintance
+from mkdaemon.link.session.peers import Peers
 from mkdaemon.link.session.release import GIVE_UP, QUIET_TIME, REMIND, REPEATS, SPACING
 from mkdaemon.link.session.scheduler import Entry, TransmitScheduler
 from mkdaemon.link.session.steering import Steering
@@ -29,8 +29,8 @@ class Bench:
 
     def __init__(self, direct: Board = Board.FC) -> None:
         self.now = 0.0
-        self.peers = Acquaintance()
-        self.peers.meet(direct)
+        self.peers = Peers()
+        self.peers.sender_heard(direct)
         self.peers.learn(Board.FC, VERSION_2_08)
         self.scheduler = TransmitScheduler(LineRules(direct=direct))
         health = HealthMonitor(window=10.0, max_loss_percent=5.0, now=0.0)

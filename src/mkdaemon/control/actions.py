@@ -48,6 +48,10 @@ class PublishStatus:
     setpoint_age: float | None
     refused: int
     external_control: str | None
+    frames_handed_over: int
+    frames_sent: int
+    frames_confirmed: int
+    pose_age: float | None
 
 
 @dataclass(frozen=True, slots=True)

@@ -13,28 +13,27 @@ from typing import Any, Final
 from mkdaemon.config.control import ControlConfig
 from mkdaemon.control.actions import Action, ReadGate, Release, SendSticks
 from mkdaemon.control.authority import Authority, Fly, LetGo
-from mkdaemon.control.limiter import Sticks, count, limit
+from mkdaemon.control.limiter import Sticks
 from mkdaemon.control.modes import Event
+from mkdaemon.control.output import SHORTEST_STEP, StickOutput
 from mkdaemon.control.patience import LinePatience
 from mkdaemon.control.preflight import Gate, check_gate
 from mkdaemon.control.reports import Reports
 from mkdaemon.control.setpoints import GUIDANCE, Guidance, guidance_for
 from mkdaemon.control.vehicle import VehicleFacts
 from mkdaemon.errors import CommandRejectedError
+from mkdaemon.telemetry.base import Telemetry
 from mkdaemon.telemetry.command import LeaseRequest, ReleaseRequest
 from mkdaemon.telemetry.control import ControlLine, LeaseState, Obstacle, Phase, ReleaseOutcome
-from mkdaemon.telemetry.link import LinkCondition
+from mkdaemon.telemetry.link import LinkCondition, LinkState
 from mkdaemon.telemetry.refusals import Token, refuse
 from mkdaemon.telemetry.setpoint import Setpoint
+from mkdaemon.telemetry.vision import VisionPose
 
-SHORTEST_STEP: Final = 0.01
-"""Stick frames are at least this far apart [s]: the boards lose frames beyond 100 Hz."""
 JUST_AFTER: Final = 0.0002
 """A deadline has surely passed so long after it [s]."""
 IDLE_PERIOD: Final = 0.1
 """Time between two looks at the lease while nobody flies [s]."""
-LONGEST_QUEUE: Final = 0.1
-"""A stick frame that could not be sent for this long is never sent [s]."""
 
 _IS_CONFIRMED: Final = {
     ReleaseOutcome.CONFIRMED: True,
@@ -46,7 +45,11 @@ _IN_FLIGHT: Final = frozenset({Phase.FLYING, Phase.STALE})
 
 
 class FlightCore:
-    """Holds the authority and decides the sticks."""
+    """Holds the authority and decides the sticks.
+
+    Attributes:
+        facts: what is known about the vehicle.
+    """
 
     def __init__(
         self,
@@ -65,14 +68,13 @@ class FlightCore:
             guidance: what turns each kind of setpoint into sticks.
         """
         self._cfg = cfg
-        self._facts = facts
+        self.facts = facts
         self._guidance = guidance
         self._authority = Authority(cfg, first_epoch=first_epoch, guide=self._guide)
-        self._reports = Reports(self._authority)
+        self._output = StickOutput(cfg, facts)
+        self._reports = Reports(self._authority, self._output, facts)
         self._patience = LinePatience(one_way=cfg.lease.release_after)
         self._line = ControlLine()
-        self._last = Sticks(0.0, 0.0, 0.0, cfg.limiter.hover_throttle)
-        self._sent_at = float("-inf")
         self._release: LetGo | None = None
         self._nameless = 0
         self._ticked_at = float("-inf")
@@ -160,11 +162,37 @@ class FlightCore:
         self._authority.client_gone(name)
         self._is_due = True
 
+    # -- what the boards and the cameras report -------------------------------------------------------------------
+
+    def motors_reported(self, are_running: bool, at: float) -> None:
+        """Take what a message says about the motors."""
+        self.facts.motors_reported(are_running, at)
+
+    def state_received(self, value: Telemetry, at: float) -> None:
+        """Take a state value."""
+        self.facts.state_received(value, at)
+
+    def pose_received(self, pose: VisionPose) -> None:
+        """Take a pose of the vehicle against a target."""
+        self.facts.pose_received(pose)
+
     # -- what the line reports ------------------------------------------------------------------------------------
 
     def line_changed(self, line: ControlLine) -> None:
         """Note what the link can take now."""
         self._line = line
+
+    def link_changed(self, state: LinkState) -> None:
+        """Take a verdict on the line."""
+        self.facts.link_changed(state)
+
+    def frame_sent(self, number: int) -> None:
+        """Note that a stick frame was written to the port."""
+        self._output.frame_sent(number)
+
+    def frame_confirmed(self, number: int) -> None:
+        """Note that the board confirmed an external control frame."""
+        self._output.frame_confirmed(number)
 
     def released(self, outcome: ReleaseOutcome | None, at: float) -> None:
         """Note how the release ended; None where it did not end in time."""
@@ -190,7 +218,7 @@ class FlightCore:
             deadline = self._authority.deadline()
             if deadline is not None and until > deadline - SHORTEST_STEP:
                 until = deadline + JUST_AFTER
-        return max(until, self._sent_at + SHORTEST_STEP) if self._is_paced else until
+        return max(until, self._output.next_step) if self._is_paced else until
 
     def tick(self, now: float) -> list[Action]:
         """Decide what is done now, in order."""
@@ -211,7 +239,7 @@ class FlightCore:
 
     def _watch_line(self, now: float) -> None:
         """End the lease when the line has been unusable for too long, or is another opening of the port."""
-        link = self._facts.link
+        link = self.facts.link
         if link is None:
             return
         self._patience.watch(link, now)
@@ -219,47 +247,23 @@ class FlightCore:
             self._authority.end(Event.LINK_LOST, cause=f"{link.condition.value}: {link.reason}")
 
     def _guide(self, setpoint: Setpoint, now: float) -> Sticks:
-        return guidance_for(setpoint, self._guidance)(setpoint, self._facts, now)
+        return guidance_for(setpoint, self._guidance)(setpoint, self.facts, now)
 
     def _fly(self, order: Fly, now: float, *, engaging: bool) -> SendSticks | None:
-        """Limit the sticks and make a frame of them; None where the line does not take it."""
-        line, cfg = self._line, self._cfg.limiter
+        """Make a stick frame; None where the line does not take it."""
+        line = self._line
         if line.layout is None:
             self._end(Event.CONTROL_IMPOSSIBLE, line.reason)
             return None
         if engaging:
-            # Tilt starts from neutral; throttle starts where the client holds it, because less would drop the aircraft.
-            self._last = Sticks(0.0, 0.0, 0.0, order.sticks.throttle)
-            self._sent_at = now - 1.0 / self._cfg.rate
+            self._output.engage(order.sticks, now)
         if line.obstacle is not None:
             error = refuse(Token(line.obstacle.value), state="down", detail=line.reason)
             if line.obstacle in {Obstacle.RELEASING, Obstacle.UNCONFIRMED}:  # nobody flies then, so the lease ends
                 self._end(Event.LINE_RELEASING, error.reason)
             self._reports.frame_not_sent(error, now)
             return None
-        ttl = min(order.ttl, cfg.setpoint_ttl)
-        sticks = limit(
-            order.sticks,
-            self._last,
-            age=order.age,
-            ttl=ttl,
-            dt=max(now - self._sent_at, SHORTEST_STEP),
-            layout=line.layout,
-            cfg=cfg,
-            throttle_cap=self._throttle_cap(now),
-        )
-        self._last, self._sent_at = sticks, now
-        life = min(ttl - order.age, LONGEST_QUEUE) if order.age <= ttl else LONGEST_QUEUE
-        is_limited = sticks != order.sticks
-        return SendSticks(count(sticks), now + life, order.epoch, order.sequence, order.age, is_limited)
-
-    def _throttle_cap(self, now: float) -> float | None:
-        """Most throttle of a stale command: the pilot's where it is known, and never more than now on the ground."""
-        caps = [self._facts.pilot_throttle(now)]
-        if not self._facts.is_flying(now):
-            caps.append(self._last.throttle)
-        known = [cap for cap in caps if cap is not None]
-        return min(known) if known else None
+        return self._output.make(order, line.layout, now)
 
     # -- inside ---------------------------------------------------------------------------------------------------
 
@@ -269,7 +273,7 @@ class FlightCore:
 
     def _check_control(self) -> int:
         """Refuse a lease nobody could fly with; returns which opening of the port it stands on."""
-        link = self._facts.link
+        link = self.facts.link
         if self._line.layout is None:
             raise refuse(Token.NO_CONTROL, detail=self._line.reason or "this firmware has no external control")
         if link is None or not link.condition.is_usable:

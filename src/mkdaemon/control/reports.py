@@ -6,6 +6,8 @@ from typing import Any, Final
 
 from mkdaemon.control.actions import Action, PublishStatus, ReportCommand, ReportFailsafe, ReportMode, Warn
 from mkdaemon.control.authority import Authority
+from mkdaemon.control.output import StickOutput
+from mkdaemon.control.vehicle import VehicleFacts
 from mkdaemon.errors import CommandRejectedError
 from mkdaemon.telemetry.command import CommandResult, refused
 from mkdaemon.telemetry.control import Phase
@@ -21,8 +23,10 @@ REPORT_PERIOD: Final = 1.0
 class Reports:
     """Collects what the next tick hands out."""
 
-    def __init__(self, authority: Authority) -> None:
+    def __init__(self, authority: Authority, output: StickOutput, facts: VehicleFacts) -> None:
         self._authority = authority
+        self._output = output
+        self._facts = facts
         self._phase = authority.phase
         self._status: tuple[Phase, str, int | None] | None = None
         self._status_at = self._refusal_at = self._unsent_at = float("-inf")
@@ -72,7 +76,17 @@ class Reports:
         if news == self._status and now - self._status_at < STATUS_PERIOD:
             return
         self._status, self._status_at = news, now
-        age = authority.setpoint_age(now)
         self._waiting.append(
-            PublishStatus(authority.phase, authority.reason, lease, age, authority.refused, layout),
+            PublishStatus(
+                phase=authority.phase,
+                reason=authority.reason,
+                lease=lease,
+                setpoint_age=authority.setpoint_age(now),
+                refused=authority.refused,
+                external_control=layout,
+                frames_handed_over=self._output.handed_over,
+                frames_sent=self._output.sent,
+                frames_confirmed=self._output.confirmed,
+                pose_age=self._facts.pose_age(now),
+            )
         )

@@ -7,6 +7,7 @@ from typing import Final, NamedTuple
 from mkdaemon.telemetry.base import Telemetry
 from mkdaemon.telemetry.link import LinkState
 from mkdaemon.telemetry.state import Flight, Pilot
+from mkdaemon.telemetry.vision import VisionPose
 
 FRESH: Final = 2.0
 """Knowledge about motors, flight and pilot that is older is none [s]."""
@@ -32,6 +33,7 @@ class VehicleFacts:
         self._flight: tuple[Flight, float] | None = None
         self._pilot: tuple[Pilot, float] | None = None
         self._tested_at: float | None = None
+        self._pose: VisionPose | None = None
 
     def motors_reported(self, are_running: bool, at: float) -> None:
         """Take what a message says about the motors."""
@@ -51,13 +53,25 @@ class VehicleFacts:
             case _:
                 pass
 
+    def pose_received(self, pose: VisionPose) -> None:
+        """Take a pose against a target; the newest image counts."""
+        if self._pose is None or pose.stamp.monotonic >= self._pose.stamp.monotonic:
+            self._pose = pose
+
     def link_changed(self, state: LinkState) -> None:
-        """Take a verdict on the line."""
+        """Take a verdict on the line; what an earlier opening of the port told is forgotten."""
+        if self.link is not None and self.link.openings != state.openings:
+            self._motors = self._flight = self._pilot = None
         self.link = state
 
-    def motors_running(self, now: float) -> bool | None:
-        """Whether motors run; None where no message has said so lately."""
-        if self._motors is None or now - self._motors.at > FRESH:
+    def motors_running(self, now: float, within: float = FRESH) -> bool | None:
+        """Whether motors run; None where no message has said so lately.
+
+        Args:
+            now: [s].
+            within: how old that message may be [s].
+        """
+        if self._motors is None or now - self._motors.at > within:
             return None
         return self._motors.are_running
 
@@ -73,6 +87,10 @@ class VehicleFacts:
         """Whether it is in the air; None where no message has said so lately."""
         flight = self.flight(now)
         return None if flight is None else flight.is_flying
+
+    def pose_age(self, now: float) -> float | None:
+        """Time since the image of the newest pose [s]; None where there is none."""
+        return None if self._pose is None else now - self._pose.stamp.monotonic
 
     def pilot_throttle(self, now: float) -> float | None:
         """The pilot's throttle [stick]; None where the boards do not tell it."""

@@ -10,7 +10,11 @@ from typing import TYPE_CHECKING
 from mkdaemon.bus.gateway import Bus
 from mkdaemon.clock import Clock
 from mkdaemon.config.root import Config
+from mkdaemon.control.core import FlightCore
+from mkdaemon.daemon.audit import Outlet
+from mkdaemon.telemetry.base import Telemetry
 from mkdaemon.telemetry.state import Attitude
+from mkdaemon.telemetry.vision import VisionPose
 
 if TYPE_CHECKING:
     from mkdaemon.vision.worker import VisionWorker
@@ -34,7 +38,7 @@ class Eyes:
         finally:
             await asyncio.to_thread(self._worker.stop, CLOSING)
 
-    def attitude_said(self, attitude: Attitude) -> None:
+    def attitude_received(self, attitude: Attitude) -> None:
         """Tell the eyes how the vehicle lies, so that a pose that contradicts it can be refused."""
         if self._worker is None:
             return
@@ -44,12 +48,26 @@ class Eyes:
         self._worker.attitude_arrived(sample)
 
 
+class PoseSink:
+    """Takes what the cameras see: poses reach the flight core before the bus."""
+
+    def __init__(self, core: FlightCore, bus: Outlet) -> None:
+        self._core = core
+        self._bus = bus
+
+    def publish(self, suffix: str, value: Telemetry) -> None:
+        """Hand a value on; see `Bus.publish`."""
+        if isinstance(value, VisionPose):
+            self._core.pose_received(value)
+        self._bus.publish(suffix, value)
+
+
 CLOSING = 1.0
 """Longest time cameras get to close [s]; the whole daemon must be gone within two."""
 
 
-def open_eyes(cfg: Config, bus: Bus, clock: Clock) -> Eyes:
-    """Prepare the cameras; a daemon without any never loads OpenCV.
+def open_eyes(cfg: Config, bus: Bus, core: FlightCore, clock: Clock) -> Eyes:
+    """Prepare the cameras, whose poses go to the flight core first; a daemon without any never loads OpenCV.
 
     Raises:
         ConfigError: a source, camera file or target file is wrong.
@@ -59,4 +77,4 @@ def open_eyes(cfg: Config, bus: Bus, clock: Clock) -> Eyes:
     from mkdaemon.vision.worker import VisionWorker
 
     loop = asyncio.get_running_loop()
-    return Eyes(VisionWorker(cfg.cameras, cfg.vision, bus, loop, clock, session=lambda: bus.session))
+    return Eyes(VisionWorker(cfg.cameras, cfg.vision, PoseSink(core, bus), loop, clock, session=lambda: bus.session))

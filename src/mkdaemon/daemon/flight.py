@@ -27,7 +27,6 @@ from mkdaemon.control.actions import (
     Warn,
 )
 from mkdaemon.control.core import FlightCore
-from mkdaemon.control.vehicle import VehicleFacts
 from mkdaemon.daemon.audit import Audit, Outlet
 from mkdaemon.daemon.meeting import meet
 from mkdaemon.daemon.preflight import read_gate
@@ -56,12 +55,11 @@ class FlightControl:
         core: FlightCore,
         link: Link,
         bus: Outlet,
-        facts: VehicleFacts,
         audit: Audit,
         *,
         clock: Clock,
     ) -> None:
-        self._core, self._link, self._bus, self._facts, self._audit = core, link, bus, facts, audit
+        self._core, self._link, self._bus, self._audit = core, link, bus, audit
         self._clock = clock
         self._news = asyncio.Event()
         self._release_waiters: list[asyncio.Future[ReleaseResult | None]] = []
@@ -98,7 +96,7 @@ class FlightControl:
         """
         request = read_command(LeaseRequest, raw)
         if request.action == "take":
-            await meet(self._link, self._facts.link)
+            await meet(self._link, self._core.facts.link)
         self._core.line_changed(self._link.control_line())
         granted = self._core.lease(request, self._clock.now())
         if isinstance(granted, ReadGate):

@@ -14,6 +14,7 @@ from mkdaemon.bus.gateway import Bus
 from mkdaemon.clock import Clock
 from mkdaemon.config.root import Config
 from mkdaemon.control.core import FlightCore
+from mkdaemon.control.vehicle import VehicleFacts
 from mkdaemon.daemon.audit import Audit
 from mkdaemon.daemon.eyes import open_eyes
 from mkdaemon.daemon.flight import FlightControl
@@ -22,7 +23,7 @@ from mkdaemon.daemon.procedures import Journal, Occupancy, ProcedureDesk, state_
 from mkdaemon.daemon.requests import BoardRequests
 from mkdaemon.daemon.sink import BusSink
 from mkdaemon.daemon.verbs import Verbs
-from mkdaemon.daemon.vitals import Vitals
+from mkdaemon.daemon.vitals import vehicle_health
 from mkdaemon.daemon.watchdog import Notifier, feed_watchdog
 from mkdaemon.errors import ConfigError, MkError
 from mkdaemon.link.labels import LabelCache
@@ -87,18 +88,19 @@ class Daemon:
         self._cfg = cfg
         self._bus = bus
         self._clock = clock
-        self._vitals = Vitals(cfg.vehicle.note)
-        audit = self._audit = Audit(bus, clock)
-        self._eyes = open_eyes(cfg, bus, clock)
-        self._link = Link(cfg.link, BusSink(bus, self._vitals, audit, self._eyes, clock), clock=clock)
+        facts = self._facts = VehicleFacts()
         # Milliseconds since 1970: above every epoch of an earlier run, whatever a client still streams.
-        core = FlightCore(cfg.control, self._vitals.facts, first_epoch=int(clock.stamp().wall * 1000))
-        self._flight = FlightControl(core, self._link, bus, self._vitals.facts, audit, clock=clock)
+        core = FlightCore(cfg.control, facts, first_epoch=int(clock.stamp().wall * 1000))
+        audit = self._audit = Audit(bus, clock)
+        self._eyes = open_eyes(cfg, bus, core, clock)
+        sink = BusSink(bus, core, audit, self._eyes, clock)
+        self._link = Link(cfg.link, sink, clock=clock, motors_running=facts.motors_running)
+        self._flight = FlightControl(core, self._link, bus, audit, clock=clock)
         occupancy = Occupancy(lambda: self._flight.phase)
-        requests = BoardRequests(cfg.commands, self._link, self._vitals, audit, clock, admit=occupancy.check_request)
+        requests = BoardRequests(cfg.commands, self._link, facts, audit, clock, admit=occupancy.check_request)
         self._procedures = ProcedureDesk(
             self._link,
-            self._vitals,
+            facts,
             bus,
             audit,
             requests,
@@ -124,7 +126,7 @@ class Daemon:
                 tasks = [
                     above.create_task(self._flight.run(), name="control"),
                     above.create_task(self._procedures.run(), name="procedures"),
-                    above.create_task(self._tell_vitals(), name="vitals"),
+                    above.create_task(self._publish_health(), name="health"),
                     above.create_task(self._watch_system_clock(), name="clock"),
                     above.create_task(feed_watchdog(notifier, lambda: self._flight.ticks), name="watchdog"),
                     (stopped := above.create_task(stop.wait(), name="stop")),
@@ -152,14 +154,14 @@ class Daemon:
                 await self._bus.wait_until_watched()
             await asyncio.sleep(SETTLE)
 
-    async def _tell_vitals(self) -> None:
+    async def _publish_health(self) -> None:
         """Publish whether the vehicle is alive, once a second and at once when it changes."""
-        told, told_at = None, float("-inf")
+        published, published_at = None, float("-inf")
         while True:
-            health = self._vitals.health(self._clock.stamp(), read_only=self._link.dialect.read_only_reason)
-            facts = health.model_dump(exclude={"stamp"})
-            if facts != told or health.stamp.monotonic - told_at >= HEALTH_PERIOD:
-                told, told_at = facts, health.stamp.monotonic
+            health = vehicle_health(self._facts, self._link, self._clock.stamp(), note=self._cfg.vehicle.note)
+            content = health.model_dump(exclude={"stamp"})
+            if content != published or health.stamp.monotonic - published_at >= HEALTH_PERIOD:
+                published, published_at = content, health.stamp.monotonic
                 self._bus.publish("health", health)
             await asyncio.sleep(HEALTH_LOOK)
 

@@ -13,9 +13,9 @@ from mkdaemon.bus.codec import decode_map, first_mistake, schema_name
 from mkdaemon.clock import Clock
 from mkdaemon.config.commands import CommandsConfig
 from mkdaemon.control.danger import check_danger, check_proof
+from mkdaemon.control.vehicle import VehicleFacts
 from mkdaemon.daemon.audit import Audit
 from mkdaemon.daemon.meeting import meet
-from mkdaemon.daemon.vitals import Vitals
 from mkdaemon.errors import CommandRejectedError, LinkLostError, RequestTimeoutError
 from mkdaemon.link.discovery import PORTS, redirection
 from mkdaemon.link.link import Link
@@ -39,7 +39,7 @@ class BoardRequests:
         self,
         cfg: CommandsConfig,
         link: Link,
-        vitals: Vitals,
+        facts: VehicleFacts,
         audit: Audit,
         clock: Clock,
         *,
@@ -50,7 +50,7 @@ class BoardRequests:
         Args:
             cfg: what is enabled.
             link: the line.
-            vitals: what is known about the vehicle.
+            facts: what is known about the vehicle.
             audit: hears of every command.
             clock: of the daemon.
             admit: refuses what would disturb a procedure.
@@ -58,7 +58,7 @@ class BoardRequests:
         self._cfg = cfg
         self._admit = admit
         self._link = link
-        self._vitals = vitals
+        self._facts = facts
         self._audit = audit
         self._clock = clock
 
@@ -83,12 +83,12 @@ class BoardRequests:
         if danger is not None:
             if danger.stopped or danger.confirm is Confirm.IN_FLIGHT:
                 self._admit(board)
-            await meet(self._link, self._vitals.link)
+            await meet(self._link, self._facts.link)
         self.check_request(board, message, is_confirmed=confirmed)
         async with way_to(self._link, board, message):
             await self.prove_board(board, message)
             if message.spec.danger is not None and message.spec.danger.turns_motors:
-                self._vitals.motor_test_sent(self._clock.now())
+                self._facts.motor_test_sent(self._clock.now())
             if isinstance(message, Redirect):
                 return await self._pass_through(message.port)
             return await self._converse(board, message)
@@ -112,8 +112,8 @@ class BoardRequests:
                 danger,
                 is_confirmed=is_confirmed,
                 switches=[switch for switch in Switch if getattr(self._cfg, switch)],
-                motors_running=self._vitals.motors_running(self._clock.now()),
-                is_testing_motors=self._vitals.is_testing_motors(self._clock.now()),
+                motors_running=self._facts.motors_running(self._clock.now()),
+                is_testing_motors=self._facts.is_testing_motors(self._clock.now()),
             )
 
     async def prove_board(self, board: Board, message: WireMessage) -> None:
@@ -185,14 +185,15 @@ class BoardRequests:
         Raises:
             CommandRejectedError: `board_unproven`, or what the link refuses.
         """
-        if self._vitals.is_proven(board, self._clock.now()):
+        if self._link.is_proven(board):
             return
         try:
             await self._link.request(VersionRequest(), board=board)
         except (RequestTimeoutError, LinkLostError) as error:
             raise refuse(Token.BOARD_UNPROVEN, board=board.word, detail=str(error)) from error
-        is_proven = self._vitals.is_proven(board, self._clock.now())
-        check_proof(board.word, danger, is_proven=is_proven, found=self._vitals.last_named())
+        proof = self._link.proof
+        found = "no board answered one" if proof is None else f"{proof.board.word} answered it"
+        check_proof(board.word, danger, is_proven=self._link.is_proven(board), found=found)
 
     async def _converse(self, board: Board, message: WireMessage) -> CommandResult:
         spec = message.spec
@@ -208,7 +209,7 @@ class BoardRequests:
         return CommandResult(status=Status.ACCEPTED, reply=dict(reply.__dict__), reply_type=schema_name(type(reply)))
 
     def _link_down(self, error: LinkLostError) -> CommandResult:
-        state = self._vitals.link
+        state = self._facts.link
         condition = "absent" if state is None else state.condition.value
         return refused(refuse(Token.LINK_DOWN, state=condition, detail=str(error)))
 

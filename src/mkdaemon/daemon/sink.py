@@ -7,19 +7,21 @@ from typing import Final
 from pydantic import BaseModel
 
 from mkdaemon.clock import Clock
+from mkdaemon.control.core import FlightCore
 from mkdaemon.daemon.audit import Audit, Outlet
 from mkdaemon.daemon.eyes import Eyes
-from mkdaemon.daemon.vitals import Vitals
 from mkdaemon.link.session.exchange import CLOSED
-from mkdaemon.link.session.traffic import Lost, Received, Sent
+from mkdaemon.link.session.traffic import Lost, Purpose, Received, Sent
 from mkdaemon.protocol.boards import board_at
 from mkdaemon.protocol.decoder import Unknown
+from mkdaemon.protocol.messages import ControlConfirm
 from mkdaemon.protocol.wire import Board, WireMessage
 from mkdaemon.stamp import Stamp
 from mkdaemon.telemetry.link import LinkCondition, LinkHealth, LinkState, LinkTraffic
 from mkdaemon.telemetry.state import Attitude
 from mkdaemon.telemetry.traffic import FrameSample, RawFrame
 from mkdaemon.translate import StateTranslator
+from mkdaemon.translate.origin import State
 from mkdaemon.translate.state import motors_running
 
 _FOREIGN: Final = "other"
@@ -29,9 +31,9 @@ _FOREIGN: Final = "other"
 class BusSink:
     """Hears about the line and publishes; every method returns at once."""
 
-    def __init__(self, bus: Outlet, vitals: Vitals, audit: Audit, eyes: Eyes, clock: Clock) -> None:
+    def __init__(self, bus: Outlet, core: FlightCore, audit: Audit, eyes: Eyes, clock: Clock) -> None:
         self._bus = bus
-        self._vitals = vitals
+        self._core = core
         self._audit = audit
         self._eyes = eyes
         self._clock = clock
@@ -39,30 +41,38 @@ class BusSink:
         self._counts = {"rx": 0, "tx": 0}
 
     def received(self, frame: Received) -> None:
-        """Publish a frame as bytes, as a message and as state."""
+        """Tell the flight core what a frame says, then publish it as bytes, as a message and as state."""
         sequence = self._count("rx")
         stamp = self._clock.stamp(frame.at)
-        self._bus.publish("raw/rx", RawFrame(stamp=stamp, sequence=sequence, raw=frame.frame.raw))
         board = board_at(frame.frame.address)
         word = _FOREIGN if board is None else board.word
         message = frame.message
+        states = [] if isinstance(message, Unknown) else self._tell_core(word, message, stamp)
+        self._bus.publish("raw/rx", RawFrame(stamp=stamp, sequence=sequence, raw=frame.frame.raw))
         sample, schema = _sample(message, word, frame.frame.id, sequence, stamp)
         self._bus.publish(f"rx/{word}/{_key(message)}", sample, schema=schema)
-        if isinstance(message, Unknown):
-            return
-        running = motors_running(word, message)
-        if running is not None:
-            self._vitals.motors_said(running, frame.at)
-        if message.spec.key == "version" and board is not None:
-            self._vitals.version_said(board, str(getattr(message, "release", "")), frame.at)
-        for suffix, value in self._translator.states(word, message, stamp):
-            self._vitals.facts.state_received(value, frame.at)
-            if isinstance(value, Attitude):
-                self._eyes.attitude_said(value)
+        for suffix, value in states:
             self._bus.publish(suffix, value)
 
+    def _tell_core(self, board: str, message: WireMessage, stamp: Stamp) -> list[State]:
+        """Tell the flight core and the cameras what a message says; returns its state values."""
+        at = stamp.monotonic
+        if isinstance(message, ControlConfirm):
+            self._core.frame_confirmed(message.frame)
+        running = motors_running(board, message)
+        if running is not None:
+            self._core.motors_reported(running, at)
+        states = self._translator.states(board, message, stamp)
+        for _, value in states:
+            self._core.state_received(value, at)
+            if isinstance(value, Attitude):
+                self._eyes.attitude_received(value)
+        return states
+
     def sent(self, frame: Sent) -> None:
-        """Publish a transmission as bytes and as a message."""
+        """Publish a transmission as bytes and as a message; the flight core is told of its own."""
+        if frame.purpose is Purpose.SETPOINT and frame.message is not None:
+            self._core.frame_sent(frame.message.frame)  # type: ignore[attr-defined]  # every layout has it
         sequence = self._count("tx")
         stamp = self._clock.stamp(frame.at)
         purpose = frame.purpose.name.lower()
@@ -87,12 +97,12 @@ class BusSink:
 
     def state_changed(self, state: LinkState) -> None:
         """Publish the verdict on the line; a new condition is also a line in the log, with what to do about it."""
-        before = self._vitals.link
+        before = self._core.facts.link
         if before is None or before.condition != state.condition:
             is_ordinary = state.condition is LinkCondition.UP or state.reason == CLOSED
             level = "info" if is_ordinary else "warning"
             self._audit.log(level, f"{state.port}: {state.condition.value}: {state.reason}")
-        self._vitals.link_said(state)
+        self._core.link_changed(state)
         self._bus.publish("link/state", state)
 
     def health_measured(self, health: LinkHealth) -> None:

@@ -6,7 +6,8 @@ Each call hands something to the dialogue and pumps the exchange; who opens the 
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Awaitable
+from collections.abc import Awaitable, Callable
+from typing import Final
 
 from mkdaemon.clock import Clock
 from mkdaemon.config.link import LinkConfig
@@ -14,6 +15,7 @@ from mkdaemon.errors import LinkLostError, RequestTimeoutError
 from mkdaemon.link.session.controlpath import BuildControl, FrameNumber
 from mkdaemon.link.session.dialogue import Dialogue
 from mkdaemon.link.session.exchange import Exchange
+from mkdaemon.link.session.peers import Proof
 from mkdaemon.link.session.streams import check_rates
 from mkdaemon.link.session.traffic import LinkSink, Purpose, ReleaseResult
 from mkdaemon.protocol.dialect import Dialect
@@ -21,6 +23,11 @@ from mkdaemon.protocol.wire import Board, WireMessage
 from mkdaemon.telemetry.control import ControlLine, ReleaseOutcome
 from mkdaemon.telemetry.link import LinkHealth, LinkTraffic
 from mkdaemon.telemetry.refusals import Token, refuse
+
+MOTORS_FRESH: Final = 1.0
+"""Before a redirection, telemetry about the motors counts for this long [s]: less than redirections are apart."""
+MotorsRunning = Callable[[float, float], bool | None]
+"""Tells at a time [s] whether the motors run, from telemetry of at most an age [s]; None where there is none."""
 
 
 class Conversation:
@@ -30,8 +37,8 @@ class Conversation:
         passage: held while a NaviCtrl passes the line through to another board.
     """
 
-    def __init__(self, cfg: LinkConfig, sink: LinkSink, clock: Clock) -> None:
-        """Prepare.
+    def __init__(self, cfg: LinkConfig, sink: LinkSink, clock: Clock, motors_running: MotorsRunning) -> None:
+        """Prepare; arguments as for `Link`.
 
         Raises:
             ConfigError: the configured port or a configured stream cannot exist, or the line cannot carry the rates.
@@ -39,6 +46,7 @@ class Conversation:
         check_rates(cfg)
         self._cfg = cfg
         self._clock = clock
+        self._motors_running = motors_running
         self._dialogue = Dialogue(cfg, clock.now())
         self._exchange = Exchange(cfg, sink, self._dialogue, clock)
         self.passage = asyncio.Lock()
@@ -170,6 +178,20 @@ class Conversation:
         self._dialogue.want(kind, interval)
         self._exchange.pump()
 
+    @property
+    def firmware(self) -> dict[Board, str]:
+        """Release of each board that named it since the port was opened."""
+        return dict(self._dialogue.peers.firmware)
+
+    @property
+    def proof(self) -> Proof | None:
+        """Who sent the latest version reply; None where the wire has led elsewhere since."""
+        return self._dialogue.peers.proof
+
+    def is_proven(self, board: Board) -> bool:
+        """Whether the latest version reply, not long ago, came from this board."""
+        return self._dialogue.peers.is_proven(board, self._clock.now())
+
     # -- what discovery uses --------------------------------------------------------------------------------------
 
     def start_streams(self) -> None:
@@ -178,8 +200,8 @@ class Conversation:
         self._exchange.pump()
 
     def motors_running(self) -> bool | None:
-        """Whether fresh telemetry says that the motors run; None where there is none."""
-        return self._dialogue.peers.motors_running(self._clock.now())
+        """Whether telemetry of the last second says that the motors run; None where none does."""
+        return self._motors_running(self._clock.now(), MOTORS_FRESH)
 
     def set_redirection(self, board: Board | None) -> None:
         """A NaviCtrl passes the line through to a board from now on; None: no more."""

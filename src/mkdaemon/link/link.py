@@ -13,7 +13,7 @@ from typing import Protocol
 from mkdaemon.clock import Clock
 from mkdaemon.config.link import LinkConfig
 from mkdaemon.errors import LinkError, LinkLostError
-from mkdaemon.link.conversation import Conversation
+from mkdaemon.link.conversation import Conversation, MotorsRunning
 from mkdaemon.link.discovery import discover_boards, discover_flightctrl
 from mkdaemon.link.ports.port import Port, open_port
 from mkdaemon.link.session.reopening import AliasMemory, backoff
@@ -38,6 +38,7 @@ class Link(Conversation):
         *,
         opener: Opener = open_port,
         clock: Clock | None = None,
+        motors_running: MotorsRunning = lambda now, within: None,
     ) -> None:
         """Prepare; `run` does the work.
 
@@ -46,11 +47,13 @@ class Link(Conversation):
             sink: hears of everything that crosses the line.
             opener: opens the port.
             clock: the machine's if none is given.
+            motors_running: who knows whether the motors run; a line is only redirected while it is known that they
+                do not.
 
         Raises:
             ConfigError: the configured port or a configured stream cannot exist, or the line cannot carry the rates.
         """
-        super().__init__(cfg, sink, clock or Clock())
+        super().__init__(cfg, sink, clock or Clock(), motors_running)
         self._opener = opener
         self._aliases = AliasMemory()
 

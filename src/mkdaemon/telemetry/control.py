@@ -94,6 +94,14 @@ class ControlStatus(Stamped):
     """Setpoints refused since the start."""
     external_control: str | None
     """Layout of stick frames this aircraft takes; null where control is not possible."""
+    frames_handed_over: int = 0
+    """Stick frames handed to the line since the start."""
+    frames_sent: int = 0
+    """Of those, written to the port; the others were replaced by a newer one or grew too old."""
+    frames_confirmed: int = 0
+    """Of those, confirmed by the board, where it confirms any."""
+    pose_age: float | None = None
+    """Time since the newest pose of a target was seen [s]; null where none was."""
 
 
 class ControlOutput(Stamped):

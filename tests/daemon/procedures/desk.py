@@ -14,13 +14,15 @@ from pydantic import BaseModel
 from lab.rigs.boardport import Socket
 from mkdaemon.clock import Clock
 from mkdaemon.config.commands import CommandsConfig
+from mkdaemon.config.control import ControlConfig
 from mkdaemon.config.link import LinkConfig
+from mkdaemon.control.core import FlightCore
+from mkdaemon.control.vehicle import VehicleFacts
 from mkdaemon.daemon.audit import Audit
 from mkdaemon.daemon.eyes import Eyes
 from mkdaemon.daemon.procedures import Journal, Occupancy, ProcedureDesk
 from mkdaemon.daemon.requests import BoardRequests
 from mkdaemon.daemon.sink import BusSink
-from mkdaemon.daemon.vitals import Vitals
 from mkdaemon.errors import CommandRejectedError
 from mkdaemon.link.labels import LabelCache
 from mkdaemon.link.link import Link
@@ -72,17 +74,18 @@ class Desk:
         loop = asyncio.get_running_loop()
         self.socket, self.bus, self.phase = socket, Bus(), Phase.FREE
         clock = Clock(monotonic=loop.time)
-        vitals = Vitals("")
+        facts = VehicleFacts()
+        core = FlightCore(ControlConfig(), facts, first_epoch=1)
         audit = Audit(self.bus, clock)
         cfg = LinkConfig.model_validate({"port": "/dev/rig"})
-        sink = BusSink(self.bus, vitals, audit, Eyes(None), clock)
-        self.link = Link(cfg, sink, opener=socket.open, clock=clock)
+        sink = BusSink(self.bus, core, audit, Eyes(None), clock)
+        self.link = Link(cfg, sink, opener=socket.open, clock=clock, motors_running=facts.motors_running)
         self.occupancy = Occupancy(lambda: self.phase)
         self.journal = PromptJournal(folder)
-        self.guard = Guard(CommandsConfig(), self.link, vitals, audit, clock)
+        self.guard = Guard(CommandsConfig(), self.link, facts, audit, clock)
         self.desk = ProcedureDesk(
             self.link,
-            vitals,
+            facts,
             self.bus,
             audit,
             self.guard,

@@ -16,6 +16,7 @@ import structlog
 
 from mkdaemon.bus.codec import read_command, schema_name
 from mkdaemon.clock import Clock
+from mkdaemon.control.vehicle import VehicleFacts
 from mkdaemon.daemon.audit import Audit, Outlet
 from mkdaemon.daemon.meeting import meet
 from mkdaemon.daemon.procedures.job import Guard, Job, JobObserver, state_of
@@ -24,7 +25,6 @@ from mkdaemon.daemon.procedures.make import PATIENCE
 from mkdaemon.daemon.procedures.occupancy import Occupancy
 from mkdaemon.daemon.procedures.recovery import Recovery
 from mkdaemon.daemon.procedures.table import PROCEDURES, ProcedureSpec, request_model
-from mkdaemon.daemon.vitals import Vitals
 from mkdaemon.errors import CommandRejectedError, LinkLostError, MkError, RequestTimeoutError
 from mkdaemon.link.labels import LabelCache, read_labels
 from mkdaemon.link.link import Link
@@ -54,7 +54,7 @@ class ProcedureDesk:
     def __init__(
         self,
         link: Link,
-        vitals: Vitals,
+        facts: VehicleFacts,
         bus: Outlet,
         audit: Audit,
         guard: Guard,
@@ -64,10 +64,10 @@ class ProcedureDesk:
         clock: Clock,
     ) -> None:
         """Read what an earlier daemon left in the journal; `run` does the work."""
-        self._link, self._vitals, self._bus, self._audit = link, vitals, bus, audit
+        self._link, self._facts, self._bus, self._audit = link, facts, bus, audit
         self._guard, self._occupancy, self._journal, self._labels = guard, occupancy, journal, labels
         self._clock = clock
-        self._recovery = Recovery(journal, link, vitals, audit, occupancy)
+        self._recovery = Recovery(journal, link, facts, audit, occupancy)
         self._job: Job | None = None
         self._news = asyncio.Event()
 
@@ -96,7 +96,7 @@ class ProcedureDesk:
         is_alone = (spec.is_alone and not request.allows_flight) or self._is_behind(spec.board)
         admit = partial(self._occupancy.check_procedure, verb, is_alone=is_alone, needs_live_set=spec.needs_live_set)
         admit()
-        await meet(self._link, self._vitals.link)
+        await meet(self._link, self._facts.link)
         if is_alone:
             await self._check_motors(f"do/{verb}", can_fly=issubclass(model, InFlightRequest))
         admit()
@@ -190,9 +190,9 @@ class ProcedureDesk:
         with suppress(TimeoutError):
             async with asyncio.timeout(MOTORS_WAIT):
                 # Telemetry is a state, not an event.
-                while self._vitals.motors_running(self._clock.now()) is None:  # noqa: ASYNC110
+                while self._facts.motors_running(self._clock.now()) is None:  # noqa: ASYNC110
                     await asyncio.sleep(0.05)
-        return self._vitals.motors_running(self._clock.now())
+        return self._facts.motors_running(self._clock.now())
 
     # -- running --------------------------------------------------------------------------------------------------
 

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from typing import Final, NamedTuple
 
+from mkdaemon.control.vehicle import VehicleFacts
 from mkdaemon.daemon.audit import Audit
 from mkdaemon.daemon.procedures.journal import Journal, Note
 from mkdaemon.daemon.procedures.occupancy import Occupancy
-from mkdaemon.daemon.vitals import Vitals
 from mkdaemon.link.link import Link
 from mkdaemon.protocol.procedures.live_set import Recovered
 from mkdaemon.telemetry.settings import OwedSet
@@ -26,9 +26,9 @@ class _Aircraft(NamedTuple):
 class Recovery:
     """Keeps the notes that are left, and says which one to act on."""
 
-    def __init__(self, journal: Journal, link: Link, vitals: Vitals, audit: Audit, occupancy: Occupancy) -> None:
+    def __init__(self, journal: Journal, link: Link, facts: VehicleFacts, audit: Audit, occupancy: Occupancy) -> None:
         """Read what an earlier daemon left."""
-        self._link, self._vitals, self._audit, self._occupancy = link, vitals, audit, occupancy
+        self._link, self._facts, self._audit, self._occupancy = link, facts, audit, occupancy
         self._others: dict[str, _Aircraft] = {}
         self._details: dict[str, str] = {}
         self._attempts = 0
@@ -68,7 +68,7 @@ class Recovery:
         note = self._occupancy.owed
         if note is None or self._here is None or now < self._retry_at:
             return None
-        if self._vitals.motors_running(now) is not False:
+        if self._facts.motors_running(now) is not False:
             self._say(note, "motors run, or nobody knows whether they do")
             return None
         return note
@@ -106,7 +106,7 @@ class Recovery:
 
     def _look_who_is_here(self) -> None:
         """Notice another aircraft; one that was taken for another is looked at again after the port was reopened."""
-        state, release = self._vitals.link, self._link.dialect.fc_release
+        state, release = self._facts.link, self._link.dialect.fc_release
         is_known = self._link.is_up and state is not None and release is not None and not self._link.lacks_flightctrl
         here = _Aircraft(state.openings, str(release)) if is_known and state is not None else None
         if here == self._here:

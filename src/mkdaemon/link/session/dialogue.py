@@ -17,7 +17,7 @@ from mkdaemon.link.session.counters import Counters
 from mkdaemon.link.session.health import HealthMonitor
 from mkdaemon.link.session.line import FORWARDING_GAP, LineRules
 from mkdaemon.link.session.outgoing import Outgoing
-from mkdaemon.link.session.peers import Acquaintance
+from mkdaemon.link.session.peers import VERSION_KEY, Peers
 from mkdaemon.link.session.prober import VERSION_TOKEN, Prober
 from mkdaemon.link.session.questions import Questions
 from mkdaemon.link.session.requests import Pending
@@ -51,7 +51,7 @@ class Dialogue:
         self.health = HealthMonitor(window=cfg.window, max_loss_percent=cfg.max_loss_percent, now=now)
         self.prober = Prober(cfg.echo_hz, self.health)
         self.streams = Streams(cfg)
-        self.peers = Acquaintance()
+        self.peers = Peers()
         self.questions = Questions(self.scheduler, self.peers, self.health)
         self.steering = Steering(self.scheduler, self.peers, self.health)
         self.is_open = False
@@ -120,6 +120,8 @@ class Dialogue:
             self.steering.control.board_was_busy(now - self.rules.reply_time(size), now)
         self.scheduler.reply_seen(board, letter)
         self.streams.frame_received(key, now)
+        if key == VERSION_KEY and board is not Board.ANY:
+            self.peers.version_received(board, message, now)
         self._note_content(message, now)
         pending = self.questions.received(message, board, now)
         if message.spec.tells_firmware and self.questions.proves_sender(pending):
@@ -135,8 +137,6 @@ class Dialogue:
                     self._pace_for_board()
             case "V" if self.health.echo.began(VERSION_TOKEN) is not None:
                 self.health.probe_answered(VERSION_TOKEN, now)
-            case "O":
-                self.peers.note_motors(message, now)
             case _:
                 pass
 
@@ -216,7 +216,7 @@ class Dialogue:
 
     def redirect(self, board: Board | None) -> None:
         """Note that a NaviCtrl passes the line through to a board; None: it speaks for itself again."""
-        self.peers.redirected = board
+        self.peers.redirect(board)
         self.scheduler.reserve_line(board)
         if board is None:
             self.streams.forget()
@@ -263,7 +263,7 @@ class Dialogue:
 
     def _note_sender(self, board: Board) -> None:
         """Learn from a sender who is at the other end of the wire."""
-        if not self.peers.meet(board):
+        if not self.peers.sender_heard(board):
             return
         self._pace_for_board()
         self.streams.use_board(board)

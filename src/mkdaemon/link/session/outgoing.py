@@ -7,7 +7,7 @@ import math
 from mkdaemon.link.session.controlpath import ControlEntry
 from mkdaemon.link.session.counters import Counters
 from mkdaemon.link.session.health import HealthMonitor
-from mkdaemon.link.session.peers import Acquaintance
+from mkdaemon.link.session.peers import Peers
 from mkdaemon.link.session.prober import Prober
 from mkdaemon.link.session.questions import Questions
 from mkdaemon.link.session.requests import Pending
@@ -24,7 +24,7 @@ class Outgoing:
     def __init__(
         self,
         scheduler: TransmitScheduler,
-        peers: Acquaintance,
+        peers: Peers,
         health: HealthMonitor,
         counters: Counters,
         *,

@@ -2,23 +2,34 @@
 
 from __future__ import annotations
 
-import math
-from typing import Final
+from typing import Final, NamedTuple
 
 from mkdaemon.protocol.decoder import Unknown
 from mkdaemon.protocol.dialect import Dialect, Evidence, decide
 from mkdaemon.protocol.wire import Board, WireMessage
 from mkdaemon.telemetry.refusals import Token, refuse
 
-MOTORS_RUN: Final = 0x01
-"""FCStatusFlags bit 0."""
-MOTORS_FRESH: Final = 1.0
-"""Telemetry about the motors counts for this long [s]."""
+PROOF_AGE: Final = 10.0
+"""A version reply older than this proves no longer who is on the line [s]."""
+VERSION_KEY: Final = "version"
+"""The message a board names itself with."""
 _PILOTS: Final = (Board.FC, Board.NC)
 
 
-class Acquaintance:
-    """What the boards have shown of themselves.
+class Proof(NamedTuple):
+    """The latest version reply since the wire last led elsewhere.
+
+    Attributes:
+        board: who sent it.
+        at: when [s].
+    """
+
+    board: Board
+    at: float
+
+
+class Peers:
+    """The one owner of who is on the wire: boards, addresses, versions, dialect.
 
     Attributes:
         evidence: kept over the loss of the port: a cable pulled and plugged does not change the aircraft, and another
@@ -27,6 +38,8 @@ class Acquaintance:
         direct: the board the wire ends at; ANY while unknown.
         redirected: the board a NaviCtrl passes the line through to; None for none.
         boards: heard since the port was opened.
+        firmware: release of each board that named it since the port was opened.
+        proof: who sent the latest version reply; None where the wire has led elsewhere since.
     """
 
     def __init__(self) -> None:
@@ -35,17 +48,23 @@ class Acquaintance:
         self.direct = Board.ANY
         self.redirected: Board | None = None
         self.boards: set[Board] = set()
-        self._motors_at = -math.inf
-        self._motors_run = True
+        self.firmware: dict[Board, str] = {}
+        self.proof: Proof | None = None
 
     def restart(self) -> None:
         """A port was opened: who is there must show itself again."""
         self.direct, self.redirected = Board.ANY, None
         self.boards.clear()
-        self._motors_at = -math.inf
+        self.firmware.clear()
+        self.proof = None
 
-    def meet(self, board: Board) -> bool:
-        """A frame came from this board; returns whether the board the wire ends at is another one than before.
+    def redirect(self, board: Board | None) -> None:
+        """Note that a NaviCtrl passes the wire through to a board; None: it speaks for itself again."""
+        self.redirected = board
+        self.proof = None
+
+    def sender_heard(self, board: Board) -> bool:
+        """Note that a frame came from a board; returns whether the wire ends at another board than before.
 
         A FlightCtrl that speaks after a NaviCtrl did is behind it (a redirection somebody left open); a NaviCtrl that
         speaks is always at the end of the wire.
@@ -60,23 +79,23 @@ class Acquaintance:
         self.direct = board
         return True
 
+    def version_received(self, board: Board, message: WireMessage, now: float) -> None:
+        """Note a version reply: it proves that the board is on the line."""
+        self.proof = Proof(board, now)
+        self.firmware[board] = str(getattr(message, "release", ""))
+
+    def is_proven(self, board: Board, now: float) -> bool:
+        """Whether the latest version reply, not long ago, came from this board."""
+        return self.proof is not None and self.proof.board is board and now - self.proof.at <= PROOF_AGE
+
     def learn(self, board: Board, message: WireMessage | Unknown) -> bool:
-        """A message may tell something about the firmware; returns whether the dialect changed."""
+        """Take what a message tells about the firmware; returns whether the dialect changed."""
         evidence = self.evidence.with_message(board, message)
         if evidence == self.evidence:
             return False
         self.evidence = evidence
         before, self.dialect = self.dialect, decide(evidence)
         return self.dialect != before
-
-    def note_motors(self, message: WireMessage, now: float) -> None:
-        """NaviData tells whether the motors run; an unknown form of it counts as running."""
-        self._motors_at = now
-        self._motors_run = bool(getattr(message, "fc_flags", MOTORS_RUN) & MOTORS_RUN)
-
-    def motors_running(self, now: float) -> bool | None:
-        """Whether fresh telemetry says that the motors run; None where there is none."""
-        return self._motors_run if now - self._motors_at < MOTORS_FRESH else None
 
     def reaches_fc(self, message: WireMessage, board: Board) -> bool:
         """Whether a FlightCtrl receives this frame."""

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from mkdaemon.link.session.health import HealthMonitor
-from mkdaemon.link.session.peers import Acquaintance
+from mkdaemon.link.session.peers import Peers
 from mkdaemon.link.session.requests import Pending, RequestBook
 from mkdaemon.link.session.scheduler import Entry, TransmitScheduler
 from mkdaemon.link.session.traffic import Purpose
@@ -60,7 +60,7 @@ class Questions:
         book: the questions under way, and the counts of those that ended.
     """
 
-    def __init__(self, scheduler: TransmitScheduler, peers: Acquaintance, health: HealthMonitor) -> None:
+    def __init__(self, scheduler: TransmitScheduler, peers: Peers, health: HealthMonitor) -> None:
         self.book = RequestBook()
         self._scheduler = scheduler
         self._peers = peers

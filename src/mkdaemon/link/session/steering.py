@@ -15,7 +15,7 @@ from typing import Final
 from mkdaemon.link.session import release
 from mkdaemon.link.session.controlpath import BuildControl, ControlEntry, ControlPath, FrameNumber
 from mkdaemon.link.session.health import HealthMonitor
-from mkdaemon.link.session.peers import Acquaintance
+from mkdaemon.link.session.peers import Peers
 from mkdaemon.link.session.scheduler import TransmitScheduler
 from mkdaemon.link.session.traffic import Purpose
 from mkdaemon.protocol.messages.control import ExternControlV1
@@ -35,7 +35,7 @@ class Steering:
         navictrl_confirms: the NaviCtrl at the end of the wire has confirmed a frame, so it takes them itself.
     """
 
-    def __init__(self, scheduler: TransmitScheduler, peers: Acquaintance, health: HealthMonitor) -> None:
+    def __init__(self, scheduler: TransmitScheduler, peers: Peers, health: HealthMonitor) -> None:
         self.control = ControlPath(health)
         self._health = health
         self.plan: release.ReleasePlan | None = None

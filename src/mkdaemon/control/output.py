@@ -1,0 +1,89 @@
+"""From what the authority wants to one stick frame: limited, not sooner than the boards can take, with a deadline."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from mkdaemon.config.control import ControlConfig
+from mkdaemon.control.actions import SendSticks
+from mkdaemon.control.authority import Fly
+from mkdaemon.control.limiter import Sticks, count, limit
+from mkdaemon.control.vehicle import VehicleFacts
+
+SHORTEST_STEP: Final = 0.01
+"""Stick frames are at least this far apart [s]: the boards lose frames beyond 100 Hz."""
+LONGEST_QUEUE: Final = 0.1
+"""A stick frame that could not be sent for this long is never sent [s]."""
+
+
+class StickOutput:
+    """Makes stick frames and counts what becomes of them.
+
+    Attributes:
+        handed_over: frames handed to the line since the start.
+        sent: of those, written to the port.
+        confirmed: of those, confirmed by the board.
+    """
+
+    def __init__(self, cfg: ControlConfig, facts: VehicleFacts) -> None:
+        self._cfg = cfg
+        self._facts = facts
+        self._last = Sticks(0.0, 0.0, 0.0, cfg.limiter.hover_throttle)
+        self._made_at = float("-inf")
+        self._awaited: set[int] = set()
+        self.handed_over = self.sent = self.confirmed = 0
+
+    @property
+    def next_step(self) -> float:
+        """When the boards can take the next frame [s]."""
+        return self._made_at + SHORTEST_STEP
+
+    def engage(self, sticks: Sticks, now: float) -> None:
+        """Begin a flight: tilt from neutral, throttle where the client holds it; less would drop the aircraft."""
+        self._last = Sticks(0.0, 0.0, 0.0, sticks.throttle)
+        self._made_at = now - 1.0 / self._cfg.rate
+
+    def make(self, order: Fly, layout: str, now: float) -> SendSticks:
+        """Limit the sticks and make a frame of them.
+
+        Args:
+            order: what the authority wants.
+            layout: of external control.
+            now: [s].
+        """
+        cfg = self._cfg.limiter
+        ttl = min(order.ttl, cfg.setpoint_ttl)
+        sticks = limit(
+            order.sticks,
+            self._last,
+            age=order.age,
+            ttl=ttl,
+            dt=max(now - self._made_at, SHORTEST_STEP),
+            layout=layout,
+            cfg=cfg,
+            throttle_cap=self._throttle_cap(now),
+        )
+        self._last, self._made_at = sticks, now
+        self.handed_over += 1
+        life = min(ttl - order.age, LONGEST_QUEUE) if order.age <= ttl else LONGEST_QUEUE
+        is_limited = sticks != order.sticks
+        return SendSticks(count(sticks), now + life, order.epoch, order.sequence, order.age, is_limited)
+
+    def frame_sent(self, number: int) -> None:
+        """Note that a frame was written to the port, under a number that comes again after 255 frames."""
+        self.sent += 1
+        self._awaited.add(number)
+
+    def frame_confirmed(self, number: int) -> None:
+        """Note a confirmation; those of releases are not counted."""
+        if number in self._awaited:
+            self._awaited.remove(number)
+            self.confirmed += 1
+
+    def _throttle_cap(self, now: float) -> float | None:
+        """Most throttle of a stale command: the pilot's where it is known, and never more than now on the ground."""
+        caps = [self._facts.pilot_throttle(now)]
+        if not self._facts.is_flying(now):
+            caps.append(self._last.throttle)
+        known = [cap for cap in caps if cap is not None]
+        return min(known) if known else None

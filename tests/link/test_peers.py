@@ -1,0 +1,45 @@
+"""Who is on the wire: proof by version replies, and when it is void."""
+
+from __future__ import annotations
+
+from mkdaemon.link.session.peers import PROOF_AGE, Peers, Proof
+from mkdaemon.protocol.messages import VersionFc210
+from mkdaemon.protocol.wire import Board
+
+VERSION = VersionFc210.decode(bytes([2, 12, 11, 0xBA, 0, 0, 0, 22, 103, 1]))
+
+
+def test_a_version_reply_proves_its_sender_until_it_is_old():
+    peers = Peers()
+    assert peers.proof is None
+    assert not peers.is_proven(Board.FC, 0.0)
+    peers.version_received(Board.FC, VERSION, 10.0)
+    assert peers.proof == Proof(Board.FC, 10.0)
+    assert peers.is_proven(Board.FC, 10.0 + PROOF_AGE)
+    assert not peers.is_proven(Board.FC, 10.0 + PROOF_AGE + 0.01)
+    assert not peers.is_proven(Board.NC, 10.0)
+
+
+def test_a_redirection_voids_the_proof_but_not_what_is_known_of_the_firmware():
+    peers = Peers()
+    peers.version_received(Board.FC, VERSION, 10.0)
+    peers.redirect(Board.FC)
+    assert not peers.is_proven(Board.FC, 10.0)
+    assert peers.firmware == {Board.FC: str(VERSION.release)}
+    peers.version_received(Board.FC, VERSION, 11.0)
+    peers.redirect(None)
+    assert not peers.is_proven(Board.FC, 11.0)
+
+
+def test_another_opening_of_the_port_voids_everything_that_was_heard():
+    peers = Peers()
+    peers.sender_heard(Board.FC)
+    peers.version_received(Board.FC, VERSION, 10.0)
+    peers.restart()
+    assert (peers.direct, peers.boards, peers.firmware, peers.proof) == (Board.ANY, set(), {}, None)
+
+
+def test_motor_controllers_are_no_end_of_the_wire():
+    peers = Peers()
+    assert not peers.sender_heard(Board.BL)
+    assert peers.boards == set()
