@@ -17,7 +17,6 @@ from pydantic import BaseModel
 
 from lab.rigs.boardport import Socket
 from lab.rigs.grounded import GroundedAircraft
-from mkdaemon.bus.codec import encode_map
 from mkdaemon.clock import Clock
 from mkdaemon.config.control import ControlConfig
 from mkdaemon.config.link import LinkConfig
@@ -32,6 +31,7 @@ from mkdaemon.link.link import Link
 from mkdaemon.link.session.traffic import Received, Sent
 from mkdaemon.sim.physics.world import World
 from mkdaemon.sim.simulation import Simulation
+from mkdaemon.telemetry.command import LeaseRequest
 from mkdaemon.telemetry.link import LinkState
 
 GATE_OPEN: Final = 255
@@ -205,9 +205,9 @@ class Cockpit:
         Raises:
             CommandRejectedError: it was refused.
         """
-        result = await self.flight.lease(encode_map({"action": "take", "holder": holder, "force": force}))
-        assert result.reply is not None
-        self.epoch = int(result.reply["epoch"])
+        lease = await self.flight.lease(LeaseRequest(action="take", holder=holder, force=force))
+        assert lease is not None
+        self.epoch = lease.epoch
         return self.epoch
 
 

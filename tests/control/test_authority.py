@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from mkdaemon.config.control import ControlConfig
-from mkdaemon.control.authority import Authority, Fly, LetGo, Silent
+from mkdaemon.control.authority import Authority, Fly, ReleaseOrder, SendNothing
 from mkdaemon.control.modes import Event
 from mkdaemon.control.setpoints import follow_sticks
 from mkdaemon.control.vehicle import VehicleFacts
@@ -32,7 +32,7 @@ class Cockpit:
         self.authority = authority(100)
         self.now = 0.0
         self.sequence = 0
-        self.actions: list[tuple[float, Fly | LetGo]] = []
+        self.actions: list[tuple[float, Fly | ReleaseOrder]] = []
 
     def stream(self, seconds, epoch, *, pitch=0.0, ttl=0.3, rate=50.0):
         """Setpoints at a rate, ticks in between."""
@@ -49,7 +49,7 @@ class Cockpit:
         """Ticks without setpoints."""
         for _ in range(round(seconds / TICK)):
             action = self.authority.tick(self.now)
-            if not isinstance(action, Silent):
+            if not isinstance(action, SendNothing):
                 self.actions.append((self.now, action))
             self.now += TICK
 
@@ -67,7 +67,7 @@ class Cockpit:
 
     @property
     def releases(self):
-        return [(t, action) for t, action in self.actions if isinstance(action, LetGo)]
+        return [(t, action) for t, action in self.actions if isinstance(action, ReleaseOrder)]
 
 
 @pytest.fixture

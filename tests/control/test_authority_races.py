@@ -7,7 +7,7 @@ from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, rule
 
-from mkdaemon.control.authority import Fly, LetGo
+from mkdaemon.control.authority import Fly, ReleaseOrder
 from mkdaemon.control.modes import Event
 from mkdaemon.errors import CommandRejectedError
 from mkdaemon.telemetry.control import Phase
@@ -75,7 +75,7 @@ class Race(RuleBasedStateMachine):
     def tick(self):
         held = self.authority.lease(self.now)
         action = self.authority.tick(self.now)
-        if isinstance(action, LetGo):
+        if isinstance(action, ReleaseOrder):
             self.releasing = True
         if isinstance(action, Fly):
             assert not self.releasing, "sticks while the aircraft is being let go of"

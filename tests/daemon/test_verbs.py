@@ -8,9 +8,9 @@ import pytest
 from mkdaemon.daemon.procedures import Occupancy
 from mkdaemon.daemon.verbs import Verbs
 from mkdaemon.errors import CommandRejectedError
-from mkdaemon.telemetry.command import CommandResult
-from mkdaemon.telemetry.control import Phase
-from mkdaemon.telemetry.refusals import Status, Token, refuse
+from mkdaemon.link.session.traffic import ReleaseResult
+from mkdaemon.telemetry.control import Phase, ReleaseOutcome
+from mkdaemon.telemetry.refusals import Token, refuse
 
 
 class Line:
@@ -35,13 +35,14 @@ class Desk:
 
     def __init__(self):
         self.events = []
+        self.released = ReleaseResult(ReleaseOutcome.CONFIRMED, 5, 5, "test")
         self._verbs = Verbs(self, Line(), self, Occupancy(lambda: Phase.FREE), {})
 
     async def lease(self, raw):
         raise refuse(Token.NOT_LEASED)
 
     async def release(self, raw):
-        return CommandResult(status=Status.ACCEPTED, reply={"status": "confirmed"})
+        return self.released
 
     def command(self, key, fields, result):
         self.events.append((key, fields, result))
@@ -90,6 +91,17 @@ async def test_refusals_say_what_is_wrong_and_are_mirrored(desk, verb, fields, t
     assert words in f"{result.reason} {result.fix}"
 
 
-async def test_release_passes_its_result_through(desk):
+@pytest.mark.parametrize(
+    ("outcome", "status"),
+    [(ReleaseOutcome.CONFIRMED, "accepted"), (ReleaseOutcome.UNCONFIRMED, "not_observable")],
+)
+async def test_release_says_how_it_went(desk, outcome, status):
+    desk.released = ReleaseResult(outcome, 5, 5, "test")
     result = await desk.ask("release", {"reason": "test"})
-    assert (result.status, result.reply["status"]) == ("accepted", "confirmed")
+    assert (result.status, result.reply["status"], result.reply["sent"]) == (status, outcome.value, 5)
+
+
+async def test_a_release_without_end_is_a_timeout(desk):
+    desk.released = None
+    result = await desk.ask("release", {"reason": "test"})
+    assert (result.status, result.token) == ("timeout", "timeout")

@@ -131,7 +131,7 @@ def test_a_release_outlives_the_end_of_a_redirection_without_waiting_for_what_ca
     bench.steering.release("test", bench.now)
     bench.run(0.03)
     bench.peers.redirected = None
-    bench.steering.redirected()
+    bench.steering.redirection_changed()
     began = bench.now
     bench.run(REPEATS * SPACING + 0.1)
     assert bench.steering.plan is not None

@@ -6,21 +6,21 @@ import pytest
 
 from lab.rigs.cockpit import Boards, cockpit
 from lab.rigs.virtualloop import run_virtually
-from mkdaemon.bus.codec import encode_map
 from mkdaemon.errors import CommandRejectedError
+from mkdaemon.telemetry.command import LeaseRequest
 
 
 def test_clients_without_a_name_do_not_take_each_others_lease():
     async def story():
         async with cockpit(Boards("2.12a"), seed=1) as flown:
-            take = encode_map({"action": "take"})
-            first = (await flown.flight.lease(take)).reply
+            take = LeaseRequest(action="take")
+            first = await flown.flight.lease(take)
             with pytest.raises(CommandRejectedError) as caught:
                 await flown.flight.lease(take)
             assert caught.value.token == "lease_held"
-            assert first["holder"] in caught.value.reason
-            second = (await flown.flight.lease(encode_map({"action": "take", "force": True}))).reply
-            assert second["holder"] != first["holder"]
-            assert second["epoch"] > first["epoch"]
+            assert first.holder in caught.value.reason
+            second = await flown.flight.lease(LeaseRequest(action="take", force=True))
+            assert second.holder != first.holder
+            assert second.epoch > first.epoch
 
     run_virtually(story())

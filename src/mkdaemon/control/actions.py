@@ -88,7 +88,9 @@ class Warn:
     text: str
 
 
-Action = SendSticks | Release | PublishStatus | ReportMode | ReportFailsafe | ReportCommand | Warn
+Report = ReportMode | ReportFailsafe | ReportCommand | Warn
+"""What goes into the audit trail."""
+Action = SendSticks | Release | PublishStatus | Report
 
 
 @dataclass(frozen=True, slots=True)

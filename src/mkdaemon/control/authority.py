@@ -23,7 +23,7 @@ Guide = Callable[[Setpoint, float], Sticks]
 
 
 @dataclass(frozen=True, slots=True)
-class Silent:
+class SendNothing:
     """Send nothing."""
 
 
@@ -47,7 +47,7 @@ class Fly:
 
 
 @dataclass(frozen=True, slots=True)
-class LetGo:
+class ReleaseOrder:
     """Release the aircraft now, and call `released` when that is done.
 
     Attributes:
@@ -61,7 +61,7 @@ class LetGo:
     asked: bool
 
 
-Decision = Silent | Fly | LetGo
+Decision = SendNothing | Fly | ReleaseOrder
 
 
 @dataclass(slots=True)
@@ -103,7 +103,7 @@ class Authority:
         self._next_epoch = first_epoch
         self._guide = guide
         self._lease: _Lease | None = None
-        self._pending: LetGo | None = None
+        self._pending: ReleaseOrder | None = None
         self.phase = Phase.FREE
         self.reason = "nobody has taken the lease"
         self.refused = 0
@@ -187,7 +187,7 @@ class Authority:
         """
         row = find_row(self.phase, event, Situation(is_held=self._lease is not None))
         if row is not None:
-            self._pending = self._let_go(row, **words)
+            self._pending = self._release_order(row, **words)
 
     def offer(self, setpoint: Setpoint, now: float) -> bool:
         """Take a setpoint; the newest of the present lease wins.
@@ -215,21 +215,21 @@ class Authority:
     # -- what happens ---------------------------------------------------------------------------------------------
 
     def tick(self, now: float) -> Decision:
-        """Decide what is sent now. `LetGo` comes once; nothing is sent until `released` answers it."""
+        """Decide what is sent now. `ReleaseOrder` comes once; nothing is sent until `released` answers it."""
         if self._pending is not None:
             order, self._pending = self._pending, None
             self.phase, self.reason = Phase.RELEASING, order.reason
             return order
         lease = self._lease
         if lease is None:
-            return Silent()
+            return SendNothing()
         sticks = None if lease.newest is None else self._guide(lease.newest, now)
         row = self._move(Event.TICK, self._judge(lease, sticks, now), silence=f"{self._silence(lease, now):.2f}")
         if row is None or row.reaction is Reaction.NOTHING:
-            return Silent()
+            return SendNothing()
         if row.reaction is Reaction.RELEASE:
             self._lease = None
-            return LetGo(self.reason, lease.holder, row.is_asked)
+            return ReleaseOrder(self.reason, lease.holder, row.is_asked)
         assert lease.newest is not None
         assert sticks is not None
         return Fly(sticks, now - lease.arrived, lease.newest.ttl, lease.epoch, lease.newest.sequence)
@@ -280,11 +280,11 @@ class Authority:
             self.phase, self.reason = row.target, self._reason(row, **words)
         return row
 
-    def _let_go(self, row: Row, **words: str) -> LetGo:
+    def _release_order(self, row: Row, **words: str) -> ReleaseOrder:
         reason = self._reason(row, **words)
         holder = self._lease.holder if self._lease is not None else ""
         self._lease = None
-        return LetGo(reason, holder, row.is_asked)
+        return ReleaseOrder(reason, holder, row.is_asked)
 
     def _reason(self, row: Row, **words: str) -> str:
         holder = self._lease.holder if self._lease is not None else ""

@@ -12,7 +12,7 @@ from typing import Any, Final
 
 from mkdaemon.config.control import ControlConfig
 from mkdaemon.control.actions import Action, ReadGate, Release, SendSticks
-from mkdaemon.control.authority import Authority, Fly, LetGo
+from mkdaemon.control.authority import Authority, Fly, ReleaseOrder
 from mkdaemon.control.limiter import Sticks
 from mkdaemon.control.modes import Event
 from mkdaemon.control.output import SHORTEST_STEP, StickOutput
@@ -75,7 +75,7 @@ class FlightCore:
         self._reports = Reports(self._authority, self._output, facts)
         self._patience = LinePatience(one_way=cfg.lease.release_after)
         self._line = ControlLine()
-        self._release: LetGo | None = None
+        self._release: ReleaseOrder | None = None
         self._nameless = 0
         self._ticked_at = float("-inf")
         self._is_paced = False
@@ -231,7 +231,7 @@ class FlightCore:
             self._reports.phase_changed()
             if isinstance(decision, Fly):
                 order = self._fly(decision, now, engaging=before is Phase.LEASED)
-            elif isinstance(decision, LetGo):
+            elif isinstance(decision, ReleaseOrder):
                 self._release, order = decision, Release(decision.reason)
         self._reports.status(self._line.layout, now)
         self._is_paced = self._authority.phase in _IN_FLIGHT

@@ -8,6 +8,7 @@ import structlog
 from pydantic import BaseModel
 
 from mkdaemon.clock import Clock, ClockStep
+from mkdaemon.control.actions import Report, ReportCommand, ReportFailsafe, ReportMode, Warn
 from mkdaemon.telemetry.command import CommandResult
 from mkdaemon.telemetry.event import ClockEvent, CommandEvent, FailsafeEvent, LogEvent, ModeEvent
 
@@ -29,6 +30,18 @@ class Audit:
     def __init__(self, bus: Outlet, clock: Clock) -> None:
         self._bus = bus
         self._clock = clock
+
+    def report(self, report: Report) -> None:
+        """What the flight core reports."""
+        match report:
+            case ReportCommand():
+                self.command(report.key, report.fields, report.result)
+            case ReportMode():
+                self.mode(report.before.value, report.after.value, report.reason)
+            case ReportFailsafe():
+                self.failsafe(report.action, report.reason, report.released)
+            case Warn():
+                self.log("warning", report.text)
 
     def command(self, key: str, fields: dict[str, Any], result: CommandResult) -> None:
         """A command and its end."""

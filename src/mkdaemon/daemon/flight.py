@@ -13,33 +13,23 @@ from dataclasses import asdict, fields
 from functools import partial
 from typing import Any, Final
 
-from mkdaemon.bus.codec import decode_map, read_command, schema_name
+from mkdaemon.bus.codec import decode_map, read_command
 from mkdaemon.clock import Clock
-from mkdaemon.control.actions import (
-    Action,
-    PublishStatus,
-    ReadGate,
-    Release,
-    ReportCommand,
-    ReportFailsafe,
-    ReportMode,
-    SendSticks,
-    Warn,
-)
+from mkdaemon.control.actions import Action, PublishStatus, ReadGate, Release, SendSticks
 from mkdaemon.control.core import FlightCore
+from mkdaemon.control.preflight import Gate
 from mkdaemon.daemon.audit import Audit, Outlet
-from mkdaemon.daemon.meeting import meet
+from mkdaemon.daemon.discovery import require_discovery
 from mkdaemon.daemon.preflight import read_gate
 from mkdaemon.errors import CommandRejectedError
 from mkdaemon.link.link import Link
 from mkdaemon.link.session.traffic import ReleaseResult
-from mkdaemon.telemetry.command import CommandResult, LeaseRequest, ReleaseRequest, refused
-from mkdaemon.telemetry.control import ControlOutput, ControlStatus, LeaseState, Phase, ReleaseOutcome
-from mkdaemon.telemetry.refusals import Status, Token, refuse
+from mkdaemon.telemetry.command import LeaseRequest, ReleaseRequest
+from mkdaemon.telemetry.control import ControlOutput, ControlStatus, LeaseState, Phase
 from mkdaemon.telemetry.setpoint import Setpoint
 from mkdaemon.translate import extern_control
 
-LONGEST_RELEASE: Final = 5.0
+RELEASE_TIMEOUT: Final = 5.0
 """A release that takes longer than this counts as not confirmed [s]; the link needs 1.5 s at most."""
 
 
@@ -88,42 +78,32 @@ class FlightControl:
             self._core.client_gone(name)
             self._news.set()
 
-    async def lease(self, raw: bytes) -> CommandResult:
-        """Answer `do/lease`.
+    async def lease(self, request: LeaseRequest) -> LeaseState | None:
+        """Answer a request about the lease; None for nobody.
 
         Raises:
             CommandRejectedError: see `FlightCore.lease`; also `discovering`.
         """
-        request = read_command(LeaseRequest, raw)
         if request.action == "take":
-            await meet(self._link, self._core.facts.link)
-        self._core.line_changed(self._link.control_line())
-        granted = self._core.lease(request, self._clock.now())
+            await require_discovery(self._link, self._core.facts.link)
+        granted = self._ask_core(request)
         if isinstance(granted, ReadGate):
-            gate = await read_gate(self._link)
-            self._core.line_changed(self._link.control_line())
-            granted = self._core.lease(request, self._clock.now(), gate=gate)
+            granted = self._ask_core(request, await read_gate(self._link))
         assert not isinstance(granted, ReadGate)
         self._news.set()
-        reply: dict[str, Any] = {} if granted is None else dict(granted)
-        return CommandResult(status=Status.ACCEPTED, reply=reply, reply_type=schema_name(LeaseState))
+        return granted
 
-    async def release(self, raw: bytes) -> CommandResult:
-        """Answer `do/release`: whoever asks, the aircraft is released.
+    def _ask_core(self, request: LeaseRequest, gate: Gate | None = None) -> LeaseState | ReadGate | None:
+        self._core.line_changed(self._link.control_line())
+        return self._core.lease(request, self._clock.now(), gate=gate)
 
-        Raises:
-            CommandRejectedError: the request cannot be read.
-        """
-        request = read_command(ReleaseRequest, raw)
+    async def release(self, request: ReleaseRequest) -> ReleaseResult | None:
+        """Release the aircraft, whoever asks; returns how it went, None where it had no end in `RELEASE_TIMEOUT`."""
         done: asyncio.Future[ReleaseResult | None] = asyncio.get_running_loop().create_future()
         self._release_waiters.append(done)
         self._core.release(request)
         self._news.set()
-        result = await done
-        if result is None:
-            return refused(refuse(Token.TIMEOUT, board="fc", name="release", detail=f"no end in {LONGEST_RELEASE:g} s"))
-        status = Status.ACCEPTED if result.status is ReleaseOutcome.CONFIRMED else Status.NOT_OBSERVABLE
-        return CommandResult(status=status, reply=asdict(result), reply_type="ReleaseResult.v1")
+        return await done
 
     # -- what the core decides ------------------------------------------------------------------------------------
 
@@ -154,14 +134,8 @@ class FlightControl:
             case PublishStatus():
                 shown = {field.name: getattr(action, field.name) for field in fields(action)}
                 self._bus.publish("control/status", ControlStatus(stamp=self._clock.stamp(), **shown))
-            case ReportCommand():
-                self._audit.command(action.key, action.fields, action.result)
-            case ReportMode():
-                self._audit.mode(action.before.value, action.after.value, action.reason)
-            case ReportFailsafe():
-                self._audit.failsafe(action.action, action.reason, action.released)
-            case Warn():
-                self._audit.log("warning", action.text)
+            case _:
+                self._audit.report(action)
 
     def _send(self, order: SendSticks) -> None:
         layout = self._link.dialect.extern_control
@@ -182,7 +156,7 @@ class FlightControl:
         """Wait for the end of a release, and tell the core and whoever asked for it."""
         result: ReleaseResult | None = None
         with suppress(TimeoutError):
-            async with asyncio.timeout(LONGEST_RELEASE):
+            async with asyncio.timeout(RELEASE_TIMEOUT):
                 result = await release
         self._core.released(None if result is None else result.status, self._clock.now())
         self._news.set()

@@ -15,7 +15,7 @@ from mkdaemon.config.commands import CommandsConfig
 from mkdaemon.control.danger import check_danger, check_proof
 from mkdaemon.control.vehicle import VehicleFacts
 from mkdaemon.daemon.audit import Audit
-from mkdaemon.daemon.meeting import meet
+from mkdaemon.daemon.discovery import require_discovery
 from mkdaemon.errors import CommandRejectedError, LinkLostError, RequestTimeoutError
 from mkdaemon.link.discovery import PORTS, redirection
 from mkdaemon.link.link import Link
@@ -83,7 +83,7 @@ class BoardRequests:
         if danger is not None:
             if danger.stopped or danger.confirm is Confirm.IN_FLIGHT:
                 self._admit(board)
-            await meet(self._link, self._facts.link)
+            await require_discovery(self._link, self._facts.link)
         self.check_request(board, message, is_confirmed=confirmed)
         async with way_to(self._link, board, message):
             await self.prove_board(board, message)

@@ -4,15 +4,17 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Awaitable, Callable, Mapping
+from dataclasses import asdict
 from typing import Any
 
 from mkdaemon.bus.codec import decode_map, read_command, schema_name
 from mkdaemon.daemon.audit import Audit
-from mkdaemon.daemon.flight import FlightControl
+from mkdaemon.daemon.flight import RELEASE_TIMEOUT, FlightControl
 from mkdaemon.daemon.procedures import Occupancy
 from mkdaemon.errors import CommandRejectedError
 from mkdaemon.link.link import Link
-from mkdaemon.telemetry.command import CommandResult, LeaseRequest, RateRequest, Rates, refused
+from mkdaemon.telemetry.command import CommandResult, LeaseRequest, RateRequest, Rates, ReleaseRequest, refused
+from mkdaemon.telemetry.control import LeaseState, ReleaseOutcome
 from mkdaemon.telemetry.refusals import Status, Token, refuse
 
 Verb = Callable[[bytes], Awaitable[CommandResult]]
@@ -30,7 +32,7 @@ class Verbs:
         self._occupancy = occupancy
         self._verbs: dict[str, Verb] = {
             "lease": self._lease,
-            "release": flight.release,
+            "release": self._release,
             "rate": self._rate,
             **procedures,
         }
@@ -53,10 +55,22 @@ class Verbs:
 
     async def _lease(self, raw: bytes) -> CommandResult:
         """Answer `do/lease`; nobody takes one while a procedure needs the boards."""
-        if read_command(LeaseRequest, raw).action != "take":
-            return await self._flight.lease(raw)
-        with self._occupancy.taking_lease():
-            return await self._flight.lease(raw)
+        request = read_command(LeaseRequest, raw)
+        if request.action == "take":
+            with self._occupancy.taking_lease():
+                lease = await self._flight.lease(request)
+        else:
+            lease = await self._flight.lease(request)
+        reply: dict[str, Any] = {} if lease is None else dict(lease)
+        return CommandResult(status=Status.ACCEPTED, reply=reply, reply_type=schema_name(LeaseState))
+
+    async def _release(self, raw: bytes) -> CommandResult:
+        """Answer `do/release`."""
+        result = await self._flight.release(read_command(ReleaseRequest, raw))
+        if result is None:
+            raise refuse(Token.TIMEOUT, board="fc", name="release", detail=f"no end in {RELEASE_TIMEOUT:g} s")
+        status = Status.ACCEPTED if result.status is ReleaseOutcome.CONFIRMED else Status.NOT_OBSERVABLE
+        return CommandResult(status=status, reply=asdict(result), reply_type="ReleaseResult.v1")
 
     async def _rate(self, raw: bytes) -> CommandResult:
         """Answer `do/rate`: change one stream, or just show all."""

@@ -18,7 +18,7 @@ from mkdaemon.bus.codec import read_command, schema_name
 from mkdaemon.clock import Clock
 from mkdaemon.control.vehicle import VehicleFacts
 from mkdaemon.daemon.audit import Audit, Outlet
-from mkdaemon.daemon.meeting import meet
+from mkdaemon.daemon.discovery import require_discovery
 from mkdaemon.daemon.procedures.job import Guard, Job, JobObserver, state_of
 from mkdaemon.daemon.procedures.journal import Journal, Note
 from mkdaemon.daemon.procedures.make import PATIENCE
@@ -96,7 +96,7 @@ class ProcedureDesk:
         is_alone = (spec.is_alone and not request.allows_flight) or self._is_behind(spec.board)
         admit = partial(self._occupancy.check_procedure, verb, is_alone=is_alone, needs_live_set=spec.needs_live_set)
         admit()
-        await meet(self._link, self._facts.link)
+        await require_discovery(self._link, self._facts.link)
         if is_alone:
             await self._check_motors(f"do/{verb}", can_fly=issubclass(model, InFlightRequest))
         admit()

@@ -220,7 +220,7 @@ class Dialogue:
         self.scheduler.reserve_line(board)
         if board is None:
             self.streams.forget()
-        self.steering.redirected()
+        self.steering.redirection_changed()
 
     def escape(self, now: float) -> None:
         """Send the sequence that ends a redirection."""

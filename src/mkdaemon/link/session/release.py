@@ -1,4 +1,4 @@
-"""The active release: how to let go of the aircraft for certain. Pure; driven with `now`.
+"""The active release: how external control is ended for certain. Pure; driven with `now`.
 
 "Stop sending" is no release: old FlightCtrls hold the last sticks for 0.5 s (oldest) or 5.1 s (up to 2.08), and any
 polling keeps them held for ever; 2.12a holds them for 2.0 s. So: neutral sticks, then Config = 0 at least five times,

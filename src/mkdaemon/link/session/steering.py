@@ -1,4 +1,4 @@
-"""Steering and letting go: setpoints, releases, and what silence an unconfirmed release asks for. Pure.
+"""Setpoints and releases, and the silence an unconfirmed release asks for. Pure.
 
 A release ends with one of three results. Confirmed: the FlightCtrl holds no command. Not observable: five frames went
 out, and nothing here can confirm them. Unconfirmed: it may still hold a command, so for `release.QUIET_TIME` nothing is
@@ -83,7 +83,7 @@ class Steering:
         return entry.number
 
     def release(self, reason: str, now: float) -> None:
-        """Begin to let go of the aircraft; setpoints are refused until that is done."""
+        """Begin a release; setpoints are refused until it is done."""
         self._scheduler.drop_setpoint()
         layout = self._peers.dialect.extern_control
         confirms = self.confirms and layout is not None
@@ -100,7 +100,7 @@ class Steering:
         self.release("exit", now)
         self._scheduler.send_only_releases()
 
-    def redirected(self) -> None:
+    def redirection_changed(self) -> None:
         """The wire leads to another board from now on, perhaps to one that cannot confirm."""
         if self.plan is not None and not self.confirms:
             self.plan.expect_no_confirmation()

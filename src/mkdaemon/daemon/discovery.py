@@ -1,4 +1,4 @@
-"""Whoever wants to act meets the aircraft first."""
+"""Whoever wants to act waits until the aircraft is known."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ from mkdaemon.telemetry.link import LinkState
 from mkdaemon.telemetry.refusals import Token, refuse
 
 
-async def meet(link: Link, state: LinkState | None) -> None:
-    """Wait a while for an aircraft that is just being asked who it is; returns at once for one that has told.
+async def require_discovery(link: Link, state: LinkState | None) -> None:
+    """Wait a while for an aircraft whose boards are being asked who they are; returns at once for one that is known.
 
     A daemon that has just started, or an aircraft just switched on, is no read-only aircraft: it is known in a second.
 
