@@ -8,6 +8,7 @@ from typing import Annotated, Any
 
 from cyclopts import Parameter
 
+from lab.vision import pipeline_figure
 from mkdaemon.errors import ConfigError
 
 FOOT = 0.3048
@@ -39,7 +40,7 @@ def main(
         raise ConfigError(msg) from None
     drawn = draw(content, out)
     if not drawn:
-        msg = f"results {results}: none of accuracy, cold, view_angle in it; run `python -m lab vision --json`"
+        msg = f"results {results}: none of accuracy, cold, view_angle, stages in it; run `python -m lab vision --json`"
         raise ConfigError(msg)
     print("\n".join(str(path) for path in drawn))
 
@@ -63,6 +64,10 @@ def draw(content: dict[str, Any], out: Path) -> list[Path]:
             path = out / f"vision_{name}.png"
             plot(content[name], path)
             found.append(path)
+    if "stages" in content:
+        path = out / "vision_pipeline.png"
+        pipeline_figure.draw(content["stages"], path)
+        found.append(path)
     return found
 
 

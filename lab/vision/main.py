@@ -20,6 +20,7 @@ from lab.vision import ablation
 from lab.vision.cases import ACCURACY, COLD, CONDITIONS, VIEW_ANGLE
 from lab.vision.never import FLIGHTS, FLIPS, all_flips
 from lab.vision.rates import rates
+from lab.vision.stages import stages
 from lab.vision.stills import SeedSet
 from lab.vision.tagfree import FALSE_POSITIVES
 from lab.vision.truth import CONSISTENCY, PHOTOGRAPH_CASE
@@ -29,6 +30,9 @@ from mkdaemon.errors import ConfigError
 CASES: Final[dict[str, Case]] = {
     # One part: it runs in this process, alone, because what it measures is time.
     "rates": Case(lambda quick, seeds: [Part(rates, (quick, seeds), 1)], lambda _quick, _parts, found: dict(found[0])),
+    "stages": Case(
+        lambda quick, seeds: [Part(stages, (quick, seeds), 1)], lambda _quick, _parts, found: dict(found[0])
+    ),
     "cold": COLD,
     "accuracy": ACCURACY,
     "view_angle": VIEW_ANGLE,

@@ -1,0 +1,270 @@
+"""What the judges decide, as tables: fits are given, nothing is rendered."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from mkdaemon.config.vision import TrackerSection
+from mkdaemon.telemetry.vision import Refusal
+from mkdaemon.vision.pose.pose import Pose, turn
+from mkdaemon.vision.tags.tagmap import Target
+from mkdaemon.vision.track.attitude import LOOKING_DOWN
+from mkdaemon.vision.track.checks import Checks
+from mkdaemon.vision.track.first import FirstJudge
+from mkdaemon.vision.track.judge import Judge
+from mkdaemon.vision.track.level import Sight
+from mkdaemon.vision.track.track import Track
+from tests.vision.views import angle_deg, shipped
+
+PIXELS = np.zeros((480, 640), np.uint8)
+LEVEL = LOOKING_DOWN.flu_from_cam.T
+"""Camera from a level target, the vehicle level."""
+SHARP = np.diag([1e-7, 1e-7, 1e-6, 1e-7, 1e-7, 1e-7])
+STEP = 1 / 30
+
+
+def fitted(distance: float = 3.0, tilt_deg: float = 0.0, **change: Any) -> Pose:
+    """A good edge fit of a target straight ahead."""
+    rotation = turn(LEVEL, np.radians([tilt_deg, 0.0, 0.0]))
+    pose = Pose(rotation, np.array([0.0, 0.0, distance]), SHARP, "edges", 200, 0.05, loss=0.01, blur_px=1.75)
+    return replace(pose, **change)
+
+
+def mirrored(pose: Pose, loss: float = 0.01) -> Pose:
+    """Its mirror image about the line of sight, for a target straight ahead tilted about x."""
+    tilt = np.arctan2(pose.rotation[1, 2], -pose.rotation[2, 2])
+    return replace(pose, rotation=turn(pose.rotation, np.array([2 * tilt, 0.0, 0.0])), loss=loss)
+
+
+@dataclass
+class GivenFits:
+    """A fitter that answers what the test says."""
+
+    free: Pose | None = None
+    held: Pose | None = None
+    mirror: Pose | None = None
+    grey: list[Pose] = field(default_factory=list)
+    bits: float | None = 0.95
+    cell_px: float = 10.0
+    supported: bool = False
+    target: Target = field(default_factory=lambda: shipped("single"))
+
+    def refine(self, pixels, start):
+        return self.free
+
+    def refine_level(self, pixels, start, level):
+        return self.held
+
+    def fit_mirrored(self, pixels, pose):
+        return self.mirror
+
+    def fit_grey_values(self, pixels, rivals):
+        return self.grey
+
+    def match(self, pixels, pose):
+        return self.bits
+
+    def is_supported(self, pixels, pose):
+        return self.supported
+
+    def side_px(self, pose):
+        return self.cell_px * self.target.tags[0].family.size_cells
+
+
+def checks(fits: GivenFits, track: Track | None = None) -> Checks:
+    return Checks(fits, track or Track(), TrackerSection(), LOOKING_DOWN)  # type: ignore[arg-type]
+
+
+def sight(time: float = STEP, attitude: bool = True) -> Sight:
+    return Sight(PIXELS, time, np.eye(3) if attitude else None)
+
+
+def followed(pose: Pose | None = None, misses: int = 0) -> Track:
+    """A track of one pose a moment ago."""
+    track = Track()
+    track.accept(0.0, pose or fitted(), np.eye(3), PIXELS)
+    track.misses = misses
+    return track
+
+
+WITH_ATTITUDE = [
+    (fitted(), None, True),
+    (None, Refusal.NO_FIT, False),
+    (fitted(inliers=0.2), Refusal.INLIERS, False),
+    (fitted(points=20), Refusal.POINTS, False),
+    (fitted(rms_px=1.2), Refusal.RESIDUAL, False),
+    (fitted(step=0.03), Refusal.STEP, False),
+    (fitted(tilt_deg=5.0), Refusal.ATTITUDE, False),
+    (fitted(rotation=turn(LEVEL, np.radians([0.0, 0.0, 20.0]))), Refusal.ROTATION_JUMP, False),
+    (fitted(3.5), Refusal.RANGE_JUMP, False),
+    (fitted(position=np.array([0.6, 0.0, 2.95])), Refusal.POSITION_JUMP, False),
+    (fitted(covariance=SHARP + np.diag([0, 0, 0, 0, 0, 1e-3])), Refusal.ANGLE_UNCERTAIN, True),
+    (fitted(covariance=SHARP + np.diag([4e-4, 0, 0, 0, 0, 0])), Refusal.POSITION_UNCERTAIN, True),
+    (fitted(covariance=SHARP + np.diag([1e-4, 0, 0, 0, 0, 0])), None, True),
+    (fitted(covariance=SHARP + np.diag([1e-4, 0, 0, 0, 0, 0]), blur_px=4.0), Refusal.POSITION_UNCERTAIN, True),
+]
+
+
+@pytest.mark.parametrize(("pose", "refusal", "is_kept"), WITH_ATTITUDE, ids=lambda value: str(value)[:24])
+def test_a_fit_beside_an_attitude(pose, refusal, is_kept):
+    """A gate stops a fit for good; one that is only uncertain is followed and not published."""
+    verdict = Judge(checks(GivenFits(pose), followed())).measure(sight(), fitted(), fitted())
+    assert verdict.refusal is refusal
+    assert (verdict.pose is not None) == is_kept
+
+
+@pytest.mark.parametrize(
+    ("bits", "misses", "refusal"),
+    [
+        (None, 0, None),
+        (0.5, 0, Refusal.BITS),
+        (0.7, 0, None),
+        (0.7, 5, None),
+        (0.7, 6, Refusal.BITS),
+        (0.85, 6, None),
+    ],
+)
+def test_cells_have_to_be_clearer_when_a_track_comes_back_late(bits, misses, refusal):
+    judge = Judge(checks(GivenFits(fitted(), bits=bits), followed(misses=misses)))
+    assert judge.measure(sight(), fitted(), fitted()).refusal is refusal
+
+
+@pytest.mark.parametrize(
+    ("free", "held", "refusal"),
+    [
+        (fitted(tilt_deg=6.0), fitted(), None),
+        (None, fitted(), None),
+        (fitted(tilt_deg=6.0), None, Refusal.ATTITUDE),
+        (fitted(tilt_deg=6.0), fitted(inliers=0.1), Refusal.ATTITUDE),
+    ],
+)
+def test_a_fit_that_follows_what_lies_on_the_target_is_tried_again_with_its_tilt_held(free, held, refusal):
+    verdict = Judge(checks(GivenFits(free, held), followed())).measure(sight(), fitted(), fitted())
+    assert verdict.refusal is refusal
+    assert verdict.pose is (held if refusal is None else None)
+
+
+TILTED = fitted(tilt_deg=12.0)
+WITHOUT_ATTITUDE = [
+    # large in the image: perspective tells
+    ({"cell_px": 30.0}, TILTED, None),
+    ({"cell_px": 30.0, "bits": 0.7}, replace(TILTED, inliers=0.7), Refusal.INLIERS),
+    ({"cell_px": 30.0, "bits": 0.9}, replace(TILTED, inliers=0.7), None),
+    ({"cell_px": 30.0, "bits": 0.9}, replace(TILTED, rms_px=0.7), Refusal.RESIDUAL),
+    # blur hides perspective, the mirror image fits as well
+    ({"cell_px": 30.0, "mirror": mirrored(TILTED)}, replace(TILTED, blur_px=4.0), Refusal.AMBIGUOUS),
+    # small: the mirror image fits as well, much worse, or is the same pose
+    ({"mirror": mirrored(TILTED)}, TILTED, Refusal.AMBIGUOUS),
+    ({"mirror": mirrored(TILTED, loss=0.1)}, TILTED, None),
+    ({"mirror": None}, TILTED, None),
+    ({"mirror": mirrored(TILTED)}, fitted(tilt_deg=1.0), None),
+    # without the mirror image nothing contradicts but the fit itself
+    ({}, replace(TILTED, inliers=0.8), Refusal.INLIERS),
+    ({}, replace(TILTED, rms_px=0.6), Refusal.RESIDUAL),
+    ({}, replace(TILTED, covariance=SHARP + np.diag([0, 0, 0, 4e-4, 0, 0])), Refusal.ANGLE_UNCERTAIN),
+]
+
+
+@pytest.mark.parametrize(("given", "pose", "refusal"), WITHOUT_ATTITUDE)
+def test_a_fit_without_attitude(given, pose, refusal):
+    """The track is in doubt, so that it has no say in which of two rivals is true."""
+    track = followed(pose)
+    track.in_doubt = True
+    judge = Judge(checks(GivenFits(pose, **given), track))
+    assert judge.measure(sight(attitude=False), pose, pose).refusal is refusal
+    assert track.branches is not None
+    assert track.branches.is_decided == (refusal is not Refusal.AMBIGUOUS)
+
+
+def test_grey_values_decide_between_small_rivals_whose_edges_do_not():
+    track = followed(TILTED)
+    track.in_doubt = True
+    grey = [
+        replace(TILTED, source="photometric", rms_px=0.05, loss=0.01),
+        replace(mirrored(TILTED), source="photometric", rms_px=0.3, loss=0.2),
+    ]
+    for cell_px, refusal in ((6.0, None), (9.0, Refusal.AMBIGUOUS)):
+        track.branches = None
+        fits = GivenFits(TILTED, mirror=mirrored(TILTED), grey=grey, cell_px=cell_px)
+        verdict = Judge(checks(fits, track)).measure(sight(attitude=False), TILTED, TILTED)
+        assert verdict.refusal is refusal
+
+
+def test_a_pose_off_the_course_is_followed_and_not_published():
+    track, judge = followed(TILTED), None
+    for k in range(1, 12):
+        judge = Judge(checks(GivenFits(TILTED), track))
+        assert judge.measure(sight(k * STEP, attitude=False), TILTED, TILTED).refusal is None
+        track.accept(k * STEP, TILTED, None, PIXELS)
+    assert judge is not None
+    assert judge.is_backed
+    # Within what a pose this uncertain may be off for several images, and too far for what it says of itself.
+    vague = SHARP + np.diag([0.0, 0.0, 0.0, 4e-5, 4e-5, 4e-5])
+    aside = replace(TILTED, rotation=turn(TILTED.rotation, np.radians([1.8, 0.0, 0.0])), covariance=vague)
+    verdict = Judge(checks(GivenFits(aside), track)).measure(sight(12 * STEP, attitude=False), TILTED, TILTED)
+    assert verdict.refusal is Refusal.OFF_COURSE
+    assert verdict.pose is not None
+
+
+def test_a_residual_far_above_the_usual_one_is_not_believed_of_a_small_tag():
+    track = followed(fitted())
+    track.usual_rms = 0.05
+    odd = fitted(rms_px=0.4)
+    for cell_px, refusal in ((10.0, Refusal.RESIDUAL), (15.0, None)):
+        verdict = Judge(checks(GivenFits(odd, cell_px=cell_px), track)).measure(sight(), fitted(), fitted())
+        assert verdict.refusal is refusal
+
+
+def test_a_track_without_branches_cannot_choose_between_poses_found_anew():
+    judge = Judge(checks(GivenFits(), followed(TILTED)))
+    verdict = judge.rejoin(sight(attitude=False), [TILTED, mirrored(TILTED)], TILTED)
+    assert (verdict.pose, verdict.refusal) == (None, Refusal.AMBIGUOUS)
+
+
+FIRST = [
+    # fits, candidates, attitude known, refusal
+    ({}, [], True, Refusal.NO_FIT),
+    ({}, [fitted()], True, None),
+    ({"bits": 0.3}, [fitted()], True, Refusal.BITS),
+    ({}, [fitted(tilt_deg=8.0)], True, Refusal.ATTITUDE),
+    ({"held": fitted()}, [fitted(tilt_deg=8.0)], True, None),
+    ({"held": fitted(inliers=0.1)}, [fitted(tilt_deg=8.0)], True, Refusal.ATTITUDE),
+    ({}, [TILTED, mirrored(TILTED)], False, Refusal.AMBIGUOUS),
+    ({}, [TILTED, mirrored(TILTED, loss=0.1)], False, None),
+    ({"mirror": mirrored(TILTED)}, [TILTED], False, Refusal.AMBIGUOUS),
+    ({"mirror": mirrored(TILTED, loss=0.1)}, [TILTED], False, None),
+    ({"held": fitted()}, [fitted(inliers=0.7)], True, None),
+    ({}, [fitted(inliers=0.7)], True, Refusal.ATTITUDE),
+    ({"supported": False}, [replace(TILTED, inliers=0.7)], False, Refusal.INLIERS),
+    ({"supported": True}, [replace(TILTED, inliers=0.7)], False, None),
+    ({}, [replace(TILTED, blur_px=4.0)], False, Refusal.BLURRED),
+    ({"cell_px": 30.0}, [replace(TILTED, blur_px=4.0)], False, None),
+    ({}, [replace(TILTED, rms_px=0.7)], False, Refusal.RESIDUAL),
+]
+
+
+@pytest.mark.parametrize(("given", "candidates", "attitude", "refusal"), FIRST)
+def test_a_first_pose(given, candidates, attitude, refusal):
+    verdict = FirstJudge(checks(GivenFits(**given))).choose(sight(attitude=attitude), candidates, None)
+    assert verdict.refusal is refusal
+    assert (verdict.choice is None) == (refusal is not None)
+
+
+def test_of_two_first_poses_the_attitude_chooses_the_level_one():
+    level, tilted = fitted(loss=0.02), fitted(tilt_deg=20.0, loss=0.01)
+    verdict = FirstJudge(checks(GivenFits())).choose(sight(), [tilted, level], None)
+    assert verdict.choice is not None
+    assert verdict.choice.decided_by == "attitude"
+    assert angle_deg(verdict.choice.pose.rotation, level.rotation) < 0.1
+
+
+def test_rivals_that_are_nearly_one_pose_are_published_with_the_doubt_in_their_covariance():
+    tilted = fitted(tilt_deg=1.6)
+    rival = replace(tilted, rotation=turn(tilted.rotation, np.radians([1.5, 0.0, 0.0])))
+    verdict = FirstJudge(checks(GivenFits(mirror=rival))).choose(sight(attitude=False), [tilted], None)
+    assert verdict.choice is not None
+    assert verdict.choice.pose.covariance[3, 3] > 10 * tilted.covariance[3, 3]
