@@ -38,7 +38,7 @@ STAGES: Final[dict[str, tuple[Callable[..., Any], ...]]] = {
 
 
 def stages(quick: bool, seeds: SeedSet) -> dict[str, Any]:
-    """Milliseconds of one core an image takes in each stage, with and without attitude, on a flight over each target."""
+    """Milliseconds of one core an image takes in each stage, with and without attitude, on a flight a target."""
     seconds = 2.0 if quick else 8.0
     out: dict[str, Any] = {"images": 0}
     flights = {name: list(fly(target_named(name), seeds.base + 820, seconds=seconds)) for name in ("nested", "single")}
