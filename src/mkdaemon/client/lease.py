@@ -198,7 +198,7 @@ class Leasing(Transport):
         fields: dict[str, Any] = {"action": "take", "holder": name, "force": force}
         if ttl is not None:
             fields["ttl"] = ttl
-        async with self.token(name), self.watch("control/status") as samples:
+        async with self.token(name), self._watch_unchecked("control/status") as samples:
             epoch = int((await self.command("do", "lease", fields)).require()["epoch"])
             lease = Lease(self, name, epoch)
             following = asyncio.create_task(lease.follow(samples), name=f"lease {epoch}")

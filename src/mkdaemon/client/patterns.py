@@ -5,6 +5,7 @@ from __future__ import annotations
 import difflib
 from collections.abc import Iterator
 from functools import cache
+from itertools import chain
 from typing import Final
 
 import zenoh
@@ -31,7 +32,8 @@ def require_known(pattern: str) -> None:
 def is_known(pattern: str) -> bool:
     """Whether a pattern matches a key of the table of keys; frames count by board and message."""
     expression = zenoh.KeyExpr(pattern)
-    return any(expression.intersects(zenoh.KeyExpr(known)) for known in known_keys())
+    # Frames come last: their keys need the table of messages, which takes a while to import.
+    return any(expression.intersects(zenoh.KeyExpr(known)) for known in chain(_value_keys(), _frame_keys()))
 
 
 def did_you_mean(pattern: str) -> str:
@@ -43,11 +45,17 @@ def did_you_mean(pattern: str) -> str:
 @cache
 def known_keys() -> tuple[str, ...]:
     """Every key that is published or streamed, without `mk/<vehicle>/`; names of cameras as `*`."""
+    return (*_value_keys(), *_frame_keys())
+
+
+def _value_keys() -> Iterator[str]:
+    """Keys of everything but frames."""
     from mkdaemon.bus.keys import KEYS, Use
 
-    streamed = {Use.PUBLISHED, Use.CLIENT, Use.SETPOINT}
-    plain = (spec.pattern for spec in KEYS if spec.use in streamed and spec.pattern.partition("/")[0] not in _FRAMES)
-    return (*plain, *_frame_keys())
+    for spec in KEYS:
+        is_streamed = spec.use in {Use.PUBLISHED, Use.CLIENT, Use.SETPOINT}
+        if is_streamed and spec.pattern.partition("/")[0] not in _FRAMES:
+            yield spec.pattern
 
 
 def _frame_keys() -> Iterator[str]:
