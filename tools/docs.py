@@ -19,6 +19,7 @@ from mkdaemon.errors import MkError
 
 GENERATED: Final[Mapping[str, str]] = {
     "docs/keys.md": "tools.keys_page:keys_page",
+    "docs/library-reference.md": "tools.library_page:library_page",
     "docs/modes.md": "tools.modes_page:modes_page",
     "docs/protocol.md": "tools.protocol_page:protocol_page",
 }

@@ -8,7 +8,7 @@ import os
 import socket
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager, suppress
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, Final, Self
 
 from mkdaemon.client.samples import Sample
 from mkdaemon.client.setpoints import Setpoints
@@ -46,10 +46,11 @@ class Lease:
         epoch: number of the lease; every setpoint carries it.
     """
 
-    def __init__(self, transport: Transport, holder: str, epoch: int) -> None:
+    def __init__(self, transport: Transport, holder: str, epoch: int, statuses: AsyncIterator[Sample]) -> None:
         self.holder = holder
         self.epoch = epoch
         self._transport = transport
+        self._statuses = statuses
         self._setpoints = Setpoints(transport, epoch)
         self._loop = asyncio.get_running_loop()
         self._taken_at = self._heard_at = self._loop.time()
@@ -57,6 +58,22 @@ class Lease:
         self._phase = "leased"
         self._reason = ""
         self._lost: str | None = None
+        self._following: asyncio.Task[None] | None = None
+
+    async def __aenter__(self) -> Self:
+        self._following = asyncio.create_task(self._follow(), name=f"lease {self.epoch}")
+        return self
+
+    async def __aexit__(self, *_: object) -> None:
+        if self._following is not None:
+            self._following.cancel()
+        await asyncio.shield(self._give_back())
+
+    async def _give_back(self) -> None:
+        """Release the aircraft; what is refused, or not answered, has ended already."""
+        with suppress(MkError):
+            fields = {"action": "release", "epoch": self.epoch}
+            await self._transport.command("do", "lease", fields, patience=GIVING_BACK)
 
     @property
     def setpoints(self) -> int:
@@ -91,7 +108,7 @@ class Lease:
             roll: right side down positive [stick].
             yaw: nose left positive [stick].
             seconds: how long [s].
-            rate: setpoints a second [Hz].
+            rate: setpoints a second [Hz]; 50 unless given.
 
         Raises:
             LeaseLostError: somebody else took the lease, or the daemon let go of the aircraft; says why.
@@ -109,7 +126,7 @@ class Lease:
 
         Args:
             kind: last word of a key `setpoint/<kind>`.
-            ttl: time after arrival at which it no longer holds [s].
+            ttl: time after arrival at which it no longer holds [s]; 0.3 unless given.
             fields: of the setpoint, without epoch and sequence: for sticks `pitch`, `roll`, `yaw`, `throttle`.
 
         Raises:
@@ -159,9 +176,9 @@ class Lease:
             msg = f"the lease was lost: {self._lost}; see `mkctl get control/status event/failsafe`"
             raise LeaseLostError(msg)
 
-    async def follow(self, samples: AsyncIterator[Sample]) -> None:
+    async def _follow(self) -> None:
         """Learn from `control/status` whether the lease is still held."""
-        async for sample in samples:
+        async for sample in self._statuses:
             self._heard_at = self._loop.time()
             self._status_arrived(sample.fields)
 
@@ -198,17 +215,7 @@ class Leasing(Transport):
         fields: dict[str, Any] = {"action": "take", "holder": name, "force": force}
         if ttl is not None:
             fields["ttl"] = ttl
-        async with self.token(name), self._watch_unchecked("control/status") as samples:
+        async with self.token(name), self._watch_unchecked("control/status") as statuses:
             epoch = int((await self.command("do", "lease", fields)).require()["epoch"])
-            lease = Lease(self, name, epoch)
-            following = asyncio.create_task(lease.follow(samples), name=f"lease {epoch}")
-            try:
+            async with Lease(self, name, epoch, statuses) as lease:
                 yield lease
-            finally:
-                following.cancel()
-                await asyncio.shield(self._give_back(epoch))
-
-    async def _give_back(self, epoch: int) -> None:
-        """Release the aircraft; what is refused, or not answered, has ended already."""
-        with suppress(MkError):
-            await self.command("do", "lease", {"action": "release", "epoch": epoch}, patience=GIVING_BACK)

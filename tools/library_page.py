@@ -1,0 +1,133 @@
+"""Builds docs/library-reference.md from the docstrings of `mkdaemon.client` and of the errors it raises."""
+
+from __future__ import annotations
+
+import ast
+import inspect
+import re
+import sys
+import textwrap
+from collections.abc import Iterator
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import mkdaemon.client as library
+from mkdaemon import errors
+
+_HEAD = """# Reference of the Python library
+
+Made from the docstrings of `mkdaemon.client` by `make docs`. [library.md](library.md) shows how to use it.
+"""
+_ERRORS = ("MkError", "CommandRejectedError", "LeaseLostError", "NotEngagedError", "ConfigError", "ProtocolError")
+_SECTION = re.compile(r"^(Args|Returns|Raises|Attributes):$")
+_ITEM = re.compile(r"^(\*?\w+): (.*)$")
+
+
+def library_page(_: Path) -> str:
+    """The whole page."""
+    parts = [_HEAD, *_functions(library)]
+    parts.extend(part for name in library.__all__ for part in _class(library, name))
+    parts.append(_ERROR_HEAD)
+    parts.extend(part for name in _ERRORS for part in _class(errors, name, level=3))
+    return re.sub(r"\n{3,}", "\n\n", "\n".join(parts)).rstrip() + "\n"
+
+
+_ERROR_HEAD = "## Errors\n\nAll of them are in `mkdaemon.errors`.\n"
+
+
+def _functions(module: ModuleType) -> Iterator[str]:
+    for name in module.__all__:
+        member = getattr(module, name)
+        if inspect.isfunction(member):
+            yield from _describe_function(_syntax(inspect.unwrap(member)), level=2)
+
+
+def _class(module: ModuleType, name: str, level: int = 2) -> Iterator[str]:
+    """A class with its own public members and those of its bases within the library."""
+    cls = getattr(module, name)
+    if not inspect.isclass(cls):
+        return
+    yield f"{'#' * level} {name}\n"
+    yield _docstring(inspect.getdoc(cls) or "")
+    for base in cls.__mro__:
+        if base.__module__.startswith("mkdaemon.client"):
+            yield from _members(base, level + 1)
+
+
+def _members(cls: type, level: int) -> Iterator[str]:
+    body = _syntax(cls).body
+    for node, following in zip(body, [*body[1:], None], strict=True):
+        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
+            if not node.name.startswith("_") and not any("overload" in ast.unparse(d) for d in node.decorator_list):
+                yield from _describe_function(node, level)
+        elif isinstance(following, ast.Expr) and isinstance(following.value, ast.Constant):
+            yield from _describe_attribute(node, inspect.cleandoc(str(following.value.value)))
+
+
+def _describe_attribute(node: ast.stmt, words: str) -> Iterator[str]:
+    if isinstance(node, ast.AnnAssign):
+        kind = re.sub(r"ClassVar\[_Last\[(\w+)\]\]", r"\1 | None", ast.unparse(node.annotation))
+        yield f"* `{ast.unparse(node.target)}`: {words} `{kind}`"
+    elif isinstance(node, ast.Assign):
+        yield f"* `{ast.unparse(node)}`: {words}"
+
+
+def _describe_function(node: ast.FunctionDef | ast.AsyncFunctionDef, level: int) -> Iterator[str]:
+    """Heading, signature and docstring."""
+    decorators = [ast.unparse(decorator) for decorator in node.decorator_list]
+    returned = ast.unparse(node.returns) if node.returns is not None else "None"
+    if "property" in decorators:
+        text = f"{node.name}: {returned}"
+    else:
+        arguments = re.sub(r"^(self|cls)(, )?", "", _arguments(node))
+        prefix = "await " if isinstance(node, ast.AsyncFunctionDef) else ""
+        if "asynccontextmanager" in decorators:
+            prefix, returned = "async with ", re.sub(r"AsyncIterator\[(.*)\]", r"\1", returned)
+        text = f"{prefix}{node.name}({arguments}) -> {returned}"
+    yield f"\n{'#' * level} {node.name}\n\n```python\n{text}\n```\n"
+    yield _docstring(ast.get_docstring(node) or "")
+
+
+def _arguments(node: ast.FunctionDef | ast.AsyncFunctionDef) -> str:
+    """Arguments with the defaults written as the standard style has them; constants by their own name are left out."""
+    text = re.sub(r"(?<=[\w\]])=(?=\S)", " = ", ast.unparse(node.args))
+    return re.sub(r" = [A-Z_]+\b", " = ...", text)
+
+
+def _docstring(text: str) -> str:
+    """A Google docstring as Markdown: its sections become lists."""
+    lines: list[str] = []
+    paragraph: list[str] = []
+
+    def flush() -> None:
+        if paragraph:
+            lines.append(" ".join(paragraph))
+            paragraph.clear()
+
+    in_section = False
+    for raw in [*text.splitlines(), ""]:
+        line = raw.strip()
+        if (section := _SECTION.match(line)) is not None:
+            flush()
+            in_section = True
+            lines += ["", f"{section[1]}:", ""]
+        elif not line:
+            flush()
+            lines.append("")
+        elif in_section and raw.startswith("    ") and not raw.startswith("     "):
+            flush()
+            item = _ITEM.match(line)
+            paragraph.append(f"* `{item[1]}`: {item[2]}" if item else f"* {line}")
+        else:
+            paragraph.append(line)
+    return re.sub(r"\n{3,}", "\n\n", "\n".join(lines)).strip() + "\n"
+
+
+def _syntax(thing: Any) -> Any:
+    """The syntax tree of a class or function."""
+    return ast.parse(textwrap.dedent(inspect.getsource(thing))).body[0]
+
+
+if __name__ == "__main__":
+    sys.stdout.write(library_page(Path()))
