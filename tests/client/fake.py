@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 from contextlib import asynccontextmanager
 from dataclasses import dataclass, field
 
@@ -143,10 +142,3 @@ async def connected(**more):
 async def settle(uav):
     """Return when the daemon knows what the client subscribed to: its messages arrive in order."""
     await uav.rates()
-
-
-async def until(claim, within=60.0):
-    """Wait for a claim to hold."""
-    async with asyncio.timeout(within):
-        while not claim():  # noqa: ASYNC110 - what is looked at changes in callbacks of the bus
-            await asyncio.sleep(0.005)

@@ -6,10 +6,11 @@ import asyncio
 
 import pytest
 
+from lab.rigs.waiting import wait_until
 from mkdaemon.client import lease as lease_module
 from mkdaemon.errors import CommandRejectedError, LeaseLostError, MkError, NotEngagedError
 from mkdaemon.telemetry.control import LeaseState, Phase
-from tests.client.fake import EPOCH, connected, until
+from tests.client.fake import EPOCH, connected
 
 RELEASE = ("do/lease", {"action": "release", "epoch": EPOCH})
 
@@ -19,7 +20,7 @@ async def test_neutral_sticks_are_streamed_until_the_daemon_engages_then_the_wan
         async with uav.lease() as lease:
             await lease.stick(pitch=-12, throttle=5, seconds=0.3)
             assert lease.is_engaged
-            await until(lambda: daemon.setpoints[-1]["sequence"] == lease.setpoints)
+            await wait_until(lambda: daemon.setpoints[-1]["sequence"] == lease.setpoints)
         pitches = [setpoint["pitch"] for setpoint in daemon.setpoints]
         first = pitches.index(-12.0)
         assert first >= 10
@@ -35,7 +36,7 @@ async def test_a_second_call_goes_on_without_a_neutral_lead():
         await lease.stick(pitch=5, throttle=0, seconds=0.1)
         before = lease.setpoints
         await lease.stick(pitch=9, throttle=0, seconds=0.1)
-        await until(lambda: daemon.setpoints[-1]["sequence"] == lease.setpoints)
+        await wait_until(lambda: daemon.setpoints[-1]["sequence"] == lease.setpoints)
         assert {setpoint["pitch"] for setpoint in daemon.setpoints if setpoint["sequence"] > before} == {9.0}
 
 
@@ -57,14 +58,14 @@ async def test_a_lease_somebody_holds_is_refused_with_token_reason_and_fix():
         assert "--force" in refused.value.fix
         async with uav.lease(force=True, ttl=2.0, holder="me"):
             assert daemon.asked[-1][1] == {"action": "take", "holder": "me", "force": True, "ttl": 2.0}
-            await until(lambda: "me" in daemon.clients)
-        await until(lambda: "me" not in daemon.clients)
+            await wait_until(lambda: "me" in daemon.clients)
+        await wait_until(lambda: "me" not in daemon.clients)
 
 
 async def test_a_lost_lease_ends_the_flight_with_the_reason():
     async with connected() as (daemon, uav), uav.lease() as lease:
         flying = asyncio.create_task(lease.stick(throttle=0, seconds=60))
-        await until(lambda: lease.is_engaged)
+        await wait_until(lambda: lease.is_engaged)
         daemon.lose("the link is mute")
         with pytest.raises(LeaseLostError, match="the lease was lost: the link is mute"):
             await flying
@@ -117,7 +118,7 @@ async def test_an_exception_and_a_cancellation_release_the_aircraft():
 
         daemon.asked.clear()
         flying = asyncio.create_task(fly())
-        await until(lambda: daemon.phase is Phase.FLYING)
+        await wait_until(lambda: daemon.phase is Phase.FLYING)
         flying.cancel()
         with pytest.raises(asyncio.CancelledError):
             await flying
@@ -127,7 +128,7 @@ async def test_an_exception_and_a_cancellation_release_the_aircraft():
 async def test_own_streams_set_one_setpoint_at_a_time():
     async with connected() as (daemon, uav), uav.lease() as lease:
         lease.set(pitch=1, roll=2, yaw=3, throttle=4, ttl=0.2)
-        await until(lambda: daemon.setpoints)
+        await wait_until(lambda: daemon.setpoints)
         wanted = {"pitch": 1.0, "roll": 2.0, "yaw": 3.0, "throttle": 4.0, "ttl": 0.2, "epoch": EPOCH, "sequence": 1}
         assert daemon.setpoints == [wanted]
 

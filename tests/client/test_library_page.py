@@ -12,8 +12,9 @@ from contextlib import asynccontextmanager
 import pytest
 
 from lab.places import ROOT
+from lab.rigs.live import VEHICLE, live_daemon
+from lab.rigs.waiting import wait_for
 from mkdaemon.config.sim import PilotPlan
-from tests.daemon.cockpit import cockpit
 
 PAGE = (ROOT / "docs" / "library.md").read_text(encoding="utf-8")
 PATIENCE = 120.0
@@ -50,7 +51,7 @@ async def output_of(heading, **options):
 
 
 def environment(flown):
-    return os.environ | {"MK_CONNECT": flown.endpoint, "MK_VEHICLE": "cockpit"}
+    return os.environ | {"MK_CONNECT": flown.endpoint, "MK_VEHICLE": VEHICLE}
 
 
 @pytest.mark.parametrize(
@@ -70,7 +71,7 @@ async def test_a_recording_decodes_without_a_daemon(tmp_path):
 @pytest.mark.flight
 async def test_the_attitude_is_watched():
     async with (
-        cockpit(board="nc") as flown,
+        live_daemon(board="nc") as flown,
         asyncio.timeout(PATIENCE),
         running("Watch the attitude", env=environment(flown)) as process,
     ):
@@ -81,7 +82,7 @@ async def test_the_attitude_is_watched():
 
 @pytest.mark.flight
 async def test_the_questions_are_answered():
-    async with cockpit() as flown:
+    async with live_daemon() as flown:
         await flown.until(lambda: flown.values("state/battery") and flown.values("health")[-1]["is_alive"])
         lines = await output_of("Ask", env=environment(flown))
         assert lines[0].startswith("alive: True battery: ")
@@ -92,8 +93,8 @@ async def test_the_questions_are_answered():
 
 @pytest.mark.flight
 async def test_a_square_is_flown_in_the_simulator():
-    async with cockpit(board="nc", pilot_plan=PilotPlan.SUPERVISE) as flown:
-        await flown.until(lambda: hovers(flown))
+    async with live_daemon(board="nc", pilot_plan=PilotPlan.SUPERVISE) as flown:
+        await wait_for(lambda: hovers(flown), PATIENCE)
         lines = await output_of("Fly a square", env=environment(flown))
         assert [line.split()[0] for line in lines] == ["north", "east", "south", "west"]
         corners = [tuple(map(float, re.findall(r"-?\d+\.\d+", line)[:2])) for line in lines]

@@ -13,7 +13,6 @@ def test_the_exports_are_pinned():
     assert client.__all__ == [
         "Answer",
         "Lease",
-        "ReleaseOutcome",
         "ReleaseResult",
         "Sample",
         "Vehicle",

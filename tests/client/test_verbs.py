@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import pytest
 
-from mkdaemon.client import ReleaseOutcome, connect
+from mkdaemon.client import connect
 from mkdaemon.errors import CommandRejectedError, ConfigError, MkError, ProtocolError
 from mkdaemon.protocol import Board
 from mkdaemon.protocol.messages import MotorTest, Settings, SettingsRequest, VersionFc210, VersionRequest
+from mkdaemon.telemetry.control import ReleaseOutcome
 from mkdaemon.telemetry.settings import SettingsBackup
 from tests.bus.support import free_endpoint
 from tests.client.fake import VEHICLE, connected, fake_daemon
@@ -16,7 +17,7 @@ from tests.client.fake import VEHICLE, connected, fake_daemon
 async def test_verbs_send_their_fields_and_return_values():
     async with connected() as (daemon, uav):
         done = await uav.release("enough")
-        assert (done.outcome, done.outcome.is_done, done.fields["sent"]) == (ReleaseOutcome.CONFIRMED, True, 5)
+        assert (done.outcome, done.is_done, done.fields["sent"]) == (ReleaseOutcome.CONFIRMED, True, 5)
         assert await uav.rate("osd", 0.25) == {"osd": 0.25}
         assert await uav.rates() == {"osd": 0.1}
         assert await uav.labels("nc") == ("one", "two")

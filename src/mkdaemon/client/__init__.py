@@ -6,13 +6,12 @@ from mkdaemon.client.lease import Lease
 from mkdaemon.client.samples import Sample
 from mkdaemon.client.summary import VehicleStatus
 from mkdaemon.client.vehicle import Vehicle
-from mkdaemon.client.verbs import ReleaseOutcome, ReleaseResult
+from mkdaemon.client.verbs import ReleaseResult
 from mkdaemon.client.watch import Watch
 
 __all__ = [
     "Answer",
     "Lease",
-    "ReleaseOutcome",
     "ReleaseResult",
     "Sample",
     "Vehicle",

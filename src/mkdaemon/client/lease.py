@@ -3,20 +3,18 @@
 from __future__ import annotations
 
 import asyncio
-import getpass
-import os
-import socket
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager, suppress
 from typing import TYPE_CHECKING, Any, Final, Self
 
+from mkdaemon.client.identity import client_name
 from mkdaemon.client.samples import Sample
 from mkdaemon.client.setpoints import Setpoints
 from mkdaemon.client.transport import Transport
 from mkdaemon.errors import LeaseLostError, MkError, NotEngagedError
 
 if TYPE_CHECKING:
-    from mkdaemon.telemetry.control import LeaseState
+    from mkdaemon.telemetry.control import ControlStatus, LeaseState
 
 RATE: Final = 50.0
 """Setpoints a second."""
@@ -30,12 +28,6 @@ SETTLING: Final = 1.0
 """Status from before the lease may still arrive for so long after it was granted [s]."""
 GIVING_BACK: Final = 3.0
 """Longest wait for the answer when the lease is given back [s]; the end of the liveliness token ends it as well."""
-
-
-def client_name() -> str:
-    """A name for this program that no other has: user, machine, process."""
-    raw = f"{getpass.getuser()}-{socket.gethostname()}-{os.getpid()}"
-    return "".join(c if c.isalnum() or c in "._-" else "_" for c in raw)[:64]
 
 
 class Lease:
@@ -54,9 +46,7 @@ class Lease:
         self._setpoints = Setpoints(transport, epoch)
         self._loop = asyncio.get_running_loop()
         self._taken_at = self._heard_at = self._loop.time()
-        self._is_shown = False
-        self._phase = "leased"
-        self._reason = ""
+        self._status: ControlStatus | None = None
         self._lost: str | None = None
         self._following: asyncio.Task[None] | None = None
 
@@ -83,7 +73,9 @@ class Lease:
     @property
     def is_engaged(self) -> bool:
         """Whether the daemon has begun to send what is streamed to the aircraft."""
-        return self._lost is None and self._phase in {"flying", "stale"}
+        from mkdaemon.telemetry.control import Phase
+
+        return self._lost is None and self._status is not None and self._status.phase in {Phase.FLYING, Phase.STALE}
 
     async def stick(
         self,
@@ -154,7 +146,8 @@ class Lease:
         end = self._loop.time() + ENGAGING
         while not self.is_engaged:
             if self._loop.time() >= end:
-                msg = f"the daemon did not engage within {ENGAGING:g} s ({self._reason}): see `mkctl get event/command`"
+                why = "it has not shown the lease" if self._status is None else self._status.reason
+                msg = f"the daemon did not engage within {ENGAGING:g} s ({why}): see `mkctl get event/command`"
                 raise NotEngagedError(msg)
             await self._stream(neutral, 1.0 / rate, rate)
 
@@ -180,15 +173,13 @@ class Lease:
         """Learn from `control/status` whether the lease is still held."""
         async for sample in self._statuses:
             self._heard_at = self._loop.time()
-            self._status_arrived(sample.fields)
+            self._status_arrived(sample.value)
 
-    def _status_arrived(self, fields: dict[str, Any]) -> None:
-        shown = fields["lease"]
-        if shown is not None and shown["epoch"] == self.epoch:
-            self._is_shown = True
-            self._phase, self._reason = str(fields["phase"]), str(fields["reason"])
-        elif self._is_shown or self._heard_at - self._taken_at > SETTLING:
-            self._lost = self._lost or str(fields["reason"])
+    def _status_arrived(self, status: ControlStatus) -> None:
+        if status.lease is not None and status.lease.epoch == self.epoch:
+            self._status = status
+        elif self._status is not None or self._heard_at - self._taken_at > SETTLING:
+            self._lost = self._lost or status.reason
 
 
 class Leasing(Transport):

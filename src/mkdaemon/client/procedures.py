@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import asyncio
-import os
 from collections.abc import AsyncIterator, Callable, Mapping
 from typing import TYPE_CHECKING, Any, Final, TypeVar
 
+from mkdaemon.client.identity import client_name
 from mkdaemon.client.samples import Sample
 from mkdaemon.client.transport import Transport
 
@@ -30,7 +30,7 @@ class Procedures(Transport):
     @property
     def holder(self) -> str:
         """Name under which others see this program's procedures."""
-        return f"client-{os.getpid()}"
+        return client_name()
 
     async def run_procedure(
         self,
@@ -59,7 +59,7 @@ class Procedures(Transport):
         asked = {"holder": self.holder, **(fields or {})}
         if on_progress is None:
             return reply.model_validate((await self.command("do", verb, asked, patience=patience)).require())
-        async with self._watch_unchecked(PROGRESS) as samples:
+        async with self.watch(PROGRESS) as samples:
             following = asyncio.create_task(self._follow(samples, verb, on_progress), name=f"progress of {verb}")
             try:
                 answer = await self.command("do", verb, asked, patience=patience)

@@ -3,31 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from enum import StrEnum
 from typing import TYPE_CHECKING, Any
 
 from mkdaemon.client.transport import Transport
 
 if TYPE_CHECKING:
-    from mkdaemon.telemetry.control import LeaseState
-
-
-class ReleaseOutcome(StrEnum):
-    """How a release went."""
-
-    CONFIRMED = "confirmed"
-    """The FlightCtrl confirmed it."""
-    NOT_OBSERVABLE = "not_observable"
-    """Sent; a confirmation cannot come this way (a NaviCtrl between us and the FlightCtrl)."""
-    UNCONFIRMED = "unconfirmed"
-    """Sent, not confirmed: the line is silenced until the FlightCtrl lets go by itself (6 s)."""
-    NOT_SENT = "not_sent"
-    """The line is down; it is the first thing sent when the line is back."""
-
-    @property
-    def is_done(self) -> bool:
-        """It was confirmed, or cannot be."""
-        return self in {ReleaseOutcome.CONFIRMED, ReleaseOutcome.NOT_OBSERVABLE}
+    from mkdaemon.telemetry.control import LeaseState, ReleaseOutcome
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,12 +16,19 @@ class ReleaseResult:
     """What became of a release.
 
     Attributes:
-        outcome: how it went.
+        outcome: how it ended; `mkdaemon.telemetry.control` says what each means.
         fields: the daemon's whole reply.
     """
 
     outcome: ReleaseOutcome
     fields: dict[str, Any]
+
+    @property
+    def is_done(self) -> bool:
+        """It was confirmed, or cannot be."""
+        from mkdaemon.telemetry.control import ReleaseOutcome
+
+        return self.outcome in {ReleaseOutcome.CONFIRMED, ReleaseOutcome.NOT_OBSERVABLE}
 
 
 class Verbs(Transport):
@@ -58,6 +46,8 @@ class Verbs(Transport):
             CommandRejectedError: no end of it in time.
             MkError: no daemon speaks for this vehicle.
         """
+        from mkdaemon.telemetry.control import ReleaseOutcome
+
         reply = (await self.command("do", "release", {"reason": reason})).require()
         return ReleaseResult(ReleaseOutcome(reply["status"]), reply)
 

@@ -8,7 +8,7 @@ from cyclopts import App, Parameter
 
 from mkdaemon.cli.mkctl.connection import HERE, Connection
 from mkdaemon.cli.printing import json_line
-from mkdaemon.client.lease import client_name
+from mkdaemon.client.identity import client_name
 
 app: Final = App(
     name="lease",

@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 from mkdaemon.cli.mkctl.connection import HERE, Connection
 from mkdaemon.cli.printing import json_line
 from mkdaemon.cli.program import EXIT_FAILURE
-from mkdaemon.client import ReleaseOutcome
 
-_WORDS = {
-    ReleaseOutcome.CONFIRMED: "released, and the FlightCtrl confirmed it",
-    ReleaseOutcome.NOT_OBSERVABLE: "released; no confirmation comes through the NaviCtrl between us and the FlightCtrl",
-    ReleaseOutcome.UNCONFIRMED: "released, NOT confirmed: the line is silent until the FlightCtrl lets go itself (6 s)",
-    ReleaseOutcome.NOT_SENT: "NOT sent, the line is down; it is the first thing sent when the line is back",
-}
+if TYPE_CHECKING:
+    from mkdaemon.telemetry.control import ReleaseOutcome
 
 
 async def release(reason: str = "asked for by mkctl", *, connection: Connection = HERE) -> int:
@@ -25,5 +22,19 @@ async def release(reason: str = "asked for by mkctl", *, connection: Connection 
     """
     async with connection.open() as client:
         done = await client.release(reason)
-    print(json_line(done.fields) if connection.json else _WORDS[done.outcome])
-    return 0 if done.outcome.is_done else EXIT_FAILURE
+    print(json_line(done.fields) if connection.json else _words(done.outcome))
+    return 0 if done.is_done else EXIT_FAILURE
+
+
+def _words(outcome: ReleaseOutcome) -> str:
+    from mkdaemon.telemetry.control import ReleaseOutcome
+
+    match outcome:
+        case ReleaseOutcome.CONFIRMED:
+            return "released, and the FlightCtrl confirmed it"
+        case ReleaseOutcome.NOT_OBSERVABLE:
+            return "released; a confirmation cannot come this way (NaviCtrl between us and the FlightCtrl)"
+        case ReleaseOutcome.UNCONFIRMED:
+            return "released, but NOT confirmed: the line is silenced until the FlightCtrl lets go by itself (6 s)"
+        case ReleaseOutcome.NOT_SENT:
+            return "NOT sent, the line is down; it is the first thing sent when the line is back"
