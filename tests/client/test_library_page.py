@@ -83,7 +83,9 @@ async def test_the_attitude_is_watched():
 @pytest.mark.flight
 async def test_the_questions_are_answered():
     async with live_daemon() as flown:
-        await flown.until(lambda: flown.values("state/battery") and flown.values("health")[-1]["is_alive"])
+        await flown.until(
+            lambda: flown.values("state/battery") and any(value["is_alive"] for value in flown.values("health"))
+        )
         lines = await output_of("Ask", env=environment(flown))
         assert lines[0].startswith("alive: True battery: ")
         assert lines[1].startswith("streams: {'attitude': ")
@@ -92,6 +94,7 @@ async def test_the_questions_are_answered():
 
 
 @pytest.mark.flight
+@pytest.mark.real_time(tolerance=0.1)
 async def test_a_square_is_flown_in_the_simulator():
     async with live_daemon(board="nc", pilot_plan=PilotPlan.SUPERVISE) as flown:
         await wait_for(lambda: hovers(flown), PATIENCE)
@@ -102,7 +105,7 @@ async def test_a_square_is_flown_in_the_simulator():
         assert corners[1][1] - corners[2][1] > 0.3, "south"
         assert corners[2][0] - corners[3][0] > 0.3, "west"
         await flown.until_phase("free")
-        assert flown.values("event/failsafe") == []
+        assert "release" not in [event["action"] for event in flown.values("event/failsafe")]
 
 
 def hovers(flown):
