@@ -1,0 +1,290 @@
+"""The estimate of the aircraft against a target, from pictures, the attitude the boards report, and what was sent.
+
+The local frame is the target's: origin in its middle, z up, x to the right of its print. Everything is relative to it,
+so a target that moves needs nothing special: its motion is the disturbance `d`. Equations and the sources of all
+numbers: docs/control.md, "Estimator".
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from mkdaemon.control.estimator.commands import Command, CommandHistory
+from mkdaemon.control.estimator.model import GRAVITY, LEVEL_STATES, TH, AircraftModel, D, E, H, P, S, T, V
+from mkdaemon.control.estimator.rollback import STEP, Measurement, RollbackFilter
+from mkdaemon.control.estimator.tuning import Tuning
+from mkdaemon.control.linear import Array
+
+COMPASS_MEMORY: Final = 1.0
+"""Headings kept for late pictures [s]."""
+HOVER_LOWEST: Final = 60.0
+"""Smallest hover throttle believed [count of 254]."""
+HOVER_HIGHEST: Final = 190.0
+"""Largest hover throttle believed [count of 254]."""
+
+
+@dataclass(frozen=True, slots=True)
+class StickCommand:
+    """A stick frame as it was written.
+
+    Attributes:
+        at: when its last byte left [s; monotonic].
+        pitch: nose down positive [stick].
+        roll: right side down positive [stick].
+        yaw: nose left positive [stick].
+        gas: what the motors get of it before voltage compensation [count of 254].
+    """
+
+    at: float
+    pitch: float
+    roll: float
+    yaw: float
+    gas: float
+
+
+@dataclass(frozen=True, slots=True)
+class TargetView:
+    """A target as an image showed it.
+
+    Attributes:
+        at: middle of the exposure [s; monotonic].
+        position_flu: the target's origin in the body frame (3,) [m; FLU].
+        target_from_flu: attitude of the vehicle in the target frame (3, 3).
+        covariance: of the vehicle's pose in the target frame (6, 6): position [m] and rotation vector [rad].
+    """
+
+    at: float
+    position_flu: Array
+    target_from_flu: Array
+    covariance: Array
+
+
+@dataclass(frozen=True, slots=True)
+class Estimate:
+    """The aircraft at one moment, in the frame of the target.
+
+    Attributes:
+        at: [s; monotonic].
+        position: (3,) [m].
+        velocity: relative to the target (3,) [m/s].
+        tilt: true tilt towards x and y, the way it accelerates (2,) [rad].
+        disturbance: acceleration that the model does not explain, x and y (2,) [m/s2].
+        yaw: heading of the body's forward axis, counter-clockwise from x [rad].
+        hover_gas: throttle that carries the aircraft [count of 254].
+        axes: whole state of both horizontal axes (2, 9), for the regulator.
+        vertical: whole state of the vertical axis (4,).
+        position_sd: standard deviation of the position (3,) [m].
+        age: time since the last image that was used [s]; infinite before the first.
+    """
+
+    at: float
+    position: Array
+    velocity: Array
+    tilt: Array
+    disturbance: Array
+    yaw: float
+    hover_gas: float
+    axes: Array
+    vertical: Array
+    position_sd: Array
+    age: float
+
+
+class Estimator:
+    """Follows one target.
+
+    Attributes:
+        model: the plant believed in.
+        hover_gas: throttle that carries the aircraft, estimated [count of 254].
+        innovation: mean square of the recent innovations over their expected size; about 1 when all is well.
+    """
+
+    def __init__(self, model: AircraftModel, tuning: Tuning, view: TargetView, hover_gas: float) -> None:
+        """Begin with the first view of the target, at rest.
+
+        Args:
+            model: of the aircraft.
+            tuning: how much is believed of what.
+            view: first view of the target.
+            hover_gas: first guess [count of 254].
+        """
+        self.model = model
+        self.hover_gas = hover_gas
+        self.innovation = 1.0
+        self._tuning = tuning
+        self._yaw_offset = _heading(view.target_from_flu)
+        self._headings: deque[tuple[float, float]] = deque()
+        self._seen_at = view.at
+        position = -view.target_from_flu @ view.position_flu
+        self._commands = CommandHistory()
+        f, g = model.horizontal(STEP)
+        start = np.zeros((2, LEVEL_STATES))
+        start[:, P] = position[:2]
+        spread = np.diag(tuning.first_spread) ** 2
+        self._level = RollbackFilter(f, g, tuning.level_noise(STEP), start, spread, view.at)
+        f, g = model.vertical(STEP)
+        self._upright = RollbackFilter(
+            f,
+            g,
+            tuning.upright_noise(STEP),
+            np.array([[position[2], 0.0, 0.0, 0.0]]),
+            np.diag(tuning.first_upright_spread) ** 2,
+            view.at,
+        )
+
+    @property
+    def rejected(self) -> int:
+        """Measurements outside their gates, since the start."""
+        return self._level.rejected + self._upright.rejected
+
+    def sent(self, command: StickCommand) -> None:
+        """Take note of a stick frame that was written."""
+        c, s = self._turn(command.at)
+        pitch, roll = command.pitch * self.model.rad_per_count, command.roll * self.model.rad_per_count
+        self._commands.add(
+            Command(
+                command.at + self.model.uplink,
+                (pitch * c + roll * s, pitch * s - roll * c),
+                (command.gas / self.hover_gas) ** 2 - 1.0,
+                command.yaw,
+            )
+        )
+
+    def attitude_received(self, at: float, pitch: float, roll: float, yaw: float) -> None:
+        """Take the attitude the boards report.
+
+        Args:
+            at: when it was measured [s; monotonic].
+            pitch: nose down positive [rad].
+            roll: right side down positive [rad].
+            yaw: counter-clockwise, ENU or any other fixed zero [rad].
+        """
+        self._headings.append((at, yaw))
+        while self._headings[0][0] < at - COMPASS_MEMORY:
+            self._headings.popleft()
+        self.advance(at)
+        c, s = self._turn(at)
+        believed = np.array([pitch * c + roll * s, pitch * s - roll * c])
+        row = np.zeros(LEVEL_STATES)
+        row[TH] = 1.0
+        self._watch(self._level.measure(Measurement(at, row, believed, self._tuning.attitude_sd**2)))
+
+    def target_seen(self, view: TargetView) -> None:
+        """Take what an image showed of the target, however late."""
+        tuning = self._tuning
+        self._align(view)
+        self._seen_at = max(self._seen_at, view.at)
+        c, s = self._turn(view.at)
+        turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+        seen, spread = turn @ view.position_flu, turn @ _view_covariance(view) @ turn.T
+        tilt, speed = self._level.states[:, T], float(np.abs(self._level.states[:, V]).max())
+        timing = (speed * tuning.stamp_sd) ** 2
+        row = np.zeros(LEVEL_STATES)
+        row[P], row[T] = 1.0, seen[2]
+        variance = tuning.view_inflation**2 * float(spread[0, 0] + spread[1, 1]) / 2.0 + tuning.view_floor**2 + timing
+        self._watch(self._level.measure(Measurement(view.at, row, -seen[:2], variance)))
+        up = view.target_from_flu[:, 2]
+        if up[2] > 0.5:
+            row = np.zeros(LEVEL_STATES)
+            row[T] = 1.0
+            variance = (tuning.view_inflation**2) * float(view.covariance[3, 3] + view.covariance[4, 4]) / 2.0
+            variance += tuning.tilt_floor**2
+            if variance < tuning.tilt_worst**2:
+                self._level.measure(Measurement(view.at, row, up[:2] / up[2], variance))
+        normal = np.array([-tilt[0], -tilt[1], 1.0]) / math.sqrt(1.0 + float(tilt @ tilt))
+        row = np.zeros(4)
+        row[H] = 1.0
+        variance = tuning.view_inflation**2 * float(normal @ spread @ normal) + tuning.height_floor**2
+        self._upright.measure(Measurement(view.at, row, np.array([-float(normal @ seen)]), variance))
+
+    def advance(self, now: float) -> None:
+        """Bring the estimate up to a moment [s; monotonic]."""
+        while self._level.time + STEP <= now:
+            acting = self._commands.at(self._level.time + STEP / 2.0)
+            self._level.advance(np.array(acting.tilt))
+            self._upright.advance(np.array([acting.thrust]))
+
+    def estimate(self, at: float) -> Estimate:
+        """Return the estimate at a moment, which may lie ahead: the commands under way are known [s; monotonic]."""
+        steps = max(0, round((at - self._level.time) / STEP))
+        acting = [self._commands.at(self._level.time + (k + 0.5) * STEP) for k in range(steps)]
+        axes = self._level.ahead(np.array([command.tilt for command in acting]).reshape(-1, 2))
+        upright = self._upright.ahead(np.array([[command.thrust] for command in acting]).reshape(-1, 1))[0]
+        level_sd = np.sqrt(self._level.covariances[:, P, P])
+        return Estimate(
+            at=at,
+            position=np.array([axes[0, P], axes[1, P], upright[H]]),
+            velocity=np.array([axes[0, V], axes[1, V], upright[S]]),
+            tilt=axes[:, T].copy(),
+            disturbance=axes[:, D].copy(),
+            yaw=self._heading_at(at),
+            hover_gas=self.hover_gas,
+            axes=axes,
+            vertical=upright,
+            position_sd=np.array([*level_sd, math.sqrt(self._upright.covariances[0, H, H])]),
+            age=at - self._seen_at,
+        )
+
+    def recentre_hover(self, rate: float) -> None:
+        """Move a share of the unexplained vertical acceleration into the hover throttle: the model is true there.
+
+        Args:
+            rate: share a call.
+        """
+        excess = float(self._upright.states[0, E])
+        change = rate * min(max(-excess / GRAVITY, -0.2), 0.2)
+        gas = min(max(self.hover_gas * (1.0 + change / 2.0), HOVER_LOWEST), HOVER_HIGHEST)
+        change = 2.0 * (gas / self.hover_gas - 1.0)
+        self.hover_gas = gas
+        self._upright.shift(E, np.array([change * GRAVITY]))
+
+    def _turn(self, at: float) -> tuple[float, float]:
+        """Cosine and sine of the heading at a moment."""
+        yaw = self._heading_at(at)
+        return math.cos(yaw), math.sin(yaw)
+
+    def _heading_at(self, at: float) -> float:
+        """Heading in the target frame [rad]: the compass turned by the slowly estimated offset between the two."""
+        heading = self._headings[0][1] if self._headings else 0.0
+        for time, value in self._headings:
+            if time > at:
+                break
+            heading = value
+        return math.remainder(heading + self._yaw_offset, math.tau)
+
+    def _align(self, view: TargetView) -> None:
+        """Let the image correct the offset between compass and target."""
+        error = math.remainder(_heading(view.target_from_flu) - self._heading_at(view.at), math.tau)
+        variance = float(view.covariance[5, 5]) + self._tuning.yaw_floor**2
+        self._yaw_offset += error * min(1.0, self._tuning.yaw_gain * self._tuning.yaw_floor**2 / variance)
+
+    def _watch(self, ratio: Array | None) -> None:
+        if ratio is not None:
+            size = min(float(np.mean(ratio**2)), self._tuning.innovation_cap)
+            self.innovation += self._tuning.innovation_rate * (size - self.innovation)
+
+
+def _heading(target_from_flu: Array) -> float:
+    """Heading of the forward axis in the target frame [rad]."""
+    return math.atan2(target_from_flu[1, 0], target_from_flu[0, 0])
+
+
+def _view_covariance(view: TargetView) -> Array:
+    """Covariance (3, 3) of the target's position in the body frame [m2].
+
+    With p the vehicle in the target frame and R its attitude, m = -R'p, so dm = -R'dp - R'[p]x dr.
+    """
+    r = view.target_from_flu
+    p = -r @ view.position_flu
+    cross = np.array([[0.0, -p[2], p[1]], [p[2], 0.0, -p[0]], [-p[1], p[0], 0.0]])
+    jacobian = np.concatenate([-r.T, -r.T @ cross], axis=1)
+    covariance: Array = jacobian @ view.covariance @ jacobian.T
+    return covariance
+
+
+__all__ = ["Estimate", "Estimator", "StickCommand", "TargetView"]

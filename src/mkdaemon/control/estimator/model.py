@@ -1,0 +1,151 @@
+"""The aircraft as a plant: what a stick count does, from the parameter set of its FlightCtrl.
+
+One horizontal axis, with `u` the stick in radians of wanted tilt (docs/control.md, "The attitude loop")::
+
+    p'  = v                                  position relative to the target
+    v'  = g t - c v + d                      d: acceleration by wind, by the target's own motion, by model errors
+    t'  = w                                  true tilt
+    th' = w - (th - (c v - d) / g - b) / ta  the tilt that the FlightCtrl believes; the last term is its leak
+    z'  = th - us
+    w'  = (-a1 (th - us) - a2 z - w) / tw    the rate loop
+    us' = (u - us) / ts                      the stick filter of FC >= 2.10, or half a receiver frame
+    b' = 0                                   tilt of the accelerometers against the airframe
+
+and the vertical axis, with `q` the squared ratio of throttle to hover throttle, less one::
+
+    h' = s;   s' = g f + e;   f' = (q - f) / tm;   e: acceleration by errors of the hover throttle, wind, ground effect
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from mkdaemon.control.linear import Array, discretise
+
+GRAVITY: Final = 9.81
+"""[m/s2]."""
+FC_PERIOD: Final = 2.048e-3
+"""Period of the FlightCtrl's loop [s]; docs/firmware-notes.md, "Timing"."""
+STICK_FILTER: Final = 0.078
+"""Stick filter of FC >= 2.10 [s]: (3 old + new) / 4 at receiver frames of 22.5 ms."""
+RECEIVER_HOLD: Final = 0.011
+"""Mean wait for the next receiver frame [s], all the delay that older firmware adds."""
+LEAK_FAST: Final = 0.885
+"""Leak without a NaviCtrl or with 0.24 [s]; docs/simulator.md."""
+LEAK_SLOW: Final = 7.1
+"""Leak with a newer NaviCtrl [s]."""
+P, V, T, TH, Z, W, US, D, B = range(9)
+LEVEL_STATES: Final = 9
+"""Places in the state of a horizontal axis; how many there are."""
+H, S, F, E = range(4)
+"""Places in the state of the vertical axis."""
+
+
+@dataclass(frozen=True, slots=True)
+class AircraftModel:
+    """The constants of one aircraft.
+
+    Attributes:
+        rad_per_count: tilt that a stick count asks for [rad].
+        a1: proportional gain of the attitude loop [1/s].
+        a2: integral gain of the attitude loop [1/s2].
+        leak: time constant `ta` with which the FlightCtrl's tilt follows its accelerometers [s].
+        stick_filter: `ts` [s].
+        rate_lag: `tw` of the closed rate loop [s].
+        drag: `c`, of the airframe [1/s].
+        thrust_lag: `tm` [s].
+        yaw_linear: yaw rate per count beyond the dead band [rad/s].
+        yaw_square: yaw rate per squared count beyond it [rad/s].
+        uplink: time from the transmission of a stick frame to its effect [s]: wire, radio and the wait for a receiver
+            frame; docs/firmware-notes.md, "Timing".
+    """
+
+    rad_per_count: float = math.radians(0.451)
+    a1: float = 3.10
+    a2: float = 3.33
+    leak: float = LEAK_FAST
+    stick_filter: float = STICK_FILTER
+    rate_lag: float = 0.040
+    drag: float = 0.35
+    thrust_lag: float = 0.060
+    yaw_linear: float = math.radians(0.4)
+    yaw_square: float = math.radians(0.0047 / 6 * 4)
+    uplink: float = 0.035
+
+    @classmethod
+    def from_parameters(
+        cls,
+        *,
+        stick_p: int,
+        gyro_p: int,
+        gyro_i: int,
+        i_factor: int,
+        gyro_stability: int,
+        stick_yaw_p: int,
+        has_stick_filter: bool,
+        has_slow_leak: bool,
+    ) -> AircraftModel:
+        """Compute the constants from values of the active parameter set, named as in docs/settings.md.
+
+        Args:
+            stick_p: tilt per count.
+            gyro_p: rate gain.
+            gyro_i: angle gain.
+            i_factor: integral.
+            gyro_stability: scales rate and integral.
+            stick_yaw_p: yaw rate per count.
+            has_stick_filter: FC >= 2.10.
+            has_slow_leak: a NaviCtrl newer than 0.24 is mounted.
+
+        Raises:
+            ValueError: the set flies without angle feedback (`gyro_i` is 0): this model does not hold then.
+
+        Source: docs/control.md, "The attitude loop".
+        """
+        if gyro_i <= 0 or gyro_stability <= 0:
+            msg = "the active parameter set has no angle feedback (gyro_i or gyro_stability is 0)"
+            raise ValueError(msg)
+        a1 = gyro_i * 64.0 / ((gyro_p + 10) * 11000.0 * FC_PERIOD)
+        integral = max(1, 10300 // (i_factor + 1))
+        return cls(
+            rad_per_count=math.radians(11000.0 * stick_p / (gyro_i * 1220.0)),
+            a1=a1,
+            a2=a1 / (FC_PERIOD * integral) * 8.0 / gyro_stability,
+            leak=LEAK_SLOW if has_slow_leak else LEAK_FAST,
+            stick_filter=STICK_FILTER if has_stick_filter else RECEIVER_HOLD,
+            yaw_linear=math.radians(0.1 * stick_yaw_p),
+            yaw_square=math.radians(0.0047 / 6.0 * stick_yaw_p),
+        )
+
+    def horizontal(self, step: float) -> tuple[Array, Array]:
+        """Return transition (9, 9) and input (9,) of a horizontal axis over a step [s]."""
+        a, b = np.zeros((LEVEL_STATES, LEVEL_STATES)), np.zeros((LEVEL_STATES, 1))
+        a[P, V] = 1.0
+        a[V, T], a[V, V], a[V, D] = GRAVITY, -self.drag, 1.0
+        a[T, W] = 1.0
+        a[TH, W], a[TH, TH] = 1.0, -1.0 / self.leak
+        a[TH, V], a[TH, D] = self.drag / GRAVITY / self.leak, -1.0 / GRAVITY / self.leak
+        a[TH, B] = 1.0 / self.leak
+        a[Z, TH], a[Z, US] = 1.0, -1.0
+        a[W, TH], a[W, US], a[W, Z], a[W, W] = (
+            -self.a1 / self.rate_lag,
+            self.a1 / self.rate_lag,
+            -self.a2 / self.rate_lag,
+            -1.0 / self.rate_lag,
+        )
+        a[US, US], b[US, 0] = -1.0 / self.stick_filter, 1.0 / self.stick_filter
+        f, g = discretise(a, b, step)
+        return f, g[:, 0]
+
+    def vertical(self, step: float) -> tuple[Array, Array]:
+        """Return transition (4, 4) and input (4,) of the vertical axis over a step [s]."""
+        a, b = np.zeros((4, 4)), np.zeros((4, 1))
+        a[H, S] = 1.0
+        a[S, F], a[S, E], a[S, S] = GRAVITY, 1.0, -self.drag
+        a[F, F], b[F, 0] = -1.0 / self.thrust_lag, 1.0 / self.thrust_lag
+        f, g = discretise(a, b, step)
+        return f, g[:, 0]

@@ -1,0 +1,160 @@
+"""A Kalman filter on a fixed grid that takes measurements of the past: it goes back, adds them, comes forward again.
+
+Several equal axes are carried together, each with a state of its own. A measurement belongs to the moment it was made,
+not to the moment it arrived: pictures are 25 to 250 ms old when their pose is known, telemetry about 25 ms, and they
+overtake each other. Source: Y. Bar-Shalom et al., "Estimation with Applications to Tracking and Navigation" (2001),
+chapter 5 (filter) and chapter 8 (fixed-lag memory).
+"""
+
+from __future__ import annotations
+
+import math
+from bisect import insort
+from dataclasses import dataclass, field
+from typing import Final
+
+import numpy as np
+
+from mkdaemon.control.linear import Array
+
+STEP: Final = 0.010
+"""Grid [s]: a tenth of the fastest lag of the model."""
+MEMORY: Final = 0.8
+"""How far back a measurement may reach [s]; three times the oldest picture."""
+
+
+@dataclass(frozen=True, slots=True)
+class Measurement:
+    """A linear measurement of every axis at one moment.
+
+    Attributes:
+        at: when it was true [s; monotonic].
+        row: what it sees of the state (n,).
+        values: measured, one for each axis (k,).
+        variance: of each value.
+        gate: largest believable innovation [standard deviations].
+    """
+
+    at: float
+    row: Array
+    values: Array
+    variance: float
+    gate: float = 5.0
+
+
+@dataclass(slots=True)
+class _Slot:
+    """The state at the beginning of a grid step, everything measured in the step before added."""
+
+    state: Array
+    covariance: Array
+    drive: Array
+    measurements: list[tuple[float, Measurement]] = field(default_factory=list)
+
+
+class RollbackFilter:
+    """State and covariance of `k` equal axes with `n` states.
+
+    Attributes:
+        rejected: measurements outside their gate, since the start.
+        dropped: measurements older than the memory, since the start.
+    """
+
+    def __init__(self, f: Array, g: Array, noise: Array, states: Array, covariance: Array, now: float) -> None:
+        """Begin at a moment.
+
+        Args:
+            f: (n, n) transition over `STEP`.
+            g: (n,) input over `STEP`.
+            noise: (n, n) process noise over `STEP`.
+            states: (k, n) first states.
+            covariance: (n, n) of each of them.
+            now: [s; monotonic].
+        """
+        self._f, self._g, self._noise = f, g, noise
+        self._rate = (f - np.eye(len(f))) / STEP
+        self._first = math.floor(now / STEP)
+        axes = len(states)
+        self._slots = [_Slot(states.copy(), np.repeat(covariance[None], axes, axis=0), np.zeros(axes))]
+        self.rejected = 0
+        self.dropped = 0
+
+    @property
+    def time(self) -> float:
+        """The moment of the newest state [s]."""
+        return (self._first + len(self._slots) - 1) * STEP
+
+    @property
+    def states(self) -> Array:
+        """The newest states (k, n)."""
+        return self._slots[-1].state
+
+    @property
+    def covariances(self) -> Array:
+        """Of the newest states (k, n, n)."""
+        return self._slots[-1].covariance
+
+    def set_noise(self, noise: Array) -> None:
+        """Go on with another process noise (n, n) over `STEP`."""
+        self._noise = noise
+
+    def shift(self, place: int, amounts: Array) -> None:
+        """Add known amounts (k,) to one state, now and in the past: a change of the reference, not of the aircraft."""
+        for slot in self._slots:
+            slot.state[:, place] += amounts
+
+    def advance(self, drive: Array) -> None:
+        """Go one step forward under an input (k,)."""
+        slot = self._slots[-1]
+        slot.drive = drive
+        state, covariance = self._predicted(slot)
+        self._slots.append(_Slot(state, covariance, np.zeros_like(drive)))
+        if len(self._slots) > MEMORY / STEP:
+            del self._slots[0]
+            self._first += 1
+
+    def measure(self, measurement: Measurement) -> Array | None:
+        """Add a measurement where it belongs and come forward again.
+
+        Returns:
+            Innovation over its standard deviation (k,); None where the measurement is too old to be used.
+        """
+        index = math.floor(measurement.at / STEP) - self._first
+        if index < 0:
+            self.dropped += 1
+            return None
+        index = min(index, len(self._slots) - 1)
+        offset = min(measurement.at - (self._first + index) * STEP, STEP)
+        slot = self._slots[index]
+        ratio = self._corrected(slot, offset, measurement)
+        self.rejected += int((np.abs(ratio) > measurement.gate).sum())
+        insort(slot.measurements, (offset, measurement), key=lambda entry: entry[0])
+        for before, after in zip(self._slots[index:], self._slots[index + 1 :], strict=False):
+            after.state, after.covariance = self._predicted(before)
+            for late, known in after.measurements:
+                self._corrected(after, late, known)
+        return ratio
+
+    def ahead(self, drives: Array) -> Array:
+        """Return the states (k, n) after further steps under inputs (steps, k), without changing anything."""
+        state = self.states
+        for drive in drives:
+            state = state @ self._f.T + drive[:, None] * self._g
+        return state
+
+    def _predicted(self, slot: _Slot) -> tuple[Array, Array]:
+        state = slot.state @ self._f.T + slot.drive[:, None] * self._g
+        return state, self._f @ slot.covariance @ self._f.T + self._noise
+
+    def _corrected(self, slot: _Slot, offset: float, measurement: Measurement) -> Array:
+        """Correct a slot; inside a step the state moves as its rate says, so the row is carried back to its start."""
+        row = measurement.row + (measurement.row @ self._rate) * offset
+        gain = slot.covariance @ row
+        spread = gain @ row + measurement.variance
+        innovation = measurement.values - slot.state @ row
+        ratio: Array = innovation / np.sqrt(spread)
+        weight = np.where(np.abs(ratio) <= measurement.gate, 1.0, 0.0)
+        step = gain * (weight / spread)[:, None]
+        slot.state = slot.state + step * innovation[:, None]
+        slot.covariance = slot.covariance - step[:, :, None] * gain[:, None, :]
+        return ratio

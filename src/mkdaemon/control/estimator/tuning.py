@@ -1,0 +1,91 @@
+"""How much the estimator believes of what: process noise and the spread of measurements.
+
+Chosen by `python -m lab control --tune` on seeds that no reported figure uses; docs/control.md, "Estimator".
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from mkdaemon.control.linear import Array
+
+
+@dataclass(frozen=True, slots=True)
+class Tuning:
+    """One set of beliefs.
+
+    Attributes:
+        velocity: noise of the velocity [m/s per root s].
+        tilt: of the true tilt [rad per root s].
+        believed: of the FlightCtrl's tilt [rad per root s].
+        integral: of its integral [rad s per root s].
+        rate: of the tilt rate [rad/s per root s].
+        filtered: of the filtered stick [rad per root s].
+        disturbance: random walk of the unexplained acceleration [m/s2 per root s].
+        level: random walk of the accelerometers' tilt [rad per root s].
+        climb: noise of the climb rate [m/s per root s].
+        thrust: of the thrust [share per root s].
+        vertical: random walk of the unexplained vertical acceleration [m/s2 per root s].
+        attitude_sd: of the attitude the boards report [rad].
+        view_inflation: factor on the standard deviations the images claim: their errors last for several images.
+        view_floor: of the lateral position an image gives [m].
+        height_floor: of the height an image gives [m].
+        tilt_floor: of the tilt an image gives [rad].
+        tilt_worst: a tilt less certain than this is not used [rad].
+        stamp_sd: of the time stamps of images [s].
+        yaw_floor: of the heading an image gives [rad].
+        yaw_gain: share of a certain image's heading that is taken.
+        innovation_rate: of the running mean of the innovations, a measurement.
+        innovation_cap: largest squared innovation that counts.
+    """
+
+    velocity: float = 0.05
+    tilt: float = 0.001
+    believed: float = 0.003
+    integral: float = 0.001
+    rate: float = 0.15
+    filtered: float = 0.02
+    disturbance: float = 0.125
+    level: float = 0.0005
+    climb: float = 0.05
+    thrust: float = 0.02
+    vertical: float = 0.4
+    attitude_sd: float = 0.004
+    view_inflation: float = 1.2
+    view_floor: float = 0.004
+    height_floor: float = 0.01
+    tilt_floor: float = 0.01
+    tilt_worst: float = 0.25
+    stamp_sd: float = 0.004
+    yaw_floor: float = 0.02
+    yaw_gain: float = 0.2
+    innovation_rate: float = 0.02
+    innovation_cap: float = 25.0
+
+    @property
+    def first_spread(self) -> Array:
+        """Standard deviations of a horizontal axis at the start (9,)."""
+        return np.array([0.05, 0.5, 0.05, 0.03, 0.03, 0.2, 0.05, 1.0, 0.02])
+
+    @property
+    def first_upright_spread(self) -> Array:
+        """Standard deviations of the vertical axis at the start (4,)."""
+        return np.array([0.05, 0.2, 0.05, 1.5])
+
+    def level_noise(self, step: float) -> Array:
+        """Process noise of a horizontal axis over a step [s]: (9, 9)."""
+        sizes = [0.0, self.velocity, self.tilt, self.believed, self.integral, self.rate, self.filtered]
+        return np.diag([*sizes, self.disturbance, self.level]) ** 2 * step
+
+    def upright_noise(self, step: float) -> Array:
+        """Process noise of the vertical axis over a step [s]: (4, 4)."""
+        return np.diag([0.0, self.climb, self.thrust, self.vertical]) ** 2 * step
+
+
+NOMINAL: Final = Tuning()
+"""The parameter set is known and the innovations agree with it."""
+ROBUST: Final = Tuning(tilt=0.02, believed=0.03, rate=1.0, filtered=0.05, disturbance=0.3)
+"""Before that: images count for more, the model for less."""

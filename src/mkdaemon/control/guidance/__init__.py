@@ -1,0 +1,1 @@
+"""From a wanted position to sticks: reference, regulators, shaping of counts."""

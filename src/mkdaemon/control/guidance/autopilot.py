@@ -1,0 +1,123 @@
+"""Flies to a position in the frame of a target: estimate, reference, regulators, whole counts."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from mkdaemon.control.estimator.estimator import Estimate, Estimator
+from mkdaemon.control.guidance.horizontal import STEP, HorizontalCosts, HorizontalRegulator
+from mkdaemon.control.guidance.reference import Reference, ReferenceLimits
+from mkdaemon.control.guidance.shaping import CountShaper
+from mkdaemon.control.guidance.vertical import VerticalGains, gas
+from mkdaemon.control.linear import Array
+
+GAS_CENTRE: Final = 127.0
+"""Throttle of a centred stick [count of 254]; docs/protocol.md, "ExternalControl"."""
+YAW_TOLERANCE: Final = math.radians(4.0)
+"""Heading error that is left alone: the compass of the FlightCtrl holds the heading meanwhile."""
+YAW_LEAST: Final = 8.0
+"""Smallest yaw stick that unlocks that compass [stick]; 5 to 7 creep against it; docs/firmware-notes.md."""
+YAW_MOST: Final = 28.0
+"""Largest yaw stick [stick]: 10 deg/s, slow enough for the tilts to follow."""
+
+
+@dataclass(frozen=True, slots=True)
+class Goal:
+    """Where to go, in the frame of the target.
+
+    Attributes:
+        position: (3,) [m].
+        yaw: heading of the forward axis [rad]; None for whatever it is.
+        climb: speed of the wanted height [m/s].
+    """
+
+    position: Array
+    yaw: float | None = None
+    climb: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class AutopilotSticks:
+    """Whole counts, FLU signs as everywhere [stick]; throttle from the centre."""
+
+    pitch: int
+    roll: int
+    yaw: int
+    throttle: int
+
+
+class Autopilot:
+    """One flight against one target.
+
+    Attributes:
+        estimator: what is believed.
+        reference: where the aircraft should be now.
+        estimate: what the latest sticks were computed from.
+    """
+
+    def __init__(
+        self,
+        estimator: Estimator,
+        *,
+        costs: HorizontalCosts,
+        gains: VerticalGains,
+        level_limits: ReferenceLimits,
+        height_limits: ReferenceLimits,
+        now: float,
+    ) -> None:
+        """Begin where the aircraft is.
+
+        Raises:
+            ValueError: the costs stabilise nothing on this model.
+        """
+        self.estimator = estimator
+        self._gains = gains
+        self._level_limits = level_limits
+        self._height_limits = height_limits
+        self._regulator = HorizontalRegulator(estimator.model, costs)
+        self._pitch, self._roll = CountShaper(-127, 127), CountShaper(-127, 127)
+        self._throttle = CountShaper(-127, 127)
+        self.estimate = estimator.estimate(now)
+        self.reference = Reference(self.estimate.position[:2])
+        self.height = Reference(self.estimate.position[2:])
+
+    def sticks(self, goal: Goal, now: float, step: float = STEP) -> AutopilotSticks:
+        """Return the sticks to send now.
+
+        Args:
+            goal: where to go.
+            now: [s; monotonic].
+            step: time since the last call [s].
+        """
+        estimator = self.estimator
+        estimator.advance(now)
+        self.reference.move(goal.position[:2], self._level_limits, step)
+        self.height.move(goal.position[2:], self._height_limits, step, goal_velocity=goal.climb)
+        estimate = self.estimate = estimator.estimate(now + estimator.model.uplink)
+        tilt = self._regulator.tilt(estimate, self.reference) / estimator.model.rad_per_count
+        c, s = math.cos(estimate.yaw), math.sin(estimate.yaw)
+        throttle = gas(estimate, float(self.height.position[0]), float(self.height.velocity[0]), self._gains)
+        estimator.recentre_hover(0.02)
+        return AutopilotSticks(
+            pitch=self._pitch.count(float(tilt[0] * c + tilt[1] * s)),
+            roll=self._roll.count(float(tilt[0] * s - tilt[1] * c)),
+            yaw=yaw_stick(estimate, goal.yaw),
+            throttle=self._throttle.count(throttle - GAS_CENTRE),
+        )
+
+
+def yaw_stick(estimate: Estimate, yaw: float | None) -> int:
+    """Return the yaw stick that turns towards a heading; nose left positive [stick]."""
+    error = 0.0 if yaw is None else math.remainder(yaw - estimate.yaw, math.tau)
+    if abs(error) <= YAW_TOLERANCE:
+        return 0
+    return round(math.copysign(min(YAW_LEAST + math.degrees(abs(error)) * 0.7, YAW_MOST), error))
+
+
+def at_origin(height: float) -> Goal:
+    """A goal above the middle of the target [m]."""
+    return Goal(np.array([0.0, 0.0, height]))

@@ -1,0 +1,138 @@
+"""The estimator on an aircraft that obeys its own model: it finds position, speed, wind, level error and heading."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from mkdaemon.control.estimator.estimator import Estimator, StickCommand, TargetView
+from mkdaemon.control.estimator.model import LEVEL_STATES, TH, AircraftModel, B, D, P, T, V
+from mkdaemon.control.estimator.rollback import STEP
+from mkdaemon.control.estimator.tuning import NOMINAL
+
+MODEL = AircraftModel()
+HOVER = 125.0
+
+
+def view(at, axes, height, yaw):
+    """What a perfect image shows of a target at the origin."""
+    tilt = axes[:, T]
+    up = np.array([tilt[0], tilt[1], 1.0]) / math.sqrt(1 + tilt @ tilt)
+    forward = np.array([math.cos(yaw), math.sin(yaw), 0.0])
+    left = np.cross(up, forward)
+    left /= np.linalg.norm(left)
+    rotation = np.column_stack([np.cross(left, up), left, up])
+    place = np.array([axes[0, P], axes[1, P], height])
+    return TargetView(at, rotation.T @ -place, rotation, np.diag([1e-6] * 3 + [1e-6] * 3))
+
+
+class Plant:
+    """The model itself, flown by pitch and roll sticks."""
+
+    def __init__(self, *, yaw=0.0, wind=(0.0, 0.0), level=(0.0, 0.0)):
+        self.f, self.g = MODEL.horizontal(STEP)
+        self.axes = np.zeros((2, LEVEL_STATES))
+        self.axes[:, D], self.axes[:, B] = wind, level
+        self.yaw, self.now, self.queue = yaw, 0.0, []
+        self.tilt = np.zeros(2)
+
+    def stick(self, pitch, roll):
+        """Sticks that act `uplink` from now on; returns the frame as written."""
+        c, s = math.cos(self.yaw), math.sin(self.yaw)
+        k = MODEL.rad_per_count
+        self.queue.append((self.now + MODEL.uplink, k * np.array([pitch * c + roll * s, pitch * s - roll * c])))
+        return StickCommand(self.now, pitch, roll, 0.0, HOVER)
+
+    def step(self):
+        while self.queue and self.queue[0][0] <= self.now + STEP / 2:
+            self.tilt = self.queue.pop(0)[1]
+        self.axes = self.axes @ self.f.T + self.tilt[:, None] * self.g
+        self.now += STEP
+
+    def reported(self):
+        """Pitch and roll as the FlightCtrl believes them."""
+        c, s = math.cos(self.yaw), math.sin(self.yaw)
+        x, y = self.axes[:, TH]
+        return x * c + y * s, x * s - y * c
+
+
+def run(plant, seconds=20.0, delay=8, sight=lambda t: True):
+    """Fly little steps; images come late; returns the estimator."""
+    estimator, pending = None, []
+    for k in range(round(seconds / STEP)):
+        if k % 3 == 0 and sight(plant.now):
+            pending.append((k + delay, view(plant.now, plant.axes, 2.0, plant.yaw)))
+        while pending and pending[0][0] <= k:
+            seen = pending.pop(0)[1]
+            if estimator is None:
+                estimator = Estimator(MODEL, NOMINAL, seen, HOVER)
+            estimator.advance(plant.now)
+            estimator.target_seen(seen)
+        if estimator is not None and k % 2 == 0:
+            estimator.attitude_received(plant.now, *plant.reported(), plant.yaw + 0.4)
+            wave = round(10 * math.sin(plant.now * 1.3)) - 3 * np.sign(plant.axes[0, V])
+            estimator.sent(plant.stick(wave, -wave))
+        plant.step()
+    estimator.advance(plant.now)
+    return estimator
+
+
+def test_position_and_speed_are_those_of_the_aircraft_although_images_are_late():
+    plant = Plant(yaw=0.7)
+    estimate = run(plant).estimate(plant.now)
+    assert estimate.position[:2] == pytest.approx(plant.axes[:, P], abs=0.02)
+    assert estimate.velocity[:2] == pytest.approx(plant.axes[:, V], abs=0.05)
+    assert estimate.tilt == pytest.approx(plant.axes[:, T], abs=0.01)
+    assert estimate.position[2] == pytest.approx(2.0, abs=0.02)
+    assert estimate.yaw == pytest.approx(0.7, abs=0.02)
+
+
+def test_wind_and_crooked_accelerometers_are_told_apart():
+    plant = Plant(wind=(0.2, -0.1), level=(0.02, 0.01))
+    estimate = run(plant, 30.0).estimate(plant.now)
+    assert estimate.disturbance == pytest.approx([0.2, -0.1], abs=0.08)
+    assert estimate.axes[:, B] == pytest.approx([0.02, 0.01], abs=0.006)
+
+
+def test_without_images_the_estimate_goes_on_and_grows_uncertain():
+    plant = Plant(wind=(0.3, 0.0))
+    estimator = run(plant, 21.0, sight=lambda t: t < 20.0)
+    estimate = estimator.estimate(plant.now)
+    assert estimate.age == pytest.approx(1.0, abs=0.1)
+    assert estimate.position[:2] == pytest.approx(plant.axes[:, P], abs=0.25)
+    before = run(Plant(wind=(0.3, 0.0)), 20.0).estimate(20.0)
+    assert estimate.position_sd[0] > 2 * before.position_sd[0]
+
+
+def test_an_estimate_ahead_knows_the_sticks_under_way():
+    plant = Plant()
+    estimator = run(plant, 10.0)
+    estimator.sent(plant.stick(30, 0))
+    ahead = estimator.estimate(plant.now + 0.3)
+    for _ in range(30):
+        plant.step()
+    assert ahead.tilt[0] == pytest.approx(plant.axes[0, T], abs=0.02)
+    assert ahead.position[0] == pytest.approx(plant.axes[0, P], abs=0.03)
+
+
+def test_one_wild_image_is_rejected():
+    plant = Plant()
+    estimator = run(plant, 10.0)
+    before = estimator.estimate(plant.now).position.copy()
+    wild = plant.axes.copy()
+    wild[0, P] += 3.0
+    estimator.target_seen(view(plant.now, wild, 2.0, 0.0))
+    assert estimator.rejected >= 1
+    assert estimator.estimate(plant.now).position == pytest.approx(before, abs=0.02)
+
+
+def test_the_hover_throttle_moves_until_the_model_explains_the_height():
+    estimator = run(Plant(), 5.0)
+    estimator.advance(5.0)
+    start = estimator.hover_gas
+    estimator._upright.shift(3, np.array([-0.5]))
+    for _ in range(500):
+        estimator.recentre_hover(0.02)
+    assert estimator.hover_gas == pytest.approx(start * (1 + 0.5 / 9.81 / 2), rel=0.01)

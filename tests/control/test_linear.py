@@ -1,0 +1,52 @@
+"""Discretisation and regulator gains against closed forms."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from mkdaemon.control.linear import discretise, exponential, regulator_gain, spectral_radius
+
+
+def test_exponential_of_nothing_is_one():
+    assert np.array_equal(exponential(np.zeros((3, 3))), np.eye(3))
+
+
+@pytest.mark.parametrize("angle", [1e-6, 0.1, 2.0, 50.0])
+def test_exponential_of_a_rotation_rate_is_the_rotation(angle):
+    got = exponential(np.array([[0.0, -angle], [angle, 0.0]]))
+    want = [[math.cos(angle), -math.sin(angle)], [math.sin(angle), math.cos(angle)]]
+    assert np.allclose(got, want, atol=1e-10)
+
+
+def test_discretise_a_lag_and_an_integrator():
+    f, g = discretise(np.array([[-2.0, 0.0], [1.0, 0.0]]), np.array([[2.0], [0.0]]), 0.1)
+    decay = math.exp(-0.2)
+    assert np.allclose(f, [[decay, 0.0], [(1 - decay) / 2, 1.0]])
+    assert np.allclose(g[:, 0], [1 - decay, 0.1 - (1 - decay) / 2])
+
+
+def test_regulator_gain_of_a_double_integrator_is_stable_and_optimal():
+    f, g = np.array([[1.0, 0.1], [0.0, 1.0]]), np.array([[0.005], [0.1]])
+    q, r = np.diag([1.0, 0.1]), np.array([[0.5]])
+    gain = regulator_gain(f, g, q, r)
+    assert spectral_radius(f - g @ gain) < 1.0
+    cost = _cost(f, g, q, r, gain)
+    for change in (0.97, 1.03):
+        assert _cost(f, g, q, r, gain * change) > cost
+
+
+def _cost(f, g, q, r, gain):
+    x, total = np.array([1.0, 0.0]), 0.0
+    for _ in range(2000):
+        u = -gain @ x
+        total += x @ q @ x + u @ r @ u
+        x = f @ x + g @ u
+    return total
+
+
+def test_a_system_that_cannot_be_reached_is_refused():
+    with pytest.raises(ValueError, match="stabilises"):
+        regulator_gain(np.diag([1.5, 0.5]), np.array([[0.0], [1.0]]), np.eye(2), np.eye(1))
