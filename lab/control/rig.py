@@ -21,6 +21,7 @@ from mkdaemon.control.estimator.model import AircraftModel
 from mkdaemon.control.estimator.tuning import NOMINAL, Tuning
 from mkdaemon.control.guidance.autopilot import Autopilot, AutopilotSticks, Goal, at_origin
 from mkdaemon.control.guidance.horizontal import HorizontalCosts
+from mkdaemon.control.guidance.landing import Landing, LandingLimits
 from mkdaemon.control.guidance.reference import ReferenceLimits
 from mkdaemon.control.guidance.vertical import VerticalGains
 from mkdaemon.control.linear import Array
@@ -105,6 +106,8 @@ class Flight:
         radio: the line.
         pad: velocity of the target [m/s].
         attitude_scale: what the boards report over what they believe.
+        land_at: when to begin to land [s].
+        landing: how.
     """
 
     seed: int
@@ -121,6 +124,8 @@ class Flight:
     radio: RadioModel = field(default_factory=RadioModel)
     pad: tuple[float, float] = (0.0, 0.0)
     attitude_scale: float = 1.0
+    land_at: float = math.inf
+    landing: LandingLimits = field(default_factory=LandingLimits)
 
 
 @dataclass(slots=True)
@@ -134,6 +139,10 @@ class Record:
         estimates: estimated position less true position (n, 3) [m].
         lost: why it ended early; empty when it flew to the end.
         innovation: the estimator's at the end.
+        touched: when the feet first stood after `land_at` [s].
+        touch_error: horizontal distance from the target's middle then [m].
+        touch_sink: rate of descent then [m/s].
+        landing: where the landing stood at the end.
     """
 
     times: list[float] = field(default_factory=list)
@@ -142,6 +151,10 @@ class Record:
     estimates: list[Array] = field(default_factory=list)
     lost: str = ""
     innovation: float = math.nan
+    touched: float = math.nan
+    touch_error: float = math.nan
+    touch_sink: float = math.nan
+    landing: str = ""
 
 
 class _Radio:
@@ -211,6 +224,8 @@ def fly(flight: Flight) -> Record:
     sticks.held = sticks.acting = AutopilotSticks(0, 0, 0, round(HOVER * scale) - 127)
     model = flight.model or believed_model(flight.gains)
     autopilot: Autopilot | None = None
+    landing: Landing | None = None
+    sinking = 0.0
     queue: list[tuple[float, int, str, object]] = []
     count = 0
 
@@ -226,8 +241,15 @@ def fly(flight: Flight) -> Record:
         at, _, kind, what = heapq.heappop(queue)
         while world.now + DT <= at:
             world.step(sticks.input(world.now))
+            if at > flight.land_at and math.isnan(record.touched):
+                if world.truth.on_ground:
+                    record.touched, record.touch_sink = world.now, -sinking
+                    record.touch_error = float(np.hypot(*(world.truth.position_enu - pad * world.now)[:2]))
+                sinking = float(world.truth.velocity_enu[2])
         truth = world.truth
         place = truth.position_enu - pad * at
+        if record.landing == "down" and at > record.touched + 1.0:
+            break
         if truth.crashed or np.abs(place[:2]).max() > 12 or not 0.0 <= place[2] < 12:
             record.lost = truth.crash_reason or f"left the volume at {at:.1f} s"
             break
@@ -267,6 +289,11 @@ def fly(flight: Flight) -> Record:
             push(at + CONTROL_PERIOD, "control")
             goal = flight.goal(at)
             if autopilot is not None:
+                if at >= flight.land_at:
+                    now = autopilot.estimator.estimate(at)
+                    landing = landing or Landing(flight.landing, now)
+                    goal = landing.goal(now, goal.yaw, CONTROL_PERIOD)
+                    record.landing = landing.phase.value
                 counts = autopilot.sticks(goal, at)
                 written = at + 0.0038
                 estimator = autopilot.estimator

@@ -32,12 +32,14 @@ class Goal:
     Attributes:
         position: (3,) [m].
         yaw: heading of the forward axis [rad]; None for whatever it is.
-        climb: speed of the wanted height [m/s].
+        climb: speed of the wanted height, which then counts as it stands, without a reference of its own [m/s].
+        gas_share: throttle in place of the height's regulator [share of hover]; None for the regulator.
     """
 
     position: Array
     yaw: float | None = None
     climb: float = 0.0
+    gas_share: float | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,12 +98,18 @@ class Autopilot:
         estimator = self.estimator
         estimator.advance(now)
         self.reference.move(goal.position[:2], self._level_limits, step)
-        self.height.move(goal.position[2:], self._height_limits, step, goal_velocity=goal.climb)
+        if goal.climb:
+            self.height = Reference(goal.position[2:], np.array([goal.climb]))
+        else:
+            self.height.move(goal.position[2:], self._height_limits, step)
         estimate = self.estimate = estimator.estimate(now + estimator.model.uplink)
         tilt = self._regulator.tilt(estimate, self.reference) / estimator.model.rad_per_count
         c, s = math.cos(estimate.yaw), math.sin(estimate.yaw)
-        throttle = gas(estimate, float(self.height.position[0]), float(self.height.velocity[0]), self._gains)
-        estimator.recentre_hover(0.02)
+        if goal.gas_share is None:
+            throttle = gas(estimate, float(self.height.position[0]), float(self.height.velocity[0]), self._gains)
+            estimator.recentre_hover(0.02)
+        else:
+            throttle = goal.gas_share * estimate.hover_gas
         return AutopilotSticks(
             pitch=self._pitch.count(float(tilt[0] * c + tilt[1] * s)),
             roll=self._roll.count(float(tilt[0] * s - tilt[1] * c)),
