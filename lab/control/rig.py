@@ -1,7 +1,7 @@
-"""A flight in virtual time: physics, radio, camera and telemetry as models, estimator and autopilot as in the product.
+"""A flight in virtual time: physics, radio, camera and telemetry as models; estimator and autopilot as in the product.
 
-The aircraft is the simulator's physics. The camera is a noise model instead of rendered images, fitted to
-docs/accuracy.md, so that hundreds of flights take minutes; `lab.control.rendered` flies with images.
+The aircraft is the simulator's physics without its boards, and the camera a noise model instead of rendered images, so
+that hundreds of flights take minutes.
 """
 
 from __future__ import annotations
@@ -15,13 +15,16 @@ from typing import Final
 
 import numpy as np
 
+from lab.control.camera import CameraModel
+from lab.control.law2010 import PERIOD, PiGains, PiLaw
+from lab.control.radio import Radio, RadioModel
 from mkdaemon.config.sim_flight import AirframeConfig, FlightConfig, SensorConfig, WindClass
 from mkdaemon.control.estimator.estimator import Estimator, StickCommand, TargetView
-from mkdaemon.control.estimator.model import AircraftModel
-from mkdaemon.control.estimator.tuning import NOMINAL, Tuning
+from mkdaemon.control.estimator.model import RECEIVER_HOLD, AircraftModel
+from mkdaemon.control.estimator.tuning import NOMINAL, ROBUST, Tuning
 from mkdaemon.control.guidance.autopilot import Autopilot, AutopilotSticks, Goal, at_origin
 from mkdaemon.control.guidance.horizontal import HorizontalCosts
-from mkdaemon.control.guidance.landing import Landing, LandingLimits
+from mkdaemon.control.guidance.landing import Landing, LandingLimits, LandingPhase
 from mkdaemon.control.guidance.reference import ReferenceLimits
 from mkdaemon.control.guidance.vertical import VerticalGains
 from mkdaemon.control.linear import Array
@@ -31,60 +34,20 @@ from mkdaemon.sim.physics.world import DT, StartState, StickInput, World
 
 CONTROL_PERIOD: Final = 0.02
 """[s]."""
+TELEMETRY_PERIOD: Final = 0.02
+"""[s]."""
+TELEMETRY_LATENCY: Final = 0.024
+"""How old an attitude is taken to be when it arrives [s]."""
 RECEIVER_FRAME: Final = 0.0225
 """Sticks are evaluated on a receiver frame [s]."""
+WIRE_TIME: Final = 0.0038
+"""Of a stick frame of 22 characters [s]."""
 HOVER: Final = 125.0
-"""Gas of the simulated airframe's hover [count of 254]."""
-
-
-@dataclass(frozen=True, slots=True)
-class CameraModel:
-    """A camera that looks down, and the eyes behind it.
-
-    Attributes:
-        focal: [px].
-        width: [px].
-        height: [px].
-        rate: images [Hz].
-        noise: standard deviation of a measured edge [px].
-        latency: from the exposure to the pose [s].
-        jitter: of the latency [s].
-        stamp_error: constant error of the time stamps [s].
-        missing: share of images without a pose.
-        tags: sizes, largest first [m].
-        gone: times in which the target is out of sight, as (from, to) [s].
-    """
-
-    focal: float = 420.0
-    width: int = 640
-    height: int = 480
-    rate: float = 30.0
-    noise: float = 0.35
-    latency: float = 0.080
-    jitter: float = 0.008
-    stamp_error: float = 0.0
-    missing: float = 0.0
-    tags: tuple[float, ...] = (0.30, 0.06)
-    gone: tuple[tuple[float, float], ...] = ()
-
-
-@dataclass(frozen=True, slots=True)
-class RadioModel:
-    """The serial line with a radio in it: latency and bursts of loss (Gilbert and Elliott).
-
-    Attributes:
-        fastest: [s].
-        slowest: of ordinary packets [s].
-        spikes: share of packets that take up to `spike` [s].
-        spike: [s].
-        loss: share of packets lost.
-    """
-
-    fastest: float = 0.012
-    slowest: float = 0.025
-    spikes: float = 0.03
-    spike: float = 0.062
-    loss: float = 0.01
+"""Gas that carries the simulated airframe of 1.25 kg [count of 254]."""
+FIRST_HOVER: Final = 118.0
+"""Hover throttle the product begins with [count of 254]."""
+WORLD_SIZE: Final = 12.0
+"""An aircraft farther from its target than this is lost [m]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,15 +62,18 @@ class Flight:
         gains: of the aircraft's attitude loop.
         mass: [kg].
         model: what the product believes of the aircraft; None for the truth.
-        tuning: of the estimator.
+        nominal: beliefs of the estimator.
+        robust: its first beliefs.
         costs: of the regulator.
         vertical: gains of the height.
         camera: the eyes.
         radio: the line.
-        pad: velocity of the target [m/s].
+        pad: velocity of the target once it moves [m/s].
+        pad_starts: when it begins to move [s].
         attitude_scale: what the boards report over what they believe.
         land_at: when to begin to land [s].
         landing: how.
+        law: fly by the law of 2010 instead; None for the autopilot.
     """
 
     seed: int
@@ -117,15 +83,22 @@ class Flight:
     gains: AttitudeGains = field(default_factory=lambda: AttitudeGains.from_parameters(**EASY))
     mass: float = 1.25
     model: AircraftModel | None = None
-    tuning: Tuning = NOMINAL
+    nominal: Tuning = NOMINAL
+    robust: Tuning = ROBUST
     costs: HorizontalCosts = field(default_factory=HorizontalCosts)
     vertical: VerticalGains = field(default_factory=VerticalGains)
     camera: CameraModel = field(default_factory=CameraModel)
     radio: RadioModel = field(default_factory=RadioModel)
     pad: tuple[float, float] = (0.0, 0.0)
+    pad_starts: float = 8.0
     attitude_scale: float = 1.0
     land_at: float = math.inf
     landing: LandingLimits = field(default_factory=LandingLimits)
+    law: PiGains | None = None
+
+    def pad_at(self, t: float) -> Array:
+        """Where the target is [m]."""
+        return np.array([*self.pad, 0.0]) * max(0.0, t - self.pad_starts)
 
 
 @dataclass(slots=True)
@@ -133,65 +106,26 @@ class Record:
     """What happened.
 
     Attributes:
-        times: (n,) [s].
-        errors: true position less goal (n, 3) [m].
-        positions: true position in the frame of the target (n, 3) [m].
-        estimates: estimated position less true position (n, 3) [m].
+        times: of the control ticks [s].
+        positions: true position in the frame of the target, one a tick (3,) [m].
+        errors: true position less goal, one a tick (3,) [m].
+        estimates: estimated less true position, one a tick from the first image on (3,) [m].
         lost: why it ended early; empty when it flew to the end.
-        innovation: the estimator's at the end.
         touched: when the feet first stood after `land_at` [s].
         touch_error: horizontal distance from the target's middle then [m].
         touch_sink: rate of descent then [m/s].
-        landing: where the landing stood at the end.
+        landing: where the landing stood at the end; None where none began.
     """
 
     times: list[float] = field(default_factory=list)
-    errors: list[Array] = field(default_factory=list)
     positions: list[Array] = field(default_factory=list)
+    errors: list[Array] = field(default_factory=list)
     estimates: list[Array] = field(default_factory=list)
     lost: str = ""
-    innovation: float = math.nan
     touched: float = math.nan
     touch_error: float = math.nan
     touch_sink: float = math.nan
-    landing: str = ""
-
-
-class _Radio:
-    """One direction."""
-
-    def __init__(self, model: RadioModel, rng: random.Random) -> None:
-        self._model, self._rng = model, rng
-        self._busy = self._last = 0.0
-        self._bad = False
-
-    def arrival(self, now: float, size: int) -> float | None:
-        """When a packet of so many bytes arrives; None for never."""
-        model, rng = self._model, self._rng
-        self._busy = max(now, self._busy) + size * 10 / 57600
-        share = model.loss / 0.6
-        self._bad = rng.random() > 0.25 if self._bad else rng.random() < 0.25 * share / (1 - share)
-        if self._bad and rng.random() < 0.6:
-            return None
-        late = rng.uniform(model.slowest, model.spike) if rng.random() < model.spikes else None
-        delay = late if late is not None else rng.uniform(model.fastest, model.slowest)
-        self._last = max(self._busy + delay, self._last + 1e-4)
-        return self._last
-
-
-class _Pilotless:
-    """Holds the last stick frame, evaluated on receiver frames."""
-
-    def __init__(self) -> None:
-        self.held = self.acting = AutopilotSticks(0, 0, 0, 0)
-        self._next = 0.0
-
-    def input(self, now: float) -> StickInput:
-        if now >= self._next:
-            self._next += RECEIVER_FRAME
-            self.acting = self.held
-        s = self.acting
-        return StickInput(s.pitch, -s.roll, s.yaw, s.throttle + 127.0, motors_running=True)
+    landing: LandingPhase | None = None
 
 
 def believed_model(gains: AttitudeGains) -> AircraftModel:
@@ -201,154 +135,167 @@ def believed_model(gains: AttitudeGains) -> AircraftModel:
         a1=gains.a1,
         a2=gains.a2,
         leak=gains.ta,
-        stick_filter=gains.ts or 0.011,
+        stick_filter=gains.ts or RECEIVER_HOLD,
         yaw_linear=gains.yaw_linear,
         yaw_square=gains.yaw_square,
     )
 
 
+class Rig:
+    """One flight under way: events in the order of their times."""
+
+    def __init__(self, flight: Flight) -> None:
+        self.record = Record()
+        self._flight = flight
+        self._rng = random.Random(f"{flight.seed} flight")
+        self._up, self._down = Radio(flight.radio, self._rng), Radio(flight.radio, self._rng)
+        scale = math.sqrt(flight.mass / 1.25)
+        config = FlightConfig(
+            wind=flight.wind,
+            airframe=AirframeConfig(mass=flight.mass, hover_count=min(180.0, HOVER * scale)),
+            sensors=SensorConfig(fc_angle_scale=flight.attitude_scale),
+        )
+        start = StartState(height=1.9, yaw=0.3)
+        ground = MovingDeck(flight.pad_at, radius=0.7) if any(flight.pad) else None
+        self._world = World(config, seed=flight.seed, start=start, gains=flight.gains, ground=ground)
+        self._held = self._acting = AutopilotSticks(0, 0, 0, round(HOVER * scale) - 127)
+        self._next_frame = 0.0
+        self._sink = 0.0
+        self._autopilot: Autopilot | None = None
+        self._landing: Landing | None = None
+        self._law = None if flight.law is None else PiLaw(flight.law, 2.0)
+        self._queue: list[tuple[float, int, Callable[[float], None]]] = []
+        self._count = 0
+
+    def fly(self) -> Record:
+        """Fly to the end, or until the aircraft is lost."""
+        self._at(0.004, self._expose)
+        self._at(0.006, self._report)
+        if self._law is None:
+            self._at(0.010, self._control)
+        while not self.record.lost and self._queue[0][0] < self._flight.seconds:
+            at, _, event = heapq.heappop(self._queue)
+            self._move_world(at)
+            self._watch(at)
+            event(at)
+            if self.record.landing is LandingPhase.DOWN and at > self.record.touched + 1.0:
+                break
+        return self.record
+
+    def _at(self, at: float, event: Callable[[float], None]) -> None:
+        self._count += 1
+        heapq.heappush(self._queue, (at, self._count, event))
+
+    def _place(self, at: float) -> Array:
+        place: Array = self._world.truth.position_enu - self._flight.pad_at(at)
+        return place
+
+    def _move_world(self, until: float) -> None:
+        world, record = self._world, self.record
+        while world.now + DT <= until:
+            if world.now >= self._next_frame:
+                self._next_frame += RECEIVER_FRAME
+                self._acting = self._held
+            s = self._acting
+            world.step(StickInput(s.pitch, -s.roll, s.yaw, s.throttle + 127.0, motors_running=True))
+            if world.now > self._flight.land_at and math.isnan(record.touched) and world.truth.on_ground:
+                record.touched, record.touch_sink = world.now, self._sink
+                record.touch_error = float(np.hypot(*self._place(world.now)[:2]))
+            self._sink = -float(world.truth.velocity_enu[2])
+
+    def _watch(self, at: float) -> None:
+        truth, place = self._world.truth, self._place(at)
+        if truth.crashed:
+            self.record.lost = truth.crash_reason
+        elif np.abs(place[:2]).max() > WORLD_SIZE or not 0.0 <= place[2] < WORLD_SIZE:
+            self.record.lost = f"left the volume at {at:.1f} s"
+
+    def _expose(self, at: float) -> None:
+        camera = self._flight.camera
+        self._at(at + 1 / camera.rate, self._expose)
+        view = camera.look(at, self._world.truth.enu_from_flu, self._place(at), self._rng)
+        if view is not None:
+            delay = max(0.01, camera.latency + self._rng.gauss(0, camera.jitter))
+            self._at(at + delay, lambda now: self._see(view, now))
+
+    def _see(self, view: TargetView, at: float) -> None:
+        flight = self._flight
+        if self._law is not None:
+            self._at(at, lambda now: self._fly_by_law(view, now))
+            return
+        if self._autopilot is None:
+            estimator = Estimator(
+                flight.model or believed_model(flight.gains),
+                view,
+                FIRST_HOVER,
+                nominal=flight.nominal,
+                robust=flight.robust,
+            )
+            estimator.advance(at)
+            self._autopilot = Autopilot(
+                estimator,
+                costs=flight.costs,
+                gains=flight.vertical,
+                level_limits=ReferenceLimits(1.2, 1.5),
+                height_limits=ReferenceLimits(0.6, 0.8),
+                now=at,
+            )
+        self._autopilot.estimator.advance(at)
+        self._autopilot.estimator.target_seen(view)
+
+    def _report(self, at: float) -> None:
+        self._at(at + TELEMETRY_PERIOD, self._report)
+        arrival = self._down.arrival(at, 26)
+        sensors, yaw = self._world.sensors, self._world.truth.yaw
+        pitch, roll = sensors.fc_angle_pitch, sensors.fc_angle_roll
+        if arrival is not None:
+            self._at(arrival, lambda now: self._hear(now - TELEMETRY_LATENCY, pitch, roll, yaw, now))
+
+    def _hear(self, measured: float, pitch: float, roll: float, yaw: float, at: float) -> None:
+        if self._autopilot is not None:
+            self._autopilot.estimator.advance(at)
+            self._autopilot.estimator.attitude_received(measured, pitch, roll, yaw)
+
+    def _control(self, at: float) -> None:
+        self._at(at + CONTROL_PERIOD, self._control)
+        goal = self._flight.goal(at)
+        if self._autopilot is not None:
+            estimator = self._autopilot.estimator
+            believed = estimator.estimate(at)
+            if at >= self._flight.land_at:
+                self._landing = self._landing or Landing(self._flight.landing, believed)
+                goal = self._landing.goal(believed, goal.yaw, CONTROL_PERIOD)
+                self.record.landing = self._landing.phase
+            sticks = self._autopilot.sticks(goal, at)
+            gas = sticks.throttle + 127.0
+            estimator.sent(StickCommand(at + WIRE_TIME, sticks.pitch, sticks.roll, sticks.yaw, gas))
+            self._send(sticks, at)
+            self.record.estimates.append(believed.position - self._place(at))
+        self._keep(goal, at)
+
+    def _fly_by_law(self, view: TargetView, at: float) -> None:
+        """The newest image decides, at most every 1/15 s."""
+        if self.record.times and at - self.record.times[-1] < PERIOD:
+            return
+        assert self._law is not None
+        self._send(self._law.sticks(view, PERIOD), at)
+        self._keep(at_origin(2.0), at)
+
+    def _send(self, sticks: AutopilotSticks, at: float) -> None:
+        arrival = self._up.arrival(at, 18)
+        if arrival is not None:
+            self._at(arrival, lambda now: self._hold(sticks))
+
+    def _hold(self, sticks: AutopilotSticks) -> None:
+        self._held = sticks
+
+    def _keep(self, goal: Goal, at: float) -> None:
+        place = self._place(at)
+        self.record.times.append(at)
+        self.record.positions.append(place)
+        self.record.errors.append(place - goal.position)
+
+
 def fly(flight: Flight) -> Record:
     """Fly one flight."""
-    rng = random.Random(f"{flight.seed} flight")
-    scale = math.sqrt(flight.mass / 1.25)
-    config = FlightConfig(
-        wind=flight.wind,
-        airframe=AirframeConfig(mass=flight.mass, hover_count=min(180.0, HOVER * scale)),
-        sensors=SensorConfig(fc_angle_scale=flight.attitude_scale),
-    )
-    pad = np.array([*flight.pad, 0.0])
-    ground = MovingDeck(lambda t: pad * t, radius=0.7) if flight.pad != (0.0, 0.0) else None
-    world = World(config, seed=flight.seed, start=StartState(height=1.9, yaw=0.3), gains=flight.gains, ground=ground)
-    up, down = _Radio(flight.radio, rng), _Radio(flight.radio, rng)
-    camera, sticks, record = flight.camera, _Pilotless(), Record()
-    sticks.held = sticks.acting = AutopilotSticks(0, 0, 0, round(HOVER * scale) - 127)
-    model = flight.model or believed_model(flight.gains)
-    autopilot: Autopilot | None = None
-    landing: Landing | None = None
-    sinking = 0.0
-    queue: list[tuple[float, int, str, object]] = []
-    count = 0
-
-    def push(at: float, kind: str, what: object = None) -> None:
-        nonlocal count
-        count += 1
-        heapq.heappush(queue, (at, count, kind, what))
-
-    push(0.004, "expose")
-    push(0.006, "telemetry")
-    push(0.010, "control")
-    while queue and queue[0][0] < flight.seconds:
-        at, _, kind, what = heapq.heappop(queue)
-        while world.now + DT <= at:
-            world.step(sticks.input(world.now))
-            if at > flight.land_at and math.isnan(record.touched):
-                if world.truth.on_ground:
-                    record.touched, record.touch_sink = world.now, -sinking
-                    record.touch_error = float(np.hypot(*(world.truth.position_enu - pad * world.now)[:2]))
-                sinking = float(world.truth.velocity_enu[2])
-        truth = world.truth
-        place = truth.position_enu - pad * at
-        if record.landing == "down" and at > record.touched + 1.0:
-            break
-        if truth.crashed or np.abs(place[:2]).max() > 12 or not 0.0 <= place[2] < 12:
-            record.lost = truth.crash_reason or f"left the volume at {at:.1f} s"
-            break
-        if kind == "expose":
-            push(at + 1 / camera.rate, "expose")
-            view = look(camera, at, truth.enu_from_flu, place, rng)
-            if view is not None:
-                push(at + max(0.01, camera.latency + rng.gauss(0, camera.jitter)), "view", view)
-        elif kind == "view":
-            assert isinstance(what, TargetView)
-            if autopilot is None:
-                estimator = Estimator(model, flight.tuning, what, 118.0)
-                estimator.advance(at)
-                autopilot = Autopilot(
-                    estimator,
-                    costs=flight.costs,
-                    gains=flight.vertical,
-                    level_limits=ReferenceLimits(1.2, 1.5),
-                    height_limits=ReferenceLimits(0.6, 0.8),
-                    now=at,
-                )
-            autopilot.estimator.advance(at)
-            autopilot.estimator.target_seen(what)
-        elif kind == "telemetry":
-            push(at + 0.02, "telemetry")
-            heard = down.arrival(at, 26)
-            if heard is not None:
-                s = world.sensors
-                push(heard, "heard", (heard - 0.024, s.fc_angle_pitch, s.fc_angle_roll, truth.yaw))
-        elif kind == "heard" and autopilot is not None:
-            autopilot.estimator.advance(at)
-            autopilot.estimator.attitude_received(*what)  # type: ignore[misc]
-        elif kind == "act":
-            assert isinstance(what, AutopilotSticks)
-            sticks.held = what
-        elif kind == "control":
-            push(at + CONTROL_PERIOD, "control")
-            goal = flight.goal(at)
-            if autopilot is not None:
-                if at >= flight.land_at:
-                    now = autopilot.estimator.estimate(at)
-                    landing = landing or Landing(flight.landing, now)
-                    goal = landing.goal(now, goal.yaw, CONTROL_PERIOD)
-                    record.landing = landing.phase.value
-                counts = autopilot.sticks(goal, at)
-                written = at + 0.0038
-                estimator = autopilot.estimator
-                estimator.sent(StickCommand(written, counts.pitch, counts.roll, counts.yaw, counts.throttle + 127.0))
-                arrival = up.arrival(at, 18)
-                if arrival is not None:
-                    push(arrival, "act", counts)
-                believed = estimator.estimate(at)
-                record.estimates.append(believed.position - place)
-                record.innovation = estimator.innovation
-            record.times.append(at)
-            record.positions.append(place)
-            record.errors.append(place - goal.position)
-    return record
-
-
-def look(camera: CameraModel, at: float, enu_from_flu: Array, place: Array, rng: random.Random) -> TargetView | None:
-    """What an image shows of a target at the origin; None where it shows none."""
-    if rng.random() < camera.missing or any(start <= at < end for start, end in camera.gone):
-        return None
-    seen = enu_from_flu.T @ -place
-    depth = -seen[2]
-    if depth < 0.05:
-        return None
-    for size in camera.tags:
-        half = size / 2 * 1.15
-        inside = camera.focal * (abs(seen[1]) + half) < camera.width / 2 * depth
-        inside = inside and camera.focal * (abs(seen[0]) + half) < camera.height / 2 * depth
-        if inside and camera.focal * size / depth > 22:
-            break
-    else:
-        return None
-    lateral = depth * camera.noise / camera.focal / 2
-    along = depth**2 * camera.noise / (camera.focal * size) / 1.4
-    angle = camera.noise * 2 * depth**2 / (camera.focal * size * size)
-    twist = np.array([rng.gauss(0, angle), rng.gauss(0, angle), rng.gauss(0, 0.01)])
-    measured = seen + np.array([rng.gauss(0, lateral), rng.gauss(0, lateral), rng.gauss(0, along)])
-    rotation = rotation_of(twist) @ enu_from_flu
-    cov = np.zeros((6, 6))
-    p = -rotation @ measured
-    cross = np.array([[0.0, -p[2], p[1]], [p[2], 0.0, -p[0]], [-p[1], p[0], 0.0]])
-    body = np.diag([lateral**2, lateral**2, along**2])
-    turn = np.diag([angle**2, angle**2, 0.01**2])
-    cov[:3, :3] = rotation @ body @ rotation.T + cross @ turn @ cross.T
-    cov[:3, 3:] = -cross @ turn
-    cov[3:, :3] = cov[:3, 3:].T
-    cov[3:, 3:] = turn
-    return TargetView(at + camera.stamp_error, measured, rotation, cov)
-
-
-def rotation_of(vector: Array) -> Array:
-    """Rotation matrix of a small rotation vector [rad]."""
-    x, y, z = vector
-    angle = math.sqrt(x * x + y * y + z * z)
-    k: Array = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    sine, cosine = (1.0, 0.5) if angle < 1e-9 else (math.sin(angle) / angle, (1 - math.cos(angle)) / angle**2)
-    rotation: Array = np.eye(3) + sine * k + cosine * (k @ k)
-    return rotation
+    return Rig(flight).fly()

@@ -10,7 +10,6 @@ import pytest
 from mkdaemon.control.estimator.estimator import Estimator, StickCommand, TargetView
 from mkdaemon.control.estimator.model import LEVEL_STATES, TH, AircraftModel, B, D, P, T, V
 from mkdaemon.control.estimator.rollback import STEP
-from mkdaemon.control.estimator.tuning import NOMINAL
 
 MODEL = AircraftModel()
 HOVER = 125.0
@@ -67,7 +66,7 @@ def run(plant, seconds=20.0, delay=8, sight=lambda t: True):
         while pending and pending[0][0] <= k:
             seen = pending.pop(0)[1]
             if estimator is None:
-                estimator = Estimator(MODEL, NOMINAL, seen, HOVER)
+                estimator = Estimator(MODEL, seen, HOVER)
             estimator.advance(plant.now)
             estimator.target_seen(seen)
         if estimator is not None and k % 2 == 0:

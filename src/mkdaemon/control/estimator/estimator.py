@@ -16,8 +16,8 @@ import numpy as np
 
 from mkdaemon.control.estimator.commands import Command, CommandHistory
 from mkdaemon.control.estimator.model import GRAVITY, LEVEL_STATES, TH, AircraftModel, D, E, H, P, S, T, V
-from mkdaemon.control.estimator.rollback import STEP, Measurement, RollbackFilter
-from mkdaemon.control.estimator.tuning import Tuning
+from mkdaemon.control.estimator.rollback import GATE, STEP, Measurement, RollbackFilter
+from mkdaemon.control.estimator.tuning import NOMINAL, ROBUST, Tuning
 from mkdaemon.control.linear import Array
 
 COMPASS_MEMORY: Final = 1.0
@@ -101,22 +101,36 @@ class Estimator:
     Attributes:
         model: the plant believed in.
         hover_gas: throttle that carries the aircraft, estimated [count of 254].
-        innovation: mean square of the recent innovations over their expected size; about 1 when all is well.
+        innovation: mean square of the recent innovations over their expected size; at most 1 when all is well.
+        is_nominal: the innovations agree with the model, so the model counts for more.
     """
 
-    def __init__(self, model: AircraftModel, tuning: Tuning, view: TargetView, hover_gas: float) -> None:
+    def __init__(
+        self,
+        model: AircraftModel,
+        view: TargetView,
+        hover_gas: float,
+        *,
+        nominal: Tuning = NOMINAL,
+        robust: Tuning = ROBUST,
+    ) -> None:
         """Begin with the first view of the target, at rest.
 
         Args:
             model: of the aircraft.
-            tuning: how much is believed of what.
             view: first view of the target.
             hover_gas: first guess [count of 254].
+            nominal: beliefs while the innovations agree with the model.
+            robust: beliefs before that.
         """
         self.model = model
         self.hover_gas = hover_gas
         self.innovation = 1.0
-        self._tuning = tuning
+        self.is_nominal = False
+        self._nominal, self._tuning, self._robust = nominal, robust, robust
+        self._agrees_since = view.at
+        self._refused_views = 0
+        tuning = robust
         self._yaw_offset = _heading(view.target_from_flu)
         self._headings: deque[tuple[float, float]] = deque()
         self._seen_at = view.at
@@ -172,7 +186,7 @@ class Estimator:
         believed = np.array([pitch * c + roll * s, pitch * s - roll * c])
         row = np.zeros(LEVEL_STATES)
         row[TH] = 1.0
-        self._watch(self._level.measure(Measurement(at, row, believed, self._tuning.attitude_sd**2)))
+        self._level.measure(Measurement(at, row, believed, self._tuning.attitude_sd**2))
 
     def target_seen(self, view: TargetView) -> None:
         """Take what an image showed of the target, however late."""
@@ -187,7 +201,12 @@ class Estimator:
         row = np.zeros(LEVEL_STATES)
         row[P], row[T] = 1.0, seen[2]
         variance = tuning.view_inflation**2 * float(spread[0, 0] + spread[1, 1]) / 2.0 + tuning.view_floor**2 + timing
-        self._watch(self._level.measure(Measurement(view.at, row, -seen[:2], variance)))
+        doubt = tuning.doubt if self._refused_views >= tuning.patience else None
+        ratio = self._level.measure(Measurement(view.at, row, -seen[:2], variance), doubt)
+        if ratio is not None:
+            is_refused = bool((np.abs(ratio) > GATE).any())
+            self._refused_views = self._refused_views + 1 if is_refused and doubt is None else 0
+            self._judge(float(np.mean(ratio**2)), view.at)
         up = view.target_from_flu[:, 2]
         if up[2] > 0.5:
             row = np.zeros(LEVEL_STATES)
@@ -263,10 +282,18 @@ class Estimator:
         variance = float(view.covariance[5, 5]) + self._tuning.yaw_floor**2
         self._yaw_offset += error * min(1.0, self._tuning.yaw_gain * self._tuning.yaw_floor**2 / variance)
 
-    def _watch(self, ratio: Array | None) -> None:
-        if ratio is not None:
-            size = min(float(np.mean(ratio**2)), self._tuning.innovation_cap)
-            self.innovation += self._tuning.innovation_rate * (size - self.innovation)
+    def _judge(self, size: float, at: float) -> None:
+        """Let the innovations of images decide how much the model counts."""
+        tuning = self._tuning
+        self.innovation += tuning.innovation_rate * (min(size, tuning.innovation_cap) - self.innovation)
+        if self.innovation > tuning.innovation_limit or self._refused_views:
+            self._agrees_since = at
+        agrees = at - self._agrees_since >= tuning.agreement
+        if agrees != self.is_nominal and (agrees or self.innovation > tuning.innovation_limit):
+            self.is_nominal = agrees
+            self._tuning = self._nominal if agrees else self._robust
+            self._level.set_noise(self._tuning.level_noise(STEP))
+            self._upright.set_noise(self._tuning.upright_noise(STEP))
 
 
 def _heading(target_from_flu: Array) -> float:

@@ -21,6 +21,8 @@ STEP: Final = 0.010
 """Grid [s]: a tenth of the fastest lag of the model."""
 MEMORY: Final = 0.8
 """How far back a measurement may reach [s]; three times the oldest picture."""
+GATE: Final = 5.0
+"""Largest believable innovation [standard deviations]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,7 +41,7 @@ class Measurement:
     row: Array
     values: Array
     variance: float
-    gate: float = 5.0
+    gate: float = GATE
 
 
 @dataclass(slots=True)
@@ -113,8 +115,12 @@ class RollbackFilter:
             del self._slots[0]
             self._first += 1
 
-    def measure(self, measurement: Measurement) -> Array | None:
+    def measure(self, measurement: Measurement, doubt: Array | None = None) -> Array | None:
         """Add a measurement where it belongs and come forward again.
+
+        Args:
+            measurement: what was measured.
+            doubt: covariance (n, n) to add to the state of that moment first, when the filter was too sure of itself.
 
         Returns:
             Innovation over its standard deviation (k,); None where the measurement is too old to be used.
@@ -126,6 +132,8 @@ class RollbackFilter:
         index = min(index, len(self._slots) - 1)
         offset = min(measurement.at - (self._first + index) * STEP, STEP)
         slot = self._slots[index]
+        if doubt is not None:
+            slot.covariance = slot.covariance + doubt
         ratio = self._corrected(slot, offset, measurement)
         self.rejected += int((np.abs(ratio) > measurement.gate).sum())
         insort(slot.measurements, (offset, measurement), key=lambda entry: entry[0])

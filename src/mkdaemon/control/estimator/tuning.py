@@ -40,6 +40,9 @@ class Tuning:
         yaw_gain: share of a certain image's heading that is taken.
         innovation_rate: of the running mean of the innovations, a measurement.
         innovation_cap: largest squared innovation that counts.
+        innovation_limit: largest running mean with which the model is believed.
+        agreement: how long that must last [s].
+        patience: images refused one after the other before the filter doubts itself.
     """
 
     velocity: float = 0.05
@@ -64,6 +67,9 @@ class Tuning:
     yaw_gain: float = 0.2
     innovation_rate: float = 0.02
     innovation_cap: float = 25.0
+    innovation_limit: float = 1.5
+    agreement: float = 5.0
+    patience: int = 3
 
     @property
     def first_spread(self) -> Array:
@@ -74,6 +80,11 @@ class Tuning:
     def first_upright_spread(self) -> Array:
         """Standard deviations of the vertical axis at the start (4,)."""
         return np.array([0.05, 0.2, 0.05, 1.5])
+
+    @property
+    def doubt(self) -> Array:
+        """Covariance to add to a horizontal axis that refused `patience` images (9, 9)."""
+        return np.diag([0.3, 0.5, 0.05, 0.03, 0.02, 0.3, 0.03, 0.5, 0.01]) ** 2
 
     def level_noise(self, step: float) -> Array:
         """Process noise of a horizontal axis over a step [s]: (9, 9)."""

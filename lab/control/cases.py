@@ -1,0 +1,202 @@
+"""The cases of `python -m lab control`: what is flown, how often, and what is measured of it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Final
+
+import numpy as np
+
+from lab.control.camera import CameraModel
+from lab.control.law2010 import PiGains
+from lab.control.rig import Flight, Record, believed_model
+from mkdaemon.config.sim_flight import WindClass
+from mkdaemon.control.estimator.model import RECEIVER_HOLD
+from mkdaemon.control.guidance.autopilot import Goal
+from mkdaemon.control.guidance.landing import LandingPhase
+from mkdaemon.sim.physics.attitude_loop import EASY, LEAK_SLOW, AttitudeGains
+
+SETTLED: Final = 12.0
+"""Figures of a hover are taken after this [s]."""
+STEP_AT: Final = 15.0
+"""[s]."""
+PAD_RADIUS: Final = 0.25
+"""A touch farther from the middle is beside the pad [m]: the nested target's print is 0.6 m wide."""
+REPORTING: Final = 50_000_000
+"""First seed of reported figures; tuning uses seeds below 1000."""
+
+OLD_FIRMWARE: Final = AttitudeGains.from_parameters(**EASY, stick_filter=False)
+"""FC <= 2.08: no stick filter."""
+NEWER_NAVICTRL: Final = AttitudeGains.from_parameters(**EASY, ta=LEAK_SLOW)
+"""A NaviCtrl newer than 0.24 slows the leak."""
+
+
+@dataclass(frozen=True, slots=True)
+class Case:
+    """One row of figures.
+
+    Attributes:
+        flight: makes the flight of a seed.
+        flights: how many.
+        measure: key of each figure and its value from a record; not a number where there is none.
+        goals: largest median (or for `_p90` keys, 90th percentile) that meets the goal, by key.
+    """
+
+    flight: Callable[[int], Flight]
+    flights: int
+    measure: Callable[[Record], dict[str, float]]
+    goals: dict[str, float]
+
+
+def hover_rms(key: str) -> Callable[[Record], dict[str, float]]:
+    """Horizontal RMS of a hover [cm]."""
+
+    def measure(record: Record) -> dict[str, float]:
+        errors = _after(record, SETTLED)
+        return {key: 100 * math.sqrt(float((errors[:, :2] ** 2).sum(axis=1).mean())) if len(errors) else math.nan}
+
+    return measure
+
+
+def step_figures(record: Record) -> dict[str, float]:
+    """Time to nine tenths [s] and overshoot [%] of a step of 1 m along x."""
+    times, east = np.array(record.times), np.array(record.positions)[:, 0]
+    after, moved = times[times >= STEP_AT] - STEP_AT, east[times >= STEP_AT]
+    reached = np.flatnonzero(moved > 0.9)
+    return {
+        "step_1m_t90_s": float(after[reached[0]]) if len(reached) else math.nan,
+        "step_overshoot_percent": 100 * max(0.0, float(moved.max()) - 1.0) if len(moved) else math.nan,
+    }
+
+
+def landing_figures(prefix: str) -> Callable[[Record], dict[str, float]]:
+    """Distance at the touch [cm], sink [m/s], and whether it stands on the pad [%]."""
+
+    def measure(record: Record) -> dict[str, float]:
+        stands = record.landing is LandingPhase.DOWN and not record.lost and record.touch_error <= PAD_RADIUS
+        return {
+            f"{prefix}_p90_cm": 100 * record.touch_error,
+            f"{prefix}_sink": record.touch_sink,
+            f"{prefix}_success_percent": 100.0 * stands,
+        }
+
+    return measure
+
+
+def furthest(key: str, start: float, end: float) -> Callable[[Record], dict[str, float]]:
+    """Largest horizontal error in a time [cm]."""
+
+    def measure(record: Record) -> dict[str, float]:
+        times = np.array(record.times)
+        errors = np.array(record.errors)[(times >= start) & (times < end)]
+        return {key: 100 * float(np.hypot(errors[:, 0], errors[:, 1]).max()) if len(errors) else math.nan}
+
+    return measure
+
+
+def survival(key: str) -> Callable[[Record], dict[str, float]]:
+    """Whether the aircraft was lost [%]."""
+    return lambda record: {key: 100.0 * bool(record.lost)}
+
+
+def step_goal(t: float) -> Goal:
+    """1 m along x, once."""
+    return Goal(np.array([1.0 if t >= STEP_AT else 0.0, 0.0, 2.0]))
+
+
+def _after(record: Record, time: float) -> Any:
+    return np.array(record.errors)[np.array(record.times) > time]
+
+
+def _hover(wind: WindClass, **more: Any) -> Callable[[int], Flight]:
+    return lambda seed: Flight(seed=seed, wind=wind, **more)
+
+
+def _landing(wind: WindClass, pad: tuple[float, float]) -> Callable[[int], Flight]:
+    return lambda seed: Flight(seed=seed, wind=wind, pad=pad, land_at=15.0, seconds=60.0)
+
+
+def _wrong(seed: int) -> Flight:
+    """A model that is wrong in one way, drawn from the seed."""
+    true = believed_model(AttitudeGains.from_parameters(**EASY))
+    flight = Flight(seed=seed, wind=WindClass.LIGHT)
+    kinds: Sequence[Flight] = (
+        replace(flight, model=replace(true, rad_per_count=true.rad_per_count * 0.67)),
+        replace(flight, model=replace(true, rad_per_count=true.rad_per_count * 1.33)),
+        replace(flight, mass=1.0),
+        replace(flight, mass=1.5),
+        replace(flight, camera=CameraModel(stamp_error=0.020)),
+        replace(flight, camera=CameraModel(stamp_error=-0.020)),
+        replace(flight, gains=NEWER_NAVICTRL, model=true),
+        replace(flight, gains=OLD_FIRMWARE, model=true),
+        replace(flight, model=replace(true, stick_filter=RECEIVER_HOLD)),
+        replace(flight, attitude_scale=0.89),
+        replace(flight, attitude_scale=1.13),
+    )
+    return kinds[seed % len(kinds)]
+
+
+CASES: Final = {
+    "hover_indoor": Case(_hover(WindClass.INDOOR), 40, hover_rms("hover_indoor_rms_cm"), {"hover_indoor_rms_cm": 4.0}),
+    "hover_light": Case(_hover(WindClass.LIGHT), 40, hover_rms("hover_light_rms_cm"), {"hover_light_rms_cm": 10.0}),
+    "hover_moderate": Case(
+        _hover(WindClass.MODERATE), 40, hover_rms("hover_moderate_rms_cm"), {"hover_moderate_rms_cm": 18.0}
+    ),
+    "hover_old_firmware": Case(
+        _hover(WindClass.INDOOR, gains=OLD_FIRMWARE), 20, hover_rms("hover_old_rms_cm"), {"hover_old_rms_cm": 4.0}
+    ),
+    "hover_late": Case(
+        _hover(WindClass.INDOOR, camera=CameraModel(latency=0.25)),
+        20,
+        hover_rms("hover_late_rms_cm"),
+        {"hover_late_rms_cm": 6.0},
+    ),
+    "step": Case(
+        _hover(WindClass.INDOOR, goal=step_goal, seconds=25.0),
+        20,
+        step_figures,
+        {"step_1m_t90_s": 1.8, "step_overshoot_percent": 10.0},
+    ),
+    "land_indoor": Case(
+        _landing(WindClass.INDOOR, (0.0, 0.0)),
+        40,
+        landing_figures("land_static_indoor"),
+        {"land_static_indoor_p90_cm": 5.0, "land_static_indoor_sink": 0.6},
+    ),
+    "land_light": Case(
+        _landing(WindClass.LIGHT, (0.0, 0.0)),
+        60,
+        landing_figures("land_static_light"),
+        {"land_static_light_p90_cm": 9.0, "land_static_light_sink": 0.6},
+    ),
+    "land_moving": Case(
+        _landing(WindClass.LIGHT, (0.4, 0.3)),
+        60,
+        landing_figures("land_moving_light"),
+        {"land_moving_light_p90_cm": 10.0, "land_moving_light_sink": 0.6},
+    ),
+    "land_fast": Case(
+        _landing(WindClass.LIGHT, (0.8, 0.6)),
+        40,
+        landing_figures("land_fast"),
+        {"land_fast_p90_cm": 14.0, "land_fast_sink": 0.6},
+    ),
+    "tag_gone": Case(
+        _hover(WindClass.LIGHT, camera=CameraModel(gone=((20.0, 21.0),)), seconds=30.0),
+        40,
+        furthest("tag_gone_1s_max_cm", 20.0, 25.0),
+        {"tag_gone_1s_max_cm": 50.0},
+    ),
+    "wrong_model": Case(_wrong, 110, survival("wrong_model_lost_percent"), {"wrong_model_lost_percent": 0.0}),
+    "law_2010": Case(
+        lambda seed: Flight(
+            seed=seed, wind=WindClass.INDOOR, law=PiGains(), seconds=30.0, goal=lambda t: at_origin(2.0)
+        ),
+        20,
+        survival("law_2010_lost_percent"),
+        {},
+    ),
+}
+"""By name; `law_2010` must lose every aircraft."""
