@@ -13,7 +13,7 @@ from lab.control.camera import CameraModel
 from lab.control.law2010 import PiGains
 from lab.control.rig import Flight, Record, believed_model
 from mkdaemon.config.sim_flight import WindClass
-from mkdaemon.control.estimator.model import RECEIVER_HOLD
+from mkdaemon.control.estimator.model import NO_FILTER
 from mkdaemon.control.guidance.autopilot import Goal
 from mkdaemon.control.guidance.landing import LandingPhase
 from mkdaemon.sim.physics.attitude_loop import EASY, LEAK_SLOW, AttitudeGains
@@ -131,7 +131,7 @@ def _wrong(seed: int) -> Flight:
         replace(flight, camera=CameraModel(stamp_error=-0.020)),
         replace(flight, gains=NEWER_NAVICTRL, model=true),
         replace(flight, gains=OLD_FIRMWARE, model=true),
-        replace(flight, model=replace(true, stick_filter=RECEIVER_HOLD)),
+        replace(flight, model=replace(true, stick_filter=NO_FILTER)),
         replace(flight, attitude_scale=0.89),
         replace(flight, attitude_scale=1.13),
     )
@@ -191,9 +191,7 @@ CASES: Final = {
     ),
     "wrong_model": Case(_wrong, 110, survival("wrong_model_lost_percent"), {"wrong_model_lost_percent": 0.0}),
     "law_2010": Case(
-        lambda seed: Flight(
-            seed=seed, wind=WindClass.INDOOR, law=PiGains(), seconds=30.0, goal=lambda t: at_origin(2.0)
-        ),
+        _hover(WindClass.INDOOR, law=PiGains(), seconds=30.0),
         20,
         survival("law_2010_lost_percent"),
         {},

@@ -20,7 +20,7 @@ from lab.control.law2010 import PERIOD, PiGains, PiLaw
 from lab.control.radio import Radio, RadioModel
 from mkdaemon.config.sim_flight import AirframeConfig, FlightConfig, SensorConfig, WindClass
 from mkdaemon.control.estimator.estimator import Estimator, StickCommand, TargetView
-from mkdaemon.control.estimator.model import RECEIVER_HOLD, AircraftModel
+from mkdaemon.control.estimator.model import NO_FILTER, AircraftModel
 from mkdaemon.control.estimator.tuning import NOMINAL, ROBUST, Tuning
 from mkdaemon.control.guidance.autopilot import Autopilot, AutopilotSticks, Goal, at_origin
 from mkdaemon.control.guidance.horizontal import HorizontalCosts
@@ -135,7 +135,7 @@ def believed_model(gains: AttitudeGains) -> AircraftModel:
         a1=gains.a1,
         a2=gains.a2,
         leak=gains.ta,
-        stick_filter=gains.ts or RECEIVER_HOLD,
+        stick_filter=gains.ts or NO_FILTER,
         yaw_linear=gains.yaw_linear,
         yaw_square=gains.yaw_square,
     )

@@ -8,7 +8,7 @@ One horizontal axis, with `u` the stick in radians of wanted tilt (docs/control.
     th' = w - (th - (c v - d) / g - b) / ta  the tilt that the FlightCtrl believes; the last term is its leak
     z'  = th - us
     w'  = (-a1 (th - us) - a2 z - w) / tw    the rate loop
-    us' = (u - us) / ts                      the stick filter of FC >= 2.10, or half a receiver frame
+    us' = (u - us) / ts                      the stick filter of FC >= 2.10, next to nothing before
     b' = 0                                   tilt of the accelerometers against the airframe
 
 and the vertical axis, with `q` the squared ratio of throttle to hover throttle, less one::
@@ -32,8 +32,8 @@ FC_PERIOD: Final = 2.048e-3
 """Period of the FlightCtrl's loop [s]; docs/firmware-notes.md, "Timing"."""
 STICK_FILTER: Final = 0.078
 """Stick filter of FC >= 2.10 [s]: (3 old + new) / 4 at receiver frames of 22.5 ms."""
-RECEIVER_HOLD: Final = 0.011
-"""Mean wait for the next receiver frame [s], all the delay that older firmware adds."""
+NO_FILTER: Final = 0.004
+"""Stands for the missing stick filter of older firmware [s]: two periods of its loop."""
 LEAK_FAST: Final = 0.885
 """Leak without a NaviCtrl or with 0.24 [s]; docs/simulator.md."""
 LEAK_SLOW: Final = 7.1
@@ -60,8 +60,8 @@ class AircraftModel:
         thrust_lag: `tm` [s].
         yaw_linear: yaw rate per count beyond the dead band [rad/s].
         yaw_square: yaw rate per squared count beyond it [rad/s].
-        uplink: time from the transmission of a stick frame to its effect [s]: wire, radio and the wait for a receiver
-            frame; docs/firmware-notes.md, "Timing".
+        uplink: time from the transmission of a stick frame to its effect [s]: 18 ms of radio and the mean wait of 11 ms
+            for a receiver frame; docs/firmware-notes.md, "Timing".
     """
 
     rad_per_count: float = math.radians(0.451)
@@ -74,7 +74,7 @@ class AircraftModel:
     thrust_lag: float = 0.060
     yaw_linear: float = math.radians(0.4)
     yaw_square: float = math.radians(0.0047 / 6 * 4)
-    uplink: float = 0.035
+    uplink: float = 0.029
 
     @classmethod
     def from_parameters(
@@ -116,7 +116,7 @@ class AircraftModel:
             a1=a1,
             a2=a1 / (FC_PERIOD * integral) * 8.0 / gyro_stability,
             leak=LEAK_SLOW if has_slow_leak else LEAK_FAST,
-            stick_filter=STICK_FILTER if has_stick_filter else RECEIVER_HOLD,
+            stick_filter=STICK_FILTER if has_stick_filter else NO_FILTER,
             yaw_linear=math.radians(0.1 * stick_yaw_p),
             yaw_square=math.radians(0.0047 / 6.0 * stick_yaw_p),
         )
