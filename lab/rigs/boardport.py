@@ -146,6 +146,11 @@ class BoardPort:
         return self._stuck
 
     @property
+    def descriptor(self) -> int | None:
+        """A number that stands for a device: boards in virtual time have none."""
+        return 0
+
+    @property
     def is_recording(self) -> bool:
         """False."""
         return False

@@ -17,6 +17,7 @@ from mkdaemon.clock import Clock
 from mkdaemon.config.link import LinkConfig
 from mkdaemon.config.sim import PilotPlan, SimConfig
 from mkdaemon.link.link import Link
+from mkdaemon.link.session.guarding import LineGuard
 from mkdaemon.link.session.traffic import LinkSink, Lost, Received, Sent
 from mkdaemon.sim.simulation import Simulation
 from mkdaemon.telemetry.link import LinkHealth, LinkState, LinkTraffic
@@ -133,6 +134,7 @@ async def rig(
     seed: int = 1,
     right_baud: int = 57600,
     sink: LinkSink | None = None,
+    guard: LineGuard | None = None,
     **cfg: object,
 ) -> AsyncIterator[Rig]:
     """A link that runs as long as the context lasts, in the time of the running loop.
@@ -142,6 +144,7 @@ async def rig(
         seed: of the line.
         right_baud: line rate at which bytes can be understood.
         sink: told everything, in place of the log.
+        guard: hears of the line.
         cfg: further settings of the link.
     """
     log = Log()
@@ -153,6 +156,7 @@ async def rig(
         opener=socket.open,
         clock=Clock(monotonic=asyncio.get_running_loop().time),
         motors_running=watch.facts.motors_running,
+        guard=guard,
     )
     task = asyncio.create_task(link.run())
     try:

@@ -64,6 +64,8 @@ class ControlConfig(Section):
 
     rate: float = Field(default=50.0, ge=10, le=100)
     """Stick frames a second while someone flies [Hz]; above 44 gains nothing, above 100 the boards lose frames."""
+    guard: bool = True
+    """A process of its own releases the aircraft when the daemon dies or stands still; docs/safety.md."""
     limiter: LimiterConfig = LimiterConfig()
     """Bounds of every stick command."""
     lease: LeaseConfig = LeaseConfig()

@@ -78,6 +78,7 @@ class FlightCore:
         self._release: ReleaseOrder | None = None
         self._nameless = 0
         self._ticked_at = float("-inf")
+        self._has_guard = True
         self._is_paced = False
         self._is_due = True
 
@@ -194,6 +195,14 @@ class FlightCore:
         """Note that the board confirmed an external control frame."""
         self._output.frame_confirmed(number)
 
+    def guard_changed(self, *, is_alive: bool) -> None:
+        """Note whether the guard is there; without it nobody gets a lease, and who flies flies on."""
+        self._has_guard = is_alive
+
+    def guard_acted(self) -> None:
+        """Note that the guard released the aircraft: whoever flew flies no more."""
+        self._end(Event.GUARD_ACTED, "no stick frame was written in time")
+
     def released(self, outcome: ReleaseOutcome | None, at: float) -> None:
         """Note how the release ended; None where it did not end in time."""
         self._authority.released(at)
@@ -222,9 +231,12 @@ class FlightCore:
 
     def tick(self, now: float) -> list[Action]:
         """Decide what is done now, in order."""
+        stood_still = now - self._ticked_at
         self._ticked_at, self._is_due = now, False
         order: Action | None = None
         if self._release is None:
+            if stood_still > self._cfg.limiter.setpoint_ttl and self._authority.phase in _IN_FLIGHT:
+                self._authority.end(Event.STALLED, cause=f"{stood_still:.2f}")
             self._watch_line(now)
             before = self._authority.phase
             decision = self._authority.tick(now)
@@ -274,6 +286,8 @@ class FlightCore:
     def _check_control(self) -> int:
         """Refuse a lease nobody could fly with; returns which opening of the port it stands on."""
         link = self.facts.link
+        if not self._has_guard:
+            raise refuse(Token.GUARD_DEAD)
         if self._line.layout is None:
             raise refuse(Token.NO_CONTROL, detail=self._line.reason or "this firmware has no external control")
         if link is None or not link.condition.is_usable:

@@ -35,6 +35,10 @@ class Event(StrEnum):
     """The aircraft takes no external control any more."""
     LINE_RELEASING = "line_releasing"
     """The link is releasing by itself, or waits for a release to be confirmed."""
+    STALLED = "stalled"
+    """The daemon itself stood still for longer than a setpoint lives."""
+    GUARD_ACTED = "guard_acted"
+    """The guard has released the aircraft in the daemon's place."""
     RELEASE_DONE = "release_done"
     """The release is done, or queued as the first bytes after the line comes back."""
 
@@ -156,6 +160,8 @@ ROWS: Final = (
     _release(Event.LINK_LOST, _HELD, "the link is {cause}"),
     _release(Event.CONTROL_IMPOSSIBLE, _IN_FLIGHT, "external control is not possible: {cause}"),
     _release(Event.LINE_RELEASING, _IN_FLIGHT, "{cause}"),
+    _release(Event.STALLED, _IN_FLIGHT, "the daemon stood still for {cause} s"),
+    _release(Event.GUARD_ACTED, tuple(Phase), "the guard released the aircraft: {cause}"),
     Row((_RELEASING,), Event.RELEASE_DONE, RELEASE_OWED, _RELEASING, Reaction.NOTHING, "{reason}"),
     Row((_RELEASING,), Event.RELEASE_DONE, HELD, _LEASED, Reaction.NOTHING, _WAITING),
     Row((_RELEASING,), Event.RELEASE_DONE, NOT_HELD, _FREE, Reaction.NOTHING, "{reason}"),

@@ -78,6 +78,18 @@ class FlightControl:
             self._core.client_gone(name)
             self._news.set()
 
+    def guard_acted(self, released: bool) -> None:
+        """Note that the guard has sent something because nothing came from here."""
+        if released:
+            self._core.guard_acted()
+            self._news.set()
+        self._audit.failsafe("guard release" if released else "guard neutral", "no stick frame was written in time")
+
+    def guard_changed(self, is_alive: bool) -> None:
+        """Note whether the guard is there."""
+        self._core.guard_changed(is_alive=is_alive)
+        self._audit.log("info" if is_alive else "error", "guard runs" if is_alive else "guard is gone: no new lease")
+
     async def lease(self, request: LeaseRequest) -> LeaseState | None:
         """Answer a request about the lease; None for nobody.
 

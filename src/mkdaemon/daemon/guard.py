@@ -33,6 +33,7 @@ class GuardProcess:
 
     Attributes:
         acted: called on the loop when the guard has sent something: True for a release, False for neutral sticks.
+        changed: called on the loop when it is there, and when it is gone.
     """
 
     def __init__(self, report: Path | None = None, *, clock: Callable[[], float] = time.monotonic) -> None:
@@ -43,6 +44,7 @@ class GuardProcess:
             clock: the loop's time [s].
         """
         self.acted: Callable[[bool], None] = lambda released: None
+        self.changed: Callable[[bool], None] = lambda is_alive: None
         self._report = report
         self._clock = clock
         self._process: subprocess.Popen[bytes] | None = None
@@ -79,8 +81,12 @@ class GuardProcess:
         asyncio.get_running_loop().add_reader(ours.fileno(), self._heard)
 
     async def watch(self) -> None:
-        """Ask again and again whether it is there; ends when it is gone."""
-        while self._channel is not None:
+        """Ask again and again whether it is there, and report every change."""
+        was_alive = None
+        while True:
+            if self.is_alive is not was_alive:
+                was_alive = self.is_alive
+                self.changed(was_alive)
             self._send(Word.PING)
             await asyncio.sleep(PING_PERIOD)
 

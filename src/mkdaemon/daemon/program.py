@@ -6,7 +6,8 @@ The order of leaving is a safety argument: control stops first, then the link en
 from __future__ import annotations
 
 import asyncio
-from contextlib import suppress
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager, suppress
 from functools import partial
 from typing import Final
 
@@ -18,6 +19,7 @@ from mkdaemon.control.vehicle import VehicleFacts
 from mkdaemon.daemon.audit import Audit
 from mkdaemon.daemon.eyes import open_eyes
 from mkdaemon.daemon.flight import FlightControl
+from mkdaemon.daemon.guard import GuardProcess, take_report
 from mkdaemon.daemon.priority import spare_collector
 from mkdaemon.daemon.procedures import Journal, Occupancy, ProcedureDesk, state_folder
 from mkdaemon.daemon.requests import BoardRequests
@@ -89,12 +91,15 @@ class Daemon:
         self._bus = bus
         self._clock = clock
         facts = self._facts = VehicleFacts()
+        self._report = state_folder(cfg.vehicle) / "guard.json"
+        needs_guard = cfg.control.guard and not cfg.link.port.startswith(RECORDING)
+        self._guard = GuardProcess(self._report, clock=clock.now) if needs_guard else None
         # Milliseconds since 1970: above every epoch of an earlier run, whatever a client still streams.
         core = FlightCore(cfg.control, facts, first_epoch=int(clock.stamp().wall * 1000))
         audit = self._audit = Audit(bus, clock)
         self._eyes = open_eyes(cfg, bus, core, clock)
         sink = BusSink(bus, core, audit, self._eyes, clock)
-        self._link = Link(cfg.link, sink, clock=clock, motors_running=facts.motors_running)
+        self._link = Link(cfg.link, sink, clock=clock, motors_running=facts.motors_running, guard=self._guard)
         self._flight = FlightControl(core, self._link, bus, audit, clock=clock)
         occupancy = Occupancy(lambda: self._flight.phase)
         requests = BoardRequests(cfg.commands, self._link, facts, audit, clock, admit=occupancy.check_request)
@@ -120,7 +125,10 @@ class Daemon:
         cfg = self._cfg
         where = ", ".join(cfg.bus.listen + cfg.bus.connect)
         self._audit.log("info", f"vehicle {cfg.vehicle.name} on {where}; line {cfg.link.port}")
-        async with self._eyes.open(), asyncio.TaskGroup() as line:
+        report = take_report(self._report)
+        if report is not None:
+            self._audit.failsafe("guard release", f"an earlier daemon stopped in flight; {report}")
+        async with self._guarded(), self._eyes.open(), asyncio.TaskGroup() as line:
             link = line.create_task(self._run_line(), name="link")
             async with asyncio.TaskGroup() as above:
                 tasks = [
@@ -135,6 +143,22 @@ class Daemon:
                 for task in tasks:
                     task.cancel()
             link.cancel()
+
+    @asynccontextmanager
+    async def _guarded(self) -> AsyncIterator[None]:
+        """Keep the guard for as long as anything runs; it ends last, when the line has released the aircraft."""
+        guard = self._guard
+        if guard is None:
+            yield
+            return
+        guard.acted, guard.changed = self._flight.guard_acted, self._flight.guard_changed
+        guard.start()
+        watcher = asyncio.create_task(guard.watch(), name="guard")
+        try:
+            yield
+        finally:
+            watcher.cancel()
+            await guard.stop()
 
     async def _run_line(self) -> None:
         """Run the link; a recording waits for its audience, and gives it time to take the last samples."""

@@ -15,6 +15,7 @@ from mkdaemon.errors import LinkLostError, RequestTimeoutError
 from mkdaemon.link.session.controlpath import BuildControl, FrameNumber
 from mkdaemon.link.session.dialogue import Dialogue
 from mkdaemon.link.session.exchange import Exchange
+from mkdaemon.link.session.guarding import LineGuard
 from mkdaemon.link.session.peers import Proof
 from mkdaemon.link.session.streams import check_rates
 from mkdaemon.link.session.traffic import LinkSink, Purpose, ReleaseResult
@@ -37,7 +38,14 @@ class Conversation:
         passage: held while a NaviCtrl passes the line through to another board.
     """
 
-    def __init__(self, cfg: LinkConfig, sink: LinkSink, clock: Clock, motors_running: MotorsRunning) -> None:
+    def __init__(
+        self,
+        cfg: LinkConfig,
+        sink: LinkSink,
+        clock: Clock,
+        motors_running: MotorsRunning,
+        guard: LineGuard | None = None,
+    ) -> None:
         """Prepare; arguments as for `Link`.
 
         Raises:
@@ -48,7 +56,7 @@ class Conversation:
         self._clock = clock
         self._motors_running = motors_running
         self._dialogue = Dialogue(cfg, clock.now())
-        self._exchange = Exchange(cfg, sink, self._dialogue, clock)
+        self._exchange = Exchange(cfg, sink, self._dialogue, clock, guard)
         self.passage = asyncio.Lock()
 
     # -- what callers use -----------------------------------------------------------------------------------------

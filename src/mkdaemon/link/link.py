@@ -16,6 +16,7 @@ from mkdaemon.errors import LinkError, LinkLostError
 from mkdaemon.link.conversation import Conversation, MotorsRunning
 from mkdaemon.link.discovery import discover_boards, discover_flightctrl
 from mkdaemon.link.ports.port import Port, open_port
+from mkdaemon.link.session.guarding import LineGuard
 from mkdaemon.link.session.reopening import AliasMemory, backoff
 from mkdaemon.link.session.traffic import LinkSink
 from mkdaemon.telemetry.link import LinkCondition
@@ -39,6 +40,7 @@ class Link(Conversation):
         opener: Opener = open_port,
         clock: Clock | None = None,
         motors_running: MotorsRunning = lambda now, within: None,
+        guard: LineGuard | None = None,
     ) -> None:
         """Prepare; `run` does the work.
 
@@ -49,11 +51,12 @@ class Link(Conversation):
             clock: the machine's if none is given.
             motors_running: who knows whether the motors run; a line is only redirected while it is known that they
                 do not.
+            guard: hears of the open port and of every stick frame written.
 
         Raises:
             ConfigError: the configured port or a configured stream cannot exist, or the line cannot carry the rates.
         """
-        super().__init__(cfg, sink, clock or Clock(), motors_running)
+        super().__init__(cfg, sink, clock or Clock(), motors_running, guard)
         self._opener = opener
         self._aliases = AliasMemory()
 

@@ -131,6 +131,11 @@ REFUSALS: Final[Mapping[str, Refusal]] = {
     Token.NO_CONTROL: Refusal(
         Status.DENIED, "external control is not possible: {detail}.", "`mkctl status` shows the firmware and the gate."
     ),
+    Token.GUARD_DEAD: Refusal(
+        Status.DENIED,
+        "the guard process is gone: nothing would release the aircraft if the daemon died.",
+        'Restart the daemon; docs/safety.md, "The guard".',
+    ),
     # faults of the simulator
     Token.UNKNOWN_FAULT: Refusal(Status.DENIED, "there is no fault {name!r}.", "Did you mean {near!r}? All: {known}."),
     Token.UNKNOWN_PARAMETER: Refusal(

@@ -64,6 +64,7 @@ class Token(StrEnum):
     GATE_SHUT = "gate_shut"
     GATE_CONSTANT = "gate_constant"
     NO_CONTROL = "no_control"
+    GUARD_DEAD = "guard_dead"
 
     # procedures on the boards
     BAD_VALUE = "bad_value"

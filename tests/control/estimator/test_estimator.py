@@ -10,6 +10,8 @@ import pytest
 from mkdaemon.control.estimator.estimator import Estimator, StickCommand, TargetView
 from mkdaemon.control.estimator.model import LEVEL_STATES, TH, AircraftModel, B, D, P, T, V
 from mkdaemon.control.estimator.rollback import STEP
+from mkdaemon.control.guidance.horizontal import HorizontalCosts, HorizontalRegulator
+from mkdaemon.control.guidance.reference import Reference
 
 MODEL = AircraftModel()
 HOVER = 125.0
@@ -57,9 +59,14 @@ class Plant:
         return x * c + y * s, x * s - y * c
 
 
+def path(now):
+    """A slow figure to fly."""
+    return Reference(np.array([0.3 * math.sin(now), 0.3 * math.cos(0.7 * now)]))
+
+
 def run(plant, seconds=20.0, delay=8, sight=lambda t: True):
     """Fly little steps; images come late; returns the estimator."""
-    estimator, pending = None, []
+    estimator, pending, regulator = None, [], HorizontalRegulator(MODEL, HorizontalCosts())
     for k in range(round(seconds / STEP)):
         if k % 3 == 0 and sight(plant.now):
             pending.append((k + delay, view(plant.now, plant.axes, 2.0, plant.yaw)))
@@ -71,8 +78,10 @@ def run(plant, seconds=20.0, delay=8, sight=lambda t: True):
             estimator.target_seen(seen)
         if estimator is not None and k % 2 == 0:
             estimator.attitude_received(plant.now, *plant.reported(), plant.yaw + 0.4)
-            wave = round(10 * math.sin(plant.now * 1.3)) - 3 * np.sign(plant.axes[0, V])
-            estimator.sent(plant.stick(wave, -wave))
+            tilt = regulator.tilt(estimator.estimate(plant.now + MODEL.uplink), path(plant.now)) / MODEL.rad_per_count
+            c, s = math.cos(plant.yaw), math.sin(plant.yaw)
+            pitch, roll = tilt[0] * c + tilt[1] * s, tilt[0] * s - tilt[1] * c
+            estimator.sent(plant.stick(round(pitch), round(roll)))
         plant.step()
     estimator.advance(plant.now)
     return estimator

@@ -33,6 +33,10 @@ class Port(Protocol):
         """Bytes accepted by `write` that have not left yet."""
 
     @property
+    def descriptor(self) -> int | None:
+        """File descriptor of the open device or connection, for the guard; None where there is none."""
+
+    @property
     def is_recording(self) -> bool:
         """Whether nobody listens at the other end: nothing is sent then."""
 

@@ -29,6 +29,11 @@ class ReplayPort:
         return self._name
 
     @property
+    def descriptor(self) -> int | None:
+        """None: no device is behind it."""
+        return None
+
+    @property
     def is_recording(self) -> bool:
         """True."""
         return True

@@ -45,6 +45,14 @@ class SerialPort(asyncio.Protocol):
         return self._name
 
     @property
+    def descriptor(self) -> int | None:
+        """Of the open device; None while it is not."""
+        if self._transport is None or self._loss is not None:
+            return None
+        number: int = self._transport.serial.fileno()
+        return number
+
+    @property
     def is_recording(self) -> bool:
         """False."""
         return False

@@ -26,6 +26,12 @@ class TcpPort:
         return self._name
 
     @property
+    def descriptor(self) -> int | None:
+        """Of the open connection; None while it is not."""
+        connection: socket.socket | None = self._writer.get_extra_info("socket")
+        return None if connection is None or connection.fileno() < 0 else connection.fileno()
+
+    @property
     def is_recording(self) -> bool:
         """False."""
         return False

@@ -16,6 +16,7 @@ from mkdaemon.config.link import LinkConfig
 from mkdaemon.errors import LinkError, LinkLostError
 from mkdaemon.link.ports.port import Port, parse_address
 from mkdaemon.link.session.dialogue import Dialogue
+from mkdaemon.link.session.guarding import GuardFeed, LineGuard
 from mkdaemon.link.session.reopening import BaudSearch
 from mkdaemon.link.session.report import Reporter
 from mkdaemon.link.session.traffic import LinkSink, Lost, Received, Sent
@@ -46,7 +47,9 @@ class Exchange:
         needs_discovery: set when the boards must be discovered anew.
     """
 
-    def __init__(self, cfg: LinkConfig, sink: LinkSink, dialogue: Dialogue, clock: Clock) -> None:
+    def __init__(
+        self, cfg: LinkConfig, sink: LinkSink, dialogue: Dialogue, clock: Clock, guard: LineGuard | None = None
+    ) -> None:
         """Prepare.
 
         Raises:
@@ -55,6 +58,7 @@ class Exchange:
         self._sink = sink
         self._dialogue = dialogue
         self._clock = clock
+        self._guard = GuardFeed(guard)
         self._decoder = FrameDecoder()
         self._messages = MessageDecoder()
         self._failure: asyncio.Future[None] | None = None
@@ -93,6 +97,8 @@ class Exchange:
             searching=self.bauds.attempt,
         )
         self.reporter.port_opened(port.name)
+        self._guard.port_opened(port)
+        self._guard.dialect_changed(self._dialogue.dialect.extern_control)
         self._publish()
         reason = CLOSED
         try:
@@ -141,6 +147,7 @@ class Exchange:
                 dialogue.frame_received(item, message, now)
                 if dialogue.take_dialect_change():
                     self._messages = MessageDecoder(dialogue.dialect.layouts)
+                    self._guard.dialect_changed(dialogue.dialect.extern_control)
                 sink.received(Received(now, item, message))
             else:
                 dialogue.bytes_damaged(item, now)
@@ -181,10 +188,12 @@ class Exchange:
         try:
             for entry in self._dialogue.poll(now):
                 port.write(entry.raw)
+                self._guard.written(entry)
                 self._sink.sent(Sent(now, entry.raw, entry.message, entry.purpose))
         except LinkLostError as error:
             self._fail(error)
             return
+        self._guard.settle(self._dialogue.steering)
         self._settle()
         if now >= self._judge_at:
             self._judge(port, now)
@@ -227,6 +236,7 @@ class Exchange:
     def port_lost(self, reason: str, condition: LinkCondition = LinkCondition.DOWN) -> None:
         """Say at once that the port is gone, and why."""
         self.port = None
+        self._guard.port_lost()
         self._dialogue.port_lost(self._clock.now(), reason, condition)
         self._settle()
         self.waiters.port_lost(reason)

@@ -1,0 +1,84 @@
+"""What the guard hears of a line: the port, the frames, and when the aircraft is released.
+
+The guard is a process of its own (`mkdaemon.guard`); here is only what it must be told, from the place where bytes are
+written, so that its heartbeat is the control path itself.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Protocol
+
+from mkdaemon.link.ports.port import Port
+from mkdaemon.link.session import release
+from mkdaemon.link.session.controlpath import ControlEntry, FrameNumber
+from mkdaemon.link.session.scheduler import Entry
+from mkdaemon.link.session.steering import Steering
+from mkdaemon.link.session.traffic import Purpose
+from mkdaemon.protocol.wire import WireMessage
+
+_UNCONFIRMED = FrameNumber(0)
+"""Frame number that asks for no confirmation."""
+
+
+class LineGuard(Protocol):
+    """What hears about one line; `mkdaemon.daemon.guard.GuardProcess` in earnest."""
+
+    def port_opened(self, descriptor: int) -> None:
+        """Take the descriptor of the open port."""
+
+    def port_closed(self) -> None:
+        """Let go of the port."""
+
+    def frames_changed(self, release: Sequence[bytes]) -> None:
+        """Take the encoded release frames of this aircraft."""
+
+    def frame_written(self, neutral: bytes) -> None:
+        """A frame that moves or releases the aircraft was written; `neutral` is the frame for level sticks."""
+
+    def released(self) -> None:
+        """Nothing is owed."""
+
+
+class GuardFeed:
+    """Tells the guard of one line what it must know, and nothing while nobody has flown."""
+
+    def __init__(self, guard: LineGuard | None) -> None:
+        self._guard = guard
+        self._is_armed = False
+
+    def port_opened(self, port: Port) -> None:
+        """A port is open."""
+        if self._guard is not None and port.descriptor is not None:
+            self._guard.port_opened(port.descriptor)
+
+    def port_lost(self) -> None:
+        """The port is gone."""
+        if self._guard is not None:
+            self._guard.port_closed()
+        self._disarm()
+
+    def dialect_changed(self, layout: type[WireMessage] | None) -> None:
+        """The aircraft takes another layout of external control, or it is known for the first time."""
+        if self._guard is not None:
+            self._guard.frames_changed([release.zero_frame(layout, _UNCONFIRMED).to_frame()])
+
+    def written(self, entry: Entry) -> None:
+        """A frame was written."""
+        if self._guard is None or not isinstance(entry, ControlEntry) or entry.message is None:
+            return
+        if entry.purpose is Purpose.SETPOINT:
+            self._is_armed = True
+            self._guard.frame_written(release.neutral_of(entry.message, _UNCONFIRMED).to_frame())
+        elif self._is_armed:
+            self._guard.frame_written(entry.raw)
+
+    def settle(self, steering: Steering) -> None:
+        """Disarm when the release has ended."""
+        if self._is_armed and not steering.is_releasing and steering.control.last_command is None:
+            self._disarm()
+
+    def _disarm(self) -> None:
+        if self._guard is not None and self._is_armed:
+            self._guard.released()
+        self._is_armed = False
