@@ -91,7 +91,7 @@ class BusSink:
             stamp=self._clock.stamp(loss.at),
             sequence=self._count(loss.direction),
             raw=loss.raw,
-            dropped=loss.reason,
+            dropped=loss.reason.value,
         )
         self._bus.publish(f"raw/{loss.direction}", raw)
 

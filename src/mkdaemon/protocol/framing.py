@@ -39,7 +39,7 @@ _ADDRESS_BASE: Final = 0x61
 
 
 class DropReason(StrEnum):
-    """Why bytes did not become a frame."""
+    """Why bytes did not get through as a frame."""
 
     TEXT = "text"
     """Plain text outside any frame: boot banners, debug prints, escape sequences."""
@@ -49,6 +49,8 @@ class DropReason(StrEnum):
     """A frame with a character outside the alphabet."""
     CHECKSUM = "checksum"
     """A frame whose checksum does not match."""
+    EXPIRED = "expired"
+    """A frame never sent: it waited for its turn until it was too old. No decoder says so."""
 
 
 class Frame(NamedTuple):

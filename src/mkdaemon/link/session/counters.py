@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 from mkdaemon.link.session.scheduler import Entry
 from mkdaemon.protocol.boards import Board
-from mkdaemon.protocol.framing import Dropped, Frame
+from mkdaemon.protocol.framing import Dropped, DropReason, Frame
 
 
 @dataclass(slots=True)
@@ -48,4 +48,4 @@ class Counters:
 
     def expired(self) -> None:
         """A frame was too old to be sent."""
-        self.dropped["expired"] += 1
+        self.dropped[DropReason.EXPIRED.value] += 1

@@ -23,7 +23,7 @@ from mkdaemon.link.session.traffic import LinkSink, Lost, Received, Sent
 from mkdaemon.link.session.waiters import Waiters
 from mkdaemon.protocol.boards import Direction
 from mkdaemon.protocol.decoder import MessageDecoder
-from mkdaemon.protocol.framing import Frame, FrameDecoder
+from mkdaemon.protocol.framing import DropReason, Frame, FrameDecoder
 from mkdaemon.telemetry.link import LinkCondition
 
 JUDGE_PERIOD: Final = 0.05
@@ -151,7 +151,7 @@ class Exchange:
                 sink.received(Received(now, item, message))
             else:
                 dialogue.bytes_damaged(item, now)
-                sink.dropped(Lost(now, Direction.FROM_BOARD, item.reason.value, item.raw))
+                sink.dropped(Lost(now, Direction.FROM_BOARD, item.reason, item.raw))
 
     async def _wait_for_failure(self) -> None:
         """End the conversation when writing failed or the line rate is wrong."""
@@ -204,7 +204,7 @@ class Exchange:
         self.waiters.settle(self._dialogue)
         for entry in self._dialogue.outgoing.take_discarded():
             now = self._clock.now()
-            self._sink.dropped(Lost(now, Direction.TO_BOARD, "expired", entry.raw))
+            self._sink.dropped(Lost(now, Direction.TO_BOARD, DropReason.EXPIRED, entry.raw))
 
     def _fail(self, error: LinkLostError) -> None:
         if self._failure is not None and not self._failure.done():
@@ -258,4 +258,4 @@ class Exchange:
         for item in self._decoder.flush():
             if not isinstance(item, Frame):
                 self._dialogue.bytes_damaged(item, now)
-                self._sink.dropped(Lost(now, Direction.FROM_BOARD, item.reason.value, item.raw))
+                self._sink.dropped(Lost(now, Direction.FROM_BOARD, item.reason, item.raw))

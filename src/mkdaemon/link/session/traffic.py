@@ -8,7 +8,7 @@ from typing import NamedTuple, Protocol
 
 from mkdaemon.protocol.boards import Direction
 from mkdaemon.protocol.decoder import Unknown
-from mkdaemon.protocol.framing import Frame
+from mkdaemon.protocol.framing import DropReason, Frame
 from mkdaemon.protocol.wire import WireMessage
 from mkdaemon.telemetry.control import ReleaseOutcome
 from mkdaemon.telemetry.link import LinkHealth, LinkState, LinkTraffic
@@ -69,13 +69,13 @@ class Lost(NamedTuple):
     Attributes:
         at: when it was noticed [s; monotonic].
         direction: from the board for bytes that did not become a frame, to it for a frame never sent.
-        reason: `text`, `length`, `characters`, `checksum`; `expired` for what was too old to send.
+        reason: why.
         raw: the bytes.
     """
 
     at: float
     direction: Direction
-    reason: str
+    reason: DropReason
     raw: bytes
 
 

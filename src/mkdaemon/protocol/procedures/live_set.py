@@ -34,8 +34,6 @@ from mkdaemon.protocol.wire import Board
 from mkdaemon.telemetry.refusals import Token, refuse
 
 SLOTS = (1, 2, 3, 4, 5)
-_WRITE_TIMEOUT = 2.5
-"""A write takes 0.3 to 0.6 s and the FlightCtrl beeps afterwards; source: docs/firmware-notes, "Timing" [s]."""
 _DEAF = 2.0
 """Quiet time after a write: the FlightCtrl beeps the set's number and hears nothing for 1.33 s [s]."""
 _WRITES = 3
@@ -221,7 +219,7 @@ def write_set(slot: int, raw: bytes, patience: Patience) -> Procedure[bytes]:
         RequestTimeoutError: no answer.
         CommandRejectedError: `write_refused`.
     """
-    slow = Patience(patience.attempts, max(patience.timeout, _WRITE_TIMEOUT))
+    slow = Patience(patience.attempts, max(patience.timeout, WriteSettings.spec.policy(Board.FC).timeout))
     before: bytes | None = None
     for _ in range(_WRITES):
         written = yield from insist(_store(slot, raw), slow)

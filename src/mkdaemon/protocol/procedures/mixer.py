@@ -12,8 +12,6 @@ from mkdaemon.telemetry.refusals import Token, refuse
 
 ROWS = 16
 """Motors of a mixer; four numbers each: throttle, pitch, roll, yaw."""
-_WRITE_TIMEOUT = 1.0
-"""A FlightCtrl stores its mixer in 0.3 s and hears nothing meanwhile. Source: docs/firmware-notes, "Timing" [s]."""
 
 
 def read_mixer(patience: Patience) -> Procedure[Mixer]:
@@ -32,7 +30,7 @@ def write_mixer(wanted: WriteMixer, patience: Patience) -> Procedure[Mixer]:
         RequestTimeoutError: no answer.
         CommandRejectedError: `mixer_refused`; `mixer_differs`: do not fly.
     """
-    slow = Patience(patience.attempts, max(patience.timeout, _WRITE_TIMEOUT))
+    slow = Patience(patience.attempts, max(patience.timeout, WriteMixer.spec.policy(Board.FC).timeout))
     yield Progress(0, 2, "storing the mixer")
     question = Question(Board.FC, wanted, (MixerWritten,), lambda _: True, "store the mixer")
     if not (yield from insist(question, slow)).stored:

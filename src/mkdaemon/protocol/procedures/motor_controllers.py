@@ -28,8 +28,6 @@ ITEMS: Final = {
     "bits": MotorControllerItems.BITS,
 }
 """Fields that can be set, each with the bit that applies it."""
-_TIMEOUT: Final = 1.3
-"""A FlightCtrl asks its controller over I2C for up to 1 s. Source: docs/firmware-notes, "Timing" [s]."""
 
 
 def read_motor_controller(motor: int, patience: Patience) -> Procedure[MotorController]:
@@ -121,7 +119,7 @@ def configure(
 
 
 def _slow(patience: Patience) -> Patience:
-    return Patience(patience.attempts, max(patience.timeout, _TIMEOUT))
+    return Patience(patience.attempts, max(patience.timeout, MotorControllerRequest.spec.policy(Board.FC).timeout))
 
 
 def _refusal(motor: int, status: MotorControllerStatus) -> Exception:
