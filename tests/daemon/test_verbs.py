@@ -5,7 +5,7 @@ from __future__ import annotations
 import msgpack
 import pytest
 
-from mkdaemon.daemon.procedures import Occupancy
+from mkdaemon.daemon.procedures import Interlock
 from mkdaemon.daemon.verbs import Verbs
 from mkdaemon.errors import CommandRejectedError
 from mkdaemon.link.session.traffic import ReleaseResult
@@ -36,7 +36,7 @@ class Desk:
     def __init__(self):
         self.events = []
         self.released = ReleaseResult(ReleaseOutcome.CONFIRMED, 5, 5, "test")
-        self._verbs = Verbs(self, Line(), self, Occupancy(lambda: Phase.FREE), {})
+        self._verbs = Verbs(self, Line(), self, Interlock(lambda: Phase.FREE), {})
 
     async def lease(self, raw):
         raise refuse(Token.NOT_LEASED)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from lab.kills import run_daemon_kills, run_mkctl_kills
+from lab.kills.main import run_daemon_kills, run_mkctl_kills
 
 pytestmark = pytest.mark.flight
 

@@ -21,7 +21,7 @@ from mkdaemon.daemon.eyes import open_eyes
 from mkdaemon.daemon.flight import FlightControl
 from mkdaemon.daemon.guard import GuardProcess, take_report
 from mkdaemon.daemon.priority import spare_collector
-from mkdaemon.daemon.procedures import Journal, Occupancy, ProcedureDesk, state_folder
+from mkdaemon.daemon.procedures import Interlock, Journal, ProcedureRunner, state_folder
 from mkdaemon.daemon.requests import BoardRequests
 from mkdaemon.daemon.sink import BusSink
 from mkdaemon.daemon.verbs import Verbs
@@ -101,21 +101,21 @@ class Daemon:
         sink = BusSink(bus, core, audit, self._eyes, clock)
         self._link = Link(cfg.link, sink, clock=clock, motors_running=facts.motors_running, guard=self._guard)
         self._flight = FlightControl(core, self._link, bus, audit, clock=clock)
-        occupancy = Occupancy(lambda: self._flight.phase)
-        requests = BoardRequests(cfg.commands, self._link, facts, audit, clock, admit=occupancy.check_request)
-        self._procedures = ProcedureDesk(
+        interlock = Interlock(lambda: self._flight.phase)
+        requests = BoardRequests(cfg.commands, self._link, facts, audit, clock, admit=interlock.check_request)
+        self._procedures = ProcedureRunner(
             self._link,
             facts,
             bus,
             audit,
             requests,
-            occupancy,
+            interlock,
             Journal(state_folder(cfg.vehicle)),
             LabelCache(cfg.link.label_cache),
             clock,
         )
         bus.serve("cmd", requests.answer)
-        bus.serve("do", Verbs(self._flight, self._link, audit, occupancy, self._procedures.verbs).answer)
+        bus.serve("do", Verbs(self._flight, self._link, audit, interlock, self._procedures.verbs).answer)
         for kind in SETPOINTS:
             bus.receive(kind.suffix, partial(self._flight.setpoint_arrived, kind))
         bus.watch_clients(self._flight.client_changed)

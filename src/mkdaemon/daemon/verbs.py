@@ -10,7 +10,7 @@ from typing import Any
 from mkdaemon.bus.codec import decode_map, read_command, schema_name
 from mkdaemon.daemon.audit import Audit
 from mkdaemon.daemon.flight import RELEASE_TIMEOUT, FlightControl
-from mkdaemon.daemon.procedures import Occupancy
+from mkdaemon.daemon.procedures import Interlock
 from mkdaemon.errors import CommandRejectedError
 from mkdaemon.link.link import Link
 from mkdaemon.telemetry.command import CommandResult, LeaseRequest, RateRequest, Rates, ReleaseRequest, refused
@@ -24,12 +24,12 @@ class Verbs:
     """Answers queries under `do/`."""
 
     def __init__(
-        self, flight: FlightControl, link: Link, audit: Audit, occupancy: Occupancy, procedures: Mapping[str, Verb]
+        self, flight: FlightControl, link: Link, audit: Audit, interlock: Interlock, procedures: Mapping[str, Verb]
     ) -> None:
         self._link = link
         self._flight = flight
         self._audit = audit
-        self._occupancy = occupancy
+        self._interlock = interlock
         self._verbs: dict[str, Verb] = {
             "lease": self._lease,
             "release": self._release,
@@ -57,7 +57,7 @@ class Verbs:
         """Answer `do/lease`; nobody takes one while a procedure needs the boards."""
         request = read_command(LeaseRequest, raw)
         if request.action == "take":
-            with self._occupancy.taking_lease():
+            with self._interlock.taking_lease():
                 lease = await self._flight.lease(request)
         else:
             lease = await self._flight.lease(request)

@@ -10,17 +10,17 @@ import pytest
 
 from lab.rigs.linkrig import flight_ctrl, navi_ctrl, virtually
 from mkdaemon.errors import CommandRejectedError
-from tests.daemon.procedures.desk import desk_on, plug_in
+from tests.daemon.procedures.procedure_rig import plug_in, procedure_rig
 
 
 async def kill_during(socket, folder, verb, after, **fields):
     """Begin a procedure and kill the daemon so long afterwards [s]."""
-    async with desk_on(socket, folder) as desk:
-        await desk.until_ready()
-        asked = asyncio.create_task(desk.ask(verb, **fields))
-        await desk.until(lambda: desk.occupancy.running)
+    async with procedure_rig(socket, folder) as rig:
+        await rig.until_ready()
+        asked = asyncio.create_task(rig.ask(verb, **fields))
+        await rig.until(lambda: rig.interlock.running)
         await asyncio.sleep(after)
-        await desk.die()
+        await rig.die()
         asked.cancel()
         await asyncio.gather(asked, return_exceptions=True)
     socket.is_present = True
@@ -28,10 +28,10 @@ async def kill_during(socket, folder, verb, after, **fields):
 
 async def restart(socket, folder):
     """Start the next daemon, and wait until it owes nothing."""
-    async with desk_on(socket, folder) as desk:
-        await desk.until_ready()
-        await desk.until(lambda: not desk.desk._recovery.notes)
-        return desk.bus.texts()
+    async with procedure_rig(socket, folder) as rig:
+        await rig.until_ready()
+        await rig.until(lambda: not rig.runner._recovery.notes)
+        return rig.bus.texts()
 
 
 def changed_sets(socket, slots, rng):
@@ -64,11 +64,11 @@ async def test_a_kill_while_the_active_set_is_written_brings_the_old_one_back(tm
     flight = socket.aircraft.flight
     live = flight.live.raw
     wanted = changed_sets(socket, (3,), random.Random(1))
-    async with desk_on(socket, tmp_path) as desk:
-        await desk.until_ready()
-        asked = asyncio.create_task(desk.ask("settings_restore", sets=wanted, confirm=True))
-        await desk.until(lambda: flight.live.raw != live)
-        await desk.die()
+    async with procedure_rig(socket, tmp_path) as rig:
+        await rig.until_ready()
+        asked = asyncio.create_task(rig.ask("settings_restore", sets=wanted, confirm=True))
+        await rig.until(lambda: flight.live.raw != live)
+        await rig.die()
         asked.cancel()
     socket.is_present = True
     texts = await restart(socket, tmp_path)
@@ -80,15 +80,15 @@ async def test_a_kill_while_the_active_set_is_written_brings_the_old_one_back(tm
 async def test_while_a_live_set_is_owed_nobody_flies_and_the_refusal_says_why(tmp_path):
     socket = plug_in(flight_ctrl())
     await kill_during(socket, tmp_path, "settings_backup", 0.5)
-    async with desk_on(socket, tmp_path) as desk:
-        with pytest.raises(CommandRejectedError, match="settings_backup was cut off"), desk.occupancy.taking_lease():
+    async with procedure_rig(socket, tmp_path) as rig:
+        with pytest.raises(CommandRejectedError, match="settings_backup was cut off"), rig.interlock.taking_lease():
             pass
-        shown = (await desk.ask("settings_recover")).reply["notes"]
+        shown = (await rig.ask("settings_recover")).reply["notes"]
         assert [(note.verb, note.active, note.is_owed) for note in shown] == [("settings_backup", 3, True)]
-        await desk.until(lambda: desk.occupancy.owed is None)
-        with desk.occupancy.taking_lease():
+        await rig.until(lambda: rig.interlock.owed is None)
+        with rig.interlock.taking_lease():
             pass
-        assert (await desk.ask("settings_recover")).reply["notes"] == ()
+        assert (await rig.ask("settings_recover")).reply["notes"] == ()
 
 
 @pytest.mark.parametrize("other", ["2.08", "2.12a"])
@@ -102,14 +102,14 @@ async def test_a_note_of_another_aircraft_is_kept_and_not_applied(other, tmp_pat
     flight.eeprom.sets[3] = flight.eeprom.sets[3][:60] + bytes(9) + flight.eeprom.sets[3][69:]
     flight.load(3)
     sets = dict(flight.eeprom.sets)
-    async with desk_on(stranger, tmp_path) as desk:
-        await desk.until_ready()
-        await desk.until(lambda: desk.occupancy.owed is None)
-        assert any("this is another aircraft" in text for text in desk.bus.texts())
+    async with procedure_rig(stranger, tmp_path) as rig:
+        await rig.until_ready()
+        await rig.until(lambda: rig.interlock.owed is None)
+        assert any("this is another aircraft" in text for text in rig.bus.texts())
         assert (flight.eeprom.sets, flight.live.raw) == (sets, sets[3])
         assert len(list(tmp_path.iterdir())) == 1
-        assert (await desk.ask("settings_backup")).status == "accepted"
-        assert [note.is_owed for note in (await desk.ask("settings_recover")).reply["notes"]] == [False]
+        assert (await rig.ask("settings_backup")).status == "accepted"
+        assert [note.is_owed for note in (await rig.ask("settings_recover")).reply["notes"]] == [False]
     await restart(socket, tmp_path)
     assert socket.aircraft.flight.live.raw == socket.aircraft.flight.eeprom.sets[3]
 
@@ -118,18 +118,18 @@ async def test_a_note_of_another_aircraft_is_kept_and_not_applied(other, tmp_pat
 async def test_a_note_can_be_discarded_by_who_knows(tmp_path):
     socket = plug_in(flight_ctrl())
     await kill_during(socket, tmp_path, "settings_backup", 0.5)
-    async with desk_on(socket, tmp_path) as desk:
-        assert (await desk.ask("settings_recover", action="discard", confirm=True)).reply["notes"] == ()
-        assert desk.occupancy.owed is None
+    async with procedure_rig(socket, tmp_path) as rig:
+        assert (await rig.ask("settings_recover", action="discard", confirm=True)).reply["notes"] == ()
+        assert rig.interlock.owed is None
         assert list(tmp_path.iterdir()) == []
 
 
 @virtually
 async def test_a_file_that_is_no_note_is_named_and_kept(tmp_path):
     (tmp_path / "live-set-0000.json").write_text(json.dumps({"version": 1}))
-    async with desk_on(plug_in(flight_ctrl()), tmp_path) as desk:
-        assert any("live-set-0000.json: no note of a live set" in text for text in desk.bus.texts())
-        assert desk.occupancy.owed is None
+    async with procedure_rig(plug_in(flight_ctrl()), tmp_path) as rig:
+        assert any("live-set-0000.json: no note of a live set" in text for text in rig.bus.texts())
+        assert rig.interlock.owed is None
         assert len(list(tmp_path.iterdir())) == 1
 
 
@@ -137,12 +137,25 @@ async def test_a_file_that_is_no_note_is_named_and_kept(tmp_path):
 async def test_an_orderly_end_gives_a_procedure_time_to_leave_the_board(tmp_path):
     socket = plug_in(flight_ctrl())
     flight = socket.aircraft.flight
-    async with desk_on(socket, tmp_path) as desk:
-        await desk.until_ready()
-        asked = asyncio.create_task(desk.ask("settings_backup"))
-        await desk.until(lambda: flight.live.raw == flight.eeprom.sets[2])
-        desk.tasks[0].cancel()
-        await asyncio.gather(desk.tasks[0], return_exceptions=True)
+    async with procedure_rig(socket, tmp_path) as rig:
+        await rig.until_ready()
+        asked = asyncio.create_task(rig.ask("settings_backup"))
+        await rig.until(lambda: flight.live.raw == flight.eeprom.sets[2])
+        rig.tasks[0].cancel()
+        await asyncio.gather(rig.tasks[0], return_exceptions=True)
         assert flight.live.raw == flight.eeprom.sets[3]
         assert list(tmp_path.iterdir()) == []
         await asyncio.gather(asked, return_exceptions=True)
+
+
+@virtually
+async def test_an_upload_that_was_cut_off_is_told_at_the_next_start(tmp_path):
+    socket = plug_in(navi_ctrl())
+    points = [{"latitude_deg": 53.0 + n / 1e4, "longitude_deg": 8.0, "altitude": 10.0} for n in range(20)]
+    await kill_during(socket, tmp_path, "waypoints_upload", 0.3, points=points, source="field.gpx")
+    async with procedure_rig(socket, tmp_path) as rig:
+        said = "waypoints_upload of field.gpx was cut off and the NaviCtrl's list may be incomplete"
+        assert any(said in text for text in rig.bus.texts())
+        await rig.until_ready()
+        assert (await rig.ask("waypoints_clear")).status == "accepted"
+        assert list(tmp_path.iterdir()) == []

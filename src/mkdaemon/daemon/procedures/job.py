@@ -8,15 +8,20 @@ from collections.abc import Awaitable, Callable
 from dataclasses import dataclass, field
 from typing import Any, Protocol
 
+import structlog
+
 from mkdaemon.clock import Clock
 from mkdaemon.daemon.audit import Outlet
 from mkdaemon.daemon.procedures.journal import Journal, Note
-from mkdaemon.errors import CommandRejectedError
-from mkdaemon.link.procedures import Observer
+from mkdaemon.errors import CommandRejectedError, LinkLostError, MkError
+from mkdaemon.link.link import Link
+from mkdaemon.link.procedures import InterruptedProcedureError, Observer
 from mkdaemon.protocol.procedures.steps import LiveSet, Progress
 from mkdaemon.protocol.wire import Board, WireMessage
 from mkdaemon.telemetry.procedure import ProcedureProgress, ProcedureState
 from mkdaemon.telemetry.refusals import Token, refuse
+
+_log = structlog.get_logger(__name__)
 
 KEY = "event/progress"
 """Where progress is published."""
@@ -155,3 +160,19 @@ class JobObserver:
 def state_of(error: Exception) -> ProcedureState:
     """How a procedure ended that raised this."""
     return ProcedureState.REFUSED if isinstance(error, CommandRejectedError) else ProcedureState.FAILED
+
+
+def refusal_for(verb: str, error: Exception, link: Link) -> CommandRejectedError:
+    """What to answer for an error that ended a procedure."""
+    match error:
+        case CommandRejectedError():
+            return error
+        case InterruptedProcedureError():
+            return refuse(Token.CANCELLED, name=verb, detail="somebody asked for that, or the daemon ends")
+        case LinkLostError():
+            condition = link.health().state.condition.value
+            return refuse(Token.LINK_DOWN, state=condition, detail=str(error))
+        case MkError():
+            return refuse(Token.PROCEDURE_FAILED, name=verb, detail=str(error))
+    _log.error("procedure failed", verb=verb, exc_info=error)
+    return refuse(Token.INTERNAL, detail=f"{type(error).__name__}: {error}")

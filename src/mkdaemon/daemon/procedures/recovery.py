@@ -6,8 +6,8 @@ from typing import Final, NamedTuple
 
 from mkdaemon.control.vehicle import VehicleFacts
 from mkdaemon.daemon.audit import Audit
+from mkdaemon.daemon.procedures.interlock import Interlock
 from mkdaemon.daemon.procedures.journal import Journal, Note
-from mkdaemon.daemon.procedures.occupancy import Occupancy
 from mkdaemon.link.link import Link
 from mkdaemon.protocol.procedures.live_set import Recovered
 from mkdaemon.telemetry.settings import OwedSet
@@ -26,9 +26,9 @@ class _Aircraft(NamedTuple):
 class Recovery:
     """Keeps the notes that are left, and says which one to act on."""
 
-    def __init__(self, journal: Journal, link: Link, facts: VehicleFacts, audit: Audit, occupancy: Occupancy) -> None:
+    def __init__(self, journal: Journal, link: Link, facts: VehicleFacts, audit: Audit, interlock: Interlock) -> None:
         """Read what an earlier daemon left."""
-        self._link, self._facts, self._audit, self._occupancy = link, facts, audit, occupancy
+        self._link, self._facts, self._audit, self._interlock = link, facts, audit, interlock
         self._others: dict[str, _Aircraft] = {}
         self._details: dict[str, str] = {}
         self._attempts = 0
@@ -65,7 +65,7 @@ class Recovery:
         if not self.notes:
             return None
         self._look_who_is_here()
-        note = self._occupancy.owed
+        note = self._interlock.owed
         if note is None or self._here is None or now < self._retry_at:
             return None
         if self._facts.motors_running(now) is not False:
@@ -132,9 +132,9 @@ class Recovery:
 
     def _find_owed(self) -> None:
         owed = next((note for note in self.notes if note.id not in self._others), None)
-        self._occupancy.owed = owed
+        self._interlock.owed = owed
         if owed is not None:
-            self._occupancy.detail = self._details.get(owed.id, "the FlightCtrl has not answered yet")
+            self._interlock.detail = self._details.get(owed.id, "the FlightCtrl has not answered yet")
 
 
 def _words(note: Note) -> str:

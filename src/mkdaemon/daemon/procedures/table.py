@@ -28,6 +28,7 @@ class ProcedureSpec:
         is_alone: motors must stand still and nobody may fly, unless the request says `in_flight`.
         writes: what is written, in words; the request must say `confirm`, unless it is a dry run.
         needs_live_set: it must not begin while a live set is owed.
+        changes_list: it leaves the waypoint list half written when it is cut off.
     """
 
     board: Board
@@ -35,6 +36,7 @@ class ProcedureSpec:
     is_alone: bool = True
     writes: str | None = None
     needs_live_set: bool = False
+    changes_list: bool = False
 
 
 _settings = partial(ProcedureSpec, Board.FC, needs_live_set=True)
@@ -50,8 +52,8 @@ PROCEDURES: Final[Mapping[str, ProcedureSpec]] = {
         make.settings_write,
         writes="parameters decide how the aircraft flies",
     ),
-    "waypoints_upload": ProcedureSpec(Board.NC, make.waypoints_upload),
-    "waypoints_clear": ProcedureSpec(Board.NC, make.waypoints_clear),
+    "waypoints_upload": ProcedureSpec(Board.NC, make.waypoints_upload, changes_list=True),
+    "waypoints_clear": ProcedureSpec(Board.NC, make.waypoints_clear, changes_list=True),
     "waypoints_read": ProcedureSpec(Board.NC, make.waypoints_read, is_alone=False),
     "waypoints_verify": ProcedureSpec(Board.NC, make.waypoints_verify, is_alone=False),
     "mixer_read": ProcedureSpec(Board.FC, make.mixer_read, is_alone=False),

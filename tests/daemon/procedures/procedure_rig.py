@@ -1,4 +1,4 @@
-"""A desk for procedures in virtual time: a real link, simulated boards, a journal in a real folder."""
+"""Procedures in virtual time: a real link, simulated boards, a journal in a real folder."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from mkdaemon.control.core import FlightCore
 from mkdaemon.control.vehicle import VehicleFacts
 from mkdaemon.daemon.audit import Audit
 from mkdaemon.daemon.eyes import Eyes
-from mkdaemon.daemon.procedures import Journal, Occupancy, ProcedureDesk
+from mkdaemon.daemon.procedures import Interlock, Journal, ProcedureRunner
 from mkdaemon.daemon.requests import BoardRequests
 from mkdaemon.daemon.sink import BusSink
 from mkdaemon.errors import CommandRejectedError
@@ -67,7 +67,7 @@ class Guard(BoardRequests):
         super().check_request(board, message, is_confirmed=is_confirmed)
 
 
-class Desk:
+class ProcedureRig:
     """One daemon's procedures on a line."""
 
     def __init__(self, socket: Socket, folder: Path) -> None:
@@ -80,16 +80,16 @@ class Desk:
         cfg = LinkConfig.model_validate({"port": "/dev/rig"})
         sink = BusSink(self.bus, core, audit, Eyes(None), clock)
         self.link = Link(cfg, sink, opener=socket.open, clock=clock, motors_running=facts.motors_running)
-        self.occupancy = Occupancy(lambda: self.phase)
+        self.interlock = Interlock(lambda: self.phase)
         self.journal = PromptJournal(folder)
         self.guard = Guard(CommandsConfig(), self.link, facts, audit, clock)
-        self.desk = ProcedureDesk(
+        self.runner = ProcedureRunner(
             self.link,
             facts,
             self.bus,
             audit,
             self.guard,
-            self.occupancy,
+            self.interlock,
             self.journal,
             LabelCache(None),
             clock,
@@ -104,7 +104,7 @@ class Desk:
     async def ask(self, verb: str, **fields: Any) -> CommandResult:
         """Ask for a verb, as the bus would."""
         try:
-            return await self.desk.verbs[verb](msgpack.packb(fields))
+            return await self.runner.verbs[verb](msgpack.packb(fields))
         except CommandRejectedError as error:
             return refused(error)
 
@@ -136,14 +136,14 @@ class Desk:
 
 
 @asynccontextmanager
-async def desk_on(socket: Socket, folder: Path) -> AsyncIterator[Desk]:
+async def procedure_rig(socket: Socket, folder: Path) -> AsyncIterator[ProcedureRig]:
     """Run the procedures of a daemon on a line while the context lives."""
-    desk = Desk(socket, folder)
-    desk.tasks = [asyncio.create_task(desk.desk.run()), asyncio.create_task(desk.link.run())]
+    rig = ProcedureRig(socket, folder)
+    rig.tasks = [asyncio.create_task(rig.runner.run()), asyncio.create_task(rig.link.run())]
     try:
-        yield desk
+        yield rig
     finally:
-        for task in desk.tasks:
+        for task in rig.tasks:
             task.cancel()
             await asyncio.gather(task, return_exceptions=True)
 

@@ -12,23 +12,22 @@ from contextlib import suppress
 from functools import partial
 from typing import Any, Final
 
-import structlog
-
 from mkdaemon.bus.codec import read_command, schema_name
 from mkdaemon.clock import Clock
 from mkdaemon.control.vehicle import VehicleFacts
 from mkdaemon.daemon.audit import Audit, Outlet
 from mkdaemon.daemon.discovery import require_discovery
-from mkdaemon.daemon.procedures.job import Guard, Job, JobObserver, state_of
+from mkdaemon.daemon.procedures.interlock import Interlock
+from mkdaemon.daemon.procedures.job import Guard, Job, JobObserver, refusal_for, state_of
 from mkdaemon.daemon.procedures.journal import Journal, Note
+from mkdaemon.daemon.procedures.lists import ListNote, UnfinishedList
 from mkdaemon.daemon.procedures.make import PATIENCE
-from mkdaemon.daemon.procedures.occupancy import Occupancy
 from mkdaemon.daemon.procedures.recovery import Recovery
 from mkdaemon.daemon.procedures.table import PROCEDURES, ProcedureSpec, request_model
-from mkdaemon.errors import CommandRejectedError, LinkLostError, MkError, RequestTimeoutError
+from mkdaemon.errors import CommandRejectedError
 from mkdaemon.link.labels import LabelCache, read_labels
 from mkdaemon.link.link import Link
-from mkdaemon.link.procedures import InterruptedProcedureError, Observer, run_procedure
+from mkdaemon.link.procedures import Observer, run_procedure
 from mkdaemon.protocol.procedures.live_set import recover_live_set
 from mkdaemon.protocol.wire import Board
 from mkdaemon.telemetry.base import Telemetry
@@ -45,10 +44,8 @@ LOOK: Final = 0.2
 MOTORS_WAIT: Final = 3.0
 """How long to wait for telemetry that tells whether the motors run [s]."""
 
-_log = structlog.get_logger(__name__)
 
-
-class ProcedureDesk:
+class ProcedureRunner:
     """Runs procedures; everything happens on the loop."""
 
     def __init__(
@@ -58,16 +55,17 @@ class ProcedureDesk:
         bus: Outlet,
         audit: Audit,
         guard: Guard,
-        occupancy: Occupancy,
+        interlock: Interlock,
         journal: Journal,
         labels: LabelCache,
         clock: Clock,
     ) -> None:
         """Read what an earlier daemon left in the journal; `run` does the work."""
         self._link, self._facts, self._bus, self._audit = link, facts, bus, audit
-        self._guard, self._occupancy, self._journal, self._labels = guard, occupancy, journal, labels
+        self._guard, self._interlock, self._journal, self._labels = guard, interlock, journal, labels
         self._clock = clock
-        self._recovery = Recovery(journal, link, facts, audit, occupancy)
+        self._list = UnfinishedList(journal.folder, audit)
+        self._recovery = Recovery(journal, link, facts, audit, interlock)
         self._job: Job | None = None
         self._news = asyncio.Event()
 
@@ -94,7 +92,7 @@ class ProcedureDesk:
         if not request.is_confirmed:
             raise refuse(Token.NOT_CONFIRMED, name=f"do/{verb}", detail=spec.writes, confirm=True)
         is_alone = (spec.is_alone and not request.allows_flight) or self._is_behind(spec.board)
-        admit = partial(self._occupancy.check_procedure, verb, is_alone=is_alone, needs_live_set=spec.needs_live_set)
+        admit = partial(self._interlock.check_procedure, verb, is_alone=is_alone, needs_live_set=spec.needs_live_set)
         admit()
         await require_discovery(self._link, self._facts.link)
         if is_alone:
@@ -102,9 +100,13 @@ class ProcedureDesk:
         admit()
 
         async def work(observer: Observer) -> Telemetry:
+            source = request.source if isinstance(request, WaypointsUploadRequest) else ""
+            if spec.changes_list:
+                at = self._clock.stamp().wall
+                await self._list.begin(ListNote(verb=verb, holder=request.holder, source=source, t_wall=at))
             reply = await run_procedure(self._link, spec.make(request), observer)
             if isinstance(reply, WaypointsStored):
-                source = request.source if isinstance(request, WaypointsUploadRequest) else ""
+                await self._list.end()
                 self._publish_mission(reply, source)
             return reply
 
@@ -132,7 +134,7 @@ class ProcedureDesk:
         kept = self._labels.find_for(board, self._link.dialect)
         if kept is None:
             is_behind = self._is_behind(board)
-            self._occupancy.check_procedure("labels", is_alone=is_behind, needs_live_set=False)
+            self._interlock.check_procedure("labels", is_alone=is_behind, needs_live_set=False)
 
             async def work(observer: Observer) -> tuple[str, ...]:
                 return await read_labels(self._link, board, self._labels, observer)
@@ -199,8 +201,8 @@ class ProcedureDesk:
     async def _queue(self, job: Job) -> Any:
         """Hand a job to `run` and wait for its end; who stops waiting does not stop it."""
         observer = self._observe(job)
-        self._job, self._occupancy.is_alone = job, job.is_alone
-        self._occupancy.running = observer.tell(ProcedureState.RUNNING, "begins")
+        self._job, self._interlock.is_alone = job, job.is_alone
+        self._interlock.running = observer.tell(ProcedureState.RUNNING, "begins")
         self._news.set()
         return await asyncio.shield(job.done)
 
@@ -213,8 +215,8 @@ class ProcedureDesk:
             note = self._recovery.due(self._clock.now())
             if note is not None and self._may_recover():
                 job = Job("recovery", "mkdaemon", partial(self._restore, note), is_alone=True, note_id=note.id)
-                self._job, self._occupancy.is_alone = job, True
-                self._occupancy.running = self._observe(job).tell(ProcedureState.RUNNING, "begins")
+                self._job, self._interlock.is_alone = job, True
+                self._interlock.running = self._observe(job).tell(ProcedureState.RUNNING, "begins")
                 break
             self._news.clear()
             with suppress(TimeoutError):
@@ -224,7 +226,7 @@ class ProcedureDesk:
 
     def _may_recover(self) -> bool:
         try:
-            self._occupancy.check_procedure("recovery", is_alone=True, needs_live_set=False)
+            self._interlock.check_procedure("recovery", is_alone=True, needs_live_set=False)
         except CommandRejectedError:
             return False
         return True
@@ -251,7 +253,7 @@ class ProcedureDesk:
     def _make_room(self, job: Job) -> None:
         """Let the next procedure begin; before whoever waited hears of the end and may ask for it."""
         if self._job is job:
-            self._job, self._occupancy.running, self._occupancy.is_alone = None, None, False
+            self._job, self._interlock.running, self._interlock.is_alone = None, None, False
 
     async def _work(self, job: Job, observer: JobObserver) -> None:
         """Run a job to its end, whatever that is; the end is published before whoever waits hears of it."""
@@ -259,7 +261,7 @@ class ProcedureDesk:
             result = await job.work(observer)
         except Exception as error:  # noqa: BLE001
             # One client's strange request must not end the flight of another: answer, log, go on.
-            refusal = self._refusal(job, error)
+            refusal = refusal_for(job.verb, error, self._link)
             observer.tell(state_of(error), f"{refusal.reason} {refusal.fix}", refusal.token)
             self._settle(job, observer, refusal)
             self._make_room(job)
@@ -274,23 +276,6 @@ class ProcedureDesk:
         """Whatever was left unproven is the recovery's from now on."""
         if observer.note is not None:
             self._recovery.add(observer.note)
-        owed = self._occupancy.owed
+        owed = self._interlock.owed
         if refusal is not None and owed is not None and owed.id == job.note_id and observer.note is None:
             self._recovery.failed(owed, refusal.reason, self._clock.now())
-
-    def _refusal(self, job: Job, error: Exception) -> CommandRejectedError:
-        """What to answer for an error."""
-        match error:
-            case CommandRejectedError():
-                return error
-            case InterruptedProcedureError():
-                return refuse(Token.CANCELLED, name=job.verb, detail="somebody asked for that, or the daemon ends")
-            case RequestTimeoutError():
-                return refuse(Token.PROCEDURE_FAILED, name=job.verb, detail=str(error))
-            case LinkLostError():
-                condition = self._link.health().state.condition.value
-                return refuse(Token.LINK_DOWN, state=condition, detail=str(error))
-            case MkError():
-                return refuse(Token.PROCEDURE_FAILED, name=job.verb, detail=str(error))
-        _log.error("procedure failed", verb=job.verb, exc_info=error)
-        return refuse(Token.INTERNAL, detail=f"{type(error).__name__}: {error}")

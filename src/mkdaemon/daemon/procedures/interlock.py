@@ -12,7 +12,7 @@ from mkdaemon.telemetry.procedure import ProcedureProgress
 from mkdaemon.telemetry.refusals import Token, refuse
 
 
-class Occupancy:
+class Interlock:
     """Keeps flying and procedures apart, and both away from a live set that is not proven.
 
     Attributes:

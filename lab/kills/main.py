@@ -16,12 +16,13 @@ import tempfile
 import time
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager, suppress
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated, Final
 
 from cyclopts import Parameter
 
+from lab.kills.record import RESTORED, Contents, Cut, Kill, summarise
 from lab.rigs.processes import VEHICLE, DaemonProcess, ObservedSimulation, connected, daemon_process
 from lab.rigs.waiting import PATIENCE
 from mkdaemon.cli.arguments import AsJson
@@ -32,42 +33,8 @@ from mkdaemon.errors import MkError
 from mkdaemon.sim.runtime import Runtime
 from mkdaemon.telemetry.settings import SettingsBackup, StoredSet
 
-RESTORED: Final = (1, 4)
-"""Sets that a restore changes; the active one is another."""
 LOOK: Final = 0.1
 """Time between two looks at whether the live set is proven [s]."""
-
-
-@dataclass(frozen=True, slots=True)
-class Kill:
-    """One kill and what was left.
-
-    Attributes:
-        victim: `mkctl` or `daemon`.
-        verb: `backup` or `restore`.
-        seed: of everything random in it.
-        moment: from the first progress to the kill [s].
-        was_other_set_live: another set than the right one was live at that moment.
-        is_live_same: the live set is byte-identical in the end, and the same one is active.
-        are_others_same: so is every stored set that was not to be changed.
-        is_half_written: a set to be restored is neither the old one nor the new one.
-        took: from the kill to the end of the procedure, or to the proof after the next start [s].
-    """
-
-    victim: str
-    verb: str
-    seed: int
-    moment: float
-    was_other_set_live: bool
-    is_live_same: bool
-    are_others_same: bool
-    is_half_written: bool
-    took: float
-
-    @property
-    def is_wrong(self) -> bool:
-        """Whether anything is not as it must be."""
-        return not (self.is_live_same and self.are_others_same) or self.is_half_written
 
 
 class Bench:
@@ -94,10 +61,10 @@ class Bench:
         sets = self.simulation.flight.eeprom.sets
         return {slot: sets[slot][:51] + self._rng.randbytes(3) + sets[slot][54:] for slot in RESTORED}
 
-    def snapshot(self) -> tuple[bytes, int, dict[int, bytes]]:
-        """The live set, the number of the active one, and what is stored."""
+    def contents(self) -> Contents:
+        """What the FlightCtrl holds now."""
         flight = self.simulation.flight
-        return flight.live.raw, flight.eeprom.active, dict(flight.eeprom.sets)
+        return Contents(flight.live.raw, flight.eeprom.active, dict(flight.eeprom.sets))
 
     async def ask(self, uav: Vehicle, verb: str, wanted: dict[int, bytes]) -> None:
         """Ask for the procedure and wait for its end."""
@@ -105,6 +72,15 @@ class Bench:
             await uav.read_settings()
         else:
             await uav.restore_settings(wanted)
+
+
+@asynccontextmanager
+async def open_bench(seed: int) -> AsyncIterator[Bench]:
+    """Run a simulated FlightCtrl while the context lasts."""
+    with tempfile.TemporaryDirectory() as name:
+        bench = Bench(seed, Path(name))
+        async with bench.runtime.serve():
+            yield bench
 
 
 async def measure(bench: Bench, uav: Vehicle) -> dict[str, float]:
@@ -120,7 +96,7 @@ async def measure(bench: Bench, uav: Vehicle) -> dict[str, float]:
 async def kill_mkctl(bench: Bench, uav: Vehicle, endpoint: str, verb: str, seed: int, length: float) -> Kill:
     """Kill the program that asked; the daemon must bring the procedure to its end."""
     rng = random.Random(f"mkctl {verb} {seed}")
-    wanted, before = bench.new_sets(), bench.snapshot()
+    wanted, before = bench.new_sets(), bench.contents()
     moment = rng.uniform(0.0, length)
     with tempfile.TemporaryDirectory() as name:
         words = ["backup", f"{name}/saved"]
@@ -142,20 +118,19 @@ async def kill_mkctl(bench: Bench, uav: Vehicle, endpoint: str, verb: str, seed:
                 await asyncio.sleep(moment)
                 with suppress(ProcessLookupError):
                     program.send_signal(signal.SIGKILL)
-                at, other = time.monotonic(), bench.simulation.flight.live.raw != before[0]
+                at, other = time.monotonic(), bench.contents().live != before.live
                 await program.wait()
                 state = first.fields["state"]
                 while state == "running":
                     state = (await anext(samples)).fields["state"]
-    return judge(bench, "mkctl", verb, seed, moment, other, before, wanted, time.monotonic() - at)
+    cut = Cut("mkctl", verb, seed, moment, before, wanted, other)
+    return cut.judge(bench.contents(), time.monotonic() - at)
 
 
-async def kill_daemon(
-    bench: Bench, daemon: DaemonProcess, uav: Vehicle, verb: str, seed: int, length: float
-) -> tuple[float, bool, tuple[bytes, int, dict[int, bytes]], dict[int, bytes]]:
-    """Begin a procedure and kill the daemon that runs it; returns what is needed to judge the next one."""
+async def kill_daemon(bench: Bench, daemon: DaemonProcess, uav: Vehicle, verb: str, seed: int, length: float) -> Cut:
+    """Begin a procedure and kill the daemon that runs it; what is left is judged after the next start."""
     rng = random.Random(f"daemon {verb} {seed}")
-    wanted, before = bench.new_sets(), bench.snapshot()
+    wanted, before = bench.new_sets(), bench.contents()
     moment = rng.uniform(0.0, length)
     async with uav.watch("event/progress") as samples:
         asking = asyncio.create_task(bench.ask(uav, verb, wanted), name=verb)
@@ -163,10 +138,10 @@ async def kill_daemon(
             await anext(samples)
         await asyncio.sleep(moment)
         await daemon.end(signal.SIGKILL)
-        other = bench.simulation.flight.live.raw != before[0]
+        other = bench.contents().live != before.live
         asking.cancel()
         await asyncio.gather(asking, return_exceptions=True)
-    return moment, other, before, wanted
+    return Cut("daemon", verb, seed, moment, before, wanted, other)
 
 
 async def wait_until_proven(uav: Vehicle) -> None:
@@ -185,37 +160,10 @@ async def wait_until_proven(uav: Vehicle) -> None:
             await asyncio.sleep(LOOK)
 
 
-def judge(
-    bench: Bench,
-    victim: str,
-    verb: str,
-    seed: int,
-    moment: float,
-    other: bool,
-    before: tuple[bytes, int, dict[int, bytes]],
-    wanted: dict[int, bytes],
-    took: float,
-) -> Kill:
-    """Compare what is left with what was there."""
-    live, active, sets = bench.snapshot()
-    changed = RESTORED if verb == "restore" else ()
-    return Kill(
-        victim=victim,
-        verb=verb,
-        seed=seed,
-        moment=round(moment, 3),
-        was_other_set_live=other,
-        is_live_same=(live, active) == before[:2],
-        are_others_same=all(sets[slot] == raw for slot, raw in before[2].items() if slot not in changed),
-        is_half_written=any(sets[slot] not in (before[2][slot], wanted[slot]) for slot in changed),
-        took=round(took, 3),
-    )
-
-
 async def run_mkctl_kills(runs: int, seed: int) -> AsyncIterator[Kill]:
     """Kill mkctl so many times in a backup and in a restore, beside one daemon."""
     async with (
-        _bench(seed) as bench,
+        open_bench(seed) as bench,
         daemon_process(bench.port, bench.folder) as daemon,
         connected(daemon.endpoint) as uav,
     ):
@@ -228,52 +176,20 @@ async def run_mkctl_kills(runs: int, seed: int) -> AsyncIterator[Kill]:
 
 async def run_daemon_kills(runs: int, seed: int) -> AsyncIterator[Kill]:
     """Kill the daemon so many times in a backup and in a restore; each next one is the victim after it."""
-    async with _bench(seed) as bench:
+    async with open_bench(seed) as bench:
         lengths: dict[str, float] = {}
-        pending: tuple[str, int, float, bool, tuple[bytes, int, dict[int, bytes]], dict[int, bytes]] | None = None
+        cut: Cut | None = None
         plan = [(verb, seed + number) for number in range(runs) for verb in ("backup", "restore")]
         for verb, number in [*plan, ("", 0)]:
             began = time.monotonic()
             async with daemon_process(bench.port, bench.folder) as daemon, connected(daemon.endpoint) as uav:
                 await wait_until_proven(uav)
-                if pending is not None:
-                    before_verb, before_seed, moment, other, before, wanted = pending
-                    took = time.monotonic() - began
-                    yield judge(bench, "daemon", before_verb, before_seed, moment, other, before, wanted, took)
+                if cut is not None:
+                    yield cut.judge(bench.contents(), time.monotonic() - began)
                 if not verb:
                     break
                 lengths = lengths or await measure(bench, uav)
-                pending = (verb, number, *await kill_daemon(bench, daemon, uav, verb, number, lengths[verb]))
-
-
-@asynccontextmanager
-async def _bench(seed: int) -> AsyncIterator[Bench]:
-    with tempfile.TemporaryDirectory() as name:
-        bench = Bench(seed, Path(name))
-        async with bench.runtime.serve():
-            yield bench
-
-
-def summarise(kills: list[Kill]) -> list[dict[str, object]]:
-    """Counts by victim and procedure."""
-    rows = []
-    for victim, verb in dict.fromkeys((kill.victim, kill.verb) for kill in kills):
-        these = [kill for kill in kills if (kill.victim, kill.verb) == (victim, verb)]
-        times = sorted(kill.took for kill in these)
-        rows.append(
-            {
-                "victim": victim,
-                "verb": verb,
-                "runs": len(these),
-                "live_set_same": sum(kill.is_live_same for kill in these),
-                "other_sets_same": sum(kill.are_others_same for kill in these),
-                "half_written": sum(kill.is_half_written for kill in these),
-                "other_set_live_at_the_kill": sum(kill.was_other_set_live for kill in these),
-                "until_proven_p50": times[len(times) // 2],
-                "until_proven_max": times[-1],
-            }
-        )
-    return rows
+                cut = await kill_daemon(bench, daemon, uav, verb, number, lengths[verb])
 
 
 async def _run(runs: int, seed: int) -> list[Kill]:

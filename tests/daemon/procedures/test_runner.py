@@ -1,0 +1,209 @@
+"""Procedures as verbs of the daemon: one at a time, not beside flying, and the board left as promised."""
+
+from __future__ import annotations
+
+import asyncio
+
+import pytest
+
+from lab.rigs.linkrig import flight_ctrl, navi_ctrl, virtually
+from mkdaemon.errors import CommandRejectedError
+from mkdaemon.protocol.messages import SettingsRequest
+from mkdaemon.protocol.wire import Board
+from mkdaemon.telemetry.control import Phase
+from mkdaemon.telemetry.refusals import Token, refuse
+from tests.daemon.procedures.procedure_rig import plug_in, procedure_rig
+
+
+@pytest.mark.parametrize("make", [flight_ctrl(), navi_ctrl()], ids=["fc", "nc"])
+@virtually
+async def test_a_backup_answers_with_the_sets_and_publishes_its_progress(make, tmp_path):
+    async with procedure_rig(plug_in(make), tmp_path) as rig:
+        await rig.until_ready()
+        live = rig.flight.live.raw
+        result = await rig.ask("settings_backup", holder="tester")
+        assert (result.status, result.reply_type) == ("accepted", "SettingsBackup.v1")
+        assert {one.slot: one.raw[: len(live)] for one in result.reply["sets"]} == rig.flight.eeprom.sets
+        assert rig.flight.live.raw == live
+        assert rig.steps() == [("settings_backup", "running"), ("settings_backup", "done")]
+        progress = rig.bus.values("event/progress")
+        assert {value.holder for value in progress} == {"tester"}
+        assert len({value.id for value in progress}) == 1
+        assert list(tmp_path.iterdir()) == []
+
+
+@virtually
+async def test_a_second_procedure_is_busy_and_names_the_first(tmp_path):
+    async with procedure_rig(plug_in(flight_ctrl()), tmp_path) as rig:
+        await rig.until_ready()
+        first = asyncio.create_task(rig.ask("settings_backup", holder="first"))
+        await rig.until(lambda: rig.interlock.running)
+        second = await rig.ask("mixer_read")
+        assert (second.status, second.token) == ("busy", "busy")
+        assert "settings_backup for first is under way" in second.reason
+        assert (await first).status == "accepted"
+        assert (await rig.ask("mixer_read")).status == "accepted"
+
+
+@virtually
+async def test_who_stops_waiting_does_not_stop_the_procedure(tmp_path):
+    async with procedure_rig(plug_in(flight_ctrl()), tmp_path) as rig:
+        await rig.until_ready()
+        asked = asyncio.create_task(rig.ask("settings_backup"))
+        await rig.until(lambda: rig.flight.live.raw == rig.flight.eeprom.sets[2])
+        asked.cancel()
+        await rig.until(lambda: ("settings_backup", "done") in rig.steps())
+        assert rig.flight.live.raw == rig.flight.eeprom.sets[3]
+
+
+@virtually
+async def test_a_cancelled_procedure_leaves_the_live_set(tmp_path):
+    async with procedure_rig(plug_in(flight_ctrl()), tmp_path) as rig:
+        await rig.until_ready()
+        assert (await rig.ask("cancel")).token == "no_procedure"
+        asked = asyncio.create_task(rig.ask("settings_backup"))
+        await rig.until(lambda: rig.flight.live.raw == rig.flight.eeprom.sets[2])
+        assert (await rig.ask("cancel", id="another")).token == "no_procedure"
+        assert (await rig.ask("cancel")).reply["verb"] == "settings_backup"
+        assert (await asked).token == "cancelled"
+        assert rig.flight.live.raw == rig.flight.eeprom.sets[3]
+        assert list(tmp_path.iterdir()) == []
+
+
+@virtually
+async def test_procedures_and_flying_exclude_each_other(tmp_path):
+    async with procedure_rig(plug_in(flight_ctrl()), tmp_path) as rig:
+        await rig.until_ready()
+        rig.phase = Phase.LEASED
+        result = await rig.ask("settings_backup")
+        assert (result.token, "control is leased" in result.reason) == ("flying", True)
+        rig.phase = Phase.FREE
+        with rig.interlock.taking_lease():
+            assert (await rig.ask("settings_backup")).token == "flying"
+        asked = asyncio.create_task(rig.ask("settings_backup"))
+        await rig.until(lambda: rig.interlock.running)
+        with pytest.raises(CommandRejectedError, match="settings_backup is under way"), rig.interlock.taking_lease():
+            pass
+        with pytest.raises(CommandRejectedError, match="settings_backup is under way"):
+            rig.interlock.check_request(Board.FC)
+        await asked
+        rig.interlock.check_request(Board.FC)
+
+
+@virtually
+async def test_what_writes_must_be_confirmed_and_what_only_looks_need_not(tmp_path):
+    async with procedure_rig(plug_in(flight_ctrl()), tmp_path) as rig:
+        await rig.until_ready()
+        for verb, fields in (
+            ("settings_restore", {"sets": [{"slot": 1, "raw": b"j"}]}),
+            ("settings_write", {"values": {"gyro_p": 7}}),
+            ("mixer_write", {"name": "x", "motors": [0] * 64}),
+            ("motor_controllers_write", {"motor": 1}),
+            ("settings_recover", {"action": "discard"}),
+        ):
+            assert (await rig.ask(verb, **fields)).token == "not_confirmed"
+        result = await rig.ask("settings_write", values={"gyro_p": 7}, dry_run=True)
+        assert (result.status, result.reply["written"]) == ("accepted", ())
+        assert result.reply["stored"] != result.reply["before"]
+
+
+@virtually
+async def test_parameters_are_written_by_name_and_read_back(tmp_path):
+    async with procedure_rig(plug_in(flight_ctrl()), tmp_path) as rig:
+        await rig.until_ready()
+        result = await rig.ask("settings_write", values={"external_control": "poti2"}, slot=1, confirm=True)
+        assert result.reply["written"] == (1, 3)
+        assert rig.flight.eeprom.sets[1][98] == 254
+        assert rig.flight.live.raw == rig.flight.eeprom.sets[3]
+        for values in ({"gyro_q": 1}, {"gyro_p": 300}, {"gyro_p": "much"}):
+            result = await rig.ask("settings_write", values=values, confirm=True)
+            assert (result.token, rig.flight.live.raw) == ("bad_value", rig.flight.eeprom.sets[3])
+        assert list(tmp_path.iterdir()) == []
+
+
+@virtually
+async def test_sets_are_compared_and_restored(tmp_path):
+    async with procedure_rig(plug_in(flight_ctrl()), tmp_path) as rig:
+        await rig.until_ready()
+        sets = [{"slot": one.slot, "raw": one.raw} for one in (await rig.ask("settings_backup")).reply["sets"]]
+        assert (await rig.ask("settings_compare", sets=sets)).reply["differing"] == ()
+        before = rig.flight.eeprom.sets[4]
+        rig.flight.eeprom.sets[4] = before[:30] + bytes((before[30] ^ 1,)) + before[31:]
+        assert (await rig.ask("settings_compare", sets=sets)).reply["differing"] == (4,)
+        assert (await rig.ask("settings_restore", sets=sets, confirm=True)).reply["written"] == (4, 3)
+        assert rig.flight.eeprom.sets[4] == before
+
+
+@virtually
+async def test_motors_that_start_end_a_procedure_and_the_live_set_is_owed(tmp_path):
+    async with procedure_rig(plug_in(flight_ctrl()), tmp_path) as rig:
+        await rig.until_ready()
+
+        def refuse_sets(message):
+            if isinstance(message, SettingsRequest) and message.index != 255:
+                raise refuse(Token.MOTORS_RUNNING, name="settings_request", detail="must not meet them")
+
+        asked = asyncio.create_task(rig.ask("settings_backup"))
+        await rig.until(lambda: rig.flight.live.raw == rig.flight.eeprom.sets[2])
+        rig.guard.refusal = refuse_sets
+        assert (await asked).token == "live_set_unproven"
+        assert rig.interlock.owed is not None
+        assert (await rig.ask("settings_backup")).token == "live_set_owed"
+        with pytest.raises(CommandRejectedError, match="live_set_owed"), rig.interlock.taking_lease():
+            pass
+        rig.guard.refusal = lambda message: None
+        await rig.until(lambda: rig.interlock.owed is None)
+        assert rig.flight.live.raw == rig.flight.eeprom.sets[3]
+        assert any("is live, byte for byte as before" in text for text in rig.bus.texts())
+
+
+@virtually
+async def test_without_a_place_for_the_note_nothing_is_put_at_risk(tmp_path):
+    (tmp_path / "file").write_text("")
+    async with procedure_rig(plug_in(flight_ctrl()), tmp_path / "file") as rig:
+        await rig.until_ready()
+        result = await rig.ask("settings_backup")
+        assert (result.token, rig.flight.live.raw) == ("journal_unwritable", rig.flight.eeprom.sets[3])
+
+
+@virtually
+async def test_a_mission_goes_up_and_the_event_says_so(tmp_path):
+    async with procedure_rig(plug_in(navi_ctrl()), tmp_path) as rig:
+        await rig.until_ready()
+        points = [{"latitude_deg": 53.0 + n / 1e4, "longitude_deg": 8.0, "altitude": 10.0} for n in range(5)]
+        up = await rig.ask("waypoints_upload", points=points, source="field.gpx")
+        assert (up.status, up.reply["count"]) == ("accepted", 5)
+        [event] = rig.bus.values("event/mission")
+        assert (event.action, event.count, event.source) == ("uploaded", 5, "field.gpx")
+        down = await rig.ask("waypoints_read")
+        assert [point.latitude_deg for point in down.reply["points"]] == [point["latitude_deg"] for point in points]
+        assert (await rig.ask("waypoints_verify", points=points)).reply["differences"] == ()
+        found = (await rig.ask("waypoints_verify", points=points[:4])).reply["differences"]
+        assert found == ("point 5 is one too many",)
+        assert (await rig.ask("waypoints_clear")).reply["count"] == 0
+
+
+@virtually
+async def test_mixer_and_motor_controllers_are_written_and_read_back(tmp_path):
+    async with procedure_rig(plug_in(flight_ctrl()), tmp_path) as rig:
+        await rig.until_ready()
+        table = (await rig.ask("mixer_read")).reply
+        motors = [*table["motors"][:4], *([1, 2, 3, 4] * 15)]
+        stored = await rig.ask("mixer_write", name="odd", motors=motors, confirm=True)
+        assert (stored.reply["name"], list(stored.reply["motors"])) == ("odd", motors)
+        changed = await rig.ask("motor_controllers_write", motor=2, current_limit=20, confirm=True)
+        assert [one.current_limit for one in changed.reply["controllers"]] == [20]
+        read = await rig.ask("motor_controllers_read", motors=[1, 2])
+        assert [(one.motor, one.current_limit) for one in read.reply["controllers"]][1] == (2, 20)
+
+
+@virtually
+async def test_labels_are_a_procedure_once_and_kept_afterwards(tmp_path):
+    async with procedure_rig(plug_in(navi_ctrl()), tmp_path) as rig:
+        await rig.until_ready()
+        first = await rig.ask("labels", board="fc")
+        assert len(first.reply["names"]) == 32
+        assert ("labels", "done") in rig.steps()
+        told = len(rig.bus.values("event/progress"))
+        assert (await rig.ask("labels", board="fc")).reply == first.reply
+        assert len(rig.bus.values("event/progress")) == told

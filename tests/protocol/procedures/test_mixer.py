@@ -1,0 +1,99 @@
+"""Mixer and motor controllers: stored, read back, compared; what a board refuses or changes is told."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import pytest
+
+from mkdaemon.errors import CommandRejectedError
+from mkdaemon.protocol.flags import MotorControllerStatus
+from mkdaemon.protocol.messages import (
+    Mixer,
+    MixerRequest,
+    MixerWritten,
+    MotorController,
+    MotorControllerRequest,
+    MotorControllerWritten,
+    WriteMixer,
+    WriteMotorController,
+)
+from mkdaemon.protocol.procedures import Patience
+from mkdaemon.protocol.procedures.mixer import write_mixer
+from mkdaemon.protocol.procedures.motor_controllers import change_motor_controller, read_motor_controller
+from mkdaemon.protocol.wire import WireMessage
+
+from .talk import Reply, drive
+
+PATIENCE = Patience(2)
+WANTED = WriteMixer(name="Quadro", motors=(64, 64, 0, 64) * 16)
+OTHER = (64, 64, 0, 64) * 15 + (1, 2, 3, 4)
+
+
+def mixer_board(stored: int, name: str, motors: tuple[int, ...]) -> Callable[[WireMessage], Reply]:
+    def answer(message: WireMessage) -> Reply:
+        if isinstance(message, WriteMixer):
+            return MixerWritten(stored=stored)
+        assert isinstance(message, MixerRequest)
+        return Mixer(name=name, motors=motors)
+
+    return answer
+
+
+def test_a_mixer_is_stored_and_read_back() -> None:
+    stored = drive(write_mixer(WANTED, PATIENCE), mixer_board(1, "Quadro", WANTED.motors))
+    assert (stored.name, stored.motors) == ("Quadro", WANTED.motors)
+
+
+@pytest.mark.parametrize(
+    ("board", "words"),
+    [
+        (mixer_board(0, "Quadro", WANTED.motors), "mixer_refused"),
+        (mixer_board(1, "Quadro", OTHER), r"mixer_differs: .*rows \[16\]"),
+        (mixer_board(1, "Hexa", WANTED.motors), "mixer_differs: .*its name"),
+    ],
+)
+def test_a_mixer_that_is_not_the_one_sent_is_told(board: Callable[[WireMessage], Reply], words: str) -> None:
+    with pytest.raises(CommandRejectedError, match=words):
+        drive(write_mixer(WANTED, PATIENCE), board)
+
+
+def controller_board(*, read: int = 1, written: int = 1, keeps: bool = True) -> Callable[[WireMessage], Reply]:
+    state = {"current_limit": 30}
+
+    def answer(message: WireMessage) -> Reply:
+        if isinstance(message, WriteMotorController):
+            if keeps:
+                state["current_limit"] = message.current_limit
+            return MotorControllerWritten(done=written, status=MotorControllerStatus.MOTORS_RUNNING)
+        assert isinstance(message, MotorControllerRequest)
+        found = MotorController.decode(bytes((read, 1, message.motor, 2, 0, 255, 30, 99, 64, 0, 7)))
+        return found.model_copy(update=state)
+
+    return answer
+
+
+def test_a_motor_controller_is_changed_and_read_back() -> None:
+    procedure = change_motor_controller(3, {"current_limit": 20}, PATIENCE, reverse=None, save=False)
+    assert drive(procedure, controller_board()).current_limit == 20
+
+
+@pytest.mark.parametrize(
+    ("board", "words"),
+    [
+        (controller_board(read=0), "motor_controller_refused: motor controller 3"),
+        (controller_board(written=0), "motor_controller_refused: motor controller 3: motors running"),
+        (controller_board(keeps=False), "motor_controller_differs: motor controller 3: current_limit is 30, not 20"),
+    ],
+)
+def test_a_motor_controller_that_does_not_follow_is_told(board: Callable[[WireMessage], Reply], words: str) -> None:
+    with pytest.raises(CommandRejectedError, match=words):
+        drive(change_motor_controller(3, {"current_limit": 20}, PATIENCE, reverse=None, save=False), board)
+
+
+def test_an_answer_about_another_motor_is_none() -> None:
+    def other(message: WireMessage) -> Reply:
+        return MotorController.decode(bytes((1, 0, 4, 2, 0, 255, 30, 99, 64, 0, 7)))
+
+    with pytest.raises(Exception, match="configuration of motor controller 3: no answer"):
+        drive(read_motor_controller(3, PATIENCE), other)

@@ -1,0 +1,54 @@
+"""Files that are whole or not there."""
+
+from __future__ import annotations
+
+import os
+
+import pytest
+
+from mkdaemon.files import flush_folder, write_whole
+
+
+def test_text_and_bytes_are_written_and_nothing_else_is_left(tmp_path):
+    write_whole(tmp_path / "text", "käse\n")
+    write_whole(tmp_path / "bytes", b"\x00\xff")
+    assert (tmp_path / "text").read_text(encoding="utf-8") == "käse\n"
+    assert (tmp_path / "bytes").read_bytes() == b"\x00\xff"
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["bytes", "text"]
+
+
+def test_a_file_that_is_there_is_only_replaced_when_asked_for(tmp_path):
+    file = tmp_path / "file"
+    write_whole(file, "old")
+    with pytest.raises(FileExistsError):
+        write_whole(file, "new")
+    assert file.read_text() == "old"
+    write_whole(file, "new", overwrite=True)
+    assert file.read_text() == "new"
+
+
+def test_a_full_disk_leaves_the_old_file(tmp_path, monkeypatch):
+    file = tmp_path / "file"
+    write_whole(file, "old")
+
+    def full(number):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(os, "fsync", full)
+    with pytest.raises(OSError, match="No space left"):
+        write_whole(file, "new", overwrite=True)
+    assert file.read_text() == "old"
+    assert list(tmp_path.iterdir()) == [file]
+
+
+def test_the_usual_permissions_are_given(tmp_path):
+    before = os.umask(0o027)
+    try:
+        write_whole(tmp_path / "file", "text")
+    finally:
+        os.umask(before)
+    assert (tmp_path / "file").stat().st_mode & 0o777 == 0o640
+
+
+def test_a_folder_that_cannot_be_flushed_is_no_error(tmp_path):
+    flush_folder(tmp_path / "absent")
