@@ -49,7 +49,7 @@ class BoardVehicle(Vehicle):
         return Answer("accepted", msgpack.unpackb(encode_map(dict(reply))))
 
     @asynccontextmanager
-    async def _watch_unchecked(self, *patterns: str) -> AsyncIterator[AsyncIterator[Any]]:
+    async def watch(self, *patterns: str) -> AsyncIterator[AsyncIterator[Any]]:
         async def none() -> AsyncIterator[Any]:
             for _ in ():
                 yield
