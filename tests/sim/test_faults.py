@@ -7,7 +7,8 @@ import math
 import pytest
 
 from mkdaemon.errors import CommandRejectedError
-from mkdaemon.sim.faults import FAULTS, FaultChoice, FaultNumber, Faults, Reader
+from mkdaemon.sim.faults import Faults
+from mkdaemon.telemetry.sim_faults import FAULTS, FaultChoice, FaultNumber, Reader
 
 NAMES = (
     "motor_weak",

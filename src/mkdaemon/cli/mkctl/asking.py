@@ -2,28 +2,15 @@
 
 from __future__ import annotations
 
-import asyncio
-from collections.abc import Mapping
-from typing import Any, Final, Protocol
-
-from mkdaemon.client import Answer
-from mkdaemon.client.samples import message_from
+from mkdaemon.client import Vehicle
+from mkdaemon.errors import CommandRejectedError
 from mkdaemon.protocol.wire import Board, WireMessage
-from mkdaemon.telemetry.refusals import Status
+from mkdaemon.telemetry.refusals import REFUSALS, Status
 
-_NO_ANSWER: Final = frozenset({Status.TIMEOUT, Status.BUSY})
-_BUSY_WAIT: Final = 0.2
-"""Before asking again what the daemon was too busy for [s]."""
+_NO_ANSWER = frozenset({Status.TIMEOUT, Status.BUSY})
 
 
-class Commander(Protocol):
-    """What is needed of a client."""
-
-    async def command(self, target: str, name: str, fields: Mapping[str, Any] | None = None) -> Answer:
-        """Ask a board something."""
-
-
-async def ask_board(client: Commander, board: Board, message: WireMessage) -> WireMessage | None:
+async def ask_board(uav: Vehicle, board: Board, message: WireMessage) -> WireMessage | None:
     """Send one request through the daemon and return the answer as a message; None where none came in time.
 
     The user has asked for what the message does, so the daemon's question for confirmation is answered here.
@@ -32,12 +19,10 @@ async def ask_board(client: Commander, board: Board, message: WireMessage) -> Wi
         CommandRejectedError: the daemon refused it; says token, reason and fix.
         MkError: no daemon.
     """
-    fields = message.model_dump()
-    if message.spec.danger is not None:
-        fields["confirm"] = True
-    answer = await client.command(board.word, message.spec.key, fields)
-    if answer.status == Status.BUSY:
-        await asyncio.sleep(_BUSY_WAIT)
-    if answer.status in _NO_ANSWER:
-        return None
-    return message_from(answer.reply_type, answer.require())
+    try:
+        return await uav.request(board, message, confirm=message.spec.danger is not None)
+    except CommandRejectedError as error:
+        refusal = REFUSALS.get(error.token)
+        if refusal is not None and refusal.status in _NO_ANSWER:
+            return None
+        raise

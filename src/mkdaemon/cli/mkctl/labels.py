@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 import json
-from typing import Annotated, Final, Literal
+from typing import Annotated, Literal
 
 from cyclopts import Parameter
 
 from mkdaemon.cli.mkctl.connection import HERE, Connection
-
-LONGEST: Final = 60.0
-"""Longest time for 32 labels in the background of a busy line, or of a board behind a NaviCtrl [s]."""
 
 
 async def labels(
@@ -20,9 +17,8 @@ async def labels(
     connection: Connection = HERE,
 ) -> None:
     """Read all 32 labels; the daemon keeps them by firmware, and by their checksum where the board tells one."""
-    async with connection.open() as client:
-        answer = await client.command("do", "labels", {"board": board}, patience=LONGEST)
-    names = tuple(answer.require()["names"])
+    async with connection.open() as uav:
+        names = await uav.labels(board)
     if connection.json:
         print(json.dumps(names))
         return

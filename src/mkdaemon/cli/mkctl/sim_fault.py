@@ -9,7 +9,7 @@ from cyclopts import App, Parameter
 from mkdaemon.cli.mkctl.connection import HERE, Connection
 from mkdaemon.cli.printing import json_line
 from mkdaemon.errors import ConfigError
-from mkdaemon.sim.faults import FAULTS, FaultNumber, FaultSpec
+from mkdaemon.telemetry.sim_faults import FAULTS, FaultNumber, FaultSpec
 
 app: Final = App(name="sim", help="What goes wrong in a running simulator. An aircraft has no such command.")
 
