@@ -9,6 +9,7 @@ from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
+from mkdaemon.stamp import Stamp
 from mkdaemon.telemetry.base import Telemetry
 from mkdaemon.telemetry.procedure import ConfirmedRequest, ProcedureRequest
 
@@ -143,8 +144,8 @@ class OwedSet(BaseModel):
     """What it was."""
     holder: str
     """Who had asked."""
-    t_wall: float
-    """When the note was taken, Unix time [s]."""
+    stamp: Stamp
+    """When the note was taken."""
     firmware: str
     """Release of the FlightCtrl it is about."""
     active: int

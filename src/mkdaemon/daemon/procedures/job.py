@@ -120,7 +120,7 @@ class JobObserver:
             id=job.note_id,
             verb=job.verb,
             holder=job.holder,
-            t_wall=self._clock.stamp().wall,
+            stamp=self._clock.stamp(),
             firmware=wanted.firmware,
             active=wanted.active,
             live=wanted.live,

@@ -16,6 +16,7 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 from mkdaemon.config.vehicle import VehicleConfig
 from mkdaemon.files import flush_folder, write_whole
 from mkdaemon.protocol.procedures.steps import LiveSet
+from mkdaemon.stamp import Stamp
 
 _PREFIX: Final = "live-set-"
 _VERSION: Final = 1
@@ -34,8 +35,8 @@ class Note(BaseModel):
     """What it is."""
     holder: str
     """Who asked for it."""
-    t_wall: float
-    """When the note was taken, Unix time [s]."""
+    stamp: Stamp
+    """When the note was taken."""
     board: str = "fc"
     """Whose sets."""
     firmware: str
@@ -69,7 +70,7 @@ class Journal:
                 notes.append(Note.model_validate_json(path.read_bytes()))
             except (OSError, ValidationError):
                 strange.append(path)
-        return sorted(notes, key=lambda note: note.t_wall), strange
+        return sorted(notes, key=lambda note: note.stamp.wall), strange
 
     async def keep(self, note: Note) -> None:
         """Keep a note; returns when it is on the disk, which may take longer than control can wait.

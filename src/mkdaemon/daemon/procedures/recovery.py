@@ -97,7 +97,7 @@ class Recovery:
         """Every note, for a client."""
         return tuple(
             OwedSet(
-                **{name: getattr(note, name) for name in ("id", "verb", "holder", "t_wall", "firmware", "active")},
+                **{name: getattr(note, name) for name in ("id", "verb", "holder", "stamp", "firmware", "active")},
                 is_owed=note.id not in self._others,
                 detail=self._details.get(note.id, "the FlightCtrl has not answered yet"),
             )
