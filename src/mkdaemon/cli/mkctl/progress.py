@@ -13,7 +13,7 @@ from mkdaemon.telemetry.procedure import ProcedureProgress
 
 
 @asynccontextmanager
-async def following(uav: Vehicle, title: str, *, quiet: bool = False) -> AsyncIterator[OnProgress]:
+async def showing_progress(uav: Vehicle, title: str, *, quiet: bool = False) -> AsyncIterator[OnProgress]:
     """Show a bar on standard error while the context lives; nothing when `quiet` or no terminal is there.
 
     Ctrl-C meanwhile ends the procedure as well, which leaves the board as it promises to; whoever is killed ends only

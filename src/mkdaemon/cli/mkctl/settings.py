@@ -9,7 +9,7 @@ from typing import Annotated, Literal
 from cyclopts import App, Parameter
 
 from mkdaemon.cli.mkctl.connection import HERE, Connection
-from mkdaemon.cli.mkctl.progress import following
+from mkdaemon.cli.mkctl.progress import showing_progress
 from mkdaemon.client.settings import ALL_SLOTS
 from mkdaemon.client.settings_files import Source, check_target, read_sets, write_backup
 from mkdaemon.errors import CommandRejectedError, ConfigError
@@ -91,7 +91,7 @@ async def diff(first: Saved, second: Other = None, /, *, connection: Connection 
         if before.keys() != after.keys() and len(before) == len(after) == 1:
             after = dict(zip(before, after.values(), strict=True))
     else:
-        async with connection.open() as uav, following(uav, "read", quiet=connection.json) as report:
+        async with connection.open() as uav, showing_progress(uav, "read", quiet=connection.json) as report:
             after = _sets((await uav.compare_settings(_raw(before), on_progress=report)).stored)
     changes = {slot: spell_changes(source.parameters, after[slot]) for slot, source in before.items() if slot in after}
     _print_changes(connection, changes, "{name} is {before} in the first and {after} in the second")
@@ -120,7 +120,7 @@ async def restore(
         if source_set.parameters.layout is None:
             msg = f"{source_set.name}: {source_set.parameters.reason}; such sets are a record and never written"
             raise ConfigError(msg)
-    async with connection.open() as uav, following(uav, "write", quiet=connection.json) as report:
+    async with connection.open() as uav, showing_progress(uav, "write", quiet=connection.json) as report:
         done = await uav.restore_settings(_raw(sets), dry_run=dry_run, on_progress=report)
     _print_written(connection, {slot: found.parameters for slot, found in sets.items()}, done, dry_run=dry_run)
 
@@ -137,7 +137,7 @@ async def edit(*changes: Changes, slot: Slot = None, dry_run: DryRun = False, co
     if not wanted:
         msg = "nothing to change; write NAME=VALUE, for example gyro_p=85 (`mkctl settings show` lists names)"
         raise ConfigError(msg)
-    async with connection.open() as uav, following(uav, "write", quiet=connection.json) as report:
+    async with connection.open() as uav, showing_progress(uav, "write", quiet=connection.json) as report:
         try:
             done = await uav.write_settings(wanted, slot, dry_run=dry_run, on_progress=report)
         except CommandRejectedError as error:
@@ -182,7 +182,7 @@ async def recover(
 
 
 async def _read(connection: Connection, slots: tuple[int, ...]) -> SettingsBackup:
-    async with connection.open() as uav, following(uav, "read", quiet=connection.json) as report:
+    async with connection.open() as uav, showing_progress(uav, "read", quiet=connection.json) as report:
         return await uav.read_settings(slots, on_progress=report)
 
 

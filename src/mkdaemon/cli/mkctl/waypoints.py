@@ -10,7 +10,7 @@ from typing import Annotated
 from cyclopts import App, Parameter
 
 from mkdaemon.cli.mkctl.connection import HERE, Connection
-from mkdaemon.cli.mkctl.progress import following
+from mkdaemon.cli.mkctl.progress import showing_progress
 from mkdaemon.errors import MkError
 from mkdaemon.missions import read_mission, refuse_existing, write_mission
 from mkdaemon.telemetry.mission import Mission
@@ -41,7 +41,7 @@ async def upload(
 ) -> None:
     """Replace the NaviCtrl's list by a mission, read it back and compare every byte."""
     mission = read_mission(file, start_elevation=start_elevation, altitude=altitude)
-    async with connection.open() as uav, following(uav, "upload", quiet=connection.json) as report:
+    async with connection.open() as uav, showing_progress(uav, "upload", quiet=connection.json) as report:
         done = await uav.upload_waypoints(mission, source=str(file), in_flight=in_flight, on_progress=report)
     text = f"{done.count} points stored and read back, content {done.digest[:16]}"
     _say(connection, text, count=done.count, digest=done.digest, rounds=done.rounds, writes=done.writes)
@@ -56,7 +56,7 @@ async def download(file: MissionFile, /, *, force: Force = False, connection: Co
         MkError: the list is empty or could not be read, or the file cannot be written.
     """
     refuse_existing(file, overwrite=force)
-    async with connection.open() as uav, following(uav, "download", quiet=connection.json) as report:
+    async with connection.open() as uav, showing_progress(uav, "download", quiet=connection.json) as report:
         found = await uav.waypoints(on_progress=report)
     if not found.points:
         msg = "the NaviCtrl holds no points; nothing was written"
@@ -77,7 +77,7 @@ async def verify(
 ) -> int:
     """Compare the NaviCtrl's list with a mission; changes nothing. Exit code 1 where they differ."""
     mission = read_mission(file, start_elevation=start_elevation, altitude=altitude)
-    async with connection.open() as uav, following(uav, "verify", quiet=connection.json) as report:
+    async with connection.open() as uav, showing_progress(uav, "verify", quiet=connection.json) as report:
         found = await uav.verify_waypoints(mission, on_progress=report)
     text = "\n".join(found.differences)
     if not found.differences:

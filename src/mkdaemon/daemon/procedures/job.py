@@ -91,9 +91,9 @@ class JobObserver:
     def progress(self, progress: Progress) -> None:
         """Publish how far it is."""
         self._last = progress
-        self.tell(ProcedureState.RUNNING, progress.what)
+        self.publish(ProcedureState.RUNNING, progress.what)
 
-    def tell(self, state: ProcedureState, text: str, token: str | None = None) -> ProcedureProgress:
+    def publish(self, state: ProcedureState, text: str, token: str | None = None) -> ProcedureProgress:
         """Publish where it stands."""
         progress = ProcedureProgress(
             stamp=self._clock.stamp(),

@@ -1,4 +1,4 @@
-"""Waypoint lists that an upload may have left half written: noted before, told at the next start."""
+"""Waypoint lists that an upload may have left half written: noted before, announced at the next start."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ class UnfinishedList:
             audit.log("warning", f"{self._words()}: do not fly the list before it was uploaded again or cleared")
 
     async def begin(self, note: ListNote) -> None:
-        """Keep a note; a folder that cannot be written is told, and no reason to refuse an upload."""
+        """Keep a note; a folder that cannot be written is announced, and no reason to refuse an upload."""
         try:
             await asyncio.to_thread(self._write, note)
         except OSError as error:

@@ -60,20 +60,20 @@ class Recovery:
         self.notes.clear()
         self._find_owed()
 
-    def due(self, now: float) -> Note | None:
+    def next_note(self, now: float) -> Note | None:
         """Return the note to act on now, if there is one and the FlightCtrl can be asked."""
         if not self.notes:
             return None
-        self._look_who_is_here()
+        self._identify_aircraft()
         note = self._interlock.owed
         if note is None or self._here is None or now < self._retry_at:
             return None
         if self._facts.motors_running(now) is not False:
-            self._say(note, "motors run, or nobody knows whether they do")
+            self._set_detail(note, "motors run, or nobody knows whether they do")
             return None
         return note
 
-    def ended(self, note: Note, found: Recovered) -> None:
+    def attempt_ended(self, note: Note, found: Recovered) -> None:
         """An attempt came to its end."""
         if found is Recovered.OTHER_AIRCRAFT:
             if self._here is not None:
@@ -85,15 +85,15 @@ class Recovery:
         self._attempts, self._retry_at = 0, 0.0
         self._find_owed()
 
-    def failed(self, note: Note, reason: str, now: float) -> None:
+    def attempt_failed(self, note: Note, reason: str, now: float) -> None:
         """An attempt failed; another one follows."""
         self._retry_at = now + RETRIES[min(self._attempts, len(RETRIES) - 1)]
         self._attempts += 1
         if self._details.get(note.id) != reason:
             self._audit.log("error", f"{_words(note)}: {reason}")
-        self._say(note, reason)
+        self._set_detail(note, reason)
 
-    def shown(self) -> tuple[OwedSet, ...]:
+    def list_notes(self) -> tuple[OwedSet, ...]:
         """Every note, for a client."""
         return tuple(
             OwedSet(
@@ -104,7 +104,7 @@ class Recovery:
             for note in self.notes
         )
 
-    def _look_who_is_here(self) -> None:
+    def _identify_aircraft(self) -> None:
         """Notice another aircraft; one that was taken for another is looked at again after the port was reopened."""
         state, release = self._facts.link, self._link.dialect.fc_release
         is_known = self._link.is_up and state is not None and release is not None and not self._link.lacks_flightctrl
@@ -126,7 +126,7 @@ class Recovery:
         self._details[note.id] = detail
         self._audit.log("warning", f"{_words(note)}: {detail}; the note is kept for its own, nothing was written")
 
-    def _say(self, note: Note, detail: str) -> None:
+    def _set_detail(self, note: Note, detail: str) -> None:
         self._details[note.id] = detail
         self._find_owed()
 

@@ -166,7 +166,7 @@ class ProcedureRunner:
             for note in self._recovery.notes:
                 await self._journal.drop(note.id)
             self._recovery.forget()
-        reply = OwedSets(notes=self._recovery.shown())
+        reply = OwedSets(notes=self._recovery.list_notes())
         return CommandResult(status=Status.ACCEPTED, reply=dict(reply), reply_type=schema_name(OwedSets))
 
     async def _check_motors(self, name: str, *, can_fly: bool) -> None:
@@ -202,7 +202,7 @@ class ProcedureRunner:
         """Hand a job to `run` and wait for its end; who stops waiting does not stop it."""
         observer = self._observe(job)
         self._job, self._interlock.is_alone = job, job.is_alone
-        self._interlock.running = observer.tell(ProcedureState.RUNNING, "begins")
+        self._interlock.running = observer.publish(ProcedureState.RUNNING, "begins")
         self._news.set()
         return await asyncio.shield(job.done)
 
@@ -212,11 +212,11 @@ class ProcedureRunner:
     async def _next_job(self) -> Job:
         """Wait for a client's job, or for the moment when a live set that is owed can be restored."""
         while self._job is None:
-            note = self._recovery.due(self._clock.now())
+            note = self._recovery.next_note(self._clock.now())
             if note is not None and self._may_recover():
                 job = Job("recovery", "mkdaemon", partial(self._restore, note), is_alone=True, note_id=note.id)
                 self._job, self._interlock.is_alone = job, True
-                self._interlock.running = self._observe(job).tell(ProcedureState.RUNNING, "begins")
+                self._interlock.running = self._observe(job).publish(ProcedureState.RUNNING, "begins")
                 break
             self._news.clear()
             with suppress(TimeoutError):
@@ -233,7 +233,7 @@ class ProcedureRunner:
 
     async def _restore(self, note: Note, observer: Observer) -> None:
         found = await run_procedure(self._link, recover_live_set(note.wanted, PATIENCE), observer)
-        self._recovery.ended(note, found)
+        self._recovery.attempt_ended(note, found)
 
     async def _carry_out(self, job: Job) -> None:
         observer = self._observe(job)
@@ -247,10 +247,10 @@ class ProcedureRunner:
             await asyncio.wait({job.task})
             raise
         finally:
-            self._make_room(job)
+            self._free_line(job)
             job.done.cancel()
 
-    def _make_room(self, job: Job) -> None:
+    def _free_line(self, job: Job) -> None:
         """Let the next procedure begin; before whoever waited hears of the end and may ask for it."""
         if self._job is job:
             self._job, self._interlock.running, self._interlock.is_alone = None, None, False
@@ -262,14 +262,14 @@ class ProcedureRunner:
         except Exception as error:  # noqa: BLE001
             # One client's strange request must not end the flight of another: answer, log, go on.
             refusal = refusal_for(job.verb, error, self._link)
-            observer.tell(state_of(error), f"{refusal.reason} {refusal.fix}", refusal.token)
+            observer.publish(state_of(error), f"{refusal.reason} {refusal.fix}", refusal.token)
             self._settle(job, observer, refusal)
-            self._make_room(job)
+            self._free_line(job)
             job.done.set_exception(refusal)
         else:
-            observer.tell(ProcedureState.DONE, "done")
+            observer.publish(ProcedureState.DONE, "done")
             self._settle(job, observer, None)
-            self._make_room(job)
+            self._free_line(job)
             job.done.set_result(result)
 
     def _settle(self, job: Job, observer: JobObserver, refusal: CommandRejectedError | None) -> None:
@@ -278,4 +278,4 @@ class ProcedureRunner:
             self._recovery.add(observer.note)
         owed = self._interlock.owed
         if refusal is not None and owed is not None and owed.id == job.note_id and observer.note is None:
-            self._recovery.failed(owed, refusal.reason, self._clock.now())
+            self._recovery.attempt_failed(owed, refusal.reason, self._clock.now())
