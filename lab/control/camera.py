@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mkdaemon.control.estimator.estimator import TargetView
+from mkdaemon.control.estimator.values import TargetView
 from mkdaemon.control.linear import Array
 
 LEAST_SIZE = 22.0

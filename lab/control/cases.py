@@ -10,8 +10,9 @@ from typing import Any, Final
 import numpy as np
 
 from lab.control.camera import CameraModel
+from lab.control.flights import Flight, Record
 from lab.control.law2010 import PiGains
-from lab.control.rig import Flight, Record, believed_model
+from lab.control.rig import believed_model
 from mkdaemon.config.sim_flight import WindClass
 from mkdaemon.control.estimator.model import NO_FILTER
 from mkdaemon.control.guidance.autopilot import Goal

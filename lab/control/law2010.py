@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mkdaemon.control.estimator.estimator import TargetView
+from mkdaemon.control.estimator.values import TargetView
 from mkdaemon.control.guidance.autopilot import AutopilotSticks
 from mkdaemon.control.linear import Array
 

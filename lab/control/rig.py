@@ -10,25 +10,22 @@ import heapq
 import math
 import random
 from collections.abc import Callable
-from dataclasses import dataclass, field
 from typing import Final
 
 import numpy as np
 
-from lab.control.camera import CameraModel
-from lab.control.law2010 import PERIOD, PiGains, PiLaw
-from lab.control.radio import Radio, RadioModel
-from mkdaemon.config.sim_flight import AirframeConfig, FlightConfig, SensorConfig, WindClass
-from mkdaemon.control.estimator.estimator import Estimator, StickCommand, TargetView
+from lab.control.flights import Flight, Record
+from lab.control.law2010 import PERIOD, PiLaw
+from lab.control.radio import Radio
+from mkdaemon.config.sim_flight import AirframeConfig, FlightConfig, SensorConfig
+from mkdaemon.control.estimator.estimator import Estimator
 from mkdaemon.control.estimator.model import NO_FILTER, AircraftModel
-from mkdaemon.control.estimator.tuning import NOMINAL, ROBUST, Tuning
+from mkdaemon.control.estimator.values import StickCommand, TargetView
 from mkdaemon.control.guidance.autopilot import Autopilot, AutopilotSticks, Goal, at_origin
-from mkdaemon.control.guidance.horizontal import HorizontalCosts
-from mkdaemon.control.guidance.landing import Landing, LandingLimits, LandingPhase
+from mkdaemon.control.guidance.landing import Landing, LandingPhase
 from mkdaemon.control.guidance.reference import ReferenceLimits
-from mkdaemon.control.guidance.vertical import VerticalGains
 from mkdaemon.control.linear import Array
-from mkdaemon.sim.physics.attitude_loop import EASY, AttitudeGains
+from mkdaemon.sim.physics.attitude_loop import AttitudeGains
 from mkdaemon.sim.physics.deck import MovingDeck
 from mkdaemon.sim.physics.world import DT, StartState, StickInput, World
 
@@ -48,84 +45,6 @@ FIRST_HOVER: Final = 118.0
 """Hover throttle the product begins with [count of 254]."""
 WORLD_SIZE: Final = 12.0
 """An aircraft farther from its target than this is lost [m]."""
-
-
-@dataclass(frozen=True, slots=True)
-class Flight:
-    """One flight to fly.
-
-    Attributes:
-        seed: of everything random.
-        seconds: length [s].
-        wind: class.
-        goal: wanted position at a time of the flight.
-        gains: of the aircraft's attitude loop.
-        mass: [kg].
-        model: what the product believes of the aircraft; None for the truth.
-        nominal: beliefs of the estimator.
-        robust: its first beliefs.
-        costs: of the regulator.
-        vertical: gains of the height.
-        camera: the eyes.
-        radio: the line.
-        pad: velocity of the target once it moves [m/s].
-        pad_starts: when it begins to move [s].
-        attitude_scale: what the boards report over what they believe.
-        land_at: when to begin to land [s].
-        landing: how.
-        law: fly by the law of 2010 instead; None for the autopilot.
-    """
-
-    seed: int
-    seconds: float = 40.0
-    wind: WindClass = WindClass.INDOOR
-    goal: Callable[[float], Goal] = field(default=lambda t: at_origin(2.0))
-    gains: AttitudeGains = field(default_factory=lambda: AttitudeGains.from_parameters(**EASY))
-    mass: float = 1.25
-    model: AircraftModel | None = None
-    nominal: Tuning = NOMINAL
-    robust: Tuning = ROBUST
-    costs: HorizontalCosts = field(default_factory=HorizontalCosts)
-    vertical: VerticalGains = field(default_factory=VerticalGains)
-    camera: CameraModel = field(default_factory=CameraModel)
-    radio: RadioModel = field(default_factory=RadioModel)
-    pad: tuple[float, float] = (0.0, 0.0)
-    pad_starts: float = 8.0
-    attitude_scale: float = 1.0
-    land_at: float = math.inf
-    landing: LandingLimits = field(default_factory=LandingLimits)
-    law: PiGains | None = None
-
-    def pad_at(self, t: float) -> Array:
-        """Where the target is [m]."""
-        return np.array([*self.pad, 0.0]) * max(0.0, t - self.pad_starts)
-
-
-@dataclass(slots=True)
-class Record:
-    """What happened.
-
-    Attributes:
-        times: of the control ticks [s].
-        positions: true position in the frame of the target, one a tick (3,) [m].
-        errors: true position less goal, one a tick (3,) [m].
-        estimates: estimated less true position, one a tick from the first image on (3,) [m].
-        lost: why it ended early; empty when it flew to the end.
-        touched: when the feet first stood after `land_at` [s].
-        touch_error: horizontal distance from the target's middle then [m].
-        touch_sink: rate of descent then [m/s].
-        landing: where the landing stood at the end; None where none began.
-    """
-
-    times: list[float] = field(default_factory=list)
-    positions: list[Array] = field(default_factory=list)
-    errors: list[Array] = field(default_factory=list)
-    estimates: list[Array] = field(default_factory=list)
-    lost: str = ""
-    touched: float = math.nan
-    touch_error: float = math.nan
-    touch_sink: float = math.nan
-    landing: LandingPhase | None = None
 
 
 def believed_model(gains: AttitudeGains) -> AircraftModel:

@@ -7,9 +7,10 @@ import math
 import numpy as np
 import pytest
 
-from mkdaemon.control.estimator.estimator import Estimator, StickCommand, TargetView
+from mkdaemon.control.estimator.estimator import Estimator
 from mkdaemon.control.estimator.model import LEVEL_STATES, TH, AircraftModel, B, D, P, T, V
 from mkdaemon.control.estimator.rollback import STEP
+from mkdaemon.control.estimator.values import StickCommand, TargetView
 from mkdaemon.control.guidance.horizontal import HorizontalCosts, HorizontalRegulator
 from mkdaemon.control.guidance.reference import Reference
 

@@ -10,8 +10,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mkdaemon.control.estimator.estimator import Estimate
 from mkdaemon.control.estimator.model import LEVEL_STATES, AircraftModel, D, P
+from mkdaemon.control.estimator.values import Estimate
 from mkdaemon.control.guidance.autopilot import YAW_LEAST, YAW_MOST, yaw_stick
 from mkdaemon.control.guidance.horizontal import HorizontalCosts, HorizontalRegulator
 from mkdaemon.control.guidance.reference import Reference, ReferenceLimits

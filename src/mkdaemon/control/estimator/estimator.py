@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -18,7 +17,7 @@ from mkdaemon.control.estimator.commands import Command, CommandHistory
 from mkdaemon.control.estimator.model import GRAVITY, LEVEL_STATES, TH, AircraftModel, D, E, H, P, S, T, V
 from mkdaemon.control.estimator.rollback import GATE, STEP, Measurement, RollbackFilter
 from mkdaemon.control.estimator.tuning import NOMINAL, ROBUST, Tuning
-from mkdaemon.control.linear import Array
+from mkdaemon.control.estimator.values import Estimate, StickCommand, TargetView
 
 COMPASS_MEMORY: Final = 1.0
 """Headings kept for late pictures [s]."""
@@ -26,73 +25,6 @@ HOVER_LOWEST: Final = 60.0
 """Smallest hover throttle believed [count of 254]."""
 HOVER_HIGHEST: Final = 190.0
 """Largest hover throttle believed [count of 254]."""
-
-
-@dataclass(frozen=True, slots=True)
-class StickCommand:
-    """A stick frame as it was written.
-
-    Attributes:
-        at: when its last byte left [s; monotonic].
-        pitch: nose down positive [stick].
-        roll: right side down positive [stick].
-        yaw: nose left positive [stick].
-        gas: what the motors get of it before voltage compensation [count of 254].
-    """
-
-    at: float
-    pitch: float
-    roll: float
-    yaw: float
-    gas: float
-
-
-@dataclass(frozen=True, slots=True)
-class TargetView:
-    """A target as an image showed it.
-
-    Attributes:
-        at: middle of the exposure [s; monotonic].
-        position_flu: the target's origin in the body frame (3,) [m; FLU].
-        target_from_flu: attitude of the vehicle in the target frame (3, 3).
-        covariance: of the vehicle's pose in the target frame (6, 6): position [m] and rotation vector [rad].
-    """
-
-    at: float
-    position_flu: Array
-    target_from_flu: Array
-    covariance: Array
-
-
-@dataclass(frozen=True, slots=True)
-class Estimate:
-    """The aircraft at one moment, in the frame of the target.
-
-    Attributes:
-        at: [s; monotonic].
-        position: (3,) [m].
-        velocity: relative to the target (3,) [m/s].
-        tilt: true tilt towards x and y, the way it accelerates (2,) [rad].
-        disturbance: acceleration that the model does not explain, x and y (2,) [m/s2].
-        yaw: heading of the body's forward axis, counter-clockwise from x [rad].
-        hover_gas: throttle that carries the aircraft [count of 254].
-        axes: whole state of both horizontal axes (2, 9), for the regulator.
-        vertical: whole state of the vertical axis (4,).
-        position_sd: standard deviation of the position (3,) [m].
-        age: time since the last image that was used [s]; infinite before the first.
-    """
-
-    at: float
-    position: Array
-    velocity: Array
-    tilt: Array
-    disturbance: Array
-    yaw: float
-    hover_gas: float
-    axes: Array
-    vertical: Array
-    position_sd: Array
-    age: float
 
 
 class Estimator:
@@ -131,7 +63,7 @@ class Estimator:
         self._agrees_since = view.at
         self._refused_views = 0
         tuning = robust
-        self._yaw_offset = _heading(view.target_from_flu)
+        self._yaw_offset = view.heading
         self._headings: deque[tuple[float, float]] = deque()
         self._seen_at = view.at
         position = -view.target_from_flu @ view.position_flu
@@ -195,7 +127,7 @@ class Estimator:
         self._seen_at = max(self._seen_at, view.at)
         c, s = self._turn(view.at)
         turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
-        seen, spread = turn @ view.position_flu, turn @ _view_covariance(view) @ turn.T
+        seen, spread = turn @ view.position_flu, turn @ view.sight_covariance @ turn.T
         tilt, speed = self._level.states[:, T], float(np.abs(self._level.states[:, V]).max())
         timing = (speed * tuning.stamp_sd) ** 2
         row = np.zeros(LEVEL_STATES)
@@ -278,7 +210,7 @@ class Estimator:
 
     def _align(self, view: TargetView) -> None:
         """Let the image correct the offset between compass and target."""
-        error = math.remainder(_heading(view.target_from_flu) - self._heading_at(view.at), math.tau)
+        error = math.remainder(view.heading - self._heading_at(view.at), math.tau)
         variance = float(view.covariance[5, 5]) + self._tuning.yaw_floor**2
         self._yaw_offset += error * min(1.0, self._tuning.yaw_gain * self._tuning.yaw_floor**2 / variance)
 
@@ -294,24 +226,3 @@ class Estimator:
             self._tuning = self._nominal if agrees else self._robust
             self._level.set_noise(self._tuning.level_noise(STEP))
             self._upright.set_noise(self._tuning.upright_noise(STEP))
-
-
-def _heading(target_from_flu: Array) -> float:
-    """Heading of the forward axis in the target frame [rad]."""
-    return math.atan2(target_from_flu[1, 0], target_from_flu[0, 0])
-
-
-def _view_covariance(view: TargetView) -> Array:
-    """Covariance (3, 3) of the target's position in the body frame [m2].
-
-    With p the vehicle in the target frame and R its attitude, m = -R'p, so dm = -R'dp - R'[p]x dr.
-    """
-    r = view.target_from_flu
-    p = -r @ view.position_flu
-    cross = np.array([[0.0, -p[2], p[1]], [p[2], 0.0, -p[0]], [-p[1], p[0], 0.0]])
-    jacobian = np.concatenate([-r.T, -r.T @ cross], axis=1)
-    covariance: Array = jacobian @ view.covariance @ jacobian.T
-    return covariance
-
-
-__all__ = ["Estimate", "Estimator", "StickCommand", "TargetView"]

@@ -8,7 +8,8 @@ from typing import Final
 
 import numpy as np
 
-from mkdaemon.control.estimator.estimator import Estimate, Estimator
+from mkdaemon.control.estimator.estimator import Estimator
+from mkdaemon.control.estimator.values import Estimate
 from mkdaemon.control.guidance.horizontal import STEP, HorizontalCosts, HorizontalRegulator
 from mkdaemon.control.guidance.reference import Reference, ReferenceLimits
 from mkdaemon.control.guidance.shaping import CountShaper

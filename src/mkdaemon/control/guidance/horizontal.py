@@ -12,8 +12,8 @@ from typing import Final
 
 import numpy as np
 
-from mkdaemon.control.estimator.estimator import Estimate
 from mkdaemon.control.estimator.model import GRAVITY, TH, US, AircraftModel, B, P, T, V, W
+from mkdaemon.control.estimator.values import Estimate
 from mkdaemon.control.guidance.reference import Reference
 from mkdaemon.control.linear import Array, regulator_gain, spectral_radius
 

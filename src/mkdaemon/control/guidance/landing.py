@@ -12,7 +12,7 @@ from enum import StrEnum
 
 import numpy as np
 
-from mkdaemon.control.estimator.estimator import Estimate
+from mkdaemon.control.estimator.values import Estimate
 from mkdaemon.control.guidance.autopilot import Goal
 
 

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mkdaemon.control.estimator.estimator import Estimate
 from mkdaemon.control.estimator.model import GRAVITY, E, F, H, S
+from mkdaemon.control.estimator.values import Estimate
 
 
 @dataclass(frozen=True, slots=True)

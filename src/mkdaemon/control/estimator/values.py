@@ -1,0 +1,95 @@
+"""What the estimator takes and gives: stick frames, views of a target, the estimate."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from mkdaemon.control.linear import Array
+
+
+@dataclass(frozen=True, slots=True)
+class StickCommand:
+    """A stick frame as it was written.
+
+    Attributes:
+        at: when its last byte left [s; monotonic].
+        pitch: nose down positive [stick].
+        roll: right side down positive [stick].
+        yaw: nose left positive [stick].
+        gas: what the motors get of it before voltage compensation [count of 254].
+    """
+
+    at: float
+    pitch: float
+    roll: float
+    yaw: float
+    gas: float
+
+
+@dataclass(frozen=True, slots=True)
+class TargetView:
+    """A target as an image showed it.
+
+    Attributes:
+        at: middle of the exposure [s; monotonic].
+        position_flu: the target's origin in the body frame (3,) [m; FLU].
+        target_from_flu: attitude of the vehicle in the target frame (3, 3).
+        covariance: of the vehicle's pose in the target frame (6, 6): position [m] and rotation vector [rad].
+    """
+
+    at: float
+    position_flu: Array
+    target_from_flu: Array
+    covariance: Array
+
+    @property
+    def heading(self) -> float:
+        """Heading of the forward axis in the target frame, counter-clockwise from x [rad]."""
+        return math.atan2(self.target_from_flu[1, 0], self.target_from_flu[0, 0])
+
+    @property
+    def sight_covariance(self) -> Array:
+        """Covariance (3, 3) of `position_flu` [m2].
+
+        With p the vehicle in the target frame and R its attitude, m = -R'p, so dm = -R'dp - R'[p]x dr.
+        """
+        r = self.target_from_flu
+        p = -r @ self.position_flu
+        cross = np.array([[0.0, -p[2], p[1]], [p[2], 0.0, -p[0]], [-p[1], p[0], 0.0]])
+        jacobian = np.concatenate([-r.T, -r.T @ cross], axis=1)
+        covariance: Array = jacobian @ self.covariance @ jacobian.T
+        return covariance
+
+
+@dataclass(frozen=True, slots=True)
+class Estimate:
+    """The aircraft at one moment, in the frame of the target.
+
+    Attributes:
+        at: [s; monotonic].
+        position: (3,) [m].
+        velocity: relative to the target (3,) [m/s].
+        tilt: true tilt towards x and y, the way it accelerates (2,) [rad].
+        disturbance: acceleration that the model does not explain, x and y (2,) [m/s2].
+        yaw: heading of the body's forward axis, counter-clockwise from x [rad].
+        hover_gas: throttle that carries the aircraft [count of 254].
+        axes: whole state of both horizontal axes (2, 9), for the regulator.
+        vertical: whole state of the vertical axis (4,).
+        position_sd: standard deviation of the position (3,) [m].
+        age: time since the last image that was used [s]; infinite before the first.
+    """
+
+    at: float
+    position: Array
+    velocity: Array
+    tilt: Array
+    disturbance: Array
+    yaw: float
+    hover_gas: float
+    axes: Array
+    vertical: Array
+    position_sd: Array
+    age: float
