@@ -94,6 +94,18 @@ async def test_the_questions_are_answered():
 
 
 @pytest.mark.flight
+async def test_a_backup_is_written(tmp_path):
+    async with live_daemon() as flown:
+        await flown.until(lambda: flown.values("state/flight") or flown.values("health"))
+        lines = await output_of("Procedures", env=environment(flown), cwd=tmp_path)
+        assert len(lines) > 3
+        assert lines[-1].startswith("saved: ")
+        assert sorted(lines[-1].removeprefix("saved: ").split(", ")) == sorted(
+            file.name for file in (tmp_path / "backup").iterdir()
+        )
+
+
+@pytest.mark.flight
 @pytest.mark.real_time(tolerance=0.1)
 async def test_a_square_is_flown_in_the_simulator():
     async with live_daemon(board="nc", pilot_plan=PilotPlan.SUPERVISE) as flown:

@@ -108,7 +108,8 @@ def message_from(schema: str | None, fields: Mapping[str, Any]) -> WireMessage:
     """
     cls = _messages().get((schema or "").partition(".")[0])
     if cls is None or cls.model_fields.keys() != fields.keys():
-        msg = f"the daemon answers with {schema} ({', '.join(fields) or 'empty'}), unknown here; update mkctl"
+        what = ", ".join(fields) or "empty"
+        msg = f"the daemon answers with {schema} ({what}), unknown here; update mkdaemon here or there"
         raise ProtocolError(msg)
     # Not validated: what a board says may be outside the limits of what may be sent.
     return cls.decode(cls.model_construct(**{name: _plain(value) for name, value in fields.items()}).encode())
