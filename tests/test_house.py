@@ -12,7 +12,7 @@ import pytest
 from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
-from tests.places import ROOT, SOURCE
+from tests.places import DOCS, ROOT, SOURCE
 from tools.shape import count_lines, find_circles, find_long_files
 
 PAGES = sorted([*ROOT.glob("*.md"), *ROOT.glob("docs/*.md")])
@@ -76,6 +76,44 @@ def test_nothing_names_a_machine_path_or_a_registry_host():
         if forbidden.search(path.read_text(encoding="utf-8", errors="replace")):
             offenders.append(name)
     assert offenders == []
+
+
+UNCLEAR = {"said", "told", "begun", "upheld", "helped", "meet", "met", "heard", "tell", "say"}
+"""Words that say nothing as a name: what was received, sent or decided has a term in docs/glossary.md."""
+STILL_UNCLEAR = {
+    "_heard", "_heard_at", "_say", "_tell", "_tell_core", "_tell_vitals", "attitude_said", "heard", "heard_age",
+    "link_said", "meet", "motors_said", "sender_heard", "tell", "told", "told_at", "version_said",
+}  # fmt: skip
+"""Names that are still there. This list only gets shorter."""
+
+
+def names_in(source):
+    """Every name a file gives to a class, function, argument, variable or attribute."""
+    for node in ast.walk(ast.parse(source.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef):
+            yield node.name
+        elif isinstance(node, ast.arg):
+            yield node.arg
+        elif isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store):
+            yield node.id
+        elif isinstance(node, ast.Attribute) and isinstance(node.ctx, ast.Store):
+            yield node.attr
+
+
+def test_names_use_the_terms_of_the_glossary():
+    unclear = {name for source in SOURCES for name in names_in(source) if UNCLEAR & set(name.lower().split("_"))}
+    assert unclear - STILL_UNCLEAR == set()
+
+
+def test_the_glossary_is_linked_and_names_places_that_exist():
+    assert "(docs/glossary.md)" in (ROOT / "README.md").read_text(encoding="utf-8")
+    rows = re.findall(
+        r"^\| (.+) \| .+ \| `([^`]+)` \|$", (DOCS / "glossary.md").read_text(encoding="utf-8"), re.MULTILINE
+    )
+    terms = [term for term, _ in rows]
+    assert len(rows) > 40
+    assert len(set(terms)) == len(terms)
+    assert [place for _, place in rows if not (ROOT / place).exists() and not (SOURCE / place).exists()] == []
 
 
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]

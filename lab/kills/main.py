@@ -44,17 +44,13 @@ class Bench:
         config = {"board": "fc", "fc": "2.12a", "pilot_plan": PilotPlan.NOTHING, "calibrated": True, "seed": seed}
         self.simulation = ObservedSimulation(SimConfig.model_validate(config), keeps=False)
         self.runtime = Runtime(self.simulation)
+        self.port = f"pty:{self.runtime.port}"
         self.folder = folder
         self._rng = random.Random(f"{seed} sets")
         flight = self.simulation.flight
         for slot, raw in list(flight.eeprom.sets.items()):
             flight.eeprom.sets[slot] = raw[:50] + bytes((slot,)) + raw[51:]
         flight.load(flight.eeprom.active)
-
-    @property
-    def port(self) -> str:
-        """URL of the line."""
-        return f"pty:{self.runtime.port}"
 
     def new_sets(self) -> dict[int, bytes]:
         """Other bytes for the sets to be restored, within what a FlightCtrl stores as it is."""
