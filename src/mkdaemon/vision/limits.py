@@ -19,6 +19,9 @@ FLIGHTS: Final = "tuned on development flights"
 STILLS: Final = "tuned on development stills"
 BLIND: Final = "tuned on development flights without attitude"
 NOISE: Final = "derived from read noise of 1.5 grey"
+EARNED: Final = "measured, docs/vision.md"
+LADDER: Final[tuple[Stage, ...]] = ("decimate2", "decimate1", "log", "equalised", "outline")
+NEARBY: Final[tuple[tuple[Stage, ...], ...]] = (("decimate1",), ("log", "equalised"))
 
 
 def of(value: Any, unit: str, meaning: str, source: str) -> Any:
@@ -30,15 +33,8 @@ def of(value: Any, unit: str, meaning: str, source: str) -> Any:
 class SearchLimits:
     """Finding tags in an image."""
 
-    ladder: tuple[Stage, ...] = of(
-        ("decimate2", "decimate1", "log", "equalised", "outline"),
-        "",
-        "searches of the whole image; the first in every image, when it sees nothing half of the others in turn",
-        "5, 18, 6.5, 7, 10 ms on VGA; what each earns: docs/vision.md",
-    )
-    nearby: tuple[tuple[Stage, ...], ...] = of(
-        (("decimate1",), ("log", "equalised")), "", "searches around a prediction, in turn by images missed", FLIGHTS
-    )
+    ladder: tuple[Stage, ...] = of(LADDER, "", "searches of the whole image; all but the first in turn", EARNED)
+    nearby: tuple[tuple[Stage, ...], ...] = of(NEARBY, "", "around a prediction, in turn by images missed", EARNED)
     tile_px: float = of(70.0, "px", "neighbourhood in which `equalised` spreads grey values", STILLS)
     small_tag_px: float = of(46.0, "px", "side below which two corner sets are averaged", "rms .12 for .15 px, stills")
     twin_px: float = of(4.0, "px", "detections closer than this are one tag", "derived: half of a small tag's side")
@@ -65,34 +61,24 @@ class OutlineLimits:
     """The search for tags with a broken outline."""
 
     min_side_px: float = of(40.0, "px", "smaller tags are left to libapriltag: pieces are too short", STILLS)
-    max_lines: int = of(8, "", "longest lines of a blob that are tried", STILLS)
-    max_blobs: int = of(12, "", "largest blobs that are tried", STILLS)
     straight_px: float = of(1.6, "px", "deviation of pieces from their line", STILLS)
     min_piece_px: int = of(8, "px", "shorter pieces have no direction", STILLS)
     parallel: float = of(0.98, "cosine", "between pieces that may be one line", STILLS)
     min_support: float = of(0.6, "share", "of a quad's perimeter that is outline", STILLS)
     min_side_support: float = of(0.3, "share", "the same for each side", STILLS)
-    hull_share: float = of(0.75, "share", "of the support asked for before quads are tried", STILLS)
     min_sine: float = of(0.2, "sine", "between neighbouring sides", STILLS)
     level: float = of(0.2, "share", "of the contrast within which a cell is black or white", STILLS)
     min_contrast: float = of(20.0, "grey", "between paper and border", STILLS)
-    max_chance: float = of(
-        4e-6, "probability", "that a random quad reads so well", "0 false in 10,000 images, accuracy.md"
-    )
+    max_chance: float = of(4e-6, "probability", "that a random quad reads so well", "0 false in 10,000 images")
 
 
 @dataclass(frozen=True, slots=True)
 class CellSizes:
     """Side of a cell in the image from which something can be told; smaller is farther."""
 
-    located_px: float = of(2.2, "px", "edges of smaller cells, along the normal, blur into each other", STILLS)
-    readable_px: float = of(2.5, "px", "smaller cells have no grey value and no corner of their own", STILLS)
-    photometric_px: float = of(
-        4.0, "px", "smaller cells are fitted by grey values", "edges are better from 4 px, stills"
-    )
-    rivals_px: float = of(8.0, "px", "below, all pixels tell rivals apart better than edges", BLIND)
-    polish_px: float = of(10.0, "px", "below, grey values refine a first pose", STILLS)
-    small_px: float = of(12.0, "px", "below, a tag displaced by a cell still looks alike", FLIGHTS)
+    readable_px: float = of(2.5, "px", "smaller cells have no edge, corner or grey value of their own", EARNED)
+    photometric_px: float = of(4.0, "px", "smaller cells are fitted by grey values", EARNED)
+    small_px: float = of(10.0, "px", "below, all pixels of a first pose tell more than its edges", EARNED)
     perspective_px: float = of(24.0, "px", "from here perspective tells a pose from its mirror image", BLIND)
     edges_up_to: float = of(radians(60.0), "rad", "tilt from which edges run into each other", "steep stills")
 
@@ -102,9 +88,10 @@ class Agreement:
     """Share of a fit's measurements that agree with it; `TrackerSection.min_inlier_fraction` is the least."""
 
     blind: float = of(0.6, "share", "without an attitude that could contradict", BLIND)
-    whole: float = of(0.9, "share", "where nothing lies over the target; a faked border leaves fewer", STILLS)
-    explained: float = of(0.95, "share", "of pixels, from which a grey-value fit leaves nothing to doubt", STILLS)
-    power: int = of(4, "", "the variance of a pose is divided by share**power: others doubt with it", FLIGHTS)
+    whole: float = of(0.9, "share", "where nothing lies over the target; a faked border leaves fewer", EARNED)
+    power: int = of(
+        4, "", "variance over share**power: what hid some points touches others", "a wrong pose, set 17 million"
+    )
     floor: float = of(0.3, "share", "smaller ones count as this in the power", "below the least that passes")
 
 
@@ -113,10 +100,9 @@ class BlurWidths:
     """Half width of edges in the image."""
 
     sharp_px: float = of(1.75, "px", "in focus and at rest", "rendered images, point spread 0.6 px")
-    wide_px: float = of(3.0, "px", "from here an edge's place depends on the blur's shape", "NEES beyond 3 m")
-    smeared_px: float = of(3.5, "px", "from here perspective drowns in blur", BLIND)
+    wide_px: float = of(3.0, "px", "from here the shape of the blur moves edges", "NEES beyond 3 m")
+    smeared_px: float = of(3.5, "px", "from here perspective drowns in blur; at 3.0 1 % fewer poses", BLIND)
     alarm_px: float = of(5.0, "px", "from here motion or focus is at fault", STILLS)
-    widest_px: float = of(8.0, "px", "wider is not measured", STILLS)
 
 
 @dataclass(frozen=True, slots=True)
@@ -168,9 +154,7 @@ class EvidenceLimits:
     outlier: float = of(4.0, "deviations", "from which an edge disagrees", STILLS)
     min_agreeing: float = of(0.9, "share", "of seen edges that a right pose explains", "0.94 and more, development")
     min_seen: float = of(0.4, "share", "of the edges in view that is seen", STILLS)
-    max_leverage: float = of(
-        radians(0.4), "rad", "turn by one line of edges", "right < 0.3, wrong > 0.48 deg, development"
-    )
+    max_leverage: float = of(radians(0.4), "rad", "turn by one line of edges", "right < 0.3, wrong > 0.48 deg")
 
 
 @dataclass(frozen=True, slots=True)
@@ -183,9 +167,7 @@ class CertaintyLimits:
     position_share: float = of(0.0025, "share", "of the range, where that is more", "derived: 4 are 1 %")
     blind_rms_px: float = of(0.5, "px", "residual of an edge fit without attitude", BLIND)
     blind_grey_rms_px: float = of(0.15, "px", "of a grey-value fit, as shift of edges; shows odd blur", BLIND)
-    wide_factor: float = of(
-        1.7, "factor", "on a position's deviation from wide edges", "95 % of NEES below 4.4, beyond 3 m"
-    )
+    wide_factor: float = of(1.7, "factor", "on a position's deviation from wide edges", "95 % of NEES below 4.4")
 
 
 @dataclass(frozen=True, slots=True)
@@ -217,20 +199,7 @@ class AmbiguityLimits:
     track_far: float = of(radians(2.0), "rad", "the rival must be twice as far and so much more", BLIND)
     harmless: float = of(radians(2.0), "rad", "closer rivals are published with the doubt in the covariance", BLIND)
     small_tilt: float = of(radians(1.5), "rad", "below, the mirrored pose is the pose", BLIND)
-    asks_mirror: bool = of(True, "", "a first pose without a rival is asked for its mirror image", "docs/vision.md")
-
-
-@dataclass(frozen=True, slots=True)
-class CarryLimits:
-    """Carrying a pose over by what moved in the image."""
-
-    flow_points: int = of(60, "", "corners that are followed; more cost time", FLIGHTS)
-    flow_min_points: int = of(8, "", "fewer fix no pose", "derived: four are needed, half may be wrong")
-    flow_contrast: float = of(1e-7, "", "least eigenvalue of a window", "OpenCV's 1e-4 drops all at 6 % of the light")
-    edge_px: float = of(4.0, "px", "corners nearer to the image edge are not followed", FLIGHTS)
-    shake: float = of(0.08, "rad", "turn between two images within which it is looked for", FLIGHTS)
-    alike: float = of(0.5, "correlation", "from which its image counts as found again", FLIGHTS)
-    patch_px: int = of(40, "px", "size at which images of a target are compared", FLIGHTS)
+    asks_mirror: bool = of(True, "", "a first pose without a rival is asked for its mirror image", "0 flips in 8643")
 
 
 @dataclass(frozen=True, slots=True)
@@ -239,21 +208,23 @@ class JudgeLimits:
 
     flow_through: int = of(5, "images", "missed, over which optical flow finds its way", FLIGHTS)
     clear_bits: float = of(0.8, "correlation", "of cells that vouch for a late, hidden or undecoded pose", FLIGHTS)
-    odd_rms: float = of(1.7, "factor", "on the usual residual; a small tag beyond is not believed blind", BLIND)
-    odd_rms_level: float = of(5.0, "factor", "the same beside an attitude", FLIGHTS)
-    odd_rms_px: float = of(0.01, "px", "and so much more", FLIGHTS)
     surprising: float = of(16.0, "", "squared distance from the course, not published", "chi-square(3), one in 900")
     expected: float = of(9.0, "", "the same, inertia speaks for the pose", "chi-square(3), one in 34")
     backing_sd: float = of(radians(1.0), "rad", "of the predicted direction, for inertia to speak", BLIND)
     tilt_spread: float = of(radians(1.0), "rad", "of a pose that widens the attitude gate, at most", FLIGHTS)
-    holds_tilt: bool = of(True, "", "a fit that fails is tried again with its tilt held level", "docs/vision.md")
-    fuses_course: bool = of(True, "", "a pose takes in what inertia knew before it", "docs/vision.md")
+    holds_tilt: bool = of(True, "", "a fit that fails is tried again with its tilt held level", EARNED)
+    fuses_course: bool = of(True, "", "a pose takes in what inertia knew before it", EARNED)
 
 
 @dataclass(frozen=True, slots=True)
 class TrackLimits:
-    """The memory of one target."""
+    """The memory of one target, and carrying its pose over by what moved in the image."""
 
+    flow_min_points: int = of(8, "", "fewer fix no pose", "derived: four are needed, half may be wrong")
+    flow_contrast: float = of(1e-7, "", "least eigenvalue of a window", "OpenCV's 1e-4 drops all at 6 % of the light")
+    edge_px: float = of(4.0, "px", "corners nearer to the image edge are not followed", FLIGHTS)
+    shake: float = of(0.08, "rad", "turn between two images within which it is looked for", FLIGHTS)
+    alike: float = of(0.5, "correlation", "from which its image counts as found again", FLIGHTS)
     max_speed: float = of(8.0, "m/s", "camera against target; faster is a wrong pose", FLIGHTS)
     max_turn: float = of(radians(25.0), "rad", "between two images, that is continued", FLIGHTS)
     max_ahead: float = of(6.0, "steps", "over which a velocity is carried on", FLIGHTS)
@@ -285,7 +256,6 @@ class BranchLimits:
     same_direction: float = of(radians(3.5), "rad", "branches that see the target so are one answer", BLIND)
     differ_place: float = of(0.01, "share", "of the range, between places of branches that differ", BLIND)
     differ_speed: float = of(0.2, "1/s", "or of the range a second, between velocities", BLIND)
-    kept: int = of(3, "", "branches that are followed", BLIND)
 
 
 @dataclass(frozen=True, slots=True)
@@ -293,13 +263,10 @@ class HealthLimits:
     """Alarms of a camera, and doubts about its calibration or its target's file."""
 
     dark_grey: float = of(25.0, "grey", "the brightest percent of a usable image is above", STILLS)
-    blown_grey: int = of(250, "grey", "from which a pixel is blown", NOISE)
     blown_share: float = of(0.5, "share", "of blown pixels in an over-exposed image", STILLS)
     frozen_images: int = of(3, "images", "identical in a row: a sensor's noise never repeats", "derived")
     large_tag_px: float = of(60.0, "px", "smaller tags say nothing about focus and calibration", FLIGHTS)
     drift_px: float = of(0.15, "px", "edge residual a right calibration does not leave", "0.03-0.1 in sharp images")
-    drift_fits: int = of(30, "", "their median counts", FLIGHTS)
-    blur_fits: int = of(5, "", "the same for the width of edges", FLIGHTS)
     misfit_share: float = of(0.02, "share", "of its side a tag may be off where its file puts it", STILLS)
     misfit_px: float = of(1.0, "px", "the same at least: corners are loose, lenses bend edges", STILLS)
     misfit_reach: float = of(3.0, "sides", "a tag farther from the largest one is not judged", STILLS)
@@ -324,7 +291,6 @@ class Limits:
     certainty: CertaintyLimits = CertaintyLimits()
     innovation: InnovationLimits = InnovationLimits()
     ambiguity: AmbiguityLimits = AmbiguityLimits()
-    carry: CarryLimits = CarryLimits()
     judge: JudgeLimits = JudgeLimits()
     track: TrackLimits = TrackLimits()
     branches: BranchLimits = BranchLimits()
@@ -332,4 +298,3 @@ class Limits:
 
 
 LIMITS: Final = Limits()
-"""Those the eyes fly with."""

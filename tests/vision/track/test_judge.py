@@ -47,9 +47,9 @@ class GivenFits:
     free: Pose | None = None
     held: Pose | None = None
     mirror: Pose | None = None
-    grey: list[Pose] = field(default_factory=list)
     bits: float | None = 0.95
     cell_px: float = 10.0
+    grey: list[Pose] = field(default_factory=list)
     supported: bool = False
     target: Target = field(default_factory=lambda: shipped("single"))
 
@@ -180,20 +180,6 @@ def test_a_fit_without_attitude(given, pose, refusal):
     assert track.branches.is_decided == (refusal is not Refusal.AMBIGUOUS)
 
 
-def test_grey_values_decide_between_small_rivals_whose_edges_do_not():
-    track = followed(TILTED)
-    track.in_doubt = True
-    grey = [
-        replace(TILTED, source="photometric", rms_px=0.05, loss=0.01),
-        replace(mirrored(TILTED), source="photometric", rms_px=0.3, loss=0.2),
-    ]
-    for cell_px, refusal in ((6.0, None), (9.0, Refusal.AMBIGUOUS)):
-        track.branches = None
-        fits = GivenFits(TILTED, mirror=mirrored(TILTED), grey=grey, cell_px=cell_px)
-        verdict = Judge(checks(fits, track)).measure(sight(attitude=False), TILTED, TILTED)
-        assert verdict.refusal is refusal
-
-
 def test_a_pose_off_the_course_is_followed_and_not_published():
     track, judge = followed(TILTED), None
     for k in range(1, 12):
@@ -208,15 +194,6 @@ def test_a_pose_off_the_course_is_followed_and_not_published():
     verdict = Judge(checks(GivenFits(aside), track)).measure(sight(12 * STEP, attitude=False), TILTED, TILTED)
     assert verdict.refusal is Refusal.OFF_COURSE
     assert verdict.pose is not None
-
-
-def test_a_residual_far_above_the_usual_one_is_not_believed_of_a_small_tag():
-    track = followed(fitted())
-    track.usual_rms = 0.05
-    odd = fitted(rms_px=0.4)
-    for cell_px, refusal in ((10.0, Refusal.RESIDUAL), (15.0, None)):
-        verdict = Judge(checks(GivenFits(odd, cell_px=cell_px), track)).measure(sight(), fitted(), fitted())
-        assert verdict.refusal is refusal
 
 
 def test_a_track_without_branches_cannot_choose_between_poses_found_anew():
@@ -252,6 +229,17 @@ def test_a_first_pose(given, candidates, attitude, refusal):
     verdict = FirstJudge(checks(GivenFits(**given))).choose(sight(attitude=attitude), candidates, None)
     assert verdict.refusal is refusal
     assert (verdict.choice is None) == (refusal is not None)
+
+
+def test_all_pixels_decide_between_first_poses_whose_edges_do_not():
+    grey = [
+        replace(TILTED, source="photometric", rms_px=0.05, loss=0.01),
+        replace(mirrored(TILTED), source="photometric", rms_px=0.3, loss=0.2),
+    ]
+    for cell_px, refusal in ((6.0, None), (12.0, Refusal.AMBIGUOUS)):
+        fits = GivenFits(mirror=mirrored(TILTED), grey=grey, cell_px=cell_px)
+        verdict = FirstJudge(checks(fits)).choose(sight(attitude=False), [TILTED], None)
+        assert verdict.refusal is refusal
 
 
 def test_of_two_first_poses_the_attitude_chooses_the_level_one():

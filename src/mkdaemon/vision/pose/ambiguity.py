@@ -107,7 +107,7 @@ def _is_explained(first: Pose, second: Pose, limits: Limits) -> bool:
     """Whether a fit to grey values leaves no more than noise: then nothing unmodelled takes sides."""
     grey = first.source == "photometric" and second.source == "photometric"
     quiet = first.rms_px <= limits.certainty.blind_grey_rms_px
-    return grey and quiet and first.inliers >= limits.agreement.explained
+    return grey and quiet and first.inliers >= limits.agreement.whole
 
 
 def _ratio(candidates: Sequence[Pose], distinct: Sequence[int]) -> float:

@@ -18,6 +18,10 @@ from mkdaemon.vision.tags.tagmap import Target
 Array = npt.NDArray[np.float64]
 Grey = npt.NDArray[np.uint8]
 
+FLOW_POINTS = 60
+"""Corners that are followed; more cost time."""
+PATCH_PX = 40
+"""The image of a target is compared at about this size [px]."""
 BORDER = 3
 """White cells around a corner of three; of one, all others are black."""
 
@@ -27,7 +31,7 @@ class Carrier:
 
     def __init__(self, target: Target, projection: Projection, limits: Limits = LIMITS) -> None:
         self._projection = projection
-        self._limits, self._readable_px = limits.carry, limits.cells.readable_px
+        self._limits, self._readable_px = limits.track, limits.cells.readable_px
         self._smallest_px = limits.search.min_window_px
         self._corners, self._cells = _cell_corners(target)
 
@@ -55,8 +59,8 @@ class Carrier:
         index = np.flatnonzero(visible)
         if len(index) < self._limits.flow_min_points:
             return None
-        if len(index) > self._limits.flow_points:
-            index = index[np.linspace(0, len(index) - 1, self._limits.flow_points).astype(np.intp)]
+        if len(index) > FLOW_POINTS:
+            index = index[np.linspace(0, len(index) - 1, FLOW_POINTS).astype(np.intp)]
         points = self._corners[index]
         guess, _ = self._projection.project(points @ predicted.rotation.T + predicted.position)
         window = (21, 21)
@@ -111,7 +115,7 @@ class Carrier:
         x1, y1 = np.minimum(seen.max(axis=0) + 3, [width - reach, height - reach]).astype(int)
         if min(x1 - x0, y1 - y0) < self._smallest_px:
             return None
-        coarse = 1.0 / max(min(x1 - x0, y1 - y0) // self._limits.patch_px, 1)
+        coarse = 1.0 / max(min(x1 - x0, y1 - y0) // PATCH_PX, 1)
         patch = _reduced(before[y0:y1, x0:x1], coarse)
         area = _reduced(now[y0 - reach : y1 + reach, x0 - reach : x1 + reach], coarse)
         _, likeness, _, place = cv2.minMaxLoc(cv2.matchTemplate(area, patch, cv2.TM_CCOEFF_NORMED))

@@ -22,6 +22,8 @@ WIDTH_FACTOR = 0.9
 """Half width of the window in which an edge's centre is taken, over the width of its slope."""
 SKIRT = 0.15
 """Share of the peak slope that is taken off before a centre is computed: texture and noise have no say in it."""
+WIDEST_PX = 8.0
+"""Wider edges are taken for this wide [px]: the window would reach the neighbouring edge."""
 FIRST_SKIRT = 0.25
 """The same for the first of two centres of a wide edge."""
 
@@ -98,7 +100,7 @@ def find_edges(pixels: Grey, samples: Samples, limits: Limits) -> FoundEdges:
     peak = slope[np.arange(len(slope)), peak_at]
     # Width of an edge in this image: area of the slope over its peak, median over the samples.
     area = slope.sum(axis=1) * spacing / np.maximum(peak, 1e-3)
-    width = min(max(WIDTH_FACTOR * median(area), blur.sharp_px), blur.widest_px)
+    width = min(max(WIDTH_FACTOR * median(area), blur.sharp_px), WIDEST_PX)
     centre = place[peak_at]
     if width > blur.sharp_px:
         # The peak of a wide edge is noise: a first centre of gravity puts the window where the edge is.

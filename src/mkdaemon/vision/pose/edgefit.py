@@ -171,7 +171,7 @@ class EdgeFit:
         cell_px = length * (1.0 / NORMAL_STEP)
         edge = np.minimum(reach, limits.edges.reach_cells * cell_px) + 1.0
         height, width = shape
-        visible &= tips_visible & (cell_px > limits.cells.located_px)
+        visible &= tips_visible & (cell_px > limits.cells.readable_px)
         visible &= (
             (uv[:, 0] > edge) & (uv[:, 1] > edge) & (uv[:, 0] < width - 1 - edge) & (uv[:, 1] < height - 1 - edge)
         )

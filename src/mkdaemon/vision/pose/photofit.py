@@ -139,7 +139,7 @@ class PhotoFit:
         """
         limits, whole = self._limits, self._limits.agreement.whole
         cell_px = float(self._projection.focal[0]) * self._print.cell / max(float(pose.position[2]), NEAR_M)
-        if pose.source != "edges" or cell_px > limits.cells.polish_px or pose.inliers < whole:
+        if pose.source != "edges" or cell_px > limits.cells.small_px or pose.inliers < whole:
             return pose
         grey = self.fit(pixels, pose)
         if grey is None or grey.match is None or grey.match < limits.photo.polish_match or grey.inliers < whole:

@@ -25,6 +25,10 @@ Array = npt.NDArray[np.float64]
 Grey = npt.NDArray[np.uint8]
 
 OUTLINE = LIMITS.outline
+MAX_LINES, MAX_BLOBS = 8, 12
+"""Longest lines of a blob and largest blobs that are tried: what more would cost is four lines of each."""
+HULL_SHARE = 0.75
+"""What sticks out of a quad makes its hull longer: so much of the support is asked for before quads are tried."""
 CORNER_POINTS = 2
 """Points at each end of a piece that do not lie on its line: corners of a blob are round."""
 LINE_REACH = 0.01
@@ -63,7 +67,7 @@ class OutlineSearch:
         _, dark = cv2.threshold(pixels, 0, 255, cv2.THRESH_BINARY_INV | cv2.THRESH_OTSU)
         outlines, _ = cv2.findContours(dark, cv2.RETR_LIST, cv2.CHAIN_APPROX_NONE)
         least = 3 * OUTLINE.min_side_px  # points of three sides
-        large = sorted((c for c in outlines if len(c) > least), key=len, reverse=True)[: OUTLINE.max_blobs]
+        large = sorted((c for c in outlines if len(c) > least), key=len, reverse=True)[:MAX_BLOBS]
         found: list[Detection] = []
         for outline in large:
             for quad in _quads(np.asarray(outline, dtype=np.int32)):
@@ -104,7 +108,7 @@ def _quads(outline: npt.NDArray[np.int32]) -> list[Array]:
     """Quads that a blob's outline supports, the best first, corners clockwise in the image."""
     around = cv2.arcLength(cv2.convexHull(outline), closed=True)
     lines = _lines(outline)
-    if sum(line.length for line in lines) < OUTLINE.min_support * OUTLINE.hull_share * around:
+    if sum(line.length for line in lines) < OUTLINE.min_support * HULL_SHARE * around:
         return []
     rated: list[tuple[float, Array]] = []
     for four in itertools.combinations(lines, 4):
@@ -142,7 +146,7 @@ def _lines(outline: npt.NDArray[np.int32]) -> list[_Line]:
         else:
             merged.append(piece)
     merged.sort(key=lambda line: -line.length)
-    return merged[: OUTLINE.max_lines]
+    return merged[:MAX_LINES]
 
 
 def _line(points: Array, part: _Line | None = None) -> _Line:

@@ -13,6 +13,8 @@ from mkdaemon.vision.pose.pose import Pose
 
 Grey = npt.NDArray[np.uint8]
 
+DRIFT_FITS, BLUR_FITS = 30, 5
+"""Residuals and widths of edges whose median counts."""
 BRIGHTEST = 99
 """Percentile of the grey values of an image that tells whether it has light."""
 
@@ -24,8 +26,8 @@ class ImageHealth:
         self._shape = (height, width) if width is not None and height is not None else None
         self._last: Grey | None = None
         self._repeats = 0
-        self._residuals: deque[float] = deque(maxlen=LIMITS.health.drift_fits)
-        self._blur: deque[float] = deque(maxlen=LIMITS.health.blur_fits)
+        self._residuals: deque[float] = deque(maxlen=DRIFT_FITS)
+        self._blur: deque[float] = deque(maxlen=BLUR_FITS)
 
     def check(self, pixels: Grey) -> list[Alarm]:
         """Alarms of one image `(h, w)` uint8."""
@@ -36,7 +38,7 @@ class ImageHealth:
         thin = pixels[::8, ::8]
         if float(np.percentile(thin, BRIGHTEST)) < limits.dark_grey:
             alarms.append(Alarm.DARK)
-        if float((thin >= limits.blown_grey).mean()) > limits.blown_share:
+        if float((thin >= LIMITS.read.saturated).mean()) > limits.blown_share:
             alarms.append(Alarm.BLOWN)
         if self._is_frozen(np.ascontiguousarray(pixels[::3, ::5])):
             alarms.append(Alarm.FROZEN)

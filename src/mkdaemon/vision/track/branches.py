@@ -23,6 +23,8 @@ from mkdaemon.vision.track.course import ACCELERATION_PSD, MOVING_PSD, Course
 Array = npt.NDArray[np.float64]
 
 BRANCHES = LIMITS.branches
+KEPT = 3
+"""Branches that are followed: a pose, its mirror image, and neither."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -142,9 +144,7 @@ def _pruned(found: list[Branch]) -> tuple[Branch, ...]:
         if all(_differ(branch, other) for other in kept):
             kept.append(branch)
     top = kept[0].weight
-    return tuple(
-        replace(branch, weight=max(branch.weight - top, -BRANCHES.certain)) for branch in kept[: BRANCHES.kept]
-    )
+    return tuple(replace(branch, weight=max(branch.weight - top, -BRANCHES.certain)) for branch in kept[:KEPT])
 
 
 def _differ(a: Branch, b: Branch) -> bool:

@@ -98,7 +98,7 @@ class FirstJudge:
         min_ratio, limits = self._checks.cfg.min_ambiguity_ratio, self._limits
         rivals = self._checks.candidates(seen, pose)
         choice = choose(rivals, min_ratio=min_ratio, limits=limits)
-        if choice is None and pose.source == "edges" and self._checks.cell_px(pose) < limits.cells.rivals_px:
+        if choice is None and pose.source == "edges" and self._checks.cell_px(pose) < limits.cells.small_px:
             grey = self._fitter.fit_grey_values(seen.pixels, rivals)
             choice = choose(grey, min_ratio=min_ratio, limits=limits) if grey else None
         if choice is not None:

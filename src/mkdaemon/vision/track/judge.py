@@ -77,9 +77,6 @@ class Judge:
     def add_inertia(self, seen: Sight, pose: Pose) -> Verdict:
         """Judge a pose the attitude agrees with; what inertia knows is added where the pose alone is too uncertain."""
         limits = self._limits
-        odd = self._residual_refusal(pose, limits.judge.odd_rms_level)
-        if odd is not None:
-            return Verdict(pose, odd)
         refused, before = certainty_refusal(pose, has_attitude=True, limits=limits), self._track.branches
         if refused is None or before is None or not before.is_decided or not limits.judge.fuses_course:
             return Verdict(pose, refused)
@@ -102,15 +99,8 @@ class Judge:
 
     def _judge_without_attitude(self, seen: Sight, pose: Pose, predicted: Pose) -> Verdict:
         """Judge a fit by its mirror image, the images before and the vehicle's inertia."""
-        limits = self._limits
         candidates = self._checks.candidates(seen, pose)
         branches = self._advance_branches(seen, candidates, predicted)
-        is_small = pose.source == "edges" and self._checks.cell_px(pose) < limits.cells.rivals_px
-        if not branches.is_decided and len(candidates) > 1 and is_small:
-            grey = self._fitter.fit_grey_values(seen.pixels, candidates)
-            # Blur that is not round leaves residuals there; such a fit says nothing.
-            if grey and min(fit.rms_px for fit in grey) < limits.certainty.blind_grey_rms_px:
-                branches = self._advance_branches(seen, grey, predicted)
         chosen = branches.best.pose
         refused = None if chosen is pose else self._checks.refusal(seen, chosen, predicted)
         return Verdict(None, refused) if refused is not None else self._judge_branches(seen, branches)
@@ -134,12 +124,10 @@ class Judge:
         is_plain = self.is_backed or self._checks.is_plain(seen, fused)
         if not is_plain and chosen.source == "edges" and chosen.inliers < limits.agreement.whole:
             return Verdict(fused, Refusal.INLIERS)
-        refused = None if self.is_backed else self._residual_refusal(fused, limits.judge.odd_rms)
-        return Verdict(
-            fused,
-            refused
-            or certainty_refusal(fused, has_attitude=False, is_plain=is_plain, is_backed=self.is_backed, limits=limits),
+        refused = certainty_refusal(
+            fused, has_attitude=False, is_plain=is_plain, is_backed=self.is_backed, limits=limits
         )
+        return Verdict(fused, refused)
 
     def _advance_branches(self, seen: Sight, candidates: Sequence[Pose], predicted: Pose) -> Branches:
         """The branches of the track with the candidates of this image."""
@@ -154,11 +142,3 @@ class Judge:
         best = choice.pose if choice is not None else min(candidates, key=lambda candidate: candidate.loss)
         order = [best, *(other for other in candidates if other is not best)]
         return self.start_branches(seen, order, decided=choice is not None)
-
-    def _residual_refusal(self, pose: Pose, times: float) -> Refusal | None:
-        """A small tag that suddenly fits much worse than before has slipped into a wrong place that looks alike."""
-        usual = self._track.usual_rms
-        is_small = pose.source == "edges" and self._checks.cell_px(pose) < self._limits.cells.small_px
-        if usual is None or not is_small:
-            return None
-        return Refusal.RESIDUAL if pose.rms_px > times * usual + self._limits.judge.odd_rms_px else None

@@ -15,8 +15,6 @@ from mkdaemon.vision.track.branches import Branches
 Array = npt.NDArray[np.float64]
 
 TRACK = LIMITS.track
-RMS_SHARE = 0.2
-"""Share of the newest residual in the usual one: a memory of five images."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -47,7 +45,6 @@ class Track:
         misses: images since the last accepted pose.
         decoded_at: when one of its tags was last decoded [s].
         tried_at: when decoding was last tried [s].
-        usual_rms: residual of the poses so far, slowly following [px]; none before the first.
         in_doubt: the poses remembered may be mirrored; they are good for following, not for deciding.
         branches: the readings of the images so far, while no attitude tells them apart; none before the first.
         image: pixels of the last accepted pose, for optical flow.
@@ -56,7 +53,6 @@ class Track:
     misses: int = 0
     decoded_at: float = -np.inf
     tried_at: float = -np.inf
-    usual_rms: float | None = None
     in_doubt: bool = False
     branches: Branches | None = None
     image: npt.NDArray[np.uint8] | None = None
@@ -85,9 +81,6 @@ class Track:
     def accept(self, time: float, pose: Pose, enu_from_flu: Array | None, image: npt.NDArray[np.uint8]) -> None:
         """Remember a pose and the image it came from."""
         self.image = image
-        if pose.source == "edges":
-            known = self.usual_rms if self.usual_rms is not None else pose.rms_px
-            self.usual_rms = known + RMS_SHARE * (pose.rms_px - known)
         gap = time - self._moments[-1].time if self._moments else 0.0
         if self.misses > TRACK.forget_misses or (self._moments and not 0 < gap < TRACK.forget_velocity):
             self._moments.clear()
@@ -100,7 +93,6 @@ class Track:
         self.image = None
         self.in_doubt = False
         self.branches = None
-        self.usual_rms = None
         self.misses = 0
         self.decoded_at = -np.inf
 
