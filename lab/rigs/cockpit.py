@@ -37,7 +37,7 @@ from mkdaemon.telemetry.link import LinkState
 GATE_OPEN: Final = 255
 """The pilot's external-control switch."""
 PATIENCE: Final = 20.0
-"""Longest wait for the boards to be met [s; virtual]."""
+"""Longest wait for the boards to be discovered [s; virtual]."""
 
 
 class Held(NamedTuple):
@@ -78,7 +78,7 @@ class WatchedSimulation(Simulation):
 
     def advance(self, to: float) -> list[tuple[float, bytes]]:
         """Run on; see `Simulation.advance`."""
-        said = super().advance(to)
+        sent = super().advance(to)
         external, core = self.flight.external, self.flight.core
         if external.held is not self._seen:
             self._seen = held = external.held
@@ -87,7 +87,7 @@ class WatchedSimulation(Simulation):
         tilt = (round(mixed.pitch - own.pitch), round(mixed.roll - own.roll), round(mixed.yaw - own.yaw))
         if not self.applied or (core.controlled, tilt) != self.applied[-1][1:]:
             self.applied.append(Held(to, core.controlled, tilt))
-        return said
+        return sent
 
     @property
     def is_controlled(self) -> bool:
@@ -215,7 +215,7 @@ class Cockpit:
 async def cockpit(
     boards: Boards, seed: int, *, link_class: type[Link] = Link, sim: dict[str, Any] | None = None, **link: Any
 ) -> AsyncIterator[Cockpit]:
-    """A running cockpit, boards met.
+    """A running cockpit, boards discovered.
 
     Args:
         boards: which aircraft.
@@ -225,7 +225,7 @@ async def cockpit(
         link: further settings of the link.
 
     Raises:
-        TimeoutError: the boards were not met.
+        TimeoutError: the boards were not discovered.
     """
     loop = asyncio.get_running_loop()
     wall = 1.7e9 + random.Random(f"{seed} wall").random()

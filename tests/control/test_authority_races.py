@@ -78,7 +78,7 @@ class Race(RuleBasedStateMachine):
         if isinstance(action, ReleaseOrder):
             self.releasing = True
         if isinstance(action, Fly):
-            assert not self.releasing, "sticks while the aircraft is being let go of"
+            assert not self.releasing, "sticks during a release"
             assert held is not None
             assert action.epoch == held.epoch
             assert action.epoch == max(self.epochs.values()), "a frame of an old epoch"

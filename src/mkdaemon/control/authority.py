@@ -145,7 +145,7 @@ class Authority:
         if present is not None and present.left > 0 and present.holder != holder and not force:
             raise refuse(Token.LEASE_HELD, holder=present.holder, left=present.left)
         if present is None and self.phase is Phase.RELEASING:
-            raise refuse(Token.BUSY, detail="the aircraft is being let go of")
+            raise refuse(Token.BUSY, detail="a release is under way")
         if present is not None:
             self.end(Event.LEASE_TAKEN_OVER, taker=holder)
         life = self._cfg.lease.ttl if ttl is None else min(ttl, self._cfg.lease.ttl)

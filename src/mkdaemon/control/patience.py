@@ -20,7 +20,7 @@ class LinePatience:
     """Watches the line for the holder of the lease.
 
     Without a board nobody flies, and not after a reopening either: what the board held is gone. Nor past a board that
-    does not hear us: it lets go by itself, and must not obey again without warning.
+    does not hear us: it drops external control by itself, and must not obey again without warning.
     """
 
     def __init__(self, *, one_way: float) -> None:

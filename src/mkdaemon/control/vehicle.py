@@ -59,7 +59,7 @@ class VehicleFacts:
             self._pose = pose
 
     def link_changed(self, state: LinkState) -> None:
-        """Take a verdict on the line; what an earlier opening of the port told is forgotten."""
+        """Take a verdict on the line; what was said through an earlier opening of the port is forgotten."""
         if self.link is not None and self.link.openings != state.openings:
             self._motors = self._flight = self._pilot = None
         self.link = state
@@ -93,5 +93,5 @@ class VehicleFacts:
         return None if self._pose is None else now - self._pose.stamp.monotonic
 
     def pilot_throttle(self, now: float) -> float | None:
-        """The pilot's throttle [stick]; None where the boards do not tell it."""
+        """The pilot's throttle [stick]; None where no message has said so lately."""
         return self._pilot[0].throttle if self._pilot is not None and now - self._pilot[1] <= FRESH else None

@@ -165,7 +165,7 @@ class FlightControl:
         self._bus.publish("control/output", output)
 
     async def _finish_release(self, release: Awaitable[ReleaseResult]) -> None:
-        """Wait for the end of a release, and tell the core and whoever asked for it."""
+        """Wait for the end of a release, then report it to the core and to whoever asked for it."""
         result: ReleaseResult | None = None
         with suppress(TimeoutError):
             async with asyncio.timeout(RELEASE_TIMEOUT):

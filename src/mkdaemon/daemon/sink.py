@@ -70,7 +70,7 @@ class BusSink:
         return states
 
     def sent(self, frame: Sent) -> None:
-        """Publish a transmission as bytes and as a message; the flight core is told of its own."""
+        """Publish a transmission as bytes and as a message; the flight core hears of its own."""
         if frame.purpose is Purpose.SETPOINT and frame.message is not None:
             self._core.frame_sent(frame.message.frame)  # type: ignore[attr-defined]  # every layout has it
         sequence = self._count("tx")

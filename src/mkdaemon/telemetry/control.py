@@ -20,7 +20,7 @@ class Phase(StrEnum):
     STALE = "stale"
     """The setpoint is too old: neutral sticks at hover throttle are sent."""
     RELEASING = "releasing"
-    """The aircraft is being let go of; nobody's setpoints are sent."""
+    """A release is under way; nobody's setpoints are sent."""
 
 
 class Obstacle(StrEnum):

@@ -60,7 +60,7 @@ class ControlPath:
         """A port was opened or lost.
 
         The last command is forgotten: minutes may have passed, and repeating its throttle, even with level sticks, is
-        no way to let go.
+        no release.
         """
         self.last_command = None
         self._rx_busy.clear()

@@ -139,7 +139,7 @@ class ReleasePlan:
         self.confirms = False
 
     def next_time(self) -> float:
-        """When `due` has something next [s]; infinite when all is said."""
+        """When `due` has something next [s]; infinite when it has ended."""
         return self._next if self.outcome in {None, ReleaseOutcome.UNCONFIRMED} else math.inf
 
     def result(self) -> ReleaseResult:

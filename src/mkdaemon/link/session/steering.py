@@ -132,7 +132,7 @@ class Steering:
         if build is not None:
             self._scheduler.submit(self.control.entry(build, Purpose.RELEASE, now + 1.0, tag=plan), now)
         if plan.outcome is ReleaseOutcome.CONFIRMED:
-            self._scheduler.end_quiet()  # an earlier release that could not be confirmed may have begun it
+            self._scheduler.end_quiet()  # an earlier release that could not be confirmed may have started it
             self._health.keep_quiet(now)
         if plan.is_running or self._plan_is_settled:
             return
@@ -143,7 +143,7 @@ class Steering:
             if refreshes("v"):
                 self._health.keep_quiet(now + release.QUIET_TIME)
         elif plan.outcome is ReleaseOutcome.NOT_OBSERVABLE and not self._scheduler.holds_back("b", now):
-            # Nobody can tell whether it arrived; beside stick frames a NaviCtrl passes only serial channels on.
+            # Nothing shows whether it arrived; beside stick frames a NaviCtrl passes only serial channels on.
             refreshes = self._peers.dialect.dead_man.refreshed_by
             self._scheduler.quieten(lambda letter: letter == "y" and refreshes("y"), now + release.QUIET_TIME)
         self.control.last_command = None
