@@ -11,8 +11,9 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from mkdaemon.config.control import ControlConfig
+from mkdaemon.control.lease import Lease
 from mkdaemon.control.limiter import Sticks
-from mkdaemon.control.modes import Event, Reaction, Row, Situation, find_row
+from mkdaemon.control.modes import IN_FLIGHT, Event, Reaction, Row, Situation, find_row
 from mkdaemon.errors import CommandRejectedError
 from mkdaemon.telemetry.control import LeaseState, Phase
 from mkdaemon.telemetry.refusals import Token, refuse
@@ -64,23 +65,6 @@ class ReleaseOrder:
 Decision = SendNothing | Fly | ReleaseOrder
 
 
-@dataclass(slots=True)
-class _Lease:
-    """The lease and its stream of setpoints: since when it lives, when the newest arrived."""
-
-    holder: str
-    epoch: int
-    ttl: float
-    sign_of_life: float
-    since: float
-    arrived: float
-    newest: Setpoint | None = None
-
-    def shown(self, now: float) -> LeaseState:
-        left = max(0.0, self.sign_of_life + self.ttl - now)
-        return LeaseState(holder=self.holder, epoch=self.epoch, ttl=self.ttl, left=left)
-
-
 class Authority:
     """The lease and the phase it is in.
 
@@ -102,7 +86,7 @@ class Authority:
         self._cfg = cfg
         self._next_epoch = first_epoch
         self._guide = guide
-        self._lease: _Lease | None = None
+        self._lease: Lease | None = None
         self._pending: ReleaseOrder | None = None
         self.phase = Phase.FREE
         self.reason = "nobody has taken the lease"
@@ -124,7 +108,7 @@ class Authority:
         if lease is None or lease.newest is None:
             return None
         if self.phase is Phase.FLYING:
-            return lease.arrived + self._life(lease.newest)
+            return lease.arrived + lease.setpoint_life(self._cfg.limiter)
         return lease.arrived + self._cfg.lease.release_after if self.phase is Phase.STALE else None
 
     # -- what clients ask for -------------------------------------------------------------------------------------
@@ -149,7 +133,7 @@ class Authority:
         if present is not None:
             self.end(Event.LEASE_TAKEN_OVER, taker=holder)
         life = self._cfg.lease.ttl if ttl is None else min(ttl, self._cfg.lease.ttl)
-        self._lease = _Lease(holder, self._next_epoch, life, sign_of_life=now, since=now, arrived=now)
+        self._lease = Lease(holder, self._next_epoch, life, sign_of_life=now, since=now, arrived=now)
         self._next_epoch += 1
         self._move(Event.LEASE_TAKEN)
         return self._lease.shown(now)
@@ -206,10 +190,7 @@ class Authority:
             self.refused += 1
             raise
         is_first = lease.newest is None
-        if is_first or now - lease.arrived > 1.0 / self._cfg.lease.engage_rate:
-            lease.since = now
-        lease.sign_of_life = lease.arrived = now
-        lease.newest = setpoint
+        lease.take_setpoint(setpoint, self._cfg.lease, now)
         return is_first
 
     # -- what happens ---------------------------------------------------------------------------------------------
@@ -224,7 +205,8 @@ class Authority:
         if lease is None:
             return SendNothing()
         sticks = None if lease.newest is None else self._guide(lease.newest, now)
-        row = self._move(Event.TICK, self._judge(lease, sticks, now), silence=f"{self._silence(lease, now):.2f}")
+        silence = lease.silence(now, is_in_flight=self.phase in IN_FLIGHT)
+        row = self._move(Event.TICK, self._judge(lease, sticks, now), silence=f"{silence:.2f}")
         if row is None or row.reaction is Reaction.NOTHING:
             return SendNothing()
         if row.reaction is Reaction.RELEASE:
@@ -243,34 +225,27 @@ class Authority:
 
     # -- inside ---------------------------------------------------------------------------------------------------
 
-    def _check(self, epoch: int) -> _Lease:
+    def _check(self, epoch: int) -> Lease:
         if self._lease is None:
             raise refuse(Token.NOT_LEASED)
         if epoch != self._lease.epoch:
             raise refuse(Token.WRONG_EPOCH, epoch=epoch, current=self._lease.epoch)
         return self._lease
 
-    def _life(self, setpoint: Setpoint) -> float:
-        """Time a setpoint holds [s]."""
-        return min(setpoint.ttl, self._cfg.limiter.setpoint_ttl)
-
-    def _silence(self, lease: _Lease, now: float) -> float:
-        """Time the holder has been silent [s]: setpoints count while it flies, any sign of life before."""
-        return now - (lease.arrived if self.phase in {Phase.FLYING, Phase.STALE} else lease.sign_of_life)
-
-    def _judge(self, lease: _Lease, sticks: Sticks | None, now: float) -> Situation:
+    def _judge(self, lease: Lease, sticks: Sticks | None, now: float) -> Situation:
         """Gather what the guards of a tick look at."""
-        cfg, newest, age = self._cfg.lease, lease.newest, now - lease.arrived
-        longest = cfg.release_after if self.phase in {Phase.FLYING, Phase.STALE} else lease.ttl
-        is_silent = self._silence(lease, now) >= longest
-        if newest is None or sticks is None:
+        cfg, is_in_flight = self._cfg, self.phase in IN_FLIGHT
+        is_silent = lease.silence(now, is_in_flight=is_in_flight) >= (
+            cfg.lease.release_after if is_in_flight else lease.ttl
+        )
+        if sticks is None:
             return Situation(is_held=True, is_silent=is_silent)
         return Situation(
             is_held=True,
             is_silent=is_silent,
-            is_live=age <= 1.0 / cfg.engage_rate and lease.arrived - lease.since >= cfg.engage_after,
-            is_neutral=max(abs(sticks.pitch), abs(sticks.roll), abs(sticks.yaw)) <= cfg.neutral_band,
-            is_fresh=age <= self._life(newest),
+            is_live=lease.is_live(cfg.lease, now),
+            is_neutral=max(abs(sticks.pitch), abs(sticks.roll), abs(sticks.yaw)) <= cfg.lease.neutral_band,
+            is_fresh=now - lease.arrived <= lease.setpoint_life(cfg.limiter),
         )
 
     def _move(self, event: Event, situation: Situation | None = None, **words: str) -> Row | None:

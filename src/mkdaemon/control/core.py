@@ -14,7 +14,7 @@ from mkdaemon.config.control import ControlConfig
 from mkdaemon.control.actions import Action, ReadGate, Release, SendSticks
 from mkdaemon.control.authority import Authority, Fly, ReleaseOrder
 from mkdaemon.control.limiter import Sticks
-from mkdaemon.control.modes import Event
+from mkdaemon.control.modes import IN_FLIGHT, Event
 from mkdaemon.control.output import SHORTEST_STEP, StickOutput
 from mkdaemon.control.patience import LinePatience
 from mkdaemon.control.preflight import Gate, check_gate
@@ -41,7 +41,6 @@ _IS_CONFIRMED: Final = {
     ReleaseOutcome.NOT_SENT: False,
     ReleaseOutcome.NOT_OBSERVABLE: None,
 }
-_IN_FLIGHT: Final = frozenset({Phase.FLYING, Phase.STALE})
 
 
 class FlightCore:
@@ -235,7 +234,7 @@ class FlightCore:
         self._ticked_at, self._is_due = now, False
         order: Action | None = None
         if self._release is None:
-            if stood_still > self._cfg.limiter.setpoint_ttl and self._authority.phase in _IN_FLIGHT:
+            if stood_still > self._cfg.limiter.setpoint_ttl and self._authority.phase in IN_FLIGHT:
                 self._authority.end(Event.STALLED, cause=f"{stood_still:.2f}")
             self._watch_line(now)
             before = self._authority.phase
@@ -246,7 +245,7 @@ class FlightCore:
             elif isinstance(decision, ReleaseOrder):
                 self._release, order = decision, Release(decision.reason)
         self._reports.status(self._line.layout, now)
-        self._is_paced = self._authority.phase in _IN_FLIGHT
+        self._is_paced = self._authority.phase in IN_FLIGHT
         return ([] if order is None else [order]) + self._reports.take()
 
     def _watch_line(self, now: float) -> None:

@@ -132,7 +132,8 @@ class Row:
 
 
 _FREE, _LEASED, _FLYING, _STALE, _RELEASING = Phase
-_IN_FLIGHT: Final = (_FLYING, _STALE)
+IN_FLIGHT: Final = (_FLYING, _STALE)
+"""Phases in which stick frames are sent."""
 _HELD: Final = (_LEASED, _FLYING, _STALE)
 _WAITING: Final = "{holder} holds the lease; waiting for a live, neutral stream"
 _FLIES: Final = "{holder} flies"
@@ -150,17 +151,17 @@ ROWS: Final = (
     Row((_LEASED,), Event.TICK, NOT_NEUTRAL, _LEASED, Reaction.NOTHING, "{holder} streams; waiting for neutral sticks"),
     Row((_LEASED,), Event.TICK, READY, _FLYING, Reaction.STICKS, _FLIES),
     Row((_LEASED,), Event.TICK, READY_BUT_OLD, _STALE, Reaction.NEUTRAL, _OLD),
-    Row(_IN_FLIGHT, Event.TICK, SILENT, _RELEASING, Reaction.RELEASE, "no setpoint from {holder} for {silence} s"),
-    Row(_IN_FLIGHT, Event.TICK, FRESH, _FLYING, Reaction.STICKS, _FLIES),
-    Row(_IN_FLIGHT, Event.TICK, TOO_OLD, _STALE, Reaction.NEUTRAL, _OLD),
+    Row(IN_FLIGHT, Event.TICK, SILENT, _RELEASING, Reaction.RELEASE, "no setpoint from {holder} for {silence} s"),
+    Row(IN_FLIGHT, Event.TICK, FRESH, _FLYING, Reaction.STICKS, _FLIES),
+    Row(IN_FLIGHT, Event.TICK, TOO_OLD, _STALE, Reaction.NEUTRAL, _OLD),
     _release(Event.LEASE_TAKEN_OVER, (*_HELD, _RELEASING), "{taker} took the lease from {holder}", is_asked=True),
     _release(Event.LEASE_RETURNED, (*_HELD, _RELEASING), "{holder} gave the lease back", is_asked=True),
     _release(Event.RELEASE_REQUESTED, tuple(Phase), "{cause}", is_asked=True),
     _release(Event.CLIENT_GONE, (*_HELD, _RELEASING), "client {holder} is gone"),
     _release(Event.LINK_LOST, _HELD, "the link is {cause}"),
-    _release(Event.CONTROL_IMPOSSIBLE, _IN_FLIGHT, "external control is not possible: {cause}"),
-    _release(Event.LINE_RELEASING, _IN_FLIGHT, "{cause}"),
-    _release(Event.STALLED, _IN_FLIGHT, "the daemon stood still for {cause} s"),
+    _release(Event.CONTROL_IMPOSSIBLE, IN_FLIGHT, "external control is not possible: {cause}"),
+    _release(Event.LINE_RELEASING, IN_FLIGHT, "{cause}"),
+    _release(Event.STALLED, IN_FLIGHT, "the daemon stood still for {cause} s"),
     _release(Event.GUARD_ACTED, tuple(Phase), "the guard released the aircraft: {cause}"),
     Row((_RELEASING,), Event.RELEASE_DONE, RELEASE_OWED, _RELEASING, Reaction.NOTHING, "{reason}"),
     Row((_RELEASING,), Event.RELEASE_DONE, HELD, _LEASED, Reaction.NOTHING, _WAITING),
