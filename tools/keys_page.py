@@ -52,7 +52,9 @@ _COMMANDS: Final = """## Commands
 
 The payload of a query under `cmd/` is a map of the request's fields as [protocol.md](protocol.md) lists them
 (integers as on the wire), with `layout` where one of several is meant, and `confirm: true` where the request is
-dangerous. The payload under `do/` is the model named above. The answer is always a `CommandResult`; every command
+dangerous. The payload under `do/` is the model named above. A request may have 4,096 bytes, one with a mission
+131,072, a setpoint 512; no key of a map may come twice, and numbers are numbers (`"60"` and `true` are
+none). The answer is always a `CommandResult`; every command
 and its end is mirrored under `event/command`.
 """
 

@@ -10,7 +10,16 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mkdaemon.bus.codec import MAX_MAP_BYTES, decode_map, encode, encode_map, encoding_of, read_command, schema_name
+from mkdaemon.bus.codec import (
+    MAX_DEPTH,
+    TooLong,
+    decode_map,
+    encode,
+    encode_map,
+    encoding_of,
+    read_command,
+    schema_name,
+)
 from mkdaemon.bus.keys import KEYS, Use, find, roots
 from mkdaemon.bus.names import key, suffix_of
 from mkdaemon.bus.schema import schema_json, schema_names
@@ -19,7 +28,8 @@ from mkdaemon.protocol.messages import EchoRequest, OsdData5
 from mkdaemon.stamp import Stamp
 from mkdaemon.telemetry.command import LeaseRequest, RateRequest
 from mkdaemon.telemetry.link import LinkCondition, LinkState
-from mkdaemon.telemetry.setpoint import StickSetpoint
+from mkdaemon.telemetry.mission import MissionPoint, WaypointsUploadRequest
+from mkdaemon.telemetry.setpoint import StickSetpoint, VelocitySetpoint
 from mkdaemon.telemetry.traffic import FrameSample
 from tools.keys_page import keys_page
 
@@ -49,7 +59,7 @@ def test_encodings_name_schema_and_version():
     "raw",
     [
         b"\xc1", b"\xff\xff", b"\x91" * 3000, b"\x81\xa1a", b"\x81\x01\x02", b"\x81\xa1\xff\x01", b"\x93\x01\x02\x03",
-        b"\xa3abc", b"\x80\x80", b"\x81\xa1a\x01" + b"x" * MAX_MAP_BYTES,
+        b"\xa3abc", b"\x80\x80", TooLong(5000, 4096), b"\x81\xa1a\xc7\x01\x05x", b"\x81\xa1a\xd6\xff\0\0\0\0",
     ],
 )  # fmt: skip
 def test_what_is_no_map_is_refused_as_malformed(raw):
@@ -68,6 +78,35 @@ def test_no_bytes_at_all_break_the_reader(raw):
         assert isinstance(fields, dict)
 
 
+def _nested(depth: int) -> dict:
+    value: dict = {}
+    for _ in range(depth):
+        value = {"a": value}
+    return value
+
+
+def test_nesting_deeper_than_any_request_is_refused_before_it_breaks_the_audit():
+    with pytest.raises(CommandRejectedError, match="nested deeper"):
+        decode_map(msgpack.packb(_nested(MAX_DEPTH)))
+    with pytest.raises(CommandRejectedError, match="nested deeper"):
+        decode_map(b"\x81\xa1a" + b"\x91" * 300 + b"\x01")
+    assert decode_map(msgpack.packb(_nested(MAX_DEPTH - 1))) == _nested(MAX_DEPTH - 1)
+
+
+@pytest.mark.parametrize(
+    "raw", [b"\x82\xa1a\x01\xa1a\x02", b"\x81\xa1b\x82\xa1a\x01\xa1a\x01"], ids=["outside", "inside"]
+)
+def test_a_key_that_comes_twice_is_refused(raw):
+    with pytest.raises(CommandRejectedError, match="twice"):
+        decode_map(raw)
+
+
+def test_parts_longer_than_in_any_request_are_refused():
+    for value in ({"a": [0] * 513}, {"a": dict.fromkeys(map(str, range(257)))}, {"a": "x" * 4097}, {"a": b"x" * 4097}):
+        with pytest.raises(CommandRejectedError, match="no msgpack"):
+            decode_map(msgpack.packb(value))
+
+
 def test_nothing_is_an_empty_map():
     assert decode_map(b"") == {}
 
@@ -84,6 +123,7 @@ def test_integers_do_where_floats_are_meant():
     [
         {"pitch": float("nan")}, {"pitch": float("inf")}, {"pitch": 127.1}, {"throttle": -128}, {"ttl": 0},
         {"ttl": 1.1}, {"epoch": -1}, {"epoch": 1.0}, {"epoch": "1"}, {"sequence": True}, {"extra": 1}, {"yaw": None},
+        {"pitch": "60"}, {"pitch": b"60"}, {"pitch": True}, {"ttl": "0.3"}, {"throttle": [1]},
     ],
 )  # fmt: skip
 def test_setpoints_out_of_range_are_refused(change):
@@ -99,6 +139,23 @@ def test_commands_take_no_unknown_action():
     assert read_command(RateRequest, b"").stream is None
 
 
+@pytest.mark.parametrize("fields", [{"interval": "0.5"}, {"interval": True}, {"interval": b"0"}])
+def test_numbers_written_as_words_are_refused(fields):
+    with pytest.raises(CommandRejectedError, match="interval"):
+        read_command(RateRequest, msgpack.packb(fields))
+
+
+@pytest.mark.parametrize(
+    "change", [{"velocity": ["1", 0, 0]}, {"velocity": [True, 0, 0]}, {"yaw_rate": "1"}, {"frame": 1}]
+)
+def test_velocities_are_numbers(change):
+    good = {"epoch": 1, "sequence": 2, "ttl": 0.3, "velocity": [1, 0.0, 0], "frame": "home"}
+    assert read_command(VelocitySetpoint, msgpack.packb(good)).velocity == (1.0, 0.0, 0.0)
+    with pytest.raises(CommandRejectedError) as caught:
+        read_command(VelocitySetpoint, msgpack.packb(good | change))
+    assert caught.value.token == "bad_field"
+
+
 def test_keys_are_found_by_their_suffix():
     assert find("state/attitude").carries.__name__ == "Attitude"
     assert find("rx/nc/osd").carries is FrameSample
@@ -110,6 +167,22 @@ def test_keys_are_found_by_their_suffix():
         suffix_of("m1", "mk/m2/state/gps")
     assert "health" in roots(Use.PUBLISHED)
     assert len({spec.suffix for spec in KEYS}) == len(KEYS)
+
+
+def test_the_longest_honest_requests_fit():
+    point = {
+        "latitude_deg": -48.123456789, "longitude_deg": -111.123456789, "altitude": -1000.55, "kind": "waypoint",
+        "radius": 255, "hold": 255, "heading_deg": 360, "poi": 255, "climb": 2.55, "speed": 2.55,
+        "camera_angle_deg": -255, "name": "ABCD", "event": 255, "photo_distance": 255,
+    }  # fmt: skip
+    assert set(point) == set(MissionPoint.model_fields)
+    upload = {"points": [point] * 254, "source": "x" * 200, "holder": "y" * 64}
+    assert set(upload) < set(WaypointsUploadRequest.model_fields)
+    raw = msgpack.packb(upload)
+    assert len(decode_map(raw)["points"]) == 254
+    assert len(raw) < find("do/waypoints_upload").max_bytes
+    assert find("do/lease").max_bytes == 4096
+    assert find("setpoint/stick").max_bytes == 512
 
 
 def test_no_chunk_hides_from_wildcards():

@@ -11,6 +11,7 @@ import msgpack
 import pytest
 import zenoh
 
+from mkdaemon.bus.codec import Payload, TooLong
 from mkdaemon.bus.gateway import Bus
 from mkdaemon.bus.session import session_config
 from mkdaemon.errors import ConfigError, MkError
@@ -205,6 +206,42 @@ async def test_of_a_flood_of_setpoints_the_newest_comes_through_and_the_loop_goe
         await flooding
     assert turns > 1
     assert taken == sorted(taken, key=int)
+
+
+async def test_long_setpoints_and_requests_are_refused_by_their_length_and_cost_the_loop_nothing(bus):
+    opened, endpoint = bus
+    taken: list[Payload] = []
+    heard: list[Payload] = []
+    is_over = asyncio.Event()
+
+    def take(stamp: float, payload: Payload) -> None:
+        taken.append(payload)
+        if payload == b"small":
+            is_over.set()
+
+    async def handler(suffix: str, payload: Payload) -> CommandResult:
+        heard.append(payload)
+        return CommandResult(status=Status.ACCEPTED)
+
+    opened.receive("setpoint/stick", take)
+    opened.serve("do", handler)
+    big = msgpack.packb({str(number): number for number in range(100_000)})
+    with client(endpoint) as session:
+
+        def attack() -> None:
+            for _ in range(64):
+                session.put("mk/t1/setpoint/stick", big, congestion_control=zenoh.CongestionControl.BLOCK)
+            session.put("mk/t1/setpoint/stick", b"small", congestion_control=zenoh.CongestionControl.BLOCK)
+
+        used = time.thread_time()
+        await asyncio.to_thread(attack)
+        await asyncio.wait_for(is_over.wait(), PATIENCE)
+        used = time.thread_time() - used
+        await asyncio.to_thread(ask, session, "mk/t1/do/lease", big)
+        await asyncio.to_thread(ask, session, "mk/t1/do/waypoints_upload", bytes(5000))
+    assert set(taken) == {TooLong(len(big), 512), b"small"}
+    assert heard == [TooLong(len(big), 4096), bytes(5000)]
+    assert used < 0.2
 
 
 async def test_clients_are_seen_coming_and_going(bus):

@@ -5,6 +5,7 @@ Maps and not arrays, so readers need no table and additions break nobody.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any, Final, TypeVar
 
 import msgpack
@@ -14,10 +15,35 @@ from mkdaemon.telemetry.base import Command
 from mkdaemon.telemetry.refusals import Token, refuse
 
 MEDIA_TYPE: Final = "application/msgpack"
-MAX_MAP_BYTES: Final = 1 << 20
-"""Longest payload read from a client [bytes]; the largest honest one is a settings block of a few hundred."""
+MAX_DEPTH: Final = 8
+"""Deepest nesting read from a client; the deepest honest one is 4. Packing it again for the audit must not fail."""
+_LIMITS: Final = {
+    "max_map_len": 256,
+    "max_array_len": 512,
+    "max_str_len": 4096,
+    "max_bin_len": 4096,
+    "max_ext_len": 0,
+}
+"""Longest parts of a map, so that a few bytes cannot claim much memory; a mission has 254 points."""
 
 _Command = TypeVar("_Command", bound=Command)
+
+
+@dataclass(frozen=True, slots=True)
+class TooLong:
+    """Stands for a payload that was not read because of its length.
+
+    Attributes:
+        size: its length [bytes].
+        limit: length its key may have [bytes].
+    """
+
+    size: int
+    limit: int
+
+
+Payload = bytes | TooLong
+"""What somebody sent."""
 
 
 def encode(value: BaseModel) -> bytes:
@@ -41,6 +67,11 @@ def encode_map(value: dict[str, Any]) -> bytes:
     return packed
 
 
+def with_age(packed: bytes, age: float) -> bytes:
+    """Add to a packed value of our own how old it is [s], as answers with last values carry it."""
+    return encode_map({**msgpack.unpackb(packed), "age": round(age, 6)})
+
+
 def schema_name(model: type[BaseModel]) -> str:
     """Name and version of a model's schema, for example `Attitude.v1`; a wire message's layout is in its class name."""
     return f"{model.__name__}.v{getattr(model, 'schema_version', 1)}"
@@ -51,32 +82,60 @@ def encoding_of(model: type[BaseModel]) -> str:
     return f"{MEDIA_TYPE};mk.{schema_name(model)}"
 
 
-def decode_map(raw: bytes) -> dict[str, Any]:
+def decode_map(payload: Payload) -> dict[str, Any]:
     """Unpack what somebody sent; nothing at all is an empty map.
 
     Raises:
-        CommandRejectedError: `malformed`: too long, no msgpack, no map, or keys that are no words.
+        CommandRejectedError: `malformed`: too long, no msgpack, no map, keys that are no words or come twice, parts
+            longer or nested deeper than any honest request.
     """
-    if not raw:
+    if isinstance(payload, TooLong):
+        raise refuse(Token.MALFORMED, detail=f"{payload.size} bytes are more than {payload.limit}")
+    if not payload:
         return {}
-    if len(raw) > MAX_MAP_BYTES:
-        raise refuse(Token.MALFORMED, detail=f"{len(raw)} bytes are more than {MAX_MAP_BYTES}")
     try:
-        value = msgpack.unpackb(raw)
+        value = msgpack.unpackb(payload, object_pairs_hook=_map_of, **_LIMITS)
     except (ValueError, TypeError, RecursionError, msgpack.exceptions.UnpackException) as error:
         raise refuse(Token.MALFORMED, detail=f"no msgpack, {type(error).__name__}") from error
-    if not isinstance(value, dict) or not all(isinstance(key, str) for key in value):
+    if not isinstance(value, dict):
         raise refuse(Token.MALFORMED, detail="msgpack, but no map with words as keys")
+    if _is_deeper(value, MAX_DEPTH):
+        raise refuse(Token.MALFORMED, detail=f"it is nested deeper than {MAX_DEPTH}")
     return value
 
 
-def read_command(model: type[_Command], raw: bytes) -> _Command:
+def _map_of(pairs: list[tuple[Any, Any]]) -> dict[str, Any]:
+    fields = dict(pairs)
+    if len(fields) != len(pairs):
+        raise refuse(Token.MALFORMED, detail="a key comes twice")
+    if not all(isinstance(key, str) for key in fields):
+        raise refuse(Token.MALFORMED, detail="msgpack, but no map with words as keys")
+    return fields
+
+
+def _is_deeper(value: Any, levels: int) -> bool:
+    if isinstance(value, dict):
+        value = value.values()
+    elif not isinstance(value, list):
+        return False
+    return levels == 0 or any(_is_deeper(part, levels - 1) for part in value)
+
+
+def read_command(model: type[_Command], payload: Payload) -> _Command:
     """Unpack and check a command.
 
     Raises:
         CommandRejectedError: `malformed` or `bad_field`.
     """
-    fields = decode_map(raw)
+    return check_command(model, decode_map(payload))
+
+
+def check_command(model: type[_Command], fields: dict[str, Any]) -> _Command:
+    """Check the fields of a command.
+
+    Raises:
+        CommandRejectedError: `bad_field`.
+    """
     try:
         return model.model_validate(fields)
     except ValidationError as error:
@@ -85,7 +144,7 @@ def read_command(model: type[_Command], raw: bytes) -> _Command:
 
 def first_mistake(error: ValidationError) -> str:
     """The first thing a validation found wrong, in a few words."""
-    mistakes = error.errors(include_url=False)
+    mistakes = error.errors(include_url=False, include_context=False, include_input=False)
     first = mistakes[0]
     field = ".".join(str(part) for part in first["loc"]) or "the map"
     if first["type"] == "extra_forbidden":

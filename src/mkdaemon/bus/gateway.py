@@ -18,8 +18,8 @@ import structlog
 import zenoh
 from pydantic import BaseModel
 
-from mkdaemon.bus.codec import decode_map, encode, encode_map, encoding_of
-from mkdaemon.bus.keys import Use, find, roots
+from mkdaemon.bus.codec import Payload, TooLong, encode, encoding_of, with_age
+from mkdaemon.bus.keys import REQUEST_BYTES, Use, find, roots
 from mkdaemon.bus.names import key, suffix_of
 from mkdaemon.bus.schema import schema_json, schema_names
 from mkdaemon.bus.session import close_session, open_session, session_config
@@ -35,9 +35,9 @@ _JSON: Final = "application/schema+json"
 FLOOD: Final = 64
 """Setpoints taken in one turn of the loop; an honest client sends one in twenty milliseconds."""
 
-Handler = Callable[[str, bytes], Awaitable[CommandResult]]
+Handler = Callable[[str, Payload], Awaitable[CommandResult]]
 """Answers a command: suffix and payload to a result; may raise `CommandRejectedError`."""
-Taker = Callable[[float, bytes], None]
+Taker = Callable[[float, Payload], None]
 """Takes a setpoint: arrival [s; monotonic] and payload; called on the loop, returns at once, never raises."""
 Watcher = Callable[[str, bool], None]
 """Takes a client's coming (True) or going (False), by its name; called on the loop."""
@@ -153,9 +153,10 @@ class Bus:
         Nothing waits here: all that arrived is handed over in the next turn of the loop, and the newest valid one wins
         there. It is not one slot, or a stranger's setpoint, refused a moment later, would displace the pilot's. Of a
         flood, the newest `FLOOD` of each turn are handed over and the older ones dropped: the loop has other work.
+        What is too long is not even copied.
         """
         loop, lock = self._loop, threading.Lock()
-        waiting: deque[tuple[float, bytes]] = deque(maxlen=FLOOD)
+        waiting: deque[tuple[float, Payload]] = deque(maxlen=FLOOD)
         is_called = False
 
         def drain() -> None:
@@ -164,13 +165,14 @@ class Bus:
                 is_called = False
                 arrived = list(waiting)
                 waiting.clear()
-            for stamp, raw in arrived:
-                take(stamp, raw)
+            for stamp, payload in arrived:
+                take(stamp, payload)
 
         def on_sample(sample: zenoh.Sample) -> None:
             nonlocal is_called
+            payload = _read(sample.payload, suffix)
             with lock:
-                waiting.append((time.monotonic(), sample.payload.to_bytes()))
+                waiting.append((time.monotonic(), payload))
                 if not is_called:
                     is_called = True
                     loop.call_soon_threadsafe(drain)
@@ -204,8 +206,7 @@ class Bus:
             for suffix, (payload, encoding, stamp) in self._last.items():
                 whole = key(self.vehicle, suffix)
                 if query.key_expr.intersects(whole):
-                    fields = decode_map(payload) | {"age": round(now - stamp, 6)}
-                    query.reply(whole, encode_map(fields), encoding=encoding)
+                    query.reply(whole, with_age(payload, now - stamp), encoding=encoding)
 
     def _answer_schema(self, query: zenoh.Query) -> None:
         with query:
@@ -220,9 +221,9 @@ class Bus:
             if "*" in whole or "$" in whole:
                 return  # a wildcard that looks around commands nothing
             started = time.monotonic()
-            payload = query.payload.to_bytes() if query.payload is not None else b""
+            suffix = suffix_of(self.vehicle, whole)
             try:
-                result = await handler(suffix_of(self.vehicle, whole), payload)
+                result = await handler(suffix, _read(query.payload, suffix))
             except CommandRejectedError as error:
                 result = refused(error)
             except Exception as error:  # noqa: BLE001
@@ -240,3 +241,13 @@ class Bus:
         for task in self._answering:
             task.cancel()
         await asyncio.gather(*self._answering, return_exceptions=True)
+
+
+def _read(payload: zenoh.ZBytes | None, suffix: str) -> Payload:
+    """Copy what somebody sent to a key, unless it is longer than anything honest there."""
+    if payload is None:
+        return b""
+    spec = find(suffix)
+    limit = REQUEST_BYTES if spec is None else spec.max_bytes
+    size = len(payload)
+    return payload.to_bytes() if size <= limit else TooLong(size, limit)

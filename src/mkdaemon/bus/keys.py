@@ -25,6 +25,14 @@ from mkdaemon.telemetry.traffic import FrameSample, RawFrame
 from mkdaemon.telemetry.vehicle import VehicleHealth
 from mkdaemon.telemetry.vision import Tags, Transform, VisionPose, VisionStats
 
+REQUEST_BYTES: Final = 4096
+"""Longest request [bytes]; five parameter sets are 1,100."""
+_SETPOINT_BYTES: Final = 512
+"""Longest setpoint [bytes]; the longest honest one is below 200."""
+_MISSION_BYTES: Final = 1 << 17
+"""Longest request with a mission [bytes]; 254 points are up to 80,000."""
+_CARRY_MISSION: Final = frozenset({"do/waypoints_upload", "do/waypoints_verify"})
+
 
 class Use(StrEnum):
     """How a key is used."""
@@ -65,6 +73,13 @@ class KeySpec:
     def pattern(self) -> str:
         """The suffix as a Zenoh key expression."""
         return re.sub(r"<[^>]+>", "*", self.suffix)
+
+    @property
+    def max_bytes(self) -> int:
+        """Longest payload that is read from a client [bytes]."""
+        if self.use is Use.SETPOINT:
+            return _SETPOINT_BYTES
+        return _MISSION_BYTES if self.suffix in _CARRY_MISSION else REQUEST_BYTES
 
 
 _P, _Q = Use.PUBLISHED, Use.QUERY

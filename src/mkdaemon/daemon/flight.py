@@ -11,9 +11,9 @@ from collections.abc import Awaitable
 from contextlib import suppress
 from dataclasses import asdict, fields
 from functools import partial
-from typing import Any, Final
+from typing import Final
 
-from mkdaemon.bus.codec import decode_map, read_command
+from mkdaemon.bus.codec import Payload, TooLong, check_command, decode_map
 from mkdaemon.clock import Clock
 from mkdaemon.control.actions import Action, PublishStatus, ReadGate, Release, SendSticks
 from mkdaemon.control.core import FlightCore
@@ -62,12 +62,14 @@ class FlightControl:
 
     # -- what the bus brings --------------------------------------------------------------------------------------
 
-    def setpoint_arrived(self, kind: type[Setpoint], arrived: float, raw: bytes) -> None:
+    def setpoint_arrived(self, kind: type[Setpoint], arrived: float, payload: Payload) -> None:
         """Take a streamed setpoint; one that is refused is counted and reported."""
+        fields = {"bytes": payload.size if isinstance(payload, TooLong) else len(payload)}
         try:
-            setpoint = read_command(kind, raw)
+            fields = decode_map(payload)
+            setpoint = check_command(kind, fields)
         except CommandRejectedError as error:
-            self._core.setpoint_refused(kind.suffix, _fields(raw), error, arrived)
+            self._core.setpoint_refused(kind.suffix, fields, error, arrived)
             return
         self._core.setpoint(setpoint, arrived)
         self._news.set()
@@ -176,11 +178,3 @@ class FlightControl:
         for waiter in waiters:
             if not waiter.done():
                 waiter.set_result(result)
-
-
-def _fields(raw: bytes) -> dict[str, Any]:
-    """What a setpoint that cannot be read carried."""
-    try:
-        return decode_map(raw)
-    except CommandRejectedError:
-        return {"bytes": len(raw)}

@@ -9,7 +9,7 @@ from typing import Any, Final
 
 from pydantic import ValidationError
 
-from mkdaemon.bus.codec import decode_map, first_mistake, schema_name
+from mkdaemon.bus.codec import Payload, decode_map, first_mistake, schema_name
 from mkdaemon.clock import Clock
 from mkdaemon.config.commands import CommandsConfig
 from mkdaemon.control.danger import check_danger, check_proof
@@ -62,11 +62,11 @@ class BoardRequests:
         self._audit = audit
         self._clock = clock
 
-    async def answer(self, suffix: str, raw: bytes) -> CommandResult:
+    async def answer(self, suffix: str, payload: Payload) -> CommandResult:
         """Answer one query; every one is mirrored under `event/command`, whatever becomes of it."""
         fields: dict[str, Any] = {}
         try:
-            fields = decode_map(raw)
+            fields = decode_map(payload)
             result = await self._ask(suffix, dict(fields))
         except CommandRejectedError as error:
             result = refused(error)

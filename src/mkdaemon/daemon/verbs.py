@@ -7,7 +7,7 @@ from collections.abc import Awaitable, Callable, Mapping
 from dataclasses import asdict
 from typing import Any
 
-from mkdaemon.bus.codec import decode_map, read_command, schema_name
+from mkdaemon.bus.codec import Payload, decode_map, read_command, schema_name
 from mkdaemon.daemon.audit import Audit
 from mkdaemon.daemon.flight import RELEASE_TIMEOUT, FlightControl
 from mkdaemon.daemon.procedures import Interlock
@@ -17,7 +17,7 @@ from mkdaemon.telemetry.command import CommandResult, LeaseRequest, RateRequest,
 from mkdaemon.telemetry.control import LeaseState, ReleaseOutcome
 from mkdaemon.telemetry.refusals import Status, Token, refuse
 
-Verb = Callable[[bytes], Awaitable[CommandResult]]
+Verb = Callable[[Payload], Awaitable[CommandResult]]
 
 
 class Verbs:
@@ -37,25 +37,25 @@ class Verbs:
             **procedures,
         }
 
-    async def answer(self, suffix: str, raw: bytes) -> CommandResult:
+    async def answer(self, suffix: str, payload: Payload) -> CommandResult:
         """Answer one query; every one is mirrored under `event/command`, whatever becomes of it."""
         fields: dict[str, Any] = {}
         name = suffix.removeprefix("do/")
         try:
-            fields = decode_map(raw)
+            fields = decode_map(payload)
             verb = self._verbs.get(name)
             if verb is None:
                 near = difflib.get_close_matches(name, self._verbs, n=1, cutoff=0.4) or list(self._verbs)
                 raise refuse(Token.UNKNOWN_VERB, name=name, near=" or ".join(near))
-            result = await verb(raw)
+            result = await verb(payload)
         except CommandRejectedError as error:
             result = refused(error)
         self._audit.command(suffix, fields, result)
         return result
 
-    async def _lease(self, raw: bytes) -> CommandResult:
+    async def _lease(self, payload: Payload) -> CommandResult:
         """Answer `do/lease`; nobody takes one while a procedure needs the boards."""
-        request = read_command(LeaseRequest, raw)
+        request = read_command(LeaseRequest, payload)
         if request.action == "take":
             with self._interlock.taking_lease():
                 lease = await self._flight.lease(request)
@@ -64,17 +64,17 @@ class Verbs:
         reply: dict[str, Any] = {} if lease is None else dict(lease)
         return CommandResult(status=Status.ACCEPTED, reply=reply, reply_type=schema_name(LeaseState))
 
-    async def _release(self, raw: bytes) -> CommandResult:
+    async def _release(self, payload: Payload) -> CommandResult:
         """Answer `do/release`."""
-        result = await self._flight.release(read_command(ReleaseRequest, raw))
+        result = await self._flight.release(read_command(ReleaseRequest, payload))
         if result is None:
             raise refuse(Token.TIMEOUT, board="fc", name="release", detail=f"no end in {RELEASE_TIMEOUT:g} s")
         status = Status.ACCEPTED if result.status is ReleaseOutcome.CONFIRMED else Status.NOT_OBSERVABLE
         return CommandResult(status=status, reply=asdict(result), reply_type="ReleaseResult.v1")
 
-    async def _rate(self, raw: bytes) -> CommandResult:
+    async def _rate(self, payload: Payload) -> CommandResult:
         """Answer `do/rate`: change one stream, or just show all."""
-        request = read_command(RateRequest, raw)
+        request = read_command(RateRequest, payload)
         if request.stream is not None and request.interval is not None:
             self._link.set_rate(request.stream, request.interval)
         rates = Rates(intervals=self._link.rates())

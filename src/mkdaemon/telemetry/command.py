@@ -51,7 +51,7 @@ class LeaseRequest(Command):
     holder takes its place; who gives none gets one of its own."""
     epoch: int | None = None
     """The lease to renew or give back."""
-    ttl: float | None = Field(default=None, ge=0.5, le=60, strict=False)
+    ttl: float | None = Field(default=None, ge=0.5, le=60)
     """Time the lease lives without renewal or setpoints, if shorter than configured [s]."""
     force: bool = False
     """Take it although another client holds it; that client's setpoints end at once."""
@@ -69,7 +69,7 @@ class RateRequest(Command):
 
     stream: str | None = None
     """Key of the message, for example `osd`, `attitude`, `debug`, `display`; null to look only."""
-    interval: float | None = Field(default=None, ge=0, le=2.55, strict=False)
+    interval: float | None = Field(default=None, ge=0, le=2.55)
     """Time between two frames [s]; 0 stops the stream; null to look only."""
 
 

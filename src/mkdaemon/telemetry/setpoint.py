@@ -24,7 +24,7 @@ class Setpoint(Command):
     """Epoch of the lease it stands on."""
     sequence: int = Field(ge=0)
     """Counts up from one setpoint of an epoch to the next, whatever their kind."""
-    ttl: float = Field(gt=0, le=1.0, strict=False)
+    ttl: float = Field(gt=0, le=1.0)
     """Time after arrival at which it no longer holds [s]; the daemon's own limit applies as well."""
 
 
@@ -33,13 +33,13 @@ class StickSetpoint(Setpoint):
 
     suffix: ClassVar[str] = "setpoint/stick"
 
-    pitch: float = Field(ge=-127, le=127, strict=False)
+    pitch: float = Field(ge=-127, le=127)
     """Nose down positive [stick]."""
-    roll: float = Field(ge=-127, le=127, strict=False)
+    roll: float = Field(ge=-127, le=127)
     """Right side down positive [stick]."""
-    yaw: float = Field(ge=-127, le=127, strict=False)
+    yaw: float = Field(ge=-127, le=127)
     """Nose left positive [stick]."""
-    throttle: float = Field(ge=-127, le=127, strict=False)
+    throttle: float = Field(ge=-127, le=127)
     """More lift positive [stick from the centre]. Stock firmware takes the smaller of this and the pilot's."""
 
 
@@ -55,7 +55,7 @@ class SetpointFrame(StrEnum):
 
 
 _Angle = Annotated[float, Field(ge=-math.pi, le=math.pi)]
-_Tilt = Annotated[float, Field(ge=-math.pi / 4, le=math.pi / 4, strict=False)]
+_Tilt = Annotated[float, Field(ge=-math.pi / 4, le=math.pi / 4)]
 _Speed = Annotated[float, Field(ge=-20.0, le=20.0)]
 _Metres = Annotated[float, Field(ge=-10_000.0, le=10_000.0)]
 
@@ -69,9 +69,9 @@ class AttitudeSetpoint(Setpoint):
     """Right side down positive [rad]."""
     pitch: _Tilt
     """Nose down positive [rad]."""
-    yaw_rate: float = Field(ge=-math.pi, le=math.pi, strict=False)
+    yaw_rate: float = Field(ge=-math.pi, le=math.pi)
     """Nose left positive [rad/s]."""
-    thrust: float = Field(ge=0, le=2, strict=False)
+    thrust: float = Field(ge=0, le=2)
     """Thrust along the body's up axis, as a share of the weight: 1 carries the aircraft when level."""
 
 
@@ -84,7 +84,7 @@ class VelocitySetpoint(Setpoint):
     """In the axes of `frame` [m/s]."""
     frame: SetpointFrame = Field(strict=False)
     """What the velocity is given in."""
-    yaw_rate: float = Field(default=0.0, ge=-math.pi, le=math.pi, strict=False)
+    yaw_rate: float = Field(default=0.0, ge=-math.pi, le=math.pi)
     """Nose left positive [rad/s]."""
 
 

@@ -16,7 +16,7 @@ import structlog
 import zenoh
 from pydantic import BaseModel
 
-from mkdaemon.bus.codec import decode_map, encode, encode_map, encoding_of, read_command
+from mkdaemon.bus.codec import encode, encoding_of, read_command, with_age
 from mkdaemon.bus.names import key
 from mkdaemon.bus.session import close_session, open_session, session_config
 from mkdaemon.cli.mkdaemon.sim_camera import CameraPublisher
@@ -143,8 +143,8 @@ class SimBus:
             for suffix, (value, stamp) in self._last.items():
                 whole = key(self._vehicle, suffix)
                 if query.key_expr.intersects(whole):
-                    fields = decode_map(encode(value)) | {"age": round(time.monotonic() - stamp, 6)}
-                    query.reply(whole, encode_map(fields), encoding=encoding_of(type(value)))
+                    payload = with_age(encode(value), time.monotonic() - stamp)
+                    query.reply(whole, payload, encoding=encoding_of(type(value)))
 
     def _handle_fault_request(self, query: zenoh.Query) -> CommandResult:
         payload = query.payload.to_bytes() if query.payload is not None else b""

@@ -12,7 +12,7 @@ from contextlib import suppress
 from functools import partial
 from typing import Any, Final
 
-from mkdaemon.bus.codec import read_command, schema_name
+from mkdaemon.bus.codec import Payload, read_command, schema_name
 from mkdaemon.clock import Clock
 from mkdaemon.control.vehicle import VehicleFacts
 from mkdaemon.daemon.audit import Audit, Outlet
@@ -70,7 +70,7 @@ class ProcedureRunner:
         self._news = asyncio.Event()
 
     @property
-    def verbs(self) -> dict[str, Callable[[bytes], Awaitable[CommandResult]]]:
+    def verbs(self) -> dict[str, Callable[[Payload], Awaitable[CommandResult]]]:
         """What can be asked for under `do/`, each with what answers it."""
         return {
             **{verb: partial(self._answer, verb, spec) for verb, spec in PROCEDURES.items()},
@@ -86,9 +86,9 @@ class ProcedureRunner:
 
     # -- what clients ask for -------------------------------------------------------------------------------------
 
-    async def _answer(self, verb: str, spec: ProcedureSpec, raw: bytes) -> CommandResult:
+    async def _answer(self, verb: str, spec: ProcedureSpec, payload: Payload) -> CommandResult:
         model = request_model(verb)
-        request = read_command(model, raw)
+        request = read_command(model, payload)
         if not request.is_confirmed:
             raise refuse(Token.NOT_CONFIRMED, name=f"do/{verb}", detail=spec.writes, confirm=True)
         is_alone = (spec.is_alone and not request.allows_flight) or self._is_behind(spec.board)
@@ -127,9 +127,9 @@ class ProcedureRunner:
         )
         self._bus.publish("event/mission", event)
 
-    async def _answer_labels(self, raw: bytes) -> CommandResult:
+    async def _answer_labels(self, payload: Payload) -> CommandResult:
         """Answer `do/labels` from what is kept for this firmware, or from the board itself."""
-        request = read_command(LabelsRequest, raw)
+        request = read_command(LabelsRequest, payload)
         board = Board[request.board.upper()]
         kept = self._labels.find_for(board, self._link.dialect)
         if kept is None:
@@ -143,8 +143,8 @@ class ProcedureRunner:
         reply = Labels(board=request.board, names=kept)
         return CommandResult(status=Status.ACCEPTED, reply=dict(reply), reply_type=schema_name(Labels))
 
-    async def _cancel(self, raw: bytes) -> CommandResult:
-        request = read_command(CancelRequest, raw)
+    async def _cancel(self, payload: Payload) -> CommandResult:
+        request = read_command(CancelRequest, payload)
         job = self._job
         if job is None or job.task is None or request.id not in {None, job.id}:
             raise refuse(Token.NO_PROCEDURE)
@@ -154,8 +154,8 @@ class ProcedureRunner:
             status=Status.ACCEPTED, reply={"id": job.id, "verb": job.verb}, reply_type=schema_name(Cancelled)
         )
 
-    async def _recover(self, raw: bytes) -> CommandResult:
-        request = read_command(SettingsRecoverRequest, raw)
+    async def _recover(self, payload: Payload) -> CommandResult:
+        request = read_command(SettingsRecoverRequest, payload)
         if not request.is_confirmed:
             detail = "whatever is live stays live"
             raise refuse(Token.NOT_CONFIRMED, name="do/settings_recover", detail=detail, confirm=True)
