@@ -19,7 +19,12 @@ CAMPAIGNS: Final = (
     CommandEntry("figures", "lab.figures:main", "Every plot of docs/figures."),
 )
 
-app = build("lab", "Measure this machine. With `--json` the last line is one JSON object.", CAMPAIGNS)
+ABOUT: Final = """Measure this machine. With `--json` the last line is one JSON object.
+
+`python -m lab CAMPAIGN --help` says what a campaign does and how long it takes.
+"""
+
+app = build("lab", ABOUT, CAMPAIGNS)
 
 if __name__ == "__main__":
-    sys.exit(run(app))
+    sys.exit(run(build("lab", ABOUT, CAMPAIGNS, chosen=sys.argv[1] if len(sys.argv) > 1 else "")))

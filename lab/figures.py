@@ -45,6 +45,8 @@ def main(
 ) -> None:
     """Draw every picture of the documentation.
 
+    It reads the results that the campaigns left in docs/results, and renders one sheet of the scene. Half a minute.
+
     Raises:
         ConfigError: a result or the target cannot be read, or matplotlib is not installed.
         MkError: results are missing; the others were drawn.

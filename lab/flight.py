@@ -140,6 +140,8 @@ def measure_step(name: str, gains: AttitudeGains, *, drag: float) -> Step:
 def main(*, as_json: AsJson = False) -> None:
     """Measure the simulated flight: its speed and its answer to a tilt step.
 
+    About ten seconds.
+
     Args:
         as_json: print one JSON object instead of tables.
     """

@@ -234,6 +234,9 @@ def main(
 ) -> int:
     """Measure the link; exit code 1 when a wired case lost a frame, or one by radio more than the radio and 0.2 %.
 
+    Every case runs the link on the simulated boards, in real time for latencies and in virtual time for losses. About a
+    quarter of an hour; `--case light --seconds 3 --proof 0` is the shortest.
+
     Raises:
         ConfigError: no such case.
     """

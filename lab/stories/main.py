@@ -247,7 +247,11 @@ def main(
     page: Annotated[Path | None, Parameter(help="Markdown page whose rows of these cases are replaced.")] = None,
     as_json: AsJson = False,
 ) -> int:
-    """Tell the safety stories and measure them; exit code 1 if a limit is broken."""
+    """Run the safety stories and measure them; exit code 1 if a limit is broken.
+
+    Deaths, cables and faults run in virtual time; clients, plug, kill, race and soak run processes in real time, and
+    the soak alone takes twenty minutes. All of them take hours: `--case` runs one, `--runs` shortens it.
+    """
     silence_log()
     rows: list[Row] = []
     for name in (*_CASES, "soak") if case is None else (case,):
