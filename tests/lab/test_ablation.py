@@ -1,0 +1,68 @@
+"""The ablation's arithmetic: what is switched off, and how two trackers are compared image by image."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from lab.campaign import Part
+from lab.vision.ablation import SCENES, Score, plan, run, table
+from lab.vision.stills import SeedSet
+from lab.vision.variants import VARIANTS, WHOLE, limits, without_search
+from mkdaemon.vision.limits import LIMITS
+
+
+def score(posed: str, wrong: int = 0) -> Score:
+    flags = [mark == "x" for mark in posed]
+    return Score(flags, [0.01] * sum(flags), [0.1] * sum(flags), wrong, 0.01 * len(flags))
+
+
+def test_images_are_compared_one_by_one():
+    against = score("xx..x").against(score("xxx.."))
+    assert (against["lost"], against["won"]) == (1, 1)
+    assert against["noise"] == round(2 * np.sqrt(2), 1)
+    assert against["posed"] == 0.6
+    assert against["ms"] == 10.0
+    assert score("....").against(score("...."))["median_cm"] is None
+
+
+def test_every_variant_switches_something_off_and_only_that():
+    assert len({variant.name for variant in VARIANTS}) == len(VARIANTS)
+    for variant in VARIANTS:
+        changed = variant.limits != WHOLE.limits, variant.tracker is not None, variant.detector is not None
+        assert sum(changed) == 1, variant.name
+
+
+def test_a_search_is_left_out_of_the_whole_image_and_of_the_neighbourhood():
+    left = without_search("log").search
+    assert "log" not in left.ladder
+    assert all("log" not in way for way in left.nearby)
+    assert set(left.ladder) == set(LIMITS.search.ladder) - {"log"}
+
+
+def test_limits_change_in_a_copy():
+    changed = limits(read={"saturated": 256})
+    assert changed.read.saturated == 256
+    assert LIMITS.read.saturated < 256
+
+
+def test_quick_is_a_fraction_and_no_part_repeats():
+    quick, full = plan(True, SeedSet.ABLATION), plan(False, SeedSet.ABLATION)
+    assert sum(part.images for part in quick) < sum(part.images for part in full) / 4
+    assert {part.args[0] for part in quick} == set(SCENES)
+    keys = [part.args[:-1] for part in full]
+    assert len(set(keys)) == len(keys)
+
+
+def test_the_table_has_a_line_for_every_variant(monkeypatch):
+    part = Part(lambda *_: {}, ("flights", "nested"), 2)
+    found = {
+        (variant.name, known): score("xx" if variant is WHOLE else "x.")
+        for variant in (WHOLE, *VARIANTS)
+        for known in (True, False)
+    }
+    monkeypatch.setattr("lab.vision.ablation.plan", lambda *_: [part])
+    monkeypatch.setattr("lab.vision.ablation.run_parts", lambda *_: [found])
+    figures = run(True, SeedSet.ABLATION)
+    lines = table(figures).splitlines()
+    assert len(lines) == 3 + len(VARIANTS)
+    assert all("-1 +0" in line for line in lines[3:])
