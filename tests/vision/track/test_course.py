@@ -41,8 +41,8 @@ def flown(count: int, sd_deg: float, seed: int = 1) -> tuple[Course, np.ndarray]
         )
         if k == count:
             break
-        course = Course.begin(0.0, noisy) if course is None else course.ahead(k * STEP).corrected(noisy)
-    return course.ahead(count * STEP), centre
+        course = Course.begin(0.0, noisy) if course is None else course.predict_at(k * STEP).correct(noisy)
+    return course.predict_at(count * STEP), centre
 
 
 def test_shaking_stays_near_the_course_and_the_mirrored_pose_does_not():
@@ -63,7 +63,7 @@ def test_a_course_knows_the_tilt_better_than_its_images(seed):
 
 def test_what_is_expected_fades_with_time():
     course, _ = flown(20, 0.3)
-    later = [course.ahead(course.time + t).angle_sd for t in (0.0, 0.1, 0.3, 0.6)]
+    later = [course.predict_at(course.time + t).angle_sd for t in (0.0, 0.1, 0.3, 0.6)]
     assert later == sorted(later)
     assert later[-1] > 3 * later[0]
 
@@ -74,14 +74,14 @@ def test_a_vague_pose_is_moved_onto_the_course_and_a_sharp_one_stays():
     off = turn(true.rotation, np.radians([2.0, 0, 0]))
     vague = Pose(off, true.position, np.diag([1e-6] * 3 + [np.radians(2.0) ** 2] * 3), "edges", 99, 0.1)
     sharp = Pose(off, true.position, np.diag([1e-9] * 3 + [np.radians(0.01) ** 2] * 3), "edges", 99, 0.1)
-    fused = course.fused(vague)
+    fused = course.fuse(vague)
     assert angle_deg(fused.rotation, true.rotation) < 1.0  # the course itself is some tenths off
     assert np.linalg.norm(fused.position - true.position) < 0.005
     assert np.linalg.eigvalsh(fused.covariance)[0] > 0
     # The turn about the line of sight is nothing a place can tell.
     sight = fused.position / fused.range_m
     assert np.sqrt(sight @ fused.covariance[3:, 3:] @ sight) == pytest.approx(np.radians(2.0), rel=0.1)
-    assert angle_deg(course.fused(sharp).rotation, off) < 0.05
+    assert angle_deg(course.fuse(sharp).rotation, off) < 0.05
 
 
 def test_hidden_parts_make_a_pose_count_less():
@@ -159,4 +159,4 @@ def test_one_wrong_pose_is_passed_over_and_a_lasting_one_is_followed():
 def test_of_a_moving_target_less_is_expected():
     still, moving = branches_of(0.01, 0.01), branches_of(0.01, 0.01, moving=True)
     assert moving.best.course.psd == MOVING_PSD
-    assert moving.best.course.ahead(0.3).angle_sd > still.best.course.ahead(0.3).angle_sd
+    assert moving.best.course.predict_at(0.3).angle_sd > still.best.course.predict_at(0.3).angle_sd

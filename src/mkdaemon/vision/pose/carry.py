@@ -116,8 +116,8 @@ class Carrier:
         if min(x1 - x0, y1 - y0) < self._smallest_px:
             return None
         coarse = 1.0 / max(min(x1 - x0, y1 - y0) // PATCH_PX, 1)
-        patch = _reduced(before[y0:y1, x0:x1], coarse)
-        area = _reduced(now[y0 - reach : y1 + reach, x0 - reach : x1 + reach], coarse)
+        patch = _shrink(before[y0:y1, x0:x1], coarse)
+        area = _shrink(now[y0 - reach : y1 + reach, x0 - reach : x1 + reach], coarse)
         _, likeness, _, place = cv2.minMaxLoc(cv2.matchTemplate(area, patch, cv2.TM_CCOEFF_NORMED))
         if likeness < self._limits.alike:
             return None
@@ -127,7 +127,7 @@ class Carrier:
         return replace(last, rotation=turned @ last.rotation, position=turned @ last.position)
 
 
-def _reduced(part: Grey, scale: float) -> Grey:
+def _shrink(part: Grey, scale: float) -> Grey:
     if scale == 1.0:
         return part
     return np.asarray(cv2.resize(part, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA), dtype=np.uint8)

@@ -143,7 +143,7 @@ class EdgeFit:
                 break
             if stretch_sd > 0.0:
                 stretch += float(step[6])
-                projection = self._projection.stretched(stretch)
+                projection = self._projection.stretch(stretch)
         if fitted is not None and stretch_sd > 0.0:
             fitted = replace(fitted, stretch=stretch)
         return fitted

@@ -73,7 +73,7 @@ class Projection:
         jacobian[:, :, 5] = ax * py - ay * px
         return jacobian
 
-    def stretched(self, stretch: float) -> Projection:
+    def stretch(self, stretch: float) -> Projection:
         """The same lens with another ratio of the focal lengths, their product kept; `stretch` is its logarithm."""
         i = self.intrinsics
         wide = float(np.exp(stretch / 2))

@@ -40,7 +40,7 @@ _LOG_LUT: Grey = np.round(100 + 14 * (np.log10(np.arange(256) + 4.0) - np.log10(
 """Compresses bright and dark halves of a shadow to equal steps; 14 levels a decade merge texture below a real edge."""
 
 
-def _prepared(pixels: Grey, stage: Stage) -> npt.NDArray[np.generic]:
+def _prepare(pixels: Grey, stage: Stage) -> npt.NDArray[np.generic]:
     """The image a stage searches."""
     if stage == "log":
         return cv2.LUT(pixels, _LOG_LUT)
@@ -61,7 +61,7 @@ class AprilTagSearch:
 
     def find(self, pixels: Grey, stage: Stage) -> list[Detection]:
         """All codes libapriltag sees, in our corner order and pixel convention."""
-        image = np.asarray(_prepared(pixels, stage), dtype=np.uint8, order="C")
+        image = np.asarray(_prepare(pixels, stage), dtype=np.uint8, order="C")
         decimate = 2.0 if stage in ("decimate2", "equalised") else 1.0
         found = self._read(apriltaglib.detector(self._families, decimate, refine=True), image, stage)
         return self._merge(found, image) if stage == "thorough" else found

@@ -49,13 +49,13 @@ class Branch:
 
     def next(self, time: float, candidates: Sequence[Pose]) -> list[Branch]:
         """Everything that may have become of this branch in a new image."""
-        prior = self.course.ahead(time)
+        prior = self.course.predict_at(time)
         costs = [prior.mahalanobis2(pose) / 2 for pose in candidates]
         likeliest = min(candidates, key=lambda pose: pose.loss)
         found = []
         for pose, cost in zip(candidates, costs, strict=True):
             leaps = cost > BRANCHES.jump
-            course = Course.begin(time, pose, prior.psd) if leaps else prior.corrected(pose)
+            course = Course.begin(time, pose, prior.psd) if leaps else prior.correct(pose)
             against = _evidence(likeliest, pose)
             weight = self.weight - against - min(cost, BRANCHES.jump)
             found.append(Branch(course, prior, pose, weight, against=against))
@@ -90,7 +90,7 @@ class Branches:
         for other in candidates[1:]:
             weight = -BRANCHES.certain if decided else -_evidence(first, other)
             found.append(Branch(Course.begin(time, other, psd), None, other, weight))
-        return cls(_pruned(found), BRANCHES.min_images if decided else 1)
+        return cls(_prune(found), BRANCHES.min_images if decided else 1)
 
     @property
     def best(self) -> Branch:
@@ -119,7 +119,7 @@ class Branches:
     def after(self, time: float, candidates: Sequence[Pose]) -> Branches:
         """Go on with the candidates of a new image."""
         found = [grown for branch in self.ranked for grown in branch.next(time, candidates)]
-        return Branches(_pruned(found), self.images + 1)
+        return Branches(_prune(found), self.images + 1)
 
 
 def _evidence(better: Pose, worse: Pose) -> float:
@@ -136,7 +136,7 @@ def _apart(a: Branch, b: Branch) -> float:
     return float(np.arctan2(np.linalg.norm(np.cross(p, q)), p @ q))
 
 
-def _pruned(found: list[Branch]) -> tuple[Branch, ...]:
+def _prune(found: list[Branch]) -> tuple[Branch, ...]:
     """The likeliest few that differ, their weights against the best."""
     order = sorted(found, key=lambda branch: -branch.weight)
     kept: list[Branch] = []

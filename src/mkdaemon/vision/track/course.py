@@ -51,7 +51,7 @@ class Course:
     @classmethod
     def begin(cls, time: float, pose: Pose, psd: float = ACCELERATION_PSD) -> Course:
         """Start from one pose, at an unknown velocity."""
-        centre, spread = _measured(pose)
+        centre, spread = _lens_place(pose)
         covariance = np.zeros((6, 6))
         covariance[:3, :3] = spread
         covariance[3:, 3:] = FIRST_SPEED**2 * np.eye(3)
@@ -70,7 +70,7 @@ class Course:
         spread = float(np.trace(across @ self.covariance[:3, :3] @ across)) / 2
         return float(np.sqrt(spread)) / max(float(np.linalg.norm(self.centre)), 1e-9)
 
-    def ahead(self, time: float) -> Course:
+    def predict_at(self, time: float) -> Course:
         """The same course at a later time, before anything is seen.
 
         With F the motion over dt and Q the white acceleration of density q: P' = F P F^T + Q, the blocks of Q being
@@ -90,19 +90,19 @@ class Course:
             pose: measured.
             caution: factor on its variance; what its errors over several images ask for when absent.
         """
-        centre, spread = _measured(pose, caution)
+        centre, spread = _lens_place(pose, caution)
         error = centre - self.centre
         return float(error @ np.linalg.solve(self.covariance[:3, :3] + spread, error))
 
-    def corrected(self, pose: Pose) -> Course:
+    def correct(self, pose: Pose) -> Course:
         """The course after a pose: a Kalman update, K = P H^T (H P H^T + R)^-1, H taking the position."""
-        centre, spread = _measured(pose)
+        centre, spread = _lens_place(pose)
         gain = self.covariance[:, :3] @ np.linalg.inv(self.covariance[:3, :3] + spread)
         covariance = self.covariance - gain @ self.covariance[:3, :]
         state = self.state + gain @ (centre - self.centre)
         return replace(self, state=state, covariance=(covariance + covariance.T) / 2)
 
-    def fused(self, pose: Pose) -> Pose:
+    def fuse(self, pose: Pose) -> Pose:
         """A pose with what this course knew before it about where the lens is.
 
         The lens is at c = -R^T p in the target's frame; dc = -R^T dp - R^T [p]x w. A Kalman update of (p, w) by what
@@ -126,7 +126,7 @@ class Course:
         )
 
 
-def _measured(pose: Pose, caution: float | None = None) -> tuple[Array, Array]:
+def _lens_place(pose: Pose, caution: float | None = None) -> tuple[Array, Array]:
     """Where a pose puts the lens [m; target] and how well that may be believed over several images."""
     shared = max(pose.inliers, AGREEMENT.floor) ** AGREEMENT.power
     factor = CAUTION / shared if caution is None else caution

@@ -87,7 +87,7 @@ class FirstJudge:
             if decided is None:
                 return _refused(Refusal.AMBIGUOUS)
             choice = replace(choice, pose=decided)
-        fused = level.fused(seen, choice.pose)
+        fused = level.fuse(seen, choice.pose)
         refused = checks.refusal(seen, choice.pose, None) or certainty_refusal(
             fused, has_attitude=bool(known), is_plain=is_supported, limits=self._limits
         )
@@ -113,7 +113,7 @@ class FirstJudge:
         vertical = self._checks.level.vertical(seen)
         if vertical is None:
             return _refused(Refusal.ATTITUDE)
-        held = self._fitter.refine_level(seen.pixels, self._checks.level.turned_level(seen, pose), vertical)
+        held = self._fitter.refine_level(seen.pixels, self._checks.level.replace_tilt(seen, pose), vertical)
         if held is None or self._checks.refusal(seen, held, None) is not None:
             return _refused(Refusal.ATTITUDE)
         refused = certainty_refusal(held, has_attitude=True, limits=self._limits)

@@ -53,7 +53,7 @@ class Judge:
         refused = checks.refusal(seen, pose, predicted) if pose is not None else Refusal.NO_FIT
         if pose is not None and refused is None:
             if checks.level.knows(seen):
-                return self._judge_with_attitude(seen, checks.level.fused(seen, pose))
+                return self._judge_with_attitude(seen, checks.level.fuse(seen, pose))
             return self._judge_without_attitude(seen, pose, predicted)
         vertical = checks.level.vertical(seen)
         if vertical is not None:
@@ -80,11 +80,11 @@ class Judge:
         refused, before = certainty_refusal(pose, has_attitude=True, limits=limits), self._track.branches
         if refused is None or before is None or not before.is_decided or not limits.judge.fuses_course:
             return Verdict(pose, refused)
-        prior = before.best.course.ahead(seen.time)
+        prior = before.best.course.predict_at(seen.time)
         if prior.angle_sd > limits.judge.backing_sd or prior.mahalanobis2(pose, 1.0) > limits.judge.expected:
             return Verdict(pose, refused)
         doubtful = replace(pose, covariance=pose.covariance / pose.inliers**limits.agreement.power)
-        fused = prior.fused(doubtful)
+        fused = prior.fuse(doubtful)
         return Verdict(fused, certainty_refusal(fused, has_attitude=True, limits=limits))
 
     def _judge_with_attitude(self, seen: Sight, pose: Pose) -> Verdict:
@@ -113,7 +113,7 @@ class Judge:
         chosen, prior = branches.best.pose, branches.best.prior
         if not branches.is_decided or branches.best.against > limits.branches.overruled:
             return Verdict(chosen, Refusal.AMBIGUOUS)
-        fused = prior.fused(chosen) if prior is not None and limits.judge.fuses_course else chosen
+        fused = prior.fuse(chosen) if prior is not None and limits.judge.fuses_course else chosen
         fused = with_angle_variance(fused, branches.doubt)
         # The branches allow for errors that last; to be published a pose has to fit by its own covariance.
         distance2 = prior.mahalanobis2(chosen, 1.0) if prior is not None else 0.0

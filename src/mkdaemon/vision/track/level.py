@@ -73,13 +73,13 @@ class LevelKnowledge:
         up = (seen.enu_from_flu @ self._mounting.flu_from_cam).T[:, 2]
         return Level(up, self._spread)
 
-    def fused(self, seen: Sight, pose: Pose) -> Pose:
+    def fuse(self, seen: Sight, pose: Pose) -> Pose:
         """The pose with what the attitude knows about its tilt."""
         if seen.enu_from_flu is None or self._mounting is None:
             return pose
         return fuse_level(pose, self._mounting, seen.enu_from_flu, self._spread)
 
-    def turned_level(self, seen: Sight, pose: Pose) -> Pose:
+    def replace_tilt(self, seen: Sight, pose: Pose) -> Pose:
         """The pose with its tilt replaced by the attitude's; the place stays."""
         if seen.enu_from_flu is None or self._mounting is None:
             return pose

@@ -1,4 +1,4 @@
-"""What one image told us."""
+"""What one image gave: tags, poses, alarms, refusals."""
 
 from __future__ import annotations
 
