@@ -55,7 +55,7 @@ def test_choice(candidates, options, expected):
     [
         (0.08, 1.0, "photometric", True),
         (0.3, 1.0, "photometric", False),  # something is not modelled, and may take sides
-        (0.08, 0.9, "photometric", False),  # something lies over the target
+        (0.08, 0.85, "photometric", False),  # something lies over the target
         (0.08, 1.0, "edges", False),
     ],
 )
