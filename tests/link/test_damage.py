@@ -57,3 +57,10 @@ def test_damage_of_an_outage_can_be_forgotten():
     received.forget_damage()
     assert received.damaged_since(0.0) == 0
     assert received.share(1.0) == (0, 20)
+
+
+def test_a_text_that_was_not_kept_is_no_text():
+    """Garbage at a wrong line rate: one that passed for text would end the search for the right rate."""
+    received = ReceivedBytes(window=10.0)
+    received.damaged(DropReason.TEXT, b"\x85\xa0\x92", 1.0, keep_text=False)
+    assert received.text_since(0.0) is None

@@ -83,4 +83,4 @@ class ReceivedBytes:
 def _is_readable(sample: str) -> bool:
     """Mostly printable, as boot banners are and a wrong baud rate is not."""
     readable = sum(1 for c in sample if c.isascii() and (c.isprintable() or c.isspace()))
-    return readable >= 0.9 * len(sample)
+    return readable > 0 and readable >= 0.9 * len(sample)
