@@ -18,6 +18,7 @@ import structlog
 import zenoh
 from pydantic import BaseModel
 
+from mkdaemon.bus.answers import AnswerThread
 from mkdaemon.bus.codec import Payload, TooLong, encode, encoding_of, with_age
 from mkdaemon.bus.keys import REQUEST_BYTES, Use, find, roots
 from mkdaemon.bus.names import key, suffix_of
@@ -54,6 +55,10 @@ class Bus:
         self._publishers: dict[str, tuple[zenoh.Publisher, str]] = {}
         self._last: dict[str, tuple[bytes, str, float]] = {}
         self._answering: set[asyncio.Task[None]] = set()
+        # Two, so that who reads no last values holds up no answer to a command.
+        limit = 4 * cfg.max_queries
+        self._lookups = AnswerThread("bus.lookups", limit=limit, limit_per_key=cfg.max_queries)
+        self._replies = AnswerThread("bus.replies", limit=limit, limit_per_key=limit)
 
     @classmethod
     @asynccontextmanager
@@ -71,13 +76,15 @@ class Bus:
         try:
             bus = cls(session, cfg, vehicle)
             for root in roots(Use.PUBLISHED):
-                bus._declare_queryable(f"{root}/**", bus._answer_last)
-            bus._declare_queryable("schema/**", bus._answer_schema)
+                bus._declare_lookup(f"{root}/**", bus._answer_last)
+            bus._declare_lookup("schema/**", bus._answer_schema)
             with session.liveliness().declare_token(key(vehicle, "alive")):
                 try:
                     yield bus
                 finally:
                     await bus._stop_answering()
+                    for thread in (bus._lookups, bus._replies):
+                        await asyncio.to_thread(thread.close)
         finally:
             await close_session(session)
 
@@ -103,9 +110,7 @@ class Bus:
             if spec is None or spec.use is not Use.PUBLISHED:
                 msg = f"{suffix} is no published key of the table in bus/keys.py"
                 raise ValueError(msg)
-            publisher = self._session.declare_publisher(
-                key(self.vehicle, suffix), congestion_control=zenoh.CongestionControl.DROP
-            )
+            publisher = self._session.declare_publisher(key(self.vehicle, suffix))
             known = self._publishers[suffix] = (publisher, "")
         publisher = known[0]
         payload = encode(value)
@@ -138,8 +143,7 @@ class Bus:
         def take(query: zenoh.Query) -> None:
             if len(self._answering) >= self._cfg.max_queries:
                 error = refuse(Token.BUSY, detail=f"{len(self._answering)} commands are being worked on")
-                with query:
-                    self._reply_result(query, refused(error))
+                self._reply_result(query, refused(error))
                 return
             task = self._loop.create_task(self._answer_command(query, handler), name=f"answer {query.key_expr}")
             self._answering.add(task)
@@ -199,43 +203,59 @@ class Bus:
 
         self._session.declare_queryable(key(self.vehicle, suffix), zenoh.handlers.Callback(on_query, indirect=False))
 
+    def _declare_lookup(self, suffix: str, answer: Callable[[zenoh.Query], None]) -> None:
+        """Have queries answered without the loop."""
+
+        def on_query(query: zenoh.Query) -> None:
+            self._lookups.submit(query, answer)
+
+        self._session.declare_queryable(key(self.vehicle, suffix), zenoh.handlers.Callback(on_query, indirect=False))
+
     def _answer_last(self, query: zenoh.Query) -> None:
         """Reply with the last value of every key asked for; `age` is the time since its stamp, or since it was put."""
         now = time.monotonic()
-        with query:
-            for suffix, (payload, encoding, stamp) in self._last.items():
-                whole = key(self.vehicle, suffix)
-                if query.key_expr.intersects(whole):
-                    query.reply(whole, with_age(payload, now - stamp), encoding=encoding)
+        for suffix, (payload, encoding, stamp) in list(self._last.items()):
+            whole = key(self.vehicle, suffix)
+            if query.key_expr.intersects(whole):
+                query.reply(whole, with_age(payload, now - stamp), encoding=encoding)
 
     def _answer_schema(self, query: zenoh.Query) -> None:
-        with query:
-            for name in schema_names():
-                whole = key(self.vehicle, f"schema/{name}")
-                if query.key_expr.intersects(whole) and (schema := schema_json(name)) is not None:
-                    query.reply(whole, schema, encoding=_JSON)
+        for name in schema_names():
+            whole = key(self.vehicle, f"schema/{name}")
+            if query.key_expr.intersects(whole) and (schema := schema_json(name)) is not None:
+                query.reply(whole, schema, encoding=_JSON)
 
     async def _answer_command(self, query: zenoh.Query, handler: Handler) -> None:
-        with query:
-            whole = str(query.key_expr)
-            if "*" in whole or "$" in whole:
-                return  # a wildcard that looks around commands nothing
-            started = time.monotonic()
-            suffix = suffix_of(self.vehicle, whole)
-            try:
-                result = await handler(suffix, _read(query.payload, suffix))
-            except CommandRejectedError as error:
-                result = refused(error)
-            except Exception as error:  # noqa: BLE001
-                # One client's strange request must not end the flight of another: answer, log, go on.
-                _log.exception("command failed", key=whole)
-                result = refused(refuse(Token.INTERNAL, detail=f"{type(error).__name__}: {error}"))
-            took = round(time.monotonic() - started, 6)
-            self._reply_result(query, result.model_copy(update={"duration": took}))
+        whole = str(query.key_expr)
+        result: CommandResult | None = None
+        try:
+            if "*" not in whole and "$" not in whole:  # a wildcard that looks around commands nothing
+                result = await self._work_on(whole, query.payload, handler)
+        finally:
+            self._reply_result(query, result)
 
-    @staticmethod
-    def _reply_result(query: zenoh.Query, result: CommandResult) -> None:
-        query.reply(query.key_expr, encode(result), encoding=_RESULT_ENCODING)
+    async def _work_on(self, whole: str, payload: zenoh.ZBytes | None, handler: Handler) -> CommandResult:
+        started = time.monotonic()
+        suffix = suffix_of(self.vehicle, whole)
+        try:
+            result = await handler(suffix, _read(payload, suffix))
+        except CommandRejectedError as error:
+            result = refused(error)
+        except Exception as error:  # noqa: BLE001
+            # One client's strange request must not end the flight of another: answer, log, go on.
+            _log.exception("command failed", key=whole)
+            result = refused(refuse(Token.INTERNAL, detail=f"{type(error).__name__}: {error}"))
+        return result.model_copy(update={"duration": round(time.monotonic() - started, 6)})
+
+    def _reply_result(self, query: zenoh.Query, result: CommandResult | None) -> None:
+        """Reply to a command, off the loop; None for no answer."""
+        payload = None if result is None else encode(result)
+
+        def reply(query: zenoh.Query) -> None:
+            if payload is not None:
+                query.reply(query.key_expr, payload, encoding=_RESULT_ENCODING)
+
+        self._replies.submit(query, reply)
 
     async def _stop_answering(self) -> None:
         for task in self._answering:

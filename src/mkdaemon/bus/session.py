@@ -15,6 +15,8 @@ import zenoh
 from mkdaemon.errors import ConfigError, MkError
 
 ENDPOINT_SAMPLE: Final = "tcp/127.0.0.1:7447"
+STALL: Final = 1.0
+"""A client that takes nothing for so long, though its queue of 1 MiB is full, is disconnected [s]; Zenoh's own is 5."""
 _ENDPOINT: Final = re.compile(r"(?P<protocol>[a-z][a-z-]*)/(?P<address>[^?#]+)")
 _WITH_PORT: Final = frozenset({"tcp", "udp", "tls", "quic", "ws"})
 _PORT: Final = re.compile(r"[^:]*:(?P<port>\d{1,5})|\[[0-9a-fA-F:.%a-z]+\]:(?P<port6>\d{1,5})")
@@ -64,6 +66,8 @@ def session_config(
     }
     if mode == "peer":
         settings["connect/exit_on_failure"] = False
+        # What must not be lost (the end of a query) waits so long for a client that takes nothing; then it is cut off.
+        settings["transport/link/tx/queue/congestion_control/block/wait_before_close"] = int(STALL * 1_000_000)
     if connect or not keep:
         settings["connect/endpoints"] = list(connect)
     if listen or not keep:

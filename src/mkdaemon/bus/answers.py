@@ -1,0 +1,92 @@
+"""Answers leave on a thread of their own: a client that asks and does not read holds up no loop.
+
+Whether a reply waits or is dropped is the asker's choice (Zenoh's QoS of the query), and it waits up to
+`bus.session.STALL`: a client that sent 100 queries and read no answer held the loop for 6.0 s. The end of a query is
+such a reply as well, so no query is dropped elsewhere.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections import Counter, deque
+from collections.abc import Callable
+from typing import Final
+
+import structlog
+import zenoh
+
+_log = structlog.get_logger(__name__)
+BUSY: Final = b"busy: too many queries wait for an answer"
+LEAVE: Final = 1.0
+"""Longest wait for the thread at the end [s]; what holds it up then is cut by the end of the session."""
+
+Work = Callable[[zenoh.Query], None]
+"""Replies to a query; called on the thread."""
+
+
+class AnswerThread:
+    """Works through queries in order; those beyond its limits get an error in place of an answer."""
+
+    def __init__(self, name: str, *, limit: int, limit_per_key: int) -> None:
+        """Start the thread.
+
+        Args:
+            name: of the thread.
+            limit: queries that may wait.
+            limit_per_key: queries of one key expression that may wait; Zenoh does not say which client asks.
+        """
+        self._limit, self._limit_per_key = limit, limit_per_key
+        self._waiting: deque[tuple[zenoh.Query, Work, str]] = deque()
+        self._keys: Counter[str] = Counter()
+        self._shed: deque[zenoh.Query] = deque()
+        self._news = threading.Condition()
+        self._is_over = False
+        self._thread = threading.Thread(target=self._run, name=name, daemon=True)
+        self._thread.start()
+
+    def submit(self, query: zenoh.Query, work: Work) -> None:
+        """Have a query answered; from any thread, returns at once."""
+        asked = str(query.key_expr)
+        with self._news:
+            if len(self._waiting) >= self._limit or self._keys[asked] >= self._limit_per_key:
+                self._shed.append(query)
+            else:
+                self._waiting.append((query, work, asked))
+                self._keys[asked] += 1
+            self._news.notify()
+
+    def close(self) -> None:
+        """End the thread; what still waits gets no answer."""
+        with self._news:
+            self._is_over = True
+            self._news.notify()
+        self._thread.join(LEAVE)
+
+    def _run(self) -> None:
+        while True:
+            with self._news:
+                while not (self._waiting or self._shed or self._is_over):
+                    self._news.wait()
+                if self._is_over:
+                    return
+                shed = self._shed.popleft() if self._shed else None
+                query, work, asked = (shed, _refuse, "") if shed is not None else self._waiting.popleft()
+            began = time.monotonic()
+            try:
+                with query:
+                    work(query)
+            except Exception:  # noqa: BLE001
+                # The asker has gone, or its answer is broken: neither may end the thread.
+                _log.warning("query was not answered", key=asked, exc_info=True)
+            with self._news:
+                if shed is None:
+                    self._keys[asked] -= 1
+                    if not self._keys[asked]:
+                        del self._keys[asked]
+            # Half the time at most: the loop needs the interpreter too.
+            time.sleep(min(time.monotonic() - began, LEAVE))
+
+
+def _refuse(query: zenoh.Query) -> None:
+    query.reply_err(BUSY)

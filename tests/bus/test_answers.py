@@ -1,0 +1,115 @@
+"""Answers to queries hold up neither the loop nor each other."""
+
+from __future__ import annotations
+
+import asyncio
+import sys
+import threading
+from contextlib import asynccontextmanager
+
+import zenoh
+
+from lab.rigs.waiting import PATIENCE
+from mkdaemon.bus.answers import BUSY, AnswerThread
+from mkdaemon.bus.gateway import Bus
+from mkdaemon.bus.schema import schema_names
+from mkdaemon.telemetry.command import CommandResult
+from mkdaemon.telemetry.refusals import Status
+from tests.bus.support import ask, bus_config, client, free_endpoint
+
+ASKER = """
+import sys, time, zenoh
+from mkdaemon.bus.session import session_config
+session = zenoh.open(session_config("client", connect=[sys.argv[1]], lease=10.0))
+unread = [session.get(sys.argv[2], handler=zenoh.handlers.FifoChannel(1), timeout=60) for _ in range(100)]
+print("asked", flush=True)
+sys.stdin.read()
+import os; os._exit(0)
+"""
+"""A client that asks and reads no answer: Zenoh stops to read from the line when a channel of one place is full."""
+
+
+@asynccontextmanager
+async def asker_that_does_not_read(endpoint: str, expression: str):
+    process = await asyncio.create_subprocess_exec(
+        sys.executable, "-c", ASKER, endpoint, expression, stdin=-1, stdout=-1
+    )
+    assert await asyncio.wait_for(process.stdout.readline(), PATIENCE) == b"asked\n"
+    yield
+    process.kill()
+    await process.wait()
+
+
+async def test_a_client_that_reads_no_answer_holds_up_neither_the_loop_nor_a_command():
+    endpoint = free_endpoint()
+    lags: list[float] = []
+
+    async def measure_lag() -> None:
+        loop = asyncio.get_running_loop()
+        while True:
+            due = loop.time() + 0.01
+            await asyncio.sleep(0.01)
+            lags.append(loop.time() - due)
+
+    async def handler(suffix: str, payload: object) -> CommandResult:
+        return CommandResult(status=Status.ACCEPTED)
+
+    async with Bus.open(bus_config(endpoint), "t1") as bus:
+        bus.serve("do", handler)
+        measuring = asyncio.create_task(measure_lag())
+        with client(endpoint) as session:
+            async with asker_that_does_not_read(endpoint, "mk/t1/schema/**"):
+                answers = [await asyncio.to_thread(ask, session, "mk/t1/do/release") for _ in range(20)]
+                await asyncio.sleep(1.0)
+        measuring.cancel()
+    assert [len(answer) for answer in answers] == [1] * 20
+    assert max(lags) < 1.0  # 6 s where the loop itself replied
+
+
+async def test_a_client_that_reads_gets_every_answer():
+    endpoint = free_endpoint()
+    async with Bus.open(bus_config(endpoint), "t1"):
+        with client(endpoint) as session:
+            replies = await asyncio.to_thread(ask, session, "mk/t1/schema/**")
+    assert {reply[0].rpartition("/")[2] for reply in replies} == set(schema_names())
+
+
+class _Query:
+    def __init__(self, key_expr: str) -> None:
+        self.key_expr = key_expr
+        self.answers: list[object] = []
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.answers.append("end")
+
+    def reply_err(self, payload: bytes) -> None:
+        self.answers.append(payload)
+
+
+def test_queries_beyond_the_limits_get_an_error_and_an_answer_that_fails_ends_nothing():
+    gate, began = threading.Event(), threading.Event()
+    thread = AnswerThread("test", limit=3, limit_per_key=2)
+    held, many, others = _Query("held"), [_Query("a") for _ in range(3)], [_Query("b"), _Query("c")]
+
+    def hold(query: zenoh.Query) -> None:
+        began.set()
+        gate.wait(PATIENCE)
+        raise zenoh.ZError("gone")
+
+    thread.submit(held, hold)
+    assert began.wait(PATIENCE)
+    for query in many + others:
+        thread.submit(query, lambda query: query.answers.append("answer"))
+    last, done = _Query("last"), threading.Event()
+    gate.set()
+    while not others[1].answers:
+        done.wait(0.01)
+    thread.submit(last, lambda query: done.set())
+    assert done.wait(PATIENCE)
+    thread.close()
+    assert held.answers == ["end"]
+    assert [query.answers for query in many] == [["answer", "end"], ["answer", "end"], [BUSY, "end"]]
+    assert [query.answers for query in others] == [["answer", "end"], [BUSY, "end"]]
