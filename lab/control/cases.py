@@ -23,6 +23,8 @@ SETTLED: Final = 12.0
 """Figures of a hover are taken after this [s]."""
 STEP_AT: Final = 15.0
 """[s]."""
+STEP_FROM: Final = 0.5
+"""A step begins so far before the middle of the target [m]."""
 PAD_RADIUS: Final = 0.25
 """A touch farther from the middle is beside the pad [m]: the nested target's print is 0.6 m wide."""
 REPORTING: Final = 50_000_000
@@ -63,7 +65,7 @@ def hover_rms(key: str) -> Callable[[Record], dict[str, float]]:
 
 def step_figures(record: Record) -> dict[str, float]:
     """Time to nine tenths [s] and overshoot [%] of a step of 1 m along x."""
-    times, east = np.array(record.times), np.array(record.positions)[:, 0]
+    times, east = np.array(record.times), np.array(record.positions)[:, 0] + STEP_FROM
     after, moved = times[times >= STEP_AT] - STEP_AT, east[times >= STEP_AT]
     reached = np.flatnonzero(moved > 0.9)
     return {
@@ -103,8 +105,8 @@ def survival(key: str) -> Callable[[Record], dict[str, float]]:
 
 
 def step_goal(t: float) -> Goal:
-    """1 m along x, once."""
-    return Goal(np.array([1.0 if t >= STEP_AT else 0.0, 0.0, 2.0]))
+    """1 m along x, once, across the target: half a metre to a side it is still in sight while the aircraft leans."""
+    return Goal(np.array([1.0 - STEP_FROM if t >= STEP_AT else -STEP_FROM, 0.0, 2.0]))
 
 
 def _after(record: Record, time: float) -> Any:

@@ -155,7 +155,7 @@ class Rig:
                 estimator,
                 costs=flight.costs,
                 gains=flight.vertical,
-                level_limits=ReferenceLimits(1.2, 1.5),
+                level_limits=ReferenceLimits(1.2, 1.0),
                 height_limits=ReferenceLimits(0.6, 0.8),
                 now=at,
             )
