@@ -6,7 +6,6 @@ from mkdaemon.config.control import ControlConfig
 from mkdaemon.control.actions import Release, SendSticks
 from mkdaemon.control.core import FlightCore
 from mkdaemon.control.preflight import Gate, GateKind
-from mkdaemon.control.setpoints import GUIDANCE
 from mkdaemon.control.vehicle import VehicleFacts
 from mkdaemon.stamp import Stamp
 from mkdaemon.telemetry.command import LeaseRequest, ReleaseRequest
@@ -47,16 +46,22 @@ def pilot(throttle):
 
 
 def pose(at):
-    """A pose of an image at a time; only the time matters here."""
-    return VisionPose.model_construct(stamp=Stamp(monotonic=at, wall=at))
+    """A pose of an image at a time, two metres above the target."""
+    return VisionPose.model_construct(
+        stamp=Stamp(monotonic=at, wall=at),
+        target="pad",
+        position_flu=(0.0, 0.0, -2.0),
+        quaternion_target_from_flu=(1.0, 0.0, 0.0, 0.0),
+        covariance=tuple(1e-4 * (k % 7 == 0) for k in range(36)),
+    )
 
 
 class Driver:
     """A flight core, its clock, and everything it wanted done."""
 
-    def __init__(self, cfg=CFG, guidance=GUIDANCE, line=OPEN) -> None:
+    def __init__(self, cfg=CFG, guidance=None, line=OPEN) -> None:
         self.facts = VehicleFacts()
-        self.core = FlightCore(cfg, self.facts, first_epoch=100, guidance=guidance)
+        self.core = FlightCore(cfg, self.facts, first_epoch=100, known=guidance)
         self.now = 0.0
         self.sequence = 0
         self.epoch = 0

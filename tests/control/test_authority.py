@@ -7,7 +7,7 @@ import pytest
 from mkdaemon.config.control import ControlConfig
 from mkdaemon.control.authority import Authority, Fly, ReleaseOrder, SendNothing
 from mkdaemon.control.modes import Event
-from mkdaemon.control.setpoints import follow_sticks
+from mkdaemon.control.setpoints import StickGuidance
 from mkdaemon.control.vehicle import VehicleFacts
 from mkdaemon.errors import CommandRejectedError
 from mkdaemon.telemetry.control import Phase
@@ -17,12 +17,16 @@ CFG = ControlConfig()
 TICK = 0.02
 
 
+def follow(setpoint, now, is_flying):
+    return StickGuidance(CFG.lease.neutral_band).guide(setpoint, VehicleFacts(), now, is_flying=is_flying)
+
+
 def setpoint(epoch, sequence, *, pitch=0.0, ttl=0.3):
     return StickSetpoint(epoch=epoch, sequence=sequence, ttl=ttl, pitch=pitch, roll=0.0, yaw=0.0, throttle=10.0)
 
 
 def authority(first_epoch):
-    return Authority(CFG, first_epoch=first_epoch, guide=lambda sp, now: follow_sticks(sp, VehicleFacts(), now))
+    return Authority(CFG, first_epoch=first_epoch, guide=follow)
 
 
 class Cockpit:

@@ -16,7 +16,8 @@ from mkdaemon.control.actions import (
     SendSticks,
     Warn,
 )
-from mkdaemon.control.core import IDLE_PERIOD, JUST_AFTER, SHORTEST_STEP
+from mkdaemon.control.output import SHORTEST_STEP
+from mkdaemon.control.pacing import IDLE_PERIOD, JUST_AFTER
 from mkdaemon.control.preflight import Gate, GateKind
 from mkdaemon.errors import CommandRejectedError
 from mkdaemon.telemetry.command import LeaseRequest

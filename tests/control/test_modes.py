@@ -12,7 +12,7 @@ from mkdaemon.control.modes import (
     FRESH,
     HELD,
     NOT_HELD,
-    NOT_NEUTRAL,
+    NOT_READY,
     READY,
     READY_BUT_OLD,
     RELEASE_OWED,
@@ -29,9 +29,9 @@ from mkdaemon.telemetry.control import Phase
 WHEN = {
     ALWAYS: Situation(),
     SILENT: Situation(is_held=True, is_silent=True, is_fresh=True),
-    NOT_NEUTRAL: Situation(is_held=True, is_live=True, is_fresh=True),
-    READY: Situation(is_held=True, is_live=True, is_neutral=True, is_fresh=True),
-    READY_BUT_OLD: Situation(is_held=True, is_live=True, is_neutral=True),
+    NOT_READY: Situation(is_held=True, is_live=True, is_fresh=True),
+    READY: Situation(is_held=True, is_live=True, is_ready=True, is_fresh=True),
+    READY_BUT_OLD: Situation(is_held=True, is_live=True, is_ready=True),
     FRESH: Situation(is_held=True, is_fresh=True),
     TOO_OLD: Situation(is_held=True),
     RELEASE_OWED: Situation(is_held=True, is_release_owed=True),
@@ -67,7 +67,7 @@ def test_what_has_no_row_changes_nothing(phase, event):
 
 
 def test_a_lease_that_is_neither_live_nor_silent_waits():
-    assert find_row(Phase.LEASED, Event.TICK, Situation(is_held=True, is_neutral=True, is_fresh=True)) is None
+    assert find_row(Phase.LEASED, Event.TICK, Situation(is_held=True, is_ready=True, is_fresh=True)) is None
 
 
 @pytest.mark.parametrize("situation", ALL)
@@ -101,4 +101,4 @@ def test_every_event_and_reaction_is_used_and_every_reason_names_known_words():
     assert {row.event for row in ROWS} == set(Event)
     assert {row.reaction for row in ROWS} == set(Reaction)
     words = {name for row in ROWS for _, name, _, _ in string.Formatter().parse(row.reason) if name}
-    assert words == {"holder", "silence", "taker", "cause", "reason"}
+    assert words == {"holder", "silence", "taker", "cause", "reason", "obstacle"}

@@ -9,7 +9,7 @@ from pydantic import ValidationError
 
 from mkdaemon.control.actions import ReportCommand
 from mkdaemon.control.limiter import Sticks
-from mkdaemon.control.setpoints import GUIDANCE, follow_sticks, guidance_for
+from mkdaemon.control.setpoints import Guided, StickGuidance, guidance_for, stick_guidance
 from mkdaemon.control.vehicle import VehicleFacts
 from mkdaemon.errors import CommandRejectedError
 from mkdaemon.telemetry.control import Phase
@@ -24,6 +24,7 @@ from mkdaemon.telemetry.setpoint import (
 )
 from tests.control.events import PERIOD, Driver
 
+STICKS_ALONE = stick_guidance(4.0)
 BASE = {"epoch": 100, "sequence": 1, "ttl": 0.3}
 EXAMPLES: dict[type[Setpoint], dict[str, object]] = {
     StickSetpoint: {"pitch": 1, "roll": 2, "yaw": 3, "throttle": 4},
@@ -76,22 +77,24 @@ def test_what_is_out_of_range_or_unknown_is_refused(kind, change):
 
 
 def test_stick_setpoints_are_their_own_sticks():
-    sticks = follow_sticks(example(StickSetpoint), VehicleFacts(), 0.0)
-    assert sticks == Sticks(1.0, 2.0, 3.0, 4.0)
+    guided = StickGuidance(4.0).guide(example(StickSetpoint), VehicleFacts(), 0.0, is_flying=False)
+    assert guided == Guided(Sticks(1.0, 2.0, 3.0, 4.0))
+    tilted = StickGuidance(2.0).guide(example(StickSetpoint), VehicleFacts(), 0.0, is_flying=False)
+    assert tilted.obstacle == "neutral sticks"
 
 
-@pytest.mark.parametrize("kind", [kind for kind in SETPOINTS if kind not in GUIDANCE])
+@pytest.mark.parametrize("kind", [kind for kind in SETPOINTS if kind not in STICKS_ALONE])
 def test_a_kind_without_guidance_is_refused_with_what_to_do(kind):
     with pytest.raises(CommandRejectedError) as caught:
-        guidance_for(example(kind), GUIDANCE)
+        guidance_for(example(kind), STICKS_ALONE)
     assert caught.value.token == "no_guidance"
     assert kind.suffix in caught.value.reason
     assert "setpoint/stick" in caught.value.reason
 
 
-@pytest.mark.parametrize("kind", [kind for kind in SETPOINTS if kind not in GUIDANCE])
+@pytest.mark.parametrize("kind", [kind for kind in SETPOINTS if kind not in STICKS_ALONE])
 def test_a_kind_without_guidance_does_not_touch_the_stream_of_the_lease(kind):
-    drive = Driver()
+    drive = Driver(guidance=STICKS_ALONE)
     epoch = drive.fly()
     for _ in range(10):
         drive.core.setpoint(example(kind, epoch=epoch, sequence=10_000), drive.now)
@@ -103,12 +106,19 @@ def test_a_kind_without_guidance_does_not_touch_the_stream_of_the_lease(kind):
     assert (refusal.key, refusal.result.token) == (kind.suffix, "no_guidance")
 
 
-def test_guidance_can_be_added_for_any_kind():
-    def lean(setpoint, facts, now):
-        assert isinstance(setpoint, AttitudeSetpoint)
-        return Sticks(setpoint.pitch * 100, setpoint.roll * 100, 0.0, 0.0)
+class Lean:
+    """A hundred counts a radian; begins level."""
 
-    drive = Driver(guidance={**GUIDANCE, AttitudeSetpoint: lean})
+    def check(self, setpoint):
+        assert isinstance(setpoint, AttitudeSetpoint)
+
+    def guide(self, setpoint, facts, now, *, is_flying):
+        sticks = Sticks(setpoint.pitch * 100, setpoint.roll * 100, 0.0, 0.0)
+        return Guided(sticks, "a level attitude" if setpoint.roll else "")
+
+
+def test_guidance_can_be_added_for_any_kind():
+    drive = Driver(guidance={**STICKS_ALONE, AttitudeSetpoint: Lean()})
     epoch = drive.fly()
     for sequence in range(1000, 1050):
         assert drive.core.setpoint(example(AttitudeSetpoint, epoch=epoch, sequence=sequence), drive.now) is None
@@ -116,11 +126,8 @@ def test_guidance_can_be_added_for_any_kind():
     assert drive.sticks[-1].counts.roll == 10
 
 
-def test_neutral_is_judged_by_the_sticks_guidance_gives():
-    def lean(setpoint, facts, now):
-        return Sticks(setpoint.pitch * 100, setpoint.roll * 100, 0.0, 0.0)
-
-    drive = Driver(guidance={AttitudeSetpoint: lean})
+def test_guidance_says_when_a_flight_may_begin():
+    drive = Driver(guidance={AttitudeSetpoint: Lean()})
     epoch = drive.take()
     for sequence in range(100):
         drive.core.setpoint(example(AttitudeSetpoint, epoch=epoch, sequence=sequence), drive.now)

@@ -8,7 +8,7 @@ from lab.rigs.boardport import LineFault
 from lab.rigs.cockpit import Boards, cockpit
 from lab.rigs.virtualloop import run_virtually
 from mkdaemon.control.preflight import check_gate
-from mkdaemon.daemon.preflight import read_gate
+from mkdaemon.daemon.preflight import gate_of, read_active_set
 from mkdaemon.errors import CommandRejectedError
 
 
@@ -50,7 +50,7 @@ def test_silence_refuses_nothing():
 def test_the_operator_may_accept_a_constant_but_no_shut_gate():
     async def story(gate):
         async with cockpit(Boards("2.12a"), seed=1, sim={"gate_parameter": gate}) as flown:
-            check_gate(await read_gate(flown.link), allow_constant=True)
+            check_gate(gate_of(await read_active_set(flown.link)), allow_constant=True)
 
     run_virtually(story(200))
     with pytest.raises(CommandRejectedError, match="gate_shut"):

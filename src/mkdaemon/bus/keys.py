@@ -12,7 +12,7 @@ from pydantic import BaseModel
 
 from mkdaemon.telemetry import mission, settings
 from mkdaemon.telemetry.command import CommandResult, Labels, LabelsRequest, LeaseRequest, RateRequest, ReleaseRequest
-from mkdaemon.telemetry.control import ControlOutput, ControlStatus
+from mkdaemon.telemetry.control import ControlEstimate, ControlOutput, ControlStatus
 from mkdaemon.telemetry.event import ClockEvent, CommandEvent, FailsafeEvent, LogEvent, ModeEvent
 from mkdaemon.telemetry.image import CameraFrame
 from mkdaemon.telemetry.link import LinkHealth, LinkState, LinkTraffic
@@ -108,6 +108,7 @@ KEYS: Final[tuple[KeySpec, ...]] = (
     KeySpec("link/health", _P, LinkHealth, "5 Hz and on change", "Round trips, losses, rates and ages of streams."),
     KeySpec("link/traffic", _P, LinkTraffic, "1 Hz", "Bytes and frames by kind, shares of the line."),
     KeySpec("control/status", _P, ControlStatus, "1 Hz and on change", "Who flies, and why nobody does."),
+    KeySpec("control/estimate", _P, ControlEstimate, "every autonomous stick frame", "Where the aircraft is believed."),
     KeySpec("control/output", _P, ControlOutput, "every stick frame", "What was sent, after the limiter."),
     KeySpec("vision/<camera>/tags", _P, Tags, "every image that was searched", "Tags found, with their corners."),
     KeySpec(

@@ -6,6 +6,7 @@ from typing import Self
 
 from pydantic import Field, model_validator
 
+from mkdaemon.config.autopilot import AutopilotConfig
 from mkdaemon.config.base import Section
 
 
@@ -70,6 +71,8 @@ class ControlConfig(Section):
     """Bounds of every stick command."""
     lease: LeaseConfig = LeaseConfig()
     """Who may fly."""
+    autopilot: AutopilotConfig = AutopilotConfig()
+    """Flight by position and velocity setpoints."""
 
     @model_validator(mode="after")
     def _stale_before_release(self) -> Self:

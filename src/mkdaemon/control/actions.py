@@ -7,7 +7,7 @@ from typing import Any
 
 from mkdaemon.control.limiter import StickCounts
 from mkdaemon.telemetry.command import CommandResult
-from mkdaemon.telemetry.control import LeaseState, Phase
+from mkdaemon.telemetry.control import EstimateValue, LeaseState, Phase
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,6 +55,13 @@ class PublishStatus:
 
 
 @dataclass(frozen=True, slots=True)
+class PublishEstimate:
+    """Publish `control/estimate`."""
+
+    value: EstimateValue
+
+
+@dataclass(frozen=True, slots=True)
 class ReportMode:
     """Authority moved from one phase to another."""
 
@@ -90,7 +97,7 @@ class Warn:
 
 Report = ReportMode | ReportFailsafe | ReportCommand | Warn
 """What goes into the audit trail."""
-Action = SendSticks | Release | PublishStatus | Report
+Action = SendSticks | Release | PublishEstimate | PublishStatus | Report
 
 
 @dataclass(frozen=True, slots=True)

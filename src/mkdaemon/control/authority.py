@@ -14,13 +14,14 @@ from mkdaemon.config.control import ControlConfig
 from mkdaemon.control.lease import Lease
 from mkdaemon.control.limiter import Sticks
 from mkdaemon.control.modes import IN_FLIGHT, Event, Reaction, Row, Situation, find_row
+from mkdaemon.control.setpoints import Guided
 from mkdaemon.errors import CommandRejectedError
 from mkdaemon.telemetry.control import LeaseState, Phase
 from mkdaemon.telemetry.refusals import Token, refuse
 from mkdaemon.telemetry.setpoint import Setpoint
 
-Guide = Callable[[Setpoint, float], Sticks]
-"""Turns a setpoint into sticks, at a time [s]."""
+Guide = Callable[[Setpoint, float, bool], Guided]
+"""Turns a setpoint into sticks, at a time [s]; whether its sticks are being sent."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -204,17 +205,22 @@ class Authority:
         lease = self._lease
         if lease is None:
             return SendNothing()
-        sticks = None if lease.newest is None else self._guide(lease.newest, now)
-        silence = lease.silence(now, is_in_flight=self.phase in IN_FLIGHT)
-        row = self._move(Event.TICK, self._judge(lease, sticks, now), silence=f"{silence:.2f}")
+        is_in_flight = self.phase in IN_FLIGHT
+        guided = None if lease.newest is None else self._guide(lease.newest, now, is_in_flight)
+        if guided is not None and guided.failure and is_in_flight:
+            self.end(Event.GUIDANCE_LOST, cause=guided.failure)
+            return self.tick(now)
+        words = {"silence": f"{lease.silence(now, is_in_flight=is_in_flight):.2f}"}
+        words["obstacle"] = "" if guided is None else guided.obstacle
+        row = self._move(Event.TICK, self._judge(lease, guided, now), **words)
         if row is None or row.reaction is Reaction.NOTHING:
             return SendNothing()
         if row.reaction is Reaction.RELEASE:
             self._lease = None
             return ReleaseOrder(self.reason, lease.holder, row.is_asked)
         assert lease.newest is not None
-        assert sticks is not None
-        return Fly(sticks, now - lease.arrived, lease.newest.ttl, lease.epoch, lease.newest.sequence)
+        assert guided is not None
+        return Fly(guided.sticks, now - lease.arrived, lease.newest.ttl, lease.epoch, lease.newest.sequence)
 
     def released(self, now: float) -> None:
         """Note that the release is done, or queued as the first bytes after the line comes back."""
@@ -232,19 +238,19 @@ class Authority:
             raise refuse(Token.WRONG_EPOCH, epoch=epoch, current=self._lease.epoch)
         return self._lease
 
-    def _judge(self, lease: Lease, sticks: Sticks | None, now: float) -> Situation:
+    def _judge(self, lease: Lease, guided: Guided | None, now: float) -> Situation:
         """Gather what the guards of a tick look at."""
         cfg, is_in_flight = self._cfg, self.phase in IN_FLIGHT
         is_silent = lease.silence(now, is_in_flight=is_in_flight) >= (
             cfg.lease.release_after if is_in_flight else lease.ttl
         )
-        if sticks is None:
+        if guided is None:
             return Situation(is_held=True, is_silent=is_silent)
         return Situation(
             is_held=True,
             is_silent=is_silent,
             is_live=lease.is_live(cfg.lease, now),
-            is_neutral=max(abs(sticks.pitch), abs(sticks.roll), abs(sticks.yaw)) <= cfg.lease.neutral_band,
+            is_ready=not guided.obstacle,
             is_fresh=now - lease.arrived <= lease.setpoint_life(cfg.limiter),
         )
 

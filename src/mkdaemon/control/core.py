@@ -13,13 +13,15 @@ from typing import Any, Final
 from mkdaemon.config.control import ControlConfig
 from mkdaemon.control.actions import Action, ReadGate, Release, SendSticks
 from mkdaemon.control.authority import Authority, Fly, ReleaseOrder
-from mkdaemon.control.limiter import Sticks
+from mkdaemon.control.estimator.model import AircraftModel
 from mkdaemon.control.modes import IN_FLIGHT, Event
-from mkdaemon.control.output import SHORTEST_STEP, StickOutput
+from mkdaemon.control.output import StickOutput
+from mkdaemon.control.pacing import Pacing
 from mkdaemon.control.patience import LinePatience
 from mkdaemon.control.preflight import Gate, check_gate
 from mkdaemon.control.reports import Reports
-from mkdaemon.control.setpoints import GUIDANCE, Guidance, guidance_for
+from mkdaemon.control.setpoints import Guidance, Guided, guidance_for
+from mkdaemon.control.targetflight import TargetFlight, guidance
 from mkdaemon.control.vehicle import VehicleFacts
 from mkdaemon.errors import CommandRejectedError
 from mkdaemon.telemetry.base import Telemetry
@@ -28,12 +30,8 @@ from mkdaemon.telemetry.control import ControlLine, LeaseState, Obstacle, Phase,
 from mkdaemon.telemetry.link import LinkCondition, LinkState
 from mkdaemon.telemetry.refusals import Token, refuse
 from mkdaemon.telemetry.setpoint import Setpoint
+from mkdaemon.telemetry.state import Attitude
 from mkdaemon.telemetry.vision import VisionPose
-
-JUST_AFTER: Final = 0.0002
-"""A deadline has surely passed so long after it [s]."""
-IDLE_PERIOD: Final = 0.1
-"""Time between two looks at the lease while nobody flies [s]."""
 
 _IS_CONFIRMED: Final = {
     ReleaseOutcome.CONFIRMED: True,
@@ -56,7 +54,7 @@ class FlightCore:
         facts: VehicleFacts,
         *,
         first_epoch: int,
-        guidance: Mapping[type[Setpoint], Guidance] = GUIDANCE,
+        known: Mapping[type[Setpoint], Guidance] | None = None,
     ) -> None:
         """Start with nobody flying.
 
@@ -64,11 +62,12 @@ class FlightCore:
             cfg: times, bands and bounds.
             facts: what is known about the vehicle.
             first_epoch: see `Authority`.
-            guidance: what turns each kind of setpoint into sticks.
+            known: what turns each kind of setpoint into sticks; the product's own if none is given.
         """
         self._cfg = cfg
         self.facts = facts
-        self._guidance = guidance
+        self._target = TargetFlight(cfg.autopilot, cfg.limiter.hover_throttle)
+        self._guidance = guidance(self._target, cfg.lease.neutral_band) if known is None else known
         self._authority = Authority(cfg, first_epoch=first_epoch, guide=self._guide)
         self._output = StickOutput(cfg, facts)
         self._reports = Reports(self._authority, self._output, facts)
@@ -76,10 +75,8 @@ class FlightCore:
         self._line = ControlLine()
         self._release: ReleaseOrder | None = None
         self._nameless = 0
-        self._ticked_at = float("-inf")
         self._has_guard = True
-        self._is_paced = False
-        self._is_due = True
+        self._pacing = Pacing(cfg)
 
     @property
     def phase(self) -> Phase:
@@ -92,17 +89,18 @@ class FlightCore:
         """Take a streamed setpoint; the newest of the present lease wins.
 
         Returns:
-            Why it was refused: `no_guidance`, `not_leased`, `wrong_epoch`, `stale_sequence`; None where it was taken.
+            Why it was refused: `no_guidance`, `no_estimate`, `no_frame`, `not_leased`, `wrong_epoch`, `stale_sequence`;
+            None where it was taken.
         """
         try:
-            guidance_for(setpoint, self._guidance)
+            guidance_for(setpoint, self._guidance).check(setpoint)
             is_first = self._authority.offer(setpoint, at)
         except CommandRejectedError as error:
             self.setpoint_refused(setpoint.suffix, setpoint.__dict__, error, at)
             return error
         if is_first:
             self._reports.first_setpoint(setpoint)
-        self._is_due = True
+        self._pacing.is_due = True
         return None
 
     def setpoint_refused(self, key: str, fields: dict[str, Any], error: CommandRejectedError, at: float) -> None:
@@ -150,7 +148,7 @@ class FlightCore:
                 self._authority.give_back(epoch)
             case _:
                 granted = self._authority.lease(at)
-        self._is_due = True
+        self._pacing.is_due = True
         return granted
 
     def release(self, request: ReleaseRequest) -> None:
@@ -160,7 +158,7 @@ class FlightCore:
     def client_gone(self, name: str) -> None:
         """Note that a client lost its liveliness token."""
         self._authority.client_gone(name)
-        self._is_due = True
+        self._pacing.is_due = True
 
     # -- what the boards and the cameras report -------------------------------------------------------------------
 
@@ -171,10 +169,17 @@ class FlightCore:
     def state_received(self, value: Telemetry, at: float) -> None:
         """Take a state value."""
         self.facts.state_received(value, at)
+        if isinstance(value, Attitude):
+            self._target.attitude_received(value)
 
     def pose_received(self, pose: VisionPose) -> None:
         """Take a pose of the vehicle against a target."""
         self.facts.pose_received(pose)
+        self._target.pose_received(pose)
+
+    def model_known(self, model: AircraftModel) -> None:
+        """Take the model of this aircraft's parameter set."""
+        self._target.model_known(model)
 
     # -- what the line reports ------------------------------------------------------------------------------------
 
@@ -209,29 +214,17 @@ class FlightCore:
         order, self._release = self._release, None
         if order is not None and not order.asked:
             self._reports.released(order.reason, None if outcome is None else _IS_CONFIRMED[outcome])
-        self._is_due = True
+        self._pacing.is_due = True
 
     # -- the tick -------------------------------------------------------------------------------------------------
 
     def next_time(self) -> float:
-        """When to tick again [s]: at once after news, in time to repeat a setpoint, just after a deadline.
-
-        Never sooner than the boards can take the next stick frame. A repetition so shortly before a deadline that what
-        follows would have to wait for the boards is left out.
-        """
-        until = self._ticked_at
-        if not self._is_due:
-            # A repetition waits half a period longer than a client should, or it would delay the next setpoint.
-            until += 1.5 / self._cfg.rate if self._is_paced else IDLE_PERIOD
-            deadline = self._authority.deadline()
-            if deadline is not None and until > deadline - SHORTEST_STEP:
-                until = deadline + JUST_AFTER
-        return max(until, self._output.next_step) if self._is_paced else until
+        """When to tick again [s]; see `Pacing`."""
+        return self._pacing.next_time(self._authority.deadline(), self._output.next_step)
 
     def tick(self, now: float) -> list[Action]:
         """Decide what is done now, in order."""
-        stood_still = now - self._ticked_at
-        self._ticked_at, self._is_due = now, False
+        stood_still = self._pacing.tick(now)
         order: Action | None = None
         if self._release is None:
             if stood_still > self._cfg.limiter.setpoint_ttl and self._authority.phase in IN_FLIGHT:
@@ -245,7 +238,7 @@ class FlightCore:
             elif isinstance(decision, ReleaseOrder):
                 self._release, order = decision, Release(decision.reason)
         self._reports.status(self._line.layout, now)
-        self._is_paced = self._authority.phase in IN_FLIGHT
+        self._pacing.is_paced = self._authority.phase in IN_FLIGHT
         return ([] if order is None else [order]) + self._reports.take()
 
     def _watch_line(self, now: float) -> None:
@@ -257,8 +250,8 @@ class FlightCore:
         if self._authority.lease(now) is not None and self._patience.is_over(link, now):
             self._authority.end(Event.LINK_LOST, cause=f"{link.condition.value}: {link.reason}")
 
-    def _guide(self, setpoint: Setpoint, now: float) -> Sticks:
-        return guidance_for(setpoint, self._guidance)(setpoint, self.facts, now)
+    def _guide(self, setpoint: Setpoint, now: float, is_flying: bool) -> Guided:
+        return guidance_for(setpoint, self._guidance).guide(setpoint, self.facts, now, is_flying=is_flying)
 
     def _fly(self, order: Fly, now: float, *, engaging: bool) -> SendSticks | None:
         """Make a stick frame; None where the line does not take it."""
@@ -274,13 +267,16 @@ class FlightCore:
                 self._end(Event.LINE_RELEASING, error.reason)
             self._reports.frame_not_sent(error, now)
             return None
-        return self._output.make(order, line.layout, now)
+        frame = self._output.make(order, line.layout, now)
+        self._target.sticks_made(frame.counts, now)
+        self._reports.estimate(self._target.estimate(now))
+        return frame
 
     # -- inside ---------------------------------------------------------------------------------------------------
 
     def _end(self, event: Event, cause: str) -> None:
         self._authority.end(event, cause=cause)
-        self._is_due = True
+        self._pacing.is_due = True
 
     def _check_control(self) -> int:
         """Refuse a lease nobody could fly with; returns which opening of the port it stands on."""

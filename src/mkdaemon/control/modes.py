@@ -35,6 +35,8 @@ class Event(StrEnum):
     """The aircraft takes no external control any more."""
     LINE_RELEASING = "line_releasing"
     """The link is releasing by itself, or waits for a release to be confirmed."""
+    GUIDANCE_LOST = "guidance_lost"
+    """The setpoint cannot be followed any more: the target has been out of sight for too long, for example."""
     STALLED = "stalled"
     """The daemon itself stood still for longer than a setpoint lives."""
     GUARD_ACTED = "guard_acted"
@@ -64,7 +66,7 @@ class Situation:
         is_held: somebody holds the lease.
         is_silent: its holder has been silent for too long: setpoints count in flight, any sign of life before.
         is_live: its stream has lived for `lease.engage_after` at `lease.engage_rate` or faster, and still does.
-        is_neutral: its newest setpoint gives neutral sticks.
+        is_ready: a flight may begin with its newest setpoint: sticks are neutral, or the estimate is good enough.
         is_fresh: its newest setpoint is within its time to live.
         is_release_owed: another release was asked for since the last one began.
     """
@@ -72,7 +74,7 @@ class Situation:
     is_held: bool = False
     is_silent: bool = False
     is_live: bool = False
-    is_neutral: bool = False
+    is_ready: bool = False
     is_fresh: bool = False
     is_release_owed: bool = False
 
@@ -92,14 +94,14 @@ class Guard:
 
 ALWAYS: Final = Guard("always", lambda now: True)
 SILENT: Final = Guard("the holder is silent for too long", lambda now: now.is_silent)
-NOT_NEUTRAL: Final = Guard("the stream is live, its sticks are not neutral", lambda n: n.is_live and not n.is_neutral)
+NOT_READY: Final = Guard("the stream is live, no flight may begin with it", lambda n: n.is_live and not n.is_ready)
 READY: Final = Guard(
-    "the stream is live and neutral, its newest setpoint is fresh",
-    lambda now: now.is_live and now.is_neutral and now.is_fresh,
+    "the stream is live and ready, its newest setpoint is fresh",
+    lambda now: now.is_live and now.is_ready and now.is_fresh,
 )
 READY_BUT_OLD: Final = Guard(
-    "the stream is live and neutral, its newest setpoint is too old",
-    lambda now: now.is_live and now.is_neutral and not now.is_fresh,
+    "the stream is live and ready, its newest setpoint is too old",
+    lambda now: now.is_live and now.is_ready and not now.is_fresh,
 )
 FRESH: Final = Guard("the newest setpoint is fresh", lambda now: now.is_held and now.is_fresh)
 TOO_OLD: Final = Guard("the newest setpoint is too old", lambda now: now.is_held and not now.is_fresh)
@@ -148,7 +150,7 @@ ROWS: Final = (
     Row((_FREE, *_HELD), Event.LEASE_TAKEN, ALWAYS, _LEASED, Reaction.NOTHING, _WAITING, is_asked=True),
     Row((_RELEASING,), Event.LEASE_TAKEN, ALWAYS, _RELEASING, Reaction.NOTHING, "{reason}", is_asked=True),
     Row((_LEASED,), Event.TICK, SILENT, _RELEASING, Reaction.RELEASE, "no sign of life from {holder} for {silence} s"),
-    Row((_LEASED,), Event.TICK, NOT_NEUTRAL, _LEASED, Reaction.NOTHING, "{holder} streams; waiting for neutral sticks"),
+    Row((_LEASED,), Event.TICK, NOT_READY, _LEASED, Reaction.NOTHING, "{holder} streams; waiting for {obstacle}"),
     Row((_LEASED,), Event.TICK, READY, _FLYING, Reaction.STICKS, _FLIES),
     Row((_LEASED,), Event.TICK, READY_BUT_OLD, _STALE, Reaction.NEUTRAL, _OLD),
     Row(IN_FLIGHT, Event.TICK, SILENT, _RELEASING, Reaction.RELEASE, "no setpoint from {holder} for {silence} s"),
@@ -161,6 +163,7 @@ ROWS: Final = (
     _release(Event.LINK_LOST, _HELD, "the link is {cause}"),
     _release(Event.CONTROL_IMPOSSIBLE, IN_FLIGHT, "external control is not possible: {cause}"),
     _release(Event.LINE_RELEASING, IN_FLIGHT, "{cause}"),
+    _release(Event.GUIDANCE_LOST, IN_FLIGHT, "{cause}"),
     _release(Event.STALLED, IN_FLIGHT, "the daemon stood still for {cause} s"),
     _release(Event.GUARD_ACTED, tuple(Phase), "the guard released the aircraft: {cause}"),
     Row((_RELEASING,), Event.RELEASE_DONE, RELEASE_OWED, _RELEASING, Reaction.NOTHING, "{reason}"),

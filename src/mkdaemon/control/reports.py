@@ -4,13 +4,21 @@ from __future__ import annotations
 
 from typing import Any, Final
 
-from mkdaemon.control.actions import Action, PublishStatus, ReportCommand, ReportFailsafe, ReportMode, Warn
+from mkdaemon.control.actions import (
+    Action,
+    PublishEstimate,
+    PublishStatus,
+    ReportCommand,
+    ReportFailsafe,
+    ReportMode,
+    Warn,
+)
 from mkdaemon.control.authority import Authority
 from mkdaemon.control.output import StickOutput
 from mkdaemon.control.vehicle import VehicleFacts
 from mkdaemon.errors import CommandRejectedError
 from mkdaemon.telemetry.command import CommandResult, refused
-from mkdaemon.telemetry.control import Phase
+from mkdaemon.telemetry.control import EstimateValue, Phase
 from mkdaemon.telemetry.refusals import Status
 from mkdaemon.telemetry.setpoint import Setpoint
 
@@ -53,6 +61,11 @@ class Reports:
         if now - self._unsent_at >= REPORT_PERIOD:
             self._unsent_at = now
             self._waiting.append(Warn(f"stick frame not sent: {error}"))
+
+    def estimate(self, value: EstimateValue | None) -> None:
+        """Report what is believed, where anything is."""
+        if value is not None:
+            self._waiting.append(PublishEstimate(value))
 
     def released(self, reason: str, confirmed: bool | None) -> None:
         """Report the end of a release nobody asked for."""

@@ -1,28 +1,68 @@
-"""From a setpoint to the sticks it asks for: one guidance function for each kind of setpoint."""
+"""From a setpoint to the sticks it asks for: one guidance for each kind of setpoint."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
+from dataclasses import dataclass
 from types import MappingProxyType
-from typing import Final
+from typing import Protocol
 
 from mkdaemon.control.limiter import Sticks
 from mkdaemon.control.vehicle import VehicleFacts
 from mkdaemon.telemetry.refusals import Token, refuse
 from mkdaemon.telemetry.setpoint import Setpoint, StickSetpoint
 
-Guidance = Callable[[Setpoint, VehicleFacts, float], Sticks]
-"""Turns a setpoint into sticks before the limiter [stick; FLU], from what is known about the vehicle, at a time [s]."""
+
+@dataclass(frozen=True, slots=True)
+class Guided:
+    """What a setpoint asks for now.
+
+    Attributes:
+        sticks: before the limiter [stick; FLU].
+        obstacle: what must change before a flight may begin with it; empty for nothing.
+        failure: why a flight cannot go on with it; empty while it can.
+    """
+
+    sticks: Sticks
+    obstacle: str = ""
+    failure: str = ""
 
 
-def follow_sticks(setpoint: Setpoint, facts: VehicleFacts, now: float) -> Sticks:
-    """Return the sticks of a stick setpoint as they are."""
-    assert isinstance(setpoint, StickSetpoint)
-    return Sticks(setpoint.pitch, setpoint.roll, setpoint.yaw, setpoint.throttle)
+class Guidance(Protocol):
+    """Turns setpoints of its kinds into sticks."""
+
+    def check(self, setpoint: Setpoint) -> None:
+        """Refuse a setpoint that cannot be followed at all, before it touches the lease's stream.
+
+        Raises:
+            CommandRejectedError: says what is missing.
+        """
+
+    def guide(self, setpoint: Setpoint, facts: VehicleFacts, now: float, *, is_flying: bool) -> Guided:
+        """Return what the setpoint asks for at a time [s]; `is_flying`: its sticks are being sent."""
 
 
-GUIDANCE: Final[Mapping[type[Setpoint], Guidance]] = MappingProxyType({StickSetpoint: follow_sticks})
-"""Guidance by kind of setpoint; a kind that is missing here is refused."""
+class StickGuidance:
+    """Sticks are what they are; a flight begins with neutral ones."""
+
+    def __init__(self, neutral_band: float) -> None:
+        """Take sticks within `neutral_band` [stick] for neutral."""
+        self._band = neutral_band
+
+    def check(self, setpoint: Setpoint) -> None:
+        """Refuse nothing."""
+
+    def guide(self, setpoint: Setpoint, facts: VehicleFacts, now: float, *, is_flying: bool) -> Guided:
+        """Return the sticks as they are."""
+        assert isinstance(setpoint, StickSetpoint)
+        is_neutral = max(abs(setpoint.pitch), abs(setpoint.roll), abs(setpoint.yaw)) <= self._band
+        sticks = Sticks(setpoint.pitch, setpoint.roll, setpoint.yaw, setpoint.throttle)
+        return Guided(sticks, "" if is_neutral else "neutral sticks")
+
+
+def stick_guidance(neutral_band: float) -> Mapping[type[Setpoint], Guidance]:
+    """Return guidance for sticks alone; a kind that is missing is refused."""
+    return MappingProxyType({StickSetpoint: StickGuidance(neutral_band)})
 
 
 def guidance_for(setpoint: Setpoint, known: Mapping[type[Setpoint], Guidance]) -> Guidance:

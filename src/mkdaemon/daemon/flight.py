@@ -15,19 +15,19 @@ from typing import Final
 
 from mkdaemon.bus.codec import Payload, TooLong, check_command, decode_map
 from mkdaemon.clock import Clock
-from mkdaemon.control.actions import Action, PublishStatus, ReadGate, Release, SendSticks
+from mkdaemon.control.actions import Action, PublishEstimate, PublishStatus, ReadGate, Release, SendSticks
 from mkdaemon.control.core import FlightCore
 from mkdaemon.control.preflight import Gate
 from mkdaemon.daemon.audit import Audit, Outlet
 from mkdaemon.daemon.discovery import require_discovery
-from mkdaemon.daemon.preflight import read_gate
+from mkdaemon.daemon.preflight import gate_of, read_active_set
 from mkdaemon.errors import CommandRejectedError
 from mkdaemon.link.link import Link
 from mkdaemon.link.session.traffic import ReleaseResult
 from mkdaemon.telemetry.command import LeaseRequest, ReleaseRequest
-from mkdaemon.telemetry.control import ControlOutput, ControlStatus, LeaseState, Phase
+from mkdaemon.telemetry.control import ControlEstimate, ControlOutput, ControlStatus, LeaseState, Phase
 from mkdaemon.telemetry.setpoint import Setpoint
-from mkdaemon.translate import extern_control
+from mkdaemon.translate import aircraft_model, extern_control
 
 RELEASE_TIMEOUT: Final = 5.0
 """A release that takes longer than this counts as not confirmed [s]; the link needs 1.5 s at most."""
@@ -102,7 +102,12 @@ class FlightControl:
             await require_discovery(self._link, self._core.facts.link)
         granted = self._ask_core(request)
         if isinstance(granted, ReadGate):
-            granted = self._ask_core(request, await read_gate(self._link))
+            parameters = await read_active_set(self._link)
+            if parameters is not None:
+                model = aircraft_model(parameters, self._link.dialect, has_slow_leak=False)
+                if model is not None:
+                    self._core.model_known(model)
+            granted = self._ask_core(request, gate_of(parameters))
         assert not isinstance(granted, ReadGate)
         self._news.set()
         return granted
@@ -148,6 +153,9 @@ class FlightControl:
             case PublishStatus():
                 shown = {field.name: getattr(action, field.name) for field in fields(action)}
                 self._bus.publish("control/status", ControlStatus(stamp=self._clock.stamp(), **shown))
+            case PublishEstimate():
+                estimate = ControlEstimate(stamp=self._clock.stamp(), **action.value.__dict__)
+                self._bus.publish("control/estimate", estimate)
             case _:
                 self._audit.report(action)
 

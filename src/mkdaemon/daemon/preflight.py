@@ -1,4 +1,4 @@
-"""Reads the pilot's gate from the FlightCtrl: the parameter ExternalControl of the active set."""
+"""Reads the active parameter set before a flight: the pilot's gate, and what makes the model of the aircraft."""
 
 from __future__ import annotations
 
@@ -14,26 +14,29 @@ from mkdaemon.protocol.wire import Board
 
 READ_TIMEOUT: Final = 1.0
 """Longest time the question may take [s]; a FlightCtrl answers within 40 ms."""
-_UNKNOWN: Final = Gate(GateKind.UNKNOWN)
 
 
-async def read_gate(link: Link) -> Gate:
-    """Read the gate; unknown where it cannot be read.
+async def read_active_set(link: Link) -> ParameterSet | None:
+    """Read the active parameter set; None where it cannot be read or its revision is unknown.
 
-    A FlightCtrl behind a NaviCtrl cannot be asked without cutting telemetry off; that, silence and an unknown revision
-    of the parameters leave the answer to the pilot's own check.
+    A FlightCtrl behind a NaviCtrl cannot be asked without cutting telemetry off.
     """
     if link.direct_board is not Board.FC:
-        return _UNKNOWN
+        return None
     try:
         async with asyncio.timeout(READ_TIMEOUT):
             reply = await link.request(SettingsRequest(index=ACTIVE_SET), board=Board.FC, timeout=0.3, retries=1)
     except (CommandRejectedError, LinkError, TimeoutError):
-        return _UNKNOWN
+        return None
     assert isinstance(reply, Settings)
     parameters = ParameterSet.from_payload(reply.parameters)
-    if parameters.layout is None:
-        return _UNKNOWN
+    return None if parameters.layout is None else parameters
+
+
+def gate_of(parameters: ParameterSet | None) -> Gate:
+    """Return the pilot's gate, the parameter ExternalControl; an unknown set leaves it to the pilot's own check."""
+    if parameters is None:
+        return Gate(GateKind.UNKNOWN)
     value = parameters["external_control"]
     assert isinstance(value, int)
     return Gate(GateKind.CONSTANT if poti_number(value) is None else GateKind.CHANNEL, value)

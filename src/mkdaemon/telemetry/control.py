@@ -104,6 +104,37 @@ class ControlStatus(Stamped):
     """Time since the newest pose of a target was seen [s]; null where none was."""
 
 
+class EstimateValue(Telemetry):
+    """The aircraft in the frame of the target it flies against; z is up."""
+
+    target: str
+    """Name of the target."""
+    position: tuple[float, float, float]
+    """Body origin from the middle of the target [m]."""
+    velocity: tuple[float, float, float]
+    """Relative to the target [m/s]."""
+    tilt: tuple[float, float]
+    """True tilt towards x and y, the way it accelerates [rad]."""
+    disturbance: tuple[float, float]
+    """Acceleration towards x and y that the model does not explain: wind, a moving target [m/s2]."""
+    yaw: float
+    """Heading of the forward axis, counter-clockwise from x [rad]."""
+    hover_throttle: float
+    """Throttle that carries the aircraft [stick from the centre]."""
+    position_sd: tuple[float, float, float]
+    """Standard deviation of the position [m]."""
+    image_age: float
+    """Time since the newest image that was used [s]."""
+    innovation: float
+    """Mean squared surprise of the images over what was expected; at most 1 when all is well."""
+    is_nominal: bool
+    """The images agree with the model of the aircraft, so the model counts for more."""
+
+
+class ControlEstimate(Stamped, EstimateValue):
+    """What the flight core believes: `control/estimate`, with every stick frame of an autonomous flight."""
+
+
 class ControlOutput(Stamped):
     """One stick frame at the moment it was handed to the line: `control/output`. FLU signs, after the limiter."""
 

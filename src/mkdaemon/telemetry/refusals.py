@@ -131,6 +131,16 @@ REFUSALS: Final[Mapping[str, Refusal]] = {
     Token.NO_CONTROL: Refusal(
         Status.DENIED, "external control is not possible: {detail}.", "`mkctl status` shows the firmware and the gate."
     ),
+    Token.NO_ESTIMATE: Refusal(
+        Status.DENIED,
+        "{name} needs to know where the aircraft is, and no camera has seen a target yet.",
+        "`mkctl watch 'vision/**'` shows what the cameras see; [[cameras]] in the configuration needs one, calibrated.",
+    ),
+    Token.NO_FRAME: Refusal(
+        Status.UNSUPPORTED,
+        "{name} cannot be followed in frame {frame}.",
+        "Give positions in frame pad, velocities in frame pad or body.",
+    ),
     Token.GUARD_DEAD: Refusal(
         Status.DENIED,
         "the guard process is gone: nothing would release the aircraft if the daemon died.",

@@ -61,6 +61,8 @@ class Token(StrEnum):
     WRONG_EPOCH = "wrong_epoch"
     STALE_SEQUENCE = "stale_sequence"
     NO_GUIDANCE = "no_guidance"
+    NO_ESTIMATE = "no_estimate"
+    NO_FRAME = "no_frame"
     GATE_SHUT = "gate_shut"
     GATE_CONSTANT = "gate_constant"
     NO_CONTROL = "no_control"

@@ -84,6 +84,11 @@ class Estimator:
         )
 
     @property
+    def seen_at(self) -> float:
+        """When the newest image that was used was taken [s]."""
+        return self._seen_at
+
+    @property
     def rejected(self) -> int:
         """Measurements outside their gates, since the start."""
         return self._level.rejected + self._upright.rejected

@@ -38,6 +38,8 @@ LEAK_FAST: Final = 0.885
 """Leak without a NaviCtrl or with 0.24 [s]; docs/simulator.md."""
 LEAK_SLOW: Final = 7.1
 """Leak with a newer NaviCtrl [s]."""
+YAW_DEAD_BAND: Final = 4.0
+"""Yaw counts that do nothing; docs/firmware-notes.md."""
 P, V, T, TH, Z, W, US, D, B = range(9)
 LEVEL_STATES: Final = 9
 """Places in the state of a horizontal axis; how many there are."""
@@ -83,7 +85,7 @@ class AircraftModel:
         stick_p: int,
         gyro_p: int,
         gyro_i: int,
-        i_factor: int,
+        integral_factor: int,
         gyro_stability: int,
         stick_yaw_p: int,
         has_stick_filter: bool,
@@ -95,7 +97,7 @@ class AircraftModel:
             stick_p: tilt per count.
             gyro_p: rate gain.
             gyro_i: angle gain.
-            i_factor: integral.
+            integral_factor: integral gain.
             gyro_stability: scales rate and integral.
             stick_yaw_p: yaw rate per count.
             has_stick_filter: FC >= 2.10.
@@ -110,7 +112,7 @@ class AircraftModel:
             msg = "the active parameter set has no angle feedback (gyro_i or gyro_stability is 0)"
             raise ValueError(msg)
         a1 = gyro_i * 64.0 / ((gyro_p + 10) * 11000.0 * FC_PERIOD)
-        integral = max(1, 10300 // (i_factor + 1))
+        integral = max(1, 10300 // (integral_factor + 1))
         return cls(
             rad_per_count=math.radians(11000.0 * stick_p / (gyro_i * 1220.0)),
             a1=a1,
@@ -120,6 +122,17 @@ class AircraftModel:
             yaw_linear=math.radians(0.1 * stick_yaw_p),
             yaw_square=math.radians(0.0047 / 6.0 * stick_yaw_p),
         )
+
+    def yaw_stick(self, rate: float) -> float:
+        """Return the stick that turns at a rate [rad/s], the inverse of the firmware's parabola; 0 below the dead band.
+
+        Source: docs/simulator.md, "Yaw".
+        """
+        size = abs(rate)
+        if size < self.yaw_linear:
+            return 0.0
+        root = math.sqrt(self.yaw_linear**2 + 4.0 * self.yaw_square * size)
+        return math.copysign(YAW_DEAD_BAND + (root - self.yaw_linear) / (2.0 * self.yaw_square), rate)
 
     def horizontal(self, step: float) -> tuple[Array, Array]:
         """Return transition (9, 9) and input (9,) of a horizontal axis over a step [s]."""

@@ -34,12 +34,14 @@ class Goal:
         position: (3,) [m].
         yaw: heading of the forward axis [rad]; None for whatever it is.
         climb: speed of the wanted height, which then counts as it stands, without a reference of its own [m/s].
+        speed: largest horizontal speed on the way [m/s]; None for the autopilot's own limit.
         gas_share: throttle in place of the height's regulator [share of hover]; None for the regulator.
     """
 
     position: Array
     yaw: float | None = None
     climb: float = 0.0
+    speed: float | None = None
     gas_share: float | None = None
 
 
@@ -98,7 +100,10 @@ class Autopilot:
         """
         estimator = self.estimator
         estimator.advance(now)
-        self.reference.move(goal.position[:2], self._level_limits, step)
+        limits = self._level_limits
+        if goal.speed is not None:
+            limits = ReferenceLimits(min(goal.speed, limits.speed), limits.acceleration)
+        self.reference.move(goal.position[:2], limits, step)
         if goal.climb:
             self.height = Reference(goal.position[2:], np.array([goal.climb]))
         else:

@@ -1,0 +1,140 @@
+"""The same flights through the flight core: a client streams position setpoints, the core decides every stick frame."""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+from lab.control.flights import Flight
+from lab.control.rig import CONTROL_PERIOD, FIRST_HOVER, Rig, believed_model
+from mkdaemon.config.control import ControlConfig, LimiterConfig
+from mkdaemon.control.actions import Action, PublishEstimate, SendSticks
+from mkdaemon.control.core import FlightCore
+from mkdaemon.control.estimator.values import TargetView
+from mkdaemon.control.guidance.autopilot import GAS_CENTRE, AutopilotSticks, Goal
+from mkdaemon.control.preflight import Gate, GateKind
+from mkdaemon.control.vehicle import VehicleFacts
+from mkdaemon.frames import quaternion_from_rotation
+from mkdaemon.stamp import Stamp
+from mkdaemon.telemetry.command import LeaseRequest
+from mkdaemon.telemetry.control import ControlLine, EstimateValue, Phase
+from mkdaemon.telemetry.link import LinkCondition, LinkState
+from mkdaemon.telemetry.setpoint import PositionSetpoint, Setpoint, SetpointFrame
+from mkdaemon.telemetry.state import Attitude
+from mkdaemon.telemetry.vision import VisionPose
+
+CLIENT: Final = "lab"
+
+
+def stamp(at: float) -> Stamp:
+    """A stamp in virtual time."""
+    return Stamp(monotonic=at, wall=at, boot="00000000", synchronised=None)
+
+
+class CoreRig(Rig):
+    """A flight decided by the flight core.
+
+    Attributes:
+        core: as in the daemon.
+        actions: everything it decided, with its time [s].
+        estimates: what it published.
+    """
+
+    def __init__(self, flight: Flight) -> None:
+        super().__init__(flight)
+        cfg = ControlConfig(limiter=LimiterConfig(hover_throttle=FIRST_HOVER - GAS_CENTRE))
+        self.core = FlightCore(cfg, VehicleFacts(), first_epoch=1)
+        self.core.model_known(flight.model or believed_model(flight.gains))
+        self.core.line_changed(ControlLine(layout="v2"))
+        self.core.link_changed(_link_is_up())
+        self.actions: list[tuple[float, Action]] = []
+        self.estimates: list[EstimateValue] = []
+        self._epoch = 0
+        self._sequence = 0
+
+    def _see(self, view: TargetView, at: float) -> None:
+        super()._see(view, at)
+        self.core.pose_received(_pose_of(view))
+
+    def _hear(self, measured: float, pitch: float, roll: float, yaw: float, at: float) -> None:
+        super()._hear(measured, pitch, roll, yaw, at)
+        quaternion = (math.cos(yaw / 2), 0.0, 0.0, math.sin(yaw / 2))
+        value = Attitude(stamp=stamp(at), source="fc", quaternion=quaternion, roll=roll, pitch=pitch, yaw=yaw)
+        self.core.state_received(value, at)
+
+    def _control(self, at: float) -> None:
+        """The client's turn, then the core's; until the core flies a pilot holds the aircraft where it is."""
+        if self.core.phase is Phase.FLYING:
+            self._at(at + CONTROL_PERIOD, self._control)
+        else:
+            super()._control(at)
+        goal = self._flight.goal(at)
+        if not self._epoch:
+            request = LeaseRequest(action="take", holder=CLIENT)
+            granted = self.core.lease(request, at, gate=Gate(GateKind.CHANNEL))
+            self._epoch = granted.epoch  # type: ignore[union-attr]
+        self._sequence += 1
+        self.core.setpoint(self._setpoint(goal, at), at)
+        for action in self.core.tick(at):
+            self.actions.append((at, action))
+            if isinstance(action, SendSticks):
+                counts = action.counts
+                self._send(AutopilotSticks(counts.pitch, counts.roll, counts.yaw, counts.throttle), at)
+            elif isinstance(action, PublishEstimate):
+                self.estimates.append(action.value)
+        if self.core.phase is Phase.FLYING:
+            self._keep(goal, at)
+
+    def _setpoint(self, goal: Goal, at: float) -> Setpoint:
+        """What the client streams."""
+        x, y, z = (float(part) for part in goal.position)
+        return PositionSetpoint(
+            epoch=self._epoch,
+            sequence=self._sequence,
+            ttl=0.3,
+            position=(x, y, z),
+            frame=SetpointFrame.PAD,
+            yaw=goal.yaw,
+        )
+
+
+def _pose_of(view: TargetView) -> VisionPose:
+    rotation = view.target_from_flu
+    x, y, z = (float(part) for part in -rotation @ view.position_flu)
+    a, b, c = (float(part) for part in view.position_flu)
+    return VisionPose(
+        stamp=stamp(view.at),
+        camera="down",
+        sequence=0,
+        stamped_by="driver",
+        target="pad",
+        position_target=(x, y, z),
+        quaternion_target_from_flu=quaternion_from_rotation(rotation),
+        position_flu=(a, b, c),
+        quaternion_flu_from_target=quaternion_from_rotation(rotation.T),
+        covariance=tuple(float(part) for part in view.covariance.reshape(-1)),
+        position_cam=(0.0, 0.0, 0.0),
+        quaternion_cam_from_target=(1.0, 0.0, 0.0, 0.0),
+        source="edges",
+        mode="predicted",
+        points=40,
+        rms_px=0.3,
+        ambiguity=None,
+        decided_by="",
+        decode_age=0.0,
+        latency=0.08,
+    )
+
+
+def _link_is_up() -> LinkState:
+    return LinkState(
+        stamp=stamp(0.0),
+        condition=LinkCondition.UP,
+        reason="",
+        since=stamp(0.0),
+        port="lab",
+        baud=57600,
+        hears_board=True,
+        board_hears_us=True,
+        openings=1,
+    )

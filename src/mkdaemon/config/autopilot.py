@@ -1,0 +1,44 @@
+"""Configuration of flight by position and velocity setpoints."""
+
+from __future__ import annotations
+
+from pydantic import Field
+
+from mkdaemon.config.base import Section
+
+
+class AutopilotConfig(Section):
+    """Limits of autonomous flight, and what must be true before and during it; docs/flying.md."""
+
+    max_tilt: float = Field(default=0.35, gt=0, le=0.6)
+    """Largest tilt asked of the attitude loop [rad]; the true tilt stays near three quarters of it."""
+    max_speed: float = Field(default=1.2, gt=0, le=5)
+    """Largest horizontal speed of the reference [m/s]."""
+    max_acceleration: float = Field(default=1.0, gt=0, le=3)
+    """Largest horizontal acceleration of the reference [m/s2]."""
+    max_climb: float = Field(default=0.6, gt=0, le=2)
+    """Largest vertical speed [m/s]."""
+    fence_radius: float = Field(default=5.0, gt=0, le=100)
+    """Setpoints farther from the target are moved back to this distance [m]."""
+    fence_height: float = Field(default=6.0, gt=0, le=100)
+    """Setpoints higher above the target are lowered to this height [m]."""
+    fence_floor: float = Field(default=0.3, ge=0, le=10)
+    """Setpoints lower above the target are raised to this height [m]; landing is a thing of its own."""
+    velocity_lead: float = Field(default=1.5, gt=0, le=5)
+    """A velocity setpoint aims at the point the aircraft would reach in this time [s]."""
+    entry_sd: float = Field(default=0.15, gt=0, le=1)
+    """Position must be known to this standard deviation before a flight begins [m]."""
+    entry_age: float = Field(default=0.25, gt=0, le=1)
+    """The newest image must be younger than this before a flight begins [s]."""
+    entry_clean: float = Field(default=2.0, ge=0, le=20)
+    """Images must have agreed with the model for this long before a flight begins [s]."""
+    clean_innovation: float = Field(default=4.0, gt=0)
+    """Mean squared innovation up to which images agree with the model [variances]."""
+    freeze_after: float = Field(default=0.2, gt=0, le=2)
+    """Without an image for this long the reference stands still [s]."""
+    level_after: float = Field(default=1.5, gt=0, le=5)
+    """Without an image for this long the aircraft is held level at hover throttle [s]."""
+    exit_after: float = Field(default=3.0, gt=0, le=10)
+    """Without an image for this long the aircraft is released [s]."""
+    neutral_band: float = Field(default=4.0, ge=0, le=20)
+    """Attitude setpoints within this many counts of level begin a flight [stick]."""

@@ -1,0 +1,39 @@
+"""The aircraft as a plant, from the active parameter set of its FlightCtrl."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from mkdaemon.control.estimator.model import AircraftModel
+from mkdaemon.errors import ProtocolError
+from mkdaemon.protocol.dialect import Dialect
+from mkdaemon.protocol.settings import ParameterSet
+
+_NAMES: Final = ("stick_p", "gyro_p", "gyro_i", "integral_factor", "gyro_stability", "stick_yaw_p")
+
+
+def aircraft_model(parameters: ParameterSet, dialect: Dialect, *, has_slow_leak: bool) -> AircraftModel | None:
+    """Return the model of this aircraft; None where its set does not say enough, or flies without angle feedback.
+
+    Args:
+        parameters: the active set.
+        dialect: how the FlightCtrl speaks, which tells whether it filters its sticks.
+        has_slow_leak: a NaviCtrl newer than 0.24 is mounted.
+
+    Source: docs/control.md, "The attitude loop".
+    """
+    if parameters.layout is None:
+        return None
+    try:
+        values = {name: parameters[name] for name in _NAMES}
+    except (KeyError, ProtocolError):
+        return None
+    numbers = {name: value for name, value in values.items() if isinstance(value, int)}
+    if len(numbers) < len(_NAMES):
+        return None
+    try:
+        return AircraftModel.from_parameters(
+            **numbers, has_stick_filter=dialect.stick_filter, has_slow_leak=has_slow_leak
+        )
+    except ValueError:
+        return None

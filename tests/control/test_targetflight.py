@@ -1,0 +1,142 @@
+"""Position, velocity and attitude setpoints against a target: entry, flight, loss of sight; the whole core decides."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from lab.control.camera import CameraModel
+from lab.control.corerig import CoreRig
+from lab.control.flights import Flight
+from mkdaemon.config.autopilot import AutopilotConfig
+from mkdaemon.config.sim_flight import WindClass
+from mkdaemon.control.actions import Release, ReportMode, SendSticks
+from mkdaemon.control.estimator.model import AircraftModel
+from mkdaemon.control.targetflight import TargetFlight
+from mkdaemon.control.vehicle import VehicleFacts
+from mkdaemon.errors import CommandRejectedError
+from mkdaemon.telemetry.control import Phase
+from mkdaemon.telemetry.refusals import Token
+from mkdaemon.telemetry.setpoint import AttitudeSetpoint, PositionSetpoint, SetpointFrame, VelocitySetpoint
+
+CFG = AutopilotConfig()
+BASE = {"epoch": 1, "sequence": 1, "ttl": 0.3}
+CALM = Flight(seed=4, wind=WindClass.INDOOR, seconds=16.0)
+
+
+def position(frame=SetpointFrame.PAD, **fields):
+    return PositionSetpoint(**BASE, position=(0.0, 0.0, 2.0), frame=frame, **fields)
+
+
+@pytest.mark.parametrize("frame", [SetpointFrame.HOME, SetpointFrame.BODY])
+def test_a_position_in_another_frame_is_refused_with_the_frames_there_are(frame):
+    with pytest.raises(CommandRejectedError) as refusal:
+        TargetFlight(CFG, -2.0).check(position(frame))
+    assert refusal.value.token == Token.NO_FRAME
+    assert "pad" in refusal.value.fix
+
+
+@pytest.mark.parametrize(
+    "setpoint", [position(), VelocitySetpoint(**BASE, velocity=(0.0, 0.0, 0.0), frame=SetpointFrame.BODY)]
+)
+def test_without_a_target_nothing_is_followed(setpoint):
+    with pytest.raises(CommandRejectedError) as refusal:
+        TargetFlight(CFG, -2.0).check(setpoint)
+    assert refusal.value.token == Token.NO_ESTIMATE
+
+
+def test_an_attitude_becomes_counts_of_this_aircraft():
+    target = TargetFlight(CFG, -2.0)
+    target.model_known(replace(AircraftModel(), rad_per_count=0.01))
+    setpoint = AttitudeSetpoint(**BASE, roll=0.1, pitch=-0.2, yaw_rate=0.0, thrust=1.0)
+    target.check(setpoint)
+    guided = target.guide(setpoint, VehicleFacts(), 0.0, is_flying=False)
+    assert (guided.sticks.roll, guided.sticks.pitch) == pytest.approx((10.0, -20.0))
+    assert guided.sticks.throttle == pytest.approx(-2.0)
+    assert guided.obstacle == "a level attitude"
+    more = target.guide(setpoint.model_copy(update={"thrust": 1.44}), VehicleFacts(), 0.0, is_flying=True)
+    assert more.sticks.throttle == pytest.approx(125.0 * 1.2 - 127.0)
+
+
+@pytest.mark.parametrize("rate", [-1.0, -0.1, 0.0, 0.05, 0.5])
+def test_a_yaw_rate_becomes_the_stick_that_gives_it(rate):
+    model = AircraftModel()
+    stick = model.yaw_stick(rate)
+    size = max(abs(stick) - 4.0, 0.0)
+    assert math.copysign(model.yaw_linear * size + model.yaw_square * size**2, rate) == pytest.approx(rate, abs=1e-9)
+
+
+def test_the_core_holds_a_position_and_says_what_it_believes():
+    rig = CoreRig(CALM)
+    record = rig.fly()
+    assert record.lost == ""
+    assert rig.core.phase is Phase.FLYING
+    late = np.array(record.errors)[np.array(record.times) > 8.0]
+    assert np.hypot(late[:, 0], late[:, 1]).max() < 0.25
+    last = rig.estimates[-1]
+    assert last.position == pytest.approx(record.positions[-1], abs=0.1)
+    assert last.image_age < 0.25
+
+
+def test_no_flight_begins_before_images_have_agreed_for_a_while():
+    rig = CoreRig(CALM)
+    rig.fly()
+    began = next(at for at, action in rig.actions if isinstance(action, ReportMode) and action.after is Phase.FLYING)
+    assert began >= CFG.entry_clean
+    assert not any(isinstance(action, SendSticks) for at, action in rig.actions if at < began)
+
+
+def test_a_goal_beyond_the_fence_is_flown_to_the_fence():
+    rig = CoreRig(replace(CALM, camera=CameraModel(tags=(1.2, 0.3)), seconds=16.0))
+    rig.fly()
+    target = rig.core._target
+    for wanted in ((90.0, 0.0, 40.0), (0.0, -7.0, -3.0)):
+        setpoint = PositionSetpoint(**BASE, position=wanted, frame=SetpointFrame.PAD)
+        goal = target._goal(setpoint, target._estimator.estimate(16.0), target._autopilot, 0.02)
+        assert np.hypot(*goal.position[:2]) == pytest.approx(CFG.fence_radius)
+        assert CFG.fence_floor <= goal.position[2] <= CFG.fence_height
+
+
+def test_a_target_out_of_sight_is_dead_reckoned_then_level_then_released():
+    rig = CoreRig(replace(CALM, camera=CameraModel(gone=((8.0, 99.0),))))
+    rig.fly()
+    released = next(at for at, action in rig.actions if isinstance(action, Release))
+    assert released == pytest.approx(8.0 + CFG.exit_after, abs=0.3)
+    level = [
+        a.counts for at, a in rig.actions if isinstance(a, SendSticks) and 8 + CFG.level_after + 0.1 < at < released
+    ]
+    assert level
+    assert {(counts.pitch, counts.roll) for counts in level} == {(0, 0)}
+    reason = next(a.reason for at, a in rig.actions if isinstance(a, Release))
+    assert "no image of pad" in reason
+
+
+def test_a_short_loss_of_sight_ends_nothing():
+    rig = CoreRig(replace(CALM, camera=CameraModel(gone=((8.0, 9.0),))))
+    record = rig.fly()
+    assert rig.core.phase is Phase.FLYING
+    after = np.array(record.errors)[np.array(record.times) > 13.0]
+    assert np.hypot(after[:, 0], after[:, 1]).max() < 0.3
+
+
+class Forward(CoreRig):
+    """From 8 s on the client asks for 0.3 m/s forward."""
+
+    def _setpoint(self, goal, at):
+        if at < 8.0:
+            return super()._setpoint(goal, at)
+        velocity = {"velocity": (0.3, 0.0, 0.0), "frame": SetpointFrame.BODY}
+        return VelocitySetpoint(epoch=self._epoch, sequence=self._sequence, ttl=0.3, **velocity)
+
+
+def test_a_velocity_is_flown_in_its_frame():
+    rig = Forward(replace(CALM, seconds=10.0))
+    record = rig.fly()
+    start = record.positions[next(k for k, at in enumerate(record.times) if at > 8.0)]
+    x, y, z = record.positions[-1] - start
+    assert math.hypot(x, y) == pytest.approx(0.45, abs=0.15)
+    assert math.atan2(y, x) == pytest.approx(0.3, abs=0.25), "the nose points there"
+    assert z == pytest.approx(0.0, abs=0.1)
