@@ -16,6 +16,7 @@ from mkdaemon.telemetry.control import Phase
 from mkdaemon.telemetry.setpoint import (
     SETPOINTS,
     AttitudeSetpoint,
+    LandSetpoint,
     PositionSetpoint,
     Setpoint,
     SetpointFrame,
@@ -31,6 +32,7 @@ EXAMPLES: dict[type[Setpoint], dict[str, object]] = {
     AttitudeSetpoint: {"roll": 0.1, "pitch": 0, "yaw_rate": 0, "thrust": 1},
     VelocitySetpoint: {"velocity": [0.5, 0, -0.1], "frame": "pad"},
     PositionSetpoint: {"position": [1, 2, 3], "frame": "home"},
+    LandSetpoint: {},
 }
 
 

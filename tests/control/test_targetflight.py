@@ -13,14 +13,20 @@ from lab.control.corerig import CoreRig
 from lab.control.flights import Flight
 from mkdaemon.config.autopilot import AutopilotConfig
 from mkdaemon.config.sim_flight import WindClass
-from mkdaemon.control.actions import Release, ReportMode, SendSticks
+from mkdaemon.control.actions import Release, ReportFailsafe, ReportMode, SendSticks
 from mkdaemon.control.estimator.model import AircraftModel
 from mkdaemon.control.targetflight import TargetFlight
 from mkdaemon.control.vehicle import VehicleFacts
 from mkdaemon.errors import CommandRejectedError
 from mkdaemon.telemetry.control import Phase
 from mkdaemon.telemetry.refusals import Token
-from mkdaemon.telemetry.setpoint import AttitudeSetpoint, PositionSetpoint, SetpointFrame, VelocitySetpoint
+from mkdaemon.telemetry.setpoint import (
+    AttitudeSetpoint,
+    LandSetpoint,
+    PositionSetpoint,
+    SetpointFrame,
+    VelocitySetpoint,
+)
 
 CFG = AutopilotConfig()
 BASE = {"epoch": 1, "sequence": 1, "ttl": 0.3}
@@ -120,6 +126,37 @@ def test_a_short_loss_of_sight_ends_nothing():
     assert rig.core.phase is Phase.FLYING
     after = np.array(record.errors)[np.array(record.times) > 13.0]
     assert np.hypot(after[:, 0], after[:, 1]).max() < 0.3
+
+
+class Lands(CoreRig):
+    """From 8 s on the client asks to land."""
+
+    def _setpoint(self, goal, at):
+        if at < 8.0:
+            return super()._setpoint(goal, at)
+        return LandSetpoint(epoch=self._epoch, sequence=self._sequence, ttl=0.3)
+
+
+@pytest.mark.parametrize("pad", [(0.0, 0.0), (0.3, 0.2)])
+def test_a_landing_ends_on_the_target_with_a_release_that_is_no_failsafe(pad):
+    rig = Lands(replace(CALM, land_at=8.0, pad=pad, pad_starts=6.0, seconds=25.0))
+    record = rig.fly()
+    released_at, released = next((at, action) for at, action in rig.actions if isinstance(action, Release))
+    assert record.touch_error < 0.12
+    assert record.touch_sink < 0.6
+    assert released.reason == "landed on pad"
+    assert released_at >= record.touched + 0.3
+    last = [action.counts.throttle for at, action in rig.actions if isinstance(action, SendSticks)][-1]
+    assert last <= -90
+    rig.core.released(None, released_at)
+    assert not any(isinstance(action, ReportFailsafe) for at, action in rig.actions)
+
+
+def test_a_landing_whose_target_vanishes_high_up_ends_level_then_released():
+    rig = Lands(replace(CALM, camera=CameraModel(gone=((8.5, 99.0),)), seconds=14.0))
+    rig.fly()
+    reason = next(action.reason for at, action in rig.actions if isinstance(action, Release))
+    assert "no image of pad" in reason
 
 
 class Forward(CoreRig):

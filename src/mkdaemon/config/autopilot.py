@@ -40,5 +40,9 @@ class AutopilotConfig(Section):
     """Without an image for this long the aircraft is held level at hover throttle [s]."""
     exit_after: float = Field(default=3.0, gt=0, le=10)
     """Without an image for this long the aircraft is released [s]."""
+    stand_height: float = Field(default=0.10, ge=0, le=1)
+    """Height of the body's origin above the target when the feet stand on it [m]."""
+    stand_time: float = Field(default=1.0, ge=0, le=5)
+    """After a landing the throttle stays at its lowest for this long before the aircraft is released [s]."""
     neutral_band: float = Field(default=4.0, ge=0, le=20)
     """Attitude setpoints within this many counts of level begin a flight [stick]."""

@@ -207,8 +207,9 @@ class Authority:
             return SendNothing()
         is_in_flight = self.phase in IN_FLIGHT
         guided = None if lease.newest is None else self._guide(lease.newest, now, is_in_flight)
-        if guided is not None and guided.failure and is_in_flight:
-            self.end(Event.GUIDANCE_LOST, cause=guided.failure)
+        if guided is not None and is_in_flight and (guided.failure or guided.finished):
+            event = Event.GUIDANCE_LOST if guided.failure else Event.FLIGHT_FINISHED
+            self.end(event, cause=guided.failure or guided.finished)
             return self.tick(now)
         words = {"silence": f"{lease.silence(now, is_in_flight=is_in_flight):.2f}"}
         words["obstacle"] = "" if guided is None else guided.obstacle

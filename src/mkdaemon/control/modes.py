@@ -37,6 +37,8 @@ class Event(StrEnum):
     """The link is releasing by itself, or waits for a release to be confirmed."""
     GUIDANCE_LOST = "guidance_lost"
     """The setpoint cannot be followed any more: the target has been out of sight for too long, for example."""
+    FLIGHT_FINISHED = "flight_finished"
+    """The setpoint has been followed to its end: the aircraft stands on the target."""
     STALLED = "stalled"
     """The daemon itself stood still for longer than a setpoint lives."""
     GUARD_ACTED = "guard_acted"
@@ -164,6 +166,7 @@ ROWS: Final = (
     _release(Event.CONTROL_IMPOSSIBLE, IN_FLIGHT, "external control is not possible: {cause}"),
     _release(Event.LINE_RELEASING, IN_FLIGHT, "{cause}"),
     _release(Event.GUIDANCE_LOST, IN_FLIGHT, "{cause}"),
+    _release(Event.FLIGHT_FINISHED, IN_FLIGHT, "{cause}", is_asked=True),
     _release(Event.STALLED, IN_FLIGHT, "the daemon stood still for {cause} s"),
     _release(Event.GUARD_ACTED, tuple(Phase), "the guard released the aircraft: {cause}"),
     Row((_RELEASING,), Event.RELEASE_DONE, RELEASE_OWED, _RELEASING, Reaction.NOTHING, "{reason}"),

@@ -21,11 +21,13 @@ class Guided:
         sticks: before the limiter [stick; FLU].
         obstacle: what must change before a flight may begin with it; empty for nothing.
         failure: why a flight cannot go on with it; empty while it can.
+        finished: why the flight has reached its end; empty before.
     """
 
     sticks: Sticks
     obstacle: str = ""
     failure: str = ""
+    finished: str = ""
 
 
 class Guidance(Protocol):

@@ -19,6 +19,7 @@ from mkdaemon.control.estimator.model import AircraftModel
 from mkdaemon.control.estimator.values import Estimate, StickCommand, TargetView
 from mkdaemon.control.guidance.autopilot import GAS_CENTRE, Autopilot, AutopilotSticks, Goal
 from mkdaemon.control.guidance.horizontal import HorizontalCosts
+from mkdaemon.control.guidance.landing import Landing, LandingLimits, LandingPhase
 from mkdaemon.control.guidance.reference import ReferenceLimits
 from mkdaemon.control.guidance.vertical import VerticalGains
 from mkdaemon.control.limiter import StickCounts, Sticks
@@ -30,6 +31,7 @@ from mkdaemon.telemetry.control import EstimateValue
 from mkdaemon.telemetry.refusals import Token, refuse
 from mkdaemon.telemetry.setpoint import (
     AttitudeSetpoint,
+    LandSetpoint,
     PositionSetpoint,
     Setpoint,
     SetpointFrame,
@@ -68,6 +70,7 @@ class TargetFlight:
         self._autopilot: Autopilot | None = None
         self._clean_since = math.inf
         self._guided_at = -math.inf
+        self._landing: Landing | None = None
 
     # -- what is reported -----------------------------------------------------------------------------------------
 
@@ -150,13 +153,33 @@ class TargetFlight:
             self._guided_at = now
         step = min(max(now - self._guided_at, 0.005), 0.1)
         self._guided_at = now
+        if isinstance(setpoint, LandSetpoint) and is_flying:
+            return self._land(setpoint, estimate, autopilot, now, step)
+        self._landing = None
         if estimate.age > self._cfg.level_after:
-            failure = (
-                "" if estimate.age <= self._cfg.exit_after else f"no image of {self.target} for {estimate.age:.1f} s"
-            )
-            return Guided(_level(estimate), _NO_TARGET, failure)
+            return Guided(_level(estimate), _NO_TARGET, self._lost_sight(estimate))
         goal = self._goal(setpoint, estimate, autopilot, step)
         return Guided(_floating(autopilot.sticks(goal, now, step)), self._obstacle(estimate, now))
+
+    def _land(
+        self, setpoint: LandSetpoint, estimate: Estimate, autopilot: Autopilot, now: float, step: float
+    ) -> Guided:
+        """Go down on the target; once committed or standing, what the eyes see no longer matters."""
+        limits = LandingLimits(stand_height=self._cfg.stand_height)
+        landing = self._landing = self._landing or Landing(limits, estimate)
+        goal = landing.goal(estimate, setpoint.yaw, step)
+        sticks = _floating(autopilot.sticks(goal, now, step))
+        if landing.phase is LandingPhase.DOWN:
+            stands = now - landing.down_since >= self._cfg.stand_time
+            return Guided(sticks, finished=f"landed on {self.target}" if stands else "")
+        if landing.phase is LandingPhase.COMMIT or estimate.age <= self._cfg.level_after:
+            return Guided(sticks)
+        return Guided(_level(estimate), failure=self._lost_sight(estimate))
+
+    def _lost_sight(self, estimate: Estimate) -> str:
+        """Why the flight is over; empty while the target may come back into sight."""
+        is_over = estimate.age > self._cfg.exit_after
+        return f"no image of {self.target} for {estimate.age:.1f} s" if is_over else ""
 
     def _begin(self, estimator: Estimator, now: float) -> Autopilot:
         cfg = self._cfg
@@ -174,6 +197,8 @@ class TargetFlight:
         cfg = self._cfg
         if estimate.age > cfg.freeze_after:
             return Goal(np.array([*autopilot.reference.position, float(estimate.position[2])]))
+        if isinstance(setpoint, LandSetpoint):
+            return Goal(estimate.position, setpoint.yaw)
         if isinstance(setpoint, PositionSetpoint):
             wanted, yaw, speed = np.array(setpoint.position), setpoint.yaw, None
         else:
@@ -221,6 +246,7 @@ def guidance(target: TargetFlight, neutral_band: float) -> Mapping[type[Setpoint
         AttitudeSetpoint: target,
         VelocitySetpoint: target,
         PositionSetpoint: target,
+        LandSetpoint: target,
     }
 
 

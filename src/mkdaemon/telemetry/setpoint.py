@@ -101,5 +101,20 @@ class PositionSetpoint(Setpoint):
     """Heading about the up axis of `frame`, counter-clockwise from its first axis [rad]; null to keep the heading."""
 
 
-SETPOINTS: Final[tuple[type[Setpoint], ...]] = (StickSetpoint, AttitudeSetpoint, VelocitySetpoint, PositionSetpoint)
+class LandSetpoint(Setpoint):
+    """Land on the target in sight: `setpoint/land`. Streamed until the feet stand; the aircraft is released then."""
+
+    suffix: ClassVar[str] = "setpoint/land"
+
+    yaw: _Angle | None = None
+    """Heading about the up axis of the target, counter-clockwise from its first axis [rad]; null to keep it."""
+
+
+SETPOINTS: Final[tuple[type[Setpoint], ...]] = (
+    StickSetpoint,
+    AttitudeSetpoint,
+    VelocitySetpoint,
+    PositionSetpoint,
+    LandSetpoint,
+)
 """Every kind of setpoint."""

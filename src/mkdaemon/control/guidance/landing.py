@@ -7,6 +7,7 @@ push a third to two thirds of the landings miss.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from enum import StrEnum
 
@@ -75,10 +76,12 @@ class Landing:
 
     Attributes:
         phase: where it stands.
+        down_since: since when the feet stand [s]; infinite before.
     """
 
     def __init__(self, limits: LandingLimits, estimate: Estimate) -> None:
         self.phase = LandingPhase.APPROACH
+        self.down_since = math.inf
         self._limits = limits
         self._height = float(estimate.position[2])
         self._committed = self._low_since = estimate.at
@@ -131,4 +134,4 @@ class Landing:
         if height > 0.03:
             self._low_since = at
         if at - self._low_since >= self._limits.settled or at - self._committed >= self._limits.longest_commit:
-            self.phase = LandingPhase.DOWN
+            self.phase, self.down_since = LandingPhase.DOWN, at
