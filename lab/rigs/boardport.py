@@ -87,6 +87,11 @@ class Socket:
         self._started = asyncio.get_running_loop().time()
         self.aircraft = self._make()
 
+    def replace(self, make: Callable[[], Simulation]) -> None:
+        """Put another aircraft in the place of this one."""
+        self._make = make
+        self.power_cycle()
+
     async def open(self, url: str, *, baud: int) -> Port:
         """Open; see `mkdaemon.link.ports.port.open_port`.
 

@@ -23,11 +23,11 @@ def test_a_version_reply_proves_its_sender_until_it_is_old():
 def test_a_redirection_voids_the_proof_but_not_what_is_known_of_the_firmware():
     peers = Peers()
     peers.version_received(Board.FC, VERSION, 10.0)
-    peers.redirect(Board.FC)
+    peers.redirect(Board.FC, 10.0)
     assert not peers.is_proven(Board.FC, 10.0)
     assert peers.firmware == {Board.FC: str(VERSION.release)}
     peers.version_received(Board.FC, VERSION, 11.0)
-    peers.redirect(None)
+    peers.redirect(None, 11.5)
     assert not peers.is_proven(Board.FC, 11.0)
 
 
@@ -43,3 +43,24 @@ def test_motor_controllers_are_no_end_of_the_wire():
     peers = Peers()
     assert not peers.sender_heard(Board.BL)
     assert peers.boards == set()
+
+
+def test_a_silence_while_the_wire_was_passed_through_tells_nothing_about_the_boards():
+    peers = Peers()
+    assert not peers.caused_silence(1.0, 2.0)
+    peers.redirect(Board.FC, 10.0)
+    peers.redirect(None, 15.0)
+    assert peers.caused_silence(10.4, 15.5)
+    assert not peers.caused_silence(9.0, 15.5)
+    assert not peers.caused_silence(16.0, 17.5)
+
+
+def test_what_boards_said_of_themselves_can_be_forgotten_behind_an_open_port():
+    peers = Peers()
+    peers.sender_heard(Board.FC)
+    peers.version_received(Board.FC, VERSION, 10.0)
+    assert peers.learn(Board.FC, VERSION)
+    assert peers.dialect.extern_control is not None
+    peers.forget()
+    assert peers.dialect.extern_control is None
+    assert (peers.direct, peers.firmware, peers.proof) == (Board.FC, {}, None)

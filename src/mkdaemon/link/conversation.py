@@ -213,7 +213,7 @@ class Conversation:
 
     def set_redirection(self, board: Board | None) -> None:
         """A NaviCtrl passes the line through to a board from now on; None: no more."""
-        self._dialogue.redirect(board)
+        self._dialogue.redirect(board, self._clock.now())
         self._exchange.pump()
 
     async def send_escape(self) -> None:

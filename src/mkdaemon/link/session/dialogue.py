@@ -1,8 +1,7 @@
 """The conversation with the boards: everything the link decides, without a clock, a port or a task.
 
-It hears what arrived (`frame_received`, `bytes_damaged`) and what callers want (`ask`, `steer`, `want`,
-`steering.release`), answers `poll` with the frames to write now and `next_time` with when to poll again, and passes
-everything on to those who decide: `questions`, `steering`, `streams`, `prober`, `health`, `peers`, `scheduler`.
+It hears what arrived and what callers want, answers `poll` with the frames to write now and `next_time` with when to
+poll again, and passes everything on to those who decide: `questions`, `steering`, `streams`, `prober` and the others.
 """
 
 from __future__ import annotations
@@ -58,10 +57,7 @@ class Dialogue:
         self.is_recording = False
         self.counters = Counters()
         self.outgoing = Outgoing(
-            self.scheduler,
-            self.peers,
-            self.health,
-            self.counters,
+            *(self.scheduler, self.peers, self.health, self.counters),
             questions=self.questions,
             steering=self.steering,
             streams=self.streams,
@@ -78,6 +74,7 @@ class Dialogue:
         self.is_open = True
         self.is_recording = is_recording
         self.peers.restart()
+        self._dialect_changed = True
         self.streams.restart()
         self.steering.restart()
         self.prober.restart()
@@ -184,7 +181,7 @@ class Dialogue:
         """What the line can take from the flight core now; the one place that answers."""
         layout, obstacle = self.dialect.extern_control_layout, self.steering.obstacle(now)
         reason = self.health.verdict.reason if layout is not None else self.dialect.read_only_reason or ""
-        if not self.is_open:
+        if not self.is_open or self._may_have_rebooted(self.health.verdict, now):
             obstacle = Obstacle.LINK_DOWN
         elif self.is_recording:
             obstacle = Obstacle.RECORDING
@@ -214,9 +211,9 @@ class Dialogue:
             confirms=self.steering.confirms,
         )
 
-    def redirect(self, board: Board | None) -> None:
+    def redirect(self, board: Board | None, now: float) -> None:
         """Note that a NaviCtrl passes the line through to a board; None: it speaks for itself again."""
-        self.peers.redirect(board)
+        self.peers.redirect(board, now)
         self.scheduler.reserve_line(board)
         if board is None:
             self.streams.forget()
@@ -249,17 +246,28 @@ class Dialogue:
         return changed
 
     def condition_changed(self, before: Verdict, now: float) -> bool:
-        """The condition was this and is another one; returns whether the boards must be discovered anew.
-
-        After a silence as long as a reboot another board may be there, or the same one without its subscriptions.
-        """
+        """The condition was this and is another one; returns whether the boards must be discovered anew."""
         self.scheduler.resynchronise()
         if not (before.condition.is_silent and self.health.verdict.condition.hears_board):
             return False
         self.streams.forget()
+        if self._may_have_rebooted(before, now):
+            self._forget_boards("telemetry is back after a gap", now)
         return now - before.since > REBOOT_TIME
 
     # -- inside ---------------------------------------------------------------------------------------------------
+
+    def _may_have_rebooted(self, verdict: Verdict, now: float) -> bool:
+        """Whether the line has been silent under this verdict for so long, and not by our doing."""
+        is_long = verdict.condition.is_silent and now - verdict.since > REBOOT_TIME
+        return is_long and not self.peers.caused_silence(verdict.since, now)
+
+    def _forget_boards(self, reason: str, now: float) -> None:
+        """Other boards may be there now, or the same ones with an old stick frame: release, and ask them anew."""
+        self.peers.forget()
+        self._dialect_changed = True
+        self.steering.forget_command()
+        self.steering.release(reason, now)
 
     def _note_sender(self, board: Board) -> None:
         """Learn from a sender who is at the other end of the wire."""

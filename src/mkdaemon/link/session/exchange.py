@@ -98,7 +98,7 @@ class Exchange:
         )
         self.reporter.port_opened(port.name)
         self._guard.port_opened(port)
-        self._guard.dialect_changed(self._dialogue.dialect.extern_control)
+        self._follow_dialect()
         self._publish()
         reason = CLOSED
         try:
@@ -145,13 +145,17 @@ class Exchange:
             if isinstance(item, Frame):
                 message = self._messages.decode(item)
                 dialogue.frame_received(item, message, now)
-                if dialogue.take_dialect_change():
-                    self._messages = MessageDecoder(dialogue.dialect.layouts)
-                    self._guard.dialect_changed(dialogue.dialect.extern_control)
+                self._follow_dialect()
                 sink.received(Received(now, item, message))
             else:
                 dialogue.bytes_damaged(item, now)
                 sink.dropped(Lost(now, Direction.FROM_BOARD, item.reason, item.raw))
+
+    def _follow_dialect(self) -> None:
+        """Decode as the boards speak now, and let the guard release as they listen."""
+        if self._dialogue.take_dialect_change():
+            self._messages = MessageDecoder(self._dialogue.dialect.layouts)
+            self._guard.dialect_changed(self._dialogue.dialect.extern_control)
 
     async def _wait_for_failure(self) -> None:
         """End the conversation when writing failed or the line rate is wrong."""
@@ -219,6 +223,7 @@ class Exchange:
         changed = health.judge(now)
         if changed and self._dialogue.condition_changed(before, now):
             self.needs_discovery.set()
+            self._follow_dialect()
         if self.reporter.health_is_due(now) or changed:
             self._publish()
         if self.reporter.traffic_is_due(now):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Final, NamedTuple
 
 from mkdaemon.protocol.decoder import Unknown
@@ -11,6 +12,8 @@ from mkdaemon.telemetry.refusals import Token, refuse
 
 PROOF_AGE: Final = 10.0
 """A version reply older than this proves no longer who is on the line [s]."""
+AFTER_PASSAGE: Final = 0.8
+"""A NaviCtrl's telemetry is back so long after it has passed the wire through; the verdict takes part of it [s]."""
 VERSION_KEY: Final = "version"
 """The message a board names itself with."""
 _PILOTS: Final = (Board.FC, Board.NC)
@@ -32,8 +35,7 @@ class Peers:
     """The one owner of who is on the wire: boards, addresses, versions, dialect.
 
     Attributes:
-        evidence: kept over the loss of the port: a cable pulled and plugged does not change the aircraft, and another
-            release at the same address starts it over.
+        evidence: what the boards have shown of themselves since the port was opened, or since `forget`.
         dialect: what the evidence proves.
         direct: the board the wire ends at; ANY while unknown.
         redirected: the board a NaviCtrl passes the line through to; None for none.
@@ -50,18 +52,37 @@ class Peers:
         self.boards: set[Board] = set()
         self.firmware: dict[Board, str] = {}
         self.proof: Proof | None = None
+        self._passage = (-math.inf, -math.inf)
 
     def restart(self) -> None:
         """A port was opened: who is there must show itself again."""
         self.direct, self.redirected = Board.ANY, None
         self.boards.clear()
+        self.forget()
+
+    def forget(self) -> None:
+        """What the boards said of themselves may be true of other boards: they must say it again.
+
+        Another aircraft may hang on the same cable, or a board may have been replaced behind the same NaviCtrl.
+        """
+        self.evidence = Evidence()
+        self.dialect = decide(self.evidence)
         self.firmware.clear()
         self.proof = None
 
-    def redirect(self, board: Board | None) -> None:
+    def redirect(self, board: Board | None, now: float) -> None:
         """Note that a NaviCtrl passes the wire through to a board; None: it speaks for itself again."""
+        if board is not None:
+            self._passage = (now, math.inf)
+        elif self.redirected is not None:
+            self._passage = (self._passage[0], now)
         self.redirected = board
         self.proof = None
+
+    def caused_silence(self, since: float, until: float) -> bool:
+        """Whether a silence between two times [s] is the doing of a NaviCtrl that passed the wire through."""
+        began, ended = self._passage
+        return since >= began and until <= ended + AFTER_PASSAGE
 
     def sender_heard(self, board: Board) -> bool:
         """Note that a frame came from a board; returns whether the wire ends at another board than before.

@@ -95,6 +95,12 @@ class Steering:
             layout=layout, last_setpoint=self.control.last_command, confirms=confirms, now=now, reason=reason
         )
 
+    def forget_command(self) -> None:
+        """The last command may have gone to other boards: it is not sent again, not even with level sticks."""
+        self._scheduler.drop_setpoint()
+        self.control.last_command = None
+        self.plan = None
+
     def leave(self, now: float) -> None:
         """Begin an orderly exit: a release, and nothing else after it."""
         self.release("exit", now)
