@@ -106,7 +106,7 @@ def survival(key: str) -> Callable[[Record], dict[str, float]]:
 
 def step_goal(t: float) -> Goal:
     """1 m along x, once, across the target: half a metre to a side it is still in sight while the aircraft leans."""
-    return Goal(np.array([1.0 - STEP_FROM if t >= STEP_AT else -STEP_FROM, 0.0, 2.0]))
+    return Goal(position=np.array([1.0 - STEP_FROM if t >= STEP_AT else -STEP_FROM, 0.0, 2.0]))
 
 
 def _after(record: Record, time: float) -> Any:

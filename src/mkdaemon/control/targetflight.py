@@ -196,9 +196,9 @@ class TargetFlight:
         """Where to go: inside the fence; without a fresh image, where the aircraft is."""
         cfg = self._cfg
         if estimate.age > cfg.freeze_after:
-            return Goal(np.array([*autopilot.reference.position, float(estimate.position[2])]))
+            return Goal(position=np.array([*autopilot.reference.position, float(estimate.position[2])]))
         if isinstance(setpoint, LandSetpoint):
-            return Goal(estimate.position, setpoint.yaw)
+            return Goal(position=estimate.position, yaw=setpoint.yaw)
         if isinstance(setpoint, PositionSetpoint):
             wanted, yaw, speed = np.array(setpoint.position), setpoint.yaw, None
         else:
@@ -213,7 +213,7 @@ class TargetFlight:
             wanted = here + velocity * cfg.velocity_lead
         level = wanted[:2] * min(1.0, cfg.fence_radius / max(float(np.hypot(*wanted[:2])), 1e-9))
         height = min(max(float(wanted[2]), cfg.fence_floor), cfg.fence_height)
-        return Goal(np.array([*level, height]), yaw, speed=speed)
+        return Goal(position=np.array([*level, height]), yaw=yaw, speed=speed)
 
     def _obstacle(self, estimate: Estimate, now: float) -> str:
         """What must change before an autonomous flight begins; empty for nothing."""

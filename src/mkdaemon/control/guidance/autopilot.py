@@ -26,7 +26,7 @@ YAW_MOST: Final = 28.0
 """Largest yaw stick [stick]: 10 deg/s, slow enough for the tilts to follow."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Goal:
     """Where to go, in the frame of the target.
 
@@ -134,4 +134,4 @@ def yaw_stick(estimate: Estimate, yaw: float | None) -> int:
 
 def at_origin(height: float) -> Goal:
     """A goal above the middle of the target [m]."""
-    return Goal(np.array([0.0, 0.0, height]))
+    return Goal(position=np.array([0.0, 0.0, height]))

@@ -111,7 +111,7 @@ class Landing:
         climb = self._climb(height, estimate.age, float(estimate.position[2]), step)
         self._settle(height, estimate.at)
         share = {LandingPhase.COMMIT: limits.commit_gas, LandingPhase.DOWN: 0.0}.get(self.phase)
-        return Goal(np.array([0.0, 0.0, self._height]), yaw, climb, share)
+        return Goal(position=np.array([0.0, 0.0, self._height]), yaw=yaw, climb=climb, gas_share=share)
 
     def _climb(self, height: float, age: float, up: float, step: float) -> float:
         """Move the wanted height; returns its speed [m/s]."""
