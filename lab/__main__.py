@@ -13,6 +13,7 @@ CAMPAIGNS: Final = (
     CommandEntry("vision", "lab.vision.main:main", "Detection: rate, accuracy, latency."),
     CommandEntry("stories", "lab.stories.main:main", "Lost clients, pulled cables, races: the safety stories."),
     CommandEntry("procedures", "lab.procedures:main", "Uploads and backups over a line that loses bytes."),
+    CommandEntry("attack", "lab.attack:main", "The daemon killed, aborted or frozen in flight: the guard releases."),
     CommandEntry("kills", "lab.kills.main:main", "kill -9 of mkctl and of the daemon during backups and restores."),
     CommandEntry("control", "lab.control.main:main", "Hover, steps and landings of estimator and autopilot."),
     CommandEntry("flight", "lab.flight:main", "The simulated flight against the plant's figures."),

@@ -118,6 +118,10 @@ class DaemonProcess:
         while line := await self._process.stderr.readline():
             self.errors += line.decode(errors="replace")
 
+    def send_signal(self, number: signal.Signals) -> None:
+        """Send a signal and do not wait."""
+        self._process.send_signal(number)
+
     async def end(self, number: signal.Signals) -> int:
         """Send a signal and wait for the end; returns the exit code."""
         with suppress(ProcessLookupError):
