@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from contextlib import asynccontextmanager
 from dataclasses import dataclass, field
 
@@ -12,7 +13,9 @@ from mkdaemon.clock import Clock
 from mkdaemon.protocol.messages import Settings
 from mkdaemon.telemetry.command import CommandResult
 from mkdaemon.telemetry.control import ControlStatus, LeaseState, Phase
+from mkdaemon.telemetry.event import CommandEvent
 from mkdaemon.telemetry.refusals import Status, Token, refuse
+from mkdaemon.telemetry.setpoint import SETPOINTS
 from mkdaemon.telemetry.state import Attitude
 from tests.bus.support import bus_config, free_endpoint
 
@@ -28,7 +31,9 @@ class FakeDaemon:
     Attributes:
         engages: setpoints after which it says that it flies; None for never.
         asked: every command, as (suffix, fields).
-        setpoints: every stick setpoint.
+        setpoints: every setpoint.
+        refuses: why setpoints that need a target are refused; None for not at all.
+        follow: called with every setpoint that was taken.
     """
 
     bus: Bus
@@ -38,6 +43,8 @@ class FakeDaemon:
     setpoints: list = field(default_factory=list)
     clients: set = field(default_factory=set)
     holder: str | None = None
+    refuses: Token | None = None
+    follow: Callable[[], None] = lambda: None
     phase: Phase = Phase.FREE
 
     async def answer(self, suffix, payload):
@@ -102,10 +109,28 @@ class FakeDaemon:
         self.say(Phase.RELEASING, reason)
 
     def take_setpoint(self, arrived, raw):
-        """One stick setpoint."""
+        """One setpoint."""
         self.setpoints.append(decode_map(raw))
+        if self.refuses is not None:
+            self.refuse_setpoint(self.setpoints[-1])
+            return
         if self.holder and self.phase is Phase.LEASED and self.engages and len(self.setpoints) >= self.engages:
             self.say(Phase.FLYING, f"{self.holder} flies")
+        self.follow()
+
+    def refuse_setpoint(self, fields):
+        """Publish that a position setpoint was refused."""
+        error = refuse(self.refuses, name="setpoint/position", frame="home")
+        event = CommandEvent(
+            stamp=CLOCK.stamp(),
+            key="setpoint/position",
+            fields=fields,
+            status="denied",
+            token=error.token,
+            reason=error.reason,
+            fix=error.fix,
+        )
+        self.bus.publish("event/command", event)
 
     def client_changed(self, name, is_here):
         """A client came or went."""
@@ -127,7 +152,8 @@ async def fake_daemon(**more):
         daemon = FakeDaemon(bus, endpoint, **more)
         for root in ("do", "cmd"):
             bus.serve(root, daemon.answer)
-        bus.receive("setpoint/stick", daemon.take_setpoint)
+        for kind in SETPOINTS:
+            bus.receive(kind.suffix, daemon.take_setpoint)
         bus.watch_clients(daemon.client_changed)
         yield daemon
 

@@ -8,8 +8,10 @@ import pytest
 
 from lab.rigs.waiting import wait_until
 from mkdaemon.client import lease as lease_module
+from mkdaemon.client import setpointstream
 from mkdaemon.errors import CommandRejectedError, LeaseLostError, MkError, NotEngagedError
 from mkdaemon.telemetry.control import LeaseState, Phase
+from mkdaemon.telemetry.refusals import Token
 from tests.client.fake import EPOCH, connected
 
 RELEASE = ("do/lease", {"action": "release", "epoch": EPOCH})
@@ -90,14 +92,14 @@ async def test_status_from_before_the_lease_does_not_end_it():
 
 
 async def test_a_silent_daemon_is_a_lost_lease(monkeypatch):
-    monkeypatch.setattr(lease_module, "SILENCE", 0.3)
+    monkeypatch.setattr(setpointstream, "SILENCE", 0.3)
     async with connected(engages=1) as (_, uav), uav.lease() as lease:
         with pytest.raises(LeaseLostError, match="the daemon has not been heard"):
             await lease.stick(throttle=0, seconds=60)
 
 
 async def test_a_daemon_that_does_not_engage_is_told_with_its_reason(monkeypatch):
-    monkeypatch.setattr(lease_module, "ENGAGING", 0.3)
+    monkeypatch.setattr(setpointstream, "ENGAGING", 0.3)
     async with connected(engages=None) as (daemon, uav):
         with pytest.raises(NotEngagedError, match="waiting for a live, neutral stream"):
             async with uav.lease() as lease:
@@ -150,3 +152,60 @@ async def test_a_lease_can_be_renewed_and_looked_at():
         async with uav.lease(holder="me") as lease:
             assert (await lease.renew()).epoch == EPOCH
             assert (await uav.lease_state()).holder == "me"
+
+
+async def test_a_position_is_streamed_as_it_is_from_the_beginning():
+    async with connected(engages=5) as (daemon, uav):
+        async with uav.lease() as lease:
+            await lease.position(0.5, -0.5, 2.0, yaw=0.1, seconds=0.2)
+            await wait_until(lambda: daemon.setpoints[-1]["sequence"] == lease.setpoints)
+        assert {(tuple(setpoint["position"]), setpoint["frame"], setpoint["yaw"]) for setpoint in daemon.setpoints} == {
+            ((0.5, -0.5, 2.0), "pad", 0.1)
+        }
+
+
+async def test_velocities_and_attitudes_are_streamed():
+    async with connected(engages=3) as (daemon, uav), uav.lease() as lease:
+        await lease.attitude(pitch=0.1, thrust=1.05, seconds=0.1)
+        assert [daemon.setpoints[0][name] for name in ("pitch", "thrust")] == [0.0, 1.05], "level before it engages"
+        await wait_until(lambda: daemon.setpoints[-1]["pitch"] == 0.1)
+        await lease.velocity(0.1, 0.0, -0.2, frame="body", seconds=0.1)
+        await wait_until(lambda: daemon.setpoints[-1]["sequence"] == lease.setpoints)
+        assert (daemon.setpoints[-1]["velocity"], daemon.setpoints[-1]["frame"]) == ([0.1, 0.0, -0.2], "body")
+
+
+async def test_setpoints_that_stay_refused_end_the_flight_with_the_refusal(monkeypatch):
+    monkeypatch.setattr(setpointstream, "GRACE", 0.2)
+    async with connected() as (daemon, uav), uav.lease() as lease:
+        daemon.refuses = Token.NO_ESTIMATE
+        with pytest.raises(CommandRejectedError, match="no camera has seen a target yet") as refused:
+            await lease.position(0, 0, 2, seconds=1)
+        assert refused.value.token == "no_estimate"
+        assert "mkctl watch" in refused.value.fix
+
+
+async def test_a_refusal_just_after_the_lease_was_taken_does_not_count():
+    async with connected() as (daemon, uav), uav.lease() as lease:
+        daemon.refuses = Token.NO_ESTIMATE
+        flying = asyncio.create_task(lease.position(0, 0, 2, seconds=0.1))
+        await wait_until(lambda: len(daemon.setpoints) > 3)
+        daemon.refuses = None
+        await flying
+
+
+async def test_a_landing_ends_when_the_daemon_reports_it():
+    async with connected() as (daemon, uav), uav.lease() as lease:
+        landing = asyncio.create_task(lease.land())
+        await wait_until(lambda: lease.is_engaged)
+        daemon.lose("landed on pad")
+        await landing
+
+
+async def test_a_landing_that_ends_otherwise_is_a_lost_lease():
+    async with connected() as (daemon, uav), uav.lease() as lease:
+        landing = asyncio.create_task(lease.land())
+        await wait_until(lambda: lease.is_engaged)
+        daemon.lose("no image of pad for 3.1 s")
+        with pytest.raises(LeaseLostError, match="no image of pad"):
+            await landing
+        assert lease_module.LANDED not in lease.reason

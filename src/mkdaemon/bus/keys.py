@@ -18,7 +18,13 @@ from mkdaemon.telemetry.image import CameraFrame
 from mkdaemon.telemetry.link import LinkHealth, LinkState, LinkTraffic
 from mkdaemon.telemetry.mission import MissionEvent
 from mkdaemon.telemetry.procedure import Cancelled, CancelRequest, ProcedureProgress
-from mkdaemon.telemetry.setpoint import AttitudeSetpoint, PositionSetpoint, StickSetpoint, VelocitySetpoint
+from mkdaemon.telemetry.setpoint import (
+    AttitudeSetpoint,
+    LandSetpoint,
+    PositionSetpoint,
+    StickSetpoint,
+    VelocitySetpoint,
+)
 from mkdaemon.telemetry.sim import FaultRequest, SimFaults, SimTruth
 from mkdaemon.telemetry.state import Attitude, Battery, Flight, Gps, Pilot, Position, Velocity
 from mkdaemon.telemetry.traffic import FrameSample, RawFrame
@@ -228,6 +234,7 @@ KEYS: Final[tuple[KeySpec, ...]] = (
     KeySpec("setpoint/attitude", Use.SETPOINT, AttitudeSetpoint, "", "Attitude and thrust, under a lease."),
     KeySpec("setpoint/velocity", Use.SETPOINT, VelocitySetpoint, "", "Velocity, under a lease."),
     KeySpec("setpoint/position", Use.SETPOINT, PositionSetpoint, "", "Position and heading, under a lease."),
+    KeySpec("setpoint/land", Use.SETPOINT, LandSetpoint, "", "Land on the target in sight, under a lease."),
     KeySpec("alive", Use.TOKEN, None, "", "The daemon is alive."),
     KeySpec(
         "client/<holder>",

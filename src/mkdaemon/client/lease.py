@@ -2,80 +2,31 @@
 
 from __future__ import annotations
 
-import asyncio
 from collections.abc import AsyncIterator
-from contextlib import asynccontextmanager, suppress
-from typing import TYPE_CHECKING, Any, Final, Self
+from contextlib import asynccontextmanager
+from typing import Any, Final
 
 from mkdaemon.client.identity import client_name
-from mkdaemon.client.samples import Sample
-from mkdaemon.client.setpoints import Setpoints
+from mkdaemon.client.setpointstream import RATE, SetpointStream
 from mkdaemon.client.transport import Transport
-from mkdaemon.errors import LeaseLostError, MkError, NotEngagedError
+from mkdaemon.errors import LeaseLostError
 
-if TYPE_CHECKING:
-    from mkdaemon.telemetry.control import ControlStatus, LeaseState
-
-RATE: Final = 50.0
-"""Setpoints a second."""
-TTL: Final = 0.3
-"""Time each setpoint holds [s]; the daemon's own limit, `control.limiter.setpoint_ttl`, is the same."""
-ENGAGING: Final = 5.0
-"""Longest time neutral sticks are streamed until the daemon engages [s]; it wants a live stream of 1 s."""
-SILENCE: Final = 3.0
-"""A daemon that was not heard for this long is gone [s]; it publishes `control/status` once a second."""
-SETTLING: Final = 1.0
-"""Status from before the lease may still arrive for so long after it was granted [s]."""
-GIVING_BACK: Final = 3.0
-"""Longest wait for the answer when the lease is given back [s]; the end of the liveliness token ends it as well."""
+SIGHTING: Final = 12.0
+"""Longest time a setpoint that needs a target is streamed until the daemon engages [s]: the target must be in sight and
+agree with the aircraft's model for 2 s."""
+LANDING: Final = 60.0
+"""Longest time of a landing [s]; from 2 m it takes about ten."""
+LANDED: Final = "landed on "
+"""How the reason begins for which the daemon lets go of an aircraft that stands; docs/modes.md."""
 
 
-class Lease:
+class Lease(SetpointStream):
     """The right to fly; made by `Vehicle.lease`.
 
     Attributes:
         holder: name others see.
         epoch: number of the lease; every setpoint carries it.
     """
-
-    def __init__(self, transport: Transport, holder: str, epoch: int, statuses: AsyncIterator[Sample]) -> None:
-        self.holder = holder
-        self.epoch = epoch
-        self._transport = transport
-        self._statuses = statuses
-        self._setpoints = Setpoints(transport, epoch)
-        self._loop = asyncio.get_running_loop()
-        self._taken_at = self._heard_at = self._loop.time()
-        self._status: ControlStatus | None = None
-        self._lost: str | None = None
-        self._following: asyncio.Task[None] | None = None
-
-    async def __aenter__(self) -> Self:
-        self._following = asyncio.create_task(self._follow(), name=f"lease {self.epoch}")
-        return self
-
-    async def __aexit__(self, *_: object) -> None:
-        if self._following is not None:
-            self._following.cancel()
-        await asyncio.shield(self._give_back())
-
-    async def _give_back(self) -> None:
-        """Release the aircraft; what is refused, or not answered, has ended already."""
-        with suppress(MkError):
-            fields = {"action": "release", "epoch": self.epoch}
-            await self._transport.command("do", "lease", fields, patience=GIVING_BACK)
-
-    @property
-    def setpoints(self) -> int:
-        """Setpoints streamed so far."""
-        return self._setpoints.sequence
-
-    @property
-    def is_engaged(self) -> bool:
-        """Whether the daemon has begun to send what is streamed to the aircraft."""
-        from mkdaemon.telemetry.control import Phase
-
-        return self._lost is None and self._status is not None and self._status.phase in {Phase.FLYING, Phase.STALE}
 
     async def stick(
         self,
@@ -108,78 +59,123 @@ class Lease:
             CommandRejectedError: a stick is out of range.
         """
         sticks = {"pitch": pitch, "roll": roll, "yaw": yaw, "throttle": throttle}
-        self._setpoints.check("stick", TTL, sticks)
-        if not self.is_engaged:
-            await self._engage(throttle, rate)
-        await self._stream(sticks, seconds, rate)
+        await self._fly("stick", sticks, {**sticks, "pitch": 0.0, "roll": 0.0, "yaw": 0.0}, seconds, rate)
 
-    def set(self, kind: str = "stick", *, ttl: float = TTL, **fields: Any) -> None:
-        """Send one setpoint; for programs that stream at their own rate, at least twice a second.
+    async def attitude(
+        self,
+        *,
+        pitch: float = 0.0,
+        roll: float = 0.0,
+        yaw_rate: float = 0.0,
+        thrust: float = 1.0,
+        seconds: float,
+        rate: float = RATE,
+    ) -> None:
+        """Fly by attitude for some time; engages like `stick`, with a level attitude.
+
+        The FlightCtrl's own idea of level drifts while the aircraft accelerates (docs/control.md): nothing here holds
+        a place.
 
         Args:
-            kind: last word of a key `setpoint/<kind>`.
-            ttl: time after arrival at which it no longer holds [s]; 0.3 unless given.
-            fields: of the setpoint, without epoch and sequence: for sticks `pitch`, `roll`, `yaw`, `throttle`.
+            pitch: nose down positive [rad].
+            roll: right side down positive [rad].
+            yaw_rate: nose left positive [rad/s].
+            thrust: share of the weight; 1 carries the aircraft when level.
+            seconds: how long [s].
+            rate: setpoints a second [Hz]; 50 unless given.
 
         Raises:
-            LeaseLostError: the lease has ended; says why.
-            CommandRejectedError: `bad_field`: a field is missing, unknown or out of range.
-            MkError: there is no such kind of setpoint.
+            LeaseLostError: as `stick`.
+            NotEngagedError: as `stick`.
+            CommandRejectedError: a number is out of range.
         """
-        self._require_held()
-        self._setpoints.put(kind, ttl, fields)
+        wanted = {"pitch": pitch, "roll": roll, "yaw_rate": yaw_rate, "thrust": thrust}
+        await self._fly("attitude", wanted, {**wanted, "pitch": 0.0, "roll": 0.0, "yaw_rate": 0.0}, seconds, rate)
 
-    async def renew(self) -> LeaseState:
-        """Keep the lease without streaming; it ends by itself otherwise.
+    async def velocity(
+        self,
+        x: float,
+        y: float,
+        z: float,
+        *,
+        frame: str = "pad",
+        yaw_rate: float = 0.0,
+        seconds: float,
+        rate: float = RATE,
+    ) -> None:
+        """Fly at a velocity against a target in sight, for some time; zero stays where the aircraft is.
+
+        Args:
+            x: along the first axis of `frame` [m/s].
+            y: along the second [m/s].
+            z: up [m/s].
+            frame: `pad`, the axes of the target, or `body`, forward and left, turned level.
+            yaw_rate: nose left positive [rad/s].
+            seconds: how long from the engagement on [s].
+            rate: setpoints a second [Hz]; 50 unless given.
 
         Raises:
-            CommandRejectedError: it has ended.
+            LeaseLostError: as `stick`; also because the target was out of sight for too long.
+            NotEngagedError: the daemon did not begin to fly; says what it waited for.
+            CommandRejectedError: `no_estimate`: no target was seen; `no_frame`; `bad_field`.
         """
-        from mkdaemon.telemetry.control import LeaseState
+        wanted = {"velocity": (x, y, z), "frame": frame, "yaw_rate": yaw_rate}
+        await self._fly("velocity", wanted, wanted, seconds, rate, patience=SIGHTING)
 
-        reply = (await self._transport.command("do", "lease", {"action": "renew", "epoch": self.epoch})).require()
-        return LeaseState.model_validate(reply)
+    async def position(
+        self,
+        x: float,
+        y: float,
+        z: float,
+        *,
+        yaw: float | None = None,
+        frame: str = "pad",
+        seconds: float,
+        rate: float = RATE,
+    ) -> None:
+        """Fly to a position over a target in sight and hold it, for some time.
 
-    async def _engage(self, throttle: float, rate: float) -> None:
-        """Stream neutral sticks until the daemon engages."""
-        neutral = {"pitch": 0.0, "roll": 0.0, "yaw": 0.0, "throttle": throttle}
-        end = self._loop.time() + ENGAGING
-        while not self.is_engaged:
-            if self._loop.time() >= end:
-                why = "it has not shown the lease" if self._status is None else self._status.reason
-                msg = f"the daemon did not engage within {ENGAGING:g} s ({why}): see `mkctl get event/command`"
-                raise NotEngagedError(msg)
-            await self._stream(neutral, 1.0 / rate, rate)
+        Args:
+            x: from the middle of the target, to the right of its print [m].
+            y: towards the top of its print [m].
+            z: up [m].
+            yaw: heading, counter-clockwise from x [rad]; None keeps the heading.
+            frame: `pad`, the only one this daemon follows.
+            seconds: how long from the engagement on [s]; the way there counts.
+            rate: setpoints a second [Hz]; 50 unless given.
 
-    async def _stream(self, sticks: dict[str, float], seconds: float, rate: float) -> None:
-        """Stream the same sticks at a steady rate; late setpoints are not made up for."""
-        start = due = self._loop.time()
-        while due < start + seconds:
-            await asyncio.sleep(max(due - self._loop.time(), 0.0))
-            self.set("stick", **sticks)
-            due = max(due + 1.0 / rate, self._loop.time())
-        await asyncio.sleep(max(start + seconds - self._loop.time(), 0.0))
-        self._require_held()
+        Raises:
+            LeaseLostError: as `velocity`.
+            NotEngagedError: as `velocity`.
+            CommandRejectedError: as `velocity`.
+        """
+        wanted = {"position": (x, y, z), "frame": frame, "yaw": yaw}
+        await self._fly("position", wanted, wanted, seconds, rate, patience=SIGHTING)
 
-    def _require_held(self) -> None:
-        silence = self._loop.time() - self._heard_at
-        if self._lost is None and silence > SILENCE:
-            self._lost = f"the daemon has not been heard for {silence:.1f} s"
-        if self._lost is not None:
-            msg = f"the lease was lost: {self._lost}; see `mkctl get control/status event/failsafe`"
-            raise LeaseLostError(msg)
+    async def land(self, *, yaw: float | None = None, patience: float = LANDING, rate: float = RATE) -> None:
+        """Land on the target in sight; returns when the feet stand and the daemon has released the aircraft.
 
-    async def _follow(self) -> None:
-        """Learn from `control/status` whether the lease is still held."""
-        async for sample in self._statuses:
-            self._heard_at = self._loop.time()
-            self._status_arrived(sample.value)
+        The motors still turn then: the pilot stops them. The lease has ended.
 
-    def _status_arrived(self, status: ControlStatus) -> None:
-        if status.lease is not None and status.lease.epoch == self.epoch:
-            self._status = status
-        elif self._status is not None or self._heard_at - self._taken_at > SETTLING:
-            self._lost = self._lost or status.reason
+        Args:
+            yaw: heading on the way down, counter-clockwise from the target's x [rad]; None keeps the heading.
+            patience: longest time [s].
+            rate: setpoints a second [Hz]; 50 unless given.
+
+        Raises:
+            LeaseLostError: the aircraft did not land: out of time, or why the daemon let go of it.
+            NotEngagedError: as `velocity`.
+            CommandRejectedError: as `velocity`.
+        """
+        wanted = {"yaw": yaw}
+        try:
+            await self._fly("land", wanted, wanted, patience, rate, patience=SIGHTING)
+        except LeaseLostError:
+            if not self.reason.startswith(LANDED):
+                raise
+            return
+        msg = f"not landed within {patience:g} s"
+        raise LeaseLostError(msg)
 
 
 class Leasing(Transport):
@@ -206,7 +202,7 @@ class Leasing(Transport):
         fields: dict[str, Any] = {"action": "take", "holder": name, "force": force}
         if ttl is not None:
             fields["ttl"] = ttl
-        async with self.token(name), self._watch_unchecked("control/status") as statuses:
+        async with self.token(name), self._watch_unchecked("control/status", "event/command") as statuses:
             epoch = int((await self.command("do", "lease", fields)).require()["epoch"])
             async with Lease(self, name, epoch, statuses) as lease:
                 yield lease

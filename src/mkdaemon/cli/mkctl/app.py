@@ -31,6 +31,14 @@ COMMANDS: Final = (
     CommandEntry(
         "stick", "mkdaemon.cli.mkctl.stick:stick", "Fly by sticks: stream stick offsets for some seconds.", _FLY
     ),
+    CommandEntry(
+        "goto", "mkdaemon.cli.mkctl.flight:goto", "Fly to a place over the target in sight: `goto 0 0 2`.", _FLY
+    ),
+    CommandEntry("hold", "mkdaemon.cli.mkctl.flight:hold", "Hold the present place over the target in sight.", _FLY),
+    CommandEntry(
+        "velocity", "mkdaemon.cli.mkctl.flight:velocity", "Fly at a velocity against the target in sight.", _FLY
+    ),
+    CommandEntry("land", "mkdaemon.cli.mkctl.flight:land", "Land on the target in sight.", _FLY),
     CommandEntry("release", "mkdaemon.cli.mkctl.release:release", "Let go of the aircraft, now, whoever flies.", _FLY),
     CommandEntry("rate", "mkdaemon.cli.mkctl.rate:rate", "Ask for a stream at an interval: `rate osd 100ms`.", _BOARDS),
     CommandEntry(

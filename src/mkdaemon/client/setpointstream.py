@@ -1,0 +1,191 @@
+"""A stream of setpoints under one lease: engagement, refusals, the end of the lease."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import AsyncIterator
+from contextlib import suppress
+from typing import TYPE_CHECKING, Any, Final, Self
+
+from mkdaemon.client.samples import Sample
+from mkdaemon.client.setpoints import Setpoints
+from mkdaemon.client.transport import Transport
+from mkdaemon.errors import CommandRejectedError, LeaseLostError, MkError, NotEngagedError
+
+if TYPE_CHECKING:
+    from mkdaemon.telemetry.control import ControlStatus, LeaseState
+    from mkdaemon.telemetry.event import CommandEvent
+
+RATE: Final = 50.0
+"""Setpoints a second."""
+TTL: Final = 0.3
+"""Time each setpoint holds [s]; the daemon's own limit, `control.limiter.setpoint_ttl`, is the same."""
+ENGAGING: Final = 5.0
+"""Longest time neutral sticks are streamed until the daemon engages [s]; it wants a live stream of 1 s."""
+GRACE: Final = 1.5
+"""Setpoints may be refused for so long before that counts [s]: with a new lease the estimate begins anew."""
+SILENCE: Final = 3.0
+"""A daemon that was not heard for this long is gone [s]; it publishes `control/status` once a second."""
+SETTLING: Final = 1.0
+"""Status from before the lease may still arrive for so long after it was granted [s]."""
+GIVING_BACK: Final = 3.0
+"""Longest wait for the answer when the lease is given back [s]; the end of the liveliness token ends it as well."""
+
+
+class SetpointStream:
+    """Streams setpoints for as long as a lease lasts.
+
+    Attributes:
+        holder: name others see.
+        epoch: number of the lease; every setpoint carries it.
+    """
+
+    def __init__(self, transport: Transport, holder: str, epoch: int, statuses: AsyncIterator[Sample]) -> None:
+        self.holder = holder
+        self.epoch = epoch
+        self._transport = transport
+        self._statuses = statuses
+        self._setpoints = Setpoints(transport, epoch)
+        self._loop = asyncio.get_running_loop()
+        self._taken_at = self._heard_at = self._loop.time()
+        self._status: ControlStatus | None = None
+        self._lost: str | None = None
+        self._refusal: CommandRejectedError | None = None
+        self._following: asyncio.Task[None] | None = None
+
+    async def __aenter__(self) -> Self:
+        self._following = asyncio.create_task(self._follow(), name=f"lease {self.epoch}")
+        return self
+
+    async def __aexit__(self, *_: object) -> None:
+        if self._following is not None:
+            self._following.cancel()
+        await asyncio.shield(self._give_back())
+
+    async def _give_back(self) -> None:
+        """Release the aircraft; what is refused, or not answered, has ended already."""
+        with suppress(MkError):
+            fields = {"action": "release", "epoch": self.epoch}
+            await self._transport.command("do", "lease", fields, patience=GIVING_BACK)
+
+    @property
+    def setpoints(self) -> int:
+        """Setpoints streamed so far."""
+        return self._setpoints.sequence
+
+    @property
+    def is_engaged(self) -> bool:
+        """Whether the daemon has begun to send what is streamed to the aircraft."""
+        from mkdaemon.telemetry.control import Phase
+
+        return self._lost is None and self._status is not None and self._status.phase in {Phase.FLYING, Phase.STALE}
+
+    @property
+    def reason(self) -> str:
+        """Why the lease stands where it stands, one sentence, for example what the daemon waits for."""
+        if self._lost is not None or self._refusal is not None:
+            return self._lost or str(self._refusal)
+        return "the daemon has not shown the lease yet" if self._status is None else self._status.reason
+
+    def set(self, kind: str = "stick", *, ttl: float = TTL, **fields: Any) -> None:
+        """Send one setpoint; for programs that stream at their own rate, at least twice a second.
+
+        Args:
+            kind: last word of a key `setpoint/<kind>`.
+            ttl: time after arrival at which it no longer holds [s]; 0.3 unless given.
+            fields: of the setpoint, without epoch and sequence: for sticks `pitch`, `roll`, `yaw`, `throttle`.
+
+        Raises:
+            LeaseLostError: the lease has ended; says why.
+            CommandRejectedError: `bad_field`: a field is missing, unknown or out of range.
+            MkError: there is no such kind of setpoint.
+        """
+        self._require_held()
+        self._setpoints.put(kind, ttl, fields)
+
+    async def renew(self) -> LeaseState:
+        """Keep the lease without streaming; it ends by itself otherwise.
+
+        Raises:
+            CommandRejectedError: it has ended.
+        """
+        from mkdaemon.telemetry.control import LeaseState
+
+        reply = (await self._transport.command("do", "lease", {"action": "renew", "epoch": self.epoch})).require()
+        return LeaseState.model_validate(reply)
+
+    async def _fly(
+        self,
+        kind: str,
+        wanted: dict[str, Any],
+        lead: dict[str, Any],
+        seconds: float,
+        rate: float,
+        *,
+        patience: float | None = None,
+    ) -> None:
+        """Stream a setpoint; before the daemon engages, stream the lead, one with which it begins a flight.
+
+        Args:
+            kind: last word of a key `setpoint/<kind>`.
+            wanted: its fields.
+            lead: fields of the lead.
+            seconds: how long [s].
+            rate: setpoints a second [Hz].
+            patience: longest lead [s].
+        """
+        self._setpoints.check(kind, TTL, wanted)
+        if not self.is_engaged:
+            await self._engage(kind, lead, rate, ENGAGING if patience is None else patience)
+        self._refusal = None
+        await self._stream(kind, wanted, seconds, rate)
+
+    async def _engage(self, kind: str, lead: dict[str, Any], rate: float, patience: float) -> None:
+        start = self._loop.time()
+        while not self.is_engaged:
+            if self._loop.time() >= start + patience:
+                msg = f"the daemon did not engage within {patience:g} s ({self.reason}): see `mkctl get event/command`"
+                raise NotEngagedError(msg)
+            if self._loop.time() < start + GRACE:
+                self._refusal = None
+            await self._stream(kind, lead, 1.0 / rate, rate)
+
+    async def _stream(self, kind: str, fields: dict[str, Any], seconds: float, rate: float) -> None:
+        """Stream the same setpoint at a steady rate; late ones are not made up for."""
+        start = due = self._loop.time()
+        while due < start + seconds:
+            await asyncio.sleep(max(due - self._loop.time(), 0.0))
+            if self._refusal is not None:
+                raise self._refusal
+            self.set(kind, **fields)
+            due = max(due + 1.0 / rate, self._loop.time())
+        await asyncio.sleep(max(start + seconds - self._loop.time(), 0.0))
+        self._require_held()
+
+    def _require_held(self) -> None:
+        silence = self._loop.time() - self._heard_at
+        if self._lost is None and silence > SILENCE:
+            self._lost = f"the daemon has not been heard for {silence:.1f} s"
+        if self._lost is not None:
+            msg = f"the lease was lost: {self._lost}; see `mkctl get control/status event/failsafe`"
+            raise LeaseLostError(msg)
+
+    async def _follow(self) -> None:
+        """Learn from `control/status` whether the lease is still held, and which setpoints are refused."""
+        async for sample in self._statuses:
+            self._heard_at = self._loop.time()
+            if sample.suffix == "control/status":
+                self._status_arrived(sample.value)
+            else:
+                self._event_arrived(sample.value)
+
+    def _event_arrived(self, event: CommandEvent) -> None:
+        is_ours = event.key.startswith("setpoint/") and event.fields.get("epoch") == self.epoch
+        if is_ours and event.token is not None:
+            self._refusal = CommandRejectedError(event.token, event.reason or "", event.fix or "")
+
+    def _status_arrived(self, status: ControlStatus) -> None:
+        if status.lease is not None and status.lease.epoch == self.epoch:
+            self._status = status
+        elif self._status is not None or self._heard_at - self._taken_at > SETTLING:
+            self._lost = self._lost or status.reason

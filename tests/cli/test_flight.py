@@ -1,0 +1,116 @@
+"""`mkctl goto`, `hold`, `velocity` and `land` against a daemon without boards."""
+
+from __future__ import annotations
+
+import math
+from contextlib import asynccontextmanager
+
+import pytest
+
+from lab.rigs.waiting import wait_until
+from mkdaemon.cli.mkctl import flight
+from mkdaemon.cli.mkctl.app import app
+from mkdaemon.cli.mkctl.connection import Connection
+from mkdaemon.cli.program import EXIT_CONFIG, EXIT_FAILURE, run
+from mkdaemon.errors import ConfigError, MkError
+from mkdaemon.telemetry.control import ControlEstimate
+from tests.client.fake import CLOCK, VEHICLE, fake_daemon
+
+NOWHERE = ["--connect", "tcp/127.0.0.1:1"]
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["goto", "-1", "-0.5", "2", "--yaw", "-90"],
+        ["goto", "1", "-.5", "2e0", "--seconds", "3"],
+        ["velocity", "-0.2", "0", "-0.1", "--frame", "body"],
+        ["hold", "--height", "1.5"],
+        ["land", "--yaw", "-10"],
+    ],
+)
+def test_negative_numbers_are_arguments(arguments, capsys):
+    assert run(app, [*arguments, *NOWHERE]) == EXIT_FAILURE
+    assert "tcp/127.0.0.1:1" in capsys.readouterr().err, "it got as far as looking for a daemon"
+
+
+@pytest.mark.parametrize("arguments", [["goto", "1", "2"], ["velocity", "0", "0", "0", "--frame", "home"]])
+def test_what_is_missing_or_unknown_is_a_usage_error(arguments):
+    assert run(app, [*arguments, *NOWHERE]) == EXIT_CONFIG
+
+
+async def test_a_number_that_is_none_is_refused():
+    with pytest.raises(ConfigError, match="x nan"):
+        await flight.goto(math.nan, 0.0, 2.0)
+
+
+def publish_estimate(daemon, position):
+    value = ControlEstimate(
+        stamp=CLOCK.stamp(),
+        target="pad",
+        position=position,
+        velocity=(0.0, 0.0, 0.0),
+        tilt=(0.0, 0.0),
+        disturbance=(0.0, 0.0),
+        yaw=0.0,
+        hover_throttle=-2.0,
+        position_sd=(0.01, 0.01, 0.01),
+        image_age=0.05,
+        innovation=1.0,
+        is_nominal=True,
+    )
+    daemon.bus.publish("control/estimate", value)
+
+
+@asynccontextmanager
+async def flying(place, **more):
+    """A daemon that publishes an estimate with every setpoint, as the flight core does, and where it listens."""
+    async with fake_daemon(**more) as daemon:
+        daemon.follow = lambda: publish_estimate(daemon, place)
+        yield daemon, Connection(vehicle=VEHICLE, connect=daemon.endpoint)
+
+
+@pytest.mark.parametrize(("place", "code"), [((-1.0, 0.0, 1.9), 0), ((0.0, 0.0, 2.0), 1)])
+async def test_goto_reports_the_error_at_the_end(place, code, capsys, monkeypatch):
+    monkeypatch.setattr(flight, "LOG_PERIOD", 0.1)
+    async with flying(place) as (daemon, here):
+        assert await flight.goto(-1.0, 0.0, 2.0, yaw=180.0, seconds=0.5, connection=here) == code
+        await wait_until(lambda: daemon.holder is None)
+        assert daemon.setpoints[-1]["yaw"] == pytest.approx(math.pi)
+    shown = capsys.readouterr()
+    assert "cm from the goal" in shown.out
+    assert "cm from the goal" in shown.err
+
+
+async def test_hold_goes_where_the_aircraft_is(capsys):
+    async with flying((0.3, -0.2, 1.7)) as (daemon, here):
+        assert await flight.hold(height=1.5, seconds=0.3, connection=here) == 0
+        assert tuple(daemon.setpoints[-1]["position"]) == (0.3, -0.2, 1.5)
+    assert "20 cm from the goal" in capsys.readouterr().out
+
+
+def end_landing(daemon):
+    if len(daemon.setpoints) == 20:
+        daemon.lose("landed on pad")
+
+
+async def test_a_landing_ends_with_the_words_of_the_daemon(capsys):
+    async with flying((0.0, 0.0, 0.1)) as (daemon, here):
+        daemon.follow = lambda: end_landing(daemon)
+        await flight.land(connection=here)
+    assert capsys.readouterr().out == "landed on pad; the pilot stops the motors\n"
+
+
+async def test_what_the_daemon_waits_for_is_shown(capsys, monkeypatch):
+    monkeypatch.setattr(flight, "LOG_PERIOD", 0.05)
+    async with flying((0.0, 0.0, 2.0), engages=20) as (daemon, here):
+        await flight.velocity(0.0, 0.0, 0.0, seconds=0.1, connection=here)
+        assert daemon.setpoints[-1]["velocity"] == [0.0, 0.0, 0.0]
+    assert "waiting for a live, neutral stream" in capsys.readouterr().err
+
+
+async def test_a_flight_that_does_not_begin_fails(monkeypatch):
+    monkeypatch.setattr("mkdaemon.client.lease.SIGHTING", 0.3)
+    async with flying((0.0, 0.0, 2.0), engages=None) as (_, here):
+        with pytest.raises(MkError, match="did not engage within"):
+            await flight.goto(0.0, 0.0, 2.0, connection=here)
