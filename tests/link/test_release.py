@@ -6,9 +6,20 @@ import itertools
 
 import pytest
 
-from mkdaemon.link.session.release import CONFIRM_WAIT, GIVE_UP, REPEATS, SPACING, ReleasePlan, neutral_of, zero_frame
+from mkdaemon.link.session.release import (
+    CONFIRM_WAIT,
+    EITHER,
+    GIVE_UP,
+    REPEATS,
+    SPACING,
+    ReleasePlan,
+    neutral_of,
+    zero_frame,
+)
+from mkdaemon.protocol.flags import ControlConfig
 from mkdaemon.protocol.messages import ExternControlV1, ExternControlV2, ExternControlV3
 from mkdaemon.protocol.wire import WireMessage
+from mkdaemon.sim.boards.reception import FcReceiver
 
 FLYING = ExternControlV2(pitch=20, roll=-20, yaw=10, throttle=40, frame=9, config=1)
 
@@ -91,21 +102,33 @@ def test_a_strange_confirmation_changes_nothing():
     assert run.result().status == "unconfirmed"
 
 
-@pytest.mark.parametrize("layout", [ExternControlV1, ExternControlV2, ExternControlV3, None])
+@pytest.mark.parametrize("layout", [ExternControlV1, ExternControlV2, ExternControlV3])
 def test_the_release_frame_of_every_layout_is_all_zero(layout):
     frame = zero_frame(layout, 0)
     assert not any(frame.encode())
-    assert type(frame) is (layout or ExternControlV1)
+    assert type(frame) is layout
 
 
-def test_the_frame_for_an_unknown_release_cannot_set_the_valid_bit_anywhere():
-    """Read as any layout, at any length a FlightCtrl may take, Config is zero."""
-    raw = zero_frame(None, 255).encode()
-    assert len(raw) == 11
-    assert len(zero_frame(None, 1).to_frame()) == 22  # 16 payload characters: 2.12a ignores 20 and more in all
-    for cls in (ExternControlV2, ExternControlV3):
-        assert int(cls.decode(raw).config) == 0
-    assert int(ExternControlV1.decode(raw).config) == 0
+def test_while_the_layout_is_unknown_both_forms_go_out_in_turn_and_the_old_one_is_first_and_last():
+    run = plan(confirms=False, flying=None, layout=None)
+    layouts = [type(message) for _, message in play(run, confirm=None)]
+    assert layouts == [ExternControlV1, ExternControlV2] * REPEATS + [ExternControlV1]
+    assert run.result().status == "not_observable"
+
+
+@pytest.mark.parametrize("number", range(256))
+def test_no_frame_for_an_unknown_layout_sets_the_valid_bit_in_any_form(number):
+    """Read as whatever a FlightCtrl may take it for, with whatever an older frame has left in its buffer."""
+    for layout in EITHER:
+        frame = zero_frame(layout, number).to_frame()
+        for leftover in (0x00, 0x3D, 0x3E, 0x7C, 0xFF):
+            receiver = FcReceiver(220)
+            receiver.buffer.bytes[:] = bytes([leftover]) * len(receiver.buffer.bytes)
+            assert [receiver.take(byte) for byte in frame][-1]
+            receiver.buffer.decode_in_place()
+            for form in (ExternControlV1, ExternControlV2, ExternControlV3):
+                assert not form.decode(receiver.buffer.payload(form.spec.size)).config & ControlConfig.VALID
+    assert len(zero_frame(ExternControlV1, number).to_frame()) >= 20  # which 2.12a ignores
 
 
 def test_level_sticks_keep_their_throttle():

@@ -7,7 +7,6 @@ poll again, and passes everything on to those who decide: `questions`, `steering
 from __future__ import annotations
 
 import math
-from typing import Final
 
 from mkdaemon.config.link import LinkConfig
 from mkdaemon.link.session import budget
@@ -19,6 +18,7 @@ from mkdaemon.link.session.outgoing import Outgoing
 from mkdaemon.link.session.peers import VERSION_KEY, Peers
 from mkdaemon.link.session.prober import VERSION_TOKEN, Prober
 from mkdaemon.link.session.questions import Questions
+from mkdaemon.link.session.reboot import GAP, RebootWatch
 from mkdaemon.link.session.requests import Pending
 from mkdaemon.link.session.scheduler import Entry, TransmitScheduler
 from mkdaemon.link.session.steering import Steering
@@ -36,9 +36,6 @@ from mkdaemon.telemetry.control import ControlLine, Obstacle
 from mkdaemon.telemetry.link import LinkCondition
 from mkdaemon.telemetry.refusals import Token, refuse
 
-REBOOT_TIME: Final = 0.5
-"""A silence longer than this may have been a reboot [s]."""
-
 
 class Dialogue:
     """One line and the boards on it."""
@@ -51,6 +48,7 @@ class Dialogue:
         self.prober = Prober(cfg.echo_hz, self.health)
         self.streams = Streams(cfg)
         self.peers = Peers()
+        self.reboots = RebootWatch(self.peers)
         self.questions = Questions(self.scheduler, self.peers, self.health)
         self.steering = Steering(self.scheduler, self.peers, self.health)
         self.is_open = False
@@ -119,6 +117,7 @@ class Dialogue:
         self.streams.frame_received(key, now)
         if key == VERSION_KEY and board is not Board.ANY:
             self.peers.version_received(board, message, now)
+            self.reboots.board_named_itself()
         self._note_content(message, now)
         pending = self.questions.received(message, board, now)
         if message.spec.tells_firmware and self.questions.proves_sender(pending):
@@ -137,12 +136,19 @@ class Dialogue:
             case _:
                 pass
 
-    def bytes_damaged(self, loss: Dropped, now: float) -> None:
-        """Bytes arrived that are no frame."""
+    def bytes_damaged(self, loss: Dropped, now: float) -> bool:
+        """Bytes arrived that are no frame; returns whether the boards must be discovered anew."""
         self.counters.damaged(loss)
         self.health.damaged(loss.reason, loss.raw, now)
         if loss.reason is not DropReason.TEXT:
             self.scheduler.resynchronise()
+        if loss.reason is not DropReason.TEXT or not self.reboots.text_received(loss.raw, now):
+            return False
+        self.health.boot_text_received(loss.raw, now)
+        is_first = self.reboots.begins(now)
+        if is_first:
+            self._forget_boards("a board boots", now)
+        return is_first
 
     # -- what callers want ----------------------------------------------------------------------------------------
 
@@ -181,7 +187,7 @@ class Dialogue:
         """What the line can take from the flight core now; the one place that answers."""
         layout, obstacle = self.dialect.extern_control_layout, self.steering.obstacle(now)
         reason = self.health.verdict.reason if layout is not None else self.dialect.read_only_reason or ""
-        if not self.is_open or self._may_have_rebooted(self.health.verdict, now):
+        if not self.is_open or self.reboots.was_gap(self.health.verdict, now):
             obstacle = Obstacle.LINK_DOWN
         elif self.is_recording:
             obstacle = Obstacle.RECORDING
@@ -251,16 +257,11 @@ class Dialogue:
         if not (before.condition.is_silent and self.health.verdict.condition.hears_board):
             return False
         self.streams.forget()
-        if self._may_have_rebooted(before, now):
+        if self.reboots.was_gap(before, now):
             self._forget_boards("telemetry is back after a gap", now)
-        return now - before.since > REBOOT_TIME
+        return now - before.since > GAP
 
     # -- inside ---------------------------------------------------------------------------------------------------
-
-    def _may_have_rebooted(self, verdict: Verdict, now: float) -> bool:
-        """Whether the line has been silent under this verdict for so long, and not by our doing."""
-        is_long = verdict.condition.is_silent and now - verdict.since > REBOOT_TIME
-        return is_long and not self.peers.caused_silence(verdict.since, now)
 
     def _forget_boards(self, reason: str, now: float) -> None:
         """Other boards may be there now, or the same ones with an old stick frame: release, and ask them anew."""

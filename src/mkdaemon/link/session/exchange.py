@@ -148,7 +148,9 @@ class Exchange:
                 self._follow_dialect()
                 sink.received(Received(now, item, message))
             else:
-                dialogue.bytes_damaged(item, now)
+                if dialogue.bytes_damaged(item, now) and self.port is not None and not self.port.is_recording:
+                    self.needs_discovery.set()
+                    self._follow_dialect()
                 sink.dropped(Lost(now, Direction.FROM_BOARD, item.reason, item.raw))
 
     def _follow_dialect(self) -> None:

@@ -61,7 +61,7 @@ class GuardFeed:
     def dialect_changed(self, layout: type[WireMessage] | None) -> None:
         """The aircraft takes another layout of external control, or it is known for the first time."""
         if self._guard is not None:
-            self._guard.frames_changed([release.zero_frame(layout, _UNCONFIRMED).to_frame()])
+            self._guard.frames_changed([message.to_frame() for message in release.shortest_release(layout)])
 
     def written(self, entry: Entry) -> None:
         """A frame was written."""

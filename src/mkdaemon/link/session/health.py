@@ -43,6 +43,10 @@ GARBAGE_MEMORY: Final = 1.2
 """Once garbage was seen, it is not silence before nothing came for this long [s]."""
 DAMAGE_LIMIT: Final = 0.1
 """Share of damaged among all received bytes above which the line counts as degraded."""
+BOOT_TIME: Final = 6.0
+"""A silence so long after boot text is still the boot [s]; a FlightCtrl takes 4.7 s."""
+BOOT_LENGTH: Final = 700
+"""More bytes than this within the silence are no boot text: a FlightCtrl prints 628 characters in all."""
 PROBE_TIMEOUT: Final = 0.25
 """A link test without an answer for this long is lost [s]; the longest measured wait beside a saturated line is 27 ms,
 the longest radio round trip 0.13 s."""
@@ -66,7 +70,8 @@ class HealthMonitor:
         self._open_questions: deque[float] = deque(maxlen=8)
         self._backlog_since: float | None = None
         self._verdict = Verdict(Finding(LinkCondition.ABSENT, "not opened yet"), now)
-        self._paused_until = self._quiet_until = -math.inf
+        self._paused_until = self._quiet_until = self._boots_until = -math.inf
+        self._boot_text = b""
 
     # -- what happened --------------------------------------------------------------------------------------------
 
@@ -153,6 +158,10 @@ class HealthMonitor:
     def keep_quiet(self, until: float) -> None:
         """Until then hardly anything is asked, so that an old dead-man runs out: silence has that reason too."""
         self._quiet_until = until
+
+    def boot_text_received(self, text: bytes, now: float) -> None:
+        """A board printed text by itself: it boots."""
+        self._boots_until, self._boot_text = now + BOOT_TIME, text
 
     # -- what it means --------------------------------------------------------------------------------------------
 
@@ -254,6 +263,10 @@ class HealthMonitor:
         # Half the silence: the end of a frame that was cut off is no garbage. Once it is, slow garbage stays it.
         is_garbage = self._verdict.condition is LinkCondition.GARBAGE
         since = now - (GARBAGE_MEMORY if is_garbage else SILENCE_TIME / 2)
+        if now < self._boots_until and self._bytes.arrived_since(now - SILENCE_TIME) < BOOT_LENGTH:
+            shown = " ".join(self._boot_text.decode("latin-1").split())[:40]
+            reason = f'a board boots ("{shown}"): it listens again in a few seconds'
+            return Finding(LinkCondition.MUTE, reason, Cause.PLAIN_TEXT)
         if self._bytes.arrived_since(since) < GARBAGE_BYTES:
             return Finding(LinkCondition.MUTE, QUIET if now < self._quiet_until else NOTHING)
         text = self._bytes.text_since(since)

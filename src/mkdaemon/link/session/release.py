@@ -6,15 +6,24 @@ each confirmed by its `B` where a `B` can come (never through a NaviCtrl 0.24). 
 does not, the release is repeated for a while, and every request that would refresh the dead-man is silenced for 6 s,
 so that it runs out by itself. Source: docs/safety.md, "The trap that decides the design".
 
-Before the FlightCtrl's release is known the frame of an opening is the 11-byte layout (v1), all zero but its number.
-It cannot set the valid bit anywhere: FlightCtrls up to 2.08 read Config = 0 from byte 10; 2.12a ignores frames of 20
-or more characters; every 7- or 9-byte layout would read Config from byte 5, which is zero as well. The reverse does
-not hold: a 7-byte frame fills Frame and Config of an old FlightCtrl with leftovers of its decoder, so v2 and v3 wait
-for the version reply. Source: docs/protocol.md, "ExternalControl"; docs/firmware-notes, "External control".
+Before the FlightCtrl's release is known every frame goes out in both forms in turn, all zero but the number, because
+each generation obeys one of them only, and neither sets the valid bit (Config, bit 0) anywhere:
+
+* The 11-byte form (v1) is read by FlightCtrls up to 2.08, with Config = 0 from byte 10. 2.12a ignores frames of 20 or
+  more characters. Whoever reads 7 or 9 bytes takes Config from byte 5, which is zero.
+* The 7-byte form (v2; v3 is the same zeros, 9 bytes on the wire either way) is read by 2.10 and later, with Config = 0.
+  A FlightCtrl up to 2.08 takes Config from byte 10 of what its decoder makes of 12 payload characters, two of the
+  checksum (c, d), the CR and leftovers, decoded as if they went on: byte 10 is ((d - 61) & 15) << 4 | (CR - 61) >> 2,
+  modulo 256. The four low bits come from the CR alone, 208 >> 2 = 52, and bit 0 of 52 is 0: not valid, whatever the
+  number, the checksum and the leftovers.
+
+v1 is the first and the last: an old FlightCtrl is left with zeros in every field.
+Source: docs/protocol.md, "ExternalControl" and "Framing"; docs/firmware-notes, "Sending" and "External control".
 """
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Callable
 from functools import partial
@@ -22,7 +31,7 @@ from typing import Final
 
 from mkdaemon.link.session.controlpath import BuildControl, FrameNumber
 from mkdaemon.link.session.traffic import ReleaseResult
-from mkdaemon.protocol.messages.control import ExternControlV1
+from mkdaemon.protocol.messages.control import ExternControlV1, ExternControlV2
 from mkdaemon.protocol.wire import WireMessage
 from mkdaemon.telemetry.control import ReleaseOutcome
 
@@ -41,10 +50,22 @@ REMIND: Final = 0.5
 and can be confirmed, one that does not arrive keeps nothing alive."""
 
 
-def zero_frame(layout: type[WireMessage] | None, number: int) -> WireMessage:
-    """The release frame of a layout; of v1 where the layout is unknown, because that one is safe everywhere."""
-    make: Callable[..., WireMessage] = layout or ExternControlV1
+EITHER: Final[tuple[type[WireMessage], ...]] = (ExternControlV1, ExternControlV2)
+"""Layouts of a release while the FlightCtrl's is unknown, in turn."""
+REPEATS_EITHER: Final = 2 * REPEATS + 1
+"""Frames of such a release: five of each, and v1 again."""
+
+
+def zero_frame(layout: type[WireMessage], number: int) -> WireMessage:
+    """The release frame of a layout."""
+    make: Callable[..., WireMessage] = layout
     return make(pitch=0, roll=0, yaw=0, throttle=0, frame=number)
+
+
+def shortest_release(layout: type[WireMessage] | None) -> list[WireMessage]:
+    """The shortest release there is, without confirmation; in both forms where the layout is unknown."""
+    layouts: tuple[type[WireMessage], ...] = (layout,) if layout else (*EITHER, ExternControlV1)
+    return [zero_frame(each, 0) for each in layouts]
 
 
 def neutral_of(setpoint: WireMessage, number: int) -> WireMessage:
@@ -79,7 +100,8 @@ class ReleasePlan:
         """
         self.layout = layout
         self.reason = reason
-        self._zero: BuildControl = partial(zero_frame, layout)
+        self._repeats = REPEATS if layout else REPEATS_EITHER
+        self._zeros = itertools.cycle([partial(zero_frame, each) for each in ((layout,) if layout else EITHER)])
         self._neutral: BuildControl | None = None if last_setpoint is None else partial(neutral_of, last_setpoint)
         self.confirms = confirms
         self._began = now
@@ -101,7 +123,7 @@ class ReleasePlan:
             return None
         if self.outcome is ReleaseOutcome.UNCONFIRMED:
             self._next = now + REMIND if now <= self._reminds_until else math.inf
-            return self._zero if now <= self._reminds_until else None
+            return next(self._zeros) if now <= self._reminds_until else None
         if self._neutral is not None:
             neutral, self._neutral = self._neutral, None
             self._next = now
@@ -110,11 +132,11 @@ class ReleasePlan:
             self.outcome = ReleaseOutcome.UNCONFIRMED
             self._next, self._reminds_until = now + REMIND, now + QUIET_TIME
             return None
-        if not self.confirms and self._sent >= REPEATS:
+        if not self.confirms and self._sent >= self._repeats:
             self.outcome = ReleaseOutcome.NOT_OBSERVABLE
             return None
         self._next = now + (CONFIRM_WAIT if self.confirms else SPACING)
-        return self._zero
+        return next(self._zeros)
 
     def sent(self, message: WireMessage, number: FrameNumber, now: float) -> None:
         """A frame of this plan went out under a number."""
@@ -122,12 +144,13 @@ class ReleasePlan:
             return
         self._sent += 1
         self._awaited[number] = now
-        if not self.confirms and self._sent >= REPEATS:
+        if not self.confirms and self._sent >= self._repeats:
             self.outcome = ReleaseOutcome.NOT_OBSERVABLE
 
     def confirmed(self, number: FrameNumber, now: float) -> None:
         """The board confirmed a frame number."""
-        if self._awaited.pop(number, None) is None:
+        # In the form of another generation a frame is confirmed under a number that was never sent.
+        if self.layout is None or self._awaited.pop(number, None) is None:
             return
         self._confirmed += 1
         self._next = now

@@ -72,9 +72,11 @@ class BaudSearch:
 
     def _search_time(self, verdict: Verdict, opened: float) -> float:
         """When to try the next rate [s]; infinite while the line rate is not in doubt."""
+        if verdict.cause is Cause.PLAIN_TEXT:
+            return math.inf
         if self.attempt is not None:
             return opened + SILENT_PATIENCE
-        if verdict.condition is LinkCondition.GARBAGE and verdict.cause is not Cause.PLAIN_TEXT:
+        if verdict.condition is LinkCondition.GARBAGE:
             return verdict.since + GARBAGE_PATIENCE
         if verdict.condition is LinkCondition.MUTE and not self._heard:
             return verdict.since + MUTE_PATIENCE
