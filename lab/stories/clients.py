@@ -1,6 +1,6 @@
 """Client processes that are killed or stopped while they fly, over real Zenoh sessions.
 
-The counterpart of `stories_deaths` in real time: how soon the bus itself tells that a client is gone.
+The counterpart of `lab.stories.deaths` in real time: how soon the bus itself tells that a client is gone.
 """
 
 from __future__ import annotations

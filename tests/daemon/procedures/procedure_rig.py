@@ -12,6 +12,7 @@ import msgpack
 from pydantic import BaseModel
 
 from lab.rigs.boardport import Socket
+from lab.rigs.waiting import wait_until
 from mkdaemon.clock import Clock
 from mkdaemon.config.commands import CommandsConfig
 from mkdaemon.config.control import ControlConfig
@@ -110,9 +111,7 @@ class ProcedureRig:
 
     async def until(self, claim: Callable[[], Any], within: float = 30.0) -> None:
         """Wait for something to become true."""
-        async with asyncio.timeout(within):
-            while not claim():  # noqa: ASYNC110 - what is looked at is a state, not an event
-                await asyncio.sleep(0.005)
+        await wait_until(claim, within, step=0.005)
 
     async def until_ready(self) -> None:
         """Wait for the daemon to know its boards."""
