@@ -10,7 +10,8 @@ demo: venv
 	$(BIN)/mkdaemon demo
 
 test: venv
-	$(BIN)/pytest -n 2 --dist loadfile
+	$(BIN)/pytest -n 2 --dist loadfile --cov --cov-report= --cov-report=json:build/coverage.json
+	$(BIN)/python -m tools.floor
 
 check: venv
 	$(BIN)/ruff check src lab tools tests

@@ -125,7 +125,7 @@ def test_without_a_navictrl_an_upload_says_so(flightctrl: list[str], ctl: Ctl, t
     for words in (("upload", str(file)), ("verify", str(file)), ("clear",), ("download", str(tmp_path / "b.csv"))):
         code, _, err = ctl(flightctrl, "waypoints", *words)
         assert (code, err.count("\n")) == (EXIT_FAILURE, 1)
-        assert "board_unreachable: The line ends at a FlightCtrl, not at a NaviCtrl" in err
+        assert "board_unreachable: nc cannot be reached from here: the line ends at a FlightCtrl" in err
 
 
 def test_a_conversion_names_what_is_lost(ctl: Ctl, tmp_path: Path) -> None:

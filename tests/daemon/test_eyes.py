@@ -12,7 +12,10 @@ from mkdaemon.bus.gateway import Bus
 from mkdaemon.client import connect
 from mkdaemon.clock import Clock
 from mkdaemon.config.camera import CameraSection
+from mkdaemon.config.control import ControlConfig
 from mkdaemon.config.root import Config
+from mkdaemon.control.core import FlightCore
+from mkdaemon.control.vehicle import VehicleFacts
 from mkdaemon.daemon.eyes import Eyes, open_eyes
 from mkdaemon.errors import ConfigError
 from mkdaemon.stamp import Stamp
@@ -20,6 +23,7 @@ from mkdaemon.telemetry.state import Attitude
 from tests.bus.support import PATIENCE, bus_config, free_endpoint
 from tests.places import CONFIGS
 
+CORE = FlightCore(ControlConfig(), VehicleFacts(), first_epoch=1)
 TARGET = CONFIGS / "targets" / "nested.toml"
 LEVEL = Attitude(
     stamp=Stamp(monotonic=1.0, wall=2.0),
@@ -38,9 +42,9 @@ async def test_a_camera_reports_on_the_bus(tmp_path):
     camera = CameraSection(name="down", source=f"folder:{tmp_path}", loop=True, fps=20.0, targets=(TARGET,))
     cfg = Config(bus=bus_config(endpoint), cameras=(camera,))
     async with Bus.open(cfg.bus, "eyes") as bus, connect("eyes", endpoint) as client:
-        eyes = open_eyes(cfg, bus, Clock())
+        eyes = open_eyes(cfg, bus, CORE, Clock())
         async with client.watch("vision/**") as samples, eyes.open():
-            eyes.attitude_said(LEVEL)
+            eyes.attitude_received(LEVEL)
             async with asyncio.timeout(PATIENCE):
                 async for sample in samples:
                     if sample.suffix == "vision/down/stats" and sample.fields["width"] > 0:
@@ -52,11 +56,11 @@ async def test_a_camera_reports_on_the_bus(tmp_path):
 async def test_a_daemon_without_cameras_has_no_eyes():
     eyes = Eyes(None)
     async with eyes.open():
-        eyes.attitude_said(LEVEL)
+        eyes.attitude_received(LEVEL)
 
 
 async def test_a_camera_that_cannot_work_is_a_configuration_error():
     cfg = Config(bus=bus_config(free_endpoint()), cameras=(CameraSection(source="/dev/video0"),))
     async with Bus.open(cfg.bus, "eyes2") as bus:
         with pytest.raises(ConfigError, match="no targets"):
-            open_eyes(cfg, bus, Clock())
+            open_eyes(cfg, bus, CORE, Clock())

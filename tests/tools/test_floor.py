@@ -30,10 +30,10 @@ def test_branches_are_summed_over_a_package():
 
 def test_a_package_below_the_floor_fails_and_names_its_files(tmp_path, capsys):
     path = tmp_path / "coverage.json"
-    path.write_text(json.dumps(report(link__a=(100, 94), bus__b=(100, 95))), encoding="utf-8")
+    path.write_text(json.dumps(report(link__a=(100, 94), translate__b=(100, 95))), encoding="utf-8")
     with pytest.raises(MkError, match=r"^link: 94\.0 % of the branches, 95 % are needed; missing in a\.py \(6\)$"):
         floor(path)
-    assert "bus         95.0 % of 100 branches" in capsys.readouterr().out
+    assert "translate   95.0 % of 100 branches" in capsys.readouterr().out
 
 
 def test_a_missing_report_says_what_writes_it(tmp_path):
