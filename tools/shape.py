@@ -26,15 +26,6 @@ FOLDERS: Final = ("src", "lab", "tools", "tests")
 LIMITED: Final = ("src", "lab", "tools")
 """Folders whose files have the limit."""
 
-LONG_FILES: Final = (
-    "lab/control/rig.py",
-    "src/mkdaemon/control/core.py",
-    "src/mkdaemon/control/estimator/estimator.py",
-    "src/mkdaemon/vision/limits.py",
-)
-"""Files that may still have `LONGEST_LISTED` lines. This list only gets shorter."""
-LONGEST_LISTED: Final = 400
-
 
 @dataclass(frozen=True, slots=True)
 class Package:
@@ -69,13 +60,12 @@ def measure_packages(lines: Mapping[str, int]) -> list[Package]:
     return sorted(packages, key=lambda package: (not package.name.startswith("mkdaemon"), -package.lines))
 
 
-def find_long_files(lines: Mapping[str, int], listed: Collection[str] = LONG_FILES) -> list[str]:
+def find_long_files(lines: Mapping[str, int]) -> list[str]:
     """Return a sentence for every file that is longer than it may be."""
-    limits = {path: LONGEST_LISTED if path in listed else LONGEST_FILE for path in lines}
     return [
-        f"{path} has {count} lines; {limits[path]} are allowed"
+        f"{path} has {count} lines; {LONGEST_FILE} are allowed"
         for path, count in lines.items()
-        if path.split("/")[0] in LIMITED and count > limits[path]
+        if path.split("/")[0] in LIMITED and count > LONGEST_FILE
     ]
 
 
@@ -138,8 +128,6 @@ def shape(*, root: Annotated[Path, Parameter(help="Root of the source tree.")] =
     if faults:
         raise MkError("; ".join(faults))
     print(f"no file above {LONGEST_FILE} lines, no circle of imports")
-    for path in (path for path in LONG_FILES if lines.get(path, 0) <= LONGEST_FILE):
-        print(f"{path} is no longer too long: take it off the list in tools/shape.py")
 
 
 def _print_sizes(packages: list[Package], lines: Mapping[str, int]) -> None:
