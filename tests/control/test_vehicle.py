@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from mkdaemon.control.vehicle import FRESH, MOTOR_TEST, VehicleFacts
-from mkdaemon.telemetry.control import LeaseState
+from mkdaemon.telemetry.control import ControlLine, LeaseState, Obstacle
 from tests.control.events import flight, link_state, pilot
 
 
@@ -60,3 +60,21 @@ def test_values_that_decide_nothing_are_ignored():
     facts = VehicleFacts()
     facts.state_received(LeaseState(holder="a", epoch=1, ttl=1, left=1), 0.0)
     assert facts.flight(0.0) is None
+
+
+def test_what_a_lost_flightctrl_said_is_unknown_at_once_and_nobody_may_fly():
+    facts, line = VehicleFacts(), ControlLine(layout="v2")
+    facts.motors_reported(False, 10.0)
+    facts.state_received(flight(is_flying=False), 10.0)
+    assert facts.limit_line(line) is line
+    facts.flightctrl_reported(is_lost=True)
+    assert (facts.motors_running(10.0), facts.is_flying(10.0)) == (None, None)
+    limited = facts.limit_line(line)
+    assert (limited.layout, limited.obstacle) == (None, Obstacle.READ_ONLY)
+    assert "FlightCtrl" in limited.reason
+    facts.flightctrl_reported(is_lost=False)
+    assert facts.limit_line(line) is line
+    facts.flightctrl_reported(is_lost=True)
+    facts.link_changed(link_state())
+    facts.link_changed(link_state(openings=7))
+    assert facts.limit_line(line) is line

@@ -10,7 +10,8 @@ import pytest
 from mkdaemon.frames import euler_from_rotation, rotation_from_quaternion
 from mkdaemon.protocol.boards import board_at
 from mkdaemon.protocol.decoder import MessageDecoder
-from mkdaemon.protocol.flags import FlightStatus, FlightStatus2, NaviStatus, OsdStatus2
+from mkdaemon.protocol.errorcodes import ErrorCode
+from mkdaemon.protocol.flags import FlightStatus, FlightStatus2, NaviStatus, OsdStatus2, PositionStatus
 from mkdaemon.protocol.framing import Frame, FrameDecoder
 from mkdaemon.protocol.messages import (
     AttitudeDataFc210,
@@ -30,9 +31,9 @@ from mkdaemon.protocol.messages.osdsets import (
     OsdWaypoint,
 )
 from mkdaemon.stamp import Stamp
-from mkdaemon.telemetry.state import GpsMode
+from mkdaemon.telemetry.state import GpsFix, GpsMode
 from mkdaemon.translate import StateTranslator
-from mkdaemon.translate.state import COARSE_AFTER, motors_running
+from mkdaemon.translate.state import COARSE_AFTER, fc_is_lost, motors_running
 from tests.places import CAPTURES
 
 EXCERPT = CAPTURES / "nc_mixed_60s.jsonl"
@@ -255,3 +256,36 @@ def test_recorded_frames_make_a_consistent_aircraft():
         east, north, _ = position.position_enu
         assert math.hypot(east, north) == pytest.approx(position.home_distance, abs=0.15, rel=0.01)
     assert all(10 < battery.voltage < 20 for battery in found["state/battery"])
+
+
+@pytest.mark.parametrize("code", [ErrorCode.NO_FC, ErrorCode.FC_SPI])
+def test_a_navictrl_that_does_not_hear_its_flightctrl_says_nothing_about_it(code):
+    """Its flags, battery, reception and attitude are frozen at the last value then."""
+    translator = StateTranslator()
+    osd = blank(OsdData5, error_code=code, rc_quality=200, battery=160)
+    told = states(osd, translator=translator)
+    assert motors_running("nc", osd) is None
+    assert fc_is_lost(osd) is True
+    assert (told["state/flight"].motors_running, told["state/flight"].is_flying) == (None, None)
+    assert told["state/flight"].error
+    assert told.keys().isdisjoint({"state/battery", "state/pilot", "state/attitude"})
+    assert states(blank(AttitudeDataNc), translator=translator) == {}
+    assert "state/battery" in states(blank(OsdData5), translator=translator)
+    assert "state/attitude" in states(blank(AttitudeDataNc), translator=translator)
+    flags = blank(OsdFlags, index=11, error_code=code)
+    assert motors_running("nc", flags) is None
+    assert states(flags)["state/flight"].motors_running is None
+
+
+@pytest.mark.parametrize("code", [ErrorCode.NO_GPS, ErrorCode.GPS_LOST, ErrorCode.NO_GPS_FIX])
+def test_the_last_position_of_a_dead_gps_receiver_is_no_position(code):
+    place = {"position_status": PositionStatus.NEW, "position_latitude": 481234567, "position_longitude": 115000000}
+    assert "state/position" in states(blank(OsdData5, **place))
+    told = states(blank(OsdData5, error_code=code, nc_flags=NaviStatus.GPS_OK, **place))
+    assert told.keys().isdisjoint({"state/position", "state/velocity"})
+    assert (told["state/gps"].fix, told["state/gps"].is_usable) == (GpsFix.NONE, False)
+    assert told["state/flight"].error
+    translator = StateTranslator()
+    states(blank(OsdFlags, index=11, error_code=code), translator=translator)
+    home = blank(OsdHome, index=13, latitude=481234567, longitude=115000000)
+    assert "state/position" not in states(home, translator=translator)

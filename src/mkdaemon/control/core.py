@@ -185,7 +185,7 @@ class FlightCore:
 
     def line_changed(self, line: ControlLine) -> None:
         """Note what the link can take now."""
-        self._line = line
+        self._line = self.facts.limit_line(line)
 
     def link_changed(self, state: LinkState) -> None:
         """Take a verdict on the line."""

@@ -5,12 +5,15 @@ from __future__ import annotations
 from typing import Final, NamedTuple
 
 from mkdaemon.telemetry.base import Telemetry
+from mkdaemon.telemetry.control import ControlLine, Obstacle
 from mkdaemon.telemetry.link import LinkState
 from mkdaemon.telemetry.state import Flight, Pilot
 from mkdaemon.telemetry.vision import VisionPose
 
 FRESH: Final = 2.0
 """Knowledge about motors, flight and pilot that is older is none [s]."""
+FC_LOST: Final = "the NaviCtrl does not hear its FlightCtrl, which may be booting"
+"""Why nobody may fly while it does not."""
 MOTOR_TEST: Final = 1.0
 """A motor test turns motors for 0.5 s, and the last message that shows them turning may be as old again [s]."""
 
@@ -25,10 +28,12 @@ class VehicleFacts:
 
     Attributes:
         link: the latest verdict on the line; None before the first.
+        is_fc_lost: the NaviCtrl says that it does not hear its FlightCtrl.
     """
 
     def __init__(self) -> None:
         self.link: LinkState | None = None
+        self.is_fc_lost = False
         self._motors: _Motors | None = None
         self._flight: tuple[Flight, float] | None = None
         self._pilot: tuple[Pilot, float] | None = None
@@ -38,6 +43,12 @@ class VehicleFacts:
     def motors_reported(self, are_running: bool, at: float) -> None:
         """Take what a message says about the motors."""
         self._motors = _Motors(are_running, at)
+
+    def flightctrl_reported(self, *, is_lost: bool) -> None:
+        """Note whether the NaviCtrl hears its FlightCtrl; while it does not, what it shows of it is old."""
+        if is_lost:
+            self._forget()
+        self.is_fc_lost = is_lost
 
     def motor_test_sent(self, at: float) -> None:
         """Note that motors are about to turn because a client tests them."""
@@ -61,8 +72,16 @@ class VehicleFacts:
     def link_changed(self, state: LinkState) -> None:
         """Take a verdict on the line; what was said through an earlier opening of the port is forgotten."""
         if self.link is not None and self.link.openings != state.openings:
-            self._motors = self._flight = self._pilot = None
+            self._forget()
+            self.is_fc_lost = False
         self.link = state
+
+    def limit_line(self, line: ControlLine) -> ControlLine:
+        """What the line can take, as far as the FlightCtrl can be there to obey."""
+        return ControlLine(obstacle=Obstacle.READ_ONLY, reason=FC_LOST) if self.is_fc_lost else line
+
+    def _forget(self) -> None:
+        self._motors = self._flight = self._pilot = None
 
     def motors_running(self, now: float, within: float = FRESH) -> bool | None:
         """Whether motors run; None where no message has said so lately.

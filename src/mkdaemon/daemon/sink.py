@@ -22,7 +22,7 @@ from mkdaemon.telemetry.state import Attitude
 from mkdaemon.telemetry.traffic import FrameSample, RawFrame
 from mkdaemon.translate import StateTranslator
 from mkdaemon.translate.origin import State
-from mkdaemon.translate.state import motors_running
+from mkdaemon.translate.state import fc_is_lost, motors_running
 
 _FOREIGN: Final = "other"
 """Board chunk of a frame whose address no board has."""
@@ -59,6 +59,9 @@ class BusSink:
         at = stamp.monotonic
         if isinstance(message, ControlConfirm):
             self._core.frame_confirmed(message.frame)
+        lost = fc_is_lost(message)
+        if lost is not None:
+            self._core.facts.flightctrl_reported(is_lost=lost)
         running = motors_running(board, message)
         if running is not None:
             self._core.motors_reported(running, at)

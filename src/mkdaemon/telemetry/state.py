@@ -93,7 +93,7 @@ class Gps(StateValue):
     satellites: int | None
     """Used for the solution; null where this message does not say."""
     fix: GpsFix
-    """Whether the current position is valid."""
+    """Whether the current position is valid; `none` also while the board shows the last position of a dead receiver."""
     is_usable: bool
     """The board's own judgement (GPS_OK): good enough to hold position."""
     is_home_set: bool | None
@@ -112,10 +112,11 @@ class GpsMode(StrEnum):
 class Flight(StateValue):
     """What the aircraft is doing: `state/flight`."""
 
-    motors_running: bool
-    """At least one motor turns by the FlightCtrl's will."""
-    is_flying: bool
-    """The FlightCtrl counts itself as in the air."""
+    motors_running: bool | None
+    """At least one motor turns by the FlightCtrl's will; null while the NaviCtrl does not hear the FlightCtrl, whose
+    flags then stay as they were."""
+    is_flying: bool | None
+    """The FlightCtrl counts itself as in the air; null as above."""
     is_calibrating: bool
     """A pulse: sensors are being calibrated."""
     is_starting: bool

@@ -17,6 +17,11 @@ RC_FULL = 200.0
 RC_ENOUGH = 100.0
 """Below this the FlightCtrl goes into emergency; docs/protocol.md, "When it acts"."""
 
+_FC_LOST = frozenset({ErrorCode.NO_FC, ErrorCode.FC_SPI})
+"""The NaviCtrl does not hear the FlightCtrl: flags, battery and reception stay at their last values."""
+_GPS_LOST = frozenset({ErrorCode.NO_GPS, ErrorCode.GPS_LOST, ErrorCode.NO_GPS_FIX})
+"""Nothing comes from the GPS receiver, or no fix: position and speed stay at their last values, marked valid."""
+
 _MODES = {
     NaviStatus.FREE: GpsMode.FREE,
     NaviStatus.POSITION_HOLD: GpsMode.HOLD,
@@ -27,6 +32,16 @@ _MODES = {
 def gps_mode(flags: NaviStatus) -> GpsMode:
     """What the GPS switch says."""
     return next((mode for flag, mode in _MODES.items() if flags & flag), GpsMode.UNKNOWN)
+
+
+def is_fc_lost(code: ErrorCode) -> bool:
+    """Whether a NaviCtrl that complains so shows old values of the FlightCtrl; docs/protocol.md, "Error codes"."""
+    return code in _FC_LOST
+
+
+def is_gps_lost(code: ErrorCode) -> bool:
+    """Whether a NaviCtrl that complains so shows an old position; docs/protocol.md, "Error codes"."""
+    return code in _GPS_LOST
 
 
 def error_text(code: ErrorCode) -> str:
@@ -49,16 +64,18 @@ def pilot(
 
 def from_osd(osd: OsdData4 | OsdData5, origin: Origin) -> list[State]:
     """Everything an OSD frame says, attitude aside (that one has a degree's resolution here)."""
-    states: list[State] = [
-        ("state/battery", _battery(osd, origin)),
-        ("state/gps", _gps(osd, origin)),
-        ("state/flight", _flight(osd, origin)),
-        ("state/pilot", pilot(origin, float(osd.rc_quality), sticks=None, throttle=None)),
-    ]
-    if osd.position_status != PositionStatus.INVALID:
+    states: list[State] = [("state/gps", _gps(osd, origin)), ("state/flight", _flight(osd, origin))]
+    if not is_fc_lost(osd.error_code):
+        states.append(("state/battery", _battery(osd, origin)))
+        states.append(("state/pilot", pilot(origin, float(osd.rc_quality), sticks=None, throttle=None)))
+    if _is_position_valid(osd):
         states.append(("state/position", _position(osd, origin)))
         states.append(("state/velocity", _velocity(osd, origin)))
     return states
+
+
+def _is_position_valid(osd: OsdData4 | OsdData5) -> bool:
+    return osd.position_status != PositionStatus.INVALID and not is_gps_lost(osd.error_code)
 
 
 def _home(osd: OsdData4 | OsdData5) -> Home | None:
@@ -106,8 +123,8 @@ def _gps(osd: OsdData4 | OsdData5, origin: Origin) -> Gps:
     return Gps(
         **origin._asdict(),
         satellites=osd.satellites,
-        fix=GpsFix.NONE if osd.position_status == PositionStatus.INVALID else GpsFix.VALID,
-        is_usable=bool(osd.nc_flags & NaviStatus.GPS_OK),
+        fix=GpsFix.VALID if _is_position_valid(osd) else GpsFix.NONE,
+        is_usable=bool(osd.nc_flags & NaviStatus.GPS_OK) and _is_position_valid(osd),
         is_home_set=osd.home_status != PositionStatus.INVALID,
     )
 
@@ -123,8 +140,8 @@ def _flight(osd: OsdData4 | OsdData5, origin: Origin) -> Flight:
     return Flight(
         **origin._asdict(),
         # The first six bits mean the same in both generations of the flags.
-        motors_running=bool(first & FlightStatus.MOTORS_RUNNING),
-        is_flying=bool(first & FlightStatus.FLYING),
+        motors_running=None if is_fc_lost(osd.error_code) else bool(first & FlightStatus.MOTORS_RUNNING),
+        is_flying=None if is_fc_lost(osd.error_code) else bool(first & FlightStatus.FLYING),
         is_calibrating=bool(first & FlightStatus.CALIBRATING),
         is_starting=bool(first & FlightStatus.STARTING),
         emergency_landing=bool(first & FlightStatus.EMERGENCY_LANDING),

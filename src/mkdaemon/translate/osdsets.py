@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from mkdaemon.protocol.errorcodes import ErrorCode
 from mkdaemon.protocol.flags import NaviStatus, OsdStatus, OsdStatus2
 from mkdaemon.protocol.messages.osdsets import OsdDeviation, OsdFlags, OsdHome, OsdTarget, OsdVolatile, OsdWaypoint
 from mkdaemon.protocol.wire import WireMessage
 from mkdaemon.telemetry.state import Battery, Flight, Gps, GpsFix, Position
 from mkdaemon.translate.geometry import Home, attitude, position
 from mkdaemon.translate.origin import Origin, State
-from mkdaemon.translate.osd import error_text, gps_mode, pilot
+from mkdaemon.translate.osd import error_text, gps_mode, is_fc_lost, is_gps_lost, pilot
 
 
 @dataclass(slots=True)
@@ -22,17 +23,20 @@ class SetTranslator:
     deviation: OsdDeviation | None = None
     waypoint: OsdWaypoint | None = None
     altitude_setpoint: float | None = None
+    error: ErrorCode = ErrorCode.NONE
 
     def states(self, message: WireMessage, origin: Origin) -> list[State]:
         """What one data set says."""
         states: list[State] = []
-        if message.latitude or message.longitude:  # type: ignore[attr-defined]  # every set has the same head
+        if isinstance(message, OsdFlags):
+            self.error = message.error_code
+        if self._has_place(message):
             states.append(("state/position", self._position(message, origin)))
         match message:
             case OsdFlags():
                 states.append(("state/flight", self._flight(message, origin)))
                 states.append(("state/gps", self._gps(message, origin)))
-            case OsdTarget():
+            case OsdTarget() if not is_fc_lost(self.error):
                 states.append(("state/pilot", pilot(origin, float(message.rc_quality), sticks=None, throttle=None)))
             case OsdHome():
                 self.home = Home(message.si("home_latitude"), message.si("home_longitude"))
@@ -43,7 +47,8 @@ class SetTranslator:
             case OsdVolatile():
                 self.heading = message.si("heading")
                 self.altitude_setpoint = message.si("altitude_setpoint")
-                states.append(("state/battery", _battery(message, origin)))
+                if not is_fc_lost(self.error):
+                    states.append(("state/battery", _battery(message, origin)))
         return states
 
     def attitude(self, message: WireMessage, origin: Origin) -> State | None:
@@ -52,6 +57,10 @@ class SetTranslator:
             return None
         coarse = attitude(origin, roll=message.si("roll"), pitch=message.si("pitch"), heading=self.heading)
         return "state/attitude", coarse
+
+    def _has_place(self, message: WireMessage) -> bool:
+        """Whether a set, each of which begins with the place, carries one that is not old."""
+        return bool(message.latitude or message.longitude) and not is_gps_lost(self.error)  # type: ignore[attr-defined]
 
     def _position(self, message: WireMessage, origin: Origin) -> Position:
         return position(
@@ -69,8 +78,8 @@ class SetTranslator:
         return Gps(
             **origin._asdict(),
             satellites=None if self.deviation is None else self.deviation.satellites,
-            fix=GpsFix.VALID if flags.latitude or flags.longitude else GpsFix.NONE,
-            is_usable=usable,
+            fix=GpsFix.VALID if self._has_place(flags) else GpsFix.NONE,
+            is_usable=usable and not is_gps_lost(self.error),
             is_home_set=None if self.home is None else True,
         )
 
@@ -78,8 +87,8 @@ class SetTranslator:
         first, second, navi = flags.status, flags.status_2, flags.nc_flags
         return Flight(
             **origin._asdict(),
-            motors_running=bool(second & OsdStatus2.MOTORS_RUNNING),
-            is_flying=bool(second & OsdStatus2.FLYING),
+            motors_running=None if is_fc_lost(self.error) else bool(second & OsdStatus2.MOTORS_RUNNING),
+            is_flying=None if is_fc_lost(self.error) else bool(second & OsdStatus2.FLYING),
             is_calibrating=bool(first & OsdStatus.CALIBRATING),
             is_starting=bool(second & OsdStatus2.STARTING),
             emergency_landing=bool(second & OsdStatus2.EMERGENCY_LANDING),

@@ -18,7 +18,7 @@ from mkdaemon.stamp import Stamp
 from mkdaemon.telemetry.state import Battery
 from mkdaemon.translate.geometry import attitude
 from mkdaemon.translate.origin import Origin, State
-from mkdaemon.translate.osd import from_osd, pilot
+from mkdaemon.translate.osd import from_osd, is_fc_lost, pilot
 from mkdaemon.translate.osdsets import SetTranslator
 
 COARSE_AFTER = 0.5
@@ -35,6 +35,7 @@ class StateTranslator:
     def __init__(self) -> None:
         self._fine_attitude_at = float("-inf")
         self._sets = SetTranslator()
+        self._fc_is_lost = False
 
     def states(self, board: str, message: WireMessage, stamp: Stamp) -> list[State]:
         """Return what a message says about the aircraft, keys without `mk/<vehicle>/`; often nothing.
@@ -45,6 +46,10 @@ class StateTranslator:
             stamp: when its last byte arrived.
         """
         origin = Origin(stamp, f"{board}/{message.spec.key}")
+        lost = fc_is_lost(message)
+        self._fc_is_lost = self._fc_is_lost if lost is None else lost
+        if board == "nc" and self._fc_is_lost and message.spec.id == "C":
+            return []  # the NaviCtrl repeats the last attitude it heard of
         match message:
             case AttitudeDataFc210() | AttitudeDataFcOld() | AttitudeDataNc() | AttitudeDataNcSticks():
                 self._fine_attitude_at = stamp.monotonic
@@ -65,11 +70,21 @@ class StateTranslator:
         return []
 
     def _wants_coarse(self, now: float) -> bool:
-        return now - self._fine_attitude_at > COARSE_AFTER
+        return not self._fc_is_lost and now - self._fine_attitude_at > COARSE_AFTER
+
+
+def fc_is_lost(message: WireMessage) -> bool | None:
+    """Whether a NaviCtrl says that it does not hear its FlightCtrl; None where a message says nothing about it."""
+    match message:
+        case OsdData4() | OsdData5() | OsdFlags():
+            return is_fc_lost(message.error_code)
+    return None
 
 
 def motors_running(board: str, message: WireMessage) -> bool | None:
-    """Whether a message says that motors run; None where it says nothing about it."""
+    """Whether a message says that motors run; None where it says nothing about it, or shows old flags."""
+    if fc_is_lost(message):
+        return None
     match message:
         case OsdData4() | OsdData5():
             return bool(message.fc_flags & FlightStatus.MOTORS_RUNNING)

@@ -16,7 +16,8 @@ async def motors_running(client: Vehicle) -> bool | None:
     sample = await client.get("state/flight")
     if sample is None or sample.fields.get("age", FRESH) >= FRESH:
         return None
-    return bool(sample.fields["motors_running"])
+    running: bool | None = sample.fields["motors_running"]
+    return running
 
 
 async def refuse_running(client: Vehicle, why: str) -> None:

@@ -80,13 +80,14 @@ def _control(fields: Fields) -> str:
 
 
 def _flight(fields: Fields) -> str:
-    words = ["flying" if fields["is_flying"] else "on the ground", f"GPS {fields['gps_mode']}"]
+    words = [_PLACES[fields["is_flying"]], f"GPS {fields['gps_mode']}"]
     words += [name.replace("_", " ") for name in _ALARMS if fields.get(name)]
     if fields["flying_time"] is not None:
         words.append(f"{fields['flying_time']:.0f} s in the air")
     return ", ".join(words)
 
 
+_PLACES = {True: "flying", False: "on the ground", None: "in the air or on the ground: unknown"}
 _ALARMS = ("emergency_landing", "battery_low", "rc_failsafe", "range_limit", "altitude_control", "manual_control")
 
 
