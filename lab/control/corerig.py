@@ -17,9 +17,10 @@ from mkdaemon.control.vehicle import VehicleFacts
 from mkdaemon.frames import quaternion_from_rotation
 from mkdaemon.stamp import Stamp
 from mkdaemon.telemetry.command import LeaseRequest
-from mkdaemon.telemetry.control import ControlLine, EstimateValue, Phase
+from mkdaemon.telemetry.control import ControlLine, EstimateValue, LeaseGrant, Phase
 from mkdaemon.telemetry.link import LinkCondition, LinkState
 from mkdaemon.telemetry.setpoint import PositionSetpoint, Setpoint, SetpointFrame
+from mkdaemon.telemetry.signature import signed
 from mkdaemon.telemetry.state import Attitude
 from mkdaemon.telemetry.vision import VisionPose
 
@@ -50,6 +51,7 @@ class CoreRig(Rig):
         self.actions: list[tuple[float, Action]] = []
         self.estimates: list[EstimateValue] = []
         self._epoch = 0
+        self._secret = ""
         self._sequence = 0
 
     def _see(self, view: TargetView, at: float) -> None:
@@ -72,9 +74,10 @@ class CoreRig(Rig):
         if not self._epoch:
             request = LeaseRequest(action="take", holder=CLIENT)
             granted = self.core.lease(request, at, gate=Gate(GateKind.CHANNEL))
-            self._epoch = granted.epoch  # type: ignore[union-attr]
+            assert isinstance(granted, LeaseGrant)
+            self._epoch, self._secret = granted.epoch, granted.secret
         self._sequence += 1
-        self.core.setpoint(self._setpoint(goal, at), at)
+        self.core.setpoint(self._setpoint(goal, at), at, signed(self._secret, PositionSetpoint.suffix, b""))
         for action in self.core.tick(at):
             self.actions.append((at, action))
             if isinstance(action, SendSticks):

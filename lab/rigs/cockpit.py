@@ -32,7 +32,10 @@ from mkdaemon.link.session.traffic import Received, Sent
 from mkdaemon.sim.physics.world import World
 from mkdaemon.sim.simulation import Simulation
 from mkdaemon.telemetry.command import LeaseRequest
+from mkdaemon.telemetry.control import LeaseGrant
 from mkdaemon.telemetry.link import LinkState
+from mkdaemon.telemetry.setpoint import StickSetpoint
+from mkdaemon.telemetry.signature import sign
 
 GATE_OPEN: Final = 255
 """The pilot's external-control switch."""
@@ -170,12 +173,14 @@ class Cockpit:
         sink: what was seen on the line.
         socket: the cable and the boards at its end.
         epoch: of the lease taken last.
+        secret: of that lease.
         task: of the link.
     """
 
     def __init__(self, link: Link, flight: FlightControl, sink: KeepingSink, socket: Socket) -> None:
         self.link, self.flight, self.sink, self.socket = link, flight, sink, socket
         self.epoch = 0
+        self.secret = ""
         self.tasks: list[asyncio.Task[None]] = []
 
     @property
@@ -206,9 +211,14 @@ class Cockpit:
             CommandRejectedError: it was refused.
         """
         lease = await self.flight.lease(LeaseRequest(action="take", holder=holder, force=force))
-        assert lease is not None
-        self.epoch = lease.epoch
+        assert isinstance(lease, LeaseGrant)
+        self.epoch, self.secret = lease.epoch, lease.secret
         return self.epoch
+
+    def stream(self, payload: bytes, *, secret: str | None = None) -> None:
+        """Put a stick setpoint, signed for the lease taken last or with another secret."""
+        proof = sign(self.secret if secret is None else secret, StickSetpoint.suffix, payload)
+        self.flight.setpoint_arrived(StickSetpoint, asyncio.get_running_loop().time(), payload, proof)
 
 
 @asynccontextmanager

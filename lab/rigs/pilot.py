@@ -13,6 +13,7 @@ import zenoh
 from lab.rigs.waiting import wait_until
 from mkdaemon.bus.codec import encode_map
 from mkdaemon.client import Vehicle
+from mkdaemon.telemetry.signature import sign
 
 ENGAGE_WAIT: Final = 4.0
 """A stream that lives is obeyed within this time [s]; the daemon wants one second of it first."""
@@ -24,12 +25,14 @@ class Pilot:
     Attributes:
         sticks: what it streams [stick; FLU].
         epoch: of its lease.
+        secret: of its lease.
     """
 
     def __init__(self, client: Vehicle, name: str, rate: float = 50.0) -> None:
         self.name = name
         self.sticks = {"pitch": 0.0, "roll": 0.0, "yaw": 0.0, "throttle": 0.0}
         self.epoch = 0
+        self.secret = ""
         self._client = client
         self._publisher = client.stream("setpoint/stick")
         self._period = 1.0 / rate
@@ -41,7 +44,7 @@ class Pilot:
         fields = {"action": "take", "holder": self.name, "force": force}
         answer = await self._client.command("do", "lease", fields)
         if answer.is_accepted:
-            self.epoch, self._sequence = int(answer.reply["epoch"]), 0
+            self.epoch, self.secret, self._sequence = int(answer.reply["epoch"]), answer.reply["secret"], 0
         return answer.is_accepted
 
     async def engage(self, is_controlled: Callable[[], bool]) -> None:
@@ -56,11 +59,11 @@ class Pilot:
             await self._engage_once(is_controlled)
         except TimeoutError:
             print(f"{self.name}: not obeyed within {ENGAGE_WAIT:g} s; takes the lease once more", file=sys.stderr)
-            await self._engage_once(is_controlled)
+            await self._engage_once(is_controlled, force=True)
 
-    async def _engage_once(self, is_controlled: Callable[[], bool]) -> None:
+    async def _engage_once(self, is_controlled: Callable[[], bool], *, force: bool = False) -> None:
         async with asyncio.timeout(ENGAGE_WAIT):
-            while not await self.take():  # noqa: ASYNC110 - the answer comes from another process
+            while not await self.take(force=force):  # noqa: ASYNC110 - the answer comes from another process
                 await asyncio.sleep(0.1)
         await wait_until(is_controlled, ENGAGE_WAIT)
 
@@ -84,6 +87,7 @@ class Pilot:
             while True:
                 self._sequence += 1
                 fields = {**self.sticks, "epoch": self.epoch, "sequence": self._sequence, "ttl": 0.3}
-                self._publisher.put(encode_map(fields))
+                payload = encode_map(fields)
+                self._publisher.put(payload, attachment=sign(self.secret, "setpoint/stick", payload))
                 due = max(due + self._period, loop.time())
                 await asyncio.sleep(due - loop.time())

@@ -22,7 +22,6 @@ from mkdaemon.link.session.traffic import Purpose
 from mkdaemon.protocol.decoder import MessageDecoder
 from mkdaemon.protocol.framing import Frame, FrameDecoder
 from mkdaemon.telemetry.control import Phase
-from mkdaemon.telemetry.setpoint import StickSetpoint
 
 BACK: Final = 3.0
 """Telemetry flows again so long after the device is back [s]."""
@@ -103,19 +102,19 @@ async def _pull_cable(boards: Boards, seed: int, cycles: int) -> list[Cycle]:
 
 async def _fly_on(flown: Cockpit, name: str) -> None:
     """Take the lease once, engage, and stream a tilt for ever, whatever becomes of it."""
-    epoch = None
+    epoch, secret = None, ""
     while epoch is None:
         with suppress(CommandRejectedError):
             epoch = await flown.take(name)
+            secret = flown.secret
         await asyncio.sleep(STICK_TIME)
-    loop = asyncio.get_running_loop()
     sequence, tilt = 0, 0.0
     while True:
         sequence += 1
         tilt = 40.0 if flown.flight.phase is Phase.FLYING else tilt
         sticks = {"pitch": tilt, "roll": -tilt, "yaw": 0.0, "throttle": -10.0}
         setpoint = encode_map(sticks | {"epoch": epoch, "sequence": sequence, "ttl": 0.3})
-        flown.flight.setpoint_arrived(StickSetpoint, loop.time(), setpoint)
+        flown.stream(setpoint, secret=secret)
         await asyncio.sleep(STICK_TIME)
 
 

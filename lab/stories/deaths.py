@@ -24,7 +24,6 @@ from mkdaemon.link.session.traffic import Purpose, ReleaseResult, Sent
 from mkdaemon.protocol.messages import LabelRequest
 from mkdaemon.sim.boards.line import HOST_CHAR
 from mkdaemon.telemetry.control import Phase, ReleaseOutcome
-from mkdaemon.telemetry.setpoint import StickSetpoint
 
 STICK_HZ: Final = 50.0
 NEUTRAL_TIME: Final = 0.350
@@ -107,6 +106,7 @@ class _Client:
         self._flown = flown
         self._rng = rng
         self._epoch = 0
+        self._secret = ""
         self._sequence = 0
         self._sticks = {"pitch": 0.0, "roll": 0.0, "yaw": 0.0, "throttle": 0.0}
         self._raw = b""
@@ -115,6 +115,7 @@ class _Client:
         """Take the lease, engage with neutral sticks, fly at random."""
         rng, flown = self._rng, self._flown
         self._epoch = await flown.take(self.name)
+        self._secret = flown.secret
         loop = asyncio.get_running_loop()
         ends = None
         await asyncio.sleep(rng.uniform(0, 0.02))
@@ -149,7 +150,7 @@ class _Client:
         now = asyncio.get_running_loop().time()
         if usable:
             self._raw, self.last_usable = raw, now
-        self._flown.flight.setpoint_arrived(StickSetpoint, now, raw)
+        self._flown.stream(raw, secret=self._secret)
 
     async def die(self, death: Death, watched: float) -> None:
         """End in this way, and stay so for the time it is watched [s]."""

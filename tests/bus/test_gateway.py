@@ -56,7 +56,7 @@ def _wait_for_a_match(session, opened):
 
 async def test_what_the_bus_itself_subscribes_to_is_no_audience(bus):
     opened, endpoint = bus
-    opened.receive("setpoint/stick", lambda stamp, raw: None)
+    opened.receive("setpoint/stick", lambda stamp, raw, proof: None)
     waiting = asyncio.ensure_future(opened.wait_until_watched())
     with client(endpoint) as session:
         await asyncio.to_thread(ask, session, "mk/t1/state/*")
@@ -178,20 +178,22 @@ def _impatient(endpoint):
 
 async def test_setpoints_arrive_on_the_loop_with_their_time(bus):
     opened, endpoint = bus
-    taken: asyncio.Queue[tuple[float, bytes]] = asyncio.Queue()
-    opened.receive("setpoint/stick", lambda t, raw: taken.put_nowait((t, raw)))
+    taken: asyncio.Queue[tuple[float, bytes, bytes]] = asyncio.Queue()
+    opened.receive("setpoint/stick", lambda t, raw, proof: taken.put_nowait((t, raw, proof)))
     before = time.monotonic()
     with client(endpoint) as session:
-        await asyncio.to_thread(session.put, "mk/t1/setpoint/stick", b"abc")
-        stamp, raw = await asyncio.wait_for(taken.get(), PATIENCE)
-    assert raw == b"abc"
+        for attachment in (bytes(32), bytes(33), None):
+            await asyncio.to_thread(session.put, "mk/t1/setpoint/stick", b"abc", attachment=attachment)
+        came = [await asyncio.wait_for(taken.get(), PATIENCE) for _ in range(3)]
+    stamp = came[0][0]
+    assert [(raw, proof) for _, raw, proof in came] == [(b"abc", bytes(32)), (b"abc", b""), (b"abc", b"")]
     assert before <= stamp <= time.monotonic()
 
 
 async def test_of_a_flood_of_setpoints_the_newest_comes_through_and_the_loop_goes_on(bus):
     opened, endpoint = bus
     taken: list[bytes] = []
-    opened.receive("setpoint/stick", lambda t, raw: taken.append(raw))
+    opened.receive("setpoint/stick", lambda t, raw, proof: taken.append(raw))
     with client(endpoint) as session:
 
         def flood() -> None:
@@ -214,7 +216,7 @@ async def test_long_setpoints_and_requests_are_refused_by_their_length_and_cost_
     heard: list[Payload] = []
     is_over = asyncio.Event()
 
-    def take(stamp: float, payload: Payload) -> None:
+    def take(stamp: float, payload: Payload, proof: bytes) -> None:
         taken.append(payload)
         if payload == b"small":
             is_over.set()

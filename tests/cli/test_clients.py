@@ -42,16 +42,17 @@ async def held(flown):
     """A lease somebody else holds and keeps renewing."""
     async with flown.client() as client:
         take = {"action": "take", "holder": "somebody", "force": True}
-        epoch = (await client.command("do", "lease", take)).require()["epoch"]
+        granted = (await client.command("do", "lease", take)).require()
+        name = {"epoch": granted["epoch"], "secret": granted["secret"]}
 
         async def renew():
             while True:
-                await client.command("do", "lease", {"action": "renew", "epoch": epoch})
+                await client.command("do", "lease", {"action": "renew", **name})
                 await asyncio.sleep(0.5)
 
         renewing = asyncio.create_task(renew())
         try:
-            yield epoch
+            yield name
         finally:
             renewing.cancel()
 
@@ -93,11 +94,11 @@ async def test_flying_by_hand_from_the_command_line():
         assert (code, out.strip()) == (0, "nobody holds the lease")
         code, out, _ = await mkctl("lease", "take", "--holder", "tester", "--json")
         assert (code, json.loads(out)["holder"]) == (0, "tester")
-        async with held(flown) as epoch:
+        async with held(flown) as lease:
             code, _, err = await mkctl("lease", "take", "--holder", "other")
             assert (code, err.startswith("mkctl: lease_held: somebody holds the lease")) == (1, True)
             assert "--force" in err
-            code, out, _ = await mkctl("lease", "release", str(epoch))
+            code, out, _ = await mkctl("lease", "release", str(lease["epoch"]), lease["secret"])
             assert code == 0
         await flown.until_phase("free")
         fly = ("stick", "--throttle", "5", "--pitch", "-12", "--seconds", "0.5", "--json")
@@ -126,7 +127,7 @@ async def test_mistakes_are_one_line():
             (("stick", "--throttle", "0", "--rate", "0"), "--rate 0: give a number above 0"),
             (("rate", "osd", "soon"), "'soon' is no interval"),
             (("rate", "sod", "100ms"), "no stream"),
-            (("lease", "release", "5"), "not_leased"),
+            (("lease", "release", "5", "f00"), "not_leased"),
         ):
             code, _, err = await mkctl(*arguments)
             assert code in {1, 2}

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from contextlib import asynccontextmanager
 from dataclasses import dataclass, field
+from functools import partial
 
 from mkdaemon.bus.codec import decode_map, schema_name
 from mkdaemon.bus.gateway import Bus
@@ -12,15 +13,17 @@ from mkdaemon.client import connect
 from mkdaemon.clock import Clock
 from mkdaemon.protocol.messages import Settings
 from mkdaemon.telemetry.command import CommandResult
-from mkdaemon.telemetry.control import ControlStatus, LeaseState, Phase
+from mkdaemon.telemetry.control import ControlStatus, LeaseGrant, LeaseState, Phase
 from mkdaemon.telemetry.event import CommandEvent
 from mkdaemon.telemetry.refusals import Status, Token, refuse
 from mkdaemon.telemetry.setpoint import SETPOINTS
+from mkdaemon.telemetry.signature import Signature
 from mkdaemon.telemetry.state import Attitude
 from tests.bus.support import bus_config, free_endpoint
 
 VEHICLE = "fake"
 EPOCH = 1000
+SECRET = "known to the holder alone"
 CLOCK = Clock()
 
 
@@ -58,7 +61,7 @@ class FakeDaemon:
                 self.holder = fields["holder"]
                 self.say(Phase.LEASED, "waiting for a live, neutral stream")
             case "do/lease", "release":
-                if fields["epoch"] != EPOCH or self.holder is None:
+                if (fields["epoch"], fields["secret"]) != (EPOCH, SECRET) or self.holder is None:
                     raise refuse(Token.NOT_LEASED)
                 self.holder = None
                 self.say(Phase.FREE, "given back")
@@ -83,6 +86,8 @@ class FakeDaemon:
             case _:
                 raise refuse(Token.UNKNOWN_VERB, name=suffix, near="lease")
         shown = self.lease()
+        if shown is not None and fields.get("action") == "take":
+            shown = LeaseGrant(**dict(shown), secret=SECRET)
         return CommandResult(status=Status.ACCEPTED, reply=None if shown is None else dict(shown))
 
     def lease(self):
@@ -108,8 +113,9 @@ class FakeDaemon:
         self.holder = None
         self.say(Phase.RELEASING, reason)
 
-    def take_setpoint(self, arrived, raw):
+    def take_setpoint(self, suffix, arrived, raw, proof):
         """One setpoint."""
+        assert Signature(suffix, raw, proof).is_by(SECRET)
         self.setpoints.append(decode_map(raw))
         if self.refuses is not None:
             self.refuse_setpoint(self.setpoints[-1])
@@ -153,7 +159,7 @@ async def fake_daemon(**more):
         for root in ("do", "cmd"):
             bus.serve(root, daemon.answer)
         for kind in SETPOINTS:
-            bus.receive(kind.suffix, daemon.take_setpoint)
+            bus.receive(kind.suffix, partial(daemon.take_setpoint, kind.suffix))
         bus.watch_clients(daemon.client_changed)
         yield daemon
 

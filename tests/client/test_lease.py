@@ -11,10 +11,11 @@ from mkdaemon.client import lease as lease_module
 from mkdaemon.client import setpointstream
 from mkdaemon.errors import CommandRejectedError, LeaseLostError, MkError, NotEngagedError
 from mkdaemon.telemetry.control import LeaseState, Phase
-from mkdaemon.telemetry.refusals import Token
-from tests.client.fake import EPOCH, connected
+from mkdaemon.telemetry.event import CommandEvent
+from mkdaemon.telemetry.refusals import Token, refuse
+from tests.client.fake import CLOCK, EPOCH, SECRET, connected
 
-RELEASE = ("do/lease", {"action": "release", "epoch": EPOCH})
+RELEASE = ("do/lease", {"action": "release", "epoch": EPOCH, "secret": SECRET})
 
 
 async def test_neutral_sticks_are_streamed_until_the_daemon_engages_then_the_wanted_ones():
@@ -191,6 +192,20 @@ async def test_a_refusal_just_after_the_lease_was_taken_does_not_count():
         await wait_until(lambda: len(daemon.setpoints) > 3)
         daemon.refuses = None
         await flying
+
+
+async def test_refusals_of_a_strangers_setpoints_under_our_epoch_are_not_ours():
+    async with connected() as (daemon, uav), uav.lease() as lease:
+        for token in (Token.NOT_HOLDER, Token.BAD_FIELD, Token.MALFORMED):
+            error = refuse(token, holder="me", name="x", detail="y")
+            lease._event_arrived(
+                CommandEvent(
+                    stamp=CLOCK.stamp(), key="setpoint/stick", fields={"epoch": EPOCH}, status="denied",
+                    token=error.token, reason=error.reason, fix=error.fix, duration=None,
+                )
+            )  # fmt: skip
+        await lease.stick(throttle=0, seconds=0.1)
+        assert daemon.setpoints
 
 
 async def test_a_landing_ends_when_the_daemon_reports_it():

@@ -12,6 +12,7 @@ from mkdaemon.telemetry.command import LeaseRequest, ReleaseRequest
 from mkdaemon.telemetry.control import ControlLine, ReleaseOutcome
 from mkdaemon.telemetry.link import LinkCondition, LinkState
 from mkdaemon.telemetry.setpoint import StickSetpoint
+from mkdaemon.telemetry.signature import signed
 from mkdaemon.telemetry.state import Flight, GpsMode, Pilot
 from mkdaemon.telemetry.vision import VisionPose
 
@@ -65,6 +66,7 @@ class Driver:
         self.now = 0.0
         self.sequence = 0
         self.epoch = 0
+        self.secret = ""
         self.done: list[tuple[float, object]] = []
         self.facts.link_changed(link_state())
         self.core.line_changed(line)
@@ -89,6 +91,8 @@ class Driver:
 
     def request(self, action="take", *, gate=CHANNEL, **fields):
         """Ask for the lease; the gate is read as given."""
+        if action in {"renew", "release"}:
+            fields = {"secret": self.secret} | fields
         request = LeaseRequest(action=action, **fields)
         granted = self.core.lease(request, self.now)
         if granted is not None and not hasattr(granted, "epoch"):
@@ -97,7 +101,8 @@ class Driver:
 
     def take(self, holder="alice", **fields):
         """Take the lease."""
-        self.epoch = self.request(holder=holder, **fields).epoch
+        granted = self.request(holder=holder, **fields)
+        self.epoch, self.secret = granted.epoch, granted.secret
         return self.epoch
 
     def put(self, *, epoch=None, ttl=0.3, throttle=10.0, **sticks):
@@ -107,7 +112,11 @@ class Driver:
         setpoint = StickSetpoint(
             epoch=self.epoch if epoch is None else epoch, sequence=self.sequence, ttl=ttl, **fields
         )
-        return self.core.setpoint(setpoint, self.now)
+        return self.offer(setpoint)
+
+    def offer(self, setpoint):
+        """A setpoint, signed by who took the lease last; returns why it was refused."""
+        return self.core.setpoint(setpoint, self.now, signed(self.secret, setpoint.suffix, b""))
 
     def stream(self, seconds, **setpoint):
         """Setpoints at 50 Hz."""

@@ -6,12 +6,14 @@ import pytest
 
 from mkdaemon.config.control import ControlConfig
 from mkdaemon.control.authority import Authority, Fly, ReleaseOrder, SendNothing
+from mkdaemon.control.lease import LONGEST_JUMP
 from mkdaemon.control.modes import Event
 from mkdaemon.control.setpoints import StickGuidance
 from mkdaemon.control.vehicle import VehicleFacts
 from mkdaemon.errors import CommandRejectedError
 from mkdaemon.telemetry.control import Phase
 from mkdaemon.telemetry.setpoint import StickSetpoint
+from mkdaemon.telemetry.signature import Signature, signed
 
 CFG = ControlConfig()
 TICK = 0.02
@@ -25,8 +27,12 @@ def setpoint(epoch, sequence, *, pitch=0.0, ttl=0.3):
     return StickSetpoint(epoch=epoch, sequence=sequence, ttl=ttl, pitch=pitch, roll=0.0, yaw=0.0, throttle=10.0)
 
 
+SECRET = "known to the holder alone"
+SIGNED = signed(SECRET, "setpoint/stick", b"")
+
+
 def authority(first_epoch):
-    return Authority(CFG, first_epoch=first_epoch, guide=follow)
+    return Authority(CFG, first_epoch=first_epoch, guide=follow, new_secret=lambda: SECRET)
 
 
 class Cockpit:
@@ -45,7 +51,7 @@ class Cockpit:
         while self.now < end:
             if self.now >= next_setpoint:
                 self.sequence += 1
-                self.authority.offer(setpoint(epoch, self.sequence, pitch=pitch, ttl=ttl), self.now)
+                self.authority.offer(setpoint(epoch, self.sequence, pitch=pitch, ttl=ttl), self.now, SIGNED)
                 next_setpoint += 1 / rate
             self.pass_time(TICK)
 
@@ -90,7 +96,7 @@ def refused(call, token):
 
 
 def test_without_a_lease_nothing_is_sent(cockpit):
-    refused(lambda: cockpit.authority.offer(setpoint(100, 1), 0.0), "not_leased")
+    refused(lambda: cockpit.authority.offer(setpoint(100, 1), 0.0, SIGNED), "not_leased")
     cockpit.pass_time(3.0)
     assert cockpit.actions == []
     assert cockpit.authority.phase is Phase.FREE
@@ -110,7 +116,7 @@ def test_the_lease_is_one_clients_at_a_time(cockpit):
 
 def test_a_client_may_ask_for_a_shorter_life_but_not_a_longer_one(cockpit):
     assert cockpit.authority.take("alice", 0.0, ttl=1.0).ttl == 1.0
-    assert cockpit.authority.take("alice", 0.0, ttl=60.0).ttl == CFG.lease.ttl
+    assert cockpit.authority.take("alice", 0.0, ttl=60.0, force=True).ttl == CFG.lease.ttl
 
 
 def test_an_unused_lease_ends_by_itself_and_the_aircraft_is_released(cockpit):
@@ -129,9 +135,9 @@ def test_renewal_keeps_an_unused_lease(cockpit):
     epoch = cockpit.authority.take("alice", 0.0).epoch
     for _ in range(4):
         cockpit.pass_time(CFG.lease.ttl * 0.9)
-        assert cockpit.authority.renew(epoch, cockpit.now).left == pytest.approx(CFG.lease.ttl)
+        assert cockpit.authority.renew(epoch, SECRET, cockpit.now).left == pytest.approx(CFG.lease.ttl)
     assert cockpit.actions == []
-    refused(lambda: cockpit.authority.renew(epoch + 1, cockpit.now), "wrong_epoch")
+    refused(lambda: cockpit.authority.renew(epoch + 1, SECRET, cockpit.now), "wrong_epoch")
 
 
 def test_a_lease_that_has_run_out_can_be_taken_before_any_tick_noticed(cockpit):
@@ -141,20 +147,61 @@ def test_a_lease_that_has_run_out_can_be_taken_before_any_tick_noticed(cockpit):
 
 def test_giving_back_releases_and_wants_the_right_epoch(cockpit):
     epoch = cockpit.fly()
-    refused(lambda: cockpit.authority.give_back(epoch - 1), "wrong_epoch")
-    cockpit.authority.give_back(epoch)
+    refused(lambda: cockpit.authority.give_back(epoch - 1, SECRET), "wrong_epoch")
+    cockpit.authority.give_back(epoch, SECRET)
     cockpit.pass_time(0.1)
     [(_, release)] = cockpit.releases
     assert release.asked
     assert cockpit.flown == []
-    refused(lambda: cockpit.authority.give_back(epoch), "not_leased")
+    refused(lambda: cockpit.authority.give_back(epoch, SECRET), "not_leased")
 
 
 def test_every_lease_has_an_epoch_of_its_own_also_for_the_same_holder(cockpit):
     first = cockpit.fly()
-    second = cockpit.authority.take("alice", cockpit.now).epoch
+    refused(lambda: cockpit.authority.take("alice", cockpit.now), "lease_held")
+    second = cockpit.authority.take("alice", cockpit.now, force=True).epoch
     assert second > first
-    refused(lambda: cockpit.authority.offer(setpoint(first, 10_000), cockpit.now), "wrong_epoch")
+    refused(lambda: cockpit.authority.offer(setpoint(first, 10_000), cockpit.now, SIGNED), "wrong_epoch")
+
+
+@pytest.mark.parametrize(
+    "signature",
+    [
+        Signature("setpoint/stick", b"", b""),
+        signed("guessed", "setpoint/stick", b""),
+        Signature("setpoint/stick", b"another payload", SIGNED.proof),
+        Signature("setpoint/attitude", b"", SIGNED.proof),
+        Signature("setpoint/stick", b"", SIGNED.proof[:-1]),
+    ],
+    ids=["none", "another secret", "another payload", "another key", "cut"],
+)
+def test_a_stranger_who_knows_the_epoch_neither_flies_nor_ends_the_lease(cockpit, signature):
+    epoch = cockpit.fly()
+    last = cockpit.sequence
+    refused(lambda: cockpit.authority.offer(setpoint(epoch, last + 1), cockpit.now, signature), "not_holder")
+    refused(lambda: cockpit.authority.offer(setpoint(epoch, 2**62), cockpit.now, signature), "not_holder")
+    refused(lambda: cockpit.authority.renew(epoch, "guessed", cockpit.now), "not_holder")
+    refused(lambda: cockpit.authority.give_back(epoch, ""), "not_holder")
+    assert not cockpit.authority.offer(setpoint(epoch, last + 1), cockpit.now, SIGNED)
+    assert cockpit.authority.refused == 2
+
+
+def test_a_sequence_that_jumps_is_refused_and_not_believed(cockpit):
+    epoch = cockpit.authority.take("alice", 0.0).epoch
+    assert cockpit.authority.offer(setpoint(epoch, 5), 0.0, SIGNED)
+    refused(lambda: cockpit.authority.offer(setpoint(epoch, 6 + LONGEST_JUMP), 0.1, SIGNED), "sequence_jump")
+    assert not cockpit.authority.offer(setpoint(epoch, 6), 0.1, SIGNED)
+    assert not cockpit.authority.offer(setpoint(epoch, 6 + LONGEST_JUMP), 0.1, SIGNED)
+
+
+def test_only_the_grant_shows_the_secret_and_every_lease_has_another():
+    authority = Authority(CFG, first_epoch=1, guide=follow)
+    first = authority.take("alice", 0.0)
+    second = authority.take("bob", 0.0, force=True)
+    assert len(first.secret) >= 43
+    assert first.secret != second.secret
+    assert "secret" not in authority.lease(0.0).model_dump()
+    assert "secret" not in authority.renew(second.epoch, second.secret, 0.0).model_dump()
 
 
 # -- engaging ------------------------------------------------------------------------------------------------------
@@ -209,7 +256,7 @@ def test_silence_goes_stale_then_releases_then_nothing(cockpit):
     assert "no setpoint from alice" in release.reason
     assert not release.asked
     assert max(t for t, _ in cockpit.flown) < released_at
-    refused(lambda: cockpit.authority.offer(setpoint(epoch, 10_000), cockpit.now), "not_leased")
+    refused(lambda: cockpit.authority.offer(setpoint(epoch, 10_000), cockpit.now, SIGNED), "not_leased")
 
 
 def test_a_setpoint_in_time_resumes_after_staleness(cockpit):
@@ -228,7 +275,7 @@ def test_renewal_does_not_replace_setpoints_in_flight(cockpit):
         cockpit.pass_time(0.2)
         if cockpit.releases:
             break
-        cockpit.authority.renew(epoch, cockpit.now)
+        cockpit.authority.renew(epoch, SECRET, cockpit.now)
     assert len(cockpit.releases) == 1
 
 
@@ -242,9 +289,9 @@ def test_a_setpoints_own_shorter_life_is_honoured(cockpit):
 @pytest.mark.parametrize("sequence", [0, 1, 5])
 def test_old_and_repeated_sequence_numbers_are_refused(cockpit, sequence):
     epoch = cockpit.authority.take("alice", 0.0).epoch
-    assert cockpit.authority.offer(setpoint(epoch, 5), 0.0)
-    refused(lambda: cockpit.authority.offer(setpoint(epoch, sequence), 0.1), "stale_sequence")
-    assert not cockpit.authority.offer(setpoint(epoch, 6), 0.1)
+    assert cockpit.authority.offer(setpoint(epoch, 5), 0.0, SIGNED)
+    refused(lambda: cockpit.authority.offer(setpoint(epoch, sequence), 0.1, SIGNED), "stale_sequence")
+    assert not cockpit.authority.offer(setpoint(epoch, 6), 0.1, SIGNED)
 
 
 def test_the_death_of_the_holder_releases_at_once(cockpit):
@@ -277,7 +324,7 @@ def test_anybody_may_end_it_even_when_nobody_flies(cockpit):
 
 def test_while_releasing_nothing_is_sent_and_nobody_can_take_over_without_waiting(cockpit):
     epoch = cockpit.fly()
-    cockpit.authority.give_back(epoch)
+    cockpit.authority.give_back(epoch, SECRET)
     cockpit.pass_time(TICK)
     refused(lambda: cockpit.authority.take("bob", cockpit.now), "busy")
     cockpit.pass_time(2.0)
@@ -289,7 +336,7 @@ def test_while_releasing_nothing_is_sent_and_nobody_can_take_over_without_waitin
 def test_taking_by_force_releases_first_and_the_new_holder_engages_anew(cockpit):
     old = cockpit.fly()
     lease = cockpit.authority.take("bob", cockpit.now, force=True)
-    refused(lambda: cockpit.authority.offer(setpoint(old, 10_000), cockpit.now), "wrong_epoch")
+    refused(lambda: cockpit.authority.offer(setpoint(old, 10_000), cockpit.now, SIGNED), "wrong_epoch")
     cockpit.stream(1.5, lease.epoch)
     [(_, release)] = cockpit.releases
     assert release.holder == "alice"
@@ -346,7 +393,7 @@ def test_the_next_deadline_is_that_of_the_phase():
     epoch = held.take("alice", 0.0).epoch
     assert held.deadline() is None
     for step in range(1, 201):
-        held.offer(setpoint(epoch, step, ttl=0.2), step * TICK)
+        held.offer(setpoint(epoch, step, ttl=0.2), step * TICK, SIGNED)
         held.tick(step * TICK)
     last = 200 * TICK
     assert held.deadline() == pytest.approx(last + 0.2)

@@ -11,7 +11,7 @@ from mkdaemon.control.authority import Fly, ReleaseOrder
 from mkdaemon.control.modes import Event
 from mkdaemon.errors import CommandRejectedError
 from mkdaemon.telemetry.control import Phase
-from tests.control.test_authority import CFG, TICK, authority, setpoint
+from tests.control.test_authority import CFG, SIGNED, TICK, authority, setpoint
 
 
 class Race(RuleBasedStateMachine):
@@ -45,7 +45,7 @@ class Race(RuleBasedStateMachine):
             self.sequence += 1
             held = self.authority.lease(self.now)
             try:
-                self.authority.offer(setpoint(epoch, self.sequence, pitch=pitch), self.now)
+                self.authority.offer(setpoint(epoch, self.sequence, pitch=pitch), self.now, SIGNED)
             except CommandRejectedError as error:
                 assert error.token in {"not_leased", "wrong_epoch"}
                 assert held is None or held.epoch != epoch

@@ -196,7 +196,7 @@ def test_renew_show_and_give_back(drive):
 
 def test_clients_without_a_name_never_share_one(drive):
     first = drive.request()
-    drive.request("release", epoch=first.epoch)
+    drive.request("release", epoch=first.epoch, secret=first.secret)
     drive.tick()
     drive.release_ends()
     assert drive.request().holder != first.holder

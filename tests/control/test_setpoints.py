@@ -99,7 +99,7 @@ def test_a_kind_without_guidance_does_not_touch_the_stream_of_the_lease(kind):
     drive = Driver(guidance=STICKS_ALONE)
     epoch = drive.fly()
     for _ in range(10):
-        drive.core.setpoint(example(kind, epoch=epoch, sequence=10_000), drive.now)
+        drive.offer(example(kind, epoch=epoch, sequence=10_000))
         drive.put()
         drive.run(PERIOD)
     assert drive.core.phase is Phase.FLYING
@@ -123,7 +123,7 @@ def test_guidance_can_be_added_for_any_kind():
     drive = Driver(guidance={**STICKS_ALONE, AttitudeSetpoint: Lean()})
     epoch = drive.fly()
     for sequence in range(1000, 1050):
-        assert drive.core.setpoint(example(AttitudeSetpoint, epoch=epoch, sequence=sequence), drive.now) is None
+        assert drive.offer(example(AttitudeSetpoint, epoch=epoch, sequence=sequence)) is None
         drive.run(PERIOD)
     assert drive.sticks[-1].counts.roll == 10
 
@@ -132,9 +132,9 @@ def test_guidance_says_when_a_flight_may_begin():
     drive = Driver(guidance={AttitudeSetpoint: Lean()})
     epoch = drive.take()
     for sequence in range(100):
-        drive.core.setpoint(example(AttitudeSetpoint, epoch=epoch, sequence=sequence), drive.now)
+        drive.offer(example(AttitudeSetpoint, epoch=epoch, sequence=sequence))
         drive.run(PERIOD)
     assert drive.core.phase is Phase.LEASED
-    drive.core.setpoint(example(AttitudeSetpoint, epoch=epoch, sequence=1000, roll=0.0), drive.now)
+    drive.offer(example(AttitudeSetpoint, epoch=epoch, sequence=1000, roll=0.0))
     drive.run(PERIOD)
     assert drive.core.phase is Phase.FLYING

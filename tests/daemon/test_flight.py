@@ -44,13 +44,31 @@ async def test_sticks_reach_the_board_and_leave_with_the_lease():
         wanted = {"pitch": 20, "roll": -10, "yaw": -15, "throttle": 5, "config": 1}  # the wire counts roll to the left
         await flown.until(lambda: any(wanted.items() <= fields.items() for _, fields in frames(flown)))
         before = len(flown.samples)
-        answer = await client.command("do", "lease", {"action": "release", "epoch": pilot.epoch})
+        fields = {"action": "release", "epoch": pilot.epoch, "secret": pilot.secret}
+        answer = await client.command("do", "lease", fields)
         assert answer.status == "accepted"
         await flown.until_phase("free")
         await pilot.stop()
         assert len(releases(flown, before)) >= 5
         sent = [purpose for purpose, _ in frames(flown, before)]
         assert "setpoint" not in sent[sent.index("release") :]
+        shown = [sample.fields for sample in flown.samples if pilot.secret in str(sample.fields)]
+        assert shown == [], "the secret of a lease is nowhere on the bus"
+
+
+async def test_a_stranger_who_reads_the_bus_cannot_fly_under_the_lease_of_another():
+    async with live_daemon() as flown, flown.client() as client, client.token("alice"), flown.client() as other:
+        pilot = await engage(flown, client, "alice")
+        stranger = Pilot(other, "alice")
+        stranger.epoch, stranger.sticks["pitch"] = flown.values("control/status")[-1]["lease"]["epoch"], 60.0
+        stranger._sequence = 5000
+        assert not await stranger.take()
+        async with stranger:
+            await flown.until(lambda: any(event["token"] == "not_holder" for event in flown.values("event/command")))
+        assert (await other.command("do", "lease", {"action": "release", "epoch": pilot.epoch})).token == "not_holder"
+        assert all(fields["pitch"] == 0 for _, fields in frames(flown))
+        assert flown.values("control/status")[-1]["phase"] == "flying"
+        await pilot.stop()
 
 
 @pytest.mark.parametrize("way", ["killed", "frozen", "told"])

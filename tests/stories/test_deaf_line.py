@@ -14,7 +14,6 @@ from mkdaemon.bus.codec import encode_map
 from mkdaemon.link.session.traffic import Purpose
 from mkdaemon.telemetry.control import Phase
 from mkdaemon.telemetry.link import LinkCondition
-from mkdaemon.telemetry.setpoint import StickSetpoint
 
 LONGEST_SILENCE = 0.5
 """A third of systemd's 2 s, less a quarter: the watchdog must see progress at every look [s]."""
@@ -25,7 +24,7 @@ async def flying(boards):
     """A client that streams neutral sticks for as long as the context lasts, and flies."""
     async with cockpit(boards, seed=1) as flown:
         await flown.take("alice")
-        epoch = flown.epoch
+        epoch, secret = flown.epoch, flown.secret
 
         async def stream():
             sequence = 0
@@ -33,7 +32,7 @@ async def flying(boards):
                 sequence += 1
                 sticks = {"pitch": 0.0, "roll": 0.0, "yaw": 0.0, "throttle": 0.0}
                 raw = encode_map({**sticks, "epoch": epoch, "sequence": sequence, "ttl": 0.3})
-                flown.flight.setpoint_arrived(StickSetpoint, asyncio.get_running_loop().time(), raw)
+                flown.stream(raw, secret=secret)
                 await asyncio.sleep(0.02)
 
         client = asyncio.create_task(stream())
@@ -128,7 +127,7 @@ def test_nobody_is_told_to_fly_while_the_line_waits_for_a_dead_man():
                 sequence += 1
                 sticks = {"pitch": 0.0, "roll": 0.0, "yaw": 0.0, "throttle": 0.0}
                 raw = encode_map({**sticks, "epoch": flown.epoch, "sequence": sequence, "ttl": 0.3})
-                flown.flight.setpoint_arrived(StickSetpoint, loop.time(), raw)
+                flown.stream(raw)
                 await asyncio.sleep(0.02)
             assert flown.flight.phase is not Phase.FLYING
             assert not sticks_since(flown, quiet)

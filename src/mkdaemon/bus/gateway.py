@@ -29,6 +29,7 @@ from mkdaemon.errors import CommandRejectedError
 from mkdaemon.stamp import Stamp
 from mkdaemon.telemetry.command import CommandResult, refused
 from mkdaemon.telemetry.refusals import Token, refuse
+from mkdaemon.telemetry.signature import SIGNATURE_BYTES
 
 _log = structlog.get_logger(__name__)
 _RESULT_ENCODING: Final = encoding_of(CommandResult)
@@ -38,8 +39,8 @@ FLOOD: Final = 64
 
 Handler = Callable[[str, Payload], Awaitable[CommandResult]]
 """Answers a command: suffix and payload to a result; may raise `CommandRejectedError`."""
-Taker = Callable[[float, Payload], None]
-"""Takes a setpoint: arrival [s; monotonic] and payload; called on the loop, returns at once, never raises."""
+Taker = Callable[[float, Payload, bytes], None]
+"""Takes a setpoint: arrival [s; monotonic], payload, signature; called on the loop, returns at once, never raises."""
 Watcher = Callable[[str, bool], None]
 """Takes a client's coming (True) or going (False), by its name; called on the loop."""
 
@@ -160,7 +161,7 @@ class Bus:
         What is too long is not even copied.
         """
         loop, lock = self._loop, threading.Lock()
-        waiting: deque[tuple[float, Payload]] = deque(maxlen=FLOOD)
+        waiting: deque[tuple[float, Payload, bytes]] = deque(maxlen=FLOOD)
         is_called = False
 
         def drain() -> None:
@@ -169,14 +170,14 @@ class Bus:
                 is_called = False
                 arrived = list(waiting)
                 waiting.clear()
-            for stamp, payload in arrived:
-                take(stamp, payload)
+            for setpoint in arrived:
+                take(*setpoint)
 
         def on_sample(sample: zenoh.Sample) -> None:
             nonlocal is_called
-            payload = _read(sample.payload, suffix)
+            payload, proof = _read(sample.payload, suffix), _signature(sample.attachment)
             with lock:
-                waiting.append((time.monotonic(), payload))
+                waiting.append((time.monotonic(), payload, proof))
                 if not is_called:
                     is_called = True
                     loop.call_soon_threadsafe(drain)
@@ -261,6 +262,12 @@ class Bus:
         for task in self._answering:
             task.cancel()
         await asyncio.gather(*self._answering, return_exceptions=True)
+
+
+def _signature(attachment: zenoh.ZBytes | None) -> bytes:
+    """Copy a signature; what has not its length is none."""
+    is_signed = attachment is not None and len(attachment) == SIGNATURE_BYTES
+    return attachment.to_bytes() if attachment is not None and is_signed else b""
 
 
 def _read(payload: zenoh.ZBytes | None, suffix: str) -> Payload:

@@ -12,7 +12,7 @@ from pydantic import BaseModel
 
 from mkdaemon.telemetry import mission, settings
 from mkdaemon.telemetry.command import CommandResult, Labels, LabelsRequest, LeaseRequest, RateRequest, ReleaseRequest
-from mkdaemon.telemetry.control import ControlEstimate, ControlOutput, ControlStatus
+from mkdaemon.telemetry.control import ControlEstimate, ControlOutput, ControlStatus, LeaseGrant
 from mkdaemon.telemetry.event import ClockEvent, CommandEvent, FailsafeEvent, LogEvent, ModeEvent
 from mkdaemon.telemetry.image import CameraFrame
 from mkdaemon.telemetry.link import LinkHealth, LinkState, LinkTraffic
@@ -144,7 +144,7 @@ KEYS: Final[tuple[KeySpec, ...]] = (
         "health", _P, VehicleHealth, "1 Hz and on change", "Whether the vehicle is alive (the daemon: see `alive`)."
     ),
     KeySpec("cmd/<board>/<message>", _Q, CommandResult, "", "A MikroKopter request; its typed reply, or a refusal."),
-    KeySpec("do/lease", _Q, LeaseRequest, "", "Take, renew, give back or show the lease."),
+    KeySpec("do/lease", _Q, LeaseRequest, "", "Take, renew, give back or show the lease.", LeaseGrant),
     KeySpec("do/release", _Q, ReleaseRequest, "", "Let go of the aircraft now; anyone may."),
     KeySpec("do/rate", _Q, RateRequest, "", "Ask for a stream at a rate."),
     KeySpec("do/labels", _Q, LabelsRequest, "", "Names of a board's debug channels, kept by firmware.", Labels),

@@ -203,6 +203,6 @@ class Leasing(Transport):
         if ttl is not None:
             fields["ttl"] = ttl
         async with self.token(name), self._watch_unchecked("control/status", "event/command") as statuses:
-            epoch = int((await self.command("do", "lease", fields)).require()["epoch"])
-            async with Lease(self, name, epoch, statuses) as lease:
+            granted = (await self.command("do", "lease", fields)).require()
+            async with Lease(self, name, int(granted["epoch"]), str(granted["secret"]), statuses) as lease:
                 yield lease

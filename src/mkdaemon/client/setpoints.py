@@ -15,16 +15,17 @@ if TYPE_CHECKING:
 
 
 class Setpoints:
-    """Streams setpoints of every kind under one epoch.
+    """Streams setpoints of every kind under one lease.
 
     Attributes:
         sequence: number of the last setpoint; counts up over all kinds.
     """
 
-    def __init__(self, transport: Transport, epoch: int) -> None:
+    def __init__(self, transport: Transport, epoch: int, secret: str) -> None:
         self.sequence = 0
         self._transport = transport
         self._epoch = epoch
+        self._secret = secret
         self._publishers: dict[str, tuple[zenoh.Publisher, str]] = {}
 
     def check(self, kind: str, ttl: float, fields: Mapping[str, Any]) -> BaseModel:
@@ -49,20 +50,22 @@ class Setpoints:
             raise refuse(Token.BAD_FIELD, name=model.__name__, detail=first_mistake(error)) from error
 
     def put(self, kind: str, ttl: float, fields: Mapping[str, Any]) -> None:
-        """Check a setpoint and put it.
+        """Check a setpoint, sign it and put it.
 
         Raises:
             CommandRejectedError: `bad_field`.
             MkError: there is no such kind.
         """
         from mkdaemon.bus.codec import encode, encoding_of
+        from mkdaemon.telemetry.signature import sign
 
         setpoint = self.check(kind, ttl, fields)
         if kind not in self._publishers:
             self._publishers[kind] = (self._transport.stream(f"setpoint/{kind}"), encoding_of(type(setpoint)))
         publisher, encoding = self._publishers[kind]
         self.sequence += 1
-        publisher.put(encode(setpoint), encoding=encoding)
+        payload = encode(setpoint)
+        publisher.put(payload, encoding=encoding, attachment=sign(self._secret, f"setpoint/{kind}", payload))
 
 
 @cache

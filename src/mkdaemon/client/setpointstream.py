@@ -30,6 +30,8 @@ SETTLING: Final = 1.0
 """Status from before the lease may still arrive for so long after it was granted [s]."""
 GIVING_BACK: Final = 3.0
 """Longest wait for the answer when the lease is given back [s]; the end of the liveliness token ends it as well."""
+_OF_STRANGERS: Final = frozenset({"not_holder", "bad_field", "malformed"})
+"""Refusals that no setpoint from here can meet: signed and checked as they are, others send those under our epoch."""
 
 
 class SetpointStream:
@@ -40,12 +42,15 @@ class SetpointStream:
         epoch: number of the lease; every setpoint carries it.
     """
 
-    def __init__(self, transport: Transport, holder: str, epoch: int, statuses: AsyncIterator[Sample]) -> None:
+    def __init__(
+        self, transport: Transport, holder: str, epoch: int, secret: str, statuses: AsyncIterator[Sample]
+    ) -> None:
         self.holder = holder
         self.epoch = epoch
+        self._secret = secret
         self._transport = transport
         self._statuses = statuses
-        self._setpoints = Setpoints(transport, epoch)
+        self._setpoints = Setpoints(transport, epoch, secret)
         self._loop = asyncio.get_running_loop()
         self._taken_at = self._heard_at = self._loop.time()
         self._status: ControlStatus | None = None
@@ -65,7 +70,7 @@ class SetpointStream:
     async def _give_back(self) -> None:
         """Release the aircraft; what is refused, or not answered, has ended already."""
         with suppress(MkError):
-            fields = {"action": "release", "epoch": self.epoch}
+            fields = {"action": "release", "epoch": self.epoch, "secret": self._secret}
             await self._transport.command("do", "lease", fields, patience=GIVING_BACK)
 
     @property
@@ -111,7 +116,8 @@ class SetpointStream:
         """
         from mkdaemon.telemetry.control import LeaseState
 
-        reply = (await self._transport.command("do", "lease", {"action": "renew", "epoch": self.epoch})).require()
+        fields = {"action": "renew", "epoch": self.epoch, "secret": self._secret}
+        reply = (await self._transport.command("do", "lease", fields)).require()
         return LeaseState.model_validate(reply)
 
     async def _fly(
@@ -181,7 +187,7 @@ class SetpointStream:
 
     def _event_arrived(self, event: CommandEvent) -> None:
         is_ours = event.key.startswith("setpoint/") and event.fields.get("epoch") == self.epoch
-        if is_ours and event.token is not None:
+        if is_ours and event.token is not None and event.token not in _OF_STRANGERS:
             self._refusal = CommandRejectedError(event.token, event.reason or "", event.fix or "")
 
     def _status_arrived(self, status: ControlStatus) -> None:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from secrets import token_hex
 
 from mkdaemon.config.control import ControlConfig
 from mkdaemon.control.lease import Lease
@@ -16,9 +17,10 @@ from mkdaemon.control.limiter import Sticks
 from mkdaemon.control.modes import IN_FLIGHT, Event, Reaction, Row, Situation, find_row
 from mkdaemon.control.setpoints import Guided
 from mkdaemon.errors import CommandRejectedError
-from mkdaemon.telemetry.control import LeaseState, Phase
+from mkdaemon.telemetry.control import LeaseGrant, LeaseState, Phase
 from mkdaemon.telemetry.refusals import Token, refuse
 from mkdaemon.telemetry.setpoint import Setpoint
+from mkdaemon.telemetry.signature import Signature
 
 Guide = Callable[[Setpoint, float, bool], Guided]
 """Turns a setpoint into sticks, at a time [s]; whether its sticks are being sent."""
@@ -75,7 +77,9 @@ class Authority:
         refused: setpoints refused since the start.
     """
 
-    def __init__(self, cfg: ControlConfig, *, first_epoch: int, guide: Guide) -> None:
+    def __init__(
+        self, cfg: ControlConfig, *, first_epoch: int, guide: Guide, new_secret: Callable[[], str] = token_hex
+    ) -> None:
         """Start with nobody flying.
 
         Args:
@@ -83,8 +87,10 @@ class Authority:
             first_epoch: epoch of the first lease; must be above every epoch of an earlier run of the daemon, so that
                 nothing a client still streams from before is applied.
             guide: turns a setpoint into sticks.
+            new_secret: makes the secret of a lease.
         """
         self._cfg = cfg
+        self._new_secret = new_secret
         self._next_epoch = first_epoch
         self._guide = guide
         self._lease: Lease | None = None
@@ -114,8 +120,8 @@ class Authority:
 
     # -- what clients ask for -------------------------------------------------------------------------------------
 
-    def take(self, holder: str, now: float, *, ttl: float | None = None, force: bool = False) -> LeaseState:
-        """Give the lease to a client.
+    def take(self, holder: str, now: float, *, ttl: float | None = None, force: bool = False) -> LeaseGrant:
+        """Give the lease to a client; another one of the present holder's name is another client.
 
         Args:
             holder: its name.
@@ -127,35 +133,37 @@ class Authority:
             CommandRejectedError: `lease_held`, `busy` (a release is under way).
         """
         present = self.lease(now)
-        if present is not None and present.left > 0 and present.holder != holder and not force:
+        if present is not None and present.left > 0 and not force:
             raise refuse(Token.LEASE_HELD, holder=present.holder, left=present.left)
         if present is None and self.phase is Phase.RELEASING:
             raise refuse(Token.BUSY, detail="a release is under way")
         if present is not None:
             self.end(Event.LEASE_TAKEN_OVER, taker=holder)
         life = self._cfg.lease.ttl if ttl is None else min(ttl, self._cfg.lease.ttl)
-        self._lease = Lease(holder, self._next_epoch, life, sign_of_life=now, since=now, arrived=now)
+        secret = self._new_secret()
+        self._lease = Lease(holder, self._next_epoch, secret, life, sign_of_life=now, since=now, arrived=now)
         self._next_epoch += 1
         self._move(Event.LEASE_TAKEN)
-        return self._lease.shown(now)
+        return LeaseGrant(**self._lease.shown(now).__dict__, secret=secret)
 
-    def renew(self, epoch: int, now: float) -> LeaseState:
+    def renew(self, epoch: int, secret: str, now: float) -> LeaseState:
         """Take a sign of life without a setpoint.
 
         Raises:
-            CommandRejectedError: `not_leased`, `wrong_epoch`.
+            CommandRejectedError: `not_leased`, `wrong_epoch`, `not_holder`.
         """
         lease = self._check(epoch)
+        lease.check_secret(secret)
         lease.sign_of_life = now
         return lease.shown(now)
 
-    def give_back(self, epoch: int) -> None:
+    def give_back(self, epoch: int, secret: str) -> None:
         """End the lease because its holder is done.
 
         Raises:
-            CommandRejectedError: `not_leased`, `wrong_epoch`.
+            CommandRejectedError: `not_leased`, `wrong_epoch`, `not_holder`.
         """
-        self._check(epoch)
+        self._check(epoch).check_secret(secret)
         self.end(Event.LEASE_RETURNED)
 
     def client_gone(self, holder: str) -> None:
@@ -174,25 +182,33 @@ class Authority:
         if row is not None:
             self._pending = self._release_order(row, **words)
 
-    def offer(self, setpoint: Setpoint, now: float) -> bool:
+    def offer(self, setpoint: Setpoint, now: float, signature: Signature) -> bool:
         """Take a setpoint; the newest of the present lease wins.
 
         Returns:
             Whether it is the first of its epoch.
 
         Raises:
-            CommandRejectedError: `not_leased`, `wrong_epoch`, `stale_sequence`.
+            CommandRejectedError: `not_leased`, `wrong_epoch`, `not_holder`, `stale_sequence`, `sequence_jump`.
         """
-        try:
-            lease = self._check(setpoint.epoch)
-            if lease.newest is not None and setpoint.sequence <= lease.newest.sequence:
-                raise refuse(Token.STALE_SEQUENCE, sequence=setpoint.sequence, last=lease.newest.sequence)
-        except CommandRejectedError:
-            self.refused += 1
-            raise
+        lease = self.check_setpoint(setpoint, signature)
         is_first = lease.newest is None
         lease.take_setpoint(setpoint, self._cfg.lease, now)
         return is_first
+
+    def check_setpoint(self, setpoint: Setpoint, signature: Signature) -> Lease:
+        """Return the lease a setpoint stands on; take nothing yet.
+
+        Raises:
+            CommandRejectedError: see `offer`.
+        """
+        try:
+            lease = self._check(setpoint.epoch)
+            lease.check_setpoint(setpoint, signature)
+        except CommandRejectedError:
+            self.refused += 1
+            raise
+        return lease
 
     # -- what happens ---------------------------------------------------------------------------------------------
 

@@ -30,6 +30,7 @@ from mkdaemon.telemetry.control import ControlLine, LeaseState, Obstacle, Phase,
 from mkdaemon.telemetry.link import LinkCondition, LinkState
 from mkdaemon.telemetry.refusals import Token, refuse
 from mkdaemon.telemetry.setpoint import Setpoint
+from mkdaemon.telemetry.signature import Signature
 from mkdaemon.telemetry.state import Attitude
 from mkdaemon.telemetry.vision import VisionPose
 
@@ -85,16 +86,18 @@ class FlightCore:
 
     # -- what clients want ----------------------------------------------------------------------------------------
 
-    def setpoint(self, setpoint: Setpoint, at: float) -> CommandRejectedError | None:
-        """Take a streamed setpoint; the newest of the present lease wins.
+    def setpoint(self, setpoint: Setpoint, at: float, signature: Signature) -> CommandRejectedError | None:
+        """Take a streamed setpoint; the newest of the present lease wins, if the holder signed it.
 
         Returns:
-            Why it was refused: `no_guidance`, `no_estimate`, `no_frame`, `not_leased`, `wrong_epoch`, `stale_sequence`;
-            None where it was taken.
+            Why it was refused: `no_guidance`, `no_estimate`, `no_frame`, and see `Authority.offer`; None where it was
+            taken.
         """
         try:
+            # Who sent it comes first: a stranger's setpoint must not be reported as one that the holder got wrong.
+            self._authority.check_setpoint(setpoint, signature)
             guidance_for(setpoint, self._guidance).check(setpoint)
-            is_first = self._authority.offer(setpoint, at)
+            is_first = self._authority.offer(setpoint, at, signature)
         except CommandRejectedError as error:
             self.setpoint_refused(setpoint.suffix, setpoint.__dict__, error, at)
             return error
@@ -123,7 +126,8 @@ class FlightCore:
             gate: what was read after the same request was answered with `ReadGate`.
 
         Returns:
-            The lease as it is now, None for nobody; or `ReadGate`: read the gate and ask again.
+            The lease as it is now (`LeaseGrant` for who took it), None for nobody; or `ReadGate`: read the gate and ask
+            again.
 
         Raises:
             CommandRejectedError: see `Authority`; also `no_control`, `link_down`, `gate_shut` and `gate_constant`.
@@ -143,9 +147,9 @@ class FlightCore:
                 granted = self._authority.take(holder, at, ttl=request.ttl, force=request.force)
                 self._patience.lease_taken(openings)
             case "renew":
-                granted = self._authority.renew(epoch, at)
+                granted = self._authority.renew(epoch, request.secret, at)
             case "release":
-                self._authority.give_back(epoch)
+                self._authority.give_back(epoch, request.secret)
             case _:
                 granted = self._authority.lease(at)
         self._pacing.is_due = True

@@ -3,10 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from hmac import compare_digest
+from typing import Final
 
 from mkdaemon.config.control import LeaseConfig, LimiterConfig
 from mkdaemon.telemetry.control import LeaseState
+from mkdaemon.telemetry.refusals import Token, refuse
 from mkdaemon.telemetry.setpoint import Setpoint
+from mkdaemon.telemetry.signature import Signature
+
+LONGEST_JUMP: Final = 10_000
+"""Most that the sequence may grow from one setpoint to the next: 200 s of a stream at 50 Hz."""
 
 
 @dataclass(slots=True)
@@ -15,7 +22,8 @@ class Lease:
 
     Attributes:
         holder: the client.
-        epoch: number of the lease.
+        epoch: number of the lease; everybody may know it.
+        secret: what only the holder knows.
         ttl: life without a sign of life [s].
         sign_of_life: when the latest came: a setpoint or a renewal [s].
         since: since when its stream lives without a pause [s].
@@ -25,6 +33,7 @@ class Lease:
 
     holder: str
     epoch: int
+    secret: str
     ttl: float
     sign_of_life: float
     since: float
@@ -35,6 +44,31 @@ class Lease:
         """Return the lease as the bus shows it."""
         left = max(0.0, self.sign_of_life + self.ttl - now)
         return LeaseState(holder=self.holder, epoch=self.epoch, ttl=self.ttl, left=left)
+
+    def check_secret(self, secret: str) -> None:
+        """Make sure that the holder asks.
+
+        Raises:
+            CommandRejectedError: `not_holder`.
+        """
+        if not compare_digest(secret.encode(), self.secret.encode()):
+            raise refuse(Token.NOT_HOLDER, holder=self.holder)
+
+    def check_setpoint(self, setpoint: Setpoint, signature: Signature) -> None:
+        """Make sure that the holder streams it, that it is newer than the last one, and not unbelievably so.
+
+        Raises:
+            CommandRejectedError: `not_holder`, `stale_sequence`, `sequence_jump`.
+        """
+        if not signature.is_by(self.secret):
+            raise refuse(Token.NOT_HOLDER, holder=self.holder)
+        if self.newest is None:
+            return
+        sequence, last = setpoint.sequence, self.newest.sequence
+        if sequence <= last:
+            raise refuse(Token.STALE_SEQUENCE, sequence=sequence, last=last)
+        if sequence - last > LONGEST_JUMP:
+            raise refuse(Token.SEQUENCE_JUMP, sequence=sequence, last=last, limit=LONGEST_JUMP)
 
     def take_setpoint(self, setpoint: Setpoint, cfg: LeaseConfig, now: float) -> None:
         """Take the newest setpoint; after a pause the stream lives anew."""

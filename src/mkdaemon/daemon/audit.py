@@ -44,7 +44,8 @@ class Audit:
                 self.log("warning", report.text)
 
     def command(self, key: str, fields: dict[str, Any], result: CommandResult) -> None:
-        """A command and its end."""
+        """A command and its end; the secret of a lease stays one."""
+        fields = {**fields, "secret": "..."} if "secret" in fields else fields
         event = CommandEvent(
             stamp=self._clock.stamp(),
             key=key,

@@ -27,6 +27,7 @@ from mkdaemon.link.session.traffic import ReleaseResult
 from mkdaemon.telemetry.command import LeaseRequest, ReleaseRequest
 from mkdaemon.telemetry.control import ControlEstimate, ControlOutput, ControlStatus, LeaseState, Phase
 from mkdaemon.telemetry.setpoint import Setpoint
+from mkdaemon.telemetry.signature import Signature
 from mkdaemon.translate import aircraft_model, extern_control
 
 RELEASE_TIMEOUT: Final = 5.0
@@ -62,8 +63,15 @@ class FlightControl:
 
     # -- what the bus brings --------------------------------------------------------------------------------------
 
-    def setpoint_arrived(self, kind: type[Setpoint], arrived: float, payload: Payload) -> None:
-        """Take a streamed setpoint; one that is refused is counted and reported."""
+    def setpoint_arrived(self, kind: type[Setpoint], arrived: float, payload: Payload, proof: bytes) -> None:
+        """Take a streamed setpoint; one that is refused is counted and reported.
+
+        Args:
+            kind: what the key carries.
+            arrived: [s; monotonic].
+            payload: as it came.
+            proof: its attachment; see `telemetry.signature`.
+        """
         fields = {"bytes": payload.size if isinstance(payload, TooLong) else len(payload)}
         try:
             fields = decode_map(payload)
@@ -71,7 +79,8 @@ class FlightControl:
         except CommandRejectedError as error:
             self._core.setpoint_refused(kind.suffix, fields, error, arrived)
             return
-        self._core.setpoint(setpoint, arrived)
+        assert isinstance(payload, bytes)
+        self._core.setpoint(setpoint, arrived, Signature(kind.suffix, payload, proof))
         self._news.set()
 
     def client_changed(self, name: str, is_here: bool) -> None:

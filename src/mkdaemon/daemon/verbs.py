@@ -62,7 +62,8 @@ class Verbs:
         else:
             lease = await self._flight.lease(request)
         reply: dict[str, Any] = {} if lease is None else dict(lease)
-        return CommandResult(status=Status.ACCEPTED, reply=reply, reply_type=schema_name(LeaseState))
+        model = LeaseState if lease is None else type(lease)
+        return CommandResult(status=Status.ACCEPTED, reply=reply, reply_type=schema_name(model))
 
     async def _release(self, payload: Payload) -> CommandResult:
         """Answer `do/release`."""

@@ -47,10 +47,12 @@ class LeaseRequest(Command):
     action: Literal["take", "renew", "release", "show"]
     """What to do."""
     holder: str = Field(default="", max_length=64, pattern=r"^[A-Za-z0-9._-]*$")
-    """Who asks; also the last chunk of its liveliness token `mk/<vehicle>/client/<holder>`. Who gives the name of the
-    holder takes its place; who gives none gets one of its own."""
+    """Who asks; also the last chunk of its liveliness token `mk/<vehicle>/client/<holder>`. Who gives none gets one of
+    its own."""
     epoch: int | None = None
     """The lease to renew or give back."""
+    secret: str = Field(default="", max_length=64)
+    """What the answer to `take` said; renewing and giving back need it."""
     ttl: float | None = Field(default=None, ge=0.5, le=60)
     """Time the lease lives without renewal or setpoints, if shorter than configured [s]."""
     force: bool = False

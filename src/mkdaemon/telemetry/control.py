@@ -79,6 +79,13 @@ class LeaseState(Telemetry):
     """Time until it ends without a sign of life [s]."""
 
 
+class LeaseGrant(LeaseState):
+    """The lease as its holder alone sees it: the answer to taking it."""
+
+    secret: str
+    """Signs every setpoint (see Flying by sticks), and renews or gives back the lease. Never published."""
+
+
 class ControlStatus(Stamped):
     """Authority and what it does: `control/status`, on every change and once a second."""
 

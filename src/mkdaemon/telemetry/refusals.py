@@ -112,6 +112,16 @@ REFUSALS: Final[Mapping[str, Refusal]] = {
     Token.WRONG_EPOCH: Refusal(
         Status.DENIED, "epoch {epoch} is not the lease's epoch {current}.", "Take a lease and use the epoch it returns."
     ),
+    Token.NOT_HOLDER: Refusal(
+        Status.DENIED,
+        "only {holder} has the secret of the lease, and this was not made with it.",
+        "Sign setpoints with the secret that `take` returned; docs/keys.md shows how.",
+    ),
+    Token.SEQUENCE_JUMP: Refusal(
+        Status.DENIED,
+        "sequence {sequence} is more than {limit} after {last}.",
+        "Count sequence up by one from one setpoint to the next.",
+    ),
     Token.STALE_SEQUENCE: Refusal(
         Status.DENIED, "sequence {sequence} is not after {last}.", "Count sequence up from one setpoint to the next."
     ),

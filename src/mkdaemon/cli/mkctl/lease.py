@@ -12,7 +12,7 @@ from mkdaemon.client.identity import client_name
 
 app: Final = App(
     name="lease",
-    help="The right to fly: one client at a time holds it. Setpoints carry its epoch; those of any other are refused.",
+    help="The right to fly: one client at a time holds it. Only who knows its secret can stream setpoints under it.",
 )
 
 
@@ -24,7 +24,7 @@ async def take(
     force: Annotated[bool, Parameter(negative=(), help="Take it from whoever holds it.")] = False,
     connection: Connection = HERE,
 ) -> None:
-    """Take the lease and print its epoch; it ends by itself when no setpoints follow.
+    """Take the lease and print its epoch and secret; it ends by itself when no setpoints follow.
 
     Args:
         holder: Name others see; default: user, machine and process.
@@ -36,13 +36,14 @@ async def take(
 
 
 @app.command
-async def release(epoch: int, *, connection: Connection = HERE) -> None:
+async def release(epoch: int, secret: str, *, connection: Connection = HERE) -> None:
     """Give the lease back; the aircraft is released.
 
     Args:
         epoch: As `take` printed it.
+        secret: As `take` printed it.
     """
-    await _lease({"action": "release", "epoch": epoch}, connection)
+    await _lease({"action": "release", "epoch": epoch, "secret": secret}, connection)
 
 
 @app.command
@@ -58,5 +59,7 @@ async def _lease(fields: dict[str, Any], connection: Connection) -> None:
         print(json_line(reply))
     elif reply:
         print(f"{reply['holder']} holds the lease: epoch {reply['epoch']}, {reply['left']:.1f} s left")
+        if "secret" in reply:
+            print(f"secret {reply['secret']}")
     else:
         print("nobody holds the lease")
