@@ -12,6 +12,7 @@ from mkdaemon.clock import Clock
 from mkdaemon.config.commands import CommandsConfig
 from mkdaemon.control.vehicle import VehicleFacts
 from mkdaemon.daemon import requests
+from mkdaemon.daemon.procedures import Interlock
 from mkdaemon.daemon.requests import BoardRequests
 from mkdaemon.errors import LinkLostError, RequestTimeoutError
 from mkdaemon.link.session.peers import Peers
@@ -19,6 +20,7 @@ from mkdaemon.protocol.dialect import Dialect, Evidence, decide
 from mkdaemon.protocol.messages import Echo, MotorTest, VersionFc210, VersionRequest
 from mkdaemon.protocol.wire import Board
 from mkdaemon.telemetry.command import CommandResult
+from mkdaemon.telemetry.control import Phase
 from tests.control.events import link_state
 
 TURNING = [30] + [0] * 15
@@ -73,7 +75,10 @@ class Desk:
         self.facts.link_changed(link_state())
         self.facts.motors_reported(False, STILL.now())
         self.line = Line()
-        self._requests = BoardRequests(cfg or CommandsConfig(), self.line, self.facts, self, STILL)
+        self.interlock = Interlock(lambda: self.phase)
+        self.phase = Phase.FREE
+        admit = self.interlock.check_request
+        self._requests = BoardRequests(cfg or CommandsConfig(), self.line, self.facts, self, STILL, admit=admit)
 
     def command(self, key, fields, result):
         self.events.append((key, fields, result))
@@ -241,3 +246,41 @@ async def test_confirm_must_be_true_and_nothing_like_it(desk):
     for confirm in (1, "yes", None, False):
         result = await desk.ask("fc/motor_test", {"motors": TURNING, "confirm": confirm})
         assert result.token == "not_confirmed"
+
+
+@pytest.mark.parametrize(
+    ("place", "fields"),
+    [
+        ("fc/beep", {"duration": 500, "count": 1}),
+        ("fc/select_settings", {"index": 2}),
+        ("fc/settings_request", {"index": 2}),
+        ("fc/recalibrate", {"what": 1}),
+        ("fc/motor_test", {"motors": TURNING}),
+    ],
+)
+async def test_a_request_that_makes_the_board_deaf_is_refused_while_someone_may_fly(place, fields):
+    desk = Desk(CommandsConfig(allow_fork_arming=True))
+    for phase in (Phase.LEASED, Phase.FLYING, Phase.STALE, Phase.RELEASING):
+        desk.phase = phase
+        result = await desk.ask(place, {**fields, "confirm": True})
+        assert (result.status, result.token) == ("denied", "flying"), result
+        assert phase.value in result.reason
+        assert result.fix
+    assert desk.line.asked == []
+    desk.phase = Phase.FREE
+    assert (await desk.ask(place, {**fields, "confirm": True})).token is None
+
+
+async def test_a_request_behind_a_navictrl_is_refused_while_someone_may_fly(desk):
+    """The NaviCtrl passes the line through for it, and no stick frame gets through meanwhile."""
+    desk.line.direct_board, desk.phase = Board.NC, Phase.FLYING
+    assert (await desk.ask("fc/receiver_request")).token == "flying"
+    assert (await desk.ask("nc/echo_request", {"pattern": 7})).token is None
+
+
+async def test_what_telemetry_said_about_the_motors_a_second_ago_lets_nothing_pass(desk, monkeypatch):
+    monkeypatch.setattr(requests, "MOTORS_WAIT", 0.05)
+    desk.facts.motors_reported(False, STILL.now() - 1.0)
+    assert (await desk.ask("fc/motor_test", {"motors": TURNING, "confirm": True})).token == "motors_unknown"
+    desk.facts.motors_reported(False, STILL.now() - 0.4)
+    assert (await desk.ask("fc/motor_test", {"motors": TURNING, "confirm": True})).token is None

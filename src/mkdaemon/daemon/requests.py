@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import difflib
 from collections.abc import Callable
+from contextlib import suppress
 from typing import Any, Final
 
 from pydantic import ValidationError
@@ -13,7 +14,7 @@ from mkdaemon.bus.codec import Payload, decode_map, first_mistake, schema_name
 from mkdaemon.clock import Clock
 from mkdaemon.config.commands import CommandsConfig
 from mkdaemon.control.danger import check_danger, check_proof
-from mkdaemon.control.vehicle import VehicleFacts
+from mkdaemon.control.vehicle import FRESH, VehicleFacts
 from mkdaemon.daemon.audit import Audit
 from mkdaemon.daemon.discovery import require_discovery
 from mkdaemon.errors import CommandRejectedError, LinkLostError, RequestTimeoutError
@@ -29,6 +30,12 @@ from mkdaemon.telemetry.refusals import Status, Token, refuse
 
 PASSAGE: Final = 5.0
 """How long a bare redirection lasts [s]; a client waits 15 s for an answer."""
+MOTORS_FRESH: Final = 0.5
+"""What telemetry says about the motors counts for so long where a request must not meet running ones [s]."""
+MOTORS_WAIT: Final = 1.5
+"""How long to wait for telemetry to say it again, where it is slower [s]."""
+Admit = Callable[[Board, str, bool], None]
+"""Refuses a request to a board; told its name, and whether it makes the board deaf."""
 _BOARDS = {board.word: board for board in Board if board is not Board.ANY}
 
 
@@ -43,7 +50,7 @@ class BoardRequests:
         audit: Audit,
         clock: Clock,
         *,
-        admit: Callable[[Board], None] = lambda board: None,
+        admit: Admit = lambda board, name, is_slow: None,
     ) -> None:
         """Answer for one line.
 
@@ -53,7 +60,7 @@ class BoardRequests:
             facts: what is known about the vehicle.
             audit: hears of every command.
             clock: of the daemon.
-            admit: refuses what would disturb a procedure.
+            admit: refuses what would disturb a procedure or whoever flies.
         """
         self._cfg = cfg
         self._admit = admit
@@ -80,11 +87,14 @@ class BoardRequests:
         confirmed = fields.pop("confirm", False) is True
         message = self._build(board, name, fields)
         danger = _danger_of(message)
+        is_slow = self._is_slow(board, message, danger)
+        if is_slow or (danger is not None and danger.confirm is Confirm.IN_FLIGHT):
+            self._admit(board, name, is_slow)
         if danger is not None:
-            if danger.stopped or danger.confirm is Confirm.IN_FLIGHT:
-                self._admit(board)
             await require_discovery(self._link, self._facts.link)
-        self.check_request(board, message, is_confirmed=confirmed)
+            if danger.stopped:
+                await self._wait_for_motors()
+        self.check_request(board, message, is_confirmed=confirmed, within=MOTORS_FRESH)
         async with way_to(self._link, board, message):
             await self.prove_board(board, message)
             if message.spec.danger is not None and message.spec.danger.turns_motors:
@@ -93,13 +103,34 @@ class BoardRequests:
                 return await self._pass_through(message.port)
             return await self._converse(board, message)
 
-    def check_request(self, board: Board, message: WireMessage, *, is_confirmed: bool) -> None:
+    def _is_slow(self, board: Board, message: WireMessage, danger: Danger | None) -> bool:
+        """Whether nobody's stick frames reach the aircraft while the request is at work.
+
+        A board that writes, beeps or calibrates is deaf; a NaviCtrl that passes the line through sends nothing else;
+        what must not meet running motors is no request for a flight either.
+        """
+        is_deaf = message.spec.policy(board).deaf > 0 or isinstance(message, Redirect)
+        is_behind = self._link.direct_board is Board.NC and board is not Board.NC and not message.spec.is_forwarded
+        return is_deaf or is_behind or (danger is not None and danger.stopped)
+
+    async def _wait_for_motors(self) -> None:
+        """Wait for telemetry to say anew whether motors run, where it said so a moment ago."""
+        if self._facts.motors_running(self._clock.now()) is None:
+            return
+        with suppress(TimeoutError):
+            async with asyncio.timeout(MOTORS_WAIT):
+                # Telemetry is a state, not an event.
+                while self._facts.motors_running(self._clock.now(), MOTORS_FRESH) is None:  # noqa: ASYNC110
+                    await asyncio.sleep(0.02)
+
+    def check_request(self, board: Board, message: WireMessage, *, is_confirmed: bool, within: float = FRESH) -> None:
         """Let a request pass, or refuse it.
 
         Args:
             board: who is asked.
             message: the request.
             is_confirmed: whoever asks knows the danger.
+            within: how old telemetry about the motors may be [s].
 
         Raises:
             CommandRejectedError: `unsupported`, `read_only`, or what `check_danger` refuses.
@@ -112,7 +143,7 @@ class BoardRequests:
                 danger,
                 is_confirmed=is_confirmed,
                 switches=[switch for switch in Switch if getattr(self._cfg, switch)],
-                motors_running=self._facts.motors_running(self._clock.now()),
+                motors_running=self._facts.motors_running(self._clock.now(), within),
                 is_testing_motors=self._facts.is_testing_motors(self._clock.now()),
             )
 

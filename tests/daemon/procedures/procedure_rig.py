@@ -63,9 +63,9 @@ class Guard(BoardRequests):
 
     refusal: Callable[[Any], None] = staticmethod(lambda message: None)
 
-    def check_request(self, board: Any, message: Any, *, is_confirmed: bool) -> None:
+    def check_request(self, board: Any, message: Any, **how: Any) -> None:
         self.refusal(message)
-        super().check_request(board, message, is_confirmed=is_confirmed)
+        super().check_request(board, message, **how)
 
 
 class ProcedureRig:

@@ -85,9 +85,9 @@ async def test_procedures_and_flying_exclude_each_other(tmp_path):
         with pytest.raises(CommandRejectedError, match="settings_backup is under way"), rig.interlock.taking_lease():
             pass
         with pytest.raises(CommandRejectedError, match="settings_backup is under way"):
-            rig.interlock.check_request(Board.FC)
+            rig.interlock.check_request(Board.FC, "beep", is_slow=True)
         await asked
-        rig.interlock.check_request(Board.FC)
+        rig.interlock.check_request(Board.FC, "beep", is_slow=True)
 
 
 @virtually

@@ -51,12 +51,19 @@ class Interlock:
         finally:
             self._leases -= 1
 
-    def check_request(self, board: Board) -> None:
-        """Refuse a single dangerous request that would disturb a procedure, or an unproven FlightCtrl.
+    def check_request(self, board: Board, name: str, is_slow: bool) -> None:
+        """Refuse a single dangerous request that would disturb a procedure or whoever flies, or an unproven FlightCtrl.
+
+        Args:
+            board: who is asked.
+            name: of the request.
+            is_slow: stick frames do not reach the aircraft meanwhile, and the last tilt would come back afterwards.
 
         Raises:
-            CommandRejectedError: `busy` or `live_set_owed`.
+            CommandRejectedError: `flying`, `busy` or `live_set_owed`.
         """
+        if is_slow and (self._leases or self._phase() is not Phase.FREE):
+            raise refuse(Token.FLYING, name=f"{board.word}/{name}", phase=self._shown_phase())
         if board is Board.FC:
             self._check_owed("this request")
         self._check_running()
@@ -76,7 +83,10 @@ class Interlock:
             self._check_owed(verb)
         self._check_running()
         if is_alone and (self._leases or self._phase() is not Phase.FREE):
-            raise refuse(Token.FLYING, name=verb, phase="leased" if self._leases else self._phase().value)
+            raise refuse(Token.FLYING, name=verb, phase=self._shown_phase())
+
+    def _shown_phase(self) -> str:
+        return (Phase.LEASED if self._leases else self._phase()).value
 
     def _check_running(self) -> None:
         if self.running is not None:
