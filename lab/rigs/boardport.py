@@ -19,7 +19,6 @@ from mkdaemon.sim.simulation import Simulation
 
 TICK_TIME: Final = 1e-3
 """How often bytes are carried [s]."""
-BANNER: Final = b"\r\n\r\nFlight-Ctrl HW:2.2 SW:2.12a\r\nreceiver: PPM\r\nACC neutral: 510 512 700\r\n"
 
 
 class LineFault(StrEnum):
@@ -47,7 +46,7 @@ class LineFault(StrEnum):
     TEXT_FLOOD = "text_flood"
     """Boot banners come without end."""
     REBOOT = "reboot"
-    """The board is off for two seconds, says its banner, and has forgotten every subscription."""
+    """Every board is reset: boot text, seconds of silence, every subscription forgotten, the first frame kept."""
     UNPLUGGED = "unplugged"
     """The device disappears while it is read."""
     GONE_DURING_WRITE = "gone_during_write"
@@ -135,7 +134,6 @@ class BoardPort:
         self._loss: str | None = None
         self._arrived = asyncio.Event()
         self._decoder = FrameDecoder()
-        self._back_at = 0.0
         self._loop = asyncio.get_running_loop()
         self._timer = self._loop.call_later(TICK_TIME, self._tick)
         socket.aircraft.advance(socket.now())  # what was said while nobody listened is gone
@@ -185,7 +183,7 @@ class BoardPort:
         socket.wire.append((socket.now(), data))
         if self.fault is LineFault.STUCK_WRITER:
             self._stuck += len(data)
-        elif self.fault not in (LineFault.ONE_WAY, LineFault.REBOOT) and self._baud == socket.right_baud:
+        elif self.fault is not LineFault.ONE_WAY and self._baud == socket.right_baud:
             socket.aircraft.write(self._spoil(data), socket.now())
 
     async def drain(self) -> None:
@@ -206,7 +204,8 @@ class BoardPort:
         """Begin a fault; NONE ends it."""
         self.fault, self.amount = fault, amount
         if fault is LineFault.REBOOT:
-            self._back_at = self._socket.now() + 2.0
+            for name in ("fc_reboot", "nc_reboot") if self._socket.aircraft.navigation else ("fc_reboot",):
+                self._socket.aircraft.world.faults.start(name)
         if fault is LineFault.UNPLUGGED:
             self._socket.unplug()
         if fault is not LineFault.STUCK_WRITER:
@@ -216,13 +215,11 @@ class BoardPort:
         self._timer = self._loop.call_later(TICK_TIME, self._tick)
         socket = self._socket
         now = socket.now()
-        if self.fault is LineFault.REBOOT:
-            if now >= self._back_at:
-                socket.power_cycle()
-                self.fault = LineFault.NONE
-                self._deliver(BANNER)
-            return
         said = b"".join(chunk for _, chunk in socket.aircraft.advance(now))
+        flight = socket.aircraft.flight
+        is_reset = not socket.aircraft.world.faults.is_active("fc_reboot")
+        if self.fault is LineFault.REBOOT and is_reset and now >= flight.booted_at:
+            self.fault = LineFault.NONE
         self._deliver(self._corrupt(said))
 
     def _deliver(self, data: bytes) -> None:

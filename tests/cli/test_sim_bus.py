@@ -56,6 +56,20 @@ async def test_truth_and_faults_reach_a_client_of_the_daemon(simulation):
             heard.undeclare()
 
 
+async def test_the_pilot_is_asked_over_the_bus(simulation, monkeypatch):
+    asked = []
+    monkeypatch.setattr(simulation, "start_pilot", lambda: asked.append(True))
+    endpoint = free_endpoint()
+    async with (
+        Bus.open(bus_config(endpoint), "t9"),
+        sim_on_bus(simulation, SimConfig(connect=(endpoint,)), "t9"),
+    ):
+        with client(endpoint) as session:
+            ((_, answer, _),) = await wait_for_blocking(lambda: ask(session, "mk/t9/sim/start", {}))
+            assert answer["status"] == "accepted"
+    assert asked
+
+
 async def test_without_a_daemon_the_simulator_waits_and_joins_later(simulation):
     endpoint = free_endpoint()
     async with sim_on_bus(simulation, SimConfig(connect=(endpoint,)), "t9"):

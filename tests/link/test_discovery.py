@@ -33,7 +33,7 @@ async def test_a_navictrl_is_found_its_streams_started_and_the_flightctrl_behind
 
 @virtually
 async def test_looking_behind_a_navictrl_waits_for_motors_known_off():
-    async with rig(navi_ctrl(pilot_plan="hover")) as r:
+    async with rig(navi_ctrl(pilot_plan="hover", pilot_wait=0.0)) as r:
         await r.until_up()
         await asyncio.sleep(0.2)
         running = any(int(s.frame.payload[67]) & 1 for s in r.log.rx if s.frame.id == "O")
@@ -67,7 +67,7 @@ async def test_a_flightctrl_that_was_silent_at_first_is_asked_again():
 
 @virtually
 async def test_an_aircraft_that_flew_at_first_is_known_once_its_motors_stop():
-    async with rig(navi_ctrl(pilot_plan="hover")) as r:
+    async with rig(navi_ctrl(pilot_plan="hover", pilot_wait=0.0)) as r:
         boards, loop = r.socket.aircraft, asyncio.get_running_loop()
         passed_on = boards.write
         boards.write = lambda data, at: None if b"#cu" in data else passed_on(data, at)

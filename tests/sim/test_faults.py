@@ -20,6 +20,8 @@ NAMES = (
     "wind_gust",
     "battery_drop",
     "fc_reboot",
+    "nc_reboot",
+    "spi_lost",
     "nc_sd_stall",
     "gps_lost",
     "compass_bias",

@@ -69,15 +69,44 @@ def test_an_xbee_adds_its_latency_both_ways():
 
 
 def test_the_pilot_arms_takes_off_and_hovers_through_the_boards():
-    host = Host(pilot_plan=PilotPlan.HOVER)
+    host = Host(pilot_plan=PilotPlan.HOVER, pilot_wait=0.0)
     host.run(12.0)
     simulation = host.simulation
     assert simulation.flight.core.flying
     assert simulation.world.truth.position_enu[2] == pytest.approx(2.1, abs=0.5)
 
 
-def test_a_reboot_in_flight_ends_it():
+@pytest.mark.parametrize("plan", [plan for plan in PilotPlan if plan is not PilotPlan.NOTHING])
+def test_every_plan_waits_20_s_unless_told_otherwise(plan):
+    """The sticks stay at rest, throttle down, although a machine already asks for control."""
+    control = encode_frame(1, "b", bytes([0, 0, 0, 0, 0, 1, 0]))
+
+    def moved_at(**options):
+        host = Host(board="fc", pilot_plan=plan, calibrated=True, **options)
+        pilot = host.simulation.world.pilot
+        while host.simulation.now < 26.0:
+            host.simulation.write(control, host.simulation.now)
+            host.run(0.25)
+            if (pilot.pitch, pilot.roll, pilot.yaw, pilot.gas) != (0, 0, 0, -127):
+                return host.simulation.now
+        return None
+
+    assert moved_at() == pytest.approx(20.1, abs=0.4)
+    assert moved_at(pilot_wait=5.0) == pytest.approx(5.1, abs=0.4)
+
+
+def test_the_pilot_begins_when_he_is_asked():
     host = Host(pilot_plan=PilotPlan.HOVER)
+    host.run(3.0)
+    assert host.simulation.world.pilot.gas == -127
+    host.simulation.start_pilot()
+    host.run(0.2)
+    assert host.simulation.world.pilot.gas == 127, "he calibrates first"
+    Host(pilot_plan=PilotPlan.NOTHING).simulation.start_pilot()
+
+
+def test_a_reboot_in_flight_ends_it():
+    host = Host(pilot_plan=PilotPlan.HOVER, pilot_wait=0.0)
     host.run(9.0)
     assert host.simulation.world.truth.airborne
     host.simulation.world.faults.start("fc_reboot")

@@ -163,20 +163,22 @@ def test_what_refreshes_the_dead_man(word, hold_time, letter, keeps):
 
 def test_control_needs_a_good_receiver():
     bench = started("2.12a")
-    bench.send(control("2.12a", pitch=40), 2.0)
-    bench.run(2.1)
+    bench.run(4.0)
+    bench.send(control("2.12a", pitch=40), 4.0)
+    bench.run(4.1)
     bench.aircraft.pilot.rc_quality = 0
     for number in range(40):
-        bench.send(control("2.12a", pitch=40), 2.1 + 0.05 * number)
-    bench.run(2.5)
+        bench.send(control("2.12a", pitch=40), 4.1 + 0.05 * number)
+    bench.run(4.5)
     assert bench.board.core.emergency
-    first = next(at for at, told in bench.aircraft.sticks if at > 2.1 and told.gas == 65)
-    assert first - 2.1 <= 0.3
+    first = next(at for at, told in bench.aircraft.sticks if at > 4.1 and told.gas == 65)
+    assert first - 4.1 <= 0.3
     assert sticks(bench).pitch == 0
 
 
 def test_emergency_throttle_lasts_9_2_s():
     bench = started("2.12a")
+    bench.run(4.0)
     bench.aircraft.pilot.rc_quality = 0
     bench.run(20.0)
     began = next(at for at, told in bench.aircraft.sticks if told.gas == 65)
@@ -256,14 +258,15 @@ def test_arming_is_refused(spoil):
 
 def test_without_pulses_sticks_are_looked_at_twice_a_second():
     bench = started("2.14")
+    bench.run(4.0)
     bench.aircraft.pilot.rc_quality = 0
-    bench.send(control("2.14", config=0xC1), 2.0)
-    bench.run(3.0)
+    bench.send(control("2.14", config=0xC1), 4.2)
+    bench.run(5.2)
     times = []
     for number in range(60):
-        bench.send(control("2.14", pitch=1 + number, config=0xC1), 3.0 + 0.1 * number)
-    bench.run(9.0)
-    times = [at for at, _ in bench.aircraft.sticks if at > 3.2]
+        bench.send(control("2.14", pitch=1 + number, config=0xC1), 5.2 + 0.1 * number)
+    bench.run(11.2)
+    times = [at for at, _ in bench.aircraft.sticks if at > 5.4]
     gaps = [b - a for a, b in itertools.pairwise(times)]
     assert gaps
     assert all(gap == pytest.approx(0.53, abs=0.02) for gap in gaps)
@@ -298,7 +301,7 @@ def test_low_battery_counts_per_cell(voltage, low):
 def test_height_control_is_told_to_the_loop_and_shown():
     bench = started("2.12a")
     raw = Parameters(bench.board.live.raw).with_value("global_config", bench.board.live["global_config"] | 1)
-    bench.board.live = Parameters(Parameters(raw).with_value("altitude_channel", 254))
+    bench.board.live = Parameters(Parameters(raw).with_value("altitude_channel", 6))
     for switch, on in ((255, True), (0, False)):
         bench.aircraft.pilot.switches[2] = switch
         bench.run(bench.board.now + 0.2)

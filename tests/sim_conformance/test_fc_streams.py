@@ -114,15 +114,17 @@ def parameter_set(bench):
 
 DEAF = [
     # what, frame payload letter, seconds until the next frame is handled, from firmware notes
-    ("s", lambda bench: encode_frame(1, "s", b"\x03" + parameter_set(bench)), 1.33),
-    ("f", lambda bench: encode_frame(1, "f", b"\x03"), 0.73),
     ("m", lambda bench: encode_frame(1, "m", bench.board.eeprom.mixer), 0.3),
     ("q13", lambda bench: encode_frame(1, "q", b"\x0d"), 0.5),
     ("q23", lambda bench: encode_frame(1, "q", b"\x17"), 0.5),
-    ("o", lambda bench: encode_frame(1, "o", (100).to_bytes(2, "little") + b"\x01"), 0.24),
+    ("R", lambda bench: encode_frame(1, "R"), 4.95),
+]
+DEAF_WITHOUT_A_BUFFER = [
+    ("s", lambda bench: encode_frame(1, "s", b"\x03" + parameter_set(bench)), 1.33),
+    ("f", lambda bench: encode_frame(1, "f", b"\x03"), 0.73),
+    ("o", lambda bench: encode_frame(1, "o", (100).to_bytes(2, "little") + b"\x01"), 0.29),
     ("e", lambda bench: encode_frame(1, "e"), 0.85),
     ("r", lambda bench: encode_frame(1, "r", b"\x01"), 1.5),
-    ("R", lambda bench: encode_frame(1, "R"), 5.25),
 ]
 
 
@@ -132,11 +134,23 @@ def test_deaf_times_keep_one_frame_and_answer_it_late(make, deaf_time):
     began = bench.send(make(bench), 2.0)
     # one frame is kept, the others are lost
     for number, letter in enumerate("vgg"):
-        bench.send(encode_frame(1, letter), 2.0 + 0.05 + 0.3 * (letter == "v" and deaf_time > 5) + 0.03 * number)
+        bench.send(encode_frame(1, letter), 2.0 + 0.05 + 0.3 * (letter == "v" and deaf_time > 4) + 0.03 * number)
     late = [received for received in bench.run(9.0) if received.frame.id in "VG"]
     assert late[0].frame.id == "V"
     assert late[0].first - began == pytest.approx(deaf_time, rel=0.15, abs=0.02)
     assert [received.frame.id for received in late if received.first - began < deaf_time + 0.05] == ["V"]
+
+
+@pytest.mark.parametrize(
+    ("make", "deaf_time"), [row[1:] for row in DEAF_WITHOUT_A_BUFFER], ids=[row[0] for row in DEAF_WITHOUT_A_BUFFER]
+)
+def test_deaf_times_in_which_every_frame_is_lost(make, deaf_time):
+    bench = fc_bench(gas_law=GasLaw.FORK)
+    began = bench.send(make(bench), 2.0)
+    for number in range(60):
+        bench.send(encode_frame(1, "v"), 2.05 + 0.03 * number)
+    answers = [received.first - began for received in bench.run(5.0) if received.frame.id == "V"]
+    assert answers[0] == pytest.approx(deaf_time, abs=0.05)
 
 
 def test_boot_prints_text_and_forgets():

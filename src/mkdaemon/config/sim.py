@@ -61,8 +61,9 @@ class SimConfig(Section):
     """File that keeps parameter sets, mixer and motor controller settings; none forgets them at the end."""
     pilot_plan: PilotPlan = PilotPlan.CIRCLE
     """What the pilot does."""
-    pilot_wait: float = Field(default=0.0, ge=0.0, le=600.0)
-    """Before he touches the sticks [s]: a daemon looks behind a NaviCtrl for the FlightCtrl only with motors off."""
+    pilot_wait: float = Field(default=20.0, ge=0.0, le=600.0)
+    """Before he touches the sticks, unless `mkctl sim start` asks him earlier [s]: a daemon looks behind a NaviCtrl for
+    the FlightCtrl only with motors off."""
     nc_loop: float = Field(default=0.1e-3, ge=0.05e-3, le=5e-3)
     """Period of the NaviCtrl's main loop [s]; 1 ms loses half of the control frames at 50 Hz."""
     flight: FlightConfig = FlightConfig()

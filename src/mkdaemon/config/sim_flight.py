@@ -40,7 +40,7 @@ class AirframeConfig(Section):
     drag: float = Field(default=0.35, ge=0.0, le=2.0)
     """Linear drag over mass [1/s]: 0.35 with ducts; 0.18 reproduces the tilt run-away of an open airframe."""
     hover_count: float = Field(default=125.0, ge=80.0, le=180.0)
-    """Gas that carries the flying mass out of ground effect [count]."""
+    """Set point that carries the flying mass out of ground effect with 3.2 V a cell [count]; the stick needs more."""
     motor_lag: float = Field(default=0.060, ge=0.005, le=0.2)
     """First-order lag of the collective thrust [s]; 0.030 to 0.090 seen."""
     torque_per_thrust: float = Field(default=0.016, gt=0.0)
@@ -62,8 +62,8 @@ class LoopConfig(Section):
 
     rate_lag: float = Field(default=0.040, ge=0.01, le=0.2)
     """Lag of the closed pitch and roll rate loops [s]."""
-    yaw_rate_lag: float = Field(default=0.10, ge=0.02, le=0.5)
-    """Lag of the closed yaw rate loop [s]."""
+    yaw_torque_lag: float = Field(default=0.06, ge=0.01, le=0.5)
+    """Lag of the yaw torque behind the yaw rate loop [s]: with the loop's gains a step overshoots by 40 %."""
     leak_dead_band_deg: float = Field(default=0.35, ge=0.0)
     """Difference between gyro angle and accelerometer angle that is not corrected [deg]."""
     leak_slew_deg: float = Field(default=12.8, gt=0.0)
@@ -72,7 +72,7 @@ class LoopConfig(Section):
     """Integer arithmetic of the stick filter: a growing stick stalls up to 3/Stick_P counts short."""
     compass_lock: bool = True
     """The FlightCtrl holds its heading against the compass while the yaw stick rests."""
-    compass_lock_gain: float = Field(default=0.5, ge=0.0, le=5.0)
+    compass_lock_gain: float = Field(default=0.8, ge=0.0, le=5.0)
     """Yaw rate per heading error of that lock [1/s]."""
 
 
@@ -91,8 +91,8 @@ class BatteryConfig(Section):
     """Current at hover [A]."""
     avionics_current: float = Field(default=0.6, ge=0.0)
     """Current of everything but the motors [A]."""
-    low_cell_v: float = Field(default=3.3, gt=2.5, lt=4.2)
-    """Cell voltage under which the boards report LOWBAT and stop compensating gas [V]."""
+    low_cell_v: float = Field(default=3.2, gt=2.5, lt=4.2)
+    """Cell voltage at which the simulated pilot lands [V]; the boards' own level is in their parameter set."""
 
 
 class SensorConfig(Section):
@@ -104,6 +104,10 @@ class SensorConfig(Section):
     """Rate bias left after calibration, drawn within +- this [deg/s]."""
     acc_noise: float = Field(default=0.15, ge=0.0)
     """White noise of the accelerometers at the loop rate [m/s2], one sigma."""
+    acc_scale_min: float = Field(default=0.79, gt=0.5, le=1.0)
+    """Smallest scale of the accelerometer tilt the FlightCtrl leaks towards; the scale is drawn once per seed."""
+    acc_scale_max: float = Field(default=1.0, gt=0.5, le=1.5)
+    """Largest scale of it: 0.79 to 1 are accelerometers of 216 to 170 counts a g."""
     acc_mount_deg: float = Field(default=1.5, ge=0.0, le=10.0)
     """Mount error of the accelerometer, drawn within 0 to this in a random direction [deg]."""
     fc_angle_scale: float = Field(default=1.0, ge=0.5, le=1.5)
@@ -126,10 +130,12 @@ class SensorConfig(Section):
     @classmethod
     def ideal(cls) -> SensorConfig:
         """Return sensors without noise, bias or steps: what an open-loop check wants."""
-        return cls(**dict.fromkeys(_NOISES, 0.0))
+        return cls(acc_scale_min=1.0, acc_scale_max=1.0, **dict.fromkeys(_NOISES, 0.0))
 
 
-_NOISES = tuple(name for name in SensorConfig.model_fields if name != "fc_angle_scale")
+_NOISES = tuple(
+    name for name in SensorConfig.model_fields if name not in ("fc_angle_scale", "acc_scale_min", "acc_scale_max")
+)
 
 
 class PilotConfig(Section):

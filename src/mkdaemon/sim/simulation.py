@@ -11,7 +11,7 @@ from mkdaemon.sim.boards.generations import FC_GENERATIONS, NC_GENERATIONS
 from mkdaemon.sim.boards.line import HOST_CHAR
 from mkdaemon.sim.boards.nc import NaviCtrl
 from mkdaemon.sim.physics.hand_flight import CircleFlight, HandFlight
-from mkdaemon.sim.physics.pilot import Program
+from mkdaemon.sim.physics.pilot import DelayedProgram, Program
 from mkdaemon.sim.physics.world import World
 from mkdaemon.sim.radio import Channel
 from mkdaemon.sim.supervision import Supervision
@@ -56,13 +56,20 @@ class Simulation:
         self.port: NaviCtrl | FlightCtrl = self.navigation or self.flight
         self._to_board = Channel(config.radio.to_board, f"{config.seed} to board")
         self._to_host = Channel(config.radio.to_host, f"{config.seed} to host")
-        self.world.pilot.program = self._plan(config.pilot_plan, config.pilot_wait)
+        program = self._plan(config.pilot_plan)
+        self._delayed = None if program is None else DelayedProgram(program, config.pilot_wait)
+        self.world.pilot.program = self._delayed
 
-    def _plan(self, plan: PilotPlan, wait_time: float) -> Program | None:
+    def start_pilot(self) -> None:
+        """Let the pilot begin now; without effect once he has begun, or where he has no plan."""
+        if self._delayed is not None:
+            self._delayed.start()
+
+    def _plan(self, plan: PilotPlan) -> Program | None:
         if plan is PilotPlan.CIRCLE:
-            return CircleFlight(wait_time=wait_time)
+            return CircleFlight()
         if plan is PilotPlan.HOVER:
-            return HandFlight(wait_time=wait_time)
+            return HandFlight()
         if plan is PilotPlan.NOTHING:
             return None
         flight = self.flight  # not its core: a reboot makes a new one

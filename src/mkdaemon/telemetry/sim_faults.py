@@ -120,6 +120,8 @@ FAULTS: Final[dict[str, FaultSpec]] = {
         {"share": _number(0.02, 0.0, 1.0, "", "light left")},
     ),
     "fc_reboot": FaultSpec(Reader.BOARDS, "The FlightCtrl restarts, in flight too.", once=True),
+    "nc_reboot": FaultSpec(Reader.BOARDS, "The NaviCtrl restarts and loses its waypoints, in flight too.", once=True),
+    "spi_lost": FaultSpec(Reader.BOARDS, "The NaviCtrl hears nothing from the FlightCtrl behind it."),
     "nc_sd_stall": FaultSpec(Reader.BOARDS, "The NaviCtrl is busy with its SD card.", duration=2.0),
 }
 """Every fault there is; keys, CLI, help and documentation are read from here."""

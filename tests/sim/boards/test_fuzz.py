@@ -24,7 +24,7 @@ def test_any_frame_to_a_flightctrl(word, law):
     bench = fc_bench(word, gas_law=law)
     at = 1.1
     for _ in range(150):
-        letter = rng.choice(LETTERS.replace("j", ""))
+        letter = rng.choice(LETTERS.replace("j", "").replace("o", ""))  # both can be deaf until power-off
         payload = rng.randbytes(rng.choice((0, 1, 2, 3, 7, 9, 11, 16, 30, 78, 145)))
         bench.send(encode_frame(rng.randrange(4), letter, payload), at)
         at += rng.uniform(0.005, 0.4)

@@ -39,8 +39,8 @@ def test_gains_of_the_parameter_sets(name: str, deg_per_count: float, a1: float,
     assert math.degrees(gains.rad_per_count) == pytest.approx(deg_per_count, abs=0.0006)
     assert gains.a1 == pytest.approx(a1, rel=0.005)
     assert gains.a2 == pytest.approx(a2, rel=0.005)
-    assert math.degrees(gains.yaw_linear) == pytest.approx(0.6)
-    assert math.degrees(gains.yaw_square) == pytest.approx(0.0047)
+    assert math.degrees(gains.yaw_linear) == pytest.approx(0.4)
+    assert math.degrees(gains.yaw_square) == pytest.approx(0.0047 * 4 / 6)
 
 
 def test_gains_of_any_parameter_set_are_finite() -> None:
@@ -124,6 +124,38 @@ def test_easy_step_has_the_measured_overshoot(stick_filter: bool, ta: float) -> 
     assert 0.9 * 0.15 <= overshoot(respond("easy", stick_filter=stick_filter, ta=ta)) <= 1.1 * 0.19
 
 
+GENUINE_TILT = {0.25: 3.4, 0.5: 7.4, 1.0: 12.8, 2.0: 19.3, 3.0: 22.2, 4.0: 21.4}
+"""True tilt of the genuine firmware after a constant 18 counts, Easy set: seconds and degrees."""
+GENUINE_BELIEVED = {0.25: 3.0, 0.5: 5.9, 1.0: 7.8, 2.0: 8.6, 4.0: 8.8}
+
+
+def test_a_constant_command_tilts_as_on_the_genuine_firmware_where_the_accelerometer_is_weakest() -> None:
+    sensors = SensorConfig.ideal().model_copy(update={"acc_scale_min": 0.79, "acc_scale_max": 0.79})
+    world = World(FlightConfig(wind=WindClass.NONE, sensors=sensors), seed=1, start=StartState(height=60.0))
+    tilts = []
+    for _ in range(round(4.0 / DT)):
+        world.step(StickInput(18.0, 0.0, 0.0, 127.0, motors_running=True))
+        tilts.append((math.degrees(world.truth.pitch), math.degrees(world.sensors.fc_angle_pitch)))
+    for when, tilt in GENUINE_TILT.items():
+        assert tilts[round(when / DT) - 1][0] == pytest.approx(tilt, abs=0.25)
+    for when, tilt in GENUINE_BELIEVED.items():
+        assert tilts[round(when / DT) - 1][1] == pytest.approx(tilt, abs=0.15)
+
+
+def test_the_scale_of_the_accelerometer_is_drawn_once_per_seed() -> None:
+    def tilt(seed: int) -> float:
+        sensors = SensorConfig.ideal().model_copy(update={"acc_scale_min": 0.79})
+        world = World(FlightConfig(wind=WindClass.NONE, sensors=sensors), seed=seed, start=StartState(height=60.0))
+        for _ in range(round(4.0 / DT)):
+            world.step(StickInput(18.0, 0.0, 0.0, 127.0, motors_running=True))
+        return math.degrees(world.truth.pitch)
+
+    tilts = [tilt(seed) for seed in range(8)]
+    assert 16.9 < min(tilts) < max(tilts) < 21.5
+    assert max(tilts) - min(tilts) > 1.0
+    assert tilt(3) == tilts[3]
+
+
 @pytest.mark.parametrize("truncate", [False, True])
 def test_constant_command_runs_away_while_the_board_sees_nothing(truncate: bool) -> None:
     """The leak: 8 deg commanded become 7.4, 12.9, 20 and 24.7 deg after 0.5, 1, 2 and 4 s; the board shows 8.5.
@@ -193,7 +225,7 @@ def turn(stick: float, seconds: float, *, lock: bool = True) -> tuple[YawLoop, f
 
 
 @pytest.mark.parametrize(
-    ("stick", "rate_deg"), [(0, 0), (4, 0), (8, 2.4752), (-8, -2.4752), (44, 31.52), (-44, -31.52)]
+    ("stick", "rate_deg"), [(0, 0), (4, 0), (8, 1.65), (-8, -1.65), (12, 3.4), (20, 7.2), (40, 18.46), (-40, -18.46)]
 )
 def test_yaw_is_a_rate_with_a_dead_band(stick: float, rate_deg: float) -> None:
     _, early = turn(stick, 2.0)
@@ -201,11 +233,50 @@ def test_yaw_is_a_rate_with_a_dead_band(stick: float, rate_deg: float) -> None:
     assert (late - early) / 2.0 == pytest.approx(rate_deg, rel=0.01, abs=1e-9)
 
 
-@pytest.mark.parametrize("stick", [5, 7, -7])
+GENUINE_YAW = [(8, 1.5), (12, 3.25), (20, 7.5), (40, 19.3)]
+"""Stick and yaw rate [deg/s] of the genuine firmware, Easy set."""
+
+
+@pytest.mark.parametrize(("stick", "rate_deg"), GENUINE_YAW)
+def test_yaw_rates_of_the_easy_set_are_the_genuine_ones(stick: float, rate_deg: float) -> None:
+    _, early = turn(stick, 2.0)
+    _, late = turn(stick, 4.0)
+    assert (late - early) / 2.0 == pytest.approx(rate_deg, rel=0.1)
+
+
+def test_a_yaw_step_overshoots_by_40_percent_and_settles_in_0_35_s() -> None:
+    loop = YawLoop(AttitudeGains.from_parameters(), LoopConfig(), 0.0)
+    yaw = rate = 0.0
+    rates = []
+    for _ in range(round(1.5 / DT)):
+        loop.update(40.0, rate, yaw, flying=True)
+        rate += loop.acceleration * DT
+        yaw += rate * DT
+        rates.append(rate)
+    final = rates[-1]
+    share = [value / final for value in rates]
+    assert next(k for k, value in enumerate(share) if value >= 0.63) * DT == pytest.approx(0.08, abs=0.01)
+    assert max(share) - 1.0 == pytest.approx(0.40, abs=0.04)
+    assert max(k for k, value in enumerate(share) if abs(value - 1.0) > 0.05) * DT == pytest.approx(0.35, abs=0.04)
+
+
+def test_the_compass_lock_pulls_with_0_8_of_the_error_a_second() -> None:
+    loop = YawLoop(AttitudeGains.from_parameters(), LoopConfig(), 0.0)
+    yaw, rate, turned = math.radians(10.0), 0.0, 0.0
+    loop.locked_yaw, loop.heading = 0.0, yaw
+    for _ in range(round(1.5 / DT)):
+        loop.update(0.0, rate, yaw, flying=True)
+        rate += loop.acceleration * DT
+        yaw += rate * DT
+        turned = rate
+    assert -turned / yaw == pytest.approx(0.8, rel=0.1)
+
+
+@pytest.mark.parametrize("stick", [6, 7, -7])
 def test_a_small_yaw_stick_creeps_against_the_compass_lock(stick: float) -> None:
     _, early = turn(stick, 10.0)
     _, late = turn(stick, 20.0)
-    assert 0.5 < abs(late) < 5.0
+    assert 0.3 < abs(late) < 5.0
     assert late == pytest.approx(early, abs=0.1)
     _, free = turn(stick, 20.0, lock=False)
     assert abs(free) > 10.0

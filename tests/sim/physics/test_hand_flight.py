@@ -10,6 +10,7 @@ import pytest
 from mkdaemon.config.sim_flight import BatteryConfig, FlightConfig, WindClass
 from mkdaemon.sim.physics.attitude_loop import FAST, AttitudeGains
 from mkdaemon.sim.physics.hand_flight import CircleFlight, HandFlight, Phase
+from mkdaemon.sim.physics.pilot import DelayedProgram, Program
 from mkdaemon.sim.physics.world import StartState, World
 
 from .steering import RcBoard
@@ -92,13 +93,24 @@ def test_flies_other_parameter_sets_too(wind: WindClass) -> None:
     assert world.truth.position_enu[2] == pytest.approx(2.1, abs=0.3)
 
 
-def armed_after(program: HandFlight) -> float:
-    board = board_of(program)
+def armed_after(program: Program) -> float:
+    return armed_in(board_of(program))
+
+
+def armed_in(board: RcBoard) -> float:
     while not board.armed:
         board.run(0.05)
     return board.world.now
 
 
 def test_the_pilot_leaves_the_sticks_alone_until_it_is_time() -> None:
-    late = armed_after(HandFlight(height=1.0, wait_time=3.0)) - armed_after(HandFlight(height=1.0))
+    late = armed_after(DelayedProgram(HandFlight(height=1.0), 3.0)) - armed_after(HandFlight(height=1.0))
     assert late == pytest.approx(3.0, abs=0.1)
+
+
+def test_the_pilot_begins_when_he_is_asked() -> None:
+    program = DelayedProgram(HandFlight(height=1.0), 60.0)
+    board = board_of(program)
+    board.run(2.0)
+    program.start()
+    assert armed_in(board) - armed_after(HandFlight(height=1.0)) == pytest.approx(2.0, abs=0.1)

@@ -87,9 +87,16 @@ def test_stands_until_gas_lifts_it() -> None:
 
 
 def test_hover_gas_holds_the_height_in_still_air() -> None:
-    world = run(World(QUIET, seed=1, start=StartState(height=3.0)), 5.0)
-    assert world.truth.position_enu == pytest.approx([0.0, 0.0, 3.1], abs=0.05)
-    assert math.degrees(world.truth.tilt) < 0.01
+    """Whole counts of gas hover between two of them, and a little above the hover count of the rotors."""
+    climbed = {}
+    for gas in (125.0, 129.0):
+        start = World(QUIET, seed=1, start=StartState(height=3.0))
+        world = run(start, 3.0, StickInput(0.0, 0.0, 0.0, gas, motors_running=True))
+        climbed[gas] = world.truth.position_enu[2] - 3.1
+        assert world.truth.position_enu[:2] == pytest.approx([0.0, 0.0], abs=1e-6)
+        assert math.degrees(world.truth.tilt) < 0.01
+    assert -1.5 < climbed[125.0] < -0.05
+    assert 0.05 < climbed[129.0] < 1.5
 
 
 @pytest.mark.parametrize(
@@ -109,7 +116,7 @@ def test_firmware_signs_move_the_aircraft(field: str, axis: int, sign: float) ->
 def test_yaw_positive_turns_the_nose_left() -> None:
     world = World(QUIET, seed=1, start=StartState(height=10.0, yaw=0.0))
     run(world, 2.0, StickInput(0.0, 0.0, 44.0, 125.0, motors_running=True))
-    assert math.degrees(world.truth.yaw) == pytest.approx(2.0 * 31.5, rel=0.1)
+    assert math.degrees(world.truth.yaw) == pytest.approx(2.0 * 21.0, rel=0.1)
     assert world.sensors.heading_deg == pytest.approx(90.0 - math.degrees(world.truth.yaw), abs=2.0)
 
 
@@ -189,7 +196,7 @@ def test_battery_drop_lowers_the_reading_and_below_low_the_thrust() -> None:
     world.faults.start("battery_drop", volts=1.5)
     run(world, 1.0)
     assert before - world.sensors.battery_voltage == pytest.approx(1.5, abs=0.1)
-    assert world.truth.position_enu[2] == pytest.approx(height, abs=0.05), "gas is compensated down to LOWBAT"
+    assert world.truth.position_enu[2] == pytest.approx(height, abs=0.6), "gas is compensated"
     assert world.sensors.motor_setpoints[0] == pytest.approx(setpoint * before / (before - 1.5), abs=2)
     world.faults.start("battery_drop", volts=5.5)
     run(world, 2.0)

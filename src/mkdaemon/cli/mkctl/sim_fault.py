@@ -1,4 +1,4 @@
-"""`mkctl sim`: faults of a running simulator, by name."""
+"""`mkctl sim`: the pilot and the faults of a running simulator."""
 
 from __future__ import annotations
 
@@ -11,7 +11,15 @@ from mkdaemon.cli.printing import json_line
 from mkdaemon.errors import ConfigError
 from mkdaemon.telemetry.sim_faults import FAULTS, FaultNumber, FaultSpec
 
-app: Final = App(name="sim", help="What goes wrong in a running simulator. An aircraft has no such command.")
+app: Final = App(name="sim", help="Steer a running simulator: its pilot, its faults. An aircraft has no such command.")
+
+
+@app.command
+async def start(connection: Connection = HERE) -> None:
+    """Ask the simulated pilot to begin now instead of after his waiting time."""
+    async with connection.open() as client:
+        (await client.command("sim", "start", {})).require()
+    print(json_line({"status": "accepted"}) if connection.json else "the pilot begins")
 
 
 @app.command

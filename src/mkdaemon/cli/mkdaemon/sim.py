@@ -30,7 +30,10 @@ def sim(
     nc: Annotated[str | None, Parameter(help="NaviCtrl release: 0.24, 2.14.")] = None,
     seed: Annotated[int | None, Parameter(help="Of every random stream.")] = None,
     pilot: Annotated[str | None, Parameter(help="circle, hover, supervise, wait, nothing.")] = None,
-    pilot_wait: Annotated[float | None, Parameter(help="Seconds before he touches the sticks.")] = None,
+    pilot_wait: Annotated[
+        float | None,
+        Parameter(help="Seconds before he touches the sticks, 20 by default; `mkctl sim start` asks him earlier."),
+    ] = None,
     vehicle: Annotated[str | None, Parameter(help="Name under which truth and faults stand on the bus.")] = None,
     connect: Annotated[str | None, Parameter(help="Zenoh endpoint of the daemon, for truth and faults.")] = None,
     listen: Annotated[str | None, Parameter(help="Also offer the port over TCP, host:port.")] = None,

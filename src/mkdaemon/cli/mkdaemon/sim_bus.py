@@ -38,6 +38,7 @@ _ENDPOINT = re.compile(r"[a-z_]+/\S+")
 TRUTH = "sim/truth"
 FAULTS = "sim/faults"
 FAULT = "sim/fault"
+START = "sim/start"
 
 
 def truth_of(simulation: Simulation, stamp: Stamp) -> SimTruth:
@@ -134,17 +135,23 @@ class SimBus:
         self._publishers[suffix].put(encode(value), encoding=encoding_of(type(value)))
 
     def _answer(self, query: zenoh.Query) -> None:
-        """Reply with last values; apply a fault request addressed to exactly its key."""
+        """Reply with last values; carry out a request addressed to exactly its key."""
         with query:
-            own = key(self._vehicle, FAULT)
-            if str(query.key_expr) == own:
-                query.reply(own, encode(self._handle_fault_request(query)), encoding=encoding_of(CommandResult))
-                return
+            for suffix, carry_out in ((FAULT, self._handle_fault_request), (START, self._start_pilot)):
+                own = key(self._vehicle, suffix)
+                if str(query.key_expr) == own:
+                    query.reply(own, encode(carry_out(query)), encoding=encoding_of(CommandResult))
+                    return
             for suffix, (value, stamp) in self._last.items():
                 whole = key(self._vehicle, suffix)
                 if query.key_expr.intersects(whole):
                     payload = with_age(encode(value), time.monotonic() - stamp)
                     query.reply(whole, payload, encoding=encoding_of(type(value)))
+
+    def _start_pilot(self, query: zenoh.Query) -> CommandResult:
+        self._simulation.start_pilot()
+        _log.info("pilot asked to begin", t=round(self._simulation.now, 3))
+        return CommandResult(status=Status.ACCEPTED)
 
     def _handle_fault_request(self, query: zenoh.Query) -> CommandResult:
         payload = query.payload.to_bytes() if query.payload is not None else b""

@@ -80,6 +80,10 @@ class ExternalControl:
         if self._generation.dead_man.is_refreshed_by(command):
             self._ticks = self._generation.dead_man.ticks
 
+    def start_dead_man_at(self, when: float) -> None:
+        """Count the dead-man from `when` [s] on; after a reset it runs late."""
+        self._next_tick = when
+
     def tick_until(self, now: float) -> None:
         """Count the dead-man down to `now`."""
         while self._next_tick <= now:

@@ -14,21 +14,31 @@ from typing import Final
 
 from mkdaemon.config.sim import GasLaw
 from mkdaemon.sim.boards.aircraft import Aircraft
+from mkdaemon.sim.boards.boot_text import boot_text
 from mkdaemon.sim.boards.fc_board import FcBoard
 from mkdaemon.sim.boards.fc_commands import handle
 from mkdaemon.sim.boards.fc_transmit import start_next_frame
-from mkdaemon.sim.boards.generations import LONG_PASS, LONG_SHARE, SHORT_PASS, SLOW_TICK, FcGeneration
+from mkdaemon.sim.boards.generations import (
+    LONG_PASS,
+    LONG_SHARE,
+    LONGEST_PASS,
+    LONGEST_SHARE,
+    SHORT_PASS,
+    SLOW_TICK,
+    FcGeneration,
+)
 from mkdaemon.sim.boards.gestures import Gesture
 from mkdaemon.sim.physics.world import DT, MOTORS_OFF
 
-BOOT: Final = 5.0
+BOOT: Final = 4.7
 """From reset to the first handled frame."""
+BOOT_DEAD_MAN: Final = 6.75
+"""From reset to the first count of the dead-man: a stick frame kept through the boot acts from 4.7 to 8.8 s."""
 RESET: Final = 0.25
 """From `R` to the watchdog's reset."""
 CALIBRATE_BUSY: Final = 1.5
 _ACTUATION: Final = 0.5e-3
 """From the pass after sticks were evaluated to the set points on the motor bus."""
-_BANNER: Final = "\r\n\r\nFlight-Ctrl HW:{hardware} SW:{release}\r\nreceiver: PPM\r\nACC neutral: {neutral}\r\n"
 
 
 class FlightCtrl(FcBoard):
@@ -81,12 +91,17 @@ class FlightCtrl(FcBoard):
         """Run to `to` [s]."""
         while self._next_pass <= to:
             now = self._next_pass
-            is_long = self._rng.random() < LONG_SHARE
-            self._next_pass = now + (LONG_PASS if is_long else SHORT_PASS)
+            self._next_pass = now + self._pass_time()
             self.now = now
             self._pass(now)
         self._step_aircraft_to(to)
         self.now = to
+
+    def _pass_time(self) -> float:
+        drawn = self._rng.random()
+        if drawn < LONG_SHARE:
+            return LONG_PASS
+        return LONGEST_PASS if drawn >= 1.0 - LONGEST_SHARE else SHORT_PASS
 
     def _pass(self, now: float) -> None:
         """One turn of the main loop."""
@@ -100,6 +115,9 @@ class FlightCtrl(FcBoard):
             self.reboot(now)
         if now < self.blocked_until or self.bridged:
             return
+        if self.keeps_buffer:
+            self.keeps_buffer = False
+            self.rx.release()
         self._run_slow_ticks(now)
         if self.core.is_due(now):
             self._evaluate(now)
@@ -107,7 +125,8 @@ class FlightCtrl(FcBoard):
             start_next_frame(self, now)
         if self.rx.has_frame:
             handle(self, now)
-            self.rx.release()
+            if not self.keeps_buffer:
+                self.rx.release()
 
     def _step_aircraft_to(self, to: float) -> None:
         """Let the aircraft fly under the sticks in force."""
@@ -149,8 +168,9 @@ class FlightCtrl(FcBoard):
             self._reset_at = at + RESET
 
     def reboot(self, now: float) -> None:
-        """Reset: motors off, everything volatile lost, five seconds until the next frame is handled."""
+        """Reset: motors off, everything volatile lost; the first frame received meanwhile is handled after the boot."""
         self.external.clear()
+        self.external.start_dead_man_at(now + BOOT_DEAD_MAN)
         self.now = now
         self._out.cut(now)
         self.load(self.eeprom.active)
@@ -158,5 +178,5 @@ class FlightCtrl(FcBoard):
         self._reset_loop()
         self.booted_at = now + BOOT
         self.block(self.booted_at)
-        banner = _BANNER.format(hardware="2.2", release=self.generation.label, neutral="ok")
-        self._out.send(banner.encode("ascii"), now + 0.1)
+        for after, text in boot_text(self.generation.label):
+            self._out.send(text.encode("ascii"), now + after)

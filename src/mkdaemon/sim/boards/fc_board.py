@@ -42,6 +42,7 @@ class FcBoard(BoardPort):
         forced_heading: compass value a `K` frame brought [deg]; the NaviCtrl's next one replaces it.
         bridged: the line is connected to another board until power-off.
         blocked_until: the main loop is busy until then [s].
+        keeps_buffer: the command at work still holds the receive buffer: what comes meanwhile is lost.
         booted_at: when the last boot is over [s]; before that it is silent on every bus.
     """
 
@@ -94,6 +95,7 @@ class FcBoard(BoardPort):
         self.forced_heading: int | None = None
         self.bridged = False
         self.blocked_until = 0.0
+        self.keeps_buffer = False
 
     def cut(self, at: float) -> None:
         """Give up the frame being sent, but for the character on the line."""

@@ -21,6 +21,7 @@ from mkdaemon.protocol.messages import (
 from mkdaemon.sim.boards import fc_display
 from mkdaemon.sim.boards.eeprom import BL_SIZE, MIXER_REVISION, MIXER_SIZE
 from mkdaemon.sim.boards.fc_board import FcBoard
+from mkdaemon.sim.boards.generations import FC_MS
 from mkdaemon.sim.boards.motors import READ, WRITE
 from mkdaemon.sim.boards.parameters import SETS, clamp_written, parameter_size
 
@@ -34,10 +35,14 @@ _BEEP: Final = 0.23
 """Length of one of the beeps that count out the set number."""
 _SETTLE: Final = 0.1e-3
 _STOP: Final = 0.85
-_BEEP_UNIT: Final = 1e-4
 _LABELS: Final = 31
-_FORK_BUSY: Final = (0.24, 2.5)
-"""Shortest and longest time a fork's beep keeps the board busy."""
+_ARM: Final = 0.04
+"""Handling time of the fork's `x`; not measured."""
+_CALIBRATION: Final = 1.5
+_BEEP_OVERHEAD: Final = 0.084
+"""The fork's `o` around its beeps: 500 ms once and twice keep the board busy 1.12 and 2.16 s."""
+_KEEP_BUFFER: Final = "fsoxer"
+"""Commands that keep the receive buffer while they work: frames that come meanwhile are lost, none is kept."""
 
 
 def handle(board: FcBoard, now: float) -> None:
@@ -53,6 +58,7 @@ def handle(board: FcBoard, now: float) -> None:
         handler = _FORK.get(letter)
     if handler is not None:
         handler(board, now)
+        board.keeps_buffer = letter in _KEEP_BUFFER and now < board.blocked_until
 
 
 def _read(board: FcBoard, size: int) -> bytes:
@@ -228,6 +234,7 @@ def _bridge(board: FcBoard, now: float) -> None:
 def _arm(board: FcBoard, now: float) -> None:
     if board.core.calibrated and not board.companion_error:
         board.core.start()
+    board.block(now + _ARM)
 
 
 def _disarm(board: FcBoard, now: float) -> None:
@@ -237,15 +244,16 @@ def _disarm(board: FcBoard, now: float) -> None:
 
 def _calibrate(board: FcBoard, now: float) -> None:
     board.core.calibrate()
-    board.block(now + 1.5)
+    board.block(now + _CALIBRATION)
 
 
 def _beep(board: FcBoard, now: float) -> None:
     if board.core.running:
         return
     raw = _read(board, 3)
-    length = int.from_bytes(raw[:2], "little", signed=True) * _BEEP_UNIT * raw[2]
-    board.block(now + max(_FORK_BUSY[0], min(_FORK_BUSY[1], length)))
+    # each beep is as long as the pause behind it; nothing bounds length or number
+    milliseconds = 2 * max(0, int.from_bytes(raw[:2], "little", signed=True)) * raw[2]
+    board.block(now + _BEEP_OVERHEAD + milliseconds * FC_MS)
 
 
 _Handler = Callable[[FcBoard, float], None]

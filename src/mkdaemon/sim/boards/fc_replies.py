@@ -170,14 +170,8 @@ def receiver(board: FcBoard) -> WireMessage:
     count = board.generation.channels
     channels = [0] * 35
     channels[1:29] = [-FULL] * 28
-    core, live = board.core, board.live
-    sticks = core.receiver
-    functions = (sticks.pitch, sticks.roll, sticks.throttle, sticks.yaw)
-    values = [*functions, *(poti - FULL for poti in core.potis[: live.potis])]
-    for number, value in enumerate(values):
-        channel = live.channel(number)
-        if 1 <= channel <= 16:
-            channels[channel] = bounded(max(-FULL, min(FULL, value)))
+    for channel, value in board.core.channels(board.live).items():
+        channels[channel] = bounded(max(-FULL, min(FULL, value)))
     channels[17:29] = board.serial_channels
     channels[29:35] = [-FULL, -FULL, FULL, 0, -FULL, -FULL]
     if count == 11:

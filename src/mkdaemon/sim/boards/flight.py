@@ -6,7 +6,6 @@ Source: docs/firmware-notes, "External control"; docs/protocol.md, "When it acts
 
 from __future__ import annotations
 
-import math
 from typing import Final
 
 from mkdaemon.protocol.flags import FlightStatus, FlightStatus2
@@ -15,6 +14,7 @@ from mkdaemon.sim.boards.external import FULL, RC_LOST, ExternalControl, Sticks
 from mkdaemon.sim.boards.generations import FcGeneration
 from mkdaemon.sim.boards.gestures import Gesture, GestureReader, chosen_set
 from mkdaemon.sim.boards.parameters import Parameters
+from mkdaemon.sim.physics.motors import GasChain
 from mkdaemon.sim.physics.world import MOTORS_OFF, StickInput
 
 RECEIVER_FRAME: Final = 0.0225
@@ -22,6 +22,9 @@ RECEIVER_FRAME: Final = 0.0225
 BLIND_PERIOD: Final = 0.53
 """How often sticks are evaluated when no pulse train comes."""
 POTIS: Final = 8
+_CHANNELS: Final = 16
+_HEIGHT_CONTROL: Final = 0x01
+"""Bit of GlobalConfig."""
 GATE_OPEN: Final = 128
 """The parameter must evaluate to more than this."""
 _QUALITY_STEP: Final = 10
@@ -29,14 +32,21 @@ _QUALITY_TO_START: Final = 140
 _FLYING_GAS: Final = 40.0
 _FLYING_TIME: Final = 256 * 2.048e-3
 """Time with throttle after which the FlightCtrl counts itself flying."""
-_ALTITUDE_SWITCH: Final = 50
-_IDLE_MARGIN: Final = 12.0
-"""Idle over the set's minimum: a set point of 17 where stick centre gives 108, as measured."""
-_MIXER_MARGIN: Final = 20.0
+_EMERGENCY_FLIGHT: Final = 2.06
+"""Time with throttle after which a lost receiver starts the emergency throttle; before, the motors stop."""
+_TICK: Final = 20 * 1.0248e-3
+_ALTITUDE_ON: Final = 70.0
+_ALTITUDE_OFF: Final = 50.0
+"""Values of the altitude channel [count] above and below which height control goes on and off."""
+_IDLE_MARGIN: Final = 10
+"""Idle over the set's minimum, after voltage compensation: a set point of 17, as measured."""
+_MIXER_MARGIN: Final = 20
 """Room under the set's maximum for the mixer."""
 _EMERGENCY_UNIT: Final = 0.1024
 """Unit of the emergency time: nine seconds in the set are 9.2 on the clock."""
-_CELL_FULL: Final = 4.25
+_CELL_FULL: Final = 4.3
+_VOLTS_OF_PACK: Final = 50
+"""A low-voltage warning below this counts per cell [0.1 V]."""
 
 
 def read_potis(pilot: Transmitter) -> tuple[int, ...]:
@@ -68,9 +78,9 @@ class FlightCore:
         self._aircraft = aircraft
         self._gestures = GestureReader()
         self._emergency_until = 0.0
-        self._throttle_since: float | None = None
+        self._flown = 0.0
         self._next_at = 0.0
-        self.cells = max(1, math.ceil(aircraft.sensors.battery_voltage / _CELL_FULL))
+        self.cells = 1 + int(aircraft.sensors.battery_voltage / _CELL_FULL)
         self.mixed = self.receiver = Sticks(0.0, 0.0, 0.0, -FULL)
         self.quality = 0
         self.potis: tuple[int, ...] = (0,) * POTIS
@@ -110,25 +120,23 @@ class FlightCore:
             self._lose_receiver(now, parameters)
         elif self.emergency and now >= self._emergency_until:
             self.stop()
-        self._watch_throttle(now, parameters)
+        self._count_flight(parameters)
 
     def _lose_receiver(self, now: float, parameters: Parameters) -> None:
         """In flight the emergency throttle takes over for a while; on the ground the motors stop."""
-        if not self.flying or not parameters["emergency_throttle_time"]:
+        if self._flown < _EMERGENCY_FLIGHT or not parameters["emergency_throttle_time"]:
             self.stop()
             return
         self.emergency = True
         self._emergency_until = now + _EMERGENCY_UNIT * parameters["emergency_throttle_time"]
 
-    def _watch_throttle(self, now: float, parameters: Parameters) -> None:
-        if not self.running or self.gas(parameters) <= _FLYING_GAS:
-            self._throttle_since = None
-            if not self.running:
-                self.flying = False
-        elif self._throttle_since is None:
-            self._throttle_since = now
-        elif now - self._throttle_since >= _FLYING_TIME:
-            self.flying = True
+    def _count_flight(self, parameters: Parameters) -> None:
+        """Count the time with throttle since the motors were started."""
+        if not self.running:
+            self._flown = 0.0
+        elif self.gas(parameters) > _FLYING_GAS:
+            self._flown += _TICK
+        self.flying = self._flown >= _FLYING_TIME
 
     def _mix(self, parameters: Parameters) -> None:
         external = self._external
@@ -136,10 +144,25 @@ class FlightCore:
         hears = self.quality >= RC_LOST or external.tolerates_rc_loss
         self.controlled = external.is_valid and self.gate_open and hears
         self.mixed = external.mix(self.receiver) if self.controlled else self.receiver
-        self.height_control = (
-            bool(parameters["global_config"] & 1)
-            and parameters.evaluate("altitude_channel", self.potis) > _ALTITUDE_SWITCH
-        )
+        self._switch_height_control(parameters)
+
+    def channels(self, parameters: Parameters) -> dict[int, float]:
+        """Receiver channels 1..16 that the set maps, as far as the simulated transmitter has them [count]."""
+        receiver = self.receiver
+        functions = (receiver.pitch, receiver.roll, receiver.throttle, receiver.yaw)
+        values = [*functions, *(poti - FULL for poti in self.potis[: parameters.potis])]
+        numbered = {parameters.channel(number): value for number, value in enumerate(values)}
+        return {channel: value for channel, value in numbered.items() if 1 <= channel <= _CHANNELS}
+
+    def _switch_height_control(self, parameters: Parameters) -> None:
+        if not parameters["global_config"] & _HEIGHT_CONTROL:
+            self.height_control = False
+            return
+        value = self.channels(parameters).get(parameters["altitude_channel"], 0.0)
+        if value > _ALTITUDE_ON:
+            self.height_control = True
+        elif value < _ALTITUDE_OFF:
+            self.height_control = False
 
     def _act_on_gesture(self, now: float, parameters: Parameters, *, may_start: bool) -> Gesture | None:
         if self.quality <= _QUALITY_TO_START:
@@ -167,7 +190,7 @@ class FlightCore:
     def stop(self) -> None:
         """Motors off, in flight too."""
         self.running = self.flying = self.emergency = False
-        self._throttle_since = None
+        self._flown = 0.0
 
     def calibrate(self) -> None:
         """Zero the sensors."""
@@ -176,11 +199,23 @@ class FlightCore:
         self._aircraft.calibrate()
 
     def gas(self, parameters: Parameters) -> float:
-        """Collective count of running motors, 0..254."""
+        """Collective count of running motors before voltage compensation, 0..254."""
         if self.emergency:
             return float(parameters["emergency_throttle"])
-        low, high = parameters["throttle_min"] + _IDLE_MARGIN, parameters["throttle_max"] - _MIXER_MARGIN
-        return max(low, min(high, self.mixed.throttle + FULL))
+        chain = self._chain(parameters)
+        return max(chain.least, min(chain.most, self.mixed.throttle + FULL))
+
+    def _chain(self, parameters: Parameters) -> GasChain:
+        return GasChain(
+            reference=self._low_voltage(parameters),
+            least=parameters["throttle_min"] + _IDLE_MARGIN,
+            most=parameters["throttle_max"] - _MIXER_MARGIN,
+        )
+
+    def _low_voltage(self, parameters: Parameters) -> float:
+        """Voltage of the low-battery warning, the reference of the compensation too [V]."""
+        level = parameters["low_voltage_warning"]
+        return 0.1 * (level * self.cells if level < _VOLTS_OF_PACK else level)
 
     def stick_input(self, parameters: Parameters) -> StickInput:
         """What the attitude loop gets."""
@@ -188,7 +223,7 @@ class FlightCore:
             return MOTORS_OFF
         gas = self.gas(parameters)
         if self.emergency:
-            return StickInput(0.0, 0.0, 0.0, gas, motors_running=True)
+            return StickInput(0.0, 0.0, 0.0, gas, motors_running=True, chain=self._chain(parameters))
         mixed = self.mixed
         return StickInput(
             mixed.pitch,
@@ -197,14 +232,12 @@ class FlightCore:
             gas,
             motors_running=True,
             height_control=self.height_control,
+            chain=self._chain(parameters),
         )
 
     def battery_is_low(self, parameters: Parameters) -> bool:
-        """Whether the voltage is under the warning level; values below 50 count per cell."""
-        level = parameters["low_voltage_warning"]
-        if level < 50:
-            level *= self.cells
-        return self._aircraft.sensors.battery_voltage < 0.1 * level
+        """Whether the voltage is under the warning level."""
+        return self._aircraft.sensors.battery_voltage < self._low_voltage(parameters)
 
     def status(self, parameters: Parameters) -> FlightStatus:
         """FCStatusFlags; the pulses stay until `take_pulses`."""

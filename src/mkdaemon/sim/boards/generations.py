@@ -8,6 +8,8 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import Final, Literal
 
+from mkdaemon.protocol.errorcodes import ErrorCode
+from mkdaemon.protocol.flags import PositionStatus
 from mkdaemon.protocol.messages import (
     AttitudeDataFc210,
     AttitudeDataFcOld,
@@ -27,6 +29,9 @@ SHORT_PASS: Final = 1.95e-3
 LONG_PASS: Final = 2.38e-3
 LONG_SHARE: Final = 0.3
 """Three of ten loop passes are long: mean 2.08 ms, and the measured loss of the second of two frames."""
+LONGEST_PASS: Final = 7e-3
+LONGEST_SHARE: Final = 1e-5
+"""Once a FlightCtrl took 7 ms to look at a frame; here one pass in 100,000 does, about every 200 s."""
 SLOW_TICK: Final = 20 * 1.0248e-3
 """Period of the dead-man counter: 100 of them are the measured 2.05 s [s]."""
 
@@ -114,6 +119,14 @@ class NcGeneration:
         extras: further command letters it knows.
         list_size: points its list holds.
         menu_pages: last page of the display menu.
+        list_starts_in_flight: only a list received in flight is flown by the coming-home switch; one received on the
+            ground sends the aircraft home. Without it every list is flown.
+        ends_at_home: it flies home after the last point; otherwise it holds there.
+        fix_status: what Position.Status shows of a fix, and goes on to show when the GPS receiver is silent.
+        no_fix_status: Position.Status without a fix; None keeps the last position and its status.
+        no_fix_error: error code without a GPS fix after there was one.
+        reports_gps_ok: sets the flag GPS_OK.
+        distance_wraps: distances are computed in whole centimetres of 16 bits.
     """
 
     word: NcWord
@@ -124,6 +137,13 @@ class NcGeneration:
     extras: str
     list_size: int
     menu_pages: int
+    list_starts_in_flight: bool
+    ends_at_home: bool
+    fix_status: PositionStatus
+    no_fix_status: PositionStatus | None
+    no_fix_error: ErrorCode
+    reports_gps_ok: bool
+    distance_wraps: bool
 
 
 _EARLY: Final = FcGeneration(
@@ -191,6 +211,13 @@ NC_GENERATIONS: Final[dict[NcWord, NcGeneration]] = {
             extras="",
             list_size=31,
             menu_pages=15,
+            list_starts_in_flight=True,
+            ends_at_home=True,
+            fix_status=PositionStatus.NEW,
+            no_fix_status=None,
+            no_fix_error=ErrorCode.NO_GPS,
+            reports_gps_ok=False,
+            distance_wraps=True,
         ),
         NcGeneration(
             word="2.14",
@@ -201,6 +228,13 @@ NC_GENERATIONS: Final[dict[NcWord, NcGeneration]] = {
             extras="kt",
             list_size=100,
             menu_pages=15,
+            list_starts_in_flight=False,
+            ends_at_home=False,
+            fix_status=PositionStatus.PROCESSED,
+            no_fix_status=PositionStatus.INVALID,
+            no_fix_error=ErrorCode.GPS_LOST,
+            reports_gps_ok=True,
+            distance_wraps=False,
         ),
     )
 }

@@ -16,8 +16,8 @@ TEST: Final = 0.52
 """How long one `t` turns the motors."""
 LOCKOUT: Final = 0.5
 """Settings are not touched for so long after a motor test."""
-READ: Final = 13e-3
-"""Bus time to read a motor controller's settings."""
+READ: Final = 59e-3
+"""Bus time to read a motor controller's settings: the whole reply is there 61 to 67 ms after the request."""
 WRITE: Final = 0.25
 _SLOTS: Final = 16
 _LONG_FRAME: Final = 21

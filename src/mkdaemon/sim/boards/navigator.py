@@ -1,25 +1,39 @@
 """What a NaviCtrl knows of the flight: GPS mode, home, route, errors and flags.
 
-It learns and tells over the SPI bus, fifty times a second. Source: docs/protocol.md, sections 8.2 to 8.4.
+The FlightCtrl's values come over the SPI bus, fifty times a second; while that is dead the last ones stay. Source:
+docs/firmware-notes, "A NaviCtrl 0.24 in flight"; docs/protocol.md, sections 8.2 to 8.4.
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Final
 
 from mkdaemon.protocol.errorcodes import ErrorCode
-from mkdaemon.protocol.flags import FlightStatus, NaviStatus
+from mkdaemon.protocol.flags import FlightStatus, FlightStatus2, NaviStatus, PositionStatus
 from mkdaemon.sim.boards.external import RC_LOST
 from mkdaemon.sim.boards.fc_board import FcBoard
 from mkdaemon.sim.boards.generations import NcGeneration
 from mkdaemon.sim.boards.waypoints import PointList
+from mkdaemon.sim.physics.sensors import GpsFix
 
 CONTROL_PERIOD: Final = 0.02
-LINK_LOST: Final = 6.0
-"""Silence after which NO_SERIAL_LINK is reported; echo, b and y do not count."""
+LINK_LOST: Final = 5.5
+"""Silence after which the next check reports NO_SERIAL_LINK; echo, b and y do not count."""
+LINK_CHECK_PERIOD: Final = 1.0
+SERVO_RESTART: Final = 0.08
+"""Silence on the SPI bus after which the timer of the camera servos is set up again."""
 _MODE_HOLD: Final = 50
 _MODE_HOME: Final = 180
 _FIRST_POTI_CHANNEL: Final = 5
+
+
+@dataclass(frozen=True, slots=True)
+class Target:
+    """Where the aircraft flies to or flew to last: longitude, latitude [1e-7 deg], altitude as the wire has it."""
+
+    place: tuple[int, int]
+    altitude: int
 
 
 class Navigator:
@@ -29,44 +43,109 @@ class Navigator:
         flight: the FlightCtrl behind it.
         points: the waypoint list.
         home: longitude, latitude [1e-7 deg] where the motors were started.
+        target: where it flies to in the mode coming home; stays when that ends, also when the list is cleared.
         operating_radius: around home [m].
+        camera_servos_on: the timer of the camera servos runs.
     """
 
     def __init__(self, generation: NcGeneration, flight: FcBoard, now: float) -> None:
         """Begin without a fix, a home or a route."""
         self.flight = flight
         self._generation = generation
-        self.points = PointList(generation.list_size)
+        self.points = PointList(generation.list_size, ends_at_home=generation.ends_at_home)
         self.home = (0, 0)
+        self.target: Target | None = None
         self.operating_radius = 100
+        self.camera_servos_on = True
         self._link_at = now
-        self._had_fix = False
+        self._link_lost = False
+        self._next_link_check = now + LINK_CHECK_PERIOD
+        self._spi_at = now
+        self._fix: GpsFix | None = None
+        self._fc_flags = FlightStatus(0)
+        self._fc_flags_2 = FlightStatus2(0)
         self._flew = 0.0
         self._was_running = False
         self._mode = NaviStatus.FREE
 
+    @property
+    def has_flight(self) -> bool:
+        """Whether the SPI bus to the FlightCtrl is alive."""
+        flight = self.flight
+        return flight.now >= flight.booted_at and not flight.aircraft.faults.is_active("spi_lost")
+
     def navigate(self, now: float) -> None:
         """One turn of the control loop."""
-        flight, core = self.flight, self.flight.core
+        flight = self.flight
         gps = flight.aircraft.sensors.gps
+        if gps.has_fix:
+            self._fix = gps
+        if now >= self._next_link_check:
+            self._next_link_check += LINK_CHECK_PERIOD
+            self._link_lost = now - self._link_at > LINK_LOST
+        flight.companion_error = int(self.error_code)
+        if self.has_flight:
+            self._spi_at = now
+            self._exchange(now)
+        elif now - self._spi_at > SERVO_RESTART:
+            self.camera_servos_on = True
+
+    def _exchange(self, now: float) -> None:
+        """One exchange with the FlightCtrl over the SPI bus."""
+        flight, core, place = self.flight, self.flight.core, self._place
         flight.forced_heading = None
-        self._had_fix = self._had_fix or gps.has_fix
         if core.running and not self._was_running:
-            self.home = (gps.longitude_1e7, gps.latitude_1e7)
+            self.home = place
             self._flew = 0.0
         self._was_running = core.running
         if core.flying:
             self._flew += CONTROL_PERIOD
-        flight.companion_error = int(self.error_code)
         mode = self._read_mode()
         if mode is not self._mode:
             self._mode = mode
-            if mode is NaviStatus.COMING_HOME and core.flying:
-                self.points.start()
+            self._enter_mode(mode)
+        self.points.follow(place, now)
+        if mode is NaviStatus.COMING_HOME:
+            self._aim()
+        self._fc_flags, self._fc_flags_2 = core.status(flight.live), core.status_2()
+        core.take_pulses()
+
+    def _enter_mode(self, mode: NaviStatus) -> None:
+        """The pilot's switch: what becomes of the route."""
+        if mode is not NaviStatus.COMING_HOME or not self.flight.core.flying:
+            if self._generation.list_starts_in_flight:
+                self.points.pause()
             else:
                 self.points.stop()
-        self.points.follow((gps.longitude_1e7, gps.latitude_1e7), now)
-        core.take_pulses()
+            return
+        if not self._generation.list_starts_in_flight:
+            self.points.activate()
+        self.points.fly()
+
+    def _aim(self) -> None:
+        """Take the waypoint, or home where there is none, as the target."""
+        point = self.points.target
+        if point is not None:
+            self.target = Target((point.longitude, point.latitude), point.altitude)
+        elif self.home != (0, 0):
+            self.target = Target(self.home, 0)
+
+    @property
+    def _place(self) -> tuple[int, int]:
+        return self.fix.longitude_1e7, self.fix.latitude_1e7
+
+    @property
+    def fix(self) -> GpsFix:
+        """The position as the board shows it: 0.24 goes on with the last one when the GPS receiver is silent."""
+        gps = self.flight.aircraft.sensors.gps
+        if gps.has_fix or self._fix is None or self._generation.no_fix_status is not None:
+            return gps
+        return self._fix
+
+    @property
+    def position_status(self) -> PositionStatus:
+        """Position.Status of what `fix` shows."""
+        return self._generation.fix_status if self.fix.has_fix else PositionStatus.INVALID
 
     def _read_mode(self) -> NaviStatus:
         live, potis = self.flight.live, self.flight.core.potis
@@ -80,9 +159,19 @@ class Navigator:
         return NaviStatus.POSITION_HOLD if value > _MODE_HOLD else NaviStatus.FREE
 
     def start_route(self) -> None:
-        """`s`, and a list written while it is flown, restart the route."""
-        if self.flight.core.flying:
-            self.points.start()
+        """`s`, and a list written while it is flown, restart the route; `s` flies it where the switch asks for it."""
+        if not self.flight.core.flying:
+            return
+        self.points.activate()
+        if self._mode is NaviStatus.COMING_HOME:
+            self.points.fly()
+
+    def point_written(self) -> None:
+        """A point has been stored: a list received in flight becomes active, and is flown when the switch asks."""
+        if self.points.is_flown:
+            self.start_route()
+        elif self._generation.list_starts_in_flight and self.flight.core.flying and self.points.index == 0:
+            self.points.activate()
 
     @property
     def fits_flight(self) -> bool:
@@ -103,31 +192,41 @@ class Navigator:
     def error_code(self) -> ErrorCode:
         """What is wrong, the gravest first."""
         flight = self.flight
-        if flight.now < flight.booted_at:
+        if not self.has_flight:
             return ErrorCode.NO_FC
         if not self.fits_flight:
             return ErrorCode.FC_INCOMPATIBLE
         if flight.core.quality < RC_LOST:
             return ErrorCode.RC_LOST
         if not flight.aircraft.sensors.gps.has_fix:
-            return ErrorCode.GPS_LOST if self._had_fix else ErrorCode.NO_GPS_FIX
+            return ErrorCode.NO_GPS_FIX if self._fix is None else self._generation.no_fix_error
         return ErrorCode.NONE
 
     def feed_watchdog(self, now: float) -> None:
         """A frame that counts as a living serial link."""
         self._link_at = now
 
-    def flags(self, now: float) -> NaviStatus:
+    def flags(self) -> NaviStatus:
         """NCFlags."""
         flags = self._mode
-        if now - self._link_at > LINK_LOST:
+        if self._link_lost:
             flags |= NaviStatus.NO_SERIAL_LINK
         if self.points.reached:
             flags |= NaviStatus.TARGET_REACHED
-        if self.flight.aircraft.sensors.gps.has_fix:
+        if self._generation.reports_gps_ok and self.flight.aircraft.sensors.gps.has_fix:
             flags |= NaviStatus.GPS_OK
         return flags
 
     def flight_status(self) -> FlightStatus:
-        """FCStatusFlags as the SPI bus brought them."""
-        return self.flight.core.status(self.flight.live)
+        """FCStatusFlags as the SPI bus brought them last."""
+        return self._fc_flags
+
+    def flight_status_2(self) -> FlightStatus2:
+        """FCStatusFlags2 as the SPI bus brought them last."""
+        return self._fc_flags_2
+
+    def decimetres(self, distance: float) -> int:
+        """Return a distance [m] as the wire has it [dm]: bounded, or with the wrap of 0.24."""
+        if self._generation.distance_wraps:
+            return (round(distance * 100.0) & 0xFFFF) // 10
+        return min(0xFFFF, round(distance * 10.0))

@@ -17,9 +17,14 @@ from mkdaemon.sim.boards.line import HOST_CHAR
 from mkdaemon.sim.boards.navigator import CONTROL_PERIOD
 from mkdaemon.sim.boards.nc_board import LOOP, NEVER, TICK_TIME, NaviStream, NcBoard
 from mkdaemon.sim.boards.nc_commands import handle
+from mkdaemon.sim.boards.redirect import TO_FLIGHTCTRL
 
 TX_FIFO: Final = 16
 """Characters the hardware sends by itself: the next reply is composed while the last ones leave."""
+BOOT: Final = 2.0
+"""From reset to the first handled frame; not measured."""
+BOOT_TEXT: Final = b"\r\n Navi-Ctrl starts\r\n UART1 init...ok\r\n SPI init...ok\r\n Timer2 init...ok\r\n"
+"""Plain text after a reset; the words are our own."""
 ORDER: Final = "BJZWXAODCKHLTVE"
 """Replies leave in this order, one a pass."""
 
@@ -65,7 +70,11 @@ class NaviCtrl(NcBoard):
             return
         if not self.redirection.is_on:
             self.rx.take(at, byte)
-        elif self.redirection.take(byte, at):
+            return
+        target = self.redirection.target
+        if self.redirection.take(byte, at):
+            if target != TO_FLIGHTCTRL:
+                self.navigator.camera_servos_on = True
             self.deaf_until = at + self.redirection.SETTLE_TIME
             self._tx_free_at = at
 
@@ -92,10 +101,13 @@ class NaviCtrl(NcBoard):
         self.now = self._last_pass = now
         self.flight.advance(now)
         self.redirection.carry(now)
+        if self.flight.aircraft.faults.take("nc_reboot"):
+            self._reboot(now)
+            return
         if now >= self.next_control:
             self.next_control = now + CONTROL_PERIOD
             self.navigator.navigate(now)
-            if self.pending_control is not None and self.navigator.fits_flight:
+            if self.pending_control is not None and self.navigator.has_flight and self.navigator.fits_flight:
                 self.flight.external.refresh("b")
                 self.flight.external.take(self.pending_control)
                 self.pending_control = None
@@ -104,6 +116,14 @@ class NaviCtrl(NcBoard):
             self.rx.release()
         if not self.redirection.is_on and now >= self._tx_free_at:
             self._start_next_frame(now)
+
+    def _reboot(self, now: float) -> None:
+        """Reset: waypoints, streams and parameters are lost; text, then silence until it is up again."""
+        self.reset_state()
+        self._out.cut(now)
+        self._out.send(BOOT_TEXT, now)
+        self.deaf_until = self.next_control = now + BOOT
+        self._tx_free_at = now + BOOT
 
     def _start_next_frame(self, now: float) -> None:
         if now >= self.streams_expire_at:
@@ -123,8 +143,7 @@ class NaviCtrl(NcBoard):
 
     def _restart(self, stream: NaviStream, now: float) -> None:
         """Count the next period from the last millisecond tick."""
-        tick = self.phase + math.floor((now - self.phase) / TICK_TIME + 1e-6) * TICK_TIME
-        stream.due = tick + stream.interval * 10 * TICK_TIME
+        stream.due = self.tick_before(now) + stream.interval * 10 * TICK_TIME
 
     def _send(self, frame: bytes, now: float) -> None:
         """Put a frame on the line; the buffer is free again when the hardware can send the rest alone."""

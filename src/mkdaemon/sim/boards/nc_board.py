@@ -102,7 +102,12 @@ class NcBoard(BoardPort):
             stream.due = now
         else:
             stream.stop()
-        self.streams_expire_at = now + SUBSCRIPTION_TIME
+        # a frame that would be due on the very tick is not sent any more
+        self.streams_expire_at = self.tick_before(now) + SUBSCRIPTION_TIME - 0.5 * TICK_TIME
+
+    def tick_before(self, now: float) -> float:
+        """Time of the millisecond tick before `now` [s]."""
+        return self.phase + math.floor((now - self.phase) / TICK_TIME + 1e-6) * TICK_TIME
 
     def spend_byte_budget(self, frame_chars: int) -> None:
         """Wait with the next data set until the byte budget allows it."""

@@ -9,10 +9,10 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Final
 
-from mkdaemon.protocol.flags import PointType, PositionStatus
+from mkdaemon.protocol.flags import FlightStatus, PointType, PositionStatus
 from mkdaemon.protocol.messages import WriteWaypoint024
 from mkdaemon.sim.boards.nc_board import NcBoard
-from mkdaemon.sim.boards.redirect import TO_FLIGHTCTRL, TO_GPS
+from mkdaemon.sim.boards.redirect import STOPS_SERVOS, TO_FLIGHTCTRL, TO_GPS
 from mkdaemon.sim.boards.waypoints import POINT_SIZE
 
 _FC_ADDRESS: Final = 1
@@ -72,10 +72,9 @@ def _target(board: NcBoard, now: float) -> None:
 
 def _write_point(board: NcBoard, now: float) -> None:
     raw = _read(board, POINT_SIZE)
-    was_active = board.navigator.points.active
     index = board.navigator.points.write(raw)
-    if was_active and index and WriteWaypoint024.decode(raw).type is not PointType.INVALID:
-        board.navigator.start_route()
+    if index and WriteWaypoint024.decode(raw).type is not PointType.INVALID:
+        board.navigator.point_written()
     board.ask("W", index)
 
 
@@ -87,8 +86,11 @@ def _read_point(board: NcBoard, now: float) -> None:
 
 def _redirect(board: NcBoard, now: float) -> None:
     target = _read(board, 1)[0]
-    if target > TO_GPS or (target != TO_FLIGHTCTRL and board.flight.core.running):
+    running = FlightStatus.MOTORS_RUNNING in board.navigator.flight_status()
+    if target > TO_GPS or (target != TO_FLIGHTCTRL and running):
         return
+    if target in STOPS_SERVOS:
+        board.navigator.camera_servos_on = False
     board.redirection.start(target, now)
 
 

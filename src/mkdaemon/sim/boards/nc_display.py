@@ -26,7 +26,7 @@ def menu(board: NcBoard, number: int) -> WireMessage:
 
 def _text(board: NcBoard, page: int) -> str:
     sensors, core = board.flight.aircraft.sensors, board.flight.core
-    gps, sticks = sensors.gps, core.receiver
+    gps, sticks = board.navigator.fix, core.receiver
     major, minor, patch = board.generation.release
     error = board.navigator.error_code
     fix = f"Sat {gps.satellites:2d} {'3D fix' if gps.has_fix else 'no fix'}"

@@ -127,7 +127,7 @@ def _attitude(board: NcBoard, value: int) -> WireMessage:
 def _debug(board: NcBoard, value: int) -> WireMessage:
     flight = board.flight
     sensors = flight.aircraft.sensors
-    gps = sensors.gps
+    gps = board.navigator.fix
     here = (gps.longitude_1e7, gps.latitude_1e7)
     away, bearing = distance_and_bearing(board.navigator.home, here) if board.navigator.home != (0, 0) else (0.0, 0.0)
     analog = [0] * 32
@@ -137,7 +137,7 @@ def _debug(board: NcBoard, value: int) -> WireMessage:
     analog[3] = bounded(-math.degrees(math.atan2(sensors.acc_y, 9.81)) * 10.0)
     analog[4] = board.navigator.operating_radius
     analog[5] = int(board.navigator.flight_status())
-    analog[6] = int(board.navigator.flags(board.now))
+    analog[6] = int(board.navigator.flags())
     analog[10] = round(sensors.compass_deg) % 360
     analog[11] = round(sensors.heading_deg) % 360
     analog[13] = int(board.now / _SPI_PERIOD) & 0x7FFF
@@ -155,57 +155,65 @@ def _osd(board: NcBoard, value: int) -> WireMessage | None:
         return build_set(board)
     flight = board.flight
     core, sensors = flight.core, flight.aircraft.sensors
-    gps = sensors.gps
+    gps = board.navigator.fix
     here = (gps.longitude_1e7, gps.latitude_1e7)
-    target = board.navigator.points.target
-    there = (target.longitude, target.latitude) if target is not None else (0, 0)
+    navigator, target = board.navigator, board.navigator.target
+    there = target.place if target is not None else (0, 0)
     to_target = distance_and_bearing(here, there) if target is not None else (0.0, 0.0)
-    has_home = board.navigator.home != (0, 0)
-    to_home = distance_and_bearing(here, board.navigator.home) if has_home else (0.0, 0.0)
+    has_home = navigator.home != (0, 0)
+    to_home = distance_and_bearing(here, navigator.home) if has_home else (0.0, 0.0)
     east, north, up = gps.velocity_enu
     return OsdData5(
         version=_OSD_VERSION,
         position_longitude=here[0],
         position_latitude=here[1],
         position_altitude=bounded(gps.altitude * 1000.0, 32),
-        position_status=PositionStatus.PROCESSED if gps.has_fix else PositionStatus.INVALID,
+        position_status=navigator.position_status,
         target_longitude=there[0],
         target_latitude=there[1],
         target_altitude=target.altitude if target is not None else 0,
-        target_status=target.status if target is not None else PositionStatus.INVALID,
-        target_distance=min(0xFFFF, round(to_target[0] * 10.0)),
+        target_status=board.generation.fix_status if target is not None else PositionStatus.INVALID,
+        target_distance=navigator.decimetres(to_target[0]),
         target_bearing=round(to_target[1]),
-        home_longitude=board.navigator.home[0],
-        home_latitude=board.navigator.home[1],
+        home_longitude=navigator.home[0],
+        home_latitude=navigator.home[1],
         home_altitude=0,
-        home_status=PositionStatus.PROCESSED if has_home else PositionStatus.INVALID,
-        home_distance=min(0xFFFF, round(to_home[0] * 10.0)),
+        home_status=board.generation.fix_status if has_home else PositionStatus.INVALID,
+        home_distance=navigator.decimetres(to_home[0]),
         home_bearing=round(to_home[1]),
-        waypoint_index=board.navigator.points.active,
-        waypoint_count=board.navigator.points.waypoints,
+        waypoint_index=navigator.points.index,
+        waypoint_count=navigator.points.waypoints,
         satellites=gps.satellites,
         altimeter=bounded(sensors.baro_height * 20.0),
         variometer=bounded(sensors.vertical_speed * 20.0 * _SPI_PERIOD * 10.0),
-        flying_time=board.navigator.flying_time,
-        battery=max(0, min(255, round(sensors.battery_voltage * 10.0))),
+        flying_time=navigator.flying_time,
+        battery=_battery_field(board),
         ground_speed=min(0xFFFF, round(math.hypot(east, north) * 100.0)),
         course=round(math.degrees(math.atan2(east, north))) % 360,
         heading=round(sensors.compass_deg) % 360,
         pitch=bounded(math.degrees(sensors.fc_angle_pitch), 8),
         roll=bounded(-math.degrees(sensors.fc_angle_roll), 8),
         rc_quality=core.quality,
-        fc_flags=board.navigator.flight_status(),
-        nc_flags=board.navigator.flags(board.now),
-        error_code=board.navigator.error_code,
-        operating_radius=board.navigator.operating_radius,
+        fc_flags=navigator.flight_status(),
+        nc_flags=navigator.flags(),
+        error_code=navigator.error_code,
+        operating_radius=navigator.operating_radius,
         vertical_speed=bounded(up * 100.0),
-        target_hold_time=round(board.navigator.points.hold_left(board.now)),
-        fc_flags_2=core.status_2(),
+        target_hold_time=round(navigator.points.hold_left(board.now)),
+        fc_flags_2=navigator.flight_status_2(),
         altitude_setpoint=bounded(sensors.baro_height * 20.0),
         throttle=round(core.gas(flight.live)) if core.running else 0,
         current=max(0, min(0xFFFF, round(sensors.battery_current * 10.0))),
         used_capacity=max(0, min(0xFFFF, round(sensors.battery_used_mah))),
     )
+
+
+def _battery_field(board: NcBoard) -> int:
+    """The voltage [0.1 V]; the public fork puts the used capacity there."""
+    sensors = board.flight.aircraft.sensors
+    if board.flight.is_fork:
+        return round(sensors.battery_used_mah) & 0xFF
+    return max(0, min(255, round(sensors.battery_voltage * 10.0)))
 
 
 def _motor(board: NcBoard, value: int) -> WireMessage:

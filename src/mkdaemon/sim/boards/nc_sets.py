@@ -56,8 +56,8 @@ def build_set(board: NcBoard) -> WireMessage | None:
 
 def _head(board: NcBoard, index: int) -> dict[str, Any]:
     sensors = board.flight.aircraft.sensors
-    gps = sensors.gps
-    fc, fc_2 = board.navigator.flight_status(), board.flight.core.status_2()
+    gps = board.navigator.fix
+    fc, fc_2 = board.navigator.flight_status(), board.navigator.flight_status_2()
     status = OsdStatus(0)
     for ours, shown in _STATUS:
         if fc & ours:
@@ -79,16 +79,16 @@ def _build(board: NcBoard, index: int) -> WireMessage:
     head = _head(board, index)
     flight = board.flight
     core, sensors = flight.core, flight.aircraft.sensors
-    gps, points = sensors.gps, board.navigator.points
+    gps, points = board.navigator.fix, board.navigator.points
     here = (gps.longitude_1e7, gps.latitude_1e7)
-    target = points.target
+    target = board.navigator.target
     if index == 10:
         return OsdTiny(**head, camera=0, reserved=0)
     if index == 11:
         return OsdFlags(
             **head,
             status_2=_status_2(board),
-            nc_flags=board.navigator.flags(board.now),
+            nc_flags=board.navigator.flags(),
             reserved_flags=0,
             error_code=board.navigator.error_code,
             spoken=0,
@@ -99,8 +99,8 @@ def _build(board: NcBoard, index: int) -> WireMessage:
     if index == 12:
         return OsdTarget(
             **head,
-            target_longitude=target.longitude if target else 0,
-            target_latitude=target.latitude if target else 0,
+            target_longitude=target.place[0] if target else 0,
+            target_latitude=target.place[1] if target else 0,
             target_altitude=bounded(target.altitude) if target else 0,
             rc_quality=core.quality,
         )
@@ -119,13 +119,13 @@ def _build(board: NcBoard, index: int) -> WireMessage:
         )
     if index == 14:
         to_home = distance_and_bearing(here, board.navigator.home) if board.navigator.home != (0, 0) else (0.0, 0.0)
-        to_target = distance_and_bearing(here, (target.longitude, target.latitude)) if target else (0.0, 0.0)
+        to_target = distance_and_bearing(here, target.place) if target else (0.0, 0.0)
         return OsdDeviation(
             **head,
             flying_time=board.navigator.flying_time,
-            home_distance=min(0xFFFF, round(to_home[0] * 10.0)),
+            home_distance=board.navigator.decimetres(to_home[0]),
             home_bearing=round(to_home[1] / 2.0) % 180,
-            target_distance=min(0xFFFF, round(to_target[0] * 10.0)),
+            target_distance=board.navigator.decimetres(to_target[0]),
             target_bearing=round(to_target[1] / 2.0) % 180,
             pitch=bounded(math.degrees(sensors.fc_angle_pitch), 8),
             roll=bounded(-math.degrees(sensors.fc_angle_roll), 8),
@@ -134,7 +134,7 @@ def _build(board: NcBoard, index: int) -> WireMessage:
     if index == 15:
         return OsdWaypoint(
             **head,
-            waypoint_index=points.active,
+            waypoint_index=points.index,
             waypoint_count=points.waypoints,
             target_hold_time=round(points.hold_left(board.now)),
             event_channel=0,

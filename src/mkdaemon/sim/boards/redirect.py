@@ -13,8 +13,14 @@ ESCAPE: Final = b"\x1b\x1b\x55\xaa\x00"
 TO_FLIGHTCTRL: Final = 0
 TO_COMPASS: Final = 1
 TO_GPS: Final = 2
-_GREETING: Final = b"\r\r\n UART2 init...ok"
-"""Plain text the board prints when it sets up the other UART."""
+STOPS_SERVOS: Final = (TO_FLIGHTCTRL, TO_GPS)
+"""Targets whose UART needs the timer of the camera servos."""
+_TEXT: Final = {
+    TO_FLIGHTCTRL: b"\r\r\n UART2 init...ok\r\n Timer2 deinit...ok",
+    TO_COMPASS: b"",
+    TO_GPS: b"\r\n Timer2 deinit...ok",
+}
+"""Plain text the board prints when it connects."""
 
 
 class Redirection:
@@ -45,7 +51,7 @@ class Redirection:
         self._matched = 0
         self._flight.poll()
         self.target = target
-        self._out.send(_GREETING, now)
+        self._out.send(_TEXT[target], now)
 
     def take(self, byte: int, at: float) -> bool:
         """Pass one character on; return whether the escape sequence is complete."""

@@ -27,16 +27,19 @@ class PointList:
     """Stored points and the route through them.
 
     Attributes:
-        active: number of the waypoint being flown to, 1..; 0 while no route runs.
-        reached: the active waypoint has been reached and is being held.
+        index: number of the waypoint being flown to, or flown to first, 1..; 0 while the list is not active.
+        is_flown: the aircraft follows the list.
+        is_over: the last waypoint has been held and the aircraft flies home.
+        reached: the waypoint has been reached and is being held.
     """
 
-    def __init__(self, size: int) -> None:
+    def __init__(self, size: int, *, ends_at_home: bool) -> None:
         self._size = size
+        self._ends_at_home = ends_at_home
         self._points: dict[int, bytes] = {}
         self._held_since: float | None = None
-        self.active = 0
-        self.reached = False
+        self.index = 0
+        self.is_flown = self.is_over = self.reached = False
 
     @property
     def count(self) -> int:
@@ -80,14 +83,26 @@ class PointList:
         raw = self._points.get(index, bytes(POINT_SIZE))
         return bytes([self.count, index]) + raw
 
-    def start(self) -> None:
-        """Begin with the first waypoint."""
-        self.active = self._next_after(0)
-        self.reached, self._held_since = False, None
+    def activate(self) -> None:
+        """Begin with the first waypoint as soon as the list is flown."""
+        self.index = self._next_after(0)
+        self.is_over = self.reached = False
+        self._held_since = None
+
+    def fly(self) -> None:
+        """Follow the list from where it is."""
+        self.is_flown = self.index > 0
+
+    def pause(self) -> None:
+        """Leave the list where it is."""
+        self.is_flown = self.reached = False
+        self._held_since = None
 
     def stop(self) -> None:
-        """No route runs."""
-        self.active, self.reached, self._held_since = 0, False, None
+        """The list is not active any more."""
+        self.index = 0
+        self.is_over = False
+        self.pause()
 
     def _next_after(self, index: int) -> int:
         later = sorted(
@@ -100,7 +115,9 @@ class PointList:
     @property
     def target(self) -> WriteWaypoint024 | None:
         """The waypoint being flown to."""
-        raw = self._points.get(self.active)
+        if not self.is_flown or self.is_over:
+            return None
+        raw = self._points.get(self.index)
         return None if raw is None else WriteWaypoint024.decode(raw)
 
     def hold_left(self, now: float) -> float:
@@ -111,7 +128,7 @@ class PointList:
         return max(0.0, self._held_since + target.hold_time - now)
 
     def follow(self, place: tuple[int, int], now: float) -> None:
-        """Note the aircraft's place; go on when a waypoint has been held long enough, stay at the last."""
+        """Note the aircraft's place; go on when a waypoint has been held long enough."""
         target = self.target
         if target is None:
             return
@@ -119,6 +136,8 @@ class PointList:
         if not self.reached and away <= max(1, target.tolerance_radius):
             self.reached, self._held_since = True, now
         if self.reached and self.hold_left(now) <= 0.0:
-            following = self._next_after(self.active)
+            following = self._next_after(self.index)
             if following:
-                self.active, self.reached, self._held_since = following, False, None
+                self.index, self.reached, self._held_since = following, False, None
+            elif self._ends_at_home:
+                self.is_over, self.reached, self._held_since = True, False, None

@@ -41,7 +41,7 @@ class Battery:
         current: [A].
         used_mah: drawn since the start [mAh].
         drop: voltage taken off by a fault [V].
-        is_low: under the LOWBAT threshold.
+        is_low: the pilot lands.
     """
 
     __slots__ = (
@@ -68,11 +68,6 @@ class Battery:
         self.current = config.avionics_current
         self.voltage = self._cells * open_circuit_voltage(config.charge) - self.current * self._resistance
         self.is_low = self.voltage < self._low_v
-
-    @property
-    def low_voltage(self) -> float:
-        """Voltage of the LOWBAT warning [V]."""
-        return self._low_v
 
     @property
     def charge(self) -> float:

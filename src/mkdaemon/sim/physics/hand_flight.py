@@ -103,21 +103,17 @@ class HandFlight:
         phase: what is being done.
     """
 
-    def __init__(
-        self, *, height: float = 2.0, hold_time: float = math.inf, flying: bool = False, wait_time: float = 0.0
-    ) -> None:
+    def __init__(self, *, height: float = 2.0, hold_time: float = math.inf, flying: bool = False) -> None:
         """Plan a flight.
 
         Args:
             height: to fly at, feet above the start [m].
             hold_time: time to follow the path before landing [s].
             flying: begin in the air, in the middle of it.
-            wait_time: time to leave the sticks alone first, so that a ground station can look at the boards [s].
         """
         self._height = height
         self._hold_time = hold_time
-        self._wait_time = wait_time
-        self._began: float | None = None
+        self._has_begun = False
         self._phase_since = 0.0
         self._anchor: tuple[float, float, float] | None = None
         self._law = StickLaw(0.0 if flying else _GAS_START)
@@ -143,11 +139,8 @@ class HandFlight:
 
     def fly(self, pilot: Pilot, view: FlightView, now: float) -> None:
         """Move the sticks."""
-        if self._began is None:
-            self._began = now
-            self._phase_since = now + self._wait_time
-        if now < self._began + self._wait_time:
-            return
+        if not self._has_begun:
+            self._has_begun, self._phase_since = True, now
         if self._anchor is None:
             airframe = view.airframe
             ground = airframe.up - self._height if self.phase is Phase.FLY else airframe.up
@@ -213,18 +206,15 @@ class HandFlight:
 class CircleFlight(HandFlight):
     """A slow safe circle until the battery is low: what an unattended simulator shows."""
 
-    def __init__(
-        self, *, radius: float = 1.5, period: float = 20.0, height: float = 2.0, wait_time: float = 0.0
-    ) -> None:
+    def __init__(self, *, radius: float = 1.5, period: float = 20.0, height: float = 2.0) -> None:
         """Plan it.
 
         Args:
             radius: [m].
             period: of one round [s].
             height: feet above the start [m].
-            wait_time: see `HandFlight`.
         """
-        super().__init__(height=height, wait_time=wait_time)
+        super().__init__(height=height)
         self._radius = radius
         self._omega = 2.0 * math.pi / period
 

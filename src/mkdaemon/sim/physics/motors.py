@@ -7,6 +7,7 @@ and 2.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Final
 
 from mkdaemon.config.sim_flight import AirframeConfig
@@ -16,10 +17,39 @@ MAX_COUNT: Final = 254.0
 """Largest motor set point."""
 MIN_COUNT: Final = 8.0
 """Smallest set point of a turning motor: the controller never lets a motor stop in flight."""
-COMPENSATION_V: Final = 12.6
-"""Voltage at which a set point is the gas itself: at 14.8 V gas 27, 77 and 127 left the board as 22, 65 and 108."""
+HOVER_CELL_V: Final = 3.2
+"""Cell voltage at which the hover count hovers [V]: rotor speed goes with set point times voltage."""
+MIXER_LOSS: Final = 0.9
+"""What the FlightCtrl's mixer loses by rounding down [count]."""
 MOTORS_ON_BUS: Final = 12
 """Motor slots the FlightCtrl knows."""
+
+
+@dataclass(frozen=True, slots=True)
+class GasChain:
+    """How the FlightCtrl makes a motor set point of its gas, in whole numbers.
+
+    Attributes:
+        reference: battery voltage at which the two are the same [V]; above it the gas is reduced, below it fades.
+        least: smallest compensated gas [count].
+        most: largest compensated gas [count], with room for the mixer.
+    """
+
+    reference: float = 12.8
+    least: int = 18
+    most: int = 210
+
+    def setpoint(self, gas: float, voltage: float) -> float:
+        """Return the set point of a level aircraft [count]; the fraction is what the mixer's sums still see."""
+        measured, reference = int(10.0 * voltage), round(10.0 * self.reference)
+        count = int(gas)
+        if measured > reference > 0:
+            count = count * reference // measured
+        return max(self.least, min(self.most, count)) - MIXER_LOSS
+
+
+FACTORY_CHAIN: Final = GasChain()
+"""That of the factory's sets on a 4-cell pack."""
 
 
 class Motors:
@@ -41,6 +71,7 @@ class Motors:
     __slots__ = (
         "_arm",
         "_collective",
+        "_hover_v",
         "_lag",
         "_load_scale",
         "_pitch_count",
@@ -57,7 +88,8 @@ class Motors:
         "torque_z",
     )
 
-    def __init__(self, config: AirframeConfig) -> None:
+    def __init__(self, config: AirframeConfig, cells: int) -> None:
+        """Start with the rotors standing; `cells` of the pack say at which voltage the hover count hovers."""
         hover = config.hover_count
         self._thrust_per_count2 = config.mass * GRAVITY / (4.0 * hover * hover)
         self._load_scale = 1.0 / (4.0 * self._thrust_per_count2 * hover**3)
@@ -68,6 +100,7 @@ class Motors:
         self._pitch_count = config.inertia_pitch / (2.0 * config.arm * slope)
         self._roll_count = config.inertia_roll / (2.0 * config.arm * slope)
         self._yaw_count = config.inertia_yaw / (4.0 * config.torque_per_thrust * slope)
+        self._hover_v = cells * HOVER_CELL_V
         self._collective = 0.0
         self.health = [1.0, 1.0, 1.0, 1.0]
         self.setpoints = [0] * MOTORS_ON_BUS
@@ -83,41 +116,44 @@ class Motors:
         alpha_x: float,
         alpha_y: float,
         alpha_z: float,
-        compensation: float,
-        strength: float,
+        voltage: float,
+        chain: GasChain,
         dt: float,
     ) -> None:
         """Advance the rotors while the motors run.
 
         Args:
-            gas: collective before voltage compensation [count].
+            gas: before voltage compensation [count].
             alpha_x: angular acceleration wanted about body forward [rad/s2].
             alpha_y: about body left [rad/s2].
             alpha_z: about body up [rad/s2].
-            compensation: factor the FlightCtrl puts on its counts for the battery voltage.
-            strength: share of the rotor speed that compensation keeps up, 1 above LOWBAT.
+            voltage: of the battery [V].
+            chain: how gas becomes a set point.
             dt: [s].
         """
-        self._collective += (gas - self._collective) * min(1.0, dt / self._lag)
+        # counts are those that give the same thrust at the hover voltage; a set point is one of them over `speed`
+        speed = voltage / self._hover_v
+        level = chain.setpoint(gas, voltage) * speed
+        self._collective += (level - self._collective) * min(1.0, dt / self._lag)
         base = self._collective
         pitch = alpha_y * self._pitch_count
         roll = alpha_x * self._roll_count
         yaw = alpha_z * self._yaw_count
-        top = MAX_COUNT / compensation
+        bottom, top = MIN_COUNT * speed, MAX_COUNT * speed
         counts = (base + yaw - pitch, base + yaw + pitch, base - yaw - roll, base - yaw + roll)
         health, setpoints = self.health, self.setpoints
-        factor = self._thrust_per_count2 * strength * strength
+        factor = self._thrust_per_count2
         thrusts = []
         load = 0.0
         for i in range(4):
             count = counts[i]
-            count = MIN_COUNT if count < MIN_COUNT else top if count > top else count
+            count = bottom if count < bottom else top if count > top else count
             # the set point follows the stick at once; the lagged collective is the rotor's own inertia
-            setpoints[i] = int(min(MAX_COUNT, max(MIN_COUNT, (count + gas - base) * compensation)))
+            setpoints[i] = int(min(MAX_COUNT, max(MIN_COUNT, (count + level - base) / speed)))
             push = factor * count * count
             load += push * count
             thrusts.append(push * health[i])
-        self.load = load * strength * self._load_scale
+        self.load = load * self._load_scale
         front, rear, right, left = thrusts
         self.thrust = front + rear + right + left
         self.torque_x = self._arm * (left - right)

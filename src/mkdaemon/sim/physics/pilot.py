@@ -46,6 +46,32 @@ class Program(Protocol):
         """Move the sticks; called at every receiver frame."""
 
 
+class DelayedProgram:
+    """A program that begins after a while, or when asked: a ground station looks at the boards first.
+
+    Attributes:
+        program: what begins then.
+    """
+
+    def __init__(self, program: Program, wait_time: float) -> None:
+        """Wait `wait_time` [s] from the first receiver frame on."""
+        self.program = program
+        self._wait_time = wait_time
+        self._starts_at: float | None = None
+
+    def start(self) -> None:
+        """Begin with the next receiver frame."""
+        self._wait_time = 0.0
+        self._starts_at = None
+
+    def fly(self, pilot: Pilot, view: FlightView, now: float) -> None:
+        """Leave the sticks alone until it is time."""
+        if self._starts_at is None:
+            self._starts_at = now + self._wait_time
+        if now >= self._starts_at:
+            self.program.fly(pilot, view, now)
+
+
 class Pilot:
     """The transmitter in the hands of a person.
 

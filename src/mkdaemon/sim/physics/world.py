@@ -18,7 +18,7 @@ from mkdaemon.sim.physics.attitude_loop import LOOP_PERIOD, AttitudeGains, AxisL
 from mkdaemon.sim.physics.battery import Battery
 from mkdaemon.sim.physics.hand_flight import HandFlight
 from mkdaemon.sim.physics.height_control import HeightControl
-from mkdaemon.sim.physics.motors import COMPENSATION_V, Motors
+from mkdaemon.sim.physics.motors import FACTORY_CHAIN, GasChain, Motors
 from mkdaemon.sim.physics.pilot import RC_PERIOD, FlightView, Pilot
 from mkdaemon.sim.physics.sensors import Sensors
 from mkdaemon.sim.physics.truth import Truth
@@ -45,6 +45,7 @@ class StickInput:
         gas: collective before voltage compensation, 0..254; hover about 125 [count].
         motors_running: armed.
         height_control: gas is a climb-rate stick.
+        chain: how gas becomes a motor set point.
     """
 
     pitch: float
@@ -53,6 +54,7 @@ class StickInput:
     gas: float
     motors_running: bool
     height_control: bool = False
+    chain: GasChain = FACTORY_CHAIN
 
 
 MOTORS_OFF: Final = StickInput(0.0, 0.0, 0.0, 0.0, motors_running=False)
@@ -117,9 +119,12 @@ class World:
         self._gains = gains or AttitudeGains.from_parameters()
         self._pitch = AxisLoop(self._gains, cfg.loop)
         self._roll = AxisLoop(self._gains, cfg.loop)
-        self._motors = Motors(cfg.airframe)
+        self._motors = Motors(cfg.airframe, cfg.battery.cells)
         if begin.height > 0.0:
             self._motors.spin_up(cfg.airframe.hover_count)
+        self._acc_scale = random.Random(f"{seed} accelerometer scale").uniform(
+            cfg.sensors.acc_scale_min, cfg.sensors.acc_scale_max
+        )
         self._height_control = HeightControl(cfg.airframe.hover_count)
         self._battery = Battery(cfg.battery)
         # one stream each: switching one thing off leaves the noise of the others as it was
@@ -184,7 +189,8 @@ class World:
         pitch, roll, yaw, motors = self._pitch, self._roll, self._yaw, self._motors
         rate_z = sensors.gyro_z
         # small-angle tilt from the lateral accelerations, as the FlightCtrl takes it
-        leaned_pitch, leaned_roll = -sensors.acc_x / GRAVITY, sensors.acc_y / GRAVITY
+        scale = self._acc_scale / GRAVITY
+        leaned_pitch, leaned_roll = -sensors.acc_x * scale, sensors.acc_y * scale
         pitch_coupling, roll_coupling = -rate_z * roll.believed, rate_z * pitch.believed
         pitch.update(sticks.pitch, sensors.gyro_y, leaned_pitch, pitch_coupling, flying=flying)
         roll.update(-sticks.roll, sensors.gyro_x, leaned_roll, roll_coupling, flying=flying)
@@ -198,17 +204,8 @@ class World:
             gas = self._height_control.update(gas, sensors.baro_height, sensors.vertical_speed, DT)
         else:
             self._height_control.switch_off()
-        battery = self._battery
-        # the FlightCtrl raises its counts as the voltage falls, down to LOWBAT: only below that does thrust fade
-        compensated = max(battery.voltage, battery.low_voltage)
         motors.update(
-            gas,
-            roll.acceleration,
-            pitch.acceleration,
-            yaw.acceleration,
-            COMPENSATION_V / compensated,
-            min(1.0, battery.voltage / compensated),
-            DT,
+            gas, roll.acceleration, pitch.acceleration, yaw.acceleration, self._battery.voltage, sticks.chain, DT
         )
 
     def _report(self) -> None:

@@ -1,0 +1,244 @@
+"""NaviCtrl 0.24: what the genuine one showed on a second look (docs/firmware-notes, 8)."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+from mkdaemon.config.sim import GasLaw
+from mkdaemon.protocol.errorcodes import ErrorCode
+from mkdaemon.protocol.flags import FlightStatus, NaviStatus, PointType, PositionStatus
+from mkdaemon.protocol.framing import encode_frame
+from mkdaemon.protocol.messages import OsdData5, WriteWaypoint024
+from mkdaemon.sim.boards.fc import FlightCtrl
+from mkdaemon.sim.boards.generations import FC_GENERATIONS, NC_GENERATIONS
+from mkdaemon.sim.boards.nc import NaviCtrl
+from mkdaemon.sim.boards.redirect import ESCAPE
+from tests.sim_conformance.bench import FIX, Bench, StillAircraft, nc_bench
+
+HOME = (74591000, 532301000)
+CLEAR = (0, PositionStatus.INVALID, PointType.INVALID)
+
+
+def osd(bench):
+    """Ask for one OSD frame."""
+    received = bench.ask(encode_frame(2, "o", b"\x64"), bench.board.now + 0.01, 0.05)
+    assert received is not None
+    return OsdData5.decode(received.frame.payload)
+
+
+def write(bench, index, status=PositionStatus.NEW, what=PointType.WAYPOINT, *, north=0, hold=0):
+    point = WriteWaypoint024(
+        longitude=HOME[0],
+        latitude=HOME[1] + north,
+        altitude=50,
+        status=status,
+        tolerance_radius=3,
+        hold_time=hold,
+        index=index,
+        type=what,
+    )
+    received = bench.ask(point.to_frame(), bench.board.now + 0.01, 0.05)
+    assert received is not None
+    assert received.frame.id == "W"
+
+
+def place(bench, *, north):
+    bench.aircraft.sensors.gps = replace(FIX, latitude_1e7=FIX.latitude_1e7 + north)
+
+
+def start(bench):
+    bench.board.flight.core.start()
+    bench.run(bench.board.now + 1.0)
+    assert bench.board.flight.core.flying
+
+
+def switch_to(bench, value):
+    bench.aircraft.pilot.switches[2] = value
+    bench.run(bench.board.now + 0.3)
+
+
+COMING_HOME, FREE = 255, 0
+
+
+@pytest.mark.parametrize(("address", "letter"), [(2, "z"), (1, "b")])
+def test_the_serial_link_flag_is_checked_once_a_second(address, letter):
+    bench = nc_bench()
+    for number in range(45):
+        bench.send(encode_frame(address, letter, bytes(7)), 1.5 + 0.2 * number)
+    bench.run(10.6)
+    assert int(osd(bench).nc_flags) == 0x11, "this very request clears it at the next check only"
+    bench.run(bench.board.now + 1.1)
+    assert int(osd(bench).nc_flags) == 0x01
+
+
+@pytest.mark.parametrize(("letter", "interval", "frames"), [("o", 10, 40), ("d", 10, 40), ("c", 10, 40), ("o", 5, 80)])
+def test_a_stream_ends_before_the_frame_that_is_due_with_the_time_out(letter, interval, frames):
+    bench = nc_bench()
+    bench.send(encode_frame(2, letter, bytes([interval])), 2.0)
+    times = [received.last for received in bench.run(9.0)]
+    assert len(times) == frames
+    assert times[-1] - 2.0 == pytest.approx(4.0 - 0.01 * interval + 0.02, abs=0.02)
+
+
+TEXTS = [(0, [b"UART2 init", b"Timer2 deinit"]), (1, []), (2, [b"Timer2 deinit"])]
+
+
+@pytest.mark.parametrize(("target", "texts"), TEXTS)
+def test_text_of_a_redirection(target, texts):
+    bench = nc_bench()
+    bench.send(encode_frame(2, "u", bytes([target])), 2.0)
+    bench.run(2.1)
+    text = b"".join(byte for _, byte in bench.raw)
+    assert [word for word in (b"UART2 init", b"Timer2 deinit") if word in text] == texts
+    assert bool(text) is bool(texts)
+
+
+SERVOS = [
+    # redirections, each ended by the escape; the camera servos run afterwards
+    ((0,), False),
+    ((1,), True),
+    ((2,), True),
+    ((0, 1), True),
+    ((2, 0), False),
+]
+
+
+@pytest.mark.parametrize(("targets", "run"), SERVOS)
+def test_the_escape_restores_the_camera_servos_only_after_the_others(targets, run):
+    bench = nc_bench()
+    for number, target in enumerate(targets):
+        bench.send(encode_frame(2, "u", bytes([target])), 2.0 + number)
+        bench.run(2.3 + number)
+        bench.send(ESCAPE, 2.5 + number)
+        bench.run(2.7 + number)
+    assert bench.board.navigator.camera_servos_on is run
+
+
+@pytest.mark.parametrize(
+    ("fault", "length", "run"),
+    [("nc_reboot", None, True), ("spi_lost", 0.2, True), ("spi_lost", 0.05, False)],
+)
+def test_what_brings_the_camera_servos_back(fault, length, run):
+    bench = nc_bench()
+    bench.send(encode_frame(2, "u", b"\x00"), 2.0)
+    bench.send(ESCAPE, 2.2)
+    bench.run(2.5)
+    bench.aircraft.faults.start(fault, duration=length)
+    bench.run(6.0)
+    assert bench.board.navigator.camera_servos_on is run
+
+
+def test_a_point_written_in_flight_activates_the_list_and_does_not_fly_it():
+    bench = nc_bench()
+    start(bench)
+    switch_to(bench, COMING_HOME)
+    write(bench, *CLEAR)
+    write(bench, 1, north=2000)
+    write(bench, 2, north=4000)
+    bench.run(bench.board.now + 3.0)
+    shown = osd(bench)
+    assert (shown.waypoint_index, shown.waypoint_count) == (1, 2)
+    assert shown.target_latitude == HOME[1], "on to home until the switch is toggled"
+    switch_to(bench, FREE)
+    switch_to(bench, COMING_HOME)
+    assert osd(bench).target_latitude == HOME[1] + 2000
+
+
+def test_a_list_received_on_the_ground_is_not_flown():
+    bench = nc_bench()
+    write(bench, 1, north=2000)
+    write(bench, 2, north=4000)
+    start(bench)
+    switch_to(bench, COMING_HOME)
+    shown = osd(bench)
+    assert (shown.waypoint_index, shown.waypoint_count) == (0, 2)
+    assert (shown.target_longitude, shown.target_latitude) == HOME
+    assert shown.nc_flags & NaviStatus.COMING_HOME
+
+
+def test_after_the_last_point_it_flies_home():
+    bench = nc_bench()
+    start(bench)
+    write(bench, 1, north=2000, hold=1)
+    switch_to(bench, COMING_HOME)
+    place(bench, north=2000)
+    bench.run(bench.board.now + 0.5)
+    assert osd(bench).target_latitude == HOME[1] + 2000
+    bench.run(bench.board.now + 2.0)
+    assert osd(bench).target_latitude == HOME[1]
+
+
+def test_the_target_stays_when_the_list_is_cleared():
+    bench = nc_bench()
+    start(bench)
+    write(bench, 1, north=2000)
+    switch_to(bench, COMING_HOME)
+    switch_to(bench, FREE)
+    write(bench, *CLEAR)
+    shown = osd(bench)
+    assert (shown.waypoint_index, shown.waypoint_count) == (0, 0)
+    assert shown.target_latitude == HOME[1] + 2000
+    assert shown.target_status is PositionStatus.NEW
+
+
+def test_a_silent_gps_receiver_shows_in_the_error_code_alone():
+    bench = nc_bench()
+    before = osd(bench)
+    assert before.position_status is PositionStatus.NEW
+    bench.aircraft.sensors.gps = replace(FIX, latitude_1e7=0, longitude_1e7=0, has_fix=False, satellites=0)
+    bench.run(bench.board.now + 2.0)
+    after = osd(bench)
+    assert after.error_code is ErrorCode.NO_GPS
+    assert after.position_status is PositionStatus.NEW
+    assert (after.position_latitude, after.satellites) == (before.position_latitude, before.satellites)
+
+
+def test_gps_ok_is_never_set():
+    bench = nc_bench()
+    bench.run(3.0)
+    assert not osd(bench).nc_flags & NaviStatus.GPS_OK
+
+
+def test_a_dead_spi_bus_freezes_the_flags_of_the_flightctrl():
+    bench = nc_bench()
+    start(bench)
+    before = osd(bench).fc_flags
+    assert FlightStatus.MOTORS_RUNNING in before
+    bench.aircraft.faults.start("spi_lost")
+    bench.run(bench.board.now + 0.5)
+    bench.board.flight.core.stop()
+    bench.run(bench.board.now + 1.0)
+    frozen = osd(bench)
+    assert frozen.error_code is ErrorCode.NO_FC
+    assert frozen.fc_flags == before
+    bench.aircraft.faults.stop("spi_lost")
+    bench.run(bench.board.now + 0.5)
+    assert FlightStatus.MOTORS_RUNNING not in osd(bench).fc_flags
+
+
+def test_distances_wrap_at_655_m():
+    bench = nc_bench()
+    start(bench)
+    place(bench, north=89035)
+    bench.run(bench.board.now + 0.5)
+    assert osd(bench).home_distance == pytest.approx(3347, abs=10), "990 m"
+
+
+def test_the_fork_shows_used_capacity_in_the_place_of_the_voltage():
+    aircraft = StillAircraft()
+    aircraft.sensors.battery_used_mah = 300.0
+    flight = FlightCtrl(FC_GENERATIONS["2.12a"], aircraft, seed=1, gas_law=GasLaw.FORK)
+    bench = Bench(NaviCtrl(NC_GENERATIONS["0.24"], flight, seed=1), aircraft)
+    bench.run(1.0)
+    assert osd(bench).battery == 300 & 0xFF
+
+
+def test_a_restarted_navictrl_has_lost_its_list():
+    bench = nc_bench()
+    write(bench, 1, north=2000)
+    bench.aircraft.faults.start("nc_reboot")
+    bench.run(4.0)
+    assert b"Navi-Ctrl" in b"".join(byte for _, byte in bench.raw)
+    assert osd(bench).waypoint_count == 0
