@@ -7,14 +7,16 @@ daemon process whose descriptors and memory are watched, is in `stories_plug`.
 from __future__ import annotations
 
 import asyncio
+import itertools
 import random
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from enum import StrEnum
 from typing import Final
 
 from lab.rigs.boardport import LineFault
-from lab.rigs.cockpit import Boards, Cockpit, cockpit
+from lab.rigs.cockpit import Boards, Cockpit, Held, cockpit
 from lab.rigs.virtualloop import run_virtually
 from mkdaemon.bus.codec import encode_map
 from mkdaemon.errors import CommandRejectedError
@@ -25,6 +27,8 @@ from mkdaemon.telemetry.control import Phase
 
 BACK: Final = 3.0
 """Telemetry flows again so long after the device is back [s]."""
+CLEARED: Final = 1.1
+"""An old tilt that came back with the board is taken away within this time [s]."""
 WATCH: Final = 1.0
 """How long the boards are watched after that [s]."""
 STICK_TIME: Final = 0.02
@@ -38,7 +42,7 @@ class Cut(StrEnum):
     WHILE_WRITING = "while_writing"
     """The device vanishes while it is written."""
     REBOOT = "reboot"
-    """The board is off for two seconds and has forgotten everything."""
+    """The boards are reset: boot text, silence, everything forgotten but the first frame received meanwhile."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,6 +56,7 @@ class Cycle:
         first: what the first bytes after the opening were; `release` as they must be.
         steered: stick frames with a control bit, from the opening to the end, although nobody took a lease since.
         is_held: whether the FlightCtrl still held a command at the end.
+        obeyed: time for which the FlightCtrl followed an old tilt after its reboot [s].
     """
 
     number: int
@@ -60,11 +65,13 @@ class Cycle:
     first: str
     steered: int
     is_held: bool
+    obeyed: float
 
     @property
     def is_wrong(self) -> bool:
         """Whether it breaks a limit."""
-        return self.back is None or self.back > BACK or self.first != "release" or self.steered > 0 or self.is_held
+        is_late = self.back is None or self.back > BACK or self.obeyed > CLEARED
+        return is_late or self.first != "release" or self.steered > 0 or self.is_held
 
 
 def first_words(written: bytes) -> str:
@@ -133,7 +140,7 @@ async def _interrupt(flown: Cockpit, cut: Cut, number: int, rng: random.Random) 
         await asyncio.sleep(rng.uniform(0.02, 2.0))
         written = len(socket.wire)
         socket.is_present = True
-    returned = loop.time()
+    returned, restarted = loop.time(), flown.aircraft.now
     back = await flown.until(lambda: flown.sink.streamed_at > returned, step=0.002)
     await asyncio.sleep(WATCH)
     begun = returned - 0.5 if cut is Cut.REBOOT else returned
@@ -142,4 +149,12 @@ async def _interrupt(flown: Cockpit, cut: Cut, number: int, rng: random.Random) 
     if cut is not Cut.REBOOT:  # there the port stays open, and nothing begins
         first = first_words(b"".join(data for _, data in socket.wire[written:][:2]))
     flown.sink.tx.clear()
-    return Cycle(number, cut, back, first, len(steering), flown.aircraft.is_controlled)
+    obeyed = _tilted_time(flown.aircraft.applied, restarted, flown.aircraft.now) if cut is Cut.REBOOT else 0.0
+    return Cycle(number, cut, back, first, len(steering), flown.aircraft.is_controlled, obeyed)
+
+
+def _tilted_time(applied: Sequence[Held], begin: float, end: float) -> float:
+    """How long a tilt was applied between two times [s]."""
+    times = [*(max(begin, change.at) for change in applied), end]
+    spans = zip(applied, itertools.pairwise(times), strict=True)
+    return sum(after - at for change, (at, after) in spans if not change.is_neutral and after > at)

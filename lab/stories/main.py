@@ -19,7 +19,7 @@ from rich.console import Console
 from rich.table import Table
 
 from lab.rigs.cockpit import Boards
-from lab.stories.cable import BACK, pull_cable
+from lab.stories.cable import BACK, CLEARED, pull_cable
 from lab.stories.clients import Loss as Lost
 from lab.stories.clients import lose_clients
 from lab.stories.deaths import NEUTRAL_TIME, RELEASE_TIME, SilentRelease
@@ -118,9 +118,10 @@ def run_cable_cuts(runs: int | None, jobs: int) -> Iterator[Row]:
         figure = (
             f"telemetry back longest {max(back):.2f} s; first bytes a release in "
             f"{sum(cycle.first == 'release' for cycle in found)}; {sum(cycle.steered for cycle in found)} stick frames "
-            f"after; {sum(cycle.is_held for cycle in found)} still held"
+            f"after; {sum(cycle.is_held for cycle in found)} still held; an old tilt obeyed in "
+            f"{sum(cycle.obeyed > 0.0 for cycle in found)}, longest {max(cycle.obeyed for cycle in found):.2f} s"
         )
-        limit = f"{BACK:g} s; all; 0; 0"
+        limit = f"{BACK:g} s; all; 0; 0; {CLEARED:g} s"
         detail = {"cuts": [asdict(cycle) for cycle in found if cycle.is_wrong], "wrong": wrong}
         yield Row("cable", "cable pulled or board rebooted in flight", boards.name, len(found), figure, limit,
                   not wrong, detail)  # fmt: skip

@@ -28,7 +28,7 @@ def test_after_every_cut_nobody_steers_and_telemetry_comes_back(fc):
 
 
 def test_what_a_wrong_cycle_is():
-    good = Cycle(0, Cut.UNPLUGGED, back=0.3, first="release", steered=0, is_held=False)
+    good = Cycle(0, Cut.UNPLUGGED, back=0.3, first="release", steered=0, is_held=False, obeyed=0.0)
     assert not good.is_wrong
     for change in ({"back": None}, {"back": BACK + 0.1}, {"first": "v"}, {"steered": 1}, {"is_held": True}):
         assert replace(good, **change).is_wrong, change
