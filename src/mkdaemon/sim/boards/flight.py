@@ -11,7 +11,7 @@ from typing import Final
 from mkdaemon.protocol.flags import FlightStatus, FlightStatus2
 from mkdaemon.sim.boards.aircraft import Aircraft, Transmitter
 from mkdaemon.sim.boards.external import FULL, RC_LOST, ExternalControl, Sticks
-from mkdaemon.sim.boards.generations import FcGeneration
+from mkdaemon.sim.boards.generations import SLOW_TICK, FcGeneration
 from mkdaemon.sim.boards.gestures import Gesture, GestureReader, chosen_set
 from mkdaemon.sim.boards.parameters import Parameters
 from mkdaemon.sim.physics.motors import GasChain
@@ -34,7 +34,6 @@ _FLYING_TIME: Final = 256 * 2.048e-3
 """Time with throttle after which the FlightCtrl counts itself flying."""
 _EMERGENCY_FLIGHT: Final = 2.06
 """Time with throttle after which a lost receiver starts the emergency throttle; before, the motors stop."""
-_TICK: Final = 20 * 1.0248e-3
 _ALTITUDE_ON: Final = 70.0
 _ALTITUDE_OFF: Final = 50.0
 """Values of the altitude channel [count] above and below which height control goes on and off."""
@@ -135,7 +134,7 @@ class FlightCore:
         if not self.running:
             self._flown = 0.0
         elif self.gas(parameters) > _FLYING_GAS:
-            self._flown += _TICK
+            self._flown += SLOW_TICK
         self.flying = self._flown >= _FLYING_TIME
 
     def _mix(self, parameters: Parameters) -> None:
