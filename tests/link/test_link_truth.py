@@ -101,7 +101,12 @@ async def test_twenty_replugs_come_back_within_three_seconds_and_begin_with_a_re
 @virtually
 async def test_a_wrong_line_rate_is_found():
     async with rig(navi_ctrl(), right_baud=38400) as r:
-        r.socket.aircraft.write(OsdRequestV1(interval=10).to_frame(), 0.0)  # an earlier session left its stream running
+        # an earlier session left its stream running, which lasts 4 s; somebody else renews it
+        for after in (0.0, 3.0):
+            request = OsdRequestV1(interval=10).to_frame()
+            asyncio.get_running_loop().call_later(
+                after, lambda request=request: r.socket.aircraft.write(request, r.socket.now())
+            )
         await r.until(lambda: r.condition == "garbage", 1)
         await r.until(lambda: r.condition in ("up", "degraded"), 8)
         assert r.link.health().state.baud == 38400
