@@ -113,7 +113,7 @@ class HandFlight:
         """
         self._height = height
         self._hold_time = hold_time
-        self._has_begun = False
+        self._has_started = False
         self._phase_since = 0.0
         self._anchor: tuple[float, float, float] | None = None
         self._law = StickLaw(0.0 if flying else _GAS_START)
@@ -139,8 +139,8 @@ class HandFlight:
 
     def fly(self, pilot: Pilot, view: FlightView, now: float) -> None:
         """Move the sticks."""
-        if not self._has_begun:
-            self._has_begun, self._phase_since = True, now
+        if not self._has_started:
+            self._has_started, self._phase_since = True, now
         if self._anchor is None:
             airframe = view.airframe
             ground = airframe.up - self._height if self.phase is Phase.FLY else airframe.up
