@@ -1,0 +1,121 @@
+"""Step 2 of docs/quickstart.md as a new user types it: every command as it stands there, in a shell."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import re
+import shlex
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+
+from lab.places import ROOT
+from lab.rigs.waiting import PATIENCE, wait_blocking
+from tests.bus.support import free_endpoint
+from tests.places import CONFIGS
+
+pytestmark = [pytest.mark.flight, pytest.mark.real_time(tolerance=0.1)]
+
+PROGRAMS = ("mkdaemon", "mkctl")
+PORT = "/dev/pts/N"
+"""What stands on the page for the port that the simulator prints."""
+
+
+def commands() -> list[str]:
+    """The lines of the step's shell blocks."""
+    page = (ROOT / "docs" / "quickstart.md").read_text(encoding="utf-8")
+    step = page.split("\n## 2. ")[1].split("\n## 3. ")[0]
+    return [line for block in re.findall(r"```sh\n(.*?)```", step, re.DOTALL) for line in block.splitlines()]
+
+
+class Terminal:
+    """A checkout whose daemon has a bus of its own, so that another daemon on this machine does not matter."""
+
+    def __init__(self, folder: Path) -> None:
+        endpoint = free_endpoint()
+        sample = (CONFIGS / "sim.toml").read_text(encoding="utf-8")
+        (folder / "configs").mkdir()
+        (folder / "configs" / "sim.toml").write_text(sample.replace("tcp/127.0.0.1:7447", endpoint))
+        programs = folder / ".venv" / "bin"
+        programs.mkdir(parents=True)
+        for name in PROGRAMS:
+            script = programs / name
+            script.write_text(f'#!/bin/sh\nexec {shlex.quote(sys.executable)} -m mkdaemon.cli.{name}.app "$@"\n')
+            script.chmod(0o755)
+        self._folder = folder
+        self._environment = {**os.environ, "MK_CONNECT": endpoint, "PYTHONUNBUFFERED": "1"}
+
+    @contextmanager
+    def started(self, line: str) -> Iterator[subprocess.Popen[str]]:
+        """A command that goes on until Ctrl-C, which ends it well."""
+        pipe = subprocess.PIPE
+        process = subprocess.Popen(
+            f"exec {line}", shell=True, cwd=self._folder, env=self._environment, stdout=pipe, stderr=pipe, text=True
+        )
+        try:
+            yield process
+            process.send_signal(signal.SIGINT)
+            process.communicate(timeout=PATIENCE)
+        finally:
+            process.kill()
+            process.communicate()
+
+    def run(self, line: str) -> str:
+        """What a command printed; it must end well."""
+        ended = subprocess.run(
+            line,
+            shell=True,
+            cwd=self._folder,
+            env=self._environment,
+            capture_output=True,
+            text=True,
+            timeout=PATIENCE,
+            check=False,
+        )
+        assert ended.returncode == 0, (line, ended.stdout, ended.stderr)
+        return ended.stdout
+
+
+def place(terminal: Terminal) -> tuple[float, ...]:
+    """Where the aircraft is [m; ENU]."""
+    return tuple(json.loads(terminal.run(".venv/bin/mkctl get sim/truth --json"))["position_enu"])
+
+
+def test_the_page_ends_with_sticks_that_fly(tmp_path: Path) -> None:
+    terminal = Terminal(tmp_path)
+    simulate, run, status, watch, get_osd, start, get_position, show, stick, get_truth = commands()
+    with terminal.started(simulate) as simulator:
+        port = json.loads(simulator.stdout.readline())["port"]
+        with terminal.started(run.replace(PORT, port)):
+            wait_blocking(lambda: is_controllable(terminal, status), step=0.5)
+            with terminal.started(watch) as watcher:
+                assert watcher.stdout.readline().startswith("state/")
+            assert terminal.run(get_osd).startswith("rx/nc/osd")
+            terminal.run(start)
+            wait_blocking(lambda: height(terminal, get_position) > 1.7, step=0.5)
+            assert "nobody holds the lease" in terminal.run(show)
+            before = place(terminal)
+            assert "setpoints; last stick frame: pitch 8," in terminal.run(stick)
+            assert math.dist(place(terminal)[:2], before[:2]) > 0.5
+            assert "crashed=False" in terminal.run(get_truth)
+
+
+def is_controllable(terminal: Terminal, status: str) -> bool:
+    """Whether the status says that a lease would be granted."""
+    try:
+        return "external control v2" in terminal.run(status)
+    except AssertionError:
+        return False
+
+
+def height(terminal: Terminal, get_position: str) -> float:
+    """What the command for the position shows as height above the start [m]."""
+    shown = re.search(r"altitude_above_start\W+([-0-9.]+)", terminal.run(get_position))
+    return float(shown[1])
