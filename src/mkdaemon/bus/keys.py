@@ -25,7 +25,7 @@ from mkdaemon.telemetry.setpoint import (
     StickSetpoint,
     VelocitySetpoint,
 )
-from mkdaemon.telemetry.sim import FaultRequest, SimFaults, SimTruth, StartPilotRequest
+from mkdaemon.telemetry.sim import FaultRequest, SimFaults, SimTruth
 from mkdaemon.telemetry.state import Attitude, Battery, Flight, Gps, Pilot, Position, Velocity
 from mkdaemon.telemetry.traffic import FrameSample, RawFrame
 from mkdaemon.telemetry.vehicle import VehicleHealth
@@ -137,7 +137,7 @@ KEYS: Final[tuple[KeySpec, ...]] = (
     KeySpec("sim/truth", Use.CLIENT, SimTruth, "50 Hz", "The simulator's true state; never read by flight code."),
     KeySpec("sim/faults", Use.CLIENT, SimFaults, "1 Hz and on change", "Faults the simulator plays."),
     KeySpec("sim/camera/<name>", Use.CLIENT, CameraFrame, "30 Hz, where it is on", "What the simulated camera sees."),
-    KeySpec("sim/start", _Q, StartPilotRequest, "", "The simulated pilot begins now, without waiting longer."),
+    KeySpec("sim/start", _Q, None, "", "The simulated pilot begins now, without waiting longer; no payload."),
     KeySpec("sim/fault", _Q, FaultRequest, "", "Begin or end a fault of the simulator."),
     KeySpec("event/clock", _P, ClockEvent, "on occurrence", "The system clock was set: how far, and which way."),
     KeySpec("event/log", _P, LogEvent, "on occurrence", "Other things worth knowing."),

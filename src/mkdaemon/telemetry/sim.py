@@ -60,10 +60,6 @@ class SimFaults(Stamped):
     """By name."""
 
 
-class StartPilotRequest(Command):
-    """Ask the simulated pilot to begin now; he does nothing where he has begun or has no plan."""
-
-
 class FaultAction(StrEnum):
     """What to do with a fault."""
 
