@@ -10,6 +10,7 @@ from contextlib import asynccontextmanager
 from typing import Any, cast
 
 from lab.rigs.boardport import Socket
+from lab.rigs.grounded import GroundedAircraft
 from lab.rigs.motors import MotorWatch
 from lab.rigs.virtualloop import run_virtually
 from lab.rigs.waiting import wait_until
@@ -19,6 +20,7 @@ from mkdaemon.config.sim import PilotPlan, SimConfig
 from mkdaemon.link.link import Link
 from mkdaemon.link.session.guarding import LineGuard
 from mkdaemon.link.session.traffic import LinkSink, Lost, Received, Sent
+from mkdaemon.sim.physics.world import World
 from mkdaemon.sim.simulation import Simulation
 from mkdaemon.telemetry.link import LinkHealth, LinkState, LinkTraffic
 
@@ -86,7 +88,10 @@ def navi_ctrl(word: str = "0.24", flight: str = "2.12a", seed: int = 1, **sim: o
 
 def _aircraft(**sim: object) -> Callable[[], Simulation]:
     cfg = SimConfig.model_validate({"pilot_plan": PilotPlan.NOTHING, "calibrated": True, **sim})
-    return lambda: Simulation(cfg)
+    if cfg.pilot_plan is not PilotPlan.NOTHING:
+        return lambda: Simulation(cfg)
+    # Nobody flies it, so there is no physics to pay for.
+    return lambda: Simulation(cfg, cast("World", GroundedAircraft()))
 
 
 class Rig:
