@@ -16,6 +16,7 @@ CAMPAIGNS: Final = (
     CommandEntry("attack", "lab.attack:main", "The daemon killed, aborted or frozen in flight: the guard releases."),
     CommandEntry("kills", "lab.kills.main:main", "kill -9 of mkctl and of the daemon during backups and restores."),
     CommandEntry("control", "lab.control.main:main", "Hover, steps and landings of estimator and autopilot."),
+    CommandEntry("fly", "lab.fly:main", "The whole daemon holds over a target, rendered camera, in real time."),
     CommandEntry("flight", "lab.flight:main", "The simulated flight against the plant's figures."),
     CommandEntry("figures", "lab.figures:main", "Every plot of docs/figures."),
 )

@@ -11,12 +11,16 @@ from contextlib import asynccontextmanager
 
 import pytest
 
+from lab.fly import VEHICLE as FLOWN
+from lab.fly import hovering
 from lab.places import ROOT
 from lab.rigs.live import VEHICLE, live_daemon
 from lab.rigs.waiting import wait_for
 from mkdaemon.config.sim import PilotPlan
 
 PAGE = (ROOT / "docs" / "library.md").read_text(encoding="utf-8")
+CORNERS = (("middle", 0.0, 0.0), ("east", 0.4, 0.0), ("north", 0.4, 0.4), ("west", 0.0, 0.4), ("south", 0.0, 0.0))
+"""Of the square over the target [m]."""
 PATIENCE = 120.0
 """Longest time for a program [s]; a loaded machine is slow, not wrong."""
 
@@ -55,7 +59,8 @@ def environment(flown):
 
 
 @pytest.mark.parametrize(
-    ("heading", "lines"), [("Decode a recording", 10), ("Watch the attitude", 10), ("Fly a square", 15)]
+    ("heading", "lines"),
+    [("Decode a recording", 10), ("Watch the attitude", 10), ("Fly a square", 15), ("Fly by sticks", 15)],
 )
 def test_the_programs_are_short(heading, lines):
     assert sum(bool(line.strip()) for line in program(heading).splitlines()) <= lines
@@ -107,10 +112,24 @@ async def test_a_backup_is_written(tmp_path):
 
 @pytest.mark.flight
 @pytest.mark.real_time(tolerance=0.1)
-async def test_a_square_is_flown_in_the_simulator():
+async def test_a_square_is_flown_by_positions_over_a_target():
+    async with hovering() as hover:
+        found = os.environ | {"MK_CONNECT": hover.endpoint, "MK_VEHICLE": FLOWN}
+        lines = await output_of("Fly a square", env=found)
+    for line, (name, x, y) in zip(lines, CORNERS, strict=True):
+        east, north, up = map(float, re.findall(r"-?\d+\.\d+(?:e-\d+)?", line))
+        assert line.split()[0] == name
+        assert abs(east - x) < 0.3, line
+        assert abs(north - y) < 0.3, line
+        assert abs(up - 2.0) < 0.3, line
+
+
+@pytest.mark.flight
+@pytest.mark.real_time(tolerance=0.1)
+async def test_a_square_is_flown_by_sticks_in_the_simulator():
     async with live_daemon(board="nc", pilot_plan=PilotPlan.SUPERVISE) as flown:
         await wait_for(lambda: hovers(flown), PATIENCE)
-        lines = await output_of("Fly a square", env=environment(flown))
+        lines = await output_of("Fly by sticks", env=environment(flown))
         assert [line.split()[0] for line in lines] == ["north", "east", "south", "west"]
         corners = [tuple(map(float, re.findall(r"-?\d+\.\d+", line)[:2])) for line in lines]
         assert corners[1][0] - corners[0][0] > 0.3, "east"

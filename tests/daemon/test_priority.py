@@ -5,12 +5,13 @@ from __future__ import annotations
 import gc
 import os
 import sys
+import threading
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 
-from mkdaemon.daemon.priority import SWITCH, favour_loop, spare_collector, treat_loop_equally
+from mkdaemon.daemon.priority import NICE, SWITCH, favour_loop, favour_threads, spare_collector, treat_loop_equally
 
 pytestmark = pytest.mark.skipif(not hasattr(os, "sched_setscheduler"), reason="this system has no such call")
 
@@ -63,3 +64,32 @@ def test_what_is_loaded_is_not_collected_again():
         assert len(gc.get_objects()) < gc.get_freeze_count() / 10
     finally:
         gc.unfreeze()
+
+
+def test_other_threads_go_before_other_programs():
+    done = threading.Event()
+    other = threading.Thread(target=done.wait)
+    other.start()
+    try:
+        own = os.getpriority(os.PRIO_PROCESS, threading.get_native_id())
+        allowed = favour_threads()
+        assert os.getpriority(os.PRIO_PROCESS, other.native_id) == (NICE if allowed else own)
+        assert os.getpriority(os.PRIO_PROCESS, threading.get_native_id()) == own
+    finally:
+        done.set()
+        other.join()
+
+
+def test_without_the_right_threads_stay_as_they_are(monkeypatch):
+    def refuse(*_: object) -> None:
+        raise PermissionError
+
+    monkeypatch.setattr(os, "setpriority", refuse)
+    done = threading.Event()
+    other = threading.Thread(target=done.wait)
+    other.start()
+    try:
+        assert favour_threads() is False
+    finally:
+        done.set()
+        other.join()

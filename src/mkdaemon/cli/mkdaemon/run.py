@@ -15,7 +15,7 @@ from mkdaemon.cli.mkdaemon.logs import Level, configure
 from mkdaemon.config.reader import load
 from mkdaemon.config.root import Config
 from mkdaemon.daemon import run as run_daemon
-from mkdaemon.daemon.priority import favour_loop
+from mkdaemon.daemon.priority import favour_loop, keep_threads_favoured
 
 
 def run(
@@ -72,4 +72,8 @@ async def _until_signalled(cfg: Config) -> None:
     loop = asyncio.get_running_loop()
     for name in (signal.SIGINT, signal.SIGTERM):
         loop.add_signal_handler(name, stop.set)
-    await run_daemon(cfg, stop)
+    favouring = asyncio.create_task(keep_threads_favoured(), name="priority")
+    try:
+        await run_daemon(cfg, stop)
+    finally:
+        favouring.cancel()
