@@ -40,7 +40,9 @@ RECEIVER_FRAME: Final = 0.0225
 WIRE_TIME: Final = 0.0038
 """Of a stick frame of 22 characters [s]."""
 HOVER: Final = 125.0
-"""Gas that carries the simulated airframe of 1.25 kg [count of 254]."""
+"""Motor set point that carries the simulated 1.25 kg at 3.2 V a cell [count of 254]; docs/simulator.md."""
+HOVER_LOSS: Final = 1.7
+"""How much more gas that takes, because the FlightCtrl computes in whole numbers [count of 254]; docs/simulator.md."""
 FIRST_HOVER: Final = 118.0
 """Hover throttle the product begins with [count of 254]."""
 WORLD_SIZE: Final = 12.0
@@ -77,7 +79,7 @@ class Rig:
         start = StartState(height=1.9, yaw=0.3)
         ground = MovingDeck(flight.pad_at, radius=0.7) if any(flight.pad) else None
         self._world = World(config, seed=flight.seed, start=start, gains=flight.gains, ground=ground)
-        self._held = self._acting = AutopilotSticks(0, 0, 0, round(HOVER * scale) - 127)
+        self._held = self._acting = AutopilotSticks(0, 0, 0, round(HOVER * scale + HOVER_LOSS) - 127)
         self._next_frame = 0.0
         self._sink = 0.0
         self._autopilot: Autopilot | None = None
