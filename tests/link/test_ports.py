@@ -230,12 +230,14 @@ async def test_a_missing_device_says_what_is_there(tmp_path, monkeypatch):
         await open_port("pty:/dev/pts/9999")
 
 
-async def test_what_is_no_serial_device_is_a_configuration_error(tmp_path):
-    plain = tmp_path / "plain"
+async def test_what_is_no_serial_device_is_a_port_that_may_still_come(tmp_path):
+    plain, pipe = tmp_path / "plain", tmp_path / "pipe"
     plain.write_text("x")
-    for path in (plain, Path("/dev/null")):
-        with pytest.raises(ConfigError, match="is no serial device"):
+    os.mkfifo(pipe)
+    for path in (plain, pipe, tmp_path, Path("/dev/null")):
+        with pytest.raises(LinkLostError, match="is no serial device"):
             await open_port(str(path))
+    assert plain.read_text() == "x"
 
 
 async def test_no_permission_names_the_group(terminal, monkeypatch):

@@ -176,8 +176,8 @@ async def open_serial(path: Path, *, baud: int, is_pty: bool = False) -> SerialP
     """Open a serial device for us alone.
 
     Raises:
-        ConfigError: the path is no serial device.
-        LinkLostError: nothing is there now.
+        ConfigError: the line rate is impossible.
+        LinkLostError: nothing is there now, or something else than a serial device.
         LinkError: it is there but in use, forbidden or broken.
     """
     device = _open_device(path, baud, is_pty=is_pty)
@@ -214,8 +214,10 @@ def _refusal(path: Path, baud: int, error: Exception, *, is_pty: bool) -> LinkEr
     if number in (errno.EAGAIN, errno.EBUSY) or "exclusively lock" in str(error):
         return LinkError(f"{path} is in use by {_owner(path)}: end that program, or give it another port")
     if number == errno.ENOTTY or not path.is_char_device():
-        return ConfigError(
-            f"{path} is no serial device: name one in link.port; mkdaemon doctor lists what is plugged in"
+        # A plain file may lie where a device will be: somebody wrote to the name while the cable was out.
+        return LinkLostError(
+            f"{path} is no serial device: name one in link.port, or remove it so that the device can take its name; "
+            "mkdaemon doctor lists what is plugged in"
         )
     if number in (errno.EIO, errno.ENXIO, errno.ENODEV):
         return LinkLostError(f"{path} is there but its other end is not: {_what_is_there(is_pty=is_pty)}")
