@@ -10,9 +10,13 @@ import pytest
 from lab.rigs.linkrig import flight_ctrl, navi_ctrl, rig, virtually
 from lab.rigs.sticks import build_sticks
 from mkdaemon.errors import CommandRejectedError
-from mkdaemon.link.discovery import PORTS, redirection, wait_for_discovery
+from mkdaemon.link.discovery import LOOK_AGAIN, PORTS, redirection, wait_for_discovery
+from mkdaemon.protocol.flags import RedirectPort
 from mkdaemon.protocol.messages import ControlStateRequest, ExternControlV2, VersionRequest
+from mkdaemon.protocol.messages.navictrl import ESCAPE, Redirect
 from mkdaemon.protocol.wire import Board
+
+TO_FLIGHTCTRL, TO_COMPASS = Redirect(port=RedirectPort.FC), Redirect(port=RedirectPort.MAG)
 
 
 @virtually
@@ -59,10 +63,10 @@ async def test_a_flightctrl_that_was_silent_at_first_is_asked_again():
         assert r.link.dialect.read_only_reason is not None
         await r.until(lambda: r.link.dialect.extern_control is ExternControlV2, 10)
         assert await wait_for_discovery(r.link)
-        redirects = [s for s in r.log.tx if s.message is not None and s.message.spec.id == "u"]
+        redirects = [s for s in r.log.tx if s.message == TO_FLIGHTCTRL]
         assert [later.at - at.at > 1 for at, later in itertools.pairwise(redirects)] == [True] * 2
         await asyncio.sleep(60)
-        assert len([s for s in r.log.tx if s.message is not None and s.message.spec.id == "u"]) == 3
+        assert len([s for s in r.log.tx if s.message == TO_FLIGHTCTRL]) == 3
 
 
 @virtually
@@ -81,6 +85,38 @@ async def test_an_aircraft_that_flew_at_first_is_known_once_its_motors_stop():
         boards.world.pilot.program = None
         boards.world.faults.start("fc_reboot")
         await r.until(lambda: r.link.dialect.extern_control is ExternControlV2, 20)
+
+
+@virtually
+async def test_a_flightctrl_that_never_answers_is_looked_for_ever_more_seldom_and_then_no_more():
+    """Each look costs 0.6 s of telemetry; it went on every 15 s for ever."""
+    async with rig(navi_ctrl()) as r:
+        passed_on = r.socket.aircraft.write
+        r.socket.aircraft.write = lambda data, at: None if b"#bv" in data else passed_on(data, at)
+        await asyncio.sleep(150)
+        looks = [s.at for s in r.log.tx if s.message == TO_FLIGHTCTRL]
+        assert len(looks) == 5
+        assert all(
+            later - at > 0.9 * pause for (at, later), pause in zip(itertools.pairwise(looks), LOOK_AGAIN, strict=True)
+        )
+        assert looks[-1] < 100
+        r.socket.aircraft.write = passed_on
+        assert not r.link.lacks_flightctrl
+        r.socket.port.lose("pulled")
+        await r.until(lambda: r.link.dialect.extern_control is ExternControlV2, 10)
+
+
+@virtually
+async def test_a_look_behind_starts_the_camera_servos_again():
+    """`u 0` stops their timer, and the escape starts it again only after `u 1`: docs/firmware-notes, "Sending"."""
+    async with rig(navi_ctrl()) as r:
+        await r.until(lambda: r.link.dialect.extern_control is ExternControlV2, 5)
+        await asyncio.sleep(2)
+        sent = [s.message or s.raw for s in r.log.tx if s.message in (TO_FLIGHTCTRL, TO_COMPASS, None)]
+        begun = sent.index(TO_FLIGHTCTRL)
+        assert sent[begun:] == [TO_FLIGHTCTRL, ESCAPE, ESCAPE, TO_COMPASS, ESCAPE, ESCAPE]
+        assert r.condition == "up"
+        assert r.link.health().state.redirected_to == ""
 
 
 @virtually

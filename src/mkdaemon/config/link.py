@@ -41,7 +41,11 @@ class LinkConfig(Section):
     probe_baud: bool = True
     """Try other line rates while nothing but garbage arrives."""
     probe_flightctrl: bool = True
-    """With the motors known off, look once through a NaviCtrl for the FlightCtrl's version; telemetry pauses 0.3 s."""
+    """With the motors known off, look through a NaviCtrl for the FlightCtrl's version; telemetry pauses 0.6 s, and the
+    NaviCtrl's camera servos stop for that long: false where they must not."""
+    flightctrl_looks: Annotated[int, Field(ge=1, le=1000)] = 5
+    """Looks for a FlightCtrl that does not answer, after 1, 4, 15 and 60 s; then none until the port is opened or a
+    board boots."""
     reopen_min: Annotated[float, Field(gt=0, le=10)] = 0.05
     """First delay before a lost port is opened again [s]."""
     reopen_max: Annotated[float, Field(gt=0, le=60)] = 1.0

@@ -81,6 +81,7 @@ class Conversation:
         """Whether the FlightCtrl behind the NaviCtrl at the end of the wire is still to be asked for its release."""
         port = self._exchange.port
         may_ask = self._cfg.probe_flightctrl and port is not None and not port.is_recording
+        may_ask = may_ask and self._dialogue.peers.looks < self._cfg.flightctrl_looks
         return may_ask and self.direct_board is Board.NC and self.dialect.fc_release is None
 
     @property
@@ -200,7 +201,16 @@ class Conversation:
         """Whether the latest version reply, not long ago, came from this board."""
         return self._dialogue.peers.is_proven(board, self._clock.now())
 
+    @property
+    def is_releasing(self) -> bool:
+        """Whether a release is under way."""
+        return self._dialogue.steering.is_releasing
+
     # -- what discovery uses --------------------------------------------------------------------------------------
+
+    def count_look(self) -> None:
+        """Count that a FlightCtrl behind a NaviCtrl was asked for its release."""
+        self._dialogue.peers.looks += 1
 
     def start_streams(self) -> None:
         """Ask for the configured streams."""

@@ -7,8 +7,10 @@ FlightCtrl the NaviCtrl's time request spins a motor (docs/protocol.md, "Same le
 2. No answer, or one from a FlightCtrl: another program may have left a NaviCtrl redirected. The escape sequence twice,
    50 ms apart, ends that; harmless to everybody else. Ask again.
 3. A NaviCtrl answered and the FlightCtrl's release is unknown: once fresh telemetry says that the motors stand still,
-   redirect (`u 0`), ask the FlightCtrl, escape. The NaviCtrl's port is blind for about 0.3 s meanwhile. A FlightCtrl
-   that did not answer, or motors that ran, are no reason to give up: it is looked again, ever more seldom.
+   redirect (`u 0`), ask the FlightCtrl, escape. The NaviCtrl's port is blind for about 0.3 s meanwhile. Motors that
+   run are waited for; a FlightCtrl that does not answer is looked for again, ever more seldom, and then no more.
+4. `u 0` stops the timer of the NaviCtrl's camera servos, and the escape starts it again only after `u 1` or `u 2`: each
+   redirection to the FlightCtrl ends with `u 1` and another escape. Source: docs/firmware-notes, "Sending".
 """
 
 from __future__ import annotations
@@ -35,8 +37,9 @@ MOTORS_WAIT: Final = 3.0
 """How long to wait for telemetry that tells whether the motors run [s]."""
 ASK_AGAIN: Final = (0.1, 0.2, 0.4)
 """Pauses between rounds of questions while nobody answers; the last one repeats [s]."""
-LOOK_AGAIN: Final = (1.0, 2.0, 4.0, 8.0, 15.0)
-"""Pauses between looks behind a NaviCtrl while its FlightCtrl is unknown; the last one repeats [s]."""
+LOOK_AGAIN: Final = (1.0, 4.0, 15.0, 60.0)
+"""Pauses between looks behind a NaviCtrl while its FlightCtrl is unknown; the last one repeats [s]. Each costs 0.6 s
+of telemetry; their number is `link.flightctrl_looks`."""
 DISCOVERY_TIME: Final = 4.0
 """How long whoever wants to act waits for the boards to be known [s]; a start takes 0.5-1.5 s."""
 
@@ -48,7 +51,7 @@ async def discover_boards(link: Conversation) -> None:
 
 
 async def discover_flightctrl(link: Conversation, *, until: asyncio.Event) -> None:
-    """Ask the FlightCtrl behind a NaviCtrl for its release, again and again; ends when it is known.
+    """Ask the FlightCtrl behind a NaviCtrl for its release, ever more seldom; ends when it is known or never answers.
 
     Args:
         link: its boards are discovered.
@@ -56,11 +59,14 @@ async def discover_flightctrl(link: Conversation, *, until: asyncio.Event) -> No
     """
     pauses = chain(LOOK_AGAIN, repeat(LOOK_AGAIN[-1]))
     while link.lacks_flightctrl and not until.is_set():
+        pause = LOOK_AGAIN[0]  # waiting for motors that stand still costs nothing and has no end
         with suppress(CommandRejectedError):
             await _ask_flightctrl(link)
+            link.count_look()
+            pause = next(pauses)
         if link.lacks_flightctrl:
             with suppress(TimeoutError):
-                async with asyncio.timeout(next(pauses)):
+                async with asyncio.timeout(pause):
                     await until.wait()
 
 
@@ -141,7 +147,28 @@ async def redirection(link: Conversation, board: Board) -> AsyncIterator[None]:
             await asyncio.sleep(SWITCH_TIME)
             yield
         finally:
-            for _ in range(2):
-                await link.send_escape()
-                await asyncio.sleep(ESCAPE_PAUSE)
-            link.set_redirection(None)
+            await _end_redirection(link)
+            if board is Board.FC:
+                await _restart_servos(link)
+
+
+async def _end_redirection(link: Conversation) -> None:
+    for _ in range(2):
+        await link.send_escape()
+        await asyncio.sleep(ESCAPE_PAUSE)
+    link.set_redirection(None)
+
+
+async def _restart_servos(link: Conversation) -> None:
+    """Have the NaviCtrl set up the timer of its camera servos again; a release must not be lost to the compass."""
+    for _ in range(50):
+        if not link.is_releasing:
+            break
+        await asyncio.sleep(0.01)
+    with suppress(CommandRejectedError, LinkError):
+        await link.send(Redirect(port=RedirectPort.MAG), board=Board.NC)
+        link.set_redirection(Board.MAG)
+        try:
+            await asyncio.sleep(SWITCH_TIME)
+        finally:
+            await _end_redirection(link)

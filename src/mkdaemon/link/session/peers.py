@@ -41,6 +41,7 @@ class Peers:
         redirected: the board a NaviCtrl passes the line through to; None for none.
         boards: heard since the port was opened.
         firmware: release of each board that named it since the port was opened.
+        looks: how often the FlightCtrl behind a NaviCtrl was asked for its release, since the same.
         proof: who sent the latest version reply; None where the wire has led elsewhere since.
     """
 
@@ -52,6 +53,7 @@ class Peers:
         self.boards: set[Board] = set()
         self.firmware: dict[Board, str] = {}
         self.proof: Proof | None = None
+        self.looks = 0
         self._passage = (-math.inf, -math.inf)
 
     def restart(self) -> None:
@@ -69,6 +71,7 @@ class Peers:
         self.dialect = decide(self.evidence)
         self.firmware.clear()
         self.proof = None
+        self.looks = 0
 
     def redirect(self, board: Board | None, now: float) -> None:
         """Note that a NaviCtrl passes the wire through to a board; None: it speaks for itself again."""
