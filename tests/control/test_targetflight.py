@@ -15,7 +15,7 @@ from mkdaemon.config.autopilot import AutopilotConfig
 from mkdaemon.config.sim_flight import WindClass
 from mkdaemon.control.actions import Release, ReportFailsafe, ReportMode, SendSticks
 from mkdaemon.control.estimator.model import AircraftModel
-from mkdaemon.control.targetflight import TargetFlight
+from mkdaemon.control.targetflight import FORGOTTEN, TargetFlight
 from mkdaemon.control.vehicle import VehicleFacts
 from mkdaemon.errors import CommandRejectedError
 from mkdaemon.telemetry.control import Phase
@@ -27,6 +27,7 @@ from mkdaemon.telemetry.setpoint import (
     SetpointFrame,
     VelocitySetpoint,
 )
+from tests.control.events import pose
 
 CFG = AutopilotConfig()
 BASE = {"epoch": 1, "sequence": 1, "ttl": 0.3}
@@ -177,3 +178,35 @@ def test_a_velocity_is_flown_in_its_frame():
     assert math.hypot(x, y) == pytest.approx(0.45, abs=0.15)
     assert math.atan2(y, x) == pytest.approx(0.3, abs=0.25), "the nose points there"
     assert z == pytest.approx(0.0, abs=0.1)
+
+
+def test_a_target_seen_after_a_long_time_is_met_anew_and_another_target_is_ignored():
+    rig = CoreRig(replace(CALM, seconds=4.0))
+    rig.fly()
+    target = rig.core._target
+    first = target._estimator
+    target.pose_received(pose(4.1).model_copy(update={"target": "other"}))
+    assert target._estimator is first
+    target.pose_received(pose(4.1 + FORGOTTEN).model_copy(update={"target": "other"}))
+    assert target._estimator is not first
+    assert target.target == "other"
+
+
+def test_another_model_begins_the_estimate_anew():
+    target = TargetFlight(CFG, -2.0)
+    target.pose_received(pose(1.0))
+    target.model_known(AircraftModel())
+    assert target.estimate(1.1) is not None
+    target.model_known(replace(AircraftModel(), drag=0.2))
+    assert target.estimate(1.2) is None
+
+
+def test_entry_waits_for_a_fresh_image_and_a_certain_position():
+    target = TargetFlight(CFG, -2.0)
+    target.pose_received(pose(1.0))
+    fresh = target.guide(position(), VehicleFacts(), 1.05, is_flying=False)
+    assert "agree with the model" in fresh.obstacle
+    old = target.guide(position(), VehicleFacts(), 1.6, is_flying=False)
+    assert "a fresh image" in old.obstacle
+    nobody = TargetFlight(CFG, -2.0).guide(position(), VehicleFacts(), 0.0, is_flying=False)
+    assert (nobody.obstacle, bool(nobody.failure)) == ("a target in sight", True)
