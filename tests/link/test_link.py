@@ -17,7 +17,9 @@ from mkdaemon.errors import (
 )
 from mkdaemon.link.session.traffic import Purpose
 from mkdaemon.protocol.messages import (
+    AttitudeRequest,
     ControlStateRequest,
+    DebugRequest,
     EchoRequest,
     ErrorTextRequest,
     ExternControlV2,
@@ -245,3 +247,30 @@ async def test_auto_echo_yields_to_confirmations_but_not_to_silence():
         await asyncio.sleep(2)
         echoes = [s for s in r.log.tx if s.purpose is Purpose.ECHO and s.at > began + 2.1]
         assert len(echoes) >= 8
+
+
+@virtually
+async def test_a_stream_that_a_clients_own_request_starts_is_in_the_budget_and_ends():
+    async with rig(navi_ctrl(), rates={"osd": 100, "attitude": 100}, probe_flightctrl=False) as r:
+        await r.until_up()
+        with pytest.raises(CommandRejectedError) as caught:
+            await r.link.request(DebugRequest(interval=1))
+        assert caught.value.token == "line_budget"
+        assert "%" in caught.value.reason
+        began = asyncio.get_running_loop().time()
+        await r.link.request(DebugRequest(interval=10))
+        assert r.link.rates() == {"osd": 0.1, "attitude": 0.1, "debug": 0.1}
+        await asyncio.sleep(3)
+        assert r.log.kinds(began)["D"] > 20
+        await r.link.request(AttitudeRequest(interval=5))
+        assert r.link.rates()["attitude"] == 0.05
+        await asyncio.sleep(6)
+        assert r.link.rates() == {"osd": 0.1, "attitude": 0.1}
+        late = asyncio.get_running_loop().time()
+        await asyncio.sleep(5)
+        kinds = r.log.kinds(late)
+        assert kinds["D"] == 0, "no renewal of another stream keeps it alive"
+        assert 40 <= kinds["C"] <= 60
+        await r.link.request(DebugRequest(interval=10))
+        await r.link.request(DebugRequest(interval=0))
+        assert "debug" not in r.link.rates()

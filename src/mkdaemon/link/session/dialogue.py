@@ -1,7 +1,6 @@
 """The conversation with the boards: everything the link decides, without a clock, a port or a task.
 
-It hears what arrived and what callers want, answers `poll` with the frames to write now and `next_time` with when to
-poll again, and passes everything on to those who decide: `questions`, `steering`, `streams`, `prober` and the others.
+It hears what arrived and what callers want, says with `poll` what to write now and with `next_time` when to poll again.
 """
 
 from __future__ import annotations
@@ -166,10 +165,11 @@ class Dialogue:
         """Ask a board; the answer comes back through `questions.take_finished`.
 
         Raises:
-            CommandRejectedError: a recording plays, the board cannot be reached, or too much waits already.
+            CommandRejectedError: a recording plays, the board cannot be reached, or the line carries no more.
         """
         if self.is_recording:
             raise refuse(Token.RECORDING)
+        self.streams.request_received(message, board, now, self.rules, self.demand)
         return self.questions.ask(message, board, now, timeout=timeout, retries=retries, purpose=purpose, token=token)
 
     def steer(self, build: BuildControl, deadline: float, now: float) -> FrameNumber:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Callable
-from typing import Final
+from typing import Final, NamedTuple
 
 from mkdaemon.config.link import LinkConfig
 from mkdaemon.errors import CommandRejectedError, ConfigError
@@ -12,12 +12,14 @@ from mkdaemon.link.session import budget
 from mkdaemon.link.session.line import LineRules
 from mkdaemon.link.session.prober import AUTO
 from mkdaemon.link.session.scheduler import Entry
-from mkdaemon.link.session.subscriptions import KINDS, Subscriptions, kind_of, round_up_interval
+from mkdaemon.link.session.subscriptions import KINDS, TICK_TIME, Subscriptions, kind_of, round_up_interval
 from mkdaemon.link.session.traffic import Purpose
-from mkdaemon.protocol.wire import Board
+from mkdaemon.protocol.wire import Board, WireMessage
 
 QUEUED: Final = 1.0
 """Longest time a request for a stream waits for the line [s]; it is asked again anyway."""
+BORROWED: Final = 4.0
+"""A stream that a client's own request starts lasts so long after it [s], as on a board that nobody asks again."""
 DemandOf = Callable[[dict[str, float]], budget.Demand]
 """What the line must carry with these streams [s]."""
 
@@ -42,6 +44,13 @@ def check_rates(cfg: LinkConfig) -> None:
             raise ConfigError(f"link.rates: {error.reason} {error.fix}") from error
 
 
+class _Borrowed(NamedTuple):
+    """A stream that a client's own request started: its interval before, 0 for none, and when it ends [s]."""
+
+    before: float
+    until: float
+
+
 class Streams:
     """Wishes, and the subscriptions that fulfil them on the board at the end of the wire.
 
@@ -53,6 +62,7 @@ class Streams:
         self.is_on = False
         self._cfg = cfg
         self._subscriptions = Subscriptions(Board.ANY, renew=cfg.renewal)
+        self._borrowed: dict[str, _Borrowed] = {}
         self._wishes = {} if isinstance(cfg.rates, str) else {key: ms / 1000 for key, ms in cfg.rates.items()}
 
     @property
@@ -63,6 +73,8 @@ class Streams:
     def restart(self) -> None:
         """A port was opened: nothing runs."""
         self.is_on = False
+        for key in list(self._borrowed):
+            self._give_back(key)
         self._subscriptions.forget()
 
     def forget(self) -> None:
@@ -71,6 +83,8 @@ class Streams:
 
     def use_board(self, board: Board) -> None:
         """This board streams from now on; wishes it cannot fulfil wait for one that can."""
+        for key in list(self._borrowed):
+            self._give_back(key)
         wanted = self._subscriptions.wanted
         self._subscriptions = Subscriptions(board, renew=self._cfg.renewal)
         for key, period in wanted.items():
@@ -94,6 +108,31 @@ class Streams:
         self._subscriptions.want(key, interval)
         self._wishes = streams
 
+    def request_received(
+        self, message: WireMessage, board: Board, now: float, rules: LineRules, demand_of: DemandOf
+    ) -> None:
+        """Weigh the stream that a client's own request starts; it ends when the board would end it by itself.
+
+        Every renewal renews all streams of a board, so one that is not known here would go on for ever.
+
+        Raises:
+            CommandRejectedError: the line cannot carry it; with the arithmetic.
+        """
+        stream = message.spec.stream
+        if stream is None or board is not self._subscriptions.board:
+            return
+        key, interval = stream.key, message.interval * TICK_TIME  # type: ignore[attr-defined]  # streams have one
+        if interval > 0:
+            budget.check(demand_of({**self.wanted, key: interval}), rules, limit=self._cfg.max_line_share)
+            before = self._borrowed[key].before if key in self._borrowed else self.wanted.get(key, 0.0)
+            self._subscriptions.want(key, interval)
+            self._borrowed[key] = _Borrowed(before, now + BORROWED)
+        elif key in self._borrowed:
+            self._give_back(key)
+
+    def _give_back(self, key: str) -> None:
+        self._subscriptions.want(key, self._borrowed.pop(key).before)
+
     def start(self, rules: LineRules, demand_of: DemandOf) -> list[str]:
         """Ask for the configured streams; returns those this board does not have."""
         wishes, missing = self._wishes, []
@@ -114,6 +153,8 @@ class Streams:
 
     def due(self, now: float) -> list[Entry]:
         """Return the requests to send now, as frames for the scheduler."""
+        for key in [key for key, borrowed in self._borrowed.items() if now >= borrowed.until]:
+            self._give_back(key)
         board = self._subscriptions.board
         return [
             Entry(message.to_frame(board), Purpose.SUBSCRIPTION, now + QUEUED, board, message)
@@ -122,4 +163,5 @@ class Streams:
 
     def next_time(self) -> float:
         """When there are requests next [s]; infinite for never."""
-        return self._subscriptions.next_time() if self.is_on else float("inf")
+        times = (self._subscriptions.next_time(), *(borrowed.until for borrowed in self._borrowed.values()))
+        return min(times) if self.is_on else float("inf")
