@@ -274,3 +274,18 @@ async def test_a_stream_that_a_clients_own_request_starts_is_in_the_budget_and_e
         await r.link.request(DebugRequest(interval=10))
         await r.link.request(DebugRequest(interval=0))
         assert "debug" not in r.link.rates()
+
+
+@virtually
+async def test_a_stream_that_another_program_left_behind_is_ended():
+    async with rig(navi_ctrl(), rates={"osd": 100}, probe_flightctrl=False) as r:
+        await r.until_up()
+        loop = asyncio.get_running_loop()
+        r.socket.aircraft.write(DebugRequest(interval=5).to_frame(Board.NC), r.socket.now())
+        await asyncio.sleep(3)
+        late = loop.time()
+        await asyncio.sleep(10)
+        assert r.log.kinds(late)["D"] <= 1
+        assert r.log.kinds(late)["O"] > 90
+        asked = [s for s in r.log.tx if isinstance(s.message, DebugRequest)]
+        assert asked and all(s.message.interval == 0 for s in asked)

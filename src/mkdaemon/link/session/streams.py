@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+from collections import deque
 from collections.abc import Callable
 from typing import Final, NamedTuple
 
@@ -20,6 +21,11 @@ QUEUED: Final = 1.0
 """Longest time a request for a stream waits for the line [s]; it is asked again anyway."""
 BORROWED: Final = 4.0
 """A stream that a client's own request starts lasts so long after it [s], as on a board that nobody asks again."""
+LEFT_OVER: Final = 8
+"""So many frames of a stream nobody wants, within `LEFT_OVER_TIME`, were asked for by another program: they are ended,
+because every renewal keeps them alive too."""
+LEFT_OVER_TIME: Final = 6.0
+"""See `LEFT_OVER` [s]."""
 DemandOf = Callable[[dict[str, float]], budget.Demand]
 """What the line must carry with these streams [s]."""
 
@@ -63,6 +69,7 @@ class Streams:
         self._cfg = cfg
         self._subscriptions = Subscriptions(Board.ANY, renew=cfg.renewal)
         self._borrowed: dict[str, _Borrowed] = {}
+        self._left_over: dict[str, deque[float]] = {}
         self._wishes = {} if isinstance(cfg.rates, str) else {key: ms / 1000 for key, ms in cfg.rates.items()}
 
     @property
@@ -148,8 +155,17 @@ class Streams:
 
     def frame_received(self, key: str, now: float) -> None:
         """A frame of a kind arrived."""
-        if key in KINDS:
-            self._subscriptions.frame_received(key, now)
+        if key not in KINDS:
+            return
+        self._subscriptions.frame_received(key, now)
+        seen = self._left_over.setdefault(key, deque(maxlen=LEFT_OVER))
+        if key in self._subscriptions.wanted or not self.is_on:
+            seen.clear()
+            return
+        seen.append(now)
+        if len(seen) == LEFT_OVER and now - seen[0] <= LEFT_OVER_TIME:
+            self._subscriptions.end(key)
+            seen.clear()
 
     def due(self, now: float) -> list[Entry]:
         """Return the requests to send now, as frames for the scheduler."""

@@ -130,6 +130,11 @@ class Subscriptions:
         if stream is None or stream.interval != interval:
             self._wanted[key] = _Stream(interval)
 
+    def end(self, key: str) -> None:
+        """End a stream that nobody here wants."""
+        if key not in self._to_stop and self.board in KINDS[key].boards:
+            self._to_stop.append(key)
+
     def forget(self) -> None:
         """The board lost everything it was asked (reboot, port lost): ask for all of it again."""
         for stream in self._wanted.values():
