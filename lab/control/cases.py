@@ -12,7 +12,8 @@ import numpy as np
 from lab.control.camera import CameraModel
 from lab.control.flights import Flight, Record
 from lab.control.law2010 import PiGains
-from lab.control.rig import believed_model
+from lab.control.rendered import RenderedRig
+from lab.control.rig import Rig, believed_model
 from mkdaemon.config.sim_flight import WindClass
 from mkdaemon.control.estimator.model import NO_FILTER
 from mkdaemon.control.guidance.autopilot import Goal
@@ -45,12 +46,14 @@ class Case:
         flights: how many.
         measure: key of each figure and its value from a record; not a number where there is none.
         goals: largest median (or for `_p90` keys, 90th percentile) that meets the goal, by key.
+        rig: what flies it; by default a camera that is a noise model, and no flight core.
     """
 
     flight: Callable[[int], Flight]
     flights: int
     measure: Callable[[Record], dict[str, float]]
     goals: dict[str, float]
+    rig: type[Rig] = Rig
 
 
 def hover_rms(key: str) -> Callable[[Record], dict[str, float]]:
@@ -149,6 +152,20 @@ CASES: Final = {
     ),
     "hover_old_firmware": Case(
         _hover(WindClass.INDOOR, gains=OLD_FIRMWARE), 20, hover_rms("hover_old_rms_cm"), {"hover_old_rms_cm": 4.0}
+    ),
+    "rendered_hover": Case(
+        _hover(WindClass.INDOOR, seconds=32.0),
+        4,
+        hover_rms("rendered_hover_rms_cm"),
+        {"rendered_hover_rms_cm": 4.0},
+        RenderedRig,
+    ),
+    "rendered_light": Case(
+        _hover(WindClass.LIGHT, seconds=32.0),
+        4,
+        hover_rms("rendered_light_rms_cm"),
+        {"rendered_light_rms_cm": 10.0},
+        RenderedRig,
     ),
     "hover_late": Case(
         _hover(WindClass.INDOOR, camera=CameraModel(latency=0.25)),

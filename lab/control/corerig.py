@@ -39,7 +39,10 @@ class CoreRig(Rig):
         core: as in the daemon.
         actions: everything it decided, with its time [s].
         estimates: what it published.
+        handover: when the client begins to stream; until the core flies, who flew before holds the aircraft [s].
     """
+
+    handover = 0.0
 
     def __init__(self, flight: Flight) -> None:
         super().__init__(flight)
@@ -54,8 +57,12 @@ class CoreRig(Rig):
         self._secret = ""
         self._sequence = 0
 
-    def _see(self, view: TargetView, at: float) -> None:
+    def _show_pilot(self, view: TargetView, at: float) -> None:
+        """Let who holds the aircraft before the core does see the target."""
         super()._see(view, at)
+
+    def _see(self, view: TargetView, at: float) -> None:
+        self._show_pilot(view, at)
         self.core.pose_received(_pose_of(view))
 
     def _hear(self, measured: float, pitch: float, roll: float, yaw: float, at: float) -> None:
@@ -70,6 +77,8 @@ class CoreRig(Rig):
             self._at(at + CONTROL_PERIOD, self._control)
         else:
             super()._control(at)
+        if at < self.handover:
+            return
         goal = self._flight.goal(at)
         if not self._epoch:
             request = LeaseRequest(action="take", holder=CLIENT)

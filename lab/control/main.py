@@ -16,7 +16,6 @@ from rich.console import Console
 from rich.table import Table
 
 from lab.control.cases import CASES, REPORTING
-from lab.control.rig import fly
 from mkdaemon.cli.arguments import AsJson
 
 TELL_EVERY: Final = 10.0
@@ -75,8 +74,9 @@ def run_case(name: str, runs: int | None, first_seed: int, jobs: int) -> dict[st
 def measure(job: tuple[str, int]) -> tuple[dict[str, float], str]:
     """Fly one flight of a case; its figures, and why it was lost."""
     name, seed = job
-    record = fly(CASES[name].flight(seed))
-    return CASES[name].measure(record), record.lost
+    case = CASES[name]
+    record = case.rig(case.flight(seed)).fly()
+    return case.measure(record), record.lost
 
 
 def sum_up(key: str, values: list[float], lost: list[str], goals: dict[str, float]) -> dict[str, Any]:

@@ -1,0 +1,23 @@
+"""Rendered images through the real eyes to the flight core, in virtual time."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from lab.control.camera import CameraModel
+from lab.control.flights import Flight
+from lab.control.rendered import RenderedRig
+from mkdaemon.telemetry.control import Phase
+
+
+@pytest.mark.flight
+def test_the_core_holds_over_a_target_that_the_eyes_see():
+    rig = RenderedRig(Flight(seed=5, seconds=16.0, camera=CameraModel(rate=15.0)))
+    record = rig.fly()
+    assert not record.lost
+    assert rig.core.phase is Phase.FLYING
+    assert rig.posed >= 0.95 * rig.images
+    errors = np.array(record.errors)[np.array(record.times) > 12.0]
+    assert len(errors) > 150
+    assert np.abs(errors).max() < 0.15
