@@ -8,7 +8,7 @@ import pytest
 
 from lab.rigs.boardport import LineFault
 from lab.rigs.cockpit import Boards
-from lab.stories.cable import BACK, Cut, Cycle, first_words, pull_cable
+from lab.stories.cable import BACK, CLEARED, Cut, Cycle, first_words, pull_cable
 from lab.stories.faults import FAULTS, VERDICT, judge_fault
 from lab.stories.kill import last_words, steering
 from mkdaemon.protocol.messages import ExternControlV1, ExternControlV2, ExternControlV3, VersionRequest
@@ -30,7 +30,14 @@ def test_after_every_cut_nobody_steers_and_telemetry_comes_back(fc):
 def test_what_a_wrong_cycle_is():
     good = Cycle(0, Cut.UNPLUGGED, back=0.3, first="release", steered=0, is_held=False, obeyed=0.0)
     assert not good.is_wrong
-    for change in ({"back": None}, {"back": BACK + 0.1}, {"first": "v"}, {"steered": 1}, {"is_held": True}):
+    for change in (
+        {"back": None},
+        {"back": BACK + 0.1},
+        {"first": "v"},
+        {"steered": 1},
+        {"is_held": True},
+        {"obeyed": CLEARED + 0.1},
+    ):
         assert replace(good, **change).is_wrong, change
 
 
