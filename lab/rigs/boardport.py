@@ -120,6 +120,7 @@ class BoardPort:
         fault: what is wrong at the moment.
         amount: how much of it, where that has a meaning.
         is_closed: nobody uses it any more.
+        discarded: bytes that were thrown away before they left.
     """
 
     def __init__(self, socket: Socket, name: str, baud: int) -> None:
@@ -130,7 +131,7 @@ class BoardPort:
         self._name = name
         self._baud = baud
         self._inbox = bytearray()
-        self._stuck = 0
+        self._stuck = self.discarded = 0
         self._loss: str | None = None
         self._arrived = asyncio.Event()
         self._decoder = FrameDecoder()
@@ -147,6 +148,11 @@ class BoardPort:
     def backlog(self) -> int:
         """Bytes a stuck writer holds."""
         return self._stuck
+
+    def discard(self) -> None:
+        """Throw away what a stuck writer holds."""
+        self.discarded += self._stuck
+        self._stuck = 0
 
     @property
     def descriptor(self) -> int | None:

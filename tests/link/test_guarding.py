@@ -6,9 +6,11 @@ import asyncio
 
 import pytest
 
+from lab.rigs.boardport import LineFault
 from lab.rigs.linkrig import flight_ctrl, navi_ctrl, rig, virtually
 from lab.rigs.sticks import build_sticks
 from lab.rigs.virtualguard import VirtualGuard
+from mkdaemon.link.session.traffic import Purpose
 
 
 async def fly(r, seconds, **fields):
@@ -38,6 +40,28 @@ async def test_an_ordinary_flight_and_its_release_need_no_guard(word, nc):
         assert not guard.guard.is_armed
     guard.stop()
     assert guard.written == []
+
+
+@virtually
+async def test_behind_a_stick_frame_that_does_not_leave_no_second_one_waits_and_a_release_throws_it_away():
+    async with rig(flight_ctrl("2.12a", gate_parameter=200)) as r:
+        await r.until(lambda: r.link.dialect.extern_control is not None and r.link.is_up, 5)
+        await asyncio.sleep(1.0)
+        await fly(r, 1.0, pitch=20)
+        port = r.socket.port
+        port.inject(LineFault.STUCK_WRITER)
+        stuck_at = asyncio.get_running_loop().time()
+        await fly(r, 0.4, pitch=40)
+        waiting = [frame for frame in r.log.tx if frame.purpose is Purpose.SETPOINT and frame.at >= stuck_at]
+        assert len(waiting) == 1
+        assert port.discarded == 0
+        releasing = asyncio.ensure_future(r.link.release("test"))
+        await asyncio.sleep(0.01)
+        assert port.discarded >= len(waiting[0].raw)
+        port.inject(LineFault.NONE)
+        await releasing
+        await fly(r, 0.2, pitch=10)
+        assert sum(frame.at > stuck_at + 0.4 and frame.purpose is Purpose.SETPOINT for frame in r.log.tx) >= 5
 
 
 @pytest.mark.parametrize("word", ["early", "2.08", "2.12a"])

@@ -21,6 +21,7 @@ from mkdaemon.errors import ConfigError, LinkError, LinkLostError
 from mkdaemon.link.ports import serialport
 from mkdaemon.link.ports.port import PortAddress, open_port, parse_address
 from mkdaemon.link.ports.serialport import open_serial
+from mkdaemon.link.ports.tcpport import OVERDUE
 
 PATIENCE = 60.0
 """Longest wait for anything [s]; a loaded machine is slow, not wrong."""
@@ -325,6 +326,50 @@ async def test_tcp_both_ways_and_its_end():
         await port.drain()
     server.close()
     await server.wait_closed()
+
+
+async def test_what_a_device_has_not_taken_can_be_thrown_away(terminal, monkeypatch):
+    _, name = terminal
+    port = await open_port(f"pty:{name}")
+    flushed = []
+    monkeypatch.setattr(port._transport.serial, "reset_output_buffer", lambda: flushed.append(True))
+    port.write(b"x" * 100_000)
+    assert port.backlog > 0
+    port.discard()
+    assert port.backlog == 0
+    assert flushed == [True]
+    await port.close()
+    port.discard()
+
+
+async def test_a_tcp_connection_that_stands_still_is_told_and_ended_with_what_waits_in_it():
+    with socket.socket() as server:
+        server.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+        server.bind(("127.0.0.1", 0))
+        server.listen(1)
+        port = await open_port(f"tcp:127.0.0.1:{server.getsockname()[1]}")
+        peer, _ = server.accept()
+        port.write(b"x" * 20_000)
+        assert port.backlog < 20_000, "nothing is overdue yet"
+        await asyncio.sleep(2 * OVERDUE)
+        assert port.backlog > 0
+        with pytest.raises(LinkLostError, match="stood still"):
+            port.discard()
+        await port.close()
+        with peer, pytest.raises(ConnectionResetError):
+            while peer.recv(4096):
+                pass
+
+
+async def test_tcp_bytes_that_were_acknowledged_are_no_backlog():
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        port = await open_port(f"tcp:127.0.0.1:{server.getsockname()[1]}")
+        for _ in range(20):
+            port.write(b"#bb stick frame")
+            await asyncio.sleep(0.01)
+        await asyncio.sleep(2 * OVERDUE)
+        assert port.backlog == 0
+        await port.close()
 
 
 async def test_tcp_mistakes(monkeypatch):

@@ -30,7 +30,10 @@ class Port(Protocol):
 
     @property
     def backlog(self) -> int:
-        """Bytes accepted by `write` that have not left yet."""
+        """Bytes accepted by `write` that have not left yet, as far as the system can tell.
+
+        A pseudo terminal tells nothing. Over TCP, bytes count that the other end has not acknowledged for a while.
+        """
 
     @property
     def descriptor(self) -> int | None:
@@ -52,6 +55,13 @@ class Port(Protocol):
 
         Raises:
             LinkLostError: the port is gone.
+        """
+
+    def discard(self) -> None:
+        """Throw away what was written and has not left; a TCP connection is ended for that.
+
+        Raises:
+            LinkLostError: the connection was ended.
         """
 
     async def drain(self) -> None:

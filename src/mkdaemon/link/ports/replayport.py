@@ -62,6 +62,9 @@ class ReplayPort:
     def write(self, data: bytes) -> None:
         """Swallow: a recording cannot be changed."""
 
+    def discard(self) -> None:
+        """Do nothing."""
+
     async def drain(self) -> None:
         """Return at once."""
 

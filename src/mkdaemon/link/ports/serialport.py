@@ -114,6 +114,13 @@ class SerialPort(asyncio.Protocol):
         if taken < len(data):
             self._transport.write(data[taken:])
 
+    def discard(self) -> None:
+        """Throw away what the device has not taken; see `Port.discard`."""
+        if self._transport is not None and self._loss is None:
+            self._transport.flush()
+            with suppress(OSError, termios.error, serial.SerialException):
+                self._transport.serial.reset_output_buffer()
+
     async def drain(self) -> None:
         """Wait until everything written has left; see `Port.drain`."""
         while self.backlog:  # noqa: ASYNC110 - no driver tells when its queue has become empty

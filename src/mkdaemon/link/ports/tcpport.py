@@ -3,13 +3,20 @@
 from __future__ import annotations
 
 import asyncio
+import fcntl
 import socket
+import struct
+import termios
+from array import array
+from collections import deque
 from contextlib import suppress
 from typing import Final
 
 from mkdaemon.errors import LinkError, LinkLostError
 
 _CONNECT: Final = 3.0
+OVERDUE: Final = 0.1
+"""Bytes not acknowledged for so long stand still [s]; a receiver may delay its acknowledgement by 0.04 s."""
 
 
 class TcpPort:
@@ -19,6 +26,8 @@ class TcpPort:
         self._name = name
         self._reader = reader
         self._writer = writer
+        self._written = 0
+        self._marks: deque[tuple[int, float]] = deque(maxlen=1000)
 
     @property
     def name(self) -> str:
@@ -38,8 +47,22 @@ class TcpPort:
 
     @property
     def backlog(self) -> int:
-        """Bytes the network has not taken yet."""
-        return self._writer.transport.get_write_buffer_size()
+        """Bytes the network has not taken yet; once the oldest is overdue, also those that were not acknowledged."""
+        waiting: int = self._writer.transport.get_write_buffer_size()
+        unacknowledged = waiting + self._kernel_queue()
+        while self._marks and self._marks[0][0] <= self._written - unacknowledged:
+            self._marks.popleft()
+        is_overdue = bool(self._marks) and asyncio.get_running_loop().time() - self._marks[0][1] > OVERDUE
+        return unacknowledged if is_overdue else waiting
+
+    def _kernel_queue(self) -> int:
+        """Bytes the kernel keeps because the other end has not acknowledged them (tcp(7), SIOCOUTQ)."""
+        if self.descriptor is None:
+            return 0
+        number = array("i", [0])
+        with suppress(OSError):
+            fcntl.ioctl(self.descriptor, termios.TIOCOUTQ, number)
+        return number[0]
 
     async def read(self) -> bytes:
         """Return what arrived, as soon as there is something; see `Port.read`."""
@@ -55,7 +78,20 @@ class TcpPort:
         """Take bytes to send; see `Port.write`."""
         if self._writer.is_closing():
             raise LinkLostError(f"tcp {self._name}: the connection is closed")
+        self._written += len(data)
+        self._marks.append((self._written, asyncio.get_running_loop().time()))
         self._writer.write(data)
+
+    def discard(self) -> None:
+        """End the connection with a reset, so that the kernel delivers nothing of what waits; see `Port.discard`."""
+        connection: socket.socket | None = self._writer.get_extra_info("socket")
+        if connection is not None:
+            with suppress(OSError):
+                connection.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
+        self._writer.transport.abort()
+        raise LinkLostError(
+            f"tcp {self._name}: the connection stood still and was ended, for a stick frame waited in it"
+        )
 
     async def drain(self) -> None:
         """Wait until everything written has left; see `Port.drain`."""

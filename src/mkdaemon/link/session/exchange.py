@@ -7,6 +7,7 @@ straight line without a queue. Frame out: `Dialogue.poll` gives what may be writ
 from __future__ import annotations
 
 import asyncio
+import math
 from collections.abc import Callable, Coroutine
 from contextlib import suppress
 from typing import Any, Final
@@ -19,6 +20,7 @@ from mkdaemon.link.session.dialogue import Dialogue
 from mkdaemon.link.session.guarding import GuardFeed, LineGuard
 from mkdaemon.link.session.reopening import BaudSearch
 from mkdaemon.link.session.report import Reporter
+from mkdaemon.link.session.stickqueue import LOOK, StickQueue
 from mkdaemon.link.session.traffic import LinkSink, Lost, Received, Sent
 from mkdaemon.link.session.waiters import Waiters
 from mkdaemon.protocol.boards import Direction
@@ -59,6 +61,7 @@ class Exchange:
         self._dialogue = dialogue
         self._clock = clock
         self._guard = GuardFeed(guard)
+        self._sticks = StickQueue()
         self._decoder = FrameDecoder()
         self._messages = MessageDecoder()
         self._failure: asyncio.Future[None] | None = None
@@ -192,8 +195,10 @@ class Exchange:
             self._settle()
             return
         try:
+            self._look_after_sticks(port)
             for entry in self._dialogue.poll(now):
                 port.write(entry.raw)
+                self._sticks.written(entry)
                 self._guard.written(entry)
                 self._sink.sent(Sent(now, entry.raw, entry.message, entry.purpose))
         except LinkLostError as error:
@@ -203,7 +208,22 @@ class Exchange:
         self._settle()
         if now >= self._judge_at:
             self._judge(port, now)
-        self._set_timer(min(self._dialogue.next_time(now), self._judge_at) - now)
+        look = now + LOOK if self._dialogue.scheduler.holds_setpoints else math.inf
+        self._set_timer(min(self._dialogue.next_time(now), self._judge_at, look) - now)
+
+    def _look_after_sticks(self, port: Port) -> None:
+        """Let no stick frame wait behind another in the kernel; throw away what waits there when a release begins.
+
+        Raises:
+            LinkLostError: what waits can only be thrown away with the connection.
+        """
+        is_waiting = self._sticks.is_watching and not self._sticks.has_left(port.backlog)
+        if is_waiting and self._dialogue.steering.is_releasing:
+            is_waiting = False
+            self._sticks.forget()
+            self._dialogue.scheduler.resynchronise()
+            port.discard()
+        self._dialogue.scheduler.holds_setpoints = is_waiting
 
     def _settle(self) -> None:
         """Hand answers, refusals and losses to whoever waits for them."""
@@ -243,6 +263,7 @@ class Exchange:
     def port_lost(self, reason: str, condition: LinkCondition = LinkCondition.DOWN) -> None:
         """Say at once that the port is gone, and why."""
         self.port = None
+        self._sticks.forget()
         self._guard.port_lost()
         self._dialogue.port_lost(self._clock.now(), reason, condition)
         self._settle()

@@ -74,7 +74,10 @@ class Entry:
 
 
 class TransmitScheduler:
-    """Gives out one frame at a time, when the line and the boards can take it."""
+    """Gives out one frame at a time, when the line and the boards can take it.
+
+    While it `holds_setpoints`, the newest one waits here, because an earlier one has not left the machine.
+    """
 
     def __init__(self, rules: LineRules) -> None:
         self.rules = rules
@@ -94,6 +97,7 @@ class TransmitScheduler:
         self._leaving = False
         self._only: Board | None = None
         self._expired: list[Entry] = []
+        self.holds_setpoints = False
 
     # -- what callers hand in -------------------------------------------------------------------------------------
 
@@ -236,7 +240,7 @@ class TransmitScheduler:
         if entry.slot is not None:
             ready = max(ready, self._taken.get(entry.slot, 0.0))
         if entry.purpose is Purpose.SETPOINT:
-            return max(ready, self._setpoint_turn)
+            return math.inf if self.holds_setpoints else max(ready, self._setpoint_turn)
         return self._let_setpoint_pass(entry, max(ready, now, self._line_free))
 
     def _let_setpoint_pass(self, entry: Entry, begin: float) -> float:
