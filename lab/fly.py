@@ -53,6 +53,7 @@ class Seen:
 
     Attributes:
         truths: time [s; monotonic] and true position [m; ENU], while the daemon's sticks act.
+        steps: when the simulator published its state [s; monotonic].
         latencies: from the exposure to the pose [s].
         outputs: when stick frames were made [s; monotonic].
         estimates: time [s; monotonic] and estimated position in the frame of the target [m].
@@ -61,6 +62,7 @@ class Seen:
     """
 
     truths: list[tuple[float, tuple[float, ...]]] = field(default_factory=list)
+    steps: list[float] = field(default_factory=list)
     latencies: list[float] = field(default_factory=list)
     outputs: list[float] = field(default_factory=list)
     estimates: list[tuple[float, tuple[float, ...]]] = field(default_factory=list)
@@ -72,6 +74,8 @@ class Seen:
         """Keep what counts."""
         fields = self.last[sample.suffix] = sample.fields
         at = float(fields["stamp"]["monotonic"]) if "stamp" in fields else math.nan
+        if sample.suffix == "sim/truth":
+            self.steps.append(at)
         match sample.suffix:
             case "sim/truth" if fields["controlled"]:
                 self.truths.append((at, tuple(fields["position_enu"])))
@@ -264,6 +268,8 @@ def _figures(seen: Seen, began: float, share: float, lost: str) -> dict[str, Any
         "image_latency_p99_ms": _percentile(seen.latencies, 99),
         "control_jitter_p50_ms": _percentile(np.abs(gaps - PERIOD), 50),
         "control_jitter_p99_ms": _percentile(np.abs(gaps - PERIOD), 99),
+        "frame_gap_max_ms": _percentile(gaps, 100),
+        "simulator_gap_max_ms": _percentile(np.diff([at for at in seen.steps if at > began]), 100),
         "daemon_cpu_percent": _rounded(100 * share),
         "lost": lost,
         "holds": not lost and farthest <= LARGEST,
