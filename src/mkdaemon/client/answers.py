@@ -48,6 +48,11 @@ class Answer:
         """Whether it was done, or sent where success cannot be seen."""
         return self.status in {"accepted", "not_observable"}
 
+    @property
+    def refusal(self) -> CommandRejectedError:
+        """The exception that a refused command raises."""
+        return CommandRejectedError(self.token or self.status, self.reason or "no reason given.", self.fix or "")
+
     def require(self) -> dict[str, Any]:
         """Return the reply.
 
@@ -55,5 +60,5 @@ class Answer:
             CommandRejectedError: the command was refused; says token, reason and fix.
         """
         if not self.is_accepted:
-            raise CommandRejectedError(self.token or self.status, self.reason or "no reason given.", self.fix or "")
+            raise self.refusal
         return self.reply

@@ -7,6 +7,7 @@ from collections.abc import AsyncIterator
 from contextlib import suppress
 from typing import TYPE_CHECKING, Any, Final, Self
 
+from mkdaemon.client.answers import Answer
 from mkdaemon.client.samples import Sample
 from mkdaemon.client.setpoints import Setpoints
 from mkdaemon.client.transport import Transport
@@ -188,7 +189,7 @@ class SetpointStream:
     def _event_arrived(self, event: CommandEvent) -> None:
         is_ours = event.key.startswith("setpoint/") and event.fields.get("epoch") == self.epoch
         if is_ours and event.token is not None and event.token not in _OF_STRANGERS:
-            self._refusal = CommandRejectedError(event.token, event.reason or "", event.fix or "")
+            self._refusal = Answer("denied", {}, event.token, event.reason, event.fix).refusal
 
     def _status_arrived(self, status: ControlStatus) -> None:
         if status.lease is not None and status.lease.epoch == self.epoch:
