@@ -30,6 +30,8 @@ class AutopilotConfig(Section):
     """Position must be known to this standard deviation before a flight begins [m]."""
     entry_age: float = Field(default=0.25, gt=0, le=1)
     """The newest image must be younger than this before a flight begins [s]."""
+    entry_speed: float = Field(default=0.4, gt=0, le=5)
+    """The aircraft must be slower than this against the target before a flight begins [m/s]."""
     entry_clean: float = Field(default=2.0, ge=0, le=20)
     """Images must have agreed with the model for this long before a flight begins [s]."""
     clean_innovation: float = Field(default=4.0, gt=0)

@@ -45,6 +45,8 @@ ATTITUDE_LATENCY: Final = 0.024
 """How old an attitude is when it arrives [s]: the board's frame time and half the radio's latency; docs/control.md."""
 FORGOTTEN: Final = 5.0
 """A target out of sight for longer is met anew [s]."""
+_LOW: Final = 0.08
+"""Feet lower than this above the target stand, as far as the estimate can tell [m]."""
 _NO_TARGET: Final = "a target in sight"
 
 
@@ -171,7 +173,9 @@ class TargetFlight:
         sticks = _floating(autopilot.sticks(goal, now, step))
         if landing.phase is LandingPhase.DOWN:
             stands = now - landing.down_since >= self._cfg.stand_time
-            return Guided(sticks, finished=f"landed on {self.target}" if stands else "")
+            is_low = float(estimate.position[2]) - self._cfg.stand_height < _LOW
+            shown = f"landed on {self.target}" if is_low else f"came down, but nothing shows it stands on {self.target}"
+            return Guided(sticks, finished=shown if stands else "")
         if landing.phase is LandingPhase.COMMIT or estimate.age <= self._cfg.level_after:
             return Guided(sticks)
         return Guided(_level(estimate), failure=self._lost_sight(estimate))
@@ -221,6 +225,9 @@ class TargetFlight:
         sd = float(estimate.position_sd.max())
         if estimate.age > cfg.entry_age:
             return f"a fresh image of {self.target}: the last is {estimate.age:.2f} s old"
+        speed = float(np.hypot(*estimate.velocity[:2]))
+        if speed > cfg.entry_speed:
+            return f"a slower aircraft: it moves at {speed:.1f} m/s over {self.target}"
         if sd > cfg.entry_sd:
             return f"a certain position: its standard deviation is {100 * sd:.0f} cm"
         if now - self._clean_since < cfg.entry_clean:
