@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Final
+from typing import Final, cast
 
 from mkdaemon.control.estimator.model import AircraftModel
 from mkdaemon.errors import ProtocolError
@@ -28,9 +28,7 @@ def aircraft_model(parameters: ParameterSet, dialect: Dialect, *, has_slow_leak:
         values = {name: parameters[name] for name in _NAMES}
     except (KeyError, ProtocolError):
         return None
-    numbers = {name: value for name, value in values.items() if isinstance(value, int)}
-    if len(numbers) < len(_NAMES):
-        return None
+    numbers = cast("dict[str, int]", values)  # all six are plain numbers in every layout
     try:
         return AircraftModel.from_parameters(
             **numbers, has_stick_filter=dialect.stick_filter, has_slow_leak=has_slow_leak
