@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import pytest
 
+from tests.places import ROOT
+
 pytest_plugins = ["pytester"]
 
 CONFTEST = """
@@ -30,8 +32,9 @@ def test_that_fails_the_first_time(number):
 
 
 @pytest.fixture
-def make_run(pytester):
+def make_run(pytester, monkeypatch):
     """Run such a file; the machine stood still if the tolerance is below nothing."""
+    monkeypatch.setenv("PYTHONPATH", str(ROOT))  # worker processes begin in a folder of their own
 
     def make(*options, tolerance, count=1, failures=1):
         pytester.makeini("[pytest]\nasyncio_default_fixture_loop_scope = function")
