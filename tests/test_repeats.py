@@ -8,8 +8,12 @@ from tests.places import ROOT
 
 pytest_plugins = ["pytester"]
 
-CONFTEST = """
+CONFTEST = f"""
+import sys
+
 import pytest
+
+sys.path.insert(0, {str(ROOT)!r})  # worker processes begin with the path of a bare interpreter
 from tests import repeats
 
 def pytest_configure(config):
@@ -32,9 +36,8 @@ def test_that_fails_the_first_time(number):
 
 
 @pytest.fixture
-def make_run(pytester, monkeypatch):
+def make_run(pytester):
     """Run such a file; the machine stood still if the tolerance is below nothing."""
-    monkeypatch.setenv("PYTHONPATH", str(ROOT))  # worker processes begin in a folder of their own
 
     def make(*options, tolerance, count=1, failures=1):
         pytester.makeini("[pytest]\nasyncio_default_fixture_loop_scope = function")
