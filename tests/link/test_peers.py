@@ -64,3 +64,18 @@ def test_what_boards_said_of_themselves_can_be_forgotten_behind_an_open_port():
     peers.forget()
     assert peers.dialect.extern_control is None
     assert (peers.direct, peers.firmware, peers.proof) == (Board.FC, {}, None)
+
+
+def test_a_board_that_is_no_pilot_is_not_where_the_wire_ends():
+    peers = Peers()
+    assert not peers.sender_heard(Board.MAG)
+    assert (peers.direct, peers.boards) == (Board.ANY, set())
+
+
+def test_a_redirection_that_ends_without_having_begun_is_no_reason_for_a_silence():
+    peers = Peers()
+    peers.redirect(None, 10.0)
+    assert not peers.caused_silence(9.0, 10.5)
+    peers.redirect(Board.FC, 11.0)
+    peers.redirect(None, 12.0)
+    assert peers.caused_silence(11.5, 12.0)
