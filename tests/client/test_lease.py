@@ -197,15 +197,37 @@ async def test_a_refusal_just_after_the_lease_was_taken_does_not_count():
 async def test_refusals_of_a_strangers_setpoints_under_our_epoch_are_not_ours():
     async with connected() as (daemon, uav), uav.lease() as lease:
         for token in (Token.NOT_HOLDER, Token.BAD_FIELD, Token.MALFORMED):
-            error = refuse(token, holder="me", name="x", detail="y")
-            lease._event_arrived(
-                CommandEvent(
-                    stamp=CLOCK.stamp(), key="setpoint/stick", fields={"epoch": EPOCH}, status="denied",
-                    token=error.token, reason=error.reason, fix=error.fix, duration=None,
-                )
-            )  # fmt: skip
+            lease._event_arrived(refused_setpoint(token))
         await lease.stick(throttle=0, seconds=0.1)
         assert daemon.setpoints
+
+
+async def test_a_refusal_that_overtakes_the_word_of_the_lost_lease_leaves_its_reason_to_it():
+    async with connected() as (daemon, uav), uav.lease() as lease:
+        flying = asyncio.create_task(lease.stick(throttle=0, seconds=30))
+        await wait_until(lambda: lease.is_engaged)
+        for token in (Token.WRONG_EPOCH, Token.NOT_LEASED):
+            lease._event_arrived(refused_setpoint(token))
+        before = lease.setpoints
+        await wait_until(lambda: lease.setpoints > before + 2)
+        daemon.lose("other took the lease from me")
+        with pytest.raises(LeaseLostError, match="other took the lease from me"):
+            await flying
+
+
+def refused_setpoint(token):
+    """The event of a refused setpoint under our epoch."""
+    error = refuse(token, holder="me", name="x", detail="y", epoch=EPOCH, current=EPOCH + 1)
+    return CommandEvent(
+        stamp=CLOCK.stamp(),
+        key="setpoint/stick",
+        fields={"epoch": EPOCH},
+        status="denied",
+        token=error.token,
+        reason=error.reason,
+        fix=error.fix,
+        duration=None,
+    )
 
 
 async def test_a_landing_ends_when_the_daemon_reports_it():

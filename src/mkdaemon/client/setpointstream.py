@@ -33,6 +33,8 @@ GIVING_BACK: Final = 3.0
 """Longest wait for the answer when the lease is given back [s]; the end of the liveliness token ends it as well."""
 _OF_STRANGERS: Final = frozenset({"not_holder", "bad_field", "malformed"})
 """Refusals that no setpoint from here can meet: signed and checked as they are, others send those under our epoch."""
+_OF_THE_END: Final = frozenset({"wrong_epoch", "not_leased"})
+"""Refusals of a lease that has ended; `control/status`, which follows them, says why."""
 
 
 class SetpointStream:
@@ -188,7 +190,7 @@ class SetpointStream:
 
     def _event_arrived(self, event: CommandEvent) -> None:
         is_ours = event.key.startswith("setpoint/") and event.fields.get("epoch") == self.epoch
-        if is_ours and event.token is not None and event.token not in _OF_STRANGERS:
+        if is_ours and event.token is not None and event.token not in _OF_STRANGERS | _OF_THE_END:
             self._refusal = Answer("denied", {}, event.token, event.reason, event.fix).refusal
 
     def _status_arrived(self, status: ControlStatus) -> None:
