@@ -41,10 +41,17 @@ def surroundings(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
                 "FORCE_COLOR",
                 "NOTIFY_SOCKET",
                 "WATCHDOG_USEC",
+                "RUNTIME_DIRECTORY",
                 "STATE_DIRECTORY",
             }:
                 patch.delenv(name)
-        for name, value in {"HOME": home, "NO_COLOR": "1", "TERM": "dumb", "COLUMNS": "120"}.items():
+        for name, value in {
+            "HOME": home,
+            "XDG_RUNTIME_DIR": home,
+            "NO_COLOR": "1",
+            "TERM": "dumb",
+            "COLUMNS": "120",
+        }.items():
             patch.setenv(name, value)
         yield
 

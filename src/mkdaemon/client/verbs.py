@@ -23,6 +23,13 @@ class ReleaseResult:
     outcome: ReleaseOutcome
     fields: dict[str, Any]
 
+    @classmethod
+    def from_reply(cls, reply: dict[str, Any]) -> ReleaseResult:
+        """Read the daemon's reply."""
+        from mkdaemon.telemetry.control import ReleaseOutcome
+
+        return cls(ReleaseOutcome(reply["status"]), reply)
+
     @property
     def is_done(self) -> bool:
         """It was confirmed, or cannot be."""
@@ -46,10 +53,7 @@ class Verbs(Transport):
             CommandRejectedError: no end of it in time.
             MkError: no daemon speaks for this vehicle.
         """
-        from mkdaemon.telemetry.control import ReleaseOutcome
-
-        reply = (await self.command("do", "release", {"reason": reason})).require()
-        return ReleaseResult(ReleaseOutcome(reply["status"]), reply)
+        return ReleaseResult.from_reply((await self.command("do", "release", {"reason": reason})).require())
 
     async def lease_state(self) -> LeaseState | None:
         """Who holds the lease; None for nobody.

@@ -22,3 +22,6 @@ class BusConfig(Section):
     """A client whose session is silent for this long counts as gone [s]."""
     max_queries: int = Field(default=64, ge=1, le=1024)
     """Queries worked on at a time; further ones are answered `busy`."""
+    local_group: str | None = None
+    """Group whose members may use the Unix socket for `mkctl release` beside the daemon's own user; null: nobody else.
+    The daemon's user must be in it."""

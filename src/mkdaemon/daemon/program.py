@@ -7,11 +7,12 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import AsyncIterator
-from contextlib import asynccontextmanager, suppress
+from contextlib import AsyncExitStack, asynccontextmanager, suppress
 from functools import partial
 from typing import Final
 
 from mkdaemon.bus.gateway import Bus
+from mkdaemon.bus.localsocket import socket_folders, socket_name
 from mkdaemon.clock import Clock
 from mkdaemon.config.root import Config
 from mkdaemon.control.core import FlightCore
@@ -20,6 +21,7 @@ from mkdaemon.daemon.audit import Audit
 from mkdaemon.daemon.eyes import open_eyes
 from mkdaemon.daemon.flight import FlightControl
 from mkdaemon.daemon.guard import GuardProcess, take_report
+from mkdaemon.daemon.localsocket import LocalSocket
 from mkdaemon.daemon.priority import spare_collector
 from mkdaemon.daemon.procedures import Interlock, Journal, ProcedureRunner, state_folder
 from mkdaemon.daemon.requests import BoardRequests
@@ -115,7 +117,9 @@ class Daemon:
             clock,
         )
         bus.serve("cmd", requests.answer)
-        bus.serve("do", Verbs(self._flight, self._link, audit, interlock, self._procedures.verbs).answer)
+        verbs = Verbs(self._flight, self._link, audit, interlock, self._procedures.verbs)
+        bus.serve("do", verbs.answer)
+        self._local = LocalSocket(verbs.answer)
         for kind in SETPOINTS:
             bus.receive(kind.suffix, partial(self._flight.setpoint_arrived, kind))
         bus.watch_clients(self._flight.client_changed)
@@ -128,7 +132,7 @@ class Daemon:
         report = take_report(self._report)
         if report is not None:
             self._audit.failsafe("guard release", f"an earlier daemon stopped in flight; {report}")
-        async with self._guarded(), self._eyes.open(), asyncio.TaskGroup() as line:
+        async with self._guarded(), self._listening_locally(), self._eyes.open(), asyncio.TaskGroup() as line:
             link = line.create_task(self._run_line(), name="link")
             async with asyncio.TaskGroup() as above:
                 tasks = [
@@ -159,6 +163,25 @@ class Daemon:
         finally:
             watcher.cancel()
             await guard.stop()
+
+    @asynccontextmanager
+    async def _listening_locally(self) -> AsyncIterator[None]:
+        """Keep the Unix socket; without one the daemon runs all the same.
+
+        Raises:
+            ConfigError: its group cannot be used.
+        """
+        bus = self._cfg.bus
+        name = socket_name(self._cfg.vehicle.name, next(iter(bus.listen + bus.connect), ""))
+        async with AsyncExitStack() as stack:
+            try:
+                serving = self._local.serve(socket_folders()[0] / name, bus.local_group)
+                await stack.enter_async_context(serving)
+            except ConfigError:
+                raise
+            except MkError as error:
+                self._audit.log("warning", f"`mkctl release` needs the bus: {error}")
+            yield
 
     async def _run_line(self) -> None:
         """Run the link; a recording waits for its audience, and gives it time to take the last samples."""

@@ -2,28 +2,64 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+import asyncio
+import sys
+from typing import TYPE_CHECKING, Final
 
 from mkdaemon.cli.mkctl.connection import HERE, Connection
 from mkdaemon.cli.printing import json_line
 from mkdaemon.cli.program import EXIT_FAILURE
+from mkdaemon.client import ReleaseResult
+from mkdaemon.client.localsocket import ask_locally, find_socket
+from mkdaemon.errors import CommandRejectedError, MkError
 
 if TYPE_CHECKING:
     from mkdaemon.telemetry.control import ReleaseOutcome
+
+BUS_TIME: Final = 1.0
+"""The bus has this long before the Unix socket is asked too [s]: a release asked for twice is one release."""
 
 
 async def release(reason: str = "asked for by mkctl", *, connection: Connection = HERE) -> int:
     """Let go of the aircraft, now, whoever flies: neutral sticks, then the pilot's sticks rule again.
 
-    This does not stop motors. Exit code 0 when it was confirmed or cannot be, 1 otherwise.
+    This does not stop motors. Where the bus is too busy and the daemon runs on this machine, it is asked over its Unix
+    socket. Exit code 0 when it was confirmed or cannot be, 1 otherwise.
 
     Args:
         reason: Published with the event.
     """
-    async with connection.open() as client:
-        done = await client.release(reason)
+    done = await _release(connection, reason)
     print(json_line(done.fields) if connection.json else _words(done.outcome))
     return 0 if done.is_done else EXIT_FAILURE
+
+
+async def _release(connection: Connection, reason: str) -> ReleaseResult:
+    """Release over the bus; where that has not answered soon, or fails, over the Unix socket of a daemon here.
+
+    Raises:
+        CommandRejectedError: the daemon refused.
+        MkError: nobody answers.
+    """
+    over_bus = asyncio.create_task(_release_over_bus(connection, reason), name="release over the bus")
+    path = find_socket(connection.vehicle, connection.connect)
+    if path is None:
+        return await over_bus
+    await asyncio.wait({over_bus}, timeout=BUS_TIME)
+    if over_bus.done() and (over_bus.exception() is None or isinstance(over_bus.exception(), CommandRejectedError)):
+        return await over_bus
+    try:
+        answer = await ask_locally(path, "release", reason)
+    except MkError as error:
+        print(f"mkctl: {error}", file=sys.stderr)
+        return await over_bus
+    over_bus.cancel()
+    return ReleaseResult.from_reply(answer.require())
+
+
+async def _release_over_bus(connection: Connection, reason: str) -> ReleaseResult:
+    async with connection.open() as client:
+        return await client.release(reason)
 
 
 def _words(outcome: ReleaseOutcome) -> str:

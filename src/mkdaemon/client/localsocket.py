@@ -1,0 +1,57 @@
+"""The way to a daemon on this machine that needs no Zenoh; see `mkdaemon.bus.localsocket`."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import os
+from pathlib import Path
+from typing import Final
+
+from mkdaemon.bus.localsocket import SERVICE_FOLDER, is_here, socket_folders, socket_name
+from mkdaemon.client.answers import Answer
+from mkdaemon.errors import MkError
+
+ANSWER_TIME: Final = 8.0
+"""Longest wait for an answer [s]; a release has an end within 5 s."""
+
+
+def find_socket(vehicle: str, endpoint: str) -> Path | None:
+    """The socket of the daemon that listens at an endpoint; None where it is on another machine or has none."""
+    if not is_here(endpoint):
+        return None
+    paths = (folder / socket_name(vehicle, endpoint) for folder in socket_folders() if _is_trusted(folder))
+    return next((path for path in paths if path.exists()), None)
+
+
+def _is_trusted(folder: Path) -> bool:
+    """Whether no other ordinary user could have put a socket there; systemd makes its own folder."""
+    try:
+        return folder == SERVICE_FOLDER or folder.stat().st_uid in {os.getuid(), 0}
+    except OSError:
+        return False
+
+
+async def ask_locally(path: Path, verb: str, text: str = "") -> Answer:
+    """Ask a daemon over its socket.
+
+    Args:
+        path: the socket.
+        verb: `release` or `cancel`.
+        text: why, for `release`.
+
+    Raises:
+        MkError: nobody answers there, or this user may not ask.
+    """
+    try:
+        async with asyncio.timeout(ANSWER_TIME):
+            reader, writer = await asyncio.open_unix_connection(str(path))
+            try:
+                writer.write(f"{verb} {' '.join(text.split())[:200]}\n".encode())
+                line = await reader.readline()
+            finally:
+                writer.close()
+        return Answer.from_fields(json.loads(line))
+    except (OSError, TimeoutError, ValueError) as error:
+        msg = f"{path}: {getattr(error, 'strerror', None) or 'no answer'}"
+        raise MkError(msg) from error

@@ -1,0 +1,154 @@
+"""The Unix socket: releases with the answers of the bus, whoever else is connected, and only for whom it is meant."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import os
+import stat
+
+import pytest
+
+from lab.rigs.waiting import wait_until
+from mkdaemon.bus.codec import decode_map
+from mkdaemon.bus.localsocket import REQUEST_BYTES, is_here, socket_folders, socket_name
+from mkdaemon.client.localsocket import ask_locally, find_socket
+from mkdaemon.daemon import localsocket
+from mkdaemon.daemon.localsocket import CONNECTIONS, LocalSocket
+from mkdaemon.errors import ConfigError, MkError
+from mkdaemon.telemetry.command import CommandResult, refused
+from mkdaemon.telemetry.refusals import Status, Token, refuse
+
+
+class Desk:
+    """Answers like the daemon's verbs."""
+
+    def __init__(self):
+        self.asked = []
+
+    async def answer(self, suffix, payload):
+        self.asked.append((suffix, decode_map(payload)))
+        if suffix == "do/cancel":
+            return refused(refuse(Token.NOT_LEASED))
+        return CommandResult(status=Status.ACCEPTED, reply={"status": "confirmed"})
+
+
+@pytest.fixture
+def path(tmp_path):
+    return tmp_path / "run" / "mk1-7447.sock"
+
+
+@pytest.fixture
+async def desk(path):
+    desk = Desk()
+    async with LocalSocket(desk.answer).serve(path):
+        yield desk
+
+
+async def test_it_releases_with_the_answer_of_the_bus(desk, path):
+    answer = await ask_locally(path, "release", "enough\nof this")
+    assert answer.require() == {"status": "confirmed"}
+    assert desk.asked == [("do/release", {"reason": "enough of this"})]
+
+
+async def test_a_refusal_is_the_one_of_the_bus(desk, path):
+    answer = await ask_locally(path, "cancel")
+    assert answer.token == Token.NOT_LEASED
+    assert answer.fix
+
+
+async def test_other_verbs_are_refused(desk, path):
+    answer = await ask_locally(path, "lease")
+    assert answer.token == Token.UNKNOWN_VERB
+    assert desk.asked == []
+
+
+async def test_it_is_for_this_user_alone(desk, path):
+    assert stat.S_IMODE(path.stat().st_mode) == 0o600
+    assert stat.S_IMODE(path.parent.stat().st_mode) == 0o700
+
+
+async def test_it_is_for_a_group_where_one_is_configured(path):
+    group = localsocket.grp.getgrgid(os.getgid()).gr_name
+    async with LocalSocket(Desk().answer).serve(path, group):
+        assert stat.S_IMODE(path.stat().st_mode) == 0o660
+        assert path.stat().st_gid == os.getgid()
+
+
+async def test_a_group_that_does_not_exist_is_a_wrong_configuration(path):
+    with pytest.raises(ConfigError, match="no group"):
+        async with LocalSocket(Desk().answer).serve(path, "nobody-has-this-group"):
+            pass
+
+
+async def test_silent_connections_shut_nobody_out(desk, path):
+    silent = [await asyncio.open_unix_connection(str(path)) for _ in range(3 * CONNECTIONS)]
+    assert (await ask_locally(path, "release")).is_accepted
+    for _, writer in silent:
+        writer.close()
+
+
+async def test_a_silent_connection_is_closed(desk, path, monkeypatch):
+    monkeypatch.setattr(localsocket, "REQUEST_TIME", 0.05)
+    reader, writer = await asyncio.open_unix_connection(str(path))
+    assert await reader.read() == b""
+    writer.close()
+
+
+@pytest.mark.parametrize("request_line", [b"x" * (4 * REQUEST_BYTES), b"\n", b"\0\xff\xfe\n", b"release \xff\n"])
+async def test_whatever_is_sent_it_answers_or_hangs_up_and_goes_on(desk, path, request_line):
+    reader, writer = await asyncio.open_unix_connection(str(path))
+    writer.write(request_line)
+    writer.write_eof()
+    answer = await reader.read()
+    writer.close()
+    assert answer == b"" or json.loads(answer)["status"]
+    assert (await ask_locally(path, "release")).is_accepted
+
+
+async def test_the_socket_of_a_killed_daemon_is_taken_over_and_that_of_a_living_one_is_not(desk, path):
+    with pytest.raises(MkError, match="another daemon"):
+        async with LocalSocket(desk.answer).serve(path):
+            pass
+    dead = path.with_name("dead.sock")
+    localsocket._listen(dead, None).close()
+    async with LocalSocket(desk.answer).serve(dead):
+        assert (await ask_locally(dead, "release")).is_accepted
+    assert not dead.exists()
+
+
+async def test_nobody_there_is_one_error(tmp_path):
+    with pytest.raises(MkError, match="No such file"):
+        await ask_locally(tmp_path / "none.sock", "release")
+
+
+@pytest.mark.parametrize(
+    ("endpoint", "here", "name"),
+    [
+        ("tcp/127.0.0.1:7447", True, "mk1-7447.sock"),
+        ("tls/localhost:7448#iface=lo", True, "mk1-7448.sock"),
+        ("tcp/[::1]:7447", True, "mk1-7447.sock"),
+        ("tcp/0.0.0.0:7447", True, "mk1-7447.sock"),
+        ("tcp/192.168.7.1:7447", False, "mk1-7447.sock"),
+        ("tls/ground.example:7447", False, "mk1-7447.sock"),
+        ("tls/localhost.example:7447", False, "mk1-7447.sock"),
+    ],
+)
+def test_a_socket_belongs_to_an_endpoint_of_this_machine(endpoint, here, name):
+    assert is_here(endpoint) is here
+    assert socket_name("mk1", endpoint) == name
+
+
+async def test_a_client_finds_it_and_trusts_no_other_users_folder(monkeypatch, tmp_path):
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+    endpoint = "tcp/127.0.0.1:7447"
+    path = socket_folders()[0] / socket_name("mk1", endpoint)
+    assert find_socket("mk1", endpoint) is None
+    async with LocalSocket(Desk().answer).serve(path):
+        assert find_socket("mk1", endpoint) == path
+        assert find_socket("mk2", endpoint) is None
+        assert find_socket("mk1", "tcp/192.168.7.1:7447") is None
+        monkeypatch.setattr(os, "getuid", lambda: 12345)
+        if path.parent.stat().st_uid != 0:
+            assert find_socket("mk1", endpoint) is None
+    await wait_until(lambda: not path.exists())
