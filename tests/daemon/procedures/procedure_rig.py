@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import AsyncIterator, Callable
+from concurrent.futures import Executor, Future
 from contextlib import asynccontextmanager
 from pathlib import Path
 from typing import Any
@@ -32,14 +33,16 @@ from mkdaemon.telemetry.command import CommandResult, refused
 from mkdaemon.telemetry.control import Phase
 
 
-class PromptJournal(Journal):
-    """Writes without a thread, which virtual time would not wait for."""
+class PromptDisk(Executor):
+    """Works at once and without a thread, which virtual time would not wait for."""
 
-    async def keep(self, note: Any) -> None:
-        self.write(note)
-
-    async def drop(self, note_id: str) -> None:
-        self.discard(note_id)
+    def submit(self, work: Any, /, *arguments: Any, **named: Any) -> Future[Any]:
+        done: Future[Any] = Future()
+        try:
+            done.set_result(work(*arguments, **named))
+        except OSError as error:
+            done.set_exception(error)
+        return done
 
 
 class Bus:
@@ -82,7 +85,7 @@ class ProcedureRig:
         sink = BusSink(self.bus, core, audit, Eyes(None), clock)
         self.link = Link(cfg, sink, opener=socket.open, clock=clock, motors_running=facts.motors_running)
         self.interlock = Interlock(lambda: self.phase)
-        self.journal = PromptJournal(folder)
+        self.journal = Journal(folder, PromptDisk())
         self.guard = Guard(CommandsConfig(), self.link, facts, audit, clock)
         self.runner = ProcedureRunner(
             self.link,

@@ -125,6 +125,19 @@ async def test_a_note_can_be_discarded_by_who_knows(tmp_path):
 
 
 @virtually
+async def test_a_note_that_is_discarded_while_it_is_acted_on_is_no_fault(tmp_path):
+    socket = plug_in(flight_ctrl())
+    await kill_during(socket, tmp_path, "settings_backup", 0.5)
+    async with procedure_rig(socket, tmp_path) as rig:
+        await rig.until(lambda: rig.interlock.running)
+        assert (await rig.ask("settings_recover", action="discard", confirm=True)).reply["notes"] == ()
+        await rig.until(lambda: rig.interlock.running is None)
+        assert rig.steps() == [("recovery", "running"), ("recovery", "done")]
+        assert rig.interlock.owed is None
+        assert list(tmp_path.iterdir()) == []
+
+
+@virtually
 async def test_a_file_that_is_no_note_is_named_and_kept(tmp_path):
     (tmp_path / "live-set-0000.json").write_text(json.dumps({"version": 1}))
     async with procedure_rig(plug_in(flight_ctrl()), tmp_path) as rig:

@@ -6,6 +6,7 @@ import asyncio
 
 import pytest
 
+from lab.rigs.boardport import LineFault
 from lab.rigs.linkrig import flight_ctrl, navi_ctrl, virtually
 from mkdaemon.errors import CommandRejectedError
 from mkdaemon.protocol.messages import SettingsRequest
@@ -207,3 +208,55 @@ async def test_labels_are_a_procedure_once_and_kept_afterwards(tmp_path):
         told = len(rig.bus.values("event/progress"))
         assert (await rig.ask("labels", board="fc")).reply == first.reply
         assert len(rig.bus.values("event/progress")) == told
+
+
+@virtually
+async def test_a_second_cancellation_changes_nothing_and_the_live_set_is_proven(tmp_path):
+    async with procedure_rig(plug_in(flight_ctrl()), tmp_path) as rig:
+        await rig.until_ready()
+        asked = asyncio.create_task(rig.ask("settings_backup"))
+        await rig.until(lambda: rig.flight.live.raw == rig.flight.eeprom.sets[2])
+        first = asyncio.create_task(rig.ask("cancel"))
+        await asyncio.sleep(0.01)
+        assert rig.flight.live.raw == rig.flight.eeprom.sets[2], "it is on its way back"
+        assert [(await ask).status for ask in (rig.ask("cancel"), first)] == ["accepted", "accepted"]
+        assert (await asked).token == "cancelled"
+        assert rig.flight.live.raw == rig.flight.eeprom.sets[3]
+        assert list(tmp_path.iterdir()) == []
+
+
+@virtually
+async def test_a_procedure_that_has_no_time_to_leave_the_board_says_so_and_the_live_set_is_owed(tmp_path):
+    async with procedure_rig(plug_in(flight_ctrl()), tmp_path) as rig:
+        await rig.until_ready()
+        asked = asyncio.create_task(rig.ask("settings_backup"))
+        await rig.until(lambda: rig.flight.live.raw == rig.flight.eeprom.sets[2])
+        rig.socket.port.inject(LineFault.SILENCE)
+        asyncio.get_running_loop().call_later(0.3, rig.tasks[0].cancel)
+        assert (await rig.ask("cancel")).status == "accepted"
+        assert (await asked).token == "cancelled"
+        assert rig.steps()[-1] == ("settings_backup", "failed")
+        assert rig.interlock.owed.active == 3
+        assert len(list(tmp_path.iterdir())) == 1
+        assert any("do not fly before it is proven" in text for text in rig.bus.texts())
+
+
+@virtually
+async def test_a_note_that_cannot_be_removed_keeps_everybody_on_the_ground(tmp_path, monkeypatch):
+    async with procedure_rig(plug_in(flight_ctrl()), tmp_path) as rig:
+        await rig.until_ready()
+
+        def discard(note_id):
+            raise PermissionError(13, "Permission denied")
+
+        monkeypatch.setattr(rig.journal, "discard", discard)
+        result = await rig.ask("settings_backup")
+        assert (result.token, str(tmp_path) in result.reason) == ("journal_unwritable", True)
+        await rig.until(lambda: ("recovery", "refused") in rig.steps())
+        with pytest.raises(CommandRejectedError, match="Permission denied"), rig.interlock.taking_lease():
+            pass
+        assert (await rig.ask("settings_recover", action="discard", confirm=True)).token == "journal_unwritable"
+        monkeypatch.undo()
+        await rig.until(lambda: rig.interlock.owed is None)
+        assert rig.flight.live.raw == rig.flight.eeprom.sets[3]
+        assert list(tmp_path.iterdir()) == []

@@ -50,6 +50,7 @@ class Job:
         note_id: of the note in the journal that this run proves.
         done: its result, once it has one.
         task: runs it.
+        is_cancelled: it has been asked to end early.
     """
 
     verb: str
@@ -60,11 +61,18 @@ class Job:
     note_id: str = ""
     done: asyncio.Future[Any] = field(default_factory=lambda: asyncio.get_running_loop().create_future())
     task: asyncio.Task[None] | None = None
+    is_cancelled: bool = False
 
     def __post_init__(self) -> None:
         self.note_id = self.note_id or self.id
         # Whoever asked may be gone by the time it fails; then nobody takes the exception.
         self.done.add_done_callback(lambda done: done.cancelled() or done.exception())
+
+    def cancel(self) -> None:
+        """Let it end early and leave the board as it promises to; asked again, it goes on with that."""
+        if self.task is not None and not self.is_cancelled:
+            self.is_cancelled = True
+            self.task.cancel()
 
 
 class JobObserver:
@@ -126,15 +134,15 @@ class JobObserver:
             live=wanted.live,
             writing=dict(wanted.writing),
         )
-        try:
-            await self._journal.keep(note)
-        except OSError as error:
-            detail = f"{self._journal.folder}: {error.strerror or error}"
-            raise refuse(Token.JOURNAL_UNWRITABLE, detail=detail) from error
+        await self._journal.keep(note)
         self.note = note
 
     async def live_set_proven(self) -> None:
-        """Forget the note."""
+        """Forget the note.
+
+        Raises:
+            CommandRejectedError: `journal_unwritable`.
+        """
         await self._journal.drop(self._job.note_id)
         self.note = None
 

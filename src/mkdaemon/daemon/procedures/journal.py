@@ -8,8 +8,10 @@ from __future__ import annotations
 
 import asyncio
 import os
+from collections.abc import Callable
+from concurrent.futures import Executor, ThreadPoolExecutor
 from pathlib import Path
-from typing import Final
+from typing import Final, Literal, TypeVar
 
 from pydantic import BaseModel, ConfigDict, ValidationError
 
@@ -17,9 +19,11 @@ from mkdaemon.config.vehicle import VehicleConfig
 from mkdaemon.files import flush_folder, write_whole
 from mkdaemon.protocol.procedures.steps import LiveSet
 from mkdaemon.stamp import Stamp
+from mkdaemon.telemetry.refusals import Token, refuse
 
 _PREFIX: Final = "live-set-"
-_VERSION: Final = 1
+
+_Argument = TypeVar("_Argument")
 
 
 class Note(BaseModel):
@@ -27,8 +31,8 @@ class Note(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid", ser_json_bytes="hex", val_json_bytes="hex")
 
-    version: int = _VERSION
-    """Of this form."""
+    version: Literal[1] = 1
+    """Of this form; a note of another one is not understood."""
     id: str
     """Of the procedure."""
     verb: str
@@ -55,17 +59,35 @@ class Note(BaseModel):
 
 
 class Journal:
-    """The notes of one vehicle."""
+    """The notes of one vehicle.
 
-    def __init__(self, folder: Path) -> None:
-        """Use a folder; it is made when the first note is taken."""
+    Attributes:
+        folder: where they are.
+        disk: changes files of the folder, one change after the other.
+    """
+
+    def __init__(self, folder: Path, disk: Executor | None = None) -> None:
+        """Use a folder; it is made when the first note is taken.
+
+        Args:
+            folder: of the vehicle.
+            disk: a thread of its own if none is given; two would let the removal of a note overtake its writing where
+                whoever waited for that was cancelled.
+        """
         self.folder = folder
+        self.disk = disk or ThreadPoolExecutor(1, thread_name_prefix="journal")
 
     def read(self) -> tuple[list[Note], list[Path]]:
-        """Return the notes, oldest first, and the files that are none."""
+        """Return the notes, oldest first, and what cannot be read as one: files, or the whole folder."""
         notes: list[Note] = []
         strange: list[Path] = []
-        for path in sorted(self.folder.glob(f"{_PREFIX}*.json")) if self.folder.is_dir() else ():
+        try:
+            paths = sorted(self.folder.iterdir())
+        except (FileNotFoundError, NotADirectoryError):
+            return [], []
+        except OSError:
+            return [], [self.folder]
+        for path in [path for path in paths if path.match(f"{_PREFIX}*.json")]:
             try:
                 notes.append(Note.model_validate_json(path.read_bytes()))
             except (OSError, ValidationError):
@@ -76,17 +98,23 @@ class Journal:
         """Keep a note; returns when it is on the disk, which may take longer than control can wait.
 
         Raises:
-            OSError: it cannot be kept.
+            CommandRejectedError: `journal_unwritable`.
         """
-        await asyncio.to_thread(self.write, note)
+        await self._change(self.write, note)
 
     async def drop(self, note_id: str) -> None:
         """Forget a note; one that is gone already is no error.
 
         Raises:
-            OSError: it cannot be removed.
+            CommandRejectedError: `journal_unwritable`.
         """
-        await asyncio.to_thread(self.discard, note_id)
+        await self._change(self.discard, note_id)
+
+    async def _change(self, change: Callable[[_Argument], None], argument: _Argument) -> None:
+        try:
+            await asyncio.get_running_loop().run_in_executor(self.disk, change, argument)
+        except OSError as error:
+            raise refuse(Token.JOURNAL_UNWRITABLE, detail=f"{self.folder}: {error.strerror or error}") from error
 
     def write(self, note: Note) -> None:
         """Keep a note, see `keep`.

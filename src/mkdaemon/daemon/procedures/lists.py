@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import asyncio
-from pathlib import Path
 from typing import Final
 
 from pydantic import BaseModel, ConfigDict, ValidationError
 
 from mkdaemon.daemon.audit import Audit
+from mkdaemon.daemon.procedures.journal import Journal
 from mkdaemon.files import flush_folder, write_whole
 
 _FILE: Final = "waypoint-list.json"
@@ -32,9 +32,10 @@ class ListNote(BaseModel):
 class UnfinishedList:
     """The note of the list that is being written; it goes when a list was stored or cleared and read back."""
 
-    def __init__(self, folder: Path, audit: Audit) -> None:
-        """Tell what an earlier daemon left."""
-        self._path = folder / _FILE
+    def __init__(self, journal: Journal, audit: Audit) -> None:
+        """Tell what an earlier daemon left beside the journal."""
+        self._path = journal.folder / _FILE
+        self._disk = journal.disk
         self._audit = audit
         if self._path.exists():
             audit.log("warning", f"{self._words()}: do not fly the list before it was uploaded again or cleared")
@@ -42,14 +43,14 @@ class UnfinishedList:
     async def begin(self, note: ListNote) -> None:
         """Keep a note; a folder that cannot be written is announced, and no reason to refuse an upload."""
         try:
-            await asyncio.to_thread(self._write, note)
+            await asyncio.get_running_loop().run_in_executor(self._disk, self._write, note)
         except OSError as error:
             self._audit.log("warning", f"{self._path}: cannot be written ({error.strerror or error})")
 
     async def end(self) -> None:
         """A list was read back: the note goes."""
         try:
-            await asyncio.to_thread(self._remove)
+            await asyncio.get_running_loop().run_in_executor(self._disk, self._remove)
         except OSError as error:
             self._audit.log("warning", f"{self._path}: cannot be removed ({error.strerror or error})")
 

@@ -36,7 +36,8 @@ class Recovery:
         self._here: _Aircraft | None = None
         self.notes, strange = journal.read()
         for path in strange:
-            audit.log("warning", f"{path}: no note of a live set; kept, not applied: look at it, then delete it")
+            text = f"{path}: no note of a live set that can be read; kept, not applied: look at it before you fly"
+            audit.log("warning", text)
         for note in self.notes:
             text = f"{_words(note)}: it is made live again when the FlightCtrl answers and the motors stand still"
             audit.log("warning", text)
@@ -55,9 +56,10 @@ class Recovery:
         self._others.clear()
         self._find_owed()
 
-    def forget(self) -> None:
-        """Drop every note; the journal's files are the caller's to remove."""
-        self.notes.clear()
+    def forget(self, note: Note) -> None:
+        """Drop a note, which may be gone already; the journal's file is the caller's to remove."""
+        if note in self.notes:
+            self.notes.remove(note)
         self._find_owed()
 
     def next_note(self, now: float) -> Note | None:
@@ -79,7 +81,7 @@ class Recovery:
             if self._here is not None:
                 self._set_aside(note, self._here, "its parameter sets are others")
         else:
-            self.notes.remove(note)
+            self.forget(note)
             how = "loaded again" if found is Recovered.LOADED else "written again"
             self._audit.log("warning", f"{_words(note)}: it has been {how} and is live, byte for byte as before")
         self._attempts, self._retry_at = 0, 0.0

@@ -27,7 +27,7 @@ from mkdaemon.daemon.procedures.table import PROCEDURES, ProcedureSpec, request_
 from mkdaemon.errors import CommandRejectedError
 from mkdaemon.link.labels import LabelCache, read_labels
 from mkdaemon.link.link import Link
-from mkdaemon.link.procedures import Observer, run_procedure
+from mkdaemon.link.procedures import InterruptedProcedureError, Observer, run_procedure
 from mkdaemon.protocol.procedures.live_set import recover_live_set
 from mkdaemon.protocol.wire import Board
 from mkdaemon.telemetry.base import Telemetry
@@ -64,7 +64,7 @@ class ProcedureRunner:
         self._link, self._facts, self._bus, self._audit = link, facts, bus, audit
         self._guard, self._interlock, self._journal, self._labels = guard, interlock, journal, labels
         self._clock = clock
-        self._list = UnfinishedList(journal.folder, audit)
+        self._list = UnfinishedList(journal, audit)
         self._recovery = Recovery(journal, link, facts, audit, interlock)
         self._job: Job | None = None
         self._news = asyncio.Event()
@@ -148,7 +148,7 @@ class ProcedureRunner:
         job = self._job
         if job is None or job.task is None or request.id not in {None, job.id}:
             raise refuse(Token.NO_PROCEDURE)
-        job.task.cancel()
+        job.cancel()
         await asyncio.wait({job.done})
         return CommandResult(
             status=Status.ACCEPTED, reply={"id": job.id, "verb": job.verb}, reply_type=schema_name(Cancelled)
@@ -163,9 +163,9 @@ class ProcedureRunner:
             self._recovery.retry()
             self._news.set()
         elif request.action == "discard":
-            for note in self._recovery.notes:
+            for note in tuple(self._recovery.notes):
                 await self._journal.drop(note.id)
-            self._recovery.forget()
+                self._recovery.forget(note)
         reply = OwedSets(notes=self._recovery.list_notes())
         return CommandResult(status=Status.ACCEPTED, reply=dict(reply), reply_type=schema_name(OwedSets))
 
@@ -241,14 +241,14 @@ class ProcedureRunner:
         try:
             await asyncio.wait({job.task})
         except asyncio.CancelledError:
-            job.task.cancel()
+            job.cancel()
             await asyncio.wait({job.task}, timeout=LEAVE)
             job.task.cancel()
             await asyncio.wait({job.task})
             raise
         finally:
-            self._free_line(job)
-            job.done.cancel()
+            if not job.done.done():
+                self._fail(job, observer, InterruptedProcedureError("it was ended where it stood"))
 
     def _free_line(self, job: Job) -> None:
         """Let the next procedure begin; before whoever waited hears of the end and may ask for it."""
@@ -261,16 +261,20 @@ class ProcedureRunner:
             result = await job.work(observer)
         except Exception as error:  # noqa: BLE001
             # One client's strange request must not end the flight of another: answer, log, go on.
-            refusal = refusal_for(job.verb, error, self._link)
-            observer.publish(state_of(error), f"{refusal.reason} {refusal.fix}", refusal.token)
-            self._settle(job, observer, refusal)
-            self._free_line(job)
-            job.done.set_exception(refusal)
+            self._fail(job, observer, error)
         else:
             observer.publish(ProcedureState.DONE, "done")
             self._settle(job, observer, None)
             self._free_line(job)
             job.done.set_result(result)
+
+    def _fail(self, job: Job, observer: JobObserver, error: Exception) -> None:
+        """Publish why a job has no result, keep what it left unproven, and answer."""
+        refusal = refusal_for(job.verb, error, self._link)
+        observer.publish(state_of(error), f"{refusal.reason} {refusal.fix}", refusal.token)
+        self._settle(job, observer, refusal)
+        self._free_line(job)
+        job.done.set_exception(refusal)
 
     def _settle(self, job: Job, observer: JobObserver, refusal: CommandRejectedError | None) -> None:
         """Whatever was left unproven is the recovery's from now on."""
