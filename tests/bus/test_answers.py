@@ -105,7 +105,7 @@ def test_queries_beyond_the_limits_get_an_error_and_an_answer_that_fails_ends_no
         thread.submit(query, lambda query: query.answers.append("answer"))
     last, done = _Query("last"), threading.Event()
     gate.set()
-    while not others[1].answers:
+    while not others[0].answers:  # the last of those that wait
         done.wait(0.01)
     thread.submit(last, lambda query: done.set())
     assert done.wait(PATIENCE)

@@ -31,7 +31,7 @@ from mkdaemon.vision.camera.image import CameraImage
 from mkdaemon.vision.camera.slot import NewestSlots
 from mkdaemon.vision.pipeline import ALARM_ADVICE, CameraPipeline
 from mkdaemon.vision.tags.tagmap import load
-from mkdaemon.vision.track.attitude import AttitudeSample
+from mkdaemon.vision.track.attitude import AttitudeHistory, AttitudeSample
 from mkdaemon.vision.worker import VisionWorker
 from tests.places import CONFIGS
 
@@ -74,7 +74,7 @@ def poses(values: list[tuple[str, Telemetry]]) -> list[VisionPose]:
 
 
 def stats(pipeline: CameraPipeline, stream: StreamStatus = STREAMING) -> VisionStats:
-    return pipeline.stats(stream, 0, CLOCK.stamp())
+    return pipeline.stats(stream, 0, 0, CLOCK.stamp())
 
 
 def test_a_rendered_target_becomes_the_true_pose_of_the_vehicle() -> None:
@@ -282,6 +282,99 @@ async def test_the_worker_ends_when_the_loop_is_gone() -> None:
         await asyncio.to_thread(worker._thread.join, PATIENCE)
     assert not worker._thread.is_alive()
     worker.stop()
+
+
+class BrokenOnce:
+    """Taking a picture ends the thread once, then works."""
+
+    def __init__(self, pipeline: CameraPipeline, error: BaseException) -> None:
+        self._picture = pipeline.picture
+        self._error: BaseException | None = error
+
+    def __call__(self, taken: CameraImage) -> tuple[str, Telemetry] | None:
+        if self._error is not None:
+            error, self._error = self._error, None
+            raise error
+        return self._picture(taken)
+
+
+async def test_a_thread_that_died_is_reported_and_started_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    cv2.imwrite(str(tmp_path / "0.png"), shot())
+    sink = Collected()
+    cfg = section(source=f"folder:{tmp_path}", fps=50, loop=True)
+    worker = VisionWorker([cfg], VisionSection(), sink, asyncio.get_running_loop(), Clock())
+    pipeline = worker._eyes["down"].pipeline
+    worker.start()
+    supervision = asyncio.create_task(worker.supervise())
+    await sink.until(lambda _: bool(sink.stats()))
+    monkeypatch.setattr(pipeline, "picture", BrokenOnce(pipeline, RuntimeError("no memory")))
+    await sink.until(lambda _: any(found.state is EyeState.DEAD for found in sink.stats()))
+    dead = next(found for found in sink.stats() if found.state is EyeState.DEAD)
+    assert "RuntimeError: no memory" in dead.reason
+    await sink.until(lambda _: sink.stats()[-1].restarts == 1)
+    before = sink.stats()[-1].processed
+    await sink.until(lambda _: sink.stats()[-1].processed > before)
+    assert sink.stats()[-1].faults >= 1
+    supervision.cancel()
+    worker.stop()
+
+
+async def test_a_thread_that_does_not_come_back_is_reported_as_stalled(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    cv2.imwrite(str(tmp_path / "0.png"), shot())
+    sink, gate = Collected(), threading.Event()
+    cfg = section(source=f"folder:{tmp_path}", fps=50, loop=True)
+    worker = VisionWorker([cfg], VisionSection(), sink, asyncio.get_running_loop(), Clock())
+    worker.start()
+    supervision = asyncio.create_task(worker.supervise())
+    await sink.until(lambda _: bool(sink.stats()))
+    monkeypatch.setattr(worker._eyes["down"].pipeline, "picture", lambda _: gate.wait(PATIENCE) and None)
+    await sink.until(lambda _: sink.stats()[-1].state is EyeState.STALLED)
+    assert "has not come back from an image for" in sink.stats()[-1].reason
+    gate.set()
+    await sink.until(lambda _: sink.stats()[-1].state is not EyeState.STALLED)
+    supervision.cancel()
+    worker.stop()
+
+
+def test_a_detector_that_fails_on_every_image_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    pipeline = CameraPipeline(section(), VisionSection(), CLOCK)
+
+    def fail(*_: object) -> None:
+        msg = "index 0 is out of bounds"
+        raise IndexError(msg)
+
+    with monkeypatch.context() as patched:
+        patched.setattr(pipeline.tracker, "update", fail)
+        assert feed(pipeline, [shot()] * 3) == []
+    found = stats(pipeline)
+    assert (found.state, found.faults, found.posed) == (EyeState.FAILING, 3, 0.0)
+    assert "IndexError: index 0 is out of bounds" in found.reason
+    feed(pipeline, [shot()])
+    assert stats(pipeline).state is EyeState.OK
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf])
+@pytest.mark.parametrize("field", ["time", "roll", "pitch", "yaw"])
+def test_attitudes_that_are_no_numbers_are_left_out(field: str, bad: float) -> None:
+    pipeline = CameraPipeline(section(), VisionSection(), CLOCK)
+    good = AttitudeSample(100.0, 0.0, 0.0, 0.0)
+    history = AttitudeHistory([replace(good, **{field: bad}), replace(good, time=-1e9)])
+    values = pipeline.process(image(shot(), 0), history)
+    assert len(poses(values)) == 1
+    assert stats(pipeline).faults == 0
+
+
+def test_an_image_without_a_time_is_a_counted_fault() -> None:
+    pipeline = CameraPipeline(section(), VisionSection(), CLOCK)
+    timeless = CameraImage(shot(), np.nan, 100.0, 1, "down")
+    for _ in range(3):
+        assert pipeline.process(timeless, None) == []
+    assert (stats(pipeline).faults, stats(pipeline).state) == (3, EyeState.FAILING)
+    assert "image 1 has no time" in stats(pipeline).reason
 
 
 async def test_two_cameras_of_one_name_are_refused() -> None:

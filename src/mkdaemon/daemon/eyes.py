@@ -33,9 +33,11 @@ class Eyes:
             yield
             return
         self._worker.start()
+        supervision = asyncio.create_task(self._worker.supervise(), name="vision")
         try:
             yield
         finally:
+            supervision.cancel()
             await asyncio.to_thread(self._worker.stop, CLOSING)
 
     def attitude_received(self, attitude: Attitude) -> None:

@@ -150,6 +150,12 @@ class EyeState(StrEnum):
     WRONG_SIZE = "wrong_size"
     UNCALIBRATED = "uncalibrated"
     TARGET_MISMATCH = "target_mismatch"
+    FAILING = "failing"
+    """The detector fails on every image."""
+    STALLED = "stalled"
+    """The detector has not come back from an image."""
+    DEAD = "dead"
+    """The thread that looks has ended."""
     OPENING = "opening"
     SILENT = "silent"
     GONE = "gone"
@@ -185,6 +191,8 @@ class VisionStats(Stamped):
     """How often the camera had to be opened again."""
     faults: int
     """Images that made the detector fail."""
+    restarts: int
+    """How often the thread that looks had to be started again."""
     posed: float
     """Share of the images of the last seconds that gave a pose, 0 to 1."""
     refused: dict[Refusal, int]

@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
+import math
 from collections import Counter, deque
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 
 from mkdaemon.clock import Clock
 from mkdaemon.config.camera import CameraSection
 from mkdaemon.config.vision import VisionSection
-from mkdaemon.errors import ConfigError
+from mkdaemon.errors import ConfigError, VisionError
 from mkdaemon.stamp import Stamp
 from mkdaemon.telemetry.base import Telemetry
 from mkdaemon.telemetry.image import CameraFrame
@@ -42,6 +42,8 @@ NEVER_POSED = (Alarm.WRONG_SIZE, Alarm.UNCALIBRATED, Alarm.FROZEN)
 """Alarms under which no pose is published, the first one first."""
 MAYBE_POSED = (Alarm.DARK, Alarm.BLOWN, Alarm.TARGET_MISMATCH)
 """Alarms that explain why there is no pose, while there is none."""
+FAILING_FROM = 3
+"""Failures of the detector in a row from which the camera delivers nothing."""
 WINDOW = 150
 """Images the figures look back on: five seconds at 30 Hz."""
 
@@ -82,7 +84,8 @@ class CameraPipeline:
         self._check = TargetCheck(tagmap, Projection(intrinsics) if intrinsics is not None else None)
         self._timings: deque[_Timing] = deque(maxlen=WINDOW)
         self._refused: Counter[Refusal] = Counter()
-        self._processed = self._faults = 0
+        self._processed = self._faults = self._failing = 0
+        self._failure = ""
         self.alarms: tuple[Alarm, ...] = ()
         self._next_jpeg = -np.inf
 
@@ -93,14 +96,21 @@ class CameraPipeline:
             image: the newest.
             attitude: of the vehicle around its exposure.
         """
-        started = self._clock.now()
         self._processed += 1
         try:
-            result = self.tracker.update(image, attitude)
-        except (cv2.error, ValueError, ArithmeticError, np.linalg.LinAlgError):
-            self._faults += 1
-            self.tracker.reset()
+            values = self._look(image, attitude)
+        except Exception as error:  # noqa: BLE001  # no image may end the thread that looks
+            self.failed(error)
             return []
+        self._failing = 0
+        return values
+
+    def _look(self, image: CameraImage, attitude: AttitudeHistory | None) -> list[tuple[str, Telemetry]]:
+        if not math.isfinite(image.captured_at):
+            msg = f"image {image.sequence} has no time"
+            raise VisionError(msg)
+        started = self._clock.now()
+        result = self.tracker.update(image, attitude)
         ready = self._clock.now()
         values = list(values_of(result, image, self._clock.stamp(image.captured_at), self.mounting, ready))
         self._check.look(result.detections, (pose.target for pose in result.poses))
@@ -109,6 +119,18 @@ class CameraPipeline:
         self._refused.update(reason for _, reason in result.refused)
         self._timings.append(_Timing(ready - started, ready - image.captured_at, bool(result.poses)))
         return values
+
+    def failed(self, error: Exception) -> None:
+        """Count a failure of the detector and forget what it followed.
+
+        Args:
+            error: what it raised.
+        """
+        self._faults += 1
+        self._failing += 1
+        self._failure = f"{type(error).__name__}: {error}"
+        self._timings.clear()
+        self.tracker.reset()
 
     def picture(self, image: CameraImage) -> tuple[str, Telemetry] | None:
         """The image as JPEG, when one is due."""
@@ -132,7 +154,7 @@ class CameraPipeline:
         """The camera in the body; None where nobody said how it sits."""
         return mount_transform(self.cfg.name, self.mounting, stamp) if self._has_mount else None
 
-    def stats(self, stream: StreamStatus, dropped: int, stamp: Stamp) -> VisionStats:
+    def stats(self, stream: StreamStatus, dropped: int, restarts: int, stamp: Stamp) -> VisionStats:
         """Figures of the last images."""
         state, reason = self.state(stream)
         detect, latency = ([getattr(timing, name) for timing in self._timings] for name in ("detect", "latency"))
@@ -151,6 +173,7 @@ class CameraPipeline:
             lost=stream.lost,
             reopened=stream.reopened,
             faults=self._faults,
+            restarts=restarts,
             posed=float(np.mean([timing.posed for timing in self._timings])) if self._timings else 0.0,
             refused=dict(self._refused),
             detect_p50_ms=_percentile_ms(detect, 50),
@@ -165,6 +188,8 @@ class CameraPipeline:
         """The first thing between the camera and a pose, with what to do; poor light only while nothing is posed."""
         if stream.state is not StreamState.STREAMING:
             return EyeState(stream.state.value), stream.reason
+        if self._failing >= FAILING_FROM:
+            return EyeState.FAILING, f"the detector failed on the last {self._failing} images ({self._failure})"
         posed = bool(self._timings) and self._timings[-1].posed
         for name in NEVER_POSED if posed else (*NEVER_POSED, *MAYBE_POSED):
             if name in self.alarms:

@@ -1,4 +1,4 @@
-"""All cameras through one worker thread; results go to the event loop, which they never hold up."""
+"""All cameras through one worker thread, watched from the event loop, which it never holds up."""
 
 from __future__ import annotations
 
@@ -7,9 +7,10 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable, Sequence
-from typing import Protocol
+from typing import Final, Protocol
 
 import cv2
+import structlog
 import zenoh
 
 from mkdaemon.clock import Clock
@@ -18,7 +19,7 @@ from mkdaemon.config.vision import VisionSection
 from mkdaemon.errors import ConfigError
 from mkdaemon.stamp import Stamp
 from mkdaemon.telemetry.base import Telemetry
-from mkdaemon.telemetry.vision import Alarm, EyeState
+from mkdaemon.telemetry.vision import Alarm, EyeState, VisionStats
 from mkdaemon.vision.camera.camera import CameraStream
 from mkdaemon.vision.camera.image import CameraImage
 from mkdaemon.vision.camera.shot import Source
@@ -30,8 +31,14 @@ from mkdaemon.vision.track.attitude import AttitudeHistory, AttitudeSample
 STATS_EVERY = 1.0
 LOOK_EVERY = 0.1
 """Longest wait for an image before states are looked at again."""
+STALLED_AFTER: Final = 0.5
+"""Time without a sign of life from the thread after which its cameras count as stalled [s]; an image takes 10 ms."""
+SUPERVISED_EVERY: Final = 0.1
 ATTITUDES = 200
 """Attitude samples kept: two seconds and more at 100 Hz."""
+
+
+_log = structlog.get_logger(__name__)
 
 
 class Sink(Protocol):
@@ -85,13 +92,28 @@ class VisionWorker:
             )
         self._attitudes: deque[AttitudeSample] = deque(maxlen=ATTITUDES)
         self._stop = threading.Event()
-        self._thread = threading.Thread(target=self._run, name="vision", daemon=True)
+        self._alive_at = clock.now()
+        self._failure: Exception | None = None
+        self._restarts = 0
+        self._thread = self._new_thread()
 
     def start(self) -> None:
         """Start all threads."""
         for eye in self._eyes.values():
             eye.stream.start()
+        self._alive_at = self._clock.now()
         self._thread.start()
+
+    async def supervise(self) -> None:
+        """Tell when the thread stands still or has died, and start it again; never returns."""
+        while True:
+            await asyncio.sleep(SUPERVISED_EVERY)
+            silence = self._clock.now() - self._alive_at
+            if self._failure is not None:
+                self._restart(self._failure)
+            elif silence > STALLED_AFTER:
+                reason = f"the detector has not come back from an image for {silence:.1f} s"
+                self._report_all(EyeState.STALLED, reason)
 
     def stop(self, timeout: float = 3.0) -> None:
         """End all threads within `timeout` [s] together; idempotent, and harmless before `start`."""
@@ -108,15 +130,45 @@ class VisionWorker:
         """Take the vehicle's attitude; from any thread."""
         self._attitudes.append(sample)
 
+    def _new_thread(self) -> threading.Thread:
+        return threading.Thread(target=self._run, name="vision", daemon=True)
+
+    def _restart(self, failure: Exception) -> None:
+        """Start a new thread in place of one that has ended by an exception."""
+        reason = f"the detector's thread ended by {type(failure).__name__}: {failure}; started again"
+        _log.error(reason, exc_info=failure)
+        self._report_all(EyeState.DEAD, reason)
+        self._failure = None
+        self._restarts += 1
+        for eye in self._eyes.values():
+            eye.pipeline.failed(failure)
+        self._alive_at = self._clock.now()
+        self._thread = self._new_thread()
+        self._thread.start()
+
+    def _report_all(self, state: EyeState, reason: str) -> None:
+        """Publish, from the loop, what the thread cannot report about itself."""
+        for eye in self._eyes.values():
+            if eye.last is not None and (eye.last.state, eye.last.reason) != (state, reason):
+                change = {"state": state, "reason": reason, "stamp": self._clock.stamp(), "restarts": self._restarts}
+                self._sink.publish(eye.stats_key, eye.last.model_copy(update=change))
+
     def _run(self) -> None:
+        try:
+            self._look_until_stopped()
+        except Exception as error:  # noqa: BLE001  # the loop tells it and starts another thread
+            self._failure = error
+
+    def _look_until_stopped(self) -> None:
         cv2.setNumThreads(1)
         while not self._stop.is_set():
+            self._alive_at = self._clock.now()
             image = self._slots.take(LOOK_EVERY)
             values: list[tuple[str, Telemetry]] = []
             if image is not None:
                 values += self._eyes[image.camera].look(image, AttitudeHistory(tuple(self._attitudes)))
             for eye in self._eyes.values():
-                values += eye.report(self._clock.stamp())
+                values += eye.report(self._clock.stamp(), self._restarts)
             if values and not self._hand_over(values):
                 return
 
@@ -142,21 +194,23 @@ class _Eye:
         self._slot = slot
         self._reported: tuple[EyeState, tuple[Alarm, ...]] | None = None
         self._due = 0.0
+        self.stats_key = f"vision/{pipeline.cfg.name}/stats"
+        self.last: VisionStats | None = None
 
     def look(self, image: CameraImage, attitude: AttitudeHistory) -> list[tuple[str, Telemetry]]:
         values = self.pipeline.process(image, attitude)
         picture = self.pipeline.picture(image)
         return [*values, picture] if picture is not None else values
 
-    def report(self, stamp: Stamp) -> list[tuple[str, Telemetry]]:
+    def report(self, stamp: Stamp, restarts: int) -> list[tuple[str, Telemetry]]:
         """Stats and the static frame, once a second and when the state changes."""
         status = self.stream.status()
         facts = (self.pipeline.state(status)[0], self.pipeline.alarms)
         if facts == self._reported and stamp.monotonic < self._due:
             return []
-        stats = self.pipeline.stats(status, self._slot.dropped, stamp)
+        stats = self.pipeline.stats(status, self._slot.dropped, restarts, stamp)
         self._reported, self._due = facts, stamp.monotonic + STATS_EVERY
-        name = self.pipeline.cfg.name
-        values: list[tuple[str, Telemetry]] = [(f"vision/{name}/stats", stats)]
+        self.last = stats
+        values: list[tuple[str, Telemetry]] = [(self.stats_key, stats)]
         mount = self.pipeline.mount(stamp)
         return [*values, ("tf", mount)] if mount is not None else values

@@ -59,6 +59,8 @@ class Scripted:
         if step == "unplug":
             self.missing = True
             raise VisionError("camera test: /dev/video7 gives no more images")
+        if step == "fault":
+            raise OSError(5, "Input/output error")
         if step == "end":
             raise EndOfImages
         self.drained.set()
@@ -91,6 +93,15 @@ def test_an_unplugged_camera_is_named_and_comes_back() -> None:
     assert image is not None
     assert (image.sequence, image.camera, image.stamped_by) == (3, "test", "arrival")
     assert slot.dropped == 2
+    stream.stop()
+
+
+def test_a_driver_that_raises_anything_is_opened_again() -> None:
+    source = Scripted(["image", "fault", "image"])
+    stream, _ = run(source, silent_after=PATIENCE)
+    assert source.drained.wait(PATIENCE)
+    status = wait_for_status(stream, lambda s: s.images == 2)
+    assert (status.state, source.opened, status.reopened) == (StreamState.STREAMING, 2, 1)
     stream.stop()
 
 

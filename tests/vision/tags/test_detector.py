@@ -31,6 +31,14 @@ def test_official_print_has_its_corners_in_order_with_pixel_centres_at_integers(
     assert np.abs(found[0].corners - UPRIGHT).max() < 0.15
 
 
+@pytest.mark.parametrize("shape", [(1, 640), (3, 640), (4, 4), (480, 1), (480, 4)])
+@pytest.mark.parametrize("stage", LIMITS.search.ladder)
+def test_an_image_of_a_few_rows_holds_no_tag(stage, shape):
+    detector = Detector({"tag36h11": frozenset({17})})
+    pixels = np.random.default_rng(1).integers(0, 255, shape, dtype=np.uint8)
+    assert detector.search_all(pixels, stage) == detector.search(pixels, stage) == []
+
+
 @pytest.mark.parametrize("turns", [0, 1, 2, 3])
 def test_corners_follow_a_turned_print(turns):
     image = np.ascontiguousarray(np.rot90(printed(cells("tag36h11", 17), PX, MARGIN), turns))

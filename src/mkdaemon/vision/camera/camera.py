@@ -151,8 +151,9 @@ class CameraStream:
                 self._wait_taken()
                 self._become(StreamState.ENDED, "all images were shown")
                 return
-            except VisionError as error:
-                self._become(StreamState.GONE, str(error), reopened=self._status.reopened + 1)
+            except Exception as error:  # noqa: BLE001  # no driver and no image may end this thread
+                reason = str(error) if isinstance(error, VisionError) else f"{type(error).__name__}: {error}"
+                self._become(StreamState.GONE, reason, reopened=self._status.reopened + 1)
             self._stop.wait(next(delays))
 
     def _read_on(self) -> None:

@@ -96,6 +96,8 @@ class PhotoFit:
             if model is None:
                 return None
             step = self._step(pixels, model, rotation, position, damping)
+            if step is None:
+                return None
             if step.cost < last:
                 settled = last - step.cost < SAME_COST * step.cost
                 best, last, fitted = (rotation, position, blur), step.cost, step.pose
@@ -111,6 +113,8 @@ class PhotoFit:
                 if model is None:
                     return None
                 step = self._step(pixels, model, rotation, position, damping)
+                if step is None:
+                    return None
             move, turned = step.turn_and_move[:3], step.turn_and_move[3:]
             small = float(np.abs(turned).max()) < SETTLED_RAD
             small = small and float(np.linalg.norm(move)) < SETTLED_SHARE * position[2]
@@ -152,10 +156,17 @@ class PhotoFit:
             return pose
         return replace(pose, rotation=grey.rotation, position=grey.position, covariance=grey.covariance)
 
-    def _step(self, pixels: Grey, model: RenderedPrint, rotation: Array, position: Array, damping: float) -> _Step:
-        """One step from a pose: (J W J^T + damping diag) s = J W r, unknowns pose, light and log of the blur."""
+    def _step(
+        self, pixels: Grey, model: RenderedPrint, rotation: Array, position: Array, damping: float
+    ) -> _Step | None:
+        """One step from a pose: (J W J^T + damping diag) s = J W r, unknowns pose, light and log of the blur.
+
+        None where the image holds fewer pixels of the print than the smallest print has.
+        """
         limits, axes, half = self._limits.photo, self._print.axes, self._print.half
         at = model.samples(pixels)
+        if at.value.size < limits.min_window_px**2:
+            return None
         arm = np.column_stack([at.u, at.v]) @ (rotation @ axes[:, :2]).T + rotation @ self._print.origin
         point = self._projection.jacobian(arm + position)
         # Light: least squares of I = a . (m, 1, u, v) at the present pose and blur; residual r = I - a . (m, 1, u, v).

@@ -155,11 +155,8 @@ class Detector:
         height, width = pixels.shape
         x0, y0, x1, y1 = roi or (0, 0, width, height)
         part = pixels[y0:y1, x0:x1]
-        if min(part.shape) < LIMITS.search.min_window_px:
-            return []
         best: dict[tuple[str, int], Detection] = {}
-        search = self._outline if stage == "outline" else self._search
-        for found in search.find(part, stage):
+        for found in self._find(part, stage):
             moved = replace(found, corners=found.corners + np.array([x0, y0]))
             key = (moved.family, moved.tag_id)
             if self._accepts(pixels, moved, (x0, y0, x1, y1)) and (key not in best or _rank(moved) > _rank(best[key])):
@@ -169,7 +166,7 @@ class Detector:
     def search_all(self, pixels: Grey, stage: Stage = "thorough") -> list[Detection]:
         """Every accepted tag of one search, also several with the same code."""
         frame = (0, 0, pixels.shape[1], pixels.shape[0])
-        return [found for found in self._search.find(pixels, stage) if self._accepts(pixels, found, frame)]
+        return [found for found in self._find(pixels, stage) if self._accepts(pixels, found, frame)]
 
     def search_ladder(self, pixels: Grey, roi: tuple[int, int, int, int] | None = None) -> list[Detection]:
         """Search from cheap to thorough until something is found."""
@@ -178,6 +175,13 @@ class Detector:
             if found:
                 return found
         return []
+
+    def _find(self, pixels: Grey, stage: Stage) -> list[Detection]:
+        """One search of a part that is large enough for a tag; libapriltag crashes on images of a few rows."""
+        if min(pixels.shape) < LIMITS.search.min_window_px:
+            return []
+        search = self._outline if stage == "outline" else self._search
+        return search.find(pixels, stage)
 
     def _allowed_hamming(self, name: str, ids: int) -> int:
         """Most corrected bits that keep the chance of a random quad within bounds (four rotations, all codes)."""

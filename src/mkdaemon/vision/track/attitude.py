@@ -53,10 +53,11 @@ LOOKING_DOWN = Mounting(np.array([[0.0, -1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0,
 
 
 class AttitudeHistory:
-    """Recent attitudes, asked for by time."""
+    """Recent attitudes, asked for by time; samples that are not numbers are left out."""
 
     def __init__(self, samples: Iterable[AttitudeSample]) -> None:
-        self._samples = tuple(sorted(samples, key=lambda sample: sample.time))
+        numbers = (s for s in samples if np.isfinite((s.time, s.roll, s.pitch, s.yaw)).all())
+        self._samples = tuple(sorted(numbers, key=lambda sample: sample.time))
         self._times = [sample.time for sample in self._samples]
 
     def at(self, time: float, max_age: float) -> Array | None:
