@@ -143,6 +143,39 @@ def test_an_interrupt_while_importing_is_silent():
     assert (ended.returncode, ended.stderr) == (-signal.SIGINT, "")
 
 
+SWALLOWED = """
+import os, signal, sys
+import mkdaemon.cli.entry
+from mkdaemon.cli import program
+
+class Importer:
+    def find_spec(self, name, path=None, target=None):
+        if name == {module!r}:
+            try:
+                os.kill(os.getpid(), signal.SIGINT)
+            except KeyboardInterrupt:
+                pass  # as a callback of the import machinery does
+            print("still here", flush=True)
+
+sys.meta_path.insert(0, Importer())
+sys.argv = ["mkdaemon", *{arguments!r}]
+mkdaemon.cli.entry.mkdaemon()
+"""
+
+
+@pytest.mark.parametrize(
+    ("module", "arguments"),
+    [
+        ("mkdaemon.config.reader", ["run", "--port", "none"]),  # imported with the command
+        ("uvloop", ["run", "--port", "none"]),  # imported by the command, before its own handlers stand
+    ],
+)
+def test_an_interrupt_while_the_command_is_imported_is_not_lost(module, arguments):
+    code = SWALLOWED.format(module=module, arguments=arguments)
+    ended = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False, timeout=30)
+    assert (ended.returncode, ended.stdout, ended.stderr) == (-signal.SIGINT, "", "")
+
+
 def test_an_interrupt_after_importing_ends_in_order():
     with piped("decode", "-") as program:
         program.stdin.write("#av@w\r")

@@ -1,14 +1,15 @@
 """Entry points of the installed programs: Ctrl-C ends them from the first moment, silently, while they still import."""
 
-from __future__ import annotations
+# Built into the interpreter: importing `signal` itself takes long enough for an interrupt to show a traceback.
+import _signal  # type: ignore[import-not-found]
 
-import signal
-from typing import NoReturn
+_signal.signal(_signal.SIGINT, _signal.SIG_DFL)
+
+from typing import NoReturn  # noqa: E402
 
 
 def mkdaemon() -> NoReturn:
     """Run `mkdaemon`."""
-    signal.signal(signal.SIGINT, signal.SIG_DFL)
     from mkdaemon.cli.mkdaemon.app import main
 
     main()
@@ -16,7 +17,6 @@ def mkdaemon() -> NoReturn:
 
 def mkctl() -> NoReturn:
     """Run `mkctl`."""
-    signal.signal(signal.SIGINT, signal.SIG_DFL)
     from mkdaemon.cli.mkctl.app import main
 
     main()

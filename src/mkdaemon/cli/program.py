@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import importlib
 import importlib.util
 import os
 import signal
@@ -72,13 +73,36 @@ def main(name: str, about: str, table: Iterable[CommandEntry], tokens: list[str]
         tokens: the command line; that of the process by default.
     """
     tokens = sys.argv[1:] if tokens is None else tokens
-    # `mkdaemon.cli.entry` has let an interrupt kill the process until here, where it can end in order.
+    table = tuple(table)
+    app = build(name, about, table, chosen=tokens[0] if tokens else "")
+    _import_commands(table, tokens)
+    # `mkdaemon.cli.entry` has let an interrupt kill the process until here, where it can end in order. While something
+    # is imported it cannot: the import machinery swallows a KeyboardInterrupt, and the program would run on.
     signal.signal(signal.SIGINT, signal.default_int_handler)
     ended_by = _end_like_an_interrupt()
-    code = run(build(name, about, table, chosen=tokens[0] if tokens else ""), tokens)
+    code = run(app, tokens)
     for number in (signal.SIGINT, *_ENDS):
         signal.signal(number, signal.SIG_DFL)
     sys.exit(128 + ended_by[0] if ended_by and code == EXIT_INTERRUPTED else code)
+
+
+def _import_commands(table: Iterable[CommandEntry], tokens: Sequence[str]) -> None:
+    """Import the module of the command that is going to run."""
+    for entry in table:
+        if entry.name in tokens[:1]:
+            # What is missing, or broken, is said when the command runs.
+            with suppress(Exception):
+                importlib.import_module(entry.target.partition(":")[0])
+
+
+def let_signals_kill() -> None:
+    """Let an interrupt and `kill` end the process at once, until the program's own handlers stand.
+
+    For programs that run a loop: nothing is open yet that would have to be closed in order.
+    """
+    for number in (signal.SIGINT, signal.SIGTERM):
+        if signal.getsignal(number) is not signal.SIG_IGN:
+            signal.signal(number, signal.SIG_DFL)
 
 
 def _end_like_an_interrupt() -> list[int]:

@@ -26,7 +26,7 @@ from mkdaemon.bus.endpoint import reserved_endpoint
 from mkdaemon.cli.arguments import AsJson, require_length
 from mkdaemon.cli.mkctl.status import render as render_status
 from mkdaemon.cli.printing import json_line
-from mkdaemon.cli.program import EXIT_FAILURE, EXIT_INTERRUPTED, EXIT_OK
+from mkdaemon.cli.program import EXIT_FAILURE, EXIT_INTERRUPTED, EXIT_OK, let_signals_kill
 from mkdaemon.client import Sample, Vehicle, connect
 from mkdaemon.errors import MkError
 
@@ -86,6 +86,7 @@ def demo(
         ConfigError: `seconds` is no length of time.
         MkError: simulator or daemon did not start, or ended while it flew.
     """
+    let_signals_kill()
     require_length(seconds, "--seconds")
     return asyncio.run(_demo(seconds, as_json=as_json))
 

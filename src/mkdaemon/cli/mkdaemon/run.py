@@ -12,6 +12,7 @@ import structlog
 from cyclopts import Parameter
 
 from mkdaemon.cli.mkdaemon.logs import Level, configure
+from mkdaemon.cli.program import let_signals_kill
 from mkdaemon.config.reader import load
 from mkdaemon.config.root import Config
 from mkdaemon.daemon import run as run_daemon
@@ -41,6 +42,7 @@ def run(
         wait: Wait for the port if it is missing at the start, in place of ending; a recording waits for a subscriber.
         log: Least severity written to stderr.
     """
+    let_signals_kill()
     configure(log)
     overrides: dict[str, Any] = {}
     if port is not None:

@@ -14,6 +14,7 @@ from mkdaemon.cli.arguments import require_length
 from mkdaemon.cli.mkdaemon.logs import configure
 from mkdaemon.cli.mkdaemon.sim_bus import sim_on_bus
 from mkdaemon.cli.mkdaemon.sim_camera import CameraPublisher, open_camera, open_world, run_camera
+from mkdaemon.cli.program import let_signals_kill
 from mkdaemon.config.reader import load
 from mkdaemon.config.root import Config
 from mkdaemon.sim.runtime import Runtime
@@ -43,6 +44,7 @@ def sim(
 
     The boards behave as measured ones do: byte timing, losses, time-outs, dead-man. Faults: `mkctl sim fault`.
     """
+    let_signals_kill()
     configure("info")
     require_length(seconds, "--seconds")
     given = {
