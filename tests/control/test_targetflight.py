@@ -15,6 +15,7 @@ from mkdaemon.config.autopilot import AutopilotConfig
 from mkdaemon.config.sim_flight import WindClass
 from mkdaemon.control.actions import Release, ReportFailsafe, ReportMode, SendSticks
 from mkdaemon.control.estimator.model import AircraftModel
+from mkdaemon.control.guidance.landing import LandingPhase
 from mkdaemon.control.targetflight import FORGOTTEN, TargetFlight
 from mkdaemon.control.vehicle import VehicleFacts
 from mkdaemon.errors import CommandRejectedError
@@ -158,6 +159,41 @@ def test_a_landing_whose_target_vanishes_high_up_ends_level_then_released():
     rig.fly()
     reason = next(action.reason for at, action in rig.actions if isinstance(action, Release))
     assert "no image of pad" in reason
+
+
+class Starves(Lands):
+    """Lands, and keeps what was true when it was said to be down."""
+
+    stood: bool | None = None
+
+    def _control(self, at):
+        super()._control(at)
+        landing = self.core._target.landing
+        if landing is not None and landing.phase is LandingPhase.DOWN and self.stood is None:
+            self.stood = self._world.truth.on_ground
+
+
+def test_a_landing_without_images_at_its_end_is_not_called_down_in_the_air():
+    gone = CameraModel(gone=((12.65, 99.0),))
+    rig = Starves(Flight(seed=5, wind=WindClass.LIGHT, seconds=14.2, land_at=8.0, camera=gone))
+    record = rig.fly()
+    assert rig.stood is True
+    assert record.touch_error < 0.2
+    assert record.touch_sink < 0.6
+
+
+def test_a_descent_without_images_before_the_commit_is_level_then_released_and_never_down():
+    gone = 12.05
+    camera = CameraModel(gone=((gone, 99.0),))
+    rig = Starves(Flight(seed=5, wind=WindClass.LIGHT, seconds=15.2, land_at=8.0, camera=camera))
+    rig.fly()
+    released_at, release = next((at, action) for at, action in rig.actions if isinstance(action, Release))
+    assert rig.stood is None
+    assert released_at == pytest.approx(gone + CFG.exit_after, abs=0.2)
+    assert "no image of pad" in release.reason
+    level = [a.counts for at, a in rig.actions if isinstance(a, SendSticks) and gone + 1.7 < at < released_at]
+    assert {(counts.pitch, counts.roll) for counts in level} == {(0, 0)}
+    assert min(counts.throttle for counts in level) > -30
 
 
 class Forward(CoreRig):

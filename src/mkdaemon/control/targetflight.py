@@ -45,8 +45,6 @@ ATTITUDE_LATENCY: Final = 0.024
 """How old an attitude is when it arrives [s]: the board's frame time and half the radio's latency; docs/control.md."""
 FORGOTTEN: Final = 5.0
 """A target out of sight for longer is met anew [s]."""
-_LOW: Final = 0.08
-"""Feet lower than this above the target stand, as far as the estimate can tell [m]."""
 _NO_TARGET: Final = "a target in sight"
 
 
@@ -55,6 +53,7 @@ class TargetFlight:
 
     Attributes:
         target: name of the target that is followed; empty before the first.
+        landing: the landing that is flown; None outside one.
     """
 
     def __init__(self, cfg: AutopilotConfig, hover_throttle: float) -> None:
@@ -72,7 +71,7 @@ class TargetFlight:
         self._autopilot: Autopilot | None = None
         self._clean_since = math.inf
         self._guided_at = -math.inf
-        self._landing: Landing | None = None
+        self.landing: Landing | None = None
 
     # -- what is reported -----------------------------------------------------------------------------------------
 
@@ -157,7 +156,7 @@ class TargetFlight:
         self._guided_at = now
         if isinstance(setpoint, LandSetpoint) and is_flying:
             return self._land(setpoint, estimate, autopilot, now, step)
-        self._landing = None
+        self.landing = None
         if estimate.age > self._cfg.level_after:
             return Guided(_level(estimate), _NO_TARGET, self._lost_sight(estimate))
         goal = self._goal(setpoint, estimate, autopilot, step)
@@ -168,13 +167,14 @@ class TargetFlight:
     ) -> Guided:
         """Go down on the target; once committed or standing, what the eyes see no longer matters."""
         limits = LandingLimits(stand_height=self._cfg.stand_height)
-        landing = self._landing = self._landing or Landing(limits, estimate)
+        landing = self.landing = self.landing or Landing(limits, estimate)
         goal = landing.goal(estimate, setpoint.yaw, step)
         sticks = _floating(autopilot.sticks(goal, now, step))
         if landing.phase is LandingPhase.DOWN:
             stands = now - landing.down_since >= self._cfg.stand_time
-            is_low = float(estimate.position[2]) - self._cfg.stand_height < _LOW
-            shown = f"landed on {self.target}" if is_low else f"came down, but nothing shows it stands on {self.target}"
+            shown = f"landed on {self.target}"
+            if not landing.is_on_target:
+                shown = f"came down, but nothing shows that it stands on {self.target}"
             return Guided(sticks, finished=shown if stands else "")
         if landing.phase is LandingPhase.COMMIT or estimate.age <= self._cfg.level_after:
             return Guided(sticks)

@@ -1,8 +1,9 @@
 """Landing on a target that may move: down inside a cone, then through the ground effect without hesitation.
 
 Near the ground the rotors' cushion carries the aircraft away sideways, so below `commit_height` the decision is final:
-throttle falls below hover and stays there until the feet stand. Source: docs/control.md, "Landing"; without the final
-push a third to two thirds of the landings miss.
+throttle falls below hover and stays there until the feet stand. That they stand needs evidence: a fresh image, or a
+fall that cannot have been shorter (`Fall`). Source: docs/control.md, "Landing"; without the final push a third to two
+thirds of the landings miss.
 """
 
 from __future__ import annotations
@@ -13,8 +14,10 @@ from enum import StrEnum
 
 import numpy as np
 
+from mkdaemon.control.estimator.model import F
 from mkdaemon.control.estimator.values import Estimate
 from mkdaemon.control.guidance.autopilot import Goal
+from mkdaemon.control.guidance.fall import Fall
 
 
 class LandingPhase(StrEnum):
@@ -44,13 +47,19 @@ class LandingLimits:
         slow_height: above standing height [m].
         commit_height: above standing height [m].
         commit_error: largest horizontal error at which to commit [m].
+        commit_sd: largest standard deviation of the height at which to commit [m].
         commit_gas: throttle while committed [share of hover].
+        push_after: time of the commit after which throttle goes down further [s].
+        push: by how much [share of hover a second].
+        least_gas: where that ends [share of hover]; attitude control fades with throttle.
         sight: oldest image with which to descend [s].
         blind: oldest image with which to commit [s].
         climb: rate to look for a lost target from above [m/s].
         highest: where that climb ends [m].
+        touch_age: oldest image that shows whether the feet stand [s].
+        touch_height: lower than this they stand, where an image shows it [m].
         settled: time the feet must stand [s].
-        longest_commit: after this the feet stand, whatever the eyes say [s]: three times the fall.
+        pad_radius: who comes down farther from the middle has not landed on the target [m].
     """
 
     stand_height: float = 0.10
@@ -62,13 +71,19 @@ class LandingLimits:
     slow_height: float = 0.5
     commit_height: float = 0.13
     commit_error: float = 0.13
+    commit_sd: float = 0.05
     commit_gas: float = 0.90
+    push_after: float = 0.3
+    push: float = 1.0
+    least_gas: float = 0.6
     sight: float = 0.25
     blind: float = 0.6
     climb: float = 0.3
     highest: float = 1.6
+    touch_age: float = 0.15
+    touch_height: float = 0.03
     settled: float = 0.1
-    longest_commit: float = 0.8
+    pad_radius: float = 0.35
 
 
 class Landing:
@@ -77,14 +92,17 @@ class Landing:
     Attributes:
         phase: where it stands.
         down_since: since when the feet stand [s]; infinite before.
+        is_on_target: they stand on the target, as far as the estimate could tell when they touched.
     """
 
     def __init__(self, limits: LandingLimits, estimate: Estimate) -> None:
         self.phase = LandingPhase.APPROACH
         self.down_since = math.inf
+        self.is_on_target = False
         self._limits = limits
         self._height = float(estimate.position[2])
-        self._committed = self._low_since = estimate.at
+        self._committed = self._up_at = estimate.at
+        self._fall: Fall | None = None
 
     def goal(self, estimate: Estimate, yaw: float | None, step: float) -> Goal:
         """Decide how to go on, and return where to.
@@ -103,15 +121,25 @@ class Landing:
             may_commit = (inside and estimate.age < limits.sight) or (
                 error < limits.commit_error and estimate.age < limits.blind
             )
-            if height < limits.commit_height and may_commit:
+            is_certain = float(estimate.position_sd[2]) < limits.commit_sd
+            if height < limits.commit_height and may_commit and is_certain:
                 self.phase = LandingPhase.COMMIT
+                self._committed = self._up_at = estimate.at
+                self._fall = Fall(height, float(estimate.velocity[2]), float(estimate.position_sd[2]))
             else:
                 descends = inside and estimate.age < limits.sight
                 self.phase = LandingPhase.DESCEND if descends else LandingPhase.APPROACH
         climb = self._climb(height, estimate.age, float(estimate.position[2]), step)
-        self._settle(height, estimate.at)
-        share = {LandingPhase.COMMIT: limits.commit_gas, LandingPhase.DOWN: 0.0}.get(self.phase)
+        if self.phase is LandingPhase.COMMIT:
+            self._settle(estimate, height, error, step)
+        share = {LandingPhase.COMMIT: self._commit_gas(estimate.at), LandingPhase.DOWN: 0.0}.get(self.phase)
         return Goal(position=np.array([0.0, 0.0, self._height]), yaw=yaw, climb=climb, gas_share=share)
+
+    def _commit_gas(self, at: float) -> float:
+        """Throttle of the commit [share of hover]: less and less where the aircraft hangs on its cushion."""
+        limits = self._limits
+        late = max(0.0, at - self._committed - limits.push_after)
+        return max(limits.least_gas, limits.commit_gas - limits.push * late)
 
     def _climb(self, height: float, age: float, up: float, step: float) -> float:
         """Move the wanted height; returns its speed [m/s]."""
@@ -126,12 +154,18 @@ class Landing:
         self._height = max(self._height - sink * step, up - 0.10)
         return -sink
 
-    def _settle(self, height: float, at: float) -> None:
-        """Notice that the feet stand: throttle that still half carries would let the wind slide the aircraft away."""
-        if self.phase is not LandingPhase.COMMIT:
-            self._committed = self._low_since = at
-            return
-        if height > 0.03:
-            self._low_since = at
-        if at - self._low_since >= self._limits.settled or at - self._committed >= self._limits.longest_commit:
-            self.phase, self.down_since = LandingPhase.DOWN, at
+    def _settle(self, estimate: Estimate, height: float, error: float, step: float) -> None:
+        """Notice that the feet stand: throttle that still half carries would let the wind slide the aircraft away.
+
+        The model knows no ground, so a predicted height goes on falling: it is no evidence.
+        """
+        limits = self._limits
+        assert self._fall is not None
+        has_fallen = self._fall.has_ended(1.0 + float(estimate.vertical[F]), step)
+        is_seen_down = estimate.age <= limits.touch_age and height <= limits.touch_height
+        if not (has_fallen or is_seen_down):
+            self._up_at = estimate.at
+        if estimate.at - self._up_at >= limits.settled:
+            self.phase, self.down_since = LandingPhase.DOWN, estimate.at
+            spread = float(np.hypot(*estimate.position_sd[:2]))
+            self.is_on_target = error + 2.0 * spread < limits.pad_radius
