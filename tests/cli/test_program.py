@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import os
 import re
 import signal
 import subprocess
@@ -114,6 +115,59 @@ def test_wrong_usage_is_one_line_and_exit_code_2(tokens, says, points_to, capsys
     assert err.startswith("mkdaemon: ")
     assert says in err
     assert f"See `{points_to}`." in err
+
+
+ASCII = """
+import sys
+from mkdaemon.cli import program
+from mkdaemon.errors import ConfigError
+
+def tell(word: str) -> None:
+    print("3°, 2×2, ± 1 …", "\\U0001f681", flush=True)
+    raise ConfigError(f"{word} ≠ °")
+
+sys.argv = ["x", "tell", "ü"]
+sys.modules["telling"] = sys.modules["__main__"]
+sys.modules["__main__"].__spec__ = __import__("importlib.machinery").machinery.ModuleSpec("telling", None)
+program.main("x", "", [program.CommandEntry("tell", "telling:tell", "Say.")])
+"""
+PLAIN_TERMINALS = [{"PYTHONIOENCODING": "ascii"}, {"LC_ALL": "C", "PYTHONCOERCECLOCALE": "0", "PYTHONUTF8": "0"}]
+
+
+@pytest.mark.parametrize("environment", PLAIN_TERMINALS, ids=["PYTHONIOENCODING", "LC_ALL"])
+def test_a_terminal_without_a_letter_gets_another_one(environment, tmp_path):
+    script = tmp_path / "x.py"
+    script.write_text(ASCII)
+    ended = subprocess.run([sys.executable, script], capture_output=True, env=os.environ | environment, check=False)
+    assert ended.stdout.decode("ascii") == "3 deg, 2x2, +/- 1 ... ?\n"
+    assert ended.stderr.decode("ascii") == "x: ? ?  deg\n"
+    assert ended.returncode == 2
+
+
+def test_an_argument_that_is_no_text_is_one_line(capsys):
+    app = App(name="x")
+
+    @app.default
+    def send(word: str) -> None:
+        word.encode()
+
+    assert run(app, ["\udcc3"]) == 2
+    assert capsys.readouterr().err == "x: '\\udcc3' is no text in this encoding: set LC_ALL=C.UTF-8\n"
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+def test_a_signal_while_a_mistake_is_told_shows_no_traceback(number):
+    code = (
+        f"import os, sys; from mkdaemon.cli import program; from mkdaemon.errors import MkError\n"
+        f"class Slow(MkError):\n"
+        f"    def __str__(self): os.kill(os.getpid(), {int(number)}); return 'slow'\n"
+        f"def fail(): raise Slow('slow')\n"
+        f"sys.modules['failing'] = sys.modules['__main__']\n"
+        f"sys.modules['__main__'].__spec__ = __import__('importlib.machinery').machinery.ModuleSpec('failing', None)\n"
+        f"program.main('x', '', [program.CommandEntry('fail', 'failing:fail', 'Fail.')], ['fail'])"
+    )
+    ended = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert (ended.returncode, ended.stderr) == (128 + number, "")
 
 
 def test_a_full_disk_is_one_line():

@@ -15,7 +15,7 @@ from mkdaemon.config.sim import SimConfig
 from mkdaemon.errors import CommandRejectedError, ConfigError
 from mkdaemon.sim.simulation import Simulation
 from mkdaemon.stamp import Stamp
-from mkdaemon.telemetry.sim import FaultRequest
+from mkdaemon.telemetry.sim import FaultRequest, SimFaults
 from tests.bus.support import ask, bus_config, client, free_endpoint
 from tests.places import SOURCE
 
@@ -104,6 +104,8 @@ REQUESTS = [
 def test_requests(simulation, fields, running):
     result = apply_fault_request(simulation, FaultRequest.model_validate(fields), STAMP)
     assert set(result.reply["active"]) == running == set(simulation.world.faults.active)
+    assert SimFaults.model_validate(result.reply)
+    assert result.reply_type == "SimFaults.v1"
 
 
 @pytest.mark.parametrize(

@@ -34,6 +34,22 @@ def test_a_misspelt_pattern_names_the_nearest_key(pattern, nearest):
     assert f"did you mean {nearest}" in str(told.value)
 
 
+@pytest.mark.parametrize(
+    ("pattern", "words"),
+    [
+        ("attitude", "did you mean state/attitude, setpoint/attitude or rx/fc/attitude?"),
+        ("osd", "did you mean rx/nc/osd, "),
+        ("stat/**", "did you mean state/**?"),
+        ("state/nope/*", "did you mean state/gps or "),
+        ("nope", "keys begin with raw, state, link, "),
+    ],
+)
+def test_what_is_no_key_is_told_what_keys_there_are(pattern, words):
+    with pytest.raises(MkError) as told:
+        require_known(pattern)
+    assert words in str(told.value)
+
+
 @pytest.mark.parametrize("pattern", ["do/lease", "cmd/fc/version_request", "schema/Attitude.v1", "alive", "xyzzy"])
 def test_what_is_asked_and_never_published_is_no_key_to_watch(pattern):
     assert not is_known(pattern)

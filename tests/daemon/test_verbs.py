@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import json
+
 import msgpack
 import pytest
 
+from mkdaemon.bus.schema import schema_json
 from mkdaemon.daemon.procedures import Interlock
 from mkdaemon.daemon.verbs import Verbs
 from mkdaemon.errors import CommandRejectedError
 from mkdaemon.link.session.traffic import ReleaseResult
-from mkdaemon.telemetry.control import Phase, ReleaseOutcome
+from mkdaemon.telemetry.control import LeaseState, Phase, ReleaseOutcome
 from mkdaemon.telemetry.refusals import Token, refuse
 
 
@@ -99,6 +102,23 @@ async def test_release_says_how_it_went(desk, outcome, status):
     desk.released = ReleaseResult(outcome, 5, 5, "test")
     result = await desk.ask("release", {"reason": "test"})
     assert (result.status, result.reply["status"], result.reply["sent"]) == (status, outcome.value, 5)
+
+
+async def test_an_answer_fits_the_schema_it_names(desk, monkeypatch):
+    async def nobody(request):
+        return None
+
+    async def someone(request):
+        return LeaseState(holder="a", epoch=1, ttl=2.0, left=1.0)
+
+    monkeypatch.setattr(desk, "lease", nobody)
+    free = await desk.ask("lease", {"action": "show"})
+    assert (free.status, free.reply, free.reply_type) == ("accepted", None, None)
+    monkeypatch.setattr(desk, "lease", someone)
+    for verb, fields in (("lease", {"action": "show"}), ("release", {}), ("rate", {})):
+        result = await desk.ask(verb, fields)
+        schema = json.loads(schema_json(result.reply_type))
+        assert set(schema["required"]) <= set(result.reply) <= set(schema["properties"])
 
 
 async def test_a_release_without_end_is_a_timeout(desk):

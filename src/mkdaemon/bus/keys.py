@@ -11,8 +11,16 @@ from typing import Final
 from pydantic import BaseModel
 
 from mkdaemon.telemetry import mission, settings
-from mkdaemon.telemetry.command import CommandResult, Labels, LabelsRequest, LeaseRequest, RateRequest, ReleaseRequest
-from mkdaemon.telemetry.control import ControlEstimate, ControlOutput, ControlStatus, LeaseGrant
+from mkdaemon.telemetry.command import (
+    CommandResult,
+    Labels,
+    LabelsRequest,
+    LeaseRequest,
+    RateRequest,
+    Rates,
+    ReleaseRequest,
+)
+from mkdaemon.telemetry.control import ControlEstimate, ControlOutput, ControlStatus, LeaseGrant, ReleaseReport
 from mkdaemon.telemetry.event import ClockEvent, CommandEvent, FailsafeEvent, LogEvent, ModeEvent
 from mkdaemon.telemetry.image import CameraFrame
 from mkdaemon.telemetry.link import LinkHealth, LinkState, LinkTraffic
@@ -138,7 +146,7 @@ KEYS: Final[tuple[KeySpec, ...]] = (
     KeySpec("sim/faults", Use.CLIENT, SimFaults, "1 Hz and on change", "Faults the simulator plays."),
     KeySpec("sim/camera/<name>", Use.CLIENT, CameraFrame, "30 Hz, where it is on", "What the simulated camera sees."),
     KeySpec("sim/start", _Q, None, "", "The simulated pilot begins now, without waiting longer; no payload."),
-    KeySpec("sim/fault", _Q, FaultRequest, "", "Begin or end a fault of the simulator."),
+    KeySpec("sim/fault", _Q, FaultRequest, "", "Begin or end a fault of the simulator.", SimFaults),
     KeySpec("event/clock", _P, ClockEvent, "on occurrence", "The system clock was set: how far, and which way."),
     KeySpec("event/log", _P, LogEvent, "on occurrence", "Other things worth knowing."),
     KeySpec(
@@ -146,8 +154,8 @@ KEYS: Final[tuple[KeySpec, ...]] = (
     ),
     KeySpec("cmd/<board>/<message>", _Q, CommandResult, "", "A MikroKopter request; its typed reply, or a refusal."),
     KeySpec("do/lease", _Q, LeaseRequest, "", "Take, renew, give back or show the lease.", LeaseGrant),
-    KeySpec("do/release", _Q, ReleaseRequest, "", "Let go of the aircraft now; anyone may."),
-    KeySpec("do/rate", _Q, RateRequest, "", "Ask for a stream at a rate."),
+    KeySpec("do/release", _Q, ReleaseRequest, "", "Let go of the aircraft now; anyone may.", ReleaseReport),
+    KeySpec("do/rate", _Q, RateRequest, "", "Ask for a stream at a rate.", Rates),
     KeySpec("do/labels", _Q, LabelsRequest, "", "Names of a board's debug channels, kept by firmware.", Labels),
     KeySpec(
         "do/settings_backup", _Q, settings.SettingsBackupRequest, "", "Read parameter sets.", settings.SettingsBackup

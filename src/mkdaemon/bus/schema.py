@@ -12,6 +12,7 @@ from mkdaemon.bus.codec import schema_name
 from mkdaemon.bus.keys import KEYS
 from mkdaemon.protocol.wire import MESSAGES, WireMessage
 from mkdaemon.telemetry.command import CommandResult
+from mkdaemon.telemetry.control import LeaseState
 from mkdaemon.telemetry.traffic import FrameSample
 
 __all__ = ["schema_json", "schema_names"]
@@ -19,7 +20,11 @@ __all__ = ["schema_json", "schema_names"]
 
 @cache
 def _models() -> dict[str, type[BaseModel]]:
-    models: list[type[BaseModel]] = [CommandResult, *(spec.carries for spec in KEYS if spec.carries is not None)]
+    models: list[type[BaseModel]] = [
+        CommandResult,
+        LeaseState,
+        *(spec.carries for spec in KEYS if spec.carries is not None),
+    ]
     models.extend(spec.reply for spec in KEYS if spec.reply is not None)
     models.extend(MESSAGES.values())
     return {schema_name(model): model for model in models}

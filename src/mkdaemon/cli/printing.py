@@ -8,8 +8,8 @@ from typing import Any
 
 
 def json_line(value: Mapping[str, Any]) -> str:
-    """One object on one line; bytes as hexadecimal."""
-    return json.dumps(value, default=_plain, ensure_ascii=False)
+    """One object on one line, in ASCII so that no terminal's encoding can harm it; bytes as hexadecimal."""
+    return json.dumps(value, default=_plain)
 
 
 def _plain(value: object) -> object:

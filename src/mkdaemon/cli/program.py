@@ -15,6 +15,7 @@ from typing import Final, NamedTuple, NoReturn
 
 from cyclopts import App, CycloptsError, Parameter
 
+from mkdaemon.cli.terminal import print_whatever_the_encoding
 from mkdaemon.errors import ConfigError, MkError
 
 EXIT_OK: Final = 0
@@ -76,13 +77,18 @@ def main(name: str, about: str, table: Iterable[CommandEntry], tokens: list[str]
     table = tuple(table)
     app = build(name, about, table, chosen=tokens[0] if tokens else "")
     _import_commands(table, tokens)
-    # `mkdaemon.cli.entry` has let an interrupt kill the process until here, where it can end in order. While something
-    # is imported it cannot: the import machinery swallows a KeyboardInterrupt, and the program would run on.
-    signal.signal(signal.SIGINT, signal.default_int_handler)
-    ended_by = _end_like_an_interrupt()
-    code = run(app, tokens)
-    for number in (signal.SIGINT, *_ENDS):
-        signal.signal(number, signal.SIG_DFL)
+    print_whatever_the_encoding()
+    ended_by: list[int] = []
+    try:
+        # `mkdaemon.cli.entry` has let an interrupt kill the process until here, where it can end in order. While
+        # something is imported it cannot: the import machinery swallows a KeyboardInterrupt, and the program runs on.
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+        _end_like_an_interrupt(ended_by)
+        code = run(app, tokens)
+        _end_at_once()
+    except KeyboardInterrupt:  # while a mistake was told
+        _end_at_once()
+        code = EXIT_INTERRUPTED
     sys.exit(128 + ended_by[0] if ended_by and code == EXIT_INTERRUPTED else code)
 
 
@@ -105,13 +111,14 @@ def let_signals_kill() -> None:
             signal.signal(number, signal.SIG_DFL)
 
 
-def _end_like_an_interrupt() -> list[int]:
+def _end_like_an_interrupt(came: list[int]) -> None:
     """Let a closed terminal and `kill` end a command in order too, as Ctrl-C does: motors stop, the live set is loaded.
 
-    Returns:
-        The signals that came. Programs with handlers of their own replace these.
+    Programs with handlers of their own replace these.
+
+    Args:
+        came: gets the signals that come.
     """
-    came: list[int] = []
 
     def end(number: int, _: object) -> None:
         came.append(number)
@@ -120,7 +127,12 @@ def _end_like_an_interrupt() -> list[int]:
     for number in _ENDS:
         if signal.getsignal(number) is not signal.SIG_IGN:  # nohup means it
             signal.signal(number, end)
-    return came
+
+
+def _end_at_once() -> None:
+    """Let every signal end the process without a word again."""
+    for number in (signal.SIGINT, *_ENDS):
+        signal.signal(number, signal.SIG_DFL)
 
 
 def run(app: App, tokens: Sequence[str] | None = None) -> int:
@@ -142,6 +154,8 @@ def run(app: App, tokens: Sequence[str] | None = None) -> int:
         return EXIT_INTERRUPTED
     except SystemExit as ended:
         return ended.code if isinstance(ended.code, int) else EXIT_OK
+    except UnicodeEncodeError as error:
+        return _complain(app, f"{error.object!a} is no text in this encoding: set LC_ALL=C.UTF-8", EXIT_CONFIG)
     except BrokenPipeError:
         _mute()
         return EXIT_OK  # whoever read our output has seen enough

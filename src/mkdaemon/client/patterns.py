@@ -13,6 +13,10 @@ import zenoh
 from mkdaemon.errors import MkError
 
 _FRAMES: Final = ("rx", "tx")
+_LIKE: Final = 0.6
+"""Share of letters in common from which a key is near to a pattern."""
+_AS_LIKE: Final = 0.1
+"""A key is named beside the nearest one if it is nearly as near."""
 
 
 def require_known(pattern: str) -> None:
@@ -25,7 +29,7 @@ def require_known(pattern: str) -> None:
         MkError: no key matches; names the nearest one.
     """
     if not is_known(pattern):
-        msg = f"no key matches {pattern!r}{did_you_mean(pattern) or '; docs/keys.md lists all keys'}"
+        msg = f"no key matches {pattern!r}{did_you_mean(pattern)}"
         raise MkError(msg)
 
 
@@ -37,9 +41,26 @@ def is_known(pattern: str) -> bool:
 
 
 def did_you_mean(pattern: str) -> str:
-    """The key nearest to a pattern as half a sentence; empty where none is near."""
-    near = difflib.get_close_matches(pattern, known_keys(), n=1, cutoff=0.5)
-    return f"; did you mean {near[0]}?" if near else ""
+    """The keys nearest to a pattern as half a sentence; where none is near, what keys begin with."""
+    roots = list(dict.fromkeys(known.partition("/")[0] for known in known_keys()))
+    root, slash, rest = pattern.partition("/")
+    corrected = (f"{other}{slash}{rest}" for other in difflib.get_close_matches(root, roots, n=1))
+    near = [other for other in corrected if is_known(other)] or _nearest(pattern)
+    if near:
+        *others, last = near
+        return f"; did you mean {', '.join(others)}{' or ' if others else ''}{last}?"
+    return f"; keys begin with {', '.join(roots)}: docs/keys.md lists them all"
+
+
+def _nearest(pattern: str) -> list[str]:
+    """Up to three keys, the nearest first; a pattern of one word is compared with the last word of keys."""
+    likeness: dict[str, float] = {}
+    for known in known_keys():
+        word = known if "/" in pattern else known.rpartition("/")[2]
+        likeness[known] = difflib.SequenceMatcher(None, pattern, word).ratio()
+    best = max(likeness.values())
+    near = [known for known, ratio in likeness.items() if ratio >= max(_LIKE, best - _AS_LIKE)]
+    return sorted(near, key=lambda known: -likeness[known])[:3]
 
 
 @cache

@@ -14,7 +14,7 @@ from mkdaemon.daemon.procedures import Interlock
 from mkdaemon.errors import CommandRejectedError
 from mkdaemon.link.link import Link
 from mkdaemon.telemetry.command import CommandResult, LeaseRequest, RateRequest, Rates, ReleaseRequest, refused
-from mkdaemon.telemetry.control import LeaseState, ReleaseOutcome
+from mkdaemon.telemetry.control import ReleaseOutcome, ReleaseReport
 from mkdaemon.telemetry.refusals import Status, Token, refuse
 
 Verb = Callable[[Payload], Awaitable[CommandResult]]
@@ -61,9 +61,9 @@ class Verbs:
                 lease = await self._flight.lease(request)
         else:
             lease = await self._flight.lease(request)
-        reply: dict[str, Any] = {} if lease is None else dict(lease)
-        model = LeaseState if lease is None else type(lease)
-        return CommandResult(status=Status.ACCEPTED, reply=reply, reply_type=schema_name(model))
+        if lease is None:  # nobody holds it: there is nothing to describe
+            return CommandResult(status=Status.ACCEPTED)
+        return CommandResult(status=Status.ACCEPTED, reply=dict(lease), reply_type=schema_name(type(lease)))
 
     async def _release(self, payload: Payload) -> CommandResult:
         """Answer `do/release`."""
@@ -71,7 +71,7 @@ class Verbs:
         if result is None:
             raise refuse(Token.TIMEOUT, board="fc", name="release", detail=f"no end in {RELEASE_TIMEOUT:g} s")
         status = Status.ACCEPTED if result.status is ReleaseOutcome.CONFIRMED else Status.NOT_OBSERVABLE
-        return CommandResult(status=status, reply=asdict(result), reply_type="ReleaseResult.v1")
+        return CommandResult(status=status, reply=asdict(result), reply_type=schema_name(ReleaseReport))
 
     async def _rate(self, payload: Payload) -> CommandResult:
         """Answer `do/rate`: change one stream, or just show all."""

@@ -27,7 +27,7 @@ class CommandResult(Telemetry):
     fix: str | None = None
     """What to do about it, one sentence."""
     reply: dict[str, Any] | None = None
-    """What the board or the daemon answered."""
+    """What the board or the daemon answered; null where there is nothing to say."""
     reply_type: str | None = None
     """Schema of `reply`, `<Name>.v<N>`; a board's reply has the fields of that message, as on the wire."""
     duration: float | None = None

@@ -66,6 +66,19 @@ class ReleaseOutcome(StrEnum):
     """No open port: the release is the first thing sent after opening."""
 
 
+class ReleaseReport(Telemetry):
+    """How a release went: the answer to `do/release`."""
+
+    status: ReleaseOutcome
+    """How it ended."""
+    sent: int
+    """Frames sent that end external control."""
+    confirmed: int
+    """Of those, confirmed by the board."""
+    reason: str
+    """Why it was released."""
+
+
 class LeaseState(Telemetry):
     """The lease, as answered by `do/lease` and shown in `control/status`."""
 

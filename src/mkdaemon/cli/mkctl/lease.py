@@ -56,7 +56,7 @@ async def _lease(fields: dict[str, Any], connection: Connection) -> None:
     async with connection.open() as client:
         reply = (await client.command("do", "lease", fields)).require()
     if connection.json:
-        print(json_line(reply))
+        print(json_line(reply or {"holder": None}))
     elif reply:
         print(f"{reply['holder']} holds the lease: epoch {reply['epoch']}, {reply['left']:.1f} s left")
         if "secret" in reply:

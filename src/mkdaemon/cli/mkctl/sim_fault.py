@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from typing import Annotated, Any, Final
 
 from cyclopts import App, Parameter
 
+from mkdaemon.cli.arguments import AsJson
 from mkdaemon.cli.mkctl.connection import HERE, Connection
 from mkdaemon.cli.printing import json_line
 from mkdaemon.errors import ConfigError
@@ -51,9 +53,12 @@ async def fault(
 
 
 @app.command
-def faults() -> None:
+def faults(*, as_json: AsJson = False) -> None:
     """List every fault there is, what it does and what it takes."""
     for name, spec in FAULTS.items():
+        if as_json:
+            print(json_line({"name": name, **asdict(spec)}))
+            continue
         print(f"{name:13} {spec.effect}{_lasts(spec)}")
         for key, parameter in spec.parameters.items():
             if isinstance(parameter, FaultNumber):

@@ -92,7 +92,7 @@ def decode(
 
 def _print(objects: Iterable[dict[str, Any]], *, live: bool) -> None:
     for line in objects:
-        sys.stdout.write(json.dumps(line, ensure_ascii=False) + "\n")
+        sys.stdout.write(json.dumps(line) + "\n")
         if live:
             sys.stdout.flush()
     sys.stdout.flush()

@@ -54,4 +54,4 @@ def schema(
         content: Any = [describe_message(board, cls) for (board, _, _), cls in MESSAGES.items()]
     else:
         content = {cls.__name__: cls.model_json_schema() for cls in dict.fromkeys(MESSAGES.values())}
-    print(json.dumps(content, indent=2, ensure_ascii=False))
+    print(json.dumps(content, indent=2))

@@ -16,7 +16,7 @@ import structlog
 import zenoh
 from pydantic import BaseModel
 
-from mkdaemon.bus.codec import encode, encoding_of, read_command, with_age
+from mkdaemon.bus.codec import encode, encoding_of, read_command, schema_name, with_age
 from mkdaemon.bus.names import key
 from mkdaemon.bus.session import close_session, open_session, session_config
 from mkdaemon.cli.mkdaemon.sim_camera import CameraPublisher
@@ -92,7 +92,8 @@ def apply_fault_request(simulation: Simulation, request: FaultRequest, stamp: St
     elif request.action is FaultAction.CLEAR:
         faults.clear()
     _log.info("fault", action=request.action.value, name=request.name, t=round(simulation.now, 3))
-    return CommandResult(status=Status.ACCEPTED, reply=faults_of(simulation, stamp).model_dump())
+    reply = faults_of(simulation, stamp).model_dump()
+    return CommandResult(status=Status.ACCEPTED, reply=reply, reply_type=schema_name(SimFaults))
 
 
 class SimBus:
