@@ -20,6 +20,15 @@ def test_another_condition_begins_when_it_is_found():
     assert (second.condition, second.cause, second.since) == (LinkCondition.DOWN, Cause.PORT_STUCK, 2.0)
 
 
+def test_a_silence_goes_on_under_another_name():
+    up = Finding(LinkCondition.UP, "both directions proven")
+    mute, garbage = Finding(LinkCondition.MUTE, "nothing"), Finding(LinkCondition.GARBAGE, "no frame")
+    stuck = Finding(LinkCondition.DOWN, "stuck", Cause.PORT_STUCK)
+    verdict = Verdict(up, 1.0).followed_by(mute, 2.0).followed_by(garbage, 3.0).followed_by(stuck, 4.0)
+    assert (verdict.since, verdict.silent_since, verdict.is_outage) == (4.0, 2.0, True)
+    assert verdict.followed_by(up, 5.0).silent_since > 1e9
+
+
 @pytest.mark.parametrize("condition", LinkCondition)
 def test_a_condition_says_what_it_means(condition: LinkCondition):
     usable = condition in {LinkCondition.UP, LinkCondition.DEGRADED}

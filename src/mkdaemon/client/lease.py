@@ -183,7 +183,7 @@ class Leasing(Transport):
 
     @asynccontextmanager
     async def lease(
-        self, *, force: bool = False, ttl: float | None = None, holder: str | None = None
+        self, *, force: bool = False, ttl: float | None = None, holder: str | None = None, use_remembered: bool = False
     ) -> AsyncIterator[Lease]:
         """Hold the lease for as long as the context lasts; on leaving, however, it is given back at once.
 
@@ -193,6 +193,7 @@ class Leasing(Transport):
             force: take it from whoever holds it.
             ttl: life without setpoints or renewal, if shorter than configured [s].
             holder: name others see; else user, machine and process.
+            use_remembered: confirms that a FlightCtrl that cannot be asked in flight is the one before; docs/link.md.
 
         Raises:
             CommandRejectedError: `lease_held` by somebody else, `busy`, `gate_shut`, `link_down`, ...; says what to do.
@@ -202,6 +203,8 @@ class Leasing(Transport):
         fields: dict[str, Any] = {"action": "take", "holder": name, "force": force}
         if ttl is not None:
             fields["ttl"] = ttl
+        if use_remembered:
+            fields["use_remembered"] = True
         async with self.token(name), self._watch_unchecked("control/status", "event/command") as statuses:
             granted = (await self.command("do", "lease", fields)).require()
             async with Lease(self, name, int(granted["epoch"]), str(granted["secret"]), statuses) as lease:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from mkdaemon.errors import CommandRejectedError
 from mkdaemon.link.discovery import wait_for_discovery
 from mkdaemon.link.link import Link
 from mkdaemon.telemetry.link import LinkState
@@ -27,3 +28,33 @@ async def require_discovery(link: Link, state: LinkState | None) -> None:
         raise refuse(Token.LINK_DOWN, state=condition, detail="" if state is None else state.reason)
     if not await wait_for_discovery(link):
         raise refuse(Token.DISCOVERING, detail=link.dialect.read_only_reason)
+
+
+async def require_flightctrl(link: Link, state: LinkState | None, *, use_remembered: bool) -> None:
+    """Wait a while until it is known how to steer; a FlightCtrl that cannot be asked in flight may be confirmed.
+
+    Args:
+        link: to the aircraft.
+        state: what is known about the line.
+        use_remembered: a client confirms that the FlightCtrl is the one before; without a meaning where it is known.
+
+    Raises:
+        CommandRejectedError: as `require_discovery`; `remembered_only`: the FlightCtrl cannot be asked but is
+            remembered; `nothing_remembered`: it is not.
+    """
+    unknown: CommandRejectedError | None = None
+    try:
+        await require_discovery(link, state)
+    except CommandRejectedError as error:
+        if error.token != Token.DISCOVERING:
+            raise
+        unknown = error
+    if link.dialect.extern_control is not None:
+        return
+    memory = link.offered_memory()
+    if use_remembered:
+        link.confirm_memory()
+    elif memory is not None:
+        raise refuse(Token.REMEMBERED_ONLY, firmware=f"FlightCtrl {memory.firmware}")
+    elif unknown is not None:
+        raise unknown

@@ -19,7 +19,7 @@ from mkdaemon.control.actions import Action, PublishEstimate, PublishStatus, Rea
 from mkdaemon.control.core import FlightCore
 from mkdaemon.control.preflight import Gate
 from mkdaemon.daemon.audit import Audit, Outlet
-from mkdaemon.daemon.discovery import require_discovery
+from mkdaemon.daemon.discovery import require_flightctrl
 from mkdaemon.daemon.preflight import gate_of, read_active_set
 from mkdaemon.errors import CommandRejectedError
 from mkdaemon.link.link import Link
@@ -105,10 +105,10 @@ class FlightControl:
         """Answer a request about the lease; None for nobody.
 
         Raises:
-            CommandRejectedError: see `FlightCore.lease`; also `discovering`.
+            CommandRejectedError: see `FlightCore.lease` and `require_flightctrl`.
         """
         if request.action == "take":
-            await require_discovery(self._link, self._core.facts.link)
+            await require_flightctrl(self._link, self._core.facts.link, use_remembered=request.use_remembered)
         granted = self._ask_core(request)
         if isinstance(granted, ReadGate):
             parameters = await read_active_set(self._link)

@@ -20,6 +20,7 @@ from mkdaemon.control.vehicle import VehicleFacts
 from mkdaemon.daemon.audit import Audit
 from mkdaemon.daemon.eyes import open_eyes
 from mkdaemon.daemon.flight import FlightControl
+from mkdaemon.daemon.flightnote import FlightNotes
 from mkdaemon.daemon.guard import GuardProcess, take_report
 from mkdaemon.daemon.localsocket import LocalSocket
 from mkdaemon.daemon.priority import spare_collector
@@ -102,6 +103,7 @@ class Daemon:
         self._eyes = open_eyes(cfg, bus, core, clock)
         sink = BusSink(bus, core, audit, self._eyes, clock)
         self._link = Link(cfg.link, sink, clock=clock, motors_running=facts.motors_running, guard=self._guard)
+        self._notes = FlightNotes(state_folder(cfg.vehicle), cfg.link.port, clock)
         self._flight = FlightControl(core, self._link, bus, audit, clock=clock)
         interlock = Interlock(lambda: self._flight.phase)
         requests = BoardRequests(cfg.commands, self._link, facts, audit, clock, admit=interlock.check_request)
@@ -132,6 +134,11 @@ class Daemon:
         report = take_report(self._report)
         if report is not None:
             self._audit.failsafe("guard release", f"an earlier daemon stopped in flight; {report}")
+        is_recording = cfg.link.port.startswith(RECORDING)
+        memory = None if is_recording else self._notes.read()
+        if memory is not None:
+            self._audit.log("info", f"an earlier daemon stopped in flight behind a NaviCtrl; FC {memory.firmware}")
+            self._link.recall_flight(memory)
         async with self._guarded(), self._listening_locally(), self._eyes.open(), asyncio.TaskGroup() as line:
             link = line.create_task(self._run_line(), name="link")
             async with asyncio.TaskGroup() as above:
@@ -143,6 +150,8 @@ class Daemon:
                     above.create_task(feed_watchdog(notifier, lambda: self._flight.ticks), name="watchdog"),
                     (stopped := above.create_task(stop.wait(), name="stop")),
                 ]
+                if not is_recording:
+                    tasks.append(above.create_task(self._notes.follow(self._link, self._audit), name="flight note"))
                 await asyncio.wait({stopped, link}, return_when=asyncio.FIRST_COMPLETED)
                 for task in tasks:
                     task.cancel()

@@ -16,6 +16,7 @@ from mkdaemon.link.session.controlpath import BuildControl, FrameNumber
 from mkdaemon.link.session.dialogue import Dialogue
 from mkdaemon.link.session.exchange import Exchange
 from mkdaemon.link.session.guarding import LineGuard
+from mkdaemon.link.session.knownflight import FlightMemory
 from mkdaemon.link.session.peers import Proof
 from mkdaemon.link.session.streams import check_rates
 from mkdaemon.link.session.traffic import LinkSink, Purpose, ReleaseResult
@@ -205,6 +206,30 @@ class Conversation:
     def is_releasing(self) -> bool:
         """Whether a release is under way."""
         return self._dialogue.steering.is_releasing
+
+    def recall_flight(self, memory: FlightMemory) -> None:
+        """Take what an earlier process knew of a flight, to be proven by telemetry and confirmed by a client."""
+        self._dialogue.identity.flight.recall(memory)
+
+    @property
+    def flight_memory(self) -> FlightMemory | None:
+        """What a later process would have to know of the flight under way; None on the ground."""
+        return self._dialogue.identity.flight.memory
+
+    def offered_memory(self) -> FlightMemory | None:
+        """What a client may confirm now, because its FlightCtrl cannot be asked in flight; None for nothing."""
+        return self._dialogue.identity.flight.offer(self._clock.now())
+
+    def confirm_memory(self) -> FlightMemory:
+        """Speak to the FlightCtrl as it is remembered, because a client says that it is the same one.
+
+        Raises:
+            CommandRejectedError: `nothing_remembered`.
+        """
+        memory = self._dialogue.identity.confirm_memory(self._clock.now())
+        self._exchange.follow_dialect()
+        self._exchange.pump()
+        return memory
 
     # -- what discovery uses --------------------------------------------------------------------------------------
 

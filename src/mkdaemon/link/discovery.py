@@ -71,10 +71,13 @@ async def discover_flightctrl(link: Conversation, *, until: asyncio.Event) -> No
 
 
 async def wait_for_discovery(link: Conversation) -> bool:
-    """Wait a while for the boards on the line to name their releases; returns whether they have."""
+    """Wait a while for the boards on the line to name their releases; returns whether they have.
+
+    Ends early where a FlightCtrl that cannot be asked is remembered.
+    """
     with suppress(TimeoutError):
         async with asyncio.timeout(DISCOVERY_TIME):
-            while link.lacks_flightctrl or not link.boards:  # noqa: ASYNC110 - what is known is a state, not an event
+            while (link.lacks_flightctrl or not link.boards) and link.offered_memory() is None:  # noqa: ASYNC110 - what is known is a state, not an event
                 await asyncio.sleep(0.05)
     return not link.lacks_flightctrl and bool(link.boards)
 

@@ -116,6 +116,15 @@ _TEXTS: Final = {
 }
 
 
+_FC_LOST: Final = frozenset({ErrorCode.NO_FC, ErrorCode.FC_SPI})
+"""The NaviCtrl does not hear the FlightCtrl: flags, battery and reception stay at their last values."""
+
+
+def is_fc_lost(code: ErrorCode) -> bool:
+    """Whether a NaviCtrl that complains so shows old values of the FlightCtrl; docs/protocol.md, "Error codes"."""
+    return code in _FC_LOST
+
+
 def describe_error(code: int) -> str:
     """Return what an error code means, in words."""
     known = _TEXTS.get(ErrorCode(code))

@@ -102,6 +102,23 @@ class Evidence:
             case _:
                 return self
 
+    def with_flightctrl_of(self, known: Evidence) -> Evidence:
+        """Return the evidence with what a FlightCtrl showed of itself before; `known` must name its release."""
+        return replace(
+            self,
+            releases=MappingProxyType({**self.releases, Board.FC: known.releases[Board.FC]}),
+            hardware=known.hardware,
+            label_checksum=known.label_checksum,
+            settings_revision=known.settings_revision,
+            control_form=known.control_form,
+        )
+
+    def without_flightctrl(self) -> Evidence:
+        """Return the evidence without anything a FlightCtrl showed of itself."""
+        others = dict(self.releases)
+        others.pop(Board.FC, None)
+        return Evidence(releases=MappingProxyType(others), osd_versions=self.osd_versions, foreign=self.foreign)
+
     def _with_unknown(self, board: Board, message: Unknown) -> Evidence:
         if message.id == OsdData5.spec.id and message.payload:
             return replace(self, osd_versions=self.osd_versions | {message.payload[0]})

@@ -57,6 +57,9 @@ class LeaseRequest(Command):
     """Time the lease lives without renewal or setpoints, if shorter than configured [s]."""
     force: bool = False
     """Take it although another client holds it; that client's setpoints end at once."""
+    use_remembered: bool = False
+    """Confirms that a FlightCtrl that cannot be asked in flight is the one before the daemon started or the port was
+    opened; the refusal `remembered_only` says which."""
 
 
 class ReleaseRequest(Command):

@@ -83,6 +83,17 @@ REFUSALS: Final[Mapping[str, Refusal]] = {
     ),
     Token.RELEASING: Refusal(Status.BUSY, "a release is under way.", "Wait for its result."),
     Token.UNCONFIRMED: Refusal(Status.BUSY, "the last release is not confirmed yet.", "Wait until it is, or 6 s."),
+    Token.REMEMBERED_ONLY: Refusal(
+        Status.DENIED,
+        "a FlightCtrl behind a NaviCtrl cannot be asked in flight; before this start or opening of the port it was "
+        "{firmware}, and flying time, charge and home say that it is the same flight.",
+        "Repeat with `use_remembered` (`mkctl lease take --use-remembered`) if it is, or land and stop the motors.",
+    ),
+    Token.NOTHING_REMEMBERED: Refusal(
+        Status.DENIED,
+        "no flight is remembered that telemetry shows going on.",
+        "Repeat without `use_remembered`; land and stop the motors, and the FlightCtrl is asked.",
+    ),
     # danger gate
     Token.NOT_ENABLED: Refusal(
         Status.DENIED, "{name} is off: {detail}.", "Set commands.{option} = true in the configuration, knowing why."

@@ -46,6 +46,8 @@ class Token(StrEnum):
     WRONG_LAYOUT = "wrong_layout"
     RELEASING = "releasing"
     UNCONFIRMED = "unconfirmed"
+    REMEMBERED_ONLY = "remembered_only"
+    NOTHING_REMEMBERED = "nothing_remembered"
 
     # dangers
     NOT_ENABLED = "not_enabled"

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from mkdaemon.frames import yaw_enu_from_heading
-from mkdaemon.protocol.errorcodes import ErrorCode, describe_error
+from mkdaemon.protocol.errorcodes import ErrorCode, describe_error, is_fc_lost
 from mkdaemon.protocol.flags import FlightStatus, FlightStatus2, NaviStatus, PositionStatus
 from mkdaemon.protocol.messages import OsdData4, OsdData5
 from mkdaemon.telemetry.state import Battery, Flight, Gps, GpsFix, GpsMode, Pilot, Position, Velocity
@@ -17,8 +17,6 @@ RC_FULL = 200.0
 RC_ENOUGH = 100.0
 """Below this the FlightCtrl goes into emergency; docs/protocol.md, "When it acts"."""
 
-_FC_LOST = frozenset({ErrorCode.NO_FC, ErrorCode.FC_SPI})
-"""The NaviCtrl does not hear the FlightCtrl: flags, battery and reception stay at their last values."""
 _GPS_LOST = frozenset({ErrorCode.NO_GPS, ErrorCode.GPS_LOST, ErrorCode.NO_GPS_FIX})
 """Nothing comes from the GPS receiver, or no fix: position and speed stay at their last values, marked valid."""
 
@@ -32,11 +30,6 @@ _MODES = {
 def gps_mode(flags: NaviStatus) -> GpsMode:
     """What the GPS switch says."""
     return next((mode for flag, mode in _MODES.items() if flags & flag), GpsMode.UNKNOWN)
-
-
-def is_fc_lost(code: ErrorCode) -> bool:
-    """Whether a NaviCtrl that complains so shows old values of the FlightCtrl; docs/protocol.md, "Error codes"."""
-    return code in _FC_LOST
 
 
 def is_gps_lost(code: ErrorCode) -> bool:

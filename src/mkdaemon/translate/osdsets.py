@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from mkdaemon.protocol.errorcodes import ErrorCode
+from mkdaemon.protocol.errorcodes import ErrorCode, is_fc_lost
 from mkdaemon.protocol.flags import NaviStatus, OsdStatus, OsdStatus2
 from mkdaemon.protocol.messages.osdsets import OsdDeviation, OsdFlags, OsdHome, OsdTarget, OsdVolatile, OsdWaypoint
 from mkdaemon.protocol.wire import WireMessage
 from mkdaemon.telemetry.state import Battery, Flight, Gps, GpsFix, Position
 from mkdaemon.translate.geometry import Home, attitude, position
 from mkdaemon.translate.origin import Origin, State
-from mkdaemon.translate.osd import error_text, gps_mode, is_fc_lost, is_gps_lost, pilot
+from mkdaemon.translate.osd import error_text, gps_mode, is_gps_lost, pilot
 
 
 @dataclass(slots=True)

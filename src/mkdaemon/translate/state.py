@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from mkdaemon.protocol.errorcodes import is_fc_lost
 from mkdaemon.protocol.flags import FlightStatus, OsdStatus2
 from mkdaemon.protocol.messages import (
     AttitudeDataFc210,
@@ -18,7 +19,7 @@ from mkdaemon.stamp import Stamp
 from mkdaemon.telemetry.state import Battery
 from mkdaemon.translate.geometry import attitude
 from mkdaemon.translate.origin import Origin, State
-from mkdaemon.translate.osd import from_osd, is_fc_lost, pilot
+from mkdaemon.translate.osd import from_osd, pilot
 from mkdaemon.translate.osdsets import SetTranslator
 
 COARSE_AFTER = 0.5

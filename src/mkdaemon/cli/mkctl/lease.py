@@ -22,6 +22,9 @@ async def take(
     holder: str | None = None,
     ttl: Annotated[float | None, Parameter(help="Life without setpoints [s], if shorter than configured.")] = None,
     force: Annotated[bool, Parameter(negative=(), help="Take it from whoever holds it.")] = False,
+    use_remembered: Annotated[
+        bool, Parameter(negative=(), help="The FlightCtrl, which cannot be asked in flight, is the one before.")
+    ] = False,
     connection: Connection = HERE,
 ) -> None:
     """Take the lease and print its epoch and secret; it ends by itself when no setpoints follow.
@@ -32,6 +35,8 @@ async def take(
     fields: dict[str, Any] = {"action": "take", "holder": holder or client_name(), "force": force}
     if ttl is not None:
         fields["ttl"] = ttl
+    if use_remembered:
+        fields["use_remembered"] = True
     await _lease(fields, connection)
 
 

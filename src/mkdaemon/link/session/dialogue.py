@@ -12,12 +12,12 @@ from mkdaemon.link.session import budget
 from mkdaemon.link.session.controlpath import BuildControl, FrameNumber
 from mkdaemon.link.session.counters import Counters
 from mkdaemon.link.session.health import HealthMonitor
+from mkdaemon.link.session.identity import Identity
 from mkdaemon.link.session.line import FORWARDING_GAP, LineRules
 from mkdaemon.link.session.outgoing import Outgoing
 from mkdaemon.link.session.peers import VERSION_KEY, Peers
 from mkdaemon.link.session.prober import VERSION_TOKEN, Prober
 from mkdaemon.link.session.questions import Questions
-from mkdaemon.link.session.reboot import GAP, RebootWatch
 from mkdaemon.link.session.requests import Pending
 from mkdaemon.link.session.scheduler import Entry, TransmitScheduler
 from mkdaemon.link.session.steering import Steering
@@ -47,9 +47,9 @@ class Dialogue:
         self.prober = Prober(cfg.echo_hz, self.health)
         self.streams = Streams(cfg)
         self.peers = Peers()
-        self.reboots = RebootWatch(self.peers)
         self.questions = Questions(self.scheduler, self.peers, self.health)
         self.steering = Steering(self.scheduler, self.peers, self.health)
+        self.identity = Identity(self.peers, self.steering)
         self.is_open = False
         self.is_recording = False
         self.counters = Counters()
@@ -60,7 +60,6 @@ class Dialogue:
             streams=self.streams,
             prober=self.prober,
         )
-        self._dialect_changed = True
 
     # -- the port -------------------------------------------------------------------------------------------------
 
@@ -70,8 +69,7 @@ class Dialogue:
         """A port is open. Whatever flew before may still obey its last command: a release is the first thing sent."""
         self.is_open = True
         self.is_recording = is_recording
-        self.peers.restart()
-        self._dialect_changed = True
+        self.identity.port_opened()
         self.streams.restart()
         self.steering.restart()
         self.prober.restart()
@@ -95,8 +93,8 @@ class Dialogue:
         self.counters.bytes_received(size)
         self.health.bytes_received(size, now)
 
-    def frame_received(self, frame: Frame, message: WireMessage | Unknown, now: float) -> None:
-        """A right frame arrived."""
+    def frame_received(self, frame: Frame, message: WireMessage | Unknown, now: float) -> bool:
+        """A right frame arrived; returns whether the boards must be discovered anew."""
         size = len(frame.raw)
         board = board_at(frame.address) or Board.ANY
         self.counters.frame_received(board, frame)
@@ -104,8 +102,8 @@ class Dialogue:
             self.health.frame_received(board.word, f"unknown_{frame.id}", size, now)
             if frame.id in EVIDENCE_LETTERS:
                 self._note_sender(board)
-                self._learn(board, message, now)
-            return
+                self.identity.learn(board, message, now)
+            return False
         key = message.spec.key
         self.health.frame_received(board.word, key, size, now)
         self._note_sender(board)
@@ -115,12 +113,12 @@ class Dialogue:
         self.scheduler.reply_seen(board, letter)
         self.streams.frame_received(key, now)
         if key == VERSION_KEY and board is not Board.ANY:
-            self.peers.version_received(board, message, now)
-            self.reboots.board_named_itself()
+            self.identity.version_received(board, message, now)
         self._note_content(message, now)
         pending = self.questions.received(message, board, now)
         if message.spec.tells_firmware and self.questions.proves_sender(pending):
-            self._learn(board, message, now)
+            self.identity.learn(board, message, now)
+        return self.identity.telemetry_received(message, now)
 
     def _note_content(self, message: WireMessage, now: float) -> None:
         """Hand a link test's echo, a confirmation or telemetry to whom it concerns."""
@@ -141,13 +139,10 @@ class Dialogue:
         self.health.damaged(loss.reason, loss.raw, now)
         if loss.reason is not DropReason.TEXT:
             self.scheduler.resynchronise()
-        if loss.reason is not DropReason.TEXT or not self.reboots.text_received(loss.raw, now):
+        if loss.reason is not DropReason.TEXT or not self.identity.is_boot_text(loss.raw, now):
             return False
         self.health.boot_text_received(loss.raw, now)
-        is_first = self.reboots.begins(now)
-        if is_first:
-            self._forget_boards("a board boots", now)
-        return is_first
+        return self.identity.board_boots(now)
 
     # -- what callers want ----------------------------------------------------------------------------------------
 
@@ -187,7 +182,7 @@ class Dialogue:
         """What the line can take from the flight core now; the one place that answers."""
         layout, obstacle = self.dialect.extern_control_layout, self.steering.obstacle(now)
         reason = self.health.verdict.reason if layout is not None else self.dialect.read_only_reason or ""
-        if not self.is_open or self.reboots.was_gap(self.health.verdict, now):
+        if not self.is_open or self.identity.was_gap(self.health.verdict, now):
             obstacle = Obstacle.LINK_DOWN
         elif self.is_recording:
             obstacle = Obstacle.RECORDING
@@ -246,29 +241,15 @@ class Dialogue:
         """How to speak to this aircraft."""
         return self.peers.dialect
 
-    def take_dialect_change(self) -> bool:
-        """Whether the dialect changed since the last call."""
-        changed, self._dialect_changed = self._dialect_changed, False
-        return changed
-
     def condition_changed(self, before: Verdict, now: float) -> bool:
         """The condition was this and is another one; returns whether the boards must be discovered anew."""
         self.scheduler.resynchronise()
-        if not (before.condition.is_silent and self.health.verdict.condition.hears_board):
+        if not (before.is_outage and self.health.verdict.condition.hears_board):
             return False
         self.streams.forget()
-        if self.reboots.was_gap(before, now):
-            self._forget_boards("telemetry is back after a gap", now)
-        return now - before.since > GAP
+        return self.identity.telemetry_is_back(before, now)
 
     # -- inside ---------------------------------------------------------------------------------------------------
-
-    def _forget_boards(self, reason: str, now: float) -> None:
-        """Other boards may be there now, or the same ones with an old stick frame: release, and ask them anew."""
-        self.peers.forget()
-        self._dialect_changed = True
-        self.steering.forget_command()
-        self.steering.release(reason, now)
 
     def _note_sender(self, board: Board) -> None:
         """Learn from a sender who is at the other end of the wire."""
@@ -289,12 +270,3 @@ class Dialogue:
 
     def _set_rules(self, rules: LineRules) -> None:
         self.rules = self.scheduler.rules = rules
-
-    def _learn(self, board: Board, message: WireMessage | Unknown, now: float) -> None:
-        layout = self.dialect.extern_control
-        if not self.peers.learn(board, message):
-            return
-        self._dialect_changed = True
-        if self.dialect.extern_control not in (None, layout):
-            # The release of the opening went out in the layout that is safe everywhere but not understood everywhere.
-            self.steering.release("external control layout known", now)

@@ -101,7 +101,7 @@ class Exchange:
         )
         self.reporter.port_opened(port.name)
         self._guard.port_opened(port)
-        self._follow_dialect()
+        self.follow_dialect()
         self._publish()
         reason = CLOSED
         try:
@@ -147,18 +147,19 @@ class Exchange:
         for item in self._decoder.feed(chunk):
             if isinstance(item, Frame):
                 message = self._messages.decode(item)
-                dialogue.frame_received(item, message, now)
-                self._follow_dialect()
+                if dialogue.frame_received(item, message, now) and self.port is not None and not self.port.is_recording:
+                    self.needs_discovery.set()
+                self.follow_dialect()
                 sink.received(Received(now, item, message))
             else:
                 if dialogue.bytes_damaged(item, now) and self.port is not None and not self.port.is_recording:
                     self.needs_discovery.set()
-                    self._follow_dialect()
+                    self.follow_dialect()
                 sink.dropped(Lost(now, Direction.FROM_BOARD, item.reason, item.raw))
 
-    def _follow_dialect(self) -> None:
+    def follow_dialect(self) -> None:
         """Decode as the boards speak now, and let the guard release as they listen."""
-        if self._dialogue.take_dialect_change():
+        if self._dialogue.identity.take_change():
             self._messages = MessageDecoder(self._dialogue.dialect.layouts)
             self._guard.dialect_changed(self._dialogue.dialect.extern_control)
 
@@ -245,7 +246,7 @@ class Exchange:
         changed = health.judge(now)
         if changed and self._dialogue.condition_changed(before, now):
             self.needs_discovery.set()
-            self._follow_dialect()
+            self.follow_dialect()
         if self.reporter.health_is_due(now) or changed:
             self._publish()
         if self.reporter.traffic_is_due(now):

@@ -67,11 +67,26 @@ class Peers:
 
         Another aircraft may hang on the same cable, or a board may have been replaced behind the same NaviCtrl.
         """
-        self.evidence = Evidence()
-        self.dialect = decide(self.evidence)
+        self._take(Evidence())
         self.firmware.clear()
         self.proof = None
         self.looks = 0
+
+    def forget_flightctrl(self) -> None:
+        """The FlightCtrl behind the NaviCtrl must name itself again, and only that."""
+        if Board.FC in self.firmware:
+            self.looks = 0
+        self.firmware.pop(Board.FC, None)
+        self._take(self.evidence.without_flightctrl())
+
+    def recall_flightctrl(self, known: Evidence) -> None:
+        """Take what a FlightCtrl showed of itself before, because this is the same one."""
+        self.firmware[Board.FC] = str(known.releases[Board.FC])
+        self._take(self.evidence.with_flightctrl_of(known))
+
+    def _take(self, evidence: Evidence) -> None:
+        self.evidence = evidence
+        self.dialect = decide(evidence)
 
     def redirect(self, board: Board | None, now: float) -> None:
         """Note that a NaviCtrl passes the wire through to a board; None: it speaks for itself again."""

@@ -56,5 +56,5 @@ class RebootWatch:
 
     def was_gap(self, verdict: Verdict, now: float) -> bool:
         """Whether the line has been silent under this verdict for so long, and not by our doing."""
-        is_long = verdict.condition.is_silent and now - verdict.since > GAP
-        return is_long and not self._peers.caused_silence(verdict.since, now)
+        is_long = verdict.is_outage and now - verdict.silent_since > GAP
+        return is_long and not self._peers.caused_silence(verdict.silent_since, now)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from enum import Enum, auto
 from typing import NamedTuple
@@ -41,10 +42,13 @@ class Verdict:
     Attributes:
         finding: what was found last.
         since: when its condition began [s; monotonic].
+        silent_since: when the silence began that it is a part of, whatever that was called first [s]; infinite while
+            the board is heard.
     """
 
     finding: Finding
     since: float
+    silent_since: float = math.inf
 
     @property
     def condition(self) -> LinkCondition:
@@ -57,10 +61,17 @@ class Verdict:
         return self.finding.reason
 
     @property
+    def is_outage(self) -> bool:
+        """Whether the port is open and no right frame arrives, or it takes no bytes."""
+        return self.condition.is_silent or self.cause is Cause.PORT_STUCK
+
+    @property
     def cause(self) -> Cause:
         """What it stands on."""
         return self.finding.cause
 
     def followed_by(self, finding: Finding, now: float) -> Verdict:
         """The verdict after a new finding; another reason for the same condition does not begin it anew."""
-        return Verdict(finding, self.since if finding.condition is self.condition else now)
+        since = self.since if finding.condition is self.condition else now
+        silent_since = math.inf if finding.condition.hears_board else min(self.silent_since, now)
+        return Verdict(finding, since, silent_since)

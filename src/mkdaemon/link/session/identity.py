@@ -1,0 +1,117 @@
+"""Who the boards are: learnt from what they say, forgotten with every sign that they may be others. Pure."""
+
+from __future__ import annotations
+
+from mkdaemon.link.session.knownflight import Change, FlightMemory, KnownFlight
+from mkdaemon.link.session.peers import Peers
+from mkdaemon.link.session.reboot import GAP, RebootWatch
+from mkdaemon.link.session.steering import Steering
+from mkdaemon.link.session.verdict import Verdict
+from mkdaemon.protocol.decoder import Unknown
+from mkdaemon.protocol.wire import Board, WireMessage
+from mkdaemon.telemetry.refusals import Token, refuse
+
+
+class Identity:
+    """What is known of the boards, and the releases that each change of it owes.
+
+    Attributes:
+        flight: what is kept of the flight under way.
+    """
+
+    def __init__(self, peers: Peers, steering: Steering) -> None:
+        """Nothing is known."""
+        self._peers = peers
+        self._steering = steering
+        self._reboots = RebootWatch(peers)
+        self._changed = True
+        self.flight = KnownFlight(peers)
+
+    def take_change(self) -> bool:
+        """Whether the dialect changed since the last call."""
+        changed, self._changed = self._changed, False
+        return changed
+
+    def port_opened(self) -> None:
+        """Whoever is there must show himself."""
+        self._peers.restart()
+        self.flight.port_opened()
+        self._changed = True
+
+    def version_received(self, board: Board, message: WireMessage, now: float) -> None:
+        """A board named itself."""
+        self._peers.version_received(board, message, now)
+        self._reboots.board_named_itself()
+
+    def learn(self, board: Board, message: WireMessage | Unknown, now: float) -> None:
+        """Take what a message tells about the firmware."""
+        layout = self._peers.dialect.extern_control
+        if self._peers.learn(board, message):
+            self._dialect_changed(layout, now)
+
+    def telemetry_received(self, message: WireMessage, now: float) -> bool:
+        """Take a look at the flight; returns whether the boards must be discovered anew."""
+        change = self.flight.telemetry_received(message, now)
+        if change is Change.SAME_FLIGHT:
+            self._recall(now)
+        if change is not Change.FLIGHTCTRL_LOST or self._peers.dialect.fc_release is None:
+            return False
+        self._peers.forget_flightctrl()
+        self._release_forgotten("the NaviCtrl has lost its FlightCtrl", now)
+        return True
+
+    def confirm_memory(self, now: float) -> FlightMemory:
+        """Speak to the FlightCtrl as before, because a client says that it is the same; returns what was confirmed.
+
+        Raises:
+            CommandRejectedError: `nothing_remembered`.
+        """
+        memory = self.flight.offer(now)
+        if memory is None:
+            raise refuse(Token.NOTHING_REMEMBERED)
+        self._recall(now)
+        return memory
+
+    def is_boot_text(self, raw: bytes, now: float) -> bool:
+        """Whether text between frames is what a board prints while it boots."""
+        return self._reboots.text_received(raw, now)
+
+    def board_boots(self, now: float) -> bool:
+        """A board boots; returns whether this is the first sign of it."""
+        is_first = self._reboots.begins(now)
+        if is_first:
+            self.flight.board_boots()
+            self.forget("a board boots", now)
+        return is_first
+
+    def was_gap(self, verdict: Verdict, now: float) -> bool:
+        """Whether the line has been silent under this verdict for so long that the boards may be others."""
+        return self._reboots.was_gap(verdict, now)
+
+    def telemetry_is_back(self, before: Verdict, now: float) -> bool:
+        """The line was silent until now; returns whether the boards must be discovered anew."""
+        if self.was_gap(before, now):
+            self.forget("telemetry is back after a gap", now)
+        return now - before.silent_since > GAP
+
+    def forget(self, reason: str, now: float) -> None:
+        """Other boards may be there now, or the same ones with an old stick frame: release, and ask them anew."""
+        self._peers.forget()
+        self._release_forgotten(reason, now)
+
+    def _release_forgotten(self, reason: str, now: float) -> None:
+        self._changed = True
+        self._steering.forget_command()
+        self._steering.release(reason, now)
+
+    def _recall(self, now: float) -> None:
+        memory, layout = self.flight.memory, self._peers.dialect.extern_control
+        assert memory is not None
+        self._peers.recall_flightctrl(memory.evidence)
+        self._dialect_changed(layout, now)
+
+    def _dialect_changed(self, layout: type[WireMessage] | None, now: float) -> None:
+        self._changed = True
+        if self._peers.dialect.extern_control not in (None, layout):
+            # The release of the opening went out in the layout that is safe everywhere but not understood everywhere.
+            self._steering.release("external control layout known", now)

@@ -1,0 +1,171 @@
+"""A daemon that restarts in flight behind a NaviCtrl: what it remembers, and what a client must confirm."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+from contextlib import asynccontextmanager
+
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from lab.rigs.cockpit import Boards, cockpit
+from lab.rigs.linkrig import virtually
+from lab.rigs.virtualloop import run_virtually
+from mkdaemon.clock import Clock
+from mkdaemon.daemon.audit import Audit
+from mkdaemon.daemon.flightnote import MOST_AGE, NAME, FlightNotes
+from mkdaemon.errors import CommandRejectedError
+from mkdaemon.telemetry.command import LeaseRequest
+from mkdaemon.telemetry.control import Phase
+from mkdaemon.telemetry.refusals import Token
+
+PORT = "/dev/virtual"
+BEHIND = Boards("2.12a", "0.24")
+TAKE = LeaseRequest(action="take", holder="alice")
+CONFIRM = LeaseRequest(action="take", holder="alice", use_remembered=True)
+
+
+def clock_of_loop():
+    return Clock(monotonic=asyncio.get_running_loop().time, wall=lambda: 1.7e9 + asyncio.get_running_loop().time())
+
+
+@asynccontextmanager
+async def flying():
+    """A cockpit whose aircraft has been in the air for six seconds."""
+    async with cockpit(BEHIND, 1, rates={"osd": 200}) as flown:
+        await asyncio.sleep(1.0)
+        flown.aircraft.world.pilot.gas = 60
+        flown.aircraft.flight.core.start()
+        await asyncio.sleep(6.0)
+        yield flown
+
+
+async def reopen(flown):
+    before = flown.socket.openings
+    flown.socket.port.lose("the program was killed")
+    await flown.until(lambda: flown.socket.openings > before)
+    await flown.until(lambda: flown.link.is_up)
+
+
+@virtually
+async def test_a_lease_after_a_restart_in_flight_needs_the_confirmation():
+    async with flying() as flown:
+        await reopen(flown)
+        with pytest.raises(CommandRejectedError) as refused:
+            await flown.flight.lease(TAKE)
+        assert refused.value.token == Token.REMEMBERED_ONLY
+        assert "FlightCtrl 2.12a" in refused.value.reason
+        grant = await flown.flight.lease(CONFIRM)
+        assert grant.holder == "alice"
+        assert flown.flight.phase is Phase.LEASED
+
+
+@virtually
+async def test_another_aircraft_that_flies_cannot_be_confirmed():
+    async with flying() as flown:
+        flown.socket.unplug()
+        flown.socket.replace(Boards("2.08", "0.24").make(2))
+        await asyncio.sleep(0.5)
+        flown.aircraft.advance(flown.socket.now())
+        flown.aircraft.world.pilot.gas = 60
+        flown.aircraft.flight.core.start()
+        await asyncio.sleep(1.0)
+        flown.socket.is_present = True
+        await flown.until(lambda: flown.link.is_up)
+        with pytest.raises(CommandRejectedError) as refused:
+            await flown.flight.lease(CONFIRM)
+        assert refused.value.token == Token.NOTHING_REMEMBERED
+
+
+class Silent:
+    """A bus that nobody hears."""
+
+    def publish(self, suffix, value, *, schema=None):
+        """Forget it."""
+
+
+@pytest.fixture(scope="module")
+def written(tmp_path_factory):
+    """The bytes of a real note, and what it says."""
+    folder = tmp_path_factory.mktemp("note")
+
+    async def fly():
+        async with flying() as flown:
+            memory = flown.link.flight_memory
+            notes = FlightNotes(folder, PORT, clock_of_loop())
+            notes.write(memory)
+            return (folder / NAME).read_bytes(), memory, notes.read()
+
+    return run_virtually(fly())
+
+
+def test_a_note_says_what_was_known(written):
+    _, memory, found = written
+    assert found == memory or found.evidence.releases == memory.evidence.releases
+    assert (found.layout, found.firmware) == ("v2", "2.12a")
+    assert found.sighting.continues_as(memory.sighting) or found.sighting.at == pytest.approx(memory.sighting.at, abs=1)
+
+
+def notes_with(folder, raw, *, port=PORT, later=0.0):
+    (folder / NAME).write_bytes(raw)
+    at = json.loads(raw)["stamp"] if raw[:1] == b"{" and raw[-2:] == b"}\n" else {"monotonic": 0.0, "wall": 0.0}
+    clock = Clock(monotonic=lambda: at["monotonic"] + later, wall=lambda: at["wall"] + later)
+    return FlightNotes(folder, port, clock)
+
+
+def test_a_note_of_another_port_or_an_old_one_is_none(written, tmp_path):
+    raw = written[0]
+    assert notes_with(tmp_path, raw, later=1.0).read() is not None
+    assert notes_with(tmp_path, raw, later=1.0, port="/dev/other").read() is None
+    assert notes_with(tmp_path, raw, later=MOST_AGE + 1).read() is None
+    assert notes_with(tmp_path, raw, later=-5.0).read() is None
+
+
+@settings(max_examples=40, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(st.data())
+def test_a_wrong_file_is_no_note(written, tmp_path_factory, data):
+    folder, raw = tmp_path_factory.getbasetemp(), bytearray(written[0])
+    fields = json.loads(raw)
+    match data.draw(st.integers(0, 3)):
+        case 0:
+            raw = bytearray(data.draw(st.binary(max_size=60)))
+        case 1:
+            raw = raw[: data.draw(st.integers(0, len(raw) - 2))]
+        case 2:
+            name = data.draw(st.sampled_from(sorted(set(fields) - {"stamp", "port"})))
+            wrong = st.sampled_from(["x", -1, 1e99, [1], {}, True, [[]], 10**30])
+            raw = bytearray(json.dumps(fields | {name: data.draw(wrong)}).encode() + b"\n")
+        case _:
+            raw = bytearray(json.dumps(fields | {data.draw(st.text(min_size=1, max_size=5)) + "?": 1}).encode() + b"\n")
+    (folder / NAME).write_bytes(raw)
+    clock = Clock(monotonic=lambda: fields["stamp"]["monotonic"] + 1, wall=lambda: fields["stamp"]["wall"] + 1)
+    found = FlightNotes(folder, PORT, clock).read()
+    assert found is None or json.loads(raw).keys() == fields.keys()
+
+
+@virtually
+async def test_the_note_is_there_while_the_aircraft_flies(tmp_path):
+    async with flying() as flown:
+        clock = clock_of_loop()
+        notes = FlightNotes(tmp_path, PORT, clock)
+
+        following = asyncio.create_task(_follow_in_this_thread(notes, flown.link, Audit(Silent(), clock)))
+        await asyncio.sleep(2.0)
+        assert notes.read() is not None
+        flown.aircraft.flight.core.stop()
+        await asyncio.sleep(3.0)
+        assert not (tmp_path / NAME).exists()
+        following.cancel()
+
+
+async def _follow_in_this_thread(notes, link, audit):
+    """Follow where virtual time knows no other threads."""
+    with pytest.MonkeyPatch.context() as patch:
+
+        async def here(work, *arguments):
+            return work(*arguments)
+
+        patch.setattr(asyncio, "to_thread", here)
+        await notes.follow(link, audit)
