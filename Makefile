@@ -3,9 +3,6 @@ PYTHON ?= $(shell command -v python3.11 || command -v python3)
 BIN := .venv/bin
 STAMP := .venv/.prepared
 
-# Tests of what flies, whose branches are measured; measuring the others would only cost time.
-FLIES := $(addprefix tests/,bus client config control daemon guard link protocol stories telemetry translate)
-
 .PHONY: demo test check bench figures docs venv clean
 .DEFAULT_GOAL := demo
 
@@ -13,9 +10,8 @@ demo: venv
 	$(BIN)/mkdaemon demo
 
 test: venv
-	$(BIN)/pytest -n 2 --dist loadfile --cov --cov-report= --cov-report=json:build/coverage.json $(FLIES)
+	$(BIN)/python -m pytest -n 2 --dist loadfile -p tools.branches --branches build/branches.json
 	$(BIN)/python -m tools.floor
-	$(BIN)/pytest -n 2 --dist loadfile $(FLIES:%=--ignore=%)
 
 check: venv
 	$(BIN)/ruff check src lab tools tests

@@ -11,7 +11,7 @@ from tools.floor import floor, read_covers
 
 
 def report(**files):
-    """A report of coverage.py with (branches, covered) of each file."""
+    """A report of `tools.branches` with (branches, covered) of each file."""
     return {
         "files": {
             f"src/mkdaemon/{name.replace('__', '/')}.py": {
@@ -29,7 +29,7 @@ def test_branches_are_summed_over_a_package():
 
 
 def test_a_package_below_the_floor_fails_and_names_its_files(tmp_path, capsys):
-    path = tmp_path / "coverage.json"
+    path = tmp_path / "branches.json"
     path.write_text(json.dumps(report(link__a=(100, 94), translate__b=(100, 95))), encoding="utf-8")
     with pytest.raises(MkError, match=r"^link: 94\.0 % of the branches, 95 % are needed; missing in a\.py \(6\)$"):
         floor(path)

@@ -1,0 +1,189 @@
+"""Which branches the tests take: a plugin of pytest (`python -m pytest -p tools.branches --branches REPORT`).
+
+Modules of the packages that fly get a probe in every branch while they are imported: one assignment in the syntax tree.
+A tracer would tell the same, but it is called for every line, and tests in virtual time are nothing but lines: they
+took three times as long under one. What a process of its own does is not seen.
+
+The report has the form of coverage.py's JSON report: for every file `summary` with `num_branches` and
+`covered_branches`, and `missing_branches` as pairs of lines, from the statement that decides to where it goes; 0 where
+nothing follows in its body. Branches are those of `if`, `for`, `while` and `match`; a test that is a constant
+(`while True`) and `if TYPE_CHECKING` decide nothing.
+"""
+
+from __future__ import annotations
+
+import ast
+import json
+import sys
+from collections.abc import Iterable, Mapping, Sequence
+from importlib.abc import MetaPathFinder
+from importlib.machinery import ModuleSpec, PathFinder, SourceFileLoader
+from pathlib import Path
+from types import CodeType, ModuleType
+from typing import Any, Final, NoReturn
+
+import pytest
+
+import mkdaemon
+
+PACKAGES: Final = ("bus", "control", "daemon", "link", "protocol", "translate")
+"""Packages that fly."""
+PROBES: Final = "__branches_taken__"
+"""Global of a module with a byte for every branch, 1 once it was taken."""
+_SOURCE: Final = Path(mkdaemon.__file__).parent
+_HANDED_OVER: Final = "branches"
+"""Under which a worker process hands over what it saw."""
+
+Branch = tuple[int, int]
+"""Line that decides, and line to which it goes."""
+
+
+class _Probing(ast.NodeTransformer):
+    """Puts a probe into every branch.
+
+    Attributes:
+        branches: those found, in the order of their probes.
+    """
+
+    def __init__(self) -> None:
+        self.branches: list[Branch] = []
+
+    def _probe(self, deciding: ast.stmt, body: list[ast.stmt]) -> list[ast.stmt]:
+        """A branch with a probe in front of what it does."""
+        place = body[0] if body else deciding
+        probe = ast.parse(f"{PROBES}[{len(self.branches)}] = 1").body[0]
+        for node in ast.walk(probe):
+            ast.copy_location(node, place)
+        self.branches.append((deciding.lineno, body[0].lineno if body else 0))
+        return [probe, *body]
+
+    def _decide(self, node: ast.If | ast.For | ast.AsyncFor | ast.While) -> ast.stmt:
+        test = None if isinstance(node, ast.For | ast.AsyncFor) else node.test
+        if not isinstance(test, ast.Constant) and not (isinstance(test, ast.Name) and test.id == "TYPE_CHECKING"):
+            node.body = self._probe(node, node.body)
+            node.orelse = self._probe(node, node.orelse)
+        self.generic_visit(node)
+        return node
+
+    visit_If = visit_For = visit_AsyncFor = visit_While = _decide  # noqa: N815
+
+    def visit_Match(self, node: ast.Match) -> ast.stmt:
+        last = node.cases[-1]
+        for case in node.cases:
+            case.body = self._probe(node, case.body)
+        if last.guard is not None or not isinstance(last.pattern, ast.MatchAs) or last.pattern.pattern is not None:
+            node.cases.append(ast.match_case(ast.MatchAs(), None, self._probe(node, [])))
+        self.generic_visit(node)
+        return ast.fix_missing_locations(node)
+
+
+def add_probes(source: str | bytes) -> tuple[ast.Module, list[Branch]]:
+    """Return the syntax tree of a module with its probes, and its branches in the order of the probes."""
+    probing = _Probing()
+    tree = probing.visit(ast.parse(source))
+    return tree, probing.branches
+
+
+class _Loader(SourceFileLoader):
+    """Loads a module with its probes, always from its source."""
+
+    def __init__(self, name: str, path: str, taken: dict[str, bytearray]) -> None:
+        super().__init__(name, path)
+        self._probes = taken.setdefault(path, bytearray())
+
+    def path_stats(self, path: str) -> NoReturn:
+        """Know nothing of compiled files: kept ones have no probes, and these are not to be kept.
+
+        Raises:
+            OSError: always.
+        """
+        raise OSError
+
+    def source_to_code(self, data: Any, path: Any, *, _optimize: int = -1) -> CodeType:  # type: ignore[override]
+        """Compile a module with its probes."""
+        tree, branches = add_probes(data)
+        self._probes.extend(bytes(len(branches) - len(self._probes)))
+        return super().source_to_code(tree, path, _optimize=_optimize)
+
+    def exec_module(self, module: ModuleType) -> None:
+        """Run the module where its probes write to what is counted."""
+        setattr(module, PROBES, self._probes)
+        super().exec_module(module)
+
+
+class Finder(MetaPathFinder):
+    """Finds the modules of some packages, before anybody else does.
+
+    Attributes:
+        taken: a byte for every branch of a file that was imported, by its path.
+    """
+
+    def __init__(self, packages: Iterable[str]) -> None:
+        self.taken: dict[str, bytearray] = {}
+        self._packages = frozenset(packages)
+
+    def find_spec(
+        self, fullname: str, path: Sequence[str] | None, target: ModuleType | None = None
+    ) -> ModuleSpec | None:
+        """Return how to load a module with its probes; None where it needs none."""
+        names = fullname.split(".")
+        if not any(".".join(names[:count]) in self._packages for count in (1, 2)):
+            return None
+        spec = PathFinder.find_spec(fullname, path, target)
+        if spec is not None and isinstance(spec.loader, SourceFileLoader):
+            spec.loader = _Loader(fullname, spec.loader.path, self.taken)
+        return spec
+
+
+def build_report(taken: Mapping[str, bytearray], files: Iterable[Path]) -> dict[str, Any]:
+    """Return the report; a file that nobody imported has all its branches missing."""
+    return {"files": {str(path): _build_entry(path, taken.get(str(path))) for path in sorted(files)}}
+
+
+def _build_entry(path: Path, taken: bytearray | None) -> dict[str, Any]:
+    _, branches = add_probes(path.read_bytes())
+    missing = [branch for number, branch in enumerate(branches) if taken is None or not taken[number]]
+    summary = {"num_branches": len(branches), "covered_branches": len(branches) - len(missing)}
+    return {"summary": summary, "missing_branches": missing}
+
+
+class Measurement:
+    """The plugin: gathers what this process and its worker processes took, and writes the report.
+
+    Attributes:
+        finder: has what was taken.
+    """
+
+    def __init__(self, finder: Finder) -> None:
+        self.finder = finder
+
+    @pytest.hookimpl(optionalhook=True)
+    def pytest_testnodedown(self, node: Any, error: object) -> None:
+        """Add what a worker process took."""
+        for path, text in getattr(node, "workeroutput", {}).get(_HANDED_OVER, {}).items():
+            seen = bytes.fromhex(text)
+            known = self.finder.taken.setdefault(path, bytearray(len(seen)))
+            known[:] = bytes(a | b for a, b in zip(known, seen, strict=True))
+
+    def pytest_sessionfinish(self, session: pytest.Session) -> None:
+        """Hand over, or write the report."""
+        output = getattr(session.config, "workeroutput", None)
+        if output is not None:
+            output[_HANDED_OVER] = {path: seen.hex() for path, seen in self.finder.taken.items()}
+        elif report := session.config.getoption("branches"):
+            files = (path for package in PACKAGES for path in (_SOURCE / package).rglob("*.py"))
+            report.parent.mkdir(parents=True, exist_ok=True)
+            report.write_text(json.dumps(build_report(self.finder.taken, files), indent=1), encoding="utf-8")
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    """Add `--branches`."""
+    parser.addoption("--branches", type=Path, help="where the report of branches is written (JSON)")
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_load_initial_conftests(early_config: pytest.Config) -> None:
+    """Begin before a conftest imports what is to be measured."""
+    finder = Finder(f"mkdaemon.{package}" for package in PACKAGES)
+    sys.meta_path.insert(0, finder)
+    early_config.pluginmanager.register(Measurement(finder), "branches-taken")
