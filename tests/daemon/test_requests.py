@@ -39,6 +39,7 @@ class Line:
         self.boards = {Board.FC}
         self.is_up = True
         self.lacks_flightctrl = False
+        self.when_asked = lambda: None
         self._peers = Peers()
 
     @property
@@ -50,6 +51,7 @@ class Line:
 
     async def request(self, message, *, board=None):
         self.asked.append((board, message))
+        self.when_asked()
         if isinstance(message, VersionRequest) and VersionRequest not in self.answers:
             self._peers.version_received(self.who_answers, FC_212, STILL.now())
             return VersionFc210.decode(bytes(12))
@@ -216,6 +218,14 @@ async def test_silence_is_a_timeout_and_never_called_a_refusal(desk):
     assert (result.status, result.token) == ("denied", "link_down")
 
 
+async def test_a_defect_is_answered_and_mirrored_like_everything_else(desk):
+    from mkdaemon.protocol.messages import EchoRequest
+
+    desk.line.answers[EchoRequest] = RuntimeError("wires crossed")
+    result = await desk.ask("nc/echo_request", {"pattern": 1})
+    assert (result.token, "RuntimeError: wires crossed" in result.reason) == ("internal", True)
+
+
 async def test_a_request_without_answer_is_not_observable(desk):
     result = await desk.ask("nc/serial_channels", {"channels": [0] * 12, "confirm": True})
     assert result.status == "not_observable"
@@ -228,7 +238,7 @@ async def test_a_bare_redirection_comes_back_by_itself(desk, monkeypatch, port, 
     seen = []
 
     @asynccontextmanager
-    async def passed(link, board):
+    async def passed(link, board, admit):
         seen.append(("to", board))
         yield
         seen.append(("back", board))
@@ -269,6 +279,20 @@ async def test_a_request_that_makes_the_board_deaf_is_refused_while_someone_may_
     assert desk.line.asked == []
     desk.phase = Phase.FREE
     assert (await desk.ask(place, {**fields, "confirm": True})).token is None
+
+
+@pytest.mark.parametrize("change", ["lease", "motors"])
+async def test_what_changes_while_a_board_proves_itself_still_counts(desk, change):
+    def when_asked():
+        if change == "lease":
+            desk.phase = Phase.LEASED
+        else:
+            desk.facts.motors_reported(True, STILL.now())
+
+    desk.line.when_asked = when_asked
+    result = await desk.ask("fc/motor_test", {"motors": TURNING, "confirm": True})
+    assert result.token == {"lease": "flying", "motors": "motors_running"}[change]
+    assert [type(message) for _, message in desk.line.asked] == [VersionRequest]
 
 
 async def test_a_request_behind_a_navictrl_is_refused_while_someone_may_fly(desk):

@@ -45,6 +45,8 @@ class Desk:
         raise refuse(Token.NOT_LEASED)
 
     async def release(self, raw):
+        if isinstance(self.released, Exception):
+            raise self.released
         return self.released
 
     def command(self, key, fields, result):
@@ -125,3 +127,9 @@ async def test_a_release_without_end_is_a_timeout(desk):
     desk.released = None
     result = await desk.ask("release", {"reason": "test"})
     assert (result.status, result.token) == ("timeout", "timeout")
+
+
+async def test_a_defect_is_answered_and_mirrored_like_everything_else(desk):
+    desk.released = RuntimeError("wires crossed")
+    result = await desk.ask("release", {"reason": "test"})
+    assert (result.token, "RuntimeError: wires crossed" in result.reason) == ("internal", True)

@@ -186,6 +186,23 @@ async def test_a_redirection_is_refused_with_motors_not_known_off_and_without_a_
 
 
 @virtually
+async def test_a_redirection_that_has_waited_asks_once_more_whether_it_may_begin():
+    async with rig(navi_ctrl()) as r:
+        await r.until(lambda: r.link.dialect.fc_release is not None, 3)
+
+        def refuse():
+            raise CommandRejectedError("flying", "somebody flies.", "Wait.")
+
+        before = len(r.log.tx)
+        with pytest.raises(CommandRejectedError, match="somebody flies"):
+            async with redirection(r.link, Board.ANY, refuse):
+                pytest.fail("the line was passed through")
+        assert [s for s in r.log.tx[before:] if s.message == Redirect(port=RedirectPort.GPS)] == []
+        async with redirection(r.link, Board.MAG):
+            assert r.link.health().state.redirected_to == "mag"
+
+
+@virtually
 async def test_whoever_the_line_led_to_the_navictrl_is_back_afterwards():
     async with rig(navi_ctrl()) as r:
         await r.until(lambda: r.link.dialect.fc_release is not None, 3)

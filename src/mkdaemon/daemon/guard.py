@@ -9,7 +9,6 @@ from __future__ import annotations
 import array
 import asyncio
 import json
-import os
 import socket
 import subprocess
 import sys
@@ -159,8 +158,9 @@ class GuardProcess:
 def take_report(path: Path) -> str | None:
     """Return what the guard of an earlier daemon did, and forget it; None where it did nothing."""
     try:
-        found = json.loads(path.read_text(encoding="utf-8"))
-        os.unlink(path)  # noqa: PTH108
-        return str(found["text"])
+        text = str(json.loads(path.read_text(encoding="utf-8"))["text"])
     except (OSError, ValueError, KeyError, TypeError):
         return None
+    with suppress(OSError):  # told twice is better than not at all
+        path.unlink()
+    return text

@@ -73,8 +73,8 @@ async def run(cfg: Config, stop: asyncio.Event, clock: Clock | None = None) -> N
         try:
             await daemon.serve(stop, notifier)
         except BaseExceptionGroup as group:
-            expected, _ = group.split(MkError)
-            if expected is None:
+            expected, defects = group.split(MkError)
+            if expected is None or defects is not None:
                 raise
             raise _first(expected) from None
         finally:
@@ -165,13 +165,19 @@ class Daemon:
             yield
             return
         guard.acted, guard.changed = self._flight.guard_acted, self._flight.guard_changed
-        guard.start()
-        watcher = asyncio.create_task(guard.watch(), name="guard")
         try:
-            yield
-        finally:
-            watcher.cancel()
-            await guard.stop()
+            self._report.parent.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            reason = f"{self._report.parent}: {error.strerror or error}"
+            self._audit.log("warning", f"the next daemon will not hear what the guard does: {reason}")
+        guard.start()
+        async with asyncio.TaskGroup() as tasks:
+            watcher = tasks.create_task(guard.watch(), name="guard")
+            try:
+                yield
+            finally:
+                watcher.cancel()
+                await guard.stop()
 
     @asynccontextmanager
     async def _listening_locally(self) -> AsyncIterator[None]:

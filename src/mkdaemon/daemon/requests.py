@@ -10,14 +10,15 @@ from typing import Any, Final
 
 from pydantic import ValidationError
 
-from mkdaemon.bus.codec import Payload, decode_map, first_mistake, schema_name
+from mkdaemon.bus.codec import Payload, first_mistake, schema_name
 from mkdaemon.clock import Clock
 from mkdaemon.config.commands import CommandsConfig
 from mkdaemon.control.danger import check_danger, check_proof
 from mkdaemon.control.vehicle import FRESH, VehicleFacts
+from mkdaemon.daemon.answering import answer_query
 from mkdaemon.daemon.audit import Audit
 from mkdaemon.daemon.discovery import require_discovery
-from mkdaemon.errors import CommandRejectedError, LinkLostError, RequestTimeoutError
+from mkdaemon.errors import LinkLostError, RequestTimeoutError
 from mkdaemon.link.discovery import PORTS, redirection
 from mkdaemon.link.link import Link
 from mkdaemon.link.procedures import way_to
@@ -71,16 +72,14 @@ class BoardRequests:
 
     async def answer(self, suffix: str, payload: Payload) -> CommandResult:
         """Answer one query; every one is mirrored under `event/command`, whatever becomes of it."""
-        fields: dict[str, Any] = {}
-        try:
-            fields = decode_map(payload)
-            result = await self._ask(suffix, dict(fields))
-        except CommandRejectedError as error:
-            result = refused(error)
-        except LinkLostError as error:
-            result = self._link_down(error)
-        self._audit.command(suffix, fields, result)
-        return result
+
+        async def work(fields: dict[str, Any]) -> CommandResult:
+            try:
+                return await self._ask(suffix, dict(fields))
+            except LinkLostError as error:
+                return self._link_down(error)
+
+        return await answer_query(self._audit, suffix, payload, work)
 
     async def _ask(self, suffix: str, fields: dict[str, Any]) -> CommandResult:
         board, name = _place(suffix)
@@ -88,19 +87,26 @@ class BoardRequests:
         message = self._build(board, name, fields)
         danger = _danger_of(message)
         is_slow = self._is_slow(board, message, danger)
-        if is_slow or (danger is not None and danger.confirm is Confirm.IN_FLIGHT):
-            self._admit(board, name, is_slow)
+
+        def admit() -> None:
+            if is_slow or (danger is not None and danger.confirm is Confirm.IN_FLIGHT):
+                self._admit(board, name, is_slow)
+
+        admit()
         if danger is not None:
             await require_discovery(self._link, self._facts.link)
             if danger.stopped:
                 await self._wait_for_motors()
         self.check_request(board, message, is_confirmed=confirmed, within=MOTORS_FRESH)
-        async with way_to(self._link, board, message):
+        async with way_to(self._link, board, message, admit):
             await self.prove_board(board, message)
+            # Seconds may have passed: somebody may hold the lease by now, or have started the motors.
+            admit()
+            self.check_request(board, message, is_confirmed=confirmed)
             if message.spec.danger is not None and message.spec.danger.turns_motors:
                 self._facts.motor_test_sent(self._clock.now())
             if isinstance(message, Redirect):
-                return await self._pass_through(message.port)
+                return await self._pass_through(message.port, admit)
             return await self._converse(board, message)
 
     def _is_slow(self, board: Board, message: WireMessage, danger: Danger | None) -> bool:
@@ -157,13 +163,13 @@ class BoardRequests:
         if danger is not None and danger.proven:
             await self._prove(board, danger)
 
-    async def _pass_through(self, port: RedirectPort) -> CommandResult:
+    async def _pass_through(self, port: RedirectPort, admit: Callable[[], None]) -> CommandResult:
         """Answer a bare redirection: for a while and back again, or the line would be lost to everybody for ever.
 
         Raises:
             CommandRejectedError: `not_redirectable`, `motors_not_known_off`.
         """
-        async with redirection(self._link, PORTS[port]):
+        async with redirection(self._link, PORTS[port], admit):
             await asyncio.sleep(PASSAGE)
         reason = (
             f"the line led to the {port.name} for {PASSAGE:g} s and is back; what came is under raw/rx. "

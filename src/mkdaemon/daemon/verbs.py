@@ -7,13 +7,13 @@ from collections.abc import Awaitable, Callable, Mapping
 from dataclasses import asdict
 from typing import Any
 
-from mkdaemon.bus.codec import Payload, decode_map, read_command, schema_name
+from mkdaemon.bus.codec import Payload, read_command, schema_name
+from mkdaemon.daemon.answering import answer_query
 from mkdaemon.daemon.audit import Audit
 from mkdaemon.daemon.flight import RELEASE_TIMEOUT, FlightControl
 from mkdaemon.daemon.procedures import Interlock
-from mkdaemon.errors import CommandRejectedError
 from mkdaemon.link.link import Link
-from mkdaemon.telemetry.command import CommandResult, LeaseRequest, RateRequest, Rates, ReleaseRequest, refused
+from mkdaemon.telemetry.command import CommandResult, LeaseRequest, RateRequest, Rates, ReleaseRequest
 from mkdaemon.telemetry.control import ReleaseOutcome, ReleaseReport
 from mkdaemon.telemetry.refusals import Status, Token, refuse
 
@@ -39,19 +39,16 @@ class Verbs:
 
     async def answer(self, suffix: str, payload: Payload) -> CommandResult:
         """Answer one query; every one is mirrored under `event/command`, whatever becomes of it."""
-        fields: dict[str, Any] = {}
-        name = suffix.removeprefix("do/")
-        try:
-            fields = decode_map(payload)
+
+        async def work(fields: dict[str, Any]) -> CommandResult:
+            name = suffix.removeprefix("do/")
             verb = self._verbs.get(name)
             if verb is None:
                 near = difflib.get_close_matches(name, self._verbs, n=1, cutoff=0.4) or list(self._verbs)
                 raise refuse(Token.UNKNOWN_VERB, name=name, near=" or ".join(near))
-            result = await verb(payload)
-        except CommandRejectedError as error:
-            result = refused(error)
-        self._audit.command(suffix, fields, result)
-        return result
+            return await verb(payload)
+
+        return await answer_query(self._audit, suffix, payload, work)
 
     async def _lease(self, payload: Payload) -> CommandResult:
         """Answer `do/lease`; nobody takes one while a procedure needs the boards."""

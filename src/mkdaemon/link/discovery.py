@@ -16,7 +16,7 @@ FlightCtrl the NaviCtrl's time request spins a motor (docs/protocol.md, "Same le
 from __future__ import annotations
 
 import asyncio
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager, suppress
 from itertools import chain, repeat
 from typing import Final
@@ -126,13 +126,20 @@ PORTS: Final = {RedirectPort.FC: Board.FC, RedirectPort.MAG: Board.MAG, Redirect
 
 
 @asynccontextmanager
-async def redirection(link: Conversation, board: Board) -> AsyncIterator[None]:
+async def redirection(
+    link: Conversation, board: Board, admit: Callable[[], None] = lambda: None
+) -> AsyncIterator[None]:
     """Have a NaviCtrl pass the line through to another board; the escape sequence ends it, whatever happens.
 
     `Board.ANY` is the GPS receiver: nothing is sent to it, what it says is raw bytes.
 
     One at a time: the next one waits for its turn, and then for telemetry, which stopped meanwhile, to tell about the
     motors again.
+
+    Args:
+        link: the line.
+        board: who is wanted.
+        admit: raises `CommandRejectedError` where the line must not be passed through any more; asked right before.
 
     Raises:
         CommandRejectedError: no NaviCtrl is on the line, or its telemetry does not say that the motors stand still
@@ -144,6 +151,7 @@ async def redirection(link: Conversation, board: Board) -> AsyncIterator[None]:
     async with link.passage:
         if not await wait_for_still_motors(link):
             raise refuse(Token.MOTORS_NOT_KNOWN_OFF)
+        admit()
         await link.send(Redirect(port=ports[board]), board=Board.NC)
         link.set_redirection(board)
         try:

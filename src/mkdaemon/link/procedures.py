@@ -154,8 +154,16 @@ async def ask_once(link: Link, step: Ask, observer: Observer, purpose: Purpose) 
 
 
 @asynccontextmanager
-async def way_to(link: Link, board: Board, message: WireMessage) -> AsyncIterator[None]:
+async def way_to(
+    link: Link, board: Board, message: WireMessage, admit: Callable[[], None] = lambda: None
+) -> AsyncIterator[None]:
     """Let a board hear a message: a NaviCtrl in front of it passes the line through while the context lives.
+
+    Args:
+        link: the line.
+        board: who is to hear it.
+        message: the message.
+        admit: see `redirection`.
 
     Raises:
         CommandRejectedError: `not_redirectable`, `motors_not_known_off`.
@@ -164,7 +172,7 @@ async def way_to(link: Link, board: Board, message: WireMessage) -> AsyncIterato
     if not is_behind:
         yield
         return
-    async with redirection(link, board):
+    async with redirection(link, board, admit):
         yield
 
 

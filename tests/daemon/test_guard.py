@@ -1,0 +1,155 @@
+"""The daemon's side of the guard: what it does when the guard cannot take a packet, or has gone."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import socket
+
+import pytest
+
+from mkdaemon.daemon import guard as guard_module
+from mkdaemon.daemon.guard import SILENCE_LIMIT, GuardProcess, take_report
+from mkdaemon.guard import Word
+
+
+class Started(GuardProcess):
+    """Its process is the test: `far` is the other end of the channel.
+
+    Attributes:
+        far: the guard's end.
+        time: the clock.
+    """
+
+    def __init__(self):
+        self.time = 0.0
+        super().__init__(clock=lambda: self.time)
+
+    def start(self):
+        super().start()
+        self._process.wait()
+
+
+@pytest.fixture
+async def started(monkeypatch):
+    """A guard whose process is replaced by the far end of its channel."""
+    near, far = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+    far.setblocking(False)
+    monkeypatch.setattr(guard_module.sys, "executable", "/bin/true")
+    monkeypatch.setattr(guard_module.socket, "socketpair", lambda *kind: (near, socket.socket(socket.AF_UNIX)))
+    started = Started()
+    started.far, started.acts, started.changes = far, [], []
+    started.acted, started.changed = started.acts.append, started.changes.append
+    started.start()
+    yield started
+    await started.stop()
+    far.close()
+
+
+async def turns(count=5):
+    for _ in range(count):
+        await asyncio.sleep(0)
+
+
+async def test_a_guard_that_answers_is_alive_and_one_that_is_silent_is_dead(started):
+    started.far.send(Word.PONG)
+    await turns()
+    started.time = SILENCE_LIMIT
+    assert started.is_alive
+    started.time += 0.001
+    assert not started.is_alive
+    started.far.send(Word.PONG)
+    await turns()
+    assert started.is_alive
+
+
+async def test_every_change_is_told_once(started, monkeypatch):
+    monkeypatch.setattr(guard_module, "PING_PERIOD", 0.0)
+    watching = asyncio.create_task(started.watch())
+    await turns()
+    started.time = SILENCE_LIMIT + 1.0
+    await turns()
+    watching.cancel()
+    assert started.changes == [True, False]
+
+
+async def test_what_it_sent_is_told_apart(started):
+    for word in (Word.NEUTRAL, Word.PONG, Word.RELEASED):
+        started.far.send(word)
+    await turns()
+    assert started.acts == [False, True]
+
+
+async def test_a_guard_that_takes_no_packet_holds_up_nothing(started):
+    for _ in range(10_000):
+        started.frame_written(bytes(64))
+    assert started.is_alive, "only its silence tells"
+
+
+@pytest.mark.parametrize("is_noticed_by", ["reading", "writing"])
+async def test_a_guard_that_has_gone_is_dead_at_once_and_nothing_fails_afterwards(started, is_noticed_by):
+    started.far.close()
+    if is_noticed_by == "writing":
+        started.released()
+    else:
+        await turns()
+    assert not started.is_alive
+    started.frame_written(b"#neutral\r")
+    started.port_opened(0)
+
+
+async def test_a_channel_that_fails_is_a_guard_that_has_gone(started, monkeypatch):
+    class Failing:
+        def fileno(self):
+            return started.far.fileno()
+
+        def recv(self, size):
+            raise ConnectionResetError
+
+        def close(self):
+            self.is_closed = True
+
+    real, started._channel = started._channel, Failing()
+    broken = started._channel
+    started._heard()
+    assert (started.is_alive, broken.is_closed) == (False, True)
+    asyncio.get_running_loop().remove_reader(real.fileno())
+    real.close()
+
+
+async def test_a_wake_up_without_a_packet_means_nothing(started):
+    started._heard()
+    assert started.is_alive
+
+
+async def test_stopping_what_was_never_started_does_nothing():
+    guard = GuardProcess()
+    assert (guard.pid, guard.is_alive) == (None, False)
+    await guard.stop()
+    guard._heard()
+
+
+def test_a_report_is_taken_once(tmp_path):
+    path = tmp_path / "guard.json"
+    assert take_report(path) is None
+    path.write_text(json.dumps({"wall": 1.0, "text": "released"}))
+    assert (take_report(path), take_report(path)) == ("released", None)
+
+
+def test_a_report_that_cannot_be_removed_is_told_all_the_same(tmp_path, monkeypatch):
+    path = tmp_path / "guard.json"
+    path.write_text(json.dumps({"wall": 1.0, "text": "released"}))
+
+    def refuse(*_):
+        raise PermissionError
+
+    for function in ("pathlib.Path.unlink", "os.unlink"):
+        monkeypatch.setattr(function, refuse)
+    assert take_report(path) == "released"
+
+
+@pytest.mark.parametrize("content", ["", "[]", "{}", "7", "\ud800"])
+def test_what_is_no_report_is_none(tmp_path, content):
+    path = tmp_path / "guard.json"
+    path.write_bytes(content.encode("utf-8", "surrogatepass"))
+    assert take_report(path) is None

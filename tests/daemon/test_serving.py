@@ -1,0 +1,197 @@
+"""What runs beside each other in the daemon, and how it ends: in virtual time, on a bus that only keeps."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+from contextlib import asynccontextmanager
+
+import pytest
+
+from lab.rigs.linkrig import virtually
+from mkdaemon.clock import Clock
+from mkdaemon.config.root import Config
+from mkdaemon.daemon import program
+from mkdaemon.daemon.program import Daemon, run
+from mkdaemon.daemon.watchdog import Notifier
+from mkdaemon.errors import ConfigError, LinkLostError, MkError
+from tests.places import CAPTURES
+
+RECORDING = CAPTURES / "nc_mixed_60s.jsonl"
+
+
+class Bus:
+    """Keeps what is published; nobody asks and nobody listens."""
+
+    def __init__(self):
+        self.published = []
+        self.audience = asyncio.Event()
+
+    def publish(self, suffix, value, *, schema=None):
+        self.published.append((suffix, value))
+
+    def values(self, suffix):
+        return [value for key, value in self.published if key == suffix]
+
+    def serve(self, root, handler):
+        pass
+
+    def receive(self, suffix, take):
+        pass
+
+    def watch_clients(self, watcher):
+        pass
+
+    async def wait_until_watched(self):
+        await self.audience.wait()
+
+
+class GuardStub:
+    """A guard that is no process."""
+
+    def __init__(self, report, *, clock):
+        self.is_over = False
+
+    def start(self):
+        pass
+
+    async def watch(self):
+        self.changed(True)
+        await asyncio.Event().wait()
+
+    def port_closed(self):
+        pass
+
+    async def stop(self):
+        self.is_over = True
+
+
+def daemon(folder, port, bus=None, **link):
+    cfg = Config.model_validate(
+        {"vehicle": {"name": "t", "state_folder": folder}, "link": {"port": port, **link}, "bus": {"listen": ()}}
+    )
+    loop = asyncio.get_running_loop()
+    return Daemon(cfg, bus or Bus(), Clock(monotonic=loop.time))
+
+
+@pytest.fixture
+def recording(tmp_path):
+    """The first frames of a recording."""
+    path = tmp_path / "short.jsonl"
+    path.write_text("".join(RECORDING.read_text(encoding="utf-8").splitlines(keepends=True)[:50]), encoding="utf-8")
+    return f"replay:{path}"
+
+
+@virtually
+async def test_a_recording_without_an_audience_is_played_after_a_while_and_ends_the_daemon(recording, tmp_path):
+    bus, loop = Bus(), asyncio.get_running_loop()
+    await daemon(tmp_path, recording, bus).serve(asyncio.Event(), Notifier({}))
+    frames = bus.values("raw/rx")
+    assert len(frames) > 10
+    assert frames[0].stamp.monotonic >= program.AUDIENCE_WAIT
+    assert loop.time() > frames[-1].stamp.monotonic + program.SETTLE / 2
+    assert bus.values("health")
+
+
+@virtually
+async def test_a_recording_that_shall_wait_is_played_when_somebody_listens(recording, tmp_path):
+    bus, loop = Bus(), asyncio.get_running_loop()
+    loop.call_later(60.0, bus.audience.set)
+    await daemon(tmp_path, recording, bus, wait_for_port=True).serve(asyncio.Event(), Notifier({}))
+    assert bus.values("raw/rx")[0].stamp.monotonic >= 60.0
+
+
+@virtually
+async def test_what_the_guard_of_an_earlier_daemon_did_is_told_once(recording, tmp_path):
+    (tmp_path / "guard.json").write_text(json.dumps({"wall": 1.0, "text": "2 neutral and 40 release frames sent"}))
+    for expected in (1, 0):
+        bus = Bus()
+        await daemon(tmp_path, recording, bus).serve(asyncio.Event(), Notifier({}))
+        told = [
+            event for event in bus.values("event/failsafe") if "an earlier daemon stopped in flight" in event.reason
+        ]
+        assert len(told) == expected
+        assert all("40 release frames" in event.reason for event in told)
+
+
+@virtually
+async def test_the_guard_has_a_place_for_its_report_and_ends_last(monkeypatch, tmp_path):
+    monkeypatch.setattr(program, "GuardProcess", GuardStub)
+    bus, stop = Bus(), asyncio.Event()
+    served = daemon(tmp_path / "state" / "t", "/dev/tty-nothing", bus, wait_for_port=True)
+    asyncio.get_running_loop().call_later(2.0, stop.set)
+    await served.serve(stop, Notifier({}))
+    assert served._guard.is_over
+    assert (tmp_path / "state" / "t").is_dir()
+    texts = [event.text for event in bus.values("event/log")]
+    assert "guard runs" in texts
+    assert not any("next daemon" in text for text in texts)
+
+
+@virtually
+async def test_without_a_place_for_the_guards_report_the_daemon_says_so_and_runs(monkeypatch, tmp_path):
+    monkeypatch.setattr(program, "GuardProcess", GuardStub)
+    (tmp_path / "file").write_text("")
+    bus, stop = Bus(), asyncio.Event()
+    asyncio.get_running_loop().call_later(2.0, stop.set)
+    await daemon(tmp_path / "file", "/dev/tty-nothing", bus, wait_for_port=True).serve(stop, Notifier({}))
+    assert any(
+        "the next daemon will not hear what the guard does" in event.text and str(tmp_path / "file") in event.text
+        for event in bus.values("event/log")
+    )
+
+
+@virtually
+async def test_a_defect_in_watching_the_guard_ends_the_daemon_and_does_not_pass_unseen(monkeypatch, tmp_path):
+    class Broken(GuardStub):
+        async def watch(self):
+            await asyncio.sleep(1.0)
+            raise RuntimeError("wires crossed")
+
+    monkeypatch.setattr(program, "GuardProcess", Broken)
+    served = daemon(tmp_path, "/dev/tty-nothing", wait_for_port=True)
+    with pytest.raises(ExceptionGroup) as caught:
+        await served.serve(asyncio.Event(), Notifier({}))
+    assert caught.group_contains(RuntimeError, match="wires crossed")
+    assert served._guard.is_over
+
+
+def with_daemon(monkeypatch, error):
+    """Let `run` serve something that ends with an error."""
+
+    class Failing:
+        def __init__(self, cfg, bus, clock):
+            pass
+
+        async def serve(self, stop, notifier):
+            raise error
+
+    @asynccontextmanager
+    async def opened(cfg, vehicle):
+        yield Bus()
+
+    monkeypatch.setattr(program, "Daemon", Failing)
+    monkeypatch.setattr(program.Bus, "open", opened)
+    monkeypatch.setattr(program, "spare_collector", lambda: None)
+    return Config.model_validate({"link": {"port": "/dev/tty-nothing"}})
+
+
+async def test_no_port_is_found_before_anything_is_opened():
+    with pytest.raises(ConfigError, match=r"link\.port: no port is configured"):
+        await run(Config(), asyncio.Event())
+
+
+async def test_an_error_among_the_tasks_is_raised_as_itself(monkeypatch):
+    lost = LinkLostError("no serial port")
+    cfg = with_daemon(monkeypatch, ExceptionGroup("line", [ExceptionGroup("above", [lost])]))
+    with pytest.raises(MkError) as caught:
+        await run(cfg, asyncio.Event())
+    assert caught.value is lost
+
+
+@pytest.mark.parametrize("beside", [[], [LinkLostError("no serial port")]], ids=["alone", "beside an error"])
+async def test_a_defect_among_the_tasks_is_never_hidden_behind_an_error(monkeypatch, beside):
+    cfg = with_daemon(monkeypatch, ExceptionGroup("line", [*beside, RuntimeError("wires crossed")]))
+    with pytest.raises(ExceptionGroup) as caught:
+        await run(cfg, asyncio.Event())
+    assert caught.group_contains(RuntimeError, match="wires crossed")
