@@ -63,6 +63,7 @@ class Socket:
         port: the latest one.
         wire: everything written, with its time [s].
         aircraft: the simulated boards and what they fly.
+        slept: how long the host has been suspended; the boards went on [s].
     """
 
     def __init__(self, make: Callable[[], Simulation], *, seed: int, right_baud: int = 57600) -> None:
@@ -71,19 +72,24 @@ class Socket:
         self.is_present = True
         self.right_baud = right_baud
         self.openings = 0
+        self.slept = 0.0
         self.port: BoardPort | None = None
         self.wire: list[tuple[float, bytes]] = []
         self._make = make
         self.aircraft = make()
-        self._started = asyncio.get_running_loop().time()
+        self._started = self._time()
+
+    def _time(self) -> float:
+        """Time that passes for everybody but a suspended host [s]."""
+        return asyncio.get_running_loop().time() + self.slept
 
     def now(self) -> float:
         """Time of the boards [s]."""
-        return asyncio.get_running_loop().time() - self._started
+        return self._time() - self._started
 
     def power_cycle(self) -> None:
         """Put a new aircraft in the place of the old one."""
-        self._started = asyncio.get_running_loop().time()
+        self._started = self._time()
         self.aircraft = self._make()
 
     def replace(self, make: Callable[[], Simulation]) -> None:

@@ -204,13 +204,14 @@ class Cockpit:
         """Whether a lease would be granted and could be flown with."""
         return self.link.is_up and self.link.dialect.extern_control is not None
 
-    async def take(self, holder: str, *, force: bool = False) -> int:
+    async def take(self, holder: str, *, force: bool = False, use_remembered: bool = False) -> int:
         """Take the lease.
 
         Raises:
             CommandRejectedError: it was refused.
         """
-        lease = await self.flight.lease(LeaseRequest(action="take", holder=holder, force=force))
+        request = LeaseRequest(action="take", holder=holder, force=force, use_remembered=use_remembered)
+        lease = await self.flight.lease(request)
         assert isinstance(lease, LeaseGrant)
         self.epoch, self.secret = lease.epoch, lease.secret
         return self.epoch
@@ -223,15 +224,22 @@ class Cockpit:
 
 @asynccontextmanager
 async def cockpit(
-    boards: Boards, seed: int, *, link_class: type[Link] = Link, sim: dict[str, Any] | None = None, **link: Any
+    boards: Boards,
+    seed: int,
+    *,
+    link_class: type[Link] = Link,
+    sim: dict[str, Any] | None = None,
+    socket: Socket | None = None,
+    **link: Any,
 ) -> AsyncIterator[Cockpit]:
-    """A running cockpit, boards discovered.
+    """A running cockpit, boards discovered; not awaited where it begins in the middle of a flight.
 
     Args:
         boards: which aircraft.
         seed: of boards, line and everything drawn.
         link_class: another link, for stories about what happens without a part of it.
         sim: further settings of the simulation.
+        socket: the cable of an earlier cockpit, with the boards at its end; a new one if none is given.
         link: further settings of the link.
 
     Raises:
@@ -240,18 +248,24 @@ async def cockpit(
     loop = asyncio.get_running_loop()
     wall = 1.7e9 + random.Random(f"{seed} wall").random()
 
-    clock = Clock(monotonic=loop.time, wall=lambda: wall + loop.time(), synchronised=lambda: True)
-    socket = Socket(boards.make(seed, **(sim or {})), seed=seed)
+    is_new = socket is None
+    cable = socket or Socket(boards.make(seed, **(sim or {})), seed=seed)
+    clock = Clock(
+        monotonic=loop.time,
+        wall=lambda: wall + loop.time() + cable.slept,
+        synchronised=lambda: True,
+        suspended=lambda: cable.slept,
+    )
     core = FlightCore(ControlConfig(), VehicleFacts(), first_epoch=int(clock.stamp().wall * 1000))
     audit = Audit(_Unheard(), clock)
     sink = KeepingSink(core, audit, clock)
     cfg = LinkConfig.model_validate({"port": "/dev/virtual"} | link)
-    line = link_class(cfg, sink, opener=socket.open, clock=clock, motors_running=core.facts.motors_running)
+    line = link_class(cfg, sink, opener=cable.open, clock=clock, motors_running=core.facts.motors_running)
     flight = FlightControl(core, line, _Unheard(), audit, clock=clock)
-    flown = Cockpit(line, flight, sink, socket)
+    flown = Cockpit(line, flight, sink, cable)
     flown.tasks = [asyncio.create_task(line.run(), name="link"), asyncio.create_task(flight.run(), name="control")]
     try:
-        if await flown.until(lambda: flown.may_fly) is None:
+        if is_new and await flown.until(lambda: flown.may_fly) is None:
             msg = f"{boards.name}, seed {seed}: not ready to fly: {line.health().state.reason}"
             raise TimeoutError(msg)
         yield flown

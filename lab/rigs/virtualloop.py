@@ -37,6 +37,10 @@ class VirtualLoop(asyncio.SelectorEventLoop):
         """Virtual seconds since the loop was made."""
         return self._jumping.now
 
+    def stand_still(self, seconds: float) -> None:
+        """Let time pass in which nothing of this loop runs, as a stopped process does."""
+        self._jumping.now += seconds
+
 
 def run_virtually(main: Coroutine[Any, Any, _Result]) -> _Result:
     """Run a coroutine to its end in virtual time."""

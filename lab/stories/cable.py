@@ -86,17 +86,18 @@ def first_words(written: bytes) -> str:
     return "nothing"
 
 
-def pull_cable(boards: Boards, seed: int, *, cycles: int) -> list[Cycle]:
-    """Interrupt one session again and again."""
-    return run_virtually(_pull_cable(boards, seed, cycles))
+def pull_cable(boards: Boards, seed: int, *, cycles: int, cuts: Sequence[Cut] | None = None) -> list[Cycle]:
+    """Interrupt one session again and again; in every way that its boards know, if none is given."""
+    ways = tuple(Cut) if boards.nc is None else (Cut.UNPLUGGED, Cut.WHILE_WRITING)
+    return run_virtually(_pull_cable(boards, seed, cycles, cuts or ways))
 
 
-async def _pull_cable(boards: Boards, seed: int, cycles: int) -> list[Cycle]:
+async def _pull_cable(boards: Boards, seed: int, cycles: int, cuts: Sequence[Cut]) -> list[Cycle]:
     found = []
     async with cockpit(boards, seed) as flown:
         for number in range(cycles):
             rng = random.Random(f"{seed} cable {number}")
-            cut = list(Cut)[number % len(Cut)] if boards.nc is None else (Cut.UNPLUGGED, Cut.WHILE_WRITING)[number % 2]
+            cut = cuts[number % len(cuts)]
             flying = asyncio.create_task(_fly_on(flown, f"client{number}"), name="client")
             await flown.until(lambda: flown.aircraft.is_controlled)
             await asyncio.sleep(rng.uniform(0.1, 0.6))

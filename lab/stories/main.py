@@ -24,6 +24,7 @@ from lab.stories.clients import Loss as Lost
 from lab.stories.clients import lose_clients
 from lab.stories.deaths import NEUTRAL_TIME, RELEASE_TIME, SilentRelease
 from lab.stories.faults import FAULTS, VERDICT, Verdicts, judge_fault
+from lab.stories.interruptions import run_reboots, run_restarts, run_standstills, run_swaps
 from lab.stories.kill import END_TIME, SIGNALS, End, end_daemon
 from lab.stories.losses import Losses, campaign, silence_log
 from lab.stories.page import Row, write_page
@@ -41,7 +42,10 @@ UNRELEASED_WATCH: Final = 8.0
 CYCLES: Final = 20
 """Interruptions of the line a session."""
 
-Case = Literal["deaths", "unreleased", "clients", "cable", "plug", "kill", "race", "faults", "soak"]
+Case = Literal[
+    "deaths", "unreleased", "clients", "cable", "swap", "reboot", "freeze", "restart", "plug", "kill", "race", "faults",
+    "soak",
+]  # fmt: skip
 
 
 def run_client_deaths(runs: int | None, jobs: int) -> Iterator[Row]:
@@ -232,6 +236,10 @@ _CASES: Final[dict[str, Callable[[int | None, int], Iterator[Row]]]] = {
     "unreleased": run_deaths_without_release,
     "clients": run_process_deaths,
     "cable": run_cable_cuts,
+    "swap": run_swaps,
+    "reboot": run_reboots,
+    "freeze": run_standstills,
+    "restart": run_restarts,
     "plug": run_replugs,
     "kill": run_daemon_ends,
     "race": run_lease_race,
@@ -250,8 +258,8 @@ def main(
 ) -> int:
     """Run the safety stories and measure them; exit code 1 if a limit is broken.
 
-    Deaths, cables and faults run in virtual time; clients, plug, kill, race and soak run processes in real time, and
-    the soak alone takes twenty minutes. All of them take hours: `--case` runs one, `--runs` shortens it.
+    Clients, plug, kill, race and soak run processes in real time, the others run in virtual time; the soak alone takes
+    twenty minutes. All of them take hours: `--case` runs one, `--runs` shortens it.
     """
     silence_log()
     rows: list[Row] = []

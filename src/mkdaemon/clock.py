@@ -76,6 +76,19 @@ def time_suspended() -> float:
     return time.clock_gettime(time.CLOCK_BOOTTIME) - time.clock_gettime(time.CLOCK_MONOTONIC)
 
 
+class SleepWatch:
+    """Tells one listener how long the machine slept since he last asked: the monotonic clock does not."""
+
+    def __init__(self, clock: Clock) -> None:
+        self._clock = clock
+        self._slept = clock.time_slept()
+
+    def take(self) -> float:
+        """Return the time slept since the last call [s]."""
+        before, self._slept = self._slept, self._clock.time_slept()
+        return self._slept - before
+
+
 class Clock:
     """Monotonic time, and stamps that follow the system clock; may be used from any thread."""
 
@@ -131,6 +144,10 @@ class Clock:
             return stamp.monotonic
         self._look(self.now())
         return stamp.wall - self._offset
+
+    def time_slept(self) -> float:
+        """How long the machine has slept since its start [s]."""
+        return self._ask_suspended()
 
     def take_steps(self) -> list[ClockStep]:
         """Look at the system clock; returns every step since the last call, the oldest first."""

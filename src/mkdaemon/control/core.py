@@ -226,9 +226,9 @@ class FlightCore:
         """When to tick again [s]; see `Pacing`."""
         return self._pacing.next_time(self._authority.deadline(), self._output.next_step)
 
-    def tick(self, now: float) -> list[Action]:
-        """Decide what is done now, in order."""
-        stood_still = self._pacing.tick(now)
+    def tick(self, now: float, *, slept: float = 0.0) -> list[Action]:
+        """Decide what is done now, in order; the machine slept for so long since the last tick [s], uncounted."""
+        stood_still = self._pacing.tick(now) + slept
         order: Action | None = None
         if self._release is None:
             if stood_still > self._cfg.limiter.setpoint_ttl and self._authority.phase in IN_FLIGHT:

@@ -14,7 +14,7 @@ from functools import partial
 from typing import Final
 
 from mkdaemon.bus.codec import Payload, TooLong, check_command, decode_map
-from mkdaemon.clock import Clock
+from mkdaemon.clock import Clock, SleepWatch
 from mkdaemon.control.actions import Action, PublishEstimate, PublishStatus, ReadGate, Release, SendSticks
 from mkdaemon.control.core import FlightCore
 from mkdaemon.control.preflight import Gate
@@ -137,12 +137,13 @@ class FlightControl:
 
     async def run(self) -> None:
         """Tick for ever, each time the core wants to."""
+        sleep = SleepWatch(self._clock)
         async with asyncio.TaskGroup() as tasks:
             while True:
                 await self._wait()
                 self.ticks += 1
                 self._core.line_changed(self._link.control_line())
-                for action in self._core.tick(self._clock.now()):
+                for action in self._core.tick(self._clock.now(), slept=sleep.take()):
                     self._carry_out(action, tasks)
 
     async def _wait(self) -> None:

@@ -12,12 +12,13 @@ from collections.abc import Callable, Coroutine
 from contextlib import suppress
 from typing import Any, Final
 
-from mkdaemon.clock import Clock
+from mkdaemon.clock import Clock, SleepWatch
 from mkdaemon.config.link import LinkConfig
 from mkdaemon.errors import LinkError, LinkLostError
 from mkdaemon.link.ports.port import Port, parse_address
 from mkdaemon.link.session.dialogue import Dialogue
 from mkdaemon.link.session.guarding import GuardFeed, LineGuard
+from mkdaemon.link.session.reboot import GAP
 from mkdaemon.link.session.reopening import BaudSearch
 from mkdaemon.link.session.report import Reporter
 from mkdaemon.link.session.stickqueue import LOOK, StickQueue
@@ -61,6 +62,7 @@ class Exchange:
         self._dialogue = dialogue
         self._clock = clock
         self._guard = GuardFeed(guard)
+        self._sleep = SleepWatch(clock)
         self._sticks = StickQueue()
         self._decoder = FrameDecoder()
         self._messages = MessageDecoder()
@@ -195,6 +197,11 @@ class Exchange:
         if port is None:
             self._settle()
             return
+        slept = self._sleep.take()
+        if slept > GAP and not port.is_recording:
+            self._dialogue.identity.machine_slept(slept, now)
+            self.needs_discovery.set()
+            self.follow_dialect()
         try:
             self._look_after_sticks(port)
             for entry in self._dialogue.poll(now):

@@ -94,6 +94,11 @@ class Identity:
             self.forget("telemetry is back after a gap", now)
         return now - before.silent_since > GAP
 
+    def machine_slept(self, seconds: float, now: float) -> None:
+        """This machine stood still for so long [s], and no clock of its own counts it: other boards may be there."""
+        self.flight.machine_slept(seconds)
+        self.forget(f"this machine slept for {seconds:.1f} s", now)
+
     def forget(self, reason: str, now: float) -> None:
         """Other boards may be there now, or the same ones with an old stick frame: release, and ask them anew."""
         self._peers.forget()

@@ -86,6 +86,13 @@ class KnownFlight:
         """The flight is over, or will never be known again."""
         self.memory = self._proven_at = None
 
+    def machine_slept(self, seconds: float) -> None:
+        """The flight went on for so long unseen [s]: a client must confirm it."""
+        self._is_unbroken = False
+        if self.memory is not None:
+            seen = self.memory.sighting
+            self.memory = replace(self.memory, sighting=replace(seen, at=seen.at - seconds))
+
     def offer(self, now: float) -> FlightMemory | None:
         """What a client may confirm now; None for nothing."""
         is_proven = self._proven_at is not None and now - self._proven_at <= FRESH

@@ -1,0 +1,139 @@
+"""The daemon stands still while a client flies, alone, together with the client, or with the whole machine.
+
+In virtual time: the boards go on, and what they said meanwhile arrives at once afterwards. A client that went on has
+streamed all the while, and its setpoints arrive at once too.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import random
+from contextlib import suppress
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import Final
+
+from lab.rigs.cockpit import Boards, Cockpit, cockpit
+from lab.rigs.virtualloop import VirtualLoop, run_virtually
+from mkdaemon.bus.codec import encode_map
+from mkdaemon.errors import CommandRejectedError
+from mkdaemon.link.session.traffic import Purpose, Sent
+from mkdaemon.telemetry.control import Phase
+
+CLEARED: Final = 1.1
+"""External control is cleared in the FlightCtrl so long after the end of the standstill [s]."""
+WATCH: Final = 2.5
+"""How long the boards are watched after it [s]."""
+STICK_TIME: Final = 0.02
+TILT: Final = 40.0
+
+
+class Stopped(StrEnum):
+    """Who stands still."""
+
+    DAEMON = "daemon"
+    BOTH = "daemon and client"
+    MACHINE = "machine suspended"
+
+
+@dataclass(frozen=True, slots=True)
+class Standstill:
+    """One of them.
+
+    Attributes:
+        number: within the session.
+        tilted: frames with the valid bit and a tilt written after it.
+        cleared: the FlightCtrl held no command any more, from its end [s]; None where it did at the end.
+    """
+
+    number: int
+    tilted: int
+    cleared: float | None
+
+    @property
+    def is_wrong(self) -> bool:
+        """Whether it breaks a limit."""
+        return self.tilted > 0 or self.cleared is None or self.cleared > CLEARED
+
+
+class Streamer:
+    """A client that takes the lease once and streams a tilt for ever, whatever becomes of it."""
+
+    def __init__(self, flown: Cockpit, name: str) -> None:
+        self._flown = flown
+        self._name = name
+        self._secret = ""
+        self._epoch = self._sequence = 0
+        self._tilt = 0.0
+
+    async def fly(self, *, use_remembered: bool = False) -> None:
+        """Take the lease, engage, then tilt."""
+        flown = self._flown
+        while not self._epoch:
+            with suppress(CommandRejectedError):
+                self._epoch = await flown.take(self._name, use_remembered=use_remembered)
+                self._secret = flown.secret
+            await asyncio.sleep(STICK_TIME)
+        while True:
+            self._tilt = TILT if flown.flight.phase is Phase.FLYING else self._tilt
+            self.put()
+            await asyncio.sleep(STICK_TIME)
+
+    def put(self, count: int = 1) -> None:
+        """Stream the next setpoints, all at once."""
+        for _ in range(count):
+            self._sequence += 1
+            sticks = {"pitch": self._tilt, "roll": -self._tilt, "yaw": 0.0, "throttle": -10.0}
+            setpoint = encode_map(sticks | {"epoch": self._epoch, "sequence": self._sequence, "ttl": 0.3})
+            self._flown.stream(setpoint, secret=self._secret)
+
+
+def stand_still(boards: Boards, who: Stopped, seconds: float, *, seed: int, count: int) -> list[Standstill]:
+    """Stop one session again and again for so long [s]."""
+    return run_virtually(_stand_still(boards, who, seconds, seed, count))
+
+
+async def _stand_still(boards: Boards, who: Stopped, seconds: float, seed: int, count: int) -> list[Standstill]:
+    found = []
+    async with cockpit(boards, seed, rates={"osd": 200} if boards.nc else "off") as flown:
+        for number in range(count):
+            rng = random.Random(f"{seed} {who} {seconds} {number}")
+            client = Streamer(flown, f"client{number}")
+            flying = asyncio.create_task(client.fly(), name="client")
+            await flown.until(lambda: flown.aircraft.is_controlled and is_tilted(flown.sink.tx[-40:]))
+            await asyncio.sleep(rng.uniform(0.1, 0.5))
+            found.append(await _stop(flown, client, who, seconds, number))
+            flying.cancel()
+            await asyncio.gather(flying, return_exceptions=True)
+            await flown.until(lambda: flown.may_fly and flown.flight.phase is Phase.FREE)
+    return found
+
+
+async def _stop(flown: Cockpit, client: Streamer, who: Stopped, seconds: float, number: int) -> Standstill:
+    loop = asyncio.get_running_loop()
+    assert isinstance(loop, VirtualLoop)
+    if who is Stopped.MACHINE:
+        flown.socket.slept += seconds
+    else:
+        loop.stand_still(seconds)
+    if who is Stopped.DAEMON:
+        client.put(int(seconds / STICK_TIME))
+    woken = flown.socket.now()
+    flown.sink.tx.clear()
+    await asyncio.sleep(WATCH)
+    tilted = sum(is_tilted([frame]) for frame in flown.sink.tx)
+    held = flown.aircraft.held
+    since = max((state.at for state in held if state.is_valid), default=0.0)
+    end = min((state.at for state in held if state.at > since), default=woken)
+    cleared = None if flown.aircraft.is_controlled else max(0.0, end - woken)
+    flown.aircraft.held.clear()
+    return Standstill(number, tilted, cleared)
+
+
+def is_tilted(frames: list[Sent]) -> bool:
+    """Whether one of them steers with a tilt."""
+    sticks = [frame.message for frame in frames if frame.purpose in {Purpose.SETPOINT, Purpose.RELEASE}]
+    return any(
+        int(getattr(message, "config", 0)) & 1 and any(getattr(message, axis) for axis in ("pitch", "roll", "yaw"))
+        for message in sticks
+    )
