@@ -11,8 +11,8 @@ HEAD: Final = """# Stories and their evidence
 What happens when something dies while a client flies, measured against the simulated boards. Every row is written by
 `python -m lab stories --page docs/stories.md` (`--case NAME` for one group); nothing here is typed by hand. Times
 count from the last setpoint the daemon could use, as far as nothing else is said; seeds make every run in virtual time
-repeatable. `deaths`, `unreleased`, `cable`, `swap`, `reboot`, `freeze`, `restart` and `faults` run in virtual time, the others
-with real processes, Zenoh sessions and pseudo terminals, so their times include whatever else the machine did.
+repeatable. `deaths`, `unreleased`, `cable`, `swap`, `reboot`, `freeze`, `restart` and `faults` run in virtual time, the
+others with real processes, Zenoh sessions and pseudo terminals, so their times include whatever else the machine did.
 
 | case | story | boards | runs | measured | limit | holds |
 |---|---|---|---|---|---|---|
