@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from pathlib import Path
 
 import pytest
 
@@ -39,6 +40,43 @@ def test_a_full_disk_leaves_the_old_file(tmp_path, monkeypatch):
         write_whole(file, "new", overwrite=True)
     assert file.read_text() == "old"
     assert list(tmp_path.iterdir()) == [file]
+
+
+def test_a_file_that_appears_meanwhile_is_not_replaced(tmp_path, monkeypatch):
+    file = tmp_path / "file"
+    flush = os.fsync
+    monkeypatch.setattr(os, "fsync", lambda number: (flush(number), file.write_text("other"))[0])
+    with pytest.raises(FileExistsError):
+        write_whole(file, "new")
+    assert file.read_text() == "other"
+    assert list(tmp_path.iterdir()) == [file]
+
+
+def test_a_file_system_without_hard_links_will_do(tmp_path, monkeypatch):
+    def refuse(place, fresh):
+        raise PermissionError(1, "Operation not permitted")
+
+    monkeypatch.setattr(Path, "hardlink_to", refuse)
+    write_whole(tmp_path / "file", "new")
+    assert [(path.name, path.read_text()) for path in tmp_path.iterdir()] == [("file", "new")]
+
+
+def test_a_link_stays_and_permissions_are_kept(tmp_path):
+    file, link = tmp_path / "file", tmp_path / "link"
+    write_whole(file, "old")
+    file.chmod(0o600)
+    link.symlink_to(file)
+    write_whole(link, "new", overwrite=True)
+    assert link.is_symlink()
+    assert (file.read_text(), file.stat().st_mode & 0o777) == ("new", 0o600)
+
+
+def test_a_device_is_never_replaced_by_a_file(tmp_path):
+    pipe = tmp_path / "pipe"
+    os.mkfifo(pipe)
+    with pytest.raises(OSError, match="is no file"):
+        write_whole(pipe, "new", overwrite=True)
+    assert list(tmp_path.iterdir()) == [pipe]
 
 
 def test_the_usual_permissions_are_given(tmp_path):

@@ -16,6 +16,7 @@ from cyclopts import App, Parameter
 
 from mkdaemon.cli.program import run
 from mkdaemon.errors import MkError
+from mkdaemon.files import write_whole
 
 GENERATED: Final[Mapping[str, str]] = {
     "docs/keys.md": "tools.keys_page:keys_page",
@@ -63,7 +64,7 @@ def docs(
         raise MkError(msg)
     if not check:
         for page, maker in GENERATED.items():
-            (root / page).write_text(make_page(maker, root), encoding="utf-8")
+            write_whole(root / page, make_page(maker, root), overwrite=True)
             print(f"wrote {page}")
         return
     stale = stale_pages(root)

@@ -2,14 +2,54 @@
 
 from __future__ import annotations
 
+import errno
 import os
+import stat
 import tempfile
 from contextlib import suppress
 from pathlib import Path
 
+from mkdaemon.errors import ConfigError, MkError
+
+
+def refuse_existing(path: Path, *, overwrite: bool) -> None:
+    """Check that a file may be written, before the work that fills it.
+
+    Raises:
+        ConfigError: it is there already, and `overwrite` is off.
+    """
+    if path.exists() and not overwrite:
+        msg = f"{path}: exists already; choose another name, or overwrite it with --force"
+        raise ConfigError(msg)
+
+
+def save(path: Path, content: str | bytes, *, overwrite: bool = False) -> None:
+    """Write a file that a user asked for, whole or not at all.
+
+    Args:
+        path: the file; its folder must exist.
+        content: text is written as UTF-8.
+        overwrite: replace a file that is there.
+
+    Raises:
+        ConfigError: it is there already, and `overwrite` is off; or there is no such folder.
+        MkError: it cannot be written, for example because the disk is full; what was there is untouched.
+    """
+    refuse_existing(path, overwrite=overwrite)
+    if not path.parent.is_dir():
+        msg = f"{path}: there is no folder {path.parent}; make it first"
+        raise ConfigError(msg)
+    try:
+        write_whole(path, content, overwrite=overwrite)
+    except OSError as error:
+        msg = f"{path}: cannot be written ({error.strerror}); choose another place"
+        raise MkError(msg) from error
+
 
 def write_whole(path: Path, content: str | bytes, *, overwrite: bool = False) -> None:
     """Write a file so that its place holds the old content or all of the new, whatever happens meanwhile.
+
+    A symbolic link stays, and the file it names is replaced. A file that is replaced keeps its permissions.
 
     Args:
         path: the file; its folder must exist.
@@ -18,25 +58,29 @@ def write_whole(path: Path, content: str | bytes, *, overwrite: bool = False) ->
 
     Raises:
         FileExistsError: it is there already, and `overwrite` is off.
-        OSError: it cannot be written, for example because the disk is full; what was there is untouched.
+        OSError: it cannot be written, for example because the disk is full, or what is there is a device; what was there
+            is untouched.
     """
-    if not overwrite and path.exists():
-        raise FileExistsError(17, "exists already", str(path))
     raw = content.encode() if isinstance(content, str) else content
-    number, name = tempfile.mkstemp(prefix=f".{path.name}.", suffix=".new", dir=path.parent)
+    place = Path(os.path.realpath(path))
+    mode = _mode_of(place)
+    try:
+        number, name = tempfile.mkstemp(prefix=f".{place.name}.", suffix=".new", dir=place.parent)
+    except OSError as error:
+        raise OSError(error.errno, error.strerror, str(path)) from error
     fresh = Path(name)
     try:
         with os.fdopen(number, "wb") as file:
             file.write(raw)
             file.flush()
             os.fsync(file.fileno())
-        fresh.chmod(0o666 & ~_umask())
-        fresh.replace(path)
-    except BaseException:
-        with suppress(OSError):
-            fresh.unlink()
-        raise
-    flush_folder(path.parent)
+        fresh.chmod(mode)
+        _put_in_place(fresh, place, overwrite=overwrite)
+    except OSError as error:
+        raise OSError(error.errno, error.strerror, str(path)) from error
+    finally:
+        fresh.unlink(missing_ok=True)
+    flush_folder(place.parent)
 
 
 def flush_folder(folder: Path) -> None:
@@ -47,6 +91,40 @@ def flush_folder(folder: Path) -> None:
             os.fsync(number)
         finally:
             os.close(number)
+
+
+def _mode_of(place: Path) -> int:
+    """The permissions a file has, or a new one gets.
+
+    Raises:
+        OSError: what is there is no file: renaming would replace a device or a pipe by one.
+    """
+    try:
+        found = place.stat().st_mode
+    except FileNotFoundError:
+        return 0o666 & ~_umask()
+    if not stat.S_ISREG(found):
+        raise OSError(errno.EINVAL, "is no file", str(place))
+    return stat.S_IMODE(found)
+
+
+def _put_in_place(fresh: Path, place: Path, *, overwrite: bool) -> None:
+    """Give a written file its name.
+
+    Raises:
+        FileExistsError: somebody has made a file of that name, and `overwrite` is off.
+    """
+    if not overwrite:
+        try:
+            place.hardlink_to(fresh)
+        except FileExistsError:
+            raise
+        except OSError:  # a file system without hard links
+            if place.exists():
+                raise FileExistsError(errno.EEXIST, os.strerror(errno.EEXIST), str(place)) from None
+        else:
+            return
+    fresh.replace(place)
 
 
 def _umask() -> int:

@@ -62,7 +62,7 @@ def test_a_poor_calibration_is_refused_unless_forced(
     error = capsys.readouterr().err
     assert error.count("\n") == 1
     assert "calibration refused" in error
-    assert calibrate(few, "-o", file, "--force") == EXIT_OK
+    assert calibrate(few, "-o", file, "--accept-poor") == EXIT_OK
     assert load_camera(file).calibration.forced
 
 

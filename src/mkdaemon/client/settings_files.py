@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Final, NamedTuple
 
 from mkdaemon.errors import ConfigError, MkError, ProtocolError
-from mkdaemon.files import write_whole
+from mkdaemon.files import refuse_existing, save
 from mkdaemon.protocol.settings import ParameterSet
 from mkdaemon.protocol.settings_file import SettingsFile
 from mkdaemon.telemetry.settings import SettingsBackup
@@ -45,9 +45,7 @@ def check_target(target: Path, slots: Sequence[int], *, overwrite: bool = False)
         ConfigError: a file is there already, or several sets were to go into one.
     """
     if target.suffix.lower() in _SUFFIXES:
-        if target.exists() and not overwrite:
-            msg = f"{target}: exists already; choose another name, or overwrite it with --force"
-            raise ConfigError(msg)
+        refuse_existing(target, overwrite=overwrite)
         if len(slots) > 1 and len(slots) < _ALL:
             msg = f"{target}: one file holds one set, not {len(slots)}; name a folder"
             raise ConfigError(msg)
@@ -64,23 +62,25 @@ def write_backup(
     """Write sets, each file whole or not at all; returns the files.
 
     Raises:
-        MkError: the place cannot be written.
+        ConfigError: a file is there already, and `overwrite` is off.
+        MkError: a file cannot be written; what was there is untouched.
     """
     saved = datetime.datetime.now(tz=datetime.UTC).isoformat(timespec="seconds")
     is_file = target.suffix.lower() in _SUFFIXES
     raw = {one.slot: one.raw for one in found.sets}
     paths = []
+    folder = target.parent if is_file else target
     try:
-        (target.parent if is_file else target).mkdir(parents=True, exist_ok=True)
-        for slot in sorted(slots):
-            content = SettingsFile(ParameterSet.from_payload(raw[slot]), slot, found.firmware, saved)
-            path = target if is_file else target / f"set{slot}.toml"
-            text = content.to_json() if path.suffix.lower() == ".json" else content.to_toml()
-            write_whole(path, text, overwrite=overwrite)
-            paths.append(path)
+        folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        msg = f"{target}: cannot be written ({error.strerror}); choose another place"
+        msg = f"{folder}: cannot be made ({error.strerror}); choose another place"
         raise MkError(msg) from error
+    for slot in sorted(slots):
+        content = SettingsFile(ParameterSet.from_payload(raw[slot]), slot, found.firmware, saved)
+        path = target if is_file else target / f"set{slot}.toml"
+        text = content.to_json() if path.suffix.lower() == ".json" else content.to_toml()
+        save(path, text, overwrite=overwrite)
+        paths.append(path)
     return tuple(paths)
 
 

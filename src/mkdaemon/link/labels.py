@@ -11,6 +11,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
+from mkdaemon.files import write_whole
 from mkdaemon.link.procedures import Observer, run_procedure
 from mkdaemon.link.session.traffic import Purpose
 from mkdaemon.protocol.procedures import Patience
@@ -54,7 +55,7 @@ class LabelCache:
         if self._path is not None:
             with suppress(OSError):
                 self._path.parent.mkdir(parents=True, exist_ok=True)
-                self._path.write_text(json.dumps(self._known, indent=1), encoding="utf-8")
+                write_whole(self._path, json.dumps(self._known, indent=1) + "\n", overwrite=True)
 
 
 def cache_key(board: Board, dialect: Dialect) -> str | None:

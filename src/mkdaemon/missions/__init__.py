@@ -3,7 +3,7 @@
 A file that cannot be used is refused with one line naming the file, the line and the fix.
 """
 
-from mkdaemon.missions.format import FORMATS, read_mission, refuse_existing, write_mission
+from mkdaemon.missions.format import FORMATS, check_place, read_mission, write_mission
 from mkdaemon.missions.source import AltitudeReference, MissionDraft
 
-__all__ = ["FORMATS", "AltitudeReference", "MissionDraft", "read_mission", "refuse_existing", "write_mission"]
+__all__ = ["FORMATS", "AltitudeReference", "MissionDraft", "check_place", "read_mission", "write_mission"]

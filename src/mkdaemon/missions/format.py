@@ -6,8 +6,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Final, NamedTuple
 
-from mkdaemon.errors import ConfigError, MkError
-from mkdaemon.files import write_whole
+from mkdaemon.errors import ConfigError
+from mkdaemon.files import refuse_existing, save
 from mkdaemon.missions import csv, gpx, kml, qgc, wpl
 from mkdaemon.missions.losses import lost
 from mkdaemon.missions.source import MissionDraft
@@ -68,16 +68,14 @@ def read_mission(path: Path, *, start_elevation: float | None = None, altitude: 
     return draft.settled(str(path), start_elevation=start_elevation, altitude=altitude)
 
 
-def refuse_existing(path: Path, *, overwrite: bool) -> None:
-    """Check that a file may be written, before the work that fills it.
+def check_place(path: Path, *, overwrite: bool) -> None:
+    """Check that a mission may be written to a file, before the work that fills it.
 
     Raises:
         ConfigError: it is there already, and `overwrite` is off; or its suffix is no format.
     """
     _format(path)
-    if path.exists() and not overwrite:
-        msg = f"{path}: exists already; choose another name, or overwrite it with --force"
-        raise ConfigError(msg)
+    refuse_existing(path, overwrite=overwrite)
 
 
 def write_mission(mission: Mission, path: Path, *, overwrite: bool = False) -> tuple[str, ...]:
@@ -95,7 +93,7 @@ def write_mission(mission: Mission, path: Path, *, overwrite: bool = False) -> t
         ConfigError: the format is unknown or would fly another mission, or the file is there already.
         MkError: the file cannot be written; what was there is untouched.
     """
-    refuse_existing(path, overwrite=overwrite)
+    check_place(path, overwrite=overwrite)
     chosen = _format(path)
     try:
         text = chosen.write(mission)
@@ -103,11 +101,7 @@ def write_mission(mission: Mission, path: Path, *, overwrite: bool = False) -> t
     except ConfigError as error:
         msg = f"{path}: this format cannot keep the mission: {error}"
         raise ConfigError(msg) from error
-    try:
-        write_whole(path, text, overwrite=overwrite)
-    except OSError as error:
-        msg = f"{path}: cannot be written ({error.strerror}); choose another place"
-        raise MkError(msg) from error
+    save(path, text, overwrite=overwrite)
     return gone
 
 

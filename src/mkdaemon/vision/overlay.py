@@ -8,6 +8,8 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from mkdaemon.errors import ConfigError
+from mkdaemon.files import save
 from mkdaemon.vision.camera.intrinsics import Intrinsics
 from mkdaemon.vision.pose.projection import NEAR_M
 from mkdaemon.vision.still import StillPose, StillResult
@@ -47,23 +49,26 @@ def draw(pixels: npt.NDArray[np.uint8], result: StillResult, intrinsics: Intrins
     return picture
 
 
-def write_picture(path: Path, pixels: npt.NDArray[np.uint8]) -> None:
-    """Write a picture to a file; its suffix chooses the format.
+def write_picture(path: Path, pixels: npt.NDArray[np.uint8], *, overwrite: bool = False) -> None:
+    """Write a picture to a file, whole or not at all; its suffix chooses the format.
 
     Args:
         path: in a folder that exists.
-        pixels: `(h, w, 3)` uint8, blue-green-red.
+        pixels: `(h, w, 3)` uint8, blue-green-red, or `(h, w)` uint8, grey.
+        overwrite: replace a file that is there.
 
     Raises:
-        OSError: it cannot be written.
+        ConfigError: the file is there already and `overwrite` is off, or no format has this suffix.
+        MkError: it cannot be written; what was there is untouched.
     """
     try:
-        is_written = cv2.imwrite(str(path), pixels)
+        is_encoded, content = cv2.imencode(path.suffix, pixels)
     except cv2.error:
-        is_written = False
-    if not is_written:
-        msg = f"{path}: cannot be written"
-        raise OSError(msg)
+        is_encoded = False
+    if not is_encoded:
+        msg = f"{path}: no format of pictures has this suffix; use .png or .jpg"
+        raise ConfigError(msg)
+    save(path, content.tobytes(), overwrite=overwrite)
 
 
 def _axes(picture: npt.NDArray[np.uint8], found: StillPose, k: Intrinsics, scale: float) -> None:

@@ -172,7 +172,7 @@ def test_a_camera_file_comes_back_as_it_went(tmp_path: Path) -> None:
         mount=MountSection(position_flu=(0.1, 0.0, -0.05), looks="down", rpy_deg=(0.5, -1.0, 0.0)),
         calibration=CalibrationRecord(date="2026-05-01", views=14, rms_px=0.11, forced=True),
     )
-    path = tmp_path / "deep" / "camera.toml"
+    path = tmp_path / "camera.toml"
     save_camera(camera, path)
     assert load_camera(path) == camera
 

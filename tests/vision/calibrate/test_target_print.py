@@ -207,7 +207,7 @@ def test_shipped_targets_print(name: str, tmp_path: Path) -> None:
         ("x.png", None, ".svg or .pdf"),
         ("x.svg", "a4", "use one of"),
         ("x.pdf", "a9", "use one of"),
-        ("no/x.pdf", None, "No such"),
+        ("no/x.pdf", None, "there is no folder"),
     ],
 )
 def test_what_cannot_be_written_is_named(name: str, tile: str | None, words: str, tmp_path: Path) -> None:

@@ -10,8 +10,8 @@ from typing import Annotated, Any, Final
 from cyclopts import App, Parameter
 
 from mkdaemon.cli.mkctl.connection import HERE, Connection
-from mkdaemon.errors import ConfigError, MkError
-from mkdaemon.files import write_whole
+from mkdaemon.errors import ConfigError
+from mkdaemon.files import refuse_existing, save
 from mkdaemon.protocol.messages import WriteMixer
 from mkdaemon.telemetry.settings import MixerTable
 
@@ -35,13 +35,13 @@ async def get(
         ConfigError: the file is there already.
         MkError: the FlightCtrl did not answer, or the file cannot be written.
     """
-    if file is not None and file.exists() and not force:
-        msg = f"{file}: exists already; choose another name, or overwrite it with --force"
-        raise ConfigError(msg)
+    if file is not None:
+        refuse_existing(file, overwrite=force)
     async with connection.open() as uav:
         mixer = await uav.mixer()
     if file is not None:
-        _save(file, mixer, overwrite=force)
+        save(file, to_toml(mixer.name, mixer.motors), overwrite=force)
+        print(f"saved {file}")
     elif connection.json:
         print(json.dumps({"name": mixer.name, "motors": _rows(mixer)}))
     else:
@@ -119,15 +119,6 @@ def _is_row(row: object) -> bool:
         and len(row) == len(COLUMNS)
         and all(isinstance(value, int) and not isinstance(value, bool) and -128 <= value <= 127 for value in row)
     )
-
-
-def _save(file: Path, mixer: MixerTable, *, overwrite: bool) -> None:
-    try:
-        write_whole(file, to_toml(mixer.name, mixer.motors), overwrite=overwrite)
-    except OSError as error:
-        msg = f"{file}: cannot be written ({error.strerror}); choose another place"
-        raise MkError(msg) from error
-    print(f"saved {file}")
 
 
 def _rows(mixer: MixerTable) -> list[list[int]]:

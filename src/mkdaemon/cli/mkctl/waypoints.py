@@ -12,7 +12,7 @@ from cyclopts import App, Parameter
 from mkdaemon.cli.mkctl.connection import HERE, Connection
 from mkdaemon.cli.mkctl.progress import showing_progress
 from mkdaemon.errors import MkError
-from mkdaemon.missions import read_mission, refuse_existing, write_mission
+from mkdaemon.missions import check_place, read_mission, write_mission
 from mkdaemon.telemetry.mission import Mission
 
 app = App(
@@ -55,7 +55,7 @@ async def download(file: MissionFile, /, *, force: Force = False, connection: Co
         ConfigError: the file is there already.
         MkError: the list is empty or could not be read, or the file cannot be written.
     """
-    refuse_existing(file, overwrite=force)
+    check_place(file, overwrite=force)
     async with connection.open() as uav, showing_progress(uav, "download", quiet=connection.json) as report:
         found = await uav.waypoints(on_progress=report)
     if not found.points:

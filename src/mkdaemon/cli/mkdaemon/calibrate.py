@@ -17,6 +17,7 @@ from cyclopts import App, Parameter
 from mkdaemon.bus.session import session_config
 from mkdaemon.config.camera import CameraSection, MountSection
 from mkdaemon.errors import ConfigError, MkError, VisionError
+from mkdaemon.files import refuse_existing
 from mkdaemon.vision.calibrate.board import CalibrationBoard, CharucoBoard, TagBoard
 from mkdaemon.vision.calibrate.calibration import CalibrationResult, calibrate, rounded
 from mkdaemon.vision.calibrate.coverage import Coverage
@@ -63,7 +64,8 @@ def camera(
         0.0,
         0.0,
     ),
-    force: Annotated[bool, Parameter(negative=(), help="Store a poor calibration all the same.")] = False,
+    accept_poor: Annotated[bool, Parameter(negative=(), help="Store a poor calibration all the same.")] = False,
+    force: Annotated[bool, Parameter(negative=(), help="Overwrite files that are there.")] = False,
     as_json: Annotated[bool, Parameter(name="--json", negative=(), help="Answer as one JSON object.")] = False,
 ) -> None:
     """Calibrate a camera and write its camera file.
@@ -74,8 +76,13 @@ def camera(
 
     Raises:
         ConfigError: the board, the pictures or the source cannot be used.
-        VisionError: too few pictures, or the calibration is poor and `--force` was not given.
+        VisionError: too few pictures, or the calibration is poor and `--accept-poor` was not given.
+        MkError: a file cannot be written.
     """
+    refuse_existing(output, overwrite=force)
+    for picture in sorted(keep.glob("view*.png")) if keep is not None else ():
+        refuse_existing(picture, overwrite=force)
+    output.parent.mkdir(parents=True, exist_ok=True)
     if (images is None) == (source is None):
         msg = "give a folder of pictures, or --source for a live camera"
         raise ConfigError(msg)
@@ -91,9 +98,9 @@ def camera(
     if not as_json:
         _explain(result, coverage)
     if as_json:
-        print(json.dumps(_summary(result, coverage, str(output), stored=not faults or force)))
-    if faults and not force:
-        msg = f"calibration refused: {'; '.join(faults)} (or store it with --force)"
+        print(json.dumps(_summary(result, coverage, str(output), stored=not faults or accept_poor)))
+    if faults and not accept_poor:
+        msg = f"calibration refused: {'; '.join(faults)} (or store it with --accept-poor)"
         raise VisionError(msg)
     record = CalibrationRecord(
         date=datetime.now(UTC).date().isoformat(),
@@ -114,6 +121,7 @@ def camera(
             calibration=record,
         ),
         output,
+        overwrite=force,
     )
     if not as_json:
         print(f"stored in {output}")

@@ -58,6 +58,7 @@ def detect(
     overlay: Annotated[
         Path | None, Parameter(help="Write pictures with the findings: a folder, or a picture for one image.")
     ] = None,
+    force: Annotated[bool, Parameter(help="Overwrite pictures that are there.", negative=())] = False,
 ) -> int:
     """Find tags and their poses.
 
@@ -69,7 +70,9 @@ def detect(
     Without a calibration there are tags and no poses. Exit code 1 when an image could not be read.
 
     Raises:
-        ConfigError: options that exclude each other, or a camera or target file that cannot be used.
+        ConfigError: options that exclude each other, a camera or target file that cannot be used, or a picture that
+            is there already.
+        MkError: a picture cannot be written.
     """
     if camera is not None and intrinsics is not None:
         msg = "give --camera or --intrinsics, not both"
@@ -115,7 +118,8 @@ def detect(
         result = eyes[k].look(picture.pixels)
         _tell(picture, result, k, as_json=as_json, sized=bool(target) or tag_size is not None)
         if overlay is not None:
-            _write_overlay(overlay, picture, draw(picture.pixels, result, k), single=len(pictures) == 1)
+            path = _overlay_path(overlay, picture, single=len(pictures) == 1)
+            write_picture(path, draw(picture.pixels, result, k), overwrite=force)
     return 1 if failed else 0
 
 
@@ -265,16 +269,14 @@ def _pose(found: StillPose) -> dict[str, Any]:
     }
 
 
-def _write_overlay(place: Path, picture: Picture, drawn: npt.NDArray[np.uint8], *, single: bool) -> None:
-    """Into the named picture when there is one image, else into a folder under the image's own name."""
+def _overlay_path(place: Path, picture: Picture, *, single: bool) -> Path:
+    """The named picture when there is one image, else one in a folder under the image's own name."""
     if single and picture.frame is None and place.suffix.lower() in {".png", ".jpg", ".jpeg"}:
-        path = place
-    else:
-        number = "" if picture.frame is None else f"-{picture.frame:06d}"
-        path = place / f"{Path(picture.file).stem}{number}.png"
+        return place
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        write_picture(path, drawn)
-    except OSError:
-        msg = f"--overlay {path}: cannot be written"
+        place.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        msg = f"--overlay {place}: {error.strerror}; name a folder, or a .png or .jpg for one image"
         raise ConfigError(msg) from None
+    number = "" if picture.frame is None else f"-{picture.frame:06d}"
+    return place / f"{Path(picture.file).stem}{number}.png"

@@ -10,6 +10,7 @@ from cyclopts import Parameter
 
 from mkdaemon.config.vision import TagPlacement, TargetSection
 from mkdaemon.errors import ConfigError
+from mkdaemon.files import refuse_existing, save
 from mkdaemon.vision.calibrate.board import CharucoBoard
 from mkdaemon.vision.calibrate.target_print import write_page
 from mkdaemon.vision.calibrate.target_shapes import Page, board_page, target_page
@@ -32,6 +33,7 @@ def target(
     square: Annotated[float, Parameter(help="Side of a square of the calibration board [m].")] = 0.03,
     tile: Annotated[str | None, Parameter(help="Cut a PDF for this paper: a4, a3, a2, a1 or a0.")] = None,
     write_target: Annotated[Path | None, Parameter(help="Also write the target file of the given tags here.")] = None,
+    force: Annotated[bool, Parameter(negative=(), help="Overwrite files that are there.")] = False,
     as_json: Annotated[bool, Parameter(name="--json", negative=(), help="Answer as one JSON object.")] = False,
 ) -> None:
     """Write a target or calibration board as SVG or PDF in true size, with a ruler to check the print.
@@ -40,8 +42,12 @@ def target(
     `mkdaemon target board.pdf --charuco 9x6 --square 0.028`.
 
     Raises:
-        ConfigError: not one target was given, or it cannot be drawn or written.
+        ConfigError: not one target was given, it cannot be drawn, or a file is there already.
+        MkError: a file cannot be written.
     """
+    for path in (output, write_target):
+        if path is not None:
+            refuse_existing(path, overwrite=force)
     given = [name for name, value in (("--target", target), ("--tag", tag), ("--charuco", charuco)) if value]
     if len(given) != 1:
         msg = f"give one of --target, --tag, --charuco{', not ' + ' and '.join(given) if given else ''}"
@@ -52,8 +58,8 @@ def target(
         chosen = _from_file(target) if target is not None else _from_tags(tag)
         page = target_page(chosen)
         if write_target is not None:
-            _write_target_file(chosen, write_target)
-    write_page(page, output, tile=tile)
+            _write_target_file(chosen, write_target, overwrite=force)
+    write_page(page, output, tile=tile, overwrite=force)
     _tell(page, output, as_json=as_json)
 
 
@@ -103,12 +109,8 @@ def _from_tags(tags: tuple[str, ...]) -> Target:
     return build([TargetSection(name="print", tags=tuple(placements))], origin="--tag").targets[0]
 
 
-def _write_target_file(target: Target, path: Path) -> None:
+def _write_target_file(target: Target, path: Path, *, overwrite: bool) -> None:
     lines = ["# Sizes as designed: measure the print and correct them.", "[[targets]]", f'name = "{path.stem.lower()}"']
     for tag in target.tags:
         lines += ["", "[[targets.tags]]", f'family = "{tag.family.name}"', f"id = {tag.tag_id}", f"size = {tag.size!r}"]
-    try:
-        path.write_text("\n".join(lines) + "\n", encoding="utf-8")
-    except OSError as error:
-        msg = f"{path}: {error.strerror or error}"
-        raise ConfigError(msg) from None
+    save(path, "\n".join(lines) + "\n", overwrite=overwrite)

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Final
 
 from mkdaemon.errors import ConfigError
+from mkdaemon.files import write_whole
 from mkdaemon.sim.boards.parameters import FACTORY_ACTIVE, SETS, Parameters, factory_set, parameter_size
 
 MIXER_SIZE: Final = 77
@@ -89,10 +90,8 @@ class Eeprom:
             "mixer": self.mixer.hex(),
             "motor_configs": [raw.hex() for raw in self.motor_configs],
         }
-        fresh = self._path.with_suffix(self._path.suffix + ".new")
         try:
-            fresh.write_text(json.dumps(content, indent=1) + "\n", encoding="ascii")
-            fresh.replace(self._path)
+            write_whole(self._path, json.dumps(content, indent=1) + "\n", overwrite=True)
         except OSError as error:
             msg = f"sim.eeprom {self._path}: {error.strerror or error}; name a file in a folder that can be written"
             raise ConfigError(msg) from None

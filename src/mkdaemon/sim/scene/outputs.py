@@ -6,6 +6,7 @@ import fcntl
 import os
 import struct
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from typing import Final, Protocol
 
@@ -36,16 +37,20 @@ class FrameWriter(Protocol):
 
 
 class VideoWriter:
-    """A video file; `.avi` and `.mkv` are lossless, everything else is compressed.
+    """A video file; `.avi` and `.mkv` are lossless, everything else is compressed. It gets its name when it is closed.
 
     Raises:
-        ConfigError: the file cannot be written.
+        ConfigError: the file is there already, or cannot be written.
     """
 
     def __init__(self, path: Path, width: int, height: int, fps: float) -> None:
         lossless = path.suffix.lower() in {".avi", ".mkv"}
         code = cv2.VideoWriter.fourcc(*("FFV1" if lossless else "mp4v"))
-        self._writer = cv2.VideoWriter(str(path), cv2.CAP_FFMPEG, code, fps, (width, height), isColor=False)
+        if path.exists():
+            msg = f"sim.scene.video {path}: exists already; name another file, or remove it"
+            raise ConfigError(msg)
+        self._path, self._fresh = path, path.with_name(f".{path.stem}.new{path.suffix}")
+        self._writer = cv2.VideoWriter(str(self._fresh), cv2.CAP_FFMPEG, code, fps, (width, height), isColor=False)
         if not self._writer.isOpened():
             msg = f"sim.scene.video {path}: cannot be written; use a folder that exists and .avi, .mkv or .mp4"
             raise ConfigError(msg)
@@ -55,8 +60,10 @@ class VideoWriter:
         self._writer.write(pixels)
 
     def close(self) -> None:
-        """Finish the file."""
+        """Finish the file; idempotent."""
         self._writer.release()
+        with suppress(FileNotFoundError):
+            self._fresh.replace(self._path)
 
 
 def loop_format(width: int, height: int) -> bytes:

@@ -9,6 +9,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from mkdaemon.files import write_whole
 from mkdaemon.sim.scene.flights import patches, side_cut
 from mkdaemon.sim.scene.light import Conditions, Glare, Shadow
 from mkdaemon.sim.scene.motion import Platform
@@ -26,7 +27,8 @@ def contact_sheet(target: Target, path: Path, *, seed: int = 1) -> None:
     pictures = [_labelled(image, text) for text, image in _pictures(target, seed)]
     rows = [np.hstack(pictures[first : first + COLUMNS]) for first in range(0, len(pictures), COLUMNS)]
     path.parent.mkdir(parents=True, exist_ok=True)
-    cv2.imwrite(str(path), np.vstack(rows))
+    _, picture = cv2.imencode(".png", np.vstack(rows))
+    write_whole(path, picture.tobytes(), overwrite=True)
 
 
 def _pictures(target: Target, seed: int) -> list[tuple[str, npt.NDArray[np.uint8]]]:

@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from mkdaemon.errors import ConfigError
+from mkdaemon.files import save
 from mkdaemon.vision.calibrate.target_shapes import Page
 
 Array = npt.NDArray[np.float64]
@@ -30,16 +31,18 @@ EDGE_MM = 8.0
 """Rim of a tile most printers leave blank."""
 
 
-def write_page(page: Page, path: Path, *, tile: str | None = None) -> None:
+def write_page(page: Page, path: Path, *, tile: str | None = None, overwrite: bool = False) -> None:
     """Write a page to `path`, `.svg` or `.pdf`; a PDF may be cut into tiles for a smaller printer.
 
     Args:
         page: what to print.
         path: where; its suffix tells the format.
         tile: paper to cut the page for, one of `PAPERS_MM`; PDF only.
+        overwrite: replace a file that is there.
 
     Raises:
-        ConfigError: unknown suffix or paper, or the place cannot be written.
+        ConfigError: unknown suffix or paper, or the file is there already.
+        MkError: the file cannot be written; what was there is untouched.
     """
     suffix = path.suffix.lower()
     if tile is not None and (tile.lower() not in PAPERS_MM or suffix != ".pdf"):
@@ -52,11 +55,7 @@ def write_page(page: Page, path: Path, *, tile: str | None = None) -> None:
     else:
         msg = f"{path}: give a file that ends in .svg or .pdf"
         raise ConfigError(msg)
-    try:
-        path.write_bytes(content)
-    except OSError as error:
-        msg = f"{path}: {error.strerror or error}"
-        raise ConfigError(msg) from None
+    save(path, content, overwrite=overwrite)
 
 
 def svg(page: Page) -> str:

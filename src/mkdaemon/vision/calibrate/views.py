@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from mkdaemon.errors import VisionError
+from mkdaemon.files import save
 from mkdaemon.vision.calibrate.board import BoardPoints, CalibrationBoard
 from mkdaemon.vision.calibrate.coverage import Coverage
 from mkdaemon.vision.camera.files import list_pictures
@@ -72,7 +73,7 @@ class LiveViews:
 
     Args:
         board: what is shown.
-        keep: folder for the pictures taken; None keeps none.
+        keep: folder for the pictures taken, which replace those of an earlier run; None keeps none.
     """
 
     def __init__(self, board: CalibrationBoard, keep: Path | None = None) -> None:
@@ -111,7 +112,8 @@ class LiveViews:
             return ViewReport(name, count, False, "move on")
         self.coverage.add(view)
         if self._keep is not None:
-            cv2.imwrite(str(self._keep / f"view{len(self.coverage.views):03d}.png"), pixels)
+            _, picture = cv2.imencode(".png", pixels)
+            save(self._keep / f"view{len(self.coverage.views):03d}.png", picture.tobytes(), overwrite=True)
         return ViewReport(name, count, True)
 
 

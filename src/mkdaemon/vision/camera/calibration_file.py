@@ -15,6 +15,7 @@ from pydantic import Field, ValidationError
 from mkdaemon.config.base import Section
 from mkdaemon.config.camera import MountSection
 from mkdaemon.errors import ConfigError
+from mkdaemon.files import save
 from mkdaemon.frames import FLU_FROM_RDF, rotation_from_euler
 from mkdaemon.vision.camera.intrinsics import Intrinsics
 
@@ -125,11 +126,12 @@ def _describe(found: ValidationError) -> str:
     return f"{place}: {first['msg']}"
 
 
-def save_camera(camera: Camera, path: Path) -> None:
-    """Write a camera file.
+def save_camera(camera: Camera, path: Path, *, overwrite: bool = False) -> None:
+    """Write a camera file, whole or not at all.
 
     Raises:
-        ConfigError: the place cannot be written, or no lens has such figures.
+        ConfigError: the file is there already and `overwrite` is off, or no lens has such figures.
+        MkError: the file cannot be written; what was there is untouched.
     """
     slip = _slip(camera.intrinsics)
     if slip:
@@ -143,12 +145,7 @@ def save_camera(camera: Camera, path: Path) -> None:
     ):
         lines += ["", f"[{title}]"]
         lines += [f"{key} = {_toml(value)}" for key, value in section]
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text("\n".join(lines) + "\n", encoding="utf-8")
-    except OSError as error:
-        msg = f"camera file {path}: {error.strerror or error}"
-        raise ConfigError(msg) from None
+    save(path, "\n".join(lines) + "\n", overwrite=overwrite)
 
 
 def _toml(value: object) -> str:
