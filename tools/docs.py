@@ -19,6 +19,7 @@ from mkdaemon.errors import MkError
 from mkdaemon.files import write_whole
 
 GENERATED: Final[Mapping[str, str]] = {
+    "docs/configuration.md": "tools.configuration_page:configuration_page",
     "docs/keys.md": "tools.keys_page:keys_page",
     "docs/library-reference.md": "tools.library_page:library_page",
     "docs/modes.md": "tools.modes_page:modes_page",

@@ -14,7 +14,7 @@ from mkdaemon.stamp import Stamp
 from mkdaemon.telemetry.command import CommandResult, RateRequest
 from mkdaemon.telemetry.control import LeaseState
 from mkdaemon.telemetry.refusals import REFUSALS
-from tools.markdown import escape
+from tools.markdown import escape, table
 from tools.model_tables import enums_of, fields_of, link_to, members_of, with_parts
 
 _HEAD: Final = """# Keys
@@ -36,8 +36,9 @@ every other unit is the end of the name (`used_mah`, `p95_ms`, `rms_px`).
 **Where.** The daemon listens at `{endpoint}` (Zenoh; `bus.listen` in the configuration); programs connect there with
 `--connect` or `MK_CONNECT`.
 
-**Who answers.** The daemon shows the liveliness token `alive`. No reply to a query means that nobody is home.
-Clients connect in Zenoh mode `client`; a query with a wildcard under `cmd/` or `do/` commands nothing.
+**Who answers.** The second column says who publishes a key, answers a query or reads a setpoint; every program reaches
+all of them through the daemon's endpoint. The daemon shows the liveliness token `alive`. No reply to a query means that
+nobody is home. Clients connect in Zenoh mode `client`; a query with a wildcard under `cmd/` or `do/` commands nothing.
 """
 
 _TITLES: Final = {
@@ -47,6 +48,16 @@ _TITLES: Final = {
     Use.SETPOINT: "Streamed by clients, newest wins",
     Use.TOKEN: "Liveliness tokens",
 }
+
+_SAYS: Final = {
+    Use.PUBLISHED: ("payload", "when"),
+    Use.CLIENT: ("payload", "when"),
+    Use.QUERY: ("request", "reply"),
+    Use.SETPOINT: ("payload",),
+    Use.TOKEN: (),
+}
+"""What the table of each use says between the key and its meaning."""
+_COMMAND: Final = "cmd/<board>/<message>"
 
 _COMMANDS: Final = """## Commands
 
@@ -91,10 +102,8 @@ def _parts() -> Iterator[str]:
     yield _HEAD.replace("{endpoint}", ", ".join(BusConfig().listen))
     for use, title in _TITLES.items():
         yield f"\n## {title}\n\n"
-        yield "| key | payload | when | what |\n|---|---|---|---|\n"
-        for spec in KEYS:
-            if spec.use is use:
-                yield _row(spec)
+        head = ("key", "who", *_SAYS[use], "what")
+        yield from (f"{line}\n" for line in table(head, (_row(spec) for spec in KEYS if spec.use is use)))
     yield f"\n{_COMMANDS}\n{_FLYING}\n{_REFUSALS}"
     for token, refusal in REFUSALS.items():
         yield f"| `{token}` | {refusal.status.value} | {escape(refusal.reason)} | {escape(refusal.fix)} |\n"
@@ -108,11 +117,23 @@ def _parts() -> Iterator[str]:
     yield "\nThe payloads of `rx/` and `tx/` carry the message's own fields: [protocol.md](protocol.md).\n"
 
 
-def _row(spec: KeySpec) -> str:
-    payload = link_to(spec.carries) if spec.carries else ""
-    if spec.reply is not None:
-        payload += f"; reply {link_to(spec.reply)}"
-    return f"| `{spec.suffix}` | {payload} | {spec.when} | {spec.about} |\n"
+def _row(spec: KeySpec) -> tuple[str, ...]:
+    cells = {
+        "payload": link_to(spec.carries) if spec.carries else "none",
+        "request": link_to(spec.carries) if spec.carries else "none",
+        "reply": link_to(spec.reply) if spec.reply else "",
+        "when": spec.when,
+    }
+    if spec.suffix == _COMMAND:  # the payload of a request is the message's own fields, as is that of its reply
+        cells |= {"request": "its fields", "reply": "the answer's fields"}
+    return (f"`{spec.suffix}`", _who(spec), *(cells[name] for name in _SAYS[spec.use]), spec.about)
+
+
+def _who(spec: KeySpec) -> str:
+    """Which program publishes a key, answers it, or reads it."""
+    if spec.suffix.startswith("sim/"):
+        return "simulator"
+    return "the client that wants the lease" if spec.suffix.startswith("client/") else "daemon"
 
 
 def _models() -> list[type[BaseModel]]:

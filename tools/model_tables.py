@@ -89,7 +89,13 @@ def type_of(annotation: Any) -> str:
 def _need(name: str, schema: dict[str, Any]) -> str:
     """What a client must know to fill a field: whether it is required, its default, its range."""
     field = schema["properties"][name]
-    words = ["required"] if name in schema.get("required", ()) else [f"default {_plain(field.get('default'))}"]
+    needed = "required" if name in schema.get("required", ()) else f"default {_plain(field.get('default'))}"
+    return ", ".join(filter(None, (needed, limits_of(field))))
+
+
+def limits_of(field: dict[str, Any]) -> str:
+    """What values a field of a JSON schema may have, in words; empty where any."""
+    words = []
     for part in (field, *field.get("anyOf", ())):
         words += [f"{sign} {part[limit]:g}" for limit, sign in _LIMITS.items() if limit in part]
         if "pattern" in part:

@@ -58,8 +58,8 @@ def write_whole(path: Path, content: str | bytes, *, overwrite: bool = False) ->
 
     Raises:
         FileExistsError: it is there already, and `overwrite` is off.
-        OSError: it cannot be written, for example because the disk is full, or what is there is a device; what was there
-            is untouched.
+        OSError: it cannot be written, for example because the disk is full, or what is there is a device; what was
+            there is untouched.
     """
     raw = content.encode() if isinstance(content, str) else content
     place = Path(os.path.realpath(path))

@@ -3,6 +3,7 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
+from mkdaemon.bus.keys import KEYS
 from mkdaemon.cli.program import run
 from mkdaemon.protocol.sources import Source
 from mkdaemon.protocol.wire import MESSAGES, Board
@@ -97,6 +98,14 @@ def test_citations_name_documents_of_this_repository():
     texts = {path: path.read_text(encoding="utf-8") for part in PARTS for path in (ROOT / part).rglob("*.py")}
     own = Path(__file__)
     assert [str(path) for path, text in texts.items() if outside.search(text) and path != own] == []
+
+
+def test_the_keys_page_says_who_publishes_answers_or_reads_each_key():
+    page = make_page(GENERATED["docs/keys.md"], ROOT)
+    for spec in KEYS:
+        who = "simulator" if spec.suffix.startswith("sim/") else "daemon"
+        if spec.suffix != "client/<holder>":
+            assert f"| `{spec.suffix}` | {who} | " in page
 
 
 def test_the_keys_page_says_where_what_is_required_and_what_every_word_can_be():

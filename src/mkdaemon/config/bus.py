@@ -23,5 +23,5 @@ class BusConfig(Section):
     max_queries: int = Field(default=64, ge=1, le=1024)
     """Queries worked on at a time; further ones are answered `busy`."""
     local_group: str | None = None
-    """Group whose members may use the Unix socket for `mkctl release` beside the daemon's own user; null: nobody else.
+    """Group whose members may use the Unix socket for `mkctl release` beside the daemon's own user; unset: nobody else.
     The daemon's user must be in it."""

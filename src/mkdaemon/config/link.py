@@ -51,7 +51,7 @@ class LinkConfig(Section):
     reopen_max: Annotated[float, Field(gt=0, le=60)] = 1.0
     """Longest delay between two attempts [s]."""
     label_cache: Path | None = None
-    """File in which analog labels are kept by board, version and checksum; None to keep them in memory."""
+    """File in which analog labels are kept by board, version and checksum; unset keeps them in memory."""
 
     @model_validator(mode="after")
     def _delays_in_order(self) -> Self:

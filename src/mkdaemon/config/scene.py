@@ -21,7 +21,7 @@ class PlatformConfig(Section):
     heading_deg: float = 0.0
     """Direction of travel and of its x axis, counter-clockwise from east [deg]."""
     speed: float = Field(default=0.0, ge=0.0, le=20.0)
-    """[m/s]."""
+    """Speed on its way [m/s]."""
     radius: float = Field(default=2.0, gt=0.0)
     """Of the circle [m]."""
     acceleration: float = Field(default=0.2, gt=0.0)
@@ -77,6 +77,6 @@ class SceneConfig(Section):
     stamp_error_ms: float = Field(default=0.0, ge=-1000.0, le=1000.0)
     """Error of the capture time in the header, late positive [ms]."""
     video: Path | None = None
-    """Also write all images to this video."""
+    """Also write all images to this video, which must not be there yet."""
     v4l2_loop: Path | None = None
     """Also write all images to this v4l2loopback device, for other programs."""

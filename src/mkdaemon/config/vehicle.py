@@ -16,7 +16,7 @@ class VehicleConfig(Section):
     name: str = Field(default="mk1", pattern=VEHICLE_NAME)
     """Name in every key, `mk/<name>/...`: lower-case letters, digits, `-` and `_`."""
     state_folder: Path | None = None
-    """Folder of what must survive a restart, for example which parameter set has to be live; null: systemd's
+    """Folder of what must survive a restart, for example which parameter set has to be live; unset: systemd's
     `$STATE_DIRECTORY/<name>`, else `$XDG_STATE_HOME/mkdaemon/<name>`, else `~/.local/state/mkdaemon/<name>`."""
     note: str = Field(default="", max_length=200)
     """Free text shown by `mkctl status`, for example airframe and battery."""

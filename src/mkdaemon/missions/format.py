@@ -90,7 +90,8 @@ def write_mission(mission: Mission, path: Path, *, overwrite: bool = False) -> t
         What the format does not keep, for example `climb of points 2 and 3`.
 
     Raises:
-        ConfigError: the format is unknown or would fly another mission, or the file is there already.
+        ConfigError: the format is unknown or would fly another mission, the file is there already, or there is no such
+            folder.
         MkError: the file cannot be written; what was there is untouched.
     """
     check_place(path, overwrite=overwrite)

@@ -1,0 +1,65 @@
+"""The page of every configuration key."""
+
+from __future__ import annotations
+
+import json
+import tomllib
+
+import pytest
+from pydantic import BaseModel
+
+from mkdaemon.config.root import Config
+from mkdaemon.config.vision import TargetFile
+from mkdaemon.vision.camera.calibration_file import Camera
+from tests.places import CONFIGS
+from tools.configuration_page import configuration_page, keys_of
+
+FILES = [Config, TargetFile, Camera]
+KEYS = [key for model in FILES for key in keys_of(model)]
+
+
+def leaves(schema, part):
+    """Every key of a JSON schema that holds no section, counted as often as it can be written."""
+    if "$ref" in part:
+        part = schema["$defs"][part["$ref"].rsplit("/", 1)[1]]
+    if "properties" in part:
+        return sum(leaves(schema, field) for field in part["properties"].values())
+    inner = [part["items"]] if "items" in part else part.get("anyOf", part.get("allOf", []))
+    found = max((leaves(schema, one) for one in inner), default=1)
+    return max(found, 1)
+
+
+@pytest.mark.parametrize("model", FILES, ids=lambda model: model.__name__)
+def test_no_key_is_left_out(model: type[BaseModel]):
+    schema = model.model_json_schema()
+    assert len(list(keys_of(model))) == leaves(schema, schema)
+
+
+@pytest.mark.parametrize("key", KEYS, ids=lambda key: f"{key.section}.{key.name}")
+def test_every_key_has_type_default_and_meaning(key):
+    kind, _, default, _, meaning = key.cells
+    assert kind
+    assert default
+    assert len(meaning) > 3
+    assert not meaning.startswith(".")
+
+
+def test_units_ranges_and_defaults_are_told():
+    cells = {f"{key.section}.{key.name}": key.cells for key in KEYS}
+    assert cells["link.gap_ms"][:4] == ("number", "ms", "`5.0`", ">= 2.25, <= 100")
+    assert cells["control.rate"][1:3] == ("Hz", "`50.0`")
+    assert cells["sim.pilot_plan"][0].startswith("`circle`, `hover`")
+    assert cells["sim.radio.to_host.usb_timer"][2] == "`0.001`", "the default of this direction, not of the model"
+    assert cells["targets.tags.size"][2] == "*required*"
+    assert cells["cameras.calibration"][2] == "unset"
+
+
+def test_the_page_shows_every_section_of_the_samples():
+    page = configuration_page()
+    sections = set()
+    for file in CONFIGS.glob("*.toml"):
+        tree = tomllib.loads(file.read_text(encoding="utf-8"))
+        sections |= {name for name in tree if isinstance(tree[name], dict)}
+    assert sections
+    assert [name for name in sections if f"### `[{name}]`" not in page] == []
+    assert json.dumps(Config().bus.listen[0]) in page
