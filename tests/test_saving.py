@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import resource
+from contextlib import contextmanager
 
 import pytest
 
@@ -21,16 +22,15 @@ OLD = b"what was there"
 MISSION = "latitude,longitude,altitude\n47.1,8.1,10\n47.1001,8.1,10\n"
 
 
-@pytest.fixture
+@contextmanager
 def full_disk():
     """No file of this process grows above 20 bytes: what a full disk does to a write."""
     before = resource.getrlimit(resource.RLIMIT_FSIZE)
-
-    def fill():
-        resource.setrlimit(resource.RLIMIT_FSIZE, (20, before[1]))
-
-    yield fill
-    resource.setrlimit(resource.RLIMIT_FSIZE, before)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (20, before[1]))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
 
 
 def print_target(folder, *words):
@@ -55,15 +55,15 @@ COMMANDS = [print_target, print_board, write_target_file, convert_mission]
 
 
 @pytest.mark.parametrize("command", COMMANDS, ids=lambda command: command.__name__)
-def test_a_command_overwrites_only_with_force_and_never_on_a_full_disk(command, tmp_path, capsys, full_disk):
+def test_a_command_overwrites_only_with_force_and_never_on_a_full_disk(command, tmp_path, capsys):
     app, file, words = command(tmp_path)
     file.write_bytes(OLD)
     assert run(app, [str(word) for word in words]) == EXIT_CONFIG
     assert f"{file}: exists already; choose another name, or overwrite it with --force" in capsys.readouterr().err
     app, file, words = command(tmp_path, "--force")
     names = sorted(tmp_path.iterdir())
-    full_disk()
-    assert run(app, [str(word) for word in words]) == EXIT_FAILURE
+    with full_disk():
+        assert run(app, [str(word) for word in words]) == EXIT_FAILURE
     assert f"{file}: cannot be written (File too large); choose another place" in capsys.readouterr().err
     assert file.read_bytes() == OLD
     assert sorted(tmp_path.iterdir()) == names
@@ -94,13 +94,12 @@ def save_settings(file, *, overwrite):
 
 
 @pytest.mark.parametrize("write", [save_lens, save_overlay, save_settings], ids=lambda write: write.__name__)
-def test_a_writer_overwrites_only_when_asked_for_and_never_on_a_full_disk(write, tmp_path, full_disk):
+def test_a_writer_overwrites_only_when_asked_for_and_never_on_a_full_disk(write, tmp_path):
     file = tmp_path / ("x.png" if write is save_overlay else "x.toml")
     file.write_bytes(OLD)
     with pytest.raises(ConfigError, match=r"exists already; .* --force"):
         write(file, overwrite=False)
-    full_disk()
-    with pytest.raises(MkError, match=r"cannot be written .File too large."):
+    with pytest.raises(MkError, match=r"cannot be written .File too large."), full_disk():
         write(file, overwrite=True)
     assert [path.read_bytes() for path in tmp_path.iterdir()] == [OLD]
 
