@@ -60,6 +60,7 @@ def test_encodings_name_schema_and_version():
     [
         b"\xc1", b"\xff\xff", b"\x91" * 3000, b"\x81\xa1a", b"\x81\x01\x02", b"\x81\xa1\xff\x01", b"\x93\x01\x02\x03",
         b"\xa3abc", b"\x80\x80", TooLong(5000, 4096), b"\x81\xa1a\xc7\x01\x05x", b"\x81\xa1a\xd6\xff\0\0\0\0",
+        b"\x81\xc4\x01a\x02", b"\x82\xa1a\x01\xa1a\x02",
     ],
 )  # fmt: skip
 def test_what_is_no_map_is_refused_as_malformed(raw):

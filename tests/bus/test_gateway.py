@@ -63,6 +63,7 @@ async def test_what_the_bus_itself_subscribes_to_is_no_audience(bus):
         assert not waiting.done()
         watcher = session.declare_subscriber("mk/t1/state/battery", zenoh.handlers.RingChannel(1))
         await asyncio.wait_for(waiting, PATIENCE)
+        await asyncio.wait_for(opened.wait_until_watched(), PATIENCE)
         watcher.undeclare()
 
 
@@ -169,7 +170,21 @@ async def test_leaving_ends_commands_that_still_run():
             await asyncio.wait_for(begun.wait(), PATIENCE)
             await opened._stop_answering()
             assert await asyncio.wait_for(asking, PATIENCE) == []
+            begun.clear()
+            assert await asyncio.to_thread(ask, session, "mk/t3/cmd/fc/version_request") == []
+            assert not begun.is_set(), "nothing new begins"
     assert ended.is_set()
+
+
+async def test_a_bus_that_cannot_be_declared_leaves_no_thread_behind(monkeypatch):
+    def fail(*_):
+        raise RuntimeError("wires crossed")
+
+    monkeypatch.setattr(Bus, "_declare_lookup", fail)
+    with pytest.raises(RuntimeError, match="wires crossed"):
+        async with Bus.open(bus_config(free_endpoint()), "t9"):
+            pytest.fail("it was opened")
+    assert not [thread.name for thread in threading.enumerate() if thread.name in {"bus.lookups", "bus.replies"}]
 
 
 def _impatient(endpoint):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import gc
 import os
 import sys
@@ -11,7 +12,16 @@ from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 
-from mkdaemon.daemon.priority import NICE, SWITCH, favour_loop, favour_threads, spare_collector, treat_loop_equally
+from mkdaemon.daemon import priority
+from mkdaemon.daemon.priority import (
+    NICE,
+    SWITCH,
+    favour_loop,
+    favour_threads,
+    keep_threads_favoured,
+    spare_collector,
+    treat_loop_equally,
+)
 
 pytestmark = pytest.mark.skipif(not hasattr(os, "sched_setscheduler"), reason="this system has no such call")
 
@@ -57,6 +67,13 @@ def test_without_the_right_the_loop_stays_ordinary(monkeypatch):
     assert sys.getswitchinterval() == pytest.approx(SWITCH)
 
 
+def test_a_system_without_such_priorities_is_no_fault(monkeypatch):
+    monkeypatch.delattr(os, "sched_setscheduler")
+    assert favour_loop() is False
+    treat_loop_equally()
+    assert sys.getswitchinterval() == pytest.approx(SWITCH)
+
+
 def test_what_is_loaded_is_not_collected_again():
     try:
         spare_collector()
@@ -93,3 +110,38 @@ def test_without_the_right_threads_stay_as_they_are(monkeypatch):
     finally:
         done.set()
         other.join()
+
+
+def test_a_thread_that_ends_meanwhile_is_no_fault(monkeypatch):
+    asked = []
+
+    def has_gone(kind: int, thread: int, nice: int) -> None:
+        asked.append(thread)
+        raise ProcessLookupError
+
+    monkeypatch.setattr(os, "setpriority", has_gone)
+    done = threading.Event()
+    other = threading.Thread(target=done.wait)
+    other.start()
+    try:
+        assert favour_threads() is True
+        assert other.native_id in asked
+    finally:
+        done.set()
+        other.join()
+
+
+def test_a_system_that_does_not_list_threads_is_no_fault(monkeypatch, tmp_path):
+    monkeypatch.setattr(priority, "THREADS", tmp_path / "nothing")
+    assert favour_threads() is False
+
+
+async def test_threads_that_come_later_are_favoured_too(monkeypatch):
+    looks = []
+    monkeypatch.setattr(priority, "favour_threads", lambda: looks.append(1))
+    monkeypatch.setattr(priority, "THREADS_LOOK", 0.0)
+    keeping = asyncio.create_task(keep_threads_favoured())
+    for _ in range(5):
+        await asyncio.sleep(0)
+    keeping.cancel()
+    assert len(looks) > 1

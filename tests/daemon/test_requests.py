@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 from contextlib import asynccontextmanager
 from unittest.mock import ANY
 
@@ -308,3 +309,11 @@ async def test_what_telemetry_said_about_the_motors_a_second_ago_lets_nothing_pa
     assert (await desk.ask("fc/motor_test", {"motors": TURNING, "confirm": True})).token == "motors_unknown"
     desk.facts.motors_reported(False, STILL.now() - 0.4)
     assert (await desk.ask("fc/motor_test", {"motors": TURNING, "confirm": True})).token is None
+
+
+async def test_without_any_telemetry_about_the_motors_nobody_waits_for_it(desk):
+    desk.facts.motors_reported(False, STILL.now() - 10.0)
+    result = await asyncio.wait_for(
+        desk.ask("fc/motor_test", {"motors": TURNING, "confirm": True}), requests.MOTORS_WAIT
+    )
+    assert result.token == "motors_unknown"

@@ -11,7 +11,7 @@ import threading
 import time
 from collections import deque
 from collections.abc import AsyncIterator, Awaitable, Callable
-from contextlib import asynccontextmanager
+from contextlib import ExitStack, asynccontextmanager
 from typing import Final, Self
 
 import structlog
@@ -56,6 +56,7 @@ class Bus:
         self._publishers: dict[str, tuple[zenoh.Publisher, str]] = {}
         self._last: dict[str, tuple[bytes, str, float]] = {}
         self._answering: set[asyncio.Task[None]] = set()
+        self._is_leaving = False
         # Two, so that who reads no last values holds up no answer to a command.
         limit = 4 * cfg.max_queries
         self._lookups = AnswerThread("bus.lookups", limit=limit, limit_per_key=cfg.max_queries)
@@ -76,11 +77,12 @@ class Bus:
         session = await open_session(config, listen=cfg.listen)
         try:
             bus = cls(session, cfg, vehicle)
-            for root in roots(Use.PUBLISHED):
-                bus._declare_lookup(f"{root}/**", bus._answer_last)
-            bus._declare_lookup("schema/**", bus._answer_schema)
-            with session.liveliness().declare_token(key(vehicle, "alive")):
+            with ExitStack() as token:
                 try:
+                    for root in roots(Use.PUBLISHED):
+                        bus._declare_lookup(f"{root}/**", bus._answer_last)
+                    bus._declare_lookup("schema/**", bus._answer_schema)
+                    token.enter_context(session.liveliness().declare_token(key(vehicle, "alive")))
                     yield bus
                 finally:
                     await bus._stop_answering()
@@ -126,8 +128,11 @@ class Bus:
         loop = self._loop
 
         def on_change(status: zenoh.MatchingStatus) -> None:
-            if status.matching:
-                loop.call_soon_threadsafe(watched.set)
+            loop.call_soon_threadsafe(changed, status.matching)
+
+        def changed(is_watched: bool) -> None:
+            if is_watched:
+                watched.set()
 
         # What this session itself subscribes to, the setpoints, is no audience.
         outside = zenoh.Locality.REMOTE
@@ -142,6 +147,9 @@ class Bus:
         """Answer every command below a root (`cmd`, `do`) with `handler`, each in its own task."""
 
         def take(query: zenoh.Query) -> None:
+            if self._is_leaving:
+                self._reply_result(query, None)
+                return
             if len(self._answering) >= self._cfg.max_queries:
                 error = refuse(Token.BUSY, detail=f"{len(self._answering)} commands are being worked on")
                 self._reply_result(query, refused(error))
@@ -259,6 +267,8 @@ class Bus:
         self._replies.submit(query, reply)
 
     async def _stop_answering(self) -> None:
+        """End what is being worked on; what is asked from now on gets no answer."""
+        self._is_leaving = True
         for task in self._answering:
             task.cancel()
         await asyncio.gather(*self._answering, return_exceptions=True)

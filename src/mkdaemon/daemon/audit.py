@@ -8,7 +8,7 @@ import structlog
 from pydantic import BaseModel
 
 from mkdaemon.clock import Clock, ClockStep
-from mkdaemon.control.actions import Report, ReportCommand, ReportFailsafe, ReportMode, Warn
+from mkdaemon.control.actions import Report, ReportCommand, ReportFailsafe, ReportMode
 from mkdaemon.telemetry.command import CommandResult
 from mkdaemon.telemetry.event import ClockEvent, CommandEvent, FailsafeEvent, LogEvent, ModeEvent
 
@@ -40,7 +40,7 @@ class Audit:
                 self.mode(report.before.value, report.after.value, report.reason)
             case ReportFailsafe():
                 self.failsafe(report.action, report.reason, report.released)
-            case Warn():
+            case _:
                 self.log("warning", report.text)
 
     def command(self, key: str, fields: dict[str, Any], result: CommandResult) -> None:

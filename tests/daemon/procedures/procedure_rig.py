@@ -78,7 +78,7 @@ class ProcedureRig:
         loop = asyncio.get_running_loop()
         self.socket, self.bus, self.phase = socket, Bus(), Phase.FREE
         clock = Clock(monotonic=loop.time)
-        facts = VehicleFacts()
+        facts = self.facts = VehicleFacts()
         core = FlightCore(ControlConfig(), facts, first_epoch=1)
         audit = Audit(self.bus, clock)
         cfg = LinkConfig.model_validate({"port": "/dev/rig"})

@@ -10,6 +10,7 @@ import pytest
 
 from lab.rigs.linkrig import flight_ctrl, navi_ctrl, virtually
 from mkdaemon.errors import CommandRejectedError
+from mkdaemon.telemetry.control import Phase
 from tests.daemon.procedures.procedure_rig import plug_in, procedure_rig
 
 
@@ -171,4 +172,58 @@ async def test_an_upload_that_was_cut_off_is_told_at_the_next_start(tmp_path):
         assert any(said in text for text in rig.bus.texts())
         await rig.until_ready()
         assert (await rig.ask("waypoints_clear")).status == "accepted"
+        assert list(tmp_path.iterdir()) == []
+
+
+@virtually
+async def test_a_list_note_that_cannot_be_read_warns_all_the_same(tmp_path):
+    (tmp_path / "waypoint-list.json").write_text("{")
+    async with procedure_rig(plug_in(navi_ctrl()), tmp_path) as rig:
+        assert any(
+            "an upload was cut off and the NaviCtrl's list may be incomplete" in text for text in rig.bus.texts()
+        )
+
+
+@virtually
+async def test_while_motors_run_nothing_is_restored_and_the_refusal_says_so(tmp_path):
+    socket = plug_in(flight_ctrl())
+    await kill_during(socket, tmp_path, "settings_backup", 0.5)
+    async with procedure_rig(socket, tmp_path) as rig:
+        rig.facts.motors_running = lambda now, within=2.0: True
+        await rig.until_ready()
+        await asyncio.sleep(5.0)
+        assert rig.steps() == []
+        with pytest.raises(CommandRejectedError, match="motors run, or nobody knows"), rig.interlock.taking_lease():
+            pass
+        del rig.facts.motors_running
+        await rig.until(lambda: rig.interlock.owed is None)
+
+
+@virtually
+async def test_flying_keeps_a_recovery_away(tmp_path):
+    socket = plug_in(flight_ctrl())
+    await kill_during(socket, tmp_path, "settings_backup", 0.5)
+    async with procedure_rig(socket, tmp_path) as rig:
+        rig.phase = Phase.FLYING  # it took the lease before the note was known to belong to this aircraft
+        await rig.until_ready()
+        await asyncio.sleep(3.0)
+        assert rig.steps() == []
+        rig.phase = Phase.FREE
+        await rig.until(lambda: rig.interlock.owed is None)
+
+
+@pytest.mark.parametrize("when", ["before", "during"])
+@virtually
+async def test_an_aircraft_that_is_unplugged_is_looked_at_again_when_it_is_back(tmp_path, when):
+    socket = plug_in(flight_ctrl())
+    await kill_during(socket, tmp_path, "settings_backup", 0.5)
+    async with procedure_rig(socket, tmp_path) as rig:
+        await rig.until((lambda: rig.link.is_up) if when == "before" else (lambda: rig.interlock.running))
+        socket.unplug()
+        await asyncio.sleep(5.0)
+        assert rig.interlock.owed is not None
+        assert rig.interlock.running is None
+        socket.is_present = True
+        await rig.until(lambda: rig.interlock.owed is None)
+        assert rig.flight.live.raw == rig.flight.eeprom.sets[3]
         assert list(tmp_path.iterdir()) == []

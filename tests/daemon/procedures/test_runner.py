@@ -8,12 +8,17 @@ import pytest
 
 from lab.rigs.boardport import LineFault
 from lab.rigs.linkrig import flight_ctrl, navi_ctrl, virtually
-from mkdaemon.errors import CommandRejectedError
+from mkdaemon.daemon.procedures.runner import MOTORS_WAIT
+from mkdaemon.daemon.procedures.table import PROCEDURES, request_model
+from mkdaemon.errors import CommandRejectedError, RequestTimeoutError
 from mkdaemon.protocol.messages import SettingsRequest
 from mkdaemon.protocol.wire import Board
 from mkdaemon.telemetry.control import Phase
+from mkdaemon.telemetry.procedure import ProcedureRequest
 from mkdaemon.telemetry.refusals import Token, refuse
 from tests.daemon.procedures.procedure_rig import plug_in, procedure_rig
+
+POINTS = [{"latitude_deg": 53.0, "longitude_deg": 8.0, "altitude": 10.0}]
 
 
 @pytest.mark.parametrize("make", [flight_ctrl(), navi_ctrl()], ids=["fc", "nc"])
@@ -260,3 +265,128 @@ async def test_a_note_that_cannot_be_removed_keeps_everybody_on_the_ground(tmp_p
         await rig.until(lambda: rig.interlock.owed is None)
         assert rig.flight.live.raw == rig.flight.eeprom.sets[3]
         assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("verb", "running", "token"),
+    [
+        ("settings_backup", True, "motors_running"),
+        ("settings_backup", None, "motors_unknown"),
+        ("waypoints_upload", True, "in_flight_needed"),
+        ("waypoints_upload", None, "in_flight_needed"),
+    ],
+)
+@virtually
+async def test_what_must_not_meet_running_motors_is_refused_before_it_begins(tmp_path, verb, running, token):
+    async with procedure_rig(plug_in(navi_ctrl()), tmp_path) as rig:
+        await rig.until_ready()
+        rig.facts.motors_running = lambda now, within=2.0: running
+        before, began = len(rig.socket.wire), asyncio.get_running_loop().time()
+        points = {"points": POINTS} if verb == "waypoints_upload" else {}
+        result = await rig.ask(verb, **points)
+        assert (result.token, bool(result.fix)) == (token, True)
+        assert f"do/{verb}" in result.reason + result.fix
+        waited = asyncio.get_running_loop().time() - began
+        assert waited == pytest.approx(MOTORS_WAIT if running is None else 0.0, abs=0.1)
+        assert rig.bus.values("event/progress") == []
+        asked = {data[2:3] for _, data in rig.socket.wire[before:]}
+        assert not asked & {b"q", b"s", b"w"}, "neither a set nor a point"
+
+
+@virtually
+async def test_a_mission_goes_up_in_flight_where_the_request_says_so(tmp_path):
+    async with procedure_rig(plug_in(navi_ctrl()), tmp_path) as rig:
+        await rig.until_ready()
+        rig.facts.motors_running = lambda now, within=2.0: True
+        result = await rig.ask("waypoints_upload", points=POINTS, in_flight=True)
+        assert (result.status, result.reply["count"]) == ("accepted", 1)
+
+
+@virtually
+async def test_motors_that_start_between_two_requests_end_a_procedure(tmp_path):
+    async with procedure_rig(plug_in(flight_ctrl()), tmp_path) as rig:
+        await rig.until_ready()
+        asked = asyncio.create_task(rig.ask("settings_backup"))
+        await rig.until(lambda: rig.flight.live.raw == rig.flight.eeprom.sets[2])
+        rig.facts.motors_running = lambda now, within=2.0: True
+        result = await asked
+        assert result.token == "live_set_unproven"
+        assert "motors" in result.reason
+        assert rig.interlock.owed is not None
+
+
+@virtually
+async def test_a_defect_in_a_procedure_is_answered_and_the_next_one_runs(tmp_path):
+    async with procedure_rig(plug_in(flight_ctrl()), tmp_path) as rig:
+        await rig.until_ready()
+
+        def fail(message):
+            raise RuntimeError("wires crossed")
+
+        rig.guard.refusal = fail
+        result = await rig.ask("mixer_read")
+        assert (result.token, "RuntimeError: wires crossed" in result.reason) == ("internal", True)
+        assert rig.steps() == [("mixer_read", "running"), ("mixer_read", "failed")]
+        rig.guard.refusal = lambda message: None
+        assert (await rig.ask("mixer_read")).status == "accepted"
+
+
+@virtually
+async def test_a_line_that_is_lost_and_a_board_that_is_silent_are_told_apart(tmp_path):
+    async with procedure_rig(plug_in(flight_ctrl()), tmp_path) as rig:
+        await rig.until_ready()
+        asked = asyncio.create_task(rig.ask("mixer_read"))
+        rig.socket.port.inject(LineFault.SILENCE)
+        silent = await asked
+        assert (silent.token, "no answer from the FC" in silent.reason) == ("procedure_failed", True)
+        rig.socket.port.inject(LineFault.NONE)
+        await rig.until(lambda: rig.link.is_up)
+        asked = asyncio.create_task(rig.ask("mixer_read"))
+        await asyncio.sleep(0.003)
+        rig.socket.unplug()
+        lost = await asked
+        assert (lost.token, "unplugged" in lost.reason) == ("link_down", True)
+
+
+@virtually
+async def test_a_folder_that_takes_no_note_of_a_list_is_named_and_the_mission_goes_up(tmp_path):
+    (tmp_path / "file").write_text("")
+    async with procedure_rig(plug_in(navi_ctrl()), tmp_path / "file") as rig:
+        await rig.until_ready()
+        assert (await rig.ask("waypoints_upload", points=POINTS)).status == "accepted"
+        texts = [text for text in rig.bus.texts() if "waypoint-list.json" in text]
+        assert ["cannot be written" in text or "cannot be removed" in text for text in texts] == [True, True]
+
+
+@pytest.mark.parametrize("verb", ["waypoints_upload", "waypoints_clear"])
+@virtually
+async def test_a_list_that_is_cut_off_is_said_to_be_incomplete(tmp_path, verb):
+    async with procedure_rig(plug_in(navi_ctrl()), tmp_path) as rig:
+        await rig.until_ready()
+
+        def fall_silent(message):
+            if any(data[2:3] == b"w" for _, data in rig.socket.wire):
+                raise RequestTimeoutError("the board fell silent")
+
+        rig.guard.refusal = fall_silent
+        result = await rig.ask(verb, **({"points": POINTS * 20} if verb == "waypoints_upload" else {}))
+        assert result.token == "list_incomplete"
+        assert "the board fell silent; the board's list may be incomplete" in result.reason
+        [note] = [path.name for path in tmp_path.iterdir()]
+        assert note == "waypoint-list.json"
+
+
+@virtually
+async def test_a_mission_that_contradicts_itself_is_refused_by_its_mistake(tmp_path):
+    async with procedure_rig(plug_in(navi_ctrl()), tmp_path) as rig:
+        await rig.until_ready()
+        result = await rig.ask("waypoints_verify", points=[{**POINTS[0], "poi": 9}])
+        assert (result.token, bool(result.fix)) == ("bad_value", True)
+        assert "point 1 looks at point 9, which is no point of interest" in result.reason
+
+
+def test_what_is_no_procedure_of_the_table_of_keys_is_a_mistake_of_ours():
+    for verb in ("fly", "lease"):
+        with pytest.raises(ValueError, match=f"do/{verb} is no procedure"):
+            request_model(verb)
+    assert {verb for verb in PROCEDURES if not issubclass(request_model(verb), ProcedureRequest)} == set()

@@ -1,0 +1,157 @@
+"""The shell of the flight core: what it brings to the core, and how it carries out the core's orders."""
+
+from __future__ import annotations
+
+import asyncio
+from types import SimpleNamespace
+
+import pytest
+
+from lab.rigs.linkrig import virtually
+from mkdaemon.bus.codec import TooLong
+from mkdaemon.clock import Clock
+from mkdaemon.config.control import ControlConfig
+from mkdaemon.control.actions import PublishEstimate
+from mkdaemon.control.core import FlightCore
+from mkdaemon.control.vehicle import VehicleFacts
+from mkdaemon.daemon.audit import Audit
+from mkdaemon.daemon.eyes import PoseSink
+from mkdaemon.daemon.flight import RELEASE_TIMEOUT, FlightControl
+from mkdaemon.daemon.procedures import Interlock
+from mkdaemon.daemon.verbs import Verbs
+from mkdaemon.link.session.traffic import ReleaseResult
+from mkdaemon.telemetry.command import ReleaseRequest
+from mkdaemon.telemetry.control import ControlLine, EstimateValue, Phase, ReleaseOutcome
+from mkdaemon.telemetry.setpoint import StickSetpoint
+from tests.control.events import pose
+
+DONE = ReleaseResult(ReleaseOutcome.CONFIRMED, 5, 5, "test")
+ESTIMATE = EstimateValue(
+    target="pad",
+    position=(0.0, 0.0, 2.0),
+    velocity=(0.0, 0.0, 0.0),
+    tilt=(0.0, 0.0),
+    disturbance=(0.0, 0.0),
+    yaw=0.0,
+    hover_throttle=5.0,
+    position_sd=(0.1, 0.1, 0.1),
+    image_age=0.05,
+    innovation=0.5,
+    is_nominal=True,
+)
+
+
+class Bus:
+    def __init__(self):
+        self.published = []
+
+    def publish(self, suffix, value, *, schema=None):
+        self.published.append((suffix, value))
+
+    def values(self, suffix):
+        return [value for key, value in self.published if key == suffix]
+
+
+class Core(FlightCore):
+    """A flight core that also wants what a test gives it."""
+
+    def __init__(self):
+        super().__init__(ControlConfig(), VehicleFacts(), first_epoch=1)
+        self.wanted = []
+
+    def tick(self, now, **more):
+        wanted, self.wanted = self.wanted, []
+        return [*super().tick(now, **more), *wanted]
+
+
+class Shell:
+    """A running shell; its link keeps every release and ends none by itself."""
+
+    def __init__(self):
+        self.bus, self.core, self.releases = Bus(), Core(), []
+        clock = Clock(monotonic=asyncio.get_running_loop().time)
+        link = SimpleNamespace(control_line=lambda: ControlLine("v2"), release=self.release)
+        self.audit = Audit(self.bus, clock)
+        self.flight = FlightControl(self.core, link, self.bus, self.audit, clock=clock)
+
+    def release(self, reason):
+        self.releases.append(asyncio.get_running_loop().create_future())
+        return self.releases[-1]
+
+    async def __aenter__(self):
+        self.task = asyncio.create_task(self.flight.run())
+        await asyncio.sleep(0)
+        return self
+
+    async def __aexit__(self, *_):
+        self.task.cancel()
+        await asyncio.gather(self.task, return_exceptions=True)
+
+
+@virtually
+async def test_a_release_that_never_ends_is_answered_as_a_timeout_and_control_goes_on():
+    async with Shell() as shell:
+        verbs = Verbs(shell.flight, shell.flight._link, shell.audit, Interlock(lambda: Phase.FREE), {})
+        began = asyncio.get_running_loop().time()
+        result = await verbs.answer("do/release", b"")
+        assert (result.status, result.token) == ("timeout", "timeout")
+        assert asyncio.get_running_loop().time() - began == pytest.approx(RELEASE_TIMEOUT, abs=0.1)
+        again = asyncio.create_task(verbs.answer("do/release", b""))
+        await asyncio.sleep(0.1)
+        shell.releases[-1].set_result(DONE)
+        assert (await again).status == "accepted"
+        assert shell.flight.phase is Phase.FREE
+
+
+@virtually
+async def test_who_stops_waiting_for_a_release_takes_nobody_elses_answer_away():
+    async with Shell() as shell:
+        impatient, patient = (asyncio.create_task(shell.flight.release(ReleaseRequest())) for _ in range(2))
+        await asyncio.sleep(0.1)
+        impatient.cancel()
+        await asyncio.sleep(0)
+        shell.releases[0].set_result(DONE)
+        assert await patient is DONE
+
+
+@virtually
+async def test_a_release_by_the_guard_ends_control_and_neutral_sticks_do_not():
+    async with Shell() as shell:
+        shell.flight.guard_acted(False)
+        await asyncio.sleep(0.1)
+        assert shell.releases == []
+        shell.flight.guard_acted(True)
+        await asyncio.sleep(0.1)
+        assert len(shell.releases) == 1
+        assert shell.flight.phase is Phase.RELEASING
+        actions = [event.action for event in shell.bus.values("event/failsafe")]
+        assert actions[:2] == ["guard neutral", "guard release"]
+
+
+@virtually
+async def test_an_estimate_is_published_with_its_stamp():
+    async with Shell() as shell:
+        shell.core.wanted = [PublishEstimate(ESTIMATE)]
+        await asyncio.sleep(1.0)
+        [estimate] = shell.bus.values("control/estimate")
+        assert (estimate.target, estimate.position, estimate.is_nominal) == ("pad", (0.0, 0.0, 2.0), True)
+        assert 0.0 <= estimate.stamp.monotonic <= 1.0
+
+
+@virtually
+async def test_a_setpoint_that_is_too_long_is_refused_by_its_length():
+    async with Shell() as shell:
+        shell.flight.setpoint_arrived(StickSetpoint, 0.0, TooLong(9000, 512), b"")
+        await asyncio.sleep(1.0)
+        [event] = shell.bus.values("event/command")
+        assert (event.key, event.token, event.fields) == ("setpoint/stick", "malformed", {"bytes": 9000})
+
+
+@virtually
+async def test_a_pose_reaches_the_core_and_the_bus_and_other_values_only_the_bus():
+    core, bus = Core(), Bus()
+    sink = PoseSink(core, bus)
+    sink.publish("vision/down/pose", pose(1.0))
+    sink.publish("vision/down/stats", ESTIMATE)
+    assert core.facts.pose_age(1.5) == 0.5
+    assert [key for key, _ in bus.published] == ["vision/down/pose", "vision/down/stats"]
