@@ -100,7 +100,7 @@ async def _exchange(r: Rig, swap: Swap, word: str, number: int, rng: random.Rand
         r.socket.unplug()
     else:
         port.inject(LineFault.SILENCE)
-    await asyncio.sleep(rng.uniform(0.9, 2.0))
+    await asyncio.sleep(rng.uniform(1.0, 2.0))  # nobody exchanges an aircraft in less
     r.socket.replace(navi_ctrl("0.24", word, number, gate_parameter=200))
     r.log.tx.clear()
     if swap is Swap.CABLE:

@@ -405,6 +405,30 @@ def test_status_counts_what_becomes_of_stick_frames(drive):
     assert (status.frames_sent, status.frames_confirmed) == (2, 1)
 
 
+def test_frames_that_never_leave_are_counted_as_dropped(drive):
+    drive.fly()
+    drive.stream(1.5)
+    status = drive.of(PublishStatus)[-1]
+    assert status.frames_dropped == status.frames_handed_over - status.frames_sent - 1, "one waits"
+    drive.run(3.0)
+    status = drive.of(PublishStatus)[-1]
+    assert status.phase is Phase.RELEASING
+    assert status.frames_dropped == status.frames_handed_over > 0
+
+
+@pytest.mark.parametrize(("rate", "stream_hz"), [(10.0, 40.0), (50.0, 50.0), (20.0, 100.0)])
+def test_no_more_stick_frames_leave_than_the_rate_allows(rate, stream_hz):
+    drive = Driver(ControlConfig(rate=rate))
+    drive.fly()
+    drive.done.clear()
+    began = drive.now
+    for _ in range(int(4 * stream_hz)):
+        drive.put(pitch=5.0)
+        drive.run(1 / stream_hz)
+    sent = len(drive.of(SendSticks))
+    assert sent == pytest.approx(rate * (drive.now - began), abs=3)
+
+
 def test_states_verdicts_and_motors_reach_the_facts_through_the_core(drive):
     drive.core.motors_reported(True, 0.0)
     drive.core.state_received(flight(is_flying=True), 0.0)

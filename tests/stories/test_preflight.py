@@ -10,6 +10,8 @@ from lab.rigs.virtualloop import run_virtually
 from mkdaemon.control.preflight import check_gate
 from mkdaemon.daemon.preflight import gate_of, read_active_set
 from mkdaemon.errors import CommandRejectedError
+from mkdaemon.protocol.settings import ParameterSet
+from mkdaemon.sim.boards.parameters import factory_set
 
 
 def taken(boards, gate, *, silent=False):
@@ -37,6 +39,30 @@ def taken(boards, gate, *, silent=False):
 )
 def test_the_gate_must_be_a_switch(fc, gate, token):
     assert taken(Boards(fc), gate) == token
+
+
+@pytest.mark.parametrize(
+    ("changes", "token"),
+    [
+        ({"global_config": 0x6B}, "gate_switches_altitude"),
+        ({"global_config": 0x6A}, None),
+        ({"global_config": 0x6B, "altitude_channel": 7}, None),
+        ({"global_config": 0x6B, "external_control": 254}, None),
+        ({"global_config": 0x6B, "external_control": 254, "altitude_channel": 6}, "gate_switches_altitude"),
+    ],
+)
+def test_a_gate_that_also_switches_height_control_is_refused(changes, token):
+    parameters = ParameterSet(factory_set(100, 3)).replaced({"external_control": 255, **changes})
+
+    def check():
+        check_gate(gate_of(parameters), allow_constant=True)
+
+    if token is None:
+        check()
+        return
+    with pytest.raises(CommandRejectedError) as refused:
+        check()
+    assert refused.value.token == token
 
 
 def test_behind_a_navictrl_it_cannot_be_read_and_is_left_to_the_pilot():

@@ -110,7 +110,8 @@ def test_position_velocity_battery_in_si():
     assert east == pytest.approx(0.0, abs=1e-6)
     assert north == pytest.approx(99.96, abs=0.1)  # 0.0009 degrees of latitude
     assert up == pytest.approx(18.6)
-    assert position.home_distance == pytest.approx(99.9)
+    assert position.home_distance == pytest.approx(99.97, abs=0.1)
+    assert position.board_home_distance == pytest.approx(99.9)
     assert velocity.velocity_enu == pytest.approx((3.0, 0.0, 0.24), abs=1e-9)  # course 90 is east
     assert (velocity.ground_speed, velocity.climb_rate, velocity.course) == pytest.approx((3.0, 0.24, 0.0))
     assert (battery.voltage, battery.current, battery.used_mah) == pytest.approx((16.2, 23.9, 426.0))
@@ -125,6 +126,16 @@ def test_no_position_is_published_while_it_is_not_valid():
     assert found["state/gps"].fix == "none"
     without_home = states(blank(OsdData5, **OSD | {"home_status": 0}))["state/position"]
     assert (without_home.position_enu, without_home.home_latitude_deg, without_home.home_distance) == (None, None, None)
+
+
+def test_distances_beyond_655_m_are_computed_and_the_boards_own_are_marked():
+    """990 m are 335 m on a NaviCtrl 0.24, which counts centimetres in 16 bits."""
+    away = {"home_latitude": 424602680 - 89035, "home_distance": 3347}
+    target = {"target_latitude": 424602680 + 89035, "target_longitude": -712699574, "target_status": 1}
+    found = states(blank(OsdData5, **OSD | away | target | {"target_distance": 3347}))
+    position, flight = found["state/position"], found["state/flight"]
+    assert (position.home_distance, flight.target_distance) == pytest.approx((989.0, 989.0), abs=2.0)
+    assert (position.board_home_distance, flight.board_target_distance) == pytest.approx((334.7, 334.7))
 
 
 FLIGHT_FLAGS = [
@@ -225,7 +236,13 @@ def test_the_data_sets_together_tell_what_one_message_did():
     flight, gps = found["state/flight"], found["state/gps"]
     assert (flight.motors_running, flight.is_flying, flight.waypoint_index) == (True, True, 2)
     assert (gps.satellites, gps.is_usable, gps.is_home_set) == (8, True, True)
-    assert tell(OsdTiny)["state/position"].home_distance == pytest.approx(5.0)
+    position = tell(OsdTiny)["state/position"]
+    assert position.board_home_distance == pytest.approx(5.0)
+    assert position.home_distance == pytest.approx(82.1, abs=0.5)
+    assert flight.target_distance is None
+    tell(OsdTarget, target_latitude=424602680 + 90_000, target_longitude=-712699574)
+    found = tell(OsdFlags, status_2=OsdStatus2.MOTORS_RUNNING | OsdStatus2.FLYING)
+    assert found["state/flight"].target_distance == pytest.approx(1000.0, abs=5.0)
     assert tell(OsdTarget, rc_quality=100)["state/pilot"].has_signal is True
 
 
@@ -254,7 +271,7 @@ def test_recorded_frames_make_a_consistent_aircraft():
     for position in found["state/position"]:
         assert (position.latitude_deg, position.longitude_deg) == pytest.approx((42.46, -71.27), abs=0.001)
         east, north, _ = position.position_enu
-        assert math.hypot(east, north) == pytest.approx(position.home_distance, abs=0.15, rel=0.01)
+        assert math.hypot(east, north) == pytest.approx(position.board_home_distance, abs=0.15, rel=0.01)
     assert all(10 < battery.voltage < 20 for battery in found["state/battery"])
 
 

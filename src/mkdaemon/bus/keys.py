@@ -123,7 +123,9 @@ KEYS: Final[tuple[KeySpec, ...]] = (
     KeySpec("link/traffic", _P, LinkTraffic, "1 Hz", "Bytes and frames by kind, shares of the line."),
     KeySpec("control/status", _P, ControlStatus, "1 Hz and on change", "Who flies, and why nobody does."),
     KeySpec("control/estimate", _P, ControlEstimate, "every autonomous stick frame", "Where the aircraft is believed."),
-    KeySpec("control/output", _P, ControlOutput, "every stick frame", "What was sent, after the limiter."),
+    KeySpec(
+        "control/output", _P, ControlOutput, "every stick frame handed over", "Sticks for the line, after the limiter."
+    ),
     KeySpec("vision/<camera>/tags", _P, Tags, "every image that was searched", "Tags found, with their corners."),
     KeySpec(
         "vision/<camera>/pose",

@@ -50,6 +50,7 @@ class PublishStatus:
     external_control: str | None
     frames_handed_over: int
     frames_sent: int
+    frames_dropped: int
     frames_confirmed: int
     pose_age: float | None
 

@@ -12,6 +12,8 @@ from mkdaemon.control.vehicle import VehicleFacts
 
 SHORTEST_STEP: Final = 0.01
 """Stick frames are at least this far apart [s]: the boards lose frames beyond 100 Hz."""
+AHEAD: Final = 2.0
+"""Stick frames may be so many periods of `control.rate` ahead of it, so that a client's jitter delays none."""
 LONGEST_QUEUE: Final = 0.1
 """A stick frame that could not be sent for this long is never sent [s]."""
 
@@ -29,14 +31,15 @@ class StickOutput:
         self._cfg = cfg
         self._facts = facts
         self._last = Sticks(0.0, 0.0, 0.0, cfg.limiter.hover_throttle)
-        self._made_at = float("-inf")
+        self._made_at = self._due_at = float("-inf")
+        self._is_waiting = False
         self._awaited: set[int] = set()
         self.handed_over = self.sent = self.confirmed = 0
 
     @property
     def next_step(self) -> float:
-        """When the boards can take the next frame [s]."""
-        return self._made_at + SHORTEST_STEP
+        """When the boards can take the next frame, and `control.rate` allows one [s]."""
+        return max(self._made_at + SHORTEST_STEP, self._due_at - AHEAD / self._cfg.rate)
 
     def engage(self, sticks: Sticks, now: float) -> None:
         """Begin a flight: tilt from neutral, throttle where the client holds it; less would drop the aircraft."""
@@ -64,7 +67,9 @@ class StickOutput:
             throttle_cap=self._throttle_cap(now),
         )
         self._last, self._made_at = sticks, now
+        self._due_at = max(self._due_at, now) + 1.0 / self._cfg.rate
         self.handed_over += 1
+        self._is_waiting = True
         life = min(ttl - order.age, LONGEST_QUEUE) if order.age <= ttl else LONGEST_QUEUE
         is_limited = sticks != order.sticks
         return SendSticks(count(sticks), now + life, order.epoch, order.sequence, order.age, is_limited)
@@ -72,7 +77,12 @@ class StickOutput:
     def frame_sent(self, number: int) -> None:
         """Note that a frame was written to the port, under a number that comes again after 255 frames."""
         self.sent += 1
+        self._is_waiting = False
         self._awaited.add(number)
+
+    def dropped(self, *, is_flying: bool) -> int:
+        """Frames handed over that never leave: a newer one took their place, they grew too old, or a release began."""
+        return self.handed_over - self.sent - (self._is_waiting and is_flying)
 
     def frame_confirmed(self, number: int) -> None:
         """Note a confirmation; those of releases are not counted."""

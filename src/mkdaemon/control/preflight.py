@@ -34,22 +34,30 @@ class Gate:
     Attributes:
         kind: what it is.
         value: ExternalControl, 0..255; 0 where it is unknown.
+        altitude_channel: receiver channel by which the same switch also turns height control on and off; None where
+            it does not.
     """
 
     kind: GateKind
     value: int = 0
+    altitude_channel: int | None = None
 
 
 def check_gate(gate: Gate, *, allow_constant: bool) -> None:
-    """Refuse a gate that is shut for good, and one the pilot cannot shut.
+    """Refuse a gate that is shut for good, one the pilot cannot shut, and one that switches height control too.
+
+    With height control on the FlightCtrl takes the throttle of stick frames for something else.
+    Source: docs/firmware-notes, "External control".
 
     Args:
         gate: as it was read.
         allow_constant: the operator accepts a constant.
 
     Raises:
-        CommandRejectedError: `gate_shut`, `gate_constant`.
+        CommandRejectedError: `gate_shut`, `gate_constant`, `gate_switches_altitude`.
     """
+    if gate.altitude_channel is not None:
+        raise refuse(Token.GATE_SWITCHES_ALTITUDE, channel=gate.altitude_channel)
     if gate.kind is not GateKind.CONSTANT:
         return
     if gate.value <= OPEN_ABOVE:

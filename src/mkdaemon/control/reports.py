@@ -14,6 +14,7 @@ from mkdaemon.control.actions import (
     Warn,
 )
 from mkdaemon.control.authority import Authority
+from mkdaemon.control.modes import IN_FLIGHT
 from mkdaemon.control.output import StickOutput
 from mkdaemon.control.vehicle import VehicleFacts
 from mkdaemon.errors import CommandRejectedError
@@ -99,6 +100,7 @@ class Reports:
                 external_control=layout,
                 frames_handed_over=self._output.handed_over,
                 frames_sent=self._output.sent,
+                frames_dropped=self._output.dropped(is_flying=authority.phase in IN_FLIGHT),
                 frames_confirmed=self._output.confirmed,
                 pose_age=self._facts.pose_age(now),
             )

@@ -12,6 +12,8 @@ from mkdaemon.protocol.messages import ACTIVE_SET, Settings, SettingsRequest
 from mkdaemon.protocol.settings import ParameterSet, poti_number
 from mkdaemon.protocol.wire import Board
 
+_FIRST_POTI: Final = 4
+"""Place of poti 1 in the list of channels, after pitch, roll, throttle and yaw."""
 READ_TIMEOUT: Final = 1.0
 """Longest time the question may take [s]; a FlightCtrl answers within 40 ms."""
 
@@ -39,4 +41,19 @@ def gate_of(parameters: ParameterSet | None) -> Gate:
         return Gate(GateKind.UNKNOWN)
     value = parameters["external_control"]
     assert isinstance(value, int)
-    return Gate(GateKind.CONSTANT if poti_number(value) is None else GateKind.CHANNEL, value)
+    poti = poti_number(value)
+    if poti is None:
+        return Gate(GateKind.CONSTANT, value)
+    return Gate(GateKind.CHANNEL, value, _shared_channel(parameters, poti))
+
+
+def _shared_channel(parameters: ParameterSet, poti: int) -> int | None:
+    """Receiver channel on which this poti is the switch of height control too; None where it is not."""
+    assert parameters.layout is not None
+    channels, number = parameters["channels"], _FIRST_POTI + poti - 1
+    assert isinstance(channels, tuple)
+    has_switch = "altitude_channel" in parameters.layout.places
+    if not has_switch or "altitude_control" not in parameters.flags("global_config") or number >= len(channels):
+        return None
+    channel = channels[number]
+    return channel if parameters["altitude_channel"] == channel else None

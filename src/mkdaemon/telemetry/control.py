@@ -117,9 +117,11 @@ class ControlStatus(Stamped):
     frames_handed_over: int = 0
     """Stick frames handed to the line since the start."""
     frames_sent: int = 0
-    """Of those, written to the port; the others were replaced by a newer one or grew too old."""
+    """Of those, written to the port."""
+    frames_dropped: int = 0
+    """Of those handed over, never written: replaced by a newer one, too old, or thrown away by a release."""
     frames_confirmed: int = 0
-    """Of those, confirmed by the board, where it confirms any."""
+    """Of those sent, confirmed by the board, where it confirms any."""
     pose_age: float | None = None
     """Time since the newest pose of a target was seen [s]; null where none was."""
 
@@ -156,7 +158,10 @@ class ControlEstimate(Stamped, EstimateValue):
 
 
 class ControlOutput(Stamped):
-    """One stick frame at the moment it was handed to the line: `control/output`. FLU signs, after the limiter."""
+    """One stick frame at the moment it was handed to the line: `control/output`. FLU signs, after the limiter.
+
+    Not every one leaves: `control/status` counts those sent, confirmed and dropped, `tx/fc/extern_control` shows them.
+    """
 
     epoch: int
     """The lease it stands on."""

@@ -149,6 +149,12 @@ REFUSALS: Final[Mapping[str, Refusal]] = {
         "no switch of the transmitter ends external control: ExternalControl of the active set is {value}, a constant.",
         "`mkctl settings edit external_control=poti1`, or set control.lease.allow_constant_gate = true, knowing why.",
     ),
+    Token.GATE_SWITCHES_ALTITUDE: Refusal(
+        Status.DENIED,
+        "the switch that opens external control also turns height control on: HoeheChannel of the active set is "
+        "{channel}, the gate's own channel, and height control is enabled (GlobalConfig bit 0).",
+        "Put one of them on another channel: `mkctl settings edit external_control=poti2`, or altitude_channel=0.",
+    ),
     Token.NO_CONTROL: Refusal(
         Status.DENIED, "external control is not possible: {detail}.", "`mkctl status` shows the firmware and the gate."
     ),

@@ -51,7 +51,9 @@ class Position(StateValue):
     home_longitude_deg: float | None
     """WGS-84 [deg]."""
     home_distance: float | None
-    """As the board says it [m]."""
+    """From home, over ground, from the two positions [m]; null until home is known."""
+    board_home_distance: float | None = None
+    """The same as the board says it [m]; a NaviCtrl 0.24 begins at 0 again every 655 m."""
 
 
 class Velocity(StateValue):
@@ -158,7 +160,9 @@ class Flight(StateValue):
     waypoint_count: int | None
     """Waypoints stored."""
     target_distance: float | None
-    """To the target the NaviCtrl flies to [m]."""
+    """To the target the NaviCtrl flies to, over ground, from the two positions [m]."""
+    board_target_distance: float | None = None
+    """The same as the board says it [m]; a NaviCtrl 0.24 begins at 0 again every 655 m."""
     altitude_setpoint: float | None
     """Of altitude control, above start [m]; null while it is off or not reported."""
 

@@ -69,6 +69,7 @@ class Token(StrEnum):
     NO_FRAME = "no_frame"
     GATE_SHUT = "gate_shut"
     GATE_CONSTANT = "gate_constant"
+    GATE_SWITCHES_ALTITUDE = "gate_switches_altitude"
     NO_CONTROL = "no_control"
     GUARD_DEAD = "guard_dead"
 

@@ -45,7 +45,7 @@ def position(
     altitude: float | None,
     above_start: float,
     home: Home | None,
-    home_distance: float | None,
+    board_home_distance: float | None,
 ) -> Position:
     """Make a position; east and north of home by GPS, up by the barometer, which is the better of the two.
 
@@ -56,17 +56,12 @@ def position(
         altitude: by GPS [m].
         above_start: by barometer [m].
         home: where it started, if known.
-        home_distance: as the board says it [m].
+        board_home_distance: as the board says it [m].
     """
-    position_enu = None
+    position_enu = home_distance = None
     if home is not None:
-        east, north, _ = enu_from_geodetic(
-            math.radians(latitude),
-            math.radians(longitude),
-            0.0,
-            (math.radians(home.latitude), math.radians(home.longitude), 0.0),
-        )
-        position_enu = (east, north, above_start)
+        east, north = east_north(latitude, longitude, home)
+        position_enu, home_distance = (east, north, above_start), math.hypot(east, north)
     return Position(
         **origin._asdict(),
         latitude_deg=latitude,
@@ -77,4 +72,16 @@ def position(
         home_latitude_deg=None if home is None else home.latitude,
         home_longitude_deg=None if home is None else home.longitude,
         home_distance=home_distance,
+        board_home_distance=board_home_distance,
     )
+
+
+def east_north(latitude: float, longitude: float, origin: Home) -> tuple[float, float]:
+    """Return how far east and north of a place another one lies [m]; latitude and longitude in degrees."""
+    east, north, _ = enu_from_geodetic(
+        math.radians(latitude),
+        math.radians(longitude),
+        0.0,
+        (math.radians(origin.latitude), math.radians(origin.longitude), 0.0),
+    )
+    return east, north

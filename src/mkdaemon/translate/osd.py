@@ -9,7 +9,7 @@ from mkdaemon.protocol.errorcodes import ErrorCode, describe_error, is_fc_lost
 from mkdaemon.protocol.flags import FlightStatus, FlightStatus2, NaviStatus, PositionStatus
 from mkdaemon.protocol.messages import OsdData4, OsdData5
 from mkdaemon.telemetry.state import Battery, Flight, Gps, GpsFix, GpsMode, Pilot, Position, Velocity
-from mkdaemon.translate.geometry import Home, position
+from mkdaemon.translate.geometry import Home, east_north, position
 from mkdaemon.translate.origin import Origin, State
 
 RC_FULL = 200.0
@@ -86,8 +86,16 @@ def _position(osd: OsdData4 | OsdData5, origin: Origin) -> Position:
         altitude=osd.si("position_altitude"),
         above_start=osd.si("altimeter"),
         home=home,
-        home_distance=None if home is None else osd.si("home_distance"),
+        board_home_distance=None if home is None else osd.si("home_distance"),
     )
+
+
+def _target_distance(osd: OsdData4 | OsdData5) -> float | None:
+    """How far the target is, which is known while the position is [m]."""
+    if not _is_position_valid(osd):
+        return None
+    target = Home(osd.si("target_latitude"), osd.si("target_longitude"))
+    return math.hypot(*east_north(osd.si("position_latitude"), osd.si("position_longitude"), target))
 
 
 def _velocity(osd: OsdData4 | OsdData5, origin: Origin) -> Velocity:
@@ -155,6 +163,7 @@ def _flight(osd: OsdData4 | OsdData5, origin: Origin) -> Flight:
         flying_time=osd.si("flying_time"),
         waypoint_index=osd.waypoint_index,
         waypoint_count=osd.waypoint_count,
-        target_distance=osd.si("target_distance") if has_target else None,
+        target_distance=_target_distance(osd) if has_target else None,
+        board_target_distance=osd.si("target_distance") if has_target else None,
         altitude_setpoint=osd.si("altitude_setpoint"),
     )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 from mkdaemon.protocol.errorcodes import ErrorCode, is_fc_lost
@@ -9,7 +10,7 @@ from mkdaemon.protocol.flags import NaviStatus, OsdStatus, OsdStatus2
 from mkdaemon.protocol.messages.osdsets import OsdDeviation, OsdFlags, OsdHome, OsdTarget, OsdVolatile, OsdWaypoint
 from mkdaemon.protocol.wire import WireMessage
 from mkdaemon.telemetry.state import Battery, Flight, Gps, GpsFix, Position
-from mkdaemon.translate.geometry import Home, attitude, position
+from mkdaemon.translate.geometry import Home, attitude, east_north, position
 from mkdaemon.translate.origin import Origin, State
 from mkdaemon.translate.osd import error_text, gps_mode, is_gps_lost, pilot
 
@@ -19,6 +20,7 @@ class SetTranslator:
     """Remembers what one set says and another needs."""
 
     home: Home | None = None
+    target: Home | None = None
     heading: float | None = None
     deviation: OsdDeviation | None = None
     waypoint: OsdWaypoint | None = None
@@ -32,6 +34,9 @@ class SetTranslator:
             self.error = message.error_code
         if self._has_place(message):
             states.append(("state/position", self._position(message, origin)))
+        if isinstance(message, OsdTarget):
+            target = Home(message.si("target_latitude"), message.si("target_longitude"))
+            self.target = target if message.target_latitude or message.target_longitude else None
         match message:
             case OsdFlags():
                 states.append(("state/flight", self._flight(message, origin)))
@@ -62,6 +67,12 @@ class SetTranslator:
         """Whether a set, each of which begins with the place, carries one that is not old."""
         return bool(message.latitude or message.longitude) and not is_gps_lost(self.error)  # type: ignore[attr-defined]
 
+    def _target_distance(self, message: OsdFlags) -> float | None:
+        """How far the target is, which is known while the position is [m]."""
+        if self.target is None or not self._has_place(message):
+            return None
+        return math.hypot(*east_north(message.si("latitude"), message.si("longitude"), self.target))
+
     def _position(self, message: WireMessage, origin: Origin) -> Position:
         return position(
             origin,
@@ -70,7 +81,7 @@ class SetTranslator:
             altitude=None,
             above_start=message.si("altimeter"),
             home=self.home,
-            home_distance=None if self.deviation is None else self.deviation.si("home_distance"),
+            board_home_distance=None if self.deviation is None else self.deviation.si("home_distance"),
         )
 
     def _gps(self, flags: OsdFlags, origin: Origin) -> Gps:
@@ -109,7 +120,8 @@ class SetTranslator:
             flying_time=None if self.deviation is None else self.deviation.si("flying_time"),
             waypoint_index=None if self.waypoint is None else self.waypoint.waypoint_index,
             waypoint_count=None if self.waypoint is None else self.waypoint.waypoint_count,
-            target_distance=None if self.deviation is None else self.deviation.si("target_distance"),
+            target_distance=self._target_distance(flags),
+            board_target_distance=None if self.deviation is None else self.deviation.si("target_distance"),
             altitude_setpoint=self.altitude_setpoint,
         )
 
