@@ -9,7 +9,7 @@ from contextlib import asynccontextmanager
 
 import zenoh
 
-from lab.rigs.waiting import PATIENCE
+from lab.rigs.waiting import PATIENCE, wait_blocking
 from mkdaemon.bus.answers import BUSY, AnswerThread
 from mkdaemon.bus.gateway import Bus
 from mkdaemon.bus.schema import schema_names
@@ -85,6 +85,9 @@ class _Query:
     def __exit__(self, *_: object) -> None:
         self.answers.append("end")
 
+    def drop(self) -> None:
+        self.answers.append("dropped")
+
     def reply_err(self, payload: bytes) -> None:
         self.answers.append(payload)
 
@@ -113,3 +116,23 @@ def test_queries_beyond_the_limits_get_an_error_and_an_answer_that_fails_ends_no
     assert held.answers == ["end"]
     assert [query.answers for query in many] == [["answer", "end"], ["answer", "end"], [BUSY, "end"]]
     assert [query.answers for query in others] == [["answer", "end"], [BUSY, "end"]]
+
+
+def test_of_many_surplus_queries_only_the_newest_get_an_error():
+    gate, began = threading.Event(), threading.Event()
+    thread = AnswerThread("test", limit=3, limit_per_key=1)
+    surplus = [_Query("held") for _ in range(1000)]
+
+    def hold(query: zenoh.Query) -> None:
+        began.set()
+        gate.wait(PATIENCE)
+
+    thread.submit(_Query("held"), hold)
+    assert began.wait(PATIENCE)
+    for query in surplus:
+        thread.submit(query, hold)
+    gate.set()
+    wait_blocking(lambda: surplus[-1].answers)
+    thread.close()
+    assert [query.answers for query in surplus[-3:]] == [[BUSY, "end"]] * 3
+    assert [query.answers for query in surplus[:-3]] == [["dropped"]] * 997

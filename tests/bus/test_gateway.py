@@ -4,15 +4,22 @@ from __future__ import annotations
 
 import asyncio
 import json
+import socket
 import threading
 import time
+from collections import Counter
+from contextlib import ExitStack
+from functools import partial
 
 import msgpack
 import pytest
 import zenoh
 
+from lab.rigs.waiting import wait_until
 from mkdaemon.bus.codec import Payload, TooLong
+from mkdaemon.bus.floods import ALL_OTHERS, QUERY_RATES, SETPOINT_RATE, STRANGER_RATE, QueryBudgets, ShedCounter
 from mkdaemon.bus.gateway import Bus
+from mkdaemon.bus.intake import FLOOD, STRANGERS, SetpointIntake
 from mkdaemon.bus.session import session_config
 from mkdaemon.errors import ConfigError, MkError
 from mkdaemon.stamp import Stamp
@@ -197,32 +204,108 @@ async def test_setpoints_arrive_on_the_loop_with_their_time(bus):
     opened.receive("setpoint/stick", lambda t, raw, proof: taken.put_nowait((t, raw, proof)))
     before = time.monotonic()
     with client(endpoint) as session:
+        came = []
         for attachment in (bytes(32), bytes(33), None):
             await asyncio.to_thread(session.put, "mk/t1/setpoint/stick", b"abc", attachment=attachment)
-        came = [await asyncio.wait_for(taken.get(), PATIENCE) for _ in range(3)]
+            came.append(await asyncio.wait_for(taken.get(), PATIENCE))
+            await asyncio.sleep(2 / SETPOINT_RATE)
     stamp = came[0][0]
     assert [(raw, proof) for _, raw, proof in came] == [(b"abc", bytes(32)), (b"abc", b""), (b"abc", b"")]
     assert before <= stamp <= time.monotonic()
 
 
-async def test_of_a_flood_of_setpoints_the_newest_comes_through_and_the_loop_goes_on(bus):
+async def test_a_flood_of_setpoints_ends_in_zenoh_and_costs_another_client_nothing(bus):
     opened, endpoint = bus
-    taken: list[bytes] = []
-    opened.receive("setpoint/stick", lambda t, raw, proof: taken.append(raw))
-    with client(endpoint) as session:
+    taken: Counter[bytes] = Counter()
+    opened.receive("setpoint/stick", lambda t, raw, proof: taken.update([raw]))
+    with client(endpoint) as attacker, client(endpoint) as pilot:
 
-        def flood() -> None:
-            for number in range(5000):
-                session.put("mk/t1/setpoint/stick", b"%d" % number, congestion_control=zenoh.CongestionControl.BLOCK)
+        def flood() -> float:
+            began = time.monotonic()
+            for _ in range(5000):
+                attacker.put("mk/t1/setpoint/stick", b"flood", congestion_control=zenoh.CongestionControl.BLOCK)
+            return time.monotonic() - began
 
         flooding = asyncio.ensure_future(asyncio.to_thread(flood))
-        turns = 0
-        while not taken or taken[-1] != b"4999":
-            turns += 1
-            await asyncio.sleep(0)
-        await flooding
-    assert turns > 1
-    assert taken == sorted(taken, key=int)
+        for number in range(10):
+            await asyncio.to_thread(pilot.put, "mk/t1/setpoint/stick", b"%d" % number)
+            await wait_until(lambda number=number: taken[b"%d" % number])
+            await asyncio.sleep(2 / SETPOINT_RATE)
+        took = await flooding
+    assert taken[b"flood"] <= 2 + took * SETPOINT_RATE
+
+
+async def test_nobody_elses_setpoints_displace_the_holders_or_flood_the_loop():
+    taken: list[bytes] = []
+    shed = ShedCounter()
+    intake = SetpointIntake(
+        asyncio.get_running_loop(),
+        lambda t, raw, proof: taken.append(raw),
+        lambda raw, proof: proof == b"holder",
+        partial(shed.add, "setpoints"),
+    )
+    intake.arrived(b"mine", b"holder")
+    for number in range(5000):
+        intake.arrived(b"%d" % number, b"stranger")
+    await asyncio.sleep(0)
+    assert taken[-1] == b"mine"
+    assert len(taken) == 1 + STRANGERS
+    assert sum(shed.take().values()) >= 5000 - 2 * STRANGER_RATE
+    assert shed.take() == {}
+
+
+async def test_of_the_holders_own_flood_the_newest_comes_through():
+    taken: list[bytes] = []
+    intake = SetpointIntake(
+        asyncio.get_running_loop(), lambda t, raw, proof: taken.append(raw), lambda raw, proof: True, lambda: None
+    )
+    for number in range(5000):
+        intake.arrived(b"%d" % number, b"holder")
+    await asyncio.sleep(0)
+    assert taken == [b"%d" % number for number in range(5000 - FLOOD, 5000)]
+
+
+async def test_a_flood_of_commands_is_answered_busy_counted_and_shuts_out_no_release(bus):
+    opened, endpoint = bus
+
+    async def handler(suffix: str, payload: Payload) -> CommandResult:
+        return CommandResult(status=Status.ACCEPTED)
+
+    opened.serve("do", handler)
+    number = int(3 * QUERY_RATES["do/lease"])
+    with client(endpoint) as attacker, client(endpoint) as pilot:
+
+        def flood() -> list[dict]:
+            asked = [attacker.get("mk/t1/do/lease", timeout=PATIENCE) for _ in range(number)]
+            return [msgpack.unpackb(reply.ok.payload.to_bytes()) for one in asked for reply in one if reply.ok]
+
+        answers = await asyncio.to_thread(flood)
+        [(_, release, _)] = await asyncio.to_thread(ask, pilot, "mk/t1/do/release")
+    busy = [answer for answer in answers if answer["token"] == "busy"]
+    assert release["status"] == "accepted"
+    assert len(busy) > number / 3
+    assert busy[0]["fix"]
+    assert sum(opened.take_shed().values()) >= len(busy)
+
+
+def test_each_kind_of_command_has_its_own_budget():
+    now = 0.0
+    budgets = QueryBudgets(lambda: now)
+    assert sum(budgets.admit("do/lease") for _ in range(500)) == QUERY_RATES["do/lease"]
+    assert budgets.admit("do/release")
+    assert sum(budgets.admit(f"cmd/fc/{number}") for number in range(500)) == QUERY_RATES[ALL_OTHERS]
+    now = 0.5
+    assert sum(budgets.admit("do/lease") for _ in range(500)) == QUERY_RATES["do/lease"] / 2
+
+
+async def test_silent_connections_keep_no_client_out(bus):
+    _, endpoint = bus
+    host, _, port = endpoint.removeprefix("tcp/").partition(":")
+    with ExitStack() as stack:
+        for _ in range(200):  # Zenoh's own limit is 100
+            stack.enter_context(socket.create_connection((host, int(port))))
+        with client(endpoint) as session:
+            assert await asyncio.to_thread(ask, session, "mk/t1/schema/Attitude.v1")
 
 
 async def test_long_setpoints_and_requests_are_refused_by_their_length_and_cost_the_loop_nothing(bus):
@@ -243,12 +326,13 @@ async def test_long_setpoints_and_requests_are_refused_by_their_length_and_cost_
     opened.receive("setpoint/stick", take)
     opened.serve("do", handler)
     big = msgpack.packb({str(number): number for number in range(100_000)})
+    long = bytes(1000)
     with client(endpoint) as session:
 
         def attack() -> None:
-            for _ in range(64):
-                session.put("mk/t1/setpoint/stick", big, congestion_control=zenoh.CongestionControl.BLOCK)
-            session.put("mk/t1/setpoint/stick", b"small", congestion_control=zenoh.CongestionControl.BLOCK)
+            for payload in (*([big] * 64), long, b"small"):
+                time.sleep(0 if payload is big else 2 / SETPOINT_RATE)
+                session.put("mk/t1/setpoint/stick", payload, congestion_control=zenoh.CongestionControl.BLOCK)
 
         used = time.thread_time()
         await asyncio.to_thread(attack)
@@ -256,7 +340,7 @@ async def test_long_setpoints_and_requests_are_refused_by_their_length_and_cost_
         used = time.thread_time() - used
         await asyncio.to_thread(ask, session, "mk/t1/do/lease", big)
         await asyncio.to_thread(ask, session, "mk/t1/do/waypoints_upload", bytes(5000))
-    assert set(taken) == {TooLong(len(big), 512), b"small"}
+    assert taken == [TooLong(len(long), 512), b"small"]
     assert heard == [TooLong(len(big), 4096), bytes(5000)]
     assert used < 0.2
 

@@ -70,9 +70,13 @@ class AnswerThread:
                     self._news.wait()
                 if self._is_over:
                     return
+                surplus = [self._shed.popleft() for _ in range(len(self._shed) - self._limit)]
                 shed = self._shed.popleft() if self._shed else None
                 query, work, asked = (shed, _refuse, "") if shed is not None else self._waiting.popleft()
             began = time.monotonic()
+            for one in surplus:
+                one.drop()  # type: ignore[no-untyped-call]  # faster than an error to each, or they would fill the memory
+            surplus.clear()
             try:
                 with query:
                     work(query)

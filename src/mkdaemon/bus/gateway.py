@@ -7,11 +7,10 @@ congestion control DROP, so a slow subscriber cannot slow the line's reader; the
 from __future__ import annotations
 
 import asyncio
-import threading
 import time
-from collections import deque
 from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import ExitStack, asynccontextmanager
+from functools import partial
 from typing import Final, Self
 
 import structlog
@@ -20,7 +19,9 @@ from pydantic import BaseModel
 
 from mkdaemon.bus.answers import AnswerThread
 from mkdaemon.bus.codec import Payload, TooLong, encode, encoding_of, with_age
-from mkdaemon.bus.keys import REQUEST_BYTES, Use, find, roots
+from mkdaemon.bus.floods import QueryBudgets, ShedCounter, flood_settings
+from mkdaemon.bus.intake import Prover, SetpointIntake, Taker
+from mkdaemon.bus.keys import REQUEST_BYTES, Use, find, of_use, roots
 from mkdaemon.bus.names import key, suffix_of
 from mkdaemon.bus.schema import schema_json, schema_names
 from mkdaemon.bus.session import close_session, open_session, session_config
@@ -34,13 +35,9 @@ from mkdaemon.telemetry.signature import SIGNATURE_BYTES
 _log = structlog.get_logger(__name__)
 _RESULT_ENCODING: Final = encoding_of(CommandResult)
 _JSON: Final = "application/schema+json"
-FLOOD: Final = 64
-"""Setpoints taken in one turn of the loop; an honest client sends one in twenty milliseconds."""
 
 Handler = Callable[[str, Payload], Awaitable[CommandResult]]
 """Answers a command: suffix and payload to a result; may raise `CommandRejectedError`."""
-Taker = Callable[[float, Payload, bytes], None]
-"""Takes a setpoint: arrival [s; monotonic], payload, signature; called on the loop, returns at once, never raises."""
 Watcher = Callable[[str, bool], None]
 """Takes a client's coming (True) or going (False), by its name; called on the loop."""
 
@@ -57,6 +54,7 @@ class Bus:
         self._last: dict[str, tuple[bytes, str, float]] = {}
         self._answering: set[asyncio.Task[None]] = set()
         self._is_leaving = False
+        self._shed, self._budgets = ShedCounter(), QueryBudgets()
         # Two, so that who reads no last values holds up no answer to a command.
         limit = 4 * cfg.max_queries
         self._lookups = AnswerThread("bus.lookups", limit=limit, limit_per_key=cfg.max_queries)
@@ -72,7 +70,12 @@ class Bus:
             MkError: the endpoint is in use.
         """
         config = session_config(
-            "peer", listen=cfg.listen, connect=cfg.connect, zenoh_file=cfg.zenoh_file, lease=cfg.lease
+            "peer",
+            listen=cfg.listen,
+            connect=cfg.connect,
+            zenoh_file=cfg.zenoh_file,
+            lease=cfg.lease,
+            more=flood_settings(vehicle, tuple(spec.suffix for spec in of_use(Use.SETPOINT))),
         )
         session = await open_session(config, listen=cfg.listen)
         try:
@@ -160,37 +163,26 @@ class Bus:
 
         self._declare_queryable(f"{root}/**", take)
 
-    def receive(self, suffix: str, take: Taker) -> None:
-        """Hand every setpoint of a key to `take`, with the time it arrived.
+    def receive(self, suffix: str, take: Taker, is_proven: Prover = lambda payload, proof: True) -> None:
+        """Hand every setpoint of a key to `take`, with the time it arrived; see `SetpointIntake`.
 
-        Nothing waits here: all that arrived is handed over in the next turn of the loop, and the newest valid one wins
-        there. It is not one slot, or a stranger's setpoint, refused a moment later, would displace the pilot's. Of a
-        flood, the newest `FLOOD` of each turn are handed over and the older ones dropped: the loop has other work.
         What is too long is not even copied.
-        """
-        loop, lock = self._loop, threading.Lock()
-        waiting: deque[tuple[float, Payload, bytes]] = deque(maxlen=FLOOD)
-        is_called = False
 
-        def drain() -> None:
-            nonlocal is_called
-            with lock:
-                is_called = False
-                arrived = list(waiting)
-                waiting.clear()
-            for setpoint in arrived:
-                take(*setpoint)
+        Args:
+            suffix: key without `mk/<vehicle>/`.
+            take: called on the loop.
+            is_proven: whether it is the holder's; called on Zenoh's threads.
+        """
+        intake = SetpointIntake(self._loop, take, is_proven, partial(self._shed.add, f"setpoints to {suffix}"))
 
         def on_sample(sample: zenoh.Sample) -> None:
-            nonlocal is_called
-            payload, proof = _read(sample.payload, suffix), _signature(sample.attachment)
-            with lock:
-                waiting.append((time.monotonic(), payload, proof))
-                if not is_called:
-                    is_called = True
-                    loop.call_soon_threadsafe(drain)
+            intake.arrived(_read(sample.payload, suffix), _signature(sample.attachment))
 
         self._session.declare_subscriber(key(self.vehicle, suffix), zenoh.handlers.Callback(on_sample, indirect=False))
+
+    def take_shed(self) -> dict[str, int]:
+        """How much of what was shed since the last call, because it was too much."""
+        return self._shed.take()
 
     def watch_clients(self, watcher: Watcher) -> None:
         """Hear of every client that shows or loses its liveliness token, those already there first."""
@@ -205,10 +197,20 @@ class Bus:
         )
 
     def _declare_queryable(self, suffix: str, answer: Callable[[zenoh.Query], None]) -> None:
+        """Have queries answered on the loop; what is too much for it is answered `busy` without it."""
         loop = self._loop
+        busy = encode(refused(refuse(Token.BUSY, detail="too many commands in a second")))
+
+        def reply_busy(query: zenoh.Query) -> None:
+            query.reply(query.key_expr, busy, encoding=_RESULT_ENCODING)
 
         def on_query(query: zenoh.Query) -> None:
-            loop.call_soon_threadsafe(answer, query)
+            asked = str(query.key_expr).partition(key(self.vehicle, ""))[2]
+            if self._budgets.admit(asked):
+                loop.call_soon_threadsafe(answer, query)
+                return
+            self._shed.add(f"queries to {asked}")
+            self._replies.submit(query, reply_busy)
 
         self._session.declare_queryable(key(self.vehicle, suffix), zenoh.handlers.Callback(on_query, indirect=False))
 

@@ -6,8 +6,9 @@ import asyncio
 import contextlib
 import json
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from types import MappingProxyType
 from typing import Final, Literal
 
 import zenoh
@@ -31,6 +32,7 @@ def session_config(
     zenoh_file: Path | None = None,
     lease: float = 2.0,
     patience: float = 2.0,
+    more: Mapping[str, object] = MappingProxyType({}),
 ) -> zenoh.Config:
     """Make a session's configuration: no scouting, no waiting, quick reconnection.
 
@@ -41,6 +43,7 @@ def session_config(
         zenoh_file: JSON5 file that comes first: TLS, access control.
         lease: silence after which the other side counts as gone [s].
         patience: longest time a client tries to connect [s].
+        more: further settings; a list is added to that of the file.
 
     Raises:
         ConfigError: the file or an endpoint is wrong.
@@ -76,6 +79,8 @@ def session_config(
         check_endpoint(endpoint, "bus.listen")
     for endpoint in connect:
         check_endpoint(endpoint, "--connect" if mode == "client" else "bus.connect")
+    for key, value in more.items():
+        settings[key] = [*json.loads(config.get_json(key)), *value] if isinstance(value, list) else value
     for key, value in settings.items():
         try:
             config.insert_json5(key, json.dumps(value))

@@ -196,6 +196,11 @@ class Authority:
         lease.take_setpoint(setpoint, self._cfg.lease, now)
         return is_first
 
+    def is_signed_by_holder(self, signature: Signature) -> bool:
+        """Whether who holds the lease signed this."""
+        lease = self._lease
+        return lease is not None and signature.is_by(lease.secret)
+
     def check_setpoint(self, setpoint: Setpoint, signature: Signature) -> Lease:
         """Return the lease a setpoint stands on; take nothing yet.
 

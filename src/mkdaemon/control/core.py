@@ -1,8 +1,7 @@
 """The flight core: everything that decides whether and how the aircraft moves. Pure; driven with `now`.
 
-It is told what happens (setpoints, requests, verdicts on the line, state values) and answers `tick` with actions, and
-`next_time` with when to tick again. Setpoint out: `setpoint` (newest wins), `Authority.tick`, guidance, limiter,
-`SendSticks`. Source of the rules: docs/safety.md; of the phases: docs/modes.md.
+It is told what happens (setpoints, requests, verdicts on the line, values) and answers `tick` with actions. Setpoint
+out: `setpoint` (newest wins), `Authority.tick`, guidance, limiter, `SendSticks`. Rules: docs/safety.md, docs/modes.md.
 """
 
 from __future__ import annotations
@@ -47,6 +46,7 @@ class FlightCore:
 
     Attributes:
         facts: what is known about the vehicle.
+        is_signed_by_holder: whether who holds the lease signed this; from any thread.
     """
 
     def __init__(
@@ -70,6 +70,7 @@ class FlightCore:
         self._target = TargetFlight(cfg.autopilot, cfg.limiter.hover_throttle)
         self._guidance = guidance(self._target, cfg.lease.neutral_band) if known is None else known
         self._authority = Authority(cfg, first_epoch=first_epoch, guide=self._guide)
+        self.is_signed_by_holder = self._authority.is_signed_by_holder
         self._output = StickOutput(cfg, facts)
         self._reports = Reports(self._authority, self._output, facts)
         self._patience = LinePatience(one_way=cfg.lease.release_after)
@@ -126,8 +127,7 @@ class FlightCore:
             gate: what was read after the same request was answered with `ReadGate`.
 
         Returns:
-            The lease as it is now (`LeaseGrant` for who took it), None for nobody; or `ReadGate`: read the gate and ask
-            again.
+            The lease now (`LeaseGrant` for who took it), None for nobody; or `ReadGate`: read it and ask again.
 
         Raises:
             CommandRejectedError: see `Authority`; also `no_control`, `link_down`, `gate_shut` and `gate_constant`.

@@ -83,6 +83,10 @@ class FlightControl:
         self._core.setpoint(setpoint, arrived, Signature(kind.suffix, payload, proof))
         self._news.set()
 
+    def is_signed_by_holder(self, kind: type[Setpoint], payload: Payload, proof: bytes) -> bool:
+        """Whether a setpoint comes from who holds the lease; from any thread."""
+        return isinstance(payload, bytes) and self._core.is_signed_by_holder(Signature(kind.suffix, payload, proof))
+
     def client_changed(self, name: str, is_here: bool) -> None:
         """Note that a client showed or lost its liveliness token."""
         if not is_here:

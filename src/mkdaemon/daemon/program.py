@@ -11,6 +11,7 @@ from contextlib import AsyncExitStack, asynccontextmanager, suppress
 from functools import partial
 from typing import Final
 
+from mkdaemon.bus.floods import REPORT_PERIOD
 from mkdaemon.bus.gateway import Bus
 from mkdaemon.bus.localsocket import socket_folders, socket_name
 from mkdaemon.clock import Clock
@@ -123,7 +124,8 @@ class Daemon:
         bus.serve("do", verbs.answer)
         self._local = LocalSocket(verbs.answer)
         for kind in SETPOINTS:
-            bus.receive(kind.suffix, partial(self._flight.setpoint_arrived, kind))
+            is_proven = partial(self._flight.is_signed_by_holder, kind)
+            bus.receive(kind.suffix, partial(self._flight.setpoint_arrived, kind), is_proven)
         bus.watch_clients(self._flight.client_changed)
 
     async def serve(self, stop: asyncio.Event, notifier: Notifier) -> None:
@@ -147,6 +149,7 @@ class Daemon:
                     above.create_task(self._procedures.run(), name="procedures"),
                     above.create_task(self._publish_health(), name="health"),
                     above.create_task(self._watch_system_clock(), name="clock"),
+                    above.create_task(self._report_floods(), name="floods"),
                     above.create_task(feed_watchdog(notifier, lambda: self._flight.ticks), name="watchdog"),
                     (stopped := above.create_task(stop.wait(), name="stop")),
                 ]
@@ -233,6 +236,14 @@ class Daemon:
             for step in self._clock.take_steps():
                 self._audit.clock_stepped(step)
             await asyncio.sleep(CLOCK_LOOK)
+
+    async def _report_floods(self) -> None:
+        """Say what was shed, at most once a second."""
+        while True:
+            shed = ", ".join(f"{count} {what}" for what, count in self._bus.take_shed().items())
+            if shed:
+                self._audit.log("warning", f"flood: {shed} were shed")
+            await asyncio.sleep(REPORT_PERIOD)
 
 
 def _first(group: BaseExceptionGroup[MkError]) -> MkError:

@@ -1,0 +1,124 @@
+"""What keeps a flood of one client from costing another its lease.
+
+Most of it is stopped inside Zenoh, before Python sees it, and for each connection by itself: of the setpoints of one
+client, those closer together than `1 / SETPOINT_RATE` are dropped, so that two clients with 20,000 a second each leave
+the loop 500. What arrives all the same is bounded here, and counted.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections import Counter
+from collections.abc import Callable, Mapping
+from typing import Final
+
+SETPOINT_RATE: Final = 250.0
+"""Setpoints of one kind taken from one connection [Hz]; an honest client sends 20 to 50."""
+STRANGER_RATE: Final = 100.0
+"""Setpoints of one kind that the holder did not sign, taken from all connections together [Hz]."""
+LONGEST_SETPOINT: Final = 1 << 16
+"""A longer one is dropped without a word [bytes]; one of more than 512 is refused with a reason."""
+LONGEST_MESSAGE: Final = 1 << 27
+"""Longest message put together from its fragments [bytes]; an image may have 64 million pixels."""
+PENDING: Final = 4000
+"""Connections that may be silent at a time before new ones are turned away: 10 kB each."""
+PENDING_TIME: Final = 5.0
+"""A connection that has not introduced itself for so long is closed [s]."""
+ALL_OTHERS: Final = "others"
+QUERY_RATES: Final[Mapping[str, float]] = {"do/release": 20.0, "do/lease": 50.0, ALL_OTHERS: 200.0}
+"""Commands taken a second [Hz], and at once: each kind has its own, so that no flood shuts out a release."""
+REPORT_PERIOD: Final = 1.0
+"""Time between two reports of what was shed [s]."""
+
+
+def flood_settings(vehicle: str, kinds: tuple[str, ...]) -> dict[str, object]:
+    """Zenoh's own limits for the daemon's session; see DEFAULT_CONFIG.json5 of Zenoh 1.10.
+
+    Args:
+        vehicle: its name.
+        kinds: suffixes of the setpoints.
+    """
+    keys = [f"mk/{vehicle}/{kind}" for kind in kinds]
+    return {
+        "downsampling": [
+            {
+                "id": "mkdaemon-setpoints",
+                "messages": ["put", "delete"],
+                "flows": ["ingress"],
+                "rules": [{"key_expr": key, "freq": SETPOINT_RATE} for key in keys],
+            }
+        ],
+        "low_pass_filter": [
+            {
+                "id": "mkdaemon-setpoints",
+                "messages": ["put"],
+                "flows": ["ingress"],
+                "key_exprs": keys,
+                "size_limit": LONGEST_SETPOINT,
+            }
+        ],
+        "transport/link/rx/max_message_size": LONGEST_MESSAGE,
+        "transport/unicast/accept_pending": PENDING,
+        "transport/unicast/accept_timeout": int(PENDING_TIME * 1000),
+    }
+
+
+class ShedCounter:
+    """Counts what was shed, by what it was; from any thread."""
+
+    def __init__(self) -> None:
+        self._counts: Counter[str] = Counter()
+        self._lock = threading.Lock()
+
+    def add(self, what: str) -> None:
+        """Count one."""
+        with self._lock:
+            self._counts[what] += 1
+
+    def take(self) -> dict[str, int]:
+        """Return the counts since the last call, the largest first."""
+        with self._lock:
+            counts, self._counts = self._counts, Counter()
+        return dict(counts.most_common())
+
+
+class Budget:
+    """So many a second, and as many at once; from any thread."""
+
+    def __init__(self, rate: float, clock: Callable[[], float] = time.monotonic) -> None:
+        """Begin with a full second's worth.
+
+        Args:
+            rate: [Hz].
+            clock: [s].
+        """
+        self._rate, self._clock = rate, clock
+        self._left, self._at = rate, clock()
+        self._lock = threading.Lock()
+
+    def admits(self) -> bool:
+        """Whether one more is taken now."""
+        with self._lock:
+            now = self._clock()
+            self._left = min(self._rate, self._left + (now - self._at) * self._rate)
+            self._at = now
+            if self._left < 1.0:
+                return False
+            self._left -= 1.0
+            return True
+
+
+class QueryBudgets:
+    """How many commands of each kind are taken."""
+
+    def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
+        self._budgets = {kind: Budget(rate, clock) for kind, rate in QUERY_RATES.items()}
+
+    def admit(self, suffix: str) -> bool:
+        """Whether one more command is taken now.
+
+        Args:
+            suffix: its key without `mk/<vehicle>/`.
+        """
+        return self._budgets.get(suffix, self._budgets[ALL_OTHERS]).admits()

@@ -1,0 +1,79 @@
+"""Setpoints on their way from Zenoh's threads to the loop."""
+
+from __future__ import annotations
+
+import asyncio
+import threading
+import time
+from collections import deque
+from collections.abc import Callable
+from typing import Final
+
+from mkdaemon.bus.codec import Payload
+from mkdaemon.bus.floods import STRANGER_RATE, Budget
+
+FLOOD: Final = 64
+"""Setpoints of the holder taken in one turn of the loop; an honest client sends one in twenty milliseconds."""
+STRANGERS: Final = 4
+"""Setpoints of others taken in one turn, so that they are refused by name."""
+
+Taker = Callable[[float, Payload, bytes], None]
+"""Takes a setpoint: arrival [s; monotonic], payload, signature; called on the loop, returns at once, never raises."""
+Prover = Callable[[Payload, bytes], bool]
+"""Whether payload and signature come from who flies; called on any thread."""
+
+
+class SetpointIntake:
+    """Hands every setpoint of a key to the loop, those of the holder on a way of their own.
+
+    Nothing waits here: all that arrived is handed over in the next turn of the loop, and the newest valid one wins
+    there. It is not one slot, or a stranger's setpoint, refused a moment later, would displace the pilot's. Of a flood,
+    the newest of each turn are handed over and the older ones dropped: the loop has other work.
+    """
+
+    def __init__(
+        self,
+        loop: asyncio.AbstractEventLoop,
+        take: Taker,
+        is_proven: Prover,
+        shed: Callable[[], None],
+    ) -> None:
+        """Take setpoints of one key.
+
+        Args:
+            loop: where `take` is called.
+            take: takes them.
+            is_proven: tells those of the holder from others.
+            shed: called, on any thread, for each setpoint that was dropped.
+        """
+        self._loop, self._take, self._is_proven, self._shed = loop, take, is_proven, shed
+        self._lock = threading.Lock()
+        self._holders: deque[tuple[float, Payload, bytes]] = deque(maxlen=FLOOD)
+        self._others: deque[tuple[float, Payload, bytes]] = deque(maxlen=STRANGERS)
+        self._strangers = Budget(STRANGER_RATE)
+        self._is_called = False
+
+    def arrived(self, payload: Payload, proof: bytes) -> None:
+        """Take a setpoint; from any thread, returns at once."""
+        is_proven = self._is_proven(payload, proof)
+        if not is_proven and not self._strangers.admits():
+            self._shed()
+            return
+        waiting = self._holders if is_proven else self._others
+        with self._lock:
+            is_full = len(waiting) == waiting.maxlen
+            waiting.append((time.monotonic(), payload, proof))
+            must_call, self._is_called = not self._is_called, True
+        if is_full:
+            self._shed()
+        if must_call:
+            self._loop.call_soon_threadsafe(self._drain)
+
+    def _drain(self) -> None:
+        with self._lock:
+            self._is_called = False
+            arrived = [*self._others, *self._holders]
+            self._others.clear()
+            self._holders.clear()
+        for setpoint in arrived:
+            self._take(*setpoint)
