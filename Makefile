@@ -3,6 +3,9 @@ PYTHON ?= $(shell command -v python3.11 || command -v python3)
 BIN := .venv/bin
 STAMP := .venv/.prepared
 
+# Where it is set, each of the hundred programs that the tests start compiles every module anew.
+unexport PYTHONDONTWRITEBYTECODE
+
 .PHONY: demo test check bench figures docs venv clean
 .DEFAULT_GOAL := demo
 

@@ -145,7 +145,7 @@ async def fly(seconds: float, fps: float, wind: str, seed: int) -> dict[str, Any
             lost = str(error)
         await wait_for(lambda: seen.phases[-1].startswith("free"), 10.0, 0.05)
         stats = seen.last.get("vision/down/stats", {})
-    return _figures(seen, began, share, lost) | {
+    return build_figures(seen, began, share, lost) | {
         "image_rate": round(stats.get("fps", 0.0), 1),
         "images_lost": stats.get("lost", 0),
         "phases": seen.phases,
@@ -182,6 +182,8 @@ async def hovering(fps: float = 15.0, wind: str = "indoor", seed: int = 1) -> As
         config = _config(Path(folder), fps, wind, seed, endpoint)
         async with _running(config, endpoint) as (daemon, client), _observing(client, seen):
             await wait_for_control(client)
+            await wait_for(lambda: "sim/truth" in seen.last)
+            await client.command("sim", "start")
             await wait_for(seen.is_hovering, TAKE_OFF, 0.1)
             yield Hover(endpoint, daemon, client, seen)
 
@@ -192,7 +194,10 @@ def _config(folder: Path, fps: float, wind: str, seed: int, endpoint: str) -> Pa
     for old, new in (
         ('"configs/', f'"{ROOT}/configs/'),
         ("fps = 30", f"fps = {fps:g}"),
-        ('pilot_plan = "hover"', f'pilot_plan = "supervise"\nseed = {seed}\nconnect = ["{endpoint}"]'),
+        (
+            'pilot_plan = "hover"',
+            f'pilot_plan = "supervise"\npilot_wait = {TAKE_OFF}\nseed = {seed}\nconnect = ["{endpoint}"]',
+        ),
         ('name = "mk1"', f'name = "{VEHICLE}"\nstate_folder = "{folder}"'),
         ("[sim.scene.platform]", f'[sim.flight]\nwind = "{wind}"\n\n[sim.scene.platform]'),
     ):
@@ -252,7 +257,7 @@ async def _observing(client: Vehicle, seen: Seen) -> AsyncIterator[None]:
         await asyncio.gather(listening, return_exceptions=True)
 
 
-def _figures(seen: Seen, began: float, share: float, lost: str) -> dict[str, Any]:
+def build_figures(seen: Seen, began: float, share: float, lost: str) -> dict[str, Any]:
     """What was measured; the loop's time is the bus's monotonic time on one machine."""
     held = np.array([place for at, place in seen.truths if at > began + SETTLING] or [(math.nan,) * 3])
     errors = held - (0.0, 0.0, HEIGHT)

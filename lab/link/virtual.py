@@ -9,6 +9,7 @@ from typing import Any, Final
 
 from lab.link.cases import Case
 from lab.link.sim import Witness
+from lab.rigs.boardport import TICK_TIME
 from lab.rigs.linkrig import rig
 from lab.rigs.sticks import build_sticks
 from lab.rigs.virtualloop import run_virtually
@@ -65,7 +66,7 @@ def play(case: Case, seconds: float) -> dict[str, Any]:
 @asynccontextmanager
 async def running_link(case: Case, witness: Witness, options: dict[str, Any], sink: Waits) -> AsyncIterator[Link]:
     """A link that runs and knows the boards of a case, in the time of the running loop."""
-    async with rig(lambda: witness, seed=0, sink=sink, **options) as running:
+    async with rig(lambda: witness, seed=0, sink=sink, tick=TICK_TIME, **options) as running:
         await asyncio.sleep(SETTLE_TIME)
         await until_steerable(running.link, case)
         yield running.link

@@ -18,7 +18,9 @@ from mkdaemon.protocol.framing import Frame, FrameDecoder
 from mkdaemon.sim.simulation import Simulation
 
 TICK_TIME: Final = 1e-3
-"""How often bytes are carried [s]."""
+"""How often bytes are carried, where it matters when they arrive [s]."""
+ADAPTER_TIME: Final = 4e-3
+"""How often bytes are carried, as by a USB adapter that gathers what it hands on [s]; a quarter of the work."""
 
 
 class LineFault(StrEnum):
@@ -64,11 +66,15 @@ class Socket:
         wire: everything written, with its time [s].
         aircraft: the simulated boards and what they fly.
         slept: how long the host has been suspended; the boards went on [s].
+        tick: how often bytes are carried [s].
     """
 
-    def __init__(self, make: Callable[[], Simulation], *, seed: int, right_baud: int = 57600) -> None:
+    def __init__(
+        self, make: Callable[[], Simulation], *, seed: int, right_baud: int = 57600, tick: float = TICK_TIME
+    ) -> None:
         """Plug an aircraft in; `make` powers a new one up."""
         self.rng = random.Random(f"{seed} line")
+        self.tick = tick
         self.is_present = True
         self.right_baud = right_baud
         self.openings = 0
@@ -142,7 +148,7 @@ class BoardPort:
         self._arrived = asyncio.Event()
         self._decoder = FrameDecoder()
         self._loop = asyncio.get_running_loop()
-        self._timer = self._loop.call_later(TICK_TIME, self._tick)
+        self._timer = self._loop.call_later(socket.tick, self._tick)
         socket.aircraft.advance(socket.now())  # what was said while nobody listened is gone
 
     @property
@@ -224,8 +230,8 @@ class BoardPort:
             self._stuck = 0
 
     def _tick(self) -> None:
-        self._timer = self._loop.call_later(TICK_TIME, self._tick)
         socket = self._socket
+        self._timer = self._loop.call_later(socket.tick, self._tick)
         now = socket.now()
         said = b"".join(chunk for _, chunk in socket.aircraft.advance(now))
         flight = socket.aircraft.flight

@@ -15,7 +15,7 @@ from typing import Any, Final, NamedTuple, cast
 
 from pydantic import BaseModel
 
-from lab.rigs.boardport import Socket
+from lab.rigs.boardport import TICK_TIME, Socket
 from lab.rigs.grounded import GroundedAircraft
 from mkdaemon.clock import Clock
 from mkdaemon.config.control import ControlConfig
@@ -230,6 +230,7 @@ async def cockpit(
     link_class: type[Link] = Link,
     sim: dict[str, Any] | None = None,
     socket: Socket | None = None,
+    tick: float = TICK_TIME,
     **link: Any,
 ) -> AsyncIterator[Cockpit]:
     """A running cockpit, boards discovered; not awaited where it begins in the middle of a flight.
@@ -240,6 +241,7 @@ async def cockpit(
         link_class: another link, for stories about what happens without a part of it.
         sim: further settings of the simulation.
         socket: the cable of an earlier cockpit, with the boards at its end; a new one if none is given.
+        tick: how often bytes are carried [s].
         link: further settings of the link.
 
     Raises:
@@ -249,7 +251,7 @@ async def cockpit(
     wall = 1.7e9 + random.Random(f"{seed} wall").random()
 
     is_new = socket is None
-    cable = socket or Socket(boards.make(seed, **(sim or {})), seed=seed)
+    cable = socket or Socket(boards.make(seed, **(sim or {})), seed=seed, tick=tick)
     clock = Clock(
         monotonic=loop.time,
         wall=lambda: wall + loop.time() + cable.slept,

@@ -9,7 +9,7 @@ from collections.abc import AsyncIterator, Awaitable, Callable, Coroutine
 from contextlib import asynccontextmanager
 from typing import Any, cast
 
-from lab.rigs.boardport import Socket
+from lab.rigs.boardport import ADAPTER_TIME, Socket
 from lab.rigs.grounded import GroundedAircraft
 from lab.rigs.motors import MotorWatch
 from lab.rigs.virtualloop import run_virtually
@@ -140,6 +140,7 @@ async def rig(
     right_baud: int = 57600,
     sink: LinkSink | None = None,
     guard: LineGuard | None = None,
+    tick: float = ADAPTER_TIME,
     **cfg: object,
 ) -> AsyncIterator[Rig]:
     """A link that runs as long as the context lasts, in the time of the running loop.
@@ -150,10 +151,11 @@ async def rig(
         right_baud: line rate at which bytes can be understood.
         sink: told everything, in place of the log.
         guard: hears of the line.
+        tick: how often bytes are carried [s].
         cfg: further settings of the link.
     """
     log = Log()
-    socket = Socket(make, seed=seed, right_baud=right_baud)
+    socket = Socket(make, seed=seed, right_baud=right_baud, tick=tick)
     watch = MotorWatch(sink or log)
     link = Link(
         LinkConfig.model_validate({"port": "/dev/rig", **cfg}),

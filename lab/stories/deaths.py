@@ -15,6 +15,7 @@ from dataclasses import dataclass, replace
 from enum import StrEnum
 from typing import Final
 
+from lab.rigs.boardport import TICK_TIME
 from lab.rigs.cockpit import Boards, Cockpit, Held, cockpit
 from lab.rigs.virtualloop import run_virtually
 from mkdaemon.bus.codec import encode_map
@@ -193,16 +194,23 @@ def fly_session(
     link_class: type[Link] = Link,
     watched: float = WATCH,
     ways: tuple[Death, ...] = tuple(Death),
+    tick: float = TICK_TIME,
 ) -> list[Loss]:
-    """Meet the boards once, then lose one client after another."""
-    return run_virtually(_fly_session(boards, seed, deaths, link_class, watched, ways))
+    """Discover the boards once, then lose one client after another; bytes are carried every `tick` [s]."""
+    return run_virtually(_fly_session(boards, seed, deaths, link_class, watched, ways, tick))
 
 
 async def _fly_session(
-    boards: Boards, seed: int, deaths: int, link_class: type[Link], watched: float, ways: tuple[Death, ...]
+    boards: Boards,
+    seed: int,
+    deaths: int,
+    link_class: type[Link],
+    watched: float,
+    ways: tuple[Death, ...],
+    tick: float,
 ) -> list[Loss]:
     losses = []
-    async with cockpit(boards, seed, link_class=link_class) as flown:
+    async with cockpit(boards, seed, link_class=link_class, tick=tick) as flown:
         polling = asyncio.create_task(_poll(flown, random.Random(f"{seed} poll")), name="poll")
         for number in range(deaths):
             rng = random.Random(f"{seed} {number}")

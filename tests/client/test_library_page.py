@@ -116,6 +116,9 @@ async def test_a_square_is_flown_by_positions_over_a_target():
     async with hovering() as hover:
         found = os.environ | {"MK_CONNECT": hover.endpoint, "MK_VEHICLE": FLOWN}
         lines = await output_of("Fly a square", env=found)
+        await wait_for(lambda: hover.seen.phases[-1].startswith("free"), PATIENCE)
+    assert [words.partition(":")[0] for words in hover.seen.phases] == ["free", "leased", "flying", "releasing", "free"]
+    assert hover.seen.failsafes == []
     for line, (name, x, y) in zip(lines, CORNERS, strict=True):
         east, north, up = map(float, re.findall(r"-?\d+\.\d+(?:e-\d+)?", line))
         assert line.split()[0] == name
@@ -127,7 +130,8 @@ async def test_a_square_is_flown_by_positions_over_a_target():
 @pytest.mark.flight
 @pytest.mark.real_time(tolerance=0.1)
 async def test_a_square_is_flown_by_sticks_in_the_simulator():
-    async with live_daemon(board="nc", pilot_plan=PilotPlan.SUPERVISE) as flown:
+    async with live_daemon(board="nc", pilot_plan=PilotPlan.SUPERVISE, pilot_wait=PATIENCE) as flown:
+        flown.runtime.simulation.start_pilot()
         await wait_for(lambda: hovers(flown), PATIENCE)
         lines = await output_of("Fly by sticks", env=environment(flown))
         assert [line.split()[0] for line in lines] == ["north", "east", "south", "west"]

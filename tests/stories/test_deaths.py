@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 
 import pytest
 
+from lab.rigs.boardport import ADAPTER_TIME
 from lab.rigs.cockpit import Boards
-from lab.stories.deaths import NEUTRAL_TIME, RELEASE_TIME, Death, Loss, SilentRelease, fly_session
+from lab.stories import deaths as campaign
+from lab.stories.deaths import NEUTRAL_TIME, RELEASE_TIME, Death, Loss, SilentRelease
 from lab.stories.losses import percentile, summed_up
 
 LONGEST_DEAD_MAN = 5.2
 """[s]"""
 WAYS = tuple(Death)
+fly_session = partial(campaign.fly_session, tick=ADAPTER_TIME)
 
 
 @pytest.mark.parametrize("fc", ["early", "2.08", "2.12a"])

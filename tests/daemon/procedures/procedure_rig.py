@@ -12,7 +12,7 @@ from typing import Any
 import msgpack
 from pydantic import BaseModel
 
-from lab.rigs.boardport import Socket
+from lab.rigs.boardport import ADAPTER_TIME, Socket
 from lab.rigs.waiting import wait_until
 from mkdaemon.clock import Clock
 from mkdaemon.config.commands import CommandsConfig
@@ -152,7 +152,7 @@ async def procedure_rig(socket: Socket, folder: Path) -> AsyncIterator[Procedure
 
 def plug_in(make: Callable[[], Simulation], seed: int = 1) -> Socket:
     """Simulated boards whose five parameter sets all differ."""
-    socket = Socket(make, seed=seed)
+    socket = Socket(make, seed=seed, tick=ADAPTER_TIME)
     flight = socket.aircraft.flight
     for slot, raw in list(flight.eeprom.sets.items()):
         flight.eeprom.sets[slot] = raw[:50] + bytes((slot,)) + raw[51:]
