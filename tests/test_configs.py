@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import configparser
 import re
 import shutil
 import subprocess
 
 import pytest
 
-from tests.places import CONFIGS
+from tests.places import CONFIGS, ROOT
 
 UNIT = CONFIGS / "systemd" / "mkdaemon.service"
 RULES = CONFIGS / "udev" / "60-mkdaemon.rules"
@@ -31,6 +32,23 @@ def installed(tmp_path):
 def test_systemd_accepts_every_line_of_the_unit(installed):
     said = systemd_analyze("verify", "--man=no", str(installed))
     assert (said.returncode, said.stderr) == (0, "")
+
+
+def test_a_daemon_that_keeps_failing_is_started_again_for_ever():
+    """systemd gives a unit up after five starts in ten seconds unless it is told not to: in flight that is the end."""
+    unit = configparser.ConfigParser(strict=False, interpolation=None)
+    unit.optionxform = str
+    unit.read(UNIT, encoding="utf-8")
+    assert unit["Unit"]["StartLimitIntervalSec"] == "0"
+    assert (unit["Service"]["Restart"], unit["Service"]["Type"]) == ("on-failure", "notify")
+
+
+def test_the_recipe_of_the_service_installs_what_flies_and_no_tools_of_development():
+    recipe = (ROOT / "docs" / "operations.md").read_text(encoding="utf-8").partition("## As a service")[2]
+    assert "make -C /opt/mkdaemon install" in recipe.partition("```")[2]
+    commands = (ROOT / "Makefile").read_text(encoding="utf-8").partition("\ninstall:")[2].partition("\n\n")[0]
+    assert "--require-hashes" in commands
+    assert "dev" not in commands
 
 
 def test_the_unit_exposes_little(installed):

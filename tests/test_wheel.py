@@ -9,7 +9,9 @@ import pytest
 from hatchling.builders.wheel import WheelBuilder
 from packaging.requirements import Requirement
 
-from tests.places import ROOT
+from tests.places import CONFIGS, ROOT
+
+SAMPLES = "share/mkdaemon/configs"
 
 NEEDED_TO_FLY = {
     "cyclopts", "eclipse-zenoh", "msgpack", "numpy", "pydantic", "pyserial", "pyserial-asyncio", "rich", "structlog",
@@ -26,11 +28,16 @@ def wheel(tmp_path_factory) -> zipfile.ZipFile:
 
 
 def test_the_wheel_holds_the_product_and_nothing_else(wheel):
-    names = wheel.namelist()
+    names = [name for name in wheel.namelist() if f"{SAMPLES}/" not in name]
     assert {name.split("/")[0].partition("-")[0] for name in names} == {"mkdaemon"}
     sources = {path.relative_to(ROOT / "src").as_posix() for path in (ROOT / "src").rglob("*.py")}
     assert {name for name in names if name.endswith(".py")} == sources
     assert not any(room in name.split("/") for name in names for room in ("lab", "tools", "tests", "bench"))
+
+
+def test_the_wheel_brings_the_sample_configurations(wheel):
+    inside = {name.partition(f"{SAMPLES}/")[2] for name in wheel.namelist() if f".data/data/{SAMPLES}/" in name}
+    assert inside == {path.relative_to(CONFIGS).as_posix() for path in CONFIGS.rglob("*") if path.is_file()}
 
 
 def test_the_wheel_has_both_programs_and_the_licence(wheel):

@@ -81,7 +81,7 @@ def test_a_missing_file_names_one_that_is_like_it(tmp_path):
     (tmp_path / "cyberquad.toml").write_text("", encoding="utf-8")
     with pytest.raises(ConfigError, match=r"did you mean .*cyberquad\.toml\?"):
         load(tmp_path / "cyberqad.toml")
-    with pytest.raises(ConfigError, match="no such configuration file; configs/"):
+    with pytest.raises(ConfigError, match=r"no such configuration file; samples are in .*configs"):
         load(tmp_path / "nothing" / "zzz.toml")
 
 

@@ -20,8 +20,8 @@ def manager(tmp_path):
         yield channel, address
 
 
-async def feed(notifier, progress, until):
-    task = asyncio.create_task(feed_watchdog(notifier, progress))
+async def feed(notifier, progress, until, status=str):
+    task = asyncio.create_task(feed_watchdog(notifier, progress, status))
     try:
         return await asyncio.to_thread(until)
     finally:
@@ -36,6 +36,14 @@ async def test_life_is_reported_while_work_makes_progress(manager):
     steps = iter(range(10_000))
     heard = await feed(notifier, lambda: next(steps), lambda: [channel.recv(64) for _ in range(4)])
     assert heard == [b"READY=1"] + [b"WATCHDOG=1"] * 3
+
+
+async def test_people_read_what_happens_when_it_changes(manager):
+    channel, address = manager
+    notifier = Notifier({"NOTIFY_SOCKET": address, "WATCHDOG_USEC": "6000"})
+    lines = iter(["link absent", "link absent", "link up:\nproven", *["link up: proven"] * 1000])
+    received = await feed(notifier, lambda: 7, lambda: [channel.recv(64) for _ in range(3)], lambda: next(lines))
+    assert received == [b"READY=1", b"STATUS=link absent", b"STATUS=link up: proven"]
 
 
 async def test_a_loop_that_runs_while_control_stands_still_is_not_alive(manager):

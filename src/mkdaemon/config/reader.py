@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 import json
+import sysconfig
 import tomllib
 from collections.abc import Mapping
 from pathlib import Path
@@ -45,13 +46,19 @@ def load(path: Path | None, overrides: Mapping[str, Any] | None = None) -> Confi
         raise ConfigError(explain(error, path, text, given)) from error
 
 
+def samples_folder() -> Path:
+    """Where the sample configurations are: beside the installed package, or in the source tree."""
+    installed = Path(sysconfig.get_path("data")) / "share" / "mkdaemon" / "configs"
+    return installed if installed.is_dir() else Path("configs")
+
+
 def _read(path: Path) -> str:
     try:
         return path.read_text(encoding="utf-8")
     except FileNotFoundError as error:
         near = difflib.get_close_matches(path.name, [p.name for p in path.parent.glob("*.toml")], n=1)
-        hint = f"; did you mean {path.parent / near[0]}?" if near else "; configs/ in the source tree has samples"
-        msg = f"{path}: no such configuration file{hint}"
+        hint = f"did you mean {path.parent / near[0]}?" if near else f"samples are in {samples_folder()}"
+        msg = f"{path}: no such configuration file; {hint}"
         raise ConfigError(msg) from error
     except (OSError, UnicodeDecodeError) as error:
         reason = error.strerror if isinstance(error, OSError) else "not UTF-8 text"

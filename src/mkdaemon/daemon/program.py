@@ -29,7 +29,7 @@ from mkdaemon.daemon.procedures import Interlock, Journal, ProcedureRunner, stat
 from mkdaemon.daemon.requests import BoardRequests
 from mkdaemon.daemon.sink import BusSink
 from mkdaemon.daemon.verbs import Verbs
-from mkdaemon.daemon.vitals import vehicle_health
+from mkdaemon.daemon.vitals import status_line, vehicle_health
 from mkdaemon.daemon.watchdog import Notifier, feed_watchdog
 from mkdaemon.errors import ConfigError, MkError
 from mkdaemon.link.labels import LabelCache
@@ -150,7 +150,9 @@ class Daemon:
                     above.create_task(self._publish_health(), name="health"),
                     above.create_task(self._watch_system_clock(), name="clock"),
                     above.create_task(self._report_floods(), name="floods"),
-                    above.create_task(feed_watchdog(notifier, lambda: self._flight.ticks), name="watchdog"),
+                    above.create_task(
+                        feed_watchdog(notifier, lambda: self._flight.ticks, self._status), name="watchdog"
+                    ),
                     (stopped := above.create_task(stop.wait(), name="stop")),
                 ]
                 if not is_recording:
@@ -218,6 +220,11 @@ class Daemon:
             async with asyncio.timeout(None if self._cfg.link.wait_for_port else AUDIENCE_WAIT):
                 await self._bus.wait_until_watched()
             await asyncio.sleep(SETTLE)
+
+    def _status(self) -> str:
+        """One line for the service manager."""
+        health = vehicle_health(self._facts, self._link, self._clock.stamp(), note=self._cfg.vehicle.note)
+        return status_line(health, self._flight.phase)
 
     async def _publish_health(self) -> None:
         """Publish whether the vehicle is alive, once a second and at once when it changes."""

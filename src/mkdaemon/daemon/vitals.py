@@ -5,6 +5,7 @@ from __future__ import annotations
 from mkdaemon.control.vehicle import VehicleFacts
 from mkdaemon.link.link import Link
 from mkdaemon.stamp import Stamp
+from mkdaemon.telemetry.control import Phase
 from mkdaemon.telemetry.link import LinkCondition
 from mkdaemon.telemetry.vehicle import VehicleHealth
 
@@ -31,3 +32,17 @@ def vehicle_health(facts: VehicleFacts, link: Link, stamp: Stamp, *, note: str) 
         error=None if flight is None else flight.error or None,
         note=note,
     )
+
+
+def status_line(health: VehicleHealth, phase: Phase) -> str:
+    """Return one line of what counts: the line, the motors, who flies.
+
+    Args:
+        health: the vehicle's signs of life.
+        phase: where authority stands.
+    """
+    motors = {True: "motors running", False: "motors stopped", None: "motors unknown"}[health.motors_running]
+    words = [f"link {health.link}: {health.reason}", motors, f"control {phase}"]
+    if health.error is not None:
+        words.append(f"error: {health.error}")
+    return "; ".join(words)

@@ -33,12 +33,21 @@ class Notifier:
                 return
 
 
-async def feed_watchdog(notifier: Notifier, progress: Callable[[], int]) -> None:
-    """Report life for as long as `progress` grows; a loop that runs while control stands still is not alive."""
+async def feed_watchdog(notifier: Notifier, progress: Callable[[], int], status: Callable[[], str]) -> None:
+    """Report life for as long as `progress` grows, and what `systemctl status` shows.
+
+    Args:
+        notifier: the service manager.
+        progress: a number that grows with the control loop; a loop that runs while control stands still is not alive.
+        status: one line for people.
+    """
     period = notifier.watchdog / 3 if notifier.watchdog else SLOWEST
-    seen = progress()
+    seen, shown = progress(), ""
     notifier.send("READY=1")
     while True:
+        if (line := " ".join(status().split())) != shown:
+            shown = line
+            notifier.send(f"STATUS={line}")
         await asyncio.sleep(period)
         before, seen = seen, progress()
         if seen != before:
