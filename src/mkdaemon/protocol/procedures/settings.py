@@ -142,7 +142,11 @@ def _replace(session: FoundSets, wanted: Mapping[int, bytes], *, dry_run: bool) 
     # The active set comes last, also unchanged, because every write activates what it writes.
     order = [*(slot for slot in todo if slot != session.active), session.active]
     writing = {slot: pad_set(wanted.get(slot, session.live)) for slot in order}
-    yield LiveSetAtRisk(session.live_set(writing))
+    try:
+        yield LiveSetAtRisk(session.live_set(writing))
+    except MkError:
+        yield from make_live(session)  # collecting the sets may have loaded another one
+        raise
     stored = dict(before)
     try:
         for done, slot in enumerate(order):
