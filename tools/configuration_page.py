@@ -34,7 +34,7 @@ is in seconds or another SI unit.
 | on the command line | in the environment | goes before |
 |---|---|---|
 | `mkdaemon run --port` | | `link.port` |
-| `mkdaemon run --vehicle` | `MK_VEHICLE` | `vehicle.name` |
+| `mkdaemon run --vehicle` | `MK_VEHICLE`, without a file | `vehicle.name` |
 | `mkdaemon run --listen` | | `bus.listen` |
 | `mkdaemon run --wait` | | `link.wait_for_port` |
 | `mkctl --vehicle`, `--connect`, `--zenoh-file` | `MK_VEHICLE`, `MK_CONNECT`, `MK_ZENOH_FILE` | they have no file |

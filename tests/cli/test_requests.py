@@ -1,15 +1,18 @@
 from __future__ import annotations
 
 import re
+from types import SimpleNamespace
+from typing import cast
 
 import pytest
 
 from mkdaemon.cli.mkctl.requests import request_forms
-from mkdaemon.cli.mkctl.send import describe_reply
+from mkdaemon.cli.mkctl.send import describe_reply, find_board
+from mkdaemon.client import Vehicle
 from mkdaemon.errors import ConfigError
 from mkdaemon.protocol.flags import MotorControllerItems
 from mkdaemon.protocol.messages import ErrorText, MotorController, Settings
-from mkdaemon.protocol.wire import MESSAGES, Direction
+from mkdaemon.protocol.wire import MESSAGES, Board, Direction
 from tests.places import DOCS
 
 FORMS = request_forms()
@@ -19,6 +22,25 @@ def test_every_request_of_the_table_has_a_form() -> None:
     keys = {cls.spec.key for cls in MESSAGES.values() if cls.spec.direction is Direction.TO_BOARD}
     assert set(FORMS) == keys
     assert all(form.about and form.firmware for form in FORMS.values())
+
+
+@pytest.mark.parametrize(
+    ("form", "heard", "board"),
+    [
+        ("menu_request", ("fc", "nc"), Board.NC),
+        ("label_request", ("nc",), Board.NC),
+        ("display_request", ("fc",), Board.FC),
+        ("display_request", None, Board.FC),
+        ("motor_test", ("fc", "nc"), Board.FC),
+    ],
+)
+async def test_the_board_at_the_end_of_the_line_is_asked_by_default(form, heard, board) -> None:
+    class Client:
+        async def get(self, suffix: str) -> SimpleNamespace | None:
+            assert suffix == "link/state"
+            return None if heard is None else SimpleNamespace(fields={"boards": heard})
+
+    assert await find_board(cast("Vehicle", Client()), FORMS[form]) is board
 
 
 def test_layouts_are_one_form_with_the_limits_of_each() -> None:

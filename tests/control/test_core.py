@@ -405,6 +405,22 @@ def test_status_counts_what_becomes_of_stick_frames(drive):
     assert (status.frames_sent, status.frames_confirmed) == (2, 1)
 
 
+@pytest.mark.parametrize("source", ["flight", "pilot"])
+def test_a_lost_receiver_ends_the_flight_with_an_event(drive, source):
+    drive.fly()
+    lost = flight(is_flying=True).model_copy(update={"emergency_landing": True})
+    if source == "pilot":
+        lost = pilot(0.0).model_copy(update={"has_signal": False})
+    drive.core.state_received(lost, drive.now)
+    drive.stream(0.1)
+    [release] = drive.releases
+    assert "receiver is lost" in release.reason
+    drive.release_ends()
+    drive.tick()
+    [failsafe] = drive.of(ReportFailsafe)
+    assert (failsafe.action, failsafe.released) == ("release", True)
+
+
 def test_frames_that_never_leave_are_counted_as_dropped(drive):
     drive.fly()
     drive.stream(1.5)

@@ -47,6 +47,8 @@ def menu(page: int, last: int) -> Menu:
         (EchoRequest(pattern=7), Board.NC, label(7), Board.NC, False),
         (MenuRequest(page=2), Board.NC, menu(2, 15), Board.NC, True),
         (MenuRequest(page=99), Board.NC, menu(15, 15), Board.NC, True),
+        (MenuRequest(page=99), Board.NC, menu(0, 15), Board.NC, True),
+        (MenuRequest(page=2), Board.NC, menu(15, 15), Board.NC, False),
         (MenuRequest(page=2), Board.NC, menu(3, 15), Board.NC, False),
         (DebugRequest(interval=0), Board.NC, DEBUG, Board.NC, True),
     ],

@@ -13,6 +13,7 @@ from mkdaemon.config.control import ControlConfig
 from mkdaemon.control.actions import Action, ReadGate, Release, SendSticks
 from mkdaemon.control.authority import Authority, Fly, ReleaseOrder
 from mkdaemon.control.estimator.model import AircraftModel
+from mkdaemon.control.flightwatch import FlightWatch
 from mkdaemon.control.modes import IN_FLIGHT, Event
 from mkdaemon.control.output import StickOutput
 from mkdaemon.control.pacing import Pacing
@@ -74,6 +75,7 @@ class FlightCore:
         self._output = StickOutput(cfg, facts)
         self._reports = Reports(self._authority, self._output, facts)
         self._patience = LinePatience(one_way=cfg.lease.release_after)
+        self._watch = FlightWatch(self._authority, facts, self._patience)
         self._line = ControlLine()
         self._release: ReleaseOrder | None = None
         self._nameless = 0
@@ -233,7 +235,7 @@ class FlightCore:
         if self._release is None:
             if stood_still > self._cfg.limiter.setpoint_ttl and self._authority.phase in IN_FLIGHT:
                 self._authority.end(Event.STALLED, cause=f"{stood_still:.2f}")
-            self._watch_line(now)
+            self._watch.look(now)
             before = self._authority.phase
             decision = self._authority.tick(now)
             self._reports.phase_changed()
@@ -244,15 +246,6 @@ class FlightCore:
         self._reports.status(self._line.layout, now)
         self._pacing.is_paced = self._authority.phase in IN_FLIGHT
         return ([] if order is None else [order]) + self._reports.take()
-
-    def _watch_line(self, now: float) -> None:
-        """End the lease when the line has been unusable for too long, or is another opening of the port."""
-        link = self.facts.link
-        if link is None:
-            return
-        self._patience.watch(link, now)
-        if self._authority.lease(now) is not None and self._patience.is_over(link, now):
-            self._authority.end(Event.LINK_LOST, cause=f"{link.condition.value}: {link.reason}")
 
     def _guide(self, setpoint: Setpoint, now: float, is_flying: bool) -> Guided:
         return guidance_for(setpoint, self._guidance).guide(setpoint, self.facts, now, is_flying=is_flying)

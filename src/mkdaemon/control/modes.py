@@ -41,6 +41,8 @@ class Event(StrEnum):
     """The setpoint has been followed to its end: the aircraft stands on the target."""
     STALLED = "stalled"
     """The daemon itself stood still for longer than a setpoint lives."""
+    RECEIVER_LOST = "receiver_lost"
+    """The FlightCtrl has lost the pilot's transmitter and lands by itself."""
     GUARD_ACTED = "guard_acted"
     """The guard has released the aircraft in the daemon's place."""
     RELEASE_DONE = "release_done"
@@ -168,6 +170,7 @@ ROWS: Final = (
     _release(Event.GUIDANCE_LOST, IN_FLIGHT, "{cause}"),
     _release(Event.FLIGHT_FINISHED, IN_FLIGHT, "{cause}", is_asked=True),
     _release(Event.STALLED, IN_FLIGHT, "the daemon stood still for {cause} s"),
+    _release(Event.RECEIVER_LOST, IN_FLIGHT, "the receiver is lost: the FlightCtrl ignores stick frames and lands"),
     _release(Event.GUARD_ACTED, tuple(Phase), "the guard released the aircraft: {cause}"),
     Row((_RELEASING,), Event.RELEASE_DONE, RELEASE_OWED, _RELEASING, Reaction.NOTHING, "{reason}"),
     Row((_RELEASING,), Event.RELEASE_DONE, HELD, _LEASED, Reaction.NOTHING, _WAITING),

@@ -107,6 +107,14 @@ class VehicleFacts:
         flight = self.flight(now)
         return None if flight is None else flight.is_flying
 
+    def is_receiver_lost(self, now: float) -> bool:
+        """Whether the FlightCtrl is known to fly without the pilot's transmitter."""
+        flight = self.flight(now)
+        if flight is not None:
+            return flight.emergency_landing
+        is_known = self._pilot is not None and now - self._pilot[1] <= FRESH
+        return is_known and self._pilot is not None and not self._pilot[0].has_signal
+
     def pose_age(self, now: float) -> float | None:
         """Time since the image of the newest pose [s]; None where there is none."""
         return None if self._pose is None else now - self._pose.stamp.monotonic

@@ -17,6 +17,7 @@ from mkdaemon.bus.codec import Payload, TooLong, check_command, decode_map
 from mkdaemon.clock import Clock, SleepWatch
 from mkdaemon.control.actions import Action, PublishEstimate, PublishStatus, ReadGate, Release, SendSticks
 from mkdaemon.control.core import FlightCore
+from mkdaemon.control.modes import IN_FLIGHT
 from mkdaemon.control.preflight import Gate
 from mkdaemon.daemon.audit import Audit, Outlet
 from mkdaemon.daemon.discovery import require_flightctrl
@@ -25,11 +26,15 @@ from mkdaemon.errors import CommandRejectedError
 from mkdaemon.link.link import Link
 from mkdaemon.link.session.traffic import ReleaseResult
 from mkdaemon.telemetry.command import LeaseRequest, ReleaseRequest
-from mkdaemon.telemetry.control import ControlEstimate, ControlOutput, ControlStatus, LeaseState, Phase
+from mkdaemon.telemetry.control import ControlEstimate, ControlOutput, ControlStatus, LeaseState, Phase, ReleaseOutcome
 from mkdaemon.telemetry.setpoint import Setpoint
 from mkdaemon.telemetry.signature import Signature
 from mkdaemon.translate import aircraft_model, extern_control
 
+LATE_RELEASE: Final = 600.0
+"""How long a release that was not confirmed is watched for its confirmation [s]."""
+LATE_LOOK: Final = 0.2
+"""Time between two looks for it [s]."""
 RELEASE_TIMEOUT: Final = 5.0
 """A release that takes longer than this counts as not confirmed [s]; the link needs 1.5 s at most."""
 
@@ -163,7 +168,8 @@ class FlightControl:
             case SendSticks():
                 self._send(action)
             case Release():
-                tasks.create_task(self._finish_release(self._link.release(action.reason)), name="control.release")
+                release = self._finish_release(action.reason, self._link.release(action.reason))
+                tasks.create_task(release, name="control.release")
             case PublishStatus():
                 shown = {field.name: getattr(action, field.name) for field in fields(action)}
                 self._bus.publish("control/status", ControlStatus(stamp=self._clock.stamp(), **shown))
@@ -188,8 +194,9 @@ class FlightControl:
         )
         self._bus.publish("control/output", output)
 
-    async def _finish_release(self, release: Awaitable[ReleaseResult]) -> None:
+    async def _finish_release(self, reason: str, release: Awaitable[ReleaseResult]) -> None:
         """Wait for the end of a release, then report it to the core and to whoever asked for it."""
+        began = self._clock.now()
         result: ReleaseResult | None = None
         with suppress(TimeoutError):
             async with asyncio.timeout(RELEASE_TIMEOUT):
@@ -200,3 +207,15 @@ class FlightControl:
         for waiter in waiters:
             if not waiter.done():
                 waiter.set_result(result)
+        if result is None or result.status in {ReleaseOutcome.UNCONFIRMED, ReleaseOutcome.NOT_SENT}:
+            await self._report_late_release(reason, began)
+
+    async def _report_late_release(self, reason: str, began: float) -> None:
+        """Correct the report of a release that was not confirmed, once one is; who flies again ends the wait."""
+        with suppress(TimeoutError):
+            async with asyncio.timeout(LATE_RELEASE):
+                while self._core.phase not in IN_FLIGHT:
+                    if self._link.released_at > began:
+                        self._audit.failsafe("release", f"{reason}; it is confirmed by now", released=True)
+                        return
+                    await asyncio.sleep(LATE_LOOK)

@@ -17,13 +17,13 @@ from mkdaemon.control.danger import check_danger, check_proof
 from mkdaemon.control.vehicle import FRESH, VehicleFacts
 from mkdaemon.daemon.answering import answer_query
 from mkdaemon.daemon.audit import Audit
-from mkdaemon.daemon.discovery import require_discovery
+from mkdaemon.daemon.discovery import refuse_silent_line, require_discovery
 from mkdaemon.errors import LinkLostError, RequestTimeoutError
 from mkdaemon.link.discovery import PORTS, redirection
 from mkdaemon.link.link import Link
 from mkdaemon.link.procedures import way_to
 from mkdaemon.protocol.flags import RedirectPort
-from mkdaemon.protocol.messages import Redirect, VersionRequest, WriteSettings
+from mkdaemon.protocol.messages import Beep, Redirect, VersionRequest, WriteSettings
 from mkdaemon.protocol.wire import MESSAGES, Board, Direction, WireMessage
 from mkdaemon.telemetry.command import CommandResult, refused
 from mkdaemon.telemetry.danger import Confirm, Danger, Switch
@@ -31,6 +31,8 @@ from mkdaemon.telemetry.refusals import Status, Token, refuse
 
 PASSAGE: Final = 5.0
 """How long a bare redirection lasts [s]; a client waits 15 s for an answer."""
+LONGEST_BEEP: Final = 2.5
+"""A FlightCtrl may be made deaf for so long by its buzzer [s]; what the link expects of it."""
 MOTORS_FRESH: Final = 0.5
 """What telemetry says about the motors counts for so long where a request must not meet running ones [s]."""
 MOTORS_WAIT: Final = 1.5
@@ -144,6 +146,8 @@ class BoardRequests:
         danger = _danger_of(message)
         self._check_dialect(board, message, danger)
         if danger is not None:
+            if danger.stopped and self._facts.motors_running(self._clock.now(), within) is None:
+                refuse_silent_line(self._facts.link)
             check_danger(
                 f"{board.word}/{message.spec.key}",
                 danger,
@@ -152,6 +156,8 @@ class BoardRequests:
                 motors_running=self._facts.motors_running(self._clock.now(), within),
                 is_testing_motors=self._facts.is_testing_motors(self._clock.now()),
             )
+        if isinstance(message, Beep) and message.deaf_time > LONGEST_BEEP:
+            raise refuse(Token.DEAF_TOO_LONG, seconds=message.deaf_time, limit=LONGEST_BEEP)
 
     async def prove_board(self, board: Board, message: WireMessage) -> None:
         """Make sure that the board asked is the one that hears us, where the request needs that.

@@ -231,6 +231,11 @@ class Conversation:
         self._exchange.pump()
         return memory
 
+    @property
+    def released_at(self) -> float:
+        """When a release was confirmed last [s; monotonic]; minus infinity for never."""
+        return self._dialogue.steering.released_at
+
     # -- what discovery uses --------------------------------------------------------------------------------------
 
     def count_look(self) -> None:

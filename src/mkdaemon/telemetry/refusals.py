@@ -113,6 +113,11 @@ REFUSALS: Final[Mapping[str, Refusal]] = {
         "`mkctl send version-request --board {board}` first; behind a NaviCtrl redirect the line.",
     ),
     Token.NEVER: Refusal(Status.DENIED, "{name} is never sent for a client: {detail}.", "{instead}"),
+    Token.DEAF_TOO_LONG: Refusal(
+        Status.DENIED,
+        "the FlightCtrl would hear nothing for {seconds:.0f} s, and only power-off ends that.",
+        "Make duration times count smaller: {limit:g} s in all, pauses as long as the beeps included.",
+    ),
     # authority
     Token.NOT_LEASED: Refusal(Status.DENIED, "nobody holds the lease.", "`mkctl lease take` first."),
     Token.LEASE_HELD: Refusal(

@@ -56,6 +56,7 @@ class Token(StrEnum):
     MOTORS_UNKNOWN = "motors_unknown"
     BOARD_UNPROVEN = "board_unproven"
     NEVER = "never"
+    DEAF_TOO_LONG = "deaf_too_long"
 
     # authority
     NOT_LEASED = "not_leased"

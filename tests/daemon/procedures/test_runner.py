@@ -267,6 +267,18 @@ async def test_a_note_that_cannot_be_removed_keeps_everybody_on_the_ground(tmp_p
         assert list(tmp_path.iterdir()) == []
 
 
+@virtually
+async def test_an_upload_on_a_silent_line_says_so(tmp_path):
+    async with procedure_rig(plug_in(navi_ctrl()), tmp_path) as rig:
+        await rig.until_ready()
+        rig.socket.port.inject(LineFault.SILENCE)
+        await asyncio.sleep(3.0)
+        result = await rig.ask(
+            "waypoints_upload", points=[{"latitude_deg": 1.0, "longitude_deg": 2.0, "altitude": 3.0}]
+        )
+        assert result.token == "link_down"
+
+
 @pytest.mark.parametrize(
     ("verb", "running", "token"),
     [

@@ -11,6 +11,7 @@ from cyclopts import App, Parameter
 
 from mkdaemon.cli.mkctl.connection import HERE, Connection
 from mkdaemon.cli.mkctl.requests import FieldForm, RequestForm, request_forms
+from mkdaemon.client import Vehicle
 from mkdaemon.client.samples import message_from
 from mkdaemon.protocol.wire import Board, WireMessage
 
@@ -21,8 +22,10 @@ app = App(
 )
 
 
-async def send(form: RequestForm, board: Board, given: dict[str, str | None], confirm: bool, at: Connection) -> None:
-    """Send one request and print what came back.
+async def send(
+    form: RequestForm, board: Board | None, given: dict[str, str | None], confirm: bool, at: Connection
+) -> None:
+    """Send one request and print what came back; to the board at the end of the line where none is named.
 
     Raises:
         ConfigError: a value does not fit its field.
@@ -32,6 +35,7 @@ async def send(form: RequestForm, board: Board, given: dict[str, str | None], co
     if confirm:
         fields["confirm"] = True
     async with at.open() as client:
+        board = board or await find_board(client, form)
         answer = await client.command(board.word, form.key, fields)
     reply = answer.require()
     if at.json:
@@ -41,6 +45,16 @@ async def send(form: RequestForm, board: Board, given: dict[str, str | None], co
         print(describe_reply(message_from(answer.reply_type, reply)))
     else:
         print(answer.reason or f"answered: {answer.status}")
+
+
+async def find_board(client: Vehicle, form: RequestForm) -> Board:
+    """Return who is asked by default: the NaviCtrl where one is on the line, for it must not be passed through."""
+    if len(form.boards) > 1:
+        state = await client.get("link/state")
+        heard = () if state is None else state.fields["boards"]
+        if Board.NC in form.boards and Board.NC.word in heard:
+            return Board.NC
+    return form.boards[0]
 
 
 def describe_reply(message: WireMessage) -> str:
@@ -61,13 +75,15 @@ def _command(form: RequestForm) -> Callable[..., Awaitable[None]]:
     async def run(**given: Any) -> None:
         connection: Connection = given.pop("connection", HERE)
         confirm: bool = given.pop("confirm", False)
-        board = Board[given.pop("board", form.boards[0].word).upper()]
+        word = given.pop("board", None)
+        board = None if word is None else Board[word.upper()]
         await send(form, board, given, confirm, connection)
 
     parameters = [_parameter(field) for field in form.fields]
     if len(form.boards) > 1:
         words = Literal[tuple(board.word for board in form.boards)]  # type: ignore[valid-type]
-        parameters.append(_keyword("board", words, "Board to ask.", default=form.boards[0].word))
+        about = "Board to ask; by default the one at the end of the line."
+        parameters.append(_keyword("board", words | None, about, default=None))
     if form.danger:
         about = f"I know the danger: {form.danger}."
         parameters.append(_keyword("confirm", bool, about, default=False, negative=()))

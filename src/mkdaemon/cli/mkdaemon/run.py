@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import os
 import signal
 from collections.abc import Callable
 from pathlib import Path
@@ -23,7 +24,7 @@ def run(
     *,
     config: Annotated[Path | None, Parameter(name=["--config", "-c"])] = None,
     port: Annotated[str | None, Parameter(name=["--port", "-p"])] = None,
-    vehicle: Annotated[str | None, Parameter(env_var="MK_VEHICLE")] = None,
+    vehicle: str | None = None,
     listen: str | None = None,
     wait: Annotated[bool, Parameter(negative=())] = False,
     log: Level = "info",
@@ -37,7 +38,8 @@ def run(
         config: TOML file; `configs/` has commented samples. Without it every default holds.
         port: `/dev/ttyUSB0`, `/dev/serial/by-id/...`, `pty:/dev/pts/N`, `tcp:HOST:PORT` or `replay:FILE?speed=20`; goes
             before the file's `link.port`.
-        vehicle: Name in every key, `mk/<vehicle>/...`; goes before the file's `vehicle.name`.
+        vehicle: Name in every key, `mk/<vehicle>/...`; goes before the file's `vehicle.name`. Without both a file and
+            this option the environment's `MK_VEHICLE` counts, which names the vehicle that clients talk to.
         listen: Zenoh endpoint for clients, for example `tcp/127.0.0.1:7448`; goes before the file's `bus.listen`.
         wait: Wait for the port if it is missing at the start, in place of ending; a recording waits for a subscriber.
         log: Least severity written to stderr.
@@ -47,8 +49,9 @@ def run(
     overrides: dict[str, Any] = {}
     if port is not None:
         overrides["link.port"] = port
-    if vehicle is not None:
-        overrides["vehicle.name"] = vehicle
+    name = vehicle_name(config, vehicle)
+    if name:
+        overrides["vehicle.name"] = name
     if listen is not None:
         overrides["bus.listen"] = [listen]
     if wait:
@@ -56,6 +59,11 @@ def run(
     cfg = load(config, overrides)
     with asyncio.Runner(loop_factory=_fast_loop()) as runner:
         runner.run(_until_signalled(cfg))
+
+
+def vehicle_name(config: Path | None, given: str | None) -> str | None:
+    """Return the name that goes before the file's; the environment's is the clients' and names no file's aircraft."""
+    return given or (os.environ.get("MK_VEHICLE") if config is None else None)
 
 
 def _fast_loop() -> Callable[[], asyncio.AbstractEventLoop] | None:

@@ -16,7 +16,7 @@ from mkdaemon.bus.codec import Payload, read_command, schema_name
 from mkdaemon.clock import Clock
 from mkdaemon.control.vehicle import VehicleFacts
 from mkdaemon.daemon.audit import Audit, Outlet
-from mkdaemon.daemon.discovery import require_discovery
+from mkdaemon.daemon.discovery import refuse_silent_line, require_discovery
 from mkdaemon.daemon.procedures.interlock import Interlock
 from mkdaemon.daemon.procedures.job import Guard, Job, JobObserver, refusal_for, state_of
 from mkdaemon.daemon.procedures.journal import Journal, Note
@@ -173,9 +173,12 @@ class ProcedureRunner:
         """Go on only with motors known to stand still.
 
         Raises:
-            CommandRejectedError: `motors_running`, `motors_unknown` or `in_flight_needed`.
+            CommandRejectedError: `link_down`, `motors_running`, `motors_unknown` or `in_flight_needed`.
         """
-        match await self._find_motors():
+        are_running = await self._find_motors()
+        if are_running is None:
+            refuse_silent_line(self._facts.link)
+        match are_running:
             case False:
                 return
             case True if can_fly:

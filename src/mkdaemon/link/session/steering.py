@@ -32,6 +32,7 @@ class Steering:
     Attributes:
         control: numbers, confirmations and the command the aircraft may still obey.
         plan: the latest release; None before the first opening.
+        released_at: when a release was confirmed last [s].
         navictrl_confirms: the NaviCtrl at the end of the wire has confirmed a frame, so it takes them itself.
     """
 
@@ -43,6 +44,7 @@ class Steering:
         self._scheduler = scheduler
         self._peers = peers
         self._plan_is_settled = True
+        self.released_at = -math.inf
 
     def restart(self) -> None:
         """A port was opened: whatever was agreed before is void."""
@@ -118,7 +120,10 @@ class Steering:
         is_first = is_navictrl and not self.navictrl_confirms
         self.navictrl_confirms |= is_navictrl
         if self.plan is not None:
+            before = self.plan.outcome
             self.plan.confirmed(number, now)
+            if self.plan.outcome is ReleaseOutcome.CONFIRMED is not before:
+                self.released_at = now
         return is_first
 
     def sent(self, entry: ControlEntry, now: float) -> None:

@@ -5,7 +5,7 @@ Source: docs/protocol.md, "Common commands".
 
 from __future__ import annotations
 
-from typing import Annotated, Final
+from typing import Annotated, Any, Final
 
 from mkdaemon.protocol.fields import U8, Text
 from mkdaemon.protocol.matching import same
@@ -20,6 +20,11 @@ ALL_KEYS_UP: Final = 0xFF
 
 _PILOTS = (Board.FC, Board.NC)
 _ALL = (Board.FC, Board.NC, Board.MAG)
+
+
+def _fits_page(asked: Any, came: Any) -> bool:
+    """Whether a page of the menu answers a request: a page that does not exist is answered by the first or the last."""
+    return came.page == asked.page or (asked.page > came.last_page and came.page in (0, came.last_page))
 
 
 @request(
@@ -67,14 +72,14 @@ class DisplayOld(WireMessage):
     firmware="FC, NC",
     source=(Source.FC_RECEIVE, Source.NC_RECEIVE),
     policy={Board.NC: Policy(0.4, 4)},
-    matches=lambda asked, came: came.page in (asked.page, came.last_page),
+    matches=_fits_page,
     any_address=True,
 )
 class MenuRequest(WireMessage):
     """Ask for one page of the menu."""
 
     page: Annotated[int, U8(mk="MenuItem")]
-    """0..last page (19 on FC 2.12a, 15 on NC 0.24)."""
+    """0..last page (19 on FC 2.12a, 15 on NC 0.24); a number above it is answered with page 0 or the last."""
 
 
 @answer(_PILOTS, "L", firmware="FC, NC", source=(Source.FC_SEND, Source.NC_SEND))
