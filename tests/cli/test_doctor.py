@@ -94,7 +94,7 @@ def test_configuration_endpoint_and_device_are_checked(machine, tmp_path):
     assert "good " + str(path) in text
     assert "bad /dev/no-such-port does not exist" in text
     assert f"note tcp/127.0.0.1:{port} cannot be listened on" in text
-    assert "note tcp/0.0.0.0:0 lets the whole network fly the aircraft" in text
+    assert "bad tcp/0.0.0.0:0 lets the whole network fly the aircraft" in text
     assert "has no calibration" in text
 
 

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+from io import StringIO
 from types import SimpleNamespace
 
 import pytest
+from rich.console import Console
 
+from mkdaemon.cli.mkctl.status import render
 from mkdaemon.control.vehicle import VehicleFacts
-from mkdaemon.daemon.vitals import vehicle_health
+from mkdaemon.daemon.vitals import status_line, vehicle_health
 from mkdaemon.protocol.wire import Board
+from mkdaemon.telemetry.control import Phase
 from mkdaemon.telemetry.link import LinkCondition
 from tests.control.events import STAMP, flight, link_state
 
@@ -37,3 +41,17 @@ def test_a_message_without_error_tells_of_none():
     facts = VehicleFacts()
     facts.state_received(flight(is_flying=True), STAMP.monotonic)
     assert vehicle_health(facts, line(), STAMP, note="").error is None
+
+
+def test_an_open_bus_is_told_to_everybody():
+    health = vehicle_health(VehicleFacts(), line(), STAMP, note="", open_endpoints=("tcp/0.0.0.0:7447",))
+    assert health.open_endpoints == ("tcp/0.0.0.0:7447",)
+    known = {"health": health.model_dump()}
+    with StringIO() as screen:
+        Console(file=screen, width=120).print(render("mk1", known))
+        assert "OPEN: everybody in the network may fly, at tcp/0.0.0.0:7447" in screen.getvalue()
+
+
+def test_the_status_line_says_line_motors_and_who_flies():
+    words = status_line(vehicle_health(VehicleFacts(), line(), STAMP, note=""), Phase.FREE)
+    assert words == "link absent: the line has not been opened yet; motors unknown; control free"

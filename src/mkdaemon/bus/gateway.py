@@ -19,6 +19,7 @@ from pydantic import BaseModel
 
 from mkdaemon.bus.answers import AnswerThread
 from mkdaemon.bus.codec import Payload, TooLong, encode, encoding_of, with_age
+from mkdaemon.bus.exposure import check_exposure
 from mkdaemon.bus.floods import QueryBudgets, ShedCounter, flood_settings
 from mkdaemon.bus.intake import Prover, SetpointIntake, Taker
 from mkdaemon.bus.keys import REQUEST_BYTES, Use, find, of_use, roots
@@ -43,10 +44,15 @@ Watcher = Callable[[str, bool], None]
 
 
 class Bus:
-    """An open session. Everything runs on the loop it was opened on."""
+    """An open session. Everything runs on the loop it was opened on.
+
+    Attributes:
+        open_endpoints: where everybody in the network may come in; empty unless the configuration allows it.
+    """
 
     def __init__(self, session: zenoh.Session, cfg: BusConfig, vehicle: str) -> None:
         self.vehicle = vehicle
+        self.open_endpoints: tuple[str, ...] = ()
         self._session = session
         self._cfg = cfg
         self._loop = asyncio.get_running_loop()
@@ -66,7 +72,7 @@ class Bus:
         """Open a session, show the liveliness token, answer last-value and schema queries; close all on leaving.
 
         Raises:
-            ConfigError: an endpoint or the Zenoh file is wrong.
+            ConfigError: an endpoint or the Zenoh file is wrong, or everybody in the network could fly.
             MkError: the endpoint is in use.
         """
         config = session_config(
@@ -77,9 +83,11 @@ class Bus:
             lease=cfg.lease,
             more=flood_settings(vehicle, tuple(spec.suffix for spec in of_use(Use.SETPOINT))),
         )
+        reachable = check_exposure(config, allow_open=cfg.allow_open)
         session = await open_session(config, listen=cfg.listen)
         try:
             bus = cls(session, cfg, vehicle)
+            bus.open_endpoints = reachable
             with ExitStack() as token:
                 try:
                     for root in roots(Use.PUBLISHED):

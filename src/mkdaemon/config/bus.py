@@ -13,7 +13,10 @@ class BusConfig(Section):
     """Where the daemon meets its clients."""
 
     listen: tuple[str, ...] = ("tcp/127.0.0.1:7447",)
-    """Zenoh endpoints to listen on. Loopback only unless you also set up TLS and access control (configs/zenoh/)."""
+    """Zenoh endpoints to listen on. What the network reaches and asks for no client certificate (configs/zenoh/) and no
+    password is refused."""
+    allow_open: bool = False
+    """Listen all the same where everybody in the network could fly; `mkctl status` and the log then say so."""
     connect: tuple[str, ...] = ()
     """Zenoh endpoints to connect to, for example a router that joins several machines."""
     zenoh_file: Path | None = None

@@ -36,6 +36,7 @@ from mkdaemon.link.labels import LabelCache
 from mkdaemon.link.link import Link
 from mkdaemon.link.ports.port import open_port
 from mkdaemon.telemetry.setpoint import SETPOINTS
+from mkdaemon.telemetry.vehicle import VehicleHealth
 
 HEALTH_PERIOD: Final = 1.0
 """The vehicle's signs of life are published at least this often [s]."""
@@ -133,6 +134,9 @@ class Daemon:
         cfg = self._cfg
         where = ", ".join(cfg.bus.listen + cfg.bus.connect)
         self._audit.log("info", f"vehicle {cfg.vehicle.name} on {where}; line {cfg.link.port}")
+        if self._bus.open_endpoints:
+            reachable = ", ".join(self._bus.open_endpoints)
+            self._audit.log("warning", f"everybody in the network may fly: {reachable} is open (bus.allow_open)")
         report = take_report(self._report)
         if report is not None:
             self._audit.failsafe("guard release", f"an earlier daemon stopped in flight; {report}")
@@ -221,16 +225,19 @@ class Daemon:
                 await self._bus.wait_until_watched()
             await asyncio.sleep(SETTLE)
 
+    def _health(self) -> VehicleHealth:
+        note, reachable = self._cfg.vehicle.note, self._bus.open_endpoints
+        return vehicle_health(self._facts, self._link, self._clock.stamp(), note=note, open_endpoints=reachable)
+
     def _status(self) -> str:
         """One line for the service manager."""
-        health = vehicle_health(self._facts, self._link, self._clock.stamp(), note=self._cfg.vehicle.note)
-        return status_line(health, self._flight.phase)
+        return status_line(self._health(), self._flight.phase)
 
     async def _publish_health(self) -> None:
         """Publish whether the vehicle is alive, once a second and at once when it changes."""
         published, published_at = None, float("-inf")
         while True:
-            health = vehicle_health(self._facts, self._link, self._clock.stamp(), note=self._cfg.vehicle.note)
+            health = self._health()
             content = health.model_dump(exclude={"stamp"})
             if content != published or health.stamp.monotonic - published_at >= HEALTH_PERIOD:
                 published, published_at = content, health.stamp.monotonic

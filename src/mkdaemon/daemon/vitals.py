@@ -10,7 +10,9 @@ from mkdaemon.telemetry.link import LinkCondition
 from mkdaemon.telemetry.vehicle import VehicleHealth
 
 
-def vehicle_health(facts: VehicleFacts, link: Link, stamp: Stamp, *, note: str) -> VehicleHealth:
+def vehicle_health(
+    facts: VehicleFacts, link: Link, stamp: Stamp, *, note: str, open_endpoints: tuple[str, ...] = ()
+) -> VehicleHealth:
     """Return the vehicle's signs of life at a moment.
 
     Args:
@@ -18,6 +20,7 @@ def vehicle_health(facts: VehicleFacts, link: Link, stamp: Stamp, *, note: str) 
         link: the line.
         stamp: the moment.
         note: of the configuration.
+        open_endpoints: where everybody in the network may come in.
     """
     state, flight = facts.link, facts.flight(stamp.monotonic)
     return VehicleHealth(
@@ -31,6 +34,7 @@ def vehicle_health(facts: VehicleFacts, link: Link, stamp: Stamp, *, note: str) 
         motors_running=facts.motors_running(stamp.monotonic),
         error=None if flight is None else flight.error or None,
         note=note,
+        open_endpoints=open_endpoints,
     )
 
 

@@ -26,3 +26,5 @@ class VehicleHealth(Stamped):
     """The board's own error in words; null for none or unknown."""
     note: str
     """`vehicle.note` of the configuration."""
+    open_endpoints: tuple[str, ...] = ()
+    """Zenoh endpoints where everybody in the network may come in and fly, because `bus.allow_open` is true."""

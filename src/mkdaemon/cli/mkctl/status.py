@@ -40,6 +40,8 @@ def render(vehicle: str, known: Mapping[str, Fields]) -> Table:
     for name, key, line in _LINES:
         fields = known.get(key)
         text = line(fields) if fields else "unknown"
+        if not text:
+            continue
         table.add_row(name, text, age_of(fields) if fields and key.startswith("state/") else "")
     return table
 
@@ -55,6 +57,12 @@ def _health(fields: Fields) -> str:
     if fields["note"]:
         words.append(fields["note"])
     return "; ".join(words)
+
+
+def _open_endpoints(fields: Fields) -> str:
+    """A warning; nothing where the bus asks who comes, as it should."""
+    reachable = ", ".join(fields.get("open_endpoints", ()))
+    return f"OPEN: everybody in the network may fly, at {reachable}" if reachable else ""
 
 
 def _firmware(fields: Fields) -> str:
@@ -125,6 +133,7 @@ def _pilot(fields: Fields) -> str:
 
 _LINES = (
     ("vehicle", "health", _health),
+    ("bus", "health", _open_endpoints),
     ("firmware", "health", _firmware),
     ("link", "link/state", _link),
     ("echo", "link/health", _echo),

@@ -18,9 +18,12 @@ from typing import Annotated, Final, NamedTuple
 from cyclopts import Parameter
 from rich.console import Console
 
+from mkdaemon.bus.exposure import open_endpoints
+from mkdaemon.bus.session import session_config
 from mkdaemon.cli.arguments import AsJson
 from mkdaemon.cli.printing import json_line
 from mkdaemon.cli.program import EXIT_FAILURE, EXIT_OK
+from mkdaemon.config.bus import BusConfig
 from mkdaemon.config.reader import load
 from mkdaemon.config.root import Config
 from mkdaemon.errors import ConfigError
@@ -104,7 +107,7 @@ def examine(machine: Machine, config: Path | None) -> Iterator[Finding]:
             yield Finding(Verdict.BAD, "configuration", str(error), "Correct that line.")
     yield from _serial_ports(machine, cfg)
     yield from _modem_manager(machine)
-    yield from _endpoints(cfg.bus.listen)
+    yield from _endpoints(cfg.bus)
     yield from _cameras(machine, cfg)
     yield from _clock(machine)
 
@@ -202,8 +205,8 @@ def _modem_manager(machine: Machine) -> Iterator[Finding]:
         yield Finding(Verdict.GOOD, "ModemManager", "does not run")
 
 
-def _endpoints(endpoints: tuple[str, ...]) -> Iterator[Finding]:
-    for endpoint in endpoints:
+def _endpoints(cfg: BusConfig) -> Iterator[Finding]:
+    for endpoint in cfg.listen:
         protocol, _, address = endpoint.partition("/")
         host, _, port = address.split("?")[0].rpartition(":")
         if protocol != "tcp" or not port.isdigit():
@@ -217,9 +220,20 @@ def _endpoints(endpoints: tuple[str, ...]) -> Iterator[Finding]:
             yield Finding(Verdict.NOTE, "bus", f"{endpoint} cannot be listened on: {error.strerror}", fix)
         else:
             yield Finding(Verdict.GOOD, "bus", f"{endpoint} is free")
-        if host not in {"127.0.0.1", "localhost", "[::1]"}:
-            fix = "Listen on 127.0.0.1, or use TLS and access control: configs/zenoh/."
-            yield Finding(Verdict.NOTE, "bus", f"{endpoint} lets the whole network fly the aircraft", fix)
+    yield from _exposure(cfg)
+
+
+def _exposure(cfg: BusConfig) -> Iterator[Finding]:
+    """Who in the network can reach the bus."""
+    try:
+        reachable = ", ".join(open_endpoints(session_config("peer", listen=cfg.listen, zenoh_file=cfg.zenoh_file)))
+    except ConfigError as error:
+        yield Finding(Verdict.BAD, "bus", str(error), "Correct bus.listen or bus.zenoh_file.")
+        return
+    if reachable:
+        verdict = Verdict.NOTE if cfg.allow_open else Verdict.BAD
+        fix = "Listen on 127.0.0.1, or set up client certificates: configs/zenoh/."
+        yield Finding(verdict, "bus", f"{reachable} lets the whole network fly the aircraft", fix)
 
 
 def _cameras(machine: Machine, cfg: Config) -> Iterator[Finding]:
