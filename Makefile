@@ -13,7 +13,7 @@ demo: venv
 	$(BIN)/mkdaemon demo
 
 test: venv
-	$(BIN)/python -m pytest -n 2 --dist loadfile -p tools.branches --branches build/branches.json
+	$(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder -p tools.branches --branches build/branches.json
 	$(BIN)/python -m tools.floor
 
 check: venv

@@ -31,6 +31,12 @@ def pytest_configure(config: pytest.Config) -> None:
     config.pluginmanager.register(Repeats(), "repeats")
 
 
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Files that start whole programs come first: what takes longest must not begin last."""
+    slow = {item.path for item in items if item.get_closest_marker("flight")}
+    items.sort(key=lambda item: item.path not in slow)
+
+
 @pytest.fixture(scope="session", autouse=True)
 def surroundings(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
     """The same on every machine: a home of our own, no settings of the user's, no colours."""

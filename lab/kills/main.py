@@ -14,7 +14,7 @@ import signal
 import sys
 import tempfile
 import time
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Sequence
 from contextlib import asynccontextmanager, suppress
 from dataclasses import asdict
 from pathlib import Path
@@ -33,6 +33,8 @@ from mkdaemon.errors import MkError
 from mkdaemon.sim.runtime import Runtime
 from mkdaemon.telemetry.settings import SettingsBackup, StoredSet
 
+VERBS: Final = ("backup", "restore")
+"""Procedures in which is killed."""
 LOOK: Final = 0.1
 """Time between two looks at whether the live set is proven [s]."""
 
@@ -79,10 +81,10 @@ async def open_bench(seed: int) -> AsyncIterator[Bench]:
             yield bench
 
 
-async def measure(bench: Bench, uav: Vehicle) -> dict[str, float]:
+async def measure(bench: Bench, uav: Vehicle, verbs: Sequence[str]) -> dict[str, float]:
     """How long each procedure takes when nobody is killed [s]."""
     lengths = {}
-    for verb in ("backup", "restore"):
+    for verb in verbs:
         began = time.monotonic()
         await bench.ask(uav, verb, bench.new_sets())
         lengths[verb] = time.monotonic() - began
@@ -156,26 +158,26 @@ async def wait_until_proven(uav: Vehicle) -> None:
             await asyncio.sleep(LOOK)
 
 
-async def run_mkctl_kills(runs: int, seed: int) -> AsyncIterator[Kill]:
-    """Kill mkctl so many times in a backup and in a restore, beside one daemon."""
+async def run_mkctl_kills(runs: int, seed: int, verbs: Sequence[str] = VERBS) -> AsyncIterator[Kill]:
+    """Kill mkctl so many times in each of some procedures, beside one daemon."""
     async with (
         open_bench(seed) as bench,
         daemon_process(bench.port, bench.folder) as daemon,
         connected(daemon.endpoint) as uav,
     ):
         await wait_until_proven(uav)
-        lengths = await measure(bench, uav)
+        lengths = await measure(bench, uav, verbs)
         for number in range(runs):
             for verb, length in lengths.items():
                 yield await kill_mkctl(bench, uav, daemon.endpoint, verb, seed + number, length)
 
 
-async def run_daemon_kills(runs: int, seed: int) -> AsyncIterator[Kill]:
-    """Kill the daemon so many times in a backup and in a restore; each next one is the victim after it."""
+async def run_daemon_kills(runs: int, seed: int, verbs: Sequence[str] = VERBS) -> AsyncIterator[Kill]:
+    """Kill the daemon so many times in each of some procedures; each next one is the victim after it."""
     async with open_bench(seed) as bench:
         lengths: dict[str, float] = {}
         cut: Cut | None = None
-        plan = [(verb, seed + number) for number in range(runs) for verb in ("backup", "restore")]
+        plan = [(verb, seed + number) for number in range(runs) for verb in verbs]
         for verb, number in [*plan, ("", 0)]:
             began = time.monotonic()
             async with daemon_process(bench.port, bench.folder) as daemon, connected(daemon.endpoint) as uav:
@@ -184,7 +186,7 @@ async def run_daemon_kills(runs: int, seed: int) -> AsyncIterator[Kill]:
                     yield cut.judge(bench.contents(), time.monotonic() - began)
                 if not verb:
                     break
-                lengths = lengths or await measure(bench, uav)
+                lengths = lengths or await measure(bench, uav, verbs)
                 cut = await kill_daemon(bench, daemon, uav, verb, number, lengths[verb])
 
 

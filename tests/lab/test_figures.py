@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pytest
 
+from lab import figures
 from lab.figures import PLOTS, main
 from mkdaemon.errors import ConfigError, MkError
 from tests.places import CONFIGS
@@ -11,11 +12,19 @@ from tests.places import CONFIGS
 NESTED = CONFIGS / "targets" / "nested.toml"
 
 
-def test_missing_results_name_their_benchmarks_and_the_rest_is_drawn(tmp_path):
+@pytest.fixture(autouse=True)
+def sheets(monkeypatch):
+    """The sheet is rendered in tests/sim/scene/test_sheet.py; here it is only asked for."""
+    drawn = []
+    monkeypatch.setattr(figures, "contact_sheet", lambda target, path: drawn.append((target.name, path)))
+    return drawn
+
+
+def test_missing_results_name_their_benchmarks_and_the_rest_is_drawn(tmp_path, sheets):
     with pytest.raises(MkError) as caught:
         main(results=tmp_path, out=tmp_path / "figures", target=NESTED)
     assert all(f"python -m lab {plot.benchmark}" in str(caught.value) for plot in PLOTS)
-    assert (tmp_path / "figures" / "scene_conditions.png").stat().st_size > 10_000
+    assert sheets == [("pad", tmp_path / "figures" / "scene_conditions.png")]
 
 
 @pytest.mark.parametrize("text", ["", "no json", "[1]"])

@@ -68,7 +68,7 @@ def test_damaged_frame_is_named(vector):
 
 
 @pytest.mark.parametrize("cls", CLASSES, ids=class_name)
-@settings(max_examples=12, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@settings(max_examples=6, deadline=None, suppress_health_check=[HealthCheck.too_slow])
 @given(data=st.data(), cuts=st.lists(st.integers(0, 300), max_size=5))
 def test_random_values_survive_the_line_in_any_chunking(cls, data, cuts):
     message = data.draw(messages(cls))
@@ -100,7 +100,7 @@ JUNK = (
 
 
 @pytest.mark.parametrize("cls", CLASSES, ids=class_name)
-@settings(max_examples=12, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@settings(max_examples=6, deadline=None, suppress_health_check=[HealthCheck.too_slow])
 @given(data=st.data())
 def test_whatever_is_put_in_a_message_is_refused_or_fits_the_wire(cls, data):
     """No NaN, nothing out of range, nothing short gets out."""

@@ -81,15 +81,15 @@ def pi_of_2010(kp: float, ki: float) -> Law:
 @pytest.mark.parametrize("block", range(5))
 def test_the_2010_law_is_lost_at_every_gain(block: int) -> None:
     rng = random.Random(f"gains {block}")
-    for k in range(10):
+    for k in range(3):
         kp = math.exp(rng.uniform(math.log(2.0), math.log(80.0)))
         ki = rng.uniform(0.0, 0.6) * kp
-        wind = (WindClass.NONE, WindClass.INDOOR, WindClass.LIGHT)[k % 3]
+        wind = (WindClass.NONE, WindClass.INDOOR, WindClass.LIGHT)[k]
         lost, _ = fly(pi_of_2010(kp, ki), seed=10 * block + k, wind=wind, duration=60.0)
         assert lost, f"PI with kp {kp:.1f} and ki {ki:.1f} count/m flew in {wind} wind"
 
 
-@pytest.mark.parametrize("seed", range(8))
+@pytest.mark.parametrize("seed", range(4))
 def test_the_2010_law_at_a_whisper_is_lost_in_the_first_wind(seed: int) -> None:
     rng = random.Random(f"whisper {seed}")
     kp = math.exp(rng.uniform(math.log(0.2), math.log(2.0)))
@@ -173,7 +173,7 @@ def cascade(gains: AttitudeGains) -> Law:
     ("wind", "limit"),
     [(WindClass.NONE, 0.15), (WindClass.INDOOR, 0.3), (WindClass.LIGHT, 0.8), (WindClass.MODERATE, 1.5)],
 )
-@pytest.mark.parametrize("seed", [1, 2, 3])
+@pytest.mark.parametrize("seed", [1, 2])
 def test_a_plain_law_that_models_the_loop_is_not_lost(seed: int, wind: WindClass, limit: float) -> None:
     lost, distances = fly(cascade(AttitudeGains.from_parameters()), seed=seed, wind=wind, duration=30.0)
     assert not lost
