@@ -19,7 +19,15 @@ _HEAD = """# Reference of the Python library
 
 Made from the docstrings of `mkdaemon.client` by `make docs`. [library.md](library.md) shows how to use it.
 """
-_ERRORS = ("MkError", "CommandRejectedError", "LeaseLostError", "NotEngagedError", "ConfigError", "ProtocolError")
+_ERRORS = (
+    "MkError",
+    "CommandRejectedError",
+    "LeaseLostError",
+    "ManoeuvreError",
+    "NotEngagedError",
+    "ConfigError",
+    "ProtocolError",
+)
 _SECTION = re.compile(r"^(Args|Returns|Raises|Attributes):$")
 _ITEM = re.compile(r"^(\*?\w+): (.*)$")
 

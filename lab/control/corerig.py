@@ -12,12 +12,13 @@ from mkdaemon.control.actions import Action, PublishEstimate, SendSticks
 from mkdaemon.control.core import FlightCore
 from mkdaemon.control.estimator.values import TargetView
 from mkdaemon.control.guidance.autopilot import GAS_CENTRE, AutopilotSticks, Goal
+from mkdaemon.control.modes import IN_FLIGHT
 from mkdaemon.control.preflight import Gate, GateKind
 from mkdaemon.control.vehicle import VehicleFacts
 from mkdaemon.frames import quaternion_from_rotation
 from mkdaemon.stamp import Stamp
 from mkdaemon.telemetry.command import LeaseRequest
-from mkdaemon.telemetry.control import ControlLine, EstimateValue, LeaseGrant, Phase
+from mkdaemon.telemetry.control import ControlLine, EstimateValue, LeaseGrant
 from mkdaemon.telemetry.link import LinkCondition, LinkState
 from mkdaemon.telemetry.setpoint import PositionSetpoint, Setpoint, SetpointFrame
 from mkdaemon.telemetry.signature import signed
@@ -73,7 +74,7 @@ class CoreRig(Rig):
 
     def _control(self, at: float) -> None:
         """The client's turn, then the core's; until the core flies a pilot holds the aircraft where it is."""
-        if self.core.phase is Phase.FLYING:
+        if self.core.phase in IN_FLIGHT or self._flight.start <= 0.0:
             self._at(at + CONTROL_PERIOD, self._control)
         else:
             super()._control(at)
@@ -86,7 +87,8 @@ class CoreRig(Rig):
             assert isinstance(granted, LeaseGrant)
             self._epoch, self._secret = granted.epoch, granted.secret
         self._sequence += 1
-        self.core.setpoint(self._setpoint(goal, at), at, signed(self._secret, PositionSetpoint.suffix, b""))
+        setpoint = self._setpoint(goal, at)
+        self.core.setpoint(setpoint, at, signed(self._secret, setpoint.suffix, b""))
         for action in self.core.tick(at):
             self.actions.append((at, action))
             if isinstance(action, SendSticks):
@@ -94,7 +96,7 @@ class CoreRig(Rig):
                 self._send(AutopilotSticks(counts.pitch, counts.roll, counts.yaw, counts.throttle), at)
             elif isinstance(action, PublishEstimate):
                 self.estimates.append(action.value)
-        if self.core.phase is Phase.FLYING:
+        if self.core.phase in IN_FLIGHT:
             self._keep(goal, at)
 
     def _setpoint(self, goal: Goal, at: float) -> Setpoint:

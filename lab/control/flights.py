@@ -29,6 +29,8 @@ class Flight:
     Attributes:
         seed: of everything random.
         seconds: length [s].
+        start: height of the feet at the start [m]; zero stands on the ground, the motors at idle.
+        place: where that is, east and north of the target [m].
         wind: class.
         goal: wanted position at a time of the flight.
         gains: of the aircraft's attitude loop.
@@ -50,6 +52,8 @@ class Flight:
 
     seed: int
     seconds: float = 40.0
+    start: float = 1.9
+    place: tuple[float, float] = (0.0, 0.0)
     wind: WindClass = WindClass.INDOOR
     goal: Callable[[float], Goal] = field(default=lambda t: at_origin(2.0))
     gains: AttitudeGains = field(default_factory=lambda: AttitudeGains.from_parameters(**EASY))

@@ -76,10 +76,11 @@ class Rig:
             airframe=AirframeConfig(mass=flight.mass, hover_count=min(180.0, HOVER * scale)),
             sensors=SensorConfig(fc_angle_scale=flight.attitude_scale),
         )
-        start = StartState(height=1.9, yaw=0.3)
+        start = StartState(*flight.place, height=flight.start, yaw=0.3)
         ground = MovingDeck(flight.pad_at, radius=0.7) if any(flight.pad) else None
         self._world = World(config, seed=flight.seed, start=start, gains=flight.gains, ground=ground)
-        self._held = self._acting = AutopilotSticks(0, 0, 0, round(HOVER * scale + HOVER_LOSS) - 127)
+        gas = round(HOVER * scale + HOVER_LOSS) if flight.start > 0.0 else 0
+        self._held = self._acting = AutopilotSticks(0, 0, 0, gas - 127)
         self._next_frame = 0.0
         self._sink = 0.0
         self._autopilot: Autopilot | None = None

@@ -10,6 +10,7 @@
     │   └── RequestTimeoutError    link alive, no reply
     ├── CommandRejectedError       understood and refused; carries token, reason and fix
     ├── LeaseLostError             the aircraft is no longer ours to fly
+    ├── ManoeuvreError             not done in time, or aborted; the lease is still held
     ├── NotEngagedError            leased, but the daemon sends no sticks
     ├── VisionError                an image, camera, calibration or target cannot be used
     └── ConfigError                found before any task starts
@@ -64,6 +65,10 @@ class LeaseLostError(MkError):
 
 class NotEngagedError(MkError):
     """The lease is held, but the daemon did not begin to send what is streamed."""
+
+
+class ManoeuvreError(MkError):
+    """A manoeuvre was not done in time, or aborted; the lease is still held."""
 
 
 class VisionError(MkError):

@@ -8,12 +8,13 @@ from contextlib import asynccontextmanager
 import pytest
 
 from lab.rigs.waiting import wait_until
-from mkdaemon.cli.mkctl import flight
+from mkdaemon.cli.mkctl import flight, flightshow, manoeuvre
 from mkdaemon.cli.mkctl.app import app
 from mkdaemon.cli.mkctl.connection import Connection
 from mkdaemon.cli.program import EXIT_CONFIG, EXIT_FAILURE, run
-from mkdaemon.errors import ConfigError, MkError
-from mkdaemon.telemetry.control import ControlEstimate
+from mkdaemon.errors import CommandRejectedError, ConfigError, ManoeuvreError, MkError
+from mkdaemon.telemetry.control import ControlEstimate, Phase
+from mkdaemon.telemetry.refusals import Token
 from tests.client.fake import CLOCK, VEHICLE, fake_daemon
 
 NOWHERE = ["--connect", "tcp/127.0.0.1:1"]
@@ -27,6 +28,11 @@ NOWHERE = ["--connect", "tcp/127.0.0.1:1"]
         ["velocity", "-0.2", "0", "-0.1", "--frame", "body"],
         ["hold", "--height", "1.5"],
         ["land", "--yaw", "-10"],
+        ["goto", "-1", "0", "0", "--frame", "body"],
+        ["attitude", "--pitch", "-3"],
+        ["takeoff", "2"],
+        ["abort"],
+        ["stop"],
     ],
 )
 def test_negative_numbers_are_arguments(arguments, capsys):
@@ -72,7 +78,7 @@ async def flying(place, **more):
 
 @pytest.mark.parametrize(("place", "code"), [((-1.0, 0.0, 1.9), 0), ((0.0, 0.0, 2.0), 1)])
 async def test_goto_reports_the_error_at_the_end(place, code, capsys, monkeypatch):
-    monkeypatch.setattr(flight, "LOG_PERIOD", 0.1)
+    monkeypatch.setattr(flightshow, "LOG_PERIOD", 0.1)
     async with flying(place) as (daemon, here):
         assert await flight.goto(-1.0, 0.0, 2.0, yaw=180.0, seconds=0.5, connection=here) == code
         await wait_until(lambda: daemon.holder is None)
@@ -89,6 +95,46 @@ async def test_hold_goes_where_the_aircraft_is(capsys):
     assert "20 cm from the goal" in capsys.readouterr().out
 
 
+def reach(daemon):
+    """Say that the take-off is done, after a while."""
+    if len(daemon.setpoints) >= 40:
+        daemon.say(Phase.FLYING, f"{daemon.holder} flies", manoeuvre="takeoff", stage="at height", is_done=True)
+
+
+async def test_a_take_off_is_followed_by_a_hold(capsys):
+    async with flying((0.0, 0.0, 2.0)) as (daemon, here):
+        daemon.follow = lambda: reach(daemon)
+        await manoeuvre.takeoff(2.0, seconds=0.2, connection=here)
+        assert daemon.setpoints[30]["height"] == 2.0
+        assert "height" not in daemon.setpoints[-1]
+    assert "took off" in capsys.readouterr().out
+
+
+async def test_a_take_off_that_is_not_done_in_time_says_where_it_stood(monkeypatch):
+    async with fake_daemon() as daemon:
+        daemon.follow = lambda: daemon.say(Phase.FLYING, "flies", manoeuvre="takeoff", stage="climbs")
+        async with (
+            Connection(vehicle=VEHICLE, connect=daemon.endpoint).open() as uav,
+            uav.lease() as lease,
+        ):
+            with pytest.raises(ManoeuvreError, match=r"takeoff not done within 0.7 s: climbs"):
+                await lease.take_off(2.0, patience=0.7)
+
+
+async def test_a_flight_by_attitude_is_in_degrees(capsys):
+    async with flying((0.0, 0.0, 2.0)) as (daemon, here):
+        await manoeuvre.attitude(pitch=3.0, seconds=0.2, connection=here)
+        assert daemon.setpoints[-1]["pitch"] == pytest.approx(math.radians(3.0))
+    assert "setpoints" in capsys.readouterr().out
+
+
+async def test_motors_that_may_carry_an_aircraft_are_not_stopped():
+    async with flying((0.0, 0.0, 2.0)) as (_, here):
+        with pytest.raises(CommandRejectedError) as refusal:
+            await manoeuvre.stop(connection=here)
+    assert refusal.value.token == Token.FLYING_STOP
+
+
 def end_landing(daemon):
     if len(daemon.setpoints) == 20:
         daemon.lose("landed on pad")
@@ -102,7 +148,7 @@ async def test_a_landing_ends_with_the_words_of_the_daemon(capsys):
 
 
 async def test_what_the_daemon_waits_for_is_shown(capsys, monkeypatch):
-    monkeypatch.setattr(flight, "LOG_PERIOD", 0.05)
+    monkeypatch.setattr(flightshow, "LOG_PERIOD", 0.05)
     async with flying((0.0, 0.0, 2.0), engages=20) as (daemon, here):
         await flight.velocity(0.0, 0.0, 0.0, seconds=0.1, connection=here)
         assert daemon.setpoints[-1]["velocity"] == [0.0, 0.0, 0.0]

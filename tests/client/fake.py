@@ -94,7 +94,7 @@ class FakeDaemon:
         """The lease as the bus shows it."""
         return LeaseState(holder=self.holder, epoch=EPOCH, ttl=5.0, left=5.0) if self.holder else None
 
-    def say(self, phase, reason, lease=None):
+    def say(self, phase, reason, lease=None, **progress):
         """Publish `control/status`."""
         self.phase = phase
         status = ControlStatus(
@@ -105,6 +105,7 @@ class FakeDaemon:
             setpoint_age=None,
             refused=0,
             external_control="V3",
+            **progress,
         )
         self.bus.publish("control/status", status)
 

@@ -5,7 +5,8 @@ from __future__ import annotations
 import pytest
 
 from mkdaemon.config.control import ControlConfig
-from mkdaemon.control.authority import Authority, Fly, ReleaseOrder, SendNothing
+from mkdaemon.control.authority import Authority
+from mkdaemon.control.decisions import Fly, ReleaseOrder, SendNothing
 from mkdaemon.control.lease import LONGEST_JUMP
 from mkdaemon.control.modes import Event
 from mkdaemon.control.setpoints import StickGuidance

@@ -60,6 +60,9 @@ def test_every_row_is_taken_from_each_of_its_phases(row):
         (Phase.LEASED, Event.CONTROL_IMPOSSIBLE),
         (Phase.LEASED, Event.RELEASE_DONE),
         (Phase.FLYING, Event.RELEASE_DONE),
+        (Phase.FREE, Event.ABORT_REQUESTED),
+        (Phase.LEASED, Event.ABORT_REQUESTED),
+        (Phase.ABORTED, Event.ABORT_REQUESTED),
     ],
 )
 def test_what_has_no_row_changes_nothing(phase, event):
@@ -79,7 +82,10 @@ def test_sticks_are_sent_in_flight_only_and_a_stale_setpoint_never_tilts(situati
             assert situation.is_fresh
             assert not situation.is_silent
         if row is not None and row.reaction is Reaction.NEUTRAL:
-            assert row.target is Phase.STALE
+            assert row.target is (Phase.ABORTED if phase is Phase.ABORTED else Phase.STALE)
+        if row is not None and row.reaction is Reaction.HOLD:
+            assert row.target is Phase.ABORTED
+            assert situation.is_fresh
 
 
 def test_every_phase_can_be_released_by_anybody():

@@ -16,11 +16,13 @@ from mkdaemon.telemetry.control import Phase
 from mkdaemon.telemetry.setpoint import (
     SETPOINTS,
     AttitudeSetpoint,
+    HoldSetpoint,
     LandSetpoint,
     PositionSetpoint,
     Setpoint,
     SetpointFrame,
     StickSetpoint,
+    TakeOffSetpoint,
     VelocitySetpoint,
 )
 from tests.control.events import PERIOD, Driver
@@ -32,6 +34,8 @@ EXAMPLES: dict[type[Setpoint], dict[str, object]] = {
     AttitudeSetpoint: {"roll": 0.1, "pitch": 0, "yaw_rate": 0, "thrust": 1},
     VelocitySetpoint: {"velocity": [0.5, 0, -0.1], "frame": "pad"},
     PositionSetpoint: {"position": [1, 2, 3], "frame": "home"},
+    HoldSetpoint: {},
+    TakeOffSetpoint: {"height": 2.0},
     LandSetpoint: {},
 }
 

@@ -86,7 +86,7 @@ async def test_rates_are_shown_and_changed(desk):
         ("rate", {"kind": "osd"}, "bad_field", "kind is no field"),
         ("lease", {"action": "renew"}, "not_leased", "nobody holds"),
         ("relase", {}, "unknown_verb", "release"),
-        ("fly", {}, "unknown_verb", "lease or release or rate"),
+        ("fly", {}, "unknown_verb", "lease or release or abort or rate"),
         ("rate", b"\xc1", "malformed", "msgpack"),
     ],
 )

@@ -12,6 +12,7 @@ from pydantic import BaseModel
 
 from mkdaemon.telemetry import mission, settings
 from mkdaemon.telemetry.command import (
+    AbortRequest,
     CommandResult,
     Labels,
     LabelsRequest,
@@ -20,7 +21,14 @@ from mkdaemon.telemetry.command import (
     Rates,
     ReleaseRequest,
 )
-from mkdaemon.telemetry.control import ControlEstimate, ControlOutput, ControlStatus, LeaseGrant, ReleaseReport
+from mkdaemon.telemetry.control import (
+    ControlError,
+    ControlEstimate,
+    ControlOutput,
+    ControlStatus,
+    LeaseGrant,
+    ReleaseReport,
+)
 from mkdaemon.telemetry.event import ClockEvent, CommandEvent, FailsafeEvent, LogEvent, ModeEvent
 from mkdaemon.telemetry.image import CameraFrame
 from mkdaemon.telemetry.link import LinkHealth, LinkState, LinkTraffic
@@ -28,9 +36,11 @@ from mkdaemon.telemetry.mission import MissionEvent
 from mkdaemon.telemetry.procedure import Cancelled, CancelRequest, ProcedureProgress
 from mkdaemon.telemetry.setpoint import (
     AttitudeSetpoint,
+    HoldSetpoint,
     LandSetpoint,
     PositionSetpoint,
     StickSetpoint,
+    TakeOffSetpoint,
     VelocitySetpoint,
 )
 from mkdaemon.telemetry.sim import FaultRequest, SimFaults, SimTruth
@@ -123,6 +133,7 @@ KEYS: Final[tuple[KeySpec, ...]] = (
     KeySpec("link/traffic", _P, LinkTraffic, "1 Hz", "Bytes and frames by kind, shares of the line."),
     KeySpec("control/status", _P, ControlStatus, "1 Hz and on change", "Who flies, and why nobody does."),
     KeySpec("control/estimate", _P, ControlEstimate, "every autonomous stick frame", "Where the aircraft is believed."),
+    KeySpec("control/error", _P, ControlError, "every autonomous stick frame", "How far it is from its goal."),
     KeySpec(
         "control/output", _P, ControlOutput, "every stick frame handed over", "Sticks for the line, after the limiter."
     ),
@@ -157,6 +168,7 @@ KEYS: Final[tuple[KeySpec, ...]] = (
     KeySpec("cmd/<board>/<message>", _Q, CommandResult, "", "A MikroKopter request; its typed reply, or a refusal."),
     KeySpec("do/lease", _Q, LeaseRequest, "", "Take, renew, give back or show the lease.", LeaseGrant),
     KeySpec("do/release", _Q, ReleaseRequest, "", "Let go of the aircraft now; anyone may.", ReleaseReport),
+    KeySpec("do/abort", _Q, AbortRequest, "", "Stop the manoeuvre and hold, or level; anyone may."),
     KeySpec("do/rate", _Q, RateRequest, "", "Ask for a stream at a rate.", Rates),
     KeySpec("do/labels", _Q, LabelsRequest, "", "Names of a board's debug channels, kept by firmware.", Labels),
     KeySpec(
@@ -245,6 +257,8 @@ KEYS: Final[tuple[KeySpec, ...]] = (
     KeySpec("setpoint/attitude", Use.SETPOINT, AttitudeSetpoint, "", "Attitude and thrust, under a lease."),
     KeySpec("setpoint/velocity", Use.SETPOINT, VelocitySetpoint, "", "Velocity, under a lease."),
     KeySpec("setpoint/position", Use.SETPOINT, PositionSetpoint, "", "Position and heading, under a lease."),
+    KeySpec("setpoint/hold", Use.SETPOINT, HoldSetpoint, "", "Stay over the target in sight, under a lease."),
+    KeySpec("setpoint/takeoff", Use.SETPOINT, TakeOffSetpoint, "", "Take off and hold, under a lease."),
     KeySpec("setpoint/land", Use.SETPOINT, LandSetpoint, "", "Land on the target in sight, under a lease."),
     KeySpec("alive", Use.TOKEN, None, "", "The daemon is alive."),
     KeySpec(

@@ -7,15 +7,16 @@ from contextlib import asynccontextmanager
 from typing import Any, Final
 
 from mkdaemon.client.identity import client_name
-from mkdaemon.client.setpointstream import RATE, SetpointStream
+from mkdaemon.client.setpointstream import RATE, SIGHTING, SetpointStream
 from mkdaemon.client.transport import Transport
-from mkdaemon.errors import LeaseLostError
+from mkdaemon.errors import LeaseLostError, ManoeuvreError
 
-SIGHTING: Final = 12.0
-"""Longest time a setpoint that needs a target is streamed until the daemon engages [s]: the target must be in sight and
-agree with the aircraft's model for 2 s."""
 LANDING: Final = 60.0
 """Longest time of a landing [s]; from 2 m it takes about ten."""
+TAKING_OFF: Final = 30.0
+"""Longest time of a take-off [s]; to 2 m it takes about nine."""
+GOING: Final = 30.0
+"""Longest time of a way [s]; it begins at the engagement."""
 LANDED: Final = "landed on "
 """How the reason begins for which the daemon lets go of an aircraft that stands; docs/modes.md."""
 
@@ -140,7 +141,7 @@ class Lease(SetpointStream):
             y: towards the top of its print [m].
             z: up [m].
             yaw: heading, counter-clockwise from x [rad]; None keeps the heading.
-            frame: `pad`, the only one this daemon follows.
+            frame: `pad`, or `body`: from where the aircraft is when the first of these setpoints arrives.
             seconds: how long from the engagement on [s]; the way there counts.
             rate: setpoints a second [Hz]; 50 unless given.
 
@@ -151,6 +152,72 @@ class Lease(SetpointStream):
         """
         wanted = {"position": (x, y, z), "frame": frame, "yaw": yaw}
         await self._fly("position", wanted, wanted, seconds, rate, patience=SIGHTING)
+
+    async def hold(self, *, seconds: float, rate: float = RATE) -> None:
+        """Stay where the aircraft is over a target in sight, for some time.
+
+        Args:
+            seconds: how long from the engagement on [s].
+            rate: setpoints a second [Hz]; 50 unless given.
+
+        Raises:
+            LeaseLostError: as `velocity`.
+            NotEngagedError: as `velocity`.
+            CommandRejectedError: as `velocity`.
+        """
+        await self._fly("hold", {}, {}, seconds, rate, patience=SIGHTING)
+
+    async def take_off(self, height: float, *, patience: float = TAKING_OFF, rate: float = RATE) -> None:
+        """Take off from the target and hold over its middle; returns at that height.
+
+        The pilot has started the motors. For `control.autopilot.takeoff_ready` seconds the throttle stays at its
+        lowest, in which he raises his above hover.
+
+        Args:
+            height: above the target [m].
+            patience: longest time [s].
+            rate: setpoints a second [Hz]; 50 unless given.
+
+        Raises:
+            LeaseLostError: it did not take off; says why.
+            NotEngagedError: the daemon did not begin; says what it waited for.
+            ManoeuvreError: not at height in time, or aborted.
+            CommandRejectedError: `bad_field`: the height is out of range.
+        """
+        await self._fly_until_done("takeoff", {"height": height}, patience, rate)
+
+    async def goto(
+        self,
+        x: float,
+        y: float,
+        z: float,
+        *,
+        yaw: float | None = None,
+        frame: str = "pad",
+        patience: float = GOING,
+        rate: float = RATE,
+    ) -> None:
+        """Fly to a position and return when the daemon says that the aircraft is there; see `position`.
+
+        Follow it with the next call: nothing is streamed after it returns.
+
+        Args:
+            x: along the first axis of `frame` [m].
+            y: along the second [m].
+            z: up [m].
+            yaw: heading from the first axis of `frame` [rad]; None keeps the heading.
+            frame: `pad`, from the middle of the target, or `body`, from where the aircraft is.
+            patience: longest time [s].
+            rate: setpoints a second [Hz]; 50 unless given.
+
+        Raises:
+            LeaseLostError: as `velocity`.
+            NotEngagedError: as `velocity`.
+            ManoeuvreError: not there in time, or aborted.
+            CommandRejectedError: as `velocity`.
+        """
+        wanted = {"position": (x, y, z), "frame": frame, "yaw": yaw}
+        await self._fly_until_done("position", wanted, patience, rate)
 
     async def land(self, *, yaw: float | None = None, patience: float = LANDING, rate: float = RATE) -> None:
         """Land on the target in sight; returns when the feet stand and the daemon has released the aircraft.
@@ -163,7 +230,8 @@ class Lease(SetpointStream):
             rate: setpoints a second [Hz]; 50 unless given.
 
         Raises:
-            LeaseLostError: the aircraft did not land: out of time, or why the daemon let go of it.
+            LeaseLostError: the aircraft did not land; why the daemon let go of it.
+            ManoeuvreError: not landed in time, or aborted.
             NotEngagedError: as `velocity`.
             CommandRejectedError: as `velocity`.
         """
@@ -175,7 +243,7 @@ class Lease(SetpointStream):
                 raise
             return
         msg = f"not landed within {patience:g} s"
-        raise LeaseLostError(msg)
+        raise ManoeuvreError(msg)
 
 
 class Leasing(Transport):

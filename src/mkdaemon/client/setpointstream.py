@@ -11,7 +11,7 @@ from mkdaemon.client.answers import Answer
 from mkdaemon.client.samples import Sample
 from mkdaemon.client.setpoints import Setpoints
 from mkdaemon.client.transport import Transport
-from mkdaemon.errors import CommandRejectedError, LeaseLostError, MkError, NotEngagedError
+from mkdaemon.errors import CommandRejectedError, LeaseLostError, ManoeuvreError, MkError, NotEngagedError
 
 if TYPE_CHECKING:
     from mkdaemon.telemetry.control import ControlStatus, LeaseState
@@ -21,6 +21,13 @@ RATE: Final = 50.0
 """Setpoints a second."""
 TTL: Final = 0.3
 """Time each setpoint holds [s]; the daemon's own limit, `control.limiter.setpoint_ttl`, is the same."""
+SIGHTING: Final = 12.0
+"""Longest time a setpoint that needs a target is streamed until the daemon engages [s]; the target must be in sight and
+agree with the aircraft's model for 2 s."""
+LOOKING: Final = 0.1
+"""Between two looks whether a manoeuvre is done [s]."""
+LATEST_NEWS: Final = 0.5
+"""What the daemon says sooner after the first setpoint of a manoeuvre may be about the one before [s]."""
 ENGAGING: Final = 5.0
 """Longest time neutral sticks are streamed until the daemon engages [s]; it wants a live stream of 1 s."""
 GRACE: Final = 1.5
@@ -86,7 +93,13 @@ class SetpointStream:
         """Whether the daemon has begun to send what is streamed to the aircraft."""
         from mkdaemon.telemetry.control import Phase
 
-        return self._lost is None and self._status is not None and self._status.phase in {Phase.FLYING, Phase.STALE}
+        flown = {Phase.FLYING, Phase.STALE, Phase.ABORTED}
+        return self._lost is None and self._status is not None and self._status.phase in flown
+
+    @property
+    def status(self) -> ControlStatus | None:
+        """What the daemon last said of this lease: phase, manoeuvre, stage; None before it said anything."""
+        return self._status
 
     @property
     def reason(self) -> str:
@@ -148,6 +161,30 @@ class SetpointStream:
             await self._engage(kind, lead, rate, ENGAGING if patience is None else patience)
         self._refusal = None
         await self._stream(kind, wanted, seconds, rate)
+
+    async def _fly_until_done(self, kind: str, wanted: dict[str, Any], patience: float, rate: float) -> None:
+        """Stream a setpoint until the daemon says that what it asks for is reached.
+
+        After an abort the stream goes on until the patience ends: the daemon holds the aircraft with it.
+
+        Raises:
+            ManoeuvreError: not reached in time, or aborted; says where it stood.
+        """
+        from mkdaemon.telemetry.control import Phase
+
+        self._setpoints.check(kind, TTL, wanted)
+        if not self.is_engaged:
+            await self._engage(kind, wanted, rate, SIGHTING)
+        self._refusal = None
+        start = self._loop.time()
+        while self._loop.time() < start + patience:
+            await self._stream(kind, wanted, LOOKING, rate)
+            status = self._status
+            is_ours = status is not None and status.phase is Phase.FLYING and status.manoeuvre == kind
+            if status is not None and is_ours and status.is_done and self._loop.time() >= start + LATEST_NEWS:
+                return
+        stage = "" if self._status is None else self._status.stage
+        raise ManoeuvreError(f"{kind} not done within {patience:g} s: {stage or self.reason}")
 
     async def _engage(self, kind: str, lead: dict[str, Any], rate: float, patience: float) -> None:
         start = self._loop.time()

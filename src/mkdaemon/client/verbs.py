@@ -55,6 +55,20 @@ class Verbs(Transport):
         """
         return ReleaseResult.from_reply((await self.command("do", "release", {"reason": reason})).require())
 
+    async def abort(self, reason: str = "asked for by a client") -> None:
+        """Stop the manoeuvre that is flown, whoever flies: the aircraft holds its place, or is level without a target.
+
+        The lease goes on: the aircraft is held as long as its holder streams, and released when he stops.
+
+        Args:
+            reason: published with the event.
+
+        Raises:
+            CommandRejectedError: `nothing_flown`.
+            MkError: no daemon speaks for this vehicle.
+        """
+        (await self.command("do", "abort", {"reason": reason})).require()
+
     async def lease_state(self) -> LeaseState | None:
         """Who holds the lease; None for nobody.
 

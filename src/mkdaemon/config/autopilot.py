@@ -46,5 +46,11 @@ class AutopilotConfig(Section):
     """Height of the body's origin above the target when the feet stand on it [m]."""
     stand_time: float = Field(default=1.0, ge=0, le=5)
     """After a landing the throttle stays at its lowest for this long before the aircraft is released [s]."""
+    arrived_within: float = Field(default=0.15, gt=0, le=2)
+    """A position is reached when the aircraft has been so close to it for `arrived_for` [m]."""
+    arrived_for: float = Field(default=1.0, gt=0, le=10)
+    """See `arrived_within` [s]."""
+    takeoff_ready: float = Field(default=3.0, ge=0, le=30)
+    """A take-off begins with the lowest throttle for this long, in which the pilot raises his [s]."""
     neutral_band: float = Field(default=4.0, ge=0, le=20)
     """Attitude setpoints within this many counts of level begin a flight [stick]."""

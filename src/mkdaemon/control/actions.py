@@ -7,7 +7,7 @@ from typing import Any
 
 from mkdaemon.control.limiter import StickCounts
 from mkdaemon.telemetry.command import CommandResult
-from mkdaemon.telemetry.control import EstimateValue, LeaseState, Phase
+from mkdaemon.telemetry.control import ErrorValue, EstimateValue, LeaseState, Phase
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,6 +53,9 @@ class PublishStatus:
     frames_dropped: int
     frames_confirmed: int
     pose_age: float | None
+    manoeuvre: str | None
+    stage: str
+    is_done: bool
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,6 +63,13 @@ class PublishEstimate:
     """Publish `control/estimate`."""
 
     value: EstimateValue
+
+
+@dataclass(frozen=True, slots=True)
+class PublishError:
+    """Publish `control/error`."""
+
+    value: ErrorValue
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,7 +108,7 @@ class Warn:
 
 Report = ReportMode | ReportFailsafe | ReportCommand | Warn
 """What goes into the audit trail."""
-Action = SendSticks | Release | PublishEstimate | PublishStatus | Report
+Action = SendSticks | Release | PublishEstimate | PublishError | PublishStatus | Report
 
 
 @dataclass(frozen=True, slots=True)

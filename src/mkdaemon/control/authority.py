@@ -8,64 +8,21 @@ Source: docs/safety.md.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from secrets import token_hex
 
 from mkdaemon.config.control import ControlConfig
+from mkdaemon.control.decisions import Decision, Fly, ReleaseOrder, SendNothing
 from mkdaemon.control.lease import Lease
-from mkdaemon.control.limiter import Sticks
 from mkdaemon.control.modes import IN_FLIGHT, Event, Reaction, Row, Situation, find_row
 from mkdaemon.control.setpoints import Guided
 from mkdaemon.errors import CommandRejectedError
-from mkdaemon.telemetry.control import LeaseGrant, LeaseState, Phase
+from mkdaemon.telemetry.control import LeaseGrant, LeaseState, Phase, Progress
 from mkdaemon.telemetry.refusals import Token, refuse
 from mkdaemon.telemetry.setpoint import Setpoint
 from mkdaemon.telemetry.signature import Signature
 
 Guide = Callable[[Setpoint, float, bool], Guided]
 """Turns a setpoint into sticks, at a time [s]; whether its sticks are being sent."""
-
-
-@dataclass(frozen=True, slots=True)
-class SendNothing:
-    """Send nothing."""
-
-
-@dataclass(frozen=True, slots=True)
-class Fly:
-    """Send these sticks, through the limiter, which levels them when they are too old.
-
-    Attributes:
-        sticks: what the holder of the lease asked for [stick; FLU].
-        age: time since it arrived [s].
-        ttl: time it claims to hold [s].
-        epoch: the lease.
-        sequence: the setpoint's number.
-    """
-
-    sticks: Sticks
-    age: float
-    ttl: float
-    epoch: int
-    sequence: int
-
-
-@dataclass(frozen=True, slots=True)
-class ReleaseOrder:
-    """Release the aircraft now, and call `released` when that is done.
-
-    Attributes:
-        reason: why, one sentence.
-        holder: who lost the lease; empty for nobody.
-        asked: somebody asked for it, so it is no failsafe.
-    """
-
-    reason: str
-    holder: str
-    asked: bool
-
-
-Decision = SendNothing | Fly | ReleaseOrder
 
 
 class Authority:
@@ -75,6 +32,7 @@ class Authority:
         phase: where authority stands.
         reason: why, one sentence.
         refused: setpoints refused since the start.
+        progress: what is flown, and how far it is; None while no setpoint's sticks are sent.
     """
 
     def __init__(
@@ -98,6 +56,7 @@ class Authority:
         self.phase = Phase.FREE
         self.reason = "nobody has taken the lease"
         self.refused = 0
+        self.progress: Progress | None = None
 
     # -- what is known --------------------------------------------------------------------------------------------
 
@@ -116,7 +75,7 @@ class Authority:
             return None
         if self.phase is Phase.FLYING:
             return lease.arrived + lease.setpoint_life(self._cfg.limiter)
-        return lease.arrived + self._cfg.lease.release_after if self.phase is Phase.STALE else None
+        return lease.arrived + self._cfg.lease.release_after if self.phase in IN_FLIGHT else None
 
     # -- what clients ask for -------------------------------------------------------------------------------------
 
@@ -147,11 +106,7 @@ class Authority:
         return LeaseGrant(**self._lease.shown(now).__dict__, secret=secret)
 
     def renew(self, epoch: int, secret: str, now: float) -> LeaseState:
-        """Take a sign of life without a setpoint.
-
-        Raises:
-            CommandRejectedError: `not_leased`, `wrong_epoch`, `not_holder`.
-        """
+        """Take a sign of life without a setpoint; refused as `give_back` is."""
         lease = self._check(epoch)
         lease.check_secret(secret)
         lease.sign_of_life = now
@@ -181,6 +136,15 @@ class Authority:
         row = find_row(self.phase, event, Situation(is_held=self._lease is not None))
         if row is not None:
             self._pending = self._release_order(row, **words)
+
+    def abort(self, cause: str) -> None:
+        """Stop the manoeuvre; the lease goes on.
+
+        Raises:
+            CommandRejectedError: `nothing_flown`.
+        """
+        if self._move(Event.ABORT_REQUESTED, cause=cause) is None and self.phase is not Phase.ABORTED:
+            raise refuse(Token.NOTHING_FLOWN, phase=self.reason)
 
     def offer(self, setpoint: Setpoint, now: float, signature: Signature) -> bool:
         """Take a setpoint; the newest of the present lease wins.
@@ -223,6 +187,7 @@ class Authority:
             order, self._pending = self._pending, None
             self.phase, self.reason = Phase.RELEASING, order.reason
             return order
+        self.progress = None
         lease = self._lease
         if lease is None:
             return SendNothing()
@@ -242,6 +207,7 @@ class Authority:
             return ReleaseOrder(self.reason, lease.holder, row.is_asked)
         assert lease.newest is not None
         assert guided is not None
+        self.progress = Progress(lease.newest.kind, guided.stage, guided.is_done)
         return Fly(guided.sticks, now - lease.arrived, lease.newest.ttl, lease.epoch, lease.newest.sequence)
 
     def released(self, now: float) -> None:

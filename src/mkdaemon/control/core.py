@@ -7,11 +7,12 @@ out: `setpoint` (newest wins), `Authority.tick`, guidance, limiter, `SendSticks`
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, Final
+from typing import Any
 
 from mkdaemon.config.control import ControlConfig
 from mkdaemon.control.actions import Action, ReadGate, Release, SendSticks
-from mkdaemon.control.authority import Authority, Fly, ReleaseOrder
+from mkdaemon.control.authority import Authority
+from mkdaemon.control.decisions import Fly, ReleaseOrder
 from mkdaemon.control.estimator.model import AircraftModel
 from mkdaemon.control.flightwatch import FlightWatch
 from mkdaemon.control.modes import IN_FLIGHT, Event
@@ -20,12 +21,12 @@ from mkdaemon.control.pacing import Pacing
 from mkdaemon.control.patience import LinePatience
 from mkdaemon.control.preflight import Gate, check_gate
 from mkdaemon.control.reports import Reports
-from mkdaemon.control.setpoints import Guidance, Guided, guidance_for
-from mkdaemon.control.targetflight import TargetFlight, guidance
+from mkdaemon.control.setpoints import Guidance, Guided, guidance, guidance_for
+from mkdaemon.control.targetflight import TargetFlight
 from mkdaemon.control.vehicle import VehicleFacts
 from mkdaemon.errors import CommandRejectedError
 from mkdaemon.telemetry.base import Telemetry
-from mkdaemon.telemetry.command import LeaseRequest, ReleaseRequest
+from mkdaemon.telemetry.command import AbortRequest, LeaseRequest, ReleaseRequest
 from mkdaemon.telemetry.control import ControlLine, LeaseState, Obstacle, Phase, ReleaseOutcome
 from mkdaemon.telemetry.link import LinkCondition, LinkState
 from mkdaemon.telemetry.refusals import Token, refuse
@@ -33,13 +34,6 @@ from mkdaemon.telemetry.setpoint import Setpoint
 from mkdaemon.telemetry.signature import Signature
 from mkdaemon.telemetry.state import Attitude
 from mkdaemon.telemetry.vision import VisionPose
-
-_IS_CONFIRMED: Final = {
-    ReleaseOutcome.CONFIRMED: True,
-    ReleaseOutcome.UNCONFIRMED: False,
-    ReleaseOutcome.NOT_SENT: False,
-    ReleaseOutcome.NOT_OBSERVABLE: None,
-}
 
 
 class FlightCore:
@@ -110,14 +104,7 @@ class FlightCore:
         return None
 
     def setpoint_refused(self, key: str, fields: dict[str, Any], error: CommandRejectedError, at: float) -> None:
-        """Report a setpoint that was refused or could not be read; the next tick does, and none is due because of it.
-
-        Args:
-            key: where it came, without `mk/<vehicle>/`.
-            fields: what it carried.
-            error: why it was refused.
-            at: [s].
-        """
+        """Report a setpoint that was refused; see `Reports.setpoint_refused`. No tick is due because of it."""
         self._reports.setpoint_refused(key, fields, error, at)
 
     def lease(self, request: LeaseRequest, at: float, *, gate: Gate | None = None) -> LeaseState | ReadGate | None:
@@ -160,6 +147,15 @@ class FlightCore:
     def release(self, request: ReleaseRequest) -> None:
         """End the lease and release the aircraft, whoever asks."""
         self._end(Event.RELEASE_REQUESTED, request.reason)
+
+    def abort(self, request: AbortRequest) -> None:
+        """Stop the manoeuvre, whoever asks: hold where that is possible, else level; the lease goes on.
+
+        Raises:
+            CommandRejectedError: `nothing_flown`.
+        """
+        self._authority.abort(request.reason)
+        self._pacing.is_due = True
 
     def client_gone(self, name: str) -> None:
         """Note that a client lost its liveliness token."""
@@ -219,7 +215,7 @@ class FlightCore:
         self._reports.phase_changed()
         order, self._release = self._release, None
         if order is not None and not order.asked:
-            self._reports.released(order.reason, None if outcome is None else _IS_CONFIRMED[outcome])
+            self._reports.released(order.reason, outcome)
         self._pacing.is_due = True
 
     # -- the tick -------------------------------------------------------------------------------------------------
@@ -248,6 +244,8 @@ class FlightCore:
         return ([] if order is None else [order]) + self._reports.take()
 
     def _guide(self, setpoint: Setpoint, now: float, is_flying: bool) -> Guided:
+        if self._authority.phase is Phase.ABORTED:
+            return self._target.stop(setpoint, self.facts, now)
         return guidance_for(setpoint, self._guidance).guide(setpoint, self.facts, now, is_flying=is_flying)
 
     def _fly(self, order: Fly, now: float, *, engaging: bool) -> SendSticks | None:
@@ -266,7 +264,7 @@ class FlightCore:
             return None
         frame = self._output.make(order, line.layout, now)
         self._target.sticks_made(frame.counts, now)
-        self._reports.estimate(self._target.estimate(now))
+        self._reports.estimate(self._target.estimate(now), self._target.error)
         return frame
 
     # -- inside ---------------------------------------------------------------------------------------------------

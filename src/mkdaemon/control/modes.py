@@ -27,6 +27,8 @@ class Event(StrEnum):
     """The holder gives the lease back."""
     RELEASE_REQUESTED = "release_requested"
     """Somebody asks for a release."""
+    ABORT_REQUESTED = "abort_requested"
+    """Somebody asks to stop the manoeuvre."""
     CLIENT_GONE = "client_gone"
     """The holder's liveliness token is gone."""
     LINK_LOST = "link_lost"
@@ -56,6 +58,8 @@ class Reaction(StrEnum):
     """No stick frame."""
     STICKS = "sticks"
     """The setpoint's sticks, through the limiter."""
+    HOLD = "hold"
+    """Sticks that hold the place, through the limiter; level at hover throttle where no target is in sight."""
     NEUTRAL = "neutral"
     """Neutral sticks at hover throttle, through the limiter."""
     RELEASE = "release"
@@ -137,10 +141,11 @@ class Row:
     is_asked: bool = False
 
 
-_FREE, _LEASED, _FLYING, _STALE, _RELEASING = Phase
-IN_FLIGHT: Final = (_FLYING, _STALE)
+_FREE, _LEASED, _FLYING, _STALE, _ABORTED, _RELEASING = Phase
+IN_FLIGHT: Final = (_FLYING, _STALE, _ABORTED)
 """Phases in which stick frames are sent."""
-_HELD: Final = (_LEASED, _FLYING, _STALE)
+_STREAMED: Final = (_FLYING, _STALE)
+_HELD: Final = (_LEASED, *IN_FLIGHT)
 _WAITING: Final = "{holder} holds the lease; waiting for a live, neutral stream"
 _FLIES: Final = "{holder} flies"
 _OLD: Final = "the setpoint is too old: neutral sticks"
@@ -158,8 +163,11 @@ ROWS: Final = (
     Row((_LEASED,), Event.TICK, READY, _FLYING, Reaction.STICKS, _FLIES),
     Row((_LEASED,), Event.TICK, READY_BUT_OLD, _STALE, Reaction.NEUTRAL, _OLD),
     Row(IN_FLIGHT, Event.TICK, SILENT, _RELEASING, Reaction.RELEASE, "no setpoint from {holder} for {silence} s"),
-    Row(IN_FLIGHT, Event.TICK, FRESH, _FLYING, Reaction.STICKS, _FLIES),
-    Row(IN_FLIGHT, Event.TICK, TOO_OLD, _STALE, Reaction.NEUTRAL, _OLD),
+    Row(_STREAMED, Event.TICK, FRESH, _FLYING, Reaction.STICKS, _FLIES),
+    Row(_STREAMED, Event.TICK, TOO_OLD, _STALE, Reaction.NEUTRAL, _OLD),
+    Row(_STREAMED, Event.ABORT_REQUESTED, ALWAYS, _ABORTED, Reaction.NOTHING, "aborted: {cause}", is_asked=True),
+    Row((_ABORTED,), Event.TICK, FRESH, _ABORTED, Reaction.HOLD, "{reason}"),
+    Row((_ABORTED,), Event.TICK, TOO_OLD, _ABORTED, Reaction.NEUTRAL, "{reason}"),
     _release(Event.LEASE_TAKEN_OVER, (*_HELD, _RELEASING), "{taker} took the lease from {holder}", is_asked=True),
     _release(Event.LEASE_RETURNED, (*_HELD, _RELEASING), "{holder} gave the lease back", is_asked=True),
     _release(Event.RELEASE_REQUESTED, tuple(Phase), "{cause}", is_asked=True),

@@ -6,7 +6,7 @@ from typing import Final
 
 from mkdaemon.config.control import ControlConfig
 from mkdaemon.control.actions import SendSticks
-from mkdaemon.control.authority import Fly
+from mkdaemon.control.decisions import Fly
 from mkdaemon.control.limiter import Sticks, count, limit
 from mkdaemon.control.vehicle import VehicleFacts
 

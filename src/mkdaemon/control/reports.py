@@ -6,6 +6,7 @@ from typing import Any, Final
 
 from mkdaemon.control.actions import (
     Action,
+    PublishError,
     PublishEstimate,
     PublishStatus,
     ReportCommand,
@@ -19,10 +20,16 @@ from mkdaemon.control.output import StickOutput
 from mkdaemon.control.vehicle import VehicleFacts
 from mkdaemon.errors import CommandRejectedError
 from mkdaemon.telemetry.command import CommandResult, refused
-from mkdaemon.telemetry.control import EstimateValue, Phase
+from mkdaemon.telemetry.control import ErrorValue, EstimateValue, Phase, ReleaseOutcome
 from mkdaemon.telemetry.refusals import Status
 from mkdaemon.telemetry.setpoint import Setpoint
 
+_IS_CONFIRMED: Final = {
+    ReleaseOutcome.CONFIRMED: True,
+    ReleaseOutcome.UNCONFIRMED: False,
+    ReleaseOutcome.NOT_SENT: False,
+    ReleaseOutcome.NOT_OBSERVABLE: None,
+}
 STATUS_PERIOD: Final = 1.0
 """Status is published at least this often [s]."""
 REPORT_PERIOD: Final = 1.0
@@ -37,7 +44,7 @@ class Reports:
         self._output = output
         self._facts = facts
         self._phase = authority.phase
-        self._status: tuple[Phase, str, int | None] | None = None
+        self._status: tuple[object, ...] | None = None
         self._status_at = self._refusal_at = self._unsent_at = float("-inf")
         self._waiting: list[Action] = []
 
@@ -52,7 +59,14 @@ class Reports:
         self._waiting.append(ReportCommand(setpoint.suffix, setpoint.__dict__, accepted))
 
     def setpoint_refused(self, key: str, fields: dict[str, Any], error: CommandRejectedError, now: float) -> None:
-        """Report a refused setpoint, but not too often."""
+        """Report a setpoint that was refused or could not be read, but not too often.
+
+        Args:
+            key: where it came, without `mk/<vehicle>/`.
+            fields: what it carried.
+            error: why it was refused.
+            now: [s].
+        """
         if now - self._refusal_at >= REPORT_PERIOD:
             self._refusal_at = now
             self._waiting.append(ReportCommand(key, fields, refused(error)))
@@ -63,14 +77,16 @@ class Reports:
             self._unsent_at = now
             self._waiting.append(Warn(f"stick frame not sent: {error}"))
 
-    def estimate(self, value: EstimateValue | None) -> None:
-        """Report what is believed, where anything is."""
+    def estimate(self, value: EstimateValue | None, error: ErrorValue | None) -> None:
+        """Report what is believed, and how far that is from the goal, where there is any."""
         if value is not None:
             self._waiting.append(PublishEstimate(value))
+        if error is not None:
+            self._waiting.append(PublishError(error))
 
-    def released(self, reason: str, confirmed: bool | None) -> None:
-        """Report the end of a release nobody asked for."""
-        self._waiting.append(ReportFailsafe("release", reason, confirmed))
+    def released(self, reason: str, outcome: ReleaseOutcome | None) -> None:
+        """Report the end of a release nobody asked for; None where it did not end in time."""
+        self._waiting.append(ReportFailsafe("release", reason, None if outcome is None else _IS_CONFIRMED[outcome]))
 
     def phase_changed(self) -> None:
         """Report the phase if it is another one than reported last."""
@@ -86,7 +102,8 @@ class Reports:
         """Report the status if it has changed or is due."""
         authority = self._authority
         lease = authority.lease(now)
-        news = (authority.phase, authority.reason, lease.epoch if lease else None)
+        progress = authority.progress
+        news = (authority.phase, authority.reason, lease.epoch if lease else None, progress)
         if news == self._status and now - self._status_at < STATUS_PERIOD:
             return
         self._status, self._status_at = news, now
@@ -103,5 +120,8 @@ class Reports:
                 frames_dropped=self._output.dropped(is_flying=authority.phase in IN_FLIGHT),
                 frames_confirmed=self._output.confirmed,
                 pose_age=self._facts.pose_age(now),
+                manoeuvre=None if progress is None else progress.manoeuvre,
+                stage="" if progress is None else progress.stage,
+                is_done=progress is not None and progress.is_done,
             )
         )

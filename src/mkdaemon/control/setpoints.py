@@ -10,7 +10,7 @@ from typing import Protocol
 from mkdaemon.control.limiter import Sticks
 from mkdaemon.control.vehicle import VehicleFacts
 from mkdaemon.telemetry.refusals import Token, refuse
-from mkdaemon.telemetry.setpoint import Setpoint, StickSetpoint
+from mkdaemon.telemetry.setpoint import SETPOINTS, Setpoint, StickSetpoint
 
 
 @dataclass(frozen=True, slots=True)
@@ -22,12 +22,16 @@ class Guided:
         obstacle: what must change before a flight may begin with it; empty for nothing.
         failure: why a flight cannot go on with it; empty while it can.
         finished: why the flight has reached its end; empty before.
+        stage: where a manoeuvre stands, in words; empty for a setpoint that has no stages.
+        is_done: what was asked for is reached; it is held from now on.
     """
 
     sticks: Sticks
     obstacle: str = ""
     failure: str = ""
     finished: str = ""
+    stage: str = ""
+    is_done: bool = False
 
 
 class Guidance(Protocol):
@@ -65,6 +69,11 @@ class StickGuidance:
 def stick_guidance(neutral_band: float) -> Mapping[type[Setpoint], Guidance]:
     """Return guidance for sticks alone; a kind that is missing is refused."""
     return MappingProxyType({StickSetpoint: StickGuidance(neutral_band)})
+
+
+def guidance(target: Guidance, neutral_band: float) -> Mapping[type[Setpoint], Guidance]:
+    """Return guidance for every kind of setpoint: sticks as they are, all others against a target."""
+    return {kind: StickGuidance(neutral_band) if kind is StickSetpoint else target for kind in SETPOINTS}
 
 
 def guidance_for(setpoint: Setpoint, known: Mapping[type[Setpoint], Guidance]) -> Guidance:

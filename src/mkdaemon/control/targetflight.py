@@ -1,4 +1,4 @@
-"""Flight by position, velocity and attitude setpoints against a target that the cameras see.
+"""Flight against a target that the cameras see: every kind of setpoint that needs an estimate.
 
 It owns the estimator and the autopilot: poses, attitudes and the sticks that were sent come in, and setpoints turn into
 sticks. While the target is out of sight the ladder of docs/safety.md rules: dead reckoning, level, then the failure
@@ -8,7 +8,7 @@ that ends the flight.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections import deque
 from typing import Final
 
 import numpy as np
@@ -17,26 +17,35 @@ from mkdaemon.config.autopilot import AutopilotConfig
 from mkdaemon.control.estimator.estimator import Estimator
 from mkdaemon.control.estimator.model import AircraftModel
 from mkdaemon.control.estimator.values import Estimate, StickCommand, TargetView
-from mkdaemon.control.guidance.autopilot import GAS_CENTRE, Autopilot, AutopilotSticks, Goal
-from mkdaemon.control.guidance.horizontal import HorizontalCosts
+from mkdaemon.control.guidance.autopilot import GAS_CENTRE, Autopilot, Goal, at_origin
 from mkdaemon.control.guidance.landing import Landing, LandingLimits, LandingPhase
-from mkdaemon.control.guidance.reference import ReferenceLimits
-from mkdaemon.control.guidance.vertical import VerticalGains
-from mkdaemon.control.limiter import StickCounts, Sticks
-from mkdaemon.control.linear import Array
-from mkdaemon.control.setpoints import Guidance, Guided, StickGuidance
+from mkdaemon.control.guidance.takeoff import IDLE_GAS, TakeOff, TakeOffLimits, TakeOffPhase
+from mkdaemon.control.limiter import StickCounts
+from mkdaemon.control.setpoints import Guided
+from mkdaemon.control.targetgoals import (
+    Arrival,
+    Goals,
+    error_value,
+    estimate_value,
+    floating,
+    guide_attitude,
+    level_at,
+    new_autopilot,
+    obstacle,
+    velocity_between,
+    view_of,
+)
 from mkdaemon.control.vehicle import VehicleFacts
-from mkdaemon.frames import rotation_from_quaternion
-from mkdaemon.telemetry.control import EstimateValue
+from mkdaemon.telemetry.control import ErrorValue, EstimateValue
 from mkdaemon.telemetry.refusals import Token, refuse
 from mkdaemon.telemetry.setpoint import (
     AttitudeSetpoint,
+    HoldSetpoint,
     LandSetpoint,
-    PositionSetpoint,
     Setpoint,
     SetpointFrame,
     StickSetpoint,
-    VelocitySetpoint,
+    TakeOffSetpoint,
 )
 from mkdaemon.telemetry.state import Attitude
 from mkdaemon.telemetry.vision import VisionPose
@@ -45,6 +54,14 @@ ATTITUDE_LATENCY: Final = 0.024
 """How old an attitude is when it arrives [s]: the board's frame time and half the radio's latency; docs/control.md."""
 FORGOTTEN: Final = 5.0
 """A target out of sight for longer is met anew [s]."""
+STANDS: Final = 0.15
+"""Who is no higher than this above its standing height is on the ground [m]."""
+SENT_KEPT: Final = 50
+"""Stick frames that an estimate begun in flight learns of: one second of them."""
+JUST_STOOD: Final = 0.5
+"""A take-off follows its first setpoint, that of an aircraft that stands, within this time [s]."""
+STRAIGHT_UP: Final = 0.8
+"""A take-off climbs straight up to this height: lower, a lean takes the target out of the camera's sight [m]."""
 _NO_TARGET: Final = "a target in sight"
 
 
@@ -54,6 +71,8 @@ class TargetFlight:
     Attributes:
         target: name of the target that is followed; empty before the first.
         landing: the landing that is flown; None outside one.
+        take_off: the take-off that is flown; None outside one.
+        error: how far the aircraft is from its goal; None without a goal.
     """
 
     def __init__(self, cfg: AutopilotConfig, hover_throttle: float) -> None:
@@ -64,14 +83,21 @@ class TargetFlight:
             hover_throttle: first guess of the throttle that carries the aircraft [stick from the centre].
         """
         self.target = ""
+        self.landing: Landing | None = None
+        self.take_off: TakeOff | None = None
+        self.error: ErrorValue | None = None
         self._cfg = cfg
+        self._arrival = Arrival(cfg.arrived_within, cfg.arrived_for)
         self._hover_gas = hover_throttle + GAS_CENTRE
+        self._goals = Goals(cfg)
         self._model = AircraftModel()
         self._estimator: Estimator | None = None
         self._autopilot: Autopilot | None = None
+        self._attitude: Attitude | None = None
+        self._last_view: TargetView | None = None
+        self._sent: deque[StickCommand] = deque(maxlen=SENT_KEPT)
         self._clean_since = math.inf
-        self._guided_at = -math.inf
-        self.landing: Landing | None = None
+        self._guided_at = self._stood_at = -math.inf
 
     # -- what is reported -----------------------------------------------------------------------------------------
 
@@ -83,84 +109,123 @@ class TargetFlight:
 
     def pose_received(self, pose: VisionPose) -> None:
         """Take a pose; the first target seen is followed until it has been out of sight for long."""
-        view = _view_of(pose)
-        known = self._estimator
-        if known is None or view.at - known.seen_at > FORGOTTEN:
-            self.target = pose.target
-            self._estimator = Estimator(self._model, view, self._hover_gas)
-            self._autopilot = None
-            self._clean_since = view.at
+        view, known = view_of(pose), self._estimator
+        is_other = bool(self.target) and pose.target != self.target
+        lifted_by = None
+        if self.take_off is not None and not is_other:
+            lifted_by = self.take_off.seen(float(view.position[2]), view.at)
+        if known is None or view.at - known.seen_at > FORGOTTEN or lifted_by is not None:
+            # What was believed of an aircraft that stood on the ground says nothing about its throttle.
+            compass = 0.0 if self._attitude is None else self._attitude.yaw
+            velocity = None if is_other else velocity_between(self._last_view, view)
+            self._estimator = Estimator(
+                self._model, view, lifted_by or self._hover_gas, compass=compass, velocity=velocity
+            )
+            for command in self._sent if lifted_by is not None else ():
+                self._estimator.sent(command)
+            self.target, self._autopilot, self._clean_since = pose.target, None, view.at
         elif pose.target == self.target:
             known.target_seen(view)
             if known.innovation > self._cfg.clean_innovation:
                 self._clean_since = view.at
+        if pose.target == self.target:
+            self._last_view = view
 
     def attitude_received(self, attitude: Attitude) -> None:
         """Take the attitude the boards report."""
+        self._attitude = attitude
         if self._estimator is not None:
             at = attitude.stamp.monotonic - ATTITUDE_LATENCY
             self._estimator.attitude_received(at, attitude.pitch, attitude.roll, attitude.yaw)
 
     def sticks_made(self, counts: StickCounts, now: float) -> None:
         """Take note of a stick frame that goes out now [s]."""
+        command = StickCommand(now, counts.pitch, counts.roll, counts.yaw, counts.throttle + GAS_CENTRE)
+        self._sent.append(command)
         if self._estimator is not None:
-            gas = counts.throttle + GAS_CENTRE
-            self._estimator.sent(StickCommand(now, counts.pitch, counts.roll, counts.yaw, gas))
+            self._estimator.sent(command)
 
     def estimate(self, now: float) -> EstimateValue | None:
         """Return what is believed now, as it is published; None before the first pose."""
-        if self._estimator is None:
-            return None
-        self._estimator.advance(now)
-        found = self._estimator.estimate(now)
-        return EstimateValue(
-            target=self.target,
-            position=_triple(found.position),
-            velocity=_triple(found.velocity),
-            tilt=(float(found.tilt[0]), float(found.tilt[1])),
-            disturbance=(float(found.disturbance[0]), float(found.disturbance[1])),
-            yaw=found.yaw,
-            hover_throttle=found.hover_gas - GAS_CENTRE,
-            position_sd=_triple(found.position_sd),
-            image_age=found.age,
-            innovation=self._estimator.innovation,
-            is_nominal=self._estimator.is_nominal,
-        )
+        return None if self._estimator is None else estimate_value(self.target, self._estimator, now)
 
     # -- guidance -------------------------------------------------------------------------------------------------
 
     def check(self, setpoint: Setpoint) -> None:
         """Refuse a setpoint that cannot be followed at all; see `Guidance.check`."""
-        if isinstance(setpoint, AttitudeSetpoint):
+        if isinstance(setpoint, AttitudeSetpoint | TakeOffSetpoint):
             return
         frame = getattr(setpoint, "frame", SetpointFrame.PAD)
-        if frame is SetpointFrame.HOME or (frame is SetpointFrame.BODY and isinstance(setpoint, PositionSetpoint)):
+        if frame is SetpointFrame.HOME:
             raise refuse(Token.NO_FRAME, name=setpoint.suffix, frame=frame.value)
         if self._estimator is None:
             raise refuse(Token.NO_ESTIMATE, name=setpoint.suffix)
 
     def guide(self, setpoint: Setpoint, facts: VehicleFacts, now: float, *, is_flying: bool) -> Guided:
         """Return what the setpoint asks for; see `Guidance.guide`."""
+        self.error = None
         if isinstance(setpoint, AttitudeSetpoint):
-            return self._guide_attitude(setpoint)
+            gas = self._hover_gas if self._estimator is None else self._estimator.hover_gas
+            return guide_attitude(setpoint, self._model, gas, self._cfg.neutral_band)
+        step = min(max(now - self._guided_at, 0.005), 0.1) if is_flying else 0.02
+        self._guided_at = now
+        if isinstance(setpoint, TakeOffSetpoint):
+            if not is_flying:
+                self.take_off = self._autopilot = None
+                self._stood_at = now
+                found = self._ground_obstacle(facts, now)
+                return Guided(level_at(IDLE_GAS), found, stage=TakeOffPhase.IDLE.value)
+            blind = self._lift(now, step)
+            if blind is not None:
+                return blind
+        else:
+            self.take_off = None
         estimator = self._estimator
         if estimator is None:
-            return Guided(Sticks(0.0, 0.0, 0.0, self._hover_gas - GAS_CENTRE), _NO_TARGET, "no target in sight")
+            return Guided(level_at(self._hover_gas), _NO_TARGET, "no target in sight")
         estimator.advance(now)
         estimate = estimator.estimate(now)
         autopilot = self._autopilot
         if autopilot is None or not is_flying:
-            autopilot = self._autopilot = self._begin(estimator, now)
-            self._guided_at = now
-        step = min(max(now - self._guided_at, 0.005), 0.1)
-        self._guided_at = now
+            autopilot = self._autopilot = new_autopilot(self._cfg, estimator, now)
+            self._goals.forget()
         if isinstance(setpoint, LandSetpoint) and is_flying:
             return self._land(setpoint, estimate, autopilot, now, step)
         self.landing = None
         if estimate.age > self._cfg.level_after:
-            return Guided(_level(estimate), _NO_TARGET, self._lost_sight(estimate))
-        goal = self._goal(setpoint, estimate, autopilot, step)
-        return Guided(_floating(autopilot.sticks(goal, now, step)), self._obstacle(estimate, now))
+            return Guided(level_at(estimate.hover_gas), _NO_TARGET, self._lost_sight(estimate))
+        if isinstance(setpoint, TakeOffSetpoint):
+            return self._climb(setpoint, estimate, autopilot, now, step)
+        goal = self._goals.goal(setpoint, estimate, autopilot)
+        self.error = error_value(setpoint.kind, goal, estimate)
+        found = obstacle(self._cfg, self.target, estimate, now - self._clean_since)
+        is_there = is_flying and estimate.age <= self._cfg.freeze_after
+        is_done = is_there and self._arrival.has_arrived(goal.position, estimate.position, now)
+        return Guided(floating(autopilot.sticks(goal, now, step)), found, is_done=is_done)
+
+    def stop(self, setpoint: Setpoint, facts: VehicleFacts, now: float) -> Guided:
+        """What an aborted manoeuvre becomes: hold where a target is in sight, level where none is.
+
+        Two things cannot be stopped: a landing below its last decision goes on, and a take-off that no image has shown
+        off the ground ends with a release.
+
+        Args:
+            setpoint: what the holder streams.
+            facts: about the vehicle.
+            now: [s].
+        """
+        if self.landing is not None and self.landing.phase in (LandingPhase.COMMIT, LandingPhase.DOWN):
+            landing = LandSetpoint(epoch=setpoint.epoch, sequence=setpoint.sequence, ttl=setpoint.ttl)
+            return self.guide(landing, facts, now, is_flying=True)
+        if self.take_off is not None and self.take_off.is_blind:
+            self.take_off.fail("aborted")
+            return Guided(level_at(IDLE_GAS), failure="take-off ended: aborted")
+        estimator = self._estimator
+        is_seen = estimator is not None and now - estimator.seen_at <= self._cfg.level_after
+        if is_seen or not isinstance(setpoint, StickSetpoint | AttitudeSetpoint):
+            hold = HoldSetpoint(epoch=setpoint.epoch, sequence=setpoint.sequence, ttl=setpoint.ttl)
+            return self.guide(hold, facts, now, is_flying=True)
+        return Guided(level_at(self._hover_gas if estimator is None else estimator.hover_gas))
 
     def _land(
         self, setpoint: LandSetpoint, estimate: Estimate, autopilot: Autopilot, now: float, step: float
@@ -169,111 +234,64 @@ class TargetFlight:
         limits = LandingLimits(stand_height=self._cfg.stand_height)
         landing = self.landing = self.landing or Landing(limits, estimate)
         goal = landing.goal(estimate, setpoint.yaw, step)
-        sticks = _floating(autopilot.sticks(goal, now, step))
+        self.error = error_value(setpoint.kind, goal, estimate)
+        sticks, stage = floating(autopilot.sticks(goal, now, step)), landing.phase.value
         if landing.phase is LandingPhase.DOWN:
             stands = now - landing.down_since >= self._cfg.stand_time
             shown = f"landed on {self.target}"
             if not landing.is_on_target:
                 shown = f"came down, but nothing shows that it stands on {self.target}"
-            return Guided(sticks, finished=shown if stands else "")
+            return Guided(sticks, finished=shown if stands else "", stage=stage, is_done=True)
+        self._hover_gas = estimate.hover_gas
         if landing.phase is LandingPhase.COMMIT or estimate.age <= self._cfg.level_after:
-            return Guided(sticks)
-        return Guided(_level(estimate), failure=self._lost_sight(estimate))
+            return Guided(sticks, stage=stage)
+        return Guided(level_at(estimate.hover_gas), failure=self._lost_sight(estimate), stage=stage)
+
+    def _ground_obstacle(self, facts: VehicleFacts, now: float) -> str:
+        """What must change before a take-off begins; empty for nothing."""
+        estimator = self._estimator
+        if facts.motors_running(now) is False:
+            return "running motors: the pilot starts them, throttle at its lowest"
+        if estimator is not None and now - estimator.seen_at <= self._cfg.entry_age:
+            height = float(estimator.estimate(now).position[2])
+            if height > self._cfg.stand_height + STANDS:
+                return f"an aircraft on the ground: it is {height:.1f} m above {self.target}"
+        return ""
+
+    def _lift(self, now: float, step: float) -> Guided | None:
+        """Leave the ground; None once the autopilot flies."""
+        take_off = self.take_off
+        if take_off is None:
+            flies = self._autopilot is not None
+            if not flies and now - self._stood_at > JUST_STOOD:
+                return Guided(level_at(self._hover_gas), failure="a take-off begins on the ground, with a new lease")
+            limits = TakeOffLimits(ready=self._cfg.takeoff_ready, stand_height=self._cfg.stand_height)
+            take_off = self.take_off = TakeOff(limits, self._hover_gas, now, is_in_air=flies)
+        if not take_off.is_blind:
+            return None
+        attitude = self._attitude
+        tilt = 0.0 if attitude is None else max(abs(attitude.pitch), abs(attitude.roll))
+        sticks = level_at(take_off.gas(now, step, tilt))
+        failure = f"take-off ended: {take_off.failure}" if take_off.is_over else ""
+        return Guided(sticks, failure=failure, stage=take_off.phase.value)
+
+    def _climb(
+        self, setpoint: TakeOffSetpoint, estimate: Estimate, autopilot: Autopilot, now: float, step: float
+    ) -> Guided:
+        """Fly to the height over the middle of the target, and hold there."""
+        take_off = self.take_off
+        assert take_off is not None
+        height, here = min(setpoint.height, self._cfg.fence_height), estimate.position
+        goal = at_origin(height)
+        self.error = error_value(setpoint.kind, goal, estimate)
+        if self._arrival.has_arrived(goal.position, here, now):
+            take_off.arrived()
+        if float(here[2]) < STRAIGHT_UP and take_off.phase is TakeOffPhase.CLIMB:
+            goal = Goal(position=np.array([*(autopilot.reference.position), height]))
+        sticks = floating(autopilot.sticks(goal, now, step))
+        return Guided(sticks, stage=take_off.phase.value, is_done=take_off.phase is TakeOffPhase.REACHED)
 
     def _lost_sight(self, estimate: Estimate) -> str:
         """Why the flight is over; empty while the target may come back into sight."""
         is_over = estimate.age > self._cfg.exit_after
         return f"no image of {self.target} for {estimate.age:.1f} s" if is_over else ""
-
-    def _begin(self, estimator: Estimator, now: float) -> Autopilot:
-        cfg = self._cfg
-        return Autopilot(
-            estimator,
-            costs=HorizontalCosts(steepest=cfg.max_tilt),
-            gains=VerticalGains(fastest=cfg.max_climb),
-            level_limits=ReferenceLimits(cfg.max_speed, cfg.max_acceleration),
-            height_limits=ReferenceLimits(cfg.max_climb, 0.8),
-            now=now,
-        )
-
-    def _goal(self, setpoint: Setpoint, estimate: Estimate, autopilot: Autopilot, step: float) -> Goal:
-        """Where to go: inside the fence; without a fresh image, where the aircraft is."""
-        cfg = self._cfg
-        if estimate.age > cfg.freeze_after:
-            return Goal(position=np.array([*autopilot.reference.position, float(estimate.position[2])]))
-        if isinstance(setpoint, LandSetpoint):
-            return Goal(position=estimate.position, yaw=setpoint.yaw)
-        if isinstance(setpoint, PositionSetpoint):
-            wanted, yaw, speed = np.array(setpoint.position), setpoint.yaw, None
-        else:
-            assert isinstance(setpoint, VelocitySetpoint)
-            velocity, yaw = np.array(setpoint.velocity), None
-            if setpoint.frame is SetpointFrame.BODY:
-                c, s = math.cos(estimate.yaw), math.sin(estimate.yaw)
-                velocity = np.array([c * velocity[0] - s * velocity[1], s * velocity[0] + c * velocity[1], velocity[2]])
-            # A point ahead that the reference never reaches, flown to no faster than asked.
-            speed = float(np.hypot(*velocity[:2]))
-            here = np.array([*autopilot.reference.position, *autopilot.height.position])
-            wanted = here + velocity * cfg.velocity_lead
-        level = wanted[:2] * min(1.0, cfg.fence_radius / max(float(np.hypot(*wanted[:2])), 1e-9))
-        height = min(max(float(wanted[2]), cfg.fence_floor), cfg.fence_height)
-        return Goal(position=np.array([*level, height]), yaw=yaw, speed=speed)
-
-    def _obstacle(self, estimate: Estimate, now: float) -> str:
-        """What must change before an autonomous flight begins; empty for nothing."""
-        cfg = self._cfg
-        sd = float(estimate.position_sd.max())
-        if estimate.age > cfg.entry_age:
-            return f"a fresh image of {self.target}: the last is {estimate.age:.2f} s old"
-        speed = float(np.hypot(*estimate.velocity[:2]))
-        if speed > cfg.entry_speed:
-            return f"a slower aircraft: it moves at {speed:.1f} m/s over {self.target}"
-        if sd > cfg.entry_sd:
-            return f"a certain position: its standard deviation is {100 * sd:.0f} cm"
-        if now - self._clean_since < cfg.entry_clean:
-            return f"images that agree with the model for {cfg.entry_clean:g} s"
-        return ""
-
-    def _guide_attitude(self, setpoint: AttitudeSetpoint) -> Guided:
-        """Tilt and thrust straight to counts; the FlightCtrl's leak is the client's business."""
-        model = self._model
-        gas = (self._estimator.hover_gas if self._estimator is not None else self._hover_gas) * math.sqrt(
-            setpoint.thrust
-        )
-        pitch, roll = setpoint.pitch / model.rad_per_count, setpoint.roll / model.rad_per_count
-        yaw = model.yaw_stick(setpoint.yaw_rate)
-        is_neutral = max(abs(pitch), abs(roll), abs(yaw)) <= self._cfg.neutral_band
-        return Guided(Sticks(pitch, roll, yaw, gas - GAS_CENTRE), "" if is_neutral else "a level attitude")
-
-
-def guidance(target: TargetFlight, neutral_band: float) -> Mapping[type[Setpoint], Guidance]:
-    """Return guidance for every kind of setpoint."""
-    return {
-        StickSetpoint: StickGuidance(neutral_band),
-        AttitudeSetpoint: target,
-        VelocitySetpoint: target,
-        PositionSetpoint: target,
-        LandSetpoint: target,
-    }
-
-
-def _view_of(pose: VisionPose) -> TargetView:
-    return TargetView(
-        pose.stamp.monotonic,
-        np.array(pose.position_flu),
-        rotation_from_quaternion(pose.quaternion_target_from_flu),
-        np.array(pose.covariance).reshape(6, 6),
-    )
-
-
-def _floating(sticks: AutopilotSticks) -> Sticks:
-    return Sticks(float(sticks.pitch), float(sticks.roll), float(sticks.yaw), float(sticks.throttle))
-
-
-def _level(estimate: Estimate) -> Sticks:
-    """No tilt at the throttle that carries the aircraft."""
-    return Sticks(0.0, 0.0, 0.0, round(estimate.hover_gas - GAS_CENTRE))
-
-
-def _triple(vector: Array) -> tuple[float, float, float]:
-    return float(vector[0]), float(vector[1]), float(vector[2])

@@ -15,7 +15,7 @@ from typing import Final
 
 from mkdaemon.bus.codec import Payload, TooLong, check_command, decode_map
 from mkdaemon.clock import Clock, SleepWatch
-from mkdaemon.control.actions import Action, PublishEstimate, PublishStatus, ReadGate, Release, SendSticks
+from mkdaemon.control.actions import Action, PublishError, PublishEstimate, PublishStatus, ReadGate, Release, SendSticks
 from mkdaemon.control.core import FlightCore
 from mkdaemon.control.modes import IN_FLIGHT
 from mkdaemon.control.preflight import Gate
@@ -25,8 +25,16 @@ from mkdaemon.daemon.preflight import gate_of, read_active_set
 from mkdaemon.errors import CommandRejectedError
 from mkdaemon.link.link import Link
 from mkdaemon.link.session.traffic import ReleaseResult
-from mkdaemon.telemetry.command import LeaseRequest, ReleaseRequest
-from mkdaemon.telemetry.control import ControlEstimate, ControlOutput, ControlStatus, LeaseState, Phase, ReleaseOutcome
+from mkdaemon.telemetry.command import AbortRequest, LeaseRequest, ReleaseRequest
+from mkdaemon.telemetry.control import (
+    ControlError,
+    ControlEstimate,
+    ControlOutput,
+    ControlStatus,
+    LeaseState,
+    Phase,
+    ReleaseOutcome,
+)
 from mkdaemon.telemetry.setpoint import Setpoint
 from mkdaemon.telemetry.signature import Signature
 from mkdaemon.translate import aircraft_model, extern_control
@@ -142,6 +150,15 @@ class FlightControl:
         self._news.set()
         return await done
 
+    def abort(self, request: AbortRequest) -> None:
+        """Stop the manoeuvre that is flown, whoever asks.
+
+        Raises:
+            CommandRejectedError: `nothing_flown`.
+        """
+        self._core.abort(request)
+        self._news.set()
+
     # -- what the core decides ------------------------------------------------------------------------------------
 
     async def run(self) -> None:
@@ -176,6 +193,8 @@ class FlightControl:
             case PublishEstimate():
                 estimate = ControlEstimate(stamp=self._clock.stamp(), **action.value.__dict__)
                 self._bus.publish("control/estimate", estimate)
+            case PublishError():
+                self._bus.publish("control/error", ControlError(stamp=self._clock.stamp(), **action.value.__dict__))
             case _:
                 self._audit.report(action)
 

@@ -13,7 +13,7 @@ from mkdaemon.daemon.audit import Audit
 from mkdaemon.daemon.flight import RELEASE_TIMEOUT, FlightControl
 from mkdaemon.daemon.procedures import Interlock
 from mkdaemon.link.link import Link
-from mkdaemon.telemetry.command import CommandResult, LeaseRequest, RateRequest, Rates, ReleaseRequest
+from mkdaemon.telemetry.command import AbortRequest, CommandResult, LeaseRequest, RateRequest, Rates, ReleaseRequest
 from mkdaemon.telemetry.control import ReleaseOutcome, ReleaseReport
 from mkdaemon.telemetry.refusals import Status, Token, refuse
 
@@ -33,6 +33,7 @@ class Verbs:
         self._verbs: dict[str, Verb] = {
             "lease": self._lease,
             "release": self._release,
+            "abort": self._abort,
             "rate": self._rate,
             **procedures,
         }
@@ -69,6 +70,11 @@ class Verbs:
             raise refuse(Token.TIMEOUT, board="fc", name="release", detail=f"no end in {RELEASE_TIMEOUT:g} s")
         status = Status.ACCEPTED if result.status is ReleaseOutcome.CONFIRMED else Status.NOT_OBSERVABLE
         return CommandResult(status=status, reply=asdict(result), reply_type=schema_name(ReleaseReport))
+
+    async def _abort(self, payload: Payload) -> CommandResult:
+        """Answer `do/abort`."""
+        self._flight.abort(read_command(AbortRequest, payload))
+        return CommandResult(status=Status.ACCEPTED)
 
     async def _rate(self, payload: Payload) -> CommandResult:
         """Answer `do/rate`: change one stream, or just show all."""

@@ -69,6 +69,13 @@ class ReleaseRequest(Command):
     """Published with the event."""
 
 
+class AbortRequest(Command):
+    """Stop the manoeuvre that is flown: `do/abort`. Anyone may; the holder keeps the lease, and the aircraft holds."""
+
+    reason: str = Field(default="asked for", max_length=200)
+    """Published with the event."""
+
+
 class RateRequest(Command):
     """Ask for a telemetry stream at a rate, or just for the present rates: `do/rate`."""
 

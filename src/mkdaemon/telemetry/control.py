@@ -19,6 +19,8 @@ class Phase(StrEnum):
     """Stick frames are sent."""
     STALE = "stale"
     """The setpoint is too old: neutral sticks at hover throttle are sent."""
+    ABORTED = "aborted"
+    """A manoeuvre was stopped: the aircraft holds its place where a target is in sight, else it is level."""
     RELEASING = "releasing"
     """A release is under way; nobody's setpoints are sent."""
 
@@ -79,6 +81,21 @@ class ReleaseReport(Telemetry):
     """Why it was released."""
 
 
+@dataclass(frozen=True, slots=True)
+class Progress:
+    """What is flown, and how far it is.
+
+    Attributes:
+        manoeuvre: kind of the setpoint, the last word of its key.
+        stage: where it stands, in words; empty for a setpoint that has no stages.
+        is_done: what was asked for is reached, and held.
+    """
+
+    manoeuvre: str
+    stage: str
+    is_done: bool
+
+
 class LeaseState(Telemetry):
     """The lease, as answered by `do/lease` and shown in `control/status`."""
 
@@ -124,6 +141,12 @@ class ControlStatus(Stamped):
     """Of those sent, confirmed by the board, where it confirms any."""
     pose_age: float | None = None
     """Time since the newest pose of a target was seen [s]; null where none was."""
+    manoeuvre: str | None = None
+    """Kind of the setpoint whose sticks are sent, for example `takeoff`; null while none are."""
+    stage: str = ""
+    """Where a take-off or a landing stands, in words."""
+    is_done: bool = False
+    """What the setpoint asks for is reached, and held."""
 
 
 class EstimateValue(Telemetry):
@@ -155,6 +178,25 @@ class EstimateValue(Telemetry):
 
 class ControlEstimate(Stamped, EstimateValue):
     """What the flight core believes: `control/estimate`, with every stick frame of an autonomous flight."""
+
+
+class ErrorValue(Telemetry):
+    """How far the aircraft is from where it is to be: estimate less goal."""
+
+    manoeuvre: str
+    """Kind of the setpoint."""
+    goal: tuple[float, float, float]
+    """Where it is to be, from the middle of the target; of a velocity, the point it flies to [m]."""
+    error_pad: tuple[float, float, float]
+    """In the axes of the target [m]."""
+    error_body: tuple[float, float, float]
+    """Forward, left, up; turned level [m]."""
+    error_yaw: float | None
+    """Heading less wanted heading, nose left positive [rad]; null where none is wanted."""
+
+
+class ControlError(Stamped, ErrorValue):
+    """The error to the setpoint: `control/error`, with every stick frame of an autonomous flight."""
 
 
 class ControlOutput(Stamped):

@@ -170,8 +170,16 @@ REFUSALS: Final[Mapping[str, Refusal]] = {
     ),
     Token.NO_FRAME: Refusal(
         Status.UNSUPPORTED,
-        "{name} cannot be followed in frame {frame}.",
-        "Give positions in frame pad, velocities in frame pad or body.",
+        "{name} cannot be followed in frame {frame}: nobody knows where the target is at home.",
+        "Give it in frame pad or body.",
+    ),
+    Token.FLYING_STOP: Refusal(
+        Status.DENIED,
+        "stopping the motors drops an aircraft that flies, and nobody says that it stands.",
+        "Land first; `mkctl release` gives it to the pilot; --in-flight stops the motors in the air.",
+    ),
+    Token.NOTHING_FLOWN: Refusal(
+        Status.DENIED, "there is no manoeuvre to stop: {phase}.", "`mkctl release` lets go of the aircraft at any time."
     ),
     Token.GUARD_DEAD: Refusal(
         Status.DENIED,

@@ -20,6 +20,11 @@ class Setpoint(Command):
 
     suffix: ClassVar[str]
 
+    @property
+    def kind(self) -> str:
+        """Last word of its key."""
+        return self.suffix.removeprefix("setpoint/")
+
     epoch: int = Field(ge=0)
     """Epoch of the lease it stands on."""
     sequence: int = Field(ge=0)
@@ -51,7 +56,8 @@ class SetpointFrame(StrEnum):
     PAD = "pad"
     """Axes and origin of the target in use; a velocity is relative to a target that moves."""
     BODY = "body"
-    """FLU axes turned level; origin at the vehicle."""
+    """FLU axes turned level; origin at the vehicle, for a position where it was when the first setpoint of this
+    position arrived."""
 
 
 _Angle = Annotated[float, Field(ge=-math.pi, le=math.pi)]
@@ -101,6 +107,21 @@ class PositionSetpoint(Setpoint):
     """Heading about the up axis of `frame`, counter-clockwise from its first axis [rad]; null to keep the heading."""
 
 
+class HoldSetpoint(Setpoint):
+    """Stay where the aircraft is when the first of them arrives: `setpoint/hold`."""
+
+    suffix: ClassVar[str] = "setpoint/hold"
+
+
+class TakeOffSetpoint(Setpoint):
+    """Take off and hold over the middle of the target: `setpoint/takeoff`. The pilot has started the motors."""
+
+    suffix: ClassVar[str] = "setpoint/takeoff"
+
+    height: float = Field(ge=0.5, le=10.0)
+    """Above the target [m]; never above the configured fence."""
+
+
 class LandSetpoint(Setpoint):
     """Land on the target in sight: `setpoint/land`. Streamed until the feet stand; the aircraft is released then."""
 
@@ -115,6 +136,8 @@ SETPOINTS: Final[tuple[type[Setpoint], ...]] = (
     AttitudeSetpoint,
     VelocitySetpoint,
     PositionSetpoint,
+    HoldSetpoint,
+    TakeOffSetpoint,
     LandSetpoint,
 )
 """Every kind of setpoint."""

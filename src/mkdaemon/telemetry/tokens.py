@@ -60,6 +60,8 @@ class Token(StrEnum):
 
     # authority
     NOT_LEASED = "not_leased"
+    FLYING_STOP = "flying_stop"
+    NOTHING_FLOWN = "nothing_flown"
     LEASE_HELD = "lease_held"
     WRONG_EPOCH = "wrong_epoch"
     NOT_HOLDER = "not_holder"

@@ -32,13 +32,24 @@ COMMANDS: Final = (
         "stick", "mkdaemon.cli.mkctl.stick:stick", "Fly by sticks: stream stick offsets for some seconds.", _FLY
     ),
     CommandEntry(
+        "takeoff",
+        "mkdaemon.cli.mkctl.manoeuvre:takeoff",
+        "Take off from the target and hold over it: `takeoff 2`.",
+        _FLY,
+    ),
+    CommandEntry(
         "goto", "mkdaemon.cli.mkctl.flight:goto", "Fly to a place over the target in sight: `goto 0 0 2`.", _FLY
     ),
     CommandEntry("hold", "mkdaemon.cli.mkctl.flight:hold", "Hold the present place over the target in sight.", _FLY),
     CommandEntry(
         "velocity", "mkdaemon.cli.mkctl.flight:velocity", "Fly at a velocity against the target in sight.", _FLY
     ),
+    CommandEntry("attitude", "mkdaemon.cli.mkctl.manoeuvre:attitude", "Fly by attitude and thrust.", _FLY),
     CommandEntry("land", "mkdaemon.cli.mkctl.flight:land", "Land on the target in sight.", _FLY),
+    CommandEntry("abort", "mkdaemon.cli.mkctl.manoeuvre:abort", "Stop the manoeuvre and hold, whoever flies.", _FLY),
+    CommandEntry(
+        "stop", "mkdaemon.cli.mkctl.manoeuvre:stop", "Stop the motors, where the firmware can be asked.", _FLY
+    ),
     CommandEntry("release", "mkdaemon.cli.mkctl.release:release", "Let go of the aircraft, now, whoever flies.", _FLY),
     CommandEntry("rate", "mkdaemon.cli.mkctl.rate:rate", "Ask for a stream at an interval: `rate osd 100ms`.", _BOARDS),
     CommandEntry(

@@ -2,29 +2,26 @@
 
 from __future__ import annotations
 
-import asyncio
 import math
-import sys
-from collections.abc import AsyncIterator, Callable
-from contextlib import asynccontextmanager, suppress
 from typing import Annotated, Final, Literal
 
 from cyclopts import Parameter
 
 from mkdaemon.cli.arguments import require_length
 from mkdaemon.cli.mkctl.connection import HERE, Connection
-from mkdaemon.cli.printing import json_line
-from mkdaemon.client import Lease, Vehicle
-from mkdaemon.errors import ConfigError, MkError
+from mkdaemon.cli.mkctl.flightshow import (
+    Position,
+    conclude,
+    metres,
+    print_end,
+    read_position,
+    require_finite,
+    showing,
+)
 
-PROGRESS_PERIOD: Final = 0.2
-"""Between two lines of progress on a terminal [s]."""
-LOG_PERIOD: Final = 1.0
-"""The same where nobody looks, and with `--json` [s]."""
 BRIEF: Final = 0.2
 """Time flown to learn where the aircraft is [s]."""
 
-Position = tuple[float, float, float]
 Force = Annotated[bool, Parameter(negative=(), help="Take the lease from whoever holds it.")]
 Seconds = Annotated[float, Parameter(name=["--seconds", "-s"], help="How long from the engagement on.")]
 
@@ -36,6 +33,7 @@ async def goto(
     /,
     *,
     yaw: Annotated[float | None, Parameter(help="Heading, counter-clockwise from x [deg]; else it is kept.")] = None,
+    frame: Annotated[Literal["pad", "body", "home"], Parameter(help="Where x, y and z count from.")] = "pad",
     seconds: Seconds = 10.0,
     within: Annotated[float, Parameter(help="Exit code 0 only if it is so close at the end [m].")] = 0.3,
     force: Force = False,
@@ -43,8 +41,8 @@ async def goto(
 ) -> int:
     """Fly to a place over the target in sight, hold it, then release.
 
-    The frame is the target's: x to the right of its print, y to its top, z up. Ctrl-C releases at once. The pilot
-    must have handed over: docs/flying.md.
+    In frame `pad`: x to the right of its print, y to its top, z up. In frame `body`: forward, left and up from where
+    the aircraft is; yaw from its heading. Ctrl-C releases at once. The pilot must have handed over: docs/flying.md.
 
     Args:
         x: Metres from the middle of the target.
@@ -59,11 +57,11 @@ async def goto(
     require_length(seconds, "--seconds")
     require_length(within, "--within")
     heading = None if yaw is None else math.remainder(math.radians(yaw), math.tau)
-    goal = (x, y, z)
+    goal = (x, y, z) if frame == "pad" else None
     async with connection.open() as uav, uav.lease(force=force) as lease:
-        async with _showing(uav, lease, connection, lambda: goal) as shown:
-            await lease.position(*goal, yaw=heading, seconds=seconds)
-        return _conclude(shown, goal, within, connection)
+        async with showing(uav, lease, connection, lambda: goal) as shown:
+            await lease.position(x, y, z, yaw=heading, frame=frame, seconds=seconds)
+        return conclude(shown, goal or shown.goal, within, connection)
 
 
 async def hold(
@@ -84,12 +82,12 @@ async def hold(
     require_length(seconds, "--seconds")
     goal: Position | None = None
     async with connection.open() as uav, uav.lease(force=force) as lease:
-        async with _showing(uav, lease, connection, lambda: goal) as shown:
+        async with showing(uav, lease, connection, lambda: goal) as shown:
             await lease.velocity(0.0, 0.0, 0.0, seconds=BRIEF)
-            x, y, z = shown.position or await _position(uav)
+            x, y, z = shown.position or await read_position(uav)
             goal = (x, y, z if height is None else height)
             await lease.position(*goal, seconds=seconds)
-        return _conclude(shown, goal, within, connection)
+        return conclude(shown, goal, within, connection)
 
 
 async def velocity(
@@ -117,9 +115,9 @@ async def velocity(
     require_finite(x=x, y=y, z=z)
     require_length(seconds, "--seconds")
     async with connection.open() as uav, uav.lease(force=force) as lease:
-        async with _showing(uav, lease, connection, lambda: None) as shown:
+        async with showing(uav, lease, connection, lambda: None) as shown:
             await lease.velocity(x, y, z, frame=frame, seconds=seconds)
-        _print_end({"position": shown.position}, f"now at {_metres(shown.position)}", connection)
+        print_end({"position": shown.position}, f"now at {metres(shown.position)}", connection)
 
 
 async def land(
@@ -139,101 +137,6 @@ async def land(
     require_finite(yaw=yaw)
     heading = None if yaw is None else math.remainder(math.radians(yaw), math.tau)
     async with connection.open() as uav, uav.lease(force=force) as lease:
-        async with _showing(uav, lease, connection, lambda: (0.0, 0.0, 0.0)) as shown:
+        async with showing(uav, lease, connection, lambda: (0.0, 0.0, 0.0)) as shown:
             await lease.land(yaw=heading)
-        _print_end({"position": shown.position}, f"{lease.reason}; the pilot stops the motors", connection)
-
-
-def require_finite(**numbers: float | None) -> None:
-    """Refuse numbers that are none.
-
-    Raises:
-        ConfigError: names the first.
-    """
-    for name, number in numbers.items():
-        if number is not None and not math.isfinite(number):
-            msg = f"{name} {number:g}: give a number"
-            raise ConfigError(msg)
-
-
-class _Shown:
-    """What has been seen of the flight.
-
-    Attributes:
-        position: the newest estimate of where the aircraft is [m].
-    """
-
-    def __init__(self) -> None:
-        self.position: Position | None = None
-
-
-@asynccontextmanager
-async def _showing(
-    uav: Vehicle, lease: Lease, connection: Connection, goal: Callable[[], Position | None]
-) -> AsyncIterator[_Shown]:
-    """Show on standard error what the daemon waits for, then where the aircraft is."""
-    shown = _Shown()
-    is_terminal = sys.stderr.isatty() and not connection.json
-
-    async def follow() -> None:
-        async with uav.watch("control/estimate") as samples:
-            async for sample in samples:
-                x, y, z = sample.value.position
-                shown.position = (x, y, z)
-
-    async def show() -> None:
-        last = ""
-        while True:
-            line = _line(lease, shown.position, goal())
-            if is_terminal:
-                print(f"\r{line}\x1b[K", end="", file=sys.stderr, flush=True)
-            elif line != last:
-                print(line, file=sys.stderr, flush=True)
-            last = line
-            await asyncio.sleep(PROGRESS_PERIOD if is_terminal else LOG_PERIOD)
-
-    tasks = [asyncio.create_task(job(), name=f"flight {job.__name__}") for job in (follow, show)]
-    try:
-        yield shown
-    finally:
-        for task in tasks:
-            task.cancel()
-        await asyncio.gather(*tasks, return_exceptions=True)
-        if is_terminal:
-            print(file=sys.stderr)
-
-
-def _line(lease: Lease, position: Position | None, goal: Position | None) -> str:
-    if not lease.is_engaged or position is None:
-        return lease.reason
-    if goal is None:
-        return f"at {_metres(position)}"
-    return f"at {_metres(position)}, {100 * math.dist(position, goal):.0f} cm from the goal"
-
-
-def _metres(position: Position | None) -> str:
-    return "an unknown place" if position is None else "x {:+.2f} y {:+.2f} z {:.2f} m".format(*position)
-
-
-async def _position(uav: Vehicle) -> Position:
-    with suppress(AttributeError):
-        sample = await uav.get("control/estimate")
-        x, y, z = sample.value.position  # type: ignore[union-attr]
-        return (x, y, z)
-    msg = "the daemon publishes no estimate: see `mkctl get control/status`"
-    raise MkError(msg)
-
-
-def _conclude(shown: _Shown, goal: Position, within: float, connection: Connection) -> int:
-    """Print how far from the goal the flight ended; the exit code."""
-    if shown.position is None:
-        _print_end({"position": None, "error": None}, "no estimate was received", connection)
-        return 1
-    error = math.dist(shown.position, goal)
-    words = f"ended at {_metres(shown.position)}, {100 * error:.0f} cm from the goal"
-    _print_end({"position": shown.position, "error": error}, words, connection)
-    return 0 if error <= within else 1
-
-
-def _print_end(fields: dict[str, object], words: str, connection: Connection) -> None:
-    print(json_line(fields) if connection.json else words)
+        print_end({"position": shown.position}, f"{lease.reason}; the pilot stops the motors", connection)

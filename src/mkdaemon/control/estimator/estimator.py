@@ -18,6 +18,7 @@ from mkdaemon.control.estimator.model import GRAVITY, LEVEL_STATES, TH, Aircraft
 from mkdaemon.control.estimator.rollback import GATE, STEP, Measurement, RollbackFilter
 from mkdaemon.control.estimator.tuning import NOMINAL, ROBUST, Tuning
 from mkdaemon.control.estimator.values import Estimate, StickCommand, TargetView
+from mkdaemon.control.linear import Array
 
 COMPASS_MEMORY: Final = 1.0
 """Headings kept for late pictures [s]."""
@@ -43,15 +44,19 @@ class Estimator:
         view: TargetView,
         hover_gas: float,
         *,
+        compass: float = 0.0,
+        velocity: Array | None = None,
         nominal: Tuning = NOMINAL,
         robust: Tuning = ROBUST,
     ) -> None:
-        """Begin with the first view of the target, at rest.
+        """Begin with the first view of the target.
 
         Args:
             model: of the aircraft.
             view: first view of the target.
             hover_gas: first guess [count of 254].
+            compass: yaw that the boards reported last [rad].
+            velocity: against the target (3,) [m/s]; at rest if none is given.
             nominal: beliefs while the innovations agree with the model.
             robust: beliefs before that.
         """
@@ -63,14 +68,16 @@ class Estimator:
         self._agrees_since = view.at
         self._refused_views = 0
         tuning = robust
-        self._yaw_offset = view.heading
-        self._headings: deque[tuple[float, float]] = deque()
+        self._yaw_offset = view.heading - compass
+        self._headings: deque[tuple[float, float]] = deque([(view.at, compass)])
         self._seen_at = view.at
         position = -view.target_from_flu @ view.position_flu
         self._commands = CommandHistory()
         f, g = model.horizontal(STEP)
         start = np.zeros((2, LEVEL_STATES))
         start[:, P] = position[:2]
+        moving = np.zeros(3) if velocity is None else velocity
+        start[:, V] = moving[:2]
         spread = np.diag(tuning.first_spread) ** 2
         self._level = RollbackFilter(f, g, tuning.level_noise(STEP), start, spread, view.at)
         f, g = model.vertical(STEP)
@@ -78,7 +85,7 @@ class Estimator:
             f,
             g,
             tuning.upright_noise(STEP),
-            np.array([[position[2], 0.0, 0.0, 0.0]]),
+            np.array([[position[2], moving[2], 0.0, 0.0]]),
             np.diag(tuning.first_upright_spread) ** 2,
             view.at,
         )
@@ -206,7 +213,7 @@ class Estimator:
 
     def _heading_at(self, at: float) -> float:
         """Heading in the target frame [rad]: the compass turned by the slowly estimated offset between the two."""
-        heading = self._headings[0][1] if self._headings else 0.0
+        heading = self._headings[0][1]
         for time, value in self._headings:
             if time > at:
                 break

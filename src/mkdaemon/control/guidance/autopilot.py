@@ -74,7 +74,7 @@ class Autopilot:
         height_limits: ReferenceLimits,
         now: float,
     ) -> None:
-        """Begin where the aircraft is.
+        """Begin where the aircraft is, climbing as it climbs.
 
         Raises:
             ValueError: the costs stabilise nothing on this model.
@@ -88,7 +88,7 @@ class Autopilot:
         self._throttle = CountShaper(-127, 127)
         self.estimate = estimator.estimate(now)
         self.reference = Reference(self.estimate.position[:2])
-        self.height = Reference(self.estimate.position[2:])
+        self.height = Reference(self.estimate.position[2:], self.estimate.velocity[2:])
 
     def sticks(self, goal: Goal, now: float, step: float = STEP) -> AutopilotSticks:
         """Return the sticks to send now.

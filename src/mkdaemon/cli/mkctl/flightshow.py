@@ -1,0 +1,131 @@
+"""What is shown of a flight on the command line: what the daemon waits for, where the aircraft is, how it ended."""
+
+from __future__ import annotations
+
+import asyncio
+import math
+import sys
+from collections.abc import AsyncIterator, Callable
+from contextlib import asynccontextmanager, suppress
+from typing import Final
+
+from mkdaemon.cli.mkctl.connection import Connection
+from mkdaemon.cli.printing import json_line
+from mkdaemon.client import Lease, Vehicle
+from mkdaemon.errors import ConfigError, MkError
+
+PROGRESS_PERIOD: Final = 0.2
+"""Between two lines of progress on a terminal [s]."""
+LOG_PERIOD: Final = 1.0
+"""The same where nobody looks, and with `--json` [s]."""
+
+Position = tuple[float, float, float]
+
+
+def require_finite(**numbers: float | None) -> None:
+    """Refuse numbers that are none.
+
+    Raises:
+        ConfigError: names the first.
+    """
+    for name, number in numbers.items():
+        if number is not None and not math.isfinite(number):
+            msg = f"{name} {number:g}: give a number"
+            raise ConfigError(msg)
+
+
+class Shown:
+    """What has been seen of the flight.
+
+    Attributes:
+        position: the newest estimate of where the aircraft is [m].
+        goal: where the daemon says it is to be [m].
+    """
+
+    def __init__(self) -> None:
+        self.position: Position | None = None
+        self.goal: Position | None = None
+
+
+@asynccontextmanager
+async def showing(
+    uav: Vehicle, lease: Lease, connection: Connection, goal: Callable[[], Position | None]
+) -> AsyncIterator[Shown]:
+    """Show on standard error what the daemon waits for, then where the aircraft is."""
+    shown = Shown()
+    is_terminal = sys.stderr.isatty() and not connection.json
+
+    async def follow() -> None:
+        async with uav.watch("control/estimate", "control/error") as samples:
+            async for sample in samples:
+                if sample.suffix == "control/error":
+                    shown.goal = sample.value.goal
+                else:
+                    shown.position = sample.value.position
+
+    async def show() -> None:
+        last = ""
+        while True:
+            line = _line(lease, shown.position, goal() or shown.goal)
+            if is_terminal:
+                print(f"\r{line}\x1b[K", end="", file=sys.stderr, flush=True)
+            elif line != last:
+                print(line, file=sys.stderr, flush=True)
+            last = line
+            await asyncio.sleep(PROGRESS_PERIOD if is_terminal else LOG_PERIOD)
+
+    tasks = [asyncio.create_task(job(), name=f"flight {job.__name__}") for job in (follow, show)]
+    try:
+        yield shown
+    finally:
+        for task in tasks:
+            task.cancel()
+        await asyncio.gather(*tasks, return_exceptions=True)
+        if is_terminal:
+            print(file=sys.stderr)
+
+
+def _line(lease: Lease, position: Position | None, goal: Position | None) -> str:
+    status = lease.status
+    if not lease.is_engaged or status is None or status.phase is status.phase.ABORTED:
+        return lease.reason
+    words = [status.stage] if status.stage else []
+    if position is not None:
+        words.append(f"at {metres(position)}")
+        words += [] if goal is None else [f"{100 * math.dist(position, goal):.0f} cm from the goal"]
+    return ", ".join(words) or lease.reason
+
+
+def metres(position: Position | None) -> str:
+    """A position in words."""
+    return "an unknown place" if position is None else "x {:+.2f} y {:+.2f} z {:.2f} m".format(*position)
+
+
+async def read_position(uav: Vehicle) -> Position:
+    """Where the aircraft was last believed to be [m].
+
+    Raises:
+        MkError: the daemon publishes no estimate.
+    """
+    with suppress(AttributeError):
+        sample = await uav.get("control/estimate")
+        x, y, z = sample.value.position  # type: ignore[union-attr]
+        return (x, y, z)
+    msg = "the daemon publishes no estimate: see `mkctl get control/status`"
+    raise MkError(msg)
+
+
+def conclude(shown: Shown, goal: Position | None, within: float, connection: Connection) -> int:
+    """Print how far from the goal the flight ended; the exit code."""
+    if shown.position is None or goal is None:
+        print_end({"position": None, "error": None}, "no estimate was received", connection)
+        return 1
+    error = math.dist(shown.position, goal)
+    words = f"ended at {metres(shown.position)}, {100 * error:.0f} cm from the goal"
+    print_end({"position": shown.position, "error": error}, words, connection)
+    return 0 if error <= within else 1
+
+
+def print_end(fields: dict[str, object], words: str, connection: Connection) -> None:
+    """Print how a command ended: one JSON object, or words."""
+    print(json_line(fields) if connection.json else words)

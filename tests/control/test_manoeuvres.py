@@ -1,0 +1,191 @@
+"""Take-off, hold, a place from the aircraft's own, and the abort: the whole core decides, in virtual time."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from lab.control.camera import CameraModel
+from lab.control.corerig import CoreRig
+from lab.control.flights import Flight
+from mkdaemon.config.autopilot import AutopilotConfig
+from mkdaemon.config.sim_flight import WindClass
+from mkdaemon.control.actions import PublishError, PublishStatus, Release, SendSticks
+from mkdaemon.control.targetflight import TargetFlight
+from mkdaemon.control.vehicle import VehicleFacts
+from mkdaemon.errors import CommandRejectedError
+from mkdaemon.telemetry.command import AbortRequest
+from mkdaemon.telemetry.control import Phase
+from mkdaemon.telemetry.refusals import Token
+from mkdaemon.telemetry.setpoint import (
+    HoldSetpoint,
+    LandSetpoint,
+    PositionSetpoint,
+    SetpointFrame,
+    StickSetpoint,
+    TakeOffSetpoint,
+)
+from tests.control.events import pose
+
+BASE = {"epoch": 1, "sequence": 1, "ttl": 0.3}
+GROUND = Flight(seed=4, wind=WindClass.INDOOR, seconds=9.2, start=0.0, place=(0.05, -0.04))
+CALM = Flight(seed=4, wind=WindClass.INDOOR, seconds=9.0)
+CFG = AutopilotConfig()
+
+
+class Plan(CoreRig):
+    """Streams what a plan says: times [s] and setpoints, and asks for an abort at a time [s]."""
+
+    def __init__(self, flight, *plan, abort_at=math.inf, motors=True):
+        super().__init__(flight)
+        self.plan, self.abort_at, self.motors = plan, abort_at, motors
+
+    def _control(self, at):
+        self.core.motors_reported(self.motors, at)
+        if at >= self.abort_at:
+            self.abort_at = math.inf
+            self.core.abort(AbortRequest(reason="the operator saw something"))
+        super()._control(at)
+
+    def _setpoint(self, goal, at):
+        kind, fields = next((k, f) for start, k, f in reversed(self.plan) if at >= start)
+        return kind(epoch=self._epoch, sequence=self._sequence, ttl=0.3, **fields)
+
+    def statuses(self):
+        """What was published, without repetitions."""
+        shown = [action for _, action in self.actions if isinstance(action, PublishStatus)]
+        return list(dict.fromkeys((s.manoeuvre, s.stage, s.is_done) for s in shown))
+
+    def release_reason(self):
+        return next(action.reason for _, action in self.actions if isinstance(action, Release))
+
+
+def hold():
+    return (0.0, HoldSetpoint, {})
+
+
+def takeoff(height=1.2):
+    return (0.0, TakeOffSetpoint, {"height": height})
+
+
+def test_it_takes_off_from_a_target_it_hardly_sees_and_holds_over_its_middle():
+    rig = Plan(GROUND, takeoff())
+    record = rig.fly()
+    assert record.lost == ""
+    assert record.positions[-1] == pytest.approx([0.0, 0.0, 1.2], abs=0.15)
+    assert [stage for manoeuvre, stage, _ in rig.statuses() if manoeuvre == "takeoff"] == [
+        "idle: the pilot raises his throttle",
+        "throttle rises",
+        "climbs",
+        "at height",
+    ]
+    assert rig.statuses()[-1] == ("takeoff", "at height", True)
+    before = [a.counts.throttle for at, a in rig.actions if isinstance(a, SendSticks) and at < 3.9]
+    assert set(before) == {-100}
+
+
+def test_motors_that_stand_still_are_waited_for():
+    rig = Plan(replace(GROUND, seconds=2.0), takeoff(), motors=False)
+    rig.fly()
+    assert rig.core.phase is Phase.LEASED
+    assert not any(isinstance(action, SendSticks) for _, action in rig.actions)
+
+
+def test_a_take_off_that_no_image_shows_ends_with_a_release_that_says_what_to_look_at():
+    rig = Plan(replace(GROUND, camera=CameraModel(missing=1.0), seconds=8.0), takeoff())
+    rig.fly()
+    assert rig.release_reason().startswith("take-off ended: no image shows it off the ground")
+    # Blind throttle is bounded: it was released low.
+    released = next(at for at, action in rig.actions if isinstance(action, Release))
+    assert released < 6.5
+
+
+def test_an_abort_before_the_lift_off_releases():
+    rig = Plan(replace(GROUND, seconds=3.0), takeoff(), abort_at=2.0)
+    rig.fly()
+    assert rig.release_reason() == "take-off ended: aborted"
+
+
+def test_who_flies_by_stick_does_not_take_off_in_the_air():
+    target = TargetFlight(CFG, -2.0)
+    guided = target.guide(TakeOffSetpoint(**BASE, height=2.0), VehicleFacts(), 5.0, is_flying=True)
+    assert guided.sticks.throttle == -2.0
+    assert "on the ground" in guided.failure
+
+
+def test_a_take_off_of_an_aircraft_that_is_seen_in_the_air_waits():
+    target = TargetFlight(CFG, -2.0)
+    target.pose_received(pose(1.0))
+    guided = target.guide(TakeOffSetpoint(**BASE, height=2.0), VehicleFacts(), 1.1, is_flying=False)
+    assert "an aircraft on the ground: it is 2.0 m above pad" in guided.obstacle
+
+
+def test_hold_stays_where_the_aircraft_is_and_says_so():
+    rig = Plan(
+        CALM, (0.0, PositionSetpoint, {"position": (0.4, 0.0, 2.0), "frame": SetpointFrame.PAD}), (6.0, *hold()[1:])
+    )
+    record = rig.fly()
+    assert record.lost == ""
+    assert rig.statuses()[-1][0] == "hold"
+    held = [a.value for at, a in rig.actions if isinstance(a, PublishError) and at > 6.1]
+    assert len({error.goal for error in held}) == 1
+    assert np.linalg.norm(held[-1].error_pad) < 0.2
+    assert np.linalg.norm(held[-1].error_body) == pytest.approx(np.linalg.norm(held[-1].error_pad))
+
+
+def test_a_place_from_the_aircrafts_own_is_flown_to_once():
+    ahead = {"position": (0.4, 0.0, 0.0), "frame": SetpointFrame.BODY, "yaw": 0.0}
+    rig = Plan(replace(CALM, seconds=10.0), hold(), (5.0, PositionSetpoint, ahead))
+    record = rig.fly()
+    start = record.positions[next(k for k, at in enumerate(record.times) if at > 5.0)]
+    x, y, _ = record.positions[-1] - start
+    assert math.hypot(x, y) == pytest.approx(0.4, abs=0.15)
+    assert math.atan2(y, x) == pytest.approx(0.3, abs=0.4), "the nose points there"
+    assert rig.statuses()[-1] == ("position", "", True)
+
+
+def test_an_abort_holds_the_place_and_keeps_the_lease():
+    away = {"position": (-0.6, 0.4, 2.0), "frame": SetpointFrame.PAD}
+    over = {"position": (0.0, 0.0, 2.0), "frame": SetpointFrame.PAD}
+    rig = Plan(CALM, (0.0, PositionSetpoint, over), (4.0, PositionSetpoint, away), abort_at=4.4)
+    record = rig.fly()
+    assert record.lost == ""
+    assert rig.core.phase is Phase.ABORTED
+    assert math.hypot(*record.positions[-1][:2]) < 0.4
+    last = next(action for _, action in reversed(rig.actions) if isinstance(action, PublishStatus))
+    assert last.reason == "aborted: the operator saw something"
+
+
+def test_an_abort_without_a_target_is_level_at_hover_throttle():
+    target = TargetFlight(CFG, -2.0)
+    sticks = StickSetpoint(**BASE, pitch=20, roll=0, yaw=0, throttle=5)
+    guided = target.stop(sticks, VehicleFacts(), 3.0)
+    assert (guided.sticks.pitch, guided.sticks.throttle, guided.failure) == (0.0, -2.0, "")
+
+
+def test_with_nothing_flown_there_is_nothing_to_abort():
+    with pytest.raises(CommandRejectedError) as refusal:
+        CoreRig(CALM).core.abort(AbortRequest())
+    assert refusal.value.token == Token.NOTHING_FLOWN
+
+
+def test_a_landing_below_its_last_decision_is_not_aborted():
+    rig = Plan(replace(CALM, seconds=14.0, land_at=3.0), hold(), (3.0, LandSetpoint, {}))
+
+    def is_committed():
+        return rig.core._target.landing is not None and rig.core._target.landing.phase.value == "commit"
+
+    flown = rig._control
+
+    def control(at):
+        if is_committed() and rig.core.phase is Phase.FLYING:
+            rig.core.abort(AbortRequest())
+        flown(at)
+
+    rig._control = control
+    record = rig.fly()
+    assert rig.release_reason() == "landed on pad"
+    assert record.touch_error < 0.2
