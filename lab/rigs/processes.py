@@ -98,6 +98,7 @@ class DaemonProcess:
                 "run",
                 "--config",
                 str(config),
+                "--real-time",
                 "--listen",
                 endpoint,
                 "--log",

@@ -18,6 +18,7 @@ from mkdaemon.daemon.priority import (
     SWITCH,
     favour_loop,
     favour_threads,
+    is_favoured,
     keep_threads_favoured,
     spare_collector,
     treat_loop_equally,
@@ -145,3 +146,16 @@ async def test_threads_that_come_later_are_favoured_too(monkeypatch):
         await asyncio.sleep(0)
     keeping.cancel()
     assert len(looks) > 1
+
+
+@pytest.mark.parametrize(
+    ("wanted", "environment", "favoured"),
+    [
+        (None, {}, False),
+        (None, {"NOTIFY_SOCKET": "/run/systemd/notify"}, True),
+        (True, {}, True),
+        (False, {"NOTIFY_SOCKET": "/run/systemd/notify"}, False),
+    ],
+)
+def test_outside_a_service_priority_is_for_who_asks(wanted, environment, favoured):
+    assert is_favoured(wanted, environment) is favoured

@@ -65,6 +65,9 @@ class ControlConfig(Section):
 
     rate: float = Field(default=50.0, ge=10, le=100)
     """Stick frames a second while someone flies [Hz]; above 44 gains nothing, above 100 the boards lose frames."""
+    real_time: bool | None = None
+    """Run the event loop at the lowest real-time priority, and the daemon's threads before other programs; what that
+    can starve: docs/operations.md. Unset: as a service of systemd only."""
     guard: bool = True
     """A process of its own releases the aircraft when the daemon dies or stands still; docs/safety.md."""
     limiter: LimiterConfig = LimiterConfig()

@@ -12,6 +12,7 @@ import gc
 import os
 import sys
 import threading
+from collections.abc import Mapping
 from contextlib import suppress
 from pathlib import Path
 from typing import Final
@@ -28,6 +29,16 @@ it waiting. On two cores shared with nine busy programs the loop stood still for
 THREADS: Final = Path("/proc/self/task")
 THREADS_LOOK: Final = 2.0
 """Time between two looks for new threads [s]."""
+
+
+def is_favoured(wanted: bool | None, environment: Mapping[str, str]) -> bool:
+    """Whether this daemon goes before other programs.
+
+    Args:
+        wanted: what the configuration says; None where it leaves it open.
+        environment: of the process. A service of systemd, which runs nothing else, is told where to report.
+    """
+    return bool(environment.get("NOTIFY_SOCKET")) if wanted is None else wanted
 
 
 def favour_loop() -> bool:

@@ -17,7 +17,7 @@ from mkdaemon.cli.program import let_signals_kill
 from mkdaemon.config.reader import load
 from mkdaemon.config.root import Config
 from mkdaemon.daemon import run as run_daemon
-from mkdaemon.daemon.priority import favour_loop, keep_threads_favoured
+from mkdaemon.daemon.priority import favour_loop, is_favoured, keep_threads_favoured
 
 
 def run(
@@ -27,6 +27,7 @@ def run(
     vehicle: str | None = None,
     listen: str | None = None,
     wait: Annotated[bool, Parameter(negative=())] = False,
+    real_time: Annotated[bool, Parameter(negative=())] = False,
     log: Level = "info",
 ) -> None:
     """Run the daemon: show every frame on the line as a Zenoh key, answer requests, fly under a lease.
@@ -42,6 +43,7 @@ def run(
             this option the environment's `MK_VEHICLE` counts, which names the vehicle that clients talk to.
         listen: Zenoh endpoint for clients, for example `tcp/127.0.0.1:7448`; goes before the file's `bus.listen`.
         wait: Wait for the port if it is missing at the start, in place of ending; a recording waits for a subscriber.
+        real_time: Go before other programs, as a service does by itself; docs/operations.md says what that can starve.
         log: Least severity written to stderr.
     """
     let_signals_kill()
@@ -56,6 +58,8 @@ def run(
         overrides["bus.listen"] = [listen]
     if wait:
         overrides["link.wait_for_port"] = True
+    if real_time:
+        overrides["control.real_time"] = True
     cfg = load(config, overrides)
     with asyncio.Runner(loop_factory=_fast_loop()) as runner:
         runner.run(_until_signalled(cfg))
@@ -76,14 +80,22 @@ def _fast_loop() -> Callable[[], asyncio.AbstractEventLoop] | None:
 
 
 async def _until_signalled(cfg: Config) -> None:
-    if not favour_loop():
-        structlog.get_logger().debug("ordinary priority: a busy machine delays the loop by ticks; grant LimitRTPRIO=1")
+    tasks = [asyncio.create_task(keep_threads_favoured(), name="priority")] if _go_first(cfg) else []
     stop = asyncio.Event()
     loop = asyncio.get_running_loop()
     for name in (signal.SIGINT, signal.SIGTERM):
         loop.add_signal_handler(name, stop.set)
-    favouring = asyncio.create_task(keep_threads_favoured(), name="priority")
     try:
         await run_daemon(cfg, stop)
     finally:
-        favouring.cancel()
+        for task in tasks:
+            task.cancel()
+
+
+def _go_first(cfg: Config) -> bool:
+    """Put the loop before other programs where that is wanted; returns whether it is."""
+    if not is_favoured(cfg.control.real_time, os.environ):
+        return False
+    if not favour_loop():
+        structlog.get_logger().warning("ordinary priority: the system refuses a real-time one; grant LimitRTPRIO=1")
+    return True

@@ -23,6 +23,7 @@ from mkdaemon.link.session.reopening import BaudSearch
 from mkdaemon.link.session.report import Reporter
 from mkdaemon.link.session.stickqueue import LOOK, StickQueue
 from mkdaemon.link.session.traffic import LinkSink, Lost, Received, Sent
+from mkdaemon.link.session.turns import in_turns
 from mkdaemon.link.session.waiters import Waiters
 from mkdaemon.protocol.boards import Direction
 from mkdaemon.protocol.decoder import MessageDecoder
@@ -139,8 +140,9 @@ class Exchange:
     async def _read(self, port: Port) -> None:
         """Take bytes until there are no more: the straight line from the port to the sink."""
         while chunk := await port.read():
-            self._process(chunk)
-            self.pump()
+            async for part in in_turns(chunk):
+                self._process(part)
+                self.pump()
 
     def _process(self, chunk: bytes) -> None:
         now = self._clock.now()
