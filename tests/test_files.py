@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import os
+import stat
+import time
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
@@ -90,3 +93,22 @@ def test_the_usual_permissions_are_given(tmp_path):
 
 def test_a_folder_that_cannot_be_flushed_is_no_error(tmp_path):
     flush_folder(tmp_path / "absent")
+
+
+def test_threads_that_write_at_once_leave_the_umask_as_it_was(tmp_path, monkeypatch):
+    set_mask = os.umask
+
+    def slow(mask):
+        before = set_mask(mask)
+        time.sleep(0.001)
+        return before
+
+    own = set_mask(0o027)
+    monkeypatch.setattr(os, "umask", slow)
+    try:
+        with ThreadPoolExecutor(4) as pool:
+            list(pool.map(lambda number: write_whole(tmp_path / f"{number}", b""), range(16)))
+    finally:
+        left = set_mask(own)
+    assert left == 0o027
+    assert {stat.S_IMODE(path.stat().st_mode) for path in tmp_path.iterdir()} == {0o640}

@@ -6,10 +6,13 @@ import errno
 import os
 import stat
 import tempfile
+import threading
 from contextlib import suppress
 from pathlib import Path
 
 from mkdaemon.errors import ConfigError, MkError
+
+_reading_umask = threading.Lock()
 
 
 def refuse_existing(path: Path, *, overwrite: bool) -> None:
@@ -128,7 +131,8 @@ def _put_in_place(fresh: Path, place: Path, *, overwrite: bool) -> None:
 
 
 def _umask() -> int:
-    """What the user lets nobody do with new files; reading it means setting it."""
-    mask = os.umask(0o077)
-    os.umask(mask)
+    """What the user lets nobody do with new files; reading it means setting it, for every thread."""
+    with _reading_umask:
+        mask = os.umask(0o077)
+        os.umask(mask)
     return mask

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
 from lab.rigs.linkrig import Rig, flight_ctrl, navi_ctrl, rig, virtually
+from mkdaemon.link import labels
 from mkdaemon.link.labels import LABELS, LabelCache, cache_key, read_labels
 from mkdaemon.link.procedures import SilentObserver
 from mkdaemon.protocol.dialect import Dialect, Release
@@ -72,3 +74,15 @@ def test_a_file_that_cannot_be_written_is_no_failure(tmp_path: Path):
     cache = LabelCache(tmp_path / "file" / "labels.json")
     cache.keep("fc", NAMES)
     assert cache.find("fc") == NAMES
+
+
+async def test_labels_of_a_board_whose_firmware_is_unknown_are_not_kept(monkeypatch):
+    async def read(*_, **__):
+        return NAMES
+
+    monkeypatch.setattr(labels, "run_procedure", read)
+    cache = LabelCache(None)
+    link = SimpleNamespace(dialect=Dialect())
+    assert await read_labels(link, Board.FC, cache, SilentObserver()) == NAMES
+    assert cache.find_for(Board.FC, Dialect(fc_release=Release(2, 12, 0))) is None
+    assert cache._known == {}

@@ -79,3 +79,20 @@ def test_a_redirection_that_ends_without_having_begun_is_no_reason_for_a_silence
     peers.redirect(Board.FC, 11.0)
     peers.redirect(None, 12.0)
     assert peers.caused_silence(11.5, 12.0)
+
+
+def test_a_flightctrl_that_speaks_after_its_navictrl_is_behind_it():
+    peers = Peers()
+    assert peers.sender_heard(Board.NC)
+    assert not peers.sender_heard(Board.FC)
+    assert (peers.direct, peers.boards) == (Board.NC, {Board.FC, Board.NC})
+
+
+def test_looks_behind_a_navictrl_are_counted_on_for_a_flightctrl_that_never_named_itself():
+    peers = Peers()
+    peers.looks = 3
+    peers.forget_flightctrl()
+    assert peers.looks == 3
+    peers.version_received(Board.FC, VERSION, 0.0)
+    peers.forget_flightctrl()
+    assert peers.looks == 0

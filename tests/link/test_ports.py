@@ -20,7 +20,7 @@ import serial
 from mkdaemon.errors import ConfigError, LinkError, LinkLostError
 from mkdaemon.link.ports import serialport
 from mkdaemon.link.ports.port import PortAddress, open_port, parse_address
-from mkdaemon.link.ports.serialport import open_serial
+from mkdaemon.link.ports.serialport import SerialPort, open_serial
 from mkdaemon.link.ports.tcpport import OVERDUE
 
 PATIENCE = 60.0
@@ -156,7 +156,7 @@ async def test_an_unplugged_device_ends_reading_and_writing(terminal):
 async def test_a_device_gone_during_a_write_is_told_apart_from_a_mistake(terminal, monkeypatch):
     _, name = terminal
     port = await open_port(f"pty:{name}")
-    for number, words in ((28, "full"), (5, "unplugged")):
+    for number, words in ((28, "full"), (5, "unplugged"), (62, "the device failed")):
         port = port if number == 28 else await open_port(f"pty:{name}")
 
         def fail(descriptor: int, data: bytes, number: int = number) -> int:
@@ -179,6 +179,31 @@ async def test_a_device_that_takes_nothing_keeps_bytes_and_lets_go_at_once(termi
     await asyncio.sleep(0.01)
     assert port.backlog > 50_000
     await asyncio.wait_for(port.close(), PATIENCE)
+
+
+async def test_a_port_has_a_descriptor_only_while_it_is_open(terminal):
+    _, name = terminal
+    assert SerialPort(name).descriptor is None
+    port = await open_port(f"pty:{name}")
+    assert os.ttyname(port.descriptor) == name
+    await port.close()
+    assert port.descriptor is None
+
+
+async def test_draining_waits_for_a_device_that_takes_its_time(terminal):
+    near, name = terminal
+    port = await open_port(f"pty:{name}")
+    size = 0
+    while port.backlog < 10_000:
+        port.write(bytes(1000))
+        size += 1000
+        await asyncio.sleep(0)
+    draining = asyncio.create_task(port.drain())
+    await asyncio.sleep(0.01)
+    assert not draining.done()
+    assert await arrived(near, size) == bytes(size)
+    await asyncio.wait_for(draining, PATIENCE)
+    await port.close()
 
 
 async def test_what_was_written_before_closing_reaches_the_other_end(terminal):
@@ -359,6 +384,27 @@ async def test_a_tcp_connection_that_stands_still_is_told_and_ended_with_what_wa
         with peer, pytest.raises(ConnectionResetError):
             while peer.recv(4096):
                 pass
+
+
+async def test_draining_waits_for_a_tcp_connection_that_takes_its_time():
+    loop = asyncio.get_running_loop()
+    connected: asyncio.Future[tuple[asyncio.StreamReader, asyncio.StreamWriter]] = loop.create_future()
+    server = await asyncio.start_server(lambda *both: connected.set_result(both), "127.0.0.1", 0, limit=1024)
+    port = await open_port(f"tcp:127.0.0.1:{server.sockets[0].getsockname()[1]}")
+    (reader, writer), size = await connected, 0
+    while not port.backlog:
+        port.write(bytes(100_000))
+        size += 100_000
+        await asyncio.sleep(0)
+    draining = asyncio.create_task(port.drain())
+    await asyncio.sleep(0.01)
+    assert not draining.done()
+    await asyncio.wait_for(reader.readexactly(size), PATIENCE)
+    await asyncio.wait_for(draining, PATIENCE)
+    await port.close()
+    writer.close()
+    await writer.wait_closed()
+    server.close()
 
 
 async def test_tcp_bytes_that_were_acknowledged_are_no_backlog():

@@ -9,10 +9,12 @@ import pytest
 from lab.rigs.boardport import Socket
 from lab.rigs.linkrig import Rig, flight_ctrl, navi_ctrl, rig, virtually
 from mkdaemon.errors import CommandRejectedError, LinkLostError, ProtocolError
-from mkdaemon.link.procedures import InterruptedProcedureError, SilentObserver, run_procedure
-from mkdaemon.protocol.messages import SettingsRequest
+from mkdaemon.link.procedures import BUSY_WAIT, InterruptedProcedureError, SilentObserver, run_procedure
+from mkdaemon.protocol.messages import SettingsRequest, SettingsWritten
 from mkdaemon.protocol.procedures import LiveSet, Patience, Progress
 from mkdaemon.protocol.procedures.settings import backup_settings
+from mkdaemon.protocol.procedures.steps import Ask
+from mkdaemon.protocol.wire import Board
 
 PATIENCE = Patience(6, 0.5)
 
@@ -143,3 +145,38 @@ async def test_without_a_port_a_procedure_fails_at_once():
         await r.until(lambda: r.condition != "up", 5)
         with pytest.raises(LinkLostError):
             await run_procedure(r.link, backup_settings(PATIENCE), Notes())
+
+
+class Crowded:
+    """A link whose line has room again after a while."""
+
+    direct_board = Board.FC
+
+    def __init__(self, *tokens: str) -> None:
+        self.refusals = list(tokens)
+
+    async def request(self, message, **how):
+        if self.refusals:
+            raise CommandRejectedError(self.refusals.pop(0), "the line carries no more.", "Wait.")
+        return SettingsWritten(index=3)
+
+
+def store():
+    answer = yield Ask(Board.FC, SettingsRequest(index=3), lambda message: True, 0.4)
+    if answer is None:
+        answer = yield Ask(Board.FC, SettingsRequest(index=3), lambda message: True, 0.4)
+    return answer
+
+
+@virtually
+async def test_a_line_that_is_busy_is_asked_again_and_every_other_refusal_ends_the_procedure():
+    assert await run_procedure(Crowded("busy"), store(), SilentObserver()) == SettingsWritten(index=3)
+    assert asyncio.get_running_loop().time() == pytest.approx(BUSY_WAIT)
+    with pytest.raises(CommandRejectedError, match="flying"):
+        await run_procedure(Crowded("flying"), store(), SilentObserver())
+
+
+@virtually
+async def test_a_procedure_without_a_step_is_a_mistake_of_ours():
+    with pytest.raises(ProtocolError, match="ended before it began"):
+        await run_procedure(Crowded(), iter(()), SilentObserver())

@@ -12,9 +12,11 @@ from mkdaemon.link.session import budget
 from mkdaemon.link.session.line import LineRules
 from mkdaemon.link.session.streams import Streams, check_rates
 from mkdaemon.link.session.subscriptions import FASTEST, KINDS, SLOWEST_TIME, TICK_TIME, round_up_interval
+from mkdaemon.protocol.messages import AttitudeRequest, OsdRequestV1
 from mkdaemon.protocol.wire import Board
 
 INTERVALS = st.floats(0.001, 3.0)
+RULES = LineRules(direct=Board.NC)
 
 
 def configured(**rates):
@@ -68,3 +70,26 @@ def test_configured_rates_the_line_cannot_carry_are_refused_with_the_arithmetic(
 def test_a_configured_stream_that_does_not_exist_names_the_nearest():
     with pytest.raises(ConfigError, match="there is no stream 'ods'; did you mean osd"):
         check_rates(configured(ods=100))
+
+
+@pytest.mark.parametrize("event", ["the port was opened again", "another board streams"])
+def test_what_a_clients_own_request_started_ends_with_the_board_it_was_started_on(event):
+    streams = Streams(LinkConfig(port="/dev/x", rates="off"))
+    streams.use_board(Board.NC)
+    streams.want("osd", 0.5, RULES, demand_of)
+    for request in (OsdRequestV1(interval=10), AttitudeRequest(interval=10)):
+        streams.request_received(request, Board.NC, 0.0, RULES, demand_of)
+    assert streams.wanted == {"osd": pytest.approx(0.1), "attitude": pytest.approx(0.1)}
+    if event == "the port was opened again":
+        streams.restart()
+    else:
+        streams.use_board(Board.NC)
+    assert streams.wanted == {"osd": pytest.approx(0.5)}
+
+
+def test_a_clients_request_to_end_a_stream_touches_no_wish():
+    streams = Streams(LinkConfig(port="/dev/x", rates="off"))
+    streams.use_board(Board.NC)
+    streams.want("osd", 0.5, RULES, demand_of)
+    streams.request_received(OsdRequestV1(interval=0), Board.NC, 0.0, RULES, demand_of)
+    assert streams.wanted == {"osd": pytest.approx(0.5)}

@@ -130,3 +130,14 @@ def test_lengths_are_those_of_the_frames():
     for kind in KINDS.values():
         for board in kind.boards:
             assert kind.ask(0.1).to_frame(board).startswith(b"#")
+
+
+def test_a_stream_is_ended_once_and_only_on_a_board_that_has_it():
+    subscriptions = Subscriptions(Board.NC)
+    for _ in range(2):
+        subscriptions.end("debug")
+    assert len(subscriptions.due(0.0)) == 1
+    assert subscriptions.due(1.0) == []
+    subscriptions = Subscriptions(Board.FC)
+    subscriptions.end("osd")
+    assert subscriptions.due(0.0) == []

@@ -92,7 +92,8 @@ async def _ask_flightctrl(link: Conversation) -> None:
 
 
 async def _find_direct_board(link: Conversation) -> None:
-    for round_number in range(1_000_000):
+    pauses = chain(ASK_AGAIN, repeat(ASK_AGAIN[-1]))
+    while True:
         if await _ask_version(link, Board.ANY) and link.direct_board is Board.NC:
             return
         await link.send_escape()
@@ -101,7 +102,7 @@ async def _find_direct_board(link: Conversation) -> None:
         await asyncio.sleep(ESCAPE_PAUSE)
         if await _ask_version(link, Board.ANY):
             return
-        await asyncio.sleep(ASK_AGAIN[min(round_number, len(ASK_AGAIN) - 1)])
+        await asyncio.sleep(next(pauses))
 
 
 async def _ask_version(link: Conversation, board: Board) -> bool:

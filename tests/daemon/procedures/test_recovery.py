@@ -9,6 +9,7 @@ import random
 import pytest
 
 from lab.rigs.linkrig import flight_ctrl, navi_ctrl, virtually
+from mkdaemon.daemon.procedures.recovery import RETRIES
 from mkdaemon.errors import CommandRejectedError
 from mkdaemon.telemetry.control import Phase
 from tests.daemon.procedures.procedure_rig import plug_in, procedure_rig
@@ -197,6 +198,25 @@ async def test_while_motors_run_nothing_is_restored_and_the_refusal_says_so(tmp_
             pass
         del rig.facts.motors_running
         await rig.until(lambda: rig.interlock.owed is None)
+
+
+@virtually
+async def test_a_client_can_ask_for_an_attempt_at_once(tmp_path):
+    socket = plug_in(flight_ctrl())
+    await kill_during(socket, tmp_path, "settings_backup", 0.5)
+    async with procedure_rig(socket, tmp_path) as rig:
+
+        def refuse(message):
+            raise CommandRejectedError("read_only", "the release is not known.", "Wait.")
+
+        rig.guard.refusal = refuse
+        await rig.until(lambda: ("recovery", "refused") in rig.steps())
+        rig.guard.refusal = lambda message: None
+        asked = asyncio.get_running_loop().time()
+        [note] = (await rig.ask("settings_recover", action="retry")).reply["notes"]
+        assert (note.is_owed, note.detail) == (True, "the release is not known.")
+        await rig.until(lambda: rig.interlock.owed is None)
+        assert asyncio.get_running_loop().time() - asked < RETRIES[0] / 2
 
 
 @virtually
