@@ -14,6 +14,7 @@ from typing import Final, Literal
 import zenoh
 
 from mkdaemon.errors import ConfigError, MkError
+from mkdaemon.reading import DEEPEST, read_text
 
 ENDPOINT_SAMPLE: Final = "tcp/127.0.0.1:7447"
 STALL: Final = 1.0
@@ -48,6 +49,8 @@ def session_config(
     Raises:
         ConfigError: the file or an endpoint is wrong.
     """
+    if zenoh_file is not None:
+        _check_file(zenoh_file)
     try:
         config = zenoh.Config() if zenoh_file is None else zenoh.Config.from_file(zenoh_file)
     except zenoh.ZError as error:
@@ -88,6 +91,26 @@ def session_config(
             msg = f"Zenoh refuses {key} = {value}: {_plain_words(error)}"
             raise ConfigError(msg) from error
     return config
+
+
+def _check_file(path: Path) -> None:
+    """Make sure that Zenoh's reader survives a file: brackets nested deep are its end, and a pipe it waits for.
+
+    Raises:
+        ConfigError: it cannot be read, or nests too deep.
+    """
+    try:
+        text = read_text(path)
+    except (OSError, UnicodeDecodeError) as error:
+        reason = "not UTF-8 text" if isinstance(error, UnicodeDecodeError) else error.strerror
+        msg = f"{path}: no usable Zenoh configuration: {reason}"
+        raise ConfigError(msg) from error
+    depth = 0
+    for bracket in re.findall(r"[\[\]{}]", text):
+        depth += 1 if bracket in "[{" else -1
+        if depth > DEEPEST:
+            msg = f"{path}: no usable Zenoh configuration: it nests deeper than {DEEPEST}"
+            raise ConfigError(msg)
 
 
 def check_endpoint(endpoint: str, place: str) -> None:

@@ -22,6 +22,8 @@ EXIT_OK: Final = 0
 EXIT_FAILURE: Final = 1
 EXIT_CONFIG: Final = 2
 EXIT_INTERRUPTED: Final = 130
+LONGEST_COMPLAINT: Final = 1000
+"""Of a longer one the middle is left out [characters]: it quotes what a stranger wrote."""
 _ENDS: Final = (signal.SIGTERM, signal.SIGHUP)
 
 
@@ -184,5 +186,8 @@ def _mute() -> None:
 
 
 def _complain(app: App, error: MkError | str, code: int) -> int:
-    print(f"{app.name[0]}: {' '.join(str(error).split())}", file=sys.stderr)
+    text = " ".join(str(error).split())
+    if len(text) > LONGEST_COMPLAINT:
+        text = f"{text[: LONGEST_COMPLAINT // 2]} ... {text[-LONGEST_COMPLAINT // 2 :]}"
+    print(f"{app.name[0]}: {text}", file=sys.stderr)
     return code

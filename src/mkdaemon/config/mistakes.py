@@ -89,7 +89,8 @@ def explain(error: ValidationError, path: Path | None, text: str, given: Mapping
 
 def _mistake(details: ErrorDetails) -> Mistake:
     location = details["loc"]
-    tags = [i for i, part in enumerate(location) if isinstance(part, str) and _TAG.match(part)]
+    # The first part is a key of the file, whatever it looks like.
+    tags = [i for i, part in enumerate(location) if i > 0 and isinstance(part, str) and _TAG.match(part)]
     place = tuple(part for i, part in enumerate(location) if i not in tags)
     return Mistake(location[: tags[0]] if tags else place, place, details)
 

@@ -15,6 +15,7 @@ from pydantic import ValidationError
 from mkdaemon.config.mistakes import explain
 from mkdaemon.config.root import Config
 from mkdaemon.errors import ConfigError
+from mkdaemon.reading import parse_toml, read_text
 
 
 def load(path: Path | None, overrides: Mapping[str, Any] | None = None) -> Config:
@@ -30,7 +31,7 @@ def load(path: Path | None, overrides: Mapping[str, Any] | None = None) -> Confi
     """
     text = "" if path is None else _read(path)
     try:
-        tree = tomllib.loads(text)
+        tree = parse_toml(text)
     except tomllib.TOMLDecodeError as error:
         msg = f"{path}: not valid TOML: {error}"
         raise ConfigError(msg) from error
@@ -54,7 +55,7 @@ def samples_folder() -> Path:
 
 def _read(path: Path) -> str:
     try:
-        return path.read_text(encoding="utf-8")
+        return read_text(path)
     except FileNotFoundError as error:
         near = difflib.get_close_matches(path.name, [p.name for p in path.parent.glob("*.toml")], n=1)
         hint = f"did you mean {path.parent / near[0]}?" if near else f"samples are in {samples_folder()}"

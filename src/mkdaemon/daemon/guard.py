@@ -20,6 +20,7 @@ from typing import Final
 
 from mkdaemon import guard
 from mkdaemon.guard import Word
+from mkdaemon.reading import parse_json, read_text
 
 PING_PERIOD: Final = 0.2
 """Time between two questions whether it is there [s]."""
@@ -158,7 +159,7 @@ class GuardProcess:
 def take_report(path: Path) -> str | None:
     """Return what the guard of an earlier daemon did, and forget it; None where it did nothing."""
     try:
-        text = str(json.loads(path.read_text(encoding="utf-8"))["text"])
+        text = str(parse_json(read_text(path))["text"])
     except (OSError, ValueError, KeyError, TypeError):
         return None
     with suppress(OSError):  # told twice is better than not at all

@@ -18,6 +18,7 @@ from mkdaemon.protocol.procedures import Patience
 from mkdaemon.protocol.procedures.labels import LABELS
 from mkdaemon.protocol.procedures.labels import read_labels as labels_procedure
 from mkdaemon.protocol.wire import Board
+from mkdaemon.reading import parse_json, read_text
 
 if TYPE_CHECKING:
     from mkdaemon.link.link import Link
@@ -36,7 +37,7 @@ class LabelCache:
         self._known: dict[str, list[str]] = {}
         if path is not None:
             with suppress(OSError, ValueError, AttributeError, TypeError):
-                kept = json.loads(path.read_text(encoding="utf-8"))
+                kept = parse_json(read_text(path))
                 self._known = {str(key): [str(name) for name in names] for key, names in kept.items()}
 
     def find(self, key: str) -> tuple[str, ...] | None:

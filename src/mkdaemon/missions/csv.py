@@ -9,10 +9,13 @@ from __future__ import annotations
 
 import csv
 import io
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from mkdaemon.missions.source import AltitudeReference, MissionDraft, Place, assemble
 from mkdaemon.telemetry.mission import Mission, MissionPoint, PointKind
+
+if TYPE_CHECKING:
+    import _csv
 
 _COLUMNS = tuple(MissionPoint.model_fields)
 _REQUIRED = ("latitude_deg", "longitude_deg", "altitude")
@@ -37,6 +40,13 @@ def read(text: str, name: str) -> MissionDraft:
     first = text.splitlines()[0] if text.strip() else ""
     delimiter = max(",;\t", key=first.count)
     rows = csv.reader(io.StringIO(text), delimiter=delimiter)
+    try:
+        return _read_rows(name, rows, delimiter)
+    except csv.Error as error:
+        raise Place(name, rows.line_num).wrong(f"no table ({error})", "save it again as CSV") from error
+
+
+def _read_rows(name: str, rows: _csv.Reader, delimiter: str) -> MissionDraft:
     header, reference = _read_header(Place(name, 1), next(rows, []))
     points = []
     for row in rows:

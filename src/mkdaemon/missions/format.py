@@ -11,6 +11,7 @@ from mkdaemon.files import refuse_existing, save
 from mkdaemon.missions import csv, gpx, kml, qgc, wpl
 from mkdaemon.missions.losses import lost
 from mkdaemon.missions.source import MissionDraft
+from mkdaemon.reading import read_text
 from mkdaemon.telemetry.mission import Mission
 
 MAX_BYTES: Final = 4_000_000
@@ -54,10 +55,7 @@ def read_mission(path: Path, *, start_elevation: float | None = None, altitude: 
     """
     chosen = _format(path)
     try:
-        if path.stat().st_size > MAX_BYTES:
-            msg = f"{path}: larger than {MAX_BYTES // 1_000_000} MB; this is no mission file"
-            raise ConfigError(msg)
-        text = path.read_text(encoding="utf-8-sig")
+        text = read_text(path, encoding="utf-8-sig", limit=MAX_BYTES)
     except OSError as error:
         msg = f"{path}: cannot be read ({error.strerror}); check the name and its permissions"
         raise ConfigError(msg) from error

@@ -14,6 +14,7 @@ from typing import Any
 
 from mkdaemon.errors import ConfigError
 from mkdaemon.missions.source import AltitudeReference, MissionDraft, Place, assemble
+from mkdaemon.reading import parse_json
 from mkdaemon.telemetry.mission import AUTOMATIC_CAMERA, Mission, MissionPoint, PointKind
 
 _WAYPOINT, _LOITER_TIME, _LAND = 16, 19, 21
@@ -46,7 +47,7 @@ def read(text: str, name: str) -> MissionDraft:
         ConfigError: no plan, an item a MikroKopter cannot fly, or a wrong value; names file, line and fix.
     """
     try:
-        plan = json.loads(text)
+        plan = parse_json(text)
     except json.JSONDecodeError as error:
         msg = f"{name}:{error.lineno}: no JSON ({error.msg}); save the plan again"
         raise ConfigError(msg) from error

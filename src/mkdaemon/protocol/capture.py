@@ -6,15 +6,17 @@ has, so standard input works the same.
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Iterator
 from typing import BinaryIO, Final, NamedTuple
 
 from mkdaemon.errors import MkError
 from mkdaemon.protocol.boards import Direction
+from mkdaemon.reading import parse_json
 
 _BLOCK: Final = 4096
+_LONGEST_LINE: Final = 1 << 16
+"""A longer line is cut here, and then no capture line [bytes]."""
 _BLANK: Final = b"\xef\xbb\xbf \t\r\n"
 
 
@@ -60,19 +62,19 @@ def read_chunks(stream: BinaryIO, name: str) -> Iterator[Chunk]:
 
 
 def _read_lines(first: bytes, stream: BinaryIO, name: str, number: int) -> Iterator[Chunk]:
-    yield _chunk(first + stream.readline(), name, number)
-    for at, line in enumerate(stream, start=number + 1):
+    yield _chunk(first + stream.readline(_LONGEST_LINE), name, number)
+    for at, line in enumerate(iter(lambda: stream.readline(_LONGEST_LINE), b""), start=number + 1):
         if line.strip():
             yield _chunk(line, name, at)
 
 
 def _chunk(line: bytes, name: str, number: int) -> Chunk:
     try:
-        entry = json.loads(line)
+        entry = parse_json(line)
         t, direction, raw = entry["t"], Direction(entry["dir"]), bytes.fromhex(entry["hex"])
         if isinstance(t, bool) or not math.isfinite(t):
             raise ValueError(line)
-    except (ValueError, KeyError, TypeError) as error:
+    except (ValueError, KeyError, TypeError, OverflowError) as error:
         msg = f'{name} line {number} is no capture line: {{"t": seconds, "dir": "rx" or "tx", "hex": "..."}} is needed'
         raise MkError(msg) from error
     return Chunk(float(t), direction, raw)

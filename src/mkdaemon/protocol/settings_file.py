@@ -15,6 +15,7 @@ from typing import Any, Final, NamedTuple
 from mkdaemon.errors import EncodeError, ProtocolError
 from mkdaemon.protocol.settings import Layout, ParameterSet, Value, is_useful, layout_of, poti_number, poti_reference
 from mkdaemon.protocol.settings_fields import Kind
+from mkdaemon.reading import parse_json, parse_toml
 
 _FORMAT: Final = "mikrokopter-parameter-set"
 
@@ -194,7 +195,7 @@ def _mask(layout: Layout, name: str, bit: str) -> int:
 
 def _load(text: str) -> dict[str, Any]:
     try:
-        content = json.loads(text) if text.lstrip().startswith("{") else tomllib.loads(text)
+        content = parse_json(text) if text.lstrip().startswith("{") else parse_toml(text)
     except (json.JSONDecodeError, tomllib.TOMLDecodeError) as error:
         msg = f"this is neither TOML nor JSON: {error}"
         raise ProtocolError(msg) from error

@@ -14,6 +14,7 @@ from cyclopts import Parameter
 
 from mkdaemon.errors import MkError
 from mkdaemon.protocol import Chunk, Decoded, Dropped, Unknown, decode_chunks, read_chunks
+from mkdaemon.reading import open_regular
 
 
 @dataclass(slots=True)
@@ -81,7 +82,7 @@ def decode(
         _print(decoding.run(read_chunks(sys.stdin.buffer, "standard input")), live=True)
     else:
         try:
-            stream = Path(file).open("rb")  # noqa: SIM115 - closed below; only opening may fail this way
+            stream = open_regular(Path(file))
         except OSError as error:
             msg = f"cannot read {file}: {error.strerror or error}"
             raise MkError(msg) from error

@@ -18,7 +18,7 @@ from mkdaemon.errors import ConfigError, VisionError
 from mkdaemon.frames import quaternion_from_rotation
 from mkdaemon.vision.camera.calibration_file import load_camera
 from mkdaemon.vision.camera.files import CLIPS, ClipSource, list_pictures
-from mkdaemon.vision.camera.imagecodec import decode_picture
+from mkdaemon.vision.camera.imagecodec import read_picture
 from mkdaemon.vision.camera.intrinsics import Intrinsics
 from mkdaemon.vision.camera.shot import EndOfImages
 from mkdaemon.vision.overlay import draw, write_picture
@@ -163,7 +163,7 @@ def _pictures(paths: list[Path]) -> Iterator[Picture]:
             yield from _frames(path)
             continue
         try:
-            pixels = decode_picture(path.read_bytes())
+            pixels = read_picture(path)
         except OSError as error:
             yield Picture(str(path), None, None, error.strerror or "cannot be read")
             continue

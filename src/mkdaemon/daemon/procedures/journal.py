@@ -18,6 +18,7 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 from mkdaemon.config.vehicle import VehicleConfig
 from mkdaemon.files import flush_folder, write_whole
 from mkdaemon.protocol.procedures.steps import LiveSet
+from mkdaemon.reading import LONGEST_TEXT, read_bytes
 from mkdaemon.stamp import Stamp
 from mkdaemon.telemetry.refusals import Token, refuse
 
@@ -89,7 +90,7 @@ class Journal:
             return [], [self.folder]
         for path in [path for path in paths if path.match(f"{_PREFIX}*.json")]:
             try:
-                notes.append(Note.model_validate_json(path.read_bytes()))
+                notes.append(Note.model_validate_json(read_bytes(path, LONGEST_TEXT)))
             except (OSError, ValidationError):
                 strange.append(path)
         return sorted(notes, key=lambda note: note.stamp.wall), strange

@@ -10,6 +10,7 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 from mkdaemon.daemon.audit import Audit
 from mkdaemon.daemon.procedures.journal import Journal
 from mkdaemon.files import flush_folder, write_whole
+from mkdaemon.reading import LONGEST_TEXT, read_bytes
 
 _FILE: Final = "waypoint-list.json"
 
@@ -64,7 +65,7 @@ class UnfinishedList:
 
     def _words(self) -> str:
         try:
-            note = ListNote.model_validate_json(self._path.read_bytes())
+            note = ListNote.model_validate_json(read_bytes(self._path, LONGEST_TEXT))
         except (OSError, ValidationError):
             return "an upload was cut off and the NaviCtrl's list may be incomplete"
         about = f" of {note.source}" if note.source else ""

@@ -7,10 +7,12 @@ from __future__ import annotations
 
 import asyncio
 from pathlib import Path
+from typing import Final
 
 from mkdaemon.errors import ConfigError, MkError
 from mkdaemon.protocol.boards import Direction
 from mkdaemon.protocol.capture import read_chunks
+from mkdaemon.reading import open_regular
 
 
 class ReplayPort:
@@ -73,6 +75,10 @@ class ReplayPort:
         self._chunks = []
 
 
+LONGEST: Final = 1 << 29
+"""Longest recording that is replayed [bytes]: it is held in memory, and a line of 115,200 baud fills it in a day."""
+
+
 def read_recording(path: Path) -> list[tuple[float, bytes]]:
     """Load what the boards said: seconds since the recording began, and bytes.
 
@@ -80,7 +86,7 @@ def read_recording(path: Path) -> list[tuple[float, bytes]]:
         ConfigError: no such file, not a capture, or nothing in it came from a board.
     """
     try:
-        with path.open("rb") as stream:
+        with open_regular(path, LONGEST) as stream:
             chunks = list(read_chunks(stream, str(path)))
     except OSError as error:
         raise ConfigError(f"replay {path}: {error.strerror}: name an existing recording in link.port") from error

@@ -11,6 +11,7 @@ from typing import Final
 
 from mkdaemon.errors import ConfigError
 from mkdaemon.files import write_whole
+from mkdaemon.reading import parse_json, read_text
 from mkdaemon.sim.boards.parameters import FACTORY_ACTIVE, SETS, Parameters, factory_set, parameter_size
 
 MIXER_SIZE: Final = 77
@@ -98,7 +99,7 @@ class Eeprom:
 
     def _read(self, path: Path) -> None:
         try:
-            content = json.loads(path.read_text(encoding="ascii"))
+            content = parse_json(read_text(path, encoding="ascii"))
             revision = content["revision"]
             sets = {int(number): bytes.fromhex(raw) for number, raw in content["sets"].items()}
             active, mixer = int(content["active"]), bytes.fromhex(content["mixer"])

@@ -15,7 +15,7 @@ from mkdaemon.files import save
 from mkdaemon.vision.calibrate.board import BoardPoints, CalibrationBoard
 from mkdaemon.vision.calibrate.coverage import Coverage
 from mkdaemon.vision.camera.files import list_pictures
-from mkdaemon.vision.camera.imagecodec import decode_picture
+from mkdaemon.vision.camera.imagecodec import read_picture
 
 Grey = npt.NDArray[np.uint8]
 
@@ -49,7 +49,7 @@ def views_of_folder(folder: Path, board: CalibrationBoard) -> Iterator[tuple[Vie
     coverage: Coverage | None = None
     size, first = (0, 0), ""
     for path in list_pictures(folder):
-        pixels = decode_picture(path.read_bytes())
+        pixels = read_picture(path)
         if pixels is None:
             if coverage is not None:
                 yield ViewReport(path.name, 0, False, "no picture"), coverage

@@ -9,11 +9,10 @@ from collections.abc import Callable
 from pathlib import Path
 
 import cv2
-import numpy as np
 
 from mkdaemon.config.camera import CameraSection
 from mkdaemon.errors import VisionError
-from mkdaemon.vision.camera.imagecodec import to_grey
+from mkdaemon.vision.camera.imagecodec import read_picture, to_grey
 from mkdaemon.vision.camera.shot import EndOfImages, Shot
 
 PICTURES = frozenset({".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".pgm", ".webp"})
@@ -99,8 +98,11 @@ class FolderSource:
         if self._cfg.paced:
             time.sleep(max(self._due - time.monotonic(), 0.0))
             self._due = max(self._due, time.monotonic() - 1.0) + 1.0 / (self._cfg.fps or FOLDER_HZ)
-        image = cv2.imread(str(file), cv2.IMREAD_GRAYSCALE)
-        return None if image is None else Shot(np.asarray(image, dtype=np.uint8), time.monotonic())
+        try:
+            image = read_picture(file)
+        except OSError:
+            return None
+        return None if image is None else Shot(image, time.monotonic())
 
     def close(self) -> None:
         """Nothing is held open."""
@@ -119,7 +121,9 @@ def list_pictures(folder: Path) -> list[Path]:
     if not found:
         msg = f"no pictures in {folder}: put {', '.join(sorted(PICTURES))} files there"
         raise VisionError(msg)
-    return sorted(found, key=lambda path: [int(t) if t.isdigit() else t for t in re.split(r"(\d+)", path.name.lower())])
+    return sorted(
+        found, key=lambda path: [int(t) if t.isdecimal() else t for t in re.split(r"(\d+)", path.name.lower())]
+    )
 
 
 def quietly(opener: Callable[[], cv2.VideoCapture]) -> cv2.VideoCapture:

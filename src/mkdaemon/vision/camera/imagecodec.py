@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import cv2
 import msgpack
 import numpy as np
 import numpy.typing as npt
 from pydantic import ValidationError
 
+from mkdaemon.reading import LONGEST_PICTURE, read_bytes
 from mkdaemon.telemetry.image import CameraFrame
+from mkdaemon.vision.camera.picturesize import MAX_PIXELS, picture_size
 
 Grey = npt.NDArray[np.uint8]
-
-MAX_PIXELS = 64_000_000
 
 
 def pack(frame: CameraFrame) -> bytes:
@@ -49,14 +51,24 @@ def unpack(payload: bytes) -> tuple[CameraFrame, Grey] | str:
 
 
 def decode_picture(content: bytes) -> Grey | None:
-    """Decode a JPEG, PNG or any other picture to grey `(h, w)` uint8; None when it is none."""
-    if not content:
+    """Decode a picture to grey `(h, w)` uint8; None when it is none that `picture_size` knows, or too large."""
+    size = picture_size(content)
+    if size is None or size[0] * size[1] > MAX_PIXELS:
         return None
     try:
         pixels = cv2.imdecode(np.frombuffer(content, dtype=np.uint8), cv2.IMREAD_GRAYSCALE)
     except cv2.error:
         return None
     return None if pixels is None else np.asarray(pixels, dtype=np.uint8)
+
+
+def read_picture(path: Path) -> Grey | None:
+    """Read a picture file; see `decode_picture`.
+
+    Raises:
+        OSError: it cannot be read, is no regular file, or too long.
+    """
+    return decode_picture(read_bytes(path, LONGEST_PICTURE))
 
 
 def encode_jpeg(pixels: Grey, quality: int, max_width: int) -> tuple[bytes, int, int]:

@@ -1,0 +1,125 @@
+"""Reading files that others wrote: the one place that opens them, with limits.
+
+Only regular files, at most so long, and text that nests so deep. Nothing here waits, as opening a pipe would, and what
+the parsers of Python raise beside their own errors (`RecursionError`, a number with 5,000 digits) becomes theirs.
+"""
+
+from __future__ import annotations
+
+import errno
+import json
+import os
+import stat
+import tomllib
+from pathlib import Path
+from typing import Any, BinaryIO, Final
+
+LONGEST_TEXT: Final = 4_000_000
+"""Longest text file [bytes]; a settings file has 10,000."""
+LONGEST_PICTURE: Final = 1 << 28
+"""Longest picture file [bytes]: 64 million pixels, four bytes each."""
+DEEPEST: Final = 64
+"""Deepest nesting of a document; ours need fewer than ten."""
+
+
+def open_regular(path: Path, limit: int | None = None) -> BinaryIO:
+    """Open a regular file for reading bytes.
+
+    Args:
+        path: the file.
+        limit: longest file [bytes]; None for any length.
+
+    Raises:
+        OSError: it cannot be opened, is a folder, pipe, socket or device, or too long.
+    """
+    number = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
+    file = os.fdopen(number, "rb")
+    try:
+        found = os.fstat(number)
+        if stat.S_ISDIR(found.st_mode):
+            raise OSError(errno.EISDIR, "a folder and no file", str(path))
+        if not stat.S_ISREG(found.st_mode):
+            raise OSError(errno.EINVAL, "no regular file", str(path))
+        if limit is not None and found.st_size > limit:
+            raise OSError(errno.EFBIG, f"larger than {limit / 1e6:.4g} MB", str(path))
+    except OSError:
+        file.close()
+        raise
+    return file
+
+
+def read_bytes(path: Path, limit: int) -> bytes:
+    """Read a regular file.
+
+    Raises:
+        OSError: see `open_regular`.
+    """
+    with open_regular(path, limit) as file:
+        return file.read(limit)
+
+
+def read_text(path: Path, *, encoding: str = "utf-8", limit: int = LONGEST_TEXT) -> str:
+    """Read a regular text file.
+
+    Raises:
+        OSError: see `open_regular`.
+        UnicodeDecodeError: it is not text in this encoding.
+    """
+    return read_bytes(path, limit).decode(encoding).replace("\r\n", "\n")
+
+
+def parse_toml(text: str) -> dict[str, Any]:
+    """Parse TOML.
+
+    Raises:
+        tomllib.TOMLDecodeError: it is none, nests too deep, or has a number with thousands of digits.
+    """
+    try:
+        tree = tomllib.loads(text)
+    except RecursionError:
+        raise tomllib.TOMLDecodeError(_TOO_DEEP) from None
+    except tomllib.TOMLDecodeError:
+        raise
+    except ValueError as error:
+        raise tomllib.TOMLDecodeError(_TOO_MANY_DIGITS) from error
+    if _is_deep(tree):
+        raise tomllib.TOMLDecodeError(_TOO_DEEP)
+    return tree
+
+
+def parse_json(text: str | bytes) -> Any:
+    """Parse JSON.
+
+    Raises:
+        json.JSONDecodeError: it is none, nests too deep, or has a number with thousands of digits.
+    """
+    try:
+        tree = json.loads(text)
+    except RecursionError:
+        raise json.JSONDecodeError(_TOO_DEEP, "", 0) from None
+    except json.JSONDecodeError:
+        raise
+    except ValueError as error:
+        what = "not UTF-8 text" if isinstance(error, UnicodeDecodeError) else _TOO_MANY_DIGITS
+        raise json.JSONDecodeError(what, "", 0) from error
+    if _is_deep(tree):
+        raise json.JSONDecodeError(_TOO_DEEP, "", 0)
+    return tree
+
+
+_TOO_DEEP: Final = f"it nests deeper than {DEEPEST}"
+_TOO_MANY_DIGITS: Final = "a number has thousands of digits"
+
+
+def _is_deep(tree: object) -> bool:
+    """Whether lists and tables nest deeper than `DEEPEST`; level by level, since the tree may be very deep."""
+    level = [tree]
+    for _ in range(DEEPEST):
+        level = [part for node in level if isinstance(node, (dict, list)) for part in _parts(node)]
+        if not level:
+            return False
+    return True
+
+
+def _parts(node: dict[str, Any] | list[Any]) -> list[Any]:
+    return list(node.values()) if isinstance(node, dict) else node

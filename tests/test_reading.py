@@ -1,0 +1,218 @@
+"""Files of strangers: whatever is in them, every reader says in one line what is wrong, soon, and goes no further."""
+
+from __future__ import annotations
+
+import json
+import os
+import struct
+import time
+import tomllib
+import zlib
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from mkdaemon.bus.session import session_config
+from mkdaemon.cli.mkctl.app import app as mkctl
+from mkdaemon.cli.mkctl.mixer import from_toml
+from mkdaemon.cli.mkdaemon.app import app as mkdaemon
+from mkdaemon.cli.program import run
+from mkdaemon.client.settings_files import read_sets
+from mkdaemon.config.reader import load
+from mkdaemon.daemon.guard import take_report
+from mkdaemon.errors import MkError, VisionError
+from mkdaemon.link.labels import LabelCache
+from mkdaemon.link.ports.replayport import read_recording
+from mkdaemon.missions import read_mission
+from mkdaemon.reading import DEEPEST, open_regular, parse_json, parse_toml, read_text
+from mkdaemon.vision.calibrate.views import views_of_folder
+from mkdaemon.vision.camera.calibration_file import load_camera
+from mkdaemon.vision.camera.files import list_pictures
+from mkdaemon.vision.camera.imagecodec import decode_picture, read_picture
+from mkdaemon.vision.camera.picturesize import picture_size
+from mkdaemon.vision.tags.tagmap import load as load_targets
+
+DIGITS = "7" * 5000
+CONTENTS = {
+    "empty": b"",
+    "nul": b"\0" * 100,
+    "latin-1": "Höhe = 'ä'".encode("latin-1"),
+    "utf-16": "a = 1\n".encode("utf-16"),
+    "deep json": b"[" * 100_000,
+    "deep json table": b'{"fileType":"Plan","a":' * 5000,
+    "deep toml": b"a = " + b"[" * 100_000,
+    "deep toml keys": b".".join([b"a"] * 1200) + b" = 1",
+    "digits toml": f"a = {DIGITS}".encode(),
+    "digits json": f'{{"t": {DIGITS}, "dir": "rx", "hex": ""}}'.encode(),
+    "huge json number": f'{{"t": 1{"0" * 400}, "dir": "rx", "hex": "00"}}'.encode(),
+    "digits csv": f"latitude,longitude,altitude\n{DIGITS},{DIGITS},1\n".encode(),
+    "long csv field": b"latitude,longitude,altitude,name\n1,2,3," + b"x" * 200_000 + b"\n",
+    "long quoted csv field": b'latitude,longitude,altitude\n"' + b"x" * 3_000_000,
+    "digits wpl": f"[General]\nFileVersion=3\nNumberOfWaypoints={DIGITS}\n".encode(),
+    "many wpl points": b"[General]\nFileVersion=3\nNumberOfWaypoints=1000000000000\n",
+    "one long line": b"x" * 40_000_000,
+    "one long capture line": b'{"t": 1.0, "dir": "rx", "hex": "' + b"00" * 20_000_000,
+    "deep xml": b"<a>" * 100_000,
+    "entities": b'<!DOCTYPE a [<!ENTITY b "c">]><a>&b;</a>',
+    "cut-off png": b"\x89PNG\r\n\x1a\n\0\0\0\rIHDR",
+}
+
+
+def png(width, height):
+    """A PNG that says so of itself, with one line of pixels."""
+
+    def chunk(name, content):
+        return struct.pack(">I", len(content)) + name + content + struct.pack(">I", zlib.crc32(name + content))
+
+    head = struct.pack(">IIBBBBB", width, height, 8, 0, 0, 0, 0)
+    body = zlib.compress(bytes(1 + width))
+    return b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", head) + chunk(b"IDAT", body) + chunk(b"IEND", b"")
+
+
+class NoBoard:
+    """A calibration board that is in no picture."""
+
+    def find(self, pixels):
+        return None
+
+
+def views(path):
+    return list(views_of_folder(path.parent, NoBoard()))
+
+
+READERS = {
+    "settings.toml": lambda path: load(path),
+    "mixer.toml": from_toml,
+    "set.toml": read_sets,
+    "set.json": read_sets,
+    "camera.toml": load_camera,
+    "targets.toml": lambda path: load_targets([path]),
+    "capture.jsonl": read_recording,
+    "labels.json": LabelCache,
+    "report.json": take_report,
+    "zenoh.json5": lambda path: session_config("peer", zenoh_file=path),
+    "picture.png": read_picture,
+    "view.png": views,
+    **{f"route{suffix}": read_mission for suffix in (".gpx", ".kml", ".plan", ".csv", ".wpl")},
+}
+
+
+def read(name, path):
+    """What a reader made of a file: it may only fail as ours, or as the system does."""
+    began = time.monotonic()
+    try:
+        READERS[name](path)
+    except (MkError, VisionError):
+        pass
+    except OSError as error:
+        assert error.strerror
+    assert time.monotonic() - began < 10.0
+
+
+@pytest.mark.parametrize("content", CONTENTS)
+@pytest.mark.parametrize("name", READERS)
+def test_whatever_is_in_a_file_its_reader_says_so(tmp_path, name, content):
+    path = tmp_path / name
+    path.write_bytes(CONTENTS[content])
+    read(name, path)
+
+
+@pytest.mark.parametrize("name", READERS)
+@pytest.mark.parametrize("make", [os.mkfifo, os.mkdir], ids=["fifo", "folder"])
+def test_what_is_no_file_is_not_waited_for(tmp_path, name, make):
+    path = tmp_path / name
+    make(path)
+    read(name, path)
+
+
+@settings(max_examples=20)
+@given(content=st.binary(max_size=300))
+@pytest.mark.parametrize("name", READERS)
+def test_random_bytes_break_no_reader(tmp_path_factory, name, content):
+    path = tmp_path_factory.getbasetemp() / f"random-{name}" / name
+    path.parent.mkdir(exist_ok=True)
+    path.write_bytes(content)
+    read(name, path)
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        ("mkdaemon", "decode", "FILE"),
+        ("mkdaemon", "detect", "FILE"),
+        ("mkctl", "waypoints", "convert", "FILE", "OUT.plan"),
+        ("mkctl", "settings", "diff", "FILE", "FILE"),
+    ],
+    ids=" ".join,
+)
+@pytest.mark.parametrize(
+    "kind", ["deep json", "deep toml", "digits json", "nul", "one long capture line", "fifo", "folder"]
+)
+def test_a_command_that_takes_a_file_ends_with_a_short_word(tmp_path, capfd, command, kind):
+    program, *arguments = command
+    path = tmp_path / ("strange.csv" if "waypoints" in command else "strange.toml")
+    if kind in CONTENTS:
+        path.write_bytes(CONTENTS[kind])
+    else:
+        os.mkfifo(path) if kind == "fifo" else path.mkdir()
+    words = [word.replace("FILE", str(path)).replace("OUT", str(tmp_path / "out")) for word in arguments]
+    began = time.monotonic()
+    code = run({"mkdaemon": mkdaemon, "mkctl": mkctl}[program], words)
+    told = capfd.readouterr().err
+    assert code in {0, 1, 2}
+    assert "Traceback" not in told
+    assert len(told) < 3000
+    assert time.monotonic() - began < 10.0
+
+
+def test_a_huge_picture_is_refused_by_its_header():
+    began = time.monotonic()
+    assert decode_picture(png(32_000, 32_000)) is None
+    assert time.monotonic() - began < 0.1
+    assert decode_picture(png(32, 1)) is not None
+
+
+@pytest.mark.parametrize("suffix", [".png", ".jpg", ".bmp", ".pgm", ".webp", ".tif"])
+def test_the_size_in_the_header_is_that_of_the_picture(suffix):
+    _, coded = cv2.imencode(suffix, np.zeros((48, 70), dtype=np.uint8))
+    content = coded.tobytes()
+    assert picture_size(content) == (70, 48)
+    assert decode_picture(content).shape == (48, 70)
+    assert all(picture_size(content[:length]) in (None, (70, 48)) for length in range(len(content)))
+
+
+def test_webp_without_losses_has_a_header_of_its_own():
+    _, coded = cv2.imencode(".webp", np.zeros((48, 70, 3), dtype=np.uint8), [cv2.IMWRITE_WEBP_QUALITY, 101])
+    assert picture_size(coded.tobytes()) == (70, 48)
+    extended = b"RIFF\0\0\0\0WEBPVP8X\x0a\0\0\0\0\0\0\0" + bytes([69, 0, 0, 47, 0, 0])
+    assert picture_size(extended) == (70, 48)
+    assert picture_size(b"RIFF\0\0\0\0WAVEfmt ") is None
+
+
+def test_a_file_name_with_a_raised_digit_sorts(tmp_path):
+    for name in ("a².png", "²", "a10.png", "a2.png"):
+        (tmp_path / name).with_suffix(".png").touch()
+    assert len(list_pictures(tmp_path)) == 4
+
+
+@pytest.mark.parametrize(
+    ("parse", "error", "opening", "closing"),
+    [(parse_json, json.JSONDecodeError, "", ""), (parse_toml, tomllib.TOMLDecodeError, "a = ", "")],
+)
+def test_nesting_has_a_limit(parse, error, opening, closing):
+    depth = DEEPEST - 2
+    parse(opening + "[" * depth + "]" * depth + closing)
+    for too_deep in (DEEPEST + 1, 500, 100_000):
+        with pytest.raises(error, match="deeper"):
+            parse(opening + "[" * too_deep + "]" * too_deep + closing)
+
+
+def test_a_file_may_not_be_longer_than_allowed(tmp_path):
+    path = tmp_path / "long"
+    path.write_bytes(bytes(1001))
+    with pytest.raises(OSError, match="larger"):
+        open_regular(path, 1000)
+    assert read_text(path, limit=1001) == "\0" * 1001
