@@ -7,14 +7,20 @@ from typing import TYPE_CHECKING, Any
 from mkdaemon.client.procedures import OnProgress, Procedures
 
 if TYPE_CHECKING:
-    from mkdaemon.telemetry.mission import Mission, WaypointList, WaypointsComparison, WaypointsStored
+    from mkdaemon.telemetry.mission import Mission, RouteStarted, WaypointList, WaypointsComparison, WaypointsStored
 
 
 class WaypointProcedures(Procedures):
     """Asks for procedures with the NaviCtrl's list of waypoints."""
 
     async def upload_waypoints(
-        self, mission: Mission, *, source: str = "", in_flight: bool = False, on_progress: OnProgress | None = None
+        self,
+        mission: Mission,
+        *,
+        source: str = "",
+        in_flight: bool = False,
+        allow_unusual: bool = False,
+        on_progress: OnProgress | None = None,
     ) -> WaypointsStored:
         """Replace the list by a mission, read it back and compare every byte.
 
@@ -22,6 +28,7 @@ class WaypointProcedures(Procedures):
             mission: what to fly.
             source: where it came from, for the event.
             in_flight: allow it with running motors: it takes effect at once.
+            allow_unusual: take points more than 5 km away, below the start or more than 500 m above it.
             on_progress: called with every step.
 
         Raises:
@@ -31,6 +38,8 @@ class WaypointProcedures(Procedures):
         from mkdaemon.telemetry.mission import WaypointsStored
 
         fields = {"points": _points_of(mission), "source": source, "in_flight": in_flight}
+        if allow_unusual:
+            fields["allow_unusual"] = True
         return await self.run_procedure("waypoints_upload", WaypointsStored, fields, on_progress=on_progress)
 
     async def waypoints(self, *, on_progress: OnProgress | None = None) -> WaypointList:
@@ -76,6 +85,28 @@ class WaypointProcedures(Procedures):
         from mkdaemon.telemetry.mission import WaypointsStored
 
         return await self.run_procedure("waypoints_clear", WaypointsStored, {"in_flight": in_flight})
+
+    async def start_route(self) -> RouteStarted:
+        """Make the list ready to be flown by the pilot's GPS switch; in flight. Returns what the switch does then.
+
+        Raises:
+            CommandRejectedError: `route_on_ground`, `route_active`, `no_route`, or as `waypoints`.
+            MkError: no daemon speaks for this vehicle.
+        """
+        from mkdaemon.telemetry.mission import RouteStarted
+
+        return await self.run_procedure("route_start", RouteStarted, {"confirm": True})
+
+    async def end_route(self) -> WaypointsStored:
+        """Empty the list, in flight too: with the GPS switch at coming home the aircraft flies home at once.
+
+        Raises:
+            CommandRejectedError: refused, or the list is not empty.
+            MkError: no daemon speaks for this vehicle.
+        """
+        from mkdaemon.telemetry.mission import WaypointsStored
+
+        return await self.run_procedure("route_end", WaypointsStored, {"confirm": True})
 
 
 def _points_of(mission: Mission) -> list[dict[str, Any]]:

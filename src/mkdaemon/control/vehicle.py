@@ -7,7 +7,7 @@ from typing import Final, NamedTuple
 from mkdaemon.telemetry.base import Telemetry
 from mkdaemon.telemetry.control import ControlLine, Obstacle
 from mkdaemon.telemetry.link import LinkState
-from mkdaemon.telemetry.state import Flight, Pilot
+from mkdaemon.telemetry.state import Flight, Pilot, Position
 from mkdaemon.telemetry.vision import VisionPose
 
 FRESH: Final = 2.0
@@ -37,6 +37,7 @@ class VehicleFacts:
         self._motors: _Motors | None = None
         self._flight: tuple[Flight, float] | None = None
         self._pilot: tuple[Pilot, float] | None = None
+        self._position: tuple[Position, float] | None = None
         self._tested_at: float | None = None
         self._pose: VisionPose | None = None
 
@@ -61,6 +62,8 @@ class VehicleFacts:
                 self._flight = (value, at)
             case Pilot():
                 self._pilot = (value, at)
+            case Position():
+                self._position = (value, at)
             case _:
                 pass
 
@@ -81,7 +84,7 @@ class VehicleFacts:
         return ControlLine(obstacle=Obstacle.READ_ONLY, reason=FC_LOST) if self.is_fc_lost else line
 
     def _forget(self) -> None:
-        self._motors = self._flight = self._pilot = None
+        self._motors = self._flight = self._pilot = self._position = None
 
     def motors_running(self, now: float, within: float = FRESH) -> bool | None:
         """Whether motors run; None where no message has said so lately.
@@ -106,6 +109,10 @@ class VehicleFacts:
         """Whether it is in the air; None where no message has said so lately."""
         flight = self.flight(now)
         return None if flight is None else flight.is_flying
+
+    def position(self, now: float) -> Position | None:
+        """Where it is by GPS; None where no message has said so lately."""
+        return self._position[0] if self._position is not None and now - self._position[1] <= FRESH else None
 
     def is_receiver_lost(self, now: float) -> bool:
         """Whether the FlightCtrl is known to fly without the pilot's transmitter."""

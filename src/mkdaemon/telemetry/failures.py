@@ -77,6 +77,30 @@ FAILURES: Final[Mapping[str, Refusal]] = {
         "point {number}: {detail}.",
         "Change the point; docs/waypoints.md shows what each NaviCtrl release can express.",
     ),
+    Token.POINT_UNUSUAL: Refusal(
+        Status.DENIED,
+        "point {number} {detail}.",
+        "Correct the point, or repeat with `allow_unusual` (`--allow-unusual`), knowing why.",
+    ),
+    Token.NO_ROUTE: Refusal(
+        Status.DENIED, "the NaviCtrl holds no points.", "Upload a mission first: `mkctl waypoints upload FILE`."
+    ),
+    Token.ROUTE_ON_GROUND: Refusal(
+        Status.DENIED,
+        "a route is started in flight, and {detail}: a NaviCtrl 0.24 flies home with a list activated on the ground.",
+        "Take off by hand, then repeat.",
+    ),
+    Token.ROUTE_ACTIVE: Refusal(
+        Status.DENIED,
+        "the list is active already, at point {index} of {count}.",
+        "The pilot's GPS switch at coming home flies it; `mkctl waypoints end` ends it.",
+    ),
+    Token.PILOTS_SWITCH: Refusal(
+        Status.UNSUPPORTED,
+        "nothing on the serial line pauses a route.",
+        "Turn the GPS switch away from coming home: position hold stays there, free flies by hand; a NaviCtrl 0.24 "
+        "goes on when the switch is turned back.",
+    ),
     Token.UNKNOWN_NAVICTRL: Refusal(
         Status.DENIED,
         "the points of NaviCtrl {release} are not documented.",

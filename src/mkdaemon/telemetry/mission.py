@@ -11,8 +11,8 @@ from typing import Annotated, Self
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-from mkdaemon.telemetry.base import Stamped, Telemetry
-from mkdaemon.telemetry.procedure import InFlightRequest, ProcedureRequest
+from mkdaemon.telemetry.base import Command, Stamped, Telemetry
+from mkdaemon.telemetry.procedure import ConfirmedRequest, InFlightRequest, ProcedureRequest
 
 AUTOMATIC_CAMERA = 255
 """Camera angle that means "look at the point of interest" [deg on the wire]. Source: docs/protocol.md, `Point`."""
@@ -107,14 +107,16 @@ class Mission(BaseModel):
 
 
 class MissionEvent(Stamped):
-    """A waypoint list was stored or cleared, and read back: `event/mission`."""
+    """What became of the waypoint list: `event/mission`."""
 
     action: str
-    """`uploaded` or `cleared`."""
+    """`uploaded` or `cleared`, and read back; `incomplete`: an upload or clearing broke off, do not fly the list;
+    `started`: it is ready to be flown by the pilot's switch."""
     count: int
-    """Points the NaviCtrl holds now."""
+    """Points the NaviCtrl holds now; 0 where that is not known."""
     digest: str
-    """SHA-256 of the list as stored, in hexadecimal; equal for equal lists, whichever file they came from."""
+    """SHA-256 of the list as stored, in hexadecimal; equal for equal lists, whichever file they came from; empty where
+    it was not read."""
     source: str
     """File the mission came from; empty when cleared."""
 
@@ -126,10 +128,33 @@ class WaypointsUploadRequest(InFlightRequest):
     """The points in the order they are flown."""
     source: str = Field(default="", max_length=200)
     """Where they came from, for the event."""
+    allow_unusual: bool = False
+    """Take points that are more than 5 km away, below the start or more than 500 m above it."""
 
 
 class WaypointsClearRequest(InFlightRequest):
     """Empty the NaviCtrl's list and see that it is empty: `do/waypoints_clear`."""
+
+
+class RouteStartRequest(ConfirmedRequest):
+    """Make the list ready to be flown by the pilot's GPS switch, in flight: `do/route_start`."""
+
+
+class RouteStarted(Telemetry):
+    """A list that is ready: the answer to `do/route_start`."""
+
+    count: int
+    """Points."""
+    switch: str
+    """What the pilot's GPS switch does from now on, in words."""
+
+
+class RoutePauseRequest(Command):
+    """Asks to pause a route: `do/route_pause`. Always refused, with what the pilot does instead."""
+
+
+class RouteEndRequest(ConfirmedRequest):
+    """Empty the list, in flight too: `do/route_end`. With the GPS switch at coming home the aircraft flies home."""
 
 
 class WaypointsStored(Telemetry):

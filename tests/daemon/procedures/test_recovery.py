@@ -166,12 +166,12 @@ async def test_an_orderly_end_gives_a_procedure_time_to_leave_the_board(tmp_path
 @virtually
 async def test_an_upload_that_was_cut_off_is_told_at_the_next_start(tmp_path):
     socket = plug_in(navi_ctrl())
-    points = [{"latitude_deg": 53.0 + n / 1e4, "longitude_deg": 8.0, "altitude": 10.0} for n in range(20)]
+    points = [{"latitude_deg": 53.0712 + n / 1e4, "longitude_deg": 8.7912, "altitude": 10.0} for n in range(20)]
     await kill_during(socket, tmp_path, "waypoints_upload", 0.3, points=points, source="field.gpx")
     async with procedure_rig(socket, tmp_path) as rig:
+        await rig.until_ready()
         said = "waypoints_upload of field.gpx was cut off and the NaviCtrl's list may be incomplete"
         assert any(said in text for text in rig.bus.texts())
-        await rig.until_ready()
         assert (await rig.ask("waypoints_clear")).status == "accepted"
         assert list(tmp_path.iterdir()) == []
 
@@ -180,6 +180,7 @@ async def test_an_upload_that_was_cut_off_is_told_at_the_next_start(tmp_path):
 async def test_a_list_note_that_cannot_be_read_warns_all_the_same(tmp_path):
     (tmp_path / "waypoint-list.json").write_text("{")
     async with procedure_rig(plug_in(navi_ctrl()), tmp_path) as rig:
+        await rig.until_ready()
         assert any(
             "an upload was cut off and the NaviCtrl's list may be incomplete" in text for text in rig.bus.texts()
         )

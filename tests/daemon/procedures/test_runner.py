@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import asyncio
+from types import SimpleNamespace
 
 import pytest
 
 from lab.rigs.boardport import LineFault
 from lab.rigs.linkrig import flight_ctrl, navi_ctrl, virtually
+from mkdaemon.daemon.procedures.flightchecks import Place
 from mkdaemon.daemon.procedures.runner import MOTORS_WAIT
 from mkdaemon.daemon.procedures.table import PROCEDURES, request_model
 from mkdaemon.errors import CommandRejectedError, RequestTimeoutError
@@ -16,9 +18,10 @@ from mkdaemon.protocol.wire import Board
 from mkdaemon.telemetry.control import Phase
 from mkdaemon.telemetry.procedure import ProcedureRequest
 from mkdaemon.telemetry.refusals import Token, refuse
+from tests.control.events import flight
 from tests.daemon.procedures.procedure_rig import plug_in, procedure_rig
 
-POINTS = [{"latitude_deg": 53.0, "longitude_deg": 8.0, "altitude": 10.0}]
+POINTS = [{"latitude_deg": 53.0712, "longitude_deg": 8.7912, "altitude": 10.0}]
 
 
 @pytest.mark.parametrize("make", [flight_ctrl(), navi_ctrl()], ids=["fc", "nc"])
@@ -176,7 +179,7 @@ async def test_without_a_place_for_the_note_nothing_is_put_at_risk(tmp_path):
 async def test_a_mission_goes_up_and_the_event_says_so(tmp_path):
     async with procedure_rig(plug_in(navi_ctrl()), tmp_path) as rig:
         await rig.until_ready()
-        points = [{"latitude_deg": 53.0 + n / 1e4, "longitude_deg": 8.0, "altitude": 10.0} for n in range(5)]
+        points = [{"latitude_deg": 53.0712 + n / 1e4, "longitude_deg": 8.7912, "altitude": 10.0} for n in range(5)]
         up = await rig.ask("waypoints_upload", points=points, source="field.gpx")
         assert (up.status, up.reply["count"]) == ("accepted", 5)
         [event] = rig.bus.values("event/mission")
@@ -386,6 +389,95 @@ async def test_a_list_that_is_cut_off_is_said_to_be_incomplete(tmp_path, verb):
         assert "the board fell silent; the board's list may be incomplete" in result.reason
         [note] = [path.name for path in tmp_path.iterdir()]
         assert note == "waypoint-list.json"
+
+
+@virtually
+async def test_a_list_left_half_written_is_an_event_at_once_and_at_the_next_start(tmp_path):
+    async with procedure_rig(plug_in(navi_ctrl()), tmp_path) as rig:
+        await rig.until_ready()
+
+        def fall_silent(message):
+            if any(data[2:3] == b"w" for _, data in rig.socket.wire):
+                raise RequestTimeoutError("the board fell silent")
+
+        rig.guard.refusal = fall_silent
+        await rig.ask("waypoints_upload", points=POINTS, source="field.gpx")
+        [event] = rig.bus.values("event/mission")
+        assert (event.action, event.source) == ("incomplete", "field.gpx")
+    async with procedure_rig(plug_in(navi_ctrl()), tmp_path) as rig:
+        await rig.until_ready()
+        assert [event.action for event in rig.bus.values("event/mission")] == ["incomplete"]
+        assert any("do not fly the list" in text for text in rig.bus.texts())
+
+
+@virtually
+async def test_what_was_never_written_leaves_no_warning(tmp_path):
+    async with procedure_rig(plug_in(navi_ctrl()), tmp_path) as rig:
+        await rig.until_ready()
+        assert (await rig.ask("waypoints_upload", points=POINTS * 32)).token == "too_many_points"
+        assert rig.bus.values("event/mission") == []
+        assert list(tmp_path.iterdir()) == []
+
+
+@virtually
+async def test_of_two_uploads_at_once_one_is_refused(tmp_path):
+    async with procedure_rig(plug_in(navi_ctrl()), tmp_path) as rig:
+        await rig.until_ready()
+        asked = [rig.ask("waypoints_upload", points=POINTS * 5, holder=holder) for holder in ("alice", "bob")]
+        first, second = await asyncio.gather(*asked)
+        assert (first.status, second.token) == ("accepted", "busy")
+        assert "alice" in second.reason
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"latitude_deg": -33.0}, "km away from the aircraft"),
+        ({"altitude": -3.0}, "3 m below the start"),
+        ({"altitude": 5000.0}, "5000 m above the start"),
+        ({"altitude": -3.0, "kind": "poi"}, ""),
+    ],
+)
+@virtually
+async def test_points_that_nobody_means_are_refused(tmp_path, change, words):
+    async with procedure_rig(plug_in(navi_ctrl()), tmp_path) as rig:
+        await rig.until_ready()
+        here = Place(53.0712345, 8.7912345)
+        rig.facts.position = lambda now: SimpleNamespace(latitude_deg=here.latitude, longitude_deg=here.longitude)
+        near = {"latitude_deg": 53.072, "longitude_deg": 8.791, "altitude": 10.0}
+        result = await rig.ask("waypoints_upload", points=[near, {**near, **change}])
+        assert (result.token, words in (result.reason or "")) == ("point_unusual" if words else None, True)
+        if words:
+            assert "point 2" in result.reason
+            told = await rig.ask("waypoints_upload", points=[near, {**near, **change}], allow_unusual=True)
+            assert told.status == "accepted"
+
+
+@virtually
+async def test_a_route_is_made_ready_in_flight_and_ended(tmp_path):
+    async with procedure_rig(plug_in(navi_ctrl()), tmp_path) as rig:
+        await rig.until_ready()
+        assert (await rig.ask("waypoints_upload", points=POINTS * 3)).status == "accepted"
+        boards = rig.socket.aircraft
+        assert (await rig.ask("route_start", confirm=True)).token == "route_on_ground"
+        boards.world.pilot.gas = 60
+        boards.flight.core.start()
+        await asyncio.sleep(2.0)
+        rig.facts.state_received(flight(is_flying=True), asyncio.get_running_loop().time())
+        assert (await rig.ask("route_start")).token == "not_confirmed"
+        started = await rig.ask("route_start", confirm=True)
+        assert (started.status, started.reply["count"]) == ("accepted", 3)
+        assert "turned to coming home" in started.reply["switch"]
+        assert boards.navigation.navigator.points.index == 1
+        active = flight(is_flying=True).model_copy(update={"waypoint_index": 1, "waypoint_count": 3})
+        rig.facts.state_received(active, asyncio.get_running_loop().time())
+        assert (await rig.ask("route_start", confirm=True)).token == "route_active"
+        assert (await rig.ask("route_pause")).token == "pilots_switch"
+        ended = await rig.ask("route_end", confirm=True)
+        assert ended.reply["count"] == 0
+        assert [event.action for event in rig.bus.values("event/mission")] == ["uploaded", "started", "cleared"]
+        rig.facts.state_received(flight(is_flying=True), asyncio.get_running_loop().time())
+        assert (await rig.ask("route_start", confirm=True)).token == "no_route"
 
 
 @virtually

@@ -23,9 +23,15 @@ app = App(
 MissionFile = Annotated[Path, Parameter(help="Mission file; its suffix tells the format.")]
 Elevation = Annotated[float | None, Parameter(help="Elevation of the starting place, for heights above sea level [m].")]
 Height = Annotated[float | None, Parameter(help="Put every point at this height above the start [m].")]
+PATIENCE = 60.0
+"""Longest wait for the NaviCtrl, which may write its card for seconds [s]."""
 InFlight = Annotated[
     bool, Parameter(negative=(), help="Allow it with running motors: a changed list takes effect at once.")
 ]
+Unusual = Annotated[
+    bool, Parameter(negative=(), help="Take points over 5 km away, below the start or over 500 m above it.")
+]
+Confirm = Annotated[bool, Parameter(negative=(), help="I know what the aircraft does then.")]
 Force = Annotated[bool, Parameter(negative=(), help="Overwrite a file that is there.")]
 
 
@@ -35,6 +41,7 @@ async def upload(
     /,
     *,
     in_flight: InFlight = False,
+    allow_unusual: Unusual = False,
     start_elevation: Elevation = None,
     altitude: Height = None,
     connection: Connection = HERE,
@@ -42,7 +49,9 @@ async def upload(
     """Replace the NaviCtrl's list by a mission, read it back and compare every byte."""
     mission = read_mission(file, start_elevation=start_elevation, altitude=altitude)
     async with connection.open() as uav, showing_progress(uav, "upload", quiet=connection.json) as report:
-        done = await uav.upload_waypoints(mission, source=str(file), in_flight=in_flight, on_progress=report)
+        done = await uav.upload_waypoints(
+            mission, source=str(file), in_flight=in_flight, allow_unusual=allow_unusual, on_progress=report
+        )
     text = f"{done.count} points stored and read back, content {done.digest[:16]}"
     _say(connection, text, count=done.count, digest=done.digest, rounds=done.rounds, writes=done.writes)
 
@@ -92,6 +101,29 @@ async def clear(*, in_flight: InFlight = False, connection: Connection = HERE) -
     async with connection.open() as uav:
         await uav.clear_waypoints(in_flight=in_flight)
     _say(connection, "the list is empty", count=0)
+
+
+@app.command
+async def start(*, confirm: Confirm = False, connection: Connection = HERE) -> None:
+    """Make the list ready in flight, and say what the pilot's GPS switch does then; the switch alone flies it."""
+    async with connection.open() as uav:
+        reply = (await uav.command("do", "route_start", {"confirm": confirm}, patience=PATIENCE)).require()
+    _say(connection, f"{reply['count']} points are ready: {reply['switch']}", **reply)
+
+
+@app.command
+async def pause(*, connection: Connection = HERE) -> None:
+    """Say how the pilot pauses a route: nothing on the serial line does."""
+    async with connection.open() as uav:
+        (await uav.command("do", "route_pause", {})).require()
+
+
+@app.command
+async def end(*, confirm: Confirm = False, connection: Connection = HERE) -> None:
+    """Empty the list, in flight too: with the GPS switch at coming home the aircraft flies home at once."""
+    async with connection.open() as uav:
+        reply = (await uav.command("do", "route_end", {"confirm": confirm}, patience=PATIENCE)).require()
+    _say(connection, "the list is empty; with the GPS switch at coming home the aircraft flies home", **reply)
 
 
 @app.command

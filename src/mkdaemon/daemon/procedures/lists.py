@@ -1,4 +1,4 @@
-"""Waypoint lists that an upload may have left half written: noted before, announced at the next start."""
+"""What becomes of the waypoint list: published as events, and noted while an upload may leave it half written."""
 
 from __future__ import annotations
 
@@ -7,10 +7,14 @@ from typing import Final
 
 from pydantic import BaseModel, ConfigDict, ValidationError
 
-from mkdaemon.daemon.audit import Audit
+from mkdaemon.clock import Clock
+from mkdaemon.daemon.audit import Audit, Outlet
 from mkdaemon.daemon.procedures.journal import Journal
+from mkdaemon.errors import CommandRejectedError
 from mkdaemon.files import flush_folder, write_whole
 from mkdaemon.reading import LONGEST_TEXT, read_bytes
+from mkdaemon.telemetry.mission import MissionEvent, WaypointsStored
+from mkdaemon.telemetry.tokens import Token
 
 _FILE: Final = "waypoint-list.json"
 
@@ -30,26 +34,59 @@ class ListNote(BaseModel):
     """When it began, Unix time [s]."""
 
 
-class UnfinishedList:
-    """The note of the list that is being written; it goes when a list was stored or cleared and read back."""
+UNTOUCHED: Final = frozenset(
+    {Token.TOO_MANY_POINTS, Token.POINT_NOT_EXPRESSIBLE, Token.UNKNOWN_NAVICTRL, Token.BAD_VALUE}
+)
+"""Refusals of an upload before anything was written."""
 
-    def __init__(self, journal: Journal, audit: Audit) -> None:
-        """Tell what an earlier daemon left beside the journal."""
+
+class WaypointListKeeper:
+    """Publishes `event/mission`, and keeps the note of the list that is being written.
+
+    The note goes when a list was stored or cleared and read back.
+    """
+
+    def __init__(self, journal: Journal, audit: Audit, bus: Outlet, clock: Clock) -> None:
+        """Find what an earlier daemon left beside the journal."""
         self._path = journal.folder / _FILE
         self._disk = journal.disk
-        self._audit = audit
-        if self._path.exists():
-            audit.log("warning", f"{self._words()}: do not fly the list before it was uploaded again or cleared")
+        self._audit, self._bus, self._clock = audit, bus, clock
 
-    async def begin(self, note: ListNote) -> None:
+    def announce(self) -> None:
+        """Tell what an earlier daemon left."""
+        if self._path.exists():
+            self._warn(self._words())
+
+    async def begin(self, verb: str, holder: str, source: str) -> None:
         """Keep a note; a folder that cannot be written is announced, and no reason to refuse an upload."""
+        note = ListNote(verb=verb, holder=holder, source=source, t_wall=self._clock.stamp().wall)
         try:
             await asyncio.get_running_loop().run_in_executor(self._disk, self._write, note)
         except OSError as error:
             self._audit.log("warning", f"{self._path}: cannot be written ({error.strerror or error})")
 
-    async def end(self) -> None:
+    async def stored(self, reply: WaypointsStored, source: str) -> None:
         """A list was read back: the note goes."""
+        await self._end()
+        self.publish("uploaded" if reply.count else "cleared", source, count=reply.count, digest=reply.digest)
+
+    async def broke_off(self, error: Exception, source: str) -> None:
+        """An upload or clearing has failed: say that the list may be half written, unless nothing was."""
+        if isinstance(error, CommandRejectedError) and error.token in UNTOUCHED:
+            await self._end()
+        else:
+            self._warn("the NaviCtrl's list may be incomplete", source)
+
+    def publish(self, action: str, source: str = "", *, count: int = 0, digest: str = "") -> None:
+        """Publish what became of the list."""
+        event = MissionEvent(stamp=self._clock.stamp(), action=action, count=count, digest=digest, source=source)
+        self._bus.publish("event/mission", event)
+
+    def _warn(self, what: str, source: str = "") -> None:
+        self.publish("incomplete", source)
+        self._audit.log("warning", f"{what}: do not fly the list before it was uploaded again or cleared")
+
+    async def _end(self) -> None:
         try:
             await asyncio.get_running_loop().run_in_executor(self._disk, self._remove)
         except OSError as error:

@@ -15,6 +15,7 @@ from mkdaemon.protocol.procedures.live_set import differing
 from mkdaemon.protocol.procedures.mixer import read_mixer, write_mixer
 from mkdaemon.protocol.procedures.motor_controllers import change_motor_controller, read_motor_controller
 from mkdaemon.protocol.procedures.points import from_points, read_format, to_points
+from mkdaemon.protocol.procedures.route import activate_route, switch_words
 from mkdaemon.protocol.procedures.settings import Restoration, backup_settings, edit_settings, restore_settings
 from mkdaemon.protocol.procedures.steps import Patience, Procedure, Progress
 from mkdaemon.protocol.procedures.waypoints import (
@@ -109,6 +110,18 @@ def waypoints_verify(request: mission.WaypointsVerifyRequest) -> Procedure[missi
     return mission.WaypointsComparison(
         digest=content_hash(points), differences=tuple(str(difference) for difference in found)
     )
+
+
+def route_start(request: mission.RouteStartRequest) -> Procedure[mission.RouteStarted]:
+    """Make the list ready to be flown by the pilot's switch."""
+    form = yield from read_format(PATIENCE)
+    count = yield from activate_route(form, PATIENCE)
+    return mission.RouteStarted(count=count, switch=switch_words(form))
+
+
+def route_end(request: mission.RouteEndRequest) -> Procedure[mission.WaypointsStored]:
+    """Empty the list in flight."""
+    return (yield from waypoints_clear(mission.WaypointsClearRequest(in_flight=True)))
 
 
 def mixer_read(request: settings.MixerReadRequest) -> Procedure[settings.MixerTable]:

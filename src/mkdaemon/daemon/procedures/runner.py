@@ -20,7 +20,7 @@ from mkdaemon.daemon.discovery import refuse_silent_line, require_discovery
 from mkdaemon.daemon.procedures.interlock import Interlock
 from mkdaemon.daemon.procedures.job import Guard, Job, JobObserver, refusal_for, state_of
 from mkdaemon.daemon.procedures.journal import Journal, Note
-from mkdaemon.daemon.procedures.lists import ListNote, UnfinishedList
+from mkdaemon.daemon.procedures.lists import WaypointListKeeper
 from mkdaemon.daemon.procedures.make import PATIENCE
 from mkdaemon.daemon.procedures.recovery import Recovery
 from mkdaemon.daemon.procedures.table import PROCEDURES, ProcedureSpec, request_model
@@ -32,7 +32,12 @@ from mkdaemon.protocol.procedures.live_set import recover_live_set
 from mkdaemon.protocol.wire import Board
 from mkdaemon.telemetry.base import Telemetry
 from mkdaemon.telemetry.command import CommandResult, Labels, LabelsRequest
-from mkdaemon.telemetry.mission import MissionEvent, WaypointsStored, WaypointsUploadRequest
+from mkdaemon.telemetry.mission import (
+    RoutePauseRequest,
+    RouteStarted,
+    WaypointsStored,
+    WaypointsUploadRequest,
+)
 from mkdaemon.telemetry.procedure import Cancelled, CancelRequest, InFlightRequest, ProcedureState
 from mkdaemon.telemetry.refusals import Status, Token, refuse
 from mkdaemon.telemetry.settings import OwedSets, SettingsRecoverRequest
@@ -64,7 +69,7 @@ class ProcedureRunner:
         self._link, self._facts, self._bus, self._audit = link, facts, bus, audit
         self._guard, self._interlock, self._journal, self._labels = guard, interlock, journal, labels
         self._clock = clock
-        self._list = UnfinishedList(journal, audit)
+        self._list = WaypointListKeeper(journal, audit, bus, clock)
         self._recovery = Recovery(journal, link, facts, audit, interlock)
         self._job: Job | None = None
         self._news = asyncio.Event()
@@ -76,11 +81,13 @@ class ProcedureRunner:
             **{verb: partial(self._answer, verb, spec) for verb, spec in PROCEDURES.items()},
             "labels": self._answer_labels,
             "cancel": self._cancel,
+            "route_pause": self._pause_route,
             "settings_recover": self._recover,
         }
 
     async def run(self) -> None:
         """Carry out what is asked for, and what an earlier daemon left."""
+        self._list.announce()
         while True:
             await self._carry_out(await self._next_job())
 
@@ -95,6 +102,7 @@ class ProcedureRunner:
         admit = partial(self._interlock.check_procedure, verb, is_alone=is_alone, needs_live_set=spec.needs_live_set)
         admit()
         await require_discovery(self._link, self._facts.link)
+        spec.check(request, self._facts, self._clock.now())
         if is_alone:
             await self._check_motors(f"do/{verb}", can_fly=issubclass(model, InFlightRequest))
         admit()
@@ -102,12 +110,17 @@ class ProcedureRunner:
         async def work(observer: Observer) -> Telemetry:
             source = request.source if isinstance(request, WaypointsUploadRequest) else ""
             if spec.changes_list:
-                at = self._clock.stamp().wall
-                await self._list.begin(ListNote(verb=verb, holder=request.holder, source=source, t_wall=at))
-            reply = await run_procedure(self._link, spec.make(request), observer)
+                await self._list.begin(verb, request.holder, source)
+            try:
+                reply = await run_procedure(self._link, spec.make(request), observer)
+            except Exception as error:
+                if spec.changes_list:
+                    await self._list.broke_off(error, source)
+                raise
             if isinstance(reply, WaypointsStored):
-                await self._list.end()
-                self._publish_mission(reply, source)
+                await self._list.stored(reply, source)
+            elif isinstance(reply, RouteStarted):
+                self._list.publish("started", count=reply.count)
             return reply
 
         reply = await self._queue(Job(verb, request.holder, work, is_alone))
@@ -116,16 +129,6 @@ class ProcedureRunner:
     def _is_behind(self, board: Board) -> bool:
         """Whether a NaviCtrl must pass the line through to a board, which stops its telemetry."""
         return self._link.direct_board is Board.NC and board is not Board.NC
-
-    def _publish_mission(self, stored: WaypointsStored, source: str) -> None:
-        event = MissionEvent(
-            stamp=self._clock.stamp(),
-            action="uploaded" if stored.count else "cleared",
-            count=stored.count,
-            digest=stored.digest,
-            source=source,
-        )
-        self._bus.publish("event/mission", event)
 
     async def _answer_labels(self, payload: Payload) -> CommandResult:
         """Answer `do/labels` from what is kept for this firmware, or from the board itself."""
@@ -153,6 +156,10 @@ class ProcedureRunner:
         return CommandResult(
             status=Status.ACCEPTED, reply={"id": job.id, "verb": job.verb}, reply_type=schema_name(Cancelled)
         )
+
+    async def _pause_route(self, payload: Payload) -> CommandResult:
+        read_command(RoutePauseRequest, payload)
+        raise refuse(Token.PILOTS_SWITCH)
 
     async def _recover(self, payload: Payload) -> CommandResult:
         request = read_command(SettingsRecoverRequest, payload)

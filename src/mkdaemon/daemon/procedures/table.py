@@ -11,7 +11,9 @@ from functools import partial
 from typing import Any, Final
 
 from mkdaemon.bus.keys import find
+from mkdaemon.control.vehicle import VehicleFacts
 from mkdaemon.daemon.procedures import make
+from mkdaemon.daemon.procedures.flightchecks import check_places, check_route
 from mkdaemon.protocol.procedures.steps import Procedure
 from mkdaemon.protocol.wire import Board
 from mkdaemon.telemetry.base import Telemetry
@@ -29,6 +31,7 @@ class ProcedureSpec:
         writes: what is written, in words; the request must say `confirm`, unless it is a dry run.
         needs_live_set: it must not begin while a live set is owed.
         changes_list: it leaves the waypoint list half written when it is cut off.
+        check: refuses a request that the flight does not allow now; told what is known of it and the time [s].
     """
 
     board: Board
@@ -37,6 +40,7 @@ class ProcedureSpec:
     writes: str | None = None
     needs_live_set: bool = False
     changes_list: bool = False
+    check: Callable[[Any, VehicleFacts, float], None] = lambda request, facts, now: None
 
 
 _settings = partial(ProcedureSpec, Board.FC, needs_live_set=True)
@@ -52,10 +56,24 @@ PROCEDURES: Final[Mapping[str, ProcedureSpec]] = {
         make.settings_write,
         writes="parameters decide how the aircraft flies",
     ),
-    "waypoints_upload": ProcedureSpec(Board.NC, make.waypoints_upload, changes_list=True),
+    "waypoints_upload": ProcedureSpec(Board.NC, make.waypoints_upload, changes_list=True, check=check_places),
     "waypoints_clear": ProcedureSpec(Board.NC, make.waypoints_clear, changes_list=True),
     "waypoints_read": ProcedureSpec(Board.NC, make.waypoints_read, is_alone=False),
     "waypoints_verify": ProcedureSpec(Board.NC, make.waypoints_verify, is_alone=False),
+    "route_start": ProcedureSpec(
+        Board.NC,
+        make.route_start,
+        is_alone=False,
+        writes="the aircraft flies the list by itself when the pilot turns the GPS switch to coming home",
+        check=check_route,
+    ),
+    "route_end": ProcedureSpec(
+        Board.NC,
+        make.route_end,
+        is_alone=False,
+        writes="with the GPS switch at coming home the aircraft flies home at once",
+        changes_list=True,
+    ),
     "mixer_read": ProcedureSpec(Board.FC, make.mixer_read, is_alone=False),
     "mixer_write": ProcedureSpec(
         Board.FC,

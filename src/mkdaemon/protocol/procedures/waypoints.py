@@ -107,7 +107,7 @@ def clear_points(kind: type[WireMessage], patience: Patience) -> Procedure[None]
     """
     count = 0
     for _ in range(_CLEAR_ROUNDS):
-        yield from insist(_write(clear_message(kind), 0), patience)
+        yield from insist(write_point(clear_message(kind), 0), patience)
         count = yield from count_points(patience)
         if count == 0:
             return
@@ -181,10 +181,10 @@ def download_points(kind: type[WireMessage], patience: Patience) -> Procedure[tu
     points = []
     for number in range(1, count + 1):
         yield Progress(number - 1, count, f"reading point {number}")
-        answer = yield from insist_twice(_read(number), patience)
+        answer = yield from insist_twice(ask_point(number), patience)
         if isinstance(answer, WaypointCount):
             raise refuse(Token.LIST_CHANGING, before=count, after=answer.count)
-        points.append(kind.decode(_stored(answer)))
+        points.append(kind.decode(point_within(answer)))
     after = yield from count_points(patience)
     if after != count:
         raise refuse(Token.LIST_CHANGING, before=count, after=after)
@@ -202,7 +202,7 @@ def clear_message(kind: type[WireMessage]) -> WireMessage:
 def _store(point: WireMessage, number: int, total: int, patience: Patience) -> Procedure[bool]:
     """Write one point; False when the board has lost its list meanwhile and the reading must tell what is left."""
     for _ in range(_REFUSALS):
-        if (yield from insist(_write(point, number), patience)).index == number:
+        if (yield from insist(write_point(point, number), patience)).index == number:
             return True
         # 0: refused, or a late answer to "clear", or the list was cleared by a damaged frame: the state tells.
         count = yield from count_points(patience)
@@ -221,18 +221,19 @@ def _compare(points: Sequence[WireMessage], patience: Patience) -> Procedure[tup
         if index >= count:
             bad.append(index)
             continue
-        answer = yield from insist(_read(index + 1), patience)
-        if isinstance(answer, WaypointCount) or not _is_same(point.encode(), _stored(answer)):
+        answer = yield from insist(ask_point(index + 1), patience)
+        if isinstance(answer, WaypointCount) or not is_same_point(point.encode(), point_within(answer)):
             bad.append(index)
     after = yield from count_points(patience)
     return bad, after
 
 
-def _write(point: WireMessage, number: int) -> Question[WaypointWritten]:
+def write_point(point: WireMessage, number: int) -> Question[WaypointWritten]:
+    """Store one point."""
     return Question(Board.NC, point, (WaypointWritten,), lambda w: w.index in (0, number), f"write waypoint {number}")
 
 
-def _read(number: int) -> Question[_Stored | WaypointCount]:
+def ask_point(number: int) -> Question[_Stored | WaypointCount]:
     """Ask for one point; a shorter list answers with its count, and then the point is absent."""
 
     def fits(answer: _Stored | WaypointCount) -> bool:
@@ -242,12 +243,12 @@ def _read(number: int) -> Question[_Stored | WaypointCount]:
     return Question(Board.NC, WaypointRequest(index=number), kinds, fits, f"read waypoint {number}")
 
 
-def _stored(answer: WireMessage) -> bytes:
+def point_within(answer: WireMessage) -> bytes:
     """The 30 bytes of the point within the answer to a reading."""
     return answer.encode()[2:]
 
 
-def _is_same(wanted: bytes, stored: bytes) -> bool:
+def is_same_point(wanted: bytes, stored: bytes) -> bool:
     """Whether a stored point is the wanted one; the board sets its status to processed when it flies there."""
     alive = stored[_STATUS] in (wanted[_STATUS], PositionStatus.PROCESSED)
     return alive and _content(stored) == _content(wanted)
@@ -258,7 +259,7 @@ def _content(raw: bytes) -> bytes:
 
 
 def _differences(number: int, wanted: WireMessage, stored: WireMessage) -> list[Difference]:
-    if _is_same(wanted.encode(), stored.encode()):
+    if is_same_point(wanted.encode(), stored.encode()):
         return []
     return [
         Difference(number, slot.name, getattr(wanted, slot.name), getattr(stored, slot.name))
