@@ -22,6 +22,7 @@ from mkdaemon.link.session.sighting import FlightState, Sighting
 from mkdaemon.protocol.boards import Board
 from mkdaemon.protocol.evidence import ControlForm, Evidence
 from mkdaemon.protocol.generations import Release
+from mkdaemon.reading import read_bytes
 from mkdaemon.stamp import Stamp
 
 NAME: Final = "flight.json"
@@ -103,8 +104,7 @@ class FlightNotes:
     def read(self) -> FlightMemory | None:
         """Return what an earlier daemon knew; None where there is nothing, or nothing that can be believed."""
         try:
-            with self._path.open("rb") as file:
-                note = FlightNote.model_validate_json(file.read(_LONGEST + 1), strict=True)
+            note = FlightNote.model_validate_json(read_bytes(self._path, _LONGEST), strict=True)
         except (OSError, ValidationError):
             return None
         memory = note.memory(self._clock)
