@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import pytest
+from pydantic import ValidationError
 
 from mkdaemon.config.reader import load
+from mkdaemon.config.vision import TagPlacement
 from mkdaemon.errors import ConfigError
 from tests.places import CONFIGS
 
@@ -19,8 +21,9 @@ def test_no_file_is_all_defaults():
 def test_overrides_lie_over_the_file(tmp_path):
     path = tmp_path / "x.toml"
     path.write_text('[link]\nport = "/dev/ttyUSB0"\nbaud = 57600\n', encoding="utf-8")
-    cfg = load(path, {"link.port": "tcp:host:1", "vehicle.name": "m2"})
+    cfg = load(path, {"link.port": "tcp:host:1", "vehicle.name": "m2", "sim.listen": "localhost:7000"})
     assert (cfg.link.port, cfg.link.baud, cfg.vehicle.name) == ("tcp:host:1", 57600, "m2")
+    assert cfg.sim.listen == "localhost:7000"
 
 
 MISTAKES = [
@@ -53,6 +56,9 @@ MISTAKES = [
     ("[control.limiter]\nmax_yaw = inf\n", r"x\.toml:2: control\.limiter\.max_yaw: a whole number is needed"),
     ("[control.limiter]\nslew = nan\n", r"x\.toml:2: control\.limiter\.slew: a finite number is needed"),
     ("[control.limiter]\nhover_throttle = 100\n", r"x\.toml:1: control\.limiter: .*does not hold"),
+    ("[[cameras]]\nsource='x'\nreopen_min = 9\n", r"cameras\.0: reopen_min 9 <= reopen_max 5 does not hold$"),
+    ("[sim]\nlisten = 'h:70000'\n", r"x\.toml:2: sim\.listen: 'h:70000': a TCP port is 0 to 65535$"),
+    ("[sim.radio.to_host]\nlatency_mean = 0.06\n", r"latency_mean 0\.06 must lie between latency_min"),
     ("[control.lease]\nrelease_after = 0.2\n", r"x\.toml:1: control: lease\.release_after must be longer"),
     ("vehicle = 3\n", r"x\.toml:1: vehicle: a section \[vehicle\] is needed, not 3$"),
     ("[vehicle]\nname = 'Mk One'\n", r'x\.toml:2: vehicle\.name: "Mk One" will not do\. Name in every key'),
@@ -75,6 +81,26 @@ def test_a_wrong_override_is_named_as_the_command_lines():
         load(None, {"link.prot": "x"})
     with pytest.raises(ConfigError, match=r"command line: vehicle: .*not 3"):
         load(None, {"vehicle": 3, "vehicle.name": "x"})
+
+
+def test_an_override_that_contradicts_a_default_is_named_without_a_file():
+    with pytest.raises(
+        ConfigError, match=r"^configuration: link: reopen_min 0\.\d+ <= reopen_max 0\.01 does not hold$"
+    ):
+        load(None, {"link.reopen_max": 0.01})
+
+
+@pytest.mark.parametrize(
+    ("rotation", "words"),
+    [
+        ({"rpy_deg": (0.0, 0.0, 0.0), "quaternion": (1.0, 0.0, 0.0, 0.0)}, "give rpy_deg or quaternion, not both"),
+        ({"quaternion": (0.0, 0.0, 0.0, 0.0)}, "quaternion has no length"),
+    ],
+)
+def test_a_tag_has_one_rotation(rotation, words):
+    with pytest.raises(ValidationError, match=words):
+        TagPlacement(id=1, size=0.1, **rotation)
+    assert TagPlacement(id=1, size=0.1, quaternion=(0.0, 0.0, 0.0, 1.0)).rpy_deg is None
 
 
 def test_a_missing_file_names_one_that_is_like_it(tmp_path):
