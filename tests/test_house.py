@@ -61,6 +61,17 @@ def test_firmware_words_stand_only_where_a_wire_field_is_declared():
     assert offenders == []
 
 
+def test_letters_of_commands_are_looked_up_in_the_table_of_messages():
+    compared = re.compile(
+        r"""(spec\.id|letter|\.key) (==|!=) "|^ +case "[A-Za-z]"( |:)|refreshes\("[a-z]"\)""", re.MULTILINE
+    )
+    rooms = ("link", "daemon", "translate", "control", "bus", "client")
+    files = [path for path in SOURCES if path.relative_to(SOURCE).parts[0] in rooms]
+    assert files
+    offenders = [f"{path.name}: {found[0]}" for path in files for found in compared.finditer(path.read_text())]
+    assert offenders == []
+
+
 def test_nothing_names_a_machine_path_or_a_registry_host():
     listing = subprocess.run(["git", "ls-files"], cwd=ROOT, capture_output=True, text=True, check=False)
     if listing.returncode:

@@ -110,3 +110,14 @@ def test_the_report_of_this_machine_is_readable_and_its_exit_code_says_so(capsys
     assert code == int(any(line["verdict"] == "bad" for line in lines))
     doctor()
     assert "bus" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("synchronised", "verdict", "words"),
+    [(True, Verdict.GOOD, "follows a time server"), (False, Verdict.NOTE, "cannot be compared"), (None, None, "")],
+)
+def test_the_clock_is_judged_as_every_stamp_judges_it(machine, monkeypatch, synchronised, verdict, words):
+    monkeypatch.setattr("mkdaemon.cli.mkdaemon.doctor.kernel_synchronised", lambda: synchronised)
+    found = [finding for finding in examine(machine, None) if finding.what == "clock"]
+    assert [finding.verdict for finding in found] == ([] if verdict is None else [verdict])
+    assert all(words in finding.found for finding in found)

@@ -88,7 +88,7 @@ class VisionPose(Seen):
     """From the middle of the exposure to this value [s]."""
 
 
-class Refusal(StrEnum):
+class PoseRefusal(StrEnum):
     """Why a measured pose is not published."""
 
     NO_FIT = "no_fit"
@@ -195,7 +195,7 @@ class VisionStats(Stamped):
     """How often the thread that looks had to be started again."""
     posed: float
     """Share of the images of the last seconds that gave a pose, 0 to 1."""
-    refused: dict[Refusal, int]
+    refused: dict[PoseRefusal, int]
     """Measured poses that were not believed, by reason, since the start."""
     detect_p50_ms: float
     """Time the detector takes an image, median of the last seconds [ms]."""

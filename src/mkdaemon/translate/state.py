@@ -13,7 +13,7 @@ from mkdaemon.protocol.messages import (
     OsdData4,
     OsdData5,
 )
-from mkdaemon.protocol.messages.osdsets import OsdFlags
+from mkdaemon.protocol.messages.osdsets import OsdFlags, OsdSet
 from mkdaemon.protocol.wire import WireMessage
 from mkdaemon.stamp import Stamp
 from mkdaemon.telemetry.state import Battery
@@ -49,7 +49,7 @@ class StateTranslator:
         origin = Origin(stamp, f"{board}/{message.spec.key}")
         lost = fc_is_lost(message)
         self._fc_is_lost = self._fc_is_lost if lost is None else lost
-        if board == "nc" and self._fc_is_lost and message.spec.id == "C":
+        if board == "nc" and self._fc_is_lost and message.spec.key == AttitudeDataNc.spec.key:
             return []  # the NaviCtrl repeats the last attitude it heard of
         match message:
             case AttitudeDataFc210() | AttitudeDataFcOld() | AttitudeDataNc() | AttitudeDataNcSticks():
@@ -62,7 +62,7 @@ class StateTranslator:
                 return states
             case DebugDataFc() if board == "fc":
                 return _from_debug(message, origin)
-            case _ if message.spec.id == "O":
+            case OsdSet():
                 states = self._sets.states(message, origin)
                 coarse = self._sets.attitude(message, origin)
                 if coarse is not None and self._wants_coarse(stamp.monotonic):

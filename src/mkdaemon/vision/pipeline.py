@@ -15,7 +15,7 @@ from mkdaemon.errors import ConfigError, VisionError
 from mkdaemon.stamp import Stamp
 from mkdaemon.telemetry.base import Telemetry
 from mkdaemon.telemetry.image import CameraFrame
-from mkdaemon.telemetry.vision import Alarm, EyeState, Refusal, Transform, VisionStats
+from mkdaemon.telemetry.vision import Alarm, EyeState, PoseRefusal, Transform, VisionStats
 from mkdaemon.vision.camera.calibration_file import Camera, load_camera, mount_rotation
 from mkdaemon.vision.camera.camera import StreamState, StreamStatus
 from mkdaemon.vision.camera.image import CameraImage
@@ -83,7 +83,7 @@ class CameraPipeline:
         self.tracker = Tracker(tagmap, intrinsics, mounting, vision.tracker, vision.detector)
         self._check = TargetCheck(tagmap, Projection(intrinsics) if intrinsics is not None else None)
         self._timings: deque[_Timing] = deque(maxlen=WINDOW)
-        self._refused: Counter[Refusal] = Counter()
+        self._refused: Counter[PoseRefusal] = Counter()
         self._processed = self._faults = self._failing = 0
         self._failure = ""
         self.alarms: tuple[Alarm, ...] = ()

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from mkdaemon.config.vision import DetectorSection, TrackerSection
-from mkdaemon.telemetry.vision import Refusal
+from mkdaemon.telemetry.vision import PoseRefusal
 from mkdaemon.vision.camera.intrinsics import Intrinsics
 from mkdaemon.vision.limits import LIMITS
 from mkdaemon.vision.pose.ambiguity import choose
@@ -51,7 +51,7 @@ class StillPose:
     pose: Pose
     ambiguity: float
     ambiguous: bool
-    refusal: Refusal | None
+    refusal: PoseRefusal | None
 
     @property
     def covariance(self) -> Array:

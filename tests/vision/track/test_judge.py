@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from mkdaemon.config.vision import TrackerSection
-from mkdaemon.telemetry.vision import Refusal
+from mkdaemon.telemetry.vision import PoseRefusal
 from mkdaemon.vision.pose.pose import Pose, turn
 from mkdaemon.vision.tags.tagmap import Target
 from mkdaemon.vision.track.attitude import LOOKING_DOWN
@@ -93,19 +93,19 @@ def followed(pose: Pose | None = None, misses: int = 0) -> Track:
 
 WITH_ATTITUDE = [
     (fitted(), None, True),
-    (None, Refusal.NO_FIT, False),
-    (fitted(inliers=0.2), Refusal.INLIERS, False),
-    (fitted(points=20), Refusal.POINTS, False),
-    (fitted(rms_px=1.2), Refusal.RESIDUAL, False),
-    (fitted(step=0.03), Refusal.STEP, False),
-    (fitted(tilt_deg=5.0), Refusal.ATTITUDE, False),
-    (fitted(rotation=turn(LEVEL, np.radians([0.0, 0.0, 20.0]))), Refusal.ROTATION_JUMP, False),
-    (fitted(3.5), Refusal.RANGE_JUMP, False),
-    (fitted(position=np.array([0.6, 0.0, 2.95])), Refusal.POSITION_JUMP, False),
-    (fitted(covariance=SHARP + np.diag([0, 0, 0, 0, 0, 1e-3])), Refusal.ANGLE_UNCERTAIN, True),
-    (fitted(covariance=SHARP + np.diag([4e-4, 0, 0, 0, 0, 0])), Refusal.POSITION_UNCERTAIN, True),
+    (None, PoseRefusal.NO_FIT, False),
+    (fitted(inliers=0.2), PoseRefusal.INLIERS, False),
+    (fitted(points=20), PoseRefusal.POINTS, False),
+    (fitted(rms_px=1.2), PoseRefusal.RESIDUAL, False),
+    (fitted(step=0.03), PoseRefusal.STEP, False),
+    (fitted(tilt_deg=5.0), PoseRefusal.ATTITUDE, False),
+    (fitted(rotation=turn(LEVEL, np.radians([0.0, 0.0, 20.0]))), PoseRefusal.ROTATION_JUMP, False),
+    (fitted(3.5), PoseRefusal.RANGE_JUMP, False),
+    (fitted(position=np.array([0.6, 0.0, 2.95])), PoseRefusal.POSITION_JUMP, False),
+    (fitted(covariance=SHARP + np.diag([0, 0, 0, 0, 0, 1e-3])), PoseRefusal.ANGLE_UNCERTAIN, True),
+    (fitted(covariance=SHARP + np.diag([4e-4, 0, 0, 0, 0, 0])), PoseRefusal.POSITION_UNCERTAIN, True),
     (fitted(covariance=SHARP + np.diag([1e-4, 0, 0, 0, 0, 0])), None, True),
-    (fitted(covariance=SHARP + np.diag([1e-4, 0, 0, 0, 0, 0]), blur_px=4.0), Refusal.POSITION_UNCERTAIN, True),
+    (fitted(covariance=SHARP + np.diag([1e-4, 0, 0, 0, 0, 0]), blur_px=4.0), PoseRefusal.POSITION_UNCERTAIN, True),
 ]
 
 
@@ -121,10 +121,10 @@ def test_a_fit_beside_an_attitude(pose, refusal, is_kept):
     ("bits", "misses", "refusal"),
     [
         (None, 0, None),
-        (0.5, 0, Refusal.BITS),
+        (0.5, 0, PoseRefusal.BITS),
         (0.7, 0, None),
         (0.7, 5, None),
-        (0.7, 6, Refusal.BITS),
+        (0.7, 6, PoseRefusal.BITS),
         (0.85, 6, None),
     ],
 )
@@ -138,8 +138,8 @@ def test_cells_have_to_be_clearer_when_a_track_comes_back_late(bits, misses, ref
     [
         (fitted(tilt_deg=6.0), fitted(), None),
         (None, fitted(), None),
-        (fitted(tilt_deg=6.0), None, Refusal.ATTITUDE),
-        (fitted(tilt_deg=6.0), fitted(inliers=0.1), Refusal.ATTITUDE),
+        (fitted(tilt_deg=6.0), None, PoseRefusal.ATTITUDE),
+        (fitted(tilt_deg=6.0), fitted(inliers=0.1), PoseRefusal.ATTITUDE),
     ],
 )
 def test_a_fit_that_follows_what_lies_on_the_target_is_tried_again_with_its_tilt_held(free, held, refusal):
@@ -152,20 +152,20 @@ TILTED = fitted(tilt_deg=12.0)
 WITHOUT_ATTITUDE = [
     # large in the image: perspective tells
     ({"cell_px": 30.0}, TILTED, None),
-    ({"cell_px": 30.0, "bits": 0.7}, replace(TILTED, inliers=0.7), Refusal.INLIERS),
+    ({"cell_px": 30.0, "bits": 0.7}, replace(TILTED, inliers=0.7), PoseRefusal.INLIERS),
     ({"cell_px": 30.0, "bits": 0.9}, replace(TILTED, inliers=0.7), None),
-    ({"cell_px": 30.0, "bits": 0.9}, replace(TILTED, rms_px=0.7), Refusal.RESIDUAL),
+    ({"cell_px": 30.0, "bits": 0.9}, replace(TILTED, rms_px=0.7), PoseRefusal.RESIDUAL),
     # blur hides perspective, the mirror image fits as well
-    ({"cell_px": 30.0, "mirror": mirrored(TILTED)}, replace(TILTED, blur_px=4.0), Refusal.AMBIGUOUS),
+    ({"cell_px": 30.0, "mirror": mirrored(TILTED)}, replace(TILTED, blur_px=4.0), PoseRefusal.AMBIGUOUS),
     # small: the mirror image fits as well, much worse, or is the same pose
-    ({"mirror": mirrored(TILTED)}, TILTED, Refusal.AMBIGUOUS),
+    ({"mirror": mirrored(TILTED)}, TILTED, PoseRefusal.AMBIGUOUS),
     ({"mirror": mirrored(TILTED, loss=0.1)}, TILTED, None),
     ({"mirror": None}, TILTED, None),
     ({"mirror": mirrored(TILTED)}, fitted(tilt_deg=1.0), None),
     # without the mirror image nothing contradicts but the fit itself
-    ({}, replace(TILTED, inliers=0.8), Refusal.INLIERS),
-    ({}, replace(TILTED, rms_px=0.6), Refusal.RESIDUAL),
-    ({}, replace(TILTED, covariance=SHARP + np.diag([0, 0, 0, 4e-4, 0, 0])), Refusal.ANGLE_UNCERTAIN),
+    ({}, replace(TILTED, inliers=0.8), PoseRefusal.INLIERS),
+    ({}, replace(TILTED, rms_px=0.6), PoseRefusal.RESIDUAL),
+    ({}, replace(TILTED, covariance=SHARP + np.diag([0, 0, 0, 4e-4, 0, 0])), PoseRefusal.ANGLE_UNCERTAIN),
 ]
 
 
@@ -177,7 +177,7 @@ def test_a_fit_without_attitude(given, pose, refusal):
     judge = Judge(checks(GivenFits(pose, **given), track))
     assert judge.measure(sight(attitude=False), pose, pose).refusal is refusal
     assert track.branches is not None
-    assert track.branches.is_decided == (refusal is not Refusal.AMBIGUOUS)
+    assert track.branches.is_decided == (refusal is not PoseRefusal.AMBIGUOUS)
 
 
 def test_a_pose_off_the_course_is_followed_and_not_published():
@@ -192,35 +192,35 @@ def test_a_pose_off_the_course_is_followed_and_not_published():
     vague = SHARP + np.diag([0.0, 0.0, 0.0, 4e-5, 4e-5, 4e-5])
     aside = replace(TILTED, rotation=turn(TILTED.rotation, np.radians([1.8, 0.0, 0.0])), covariance=vague)
     verdict = Judge(checks(GivenFits(aside), track)).measure(sight(12 * STEP, attitude=False), TILTED, TILTED)
-    assert verdict.refusal is Refusal.OFF_COURSE
+    assert verdict.refusal is PoseRefusal.OFF_COURSE
     assert verdict.pose is not None
 
 
 def test_a_track_without_branches_cannot_choose_between_poses_found_anew():
     judge = Judge(checks(GivenFits(), followed(TILTED)))
     verdict = judge.rejoin(sight(attitude=False), [TILTED, mirrored(TILTED)], TILTED)
-    assert (verdict.pose, verdict.refusal) == (None, Refusal.AMBIGUOUS)
+    assert (verdict.pose, verdict.refusal) == (None, PoseRefusal.AMBIGUOUS)
 
 
 FIRST = [
     # fits, candidates, attitude known, refusal
-    ({}, [], True, Refusal.NO_FIT),
+    ({}, [], True, PoseRefusal.NO_FIT),
     ({}, [fitted()], True, None),
-    ({"bits": 0.3}, [fitted()], True, Refusal.BITS),
-    ({}, [fitted(tilt_deg=8.0)], True, Refusal.ATTITUDE),
+    ({"bits": 0.3}, [fitted()], True, PoseRefusal.BITS),
+    ({}, [fitted(tilt_deg=8.0)], True, PoseRefusal.ATTITUDE),
     ({"held": fitted()}, [fitted(tilt_deg=8.0)], True, None),
-    ({"held": fitted(inliers=0.1)}, [fitted(tilt_deg=8.0)], True, Refusal.ATTITUDE),
-    ({}, [TILTED, mirrored(TILTED)], False, Refusal.AMBIGUOUS),
+    ({"held": fitted(inliers=0.1)}, [fitted(tilt_deg=8.0)], True, PoseRefusal.ATTITUDE),
+    ({}, [TILTED, mirrored(TILTED)], False, PoseRefusal.AMBIGUOUS),
     ({}, [TILTED, mirrored(TILTED, loss=0.1)], False, None),
-    ({"mirror": mirrored(TILTED)}, [TILTED], False, Refusal.AMBIGUOUS),
+    ({"mirror": mirrored(TILTED)}, [TILTED], False, PoseRefusal.AMBIGUOUS),
     ({"mirror": mirrored(TILTED, loss=0.1)}, [TILTED], False, None),
     ({"held": fitted()}, [fitted(inliers=0.7)], True, None),
-    ({}, [fitted(inliers=0.7)], True, Refusal.ATTITUDE),
-    ({"supported": False}, [replace(TILTED, inliers=0.7)], False, Refusal.INLIERS),
+    ({}, [fitted(inliers=0.7)], True, PoseRefusal.ATTITUDE),
+    ({"supported": False}, [replace(TILTED, inliers=0.7)], False, PoseRefusal.INLIERS),
     ({"supported": True}, [replace(TILTED, inliers=0.7)], False, None),
-    ({}, [replace(TILTED, blur_px=4.0)], False, Refusal.BLURRED),
+    ({}, [replace(TILTED, blur_px=4.0)], False, PoseRefusal.BLURRED),
     ({"cell_px": 30.0}, [replace(TILTED, blur_px=4.0)], False, None),
-    ({}, [replace(TILTED, rms_px=0.7)], False, Refusal.RESIDUAL),
+    ({}, [replace(TILTED, rms_px=0.7)], False, PoseRefusal.RESIDUAL),
 ]
 
 
@@ -236,7 +236,7 @@ def test_all_pixels_decide_between_first_poses_whose_edges_do_not():
         replace(TILTED, source="photometric", rms_px=0.05, loss=0.01),
         replace(mirrored(TILTED), source="photometric", rms_px=0.3, loss=0.2),
     ]
-    for cell_px, refusal in ((6.0, None), (12.0, Refusal.AMBIGUOUS)):
+    for cell_px, refusal in ((6.0, None), (12.0, PoseRefusal.AMBIGUOUS)):
         fits = GivenFits(mirror=mirrored(TILTED), grey=grey, cell_px=cell_px)
         verdict = FirstJudge(checks(fits)).choose(sight(attitude=False), [TILTED], None)
         assert verdict.refusal is refusal

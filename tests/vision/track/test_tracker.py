@@ -13,7 +13,7 @@ from mkdaemon.frames import euler_from_rotation
 from mkdaemon.sim.scene.light import Conditions
 from mkdaemon.sim.scene.motion import Platform
 from mkdaemon.sim.scene.scene import Scene, SceneTarget, cam_from_target
-from mkdaemon.telemetry.vision import Refusal
+from mkdaemon.telemetry.vision import PoseRefusal
 from mkdaemon.vision.camera.image import CameraImage
 from mkdaemon.vision.pose.gates import certainty_refusal
 from mkdaemon.vision.pose.pose import FLOOR_ANGLE, FLOOR_RANGE
@@ -219,7 +219,7 @@ def test_with_attitude_inertia_helps_an_uncertain_pose_that_agrees_with_it():
     judge = follower.followers[0].judge
     seen = Sight(view.pixels, 13 / 30 + 0.001, attitude_of(view).at(0.0, 1.0))
     vague = replace(found.pose, covariance=found.pose.covariance + np.diag([1e-5, 1e-5, 4e-4, 1e-4, 1e-4, 1e-4]))
-    assert certainty_refusal(vague, has_attitude=True) is Refusal.POSITION_UNCERTAIN
+    assert certainty_refusal(vague, has_attitude=True) is PoseRefusal.POSITION_UNCERTAIN
     helped = judge.add_inertia(seen, vague)
     assert helped.refusal is None
     assert helped.pose is not None
@@ -227,4 +227,4 @@ def test_with_attitude_inertia_helps_an_uncertain_pose_that_agrees_with_it():
     elsewhere = replace(vague, position=vague.position * 1.03)
     refused = judge.add_inertia(seen, elsewhere)
     assert refused.pose is elsewhere
-    assert refused.refusal is Refusal.POSITION_UNCERTAIN
+    assert refused.refusal is PoseRefusal.POSITION_UNCERTAIN

@@ -14,7 +14,7 @@ from typing import Annotated, Final, Literal
 
 from cyclopts import Parameter
 
-from mkdaemon.cli.mkctl.asking import ask_board
+from mkdaemon.cli.mkctl.board_request import try_request
 from mkdaemon.cli.mkctl.connection import HERE, Connection
 from mkdaemon.client import Vehicle
 from mkdaemon.errors import MkError, RequestTimeoutError
@@ -98,7 +98,7 @@ def frame_of(text: str) -> str:
 
 async def _press(client: Vehicle, board: Board, keys: MenuKey, interval: int) -> str:
     message = DisplayRequest(keys_inverted=ALL_KEYS_UP & ~int(keys), interval=interval)
-    answer = await ask_board(client, board, message)
+    answer = await try_request(client, board, message)
     if not isinstance(answer, Display):
         msg = f"the {board.word.upper()} sends no menu; check `mkctl status`"
         raise RequestTimeoutError(msg)
@@ -141,7 +141,7 @@ async def _live(client: Vehicle, board: Board, *, allow_change: bool) -> None:
             task.cancel()
         ended = await asyncio.gather(*tasks, return_exceptions=True)
         with contextlib.suppress(MkError):
-            await ask_board(client, board, DisplayRequest(interval=0))
+            await try_request(client, board, DisplayRequest(interval=0))
     for result in ended:
         if isinstance(result, Exception) and not isinstance(result, asyncio.CancelledError):
             raise result

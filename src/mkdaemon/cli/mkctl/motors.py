@@ -9,7 +9,7 @@ from typing import Annotated, Final
 
 from cyclopts import App, Parameter, validators
 
-from mkdaemon.cli.mkctl.asking import ask_board
+from mkdaemon.cli.mkctl.board_request import try_request
 from mkdaemon.cli.mkctl.connection import HERE, Connection
 from mkdaemon.cli.mkctl.flightstate import refuse_running
 from mkdaemon.client import Vehicle
@@ -73,7 +73,7 @@ async def test(
 async def _turn(client: Vehicle, points: tuple[int, ...], seconds: float) -> None:
     end = asyncio.get_running_loop().time() + seconds
     while asyncio.get_running_loop().time() < end:
-        await ask_board(client, Board.FC, MotorTest(motors=points))
+        await try_request(client, Board.FC, MotorTest(motors=points))
         await asyncio.sleep(PERIOD)
 
 
@@ -92,7 +92,7 @@ async def _stop(client: Vehicle) -> None:
 async def _send_stop(client: Vehicle, after: float) -> bool:
     await asyncio.sleep(after)
     with contextlib.suppress(MkError):
-        await ask_board(client, Board.FC, MotorTest(motors=(0,) * 16))
+        await try_request(client, Board.FC, MotorTest(motors=(0,) * 16))
         return True
     return False
 

@@ -7,7 +7,7 @@ from typing import Annotated, Final
 
 from cyclopts import App, Parameter, validators
 
-from mkdaemon.cli.mkctl.asking import ask_board
+from mkdaemon.cli.mkctl.board_request import try_request
 from mkdaemon.cli.mkctl.connection import HERE, Connection
 from mkdaemon.errors import ConfigError, MkError, RequestTimeoutError
 from mkdaemon.protocol.flags import NaviParameterId
@@ -65,7 +65,7 @@ async def set_value(
 
 async def _ask(connection: Connection, message: WireMessage) -> NaviParameter:
     async with connection.open() as client:
-        answer = await ask_board(client, Board.NC, message)
+        answer = await try_request(client, Board.NC, message)
     if not isinstance(answer, NaviParameter):
         msg = "the NaviCtrl did not answer; it must be 0.24 or later (`mkctl status`)"
         raise RequestTimeoutError(msg)

@@ -23,6 +23,7 @@ from mkdaemon.bus.session import session_config
 from mkdaemon.cli.arguments import AsJson
 from mkdaemon.cli.printing import json_line
 from mkdaemon.cli.program import EXIT_FAILURE, EXIT_OK
+from mkdaemon.clock import kernel_synchronised
 from mkdaemon.config.bus import BusConfig
 from mkdaemon.config.reader import load
 from mkdaemon.config.root import Config
@@ -109,7 +110,7 @@ def examine(machine: Machine, config: Path | None) -> Iterator[Finding]:
     yield from _modem_manager(machine)
     yield from _endpoints(cfg.bus)
     yield from _cameras(machine, cfg)
-    yield from _clock(machine)
+    yield from _clock(kernel_synchronised())
 
 
 def _serial_ports(machine: Machine, cfg: Config) -> Iterator[Finding]:
@@ -255,7 +256,11 @@ def _cameras(machine: Machine, cfg: Config) -> Iterator[Finding]:
             yield Finding(Verdict.BAD, "camera", missing, "mkdaemon calibrate camera makes it.")
 
 
-def _clock(machine: Machine) -> Iterator[Finding]:
+def _clock(is_synchronised: bool | None) -> Iterator[Finding]:
     """Stamps in Unix time are compared across machines; a clock nobody sets makes them worthless."""
-    if (machine.run / "systemd" / "timesync" / "synchronized").exists():
-        yield Finding(Verdict.GOOD, "clock", "synchronised")
+    if is_synchronised:
+        yield Finding(Verdict.GOOD, "clock", "follows a time server")
+    elif is_synchronised is not None:
+        fix = "sudo timedatectl set-ntp true, or install chrony."
+        found = "follows no time server: stamps of two machines cannot be compared"
+        yield Finding(Verdict.NOTE, "clock", found, fix)

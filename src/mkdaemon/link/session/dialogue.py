@@ -29,6 +29,8 @@ from mkdaemon.protocol.decoder import Unknown
 from mkdaemon.protocol.dialect import Dialect
 from mkdaemon.protocol.evidence import EVIDENCE_LETTERS
 from mkdaemon.protocol.framing import Dropped, DropReason, Frame
+from mkdaemon.protocol.messages.control import ControlConfirm
+from mkdaemon.protocol.messages.linktest import Echo
 from mkdaemon.protocol.messages.navictrl import ESCAPE
 from mkdaemon.protocol.wire import Board, WireMessage
 from mkdaemon.telemetry.control import ControlLine, Obstacle
@@ -108,7 +110,7 @@ class Dialogue:
         self.health.frame_received(board.word, key, size, now)
         self._note_sender(board)
         letter = frame.id
-        if letter != "B":
+        if not isinstance(message, ControlConfirm):
             self.steering.control.board_was_busy(now - self.rules.reply_time(size), now)
         self.scheduler.reply_seen(board, letter)
         self.streams.frame_received(key, now)
@@ -122,13 +124,13 @@ class Dialogue:
 
     def _note_content(self, message: WireMessage, now: float) -> None:
         """Hand a link test's echo, a confirmation or telemetry to whom it concerns."""
-        match message.spec.id:
-            case "Z" if not self.is_recording:
-                self.health.probe_answered(message.pattern, now)  # type: ignore[attr-defined]
-            case "B":
-                if self.steering.confirmed(FrameNumber(message.frame), now):  # type: ignore[attr-defined]
+        match message:
+            case Echo() if not self.is_recording:
+                self.health.probe_answered(message.pattern, now)
+            case ControlConfirm():
+                if self.steering.confirmed(FrameNumber(message.frame), now):
                     self._pace_for_board()
-            case "V" if self.health.echo.began(VERSION_TOKEN) is not None:
+            case _ if message.spec.key == VERSION_KEY and self.health.echo.began(VERSION_TOKEN) is not None:
                 self.health.probe_answered(VERSION_TOKEN, now)
             case _:
                 pass

@@ -7,6 +7,7 @@ from typing import Final, NamedTuple
 
 from mkdaemon.protocol.decoder import Unknown
 from mkdaemon.protocol.dialect import Dialect, Evidence, decide
+from mkdaemon.protocol.messages.version import VersionFc210
 from mkdaemon.protocol.wire import Board, WireMessage
 from mkdaemon.telemetry.refusals import Token, refuse
 
@@ -14,7 +15,7 @@ PROOF_AGE: Final = 10.0
 """A version reply older than this proves no longer who is on the line [s]."""
 AFTER_PASSAGE: Final = 0.8
 """A NaviCtrl's telemetry is back so long after it has passed the wire through; the verdict takes part of it [s]."""
-VERSION_KEY: Final = "version"
+VERSION_KEY: Final = VersionFc210.spec.key
 """The message a board names itself with."""
 _PILOTS: Final = (Board.FC, Board.NC)
 

@@ -19,6 +19,8 @@ from mkdaemon.link.session.peers import Peers
 from mkdaemon.link.session.scheduler import TransmitScheduler
 from mkdaemon.link.session.traffic import Purpose
 from mkdaemon.protocol.messages.control import ExternControlV1
+from mkdaemon.protocol.messages.flightctrl import SerialChannels
+from mkdaemon.protocol.messages.version import VersionRequest
 from mkdaemon.protocol.wire import Board
 from mkdaemon.telemetry.control import Obstacle, ReleaseOutcome
 from mkdaemon.telemetry.refusals import Token, refuse
@@ -151,12 +153,13 @@ class Steering:
         if plan.outcome is ReleaseOutcome.UNCONFIRMED:
             refreshes = self._peers.dialect.dead_man.refreshed_by
             self._scheduler.quieten(refreshes, now + release.QUIET_TIME)
-            if refreshes("v"):
+            if refreshes(VersionRequest.spec.id):
                 self._health.keep_quiet(now + release.QUIET_TIME)
-        elif plan.outcome is ReleaseOutcome.NOT_OBSERVABLE and not self._scheduler.holds_back("b", now):
+        elif plan.outcome is ReleaseOutcome.NOT_OBSERVABLE and not self._scheduler.holds_back(_LETTER, now):
             # Nothing shows whether it arrived; beside stick frames a NaviCtrl passes only serial channels on.
             refreshes = self._peers.dialect.dead_man.refreshed_by
-            self._scheduler.quieten(lambda letter: letter == "y" and refreshes("y"), now + release.QUIET_TIME)
+            channels = SerialChannels.spec.id
+            self._scheduler.quieten(lambda letter: letter == channels and refreshes(channels), now + release.QUIET_TIME)
         self.control.last_command = None
 
     def next_time(self) -> float:

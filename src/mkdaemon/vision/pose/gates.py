@@ -6,7 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 from mkdaemon.config.vision import TrackerSection
-from mkdaemon.telemetry.vision import Refusal
+from mkdaemon.telemetry.vision import PoseRefusal
 from mkdaemon.vision.limits import LIMITS, Limits
 from mkdaemon.vision.pose.edgemodel import covered
 from mkdaemon.vision.pose.pose import Pose, angle_between, correlation, largest_variance
@@ -100,24 +100,24 @@ class BitModel:
         return max(even, 2.0 * float(clear.mean()) - 1.0)
 
 
-def fit_refusal(pose: Pose, cfg: TrackerSection) -> Refusal | None:
+def fit_refusal(pose: Pose, cfg: TrackerSection) -> PoseRefusal | None:
     """What is wrong with a fit by itself; none when nothing is."""
     if pose.source == "corners":
         return None
     if pose.inliers < cfg.min_inlier_fraction:
-        return Refusal.INLIERS
+        return PoseRefusal.INLIERS
     if pose.points < cfg.min_points:
-        return Refusal.POINTS
+        return PoseRefusal.POINTS
     if pose.rms_px > cfg.max_rms_px:
-        return Refusal.RESIDUAL
+        return PoseRefusal.RESIDUAL
     if pose.step > cfg.max_step:
-        return Refusal.STEP
+        return PoseRefusal.STEP
     return None
 
 
 def certainty_refusal(
     pose: Pose, *, has_attitude: bool, is_plain: bool = False, is_backed: bool = False, limits: Limits = LIMITS
-) -> Refusal | None:
+) -> PoseRefusal | None:
     """Refuse poses whose own covariance or residual says they may be wrong; none when certain enough.
 
     Args:
@@ -133,23 +133,23 @@ def certainty_refusal(
         noisy = is_backed and pose.source == "edges" and pose.inliers > limits.agreement.whole
         most = certain.blind_rms_px if pose.source == "edges" else certain.blind_grey_rms_px
         if not noisy and pose.rms_px > most:
-            return Refusal.RESIDUAL
+            return PoseRefusal.RESIDUAL
         if pose.inliers < limits.agreement.blind and not is_plain:
-            return Refusal.INLIERS
+            return PoseRefusal.INLIERS
     variance = largest_variance(pose.covariance[3:, 3:])
     if not np.isfinite(variance) or variance > (certain.angle_sd if has_attitude else certain.blind_angle_sd) ** 2:
-        return Refusal.ANGLE_UNCERTAIN
+        return PoseRefusal.ANGLE_UNCERTAIN
     spread = float(np.sqrt(largest_variance(pose.covariance[:3, :3])))
     if pose.source == "edges" and pose.blur_px is not None and pose.blur_px > limits.blur.wide_px:
         spread *= certain.wide_factor
     if spread > max(certain.position_sd_m, certain.position_share * pose.range_m):
-        return Refusal.POSITION_UNCERTAIN
+        return PoseRefusal.POSITION_UNCERTAIN
     return None
 
 
 def innovation_refusal(
     pose: Pose, predicted: Pose, age: float, *, has_attitude: bool, has_velocity: bool, limits: Limits = LIMITS
-) -> Refusal | None:
+) -> PoseRefusal | None:
     """Compare a pose with the track's prediction; none when it may have got there.
 
     Args:
@@ -163,13 +163,13 @@ def innovation_refusal(
     allowed = limits.innovation
     angle = (allowed.angle if has_attitude else allowed.blind_angle) + allowed.angle_rate * age
     if angle_between(pose.rotation, predicted.rotation) > angle:
-        return Refusal.ROTATION_JUMP
+        return PoseRefusal.ROTATION_JUMP
     # Shaking does not change the range.
     speed = allowed.range_speed if has_velocity else allowed.first_range_speed
     if abs(pose.range_m - predicted.range_m) > allowed.range_share * predicted.range_m + speed * age:
-        return Refusal.RANGE_JUMP
+        return PoseRefusal.RANGE_JUMP
     moved = float(np.linalg.norm(pose.rotation.T @ pose.position - predicted.rotation.T @ predicted.position))
     reach = allowed.place_share * predicted.range_m + allowed.place_speed * age
     if moved > reach + allowed.place_angle * angle * predicted.range_m:
-        return Refusal.POSITION_JUMP
+        return PoseRefusal.POSITION_JUMP
     return None

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from mkdaemon.config.vision import TrackerSection
-from mkdaemon.telemetry.vision import Refusal
+from mkdaemon.telemetry.vision import PoseRefusal
 from mkdaemon.vision.limits import LIMITS, Limits
 from mkdaemon.vision.pose.fitting import TargetFitter
 from mkdaemon.vision.pose.gates import fit_refusal, innovation_refusal
@@ -42,7 +42,7 @@ class Checks:
         self.limits = limits
         self.level = LevelKnowledge(fitter.target.level, mounting, cfg, limits.judge)
 
-    def refusal(self, seen: Sight, pose: Pose, predicted: Pose | None) -> Refusal | None:
+    def refusal(self, seen: Sight, pose: Pose, predicted: Pose | None) -> PoseRefusal | None:
         """The first sign that a pose is wrong; none without any.
 
         Args:
@@ -57,10 +57,10 @@ class Checks:
         is_late = predicted is not None and self.track.misses > limits.flow_through
         bits = self.fitter.match(seen.pixels, pose)
         if bits is not None and bits < (limits.clear_bits if is_late else self.cfg.min_bit_correlation):
-            return Refusal.BITS
+            return PoseRefusal.BITS
         tilt = self.level.tilt(seen, pose)
         if tilt is not None and tilt > self.level.gate(pose):
-            return Refusal.ATTITUDE
+            return PoseRefusal.ATTITUDE
         if predicted is None:
             return None
         return innovation_refusal(

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from mkdaemon.telemetry.vision import Refusal
+from mkdaemon.telemetry.vision import PoseRefusal
 from mkdaemon.vision.pose.ambiguity import Choice, choose
 from mkdaemon.vision.pose.gates import certainty_refusal
 from mkdaemon.vision.pose.pose import Pose, angle_between
@@ -28,7 +28,7 @@ class FirstVerdict:
     """
 
     choice: Choice | None
-    refusal: Refusal | None
+    refusal: PoseRefusal | None
 
 
 class FirstJudge:
@@ -53,9 +53,11 @@ class FirstJudge:
         """
         checks, level = self._checks, self._checks.level
         refusals = [checks.refusal(seen, pose, None) for pose in candidates]
-        believable = [pose for pose, why in zip(candidates, refusals, strict=True) if why in (None, Refusal.ATTITUDE)]
+        believable = [
+            pose for pose, why in zip(candidates, refusals, strict=True) if why in (None, PoseRefusal.ATTITUDE)
+        ]
         if not believable:
-            return _refused(refusals[0] if refusals else Refusal.NO_FIT)
+            return _refused(refusals[0] if refusals else PoseRefusal.NO_FIT)
         tilts = [level.tilt(seen, pose) for pose in believable]
         known = [tilt for tilt in tilts if tilt is not None]
         choice = choose(
@@ -69,7 +71,7 @@ class FirstJudge:
         if choice is None and known:
             return self._fit_level(seen, min(believable, key=lambda pose: pose.loss))
         if choice is None:
-            return _refused(Refusal.AMBIGUOUS)
+            return _refused(PoseRefusal.AMBIGUOUS)
         is_supported = False
         if choice.pose.source == "edges" and choice.pose.inliers < self._limits.agreement.whole:
             # Hidden parts, or a border faked by what hides them: a held tilt tells these apart, or the edges seen.
@@ -77,15 +79,15 @@ class FirstJudge:
                 return self._fit_level(seen, choice.pose)
             is_supported = self._fitter.is_supported(seen.pixels, choice.pose)
             if not is_supported:
-                return _refused(Refusal.INLIERS)
+                return _refused(PoseRefusal.INLIERS)
         if not known and choice.pose.source == "edges" and checks.is_smeared(choice.pose):
-            return _refused(Refusal.BLURRED)
+            return _refused(PoseRefusal.BLURRED)
         if choice.decided_by in ("unique", "image") and self._limits.ambiguity.asks_mirror and not known:
             # Both starts may have run into one minimum, or one of them into none: the mirrored pose of a small tag is
             # asked for by name.
             decided = self._decide_mirror(seen, choice.pose)
             if decided is None:
-                return _refused(Refusal.AMBIGUOUS)
+                return _refused(PoseRefusal.AMBIGUOUS)
             choice = replace(choice, pose=decided)
         fused = level.fuse(seen, choice.pose)
         refused = checks.refusal(seen, choice.pose, None) or certainty_refusal(
@@ -112,13 +114,13 @@ class FirstJudge:
         """Fit once more with the tilt held: something lying over one side gives a quad that is off by that much."""
         vertical = self._checks.level.vertical(seen)
         if vertical is None:
-            return _refused(Refusal.ATTITUDE)
+            return _refused(PoseRefusal.ATTITUDE)
         held = self._fitter.refine_level(seen.pixels, self._checks.level.replace_tilt(seen, pose), vertical)
         if held is None or self._checks.refusal(seen, held, None) is not None:
-            return _refused(Refusal.ATTITUDE)
+            return _refused(PoseRefusal.ATTITUDE)
         refused = certainty_refusal(held, has_attitude=True, limits=self._limits)
         return _refused(refused) if refused is not None else FirstVerdict(Choice(held, float("inf"), "attitude"), None)
 
 
-def _refused(why: Refusal | None) -> FirstVerdict:
+def _refused(why: PoseRefusal | None) -> FirstVerdict:
     return FirstVerdict(None, why)

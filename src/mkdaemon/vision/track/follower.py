@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 
 from mkdaemon.config.vision import TrackerSection
-from mkdaemon.telemetry.vision import Refusal
+from mkdaemon.telemetry.vision import PoseRefusal
 from mkdaemon.vision.camera.image import CameraImage
 from mkdaemon.vision.limits import LIMITS, Limits, Stage
 from mkdaemon.vision.pose.ambiguity import Choice
@@ -43,10 +43,10 @@ class Frame:
     sight: Sight
     detections: list[Detection] = field(default_factory=list)
     poses: list[TargetPose] = field(default_factory=list)
-    refused: dict[str, Refusal] = field(default_factory=dict)
+    refused: dict[str, PoseRefusal] = field(default_factory=dict)
     _followed: set[str] = field(default_factory=set)
 
-    def follow(self, name: str, refused: Refusal) -> None:
+    def follow(self, name: str, refused: PoseRefusal) -> None:
         """A target was found and is followed, but not published."""
         self.refused[name] = refused
         self._followed.add(name)
@@ -98,13 +98,13 @@ class Follower:
         for mode, start in self._starts(frame, predicted):
             verdict = self.judge.measure(frame.sight, start, predicted.pose)
             if verdict.pose is None:
-                frame.refused[self.name] = verdict.refusal or Refusal.NO_FIT
+                frame.refused[self.name] = verdict.refusal or PoseRefusal.NO_FIT
                 continue
             if not self._decode_again(frame, verdict.pose):
                 return
             if verdict.refusal is not None:
                 self._accept(frame, verdict.pose)
-                track.in_doubt = track.in_doubt or verdict.refusal is Refusal.AMBIGUOUS
+                track.in_doubt = track.in_doubt or verdict.refusal is PoseRefusal.AMBIGUOUS
                 frame.follow(self.name, verdict.refusal)
             else:
                 track.in_doubt = False
@@ -137,8 +137,8 @@ class Follower:
         candidates = self._fitter.cold(frame.sight.pixels, tags)
         verdict = self._first.choose(frame.sight, candidates, predicted.rotation if predicted is not None else None)
         if verdict.choice is None:
-            frame.refused[self.name] = verdict.refusal or Refusal.NO_FIT
-            if verdict.refusal is Refusal.AMBIGUOUS:
+            frame.refused[self.name] = verdict.refusal or PoseRefusal.NO_FIT
+            if verdict.refusal is PoseRefusal.AMBIGUOUS:
                 self._start_ambiguous(frame, candidates, mode)
             return
         self.track.decoded_at = self.track.tried_at = frame.sight.time
@@ -173,13 +173,13 @@ class Follower:
                 if self._fitter.disagreement(pose, tags) < limits.decode_agrees:
                     track.decoded_at = now
                     return True
-                frame.refused[self.name] = Refusal.DECODED_ELSEWHERE
+                frame.refused[self.name] = PoseRefusal.DECODED_ELSEWHERE
                 track.lose()
                 self.start(frame, found, "roi", None)
                 return False
         if overdue < limits.undecoded_grace or self._is_vouched_for(frame, pose, overdue):
             return True
-        frame.refused[self.name] = Refusal.NOT_DECODED
+        frame.refused[self.name] = PoseRefusal.NOT_DECODED
         track.lose()
         return False
 
@@ -215,7 +215,7 @@ class Follower:
         if not rivals:
             return
         track, judge, now = self.track, self.judge, frame.sight.time
-        verdict = Verdict(None, Refusal.AMBIGUOUS)
+        verdict = Verdict(None, PoseRefusal.AMBIGUOUS)
         if track.is_live:
             predicted = track.predict(now, frame.sight.enu_from_flu, self._mounting)
             verdict = judge.rejoin(frame.sight, rivals, predicted.pose)
@@ -229,11 +229,11 @@ class Follower:
                 return
             track.lose()
             track.branches = judge.start_branches(frame.sight, rivals, decided=False)
-            verdict = Verdict(rivals[0], Refusal.AMBIGUOUS)
+            verdict = Verdict(rivals[0], PoseRefusal.AMBIGUOUS)
         track.decoded_at = track.tried_at = now
         self._accept(frame, verdict.pose or rivals[0])
         track.in_doubt = True
-        frame.follow(self.name, verdict.refusal or Refusal.AMBIGUOUS)
+        frame.follow(self.name, verdict.refusal or PoseRefusal.AMBIGUOUS)
 
     def _accept(self, frame: Frame, pose: Pose) -> None:
         self.track.accept(frame.sight.time, pose, frame.sight.enu_from_flu, frame.sight.pixels)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-from mkdaemon.telemetry.vision import Refusal
+from mkdaemon.telemetry.vision import PoseRefusal
 from mkdaemon.vision.pose.ambiguity import choose
 from mkdaemon.vision.pose.gates import certainty_refusal
 from mkdaemon.vision.pose.pose import Pose
@@ -24,7 +24,7 @@ class Verdict:
     """
 
     pose: Pose | None
-    refusal: Refusal | None
+    refusal: PoseRefusal | None
 
 
 class Judge:
@@ -50,7 +50,7 @@ class Judge:
         """
         checks = self._checks
         pose = self._fitter.refine(seen.pixels, start)
-        refused = checks.refusal(seen, pose, predicted) if pose is not None else Refusal.NO_FIT
+        refused = checks.refusal(seen, pose, predicted) if pose is not None else PoseRefusal.NO_FIT
         if pose is not None and refused is None:
             if checks.level.knows(seen):
                 return self._judge_with_attitude(seen, checks.level.fuse(seen, pose))
@@ -67,7 +67,7 @@ class Judge:
         """Let a track that lost its target for some images choose between poses that were found anew."""
         rivals = [pose for pose in candidates if self._checks.refusal(seen, pose, predicted) is None]
         if self._track.branches is None or not rivals:
-            return Verdict(None, Refusal.AMBIGUOUS)
+            return Verdict(None, PoseRefusal.AMBIGUOUS)
         return self._judge_branches(seen, self._track.branches.after(seen.time, rivals))
 
     def start_branches(self, seen: Sight, candidates: Sequence[Pose], *, decided: bool) -> Branches:
@@ -112,18 +112,18 @@ class Judge:
         self.is_backed = False
         chosen, prior = branches.best.pose, branches.best.prior
         if not branches.is_decided or branches.best.against > limits.branches.overruled:
-            return Verdict(chosen, Refusal.AMBIGUOUS)
+            return Verdict(chosen, PoseRefusal.AMBIGUOUS)
         fused = prior.fuse(chosen) if prior is not None and limits.judge.fuses_course else chosen
         fused = with_angle_variance(fused, branches.doubt)
         # The branches allow for errors that last; to be published a pose has to fit by its own covariance.
         distance2 = prior.mahalanobis2(chosen, 1.0) if prior is not None else 0.0
         if branches.best.missed or distance2 > limits.judge.surprising:
-            return Verdict(fused, Refusal.OFF_COURSE)
+            return Verdict(fused, PoseRefusal.OFF_COURSE)
         is_known = prior is not None and prior.angle_sd < limits.judge.backing_sd
         self.is_backed = is_known and distance2 < limits.judge.expected
         is_plain = self.is_backed or self._checks.is_plain(seen, fused)
         if not is_plain and chosen.source == "edges" and chosen.inliers < limits.agreement.whole:
-            return Verdict(fused, Refusal.INLIERS)
+            return Verdict(fused, PoseRefusal.INLIERS)
         refused = certainty_refusal(
             fused, has_attitude=False, is_plain=is_plain, is_backed=self.is_backed, limits=limits
         )

@@ -8,7 +8,7 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 
-from mkdaemon.telemetry.vision import Alarm, Refusal
+from mkdaemon.telemetry.vision import Alarm, PoseRefusal
 from mkdaemon.vision.pose.ambiguity import Decision
 from mkdaemon.vision.pose.pose import Pose, inverse, with_floor
 from mkdaemon.vision.tags.detection import Detection
@@ -72,7 +72,7 @@ class VisionResult:
     detections: tuple[Detection, ...]
     poses: tuple[TargetPose, ...]
     alarms: tuple[Alarm, ...]
-    refused: tuple[tuple[str, Refusal], ...] = ()
+    refused: tuple[tuple[str, PoseRefusal], ...] = ()
 
     def pose_of(self, target: str) -> TargetPose | None:
         """The pose of a target by name."""

@@ -10,7 +10,7 @@ from mkdaemon.telemetry.refusals import REFUSALS, Status
 _NO_ANSWER = frozenset({Status.TIMEOUT, Status.BUSY})
 
 
-async def ask_board(uav: Vehicle, board: Board, message: WireMessage) -> WireMessage | None:
+async def try_request(uav: Vehicle, board: Board, message: WireMessage) -> WireMessage | None:
     """Send one request through the daemon and return the answer as a message; None where none came in time.
 
     The user has asked for what the message does, so the daemon's question for confirmation is answered here.
