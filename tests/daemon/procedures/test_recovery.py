@@ -167,7 +167,14 @@ async def test_an_orderly_end_gives_a_procedure_time_to_leave_the_board(tmp_path
 async def test_an_upload_that_was_cut_off_is_told_at_the_next_start(tmp_path):
     socket = plug_in(navi_ctrl())
     points = [{"latitude_deg": 53.0712 + n / 1e4, "longitude_deg": 8.7912, "altitude": 10.0} for n in range(20)]
-    await kill_during(socket, tmp_path, "waypoints_upload", 0.3, points=points, source="field.gpx")
+    async with procedure_rig(socket, tmp_path) as rig:
+        await rig.until_ready()
+        asked = asyncio.create_task(rig.ask("waypoints_upload", points=points, source="field.gpx"))
+        await rig.until(lambda: any(data[2:3] == b"w" for _, data in socket.wire))
+        await rig.die()
+        asked.cancel()
+        await asyncio.gather(asked, return_exceptions=True)
+    socket.is_present = True
     async with procedure_rig(socket, tmp_path) as rig:
         await rig.until_ready()
         said = "waypoints_upload of field.gpx was cut off and the NaviCtrl's list may be incomplete"

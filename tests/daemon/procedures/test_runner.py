@@ -480,6 +480,28 @@ async def test_a_route_is_made_ready_in_flight_and_ended(tmp_path):
         assert (await rig.ask("route_start", confirm=True)).token == "no_route"
 
 
+@pytest.mark.parametrize("refused", ["by its points", "by who must let it pass"])
+@virtually
+async def test_an_upload_that_wrote_nothing_neither_leaves_a_note_of_a_list_nor_takes_one_away(tmp_path, refused):
+    async with procedure_rig(plug_in(navi_ctrl()), tmp_path) as rig:
+        await rig.until_ready()
+
+        def refuse_writes(message):
+            if message.spec.key == "write_waypoint":
+                raise refuse(Token.MOTORS_RUNNING, detail="test")
+
+        rig.guard.refusal = refuse_writes
+        points = [{**POINTS[0], "poi": 9}] if refused == "by its points" else POINTS
+        result = await rig.ask("waypoints_upload", points=points)
+        assert result.token == ("bad_value" if refused == "by its points" else "motors_running")
+        assert not any(data[2:3] == b"w" for _, data in rig.socket.wire)
+        assert rig.bus.values("event/mission") == []
+        assert list(tmp_path.iterdir()) == []
+        (tmp_path / "waypoint-list.json").write_text("of an earlier upload")
+        await rig.ask("waypoints_upload", points=points)
+        assert (tmp_path / "waypoint-list.json").read_text() == "of an earlier upload"
+
+
 @virtually
 async def test_a_mission_that_contradicts_itself_is_refused_by_its_mistake(tmp_path):
     async with procedure_rig(plug_in(navi_ctrl()), tmp_path) as rig:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+from collections.abc import Awaitable, Callable
 from typing import Final
 
 from pydantic import BaseModel, ConfigDict, ValidationError
@@ -10,13 +11,15 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 from mkdaemon.clock import Clock
 from mkdaemon.daemon.audit import Audit, Outlet
 from mkdaemon.daemon.procedures.journal import Journal
-from mkdaemon.errors import CommandRejectedError
 from mkdaemon.files import flush_folder, write_whole
+from mkdaemon.link.procedures import Observer
+from mkdaemon.protocol.wire import Board, WireMessage
 from mkdaemon.reading import LONGEST_TEXT, read_bytes
 from mkdaemon.telemetry.mission import MissionEvent, WaypointsStored
-from mkdaemon.telemetry.tokens import Token
 
 _FILE: Final = "waypoint-list.json"
+_WRITES: Final = "write_waypoint"
+"""Requests that change the list, in every layout."""
 
 
 class ListNote(BaseModel):
@@ -32,12 +35,6 @@ class ListNote(BaseModel):
     """Where the points came from."""
     t_wall: float
     """When it began, Unix time [s]."""
-
-
-UNTOUCHED: Final = frozenset(
-    {Token.TOO_MANY_POINTS, Token.POINT_NOT_EXPRESSIBLE, Token.UNKNOWN_NAVICTRL, Token.BAD_VALUE}
-)
-"""Refusals of an upload before anything was written."""
 
 
 class WaypointListKeeper:
@@ -57,7 +54,11 @@ class WaypointListKeeper:
         if self._path.exists():
             self._warn(self._words())
 
-    async def begin(self, verb: str, holder: str, source: str) -> None:
+    def watch(self, observer: Observer, verb: str, holder: str, source: str) -> ListWrites:
+        """Return an observer that keeps the note before the first write: what writes nothing touches no note."""
+        return ListWrites(observer, lambda: self._begin(verb, holder, source))
+
+    async def _begin(self, verb: str, holder: str, source: str) -> None:
         """Keep a note; a folder that cannot be written is announced, and no reason to refuse an upload."""
         note = ListNote(verb=verb, holder=holder, source=source, t_wall=self._clock.stamp().wall)
         try:
@@ -70,12 +71,9 @@ class WaypointListKeeper:
         await self._end()
         self.publish("uploaded" if reply.count else "cleared", source, count=reply.count, digest=reply.digest)
 
-    async def broke_off(self, error: Exception, source: str) -> None:
-        """An upload or clearing has failed: say that the list may be half written, unless nothing was."""
-        if isinstance(error, CommandRejectedError) and error.token in UNTOUCHED:
-            await self._end()
-        else:
-            self._warn("the NaviCtrl's list may be incomplete", source)
+    def broke_off(self, source: str) -> None:
+        """An upload or clearing has failed after its first write."""
+        self._warn("the NaviCtrl's list may be incomplete", source)
 
     def publish(self, action: str, source: str = "", *, count: int = 0, digest: str = "") -> None:
         """Publish what became of the list."""
@@ -107,3 +105,25 @@ class WaypointListKeeper:
             return "an upload was cut off and the NaviCtrl's list may be incomplete"
         about = f" of {note.source}" if note.source else ""
         return f"{note.verb}{about} was cut off and the NaviCtrl's list may be incomplete"
+
+
+class ListWrites:
+    """Hands everything on to another observer, and announces the first write to the list.
+
+    Attributes:
+        have_begun: the list may have been changed.
+    """
+
+    def __init__(self, observer: Observer, begin: Callable[[], Awaitable[None]]) -> None:
+        self.have_begun = False
+        self._begin = begin
+        self._check = observer.check
+        self.progress, self.prove = observer.progress, observer.prove
+        self.live_set_at_risk, self.live_set_proven = observer.live_set_at_risk, observer.live_set_proven
+
+    async def check(self, board: Board, message: WireMessage) -> None:
+        """Let a request pass or refuse it; see `Observer`."""
+        await self._check(board, message)
+        if message.spec.key == _WRITES and not self.have_begun:
+            self.have_begun = True
+            await self._begin()

@@ -109,13 +109,12 @@ class ProcedureRunner:
 
         async def work(observer: Observer) -> Telemetry:
             source = request.source if isinstance(request, WaypointsUploadRequest) else ""
-            if spec.changes_list:
-                await self._list.begin(verb, request.holder, source)
+            writes = self._list.watch(observer, verb, request.holder, source) if spec.changes_list else None
             try:
-                reply = await run_procedure(self._link, spec.make(request), observer)
-            except Exception as error:
-                if spec.changes_list:
-                    await self._list.broke_off(error, source)
+                reply = await run_procedure(self._link, spec.make(request), writes or observer)
+            except Exception:
+                if writes is not None and writes.have_begun:
+                    self._list.broke_off(source)
                 raise
             if isinstance(reply, WaypointsStored):
                 await self._list.stored(reply, source)
