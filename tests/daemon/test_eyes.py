@@ -7,6 +7,7 @@ import asyncio
 import cv2
 import numpy as np
 import pytest
+import structlog
 
 from mkdaemon.bus.gateway import Bus
 from mkdaemon.client import connect
@@ -64,3 +65,27 @@ async def test_a_camera_that_cannot_work_is_a_configuration_error():
     async with Bus.open(cfg.bus, "eyes2") as bus:
         with pytest.raises(ConfigError, match="no targets"):
             open_eyes(cfg, bus, CORE, Clock())
+
+
+class Worker:
+    """Cameras whose supervision fails."""
+
+    def start(self):
+        self.is_running = True
+
+    def stop(self, timeout):
+        self.is_running = False
+
+    async def supervise(self):
+        raise RuntimeError("wires crossed")
+
+
+async def test_a_defect_in_looking_after_the_cameras_is_logged_and_ends_no_flight():
+    worker = Worker()
+    with structlog.testing.capture_logs() as logs:
+        async with Eyes(worker).open():
+            await asyncio.sleep(0.01)
+            assert worker.is_running
+    assert not worker.is_running
+    [entry] = logs
+    assert (entry["log_level"], str(entry["exc_info"])) == ("error", "wires crossed")

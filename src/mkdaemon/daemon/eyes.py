@@ -7,6 +7,8 @@ from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from typing import TYPE_CHECKING
 
+import structlog
+
 from mkdaemon.bus.gateway import Bus
 from mkdaemon.clock import Clock
 from mkdaemon.config.root import Config
@@ -18,6 +20,8 @@ from mkdaemon.telemetry.vision import VisionPose
 
 if TYPE_CHECKING:
     from mkdaemon.vision.worker import VisionWorker
+
+_log = structlog.get_logger(__name__)
 
 
 class Eyes:
@@ -34,6 +38,7 @@ class Eyes:
             return
         self._worker.start()
         supervision = asyncio.create_task(self._worker.supervise(), name="vision")
+        supervision.add_done_callback(_log_defect)
         try:
             yield
         finally:
@@ -80,3 +85,9 @@ def open_eyes(cfg: Config, bus: Bus, core: FlightCore, clock: Clock) -> Eyes:
 
     loop = asyncio.get_running_loop()
     return Eyes(VisionWorker(cfg.cameras, cfg.vision, PoseSink(core, bus), loop, clock, session=lambda: bus.session))
+
+
+def _log_defect(supervision: asyncio.Task[None]) -> None:
+    """A defect in looking after the cameras ends no flight, but must not pass unseen."""
+    if not supervision.cancelled() and (error := supervision.exception()) is not None:
+        _log.error("nobody looks after the cameras any more", exc_info=error)
