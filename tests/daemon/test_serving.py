@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import json
 from contextlib import asynccontextmanager
+from types import MappingProxyType
 
 import pytest
 
@@ -12,9 +13,15 @@ from lab.rigs.linkrig import virtually
 from mkdaemon.clock import Clock
 from mkdaemon.config.root import Config
 from mkdaemon.daemon import program
+from mkdaemon.daemon.flightnote import FlightNotes
 from mkdaemon.daemon.program import Daemon, run
 from mkdaemon.daemon.watchdog import Notifier
 from mkdaemon.errors import ConfigError, LinkLostError, MkError
+from mkdaemon.link.session.knownflight import FlightMemory
+from mkdaemon.link.session.sighting import FlightState, Sighting
+from mkdaemon.protocol.boards import Board
+from mkdaemon.protocol.evidence import Evidence
+from mkdaemon.protocol.generations import Release
 from tests.places import CAPTURES
 
 RECORDING = CAPTURES / "nc_mixed_60s.jsonl"
@@ -23,8 +30,8 @@ RECORDING = CAPTURES / "nc_mixed_60s.jsonl"
 class Bus:
     """Keeps what is published; nobody asks and nobody listens."""
 
-    def __init__(self):
-        self.published = []
+    def __init__(self, open_endpoints=()):
+        self.published, self.shed, self.open_endpoints = [], {}, open_endpoints
         self.audience = asyncio.Event()
 
     def publish(self, suffix, value, *, schema=None):
@@ -36,8 +43,12 @@ class Bus:
     def serve(self, root, handler):
         pass
 
-    def receive(self, suffix, take):
+    def receive(self, suffix, take, is_proven):
         pass
+
+    def take_shed(self):
+        shed, self.shed = self.shed, {}
+        return shed
 
     def watch_clients(self, watcher):
         pass
@@ -66,9 +77,14 @@ class GuardStub:
         self.is_over = True
 
 
-def daemon(folder, port, bus=None, **link):
+def daemon(folder, port, bus=None, *, guard=True, **link):
     cfg = Config.model_validate(
-        {"vehicle": {"name": "t", "state_folder": folder}, "link": {"port": port, **link}, "bus": {"listen": ()}}
+        {
+            "vehicle": {"name": "t", "state_folder": folder},
+            "link": {"port": port, **link},
+            "bus": {"listen": ()},
+            "control": {"guard": guard},
+        }
     )
     loop = asyncio.get_running_loop()
     return Daemon(cfg, bus or Bus(), Clock(monotonic=loop.time))
@@ -102,6 +118,32 @@ async def test_a_recording_that_shall_wait_is_played_when_somebody_listens(recor
 
 
 @virtually
+async def test_a_recording_that_is_stopped_ends_at_once_and_nothing_is_sent(recording, tmp_path):
+    bus, stop, loop = Bus(), asyncio.Event(), asyncio.get_running_loop()
+    ended_at = program.AUDIENCE_WAIT + 0.3
+    loop.call_later(ended_at, stop.set)
+    await daemon(tmp_path, recording, bus).serve(stop, Notifier({}))
+    assert bus.values("raw/rx")
+    assert bus.values("raw/tx") == []
+    assert loop.time() == pytest.approx(ended_at, abs=0.1)
+
+
+@virtually
+async def test_what_an_earlier_daemon_knew_of_a_flight_is_remembered_and_told(tmp_path):
+    clock = Clock(monotonic=asyncio.get_running_loop().time)
+    releases = MappingProxyType({Board.NC: Release(0, 24, 0), Board.FC: Release(2, 12, 0)})
+    sighting = Sighting(0.0, FlightState.FLYING, 60.0, 500, None)
+    memory = FlightMemory(Evidence(releases=releases), "v2", sighting)
+    FlightNotes(tmp_path, "/dev/tty-nothing", clock).write(memory)
+    bus, stop = Bus(), asyncio.Event()
+    asyncio.get_running_loop().call_later(0.5, stop.set)
+    served = daemon(tmp_path, "/dev/tty-nothing", bus, wait_for_port=True, guard=False)
+    await served.serve(stop, Notifier({}))
+    assert any("stopped in flight behind a NaviCtrl; FC 2.12a" in event.text for event in bus.values("event/log"))
+    assert served._link.flight_memory.firmware == "2.12a"
+
+
+@virtually
 async def test_what_the_guard_of_an_earlier_daemon_did_is_told_once(recording, tmp_path):
     (tmp_path / "guard.json").write_text(json.dumps({"wall": 1.0, "text": "2 neutral and 40 release frames sent"}))
     for expected in (1, 0):
@@ -112,6 +154,17 @@ async def test_what_the_guard_of_an_earlier_daemon_did_is_told_once(recording, t
         ]
         assert len(told) == expected
         assert all("40 release frames" in event.reason for event in told)
+
+
+@virtually
+async def test_what_everybody_may_reach_and_what_was_shed_is_told(tmp_path):
+    bus, stop, loop = Bus(("tcp/0.0.0.0:7447",)), asyncio.Event(), asyncio.get_running_loop()
+    loop.call_later(1.0, lambda: bus.shed.update({"queries to do/lease": 900}))
+    loop.call_later(20.0, stop.set)
+    await daemon(tmp_path, "/dev/tty-nothing", bus, wait_for_port=True, guard=False).serve(stop, Notifier({}))
+    texts = [event.text for event in bus.values("event/log") if event.level == "warning"]
+    assert any("tcp/0.0.0.0:7447 is open" in text for text in texts)
+    assert len([text for text in texts if "900 queries to do/lease" in text]) == 1
 
 
 @virtually
