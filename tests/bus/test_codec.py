@@ -193,7 +193,7 @@ def test_no_chunk_hides_from_wildcards():
 @pytest.mark.parametrize("spec", [spec for spec in KEYS if spec.carries], ids=lambda spec: spec.suffix)
 def test_every_payload_has_a_schema_and_every_field_is_described(spec):
     schema = json.loads(schema_json(schema_name(spec.carries)))
-    assert schema["properties"]
+    assert schema["properties"] or spec.use is Use.QUERY, "only a request may say nothing but its name"
     undescribed = [name for name, info in spec.carries.model_fields.items() if not info.description]
     assert undescribed == []
 

@@ -70,7 +70,7 @@ class Shell:
     def __init__(self):
         self.bus, self.core, self.releases = Bus(), Core(), []
         clock = Clock(monotonic=asyncio.get_running_loop().time)
-        link = SimpleNamespace(control_line=lambda: ControlLine("v2"), release=self.release)
+        link = SimpleNamespace(control_line=lambda: ControlLine("v2"), release=self.release, released_at=float("-inf"))
         self.audit = Audit(self.bus, clock)
         self.flight = FlightControl(self.core, link, self.bus, self.audit, clock=clock)
 
