@@ -105,7 +105,9 @@ def test_exit_codes_of_commands_pass_through():
         (["rnu"], 'Unknown command "rnu". Did you mean "run"?', "mkdaemon --help"),
         (["run", "--prot", "x"], "Did you mean --port?", "mkdaemon run --help"),
         (["run", "--log", "loud"], '"loud" for --log', "mkdaemon run --help"),
-        (["decode"], "FILE", "mkdaemon decode --help"),
+        (["decode"], "`mkdaemon decode` needs FILE.", "mkdaemon decode --help"),
+        (["run", "--port"], "--port needs a value.", "mkdaemon run --help"),
+        (["schema", "a", "b"], "`mkdaemon schema` does not take 'a b'.", "mkdaemon schema --help"),
     ],
 )
 def test_wrong_usage_is_one_line_and_exit_code_2(tokens, says, points_to, capsys):
@@ -168,6 +170,12 @@ def test_a_signal_while_a_mistake_is_told_shows_no_traceback(number):
     )
     ended = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     assert (ended.returncode, ended.stderr) == (128 + number, "")
+
+
+@pytest.mark.parametrize("word", ["help", "version"])
+def test_a_word_that_is_an_option_is_no_other_command(word, capsys):
+    assert run(mkctl.app, [word]) == 2
+    assert capsys.readouterr().err == f'mkctl: Unknown command "{word}". Did you mean `mkctl --{word}`?\n'
 
 
 def test_a_full_disk_is_one_line():

@@ -13,7 +13,8 @@ from contextlib import suppress
 from importlib.metadata import version
 from typing import Final, NamedTuple, NoReturn
 
-from cyclopts import App, CycloptsError, Parameter
+from cyclopts import App, CycloptsError, MissingArgumentError, Parameter, UnusedCliTokensError
+from cyclopts.argument import Argument
 
 from mkdaemon.cli.terminal import print_whatever_the_encoding
 from mkdaemon.errors import ConfigError, MkError
@@ -147,7 +148,7 @@ def run(app: App, tokens: Sequence[str] | None = None) -> int:
         sys.stdout.flush()
     except CycloptsError as error:
         command = " ".join((app.name[0], *(error.command_chain or ())))
-        return _complain(app, f"{error} See `{command} --help`.", EXIT_CONFIG)
+        return _complain(app, f"{_words_of(error, command, tokens)} See `{command} --help`.", EXIT_CONFIG)
     except ConfigError as error:
         return _complain(app, error, EXIT_CONFIG)
     except MkError as error:
@@ -167,6 +168,17 @@ def run(app: App, tokens: Sequence[str] | None = None) -> int:
     return result if isinstance(result, int) else EXIT_OK
 
 
+def _words_of(error: CycloptsError, command: str, tokens: Sequence[str]) -> str:
+    """What is wrong with a command line, in a sentence."""
+    match error:
+        case MissingArgumentError(argument=Argument() as missing):
+            name = missing.name if missing.index is None else missing.name.lstrip("-").upper()
+            return f"{name} needs a value." if missing.name in tokens else f"`{command}` needs {name}."
+        case UnusedCliTokensError():
+            return f"`{command}` does not take {' '.join(error.unused_tokens or ())!r}."
+    return str(error)
+
+
 def _unknown_command(app: App, tokens: Sequence[str]) -> str | None:
     """What is wrong with the first word, said without importing every command as cyclopts would; None if nothing is."""
     names = [name for name in app if name not in {*app.help_flags, *app.version_flags}]
@@ -174,6 +186,8 @@ def _unknown_command(app: App, tokens: Sequence[str]) -> str | None:
         return None
     if tokens[0].startswith("-"):
         return f'Unknown option "{tokens[0]}". See `{app.name[0]} --help`.'
+    if tokens[0] in {"help", "version"}:
+        return f'Unknown command "{tokens[0]}". Did you mean `{app.name[0]} --{tokens[0]}`?'
     near = difflib.get_close_matches(tokens[0], names, n=1)
     hint = f'Did you mean "{near[0]}"?' if near else f"There is {', '.join(names)}."
     return f'Unknown command "{tokens[0]}". {hint} See `{app.name[0]} --help`.'

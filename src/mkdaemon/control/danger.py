@@ -40,9 +40,9 @@ def check_danger(
     is_own_doing = danger.turns_motors and is_testing_motors
     running = False if motors_running and is_own_doing else motors_running
     if danger.stopped and running:
-        raise refuse(Token.MOTORS_RUNNING, detail=f"{name} must not meet them: {danger.effect}")
+        raise refuse(Token.MOTORS_RUNNING, detail=f"{name} needs them stopped: {danger.effect}")
     if danger.stopped and running is None:
-        raise refuse(Token.MOTORS_UNKNOWN, detail=f"{name} must not meet running motors")
+        raise refuse(Token.MOTORS_UNKNOWN, detail=f"{name} needs them stopped")
     is_wanted = danger.confirm is Confirm.ALWAYS or (danger.confirm is Confirm.IN_FLIGHT and running is not False)
     if is_wanted and not is_confirmed:
         raise refuse(Token.NOT_CONFIRMED, name=name, detail=danger.effect, confirm=True)

@@ -192,9 +192,9 @@ class ProcedureRunner:
             case None if can_fly:
                 raise refuse(Token.IN_FLIGHT_NEEDED, name=name, detail="nobody knows whether motors run")
             case True:
-                raise refuse(Token.MOTORS_RUNNING, detail=f"{name} must not meet them")
+                raise refuse(Token.MOTORS_RUNNING, detail=f"{name} needs them stopped")
             case _:
-                raise refuse(Token.MOTORS_UNKNOWN, detail=f"{name} must not meet running motors")
+                raise refuse(Token.MOTORS_UNKNOWN, detail=f"{name} needs them stopped")
 
     async def _find_motors(self) -> bool | None:
         """Whether motors run; waits a while for telemetry to tell, which pauses while a board is deaf."""
