@@ -33,6 +33,7 @@ ATTITUDE_NOISE_DEG = 0.1
 ATTITUDE_BIAS_DEG = 0.5
 """Mounting error of roll and pitch that stays for a flight, standard deviation [deg]."""
 GROUNDS: tuple[GroundKind, ...] = ("asphalt", "grass", "tiles", "clutter")
+LEVEL = Platform()
 TROUBLES = ("band", "patches", "glare", "shadow", "defocus", "motion", "dim")
 
 
@@ -120,6 +121,7 @@ def fly(
     troubled: bool = True,
     near: float = 0.35,
     far: float = 4.5,
+    deck: Platform = LEVEL,
 ) -> Iterator[FlightFrame]:
     """Render one flight.
 
@@ -132,6 +134,7 @@ def fly(
         lens: what the camera really is; the same when absent.
         near: least height [m].
         far: greatest height [m].
+        deck: how the target lies.
         troubled: occlusion, patches, glare, shadow, defocus, motion blur and dim light come and go.
 
     Yields:
@@ -139,7 +142,7 @@ def fly(
     """
     rng = np.random.default_rng([seed, 0xF117])
     path = make_path(rng, seconds, near, far)
-    placed = SceneTarget.of(target, Platform())
+    placed = SceneTarget.of(target, deck)
     scene = Scene([placed], ground=GROUNDS[seed % 4], seed=seed, fine=False)
     bias = np.radians(ATTITUDE_BIAS_DEG) * np.array([*rng.standard_normal(2), 0.0])
     times = np.arange(0, seconds, 1 / ATTITUDE_RATE)

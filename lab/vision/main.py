@@ -18,6 +18,7 @@ from cyclopts import Parameter
 from lab.campaign import Case, Part, run_parts
 from lab.vision import ablation
 from lab.vision.cases import ACCURACY, COLD, CONDITIONS, VIEW_ANGLE
+from lab.vision.decks import DECKS
 from lab.vision.never import FLIGHTS, FLIPS, all_flips
 from lab.vision.rates import rates
 from lab.vision.stages import stages
@@ -38,6 +39,7 @@ CASES: Final[dict[str, Case]] = {
     "view_angle": VIEW_ANGLE,
     "conditions": CONDITIONS,
     "flights": FLIGHTS,
+    "decks": DECKS,
     "flips": FLIPS,
     "false_positives": FALSE_POSITIVES,
     "nees": CONSISTENCY,

@@ -10,7 +10,7 @@ import pytest
 from mkdaemon.vision.limits import LIMITS
 from mkdaemon.vision.pose.ambiguity import choose, log_odds
 from mkdaemon.vision.pose.pose import Pose, turn
-from mkdaemon.vision.track.attitude import LOOKING_DOWN, AttitudeHistory, AttitudeSample, fuse_level, tilt_error
+from mkdaemon.vision.track.attitude import AttitudeHistory, AttitudeSample
 from tests.vision.views import angle_deg
 
 DOWN = np.diag([1.0, -1.0, -1.0])
@@ -73,18 +73,6 @@ def test_odds_grow_with_samples_and_ratio():
     assert log_odds(tilted(0, 0.01), tilted(9, 0.01)) == 0.0
 
 
-def test_tilt_error_sees_roll_and_pitch_and_no_yaw():
-    level = AttitudeHistory([AttitudeSample(0.0, 0.0, 0.0, 1.2)]).at(0.0, 0.1)
-    assert tilt_error(DOWN, LOOKING_DOWN, level) == pytest.approx(0.0, abs=1e-9)
-    rolled = AttitudeHistory([AttitudeSample(0.0, 0.1, 0.0, -2.0)]).at(0.0, 0.1)
-    assert tilt_error(DOWN, LOOKING_DOWN, rolled) == pytest.approx(0.1)
-    pitched = AttitudeHistory([AttitudeSample(0.0, 0.0, -0.2, 0.4)]).at(0.0, 0.1)
-    assert tilt_error(DOWN, LOOKING_DOWN, pitched) == pytest.approx(0.2)
-    # A camera that hangs with the vehicle sees a level target tilted by as much.
-    cam_from_target = LOOKING_DOWN.flu_from_cam.T @ rolled.T
-    assert tilt_error(cam_from_target, LOOKING_DOWN, rolled) == pytest.approx(0.0, abs=1e-9)
-
-
 def test_attitude_is_interpolated_and_not_made_up():
     history = AttitudeHistory([AttitudeSample(1.0, 0.0, 0.0, 3.1), AttitudeSample(1.1, 0.1, 0.0, -3.1)])
     middle = history.at(1.05, 0.25)
@@ -95,18 +83,3 @@ def test_attitude_is_interpolated_and_not_made_up():
     assert AttitudeHistory([]).at(0.0, 1.0) is None
     gap = AttitudeHistory([AttitudeSample(0.0, 0, 0, 0), AttitudeSample(10.0, 1, 0, 0)])
     assert gap.at(5.0, 0.25) is None
-
-
-def test_fusing_level_moves_an_uncertain_tilt_and_leaves_a_certain_one():
-    level = np.eye(3)
-    pose = tilted(4.0, 0.01)
-    vague = Pose(pose.rotation, pose.position, np.diag([1e-6] * 3 + [0.01] * 3), "edges", 99, 0.1)
-    sharp = Pose(pose.rotation, pose.position, np.diag([1e-6] * 3 + [1e-8] * 3), "edges", 99, 0.1)
-    after = fuse_level(vague, LOOKING_DOWN, level, np.radians(1.0))
-    assert np.degrees(tilt_error(after.rotation, LOOKING_DOWN, level)) < 0.3
-    assert after.covariance[3, 3] < vague.covariance[3, 3]
-    # Yaw, the turn about the normal, is not known any better.
-    normal = after.rotation[:, 2]
-    assert normal @ after.covariance[3:, 3:] @ normal == pytest.approx(0.01, rel=0.02)
-    kept = fuse_level(sharp, LOOKING_DOWN, level, np.radians(1.0))
-    assert angle_deg(kept.rotation, sharp.rotation) < 0.01

@@ -98,7 +98,8 @@ WITH_ATTITUDE = [
     (fitted(points=20), PoseRefusal.POINTS, False),
     (fitted(rms_px=1.2), PoseRefusal.RESIDUAL, False),
     (fitted(step=0.03), PoseRefusal.STEP, False),
-    (fitted(tilt_deg=5.0), PoseRefusal.ATTITUDE, False),
+    (fitted(tilt_deg=5.0), None, True),  # a deck may be tilted
+    (fitted(tilt_deg=7.0), PoseRefusal.ATTITUDE, False),
     (fitted(rotation=turn(LEVEL, np.radians([0.0, 0.0, 20.0]))), PoseRefusal.ROTATION_JUMP, False),
     (fitted(3.5), PoseRefusal.RANGE_JUMP, False),
     (fitted(position=np.array([0.6, 0.0, 2.95])), PoseRefusal.POSITION_JUMP, False),

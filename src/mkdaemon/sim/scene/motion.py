@@ -1,4 +1,4 @@
-"""How a landing platform moves: standing, straight, in a circle, or up a speed ramp."""
+"""How a landing platform moves: standing, straight, in a circle, or up a speed ramp; it may rock like a deck."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ MotionKind = Literal["still", "straight", "circle", "ramp"]
 
 @dataclass(frozen=True, slots=True)
 class Platform:
-    """A level platform that moves and faces along its path.
+    """A platform that moves and faces along its path.
 
     Attributes:
         kind: `still`; `straight` at `speed` along `heading`; `circle` of `radius` at `speed`, counter-clockwise;
@@ -27,6 +27,8 @@ class Platform:
         acceleration: of the ramp [m/s^2].
         roll: rest attitude, for slanted decks and walls [rad].
         pitch: as `roll`, nose down positive [rad].
+        rocking: amplitude of roll and pitch about the rest attitude [rad].
+        rocking_period: of the roll [s]; the pitch takes 1.3 times as long.
     """
 
     kind: MotionKind = "still"
@@ -37,6 +39,8 @@ class Platform:
     acceleration: float = 0.2
     roll: float = 0.0
     pitch: float = 0.0
+    rocking: float = 0.0
+    rocking_period: float = 4.0
 
     def pose_at(self, time: float) -> Pose:
         """Pose in the world at `time` [s]."""
@@ -50,7 +54,10 @@ class Platform:
             heading += turned
         else:
             position = start + self._travelled(time) * np.array([np.cos(heading), np.sin(heading), 0.0])
-        return Pose(rotation_from_euler(self.roll, self.pitch, heading), position)
+        phase = 2.0 * np.pi * time / self.rocking_period
+        roll = self.roll + self.rocking * np.sin(phase)
+        pitch = self.pitch + self.rocking * np.sin(phase / 1.3 + 1.0)
+        return Pose(rotation_from_euler(float(roll), float(pitch), heading), position)
 
     def _travelled(self, time: float) -> float:
         """Way along a straight path [m]."""

@@ -60,6 +60,11 @@ class AttitudeHistory:
         self._samples = tuple(sorted(numbers, key=lambda sample: sample.time))
         self._times = [sample.time for sample in self._samples]
 
+    @property
+    def samples(self) -> tuple[AttitudeSample, ...]:
+        """What is known, in order of time."""
+        return self._samples
+
     def at(self, time: float, max_age: float) -> Array | None:
         """Attitude at a time, interpolated between its neighbours.
 
@@ -90,37 +95,26 @@ def _rotation(sample: AttitudeSample) -> Array:
     return rotation_from_euler(sample.roll, sample.pitch, sample.yaw)
 
 
-def tilt_error(cam_from_target: Array, mounting: Mounting, enu_from_flu: Array) -> float:
-    """Angle between the normal of a level target and the vertical, as vision and attitude together see it [rad].
+def fuse_normal(pose: Pose, expected: Array, spread: float) -> Pose:
+    """Tell a pose where the normal of its target points, as far as that is known from elsewhere.
 
-    Zero when the pose, the mounting and the vehicle's roll and pitch agree; yaw plays no part.
-    """
-    normal_enu = enu_from_flu @ mounting.flu_from_cam @ cam_from_target[:, 2]
-    return float(np.arctan2(np.hypot(normal_enu[0], normal_enu[1]), normal_enu[2]))
-
-
-def fuse_level(pose: Pose, mounting: Mounting, enu_from_flu: Array, spread: float) -> Pose:
-    """Tell a pose that its target is level, as far as the vehicle knows what level is.
-
-    A Kalman update of the pose by the two angles between the target's normal and the vertical. Far away, where the
-    image hardly shows tilt, the tilt becomes the attitude's and the correlated position improves with it; nearby the
-    image outweighs the attitude and nothing changes.
+    A Kalman update of the pose by the two angles between the normals. Far away, where the image hardly shows tilt, the
+    tilt becomes the expected one and the correlated position improves with it; nearby the image outweighs what is
+    expected and nothing changes.
 
     Args:
         pose: camera from target.
-        mounting: of the camera.
-        enu_from_flu: attitude at the moment of the image `(3, 3)`.
-        spread: standard deviation of that attitude and of the target's level, each axis [rad].
+        expected: normal of the target `(3,)`, camera axes, length 1.
+        spread: its standard deviation, each axis [rad].
 
     Returns:
         The pose with its covariance.
     """
     normal = pose.rotation[:, 2]
-    up = (enu_from_flu @ mounting.flu_from_cam).T[:, 2]
-    error = np.cross(normal, up)
+    error = np.cross(normal, expected)
     sine = float(np.linalg.norm(error))
     if sine > LEAST_SINE:
-        error = error / sine * float(np.arctan2(sine, normal @ up))
+        error = error / sine * float(np.arctan2(sine, normal @ expected))
     # Rotation vectors across the normal tilt it; the one along it is yaw, which the attitude says nothing about.
     across = np.linalg.svd(normal.reshape(1, 3))[2][1:]
     observe = np.zeros((2, 6))

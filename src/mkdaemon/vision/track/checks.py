@@ -59,7 +59,7 @@ class Checks:
         if bits is not None and bits < (limits.clear_bits if is_late else self.cfg.min_bit_correlation):
             return PoseRefusal.BITS
         tilt = self.level.tilt(seen, pose)
-        if tilt is not None and tilt > self.level.gate(pose):
+        if tilt is not None and tilt > self.level.gate(seen, pose) and not self.is_conclusive(seen, pose):
             return PoseRefusal.ATTITUDE
         if predicted is None:
             return None
@@ -97,6 +97,11 @@ class Checks:
     def is_smeared(self, pose: Pose) -> bool:
         """Whether blur hides what perspective there is: both candidates then run into one pose that may be neither."""
         return self.is_blurred(pose) and self.cell_px(pose) < self.limits.cells.perspective_px
+
+    def is_conclusive(self, seen: Sight, pose: Pose) -> bool:
+        """Whether the image alone decides the tilt: a large, sharp target in full view."""
+        whole = pose.source == "edges" and pose.inliers >= self.limits.agreement.whole
+        return whole and self.shows_perspective(pose) and self.is_plain(seen, pose)
 
     def is_plain(self, seen: Sight, pose: Pose) -> bool:
         """Whether the target is large and its cells are read clearly: hidden parts then mislead nobody."""

@@ -60,11 +60,14 @@ class FirstJudge:
             return _refused(refusals[0] if refusals else PoseRefusal.NO_FIT)
         tilts = [level.tilt(seen, pose) for pose in believable]
         known = [tilt for tilt in tilts if tilt is not None]
+        conclusive = [pose for pose in believable if checks.is_conclusive(seen, pose)]
+        if known and conclusive and min(known) > max(level.gate(seen, pose) for pose in believable):
+            known = []  # the deck lies otherwise, and the image alone tells how
         choice = choose(
             believable,
             min_ratio=checks.cfg.min_ambiguity_ratio,
             tilt_errors=known or None,
-            tilt_gate=max(level.gate(pose) for pose in believable),
+            tilt_gate=max(level.gate(seen, pose) for pose in believable),
             predicted=expected,
             limits=self._limits,
         )

@@ -116,6 +116,11 @@ class Follower:
             frame.detections.extend(found)
             self.start(frame, found, "roi", None if track.in_doubt else predicted.pose)
 
+    def forget(self) -> None:
+        """Forget the track and how the target lies."""
+        self.track.lose()
+        self._checks.level.forget()
+
     def note_miss(self, frame: Frame) -> None:
         """Count an image in which the target was not found, and give it up in time."""
         self.track.misses += 1

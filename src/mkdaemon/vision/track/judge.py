@@ -53,6 +53,7 @@ class Judge:
         refused = checks.refusal(seen, pose, predicted) if pose is not None else PoseRefusal.NO_FIT
         if pose is not None and refused is None:
             if checks.level.knows(seen):
+                checks.level.learn(seen, pose)
                 return self._judge_with_attitude(seen, checks.level.fuse(seen, pose))
             return self._judge_without_attitude(seen, pose, predicted)
         vertical = checks.level.vertical(seen)

@@ -1,4 +1,4 @@
-"""What the vehicle's attitude says about a pose: over a level target, the target's normal is the vertical."""
+"""What the vehicle's attitude says about a pose: over a level target, the target's normal is nearly the vertical."""
 
 from __future__ import annotations
 
@@ -11,7 +11,8 @@ from mkdaemon.config.vision import TrackerSection
 from mkdaemon.vision.limits import JudgeLimits
 from mkdaemon.vision.pose.edgefit import Level
 from mkdaemon.vision.pose.pose import Pose, largest_variance
-from mkdaemon.vision.track.attitude import Mounting, fuse_level, tilt_error
+from mkdaemon.vision.track.attitude import Mounting, fuse_normal
+from mkdaemon.vision.track.deck import Deck
 
 Array = npt.NDArray[np.float64]
 Grey = npt.NDArray[np.uint8]
@@ -36,7 +37,7 @@ class Sight:
 
 
 class LevelKnowledge:
-    """Knows the vertical in the image of one target.
+    """Knows where the normal of one target should point in an image, and learns how the target really lies.
 
     Args:
         is_level: whether the target lies level; the attitude says nothing about others.
@@ -50,38 +51,64 @@ class LevelKnowledge:
         self._spread = float(np.radians(cfg.attitude_sd_deg))
         self._gate = float(np.radians(cfg.attitude_gate_deg))
         self._limits = limits
+        self._deck = Deck()
 
     def knows(self, seen: Sight) -> bool:
-        """Whether the vertical is known in an image."""
+        """Whether the attitude says anything about an image."""
         return seen.enu_from_flu is not None and self._mounting is not None
 
     def tilt(self, seen: Sight, pose: Pose) -> float | None:
-        """Disagreement of a pose with the attitude [rad]; none where nothing is known."""
-        if seen.enu_from_flu is None or self._mounting is None:
+        """Angle between the normal of a pose and the one expected [rad]; none where nothing is known."""
+        expected = self._expected(seen)
+        if expected is None:
             return None
-        return tilt_error(pose.rotation, self._mounting, seen.enu_from_flu)
+        normal = pose.rotation[:, 2]
+        return float(np.arctan2(np.linalg.norm(np.cross(normal, expected)), normal @ expected))
 
-    def gate(self, pose: Pose) -> float:
+    def gate(self, seen: Sight, pose: Pose) -> float:
         """Largest disagreement that is believed of a pose [rad]."""
         spread = float(np.sqrt(largest_variance(pose.covariance[3:, 3:])))
-        return self._gate + min(spread, self._limits.tilt_spread)
+        return self._gate + min(spread, self._limits.tilt_spread) + self._deck.sd(seen.time)
 
     def vertical(self, seen: Sight) -> Level | None:
-        """The vertical in camera axes, to hold a fit with; none where nothing is known."""
-        if seen.enu_from_flu is None or self._mounting is None or not self._limits.holds_tilt:
-            return None
-        up = (seen.enu_from_flu @ self._mounting.flu_from_cam).T[:, 2]
-        return Level(up, self._spread)
+        """The normal expected in camera axes, to hold a fit with; none where nothing is known."""
+        expected = self._expected(seen)
+        return None if expected is None or not self._limits.holds_tilt else Level(expected, self._sd(seen))
 
     def fuse(self, seen: Sight, pose: Pose) -> Pose:
         """The pose with what the attitude knows about its tilt."""
+        expected = self._expected(seen)
+        return pose if expected is None else fuse_normal(pose, expected, self._sd(seen))
+
+    def forget(self) -> None:
+        """Forget how the target lies."""
+        self._deck = Deck()
+
+    def learn(self, seen: Sight, pose: Pose) -> None:
+        """Take in how the target lies, from a pose that the image alone decided."""
         if seen.enu_from_flu is None or self._mounting is None:
-            return pose
-        return fuse_level(pose, self._mounting, seen.enu_from_flu, self._spread)
+            return
+        enu_from_cam = seen.enu_from_flu @ self._mounting.flu_from_cam
+        # A small turn w moves the normal n by w x n; its horizontal part is what the deck is known by.
+        moved = (enu_from_cam @ np.cross(np.eye(3), pose.rotation[:, 2]).T)[:2]
+        covariance = moved @ pose.covariance[3:, 3:] @ moved.T + self._spread**2 * np.eye(2)
+        self._deck.measured(seen.time, enu_from_cam @ pose.rotation[:, 2], covariance)
 
     def replace_tilt(self, seen: Sight, pose: Pose) -> Pose:
         """The pose with its tilt replaced by the attitude's; the place stays."""
-        if seen.enu_from_flu is None or self._mounting is None:
+        expected = self._expected(seen)
+        if expected is None:
             return pose
         vague = replace(pose, covariance=np.eye(6))
-        return replace(fuse_level(vague, self._mounting, seen.enu_from_flu, EXACT), position=pose.position)
+        return replace(fuse_normal(vague, expected, EXACT), position=pose.position)
+
+    def _expected(self, seen: Sight) -> Array | None:
+        """The normal expected `(3,)`, camera axes; none where nothing is known."""
+        if seen.enu_from_flu is None or self._mounting is None:
+            return None
+        expected: Array = (seen.enu_from_flu @ self._mounting.flu_from_cam).T @ self._deck.normal
+        return expected
+
+    def _sd(self, seen: Sight) -> float:
+        """Deviation of the normal expected, each axis [rad]."""
+        return float(np.hypot(self._spread, self._deck.sd(seen.time)))

@@ -98,10 +98,10 @@ class Tracker:
         )
 
     def reset(self) -> None:
-        """Forget all tracks, and whose turn it is."""
+        """Forget all tracks, how their targets lie, and whose turn it is."""
         self._count = 0
         for follower in self.followers:
-            follower.track.lose()
+            follower.forget()
 
     def _search_missing(self, frame: Frame) -> None:
         """Look for what is still missing in the whole image."""

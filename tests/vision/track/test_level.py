@@ -1,0 +1,128 @@
+"""What the attitude says about a target's tilt, and how a deck that lies otherwise is learned."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from lab.vision.flight import VGA
+from mkdaemon.config.vision import TrackerSection
+from mkdaemon.frames import rotation_from_euler
+from mkdaemon.sim.scene.motion import Platform
+from mkdaemon.sim.scene.scene import Scene, SceneTarget, cam_from_target
+from mkdaemon.sim.scene.view import CameraView
+from mkdaemon.vision.camera.image import CameraImage
+from mkdaemon.vision.limits import LIMITS
+from mkdaemon.vision.pose.pose import Pose
+from mkdaemon.vision.tags.tagmap import TagMap
+from mkdaemon.vision.track.attitude import LOOKING_DOWN, AttitudeHistory, AttitudeSample, fuse_normal
+from mkdaemon.vision.track.deck import LONGEST, PRIOR_SD, Deck
+from mkdaemon.vision.track.level import LevelKnowledge, Sight
+from mkdaemon.vision.track.tracker import Tracker
+from tests.vision.views import angle_deg, shipped
+
+DOWN = LOOKING_DOWN.flu_from_cam.T
+SHARP = np.radians(0.2) ** 2 * np.eye(2)
+
+
+def pose_of(rotation: np.ndarray, angle_variance: float = 1e-6) -> Pose:
+    return Pose(rotation, np.array([0.0, 0.0, 1.0]), np.diag([1e-6] * 3 + [angle_variance] * 3), "edges", 99, 0.1)
+
+
+def knowledge() -> LevelKnowledge:
+    return LevelKnowledge(True, LOOKING_DOWN, TrackerSection(), LIMITS.judge)
+
+
+def seen(roll: float = 0.0, pitch: float = 0.0, yaw: float = 0.0, time: float = 0.0) -> Sight:
+    return Sight(np.zeros((2, 2), np.uint8), time, rotation_from_euler(roll, pitch, yaw))
+
+
+@pytest.mark.parametrize(("roll", "pitch", "yaw", "tilt"), [(0, 0, 1.2, 0), (0.1, 0, -2.0, 0.1), (0, -0.2, 0.4, 0.2)])
+def test_tilt_is_of_roll_and_pitch_and_not_of_yaw(roll: float, pitch: float, yaw: float, tilt: float) -> None:
+    assert knowledge().tilt(seen(roll, pitch, yaw), pose_of(DOWN)) == pytest.approx(tilt, abs=1e-6)
+
+
+def test_a_camera_that_hangs_with_the_vehicle_sees_a_level_target_tilted_by_as_much() -> None:
+    hanging = pose_of(DOWN @ rotation_from_euler(0.1, 0.0, -2.0).T)
+    assert knowledge().tilt(seen(0.1, 0.0, -2.0), hanging) == pytest.approx(0.0, abs=1e-6)
+
+
+def test_without_attitude_or_level_target_nothing_is_said() -> None:
+    blind = Sight(np.zeros((2, 2), np.uint8), 0.0, None)
+    slanted = LevelKnowledge(False, LOOKING_DOWN, TrackerSection(), LIMITS.judge)
+    for level, sight in ((knowledge(), blind), (slanted, seen())):
+        level.learn(sight, pose_of(DOWN))
+        assert not level.knows(sight)
+        assert level.tilt(sight, pose_of(DOWN)) is None
+        assert level.vertical(sight) is None
+        fused = level.fuse(sight, pose_of(DOWN))
+        assert np.array_equal(fused.rotation, DOWN)
+
+
+def test_an_expected_normal_moves_an_uncertain_tilt_and_leaves_a_certain_one() -> None:
+    tilted = DOWN @ rotation_from_euler(np.radians(4.0), 0.0, 0.0)
+    up = DOWN[:, 2]
+    vague, sharp = pose_of(tilted, 0.01), pose_of(tilted, 1e-8)
+    after = fuse_normal(vague, up, np.radians(1.0))
+    normal = after.rotation[:, 2]
+    assert np.degrees(np.arccos(normal @ up)) < 0.3
+    # Yaw, the turn about the normal, is not known any better.
+    assert normal @ after.covariance[3:, 3:] @ normal == pytest.approx(0.01, rel=0.02)
+    assert angle_deg(fuse_normal(sharp, up, np.radians(1.0)).rotation, tilted) < 0.01
+
+
+def test_a_tilted_deck_is_learned_whatever_way_the_vehicle_faces() -> None:
+    level, deck = knowledge(), rotation_from_euler(np.radians(4.0), np.radians(-3.0), 0.0)
+    before = level.gate(seen(), pose_of(DOWN))
+    for k in range(30):
+        sight = seen(0.1 * np.sin(k), 0.1 * np.cos(k), 0.3 * k, k / 30)
+        found = pose_of((sight.enu_from_flu @ LOOKING_DOWN.flu_from_cam).T @ deck, 1e-5)
+        level.learn(sight, found)
+    last = seen(0.05, 0.0, 2.0, 1.0)
+    found = pose_of((last.enu_from_flu @ LOOKING_DOWN.flu_from_cam).T @ deck)
+    assert np.degrees(level.tilt(last, found)) < 0.3
+    assert level.gate(last, found) < before
+    assert np.degrees(level.tilt(last, pose_of(DOWN))) > 3.0
+
+
+def test_what_is_known_of_a_deck_fades_to_the_prior() -> None:
+    deck = Deck()
+    assert deck.sd(0.0) == pytest.approx(PRIOR_SD)
+    for k in range(20):
+        deck.measured(k / 30, np.array([0.05, 0.0, 1.0]), SHARP)
+    known = deck.sd(20 / 30)
+    assert known < 0.2 * PRIOR_SD
+    assert known < deck.sd(3.0) < deck.sd(9.0) <= PRIOR_SD
+    deck.measured(1.0 + LONGEST, np.array([0.0, 0.0, 1.0]), SHARP)
+    np.testing.assert_allclose(deck.normal, [0.0, 0.0, 1.0], atol=1e-6)
+
+
+def test_a_deck_that_moves_suddenly_is_followed() -> None:
+    deck = Deck()
+    for k in range(60):
+        deck.measured(k / 30, np.array([0.05, 0.0, 1.0]), SHARP)
+    for k in range(3):
+        deck.measured(2.0 + k / 30, np.array([-0.07, 0.02, 1.0]), SHARP)
+    np.testing.assert_allclose(deck.normal[:2], [-0.07, 0.02], atol=0.01)
+
+
+def test_a_target_on_a_tilted_deck_gets_true_poses_from_far_to_near() -> None:
+    target = shipped("nested")
+    placed = SceneTarget.of(target, Platform(roll=np.radians(4.0), pitch=np.radians(-3.0)))
+    scene = Scene([placed], ground="tiles", seed=3, fine=False)
+    tracker = Tracker(TagMap((replace(target, level=True),)), VGA, LOOKING_DOWN)
+    history = AttitudeHistory(AttitudeSample(k / 50, 0.0, 0.0, 0.0) for k in range(60))
+    posed = 0
+    for k, height in enumerate(np.linspace(2.5, 0.5, 20)):
+        at = np.array([0.05, -0.04, height])
+        view = CameraView(VGA, LOOKING_DOWN.flu_from_cam, at, np.zeros(3), np.zeros(3), 0.004, k / 30)
+        rotation, position = cam_from_target(placed, view)
+        image = CameraImage(scene.render(view), k / 30, k / 30, k, "down")
+        found = tracker.update(image, history).pose_of(target.name)
+        if found is not None:
+            posed += 1
+            assert np.linalg.norm(found.pose.position - position) < 0.01 * height
+            assert angle_deg(found.pose.rotation, rotation) < 1.5
+    assert posed >= 18
