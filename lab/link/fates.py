@@ -20,7 +20,7 @@ from lab.link.sim import Witness
 from lab.link.virtual import Waits, configurations, running_link, steer_steadily
 from lab.rigs.virtualloop import run_virtually
 from mkdaemon.config.sim import SimConfig
-from mkdaemon.link.session.health import PROBE_TIMEOUT
+from mkdaemon.link.session.limits import PROBE_TIMEOUT
 from mkdaemon.protocol.framing import Frame, FrameDecoder
 from mkdaemon.sim.boards.generations import FC_GENERATIONS
 

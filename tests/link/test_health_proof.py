@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from mkdaemon.link.session.health import NOTHING, QUIET, HealthMonitor
+from mkdaemon.link.session.health import HealthMonitor
+from mkdaemon.link.session.reasons import QUIET, STOPPED
 from mkdaemon.telemetry.link import LinkCondition
 from tests.link.test_health import Line, up
 
@@ -59,4 +60,4 @@ def test_silence_we_keep_ourselves_is_told_as_that():
     line.until(LinkCondition.MUTE, 0.5)
     assert line.health.verdict.reason == QUIET
     line.run(2.0)
-    assert line.health.verdict.reason == NOTHING
+    assert line.health.verdict.reason == STOPPED

@@ -56,9 +56,9 @@ class LinkState(Stamped):
     baud: int
     """Line rate in use [baud]."""
     hears_board: bool
-    """A right frame arrived within the last half second."""
+    """Right frames arrive, as `condition` says."""
     board_hears_us: bool
-    """A reply or confirmation within the last half second answers something we sent."""
+    """`condition` says so, and a reply or confirmation within the last half second answers something we sent."""
     boards: tuple[str, ...] = ()
     """Boards that answered since the port was opened: fc, nc, mag."""
     firmware: str = ""

@@ -6,6 +6,7 @@ It hears what arrived and what callers want, says with `poll` what to write now 
 from __future__ import annotations
 
 import math
+from typing import Final
 
 from mkdaemon.config.link import LinkConfig
 from mkdaemon.link.session import budget
@@ -15,11 +16,12 @@ from mkdaemon.link.session.health import HealthMonitor
 from mkdaemon.link.session.identity import Identity
 from mkdaemon.link.session.line import FORWARDING_GAP, LineRules
 from mkdaemon.link.session.outgoing import Outgoing
-from mkdaemon.link.session.peers import VERSION_KEY, Peers
+from mkdaemon.link.session.peers import AFTER_PASSAGE, VERSION_KEY, Peers
 from mkdaemon.link.session.prober import VERSION_TOKEN, Prober
 from mkdaemon.link.session.questions import Questions
 from mkdaemon.link.session.requests import Pending
 from mkdaemon.link.session.scheduler import Entry, TransmitScheduler
+from mkdaemon.link.session.standstill import Standstill
 from mkdaemon.link.session.steering import Steering
 from mkdaemon.link.session.streams import Streams
 from mkdaemon.link.session.traffic import Purpose
@@ -36,6 +38,9 @@ from mkdaemon.protocol.wire import Board, WireMessage
 from mkdaemon.telemetry.control import ControlLine, Obstacle
 from mkdaemon.telemetry.link import LinkCondition
 from mkdaemon.telemetry.refusals import Token, refuse
+
+LONGEST_PASSAGE: Final = 6.0
+"""While a NaviCtrl passes the line through, its silence is our doing; a longer passage is judged like any line [s]."""
 
 
 class Dialogue:
@@ -138,13 +143,19 @@ class Dialogue:
     def bytes_damaged(self, loss: Dropped, now: float) -> bool:
         """Bytes arrived that are no frame; returns whether the boards must be discovered anew."""
         self.counters.damaged(loss)
-        self.health.damaged(loss.reason, loss.raw, now)
+        if self.peers.redirected is None and not self.peers.caused_silence(now, now):
+            self.health.damaged(loss.reason, loss.raw, now)
         if loss.reason is not DropReason.TEXT:
             self.scheduler.resynchronise()
         if loss.reason is not DropReason.TEXT or not self.identity.is_boot_text(loss.raw, now):
             return False
         self.health.boot_text_received(loss.raw, now)
         return self.identity.board_boots(now)
+
+    def stood_still(self, lost: Standstill, now: float) -> bool:
+        """This program did not run for a while; returns whether the boards must be discovered anew."""
+        self.health.stood_still(max(lost.stopped, lost.slept), now)
+        return self.identity.stood_still(lost, now)
 
     # -- what callers want ----------------------------------------------------------------------------------------
 
@@ -216,6 +227,10 @@ class Dialogue:
 
     def redirect(self, board: Board | None, now: float) -> None:
         """Note that a NaviCtrl passes the line through to a board; None: it speaks for itself again."""
+        if board is not None:
+            self.health.pause(now + LONGEST_PASSAGE)
+        elif self.peers.redirected is not None:
+            self.health.passage_ended(now + AFTER_PASSAGE)
         self.peers.redirect(board, now)
         self.scheduler.reserve_line(board)
         if board is None:

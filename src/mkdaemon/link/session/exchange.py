@@ -12,15 +12,15 @@ from collections.abc import Callable, Coroutine
 from contextlib import suppress
 from typing import Any, Final
 
-from mkdaemon.clock import Clock, SleepWatch
+from mkdaemon.clock import Clock
 from mkdaemon.config.link import LinkConfig
 from mkdaemon.errors import LinkError, LinkLostError
 from mkdaemon.link.ports.port import Port, parse_address
 from mkdaemon.link.session.dialogue import Dialogue
 from mkdaemon.link.session.guarding import GuardFeed, LineGuard
-from mkdaemon.link.session.reboot import GAP
 from mkdaemon.link.session.reopening import BaudSearch
 from mkdaemon.link.session.report import Reporter
+from mkdaemon.link.session.standstill import StandstillWatch
 from mkdaemon.link.session.stickqueue import LOOK, StickQueue
 from mkdaemon.link.session.traffic import LinkSink, Lost, Received, Sent
 from mkdaemon.link.session.turns import in_turns
@@ -63,7 +63,7 @@ class Exchange:
         self._dialogue = dialogue
         self._clock = clock
         self._guard = GuardFeed(guard)
-        self._sleep = SleepWatch(clock)
+        self._standstill = StandstillWatch(clock)
         self._sticks = StickQueue()
         self._decoder = FrameDecoder()
         self._messages = MessageDecoder()
@@ -96,6 +96,7 @@ class Exchange:
         if not port.is_recording:
             self.needs_discovery.set()
         self._opened_at = self._clock.now()
+        self._standstill.begin(self._opened_at)
         self._dialogue.port_opened(
             self._opened_at,
             baud=self.bauds.current,
@@ -199,9 +200,8 @@ class Exchange:
         if port is None:
             self._settle()
             return
-        slept = self._sleep.take()
-        if slept > GAP and not port.is_recording:
-            self._dialogue.identity.machine_slept(slept, now)
+        lost = self._standstill.take(now)
+        if lost is not None and not port.is_recording and self._dialogue.stood_still(lost, now):
             self.needs_discovery.set()
             self.follow_dialect()
         try:

@@ -12,8 +12,8 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Hashable
-from typing import Final
 
+from mkdaemon.link.session import limits, reasons
 from mkdaemon.link.session.arrivals import Arrivals
 from mkdaemon.link.session.damage import ReceivedBytes
 from mkdaemon.link.session.roundtrips import RoundTrips
@@ -21,43 +21,13 @@ from mkdaemon.link.session.verdict import Cause, Finding, Verdict
 from mkdaemon.protocol.framing import DropReason
 from mkdaemon.telemetry.link import KindHealth, LinkCondition
 
-SILENCE_TIME: Final = 0.35
-"""Without a right frame for this long while some are due, we do not hear the board [s]."""
-PROBE_PATIENCE: Final = 0.1
-"""A probe unanswered for this long is followed by another at once [s]; radios of 2010 answer within 0.13 s."""
-PROBES_MISSED: Final = 2
-"""So many probes unanswered in a row, and the board does not hear us."""
-STUCK_TIME: Final = 0.15
-"""A port that has not taken our bytes for this long is stuck [s]."""
-STUCK: Final = "the port takes no bytes: flow control stops it, or its reader hangs"
-"""Reason of a stuck port."""
-NOTHING: Final = "nothing arrives: check power, wiring and that this is the right port"
-"""Reason of a mute line."""
-UNANSWERED: Final = "frames arrive, but nothing we send is answered: check the board's RX wire"
-"""Reason of a one-way line."""
-QUIET: Final = "nothing arrives, and for 6 s hardly anything is asked: the last release was not confirmed"
-"""Reason of a mute line while requests would keep an old stick command alive."""
-GARBAGE_BYTES: Final = 6
-"""Fewer undecodable bytes than this within the silence are a glitch, not a wrong baud rate; `#av@w` has 6."""
-GARBAGE_MEMORY: Final = 1.2
-"""Once garbage was seen, it is not silence before nothing came for this long [s]."""
-DAMAGE_LIMIT: Final = 0.1
-"""Share of damaged among all received bytes above which the line counts as degraded."""
-BOOT_TIME: Final = 6.0
-"""A silence so long after boot text is still the boot [s]; a FlightCtrl takes 4.7 s."""
-BOOT_LENGTH: Final = 700
-"""More bytes than this within the silence are no boot text: a FlightCtrl prints 628 characters in all."""
-PROBE_TIMEOUT: Final = 0.25
-"""A link test without an answer for this long is lost [s]; the longest measured wait beside a saturated line is 27 ms,
-the longest radio round trip 0.13 s."""
-
 
 class HealthMonitor:
     """Collects evidence and judges it."""
 
     def __init__(self, *, window: float = 10.0, max_loss_percent: float = 5.0, now: float = 0.0) -> None:
-        self.echo = RoundTrips(window=window, timeout=PROBE_TIMEOUT)
-        self.confirm = RoundTrips(window=window, timeout=PROBE_TIMEOUT)
+        self.echo = RoundTrips(window=window, timeout=limits.PROBE_TIMEOUT)
+        self.confirm = RoundTrips(window=window, timeout=limits.PROBE_TIMEOUT)
         self.backlog = 0
         self._window = window
         self._max_loss = max_loss_percent
@@ -72,6 +42,8 @@ class HealthMonitor:
         self._verdict = Verdict(Finding(LinkCondition.ABSENT, "not opened yet"), now)
         self._paused_until = self._quiet_until = self._boots_until = -math.inf
         self._boot_text = b""
+        self._degraded_at = self._stopped_until = -math.inf
+        self._stopped_for = 0.0
 
     # -- what happened --------------------------------------------------------------------------------------------
 
@@ -109,6 +81,14 @@ class HealthMonitor:
         self._heard = now
         self._bytes.frame(characters, now)
         self._arrivals.received(board, key, now)
+
+    def stood_still(self, seconds: float, now: float) -> None:
+        """This program did not run for so long [s]: what is missing is its own doing, and arrives now."""
+        self.pause(now + limits.SILENCE_TIME)
+        self._open_questions.clear()
+        self.echo.clear()
+        self.confirm.clear()
+        self._stopped_until, self._stopped_for = now + limits.SILENCE_TIME + limits.HOLD, seconds
 
     def damaged(self, reason: DropReason, raw: bytes, now: float) -> None:
         """Bytes arrived that are no frame."""
@@ -155,13 +135,17 @@ class HealthMonitor:
         """Silence is our doing until then (redirection, a board that writes its EEPROM): expect nothing."""
         self._paused_until = max(self._paused_until, until)
 
+    def passage_ended(self, until: float) -> None:
+        """Silence was our doing, and the telemetry that it ended is back then."""
+        self._paused_until = until
+
     def keep_quiet(self, until: float) -> None:
         """Until then hardly anything is asked, so that an old dead-man runs out: silence has that reason too."""
         self._quiet_until = until
 
     def boot_text_received(self, text: bytes, now: float) -> None:
         """A board printed text by itself: it boots."""
-        self._boots_until, self._boot_text = now + BOOT_TIME, text
+        self._boots_until, self._boot_text = now + limits.BOOT_TIME, text
 
     # -- what it means --------------------------------------------------------------------------------------------
 
@@ -201,7 +185,17 @@ class HealthMonitor:
             self.echo.forget_losses()
             self.confirm.forget_losses()
             self._bytes.forget_damage()
-        return self._conclude(finding, now)
+            finding = self._weigh(self._opened, now)
+        return self._conclude(self._hold(finding, now), now)
+
+    def _hold(self, finding: Finding, now: float) -> Finding:
+        """A line that was degraded a moment ago stays so."""
+        was_degraded = self._verdict.condition is LinkCondition.DEGRADED
+        if finding.condition is LinkCondition.DEGRADED:
+            self._degraded_at = now
+        elif finding.condition is LinkCondition.UP and was_degraded and now - self._degraded_at < limits.HOLD:
+            return self._verdict.finding
+        return finding
 
     def kinds(self, now: float) -> tuple[KindHealth, ...]:
         """Describe every kind of frame heard or asked for."""
@@ -212,18 +206,18 @@ class HealthMonitor:
         return self._bytes.rates(now)
 
     def _weigh(self, opened: float, now: float) -> Finding:
-        is_stuck = self._backlog_since is not None and now - self._backlog_since > STUCK_TIME
+        is_stuck = self._backlog_since is not None and now - self._backlog_since > limits.STUCK_TIME
         if is_stuck:
-            return Finding(LinkCondition.DOWN, STUCK, Cause.PORT_STUCK)
+            return Finding(LinkCondition.DOWN, reasons.STUCK, Cause.PORT_STUCK)
         if now < self._paused_until:
             return self._verdict.finding
         silent_for = now - max(self._heard, opened)
-        if silent_for > SILENCE_TIME and self._expects_something(now) and not self._sends_on_time(now):
+        if silent_for > limits.SILENCE_TIME and self._expects_something(now) and not self._sends_on_time(now):
             return self._explain_silence(now)
         if self._heard == -math.inf:
             return self._verdict.finding
-        if self._missed(now) >= PROBES_MISSED:
-            if silent_for < SILENCE_TIME / 2 or self._sends_on_time(now):
+        if self._missed(now) >= limits.PROBES_MISSED:
+            if silent_for < limits.SILENCE_TIME / 2 or self._sends_on_time(now):
                 return self._explain_deafness(now)
             return self._verdict.finding  # deaf or mute: the silence will tell
         if self._answered == -math.inf and not self._is_recording:
@@ -237,12 +231,18 @@ class HealthMonitor:
     def _explain_deafness(self, now: float) -> Finding:
         if self.backlog:
             return self._verdict.finding  # nothing left the port: the board is not to blame
-        if self._bytes.damaged_since(now - SILENCE_TIME) >= GARBAGE_BYTES:
-            return Finding(LinkCondition.DEGRADED, "frames arrive damaged, and nothing we send is answered")
-        return Finding(LinkCondition.ONE_WAY, UNANSWERED)
+        if now < self._boots_until:
+            return Finding(LinkCondition.DEGRADED, reasons.boots(self._boot_text))
+        if self._bytes.damaged_since(now - limits.SILENCE_TIME) >= limits.GARBAGE_BYTES:
+            return Finding(LinkCondition.DEGRADED, reasons.DAMAGED)
+        return Finding(LinkCondition.ONE_WAY, reasons.UNANSWERED)
 
     def _weigh_quality(self, now: float) -> Finding:
+        if now < self._stopped_until:
+            return Finding(LinkCondition.DEGRADED, reasons.stood_still(self._stopped_for))
         stale = self._arrivals.overdue(now)
+        if stale and now < self._boots_until:
+            return Finding(LinkCondition.DEGRADED, reasons.RESTARTING)
         if stale:
             worst = max(stale, key=lambda kind: kind.missed(now))
             only = " (only link tests are answered)" if len(stale) == len(self._arrivals.asked) else ""
@@ -255,26 +255,23 @@ class HealthMonitor:
                 reason = f"{100 * lost / sent:.1f} % of {name}s lost in {self._window:g} s"
                 return Finding(LinkCondition.DEGRADED, reason)
         bad, total = self._bytes.share(now)
-        if bad > DAMAGE_LIMIT * total:
+        if bad > limits.DAMAGE_LIMIT * total:
             return Finding(LinkCondition.DEGRADED, f"{100 * bad / total:.0f} % of the received bytes are damaged")
         return Finding(LinkCondition.UP, "a recording plays" if self._is_recording else "both directions proven")
 
     def _explain_silence(self, now: float) -> Finding:
         # Half the silence: the end of a frame that was cut off is no garbage. Once it is, slow garbage stays it.
         is_garbage = self._verdict.condition is LinkCondition.GARBAGE
-        since = now - (GARBAGE_MEMORY if is_garbage else SILENCE_TIME / 2)
-        if now < self._boots_until and self._bytes.arrived_since(now - SILENCE_TIME) < BOOT_LENGTH:
-            shown = " ".join(self._boot_text.decode("latin-1").split())[:40]
-            reason = f'a board boots ("{shown}"): it listens again in a few seconds'
-            return Finding(LinkCondition.MUTE, reason, Cause.PLAIN_TEXT)
-        if self._bytes.arrived_since(since) < GARBAGE_BYTES:
-            return Finding(LinkCondition.MUTE, QUIET if now < self._quiet_until else NOTHING)
+        since = now - (limits.GARBAGE_MEMORY if is_garbage else limits.SILENCE_TIME / 2)
+        if now < self._boots_until and self._bytes.arrived_since(now - limits.SILENCE_TIME) < limits.BOOT_LENGTH:
+            return Finding(LinkCondition.MUTE, reasons.boots(self._boot_text), Cause.PLAIN_TEXT)
+        if self._bytes.arrived_since(since) < limits.GARBAGE_BYTES:
+            silence = reasons.NOTHING if self._heard == -math.inf else reasons.STOPPED
+            return Finding(LinkCondition.MUTE, reasons.QUIET if now < self._quiet_until else silence)
         text = self._bytes.text_since(since)
         if text is not None:
-            shown = " ".join(text.split())[:40]
-            reason = f'only plain text arrives ("{shown}"): the board boots, or prints something'
-            return Finding(LinkCondition.GARBAGE, reason, Cause.PLAIN_TEXT)
-        return Finding(LinkCondition.GARBAGE, "bytes arrive, but no frame: wrong baud rate, or a damaged line")
+            return Finding(LinkCondition.GARBAGE, reasons.plain_text(text), Cause.PLAIN_TEXT)
+        return Finding(LinkCondition.GARBAGE, reasons.NO_FRAME)
 
     def _expects_something(self, now: float) -> bool:
         """Whether a frame should have come: link tests are out, or a stream that was asked for is overdue.
@@ -282,12 +279,12 @@ class HealthMonitor:
         One link test may be late or lost once the board has spoken; a stream slower than the silence is not missed
         before its time.
         """
-        enough = 1 if self._heard == -math.inf else PROBES_MISSED
+        enough = 1 if self._heard == -math.inf else limits.PROBES_MISSED
         return self._missed(now) >= enough or bool(self._arrivals.overdue(now))
 
     def _missed(self, now: float) -> int:
         """Probes unanswered for longer than usual, since the board last proved that it hears us."""
-        return sum(1 for sent in self._open_questions if now - sent > PROBE_PATIENCE)
+        return sum(1 for sent in self._open_questions if now - sent > limits.PROBE_PATIENCE)
 
     def _conclude(self, finding: Finding, now: float) -> bool:
         """Make a finding the verdict; returns whether the condition changed."""

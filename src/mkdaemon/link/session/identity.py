@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
+from typing import Final
+
 from mkdaemon.link.session.knownflight import Change, FlightMemory, KnownFlight
 from mkdaemon.link.session.peers import Peers
 from mkdaemon.link.session.reboot import GAP, RebootWatch
+from mkdaemon.link.session.standstill import Standstill
 from mkdaemon.link.session.steering import Steering
 from mkdaemon.link.session.verdict import Verdict
 from mkdaemon.protocol.decoder import Unknown
 from mkdaemon.protocol.wire import Board, WireMessage
 from mkdaemon.telemetry.refusals import Token, refuse
+
+SWAP_TIME: Final = 1.0
+"""Nobody exchanges an aircraft in less [s]."""
 
 
 class Identity:
@@ -94,10 +100,14 @@ class Identity:
             self.forget("telemetry is back after a gap", now)
         return now - before.silent_since > GAP
 
-    def machine_slept(self, seconds: float, now: float) -> None:
-        """This machine stood still for so long [s], and no clock of its own counts it: other boards may be there."""
-        self.flight.machine_slept(seconds)
-        self.forget(f"this machine slept for {seconds:.1f} s", now)
+    def stood_still(self, lost: Standstill, now: float) -> bool:
+        """This program did not run for a while; returns whether other boards may be there since."""
+        if lost.slept > GAP:
+            self.flight.machine_slept(lost.slept)
+        elif lost.stopped < SWAP_TIME:
+            return False
+        self.forget(f"this program stood still for {max(lost.stopped, lost.slept):.1f} s", now)
+        return True
 
     def forget(self, reason: str, now: float) -> None:
         """Other boards may be there now, or the same ones with an old stick frame: release, and ask them anew."""

@@ -17,8 +17,11 @@ BAUDS: Final = (57600, 115200, 38400, 19200, 9600, 230400)
 """Line rates to try; 57600 is MikroKopter's, the others are adapters and radios set wrongly."""
 GARBAGE_PATIENCE: Final = 1.0
 """Garbage for this long means a wrong line rate rather than noise [s]."""
-MUTE_PATIENCE: Final = 3.0
-"""A line that never said anything may be a line at the wrong rate whose board understands nothing [s]."""
+PROVEN_PATIENCE: Final = 10.0
+"""The same on a line that was understood at this rate before [s]: noise is likelier than another rate."""
+MUTE_PATIENCE: Final = 6.0
+"""A line that never said anything may be a line at the wrong rate whose board understands nothing [s]; longer than a
+FlightCtrl boots, which says nothing either where its text is lost."""
 SILENT_PATIENCE: Final = 0.8
 """While searching: no frame for this long, and the next rate is tried [s]."""
 STUCK_PATIENCE: Final = 2.0
@@ -67,7 +70,8 @@ class BaudSearch:
             return None
         condition = verdict.condition if self.attempt is None else self.attempt.condition
         tried, self.current = self.current, self._next_baud()
-        self.attempt = Finding(condition, f"no frame at {tried} baud: trying {self.current}")
+        doubt = " (or no board is switched on)" if condition is LinkCondition.MUTE else ""
+        self.attempt = Finding(condition, f"no frame at {tried} baud{doubt}: trying {self.current}")
         return self.attempt.reason
 
     def _search_time(self, verdict: Verdict, opened: float) -> float:
@@ -77,7 +81,7 @@ class BaudSearch:
         if self.attempt is not None:
             return opened + SILENT_PATIENCE
         if verdict.condition is LinkCondition.GARBAGE:
-            return verdict.since + GARBAGE_PATIENCE
+            return verdict.since + (PROVEN_PATIENCE if self._heard else GARBAGE_PATIENCE)
         if verdict.condition is LinkCondition.MUTE and not self._heard:
             return verdict.since + MUTE_PATIENCE
         return math.inf

@@ -17,7 +17,7 @@ HEALTH_PERIOD: Final = 0.2
 TRAFFIC_PERIOD: Final = 1.0
 """Traffic counters are published at 1 Hz."""
 _FRESH: Final = 0.5
-"""Evidence of a direction counts for this long [s]."""
+"""A proof that the board hears us counts for this long [s]."""
 
 
 class Reporter:
@@ -69,7 +69,7 @@ class Reporter:
         """The state of the line."""
         dialogue = self._dialogue
         verdict = dialogue.health.verdict
-        heard, answered = dialogue.health.heard_age(now), dialogue.health.answer_age(now)
+        answered = dialogue.health.answer_age(now)
         return LinkState(
             stamp=self._clock.stamp(now),
             condition=verdict.condition,
@@ -77,8 +77,8 @@ class Reporter:
             since=self._clock.stamp(verdict.since),
             port=self._port,
             baud=dialogue.rules.baud,
-            hears_board=dialogue.is_open and heard < _FRESH,
-            board_hears_us=dialogue.is_open and answered < _FRESH,
+            hears_board=verdict.condition.hears_board,
+            board_hears_us=verdict.condition.is_usable and answered < _FRESH,
             boards=tuple(board.word for board in sorted(dialogue.peers.boards)),
             firmware=_firmware(dialogue),
             external_control=dialogue.dialect.extern_control_layout or "",
