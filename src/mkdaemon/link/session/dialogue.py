@@ -143,7 +143,7 @@ class Dialogue:
     def bytes_damaged(self, loss: Dropped, now: float) -> bool:
         """Bytes arrived that are no frame; returns whether the boards must be discovered anew."""
         self.counters.damaged(loss)
-        if self.peers.redirected is None and not self.peers.caused_silence(now, now):
+        if not self.peers.caused_damage(now):
             self.health.damaged(loss.reason, loss.raw, now)
         if loss.reason is not DropReason.TEXT:
             self.scheduler.resynchronise()

@@ -15,6 +15,8 @@ PROOF_AGE: Final = 10.0
 """A version reply older than this proves no longer who is on the line [s]."""
 AFTER_PASSAGE: Final = 0.8
 """A NaviCtrl's telemetry is back so long after it has passed the wire through; the verdict takes part of it [s]."""
+TAIL_TIME: Final = 0.15
+"""The frame that a redirection cut ends after the escape sequence, so long after it at the latest [s]."""
 VERSION_KEY: Final = VersionFc210.spec.key
 """The message a board names itself with."""
 _PILOTS: Final = (Board.FC, Board.NC)
@@ -102,6 +104,11 @@ class Peers:
         """Whether a silence between two times [s] is the doing of a NaviCtrl that passed the wire through."""
         began, ended = self._passage
         return since >= began and until <= ended + AFTER_PASSAGE
+
+    def caused_damage(self, now: float) -> bool:
+        """Whether bytes that are no frame are the doing of a NaviCtrl that passes the wire through, or just did."""
+        began, ended = self._passage
+        return began <= now <= ended + TAIL_TIME
 
     def sender_heard(self, board: Board) -> bool:
         """Note that a frame came from a board; returns whether the wire ends at another board than before.
