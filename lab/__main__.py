@@ -13,7 +13,7 @@ CAMPAIGNS: Final = (
     CommandEntry("vision", "lab.vision.main:main", "Detection: rate, accuracy, latency."),
     CommandEntry("stories", "lab.stories.main:main", "Lost clients, pulled cables, races: the safety stories."),
     CommandEntry("procedures", "lab.procedures:main", "Uploads and backups over a line that loses bytes."),
-    CommandEntry("attack", "lab.attack:main", "The daemon killed, aborted or frozen in flight: the guard releases."),
+    CommandEntry("attack", "lab.attack.main:main", "Killed, frozen and flooded in flight; the guard killed."),
     CommandEntry("kills", "lab.kills.main:main", "kill -9 of mkctl and of the daemon during backups and restores."),
     CommandEntry("control", "lab.control.main:main", "Hover, steps and landings of estimator and autopilot."),
     CommandEntry("fly", "lab.fly:main", "The whole daemon holds over a target, rendered camera, in real time."),

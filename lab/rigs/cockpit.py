@@ -28,6 +28,7 @@ from mkdaemon.daemon.eyes import Eyes
 from mkdaemon.daemon.flight import FlightControl
 from mkdaemon.daemon.sink import BusSink
 from mkdaemon.link.link import Link
+from mkdaemon.link.session.guarding import LineGuard
 from mkdaemon.link.session.traffic import Received, Sent
 from mkdaemon.sim.physics.world import World
 from mkdaemon.sim.simulation import Simulation
@@ -231,6 +232,7 @@ async def cockpit(
     sim: dict[str, Any] | None = None,
     socket: Socket | None = None,
     tick: float = TICK_TIME,
+    guard: LineGuard | None = None,
     **link: Any,
 ) -> AsyncIterator[Cockpit]:
     """A running cockpit, boards discovered; not awaited where it begins in the middle of a flight.
@@ -242,6 +244,7 @@ async def cockpit(
         sim: further settings of the simulation.
         socket: the cable of an earlier cockpit, with the boards at its end; a new one if none is given.
         tick: how often bytes are carried [s].
+        guard: what the link feeds; none by default.
         link: further settings of the link.
 
     Raises:
@@ -262,7 +265,7 @@ async def cockpit(
     audit = Audit(_Unheard(), clock)
     sink = KeepingSink(core, audit, clock)
     cfg = LinkConfig.model_validate({"port": "/dev/virtual"} | link)
-    line = link_class(cfg, sink, opener=cable.open, clock=clock, motors_running=core.facts.motors_running)
+    line = link_class(cfg, sink, opener=cable.open, clock=clock, motors_running=core.facts.motors_running, guard=guard)
     flight = FlightControl(core, line, _Unheard(), audit, clock=clock)
     flown = Cockpit(line, flight, sink, cable)
     flown.tasks = [asyncio.create_task(line.run(), name="link"), asyncio.create_task(flight.run(), name="control")]

@@ -11,7 +11,7 @@ import os
 import signal
 import sys
 import time
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Sequence
 from contextlib import asynccontextmanager, nullcontext, suppress
 from pathlib import Path
 from typing import Any, Final, Self
@@ -25,6 +25,7 @@ from mkdaemon.protocol.framing import Frame, FrameDecoder
 from mkdaemon.sim.simulation import Simulation
 
 VEHICLE: Final = "stories"
+PROGRAM: Final = ("-m", "mkdaemon.cli.mkdaemon.app")
 
 
 class ObservedSimulation(Simulation):
@@ -88,13 +89,12 @@ class DaemonProcess:
         self._reading = asyncio.create_task(self._read(), name="stderr")
 
     @classmethod
-    async def start(cls, config: Path, endpoint: str) -> Self:
-        """Start it with a configuration file."""
+    async def start(cls, config: Path, endpoint: str, program: Sequence[str] = PROGRAM) -> Self:
+        """Start it with a configuration file; `program` is what Python runs."""
         process = await asyncio.create_subprocess_exec(
             sys.executable,
+            *program,
             *(
-                "-m",
-                "mkdaemon.cli.mkdaemon.app",
                 "run",
                 "--config",
                 str(config),
@@ -147,7 +147,9 @@ class DaemonProcess:
 
 
 @asynccontextmanager
-async def daemon_process(port: str, folder: Path, *, link: str = "", endpoint: str | None = None) -> AsyncIterator[Any]:
+async def daemon_process(
+    port: str, folder: Path, *, link: str = "", endpoint: str | None = None, program: Sequence[str] | None = None
+) -> AsyncIterator[Any]:
     """Run a daemon on a port while the context lasts.
 
     Args:
@@ -155,6 +157,7 @@ async def daemon_process(port: str, folder: Path, *, link: str = "", endpoint: s
         folder: where its configuration file is written.
         link: further lines of the `link` section.
         endpoint: where its bus listens; a free one by default.
+        program: what Python runs in place of the daemon's own program.
     """
     config = folder / "daemon.toml"
     config.write_text(
@@ -162,7 +165,7 @@ async def daemon_process(port: str, folder: Path, *, link: str = "", endpoint: s
         encoding="utf-8",
     )
     with reserved_endpoint() if endpoint is None else nullcontext(endpoint) as where:
-        daemon = await DaemonProcess.start(config, where)
+        daemon = await DaemonProcess.start(config, where, program or PROGRAM)
         try:
             yield daemon
         finally:

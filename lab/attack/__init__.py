@@ -1,0 +1,1 @@
+"""Attacks on the daemon in flight; see `lab.attack.main`."""

@@ -1,0 +1,104 @@
+"""Programs that attack a daemon, each a process: `python -m lab.attack.attackers KIND ENDPOINT VEHICLE SECONDS`."""
+
+from __future__ import annotations
+
+import os
+import signal
+import socket
+import sys
+import time
+from collections.abc import Callable
+from enum import StrEnum
+from typing import Final
+
+import msgpack
+import zenoh
+
+from mkdaemon.bus.session import session_config
+
+BIG: Final = 10_000_000
+"""Length of a big message [bytes]."""
+SILENT: Final = 1500
+"""Connections that say nothing."""
+
+
+class Flood(StrEnum):
+    """What an attacker does."""
+
+    SETPOINTS = "setpoints"
+    """Setpoints without a lease, as many as go."""
+    BIG = "10 MB setpoints"
+    COMMANDS = "commands"
+    """`do/lease`, answers read."""
+    REFUSALS = "unknown verbs"
+    """`do/nothing`, each a refusal in the log."""
+    LOOKUPS = "last values"
+    """Of all keys."""
+    UNREAD = "unread answers"
+    """Schemas of all keys asked for, and no answer read."""
+    SILENT = "silent connections"
+    BLOCKED = "unknown verbs, standard error that nobody reads"
+    STOPPED = "stopped subscriber"
+    """A subscriber of everything that is stopped by a signal of its own: it vanishes without a word."""
+
+
+def main() -> None:
+    """Attack until the time is over; the last line on standard output is how often a second."""
+    kind, endpoint, vehicle, seconds = Flood(sys.argv[1]), sys.argv[2], sys.argv[3], float(sys.argv[4])
+    end = time.monotonic() + seconds
+    if kind is Flood.SILENT:
+        host, _, port = endpoint.removeprefix("tcp/").partition(":")
+        sockets = [socket.create_connection((host, int(port))) for _ in range(SILENT)]
+        time.sleep(seconds)
+        print(len(sockets), flush=True)
+        return
+    session = zenoh.open(session_config("client", connect=[endpoint]))
+    if kind is Flood.STOPPED:
+        session.declare_subscriber(f"mk/{vehicle}/**", lambda sample: None)
+        time.sleep(0.5)
+        print(1, flush=True)
+        os.kill(os.getpid(), signal.SIGSTOP)  # whoever started it ends it
+    strike = _striker(kind, session, vehicle)
+    count = 0
+    while time.monotonic() < end:
+        strike()
+        count += 1
+    print(round(count / seconds), flush=True)
+    os._exit(0)  # what was not read must not hold up the end
+
+
+def _striker(kind: Flood, session: zenoh.Session, vehicle: str) -> Callable[[], None]:
+    block = zenoh.CongestionControl.BLOCK
+    if kind in (Flood.SETPOINTS, Flood.BIG):
+        publisher = session.declare_publisher(
+            f"mk/{vehicle}/setpoint/stick", congestion_control=block, priority=zenoh.Priority.REAL_TIME, express=True
+        )
+        sticks = {"pitch": 40.0, "roll": 40.0, "yaw": 0.0, "throttle": 0.0, "epoch": 1, "sequence": 1, "ttl": 0.3}
+        payload = bytes(BIG) if kind is Flood.BIG else msgpack.packb(sticks)
+        return lambda: publisher.put(payload, attachment=bytes(32))
+    key, payload = {
+        Flood.COMMANDS: ("do/lease", msgpack.packb({"action": "show"})),
+        Flood.REFUSALS: ("do/nothing", b""),
+        Flood.BLOCKED: ("do/nothing", b""),
+        Flood.LOOKUPS: ("**", b""),
+        Flood.UNREAD: ("schema/**", b""),
+    }[kind]
+    kept: list[object] = []
+
+    def ignore(reply: zenoh.Reply) -> None:
+        """Read it, and that is all."""
+
+    def ask() -> None:
+        if kind is Flood.UNREAD:
+            kept.append(session.get(f"mk/{vehicle}/{key}", handler=zenoh.handlers.FifoChannel(1), timeout=60))
+            time.sleep(0.01)
+            return
+        handler: zenoh.handlers.Callback[zenoh.Reply] = zenoh.handlers.Callback(ignore, lambda: None, indirect=False)
+        session.get(f"mk/{vehicle}/{key}", handler, payload=payload, timeout=5)
+        time.sleep(0.0001)
+
+    return ask
+
+
+if __name__ == "__main__":
+    main()
