@@ -8,7 +8,7 @@ from types import SimpleNamespace
 import pytest
 
 from lab.rigs.linkrig import virtually
-from mkdaemon.daemon.discovery import require_discovery
+from mkdaemon.daemon.discovery import require_discovery, require_flightctrl
 from mkdaemon.errors import CommandRejectedError
 from mkdaemon.link.discovery import DISCOVERY_TIME
 from mkdaemon.protocol.wire import Board
@@ -57,3 +57,56 @@ async def test_an_aircraft_that_does_not_name_itself_is_refused_with_what_is_mis
         await require_discovery(link, link_state())
     assert caught.value.token == "discovering"
     assert asyncio.get_running_loop().time() == pytest.approx(DISCOVERY_TIME, abs=0.1)
+
+
+class Remembering:
+    """A line behind whose NaviCtrl a FlightCtrl cannot be asked."""
+
+    def __init__(self, memory, *, is_readable=True):
+        self.dialect = SimpleNamespace(
+            read_only_reason=None if is_readable else "the FlightCtrl is unknown", extern_control=None
+        )
+        self.is_up, self.boards, self.lacks_flightctrl = True, frozenset({Board.NC}), not is_readable
+        self.memory, self.is_confirmed = memory, False
+
+    def offered_memory(self):
+        return self.memory
+
+    def confirm_memory(self):
+        self.is_confirmed = True
+
+
+FLIGHT = SimpleNamespace(firmware="2.12a")
+
+
+@virtually
+async def test_a_remembered_flightctrl_is_steered_only_when_a_client_confirms_it():
+    link = Remembering(FLIGHT, is_readable=False)
+    with pytest.raises(CommandRejectedError, match=r"FlightCtrl 2\.12a") as caught:
+        await require_flightctrl(link, link_state(), use_remembered=False)
+    assert (caught.value.token, link.is_confirmed) == ("remembered_only", False)
+    await require_flightctrl(link, link_state(), use_remembered=True)
+    assert link.is_confirmed
+
+
+@virtually
+async def test_without_a_memory_the_refusal_is_that_nobody_has_named_itself():
+    with pytest.raises(CommandRejectedError, match="the FlightCtrl is unknown") as caught:
+        await require_flightctrl(Remembering(None, is_readable=False), link_state(), use_remembered=False)
+    assert caught.value.token == "discovering"
+
+
+@virtually
+async def test_a_known_aircraft_that_takes_no_sticks_is_left_to_the_flight_core():
+    link = Remembering(None)
+    await require_flightctrl(link, link_state(), use_remembered=False)
+    assert not link.is_confirmed
+
+
+@virtually
+async def test_a_line_that_is_down_is_refused_whatever_is_remembered():
+    link = Remembering(FLIGHT, is_readable=False)
+    link.is_up, link.boards = False, frozenset()
+    with pytest.raises(CommandRejectedError) as caught:
+        await require_flightctrl(link, link_state(LinkCondition.DOWN, "unplugged"), use_remembered=True)
+    assert (caught.value.token, link.is_confirmed) == ("link_down", False)

@@ -11,7 +11,7 @@ from lab.rigs.linkrig import virtually
 from mkdaemon.bus.codec import TooLong
 from mkdaemon.clock import Clock
 from mkdaemon.config.control import ControlConfig
-from mkdaemon.control.actions import PublishEstimate
+from mkdaemon.control.actions import PublishError, PublishEstimate
 from mkdaemon.control.core import FlightCore
 from mkdaemon.control.vehicle import VehicleFacts
 from mkdaemon.daemon.audit import Audit
@@ -21,7 +21,7 @@ from mkdaemon.daemon.procedures import Interlock
 from mkdaemon.daemon.verbs import Verbs
 from mkdaemon.link.session.traffic import ReleaseResult
 from mkdaemon.telemetry.command import ReleaseRequest
-from mkdaemon.telemetry.control import ControlLine, EstimateValue, Phase, ReleaseOutcome
+from mkdaemon.telemetry.control import ControlLine, ErrorValue, EstimateValue, Phase, ReleaseOutcome
 from mkdaemon.telemetry.setpoint import StickSetpoint
 from tests.control.events import pose
 
@@ -136,6 +136,23 @@ async def test_an_estimate_is_published_with_its_stamp():
         [estimate] = shell.bus.values("control/estimate")
         assert (estimate.target, estimate.position, estimate.is_nominal) == ("pad", (0.0, 0.0, 2.0), True)
         assert 0.0 <= estimate.stamp.monotonic <= 1.0
+
+
+@virtually
+async def test_the_error_to_the_setpoint_is_published_with_its_stamp():
+    error = ErrorValue(
+        manoeuvre="position",
+        goal=(0.0, 0.0, 2.0),
+        error_pad=(0.1, 0.0, 0.0),
+        error_body=(0.1, 0.0, 0.0),
+        error_yaw=None,
+    )
+    async with Shell() as shell:
+        shell.core.wanted = [PublishError(error)]
+        await asyncio.sleep(1.0)
+        [told] = shell.bus.values("control/error")
+        assert (told.manoeuvre, told.error_pad) == ("position", (0.1, 0.0, 0.0))
+        assert 0.0 <= told.stamp.monotonic <= 1.0
 
 
 @virtually

@@ -152,3 +152,14 @@ async def test_a_client_finds_it_and_trusts_no_other_users_folder(monkeypatch, t
         if path.parent.stat().st_uid != 0:
             assert find_socket("mk1", endpoint) is None
     await wait_until(lambda: not path.exists())
+
+
+async def test_a_folder_of_another_user_is_no_place_for_the_socket(path, monkeypatch):
+    path.parent.mkdir(parents=True)
+    if os.getuid() == 0:  # what belongs to root is everybody's
+        os.chown(path.parent, 4242, -1)
+    monkeypatch.setattr(localsocket.os, "getuid", lambda: 4243)
+    with pytest.raises(MkError, match="belongs to another user"):
+        async with LocalSocket(Desk().answer).serve(path):
+            pytest.fail("it listens")
+    assert not path.exists()

@@ -55,3 +55,9 @@ def test_an_open_bus_is_told_to_everybody():
 def test_the_status_line_says_line_motors_and_who_flies():
     words = status_line(vehicle_health(VehicleFacts(), line(), STAMP, note=""), Phase.FREE)
     assert words == "link absent: the line has not been opened yet; motors unknown; control free"
+
+
+def test_the_status_line_says_what_is_wrong_with_the_aircraft():
+    facts = VehicleFacts()
+    facts.state_received(flight(is_flying=False).model_copy(update={"error": "no GPS"}), STAMP.monotonic)
+    assert status_line(vehicle_health(facts, line(), STAMP, note=""), Phase.FREE).endswith("; error: no GPS")

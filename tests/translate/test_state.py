@@ -128,6 +128,13 @@ def test_no_position_is_published_while_it_is_not_valid():
     assert (without_home.position_enu, without_home.home_latitude_deg, without_home.home_distance) == (None, None, None)
 
 
+def test_without_a_valid_position_the_distance_to_a_target_is_the_boards_own_word():
+    target = {"target_latitude": 424602680 + 89035, "target_longitude": -712699574, "target_status": 1}
+    flight = states(blank(OsdData5, **OSD | target | {"position_status": 0, "target_distance": 3347}))["state/flight"]
+    assert flight.target_distance is None
+    assert flight.board_target_distance == pytest.approx(334.7)
+
+
 def test_distances_beyond_655_m_are_computed_and_the_boards_own_are_marked():
     """990 m are 335 m on a NaviCtrl 0.24, which counts centimetres in 16 bits."""
     away = {"home_latitude": 424602680 - 89035, "home_distance": 3347}
@@ -292,6 +299,16 @@ def test_a_navictrl_that_does_not_hear_its_flightctrl_says_nothing_about_it(code
     flags = blank(OsdFlags, index=11, error_code=code)
     assert motors_running("nc", flags) is None
     assert states(flags)["state/flight"].motors_running is None
+    for frozen in (OsdVolatile, OsdTarget):
+        translator = StateTranslator()
+        states(flags, translator=translator)
+        message = blank(frozen, index=next(iter(frozen.spec.marker)))
+        assert states(message, translator=translator).keys().isdisjoint({"state/battery", "state/pilot"})
+
+
+def test_the_flags_of_the_data_sets_tell_whether_motors_run():
+    assert motors_running("nc", blank(OsdFlags, index=11, status_2=OsdStatus2.MOTORS_RUNNING)) is True
+    assert motors_running("nc", blank(OsdFlags, index=11)) is False
 
 
 @pytest.mark.parametrize("code", [ErrorCode.NO_GPS, ErrorCode.GPS_LOST, ErrorCode.NO_GPS_FIX])
