@@ -1,0 +1,134 @@
+"""Every command for a NaviCtrl against a running daemon and a simulated aircraft, over real Zenoh and real codec."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from lab.rigs.background import background_daemon
+from lab.rigs.live import VEHICLE
+from lab.rigs.waiting import wait_blocking
+from mkdaemon.cli.program import EXIT_CONFIG, EXIT_FAILURE, EXIT_OK
+from mkdaemon.config.sim import PilotPlan
+from mkdaemon.missions import write_mission
+from mkdaemon.telemetry.mission import Mission, MissionPoint
+from tests.cli.conftest import Ctl
+
+pytestmark = [pytest.mark.flight, pytest.mark.real_time(tolerance=0.1)]
+"""A request waits a few tenths of a second for its answer, and the program itself asks again."""
+
+
+@pytest.fixture(scope="module")
+def at() -> Iterator[list[str]]:
+    """The options that reach the daemon."""
+    with background_daemon(board="nc") as daemon:
+        yield ["--vehicle", VEHICLE, "--connect", daemon.endpoint]
+
+
+def mission(count: int) -> Mission:
+    points = (
+        MissionPoint(latitude_deg=53.07 + n / 1e4, longitude_deg=8.79, altitude=10 + n, hold=n) for n in range(count)
+    )
+    return Mission(points=tuple(points))
+
+
+def test_in_flight_an_upload_needs_its_flag(ctl: Ctl, tmp_path: Path) -> None:
+    file = tmp_path / "mission.csv"
+    write_mission(mission(3), file)
+    with background_daemon(board="nc", pilot_plan=PilotPlan.HOVER, pilot_wait=600.0) as daemon:
+        at = ["--vehicle", VEHICLE, "--connect", daemon.endpoint]
+        daemon.start_pilot()
+        wait_blocking(lambda: json.loads(ctl(at, "get", "state/flight", "--json")[1] or "{}").get("motors_running"))
+        code, _, err = ctl(at, "waypoints", "upload", str(file))
+        assert code == EXIT_FAILURE
+        assert "in_flight_needed: motors are running, and do/waypoints_upload takes effect at once" in err
+        assert "--in-flight" in err
+        assert ctl(at, "waypoints", "upload", str(file), "--in-flight")[::2] == (EXIT_OK, "")
+        code, _, err = ctl(at, "settings", "list")
+        assert code == EXIT_FAILURE
+        assert "motors_running" in err
+
+
+def test_a_mission_goes_up_is_verified_comes_down_and_is_cleared(at: list[str], ctl: Ctl, tmp_path: Path) -> None:
+    file, back = tmp_path / "mission.csv", tmp_path / "back.gpx"
+    write_mission(mission(31), file)
+    code, out, err = ctl(at, "waypoints", "upload", str(file), "--json")
+    assert (code, err) == (EXIT_OK, "")
+    up = json.loads(out)
+    assert up["count"] == 31
+    assert up["rounds"] >= 1  # more where a loaded machine lets an answer come late
+    assert ctl(at, "waypoints", "verify", str(file))[::2] == (EXIT_OK, "")
+    code, out, _ = ctl(at, "waypoints", "download", str(back), "--json")
+    assert (code, json.loads(out)["digest"]) == (EXIT_OK, up["digest"])
+    assert ctl(at, "waypoints", "clear")[:2] == (EXIT_OK, "the list is empty\n")
+    code, out, _ = ctl(at, "waypoints", "verify", str(back))
+    assert (code, out.splitlines()[0]) == (EXIT_FAILURE, "point 1 is absent")
+    code, _, err = ctl(at, "waypoints", "download", str(tmp_path / "none.gpx"))
+    assert code == EXIT_FAILURE
+    assert "holds no points" in err
+
+
+def test_what_cannot_be_uploaded_is_one_line(at: list[str], ctl: Ctl, tmp_path: Path) -> None:
+    file = tmp_path / "long.csv"
+    write_mission(mission(32), file)
+    code, _, err = ctl(at, "waypoints", "upload", str(file))
+    assert (code, err.count("\n")) == (EXIT_FAILURE, 1)
+    assert "the mission has 32 points and this board holds 31" in err
+    file.write_text("latitude_deg,longitude_deg\n")
+    code, _, err = ctl(at, "waypoints", "upload", str(file))
+    assert (code, err.count("\n")) == (EXIT_CONFIG, 1)
+    assert f"{file}:1: column 'altitude' is missing" in err
+
+
+def test_a_conversion_names_what_is_lost(ctl: Ctl, tmp_path: Path) -> None:
+    file, plan = tmp_path / "mission.csv", tmp_path / "mission.plan"
+    file.write_text("lat,lon,altitude,climb\n53.1,8.1,10,1\n53.2,8.1,10,3\n")
+    code, out, err = ctl([], "waypoints", "convert", str(file), str(plan))
+    assert (code, out) == (EXIT_OK, f"2 points written to {plan}\n")
+    assert err == f"mkctl: {plan}: this format does not keep climb of point 1\n"
+
+
+def test_navictrl_parameters_labels_and_display(at: list[str], ctl: Ctl) -> None:
+    assert ctl(at, "nc-param", "set", "target-speed", "25")[:2] == (EXIT_OK, "target_speed 25 0.1 m/s\n")
+    assert ctl(at, "nc-param", "get", "target_speed")[1] == "target_speed 25 0.1 m/s\n"
+    assert ctl(at, "nc-param", "set", "heading_setpoint", "-1")[::2] == (EXIT_OK, "")
+    code, _, err = ctl(at, "nc-param", "set", "target_speed", "99999")
+    assert (code, "<= 32767" in err) == (EXIT_CONFIG, True)
+    code, _, err = ctl(at, "nc-param", "get", "speed")
+    assert code == EXIT_CONFIG
+    assert "use one of target_speed, heading_setpoint" in err
+    first = ctl(at, "labels", "nc")[1].splitlines()
+    assert len(first) == 32
+    assert ctl(at, "labels", "nc")[1].splitlines() == first  # kept, not asked again
+    lines = ctl(at, "display", "nc", "--once")[1].splitlines()
+    assert [len(line) for line in lines] == [20] * 4
+
+
+def test_the_menu_is_that_of_the_board_that_is_there(at: list[str], ctl: Ctl) -> None:
+    assert ctl(at, "display")[1].startswith("NaviCtrl ")
+
+
+def test_send_prints_the_typed_answer_and_refusals(at: list[str], ctl: Ctl) -> None:
+    assert ctl(at, "send", "echo-request", "--pattern", "0x5AA5")[1].split() == ["pattern", "23205"]
+    code, _, err = ctl(at, "send", "echo-request", "--pattern", "70000")
+    assert (code, err.strip()) == (EXIT_CONFIG, "mkctl: --pattern: '70000' does not fit; it takes: 0..65535.")
+    code, out, _ = ctl(at, "send", "waypoint-request", "--index", "9", "--json")
+    assert json.loads(out)["reply"] == {"count": 0}
+    code, _, err = ctl(at, "send", "redirect", "--port", "fc")
+    assert code == EXIT_FAILURE
+    assert "not_confirmed" in err
+
+
+def test_the_flightctrl_behind_a_navictrl_is_reached_and_telemetry_goes_on(
+    at: list[str], ctl: Ctl, tmp_path: Path
+) -> None:
+    """Each request passes the line through for itself, so that the motors stay watched."""
+    code, out, err = ctl(at, "settings", "backup", str(tmp_path / "backup"))
+    assert (code, err) == (EXIT_OK, "")
+    assert "set 3 is live, byte for byte as before" in out
+    assert "1 = [64, 64, 0, 64]" in ctl(at, "mixer", "get")[1]
+    assert ctl(at, "send", "version-request", "--board", "nc")[::2] == (EXIT_OK, "")
+    assert json.loads(ctl(at, "get", "state/flight", "--json")[1])["motors_running"] is False
