@@ -5,14 +5,18 @@ from __future__ import annotations
 import asyncio
 import logging
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from concurrent.futures import Future
-from contextlib import contextmanager
-from typing import Any
+from contextlib import AbstractAsyncContextManager, contextmanager
+from typing import Any, TypeVar
 
 import structlog
 
 from lab.rigs.live import LiveDaemon, live_daemon
+from lab.rigs.waiting import wait_blocking
+from mkdaemon.client import Vehicle
+
+_Value = TypeVar("_Value")
 
 
 class BackgroundDaemon:
@@ -24,9 +28,44 @@ class BackgroundDaemon:
 
     def __init__(self, live: LiveDaemon) -> None:
         self.endpoint = live.endpoint
+        self._live = live
         self._simulation = live.runtime.simulation
         self._loop = asyncio.get_running_loop()
         self._stop = asyncio.Event()
+
+    def wait_for_values(self, *suffixes: str) -> None:
+        """Return when something was published under each of these keys.
+
+        Raises:
+            TimeoutError: it was not.
+        """
+        wait_blocking(lambda: all(self._live.values(suffix) for suffix in suffixes))
+
+    def wait_for_phase(self, phase: str) -> None:
+        """Return when control is in a phase.
+
+        Raises:
+            TimeoutError: it never was.
+        """
+        wait_blocking(lambda: [status["phase"] for status in self._live.values("control/status")][-1:] == [phase])
+
+    @contextmanager
+    def other_client(self, work: Callable[[Vehicle], AbstractAsyncContextManager[_Value]]) -> Iterator[_Value]:
+        """Another client, which does something as long as the context lasts."""
+        entered: Future[_Value] = Future()
+        left = asyncio.Event()
+
+        async def run() -> None:
+            async with self._live.client() as client, work(client) as value:
+                entered.set_result(value)
+                await left.wait()
+
+        running = asyncio.run_coroutine_threadsafe(run(), self._loop)
+        try:
+            yield entered.result()
+        finally:
+            self._loop.call_soon_threadsafe(left.set)
+            running.result()
 
     def start_pilot(self) -> None:
         """Let the simulated pilot begin."""

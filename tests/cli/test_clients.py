@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import asyncio
 import json
-import os
-import sys
-from contextlib import asynccontextmanager
+from contextlib import asynccontextmanager, contextmanager
 
 import pytest
 
-from lab.rigs.live import live_daemon
+from lab.rigs.background import background_daemon
+from lab.rigs.live import VEHICLE
 from mkdaemon.cli.mkctl.app import app
 from mkdaemon.cli.mkctl.rate import read_interval
 from mkdaemon.cli.program import run
@@ -20,99 +19,98 @@ pytestmark = [pytest.mark.flight, pytest.mark.real_time(tolerance=0.03)]
 """A standstill of a tenth of a second already degrades the link."""
 
 
-class Shell:
-    """Runs `mkctl` against one daemon."""
+@pytest.fixture
+def serve():
+    """Start a daemon, which `mkctl` finds by the environment."""
 
-    def __init__(self, endpoint):
-        self._environment = os.environ | {"MK_CONNECT": endpoint, "MK_VEHICLE": "cockpit", "COLUMNS": "200"}
+    @contextmanager
+    def start(**sim):
+        with background_daemon(**sim) as flown, pytest.MonkeyPatch.context() as patch:
+            for name, value in {"MK_CONNECT": flown.endpoint, "MK_VEHICLE": VEHICLE, "COLUMNS": "200"}.items():
+                patch.setenv(name, value)
+            yield flown
 
-    async def __call__(self, *arguments):
-        """Exit code, output, errors."""
-        process = await asyncio.create_subprocess_exec(
-            sys.executable, "-m", "mkdaemon.cli.mkctl.app", *arguments,
-            stdout=asyncio.subprocess.PIPE, stderr=asyncio.subprocess.PIPE, env=self._environment,
-        )  # fmt: skip
-        out, err = await process.communicate()
-        assert b"Traceback" not in err
-        return process.returncode, out.decode(), err.decode()
+    return start
+
+
+@pytest.fixture
+def mkctl(ctl):
+    """Run `mkctl`: exit code, output, errors."""
+    return lambda *arguments: ctl([], *arguments)
 
 
 @asynccontextmanager
-async def held(flown):
+async def hold(client):
     """A lease somebody else holds and keeps renewing."""
-    async with flown.client() as client:
-        take = {"action": "take", "holder": "somebody", "force": True}
-        granted = (await client.command("do", "lease", take)).require()
-        name = {"epoch": granted["epoch"], "secret": granted["secret"]}
+    take = {"action": "take", "holder": "somebody", "force": True}
+    granted = (await client.command("do", "lease", take)).require()
+    name = {"epoch": granted["epoch"], "secret": granted["secret"]}
 
-        async def renew():
-            while True:
-                await client.command("do", "lease", {"action": "renew", **name})
-                await asyncio.sleep(0.5)
+    async def renew():
+        while True:
+            await client.command("do", "lease", {"action": "renew", **name})
+            await asyncio.sleep(0.5)
 
-        renewing = asyncio.create_task(renew())
-        try:
-            yield name
-        finally:
-            renewing.cancel()
+    renewing = asyncio.create_task(renew())
+    try:
+        yield name
+    finally:
+        renewing.cancel()
 
 
-async def test_a_first_look_around():
-    async with live_daemon(board="nc", fc="2.12a") as flown:
-        mkctl = Shell(flown.endpoint)
-        await flown.until(lambda: flown.values("state/position") and flown.values("health"))
-        code, out, _ = await mkctl("status")
+def test_a_first_look_around(serve, mkctl):
+    with serve(board="nc", fc="2.12a") as flown:
+        flown.wait_for_values("state/position", "health")
+        code, out, _ = mkctl("status")
         assert code == 0
         for words in ("alive", "motors stopped", "nc 0.24", "free", "battery", "satellites"):
             assert words in out
         assert "up: " in out or "degraded: " in out  # a loaded machine may make it late
-        code, out, _ = await mkctl("status", "--json")
+        code, out, _ = mkctl("status", "--json")
         assert '"is_alive": true' in out
-        code, out, _ = await mkctl("get", "rx/nc/osd", "state/battery")
+        code, out, _ = mkctl("get", "rx/nc/osd", "state/battery")
         assert code == 0
         assert "rx/nc/osd" in out
         assert "voltage=" in out
         assert "s ago" in out
-        code, out, _ = await mkctl("get", "state/*", "--json")
+        code, out, _ = mkctl("get", "state/*", "--json")
         assert {json.loads(line)["key"] for line in out.splitlines()} >= {"state/battery", "state/attitude"}
-        code, out, _ = await mkctl("watch", "state/attitude", "--count", "3", "--json")
+        code, out, _ = mkctl("watch", "state/attitude", "--count", "3", "--json")
         assert [json.loads(line)["key"] for line in out.splitlines()] == ["state/attitude"] * 3
-        code, out, _ = await mkctl("health")
+        code, out, _ = mkctl("health")
         assert "link test" in out
-        code, out, err = await mkctl("rate", "osd", "250ms")
+        code, out, err = mkctl("rate", "osd", "250ms")
         assert (code, "osd             250 ms" in out) == (0, True), out + err
-        code, _, err = await mkctl("rate", "osd", "10ms")
+        code, _, err = mkctl("rate", "osd", "10ms")
         assert code == 1
         assert "line_budget" in err
         assert "% of the line" in err
 
 
-async def test_flying_by_hand_from_the_command_line():
-    async with live_daemon() as flown:
-        mkctl = Shell(flown.endpoint)
-        code, out, _ = await mkctl("lease", "show")
+def test_flying_by_hand_from_the_command_line(serve, mkctl):
+    with serve() as flown:
+        code, out, _ = mkctl("lease", "show")
         assert (code, out.strip()) == (0, "nobody holds the lease")
-        code, out, _ = await mkctl("lease", "take", "--holder", "tester", "--json")
+        code, out, _ = mkctl("lease", "take", "--holder", "tester", "--json")
         assert (code, json.loads(out)["holder"]) == (0, "tester")
-        async with held(flown) as lease:
-            code, _, err = await mkctl("lease", "take", "--holder", "other")
+        with flown.other_client(hold) as lease:
+            code, _, err = mkctl("lease", "take", "--holder", "other")
             assert (code, err.startswith("mkctl: lease_held: somebody holds the lease")) == (1, True)
             assert "--force" in err
-            code, out, _ = await mkctl("lease", "release", str(lease["epoch"]), lease["secret"])
+            code, out, _ = mkctl("lease", "release", str(lease["epoch"]), lease["secret"])
             assert code == 0
-        await flown.until_phase("free")
+        flown.wait_for_phase("free")
         fly = ("stick", "--throttle", "5", "--pitch", "-12", "--seconds", "0.5", "--json")
-        code, out, err = await mkctl(*fly)
+        code, out, err = mkctl(*fly)
         assert '"pitch": -12' in out, err
-        await flown.until_phase("free")
-        code, out, _ = await mkctl("release")
+        flown.wait_for_phase("free")
+        code, out, _ = mkctl("release")
         assert code == 0
         assert "the FlightCtrl confirmed it" in out
 
 
-async def test_mistakes_are_one_line():
-    async with live_daemon() as flown:
-        mkctl = Shell(flown.endpoint)
+def test_mistakes_are_one_line(serve, mkctl):
+    with serve():
         for arguments, words in (
             (("get", "state/nothing"), "no value for state/nothing"),
             (("get", "a//b"), "'a//b' is no key: empty chunks are forbidden"),
@@ -129,29 +127,28 @@ async def test_mistakes_are_one_line():
             (("rate", "sod", "100ms"), "no stream"),
             (("lease", "release", "5", "f00"), "not_leased"),
         ):
-            code, _, err = await mkctl(*arguments)
+            code, _, err = mkctl(*arguments)
             assert code in {1, 2}
             assert words in err
             assert len(err.strip().splitlines()) == 1
 
 
-async def test_what_is_not_there_is_said_beside_what_is():
-    async with live_daemon(board="nc") as flown:
-        mkctl = Shell(flown.endpoint)
-        await flown.until(lambda: flown.values("state/battery"))
-        code, out, err = await mkctl("get", "state/battery", "state/nothing")
+def test_what_is_not_there_is_said_beside_what_is(serve, mkctl):
+    with serve(board="nc") as flown:
+        flown.wait_for_values("state/battery", "state/position")
+        code, out, err = mkctl("get", "state/battery", "state/positon")
         hint = "did you mean state/position?"
-        assert (code, err) == (0, f"mkctl: no value for state/nothing of vehicle cockpit (yet); {hint}\n")
+        assert (code, err) == (0, f"mkctl: no value for state/positon of vehicle cockpit (yet); {hint}\n")
         assert out.startswith("state/battery  voltage=")
-        code, out, _ = await mkctl("get", "mk/cockpit/state/battery")  # a whole key, as another program shows it
+        code, out, _ = mkctl("get", "mk/cockpit/state/battery")  # a whole key, as another program shows it
         assert (code, out.startswith("state/battery")) == (0, True)
-        code, out, _ = await mkctl("get", "**", "--json")
+        code, out, _ = mkctl("get", "**", "--json")
         keys = {json.loads(line)["key"] for line in out.splitlines()}
         assert {"link/state", "rx/nc/osd", "state/battery"} <= keys
         assert not any(key.startswith("schema/") for key in keys)
-        code, out, _ = await mkctl("get", "schema/Battery.v1", "--json")
+        code, out, _ = mkctl("get", "schema/Battery.v1", "--json")
         assert json.loads(out)["properties"]["voltage"]["type"] == "number"
-        code, out, err = await mkctl("watch", "--vehicle", "other", "--seconds", "0.1")
+        code, out, err = mkctl("watch", "--vehicle", "other", "--seconds", "0.1")
         assert (code, out) == (0, "")
         assert err.endswith("there is cockpit: use --vehicle; waiting for it\n")
 
