@@ -29,8 +29,9 @@ def at() -> Iterator[list[str]]:
 
 
 def mission(count: int) -> Mission:
+    """Points near the simulated aircraft."""
     points = (
-        MissionPoint(latitude_deg=53.07 + n / 1e4, longitude_deg=8.79, altitude=10 + n, hold=n) for n in range(count)
+        MissionPoint(latitude_deg=53.23 + n / 1e5, longitude_deg=7.459, altitude=10 + n, hold=n) for n in range(count)
     )
     return Mission(points=tuple(points))
 
