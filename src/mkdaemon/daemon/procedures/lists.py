@@ -111,11 +111,11 @@ class ListWrites:
     """Hands everything on to another observer, and announces the first write to the list.
 
     Attributes:
-        have_begun: the list may have been changed.
+        may_be_changed: the list may have been changed.
     """
 
     def __init__(self, observer: Observer, begin: Callable[[], Awaitable[None]]) -> None:
-        self.have_begun = False
+        self.may_be_changed = False
         self._begin = begin
         self._check = observer.check
         self.progress, self.prove = observer.progress, observer.prove
@@ -124,6 +124,6 @@ class ListWrites:
     async def check(self, board: Board, message: WireMessage) -> None:
         """Let a request pass or refuse it; see `Observer`."""
         await self._check(board, message)
-        if message.spec.key == _WRITES and not self.have_begun:
-            self.have_begun = True
+        if message.spec.key == _WRITES and not self.may_be_changed:
+            self.may_be_changed = True
             await self._begin()

@@ -113,7 +113,7 @@ class ProcedureRunner:
             try:
                 reply = await run_procedure(self._link, spec.make(request), writes or observer)
             except Exception:
-                if writes is not None and writes.have_begun:
+                if writes is not None and writes.may_be_changed:
                     self._list.broke_off(source)
                 raise
             if isinstance(reply, WaypointsStored):
