@@ -53,3 +53,13 @@ def test_a_misspelt_command_is_answered_without_importing_the_others():
     code, modules = map(int, done.stdout.split())
     assert (code, modules < 10) == (2, True)
     assert done.stderr == 'mkctl: Unknown command "statsu". Did you mean "status"? See `mkctl --help`.\n'
+
+
+def test_help_imports_nothing_that_only_a_command_needs():
+    code = (
+        "import sys; from mkdaemon.cli.mkctl.app import app; from mkdaemon.cli.program import run\n"
+        "run(app, ['--help'])\n"
+        "print(*({'zenoh', 'pydantic', 'numpy', 'msgpack', 'importlib.metadata'} & set(sys.modules)), file=sys.stderr)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stderr == "\n"
