@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import json
 import resource
 from contextlib import contextmanager
 
 import pytest
 
+from mkdaemon import guard
 from mkdaemon.cli.mkctl.app import app as mkctl
 from mkdaemon.cli.mkdaemon.app import app as mkdaemon
 from mkdaemon.cli.program import EXIT_CONFIG, EXIT_FAILURE, EXIT_OK, run
@@ -102,6 +104,17 @@ def test_a_writer_overwrites_only_when_asked_for_and_never_on_a_full_disk(write,
     with pytest.raises(MkError, match=r"cannot be written .File too large."), full_disk():
         write(file, overwrite=True)
     assert [path.read_bytes() for path in tmp_path.iterdir()] == [OLD]
+
+
+def test_the_guard_keeps_an_earlier_report_on_a_full_disk(tmp_path, monkeypatch):
+    monkeypatch.setattr(guard.signal, "alarm", lambda seconds: None)
+    report = tmp_path / "guard.json"
+    report.write_bytes(OLD)
+    with full_disk():
+        guard._tell("released", report)
+    assert report.read_bytes() == OLD
+    guard._tell("released", report)
+    assert json.loads(report.read_text())["text"] == "released"
 
 
 def test_nothing_of_the_product_writes_a_file_another_way():

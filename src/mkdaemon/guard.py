@@ -224,8 +224,10 @@ def _answer(channel: socket.socket, word: bytes) -> None:
 def _tell(text: str, report: Path | None) -> None:
     """Say what was done: in a file for the next daemon, and on stderr, which must not hold us up."""
     if report is not None:
+        fresh = report.with_name(f".{report.name}.new")
         with suppress(OSError):
-            report.write_text(json.dumps({"wall": time.time(), "text": text}), encoding="utf-8")
+            fresh.write_text(json.dumps({"wall": time.time(), "text": text}), encoding="utf-8")
+            fresh.replace(report)
     signal.alarm(1)
     with suppress(OSError):
         os.write(2, f"mkdaemon guard: the daemon stopped while the aircraft was under control; {text}\n".encode())
