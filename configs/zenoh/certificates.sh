@@ -17,11 +17,20 @@ mkdir -p "$folder"
 cd "$folder"
 umask 077
 openssl req -x509 -newkey ec -pkeyopt ec_paramgen_curve:P-256 -nodes -days 3650 -subj "/CN=mkdaemon authority" \
+    -addext "basicConstraints=critical,CA:TRUE,pathlen:0" -addext "keyUsage=critical,keyCertSign,cRLSign" \
     -keyout ca.key -out ca.pem 2>/dev/null
 for who in daemon pilot watcher; do
     openssl req -newkey ec -pkeyopt ec_paramgen_curve:P-256 -nodes -subj "/CN=$who" \
         -keyout "$who.key" -out "$who.csr" 2>/dev/null
-    printf 'subjectAltName=%s\n' "$names" > "$who.ext"
+    # The daemon also connects, to a router for example; a client's certificate is good for no server and no host.
+    {
+        printf 'basicConstraints=critical,CA:FALSE\nkeyUsage=critical,digitalSignature\n'
+        if [ "$who" = daemon ]; then
+            printf 'extendedKeyUsage=serverAuth,clientAuth\nsubjectAltName=%s\n' "$names"
+        else
+            printf 'extendedKeyUsage=clientAuth\n'
+        fi
+    } > "$who.ext"
     openssl x509 -req -in "$who.csr" -CA ca.pem -CAkey ca.key -CAcreateserial -days 825 -extfile "$who.ext" \
         -out "$who.pem" 2>/dev/null
     rm "$who.csr" "$who.ext"

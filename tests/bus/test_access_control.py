@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import json
 import shutil
 import subprocess
 from pathlib import Path
@@ -12,7 +13,11 @@ import zenoh
 
 from lab.rigs.waiting import wait_until
 from mkdaemon.bus.gateway import Bus
-from mkdaemon.bus.session import session_config
+from mkdaemon.bus.session import open_session, session_config
+from mkdaemon.bus.tls import explain_tls_failure
+from mkdaemon.client import connect as connect_client
+from mkdaemon.client import transport
+from mkdaemon.errors import MkError
 from mkdaemon.stamp import Stamp
 from mkdaemon.telemetry.command import CommandResult
 from mkdaemon.telemetry.event import LogEvent
@@ -133,3 +138,43 @@ async def test_a_certificate_of_another_authority_gets_no_connection(guarded, co
     _, endpoint, _ = guarded
     with pytest.raises(zenoh.ZError):
         await asyncio.to_thread(connect, who, endpoint, "strangers")
+
+
+async def test_a_certificate_of_another_authority_is_told_why(guarded, certificates, tmp_path):
+    _, endpoint, _ = guarded
+    file = sample("client-tls.json5", certificates, tmp_path, authority="strangers")
+    with pytest.raises(MkError, match="does not trust the certificate"):
+        await open_session(session_config("client", connect=[endpoint], zenoh_file=file, patience=0.3))
+    ours = file.read_text(encoding="utf-8").replace(f"{certificates}/strangers/ca.pem", f"{certificates}/ours/ca.pem")
+    file.write_text(ours, encoding="utf-8")
+    with pytest.raises(MkError, match=r"refuses this client's certificate .*alert"):
+        await open_session(session_config("client", connect=[endpoint], zenoh_file=file, patience=0.3))
+
+
+async def test_certificates_that_are_not_there_are_named(tmp_path, certificates):
+    file = sample("client-tls.json5", certificates, tmp_path)
+    config = session_config("client", connect=["tls/localhost:1"], zenoh_file=file)
+    assert explain_tls_failure(config) is None
+    config.insert_json5("transport/link/tls/connect_certificate", json.dumps(str(tmp_path / "none.pem")))
+    assert "No such file" in explain_tls_failure(config)
+
+
+async def test_a_watcher_that_commands_is_told_why(guarded, certificates, tmp_path, monkeypatch):
+    _, endpoint, commanded = guarded
+    monkeypatch.setattr(transport, "DENIAL_LOOK", 0.5)
+    file = sample("client-tls.json5", certificates, tmp_path, who="watcher")
+    async with connect_client("t1", endpoint, zenoh_file=file) as client:
+        with pytest.raises(MkError, match="access denied"):
+            await client.command("do", "lease", {"action": "take", "holder": "watcher"})
+    assert commanded == []
+
+
+@pytest.mark.parametrize("who", ["daemon", "pilot", "watcher"])
+def test_a_certificate_is_good_for_nothing_else(certificates, who):
+    words = ["openssl", "x509", "-in", str(certificates / "ours" / f"{who}.pem"), "-noout", "-text"]
+    text = subprocess.run(words, check=True, capture_output=True, text=True).stdout
+    assert "Digital Signature" in text
+    assert "CA:FALSE" in text
+    assert ("TLS Web Server Authentication" in text) is (who == "daemon")
+    assert ("localhost" in text) is (who == "daemon")
+    assert "TLS Web Client Authentication" in text

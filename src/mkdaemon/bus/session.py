@@ -13,6 +13,7 @@ from typing import Final, Literal
 
 import zenoh
 
+from mkdaemon.bus.tls import explain_tls_failure
 from mkdaemon.errors import ConfigError, MkError
 from mkdaemon.reading import DEEPEST, read_text
 
@@ -151,6 +152,8 @@ async def open_session(config: zenoh.Config, *, listen: Sequence[str] = ()) -> z
             )
             raise MkError(msg) from error
         if "Unable to connect" in text:
+            if (refusal := await asyncio.to_thread(explain_tls_failure, config)) is not None:
+                raise MkError(refusal) from error
             where = ", ".join(json.loads(config.get_json("connect/endpoints")))
             msg = f"nobody answers at {where}: is mkdaemon running there? (`mkdaemon run` here, or --connect elsewhere)"
             raise MkError(msg) from error

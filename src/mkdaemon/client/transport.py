@@ -22,6 +22,9 @@ from mkdaemon.errors import MkError
 
 PATIENCE: Final = 15.0
 """Longest wait for the answer to a command [s]; board requests with retries take up to 8 s."""
+DENIAL_LOOK: Final = 2.0
+"""Longest wait for the answers that show whether this client may command at all [s]."""
+_SECURED: Final = ("tls/", "quic/")
 _OTHER_ROOTS: Final = frozenset({"do", "sim"})
 """Targets of a command that are no boards."""
 
@@ -88,9 +91,7 @@ class Transport:
         suffix = f"{target}/{name}" if target in _OTHER_ROOTS else f"cmd/{target}/{name}"
         replies = await self._query(suffix, msgpack.packb(dict(fields or {})), patience)
         if not replies:
-            raise MkError(
-                await self.absence() or f"the daemon gives no answer to {suffix}: is it older than this client?"
-            )
+            raise MkError(await self._silence(suffix))
         if len(replies) > 1:
             msg = (
                 f"{len(replies)} daemons of the name {self.vehicle} answered, and all have obeyed: "
@@ -98,6 +99,23 @@ class Transport:
             )
             raise MkError(msg)
         return Answer.from_fields(replies[0].fields)
+
+    async def _silence(self, suffix: str) -> str:
+        """Why a command got no answer."""
+        if (absence := await self.absence()) is not None:
+            return absence
+        if self._endpoint.startswith(_SECURED) and await self._is_denied():
+            return (
+                f"access denied: the daemon at {self._endpoint} answers this client, but not {suffix}: this "
+                "certificate may look and not command; use a pilot's (configs/zenoh/README.md)"
+            )
+        return f"the daemon gives no answer to {suffix}: is it older than this client?"
+
+    async def _is_denied(self) -> bool:
+        """Whether the daemon answers what everybody may ask, and no command."""
+        show = msgpack.packb({"action": "show"})
+        commands = await self._query("do/lease", show, DENIAL_LOOK)
+        return not commands and bool(await self._query("schema/LeaseRequest.v1", b"", DENIAL_LOOK))
 
     def watch(self, *patterns: str) -> Watch:
         """Subscribe to keys: iterate over what comes with `async for`, or enter it first with `async with`.
