@@ -84,6 +84,9 @@ class Meter:
     def health_measured(self, health: LinkHealth) -> None:
         """The link is asked at the end."""
 
+    def stream_ended(self, key: str) -> None:
+        """Nothing is kept of it."""
+
     def traffic_counted(self, traffic: LinkTraffic) -> None:
         """The link is asked at the end."""
 

@@ -48,6 +48,9 @@ class Waits:
     def health_measured(self, health: LinkHealth) -> None:
         """Asked at the end."""
 
+    def stream_ended(self, key: str) -> None:
+        """Nothing is kept of it."""
+
     def traffic_counted(self, traffic: LinkTraffic) -> None:
         """Not of interest."""
 

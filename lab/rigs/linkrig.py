@@ -43,6 +43,7 @@ class Log:
         self.rx: list[Received] = []
         self.tx: list[Sent] = []
         self.lost: list[Lost] = []
+        self.ended: list[str] = []
         self.states: list[LinkState] = []
         self.healths: list[LinkHealth] = []
         self.traffics: list[LinkTraffic] = []
@@ -66,6 +67,10 @@ class Log:
     def health_measured(self, health: LinkHealth) -> None:
         """Keep a measurement."""
         self.healths.append(health)
+
+    def stream_ended(self, key: str) -> None:
+        """Keep it."""
+        self.ended.append(key)
 
     def traffic_counted(self, traffic: LinkTraffic) -> None:
         """Keep counts."""

@@ -47,6 +47,10 @@ class MotorWatch:
         """Pass the measurements on."""
         self._sink.health_measured(health)
 
+    def stream_ended(self, key: str) -> None:
+        """Pass the end of a stream of another program on."""
+        self._sink.stream_ended(key)
+
     def traffic_counted(self, traffic: LinkTraffic) -> None:
         """Pass the counters on."""
         self._sink.traffic_counted(traffic)

@@ -112,6 +112,10 @@ class BusSink:
         """Publish the measurements."""
         self._bus.publish("link/health", health)
 
+    def stream_ended(self, key: str) -> None:
+        """Say in the log that a stream of another program is ended."""
+        self._audit.log("warning", f"stream {key}: nobody here asked for it; another program left it behind, ended")
+
     def traffic_counted(self, traffic: LinkTraffic) -> None:
         """Publish the counters."""
         self._bus.publish("link/traffic", traffic)

@@ -9,17 +9,19 @@ from __future__ import annotations
 import asyncio
 import math
 from collections.abc import Callable, Coroutine
-from contextlib import suppress
+from functools import partial
 from typing import Any, Final
 
 from mkdaemon.clock import Clock
 from mkdaemon.config.link import LinkConfig
-from mkdaemon.errors import LinkError, LinkLostError
+from mkdaemon.errors import LinkLostError
 from mkdaemon.link.ports.port import Port, parse_address
 from mkdaemon.link.session.dialogue import Dialogue
 from mkdaemon.link.session.guarding import GuardFeed, LineGuard
+from mkdaemon.link.session.leaving import leave
 from mkdaemon.link.session.reopening import BaudSearch
 from mkdaemon.link.session.report import Reporter
+from mkdaemon.link.session.scheduler import Entry
 from mkdaemon.link.session.standstill import StandstillWatch
 from mkdaemon.link.session.stickqueue import LOOK, StickQueue
 from mkdaemon.link.session.traffic import LinkSink, Lost, Received, Sent
@@ -34,8 +36,6 @@ JUDGE_PERIOD: Final = 0.05
 """How often the evidence is weighed [s]; a twentieth of a second of the half second a verdict may take."""
 CLOSED: Final = "closed by us"
 """Reason of an orderly end."""
-EXIT_TIME: Final = 0.6
-"""Longest time the release of an orderly exit may take [s]."""
 Discovery = Callable[[], Coroutine[Any, Any, None]]
 """Finds out who is there whenever `needs_discovery` is set; runs for ever."""
 
@@ -112,7 +112,9 @@ class Exchange:
             self.pump()
             reason = await self._converse(port, discover)
         except asyncio.CancelledError:
-            await self._release_before_exit(port)
+            if not port.is_recording:
+                write = partial(self._write, port)
+                await leave(port, self._dialogue, self._clock.now, process=self._process, pump=self.pump, write=write)
             raise
         finally:
             self._stop()
@@ -156,6 +158,8 @@ class Exchange:
                     self.needs_discovery.set()
                 self.follow_dialect()
                 sink.received(Received(now, item, message))
+                for key in dialogue.streams.take_ended():
+                    sink.stream_ended(key)
             else:
                 if dialogue.bytes_damaged(item, now) and self.port is not None and not self.port.is_recording:
                     self.needs_discovery.set()
@@ -173,24 +177,6 @@ class Exchange:
         assert self._failure is not None
         await self._failure
 
-    async def _release_before_exit(self, port: Port) -> None:
-        """End an orderly exit with a release; bounded, and the port may be gone already."""
-        if port.is_recording:
-            return
-        self._dialogue.steering.leave(self._clock.now())
-        with suppress(LinkError, TimeoutError):
-            async with asyncio.timeout(EXIT_TIME):
-                self.pump()
-                while self._dialogue.steering.is_releasing:
-                    try:
-                        async with asyncio.timeout(0.02):
-                            chunk = await port.read()
-                    except TimeoutError:
-                        chunk = b""
-                    self._process(chunk)
-                    self.pump()
-                await port.drain()
-
     # -- writing --------------------------------------------------------------------------------------------------
 
     def pump(self) -> None:
@@ -207,10 +193,7 @@ class Exchange:
         try:
             self._look_after_sticks(port)
             for entry in self._dialogue.poll(now):
-                port.write(entry.raw)
-                self._sticks.written(entry)
-                self._guard.written(entry)
-                self._sink.sent(Sent(now, entry.raw, entry.message, entry.purpose))
+                self._write(port, entry)
         except LinkLostError as error:
             self._fail(error)
             return
@@ -220,6 +203,17 @@ class Exchange:
             self._judge(port, now)
         look = now + LOOK if self._dialogue.scheduler.holds_setpoints else math.inf
         self._set_timer(min(self._dialogue.next_time(now), self._judge_at, look) - now)
+
+    def _write(self, port: Port, entry: Entry) -> None:
+        """Write one frame, and tell whoever listens.
+
+        Raises:
+            LinkLostError: the port is lost.
+        """
+        port.write(entry.raw)
+        self._sticks.written(entry)
+        self._guard.written(entry)
+        self._sink.sent(Sent(self._clock.now(), entry.raw, entry.message, entry.purpose))
 
     def _look_after_sticks(self, port: Port) -> None:
         """Let no stick frame wait behind another in the kernel; throw away what waits there when a release begins.

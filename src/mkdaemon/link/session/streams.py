@@ -69,6 +69,7 @@ class Streams:
         self._cfg = cfg
         self._subscriptions = Subscriptions(Board.ANY, renew=cfg.renewal)
         self._borrowed: dict[str, _Borrowed] = {}
+        self._ended: list[str] = []
         self._left_over: dict[str, deque[float]] = {}
         self._wishes = {} if isinstance(cfg.rates, str) else {key: ms / 1000 for key, ms in cfg.rates.items()}
 
@@ -165,7 +166,13 @@ class Streams:
         seen.append(now)
         if len(seen) == LEFT_OVER and now - seen[0] <= LEFT_OVER_TIME:
             self._subscriptions.end(key)
+            self._ended.append(key)
             seen.clear()
+
+    def take_ended(self) -> list[str]:
+        """Return the streams of another program that were ended since the last call."""
+        ended, self._ended = self._ended, []
+        return ended
 
     def due(self, now: float) -> list[Entry]:
         """Return the requests to send now, as frames for the scheduler."""

@@ -97,6 +97,9 @@ class LinkSink(Protocol):
     def health_measured(self, health: LinkHealth) -> None:
         """Take the measurements, five times a second and with every change of the condition."""
 
+    def stream_ended(self, key: str) -> None:
+        """Take note that a stream which another program left behind is ended."""
+
     def traffic_counted(self, traffic: LinkTraffic) -> None:
         """Take the counters, once a second."""
 
