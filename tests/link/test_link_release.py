@@ -15,6 +15,7 @@ from mkdaemon.errors import (
 from mkdaemon.link.discovery import redirection
 from mkdaemon.link.session.traffic import Purpose
 from mkdaemon.protocol.messages import (
+    DebugRequest,
     ExternControlV1,
     ExternControlV2,
 )
@@ -204,7 +205,7 @@ async def test_an_orderly_exit_ends_with_a_confirmed_release():
 
 @pytest.mark.parametrize("word", EVERY_FC)
 @virtually
-async def test_nothing_follows_the_release_of_an_exit(word):
+async def test_nothing_but_the_end_of_an_endless_stream_goes_beside_the_release_of_an_exit(word):
     for seed in range(1, 6):
         async with rig(flight_ctrl(word, seed=seed, gate_parameter=200), seed=seed) as r:
             await r.until_up()
@@ -213,8 +214,10 @@ async def test_nothing_follows_the_release_of_an_exit(word):
             await asyncio.sleep(0.013 * seed)
             began = asyncio.get_running_loop().time()
         after = [s for s in r.log.tx if s.at >= began]
-        assert {s.purpose for s in after} == {Purpose.RELEASE}, seed
-        assert int(after[-1].message.config) == 0
+        others = [s.message for s in after if s.purpose is not Purpose.RELEASE]
+        assert len(others) <= (word in {"2.12a", "2.14"}), seed
+        assert all(isinstance(message, DebugRequest) and message.interval == 0 for message in others)
+        assert (after[-1].purpose, int(after[-1].message.config)) == (Purpose.RELEASE, 0)
 
 
 @virtually

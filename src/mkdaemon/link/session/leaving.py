@@ -63,11 +63,12 @@ async def leave(
 def last_words(dialogue: Dialogue, now: float) -> list[Entry]:
     """Return what is said when the aircraft is released: a FlightCtrl of the fork never ends its debug stream.
 
-    The request refreshes the dead-man of old FlightCtrls, so it waits for a confirmed release, and another follows.
+    Older ones do, after 4.1 s, and their dead-man is refreshed by the request: they are not asked. A release follows.
     """
-    plan, layout = dialogue.steering.plan, dialogue.dialect.extern_control
+    plan, layout, dead_man = dialogue.steering.plan, dialogue.dialect.extern_control, dialogue.dialect.dead_man
     is_released = plan is not None and plan.outcome is ReleaseOutcome.CONFIRMED
-    if dialogue.peers.direct is not Board.FC or not is_released or "debug" not in dialogue.streams.wanted:
+    is_endless = dialogue.peers.direct is Board.FC and not dead_man.refreshed_by("d")
+    if not is_endless or not is_released or "debug" not in dialogue.streams.wanted:
         return []
     stop = KINDS["debug"].ask(0)
     frames = [(Purpose.SUBSCRIPTION, stop), *((Purpose.RELEASE, frame) for frame in shortest_release(layout))]
