@@ -113,7 +113,7 @@ class CameraPipeline:
         result = self.tracker.update(image, attitude)
         ready = self._clock.now()
         values = list(values_of(result, image, self._clock.stamp(image.captured_at), self.mounting, ready))
-        self._check.look(result.detections, (pose.target for pose in result.poses))
+        self._check.look(result.detections)
         mismatch = (Alarm.TARGET_MISMATCH,) if self._check.contradicted else ()
         self.alarms = (*result.alarms, *mismatch)
         self._refused.update(reason for _, reason in result.refused)

@@ -38,11 +38,10 @@ class TargetCheck:
         """Targets whose file is wrong."""
         return tuple(name for name, count in self._contradictions.items() if count >= LIMITS.health.misfit_images)
 
-    def look(self, detections: Iterable[Detection], posed: Iterable[str]) -> None:
-        """Judge the tags decoded in one image; a target that was `posed` in it fits its file."""
+    def look(self, detections: Iterable[Detection]) -> None:
+        """Judge the tags decoded in one image; only tags that agree take a contradiction back."""
         if self._projection is None:
             return
-        self._contradictions.update(dict.fromkeys(posed, 0))
         found: dict[str, list[tuple[Tag, Detection]]] = {}
         for detection in detections:
             owner = self._tagmap.owners.get((detection.family, detection.tag_id))
