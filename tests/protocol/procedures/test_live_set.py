@@ -82,6 +82,17 @@ def test_an_active_set_that_was_being_changed_gets_its_old_bytes() -> None:
     assert board.live == board.sets[4] == before
 
 
+@pytest.mark.parametrize("written", [3, 40, 72, 140])
+def test_an_active_set_that_the_power_cut_in_two_while_it_was_written_gets_its_old_bytes(written: int) -> None:
+    board = FlightCtrl(active=4)
+    before = board.sets[4]
+    wanted = before[:2] + bytes(byte ^ 0x55 for byte in before[2:])
+    note = note_of(board, _4=wanted)
+    board.sets[4] = board.live = wanted[:written] + before[written:]
+    assert drive(recover_live_set(note, PATIENCE), board) is Recovered.WRITTEN
+    assert board.live == board.sets[4] == before
+
+
 @pytest.mark.parametrize("case", ["release", "active set", "bytes", "old set", "nothing was written"])
 def test_another_aircraft_is_recognised_and_nothing_is_written_to_it(case: str) -> None:
     board = FlightCtrl(active=4)

@@ -131,8 +131,13 @@ def _is_same_aircraft(lost: LiveSet, active: int, live: bytes, patience: Patienc
 
 
 def _is_half_written(lost: LiveSet, slot: int, found: bytes) -> bool:
+    """Whether a set is what was to be written, or, where the power failed meanwhile, that and the old one in parts."""
     wanted = lost.writing.get(slot)
-    return wanted is not None and found[:1] == wanted[:1] and len(differing(wanted, found)) <= _CLAMPED
+    if wanted is None or found[:1] != wanted[:1]:
+        return False
+    strange = differing(wanted, found)
+    is_mixed = slot == lost.active and not set(strange) & set(differing(lost.live, found))
+    return is_mixed or len(strange) <= _CLAMPED
 
 
 def differing(wanted: bytes, stored: bytes) -> tuple[int, ...]:
