@@ -111,9 +111,9 @@ def test_the_guard_keeps_an_earlier_report_on_a_full_disk(tmp_path, monkeypatch)
     report = tmp_path / "guard.json"
     report.write_bytes(OLD)
     with full_disk():
-        guard._tell("released", report)
+        guard._write_report("released", report)
     assert report.read_bytes() == OLD
-    guard._tell("released", report)
+    guard._write_report("released", report)
     assert json.loads(report.read_text())["text"] == "released"
 
 

@@ -190,7 +190,7 @@ def serve(channel: socket.socket, report: Path | None) -> None:
             _answer(channel, Word.RELEASED if guard.is_releasing else Word.NEUTRAL)
     line.replace(-1)
     if guard.neutral_sent or guard.release_sent:
-        _tell(f"{guard.neutral_sent} neutral and {guard.release_sent} release frames sent", report)
+        _write_report(f"{guard.neutral_sent} neutral and {guard.release_sent} release frames sent", report)
 
 
 def _listen(channel: socket.socket, guard: Guard, line: _Line, poll: select.poll) -> None:
@@ -221,7 +221,7 @@ def _answer(channel: socket.socket, word: bytes) -> None:
         channel.send(word, socket.MSG_DONTWAIT)
 
 
-def _tell(text: str, report: Path | None) -> None:
+def _write_report(text: str, report: Path | None) -> None:
     """Say what was done: in a file for the next daemon, and on stderr, which must not hold us up."""
     if report is not None:
         fresh = report.with_name(f".{report.name}.new")

@@ -111,14 +111,14 @@ async def test_a_channel_that_fails_is_a_guard_that_has_gone(started, monkeypatc
 
     real, started._channel = started._channel, Failing()
     broken = started._channel
-    started._heard()
+    started._receive_answer()
     assert (started.is_alive, broken.is_closed) == (False, True)
     asyncio.get_running_loop().remove_reader(real.fileno())
     real.close()
 
 
 async def test_a_wake_up_without_a_packet_means_nothing(started):
-    started._heard()
+    started._receive_answer()
     assert started.is_alive
 
 
@@ -126,7 +126,7 @@ async def test_stopping_what_was_never_started_does_nothing():
     guard = GuardProcess()
     assert (guard.pid, guard.is_alive) == (None, False)
     await guard.stop()
-    guard._heard()
+    guard._receive_answer()
 
 
 def test_a_report_is_taken_once(tmp_path):

@@ -33,7 +33,7 @@ def test_a_redirection_voids_the_proof_but_not_what_is_known_of_the_firmware():
 
 def test_another_opening_of_the_port_voids_everything_that_was_heard():
     peers = Peers()
-    peers.sender_heard(Board.FC)
+    peers.note_sender(Board.FC)
     peers.version_received(Board.FC, VERSION, 10.0)
     peers.restart()
     assert (peers.direct, peers.boards, peers.firmware, peers.proof) == (Board.ANY, set(), {}, None)
@@ -41,7 +41,7 @@ def test_another_opening_of_the_port_voids_everything_that_was_heard():
 
 def test_motor_controllers_are_no_end_of_the_wire():
     peers = Peers()
-    assert not peers.sender_heard(Board.BL)
+    assert not peers.note_sender(Board.BL)
     assert peers.boards == set()
 
 
@@ -57,7 +57,7 @@ def test_a_silence_while_the_wire_was_passed_through_tells_nothing_about_the_boa
 
 def test_what_boards_said_of_themselves_can_be_forgotten_behind_an_open_port():
     peers = Peers()
-    peers.sender_heard(Board.FC)
+    peers.note_sender(Board.FC)
     peers.version_received(Board.FC, VERSION, 10.0)
     assert peers.learn(Board.FC, VERSION)
     assert peers.dialect.extern_control is not None
@@ -68,7 +68,7 @@ def test_what_boards_said_of_themselves_can_be_forgotten_behind_an_open_port():
 
 def test_a_board_that_is_no_pilot_is_not_where_the_wire_ends():
     peers = Peers()
-    assert not peers.sender_heard(Board.MAG)
+    assert not peers.note_sender(Board.MAG)
     assert (peers.direct, peers.boards) == (Board.ANY, set())
 
 
@@ -83,8 +83,8 @@ def test_a_redirection_that_ends_without_having_begun_is_no_reason_for_a_silence
 
 def test_a_flightctrl_that_speaks_after_its_navictrl_is_behind_it():
     peers = Peers()
-    assert peers.sender_heard(Board.NC)
-    assert not peers.sender_heard(Board.FC)
+    assert peers.note_sender(Board.NC)
+    assert not peers.note_sender(Board.FC)
     assert (peers.direct, peers.boards) == (Board.NC, {Board.FC, Board.NC})
 
 

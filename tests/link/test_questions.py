@@ -21,7 +21,7 @@ class Bench:
 
     def __init__(self) -> None:
         self.peers = Peers()
-        self.peers.sender_heard(Board.NC)
+        self.peers.note_sender(Board.NC)
         self.scheduler = TransmitScheduler(LineRules(direct=Board.NC))
         self.health = HealthMonitor(window=10.0, max_loss_percent=5.0, now=0.0)
         self.questions = Questions(self.scheduler, self.peers, self.health)

@@ -30,7 +30,7 @@ class Bench:
     def __init__(self, direct: Board = Board.FC) -> None:
         self.now = 0.0
         self.peers = Peers()
-        self.peers.sender_heard(direct)
+        self.peers.note_sender(direct)
         self.peers.learn(Board.FC, VERSION_2_08)
         self.scheduler = TransmitScheduler(LineRules(direct=direct))
         health = HealthMonitor(window=10.0, max_loss_percent=5.0, now=0.0)

@@ -62,7 +62,7 @@ class SetpointStream:
         self._statuses = statuses
         self._setpoints = Setpoints(transport, epoch, secret)
         self._loop = asyncio.get_running_loop()
-        self._taken_at = self._heard_at = self._loop.time()
+        self._taken_at = self._received_at = self._loop.time()
         self._status: ControlStatus | None = None
         self._lost: str | None = None
         self._refusal: CommandRejectedError | None = None
@@ -209,7 +209,7 @@ class SetpointStream:
         self._require_held()
 
     def _require_held(self) -> None:
-        silence = self._loop.time() - self._heard_at
+        silence = self._loop.time() - self._received_at
         if self._lost is None and silence > SILENCE:
             self._lost = f"the daemon has not been heard for {silence:.1f} s"
         if self._lost is not None:
@@ -219,7 +219,7 @@ class SetpointStream:
     async def _follow(self) -> None:
         """Learn from `control/status` whether the lease is still held, and which setpoints are refused."""
         async for sample in self._statuses:
-            self._heard_at = self._loop.time()
+            self._received_at = self._loop.time()
             if sample.suffix == "control/status":
                 self._status_arrived(sample.value)
             else:
@@ -233,5 +233,5 @@ class SetpointStream:
     def _status_arrived(self, status: ControlStatus) -> None:
         if status.lease is not None and status.lease.epoch == self.epoch:
             self._status = status
-        elif self._status is not None or self._heard_at - self._taken_at > SETTLING:
+        elif self._status is not None or self._received_at - self._taken_at > SETTLING:
             self._lost = self._lost or status.reason

@@ -78,7 +78,7 @@ class GuardProcess:
         ours.setblocking(False)
         self._channel = ours
         self._answered = self._clock()
-        asyncio.get_running_loop().add_reader(ours.fileno(), self._heard)
+        asyncio.get_running_loop().add_reader(ours.fileno(), self._receive_answer)
 
     async def watch(self) -> None:
         """Ask again and again whether it is there, and report every change."""
@@ -133,7 +133,7 @@ class GuardProcess:
         except OSError:
             self._hang_up()
 
-    def _heard(self) -> None:
+    def _receive_answer(self) -> None:
         if self._channel is None:
             return
         try:

@@ -47,14 +47,14 @@ class BusSink:
         board = board_at(frame.frame.address)
         word = _FOREIGN if board is None else board.word
         message = frame.message
-        states = [] if isinstance(message, Unknown) else self._tell_core(word, message, stamp)
+        states = [] if isinstance(message, Unknown) else self._pass_to_core(word, message, stamp)
         self._bus.publish("raw/rx", RawFrame(stamp=stamp, sequence=sequence, raw=frame.frame.raw))
         sample, schema = _sample(message, word, frame.frame.id, sequence, stamp)
         self._bus.publish(f"rx/{word}/{_key(message)}", sample, schema=schema)
         for suffix, value in states:
             self._bus.publish(suffix, value)
 
-    def _tell_core(self, board: str, message: WireMessage, stamp: Stamp) -> list[State]:
+    def _pass_to_core(self, board: str, message: WireMessage, stamp: Stamp) -> list[State]:
         """Tell the flight core and the cameras what a message says; returns its state values."""
         at = stamp.monotonic
         if isinstance(message, ControlConfirm):

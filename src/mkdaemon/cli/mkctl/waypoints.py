@@ -53,7 +53,7 @@ async def upload(
             mission, source=str(file), in_flight=in_flight, allow_unusual=allow_unusual, on_progress=report
         )
     text = f"{done.count} points stored and read back, content {done.digest[:16]}"
-    _say(connection, text, count=done.count, digest=done.digest, rounds=done.rounds, writes=done.writes)
+    _print_result(connection, text, count=done.count, digest=done.digest, rounds=done.rounds, writes=done.writes)
 
 
 @app.command
@@ -72,7 +72,7 @@ async def download(file: MissionFile, /, *, force: Force = False, connection: Co
         raise MkError(msg)
     _warn(file, write_mission(Mission(points=found.points), file, overwrite=force))
     text = f"{len(found.points)} points written to {file}, content {found.digest[:16]}"
-    _say(connection, text, count=len(found.points), digest=found.digest, file=str(file))
+    _print_result(connection, text, count=len(found.points), digest=found.digest, file=str(file))
 
 
 @app.command
@@ -91,7 +91,7 @@ async def verify(
     text = "\n".join(found.differences)
     if not found.differences:
         text = f"the NaviCtrl holds this mission: {len(mission.points)} points, content {found.digest[:16]}"
-    _say(connection, text, same=not found.differences, digest=found.digest, differences=found.differences)
+    _print_result(connection, text, same=not found.differences, digest=found.digest, differences=found.differences)
     return 1 if found.differences else 0
 
 
@@ -100,7 +100,7 @@ async def clear(*, in_flight: InFlight = False, connection: Connection = HERE) -
     """Empty the NaviCtrl's list and see that it is empty."""
     async with connection.open() as uav:
         await uav.clear_waypoints(in_flight=in_flight)
-    _say(connection, "the list is empty", count=0)
+    _print_result(connection, "the list is empty", count=0)
 
 
 @app.command
@@ -108,7 +108,7 @@ async def start(*, confirm: Confirm = False, connection: Connection = HERE) -> N
     """Make the list ready in flight, and say what the pilot's GPS switch does then; the switch alone flies it."""
     async with connection.open() as uav:
         reply = (await uav.command("do", "route_start", {"confirm": confirm}, patience=PATIENCE)).require()
-    _say(connection, f"{reply['count']} points are ready: {reply['switch']}", **reply)
+    _print_result(connection, f"{reply['count']} points are ready: {reply['switch']}", **reply)
 
 
 @app.command
@@ -123,7 +123,7 @@ async def end(*, confirm: Confirm = False, connection: Connection = HERE) -> Non
     """Empty the list, in flight too: with the GPS switch at coming home the aircraft flies home at once."""
     async with connection.open() as uav:
         reply = (await uav.command("do", "route_end", {"confirm": confirm}, patience=PATIENCE)).require()
-    _say(connection, "the list is empty; with the GPS switch at coming home the aircraft flies home", **reply)
+    _print_result(connection, "the list is empty; with the GPS switch at coming home the aircraft flies home", **reply)
 
 
 @app.command
@@ -142,7 +142,7 @@ def convert(
     lost = write_mission(mission, target, overwrite=force)
     _warn(target, lost)
     count = len(mission.points)
-    _say(connection, f"{count} points written to {target}", count=count, file=str(target), lost=lost)
+    _print_result(connection, f"{count} points written to {target}", count=count, file=str(target), lost=lost)
 
 
 def _warn(file: Path, lost: tuple[str, ...]) -> None:
@@ -150,5 +150,5 @@ def _warn(file: Path, lost: tuple[str, ...]) -> None:
         print(f"mkctl: {file}: this format does not keep {'; '.join(lost)}", file=sys.stderr)
 
 
-def _say(connection: Connection, text: str, **fields: object) -> None:
+def _print_result(connection: Connection, text: str, **fields: object) -> None:
     print(json.dumps(fields) if connection.json else text)

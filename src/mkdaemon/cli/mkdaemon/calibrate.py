@@ -184,7 +184,7 @@ def _live(
 ) -> Coverage:
     """Guide until the views will do, the time is over, or Ctrl-C says that is enough."""
     views = LiveViews(board, keep)
-    deadline, heard, guided = time.monotonic() + seconds, time.monotonic(), 0.0
+    deadline, received_at, guided = time.monotonic() + seconds, time.monotonic(), 0.0
     with _streaming(cfg, connect) as (stream, slot):
         try:
             while time.monotonic() < deadline:
@@ -194,10 +194,10 @@ def _live(
                 if image is None:
                     if status.state is StreamState.ENDED:
                         break
-                    if now - heard > PATIENCE_TIME:
+                    if now - received_at > PATIENCE_TIME:
                         raise VisionError(status.reason or f"no image from {cfg.source} for {PATIENCE_TIME:g} s")
                     continue
-                heard = now
+                received_at = now
                 report = views.offer(image.pixels)
                 if views.coverage is not None and not views.coverage.missing():
                     break
@@ -216,9 +216,9 @@ def _guide(report: ViewReport, coverage: Coverage | None) -> None:
     if coverage is None:
         return
     missing = coverage.missing()
-    heard = "taken" if report.taken else report.reason
+    outcome = "taken" if report.taken else report.reason
     following = missing[0] if missing else "done"
-    print(f"[{100 * coverage.share():3.0f} %] {len(coverage.views)} views, {heard}. Next: {following}")
+    print(f"[{100 * coverage.share():3.0f} %] {len(coverage.views)} views, {outcome}. Next: {following}")
 
 
 def _explain(result: CalibrationResult, coverage: Coverage) -> None:

@@ -102,7 +102,7 @@ def detect(
     for picture in _pictures(pictures):
         if picture.pixels is None:
             failed += 1
-            _tell(picture, None, None, as_json=as_json)
+            _print_picture(picture, None, None, as_json=as_json)
             continue
         height, width = picture.pixels.shape
         k = fixed
@@ -111,12 +111,12 @@ def detect(
         if k is not None and (k.width, k.height) != (width, height):
             failed += 1
             reason = f"the picture is {width}x{height}, the calibration is for {k.width}x{k.height}"
-            _tell(Picture(picture.file, picture.frame, None, reason), None, None, as_json=as_json)
+            _print_picture(Picture(picture.file, picture.frame, None, reason), None, None, as_json=as_json)
             continue
         if k not in eyes:
             eyes[k] = eye_for(k)
         result = eyes[k].look(picture.pixels)
-        _tell(picture, result, k, as_json=as_json, sized=bool(target) or tag_size is not None)
+        _print_picture(picture, result, k, as_json=as_json, sized=bool(target) or tag_size is not None)
         if overlay is not None:
             path = _overlay_path(overlay, picture, single=len(pictures) == 1)
             write_picture(path, draw(picture.pixels, result, k), overwrite=force)
@@ -192,7 +192,7 @@ def _frames(path: Path) -> Iterator[Picture]:
         yield Picture(str(path), None, None, "no image in this video")
 
 
-def _tell(
+def _print_picture(
     picture: Picture, result: StillResult | None, k: Intrinsics | None, *, as_json: bool, sized: bool = False
 ) -> None:
     if as_json:

@@ -60,10 +60,10 @@ def target(
         if write_target is not None:
             _write_target_file(chosen, write_target, overwrite=force)
     write_page(page, output, tile=tile, overwrite=force)
-    _tell(page, output, as_json=as_json)
+    _print_page(page, output, as_json=as_json)
 
 
-def _tell(page: Page, output: Path, *, as_json: bool) -> None:
+def _print_page(page: Page, output: Path, *, as_json: bool) -> None:
     if as_json:
         print(
             json.dumps(

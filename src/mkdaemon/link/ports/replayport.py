@@ -95,12 +95,12 @@ def read_recording(path: Path) -> list[tuple[float, bytes]]:
     began = chunks[0].t
     if began is None:
         raise ConfigError(f"replay {path}: raw bytes tell no times; a capture has lines of t, dir and hex")
-    heard = [
+    records = [
         (t - began, raw) for t, direction, raw in chunks if direction is Direction.FROM_BOARD and raw and t is not None
     ]
-    if not heard:
+    if not records:
         raise ConfigError(f"replay {path}: nothing in it came from a board")
-    return heard
+    return records
 
 
 def open_replay(path: Path, *, speed: float) -> ReplayPort:

@@ -270,7 +270,7 @@ class Dialogue:
 
     def _note_sender(self, board: Board) -> None:
         """Learn from a sender who is at the other end of the wire."""
-        if not self.peers.sender_heard(board):
+        if not self.peers.note_sender(board):
             return
         self._pace_for_board()
         self.streams.use_board(board)

@@ -33,7 +33,7 @@ class HealthMonitor:
         self._max_loss = max_loss_percent
         self._arrivals = Arrivals()
         self._bytes = ReceivedBytes(window)
-        self._heard = -math.inf
+        self._received_at = -math.inf
         self._answered = -math.inf
         self._opened: float | None = None
         self._is_recording = False
@@ -57,7 +57,7 @@ class HealthMonitor:
         """
         self._opened = now
         self._is_recording = is_recording
-        self._heard = self._answered = -math.inf
+        self._received_at = self._answered = -math.inf
         self._open_questions.clear()
         self._backlog_since = None
         self.backlog = 0
@@ -78,7 +78,7 @@ class HealthMonitor:
 
     def frame_received(self, board: str, key: str, characters: int, now: float) -> None:
         """A right frame arrived."""
-        self._heard = now
+        self._received_at = now
         self._bytes.frame(characters, now)
         self._arrivals.received(board, key, now)
 
@@ -161,7 +161,7 @@ class HealthMonitor:
 
     def heard_age(self, now: float) -> float:
         """Time since the latest right frame [s]; infinite for never."""
-        return now - self._heard
+        return now - self._received_at
 
     def answer_age(self, now: float) -> float:
         """Time since the latest proof that the board hears us [s]; infinite for never."""
@@ -170,7 +170,7 @@ class HealthMonitor:
     @property
     def two_way_proof(self) -> float:
         """When both directions were last proven [s; monotonic]; minus infinity for never."""
-        return min(self._heard, self._answered)
+        return min(self._received_at, self._answered)
 
     def judge(self, now: float) -> bool:
         """Weigh the evidence; returns whether the condition changed."""
@@ -211,10 +211,10 @@ class HealthMonitor:
             return Finding(LinkCondition.DOWN, reasons.STUCK, Cause.PORT_STUCK)
         if now < self._paused_until:
             return self._verdict.finding
-        silent_for = now - max(self._heard, opened)
+        silent_for = now - max(self._received_at, opened)
         if silent_for > limits.SILENCE_TIME and self._expects_something(now) and not self._sends_on_time(now):
             return self._explain_silence(now)
-        if self._heard == -math.inf:
+        if self._received_at == -math.inf:
             return self._verdict.finding
         if self._missed(now) >= limits.PROBES_MISSED:
             if silent_for < limits.SILENCE_TIME / 2 or self._sends_on_time(now):
@@ -266,7 +266,7 @@ class HealthMonitor:
         if now < self._boots_until and self._bytes.arrived_since(now - limits.SILENCE_TIME) < limits.BOOT_LENGTH:
             return Finding(LinkCondition.MUTE, reasons.boots(self._boot_text), Cause.PLAIN_TEXT)
         if self._bytes.arrived_since(since) < limits.GARBAGE_BYTES:
-            silence = reasons.NOTHING if self._heard == -math.inf else reasons.STOPPED
+            silence = reasons.NOTHING if self._received_at == -math.inf else reasons.STOPPED
             return Finding(LinkCondition.MUTE, reasons.QUIET if now < self._quiet_until else silence)
         text = self._bytes.text_since(since)
         if text is not None:
@@ -279,7 +279,7 @@ class HealthMonitor:
         One link test may be late or lost once the board has spoken; a stream slower than the silence is not missed
         before its time.
         """
-        enough = 1 if self._heard == -math.inf else limits.PROBES_MISSED
+        enough = 1 if self._received_at == -math.inf else limits.PROBES_MISSED
         return self._missed(now) >= enough or bool(self._arrivals.overdue(now))
 
     def _missed(self, now: float) -> int:

@@ -110,7 +110,7 @@ class Peers:
         began, ended = self._passage
         return began <= now <= ended + TAIL_TIME
 
-    def sender_heard(self, board: Board) -> bool:
+    def note_sender(self, board: Board) -> bool:
         """Note that a frame came from a board; returns whether the wire ends at another board than before.
 
         A FlightCtrl that speaks after a NaviCtrl did is behind it (a redirection somebody left open); a NaviCtrl that

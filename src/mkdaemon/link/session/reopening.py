@@ -57,12 +57,12 @@ class BaudSearch:
         self._configured = configured
         self._enabled = enabled
         self._others = itertools.cycle(baud for baud in BAUDS if baud != configured)
-        self._heard = False
+        self._has_received = False
 
     def reason_to_reopen(self, verdict: Verdict, opened: float, now: float) -> str | None:
         """Say why the port must be closed and opened again (perhaps at another rate); None where it need not."""
         if verdict.condition.hears_board:
-            self.attempt, self._heard = None, True
+            self.attempt, self._has_received = None, True
             return None
         if verdict.cause is Cause.PORT_STUCK and now - verdict.since > STUCK_PATIENCE:
             return verdict.reason
@@ -81,8 +81,8 @@ class BaudSearch:
         if self.attempt is not None:
             return opened + SILENT_PATIENCE
         if verdict.condition is LinkCondition.GARBAGE:
-            return verdict.since + (PROVEN_PATIENCE if self._heard else GARBAGE_PATIENCE)
-        if verdict.condition is LinkCondition.MUTE and not self._heard:
+            return verdict.since + (PROVEN_PATIENCE if self._has_received else GARBAGE_PATIENCE)
+        if verdict.condition is LinkCondition.MUTE and not self._has_received:
             return verdict.since + MUTE_PATIENCE
         return math.inf
 

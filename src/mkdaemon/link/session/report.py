@@ -89,7 +89,7 @@ class Reporter:
     def health(self, now: float) -> LinkHealth:
         """Everything measured."""
         dialogue, monitor = self._dialogue, self._dialogue.health
-        heard, answered = monitor.heard_age(now), monitor.answer_age(now)
+        silence, answered = monitor.heard_age(now), monitor.answer_age(now)
         garbage, checksums = monitor.damage_rates(now)
         return LinkHealth(
             stamp=self._clock.stamp(now),
@@ -99,7 +99,7 @@ class Reporter:
             confirm_hidden=dialogue.steering.control.hidden,
             requests_answered=dialogue.questions.book.answered,
             requests_unanswered=dialogue.questions.book.unanswered,
-            heard_age=heard if math.isfinite(heard) else None,
+            heard_age=silence if math.isfinite(silence) else None,
             answer_age=answered if math.isfinite(answered) else None,
             garbage_bytes_per_s=garbage,
             checksum_error_rate=checksums,
