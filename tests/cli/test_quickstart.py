@@ -36,13 +36,15 @@ def commands() -> list[str]:
 
 
 class Terminal:
-    """A checkout whose daemon has a bus of its own, so that another daemon on this machine does not matter."""
+    """A checkout whose daemon has a bus of its own, so that another daemon on this machine does not matter;
+    it goes before the other programs of a busy machine."""
 
     def __init__(self, folder: Path) -> None:
         endpoint = free_endpoint()
         sample = (CONFIGS / "sim.toml").read_text(encoding="utf-8")
         (folder / "configs").mkdir()
-        (folder / "configs" / "sim.toml").write_text(sample.replace("tcp/127.0.0.1:7447", endpoint))
+        sample = sample.replace("tcp/127.0.0.1:7447", endpoint).replace("[control]", "[control]\nreal_time = true")
+        (folder / "configs" / "sim.toml").write_text(sample)
         programs = folder / ".venv" / "bin"
         programs.mkdir(parents=True)
         for name in PROGRAMS:

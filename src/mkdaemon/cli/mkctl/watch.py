@@ -25,7 +25,7 @@ async def watch(
     Args:
         patterns: Keys without `mk/<vehicle>/`: `state/**`, `event/*`, `rx/nc/osd`. Quote them, or the shell expands
             them. Default: `state/**`.
-        seconds: End after so long.
+        seconds: End after so many seconds.
         count: End after so many values.
 
     Raises:
