@@ -1,8 +1,8 @@
 """What keeps a flood of one client from costing another its lease.
 
-Most of it is stopped inside Zenoh, before Python sees it, and for each connection by itself: of the setpoints of one
-client, those closer together than `1 / SETPOINT_RATE` are dropped, so that two clients with 20,000 a second each leave
-the loop 500. What arrives all the same is bounded here, and counted.
+What is too long is dropped inside Zenoh, before Python sees it; the rest is bounded here, on Zenoh's threads, and
+counted. Zenoh's own limit of a rate (`downsampling`) is not used: of setpoints that a slow network delivers together it
+would take the first and drop the newest.
 """
 
 from __future__ import annotations
@@ -13,8 +13,6 @@ from collections import Counter
 from collections.abc import Callable, Mapping
 from typing import Final
 
-SETPOINT_RATE: Final = 250.0
-"""Setpoints of one kind taken from one connection [Hz]; an honest client sends 20 to 50."""
 STRANGER_RATE: Final = 100.0
 """Setpoints of one kind that the holder did not sign, taken from all connections together [Hz]."""
 LONGEST_SETPOINT: Final = 1 << 16
@@ -41,14 +39,6 @@ def flood_settings(vehicle: str, kinds: tuple[str, ...]) -> dict[str, object]:
     """
     keys = [f"mk/{vehicle}/{kind}" for kind in kinds]
     return {
-        "downsampling": [
-            {
-                "id": "mkdaemon-setpoints",
-                "messages": ["put", "delete"],
-                "flows": ["ingress"],
-                "rules": [{"key_expr": key, "freq": SETPOINT_RATE} for key in keys],
-            }
-        ],
         "low_pass_filter": [
             {
                 "id": "mkdaemon-setpoints",

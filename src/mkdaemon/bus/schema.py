@@ -12,7 +12,7 @@ from mkdaemon.bus.codec import schema_name
 from mkdaemon.bus.keys import KEYS
 from mkdaemon.protocol.wire import MESSAGES, WireMessage
 from mkdaemon.telemetry.command import CommandResult
-from mkdaemon.telemetry.control import LeaseState
+from mkdaemon.telemetry.control import LeaseProbe, LeaseState
 from mkdaemon.telemetry.traffic import FrameSample
 
 __all__ = ["schema_json", "schema_names"]
@@ -22,6 +22,7 @@ __all__ = ["schema_json", "schema_names"]
 def _models() -> dict[str, type[BaseModel]]:
     models: list[type[BaseModel]] = [
         CommandResult,
+        LeaseProbe,
         LeaseState,
         *(spec.carries for spec in KEYS if spec.carries is not None),
     ]
