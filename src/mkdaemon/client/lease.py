@@ -274,6 +274,6 @@ class Leasing(Transport):
         if use_remembered:
             fields["use_remembered"] = True
         async with self.token(name), self._watch_unchecked("control/status", "event/command") as statuses:
-            granted = (await self.command("do", "lease", fields)).require()
+            granted = (await self.ask_for_lease(fields)).require()
             async with Lease(self, name, int(granted["epoch"]), str(granted["secret"]), statuses) as lease:
                 yield lease

@@ -24,6 +24,8 @@ PATIENCE: Final = 15.0
 """Longest wait for the answer to a command [s]; board requests with retries take up to 8 s."""
 DENIAL_LOOK: Final = 2.0
 """Longest wait for the answers that show whether this client may command at all [s]."""
+PROBES: Final = 3
+"""How often the path is measured before a slow one is believed: a busy machine is slow for a moment."""
 _SECURED: Final = ("tls/", "quic/")
 _OTHER_ROOTS: Final = frozenset({"do", "sim"})
 """Targets of a command that are no boards."""
@@ -99,6 +101,24 @@ class Transport:
             )
             raise MkError(msg)
         return Answer.from_fields(replies[0].fields)
+
+    async def ask_for_lease(self, fields: Mapping[str, Any]) -> Answer:
+        """Ask for the lease so that the daemon can measure the path to this client.
+
+        Args:
+            fields: of a `LeaseRequest` with the action `take`.
+
+        Raises:
+            MkError: no daemon speaks for this vehicle.
+        """
+        for _ in range(PROBES):
+            # A daemon that knows no probe answers without an echo, and measures nothing.
+            probe = await self.command("do", "lease", {"action": "probe"})
+            echo = {"echo": probe.reply["echo"]} if "echo" in probe.reply else {}
+            answer = await self.command("do", "lease", {**fields, **echo})
+            if answer.token != "slow_path":
+                break
+        return answer
 
     async def _silence(self, suffix: str) -> str:
         """Why a command got no answer."""

@@ -56,6 +56,8 @@ class LeaseConfig(Section):
     """A slower stream does not count as live [Hz]."""
     neutral_band: float = Field(default=4.0, ge=0, le=20)
     """Pitch, roll and yaw within this count as neutral [stick]."""
+    max_path_delay: float = Field(default=0.5, gt=0, le=10)
+    """Longest way to a client and back that gets the lease [s]; every limit of the ladder comes later by it."""
     allow_constant_gate: bool = False
     """Fly although ExternalControl is a constant, so that no switch of the transmitter ends external control."""
 

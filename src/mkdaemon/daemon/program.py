@@ -24,6 +24,7 @@ from mkdaemon.daemon.flight import FlightControl
 from mkdaemon.daemon.flightnote import FlightNotes
 from mkdaemon.daemon.guard import GuardProcess, take_report
 from mkdaemon.daemon.localsocket import LocalSocket
+from mkdaemon.daemon.pathdelay import PathProbe
 from mkdaemon.daemon.priority import spare_collector
 from mkdaemon.daemon.procedures import Interlock, Journal, ProcedureRunner, state_folder
 from mkdaemon.daemon.requests import BoardRequests
@@ -121,7 +122,8 @@ class Daemon:
             clock,
         )
         bus.serve("cmd", requests.answer)
-        verbs = Verbs(self._flight, self._link, audit, interlock, self._procedures.verbs)
+        paths = PathProbe(cfg.control.lease.max_path_delay, clock.now)
+        verbs = Verbs(self._flight, self._link, audit, interlock, self._procedures.verbs, paths)
         bus.serve("do", verbs.answer)
         self._local = LocalSocket(verbs.answer)
         for kind in SETPOINTS:

@@ -11,10 +11,11 @@ from mkdaemon.bus.codec import Payload, read_command, schema_name
 from mkdaemon.daemon.answering import answer_query
 from mkdaemon.daemon.audit import Audit
 from mkdaemon.daemon.flight import RELEASE_TIMEOUT, FlightControl
+from mkdaemon.daemon.pathdelay import PathProbe
 from mkdaemon.daemon.procedures import Interlock
 from mkdaemon.link.link import Link
 from mkdaemon.telemetry.command import AbortRequest, CommandResult, LeaseRequest, RateRequest, Rates, ReleaseRequest
-from mkdaemon.telemetry.control import ReleaseOutcome, ReleaseReport
+from mkdaemon.telemetry.control import LeaseProbe, ReleaseOutcome, ReleaseReport
 from mkdaemon.telemetry.refusals import Status, Token, refuse
 
 Verb = Callable[[Payload], Awaitable[CommandResult]]
@@ -24,8 +25,15 @@ class Verbs:
     """Answers queries under `do/`."""
 
     def __init__(
-        self, flight: FlightControl, link: Link, audit: Audit, interlock: Interlock, procedures: Mapping[str, Verb]
+        self,
+        flight: FlightControl,
+        link: Link,
+        audit: Audit,
+        interlock: Interlock,
+        procedures: Mapping[str, Verb],
+        paths: PathProbe | None = None,
     ) -> None:
+        self._paths = paths or PathProbe()
         self._link = link
         self._flight = flight
         self._audit = audit
@@ -54,7 +62,11 @@ class Verbs:
     async def _lease(self, payload: Payload) -> CommandResult:
         """Answer `do/lease`; nobody takes one while a procedure needs the boards."""
         request = read_command(LeaseRequest, payload)
+        if request.action == "probe":
+            probe = LeaseProbe(echo=self._paths.new_echo())
+            return CommandResult(status=Status.ACCEPTED, reply=dict(probe), reply_type=schema_name(LeaseProbe))
         if request.action == "take":
+            self._paths.check(request.echo)
             with self._interlock.taking_lease():
                 lease = await self._flight.lease(request)
         else:

@@ -44,8 +44,10 @@ def refused(error: CommandRejectedError) -> CommandResult:
 class LeaseRequest(Command):
     """Take, renew, give back or look at the lease: `do/lease`."""
 
-    action: Literal["take", "renew", "release", "show"]
-    """What to do."""
+    action: Literal["take", "renew", "release", "show", "probe"]
+    """What to do; `probe` answers with an `echo` for the `take` that follows."""
+    echo: str = Field(default="", max_length=32)
+    """Of the answer to `probe`: from it the daemon knows how long the way to this client is."""
     holder: str = Field(default="", max_length=64, pattern=r"^[A-Za-z0-9._-]*$")
     """Who asks; also the last chunk of its liveliness token `mk/<vehicle>/client/<holder>`. Who gives none gets one of
     its own."""

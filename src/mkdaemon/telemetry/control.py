@@ -109,6 +109,13 @@ class LeaseState(Telemetry):
     """Time until it ends without a sign of life [s]."""
 
 
+class LeaseProbe(Telemetry):
+    """The answer to `probe`, which comes before taking the lease."""
+
+    echo: str
+    """To be sent back in `take`, at once."""
+
+
 class LeaseGrant(LeaseState):
     """The lease as its holder alone sees it: the answer to taking it."""
 

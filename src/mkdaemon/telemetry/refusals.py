@@ -120,6 +120,11 @@ REFUSALS: Final[Mapping[str, Refusal]] = {
     ),
     # authority
     Token.NOT_LEASED: Refusal(Status.DENIED, "nobody holds the lease.", "`mkctl lease take` first."),
+    Token.SLOW_PATH: Refusal(
+        Status.DENIED,
+        "the way to this client and back {took}, more than {limit:g} s: every limit of the ladder comes later by it.",
+        "Fly from nearer, by cable or on the aircraft; or raise control.lease.max_path_delay (docs/safety.md).",
+    ),
     Token.LEASE_HELD: Refusal(
         Status.DENIED,
         "{holder} holds the lease for another {left:.1f} s.",

@@ -63,6 +63,7 @@ class Token(StrEnum):
     FLYING_STOP = "flying_stop"
     NOTHING_FLOWN = "nothing_flown"
     LEASE_HELD = "lease_held"
+    SLOW_PATH = "slow_path"
     WRONG_EPOCH = "wrong_epoch"
     NOT_HOLDER = "not_holder"
     STALE_SEQUENCE = "stale_sequence"

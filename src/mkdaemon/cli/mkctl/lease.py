@@ -59,7 +59,9 @@ async def show(*, connection: Connection = HERE) -> None:
 
 async def _lease(fields: dict[str, Any], connection: Connection) -> None:
     async with connection.open() as client:
-        reply = (await client.command("do", "lease", fields)).require()
+        is_taking = fields["action"] == "take"
+        answer = await (client.ask_for_lease(fields) if is_taking else client.command("do", "lease", fields))
+        reply = answer.require()
     if connection.json:
         print(json_line(reply or {"holder": None}))
     elif reply:
