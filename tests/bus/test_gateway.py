@@ -222,20 +222,20 @@ async def test_a_flood_of_setpoints_is_shed_and_costs_the_holder_nothing(bus):
     )
     with client(endpoint) as attacker, client(endpoint) as pilot:
 
-        def flood() -> float:
-            began = time.monotonic()
+        def flood() -> None:
             for _ in range(5000):
                 attacker.put("mk/t1/setpoint/stick", b"flood", congestion_control=zenoh.CongestionControl.BLOCK)
-            return time.monotonic() - began
 
+        began = time.monotonic()
         flooding = asyncio.ensure_future(asyncio.to_thread(flood))
         for number in range(10):
             await asyncio.to_thread(
                 pilot.put, "mk/t1/setpoint/stick", b"%d" % number, attachment=bytes(SIGNATURE_BYTES)
             )
             await wait_until(lambda number=number: taken[b"%d" % number])
-        took = await flooding
+        await flooding
         await asyncio.to_thread(ask, attacker, "mk/t1/schema/Attitude.v1")  # the same way: everything has arrived
+        took = time.monotonic() - began
     assert taken[b"flood"] <= STRANGER_RATE * (2 + took)
     assert sum(opened.take_shed().values()) > 1000
 
