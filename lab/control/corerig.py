@@ -69,7 +69,7 @@ class CoreRig(Rig):
     def _hear(self, measured: float, pitch: float, roll: float, yaw: float, at: float) -> None:
         super()._hear(measured, pitch, roll, yaw, at)
         quaternion = (math.cos(yaw / 2), 0.0, 0.0, math.sin(yaw / 2))
-        value = Attitude(stamp=stamp(at), source="fc", quaternion=quaternion, roll=roll, pitch=pitch, yaw=yaw)
+        value = Attitude(stamp=stamp(at), source="lab", quaternion=quaternion, roll=roll, pitch=pitch, yaw=yaw)
         self.core.state_received(value, at)
 
     def _control(self, at: float) -> None:

@@ -1,123 +1,69 @@
-"""The demo, end to end: what a first user sees, and what its exit code means."""
+"""`mkdaemon demo`: what is shown, where the picture goes, what the exit code means."""
 
 from __future__ import annotations
 
 import json
-import os
-import re
-import signal
-from pathlib import Path
+from xml.etree import ElementTree
 
 import pytest
 from rich.console import Console
 
-from lab.rigs.programs import mkdaemon, run_mkdaemon
+from mkdaemon.cli.mkdaemon import demo
 from mkdaemon.cli.mkdaemon.app import app
-from mkdaemon.cli.mkdaemon.demo import ENOUGH, Tally, progress_line, render_summary, summarise
+from mkdaemon.cli.mkdaemon.flightpicture import write_picture
 from mkdaemon.cli.program import run
-from mkdaemon.client import Sample
+from tests.cli.test_rehearsal import flight
 
 
-@pytest.mark.flight
-@pytest.mark.real_time(tolerance=0.1)
-def test_the_demo_flies_and_ends_with_a_summary():
-    code, out, err = run_mkdaemon("demo", "--seconds", "2", "--json")
-    summary = json.loads(out.splitlines()[-1])
-    assert code == 0, err
-    assert summary["telemetry_flowed"] is True
-    assert summary["frames"]["rx/nc/osd"] >= 1
-    assert summary["rates_hz"]["rx/nc/attitude"] > 0
-    echo = summary["echo_ms"]["p50"]  # None where a loaded machine let no link test be answered yet
-    assert echo is None or echo > 3.4  # two frames of ten characters at 57600 baud
-    assert 10 < summary["battery_v"] < 18
-    assert -90 < summary["latitude_deg"] < 90
+@pytest.fixture
+def flown(monkeypatch):
+    """Let the demo fly a flight that is there already; returns what may be changed of it."""
+    shown = {"record": flight()}
+
+    async def rehearse(*, seed, wind, fps, watcher):
+        for moment in shown["record"].moments:
+            watcher(moment, None)
+        return shown["record"]
+
+    monkeypatch.setattr("mkdaemon.cli.rehearsal.flight.rehearse", rehearse)
+    return shown
 
 
-@pytest.mark.parametrize("seconds", ["0", "-1", "nan", "inf"])
-def test_what_is_no_length_of_time_starts_nothing(seconds, capsys):
-    assert run(app, ["demo", "--seconds", seconds]) == 2
-    assert capsys.readouterr() == ("", f"mkdaemon: --seconds {seconds}: give a number above 0\n")
+def test_a_landing_is_a_success_with_figures_and_a_picture(flown, tmp_path, capsys):
+    picture = tmp_path / "flight.svg"
+    assert run(app, ["demo", "--fast", "--headless", "--picture", str(picture)]) == 0
+    shown = capsys.readouterr().out
+    assert "landed on the target, motors stand" in shown
+    assert "hold over the target, horizontal RMS (cm)" in shown
+    assert max(len(line) for line in shown.splitlines() if "picture" not in line) <= 80
+    assert ElementTree.parse(picture).getroot().tag.endswith("svg")
 
 
-@pytest.mark.flight
-@pytest.mark.real_time(tolerance=0.1)
-@pytest.mark.parametrize(
-    ("stage", "number"), [("starting the simulated", signal.SIGINT), ("aircraft on", signal.SIGTERM)]
-)
-def test_a_signal_while_it_starts_ends_it(stage, number):
-    with mkdaemon("demo", "--seconds", "100") as program:
-        while stage not in program.stdout.readline():
-            pass
-        program.send_signal(number)
-        out, err = program.communicate()
-        # A daemon that was quick enough to let telemetry flow makes it an ordinary end.
-        assert program.returncode == (0 if "telemetry flowed" in out else 1 if "NOT flow" in out else 130), out + err
-        assert own_words(err) == []
+def test_anything_else_is_a_failure_that_says_why(flown, tmp_path, capsys):
+    flown["record"] = flight(outcome="no image of pad for 3.0 s")
+    assert run(app, ["demo", "--fast", "--picture", str(tmp_path / "a.svg")]) == 1
+    assert "NOT landed: no image of pad for 3.0 s" in capsys.readouterr().out
 
 
-@pytest.mark.flight
-@pytest.mark.real_time(tolerance=0.1)
-def test_a_daemon_that_dies_is_noticed():
-    with mkdaemon("demo", "--seconds", "100") as program:
-        while "frames" not in program.stdout.readline():
-            pass
-        victim = [pid for pid in children_of(program.pid) if "run" in arguments_of(pid)]
-        os.kill(*victim, signal.SIGKILL)
-        _, err = program.communicate()
-        assert program.returncode == 1
-        assert own_words(err) == ["mkdaemon: the daemon ended while it flew: exit code -9"]
+def test_figures_as_json_name_the_picture(flown, tmp_path, capsys):
+    picture = tmp_path / "a.svg"
+    assert run(app, ["demo", "--fast", "--json", "--picture", str(picture)]) == 0
+    figures = json.loads(capsys.readouterr().out)
+    assert figures["landed"] is True
+    assert figures["picture"] == str(picture)
 
 
-def own_words(err):
-    """What the demo said; asyncio notes a child that was asked to end twice and whose exit code came in between."""
-    return [line for line in err.splitlines() if not line.startswith("Unknown child process")]
+def test_the_live_table_fits_80_columns():
+    record = flight()
+    console = Console(width=80, record=True, force_terminal=True)
+    with console.capture() as shown:
+        console.print(demo.flight_table(record.moments[0], None))
+    assert max(len(line) for line in shown.get().splitlines()) <= 100  # with the codes of the terminal
+    assert all(len(demo.flight_line(moment)) <= 80 for moment in record.moments)
 
 
-def children_of(pid):
-    return [int(word) for word in Path(f"/proc/{pid}/task/{pid}/children").read_text().split()]
-
-
-def arguments_of(pid):
-    return Path(f"/proc/{pid}/cmdline").read_bytes().decode().split("\0")
-
-
-def test_the_summary_in_words():
-    tally = Tally()
-    tally.take(Sample("rx/nc/osd", {}, ""), 0.0)
-    tally.take(Sample("rx/nc/osd", {}, ""), 2.0)
-    assert "NOT flow: nothing on " in in_words(tally)
-    tally.known |= {suffix: {} for suffix in ENOUGH}
-    tally.known["state/battery"] = {"voltage": 12.4, "current": None, "used_mah": None, "cells": None, "is_low": False}
-    tally.known["state/position"] = {
-        "latitude_deg": 53.2301,
-        "longitude_deg": 7.4591,
-        "altitude_above_start": 1.9,
-        "position_enu": (0.0, 0.0, 1.9),
-        "velocity_enu": (0.0, 0.0, 0.0),
-        "satellites": 9,
-    }
-    out = in_words(tally)
-    assert "2.0 s: telemetry flowed" in out
-    assert re.search(r"rx/nc/osd\W+2\W+1\.0", out)
-    assert "12.4" in out
-    assert progress_line(tally) == "2 s; 2 frames; 12.4 V; 53.230100, 7.459100; 1.9 m above start"
-
-
-def in_words(tally):
-    """What the summary looks like."""
-    console = Console(width=120)
-    with console.capture() as written:
-        console.print(render_summary(tally, summarise(tally)))
-    return written.get()
-
-
-def test_telemetry_has_flowed_only_when_all_of_it_has():
-    tally = Tally()
-    for n, suffix in enumerate(ENOUGH):
-        assert not tally.has_flowed
-        assert not summarise(tally)["telemetry_flowed"]
-        tally.take(Sample(suffix, {}, ""), float(n))
-    assert tally.has_flowed
-    tally.take(Sample("rx/nc/osd", {}, ""), 10.0)
-    tally.take(Sample("rx/nc/osd", {}, ""), 10.0)
-    assert summarise(tally)["rates_hz"] == {"rx/nc/osd": 0.2}
+def test_a_flight_that_never_began_has_a_picture_too(tmp_path):
+    record = flight()
+    record.moments = record.moments[:1]
+    write_picture(record, tmp_path / "a.svg")
+    assert (tmp_path / "a.svg").read_text().startswith("<svg")

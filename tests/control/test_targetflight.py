@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from lab.control.camera import CameraModel
-from lab.control.corerig import CoreRig
+from lab.control.corerig import CoreRig, stamp
 from lab.control.flights import Flight
 from mkdaemon.config.autopilot import AutopilotConfig
 from mkdaemon.config.sim_flight import WindClass
@@ -28,6 +28,7 @@ from mkdaemon.telemetry.setpoint import (
     SetpointFrame,
     VelocitySetpoint,
 )
+from mkdaemon.telemetry.state import Attitude
 from tests.control.events import pose
 
 CFG = AutopilotConfig()
@@ -225,6 +226,19 @@ def test_a_target_seen_after_a_long_time_is_met_anew_and_another_target_is_ignor
     target.pose_received(pose(4.1 + FORGOTTEN).model_copy(update={"target": "other"}))
     assert target._estimator is not first
     assert target.target == "other"
+
+
+@pytest.mark.parametrize(("source", "scale"), [("fc/attitude", 1.13), ("nc/attitude", 1.0)])
+def test_the_flightctrls_own_attitude_is_larger_than_what_its_sticks_ask_for(source, scale, monkeypatch):
+    target = TargetFlight(CFG, -2.0)
+    target.pose_received(pose(1.0))
+    taken = []
+    monkeypatch.setattr(target._estimator, "attitude_received", lambda at, *angles: taken.append(angles))
+    quaternion = (1.0, 0.0, 0.0, 0.0)
+    target.attitude_received(
+        Attitude(stamp=stamp(1.1), source=source, quaternion=quaternion, pitch=0.113, roll=-0.113, yaw=0.5)
+    )
+    assert taken == [pytest.approx((0.113 / scale, -0.113 / scale, 0.5))]
 
 
 def test_another_model_begins_the_estimate_anew():

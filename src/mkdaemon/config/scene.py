@@ -26,6 +26,8 @@ class PlatformConfig(Section):
     """Of the circle [m]."""
     acceleration: float = Field(default=0.2, gt=0.0)
     """Of the ramp [m/s2]."""
+    delay: float = Field(default=0.0, ge=0.0)
+    """It stands at its start for so long first [s]."""
 
 
 class LightConfig(Section):

@@ -27,6 +27,8 @@ class PilotPlan(StrEnum):
     """Takes off, hands over to a machine when it takes control, takes back when it lets go."""
     WAIT = "wait"
     """Leaves everything to the machine, take-off included; takes back in the air."""
+    START = "start"
+    """Starts the motors, leaves the take-off to the machine; takes back in the air, stops the motors on the ground."""
     NOTHING = "nothing"
     """Leaves the sticks alone: throttle down, the rest centred."""
 

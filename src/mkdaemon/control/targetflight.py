@@ -52,6 +52,8 @@ from mkdaemon.telemetry.vision import VisionPose
 
 ATTITUDE_LATENCY: Final = 0.024
 """How old an attitude is when it arrives [s]: the board's frame time and half the radio's latency; docs/control.md."""
+SHOWN: Final = 1.13
+"""What a FlightCtrl reports over the angle that its sticks ask for; docs/control.md, "The attitude loop"."""
 FORGOTTEN: Final = 5.0
 """A target out of sight for longer is met anew [s]."""
 STANDS: Final = 0.15
@@ -136,7 +138,8 @@ class TargetFlight:
         self._attitude = attitude
         if self._estimator is not None:
             at = attitude.stamp.monotonic - ATTITUDE_LATENCY
-            self._estimator.attitude_received(at, attitude.pitch, attitude.roll, attitude.yaw)
+            scale = SHOWN if attitude.source.startswith("fc/") else 1.0
+            self._estimator.attitude_received(at, attitude.pitch / scale, attitude.roll / scale, attitude.yaw)
 
     def sticks_made(self, counts: StickCounts, now: float) -> None:
         """Take note of a stick frame that goes out now [s]."""

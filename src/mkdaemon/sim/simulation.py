@@ -73,7 +73,11 @@ class Simulation:
         if plan is PilotPlan.NOTHING:
             return None
         flight = self.flight  # not its core: a reboot makes a new one
-        return Supervision(lambda: flight.core.controlled, take_off=plan is PilotPlan.SUPERVISE)
+        return Supervision(
+            lambda: flight.core.controlled,
+            take_off=plan is PilotPlan.SUPERVISE,
+            start_motors=plan is PilotPlan.START,
+        )
 
     def write(self, data: bytes, at: float) -> None:
         """Send bytes to the board at `at` [s]; they take their time on the line."""

@@ -32,6 +32,7 @@ class Supervision:
         is_external: Callable[[], bool],
         *,
         take_off: bool = True,
+        start_motors: bool = False,
         height: float = 2.0,
         reaction: float = 0.7,
         ceiling: float = CEILING_GAS,
@@ -41,6 +42,7 @@ class Supervision:
         Args:
             is_external: whether the FlightCtrl follows a machine now.
             take_off: start by hand and hover; otherwise wait on the ground for the machine to do it.
+            start_motors: on the ground, with `take_off` off: start them and wait, throttle down.
             height: to hover at, feet above the ground [m].
             reaction: time from noticing that the machine let go to the hand on the sticks [s].
             ceiling: gas stick while the machine flies.
@@ -53,6 +55,8 @@ class Supervision:
         self._has_flown = False
         self._down_since: float | None = None
         self.flight: HandFlight | None = HandFlight(height=height) if take_off else None
+        if start_motors and not take_off:
+            self.flight = HandFlight.starting()
         self.take_overs = 0
 
     def fly(self, pilot: Pilot, view: FlightView, now: float) -> None:
@@ -65,8 +69,9 @@ class Supervision:
             self.flight.fly(pilot, view, now)
 
     def _rest_sticks(self, pilot: Pilot, view: FlightView, now: float) -> None:
-        """Rest the sticks, unless the pilot is still busy taking off or landing."""
-        if self.flight is not None and self.flight.phase is not Phase.FLY:
+        """Rest the sticks, unless the pilot is still busy taking off, landing or starting motors."""
+        is_ready = {Phase.FLY} if self.take_overs else {Phase.FLY, Phase.DONE}
+        if self.flight is not None and self.flight.phase not in is_ready:
             return
         if not self._machine_flies:
             self._machine_flies = True

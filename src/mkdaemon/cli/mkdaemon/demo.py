@@ -1,297 +1,171 @@
-"""`mkdaemon demo`: a simulated aircraft, the daemon, and a client that watches, in one command.
+"""`mkdaemon demo`: a whole flight by itself, take-off to landing on a moving target, in one process.
 
-Simulator and daemon are processes of their own, as they would be in earnest; what is shown came over the bus.
+The aircraft, its boards, the radio and the camera are simulated; control, link and eyes are the daemon's own. Time is
+virtual, and paced to the clock on the wall unless `--fast` is given: a slow computer makes it longer, not different.
 """
 
 from __future__ import annotations
 
-import asyncio
-import json
-import signal
-import sys
-from asyncio.subprocess import DEVNULL, PIPE, Process
-from collections import Counter
-from collections.abc import AsyncIterator, Mapping
-from contextlib import AsyncExitStack, asynccontextmanager, suppress
-from dataclasses import dataclass, field
-from typing import Annotated, Any, Final
+import logging
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Final, Literal
 
+import structlog
 from cyclopts import Parameter
-from rich.console import Console, Group
+from rich.console import Console
 from rich.live import Live
 from rich.table import Table
 from rich.text import Text
 
-from mkdaemon.bus.endpoint import reserved_endpoint
 from mkdaemon.cli.arguments import AsJson, require_length
-from mkdaemon.cli.mkctl.status import render as render_status
 from mkdaemon.cli.printing import json_line
-from mkdaemon.cli.program import EXIT_FAILURE, EXIT_INTERRUPTED, EXIT_OK, let_signals_kill
-from mkdaemon.client import Sample, Vehicle, connect
-from mkdaemon.errors import MkError
+from mkdaemon.cli.program import EXIT_FAILURE, EXIT_OK
 
-VEHICLE: Final = "demo"
-STARTUP: Final = 60.0
-"""Longest time for simulator and daemon to start [s]; cold starts import a lot, and a loaded machine is slow."""
-GRACE: Final = 30.0
-"""How much longer than asked telemetry is waited for where it has not flowed yet [s]."""
-ENDING: Final = 3.0
-"""Time a process gets to end in order before it is killed [s]."""
-REDRAW: Final = 0.2
-"""Least time between two pictures on a terminal [s]."""
+if TYPE_CHECKING:
+    from mkdaemon.cli.rehearsal.record import Moment
+    from mkdaemon.telemetry.control import ControlStatus
+
+REDRAW: Final = 0.25
+"""Least flight time between two tables [s]."""
 LINE_EVERY: Final = 5.0
-"""Least time between two lines where there is no terminal [s]."""
-ENOUGH: Final = ("state/attitude", "state/position", "state/battery", "link/health")
-"""Telemetry has flowed when all of these have come."""
-
-
-@dataclass
-class Tally:
-    """What a client has seen."""
-
-    known: dict[str, Mapping[str, Any]] = field(default_factory=dict)
-    frames: Counter[str] = field(default_factory=Counter)
-    began: float | None = None
-    ended: float = 0.0
-
-    def take(self, sample: Sample, now: float) -> None:
-        """Count a sample and remember it."""
-        self.began = now if self.began is None else self.began
-        self.ended = now
-        self.known[sample.suffix] = sample.fields
-        if sample.suffix.startswith(("rx/", "tx/")):
-            self.frames[sample.suffix] += 1
-
-    @property
-    def has_flowed(self) -> bool:
-        """Whether telemetry of every kind that matters has come."""
-        return all(suffix in self.known for suffix in ENOUGH)
-
-    def rate(self, suffix: str) -> float:
-        """Frames a second of a kind [Hz]."""
-        span = self.ended - (self.began or 0.0)
-        return self.frames[suffix] / span if span > 0 else 0.0
+"""Least flight time between two lines where nobody looks [s]."""
+PICTURE: Final = Path("mkdaemon-demo.svg")
+COLUMNS: Final = 78
+SHOWN: Final = {
+    "hold_rms_cm": "hold over the target, horizontal RMS (cm)",
+    "hold_max_cm": "the same, farthest (cm)",
+    "step_t90_s": "step of 1 m, time to nine tenths (s)",
+    "step_overshoot_percent": "the same, overshoot (%)",
+    "follow_rms_cm": "over the moving target, horizontal RMS (cm)",
+    "touch_cm": "landed, distance from the middle (cm)",
+    "seconds": "flight time, with the pilot's own (s)",
+}
+"""Figures of the summary."""
 
 
 def demo(
     *,
-    seconds: Annotated[float, Parameter(help="How long to watch.")] = 30.0,
+    fast: Annotated[bool, Parameter(negative=(), help="In virtual time, as fast as it goes.")] = False,
+    headless: Annotated[bool, Parameter(negative=(), help="No live table: a line every 5 s of flight.")] = False,
+    picture: Annotated[Path, Parameter(help="Where the picture of the flight goes (SVG); replaced.")] = PICTURE,
+    wind: Annotated[Literal["none", "indoor", "light", "moderate"], Parameter(help="In the simulation.")] = "light",
+    seed: Annotated[int, Parameter(help="Of everything random.")] = 1,
+    fps: Annotated[float, Parameter(help="Images a second.")] = 15.0,
+    telemetry: Annotated[
+        bool, Parameter(negative=(), help="Instead: simulator, daemon and bus as processes, and what they tell.")
+    ] = False,
+    seconds: Annotated[float, Parameter(help="With --telemetry: how long to watch.")] = 30.0,
     as_json: AsJson = False,
 ) -> int:
-    """Fly the built-in aircraft for some seconds and show its telemetry, live.
+    """Fly by itself: take off, hold over a target, step aside by 1 m, follow the target when it moves, land on it.
 
-    Needs no hardware and no terminal. Exit code 0 only when telemetry flowed; where it has not yet, it is waited for.
+    Needs no hardware, no network and no terminal. Exit code 0 only when it landed on the target and the motors stand
+    still.
 
     Raises:
-        ConfigError: `seconds` is no length of time.
-        MkError: simulator or daemon did not start, or ended while it flew.
+        ConfigError: a number cannot be, or the picture cannot be written.
+        MkError: with `--telemetry`: a process did not start, or ended while it flew.
     """
-    let_signals_kill()
     require_length(seconds, "--seconds")
-    return asyncio.run(_demo(seconds, as_json=as_json))
+    require_length(fps, "--fps")
+    if telemetry:
+        from mkdaemon.cli.mkdaemon.telemetrydemo import watch_telemetry
+
+        return watch_telemetry(seconds, as_json=as_json)
+    return _fly(0.0 if fast else 1.0, seed, wind, fps, picture, is_quiet=as_json, is_headless=headless)
 
 
-async def _demo(seconds: float, *, as_json: bool) -> int:
-    tally, console = Tally(), Console(quiet=as_json)
-    stop = asyncio.Event()
-    loop = asyncio.get_running_loop()
-    for name in (signal.SIGINT, signal.SIGTERM):
-        loop.add_signal_handler(name, stop.set)
-    with reserved_endpoint() as endpoint:
-        flight = asyncio.create_task(_fly(endpoint, seconds, tally, console), name="flight")
-        stopped = asyncio.create_task(stop.wait(), name="stop")
-        await asyncio.wait({flight, stopped}, return_when=asyncio.FIRST_COMPLETED)
-        stopped.cancel()
-        flight.cancel()  # whatever it waits for; the processes end in order
-        # Ctrl-C on a terminal reaches the processes as well: then they ended because they were asked to.
-        with suppress(asyncio.CancelledError, *([MkError] if stop.is_set() else [])):
-            await flight
-    if stop.is_set() and tally.began is None:
-        return EXIT_INTERRUPTED
-    summary = summarise(tally)
-    if as_json:
-        print(json_line(summary))
+def _fly(pace: float, seed: int, wind: str, fps: float, picture: Path, *, is_quiet: bool, is_headless: bool) -> int:
+    from mkdaemon.cli.mkdaemon.flightpicture import write_picture
+    from mkdaemon.cli.rehearsal.flight import rehearse
+    from mkdaemon.cli.rehearsal.loop import run_paced
+
+    structlog.configure(wrapper_class=structlog.make_filtering_bound_logger(logging.CRITICAL))
+    console = Console(quiet=is_quiet)
+    console.print(f"a simulated aircraft on its target; {wind} wind, {fps:g} images a second, seed {seed}")
+    with _Board(console, is_live=console.is_terminal and not is_headless) as board:
+        record = run_paced(rehearse(seed=seed, wind=wind, fps=fps, watcher=board.show), pace)
+    figures = record.figures()
+    write_picture(record, picture)
+    if is_quiet:
+        print(json_line({**figures, "picture": str(picture)}))
     else:
-        console.print(render_summary(tally, summary))
-    return EXIT_OK if tally.has_flowed else EXIT_FAILURE
+        console.print(summary_table(figures))
+        console.print(f"picture of the flight: {picture}")
+        words = "landed on the target, motors stand" if record.has_landed else f"NOT landed: {figures['outcome']}"
+        console.print(Text(words, style="bold green" if record.has_landed else "bold red"))
+    return EXIT_OK if record.has_landed else EXIT_FAILURE
 
 
-async def _fly(endpoint: str, seconds: float, tally: Tally, console: Console) -> None:
-    """Start everything, watch for so long, and longer only while telemetry has not flowed; end everything.
+class _Board:
+    """Shows the flight while it is flown: a live table, or now and then a line."""
 
-    Raises:
-        MkError: a process did not start, or ended by itself; says which and why.
-    """
-    console.print("starting the simulated aircraft and the daemon ...")
-    async with _child("sim", "--pilot-wait", "3", "--connect", endpoint, "--vehicle", VEHICLE) as simulator:
-        port = await _port_of(simulator)
-        console.print(f"aircraft on {port}; daemon at {endpoint}, vehicle {VEHICLE}")
-        run = ("run", "--port", f"pty:{port}", "--vehicle", VEHICLE, "--listen", endpoint, "--log", "error")
-        async with _child(*run) as daemon, AsyncExitStack() as stack:
-            client = await _connect(stack, endpoint, daemon)
-            samples = await stack.enter_async_context(client.watch("**"))
-            # The link's state is put when it changes, which may have been before this client came.
-            tally.known.update({suffix: last.fields for suffix, last in (await client.get_all("link/state")).items()})
-            jobs = [
-                asyncio.create_task(_watch(samples, tally, console), name="watch"),
-                asyncio.create_task(_must_live("simulator", simulator), name="simulator"),
-                asyncio.create_task(_must_live("daemon", daemon), name="daemon"),
-            ]
-            try:
-                ended, _ = await asyncio.wait(jobs, timeout=seconds, return_when=asyncio.FIRST_COMPLETED)
-                if not ended and not tally.has_flowed:
-                    jobs.append(asyncio.create_task(_until_flown(tally), name="grace"))
-                    ended, _ = await asyncio.wait(jobs, timeout=GRACE, return_when=asyncio.FIRST_COMPLETED)
-                for job in ended:
-                    job.result()
-            finally:
-                for job in jobs:
-                    job.cancel()
-                await asyncio.gather(*jobs, return_exceptions=True)
+    def __init__(self, console: Console, *, is_live: bool) -> None:
+        self._console = console
+        self._live = Live(console=console, auto_refresh=False, transient=True) if is_live else None
+        self._shown_at = float("-inf")
+        self._part = ""
+
+    def __enter__(self) -> _Board:
+        if self._live is not None:
+            self._live.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self._live is not None:
+            self._live.stop()
+
+    def show(self, moment: Moment, status: ControlStatus | None) -> None:
+        """Show a moment, if it is time."""
+        every = LINE_EVERY if self._live is None else REDRAW
+        if moment.at - self._shown_at < every and moment.part == self._part:
+            return
+        self._shown_at, self._part = moment.at, moment.part
+        if self._live is not None:
+            self._live.update(flight_table(moment, status), refresh=True)
+        else:
+            self._console.print(flight_line(moment), highlight=False)
 
 
-async def _until_flown(tally: Tally) -> None:
-    """Return as soon as telemetry has flowed."""
-    while not tally.has_flowed:  # noqa: ASYNC110 - what has come is a state, not an event
-        await asyncio.sleep(0.05)
+def flight_line(moment: Moment) -> str:
+    """A moment in one line of at most 80 columns."""
+    x, y, z = moment.position
+    words = f"{moment.at:5.1f} s  {moment.part:<9} x {x:+.2f} y {y:+.2f} z {z:.2f} m over the target"
+    if moment.goal is not None and moment.part != "take-off":
+        words += f", {100 * _distance(moment):.0f} cm off"
+    return words
 
 
-async def _must_live(name: str, process: Process) -> None:
-    """Wait for the end of a process that is not to end.
-
-    Raises:
-        MkError: it did; says why.
-    """
-    await process.wait()
-    raise MkError(f"the {name} ended while it flew: {await _last_words(process)}")
-
-
-async def _watch(samples: AsyncIterator[Sample], tally: Tally, console: Console) -> None:
-    """Take everything that comes; redraw on a terminal, otherwise print a line now and then."""
-    loop = asyncio.get_running_loop()
-    shown_at, is_live = loop.time(), console.is_terminal
-    with Live(Text("waiting for telemetry ..."), console=console, auto_refresh=False, transient=True) as live:
-        async for sample in samples:
-            tally.take(sample, now := loop.time())
-            if now - shown_at < (REDRAW if is_live else LINE_EVERY):
-                continue
-            shown_at = now
-            if is_live:
-                live.update(Group(render_status(VEHICLE, tally.known), render_frames(tally)), refresh=True)
-            else:
-                console.print(progress_line(tally))
-
-
-def progress_line(tally: Tally) -> str:
-    """What has come so far, in one line."""
-    battery, position = tally.known.get("state/battery"), tally.known.get("state/position")
-    words = [f"{tally.ended - (tally.began or 0.0):.0f} s", f"{tally.frames.total()} frames"]
-    if battery is not None:
-        words.append(f"{battery['voltage']:.1f} V")
-    if position is not None:
-        words.append(f"{position['latitude_deg']:.6f}, {position['longitude_deg']:.6f}")
-        words.append(f"{position['altitude_above_start']:.1f} m above start")
-    return "; ".join(words)
-
-
-def render_frames(tally: Tally) -> Table:
-    """Frames by kind."""
-    table = Table("frame", "count", "Hz", title_justify="left")
-    for suffix in sorted(tally.frames):
-        table.add_row(suffix, str(tally.frames[suffix]), f"{tally.rate(suffix):.1f}")
+def flight_table(moment: Moment, status: ControlStatus | None) -> Table:
+    """A moment as a table of at most 80 columns."""
+    table = Table(width=COLUMNS, show_header=False, title=f"mkdaemon demo, {moment.at:.1f} s")
+    table.add_column(width=20)
+    table.add_column()
+    x, y, z = moment.position
+    table.add_row("part of the flight", moment.part)
+    table.add_row("control", "-" if status is None else f"{status.phase.value}: {status.stage or status.reason}")
+    table.add_row("over the target", f"x {x:+.2f}   y {y:+.2f}   z {z:.2f} m   (true)")
+    goal, estimate = moment.goal, moment.estimate
+    table.add_row("believed", "-" if estimate is None else "x {:+.2f}   y {:+.2f}   z {:.2f} m".format(*estimate))
+    table.add_row("wanted", "-" if goal is None else "x {:+.2f}   y {:+.2f}   z {:.2f} m".format(*goal))
+    table.add_row("error", "-" if goal is None else f"{100 * _distance(moment):.0f} cm")
+    table.add_row("the target is at", f"east {moment.target[0]:.2f} m, north {moment.target[1]:.2f} m")
     return table
 
 
-def summarise(tally: Tally) -> dict[str, Any]:
-    """What was seen, in figures."""
-    span = tally.ended - (tally.began or 0.0)
-    echo = tally.known.get("link/health", {}).get("echo", {})
-    position = tally.known.get("state/position", {})
-    battery = tally.known.get("state/battery", {})
-    return {
-        "telemetry_flowed": tally.has_flowed,
-        "seconds": round(span, 2),
-        "frames": dict(sorted(tally.frames.items())),
-        "rates_hz": {suffix: round(tally.rate(suffix), 2) for suffix in sorted(tally.frames)},
-        "echo_ms": {key: echo.get(f"{key}_ms") for key in ("p50", "p95", "p99")},
-        "echo_lost": echo.get("lost"),
-        "echo_sent": echo.get("sent"),
-        "battery_v": battery.get("voltage"),
-        "battery_used_mah": battery.get("used_mah"),
-        "latitude_deg": position.get("latitude_deg"),
-        "longitude_deg": position.get("longitude_deg"),
-        "position_enu": position.get("position_enu"),
-    }
+def summary_table(figures: Mapping[str, Any]) -> Table:
+    """The figures of a flight."""
+    table = Table(width=COLUMNS)
+    table.add_column("figure", no_wrap=True)
+    table.add_column("value", justify="right")
+    for name, words in SHOWN.items():
+        if figures.get(name) is not None:
+            table.add_row(words, f"{figures[name]:g}")
+    return table
 
 
-def render_summary(tally: Tally, summary: Mapping[str, Any]) -> Group:
-    """The end of the demo."""
-    flowed = tally.has_flowed
-    missing = [suffix for suffix in ENOUGH if suffix not in tally.known]
-    verdict = "telemetry flowed" if flowed else f"telemetry did NOT flow: nothing on {', '.join(missing)}"
-    head = Text(f"{summary['seconds']:.1f} s: {verdict}", style="bold green" if flowed else "bold red")
-    return Group(render_frames(tally), render_status(VEHICLE, tally.known), head)
-
-
-@asynccontextmanager
-async def _child(*arguments: str) -> AsyncIterator[Process]:
-    """A `mkdaemon` of its own process; asked to end on leaving, killed if it does not."""
-    command = (sys.executable, "-m", "mkdaemon.cli.mkdaemon.app", *arguments)
-    process = await asyncio.create_subprocess_exec(*command, stdin=DEVNULL, stdout=PIPE, stderr=PIPE)
-    try:
-        yield process
-    finally:
-        if process.returncode is None:
-            process.terminate()
-        try:
-            async with asyncio.timeout(ENDING):
-                await process.communicate()
-        except TimeoutError:
-            process.kill()
-            await process.communicate()
-
-
-async def _port_of(simulator: Process) -> str:
-    """The first line of the simulator's output names its port.
-
-    Raises:
-        MkError: it did not start; says why.
-    """
-    assert simulator.stdout is not None
-    line = b""
-    with suppress(TimeoutError):
-        async with asyncio.timeout(STARTUP):
-            line = await simulator.stdout.readline()
-    if not line:
-        raise MkError(f"the simulator did not start: {await _last_words(simulator)}")
-    port: str = json.loads(line)["port"]
-    return port
-
-
-async def _connect(stack: AsyncExitStack, endpoint: str, daemon: Process) -> Vehicle:
-    """Enter a client of the daemon into the stack, as soon as the daemon listens.
-
-    Raises:
-        MkError: the daemon ended, or never listened.
-    """
-    loop = asyncio.get_running_loop()
-    deadline = loop.time() + STARTUP
-    while True:
-        try:
-            return await stack.enter_async_context(connect(VEHICLE, endpoint))
-        except MkError as error:
-            if daemon.returncode is not None or loop.time() > deadline:
-                raise MkError(f"the daemon did not start: {await _last_words(daemon) or error}") from error
-            await asyncio.sleep(0.05)
-
-
-async def _last_words(process: Process) -> str:
-    """What a process that failed said last."""
-    if process.returncode is None:
-        process.terminate()
-    assert process.stderr is not None
-    with suppress(TimeoutError):
-        async with asyncio.timeout(ENDING):
-            lines = (await process.stderr.read()).decode(errors="replace").strip().splitlines()
-            return lines[-1] if lines else f"exit code {process.returncode}"
-    return "no answer"
+def _distance(moment: Moment) -> float:
+    """From where it is to be [m]."""
+    assert moment.goal is not None
+    return float(sum((a - b) ** 2 for a, b in zip(moment.position, moment.goal, strict=True)) ** 0.5)

@@ -117,7 +117,15 @@ class HandFlight:
         self._phase_since = 0.0
         self._anchor: tuple[float, float, float] | None = None
         self._law = StickLaw(0.0 if flying else _GAS_START)
+        self._armed = Phase.CLIMB
         self.phase = Phase.FLY if flying else Phase.CALIBRATE
+
+    @classmethod
+    def starting(cls) -> Self:
+        """Return a flight that ends on the ground, with the motors running."""
+        flight = cls()
+        flight._armed = Phase.DONE
+        return flight
 
     @classmethod
     def stopping(cls) -> Self:
@@ -166,7 +174,7 @@ class HandFlight:
         if running is (self.phase is Phase.ARM):
             pilot.set_sticks(gas=-full)
             if held >= _GESTURE + _PAUSE:
-                self._enter(Phase.CLIMB if self.phase is Phase.ARM else Phase.DONE, now)
+                self._enter(self._armed if self.phase is Phase.ARM else Phase.DONE, now)
         elif held < 2.0 * _GESTURE:
             yaw = -full if self.phase is Phase.ARM else full
             pilot.set_sticks(pitch=-full, roll=full, yaw=yaw, gas=-full)

@@ -63,6 +63,7 @@ def platform_of(cfg: PlatformConfig) -> Platform:
         cfg.speed,
         cfg.radius,
         cfg.acceleration,
+        delay=cfg.delay,
     )
 
 
@@ -83,6 +84,9 @@ class SceneCamera:
         cfg: camera, target and light.
         seed: of ground, noise and everything else.
 
+    Attributes:
+        arm_flu: the lens in the body frame `(3,)` [m].
+
     Raises:
         ConfigError: a camera or target file is wrong.
     """
@@ -93,7 +97,7 @@ class SceneCamera:
         self.platform = platform_of(cfg.platform)
         self.targets = load(cfg.targets).targets if cfg.targets else (_nested(),)
         self._flu_from_cam = mount_rotation(self.camera.mount)
-        self._arm_flu = np.array(self.camera.mount.position_flu)
+        self.arm_flu = np.array(self.camera.mount.position_flu)
         self._size = self.targets[0].tags[0].size
         placed = [SceneTarget.of(self.targets[0], self.platform)]
         placed += [SceneTarget.of(target, Platform()) for target in self.targets[1:]]
@@ -101,7 +105,7 @@ class SceneCamera:
 
     def view(self, state: BodyState) -> CameraView:
         """The camera at the middle of its exposure: it rides on the body, so turning also moves it."""
-        arm = state.enu_from_flu @ self._arm_flu
+        arm = state.enu_from_flu @ self.arm_flu
         spin_enu = state.enu_from_flu @ state.rates_flu
         return CameraView(
             self.camera.intrinsics,

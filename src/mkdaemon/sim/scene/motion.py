@@ -29,6 +29,7 @@ class Platform:
         pitch: as `roll`, nose down positive [rad].
         rocking: amplitude of roll and pitch about the rest attitude [rad].
         rocking_period: of the roll [s]; the pitch takes 1.3 times as long.
+        delay: it stands at its start for so long first [s].
     """
 
     kind: MotionKind = "still"
@@ -41,10 +42,11 @@ class Platform:
     pitch: float = 0.0
     rocking: float = 0.0
     rocking_period: float = 4.0
+    delay: float = 0.0
 
     def pose_at(self, time: float) -> Pose:
         """Pose in the world at `time` [s]."""
-        heading = self.heading
+        heading, time = self.heading, max(time - self.delay, 0.0)
         start = np.array(self.start_enu)
         if self.kind == "circle":
             turned = self.speed * time / self.radius
