@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import json
+import shutil
 import socket
 
 import pytest
@@ -35,7 +36,7 @@ async def started(monkeypatch):
     """A guard whose process is replaced by the far end of its channel."""
     near, far = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
     far.setblocking(False)
-    monkeypatch.setattr(guard_module.sys, "executable", "/bin/true")
+    monkeypatch.setattr(guard_module.sys, "executable", shutil.which("true"))
     monkeypatch.setattr(guard_module.socket, "socketpair", lambda *kind: (near, socket.socket(socket.AF_UNIX)))
     started = Started()
     started.far, started.acts, started.changes = far, [], []
