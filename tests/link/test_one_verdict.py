@@ -98,3 +98,15 @@ def test_a_line_proven_at_its_rate_is_searched_late():
     assert search.reason_to_reopen(Verdict(Finding(LinkCondition.UP, ""), 0.0), 0.0, 1.0) is None
     assert search.reason_to_reopen(garbage, 0.0, 10.0 + GARBAGE_PATIENCE + 0.1) is None
     assert search.reason_to_reopen(garbage, 0.0, 10.0 + PROVEN_PATIENCE + 0.1) is not None
+
+
+@virtually
+async def test_a_board_that_boots_without_a_word_is_not_searched_at_other_rates():
+    async with rig(flight_ctrl()) as r:
+        await r.until(lambda: r.socket.port is not None, 1.0)
+        r.socket.port.inject(LineFault.SILENCE)
+        await asyncio.sleep(5.5)
+        r.socket.port.inject(LineFault.NONE)
+        await r.until_up()
+        assert r.socket.openings == 1
+        assert not any("baud" in state.reason for state in r.log.states)
