@@ -13,6 +13,7 @@ import tty
 import pytest
 
 from lab.rigs.waiting import wait_until
+from mkdaemon.daemon import guard as guardprocess
 from mkdaemon.daemon.guard import GuardProcess, take_report
 
 NEUTRAL, RELEASE = b"#neutral\r", b"#release\r"
@@ -80,6 +81,18 @@ async def test_a_killed_guard_is_noticed(line):
     assert guard.is_alive
     os.kill(guard.pid, signal.SIGKILL)
     await wait_until(lambda: not guard.is_alive)
+    await guard.stop()
+
+
+async def test_a_killed_guard_is_reported_at_once(line, monkeypatch):
+    monkeypatch.setattr(guardprocess, "PING_PERIOD", 60.0)
+    guard, reports = await flying(line[1]), []
+    guard.changed = reports.append
+    watcher = asyncio.create_task(guard.watch())
+    await wait_until(lambda: reports == [True])
+    os.kill(guard.pid, signal.SIGKILL)
+    await wait_until(lambda: reports == [True, False], within=10.0)
+    watcher.cancel()
     await guard.stop()
 
 

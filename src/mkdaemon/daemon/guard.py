@@ -50,6 +50,7 @@ class GuardProcess:
         self._process: subprocess.Popen[bytes] | None = None
         self._channel: socket.socket | None = None
         self._answered = float("-inf")
+        self._lost = asyncio.Event()
 
     @property
     def is_alive(self) -> bool:
@@ -88,7 +89,10 @@ class GuardProcess:
                 was_alive = self.is_alive
                 self.changed(was_alive)
             self._send(Word.PING)
-            await asyncio.sleep(PING_PERIOD)
+            with suppress(TimeoutError):
+                async with asyncio.timeout(PING_PERIOD):
+                    await self._lost.wait()
+            self._lost.clear()
 
     def port_opened(self, descriptor: int) -> None:
         """Hand over a duplicate of an open port."""
@@ -154,6 +158,7 @@ class GuardProcess:
         if channel is not None:
             asyncio.get_running_loop().remove_reader(channel.fileno())
             channel.close()
+            self._lost.set()
 
 
 def take_report(path: Path) -> str | None:
