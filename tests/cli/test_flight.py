@@ -8,7 +8,7 @@ from contextlib import asynccontextmanager
 import pytest
 
 from lab.rigs.waiting import wait_until
-from mkdaemon.cli.mkctl import flight, flightshow, manoeuvre
+from mkdaemon.cli.mkctl import flight, flightshow, manoeuvre, script
 from mkdaemon.cli.mkctl.app import app
 from mkdaemon.cli.mkctl.connection import Connection
 from mkdaemon.cli.program import EXIT_CONFIG, EXIT_FAILURE, run
@@ -160,3 +160,64 @@ async def test_a_flight_that_does_not_begin_fails(monkeypatch):
     async with flying((0.0, 0.0, 2.0), engages=None) as (_, here):
         with pytest.raises(MkError, match="did not engage within"):
             await flight.goto(0.0, 0.0, 2.0, connection=here)
+
+
+SCRIPT = """
+[[step]]
+do = "wait"
+key = "control/status"
+field = "refused"
+below = 1
+
+[[step]]
+do = "hold"
+seconds = 0.2
+
+[[step]]
+do = "wait"
+key = "control/status"
+field = "refused"
+below = 1
+
+[[step]]
+do = "velocity"
+velocity = [0.1, 0, 0]
+seconds = 0.2
+
+[[step]]
+do = "land"
+"""
+
+
+def end_after(daemon, count):
+    if len(daemon.setpoints) == count:
+        daemon.lose("landed on pad")
+
+
+async def test_a_script_is_flown_step_by_step(tmp_path, capsys):
+    path = tmp_path / "flight.toml"
+    path.write_text(SCRIPT)
+    async with flying((0.0, 0.0, 2.0)) as (daemon, here):
+        daemon.follow = lambda: end_after(daemon, 60)
+        await script.fly(path, connection=here)
+        assert any("velocity" in setpoint for setpoint in daemon.setpoints)
+    shown = capsys.readouterr().out
+    assert "step 5 of 5: land" in shown
+    assert "done" in shown
+
+
+async def test_a_condition_that_is_not_met_ends_the_flight(tmp_path, monkeypatch):
+    monkeypatch.setattr(script, "LOOK", 0.1)
+    path = tmp_path / "flight.toml"
+    path.write_text('[[step]]\ndo = "wait"\nkey = "control/status"\nfield = "refused"\nabove = 9\npatience = 0.2\n')
+    async with flying((0.0, 0.0, 2.0)) as (daemon, here):
+        with pytest.raises(ManoeuvreError, match="control/status refused was not as wanted"):
+            await script.fly(path, connection=here)
+        await wait_until(lambda: daemon.holder is None)
+
+
+async def test_a_script_is_checked_without_a_daemon(tmp_path, capsys):
+    path = tmp_path / "flight.toml"
+    path.write_text(SCRIPT)
+    await script.fly(path, check=True)
+    assert "5 steps, nothing wrong" in capsys.readouterr().out

@@ -136,6 +136,17 @@ class SetpointStream:
         reply = (await self._transport.command("do", "lease", fields)).require()
         return LeaseState.model_validate(reply)
 
+    async def pause(self, seconds: float) -> None:
+        """Keep the lease for some time without flying [s]; in flight it would grow stale.
+
+        Raises:
+            LeaseLostError: it has ended.
+            CommandRejectedError: it has ended.
+        """
+        await self.renew()
+        await asyncio.sleep(seconds)
+        self._require_held()
+
     async def _fly(
         self,
         kind: str,

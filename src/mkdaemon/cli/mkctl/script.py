@@ -1,0 +1,104 @@
+"""`mkctl fly`: a flight from a file, step by step."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Annotated, Final
+
+from cyclopts import Parameter
+
+from mkdaemon.cli.mkctl.connection import HERE, Connection
+from mkdaemon.cli.mkctl.flight import Force
+from mkdaemon.cli.mkctl.flightshow import metres, print_end, showing
+from mkdaemon.client import Lease, Vehicle
+from mkdaemon.errors import ManoeuvreError
+from mkdaemon.missions.script import (
+    GotoStep,
+    HoldStep,
+    LandStep,
+    Step,
+    TakeOffStep,
+    VelocityStep,
+    WaitStep,
+    read_script,
+)
+
+LOOK: Final = 0.5
+"""Between two looks at a value that is waited for [s]."""
+
+
+async def fly(
+    script: Path,
+    /,
+    *,
+    check: Annotated[bool, Parameter(negative=(), help="Only check the file.")] = False,
+    force: Force = False,
+    connection: Connection = HERE,
+) -> None:
+    """Fly the steps of a TOML file one after the other, then release.
+
+    The whole file is checked before anything flies. A step that fails ends the flight with a release. Ctrl-C releases
+    at once. The pilot's part is that of `mkctl takeoff`, `goto` and `land`: docs/flying.md.
+
+    Args:
+        script: The file; docs/flying.md shows one.
+
+    Raises:
+        ConfigError: the file is wrong; names the step.
+        MkError: a step was refused or failed; names the step.
+    """
+    steps = read_script(script)
+    if check:
+        print_end({"steps": len(steps)}, f"{script}: {len(steps)} steps, nothing wrong", connection)
+        return
+    async with connection.open() as uav, uav.lease(force=force) as lease:
+        async with showing(uav, lease, connection, lambda: None) as shown:
+            for number, step in enumerate(steps, 1):
+                if not connection.json:
+                    print(f"step {number} of {len(steps)}: {step.do}")
+                await fly_step(uav, lease, step)
+        print_end(
+            {"steps": len(steps), "position": shown.position}, f"done; now at {metres(shown.position)}", connection
+        )
+
+
+async def fly_step(uav: Vehicle, lease: Lease, step: Step) -> None:
+    """Fly one step to its end.
+
+    Raises:
+        MkError: see the methods of `Lease`.
+    """
+    match step:
+        case TakeOffStep():
+            await lease.take_off(step.height, patience=step.patience)
+        case HoldStep():
+            await lease.hold(seconds=step.seconds)
+        case GotoStep():
+            yaw = None if step.yaw_deg is None else math.radians(step.yaw_deg)
+            await lease.goto(*step.position, yaw=yaw, frame=step.frame, patience=step.patience)
+        case VelocityStep():
+            await lease.velocity(*step.velocity, frame=step.frame, seconds=step.seconds)
+        case WaitStep():
+            await _wait(uav, lease, step)
+        case LandStep():
+            yaw = None if step.yaw_deg is None else math.radians(step.yaw_deg)
+            await lease.land(yaw=yaw, patience=step.patience)
+
+
+async def _wait(uav: Vehicle, lease: Lease, step: WaitStep) -> None:
+    """Hold, or before the flight keep the lease, until the condition is met.
+
+    Raises:
+        ManoeuvreError: not in time.
+    """
+    looks = max(1, math.ceil(step.patience / LOOK))
+    for _ in range(looks):
+        sample = await uav.get(step.key)
+        if sample is not None and step.holds(sample.fields.get(step.field)):
+            return
+        if lease.is_engaged:
+            await lease.hold(seconds=LOOK)
+        else:
+            await lease.pause(LOOK)
+    raise ManoeuvreError(f"wait: {step.key} {step.field} was not as wanted within {step.patience:g} s")
