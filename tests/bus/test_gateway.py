@@ -17,7 +17,7 @@ import zenoh
 
 from lab.rigs.waiting import wait_until
 from mkdaemon.bus.codec import Payload, TooLong
-from mkdaemon.bus.floods import ALL_OTHERS, QUERY_RATES, STRANGER_RATE, QueryBudgets, ShedCounter
+from mkdaemon.bus.floods import ALL_OTHERS, QUERY_RATES, STRANGER_RATE, QueryBudgets, ShedCounter, flood_settings
 from mkdaemon.bus.gateway import Bus
 from mkdaemon.bus.intake import FLOOD, STRANGERS, SetpointIntake
 from mkdaemon.bus.session import session_config
@@ -301,6 +301,11 @@ def test_each_kind_of_command_has_its_own_budget():
     assert sum(budgets.admit(f"cmd/fc/{number}") for number in range(500)) == QUERY_RATES[ALL_OTHERS]
     now = 0.5
     assert sum(budgets.admit("do/lease") for _ in range(500)) == QUERY_RATES["do/lease"] / 2
+
+
+def test_connections_leave_files_for_the_port():
+    settings = flood_settings("t1", ("setpoint/stick",))
+    assert settings["transport/unicast/accept_pending"] + settings["transport/unicast/max_sessions"] < 700
 
 
 async def test_silent_connections_keep_no_client_out(bus):

@@ -19,8 +19,11 @@ LONGEST_SETPOINT: Final = 1 << 16
 """A longer one is dropped without a word [bytes]; one of more than 512 is refused with a reason."""
 LONGEST_MESSAGE: Final = 1 << 27
 """Longest message put together from its fragments [bytes]; an image may have 64 million pixels."""
-PENDING: Final = 4000
-"""Connections that may be silent at a time before new ones are turned away: 10 kB each."""
+PENDING: Final = 300
+"""Connections that may be silent at a time before new ones are turned away."""
+SESSIONS: Final = 300
+"""Clients at a time. With those that are silent this stays well below 1,024 open files: so many a service may have, and
+pyserial cannot watch a port that was opened after them (select(2), FD_SETSIZE)."""
 PENDING_TIME: Final = 5.0
 """A connection that has not introduced itself for so long is closed [s]."""
 ALL_OTHERS: Final = "others"
@@ -50,6 +53,7 @@ def flood_settings(vehicle: str, kinds: tuple[str, ...]) -> dict[str, object]:
         ],
         "transport/link/rx/max_message_size": LONGEST_MESSAGE,
         "transport/unicast/accept_pending": PENDING,
+        "transport/unicast/max_sessions": SESSIONS,
         "transport/unicast/accept_timeout": int(PENDING_TIME * 1000),
     }
 
