@@ -6,6 +6,7 @@ import asyncio
 import threading
 from collections.abc import Callable
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 
 import cv2
@@ -39,7 +40,6 @@ CAMERA_FILE = CONFIGS / "cameras" / "sim.toml"
 TARGET_FILE = CONFIGS / "targets" / "nested.toml"
 CAMERA = load_camera(CAMERA_FILE)
 PAD = SceneTarget.of(load([TARGET_FILE]).targets[0], Platform())
-SCENE = Scene([PAD], ground="tiles", seed=6, fine=False)
 STREAMING = StreamStatus(state=StreamState.STREAMING, width=640, height=480)
 PATIENCE = 40.0
 CLOCK = Clock(monotonic=lambda: 100.05, wall=lambda: 1.7e9 + 100.05)
@@ -49,8 +49,13 @@ def view(k: int = 0) -> CameraView:
     return view_towards(CAMERA.intrinsics, np.array([0.2 + 0.01 * k, -0.3, 1.1]), np.zeros(3), turn=0.4)
 
 
+@cache
+def scene() -> Scene:
+    return Scene([PAD], ground="tiles", seed=3, fine=False)
+
+
 def shot(k: int = 0, conditions: Conditions | None = None) -> np.ndarray:
-    return SCENE.render(view(k), conditions)
+    return scene().render(view(k), conditions)
 
 
 def section(**change: object) -> CameraSection:

@@ -24,11 +24,17 @@ def test_straight_keeps_its_speed() -> None:
     np.testing.assert_allclose(velocity(platform, 3.0), (0.0, 0.7, 0.0), atol=1e-6)
 
 
+def test_a_platform_stands_at_its_start_until_it_moves() -> None:
+    platform = Platform("straight", start_enu=(1.0, 0.0, 0.0), speed=0.5, delay=3.0)
+    np.testing.assert_allclose(platform.pose_at(2.9).position_enu, (1.0, 0.0, 0.0))
+    np.testing.assert_allclose(platform.pose_at(5.0).position_enu, (2.0, 0.0, 0.0))
+
+
 def test_a_circle_closes_and_faces_along_its_path() -> None:
     platform = Platform("circle", start_enu=(1.0, 0.0, 0.0), heading=0.4, speed=0.5, radius=2.0)
     round_trip = 2 * np.pi * 2.0 / 0.5
     np.testing.assert_allclose(platform.pose_at(round_trip).position_enu, (1.0, 0.0, 0.0), atol=1e-9)
-    for time in (0.0, 2.0, 7.0):
+    for time in (1.0, 2.0, 7.0):
         pose = platform.pose_at(time)
         np.testing.assert_allclose(velocity(platform, time), 0.5 * pose.enu_from_body[:, 0], atol=1e-6)
     assert np.linalg.norm(platform.pose_at(round_trip / 2).position_enu - (1.0, 0.0, 0.0)) == pytest.approx(4.0)

@@ -61,7 +61,7 @@ def test_rendered_corners_agree_with_the_exact_projection(intrinsics: Intrinsics
 def test_a_detector_sees_the_official_print_where_it_should_be() -> None:
     target = SceneTarget.of(NESTED, Platform(heading=-1.2))
     view = oblique(1.0, 30, 0.7, PINHOLE, 0.5)
-    found = detect(Scene([target], seed=5).render(view, CLEAN))
+    found = detect(Scene([target], seed=3).render(view, CLEAN))
     expected = true_corners(target, view)
     assert found.keys() == {48, 1}
     for (_, tag_id), corners in expected.items():
@@ -110,7 +110,7 @@ def test_a_print_that_overfills_the_frame_shows_its_cells() -> None:
     target = SceneTarget.of(NESTED, Platform())
     for fine in (True, False):
         view = oblique(0.22, 5, 0.3, LENS)
-        image = Scene([target], seed=2, fine=fine).render(view, CLEAN)
+        image = Scene([target], seed=3, fine=fine).render(view, CLEAN)
         outer = NESTED.tags[0]
         for row in range(8):
             for column in range(8):
@@ -136,7 +136,7 @@ def test_the_true_pose_is_the_pose_of_the_true_corners() -> None:
 def test_equal_seeds_give_equal_bytes() -> None:
     view = oblique(2.0, 30, 1.0, PINHOLE)
     conditions = Conditions(jpeg_quality=60, glare=(Glare((0.1, 0.0), 0.03),), shadow=Shadow(4.0))
-    first, again, other = (Scene([SINGLE], ground="grass", seed=seed).render(view, conditions) for seed in (4, 4, 5))
+    first, again, other = (Scene([SINGLE], seed=seed).render(view, conditions) for seed in (3, 3, 4))
     np.testing.assert_array_equal(first, again)
     assert np.abs(first.astype(int) - other).mean() > 5
 
@@ -163,7 +163,7 @@ def test_turning_about_the_axis_blurs_the_rim_and_not_the_middle() -> None:
 def test_a_platform_carries_its_print() -> None:
     target = SceneTarget.of(single(0.3, 7), Platform("straight", speed=0.5))
     view = replace(oblique(2.0, 0, 0.0, PINHOLE), time=0.6)
-    scene = Scene([target], seed=1)
+    scene = Scene([target], seed=3)
     found = detect(scene.render(view, CLEAN))[7]
     assert np.abs(found - true_corners(target, view)["tag36h11", 7]).max() < 0.1
     assert found[:, 0].mean() > 319.5 + 600 * 0.25 / 2
@@ -202,7 +202,7 @@ def test_a_print_seen_from_behind_is_not_there() -> None:
     wall = SceneTarget.of(single(0.3, 7), Platform(start_enu=(0.0, 0.0, 1.0), pitch=math.pi / 2))  # faces east
     for side, seen in ((1.0, True), (-1.0, False)):
         view = view_towards(PINHOLE, np.array([1.5 * side, 0.0, 1.0]), np.array([0.0, 0.0, 1.0]))
-        assert (7 in detect(Scene([wall], seed=1).render(view, CLEAN))) is seen
+        assert (7 in detect(Scene([wall], seed=3).render(view, CLEAN))) is seen
         assert bool(true_corners(wall, view)) is seen
 
 
