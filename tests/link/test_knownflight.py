@@ -97,7 +97,7 @@ async def test_another_aircraft_after_a_gap_is_not_taken_for_the_one_before(is_f
         r.socket.port.inject(LineFault.NONE)
         await r.until(lambda: r.link.dialect.fc_release is None, 2)
         r.log.tx.clear()
-        await steer(r, 8.0)
+        await steer(r, 5.0)
         assert {type(message) for message in valid_frames(r)} <= {ExternControlV1}
         assert (r.link.dialect.extern_control is None) is is_flying
         assert r.link.flight_memory is None
@@ -125,7 +125,7 @@ async def test_what_an_earlier_process_knew_of_another_flight_is_not_offered():
         take_off(r)
         r.link.recall_flight(memory)
         await r.until_up()
-        await steer(r, 8.0)
+        await steer(r, 5.0)
         assert r.link.offered_memory() is None
         assert valid_frames(r) == []
         with pytest.raises(CommandRejectedError) as refused:
