@@ -111,7 +111,7 @@ def test_the_keys_page_says_who_publishes_answers_or_reads_each_key():
 def test_the_keys_page_says_where_what_is_required_and_what_every_word_can_be():
     page = make_page(GENERATED["docs/keys.md"], ROOT)
     assert "`tcp/127.0.0.1:7447`" in page
-    assert "| `action` | `take` \\| `renew` \\| `release` \\| `show` | required | What to do. |" in page
+    assert "| `action` | `take` \\| `renew` \\| `release` \\| `show` \\| `probe` | required | What to do; " in page
     assert "| `ttl` | float \\| null | default null, >= 0.5, <= 60 |" in page
     for name in re.findall(r"\]\(#([a-z0-9]+)\)", page):
         assert f'<a id="{name}"></a>' in page or name in re.sub(r"\.", "", page.lower()), name
