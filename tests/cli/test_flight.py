@@ -8,7 +8,7 @@ from contextlib import asynccontextmanager
 import pytest
 
 from lab.rigs.waiting import wait_until
-from mkdaemon.cli.mkctl import flight, flightshow, manoeuvre, script
+from mkdaemon.cli.mkctl import flight, flightshow, gains, manoeuvre, script
 from mkdaemon.cli.mkctl.app import app
 from mkdaemon.cli.mkctl.connection import Connection
 from mkdaemon.cli.program import EXIT_CONFIG, EXIT_FAILURE, run
@@ -126,6 +126,14 @@ async def test_a_flight_by_attitude_is_in_degrees(capsys):
         await manoeuvre.attitude(pitch=3.0, seconds=0.2, connection=here)
         assert daemon.setpoints[-1]["pitch"] == pytest.approx(math.radians(3.0))
     assert "setpoints" in capsys.readouterr().out
+
+
+async def test_gains_are_shown_with_their_margins(capsys):
+    async with fake_daemon() as daemon:
+        await gains.gains(connection=Connection(vehicle=VEHICLE, connect=daemon.endpoint))
+        assert "stable with a stick gain" in capsys.readouterr().out
+        await gains.gains(connection=Connection(vehicle=VEHICLE, connect=daemon.endpoint, json=True))
+        assert '"gain_margin"' in capsys.readouterr().out
 
 
 async def test_motors_that_may_carry_an_aircraft_are_not_stopped():

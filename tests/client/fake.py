@@ -11,6 +11,8 @@ from mkdaemon.bus.codec import decode_map, schema_name
 from mkdaemon.bus.gateway import Bus
 from mkdaemon.client import connect
 from mkdaemon.clock import Clock
+from mkdaemon.control.estimator.model import AircraftModel
+from mkdaemon.control.guidance.margins import gains_of
 from mkdaemon.protocol.messages import Settings
 from mkdaemon.telemetry.command import CommandResult
 from mkdaemon.telemetry.control import ControlStatus, LeaseGrant, LeaseState, Phase
@@ -74,6 +76,9 @@ class FakeDaemon:
                 return CommandResult(status=Status.ACCEPTED, reply=reply)
             case "do/rate", _:
                 return CommandResult(status=Status.ACCEPTED, reply={"intervals": {"osd": fields.get("interval", 0.1)}})
+            case "do/gains", _:
+                reply = dict(gains_of(AircraftModel(), 0.35))
+                return CommandResult(status=Status.ACCEPTED, reply=reply)
             case "do/labels", _:
                 return CommandResult(status=Status.ACCEPTED, reply={"board": fields["board"], "names": ["one", "two"]})
             case "cmd/fc/settings_request", _:

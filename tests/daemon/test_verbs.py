@@ -8,6 +8,8 @@ import msgpack
 import pytest
 
 from mkdaemon.bus.schema import schema_json
+from mkdaemon.control.estimator.model import AircraftModel
+from mkdaemon.control.guidance.margins import gains_of
 from mkdaemon.daemon.procedures import Interlock
 from mkdaemon.daemon.verbs import Verbs
 from mkdaemon.errors import CommandRejectedError
@@ -48,6 +50,12 @@ class Desk:
         if isinstance(self.released, Exception):
             raise self.released
         return self.released
+
+    def gains(self):
+        return gains_of(AircraftModel(), 0.35)
+
+    def abort(self, request):
+        raise refuse(Token.NOTHING_FLOWN, phase=request.reason)
 
     def command(self, key, fields, result):
         self.events.append((key, fields, result))
@@ -133,3 +141,13 @@ async def test_a_defect_is_answered_and_mirrored_like_everything_else(desk):
     desk.released = RuntimeError("wires crossed")
     result = await desk.ask("release", {"reason": "test"})
     assert (result.token, "RuntimeError: wires crossed" in result.reason) == ("internal", True)
+
+
+async def test_gains_are_those_of_the_model_that_is_flown_on(desk):
+    result = await desk.ask("gains", {})
+    assert result.status == "accepted"
+    assert result.reply["radius"] < 1.0
+
+
+async def test_with_nothing_flown_an_abort_is_refused(desk):
+    assert (await desk.ask("abort", {"reason": "enough"})).token == "nothing_flown"

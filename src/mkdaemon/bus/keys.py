@@ -14,6 +14,7 @@ from mkdaemon.telemetry import mission, settings
 from mkdaemon.telemetry.command import (
     AbortRequest,
     CommandResult,
+    GainsRequest,
     Labels,
     LabelsRequest,
     LeaseRequest,
@@ -26,6 +27,7 @@ from mkdaemon.telemetry.control import (
     ControlEstimate,
     ControlOutput,
     ControlStatus,
+    Gains,
     LeaseGrant,
     ReleaseReport,
 )
@@ -174,6 +176,7 @@ KEYS: Final[tuple[KeySpec, ...]] = (
     KeySpec("cmd/<board>/<message>", _Q, CommandResult, "", "A MikroKopter request; its typed reply, or a refusal."),
     KeySpec("do/lease", _Q, LeaseRequest, "", "Take, renew, give back or show the lease.", LeaseGrant),
     KeySpec("do/release", _Q, ReleaseRequest, "", "Let go of the aircraft now; anyone may.", ReleaseReport),
+    KeySpec("do/gains", _Q, GainsRequest, "", "The model flown on, its gains and margins.", Gains),
     KeySpec("do/abort", _Q, AbortRequest, "", "Stop the manoeuvre and hold, or level; anyone may."),
     KeySpec("do/rate", _Q, RateRequest, "", "Ask for a stream at a rate.", Rates),
     KeySpec("do/labels", _Q, LabelsRequest, "", "Names of a board's debug channels, kept by firmware.", Labels),

@@ -15,6 +15,7 @@ from mkdaemon.control.authority import Authority
 from mkdaemon.control.decisions import Fly, ReleaseOrder
 from mkdaemon.control.estimator.model import AircraftModel
 from mkdaemon.control.flightwatch import FlightWatch
+from mkdaemon.control.guidance.margins import gains_of
 from mkdaemon.control.modes import IN_FLIGHT, Event
 from mkdaemon.control.output import StickOutput
 from mkdaemon.control.pacing import Pacing
@@ -27,7 +28,7 @@ from mkdaemon.control.vehicle import VehicleFacts
 from mkdaemon.errors import CommandRejectedError
 from mkdaemon.telemetry.base import Telemetry
 from mkdaemon.telemetry.command import AbortRequest, LeaseRequest, ReleaseRequest
-from mkdaemon.telemetry.control import ControlLine, LeaseState, Obstacle, Phase, ReleaseOutcome
+from mkdaemon.telemetry.control import ControlLine, Gains, LeaseState, Obstacle, Phase, ReleaseOutcome
 from mkdaemon.telemetry.link import LinkCondition, LinkState
 from mkdaemon.telemetry.refusals import Token, refuse
 from mkdaemon.telemetry.setpoint import Setpoint
@@ -182,6 +183,10 @@ class FlightCore:
     def model_known(self, model: AircraftModel) -> None:
         """Take the model of this aircraft's parameter set."""
         self._target.model_known(model)
+
+    def gains(self) -> Gains:
+        """Model, gains and margins of the horizontal loop."""
+        return gains_of(self._target.model, self._cfg.autopilot.max_tilt)
 
     # -- what the line reports ------------------------------------------------------------------------------------
 

@@ -75,6 +75,7 @@ class TargetFlight:
         landing: the landing that is flown; None outside one.
         take_off: the take-off that is flown; None outside one.
         error: how far the aircraft is from its goal; None without a goal.
+        model: what is believed of the aircraft.
     """
 
     def __init__(self, cfg: AutopilotConfig, hover_throttle: float) -> None:
@@ -92,7 +93,7 @@ class TargetFlight:
         self._arrival = Arrival(cfg.arrived_within, cfg.arrived_for)
         self._hover_gas = hover_throttle + GAS_CENTRE
         self._goals = Goals(cfg)
-        self._model = AircraftModel()
+        self.model = AircraftModel()
         self._estimator: Estimator | None = None
         self._autopilot: Autopilot | None = None
         self._attitude: Attitude | None = None
@@ -105,8 +106,8 @@ class TargetFlight:
 
     def model_known(self, model: AircraftModel) -> None:
         """Take the model of the aircraft's own parameter set; the estimate begins anew with it."""
-        if model != self._model:
-            self._model = model
+        if model != self.model:
+            self.model = model
             self._estimator = self._autopilot = None
 
     def pose_received(self, pose: VisionPose) -> None:
@@ -121,7 +122,7 @@ class TargetFlight:
             compass = 0.0 if self._attitude is None else self._attitude.yaw
             velocity = None if is_other else velocity_between(self._last_view, view)
             self._estimator = Estimator(
-                self._model, view, lifted_by or self._hover_gas, compass=compass, velocity=velocity
+                self.model, view, lifted_by or self._hover_gas, compass=compass, velocity=velocity
             )
             for command in self._sent if lifted_by is not None else ():
                 self._estimator.sent(command)
@@ -169,15 +170,14 @@ class TargetFlight:
         self.error = None
         if isinstance(setpoint, AttitudeSetpoint):
             gas = self._hover_gas if self._estimator is None else self._estimator.hover_gas
-            return guide_attitude(setpoint, self._model, gas, self._cfg.neutral_band)
+            return guide_attitude(setpoint, self.model, gas, self._cfg.neutral_band)
         step = min(max(now - self._guided_at, 0.005), 0.1) if is_flying else 0.02
         self._guided_at = now
         if isinstance(setpoint, TakeOffSetpoint):
             if not is_flying:
                 self.take_off = self._autopilot = None
                 self._stood_at = now
-                found = self._ground_obstacle(facts, now)
-                return Guided(level_at(IDLE_GAS), found, stage=TakeOffPhase.IDLE.value)
+                return Guided(level_at(IDLE_GAS), self._ground_obstacle(facts, now), stage=TakeOffPhase.IDLE.value)
             blind = self._lift(now, step)
             if blind is not None:
                 return blind

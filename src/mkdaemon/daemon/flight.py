@@ -31,6 +31,7 @@ from mkdaemon.telemetry.control import (
     ControlEstimate,
     ControlOutput,
     ControlStatus,
+    Gains,
     LeaseState,
     Phase,
     ReleaseOutcome,
@@ -149,6 +150,10 @@ class FlightControl:
         self._core.release(request)
         self._news.set()
         return await done
+
+    def gains(self) -> Gains:
+        """Model, gains and margins of the horizontal loop."""
+        return self._core.gains()
 
     def abort(self, request: AbortRequest) -> None:
         """Stop the manoeuvre that is flown, whoever asks.

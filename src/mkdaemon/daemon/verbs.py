@@ -14,8 +14,16 @@ from mkdaemon.daemon.flight import RELEASE_TIMEOUT, FlightControl
 from mkdaemon.daemon.pathdelay import PathProbe
 from mkdaemon.daemon.procedures import Interlock
 from mkdaemon.link.link import Link
-from mkdaemon.telemetry.command import AbortRequest, CommandResult, LeaseRequest, RateRequest, Rates, ReleaseRequest
-from mkdaemon.telemetry.control import LeaseProbe, ReleaseOutcome, ReleaseReport
+from mkdaemon.telemetry.command import (
+    AbortRequest,
+    CommandResult,
+    GainsRequest,
+    LeaseRequest,
+    RateRequest,
+    Rates,
+    ReleaseRequest,
+)
+from mkdaemon.telemetry.control import Gains, LeaseProbe, ReleaseOutcome, ReleaseReport
 from mkdaemon.telemetry.refusals import Status, Token, refuse
 
 Verb = Callable[[Payload], Awaitable[CommandResult]]
@@ -43,6 +51,7 @@ class Verbs:
             "release": self._release,
             "abort": self._abort,
             "rate": self._rate,
+            "gains": self._gains,
             **procedures,
         }
 
@@ -87,6 +96,11 @@ class Verbs:
         """Answer `do/abort`."""
         self._flight.abort(read_command(AbortRequest, payload))
         return CommandResult(status=Status.ACCEPTED)
+
+    async def _gains(self, payload: Payload) -> CommandResult:
+        """Answer `do/gains`."""
+        read_command(GainsRequest, payload)
+        return CommandResult(status=Status.ACCEPTED, reply=dict(self._flight.gains()), reply_type=schema_name(Gains))
 
     async def _rate(self, payload: Payload) -> CommandResult:
         """Answer `do/rate`: change one stream, or just show all."""

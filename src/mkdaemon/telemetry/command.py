@@ -78,6 +78,10 @@ class AbortRequest(Command):
     """Published with the event."""
 
 
+class GainsRequest(Command):
+    """Ask for model, gains and margins of the horizontal loop: `do/gains`."""
+
+
 class RateRequest(Command):
     """Ask for a telemetry stream at a rate, or just for the present rates: `do/rate`."""
 

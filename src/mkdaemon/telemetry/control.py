@@ -206,6 +206,31 @@ class ControlError(Stamped, ErrorValue):
     """The error to the setpoint: `control/error`, with every stick frame of an autonomous flight."""
 
 
+class Gains(Telemetry):
+    """The horizontal loop: what is believed of the aircraft, what follows, how wrong it may be: `do/gains`."""
+
+    degrees_per_count: float
+    """Tilt that a stick count asks for [deg]."""
+    a1: float
+    """Proportional gain of the attitude loop [1/s]."""
+    a2: float
+    """Integral gain of the attitude loop [1/s2]."""
+    leak: float
+    """Time constant with which the FlightCtrl's tilt follows its accelerometers [s]."""
+    stick_filter: float
+    """Of the sticks, in the FlightCtrl [s]."""
+    uplink: float
+    """From the transmission of a stick frame to its effect [s]."""
+    gains: dict[str, float]
+    """Tilt asked for, per metre, m/s, radian, radian second and rad/s of error."""
+    radius: float
+    """Spectral radius of the closed loop over 20 ms; below 1 is stable."""
+    gain_margin: tuple[float, float]
+    """Stick gain of the aircraft over the model's between which the loop is stable; tried from 0.05 to 20."""
+    delay_margin: float
+    """Delay beyond the model's up to which it is stable [s]; tried up to 0.48."""
+
+
 class ControlOutput(Stamped):
     """One stick frame at the moment it was handed to the line: `control/output`. FLU signs, after the limiter.
 

@@ -1,0 +1,41 @@
+"""`mkctl gains`: what is believed of the aircraft, the gains that follow, and how wrong it may be."""
+
+from __future__ import annotations
+
+from rich.console import Console
+from rich.table import Table
+
+from mkdaemon.cli.mkctl.connection import HERE, Connection
+from mkdaemon.cli.printing import json_line
+
+
+async def gains(*, connection: Connection = HERE) -> None:
+    """Show model, gains and margins of the horizontal loop.
+
+    The model is that of the set Easy until somebody has taken the lease: then the daemon reads the active parameter
+    set, on a cable to the FlightCtrl. The margins are those of a loop that knows the true state.
+
+    Raises:
+        MkError: no daemon.
+    """
+    async with connection.open() as uav:
+        found = (await uav.command("do", "gains", {})).require()
+    if connection.json:
+        print(json_line(found))
+        return
+    table = Table("what", "value", width=78)
+    low, high = found["gain_margin"]
+    for words, value in (
+        ("tilt that a stick count asks for (deg)", found["degrees_per_count"]),
+        ("attitude loop, proportional gain (1/s)", found["a1"]),
+        ("attitude loop, integral gain (1/s2)", found["a2"]),
+        ("leak of the FlightCtrl's tilt (s)", found["leak"]),
+        ("stick filter (s)", found["stick_filter"]),
+        ("uplink (s)", found["uplink"]),
+        *((f"gain on {name}", value) for name, value in found["gains"].items()),
+        ("spectral radius over 20 ms (stable below 1)", found["radius"]),
+    ):
+        table.add_row(words, f"{value:.4g}")
+    table.add_row("stable with a stick gain over the model's of", f"{low:.2f} to {high:.2f}")
+    table.add_row("stable with so much more delay (s)", f"{found['delay_margin']:.2f}")
+    Console().print(table)
