@@ -14,6 +14,7 @@ MAX_PIXELS: Final = 64_000_000
 """Most pixels of a picture."""
 _PNG: Final = b"\x89PNG\r\n\x1a\n"
 _JPEG: Final = b"\xff\xd8\xff"
+_MARKER: Final = 0xFF
 _STARTS_OF_FRAME: Final = frozenset({*range(0xC0, 0xD0)} - {0xC4, 0xC8, 0xCC})
 _WITHOUT_LENGTH: Final = frozenset({0x01, *range(0xD0, 0xD9)})
 _TIFF: Final = {b"II*\0": "<", b"MM\0*": ">"}
@@ -50,9 +51,9 @@ def picture_size(content: bytes) -> tuple[int, int] | None:
 
 def _jpeg_size(content: bytes) -> tuple[int, int] | None:
     at = 2
-    while content[at] == 0xFF:
+    while content[at] == _MARKER:
         marker = content[at + 1]
-        if marker == 0xFF:  # fill bytes
+        if marker == _MARKER:  # fill bytes
             at += 1
         elif marker in _WITHOUT_LENGTH:
             at += 2
