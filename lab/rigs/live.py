@@ -125,16 +125,16 @@ def _is_controllable(states: list[dict[str, Any]]) -> bool:
 
 @asynccontextmanager
 async def _observer(live: LiveDaemon) -> AsyncIterator[None]:
-    async with connected(live.endpoint, VEHICLE) as client:
+    async with connected(live.endpoint, VEHICLE) as client, client.watch("**") as samples:
 
         async def listen() -> None:
-            async with client.watch("**") as samples:
-                async for sample in samples:
-                    live.samples.append(sample)
+            async for sample in samples:
+                live.samples.append(sample)
 
+        # What was published before the subscription stands in front of what comes after it; nothing lies between.
+        live.samples += (await client.get_all("link/state")).values()
         listening = asyncio.create_task(listen(), name="observer")
         try:
-            live.samples += (await client.get_all("link/state")).values()
             yield
         finally:
             listening.cancel()
