@@ -46,6 +46,8 @@ PERIOD: Final = 0.02
 """Of setpoints [s]."""
 KEPT: Final = 0.05
 """Of moments in the record [s]."""
+OLD: Final = 0.5
+"""Errors and estimates older than this are not shown [s]: nothing is flown by them."""
 READY: Final = 30.0
 """Longest wait for the boards to be known and the motors to run [s]."""
 LONGEST: Final = 40.0
@@ -211,13 +213,17 @@ class Rehearsal:
         target = self._scene.platform.pose_at(now).position_enu
         x, y, z = (float(part) for part in self._world.truth.position_enu - target)
         east, north, up = (float(part) for part in target)
-        error = self._error if self._error is not None and now - self._error.stamp.monotonic < 0.5 else None
+        error, estimate = self._error, self._estimate
+        if error is not None and now - error.stamp.monotonic > OLD:
+            error = None
+        if estimate is not None and now - estimate.stamp.monotonic > OLD:
+            estimate = None
         moment = Moment(
             at=now,
             position=(x, y, z),
             target=(east, north, up),
             goal=None if error is None else error.goal,
-            estimate=None if self._estimate is None else self._estimate.position,
+            estimate=None if estimate is None else estimate.position,
             part=self._part,
         )
         self.record.moments.append(moment)

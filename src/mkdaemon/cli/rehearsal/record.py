@@ -25,7 +25,7 @@ class Moment:
         position: true, from the middle of the target (3,) [m].
         target: true, of the target (3,) [m; ENU].
         goal: where it is to be, from the middle of the target; None where nothing is asked for.
-        estimate: where it is believed to be; None before it was seen.
+        estimate: where it is believed to be; None where nothing is flown by it.
         part: of the flight.
     """
 
