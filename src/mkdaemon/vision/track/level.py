@@ -67,8 +67,12 @@ class LevelKnowledge:
 
     def gate(self, seen: Sight, pose: Pose) -> float:
         """Largest disagreement that is believed of a pose [rad]."""
+        return self.hidden_gate(pose) + self._deck.sd(seen.time)
+
+    def hidden_gate(self, pose: Pose) -> float:
+        """The same for a partly hidden first pose, which cannot tell a tilted deck from a border that is covered."""
         spread = float(np.sqrt(largest_variance(pose.covariance[3:, 3:])))
-        return self._gate + min(spread, self._limits.tilt_spread) + self._deck.sd(seen.time)
+        return self._gate + min(spread, self._limits.tilt_spread)
 
     def vertical(self, seen: Sight) -> Level | None:
         """The normal expected in camera axes, to hold a fit with; none where nothing is known."""
