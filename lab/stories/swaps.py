@@ -69,7 +69,7 @@ async def _swap_aircraft(seed: int, count: int) -> list[Swapped]:
     found = []
     words = tuple(LAYOUTS)
     async with rig(navi_ctrl("0.24", words[0], seed, gate_parameter=200), seed=seed) as r:
-        flying = asyncio.create_task(_fly_as_allowed(r), name="client")
+        flying = asyncio.create_task(fly_as_allowed(r), name="client")
         await r.until(lambda: r.link.dialect.extern_control is LAYOUTS[words[0]], FOUND)
         for number in range(count):
             rng = random.Random(f"{seed} swap {number}")
@@ -80,7 +80,8 @@ async def _swap_aircraft(seed: int, count: int) -> list[Swapped]:
     return found
 
 
-async def _fly_as_allowed(r: Rig) -> None:
+async def fly_as_allowed(r: Rig) -> None:
+    """Stream sticks in whatever layout the link takes, for ever."""
     while True:
         layout = r.link.dialect.extern_control
         if layout is not None:

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import asyncio
-from contextlib import suppress
 
 import pytest
 
 from lab.rigs.boardport import LineFault
 from lab.rigs.linkrig import Rig, navi_ctrl, rig, virtually
-from lab.rigs.sticks import build_sticks
-from mkdaemon.errors import CommandRejectedError
+from lab.stories.swaps import fly_as_allowed
 from mkdaemon.protocol.messages import ExternControlV1, ExternControlV2
 
 LAYOUTS = {"2.12a": ExternControlV2, "2.08": ExternControlV1}
@@ -21,17 +19,6 @@ def valid_frames(r: Rig, since: float) -> list[type]:
     """Layout of every frame with the valid bit that went out since a time [s]."""
     frames = [s.message for s in r.log.tx if s.at >= since and s.message is not None and s.message.spec.id == "b"]
     return [type(message) for message in frames if int(message.config) & 1]
-
-
-async def fly_as_allowed(r: Rig) -> None:
-    """Stream sticks in whatever layout the link takes, for ever."""
-    while True:
-        layout = r.link.dialect.extern_control
-        if layout is not None:
-            with suppress(CommandRejectedError):
-                deadline = asyncio.get_running_loop().time() + 0.1
-                r.link.send_setpoint(build_sticks(layout, throttle=60, pitch=20), deadline=deadline)
-        await asyncio.sleep(0.025)
 
 
 async def swap_by_cable(r: Rig, word: str) -> None:
