@@ -216,6 +216,10 @@ FIRST = [
     ({"mirror": mirrored(TILTED)}, [TILTED], False, PoseRefusal.AMBIGUOUS),
     ({"mirror": mirrored(TILTED, loss=0.1)}, [TILTED], False, None),
     ({"held": fitted()}, [fitted(inliers=0.7)], True, None),
+    ({"held": fitted(tilt_deg=2.5)}, [fitted(inliers=0.7)], True, None),
+    # A covered border looks like a tilted deck; a target in full view may lie on one.
+    ({"held": fitted(tilt_deg=5.0)}, [fitted(inliers=0.7)], True, PoseRefusal.ATTITUDE),
+    ({}, [fitted(tilt_deg=5.0)], True, None),
     ({}, [fitted(inliers=0.7)], True, PoseRefusal.ATTITUDE),
     ({"supported": False}, [replace(TILTED, inliers=0.7)], False, PoseRefusal.INLIERS),
     ({"supported": True}, [replace(TILTED, inliers=0.7)], False, None),

@@ -119,9 +119,10 @@ class FirstJudge:
         if vertical is None:
             return _refused(PoseRefusal.ATTITUDE)
         held = self._fitter.refine_level(seen.pixels, self._checks.level.replace_tilt(seen, pose), vertical)
-        tilt = self._checks.level.tilt(seen, held) if held is not None else None
-        is_steep = held is not None and tilt is not None and tilt > self._checks.level.hidden_gate(held)
-        if held is None or is_steep or self._checks.refusal(seen, held, None) is not None:
+        if held is None or self._checks.refusal(seen, held, None) is not None:
+            return _refused(PoseRefusal.ATTITUDE)
+        tilt = self._checks.level.tilt(seen, held)
+        if tilt is not None and tilt > self._checks.level.hidden_gate(held):
             return _refused(PoseRefusal.ATTITUDE)
         refused = certainty_refusal(held, has_attitude=True, limits=self._limits)
         return _refused(refused) if refused is not None else FirstVerdict(Choice(held, float("inf"), "attitude"), None)
