@@ -176,6 +176,24 @@ async def test_the_wrong_board_on_the_line_never_hears_the_request(desk):
     assert [type(message) for _, message in desk.line.asked] == [VersionRequest]
 
 
+async def test_the_way_through_a_navictrl_is_opened_once_more_where_the_flightctrl_did_not_hear_us(desk, monkeypatch):
+    desk.line.direct_board, desk.line.who_answers = Board.NC, Board.NC
+    passages = []
+
+    @asynccontextmanager
+    async def passed(link, board, message, admit):
+        passages.append(board)
+        if len(passages) == 2:
+            desk.line.who_answers = Board.FC
+        yield
+
+    monkeypatch.setattr(requests, "way_to", passed)
+    fields = {"motors": TURNING, "confirm": True}
+    assert (await desk.ask("fc/motor_test", fields)).status == "accepted"
+    assert passages == [Board.FC] * 2
+    assert [type(message) for _, message in desk.line.asked] == [VersionRequest, VersionRequest, MotorTest]
+
+
 @pytest.mark.parametrize("error", [RequestTimeoutError("no answer in 3 tries"), LinkLostError("unplugged")])
 async def test_no_proof_no_request(desk, error):
     desk.line.answers[VersionRequest] = error

@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import asyncio
+from contextlib import suppress
 
 import pytest
 
 from lab.rigs.boardport import Socket
 from lab.rigs.linkrig import Rig, flight_ctrl, navi_ctrl, rig, virtually
-from mkdaemon.errors import CommandRejectedError, LinkLostError, ProtocolError
+from mkdaemon.errors import CommandRejectedError, LinkLostError, ProtocolError, RequestTimeoutError
 from mkdaemon.link.procedures import BUSY_WAIT, InterruptedProcedureError, SilentObserver, run_procedure
-from mkdaemon.protocol.messages import SettingsRequest, SettingsWritten
+from mkdaemon.protocol.flags import RedirectPort
+from mkdaemon.protocol.messages import SettingsRequest, SettingsWritten, VersionRequest
+from mkdaemon.protocol.messages.navictrl import Redirect
 from mkdaemon.protocol.procedures import LiveSet, Patience, Progress
 from mkdaemon.protocol.procedures.settings import backup_settings
 from mkdaemon.protocol.procedures.steps import Ask
@@ -45,6 +48,20 @@ class Notes(SilentObserver):
             raise CommandRejectedError("motors_running", "motors are running.", "Stop them.")
 
 
+class Proving(Notes):
+    """Lets a request pass once the board itself has answered."""
+
+    def __init__(self, link) -> None:
+        super().__init__()
+        self._link = link
+
+    async def prove(self, board, message) -> None:
+        with suppress(RequestTimeoutError):
+            await self._link.request(VersionRequest(), board=board)
+        if not self._link.is_proven(board):
+            raise CommandRejectedError("board_unproven", "another board answered.", "Look who is there.")
+
+
 def make_sets_differ(socket: Socket) -> None:
     """The factory's sets 3 to 5 are equal."""
     eeprom = socket.aircraft.flight.eeprom
@@ -72,6 +89,26 @@ async def test_a_backup_reads_all_sets_and_leaves_the_live_one(make):
         assert notes.steps.index("at risk") < notes.steps.index("live set proven")
         assert (notes.at_risk[0].active, notes.at_risk[0].live[: len(live)]) == (3, live)
         assert r.link.health().state.redirected_to == ""
+
+
+@virtually
+async def test_a_redirection_that_the_line_lost_is_sent_again():
+    async with rig(navi_ctrl()) as r:
+        await ready(r)
+        passed_on, seen = r.socket.aircraft.write, []
+
+        def write(data: bytes, at: float) -> None:
+            """Lose every fifth redirection to the FlightCtrl."""
+            is_redirection = data == Redirect(port=RedirectPort.FC).to_frame()
+            seen.extend([at] if is_redirection else [])
+            if not is_redirection or len(seen) % 5:
+                passed_on(data, at)
+
+        r.socket.aircraft.write = write
+        live = r.socket.aircraft.flight.live.raw
+        await run_procedure(r.link, backup_settings(PATIENCE), Proving(r.link))
+        assert len(seen) > 5
+        assert r.socket.aircraft.flight.live.raw == live
 
 
 @virtually
@@ -168,9 +205,10 @@ def store():
     return answer
 
 
+@pytest.mark.parametrize("token", ["busy", "board_unproven"])
 @virtually
-async def test_a_line_that_is_busy_is_asked_again_and_every_other_refusal_ends_the_procedure():
-    assert await run_procedure(Crowded("busy"), store(), SilentObserver()) == SettingsWritten(index=3)
+async def test_a_request_that_could_not_be_sent_is_tried_again_and_every_other_refusal_ends_the_procedure(token):
+    assert await run_procedure(Crowded(token), store(), SilentObserver()) == SettingsWritten(index=3)
     assert asyncio.get_running_loop().time() == pytest.approx(BUSY_WAIT)
     with pytest.raises(CommandRejectedError, match="flying"):
         await run_procedure(Crowded("flying"), store(), SilentObserver())

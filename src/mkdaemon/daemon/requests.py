@@ -18,10 +18,10 @@ from mkdaemon.control.vehicle import FRESH, VehicleFacts
 from mkdaemon.daemon.answering import answer_query
 from mkdaemon.daemon.audit import Audit
 from mkdaemon.daemon.discovery import refuse_silent_line, require_discovery
-from mkdaemon.errors import LinkLostError, RequestTimeoutError
+from mkdaemon.errors import CommandRejectedError, LinkLostError, RequestTimeoutError
 from mkdaemon.link.discovery import PORTS, redirection
 from mkdaemon.link.link import Link
-from mkdaemon.link.procedures import way_to
+from mkdaemon.link.procedures import is_behind, way_to
 from mkdaemon.protocol.flags import RedirectPort
 from mkdaemon.protocol.messages import Beep, Redirect, VersionRequest, WriteSettings
 from mkdaemon.protocol.wire import MESSAGES, Board, Direction, WireMessage
@@ -100,11 +100,22 @@ class BoardRequests:
             if danger.stopped:
                 await self._wait_for_motors()
         self.check_request(board, message, is_confirmed=confirmed, within=MOTORS_FRESH)
+        try:
+            return await self._send(board, message, admit, is_confirmed=confirmed)
+        except CommandRejectedError as error:
+            # A NaviCtrl confirms no redirection: one that the line lost is seen by the board that does not answer.
+            if error.token != Token.BOARD_UNPROVEN or not is_behind(self._link, board, message):
+                raise
+        return await self._send(board, message, admit, is_confirmed=confirmed)
+
+    async def _send(
+        self, board: Board, message: WireMessage, admit: Callable[[], None], *, is_confirmed: bool
+    ) -> CommandResult:
         async with way_to(self._link, board, message, admit):
             await self.prove_board(board, message)
             # Seconds may have passed: somebody may hold the lease by now, or have started the motors.
             admit()
-            self.check_request(board, message, is_confirmed=confirmed)
+            self.check_request(board, message, is_confirmed=is_confirmed)
             if message.spec.danger is not None and message.spec.danger.turns_motors:
                 self._facts.motor_test_sent(self._clock.now())
             if isinstance(message, Redirect):
@@ -118,8 +129,7 @@ class BoardRequests:
         what must not meet running motors is no request for a flight either.
         """
         is_deaf = message.spec.policy(board).deaf > 0 or isinstance(message, Redirect)
-        is_behind = self._link.direct_board is Board.NC and board is not Board.NC and not message.spec.is_forwarded
-        return is_deaf or is_behind or (danger is not None and danger.stopped)
+        return is_deaf or is_behind(self._link, board, message) or (danger is not None and danger.stopped)
 
     async def _wait_for_motors(self) -> None:
         """Wait for telemetry to say anew whether motors run, where it said so a moment ago."""

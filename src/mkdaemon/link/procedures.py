@@ -31,7 +31,9 @@ if TYPE_CHECKING:
     from mkdaemon.link.link import Link
 
 BUSY_WAIT: Final = 0.2
-"""Before asking again what the line had no room for [s]."""
+"""Before asking again what could not be asked [s]."""
+_PASSING: Final = (Token.BUSY, Token.BOARD_UNPROVEN)
+"""Refusals after which a procedure asks again: the line had no room, or a frame that passes it through was lost."""
 _BEHIND: Final = (Board.FC, Board.MAG)
 """Boards a NaviCtrl can pass the line through to."""
 
@@ -132,8 +134,11 @@ async def run_procedure(
 async def ask_once(link: Link, step: Ask, observer: Observer, purpose: Purpose) -> WireMessage | None:
     """Send one request once; the answer where one came in time that fits.
 
+    None, too, where nothing was sent because the line is full, or the board did not prove that it hears us: a
+    NaviCtrl confirms no redirection, so one that the line lost is seen only by that.
+
     Raises:
-        CommandRejectedError: the observer or the link refused it.
+        CommandRejectedError: the observer or the link refused it for another reason.
         LinkLostError: the port is not open, or was lost meanwhile.
     """
     await observer.check(step.board, step.message)
@@ -146,11 +151,16 @@ async def ask_once(link: Link, step: Ask, observer: Observer, purpose: Purpose) 
     except RequestTimeoutError:
         return None
     except CommandRejectedError as error:
-        if error.token != Token.BUSY:
+        if error.token not in _PASSING:
             raise
         await asyncio.sleep(BUSY_WAIT)
         return None
     return answer if step.accepts(answer) else None
+
+
+def is_behind(link: Link, board: Board, message: WireMessage) -> bool:
+    """Whether a board hears a message only while the NaviCtrl in front of it passes the line through."""
+    return link.direct_board is Board.NC and board in _BEHIND and not message.spec.is_forwarded
 
 
 @asynccontextmanager
@@ -168,8 +178,7 @@ async def way_to(
     Raises:
         CommandRejectedError: `not_redirectable`, `motors_not_known_off`.
     """
-    is_behind = link.direct_board is Board.NC and board in _BEHIND and not message.spec.is_forwarded
-    if not is_behind:
+    if not is_behind(link, board, message):
         yield
         return
     async with redirection(link, board, admit):
