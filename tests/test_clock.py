@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
-from mkdaemon.clock import LOOK_PERIOD, STEP, SYNCHRONISED_PERIOD, Clock, boot_id, kernel_synchronised
+from mkdaemon.clock import LOOK_PERIOD, STEP, SYNCHRONISED_PERIOD, Clock, Wake, boot_id, kernel_synchronised
 from mkdaemon.stamp import Stamp
 
 
@@ -145,3 +145,13 @@ def test_two_threads_find_a_step_once():
     for thread in threads:
         thread.join()
     assert len(machine.clock.take_steps()) == 1
+
+
+def test_whoever_wakes_is_heard_with_the_time_it_decides_by():
+    heard, now = [], [5.0]
+    clock = Clock(monotonic=lambda: now[0])
+    assert clock.woken(Wake.LINE) == 5.0
+    clock.wake_heard = lambda who, at: heard.append((who, at))
+    now[0] = 6.0
+    assert clock.woken(Wake.CONTROL) == 6.0
+    assert heard == [(Wake.CONTROL, 6.0)]

@@ -11,6 +11,7 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable
+from enum import StrEnum
 from functools import cache
 from pathlib import Path
 from typing import Final, NamedTuple
@@ -33,6 +34,15 @@ _TIME_ERROR: Final = 5
 """adjtimex(2): the clock is not synchronised."""
 _TIMEX_BYTES: Final = 256
 """Room for `struct timex`, which has 208 bytes on a 64-bit kernel."""
+
+
+class Wake(StrEnum):
+    """Who does something because its time has come, and decides by the time it is then."""
+
+    CONTROL = "control"
+    """The flight core ticks."""
+    LINE = "line"
+    """The line is looked at: what may be written, what is overdue, how well it works."""
 
 
 class ClockStep(NamedTuple):
@@ -90,7 +100,11 @@ class SleepWatch:
 
 
 class Clock:
-    """Monotonic time, and stamps that follow the system clock; may be used from any thread."""
+    """Monotonic time, and stamps that follow the system clock; may be used from any thread.
+
+    Attributes:
+        wake_heard: told of everybody who wakes, and when [s; monotonic]: a replay wakes them at the same times.
+    """
 
     def __init__(
         self,
@@ -108,6 +122,7 @@ class Clock:
             synchronised: whether the system clock follows a time server; None for unknown.
             suspended: how long the machine has slept [s].
         """
+        self.wake_heard: Callable[[Wake, float], None] = lambda who, at: None
         self._monotonic = monotonic
         self._wall = wall
         self._ask_synchronised = synchronised
@@ -124,6 +139,12 @@ class Clock:
     def now(self) -> float:
         """The present moment [s; monotonic]."""
         return self._monotonic()
+
+    def woken(self, who: Wake) -> float:
+        """The present moment [s; monotonic], for one whose time has come."""
+        now = self._monotonic()
+        self.wake_heard(who, now)
+        return now
 
     def stamp(self, at: float | None = None) -> Stamp:
         """Stamp a moment; now if none is given.

@@ -43,7 +43,7 @@ async def test_a_camera_reports_on_the_bus(tmp_path):
     camera = CameraSection(name="down", source=f"folder:{tmp_path}", loop=True, fps=20.0, targets=(TARGET,))
     cfg = Config(bus=bus_config(endpoint), cameras=(camera,))
     async with Bus.open(cfg.bus, "eyes") as bus, connect("eyes", endpoint) as client:
-        eyes = open_eyes(cfg, bus, CORE, Clock())
+        eyes = open_eyes(cfg, bus, Clock(), CORE)
         async with client.watch("vision/**") as samples, eyes.open():
             eyes.attitude_received(LEVEL)
             async with asyncio.timeout(PATIENCE):
@@ -64,7 +64,7 @@ async def test_a_camera_that_cannot_work_is_a_configuration_error():
     cfg = Config(bus=bus_config(free_endpoint()), cameras=(CameraSection(source="/dev/video0"),))
     async with Bus.open(cfg.bus, "eyes2") as bus:
         with pytest.raises(ConfigError, match="no targets"):
-            open_eyes(cfg, bus, CORE, Clock())
+            open_eyes(cfg, bus, Clock(), CORE)
 
 
 class Worker:

@@ -73,7 +73,7 @@ CLOSING = 1.0
 """Longest time cameras get to close [s]; the whole daemon must be gone within two."""
 
 
-def open_eyes(cfg: Config, bus: Bus, core: FlightCore, clock: Clock) -> Eyes:
+def open_eyes(cfg: Config, bus: Bus, clock: Clock, core: FlightCore) -> Eyes:
     """Prepare the cameras, whose poses go to the flight core first; a daemon without any never loads OpenCV.
 
     Raises:

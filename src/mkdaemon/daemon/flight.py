@@ -14,7 +14,7 @@ from functools import partial
 from typing import Final
 
 from mkdaemon.bus.codec import Payload, TooLong, check_command, decode_map
-from mkdaemon.clock import Clock, SleepWatch
+from mkdaemon.clock import Clock, SleepWatch, Wake
 from mkdaemon.control.actions import Action, PublishError, PublishEstimate, PublishStatus, ReadGate, Release, SendSticks
 from mkdaemon.control.core import FlightCore
 from mkdaemon.control.modes import IN_FLIGHT
@@ -173,8 +173,9 @@ class FlightControl:
             while True:
                 await self._wait()
                 self.ticks += 1
+                now = self._clock.woken(Wake.CONTROL)
                 self._core.line_changed(self._link.control_line())
-                for action in self._core.tick(self._clock.now(), slept=sleep.take()):
+                for action in self._core.tick(now, slept=sleep.take()):
                     self._carry_out(action, tasks)
 
     async def _wait(self) -> None:

@@ -16,35 +16,18 @@ from mkdaemon.bus.gateway import Bus
 from mkdaemon.bus.localsocket import socket_folders, socket_name
 from mkdaemon.clock import Clock
 from mkdaemon.config.root import Config
-from mkdaemon.control.core import FlightCore
-from mkdaemon.control.vehicle import VehicleFacts
-from mkdaemon.daemon.audit import Audit
 from mkdaemon.daemon.eyes import open_eyes
-from mkdaemon.daemon.flight import FlightControl
 from mkdaemon.daemon.flightnote import FlightNotes
 from mkdaemon.daemon.guard import GuardProcess, take_report
 from mkdaemon.daemon.localsocket import LocalSocket
-from mkdaemon.daemon.pathdelay import PathProbe
 from mkdaemon.daemon.priority import spare_collector
-from mkdaemon.daemon.procedures import Interlock, Journal, ProcedureRunner, state_folder
-from mkdaemon.daemon.requests import BoardRequests
-from mkdaemon.daemon.sink import BusSink
-from mkdaemon.daemon.verbs import Verbs
-from mkdaemon.daemon.vitals import status_line, vehicle_health
+from mkdaemon.daemon.procedures import state_folder
+from mkdaemon.daemon.vitals import status_line
 from mkdaemon.daemon.watchdog import Notifier, feed_watchdog
+from mkdaemon.daemon.wiring import Wiring
 from mkdaemon.errors import ConfigError, MkError
-from mkdaemon.link.labels import LabelCache
-from mkdaemon.link.link import Link
 from mkdaemon.link.ports.port import open_port
-from mkdaemon.telemetry.setpoint import SETPOINTS
-from mkdaemon.telemetry.vehicle import VehicleHealth
 
-HEALTH_PERIOD: Final = 1.0
-"""The vehicle's signs of life are published at least this often [s]."""
-HEALTH_LOOK: Final = 0.1
-"""Time between two looks at them [s]."""
-CLOCK_LOOK: Final = 0.5
-"""Time between two looks for a step of the system clock [s]."""
 RECORDING: Final = "replay:"
 """Ports that begin so are recordings."""
 AUDIENCE_WAIT: Final = 3.0
@@ -96,40 +79,14 @@ class Daemon:
         self._cfg = cfg
         self._bus = bus
         self._clock = clock
-        facts = self._facts = VehicleFacts()
         self._report = state_folder(cfg.vehicle) / "guard.json"
         needs_guard = cfg.control.guard and not cfg.link.port.startswith(RECORDING)
         self._guard = GuardProcess(self._report, clock=clock.now) if needs_guard else None
-        # Milliseconds since 1970: above every epoch of an earlier run, whatever a client still streams.
-        core = FlightCore(cfg.control, facts, first_epoch=int(clock.stamp().wall * 1000))
-        audit = self._audit = Audit(bus, clock)
-        self._eyes = open_eyes(cfg, bus, core, clock)
-        sink = BusSink(bus, core, audit, self._eyes, clock)
-        self._link = Link(cfg.link, sink, clock=clock, motors_running=facts.motors_running, guard=self._guard)
+        make_eyes = partial(open_eyes, cfg, bus, clock)
+        wiring = self._wiring = Wiring(cfg, bus, clock, make_eyes=make_eyes, guard=self._guard)
+        self._link, self._flight, self._audit = wiring.link, wiring.flight, wiring.audit
         self._notes = FlightNotes(state_folder(cfg.vehicle), cfg.link.port, clock)
-        self._flight = FlightControl(core, self._link, bus, audit, clock=clock)
-        interlock = Interlock(lambda: self._flight.phase)
-        requests = BoardRequests(cfg.commands, self._link, facts, audit, clock, admit=interlock.check_request)
-        self._procedures = ProcedureRunner(
-            self._link,
-            facts,
-            bus,
-            audit,
-            requests,
-            interlock,
-            Journal(state_folder(cfg.vehicle)),
-            LabelCache(cfg.link.label_cache),
-            clock,
-        )
-        bus.serve("cmd", requests.answer)
-        paths = PathProbe(cfg.control.lease.max_path_delay, clock.now)
-        verbs = Verbs(self._flight, self._link, audit, interlock, self._procedures.verbs, paths)
-        bus.serve("do", verbs.answer)
-        self._local = LocalSocket(verbs.answer)
-        for kind in SETPOINTS:
-            is_proven = partial(self._flight.is_signed_by_holder, kind)
-            bus.receive(kind.suffix, partial(self._flight.setpoint_arrived, kind), is_proven)
-        bus.watch_clients(self._flight.client_changed)
+        self._local = LocalSocket(wiring.answer_verb)
 
     async def serve(self, stop: asyncio.Event, notifier: Notifier) -> None:
         """Run all tasks until `stop`, or until a recording has ended."""
@@ -147,14 +104,11 @@ class Daemon:
         if memory is not None:
             self._audit.log("info", f"an earlier daemon stopped in flight behind a NaviCtrl; FC {memory.firmware}")
             self._link.recall_flight(memory)
-        async with self._guarded(), self._listening_locally(), self._eyes.open(), asyncio.TaskGroup() as line:
+        async with self._guarded(), self._listening_locally(), self._wiring.eyes.open(), asyncio.TaskGroup() as line:
             link = line.create_task(self._run_line(), name="link")
             async with asyncio.TaskGroup() as above:
                 tasks = [
-                    above.create_task(self._flight.run(), name="control"),
-                    above.create_task(self._procedures.run(), name="procedures"),
-                    above.create_task(self._publish_health(), name="health"),
-                    above.create_task(self._watch_system_clock(), name="clock"),
+                    *self._wiring.start(above),
                     above.create_task(self._report_floods(), name="floods"),
                     above.create_task(
                         feed_watchdog(notifier, lambda: self._flight.ticks, self._status), name="watchdog"
@@ -227,31 +181,9 @@ class Daemon:
                 await self._bus.wait_until_watched()
             await asyncio.sleep(SETTLE)
 
-    def _health(self) -> VehicleHealth:
-        note, reachable = self._cfg.vehicle.note, self._bus.open_endpoints
-        return vehicle_health(self._facts, self._link, self._clock.stamp(), note=note, open_endpoints=reachable)
-
     def _status(self) -> str:
         """One line for the service manager."""
-        return status_line(self._health(), self._flight.phase)
-
-    async def _publish_health(self) -> None:
-        """Publish whether the vehicle is alive, once a second and at once when it changes."""
-        published, published_at = None, float("-inf")
-        while True:
-            health = self._health()
-            content = health.model_dump(exclude={"stamp"})
-            if content != published or health.stamp.monotonic - published_at >= HEALTH_PERIOD:
-                published, published_at = content, health.stamp.monotonic
-                self._bus.publish("health", health)
-            await asyncio.sleep(HEALTH_LOOK)
-
-    async def _watch_system_clock(self) -> None:
-        """Publish every step of the system clock."""
-        while True:
-            for step in self._clock.take_steps():
-                self._audit.clock_stepped(step)
-            await asyncio.sleep(CLOCK_LOOK)
+        return status_line(self._wiring.health(), self._flight.phase)
 
     async def _report_floods(self) -> None:
         """Say what was shed, at most once a second."""

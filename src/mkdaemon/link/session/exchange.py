@@ -12,7 +12,7 @@ from collections.abc import Callable, Coroutine
 from functools import partial
 from typing import Any, Final
 
-from mkdaemon.clock import Clock
+from mkdaemon.clock import Clock, Wake
 from mkdaemon.config.link import LinkConfig
 from mkdaemon.errors import LinkLostError
 from mkdaemon.link.ports.port import Port, parse_address
@@ -179,6 +179,11 @@ class Exchange:
 
     # -- writing --------------------------------------------------------------------------------------------------
 
+    def timer_fired(self) -> None:
+        """Do what it is time for."""
+        self._clock.woken(Wake.LINE)
+        self.pump()
+
     def pump(self) -> None:
         """Write what may be written now, settle what ended, judge and report, and set the timer for the rest."""
         now = self._clock.now()
@@ -278,7 +283,7 @@ class Exchange:
     def _set_timer(self, delay: float) -> None:
         if self._timer is not None:
             self._timer.cancel()
-        self._timer = asyncio.get_running_loop().call_later(max(delay, 0.0), self.pump)
+        self._timer = asyncio.get_running_loop().call_later(max(delay, 0.0), self.timer_fired)
 
     def _stop(self) -> None:
         if self._timer is not None:

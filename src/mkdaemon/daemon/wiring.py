@@ -1,0 +1,164 @@
+"""Everything between the port and the bus, wired together: what is the same on an aircraft and in a replay.
+
+What differs comes from outside: the bus, the clock, what opens the port, the guard, the cameras. `Daemon` in
+`program` runs it on the machine's own; `replay` on those of a recording.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Awaitable, Callable
+from functools import partial
+from typing import Final, Protocol
+
+from mkdaemon.bus.codec import Payload
+from mkdaemon.bus.gateway import Handler, Watcher
+from mkdaemon.bus.intake import Prover, Taker
+from mkdaemon.clock import Clock
+from mkdaemon.config.root import Config
+from mkdaemon.control.core import FlightCore
+from mkdaemon.control.vehicle import VehicleFacts
+from mkdaemon.daemon.audit import Audit, Outlet
+from mkdaemon.daemon.eyes import Eyes
+from mkdaemon.daemon.flight import FlightControl
+from mkdaemon.daemon.pathdelay import PathProbe
+from mkdaemon.daemon.procedures import Interlock, Journal, ProcedureRunner, state_folder
+from mkdaemon.daemon.requests import BoardRequests
+from mkdaemon.daemon.sink import BusSink
+from mkdaemon.daemon.verbs import Verbs
+from mkdaemon.daemon.vitals import vehicle_health
+from mkdaemon.link.labels import LabelCache
+from mkdaemon.link.link import Link, Opener
+from mkdaemon.link.ports.port import open_port
+from mkdaemon.link.session.guarding import LineGuard
+from mkdaemon.telemetry.command import CommandResult
+from mkdaemon.telemetry.setpoint import SETPOINTS
+from mkdaemon.telemetry.vehicle import VehicleHealth
+
+HEALTH_PERIOD: Final = 1.0
+"""The vehicle's signs of life are published at least this often [s]."""
+HEALTH_LOOK: Final = 0.1
+"""Time between two looks at them [s]."""
+CLOCK_LOOK: Final = 0.5
+"""Time between two looks for a step of the system clock [s]."""
+
+
+class Station(Outlet, Protocol):
+    """The bus as the daemon stands on it: `mkdaemon.bus.gateway.Bus` in earnest."""
+
+    open_endpoints: tuple[str, ...]
+
+    def serve(self, root: str, handler: Handler) -> None:
+        """Answer every command below a root; see `Bus.serve`."""
+
+    def receive(self, suffix: str, take: Taker, is_proven: Prover) -> None:
+        """Hand every setpoint of a key to `take`; see `Bus.receive`."""
+
+    def watch_clients(self, watcher: Watcher) -> None:
+        """Hear of every client that comes or goes; see `Bus.watch_clients`."""
+
+
+MakeEyes = Callable[[FlightCore], Eyes]
+"""Makes the cameras, which tell the flight core what they see."""
+
+
+class Wiring:
+    """The parts, wired; nothing runs yet.
+
+    Attributes:
+        facts: what is known about the vehicle.
+        audit: publishes events.
+        eyes: the cameras.
+        link: the line.
+        flight: control.
+        answer_verb: answers `do/<verb>`.
+    """
+
+    def __init__(
+        self,
+        cfg: Config,
+        bus: Station,
+        clock: Clock,
+        *,
+        make_eyes: MakeEyes,
+        guard: LineGuard | None = None,
+        opener: Opener = open_port,
+    ) -> None:
+        """Build and wire.
+
+        Args:
+            cfg: all of it.
+            bus: where values go, and requests come from.
+            clock: stamps and measures.
+            make_eyes: makes the cameras.
+            guard: hears of the open port and of every stick frame written.
+            opener: opens the port.
+
+        Raises:
+            ConfigError: the port cannot exist, the line cannot carry the configured rates, or a camera is wrong.
+        """
+        self._cfg, self._bus, self._clock = cfg, bus, clock
+        facts = self.facts = VehicleFacts()
+        # Milliseconds since 1970: above every epoch of an earlier run, whatever a client still streams.
+        core = FlightCore(cfg.control, facts, first_epoch=int(clock.stamp().wall * 1000))
+        audit = self.audit = Audit(bus, clock)
+        self.eyes = make_eyes(core)
+        sink = BusSink(bus, core, audit, self.eyes, clock)
+        link = self.link = Link(
+            cfg.link, sink, opener=opener, clock=clock, motors_running=facts.motors_running, guard=guard
+        )
+        flight = self.flight = FlightControl(core, link, bus, audit, clock=clock)
+        interlock = Interlock(lambda: flight.phase)
+        requests = BoardRequests(cfg.commands, link, facts, audit, clock, admit=interlock.check_request)
+        self._procedures = ProcedureRunner(
+            link,
+            facts,
+            bus,
+            audit,
+            requests,
+            interlock,
+            Journal(state_folder(cfg.vehicle)),
+            LabelCache(cfg.link.label_cache),
+            clock,
+        )
+        bus.serve("cmd", requests.answer)
+        paths = PathProbe(cfg.control.lease.max_path_delay, clock.now)
+        verbs = Verbs(flight, link, audit, interlock, self._procedures.verbs, paths)
+        bus.serve("do", verbs.answer)
+        self.answer_verb: Callable[[str, Payload], Awaitable[CommandResult]] = verbs.answer
+        for kind in SETPOINTS:
+            is_proven = partial(flight.is_signed_by_holder, kind)
+            bus.receive(kind.suffix, partial(flight.setpoint_arrived, kind), is_proven)
+        bus.watch_clients(flight.client_changed)
+
+    def start(self, tasks: asyncio.TaskGroup) -> list[asyncio.Task[None]]:
+        """Start what stands above the line: control, procedures, and what is published by the clock."""
+        return [
+            tasks.create_task(self.flight.run(), name="control"),
+            tasks.create_task(self._procedures.run(), name="procedures"),
+            tasks.create_task(self._publish_health(), name="health"),
+            tasks.create_task(self._watch_system_clock(), name="clock"),
+        ]
+
+    def health(self) -> VehicleHealth:
+        """The vehicle's signs of life, now."""
+        note, reachable = self._cfg.vehicle.note, self._bus.open_endpoints
+        return vehicle_health(self.facts, self.link, self._clock.stamp(), note=note, open_endpoints=reachable)
+
+    async def _publish_health(self) -> None:
+        """Publish whether the vehicle is alive, once a second and at once when it changes."""
+        published, published_at = None, float("-inf")
+        while True:
+            health = self.health()
+            content = health.model_dump(exclude={"stamp"})
+            if content != published or health.stamp.monotonic - published_at >= HEALTH_PERIOD:
+                published, published_at = content, health.stamp.monotonic
+                self._bus.publish("health", health)
+            await asyncio.sleep(HEALTH_LOOK)
+
+    async def _watch_system_clock(self) -> None:
+        """Publish every step of the system clock."""
+        while True:
+            for step in self._clock.take_steps():
+                self.audit.clock_stepped(step)
+            await asyncio.sleep(CLOCK_LOOK)
