@@ -133,6 +133,7 @@ class Alarm(StrEnum):
     WRONG_SIZE = "wrong_size"
     UNCALIBRATED = "uncalibrated"
     FROZEN = "frozen"
+    DAMAGED = "damaged"
     DARK = "dark"
     BLOWN = "blown"
     BLURRED = "blurred"
@@ -187,6 +188,8 @@ class VisionStats(Stamped):
     """Images a newer one replaced before they were looked at."""
     lost: int
     """Images lost before they reached us, by the source's own count."""
+    damaged: int
+    """Images refused because they were damaged, or no images."""
     reopened: int
     """How often the camera had to be opened again."""
     faults: int

@@ -32,6 +32,7 @@ ALARM_ADVICE = {
     Alarm.UNCALIBRATED: "no calibration: tags only, no poses; run mkdaemon calibrate camera and set `calibration`",
     Alarm.FROZEN: "equal images in a row: the camera is frozen, unplug it or restart its driver",
     Alarm.TARGET_MISMATCH: "the tags of a target contradict its file: check sizes and positions, measure the print",
+    Alarm.DAMAGED: "images arrive damaged and are refused: check cable, power and bandwidth of USB, or the network",
     Alarm.DARK: "the images are dark: lens cap, light or exposure",
     Alarm.BLOWN: "the images are over-exposed: shorten the exposure or lower the gain",
     Alarm.BLURRED: "edges are wide: clean and focus the lens, shorten the exposure",
@@ -157,13 +158,14 @@ class CameraPipeline:
     def stats(self, stream: StreamStatus, dropped: int, restarts: int, stamp: Stamp) -> VisionStats:
         """Figures of the last images."""
         state, reason = self.state(stream)
+        damaged = (Alarm.DAMAGED,) if stream.damage else ()
         detect, latency = ([getattr(timing, name) for timing in self._timings] for name in ("detect", "latency"))
         return VisionStats(
             camera=self.cfg.name,
             stamp=stamp,
             state=state,
             reason=reason,
-            alarms={name: ALARM_ADVICE[name] for name in self.alarms},
+            alarms={name: ALARM_ADVICE[name] for name in (*self.alarms, *damaged)},
             source=self.cfg.source,
             width=stream.width,
             height=stream.height,
@@ -171,6 +173,7 @@ class CameraPipeline:
             processed=self._processed,
             dropped=dropped,
             lost=stream.lost,
+            damaged=stream.damaged,
             reopened=stream.reopened,
             faults=self._faults,
             restarts=restarts,

@@ -6,6 +6,7 @@ import socket
 import struct
 import threading
 import time
+from collections.abc import Callable
 from types import TracebackType
 from typing import Self
 
@@ -19,9 +20,9 @@ _CHUNK = 1300
 BOUNDARY = "image"
 
 
-def jpeg(number: int) -> bytes:
+def jpeg(number: int, width: int = WIDTH, height: int = HEIGHT) -> bytes:
     """Picture `number`: its brightness tells it from the others."""
-    pixels = np.full((HEIGHT, WIDTH, 3), 40 + 10 * (number % 20), np.uint8)
+    pixels = np.full((height, width, 3), 40 + 10 * (number % 20), np.uint8)
     return cv2.imencode(".jpg", pixels, [cv2.IMWRITE_JPEG_QUALITY, 80])[1].tobytes()
 
 
@@ -85,7 +86,17 @@ class NetworkCamera:
 
 
 class HttpCamera(NetworkCamera):
-    """Motion JPEG: no time stamps on the way."""
+    """Motion JPEG: no time stamps on the way.
+
+    Args:
+        period: between pictures [s].
+        port: any free one where it is 0.
+        picture: what picture number n is.
+    """
+
+    def __init__(self, period: float, port: int = 0, picture: Callable[[int], bytes] = jpeg) -> None:
+        super().__init__(period, port)
+        self._picture = picture
 
     @property
     def address(self) -> str:
@@ -96,7 +107,7 @@ class HttpCamera(NetworkCamera):
         kind = f"multipart/x-mixed-replace; boundary={BOUNDARY}"
         client.sendall(f"HTTP/1.0 200 OK\r\nContent-Type: {kind}\r\n\r\n".encode())
         for number in self.pictures():
-            content = jpeg(number)
+            content = self._picture(number)
             head = f"--{BOUNDARY}\r\nContent-Type: image/jpeg\r\nContent-Length: {len(content)}\r\n\r\n"
             client.sendall(head.encode() + content + b"\r\n")
 

@@ -21,7 +21,7 @@ from mkdaemon.vision.camera.camera import CameraStream, StreamState, retry_delay
 from mkdaemon.vision.camera.files import list_pictures
 from mkdaemon.vision.camera.image import CameraImage
 from mkdaemon.vision.camera.imagecodec import encode_jpeg, pack
-from mkdaemon.vision.camera.shot import EndOfImages, Shot
+from mkdaemon.vision.camera.shot import EndOfImages, PictureError, Shot
 from mkdaemon.vision.camera.slot import NewestSlot
 from mkdaemon.vision.camera.sources import source_of
 from mkdaemon.vision.camera.stamping import StampClock
@@ -59,6 +59,8 @@ class Scripted:
         if step == "unplug":
             self.missing = True
             raise VisionError("camera test: /dev/video7 gives no more images")
+        if step == "damaged":
+            raise PictureError("damaged JPEG: premature end of data segment")
         if step == "fault":
             raise OSError(5, "Input/output error")
         if step == "end":
@@ -102,6 +104,16 @@ def test_a_driver_that_raises_anything_is_opened_again() -> None:
     assert source.drained.wait(PATIENCE)
     status = wait_for_status(stream, lambda s: s.images == 2)
     assert (status.state, source.opened, status.reopened) == (StreamState.STREAMING, 2, 1)
+    stream.stop()
+
+
+def test_a_camera_with_nothing_but_damaged_images_says_what_is_wrong_with_them() -> None:
+    source = Scripted(["image", *["damaged"] * 4])
+    stream, _ = run(source, silent_after=0.02)
+    assert source.drained.wait(PATIENCE)
+    status = wait_for_status(stream, lambda s: s.state is StreamState.SILENT)
+    assert (status.reason, status.damaged, status.images) == ("damaged JPEG: premature end of data segment", 4, 1)
+    assert source.opened == 1
     stream.stop()
 
 
@@ -352,6 +364,10 @@ class FakeDriver:
         self._taken = taken
         self._values: dict[int, float] = {cv2.CAP_PROP_POS_MSEC: 123_456.5}
         self._images = [picture(10), picture(20)]
+        if taken.get(cv2.CAP_PROP_FOURCC) == cv2.VideoWriter.fourcc(*"MJPG"):
+            jpegs = [cv2.imencode(".jpg", image)[1].reshape(1, -1) for image in self._images]
+            self._images = [np.hstack([jpeg, np.zeros((1, 700), np.uint8)]) for jpeg in jpegs]  # the driver's buffer
+            self._values[cv2.CAP_PROP_FOURCC] = taken[cv2.CAP_PROP_FOURCC]
         self.released = False
 
     def set(self, control: int, value: float) -> bool:
@@ -406,3 +422,17 @@ def test_a_driver_is_told_its_settings_and_what_it_refuses_is_named(
         source.read(1.0)
     source.close()
     assert driver.released
+
+
+def test_motion_jpeg_of_a_device_is_taken_undecoded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    driver = FakeDriver({cv2.CAP_PROP_FOURCC: cv2.VideoWriter.fourcc(*"MJPG")})
+    monkeypatch.setattr(cv2, "VideoCapture", lambda *_: driver)
+    monkeypatch.setattr(cv2.videoio_registry, "hasBackend", lambda _: True)
+    device = tmp_path / "video0"
+    device.touch()
+    source = source_of(CameraSection(source=f"v4l2:{device}"))
+    source.open()
+    assert driver.get(cv2.CAP_PROP_CONVERT_RGB) == 0
+    shot = source.read(1.0)
+    assert shot is not None
+    np.testing.assert_array_equal(shot.pixels, picture(10))

@@ -1,6 +1,9 @@
-"""Images survive the wire; nothing from outside raises."""
+"""Images survive the wire; what comes damaged is refused with a reason."""
 
 from __future__ import annotations
+
+import contextlib
+from collections.abc import Callable
 
 import cv2
 import msgpack
@@ -12,6 +15,7 @@ from hypothesis import strategies as st
 from mkdaemon.stamp import Stamp
 from mkdaemon.telemetry.image import CameraFrame
 from mkdaemon.vision.camera.imagecodec import decode_picture, encode_jpeg, pack, to_grey, unpack
+from mkdaemon.vision.camera.shot import PictureError
 
 PIXELS = np.arange(12 * 16, dtype=np.uint8).reshape(12, 16)
 FRAME = CameraFrame(
@@ -27,7 +31,6 @@ FRAME = CameraFrame(
 
 def test_grey_pixels_come_back_as_they_went() -> None:
     found = unpack(pack(FRAME))
-    assert not isinstance(found, str)
     assert found[0] == FRAME
     np.testing.assert_array_equal(found[1], PIXELS)
 
@@ -35,7 +38,6 @@ def test_grey_pixels_come_back_as_they_went() -> None:
 def test_png_comes_back_as_it_went() -> None:
     png = cv2.imencode(".png", PIXELS)[1].tobytes()
     found = unpack(pack(FRAME.model_copy(update={"coding": "png", "pixels": png})))
-    assert not isinstance(found, str)
     np.testing.assert_array_equal(found[1], PIXELS)
 
 
@@ -45,43 +47,72 @@ def test_png_comes_back_as_it_went() -> None:
         ({"width": 15}, "has 192 bytes"),
         ({"width": 0}, "width"),
         ({"width": 16000, "height": 16000}, "impossible"),
-        ({"coding": "jpeg"}, "cannot be decoded"),
+        ({"coding": "jpeg"}, "no picture"),
         ({"coding": "gif"}, "coding"),
         ({"stamp": {"monotonic": 1.0, "wall": float("nan")}}, "stamp.wall"),
         ({"pixels": b""}, "has 0 bytes"),
     ],
 )
 def test_what_is_wrong_is_named(change: dict[str, object], words: str) -> None:
-    answer = unpack(msgpack.packb({**dict(FRAME), **change}, default=vars))
-    assert isinstance(answer, str)
-    assert words in answer
+    with pytest.raises(PictureError, match=words):
+        unpack(msgpack.packb({**dict(FRAME), **change}, default=vars))
 
 
 def test_a_header_that_lies_about_its_picture_is_refused() -> None:
     jpeg, _, _ = encode_jpeg(PIXELS, 80, 100)
-    answer = unpack(pack(FRAME.model_copy(update={"coding": "jpeg", "pixels": jpeg, "width": 32})))
-    assert answer == "header says 32x12, the picture is 16x12"
+    with pytest.raises(PictureError, match="header says 32x12, the picture is 16x12"):
+        unpack(pack(FRAME.model_copy(update={"coding": "jpeg", "pixels": jpeg, "width": 32})))
 
 
 @given(st.binary(max_size=200))
-def test_no_bytes_raise(payload: bytes) -> None:
-    assert isinstance(unpack(payload), str)
-    assert decode_picture(payload) is None
+def test_bytes_that_are_no_image_are_refused(payload: bytes) -> None:
+    for reader in (unpack, decode_picture):
+        with pytest.raises(PictureError):
+            reader(payload)
 
 
 @given(st.integers(0, len(pack(FRAME)) - 1), st.integers(0, 255))
-def test_no_damaged_image_raises(place: int, value: int) -> None:
+def test_a_damaged_frame_raises_nothing_else(place: int, value: int) -> None:
     damaged = bytearray(pack(FRAME))
     damaged[place] = value
-    unpack(bytes(damaged))
+    with contextlib.suppress(PictureError):
+        unpack(bytes(damaged))
+
+
+def textured(width: int = 160, height: int = 120) -> np.ndarray:
+    noise = np.random.default_rng(5).integers(0, 256, (height // 8, width // 8), dtype=np.uint8)
+    return cv2.resize(noise, (width, height), interpolation=cv2.INTER_CUBIC)
+
+
+def cut(jpeg: bytes, place: int, length: int) -> bytes:
+    return jpeg[:place] + jpeg[place + length :]
+
+
+@pytest.mark.parametrize(
+    "damage",
+    [
+        pytest.param(lambda jpeg: jpeg[: len(jpeg) // 2], id="end missing"),
+        pytest.param(lambda jpeg: jpeg[: len(jpeg) // 2] + jpeg[-2:], id="end missing, marker there"),
+        pytest.param(lambda jpeg: cut(jpeg, len(jpeg) // 2, 300), id="packet lost"),
+        pytest.param(lambda jpeg: jpeg[: len(jpeg) // 2] + bytes(200) + jpeg[len(jpeg) // 2 + 200 :], id="zeros"),
+        pytest.param(lambda jpeg: jpeg[: len(jpeg) // 2] + jpeg[len(jpeg) // 2 - 400 :], id="packet twice"),
+    ],
+)
+def test_a_jpeg_that_libjpeg_warns_about_is_refused(
+    damage: Callable[[bytes], bytes],
+) -> None:
+    jpeg = cv2.imencode(".jpg", cv2.merge([textured()] * 3), [cv2.IMWRITE_JPEG_QUALITY, 90])[1].tobytes()
+    np.testing.assert_array_equal(
+        decode_picture(jpeg), cv2.imdecode(np.frombuffer(jpeg, np.uint8), cv2.IMREAD_GRAYSCALE)
+    )
+    with pytest.raises(PictureError, match="damaged JPEG"):
+        decode_picture(damage(jpeg))
 
 
 def test_published_pictures_keep_their_shape() -> None:
     jpeg, width, height = encode_jpeg(np.full((480, 640), 90, np.uint8), 60, 320)
     assert (width, height) == (320, 240)
-    picture = decode_picture(jpeg)
-    assert picture is not None
-    assert picture.shape == (240, 320)
+    assert decode_picture(jpeg).shape == (240, 320)
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,7 @@ from mkdaemon.vision.camera.image import CameraImage
 from mkdaemon.vision.camera.slot import NewestSlot
 from mkdaemon.vision.camera.sources import source_of
 from tests.bus.support import free_endpoint
-from tests.vision.camera.network_cameras import HEIGHT, WIDTH, HttpCamera, NetworkCamera, RtspCamera
+from tests.vision.camera.network_cameras import HEIGHT, WIDTH, HttpCamera, NetworkCamera, RtspCamera, jpeg
 from tests.vision.streams import wait_for_status
 
 PATIENCE = 60.0
@@ -55,3 +55,21 @@ def test_http_images_are_stamped_by_their_arrival_whatever_ffmpeg_counts() -> No
             assert image.stamped_by == "arrival"
         stream.stop()
     assert ages == [0.0] * len(ages)
+
+
+def test_a_stream_that_changes_size_is_handed_on_as_it_is_not_scaled() -> None:
+    with HttpCamera(0.02, picture=lambda n: jpeg(n) if n < 5 else jpeg(n, WIDTH // 2, HEIGHT // 2)) as camera:
+        stream, _ = watch(camera.address)
+        wait_for_status(stream, lambda s: s.width == WIDTH)
+        status = wait_for_status(stream, lambda s: s.width != WIDTH)
+        assert (status.width, status.height) == (WIDTH // 2, HEIGHT // 2)
+        stream.stop()
+
+
+def test_a_damaged_image_of_a_stream_is_counted_named_and_not_handed_on() -> None:
+    with HttpCamera(0.02, picture=lambda n: jpeg(n)[:-40] + jpeg(n)[-2:] if n % 2 else jpeg(n)) as camera:
+        stream, _ = watch(camera.address)
+        status = wait_for_status(stream, lambda s: s.damaged >= 3 and s.images >= 3)
+        assert "damaged JPEG" in status.damage
+        assert status.state is StreamState.STREAMING
+        stream.stop()

@@ -20,7 +20,7 @@ from mkdaemon.vision.camera.calibration_file import load_camera
 from mkdaemon.vision.camera.files import CLIPS, ClipSource, list_pictures
 from mkdaemon.vision.camera.imagecodec import read_picture
 from mkdaemon.vision.camera.intrinsics import Intrinsics
-from mkdaemon.vision.camera.shot import EndOfImages
+from mkdaemon.vision.camera.shot import EndOfImages, PictureError
 from mkdaemon.vision.overlay import draw, write_picture
 from mkdaemon.vision.still import StillEye, StillPose, StillResult, StillTag
 from mkdaemon.vision.tags.tagmap import load
@@ -167,7 +167,10 @@ def _pictures(paths: list[Path]) -> Iterator[Picture]:
         except OSError as error:
             yield Picture(str(path), None, None, error.strerror or "cannot be read")
             continue
-        yield Picture(str(path), None, pixels, "" if pixels is not None else "no picture that can be read")
+        except PictureError as error:
+            yield Picture(str(path), None, None, str(error))
+            continue
+        yield Picture(str(path), None, pixels)
 
 
 def _frames(path: Path) -> Iterator[Picture]:
@@ -184,8 +187,11 @@ def _frames(path: Path) -> Iterator[Picture]:
             shot = source.read(0.0)
         except EndOfImages:
             break
-        if shot is not None:
-            yield Picture(str(path), count, shot.pixels)
+        except PictureError as error:
+            yield Picture(str(path), count, None, str(error))
+        else:
+            if shot is not None:
+                yield Picture(str(path), count, shot.pixels)
         count += 1
     source.close()
     if not count:

@@ -16,6 +16,7 @@ from mkdaemon.vision.calibrate.board import BoardPoints, CalibrationBoard
 from mkdaemon.vision.calibrate.coverage import Coverage
 from mkdaemon.vision.camera.files import list_pictures
 from mkdaemon.vision.camera.imagecodec import read_picture
+from mkdaemon.vision.camera.shot import PictureError
 
 Grey = npt.NDArray[np.uint8]
 
@@ -49,10 +50,11 @@ def views_of_folder(folder: Path, board: CalibrationBoard) -> Iterator[tuple[Vie
     coverage: Coverage | None = None
     size, first = (0, 0), ""
     for path in list_pictures(folder):
-        pixels = read_picture(path)
-        if pixels is None:
+        try:
+            pixels = read_picture(path)
+        except PictureError as error:
             if coverage is not None:
-                yield ViewReport(path.name, 0, False, "no picture"), coverage
+                yield ViewReport(path.name, 0, False, str(error)), coverage
             continue
         height, width = pixels.shape
         if coverage is None:

@@ -26,7 +26,6 @@ class ZenohSource:
         self._subscriber: zenoh.Subscriber[None] | None = None
         self._arrival = threading.Condition()
         self._newest: tuple[bytes, float] | None = None
-        self.refused = ""
 
     def open(self) -> tuple[str, ...]:
         """Subscribe with a direct callback that only keeps the newest payload."""
@@ -45,19 +44,14 @@ class ZenohSource:
             self._arrival.notify()
 
     def read(self, timeout: float) -> Shot | None:
-        """Newest image; one that cannot be read is named in `refused` and passed over."""
+        """Newest image."""
         with self._arrival:
             self._arrival.wait_for(lambda: self._newest is not None, timeout)
             taken, self._newest = self._newest, None
         if taken is None:
             return None
         payload, arrived = taken
-        found = unpack(payload)
-        if isinstance(found, str):
-            self.refused = found
-            return None
-        self.refused = ""
-        frame, pixels = found
+        frame, pixels = unpack(payload)
         return Shot(pixels, arrived, self._clock.monotonic_of(frame.stamp), frame.sequence)
 
     def close(self) -> None:

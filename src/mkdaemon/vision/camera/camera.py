@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import threading
 import time
 from collections import deque
@@ -13,11 +14,13 @@ from mkdaemon.config.camera import CameraSection
 from mkdaemon.errors import VisionError
 from mkdaemon.vision.camera.bus_images import ZenohSource
 from mkdaemon.vision.camera.image import CameraImage
-from mkdaemon.vision.camera.shot import EndOfImages, Shot, Source
+from mkdaemon.vision.camera.shot import EndOfImages, PictureError, Shot, Source
 from mkdaemon.vision.camera.slot import NewestSlot
 from mkdaemon.vision.camera.stamping import StampClock
 
 READ_TIMEOUT = 0.25
+DAMAGE_SHOWN = 1.0
+"""How long a damaged image is told [s]."""
 RATE_IMAGES = 31
 """Images the rate is counted over; the mean of inverse gaps would be too high wherever images come in bursts."""
 
@@ -42,6 +45,8 @@ class StreamStatus:
         since: when `state` began [s; monotonic].
         images: taken since the start.
         lost: gaps in the source's own count.
+        damaged: images that were refused because they were none or damaged.
+        damage: what was wrong with the newest of them, for a second after it; empty otherwise.
         reopened: how often it was opened again.
         fps: rate of the last second or so [Hz].
         width: of the last image [px].
@@ -55,6 +60,8 @@ class StreamStatus:
     since: float = 0.0
     images: int = 0
     lost: int = 0
+    damaged: int = 0
+    damage: str = ""
     reopened: int = 0
     fps: float = 0.0
     width: int = 0
@@ -90,6 +97,7 @@ class CameraStream:
         self._clock = StampClock(cfg.latency_ms / 1000.0)
         self._arrivals: deque[float] = deque(maxlen=RATE_IMAGES)
         self._last_arrival: float | None = None
+        self._damaged_at = -math.inf
         self._last_sequence: int | None = None
         self._sequence = 0
 
@@ -116,21 +124,19 @@ class CameraStream:
     def status(self) -> StreamStatus:
         """The camera's state now; an image that is overdue makes it silent."""
         status, last = self._status, self._last_arrival
+        if time.monotonic() - self._damaged_at > DAMAGE_SHOWN:
+            status = replace(status, damage="")
         if status.state is StreamState.STREAMING and last is not None and self._source.live:
             overdue = time.monotonic() - last
             if overdue > self.cfg.silent_after:
                 return replace(
                     status,
                     state=StreamState.SILENT,
-                    reason=self._silence(overdue),
+                    reason=status.damage or f"no image for {overdue:.1f} s",
                     since=last + self.cfg.silent_after,
                     fps=0.0,
                 )
         return status
-
-    def _silence(self, overdue: float) -> str:
-        refused = self._source.refused if isinstance(self._source, ZenohSource) else ""
-        return refused or f"no image for {overdue:.1f} s"
 
     def _run(self) -> None:
         delays = retry_delays(self.cfg.reopen_min, self.cfg.reopen_max)
@@ -159,7 +165,12 @@ class CameraStream:
     def _read_on(self) -> None:
         """Read until told to stop or the source is gone."""
         while not self._stop.is_set():
-            shot = self._source.read(READ_TIMEOUT)
+            try:
+                shot = self._source.read(READ_TIMEOUT)
+            except PictureError as error:
+                self._damaged_at = time.monotonic()
+                self._status = replace(self._status, damaged=self._status.damaged + 1, damage=str(error))
+                continue
             if shot is None:
                 continue
             if not self._source.live:

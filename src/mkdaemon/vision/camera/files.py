@@ -12,8 +12,9 @@ import cv2
 
 from mkdaemon.config.camera import CameraSection
 from mkdaemon.errors import VisionError
-from mkdaemon.vision.camera.imagecodec import read_picture, to_grey
-from mkdaemon.vision.camera.shot import EndOfImages, Shot
+from mkdaemon.vision.camera.captured import captured_pixels, take_jpegs
+from mkdaemon.vision.camera.imagecodec import read_picture
+from mkdaemon.vision.camera.shot import EndOfImages, PictureError, Shot
 
 PICTURES = frozenset({".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".pgm", ".webp"})
 CLIPS = frozenset({".mp4", ".avi", ".mkv", ".mov", ".webm", ".m4v", ".mpg", ".mpeg", ".ts"})
@@ -30,6 +31,7 @@ class ClipSource:
         self._cfg = cfg
         self._capture: cv2.VideoCapture | None = None
         self._started: float | None = None
+        self._coded = False
 
     def open(self) -> tuple[str, ...]:
         """Open the clip."""
@@ -41,6 +43,7 @@ class ClipSource:
             msg = f"camera {self._cfg.name}: {self._path} is no video OpenCV can read"
             raise VisionError(msg)
         self._capture, self._started = capture, None
+        self._coded = take_jpegs(capture, cv2.CAP_FFMPEG)
         return ()
 
     def read(self, timeout: float) -> Shot | None:
@@ -59,8 +62,7 @@ class ClipSource:
             self._started = time.monotonic() - media
         if self._cfg.paced:
             time.sleep(max(self._started + media - time.monotonic(), 0.0))
-        pixels = to_grey(image)
-        return None if pixels is None else Shot(pixels, time.monotonic())
+        return Shot(captured_pixels(image, coded=self._coded), time.monotonic())
 
     def close(self) -> None:
         """Release the file."""
@@ -88,7 +90,7 @@ class FolderSource:
         return ()
 
     def read(self, timeout: float) -> Shot | None:
-        """Next picture; files that are none are passed over."""
+        """Next picture."""
         if self._next >= len(self._files):
             if not self._cfg.loop:
                 raise EndOfImages
@@ -99,10 +101,10 @@ class FolderSource:
             time.sleep(max(self._due - time.monotonic(), 0.0))
             self._due = max(self._due, time.monotonic() - 1.0) + 1.0 / (self._cfg.fps or FOLDER_HZ)
         try:
-            image = read_picture(file)
-        except OSError:
-            return None
-        return None if image is None else Shot(image, time.monotonic())
+            return Shot(read_picture(file), time.monotonic())
+        except OSError as error:
+            msg = f"{file.name}: {error.strerror or error}"
+            raise PictureError(msg) from error
 
     def close(self) -> None:
         """Nothing is held open."""

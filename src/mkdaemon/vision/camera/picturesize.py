@@ -13,7 +13,7 @@ from typing import Final
 MAX_PIXELS: Final = 64_000_000
 """Most pixels of a picture."""
 _PNG: Final = b"\x89PNG\r\n\x1a\n"
-_JPEG: Final = b"\xff\xd8\xff"
+JPEG: Final = b"\xff\xd8\xff"
 _MARKER: Final = 0xFF
 _STARTS_OF_FRAME: Final = frozenset({*range(0xC0, 0xD0)} - {0xC4, 0xC8, 0xCC})
 _WITHOUT_LENGTH: Final = frozenset({0x01, *range(0xD0, 0xD9)})
@@ -34,7 +34,7 @@ def picture_size(content: bytes) -> tuple[int, int] | None:
     try:
         if content.startswith(_PNG):
             return _pair(">II", content, 16)
-        if content.startswith(_JPEG):
+        if content.startswith(JPEG):
             return _jpeg_size(content)
         if content.startswith(b"BM"):
             width, height = _pair("<ii", content, 18)

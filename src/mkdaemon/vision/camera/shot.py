@@ -8,6 +8,8 @@ from typing import Protocol
 import numpy as np
 import numpy.typing as npt
 
+from mkdaemon.errors import VisionError
+
 Grey = npt.NDArray[np.uint8]
 
 
@@ -45,12 +47,17 @@ class Source(Protocol):
         """Wait up to about `timeout` [s] for an image; None when none came.
 
         Raises:
+            PictureError: an image came and is none, or is damaged.
             VisionError: the source is gone.
             EndOfImages: a file or folder is at its end.
         """
 
     def close(self) -> None:
         """Let go of it; harmless when not open."""
+
+
+class PictureError(VisionError):
+    """Bytes that are no whole picture; says what is wrong with them."""
 
 
 class EndOfImages(Exception):  # noqa: N818 - an end is no error

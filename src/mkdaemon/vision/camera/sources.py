@@ -14,8 +14,8 @@ import zenoh
 from mkdaemon.config.camera import CameraSection
 from mkdaemon.errors import ConfigError, VisionError
 from mkdaemon.vision.camera.bus_images import ZenohSource
+from mkdaemon.vision.camera.captured import captured_pixels, take_jpegs
 from mkdaemon.vision.camera.files import CLIPS, ClipSource, FolderSource, quietly
-from mkdaemon.vision.camera.imagecodec import to_grey
 from mkdaemon.vision.camera.shot import Shot, Source
 
 V4L2_MANUAL, V4L2_AUTO = 1, 3
@@ -82,6 +82,7 @@ class StreamSource:
         self._backend = backend
         self._cfg = cfg
         self._capture: cv2.VideoCapture | None = None
+        self._coded = False
 
     def open(self) -> tuple[str, ...]:
         """Open and set size, rate, exposure and gain."""
@@ -100,7 +101,9 @@ class StreamSource:
             msg = f"camera {self._cfg.name}: {name} cannot open {self._address}: {_WHAT_TO_CHECK[self._backend]}"
             raise VisionError(msg)
         self._capture = capture
-        return tuple(_set_controls(capture, self._cfg, self._backend))
+        refused = tuple(_set_controls(capture, self._cfg, self._backend))
+        self._coded = take_jpegs(capture, self._backend)
+        return refused
 
     def _check_device(self) -> None:
         """Say what OpenCV does not: the device is missing, or belongs to others."""
@@ -121,9 +124,7 @@ class StreamSource:
         if capture is None or not good or image is None:
             msg = f"camera {self._cfg.name}: {self._address} gives no more images"
             raise VisionError(msg)
-        pixels = to_grey(image)
-        if pixels is None:
-            return None
+        pixels = captured_pixels(image, coded=self._coded)
         stamp = float(capture.get(cv2.CAP_PROP_POS_MSEC)) / 1000.0
         return Shot(pixels, arrived, stamp if stamp > 0.0 else None)
 
