@@ -58,7 +58,9 @@ class Mistake(NamedTuple):
     details: ErrorDetails
 
 
-def explain(error: ValidationError, path: Path | None, text: str, given: Mapping[str, Any]) -> str:
+def explain(
+    error: ValidationError, path: Path | None, text: str, given: Mapping[str, Any], root: type[BaseModel] = Config
+) -> str:
     """One line for the first mistake, unknown keys first, and how many more there are.
 
     Args:
@@ -66,6 +68,7 @@ def explain(error: ValidationError, path: Path | None, text: str, given: Mapping
         path: file that was read; None for none.
         text: what stands in it.
         given: values of the command line, by dotted key.
+        root: what the whole file stands for.
     """
     mistakes = [_mistake(details) for details in error.errors(include_url=False)]
     mistakes.sort(key=lambda mistake: mistake.details["type"] != "extra_forbidden")
@@ -84,7 +87,7 @@ def explain(error: ValidationError, path: Path | None, text: str, given: Mapping
         where = f"{path}:{line}" if line else str(path)
     others = len({mistake.section for mistake in mistakes}) - 1
     more = f" (and {others} more)" if others else ""
-    return f"{where}: {key or 'configuration'}: {_what(branches)}{more}"
+    return f"{where}: {key or 'configuration'}: {_what(branches, root)}{more}"
 
 
 def _mistake(details: ErrorDetails) -> Mistake:
@@ -95,17 +98,17 @@ def _mistake(details: ErrorDetails) -> Mistake:
     return Mistake(location[: tags[0]] if tags else place, place, details)
 
 
-def _what(branches: Sequence[Mistake]) -> str:
+def _what(branches: Sequence[Mistake], root: type[BaseModel]) -> str:
     details = next((branch.details for branch in branches if branch.details["type"] not in _NEEDS), None)
     if details is None:
         needs = dict.fromkeys(_need(branch) for branch in branches)
         return f"{' or '.join(needs)} is needed{_shown(branches[0].details)}"
     if details["type"] == "extra_forbidden":
-        return _unknown_key(branches[0].place)
+        return _unknown_key(branches[0].place, root)
     bound = _BOUNDS.get(details["type"])
     if bound is not None:
         return f"{bound.format(**details.get('ctx', {}))}{_shown(details)}"
-    if details["type"] == "string_pattern_mismatch" and (meaning := _meaning(branches[0].place)):
+    if details["type"] == "string_pattern_mismatch" and (meaning := _meaning(branches[0].place, root)):
         return f"{json.dumps(details['input'])} will not do. {meaning}"
     reason = details["msg"].removeprefix("Value error, ")
     return f"{reason[:1].lower()}{reason[1:]}{'' if details['type'] == 'value_error' else _shown(details)}"
@@ -125,18 +128,18 @@ def _shown(details: ErrorDetails) -> str:
     return "" if is_empty or isinstance(value, dict | list) else f", not {json.dumps(value)}"
 
 
-def _meaning(place: Place) -> str:
+def _meaning(place: Place, root: type[BaseModel]) -> str:
     """What a key is for: the docstring of its field."""
-    for model in _models_at(place[:-1]):
+    for model in _models_at(place[:-1], root):
         if (field := model.model_fields.get(str(place[-1]))) is not None:
             return field.description or ""
     return ""
 
 
-def _unknown_key(place: Place) -> str:
+def _unknown_key(place: Place, root: type[BaseModel]) -> str:
     name = str(place[-1])
-    here = sorted({key for model in _models_at(place[:-1]) for key in model.model_fields})
-    elsewhere = [dotted for dotted in _all_keys(Config) if dotted.rpartition(".")[2] == name]
+    here = sorted({key for model in _models_at(place[:-1], root) for key in model.model_fields})
+    elsewhere = [dotted for dotted in _all_keys(root) if dotted.rpartition(".")[2] == name]
     if elsewhere:
         return f'unknown key here; "{elsewhere[0]}" is where it belongs'
     near = difflib.get_close_matches(name, here, n=1, cutoff=0.5)
@@ -145,9 +148,9 @@ def _unknown_key(place: Place) -> str:
     return f"unknown key; known here: {', '.join(here)}" if here else "unknown key"
 
 
-def _models_at(place: Place) -> list[type[BaseModel]]:
+def _models_at(place: Place, root: type[BaseModel]) -> list[type[BaseModel]]:
     """The section at a place; list indices are passed over."""
-    models: list[type[BaseModel]] = [Config]
+    models: list[type[BaseModel]] = [root]
     for part in place:
         found = [
             inner

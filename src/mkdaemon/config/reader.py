@@ -8,14 +8,17 @@ import sysconfig
 import tomllib
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from pydantic import ValidationError
 
+from mkdaemon.config.base import Section
 from mkdaemon.config.mistakes import explain
 from mkdaemon.config.root import Config
 from mkdaemon.errors import ConfigError
 from mkdaemon.reading import parse_toml, read_text
+
+_Section = TypeVar("_Section", bound=Section)
 
 
 def load(path: Path | None, overrides: Mapping[str, Any] | None = None) -> Config:
@@ -29,22 +32,37 @@ def load(path: Path | None, overrides: Mapping[str, Any] | None = None) -> Confi
         ConfigError: the file is missing, unreadable, no TOML, or holds a wrong key or value. One line names the file,
             the line, the key, what is wrong and the nearest valid key.
     """
-    text = "" if path is None else _read(path)
+    return _load(Config, path, "" if path is None else _read(path), dict(overrides or {}))
+
+
+def load_section(kind: type[_Section], path: Path) -> _Section:
+    """Read a file that holds one section of its own, for example the mapping of a gamepad.
+
+    Args:
+        kind: what the file holds.
+        path: the TOML file.
+
+    Raises:
+        ConfigError: see `load`.
+    """
+    return _load(kind, path, _read(path), {})
+
+
+def _load(kind: type[_Section], path: Path | None, text: str, given: Mapping[str, Any]) -> _Section:
     try:
         tree = parse_toml(text)
     except tomllib.TOMLDecodeError as error:
         msg = f"{path}: not valid TOML: {error}"
         raise ConfigError(msg) from error
-    given = dict(overrides or {})
     for key, value in given.items():
         _put(tree, key.split("."), value)
     try:
         # TOML has types: a number in quotes or a 1 for true is a mistake. Of pydantic's strict modes, the one for JSON
         # knows that a file holds arrays for tuples and strings for paths. Dates, which no key takes, become what no key
         # takes.
-        return Config.model_validate_json(json.dumps(tree, default=lambda date: [str(date)]), strict=True)
+        return kind.model_validate_json(json.dumps(tree, default=lambda date: [str(date)]), strict=True)
     except ValidationError as error:
-        raise ConfigError(explain(error, path, text, given)) from error
+        raise ConfigError(explain(error, path, text, given, kind)) from error
 
 
 def samples_folder() -> Path:
