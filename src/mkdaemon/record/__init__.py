@@ -1,0 +1,1 @@
+"""Recordings: entries, and the MCAP files that keep them; docs/recording.md."""

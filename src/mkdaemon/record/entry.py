@@ -1,0 +1,168 @@
+"""One thing that was recorded, and what is guaranteed about it.
+
+An entry is exact: `payload`, `attachment`, `key` and `encoding` are the bytes and words that crossed the bus or the
+line, and both times come back from a file as they went in. The order of entries is the order in which the recorder took
+them. `sequence` counts without a gap where nothing was lost between the recorder's tap and the file.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import Final, NamedTuple
+
+import msgpack
+
+from mkdaemon.stamp import Stamp
+
+NANOSECONDS: Final = 1_000_000_000
+SEQUENCES: Final = 1 << 32
+"""A sequence number begins again at zero after so many."""
+
+
+class Kind(StrEnum):
+    """What an entry is."""
+
+    SAMPLE = "sample"
+    """A value that was published; marks are samples of `event/mark`."""
+    SETPOINT = "setpoint"
+    """A setpoint that a client put; `attachment` is its signature."""
+    QUERY = "query"
+    """A query that arrived; `exchange` joins it to its reply."""
+    REPLY = "reply"
+    """The answer to a query, a refusal too."""
+    PORT_READ = "port_read"
+    """Bytes read from the line in one piece."""
+    PORT_WRITTEN = "port_written"
+    """Bytes given to the line in one piece; `issuer` is what for."""
+    PORT_OPENED = "port_opened"
+    """The line was opened; the payload is a map of `port` and `baud`."""
+    PORT_LOST = "port_lost"
+    """The line was lost or closed; the payload is a map of `reason`."""
+    IMAGE = "image"
+    """What a camera saw, kept by the recorder at a rate of its own; the payload is a `CameraFrame`."""
+
+
+class Congestion(StrEnum):
+    """What happens to a sample for which a receiver has no room."""
+
+    DROP = "drop"
+    BLOCK = "block"
+
+
+@dataclass(frozen=True, slots=True)
+class Qos:
+    """How a sample was put on the bus.
+
+    Attributes:
+        congestion: what happens when a receiver is too slow.
+        priority: Zenoh's, 1 for real time to 7 for background; 5 is ordinary data.
+        express: whether it was sent without waiting for others to fill a packet.
+    """
+
+    congestion: Congestion = Congestion.DROP
+    priority: int = 5
+    express: bool = False
+
+
+ORDINARY: Final = Qos()
+"""How the daemon publishes."""
+
+
+@dataclass(frozen=True, slots=True)
+class TimeBase:
+    """Joins a machine's monotonic clock to Unix time, once for a recording.
+
+    A file's times are monotonic time plus `offset_ns`: they never jump, even when somebody sets the system clock.
+
+    Attributes:
+        boot: names the monotonic clock, as `Stamp.boot` does.
+        offset_ns: Unix time less monotonic time when the recording began [ns].
+    """
+
+    boot: str
+    offset_ns: int
+
+    @classmethod
+    def of(cls, stamp: Stamp) -> TimeBase:
+        """Join the two clocks of a stamp."""
+        return cls(stamp.boot, nanoseconds(stamp.wall) - nanoseconds(stamp.monotonic))
+
+    def file_time(self, monotonic: float) -> int:
+        """A monotonic time as it stands in the file [ns; Unix time]."""
+        return nanoseconds(monotonic) + self.offset_ns
+
+    def monotonic(self, file_time: int) -> float:
+        """The monotonic time [s] of a time in the file [ns]."""
+        return seconds(file_time - self.offset_ns)
+
+
+def nanoseconds(time: float) -> int:
+    """Whole nanoseconds of a time [s]; `seconds` returns the same time, for Unix time and 48 days of monotonic time."""
+    whole = int(time)
+    return whole * NANOSECONDS + round((time - whole) * NANOSECONDS)
+
+
+def seconds(time: int) -> float:
+    """A time [s] from nanoseconds."""
+    return time / NANOSECONDS
+
+
+class Entry(NamedTuple):
+    """One thing that was recorded.
+
+    Attributes:
+        kind: what it is.
+        key: whole key, `mk/<vehicle>/...`; bytes of the line have `mk/<vehicle>/port`.
+        payload: as it crossed the bus or the line. Only the secret of a lease is replaced, in `do/lease`.
+        encoding: Zenoh's encoding string, for example `application/msgpack;mk.Attitude.v1`; empty for plain bytes.
+        received: when the recorder took it, or the port read or wrote it [s; monotonic clock of `base`].
+        published: Unix time of its stamp; of `received` where it carries no stamp [s].
+        base: joins `received` to Unix time.
+        sequence: counts the entries of this kind and key in a recording; a gap is a loss.
+        issuer: what sent bytes are for, as `RawFrame.purpose`; else empty.
+        exchange: number of a query, and of its reply; else 0.
+        attachment: Zenoh's attachment.
+        qos: how it was put.
+    """
+
+    kind: Kind
+    key: str
+    payload: bytes
+    encoding: str
+    received: float
+    published: float
+    base: TimeBase
+    sequence: int
+    issuer: str = ""
+    exchange: int = 0
+    attachment: bytes = b""
+    qos: Qos = ORDINARY
+
+    @property
+    def vehicle(self) -> str:
+        """Whose it is; empty for a key outside `mk/`."""
+        root, _, rest = self.key.partition("/")
+        return rest.partition("/")[0] if root == "mk" else ""
+
+    @property
+    def suffix(self) -> str:
+        """The key without `mk/<vehicle>/`."""
+        return self.key.partition("/")[2].partition("/")[2]
+
+    @property
+    def stamp(self) -> Stamp:
+        """The stamp the payload carries; where it carries none, the moment it was taken."""
+        if "msgpack" in self.encoding:
+            carried = _carried_stamp(self.payload)
+            if carried is not None:
+                return carried
+        return Stamp(monotonic=self.received, wall=self.published, boot=self.base.boot)
+
+
+def _carried_stamp(payload: bytes) -> Stamp | None:
+    try:
+        value = msgpack.unpackb(payload)
+        return Stamp.model_validate(value["stamp"])
+    except (ValueError, TypeError, KeyError, RecursionError, msgpack.exceptions.UnpackException):
+        return None

@@ -1,0 +1,217 @@
+"""What the channels and the metadata of a recording say: the format, apart from MCAP's own records.
+
+A change that old readers would misunderstand gets a new `FORMAT`; a field may be added without.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Final
+
+import msgpack
+
+from mkdaemon.record.entry import Congestion, Entry, Kind, Qos, TimeBase, seconds
+
+MAGIC: Final = b"\x89MCAP0\r\n"
+"""At both ends of every MCAP file."""
+FORMAT: Final = "1"
+PROFILE: Final = "mkdaemon"
+SESSION: Final = "mkdaemon.session"
+"""Name of the metadata record with the session; repeated, the last one counts."""
+VIEW: Final = "view"
+"""Set in the metadata of a channel that only repeats another one as JSON, for viewers; no entries."""
+
+
+@dataclass(frozen=True, slots=True)
+class Session:
+    """What a file says about itself.
+
+    Attributes:
+        recorder: `blackbox`, `ground`, or the tool that made the file.
+        name: of the recording; all its parts have the same.
+        part: number of this file in it, from 0.
+        program: name and version of what wrote it.
+        host: machine it was written on.
+        boot: names that machine's monotonic clock.
+        offset_ns: see `TimeBase`.
+        vehicle: whose recording; empty for several.
+        config: the configuration as JSON; empty where there is none.
+    """
+
+    recorder: str
+    name: str
+    part: int
+    program: str
+    host: str
+    boot: str
+    offset_ns: int
+    vehicle: str = ""
+    config: str = ""
+
+    @property
+    def base(self) -> TimeBase:
+        """Time base of what the recorder took itself."""
+        return TimeBase(self.boot, self.offset_ns)
+
+    def to_metadata(self) -> dict[str, str]:
+        """As metadata of a file."""
+        return {
+            "format": FORMAT,
+            "recorder": self.recorder,
+            "name": self.name,
+            "part": str(self.part),
+            "program": self.program,
+            "host": self.host,
+            "boot": self.boot,
+            "offset_ns": str(self.offset_ns),
+            "vehicle": self.vehicle,
+            "config": self.config,
+        }
+
+    @classmethod
+    def from_metadata(cls, said: dict[str, str]) -> Session | None:
+        """Read it back; None where it is not one."""
+        try:
+            return cls(
+                recorder=said["recorder"],
+                name=said["name"],
+                part=int(said["part"]),
+                program=said["program"],
+                host=said["host"],
+                boot=said["boot"],
+                offset_ns=int(said["offset_ns"]),
+                vehicle=said.get("vehicle", ""),
+                config=said.get("config", ""),
+            )
+        except (KeyError, ValueError):
+            return None
+
+
+@dataclass(frozen=True, slots=True)
+class ChannelFacts:
+    """What is the same for all entries of one channel.
+
+    Attributes:
+        kind: of its entries.
+        key: of its entries.
+        encoding: of its entries.
+        base: of its entries.
+        qos: of its entries.
+        has_envelope: whether each payload is in a map, beside what else the entry carries.
+    """
+
+    kind: Kind
+    key: str
+    encoding: str
+    base: TimeBase
+    qos: Qos
+    has_envelope: bool
+
+    @classmethod
+    def of(cls, entry: Entry) -> ChannelFacts:
+        """The channel an entry belongs to."""
+        has_envelope = bool(entry.issuer or entry.exchange or entry.attachment)
+        return cls(entry.kind, entry.key, entry.encoding, entry.base, entry.qos, has_envelope)
+
+    @property
+    def topic(self) -> str:
+        """Name in the file; the bare key belongs to the JSON for viewers."""
+        return f"{self.kind}:{self.key}"
+
+    @property
+    def schema_name(self) -> str:
+        """Name of the payload's schema, for example `mk.Attitude.v1`."""
+        return self.encoding.rpartition(";")[2] or "bytes"
+
+    @property
+    def message_encoding(self) -> str:
+        """What the stored data is, for MCAP."""
+        return "msgpack" if self.has_envelope or "msgpack" in self.encoding else "bytes"
+
+    def to_metadata(self) -> dict[str, str]:
+        """As metadata of a channel."""
+        return {
+            "format": FORMAT,
+            "kind": self.kind.value,
+            "key": self.key,
+            "encoding": self.encoding,
+            "boot": self.base.boot,
+            "offset_ns": str(self.base.offset_ns),
+            "congestion": self.qos.congestion.value,
+            "priority": str(self.qos.priority),
+            "express": "1" if self.qos.express else "0",
+            "envelope": "1" if self.has_envelope else "0",
+        }
+
+    @classmethod
+    def from_metadata(cls, said: dict[str, str]) -> ChannelFacts | None:
+        """Read it back; None for a channel of another program, or one that only repeats another as JSON."""
+        try:
+            if said["format"] != FORMAT or VIEW in said:
+                return None
+            return cls(
+                kind=Kind(said["kind"]),
+                key=said["key"],
+                encoding=said["encoding"],
+                base=TimeBase(said["boot"], int(said["offset_ns"])),
+                qos=Qos(Congestion(said["congestion"]), int(said["priority"]), said["express"] == "1"),
+                has_envelope=said["envelope"] == "1",
+            )
+        except (KeyError, ValueError):
+            return None
+
+    def pack(self, entry: Entry) -> bytes:
+        """What is stored of an entry of this channel."""
+        if not self.has_envelope:
+            return entry.payload
+        envelope: dict[str, Any] = {"payload": entry.payload}
+        if entry.issuer:
+            envelope["issuer"] = entry.issuer
+        if entry.exchange:
+            envelope["exchange"] = entry.exchange
+        if entry.attachment:
+            envelope["attachment"] = entry.attachment
+        packed: bytes = msgpack.packb(envelope)
+        return packed
+
+    def unpack(self, data: bytes, sequence: int, log_time: int, publish_time: int) -> Entry:
+        """Make the entry again.
+
+        Args:
+            data: as stored.
+            sequence: of the message.
+            log_time: [ns].
+            publish_time: [ns].
+
+        Raises:
+            ValueError: the data is not what this channel stores.
+        """
+        issuer, exchange, attachment = "", 0, b""
+        if self.has_envelope:
+            try:
+                envelope = msgpack.unpackb(data)
+                data = envelope["payload"]
+                issuer = envelope.get("issuer", "")
+                exchange = envelope.get("exchange", 0)
+                attachment = envelope.get("attachment", b"")
+            except (TypeError, KeyError, AttributeError, RecursionError, msgpack.exceptions.UnpackException) as error:
+                msg = f"{self.topic}: no envelope: {error!r}"
+                raise ValueError(msg) from error
+            types = (type(data), type(issuer), type(exchange), type(attachment))
+            if types != (bytes, str, int, bytes):
+                msg = f"{self.topic}: an envelope of other types"
+                raise ValueError(msg)
+        return Entry(
+            kind=self.kind,
+            key=self.key,
+            payload=data,
+            encoding=self.encoding,
+            received=self.base.monotonic(log_time),
+            published=seconds(publish_time),
+            base=self.base,
+            sequence=sequence,
+            issuer=issuer,
+            exchange=exchange,
+            attachment=attachment,
+            qos=self.qos,
+        )

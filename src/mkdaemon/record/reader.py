@@ -1,0 +1,221 @@
+"""Reads recordings: everything that is whole in a file, and a report of what is not.
+
+Guaranteed: whatever was done to a file, cut off or changed anywhere, reading raises nothing but an `MkError` when it
+cannot be opened, and `OSError` when the disk fails; every entry whose chunk is whole is returned, in the order in which
+it was recorded; what is missing is named in the report. A file that is being written is read up to its last flush.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Final
+
+from mcap.opcode import Opcode
+
+from mkdaemon.errors import MkError
+from mkdaemon.record.channels import read_channel, read_metadata
+from mkdaemon.record.entry import SEQUENCES, Entry, Kind, TimeBase
+from mkdaemon.record.layout import SESSION, VIEW, ChannelFacts, Session
+from mkdaemon.record.scan import Chunk, Damage, Record, Scanner, records_in
+
+_MESSAGE: Final = struct.Struct("<HIQQ")
+Wanted = Callable[[ChannelFacts], bool]
+"""Chooses channels."""
+
+
+@dataclass
+class ReadReport:
+    """What was found in a file; complete when its entries have all been read.
+
+    Attributes:
+        size: of the file [bytes].
+        is_complete: whether it was finished: MCAP's own readers find its index.
+        damages: parts that cannot be read.
+        entries: how many were returned.
+        gaps: how many entries of each kind and key are missing by their sequence numbers.
+        orphans: messages whose channel is nowhere in the file.
+        unreadable: messages that their channel does not explain.
+        foreign: messages of channels that another program wrote.
+        views: messages that only show others as JSON.
+    """
+
+    size: int = 0
+    is_complete: bool = False
+    damages: list[Damage] = field(default_factory=list)
+    entries: int = 0
+    gaps: dict[tuple[Kind, str], int] = field(default_factory=dict)
+    orphans: int = 0
+    unreadable: int = 0
+    foreign: int = 0
+    views: int = 0
+
+    @property
+    def lost(self) -> int:
+        """Entries missing by their sequence numbers."""
+        return sum(self.gaps.values())
+
+    @property
+    def is_whole(self) -> bool:
+        """Whether nothing at all is missing or damaged."""
+        return self.is_complete and not (self.damages or self.gaps or self.orphans or self.unreadable)
+
+
+class Recording:
+    """One file.
+
+    Attributes:
+        path: the file.
+        session: what it says about itself; None until it was read, and where it says nothing.
+        report: what the last reading found.
+    """
+
+    def __init__(self, path: Path) -> None:
+        """Name a file; it is opened when something is read."""
+        self.path = path
+        self.session: Session | None = None
+        self.report = ReadReport()
+
+    def read_session(self) -> Session | None:
+        """What the file says about itself; None where it says nothing.
+
+        Raises:
+            MkError: the file cannot be opened.
+        """
+        for record in self._records(ReadReport()):
+            if self.session is not None:
+                break
+            self._take_metadata(record)
+        return self.session
+
+    def entries(
+        self, wanted: Wanted = lambda facts: True, *, first: int | None = None, last: int | None = None
+    ) -> Iterator[Entry]:
+        """All entries, in the order in which they were recorded.
+
+        Args:
+            wanted: chooses by what is the same for all entries of a channel: kind, key, encoding.
+            first: no entry before this [ns; times of the file].
+            last: no entry after this [ns; times of the file].
+
+        Raises:
+            MkError: the file cannot be opened.
+        """
+        self.report = ReadReport()
+        reading = _Reading(self, self.report, wanted)
+        low = 0 if first is None else first
+        high = (1 << 64) if last is None else last
+        for record in self._records(self.report):
+            if isinstance(record, Record):
+                reading.define(record)
+                self._take_metadata(record)
+            elif record.last >= low and record.first <= high:
+                yield from reading.entries_of(record, low, high)
+
+    def definitions(self) -> Iterator[Record]:
+        """All channels in the file, wherever they are."""
+        for record in self._records(ReadReport()):
+            inside = _records_of(record) if isinstance(record, Chunk) else iter((record,))
+            yield from (one for one in inside if one.opcode == Opcode.CHANNEL)
+
+    def _records(self, report: ReadReport) -> Iterator[Record | Chunk]:
+        try:
+            file = self.path.open("rb")
+        except OSError as error:
+            msg = f"{self.path}: cannot be opened ({error.strerror}); `mkctl log list` shows recordings"
+            raise MkError(msg) from error
+        with file:
+            report.size = file.seek(0, 2)
+            scanner = Scanner(file, report.size)
+            report.damages = scanner.damages
+            yield from scanner.records()
+            report.is_complete = scanner.is_complete
+
+    def _take_metadata(self, record: Record | Chunk) -> None:
+        if isinstance(record, Record) and record.opcode == Opcode.METADATA:
+            found = read_metadata(record.content)
+            if found is not None and found[0] == SESSION:
+                self.session = Session.from_metadata(found[1]) or self.session
+
+
+class _Reading:
+    """One pass through a file."""
+
+    def __init__(self, recording: Recording, report: ReadReport, wanted: Wanted) -> None:
+        self._recording = recording
+        self._report = report
+        self._wanted = wanted
+        self._channels: dict[int, ChannelFacts | _Other] = {}
+        self._is_complete = False
+        self._next: dict[tuple[Kind, str, TimeBase], int] = {}
+
+    def define(self, record: Record) -> None:
+        if record.opcode == Opcode.CHANNEL and (channel := read_channel(record.content)) is not None:
+            facts = ChannelFacts.from_metadata(channel.metadata)
+            other = _Other(is_view=VIEW in channel.metadata)
+            self._channels[channel.number] = other if facts is None else facts
+
+    def entries_of(self, chunk: Chunk, low: int, high: int) -> Iterator[Entry]:
+        for record in _records_of(chunk):
+            self.define(record)
+            if record.opcode == Opcode.MESSAGE and len(record.content) >= _MESSAGE.size:
+                entry = self._entry(record.content, low, high)
+                if entry is not None:
+                    self._report.entries += 1
+                    yield entry
+
+    def _entry(self, content: bytes, low: int, high: int) -> Entry | None:
+        number, sequence, log_time, publish_time = _MESSAGE.unpack_from(content)
+        facts = self._facts(number)
+        report = self._report
+        if facts is None:
+            report.orphans += 1
+            return None
+        if isinstance(facts, _Other):
+            report.views += facts.is_view
+            report.foreign += not facts.is_view
+            return None
+        if not low <= log_time <= high or not self._wanted(facts):
+            return None
+        self._count(facts, sequence)
+        try:
+            return facts.unpack(content[_MESSAGE.size :], sequence, log_time, publish_time)
+        except ValueError:
+            report.unreadable += 1
+            return None
+
+    def _facts(self, number: int) -> ChannelFacts | _Other | None:
+        """What is known of a channel; the whole file is searched once for one that should have come before."""
+        if number not in self._channels and not self._is_complete:
+            self._is_complete = True
+            known = dict(self._channels)
+            for record in self._recording.definitions():
+                self.define(record)
+            self._channels.update(known)
+        return self._channels.get(number)
+
+    def _count(self, facts: ChannelFacts, sequence: int) -> None:
+        place = (facts.kind, facts.key, facts.base)
+        missing = (sequence - self._next.get(place, sequence)) % SEQUENCES
+        if missing < SEQUENCES // 2:  # else it comes late: two files that overlap were joined
+            self._next[place] = (sequence + 1) % SEQUENCES
+            if missing:
+                gaps = self._report.gaps
+                gaps[facts.kind, facts.key] = gaps.get((facts.kind, facts.key), 0) + missing
+
+
+@dataclass(frozen=True, slots=True)
+class _Other:
+    """A channel without entries of ours."""
+
+    is_view: bool
+
+
+def _records_of(chunk: Chunk) -> Iterator[Record]:
+    """The records of a chunk, as far as they are whole."""
+    try:
+        yield from records_in(chunk.content())
+    except ValueError:
+        return

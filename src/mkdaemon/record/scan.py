@@ -1,0 +1,261 @@
+"""The records of an MCAP file, whole or damaged: what is broken is named and stepped over, never raised.
+
+A chunk proves itself by its checksum; other records only by their opcode, and by ending where another one begins. Where
+that fails, the next chunk is looked for byte by byte.
+"""
+
+from __future__ import annotations
+
+import re
+import struct
+import zlib
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import BinaryIO, Final
+
+import zstandard
+from mcap.opcode import Opcode
+
+from mkdaemon.record.channels import read_channel
+from mkdaemon.record.layout import MAGIC
+
+MOST_CHUNK_BYTES: Final = 1 << 28
+"""A chunk that claims to be larger is damaged, or not ours [bytes]."""
+_BLOCK: Final = 1 << 20
+_HEAD: Final = struct.Struct("<BQ")
+_CHUNK: Final = struct.Struct("<QQQII")
+_CHUNK_START: Final = re.compile(rb"\x06[\x00-\xff]{4}\x00{4}")
+_OPCODES: Final = frozenset(int(opcode) for opcode in Opcode)
+
+
+@dataclass(frozen=True, slots=True)
+class Damage:
+    """A part of a file that cannot be read.
+
+    Attributes:
+        offset: where it begins [bytes].
+        length: how long it is [bytes].
+        reason: what is wrong with it.
+    """
+
+    offset: int
+    length: int
+    reason: str
+
+
+@dataclass(frozen=True, slots=True)
+class Chunk:
+    """A chunk that is right.
+
+    Attributes:
+        first: earliest time in it [ns].
+        last: latest time in it [ns].
+        stored: its records, compressed or not.
+        compression: how.
+        size: of its records [bytes].
+        checksum: of its records; 0 where there is none.
+    """
+
+    first: int
+    last: int
+    stored: bytes
+    compression: str
+    size: int
+    checksum: int
+
+    def fault(self) -> str:
+        """What is wrong with it; empty where it is right."""
+        try:
+            self.content()
+        except ValueError as error:
+            return str(error)
+        return ""
+
+    def content(self) -> bytes:
+        """Its records.
+
+        Raises:
+            ValueError: it is damaged, or compressed in an unknown way.
+        """
+        match self.compression:
+            case "":
+                content = self.stored
+            case "zstd":
+                content = _decompress(self.stored, self.size)
+            case _:
+                msg = f"unknown compression {self.compression!r}"
+                raise ValueError(msg)
+        if len(content) != self.size:
+            msg = "another length than it says"
+            raise ValueError(msg)
+        if self.checksum and zlib.crc32(content) != self.checksum:
+            msg = "its checksum is wrong"
+            raise ValueError(msg)
+        return content
+
+
+@dataclass(frozen=True, slots=True)
+class Record:
+    """A record outside of chunks.
+
+    Attributes:
+        opcode: MCAP's.
+        content: without opcode and length.
+    """
+
+    opcode: int
+    content: bytes
+
+
+class Scanner:
+    """Walks through a file once.
+
+    Attributes:
+        damages: what could not be read, so far.
+        is_complete: whether the file ends as a finished file does; known at the end.
+    """
+
+    def __init__(self, file: BinaryIO, size: int) -> None:
+        """Begin at the start of a file.
+
+        Args:
+            file: open for reading.
+            size: its length when it was opened; what is appended later is not read.
+        """
+        self.damages: list[Damage] = []
+        self.is_complete = False
+        self._file = file
+        self._size = size
+
+    def records(self) -> Iterator[Record | Chunk]:
+        """All records and chunks that are right, in order."""
+        # From `unproven` on a chunk is looked for when no record begins where one should.
+        at = unproven = len(MAGIC)
+        if self._read(0, len(MAGIC)) != MAGIC:
+            at = unproven = self._resume(0, 0, "its beginning is damaged, or it is no MCAP file")
+        while at < self._size:
+            record = self._record_at(at)
+            if isinstance(record, str):
+                at = unproven = self._resume(unproven, at, record)
+                continue
+            end = at + _HEAD.size + len(record.content)
+            if record.opcode == Opcode.CHUNK:
+                chunk = read_chunk(record.content)
+                fault = "it is too short" if chunk is None else chunk.fault()
+                if chunk is None or fault:
+                    self.damages.append(Damage(at, end - at, f"a chunk is damaged: {fault}"))
+                    unproven = at + 1  # its length may be wrong as well
+                else:
+                    yield chunk
+                    unproven = end
+            elif record.opcode == Opcode.FOOTER:
+                self.is_complete = self._read(end, len(MAGIC) + 1) == MAGIC
+                if not self.is_complete:
+                    self.damages.append(Damage(end, self._size - end, "its end is damaged"))
+                return
+            else:
+                yield record
+            at = end
+        if not self.damages:
+            self.damages.append(Damage(self._size, 0, "it ends without an index"))
+
+    def _record_at(self, at: int) -> Record | str:
+        """The record that begins somewhere; what is wrong where none does."""
+        head = self._read(at, _HEAD.size)
+        if len(head) < _HEAD.size:
+            return "it is cut off"
+        opcode, length = _HEAD.unpack(head)
+        if opcode not in _OPCODES or length > MOST_CHUNK_BYTES:
+            return "no record begins here"
+        if at + _HEAD.size + length > self._size:
+            return "it is cut off"
+        record = Record(opcode, self._read(at + _HEAD.size, length))
+        return record if _is_plausible(record) else "no record begins here"
+
+    def _resume(self, start: int, seen: int, reason: str) -> int:
+        """Where the next chunk that is right begins; the end of the file where the rest is lost.
+
+        Args:
+            start: from where to look.
+            seen: where the damage was noticed.
+            reason: what is wrong.
+        """
+        found = self._next_chunk(start)
+        begin = start if found < seen else seen
+        self.damages.append(Damage(begin, found - begin, reason))
+        return found
+
+    def _next_chunk(self, start: int) -> int:
+        for at in range(start, self._size, _BLOCK):
+            for found in _CHUNK_START.finditer(self._read(at, _BLOCK + _HEAD.size)):
+                record = self._record_at(at + found.start())
+                chunk = read_chunk(record.content) if isinstance(record, Record) else None
+                if chunk is not None and chunk.checksum and not chunk.fault():
+                    return at + found.start()
+        return self._size
+
+    def _read(self, at: int, length: int) -> bytes:
+        self._file.seek(at)
+        return self._file.read(max(min(length, self._size - at), 0))
+
+
+def read_chunk(content: bytes) -> Chunk | None:
+    """A chunk from a record's content; None where it is none."""
+    try:
+        first, last, size, checksum, name = _CHUNK.unpack_from(content)
+        at = _CHUNK.size
+        compression = content[at : at + name].decode()
+        (length,) = struct.unpack_from("<Q", content, at + name)
+    except (struct.error, UnicodeDecodeError):
+        return None
+    stored = content[at + name + 8 :]
+    if len(stored) != length or size > MOST_CHUNK_BYTES:
+        return None
+    return Chunk(first, last, stored, compression, size, checksum)
+
+
+def records_in(content: bytes) -> Iterator[Record]:
+    """The records of a chunk.
+
+    Raises:
+        ValueError: it ends inside a record.
+    """
+    at = 0
+    while at < len(content):
+        if at + _HEAD.size > len(content):
+            msg = "it ends inside a record"
+            raise ValueError(msg)
+        opcode, length = _HEAD.unpack_from(content, at)
+        at += _HEAD.size + length
+        if at > len(content):
+            msg = "it ends inside a record"
+            raise ValueError(msg)
+        yield Record(opcode, content[at - length : at])
+
+
+def _is_plausible(record: Record) -> bool:
+    """Whether a record's length fits what it is: one damaged byte must not make a chunk pass as another record."""
+    length = len(record.content)
+    match record.opcode:
+        case Opcode.FOOTER:
+            return length == 20
+        case Opcode.DATA_END:
+            return length == 4
+        case Opcode.SUMMARY_OFFSET:
+            return length == 17
+        case Opcode.MESSAGE_INDEX:
+            return length >= 6 and int.from_bytes(record.content[2:6], "little") == length - 6
+        case Opcode.CHANNEL:
+            return read_channel(record.content) is not None
+        case _:
+            return True
+
+
+def _decompress(stored: bytes, size: int) -> bytes:
+    try:
+        if zstandard.frame_content_size(stored) not in (-1, size):  # -1: the frame does not say
+            msg = "another length than it says"
+            raise ValueError(msg)
+        return zstandard.ZstdDecompressor().decompress(stored, max_output_size=size)
+    except zstandard.ZstdError as error:
+        raise ValueError(str(error)) from error

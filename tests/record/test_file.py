@@ -1,0 +1,247 @@
+"""What was written is read back exactly, by us and by the library of MCAP, whatever is cut off or changed."""
+
+from __future__ import annotations
+
+import io
+from itertools import pairwise
+from pathlib import Path
+
+import msgpack
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from mcap.exceptions import EndOfFile
+from mcap.reader import make_reader
+from mcap.stream_reader import StreamReader
+
+from mkdaemon.errors import MkError
+from mkdaemon.record.entry import Congestion, Entry, Kind, Qos, TimeBase, nanoseconds, seconds
+from mkdaemon.record.layout import ChannelFacts, Session
+from mkdaemon.record.reader import Recording
+from mkdaemon.record.writer import RecordingWriter, View
+
+BASE = TimeBase("0123abcd", 1_760_000_000_123_456_789)
+SESSION = Session(
+    "blackbox", "mk1-20261122T080000Z", 0, "mkdaemon 0.1.0", "box", BASE.boot, BASE.offset_ns, "mk1", "{}"
+)
+ENCODING = "application/msgpack;mk.Attitude.v1"
+
+
+def sample(number: int, key: str = "mk/mk1/state/attitude", kind: Kind = Kind.SAMPLE) -> Entry:
+    at = 1000.0 + number / 50
+    stamp = {"monotonic": at - 0.002, "wall": 1_760_001_000.5 + number / 50, "boot": "0123abcd", "synchronised": True}
+    payload = msgpack.packb({"stamp": stamp, "roll": number / 7, "raw": bytes([number % 256]) * 40})
+    return Entry(kind, key, payload, ENCODING, at, stamp["wall"], BASE, number)
+
+
+class Sink(io.BytesIO):
+    """Remembers where every piece that was handed over ends."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.ends: list[int] = []
+
+    def write(self, data: bytes, /) -> int:  # type: ignore[override]
+        written = super().write(data)
+        self.ends.append(self.tell())
+        return written
+
+
+def write(entries: list[Entry], *, every: int = 50, finish: bool = True, view: View | None = None) -> Sink:
+    sink = Sink()
+    writer = RecordingWriter(sink, SESSION, view)
+    for number, entry in enumerate(entries, 1):
+        writer.add(entry)
+        if number % every == 0:
+            writer.flush()
+    if finish:
+        writer.finish()
+    else:
+        writer.flush()
+    return sink
+
+
+def read(path: Path, raw: bytes) -> tuple[list[Entry], Recording]:
+    path.write_bytes(raw)
+    recording = Recording(path)
+    return list(recording.entries()), recording
+
+
+MIXED = [
+    sample(1),
+    sample(1, "mk/mk1/setpoint/stick", Kind.SETPOINT)._replace(
+        attachment=b"\x01" * 32, qos=Qos(Congestion.BLOCK, 2, True)
+    ),
+    sample(1, "mk/mk1/do/lease", Kind.QUERY)._replace(exchange=7),
+    sample(1, "mk/mk1/do/lease", Kind.REPLY)._replace(exchange=7),
+    Entry(Kind.PORT_READ, "mk/mk1/port", b"#bX\r", "", 1000.25, 1_760_001_000.75, BASE, 1),
+    Entry(Kind.PORT_WRITTEN, "mk/mk1/port", b"\x1b\x1b", "", 1000.5, 1_760_001_001.0, BASE, 1, issuer="release"),
+    sample(2)._replace(base=TimeBase("89abcdef", 5)),
+]
+
+
+def test_entries_come_back_as_they_went_in(tmp_path: Path) -> None:
+    entries, recording = read(tmp_path / "a.mcap", write(MIXED).getvalue())
+
+    assert entries == MIXED
+    assert recording.session == SESSION
+    assert recording.report.is_whole
+    assert recording.report.entries == len(MIXED)
+
+
+def test_stamp_is_the_one_in_the_payload_or_the_moment_it_was_taken() -> None:
+    assert MIXED[0].stamp.monotonic == pytest.approx(1000.018)
+    assert MIXED[0].stamp.synchronised is True
+    assert MIXED[4].stamp.monotonic == 1000.25
+    assert MIXED[4].stamp.wall == 1_760_001_000.75
+    assert (MIXED[0].vehicle, MIXED[0].suffix) == ("mk1", "state/attitude")
+    assert MIXED[0]._replace(key="other/x").vehicle == ""
+    assert MIXED[0]._replace(payload=b"\xc1").stamp.monotonic == MIXED[0].received
+
+
+@given(st.floats(0, 4_000_000), st.floats(1_500_000_000, 4_000_000_000))
+def test_times_survive_the_file_exactly(monotonic: float, wall: float) -> None:
+    assert seconds(nanoseconds(wall)) == wall
+    assert abs(seconds(nanoseconds(monotonic)) - monotonic) < 1e-9
+    assert BASE.monotonic(BASE.file_time(seconds(nanoseconds(monotonic)))) == seconds(nanoseconds(monotonic))
+
+
+def test_readers_of_mcap_find_messages_indexes_and_metadata() -> None:
+    entries = [sample(number) for number in range(1, 2001)]
+    reader = make_reader(io.BytesIO(write(entries).getvalue()), validate_crcs=True)
+
+    found = list(reader.iter_messages(log_time_order=True))
+
+    assert [message.data for _, _, message in found] == [entry.payload for entry in entries]
+    assert found[0][1].metadata["key"] == "mk/mk1/state/attitude"
+    assert found[0][0] is not None
+    assert found[0][0].name == "mk.Attitude.v1"
+    summary = reader.get_summary()
+    assert summary is not None
+    assert summary.statistics is not None
+    assert summary.statistics.message_count == len(entries)
+    assert len(summary.chunk_indexes) == 40
+    assert all(one.chunk_start_offset < two.chunk_start_offset for one, two in pairwise(summary.chunk_indexes))
+    assert next(iter(reader.iter_metadata())).metadata["recorder"] == "blackbox"
+    part = list(reader.iter_messages(starting_at=found[500][2].log_time, ending_before=found[600][2].log_time))
+    assert len(part) == 100
+
+
+def test_library_of_mcap_reads_a_file_that_was_cut_off() -> None:
+    whole = write([sample(number) for number in range(1, 101)], finish=False)
+    found = 0
+    with pytest.raises(EndOfFile):
+        for record in StreamReader(io.BytesIO(whole.getvalue()), validate_crcs=True).records:
+            found += type(record).__name__ == "Message"
+    assert found == 100
+
+
+def test_a_file_cut_off_anywhere_keeps_all_that_was_flushed(tmp_path: Path) -> None:
+    sink = write([sample(number) for number in range(1, 201)], every=20)
+    raw = sink.getvalue()
+    flushed = [end for end in sink.ends if end > 300][:10]
+    for cut in [*range(0, len(raw), 97), *flushed, *(end - 1 for end in flushed)]:
+        entries, recording = read(tmp_path / "a.mcap", raw[:cut])
+
+        assert len(entries) >= 20 * sum(end <= cut for end in flushed)
+        assert [entry.sequence for entry in entries] == list(range(1, len(entries) + 1))
+        assert not recording.report.is_complete
+        assert recording.report.damages
+
+
+WHOLE = write([sample(number, f"mk/mk1/state/{number % 5}") for number in range(1, 201)], every=20).getvalue()
+
+
+@given(st.lists(st.tuples(st.integers(0, len(WHOLE) - 1), st.integers(1, 255)), min_size=1, max_size=4), st.data())
+@settings(max_examples=200, deadline=None)
+def test_changed_bytes_cost_the_chunks_they_are_in_and_nothing_else(
+    tmp_path_factory: pytest.TempPathFactory, changes: list[tuple[int, int]], data: st.DataObject
+) -> None:
+    raw = bytearray(WHOLE)
+    for place, change in changes:
+        raw[place] ^= change
+    cut = data.draw(st.integers(0, len(raw)) | st.just(len(raw)))
+    entries, recording = read(tmp_path_factory.mktemp("x") / "a.mcap", bytes(raw[:cut]))
+
+    assert all(entry in ENTRIES for entry in entries)
+    if cut == len(raw):
+        assert len(entries) + recording.report.orphans >= 200 - 20 * len(changes)
+        assert len(entries) == 200 or recording.report.damages
+
+
+ENTRIES = [sample(number, f"mk/mk1/state/{number % 5}") for number in range(1, 201)]
+
+
+@given(st.binary(max_size=400))
+def test_no_bytes_raise(tmp_path_factory: pytest.TempPathFactory, raw: bytes) -> None:
+    for head in (b"", b"\x89MCAP0\r\n", WHOLE[:500]):
+        read(tmp_path_factory.mktemp("x") / "a.mcap", head + raw)
+
+
+def test_channels_that_were_lost_are_found_later_in_the_file(tmp_path: Path) -> None:
+    entries = [sample(number, f"mk/mk1/state/{number % 5}") for number in range(1, 1201)]
+    sink = write(entries, every=50)
+    raw = bytearray(sink.getvalue())
+    raw[sink.ends[1] + 60] ^= 1  # in the first chunk, which defines the channels
+
+    found, recording = read(tmp_path / "a.mcap", bytes(raw))
+
+    assert found == entries[50:]
+    assert recording.report.orphans == 0
+    assert [damage.reason.partition(":")[0] for damage in recording.report.damages] == ["a chunk is damaged"]
+
+
+def test_missing_sequence_numbers_are_counted(tmp_path: Path) -> None:
+    entries = [sample(number) for number in (1, 2, 5, 6, 9)]
+
+    _, recording = read(tmp_path / "a.mcap", write(entries).getvalue())
+
+    assert recording.report.gaps == {(Kind.SAMPLE, "mk/mk1/state/attitude"): 4}
+    assert recording.report.lost == 4
+    assert not recording.report.is_whole
+
+
+def test_a_reading_can_be_limited_by_time_and_channel(tmp_path: Path) -> None:
+    entries = [sample(number, f"mk/mk1/state/{number % 2}") for number in range(1, 101)]
+    path = tmp_path / "a.mcap"
+    path.write_bytes(write(entries, every=10).getvalue())
+    recording = Recording(path)
+
+    def wanted(facts: ChannelFacts) -> bool:
+        return facts.key.endswith("1")
+
+    times = [BASE.file_time(entry.received) for entry in entries]
+    assert list(recording.entries(wanted)) == entries[::2]
+    assert list(recording.entries(first=times[20], last=times[29])) == entries[20:30]
+
+
+class Json:
+    def schema(self, facts: ChannelFacts) -> tuple[str, bytes] | None:
+        return ("Attitude", b"{}") if facts.kind is Kind.SAMPLE else None
+
+    def show(self, entry: Entry) -> bytes | None:
+        return b'{"roll": 1}'
+
+
+def test_json_for_viewers_is_no_entry(tmp_path: Path) -> None:
+    raw = write(MIXED, view=Json()).getvalue()
+
+    entries, recording = read(tmp_path / "a.mcap", raw)
+    topics = {channel.topic for _, channel, _ in make_reader(io.BytesIO(raw)).iter_messages()}
+
+    assert entries == MIXED
+    assert recording.report.views == 2
+    assert {"mk/mk1/state/attitude", "sample:mk/mk1/state/attitude", "setpoint:mk/mk1/setpoint/stick"} <= topics
+
+
+def test_a_file_that_is_not_there_is_named(tmp_path: Path) -> None:
+    with pytest.raises(MkError, match=r"a\.mcap: cannot be opened"):
+        list(Recording(tmp_path / "a.mcap").entries())
+
+
+def test_what_is_no_recording_says_so(tmp_path: Path) -> None:
+    entries, recording = read(tmp_path / "a.txt", b"hello" * 100)
+
+    assert not entries
+    assert recording.read_session() is None
+    assert "no MCAP file" in recording.report.damages[0].reason
