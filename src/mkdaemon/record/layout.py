@@ -69,19 +69,19 @@ class Session:
         }
 
     @classmethod
-    def from_metadata(cls, said: dict[str, str]) -> Session | None:
+    def from_metadata(cls, metadata: dict[str, str]) -> Session | None:
         """Read it back; None where it is not one."""
         try:
             return cls(
-                recorder=said["recorder"],
-                name=said["name"],
-                part=int(said["part"]),
-                program=said["program"],
-                host=said["host"],
-                boot=said["boot"],
-                offset_ns=int(said["offset_ns"]),
-                vehicle=said.get("vehicle", ""),
-                config=said.get("config", ""),
+                recorder=metadata["recorder"],
+                name=metadata["name"],
+                part=int(metadata["part"]),
+                program=metadata["program"],
+                host=metadata["host"],
+                boot=metadata["boot"],
+                offset_ns=int(metadata["offset_ns"]),
+                vehicle=metadata.get("vehicle", ""),
+                config=metadata.get("config", ""),
             )
         except (KeyError, ValueError):
             return None
@@ -144,18 +144,18 @@ class ChannelFacts:
         }
 
     @classmethod
-    def from_metadata(cls, said: dict[str, str]) -> ChannelFacts | None:
+    def from_metadata(cls, metadata: dict[str, str]) -> ChannelFacts | None:
         """Read it back; None for a channel of another program, or one that only repeats another as JSON."""
         try:
-            if said["format"] != FORMAT or VIEW in said:
+            if metadata["format"] != FORMAT or VIEW in metadata:
                 return None
             return cls(
-                kind=Kind(said["kind"]),
-                key=said["key"],
-                encoding=said["encoding"],
-                base=TimeBase(said["boot"], int(said["offset_ns"])),
-                qos=Qos(Congestion(said["congestion"]), int(said["priority"]), said["express"] == "1"),
-                has_envelope=said["envelope"] == "1",
+                kind=Kind(metadata["kind"]),
+                key=metadata["key"],
+                encoding=metadata["encoding"],
+                base=TimeBase(metadata["boot"], int(metadata["offset_ns"])),
+                qos=Qos(Congestion(metadata["congestion"]), int(metadata["priority"]), metadata["express"] == "1"),
+                has_envelope=metadata["envelope"] == "1",
             )
         except (KeyError, ValueError):
             return None
