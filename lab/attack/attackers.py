@@ -21,6 +21,8 @@ BIG: Final = 10_000_000
 """Length of a big message [bytes]."""
 SILENT: Final = 1500
 """Connections that say nothing."""
+SLEEPERS: Final = 8
+"""Subscribers that one process stops with it."""
 
 
 class Flood(StrEnum):
@@ -39,8 +41,8 @@ class Flood(StrEnum):
     """Schemas of all keys asked for, and no answer read."""
     SILENT = "silent connections"
     BLOCKED = "unknown verbs, standard error that nobody reads"
-    STOPPED = "stopped subscriber"
-    """A subscriber of everything that is stopped by a signal of its own: it vanishes without a word."""
+    STOPPED = "stopped subscribers"
+    """Subscribers of everything that are stopped by a signal of their own: they vanish without a word."""
 
 
 def main() -> None:
@@ -55,9 +57,11 @@ def main() -> None:
         return
     session = zenoh.open(session_config("client", connect=[endpoint]))
     if kind is Flood.STOPPED:
-        session.declare_subscriber(f"mk/{vehicle}/**", lambda sample: None)
+        sessions = [session, *(zenoh.open(session_config("client", connect=[endpoint])) for _ in range(SLEEPERS - 1))]
+        for one in sessions:
+            one.declare_subscriber(f"mk/{vehicle}/**", lambda sample: None)
         time.sleep(0.5)
-        print(1, flush=True)
+        print(len(sessions), flush=True)
         os.kill(os.getpid(), signal.SIGSTOP)  # whoever started it ends it
     strike = _striker(kind, session, vehicle)
     count = 0

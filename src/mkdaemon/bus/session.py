@@ -13,6 +13,7 @@ from typing import Final, Literal
 
 import zenoh
 
+from mkdaemon.bus.linger import LingerSweep
 from mkdaemon.bus.tls import explain_tls_failure
 from mkdaemon.errors import ConfigError, MkError
 from mkdaemon.reading import DEEPEST, read_text
@@ -163,6 +164,7 @@ async def open_session(config: zenoh.Config, *, listen: Sequence[str] = ()) -> z
 
 async def close_session(session: zenoh.Session) -> None:
     """Close a session; must be done explicitly, or the interpreter hangs at exit when callbacks are declared."""
+    LingerSweep().sweep()
     # A peer that takes nothing can make it time out; everything of ours is closed all the same.
     with contextlib.suppress(zenoh.ZError):
         await asyncio.to_thread(session.close)

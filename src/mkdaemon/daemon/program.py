@@ -13,6 +13,7 @@ from typing import Final
 
 from mkdaemon.bus.floods import REPORT_PERIOD
 from mkdaemon.bus.gateway import Bus
+from mkdaemon.bus.linger import keep_closing_at_once
 from mkdaemon.bus.localsocket import socket_folders, socket_name
 from mkdaemon.clock import Clock
 from mkdaemon.config.root import Config
@@ -110,6 +111,7 @@ class Daemon:
                 tasks = [
                     *self._wiring.start(above),
                     above.create_task(self._report_floods(), name="floods"),
+                    above.create_task(keep_closing_at_once(), name="connections"),
                     above.create_task(
                         feed_watchdog(notifier, lambda: self._flight.ticks, self._status), name="watchdog"
                     ),

@@ -1,0 +1,103 @@
+"""Clients that stop or vanish while bytes wait for them hold up nobody else."""
+
+from __future__ import annotations
+
+import asyncio
+import socket
+import struct
+from contextlib import ExitStack, closing, contextmanager
+
+import zenoh
+
+from lab.rigs.relay import relay
+from lab.rigs.waiting import PATIENCE, wait_until
+from mkdaemon.bus import linger
+from mkdaemon.bus.linger import LingerSweep, keep_closing_at_once
+from mkdaemon.bus.session import close_session, session_config
+from tests.bus.support import client, free_endpoint
+
+LINGER = struct.Struct("ii")
+LEASE = 0.5
+"""Of the clients that vanish [s]: so long after their last word their connections are closed."""
+HELD_UP = 5.0
+"""Zenoh waits for twice as long [s]."""
+
+
+def lingering(one):
+    return LINGER.unpack(one.getsockopt(socket.SOL_SOCKET, socket.SO_LINGER, LINGER.size))
+
+
+def call(take):
+    return zenoh.handlers.Callback(take, indirect=False)
+
+
+@contextmanager
+def subscriber_behind_relay(endpoint, number):
+    """A client that hears everything, until its relay is stopped."""
+    with relay(endpoint) as between:
+        config = session_config("client", connect=[between.endpoint], patience=PATIENCE, lease=LEASE)
+        with zenoh.open(config) as session, session.liveliness().declare_token(f"mk/t1/client/{number}"):
+            session.declare_subscriber("mk/t1/**", call(lambda sample: None))
+            yield between
+            between.close()
+
+
+async def test_setpoints_arrive_when_clients_have_vanished_without_a_word():
+    endpoint, here, heard = free_endpoint(), set(), []
+    server = zenoh.open(session_config("peer", listen=[endpoint], lease=PATIENCE))
+
+    def token_changed(sample):
+        (here.add if sample.kind == zenoh.SampleKind.PUT else here.discard)(str(sample.key_expr))
+
+    server.declare_subscriber("mk/t1/setpoint/stick", call(heard.append))
+    server.liveliness().declare_subscriber("mk/t1/client/*", call(token_changed))
+    try:
+        with client(endpoint) as pilot, ExitStack() as vanishing:
+            relays = [vanishing.enter_context(subscriber_behind_relay(endpoint, number)) for number in range(4)]
+            await wait_until(lambda: len(here) == len(relays))
+            LingerSweep().sweep()
+            for one in relays:
+                one.stop()
+            for _ in range(100):
+                server.put("mk/t1/state/attitude", bytes(60_000))
+            await wait_until(lambda: not here)
+            heard.clear()
+            pilot.put("mk/t1/setpoint/stick", b"sticks")
+            await wait_until(lambda: heard, HELD_UP)
+    finally:
+        await close_session(server)
+
+
+async def test_connections_that_come_later_are_seen():
+    sweeping = asyncio.create_task(keep_closing_at_once())
+    await asyncio.sleep(0)
+    with closing(socket.socket()) as late:
+        late.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, LINGER.pack(1, 10))
+        await wait_until(lambda: lingering(late)[0] == 0)
+    sweeping.cancel()
+
+
+def test_only_sockets_that_would_wait_are_changed():
+    with closing(socket.socket()) as waits, closing(socket.socket()) as resets, closing(socket.socket()) as plain:
+        waits.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, LINGER.pack(1, 10))
+        resets.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, LINGER.pack(1, 0))
+        sweep = LingerSweep()
+        assert sweep.sweep() >= 1
+        assert [lingering(one)[0] for one in (waits, resets, plain)] == [0, 1, 0]
+        waits.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, LINGER.pack(1, 10))
+        assert sweep.sweep() == 0, "each is looked at once"
+        assert waits.fileno() >= 0, "it is still open"
+
+
+def test_a_descriptor_used_again_is_looked_at_again():
+    sweep = LingerSweep()
+    for _ in range(2):
+        with closing(socket.socket()) as one:
+            one.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, LINGER.pack(1, 10))
+            assert sweep.sweep() >= 1
+            assert lingering(one)[0] == 0
+
+
+def test_a_system_without_proc_is_left_as_it_is(monkeypatch, tmp_path):
+    monkeypatch.setattr(linger, "DESCRIPTORS", tmp_path / "none")
+    assert LingerSweep().sweep() == 0
