@@ -9,11 +9,11 @@ from lab.control.flights import Flight
 from lab.control.rig import CONTROL_PERIOD, FIRST_HOVER, Rig, believed_model
 from mkdaemon.config.control import ControlConfig, LimiterConfig
 from mkdaemon.control.actions import Action, PublishEstimate, SendSticks
+from mkdaemon.control.activeset import ActiveSet, Gate, GateKind
 from mkdaemon.control.core import FlightCore
 from mkdaemon.control.estimator.values import TargetView
 from mkdaemon.control.guidance.autopilot import GAS_CENTRE, AutopilotSticks, Goal
 from mkdaemon.control.modes import IN_FLIGHT
-from mkdaemon.control.preflight import Gate, GateKind
 from mkdaemon.control.vehicle import VehicleFacts
 from mkdaemon.frames import quaternion_from_rotation
 from mkdaemon.stamp import Stamp
@@ -83,7 +83,7 @@ class CoreRig(Rig):
         goal = self._flight.goal(at)
         if not self._epoch:
             request = LeaseRequest(action="take", holder=CLIENT)
-            granted = self.core.lease(request, at, gate=Gate(GateKind.CHANNEL))
+            granted = self.core.lease(request, at, found=ActiveSet(Gate(GateKind.CHANNEL)))
             assert isinstance(granted, LeaseGrant)
             self._epoch, self._secret = granted.epoch, granted.secret
         self._sequence += 1

@@ -8,7 +8,7 @@ from contextlib import asynccontextmanager
 import pytest
 
 from lab.rigs.waiting import wait_until
-from mkdaemon.cli.mkctl import flight, flightshow, gains, manoeuvre, script
+from mkdaemon.cli.mkctl import flight, flightshow, gains, manoeuvre, preflight, script
 from mkdaemon.cli.mkctl.app import app
 from mkdaemon.cli.mkctl.connection import Connection
 from mkdaemon.cli.program import EXIT_CONFIG, EXIT_FAILURE, run
@@ -126,6 +126,25 @@ async def test_a_flight_by_attitude_is_in_degrees(capsys):
         await manoeuvre.attitude(pitch=3.0, seconds=0.2, connection=here)
         assert daemon.setpoints[-1]["pitch"] == pytest.approx(math.radians(3.0))
     assert "setpoints" in capsys.readouterr().out
+
+
+FINDINGS = [
+    {"name": "gate", "state": "passed", "blocks": "lease", "token": None, "reason": "a switch", "fix": ""},
+    {"name": "battery", "state": "stands", "blocks": "autonomy", "token": "x", "reason": "11 V.", "fix": "Charge it."},
+]
+
+
+async def test_checks_before_a_flight_are_shown_with_what_to_do(capsys):
+    async with fake_daemon() as daemon:
+        here = Connection(vehicle=VEHICLE, connect=daemon.endpoint)
+        assert await preflight.preflight(connection=here) == 0
+        daemon.preflight = {"is_ready": False, "findings": FINDINGS}
+        assert await preflight.preflight(connection=here) == EXIT_FAILURE
+        shown = capsys.readouterr().out
+        assert "NO AUTONOMY" in shown
+        assert "Charge it." in shown
+        await preflight.preflight(connection=Connection(vehicle=VEHICLE, connect=daemon.endpoint, json=True))
+        assert '"is_ready": false' in capsys.readouterr().out
 
 
 async def test_gains_are_shown_with_their_margins(capsys):

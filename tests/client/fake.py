@@ -37,6 +37,7 @@ class FakeDaemon:
         engages: setpoints after which it says that it flies; None for never.
         asked: every command, as (suffix, fields).
         setpoints: every setpoint.
+        preflight: what it answers about the checks before a flight.
         refuses: why setpoints that need a target are refused; None for not at all.
         follow: called with every setpoint that was taken.
     """
@@ -51,6 +52,7 @@ class FakeDaemon:
     refuses: Token | None = None
     follow: Callable[[], None] = lambda: None
     phase: Phase = Phase.FREE
+    preflight: dict = field(default_factory=lambda: {"is_ready": True, "findings": []})
 
     async def answer(self, suffix, payload):
         """One command."""
@@ -79,6 +81,8 @@ class FakeDaemon:
             case "do/gains", _:
                 reply = dict(gains_of(AircraftModel(), 0.35))
                 return CommandResult(status=Status.ACCEPTED, reply=reply)
+            case "do/preflight", _:
+                return CommandResult(status=Status.ACCEPTED, reply=self.preflight)
             case "do/labels", _:
                 return CommandResult(status=Status.ACCEPTED, reply={"board": fields["board"], "names": ["one", "two"]})
             case "cmd/fc/settings_request", _:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from mkdaemon.config.control import ControlConfig
 from mkdaemon.control.actions import Release, SendSticks
+from mkdaemon.control.activeset import ActiveSet, Gate, GateKind
 from mkdaemon.control.core import FlightCore
-from mkdaemon.control.preflight import Gate, GateKind
 from mkdaemon.control.vehicle import VehicleFacts
 from mkdaemon.stamp import Stamp
 from mkdaemon.telemetry.command import LeaseRequest, ReleaseRequest
@@ -96,7 +96,7 @@ class Driver:
         request = LeaseRequest(action=action, **fields)
         granted = self.core.lease(request, self.now)
         if granted is not None and not hasattr(granted, "epoch"):
-            granted = self.core.lease(request, self.now, gate=gate)
+            granted = self.core.lease(request, self.now, found=ActiveSet(gate))
         return granted
 
     def take(self, holder="alice", **fields):

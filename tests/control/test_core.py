@@ -16,9 +16,9 @@ from mkdaemon.control.actions import (
     SendSticks,
     Warn,
 )
+from mkdaemon.control.activeset import Gate, GateKind
 from mkdaemon.control.output import SHORTEST_STEP
 from mkdaemon.control.pacing import IDLE_PERIOD, JUST_AFTER
-from mkdaemon.control.preflight import Gate, GateKind
 from mkdaemon.errors import CommandRejectedError
 from mkdaemon.telemetry.command import LeaseRequest
 from mkdaemon.telemetry.control import ControlLine, Obstacle, Phase, ReleaseOutcome

@@ -52,6 +52,7 @@ async def test_a_camera_reports_on_the_bus(tmp_path):
                         break
     assert sample.fields["camera"] == "down"
     assert (sample.fields["width"], sample.fields["height"]) == (160, 120)
+    assert CORE.facts.eyes["down"].camera == "down"
 
 
 async def test_a_daemon_without_cameras_has_no_eyes():

@@ -15,6 +15,7 @@ from mkdaemon.daemon.verbs import Verbs
 from mkdaemon.errors import CommandRejectedError
 from mkdaemon.link.session.traffic import ReleaseResult
 from mkdaemon.telemetry.control import LeaseState, Phase, ReleaseOutcome
+from mkdaemon.telemetry.preflight import PreflightReport
 from mkdaemon.telemetry.refusals import Token, refuse
 
 
@@ -53,6 +54,9 @@ class Desk:
 
     def gains(self):
         return gains_of(AircraftModel(), 0.35)
+
+    async def preflight(self):
+        return PreflightReport(is_ready=True, findings=())
 
     def abort(self, request):
         raise refuse(Token.NOTHING_FLOWN, phase=request.reason)
@@ -147,6 +151,12 @@ async def test_gains_are_those_of_the_model_that_is_flown_on(desk):
     result = await desk.ask("gains", {})
     assert result.status == "accepted"
     assert result.reply["radius"] < 1.0
+
+
+async def test_checks_before_a_flight_are_answered_whole(desk):
+    result = await desk.ask("preflight", {})
+    assert (result.status, result.reply["is_ready"]) == ("accepted", True)
+    assert result.reply_type == "PreflightReport.v1"
 
 
 async def test_with_nothing_flown_an_abort_is_refused(desk):

@@ -18,6 +18,7 @@ from mkdaemon.telemetry.command import (
     Labels,
     LabelsRequest,
     LeaseRequest,
+    PreflightRequest,
     RateRequest,
     Rates,
     ReleaseRequest,
@@ -35,6 +36,7 @@ from mkdaemon.telemetry.event import ClockEvent, CommandEvent, FailsafeEvent, Lo
 from mkdaemon.telemetry.image import CameraFrame
 from mkdaemon.telemetry.link import LinkHealth, LinkState, LinkTraffic
 from mkdaemon.telemetry.mission import MissionEvent
+from mkdaemon.telemetry.preflight import ControlPreflight, PreflightReport
 from mkdaemon.telemetry.procedure import Cancelled, CancelRequest, ProcedureProgress
 from mkdaemon.telemetry.setpoint import (
     AttitudeSetpoint,
@@ -135,6 +137,7 @@ KEYS: Final[tuple[KeySpec, ...]] = (
     KeySpec("link/traffic", _P, LinkTraffic, "1 Hz", "Bytes and frames by kind, shares of the line."),
     KeySpec("control/status", _P, ControlStatus, "1 Hz and on change", "Who flies, and why nobody does."),
     KeySpec("control/estimate", _P, ControlEstimate, "every autonomous stick frame", "Where the aircraft is believed."),
+    KeySpec("control/preflight", _P, ControlPreflight, "when asked for", "What was found before a flight, with fixes."),
     KeySpec("control/error", _P, ControlError, "every autonomous stick frame", "How far it is from its goal."),
     KeySpec(
         "control/output", _P, ControlOutput, "every stick frame handed over", "Sticks for the line, after the limiter."
@@ -177,6 +180,7 @@ KEYS: Final[tuple[KeySpec, ...]] = (
     KeySpec("do/lease", _Q, LeaseRequest, "", "Take, renew, give back or show the lease.", LeaseGrant),
     KeySpec("do/release", _Q, ReleaseRequest, "", "Let go of the aircraft now; anyone may.", ReleaseReport),
     KeySpec("do/gains", _Q, GainsRequest, "", "The model flown on, its gains and margins.", Gains),
+    KeySpec("do/preflight", _Q, PreflightRequest, "", "Make every check before a flight.", PreflightReport),
     KeySpec("do/abort", _Q, AbortRequest, "", "Stop the manoeuvre and hold, or level; anyone may."),
     KeySpec("do/rate", _Q, RateRequest, "", "Ask for a stream at a rate.", Rates),
     KeySpec("do/labels", _Q, LabelsRequest, "", "Names of a board's debug channels, kept by firmware.", Labels),

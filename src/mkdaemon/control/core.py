@@ -11,6 +11,7 @@ from typing import Any
 
 from mkdaemon.config.control import ControlConfig
 from mkdaemon.control.actions import Action, ReadGate, Release, SendSticks
+from mkdaemon.control.activeset import UNREAD, ActiveSet
 from mkdaemon.control.authority import Authority
 from mkdaemon.control.decisions import Fly, ReleaseOrder
 from mkdaemon.control.estimator.model import AircraftModel
@@ -20,16 +21,17 @@ from mkdaemon.control.modes import IN_FLIGHT, Event
 from mkdaemon.control.output import StickOutput
 from mkdaemon.control.pacing import Pacing
 from mkdaemon.control.patience import LinePatience
-from mkdaemon.control.preflight import Gate, check_gate
+from mkdaemon.control.preflight import Preflight
 from mkdaemon.control.reports import Reports
 from mkdaemon.control.setpoints import Guidance, Guided, guidance, guidance_for
-from mkdaemon.control.targetflight import TargetFlight
+from mkdaemon.control.targetflight import ATTITUDE_LATENCY, TargetFlight
 from mkdaemon.control.vehicle import VehicleFacts
 from mkdaemon.errors import CommandRejectedError
 from mkdaemon.telemetry.base import Telemetry
 from mkdaemon.telemetry.command import AbortRequest, LeaseRequest, ReleaseRequest
 from mkdaemon.telemetry.control import ControlLine, Gains, LeaseState, Obstacle, Phase, ReleaseOutcome
-from mkdaemon.telemetry.link import LinkCondition, LinkState
+from mkdaemon.telemetry.link import LinkState
+from mkdaemon.telemetry.preflight import PreflightReport
 from mkdaemon.telemetry.refusals import Token, refuse
 from mkdaemon.telemetry.setpoint import Setpoint
 from mkdaemon.telemetry.signature import Signature
@@ -71,10 +73,9 @@ class FlightCore:
         self._reports = Reports(self._authority, self._output, facts)
         self._patience = LinePatience(one_way=cfg.lease.release_after)
         self._watch = FlightWatch(self._authority, facts, self._patience)
-        self._line = ControlLine()
+        self._preflight = Preflight(cfg, facts)
         self._release: ReleaseOrder | None = None
         self._nameless = 0
-        self._has_guard = True
         self._pacing = Pacing(cfg)
 
     @property
@@ -88,13 +89,15 @@ class FlightCore:
         """Take a streamed setpoint; the newest of the present lease wins, if the holder signed it.
 
         Returns:
-            Why it was refused: `no_guidance`, `no_estimate`, `no_frame`, and see `Authority.offer`; None where it was
-            taken.
+            Why it was refused: `no_guidance`, `no_estimate`, `no_frame`, what a check before an autonomous flight
+            found, and see `Authority.offer`; None where it was taken.
         """
         try:
             # Who sent it comes first: a stranger's setpoint must not be reported as one that the holder got wrong.
             self._authority.check_setpoint(setpoint, signature)
             guidance_for(setpoint, self._guidance).check(setpoint)
+            if self._authority.phase not in IN_FLIGHT:
+                self._preflight.check_setpoint(setpoint, at)
             is_first = self._authority.offer(setpoint, at, signature)
         except CommandRejectedError as error:
             self.setpoint_refused(setpoint.suffix, setpoint.__dict__, error, at)
@@ -108,31 +111,35 @@ class FlightCore:
         """Report a setpoint that was refused; see `Reports.setpoint_refused`. No tick is due because of it."""
         self._reports.setpoint_refused(key, fields, error, at)
 
-    def lease(self, request: LeaseRequest, at: float, *, gate: Gate | None = None) -> LeaseState | ReadGate | None:
+    def lease(
+        self, request: LeaseRequest, at: float, *, found: ActiveSet | None = None
+    ) -> LeaseState | ReadGate | None:
         """Answer a request about the lease.
 
         Args:
             request: what a client asks for.
             at: [s].
-            gate: what was read after the same request was answered with `ReadGate`.
+            found: what was read after the same request was answered with `ReadGate`.
 
         Returns:
             The lease now (`LeaseGrant` for who took it), None for nobody; or `ReadGate`: read it and ask again.
 
         Raises:
-            CommandRejectedError: see `Authority`; also `no_control`, `link_down`, `gate_shut` and `gate_constant`.
+            CommandRejectedError: see `Authority`; also what a check before the lease found.
         """
         epoch = -1 if request.epoch is None else request.epoch
         granted: LeaseState | None = None
         match request.action:
             case "take":
                 # Who takes the lease over must not wait for the gate to be read.
-                if gate is None and self._authority.lease(at) is None:
-                    self._check_control()
+                is_to_be_read = found is None and self._authority.lease(at) is None
+                if found is not None or is_to_be_read:
+                    self._preflight.active_set = found or UNREAD
+                self._preflight.require_lease(at)
+                if is_to_be_read:
                     return ReadGate()
-                if gate is not None:
-                    check_gate(gate, allow_constant=self._cfg.lease.allow_constant_gate)
-                openings = self._check_control()
+                assert self.facts.link is not None
+                openings = self.facts.link.openings
                 holder = request.holder or self._next_name()
                 granted = self._authority.take(holder, at, ttl=request.ttl, force=request.force)
                 self._patience.lease_taken(openings)
@@ -174,15 +181,22 @@ class FlightCore:
         self.facts.state_received(value, at)
         if isinstance(value, Attitude):
             self._target.attitude_received(value)
+            self._preflight.motion.attitude_received(at - ATTITUDE_LATENCY, value.pitch, value.roll)
 
     def pose_received(self, pose: VisionPose) -> None:
         """Take a pose of the vehicle against a target."""
         self.facts.pose_received(pose)
         self._target.pose_received(pose)
+        self._preflight.motion.target_seen(pose.stamp.monotonic, pose.position_flu)
 
     def model_known(self, model: AircraftModel) -> None:
         """Take the model of this aircraft's parameter set."""
         self._target.model_known(model)
+
+    def preflight(self, now: float, found: ActiveSet | None = None) -> PreflightReport:
+        """Make every check before a flight; with what the active set says, where it was read just now."""
+        self._preflight.active_set = found or self._preflight.active_set
+        return self._preflight.report(now)
 
     def gains(self) -> Gains:
         """Model, gains and margins of the horizontal loop."""
@@ -192,7 +206,7 @@ class FlightCore:
 
     def line_changed(self, line: ControlLine) -> None:
         """Note what the link can take now."""
-        self._line = self.facts.limit_line(line)
+        self._preflight.line = self.facts.limit_line(line)
 
     def link_changed(self, state: LinkState) -> None:
         """Take a verdict on the line."""
@@ -208,7 +222,7 @@ class FlightCore:
 
     def guard_changed(self, *, is_alive: bool) -> None:
         """Note whether the guard is there; without it nobody gets a lease, and who flies flies on."""
-        self._has_guard = is_alive
+        self._preflight.has_guard = is_alive
 
     def guard_acted(self) -> None:
         """Note that the guard released the aircraft: whoever flew flies no more."""
@@ -244,7 +258,7 @@ class FlightCore:
                 order = self._fly(decision, now, engaging=before is Phase.LEASED)
             elif isinstance(decision, ReleaseOrder):
                 self._release, order = decision, Release(decision.reason)
-        self._reports.status(self._line.layout, now)
+        self._reports.status(self._preflight.line.layout, now)
         self._pacing.is_paced = self._authority.phase in IN_FLIGHT
         return ([] if order is None else [order]) + self._reports.take()
 
@@ -255,7 +269,7 @@ class FlightCore:
 
     def _fly(self, order: Fly, now: float, *, engaging: bool) -> SendSticks | None:
         """Make a stick frame; None where the line does not take it."""
-        line = self._line
+        line = self._preflight.line
         if line.layout is None:
             self._end(Event.CONTROL_IMPOSSIBLE, line.reason)
             return None
@@ -277,18 +291,6 @@ class FlightCore:
     def _end(self, event: Event, cause: str) -> None:
         self._authority.end(event, cause=cause)
         self._pacing.is_due = True
-
-    def _check_control(self) -> int:
-        """Refuse a lease nobody could fly with; returns which opening of the port it stands on."""
-        link = self.facts.link
-        if not self._has_guard:
-            raise refuse(Token.GUARD_DEAD)
-        if self._line.layout is None:
-            raise refuse(Token.NO_CONTROL, detail=self._line.reason or "this firmware has no external control")
-        if link is None or not link.condition.is_usable:
-            condition = LinkCondition.ABSENT if link is None else link.condition
-            raise refuse(Token.LINK_DOWN, state=condition.value, detail="" if link is None else link.reason)
-        return link.openings
 
     def _next_name(self) -> str:
         """Name a client that gave none; never twice the same, or two of them would hold one lease."""

@@ -1,66 +1,90 @@
-"""Before a client flies: does the FlightCtrl listen to stick frames, and can the pilot take over by a switch?
-
-The parameter ExternalControl of the active set is the gate: up to 128 it is shut, 248 to 255 are a channel of the
-transmitter, and a constant above 128 holds it open for good. Source: docs/safety.md; docs/firmware-notes, section 6.
-"""
+"""Before a flight: gathers what the checks look at, and refuses what they forbid; the table is `checks`."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from enum import Enum, auto
 from typing import Final
 
-from mkdaemon.telemetry.refusals import Token, refuse
+from mkdaemon.config.control import ControlConfig
+from mkdaemon.control.activeset import UNREAD, ActiveSet
+from mkdaemon.control.checks import findings, is_ready, standing
+from mkdaemon.control.guidance.autopilot import GAS_CENTRE
+from mkdaemon.control.knowledge import Knowledge
+from mkdaemon.control.motionmatch import MotionMatch
+from mkdaemon.control.vehicle import VehicleFacts
+from mkdaemon.errors import CommandRejectedError
+from mkdaemon.telemetry.control import ControlLine
+from mkdaemon.telemetry.preflight import Blocks, PreflightReport
+from mkdaemon.telemetry.setpoint import AttitudeSetpoint, Setpoint, StickSetpoint
 
-OPEN_ABOVE: Final = 128
-"""The gate is open while its value is above this."""
+FRESH: Final = 0.5
+"""What stood in the way of autonomous flight is looked at again after this time [s]."""
 
 
-class GateKind(Enum):
-    """What ExternalControl of the active set is."""
-
-    UNKNOWN = auto()
-    """It cannot be read here; the pilot's own check decides."""
-    CHANNEL = auto()
-    """A channel of the transmitter."""
-    CONSTANT = auto()
-    """A number."""
-
-
-@dataclass(frozen=True, slots=True)
-class Gate:
-    """The gate as it was read.
+class Preflight:
+    """The checks before a flight.
 
     Attributes:
-        kind: what it is.
-        value: ExternalControl, 0..255; 0 where it is unknown.
-        altitude_channel: receiver channel by which the same switch also turns height control on and off; None where
-            it does not.
+        motion: as the boards and a camera told it.
+        active_set: of the FlightCtrl, as it was read last.
+        line: what the line can take.
+        has_guard: the guard is there.
     """
 
-    kind: GateKind
-    value: int = 0
-    altitude_channel: int | None = None
+    def __init__(self, cfg: ControlConfig, facts: VehicleFacts) -> None:
+        self._cfg, self._facts = cfg, facts
+        self.motion = MotionMatch()
+        self.active_set: ActiveSet = UNREAD
+        self.line = ControlLine()
+        self.has_guard = True
+        self._obstacle: CommandRejectedError | None = None
+        self._looked_at = float("-inf")
 
+    def report(self, now: float) -> PreflightReport:
+        """Every check, at a time [s]."""
+        found = findings(self._known(now))
+        return PreflightReport(is_ready=is_ready(found), findings=found)
 
-def check_gate(gate: Gate, *, allow_constant: bool) -> None:
-    """Refuse a gate that is shut for good, one the pilot cannot shut, and one that switches height control too.
+    def require_lease(self, now: float) -> None:
+        """Refuse a lease nobody could fly with.
 
-    With height control on the FlightCtrl takes the throttle of stick frames for something else.
-    Source: docs/firmware-notes, "External control".
+        Raises:
+            CommandRejectedError: the first check that stands in the way.
+        """
+        refusal = next(standing(self._known(now), Blocks.LEASE), None)
+        if refusal is not None:
+            raise refusal
 
-    Args:
-        gate: as it was read.
-        allow_constant: the operator accepts a constant.
+    def check_setpoint(self, setpoint: Setpoint, now: float) -> None:
+        """Refuse what would begin a flight against a target while a check stands in its way.
 
-    Raises:
-        CommandRejectedError: `gate_shut`, `gate_constant`, `gate_switches_altitude`.
-    """
-    if gate.altitude_channel is not None:
-        raise refuse(Token.GATE_SWITCHES_ALTITUDE, channel=gate.altitude_channel)
-    if gate.kind is not GateKind.CONSTANT:
-        return
-    if gate.value <= OPEN_ABOVE:
-        raise refuse(Token.GATE_SHUT, value=gate.value)
-    if not allow_constant:
-        raise refuse(Token.GATE_CONSTANT, value=gate.value)
+        Raises:
+            CommandRejectedError: the first such check.
+        """
+        if isinstance(setpoint, StickSetpoint | AttitudeSetpoint):
+            return
+        if now - self._looked_at >= FRESH:
+            self._looked_at = now
+            self._obstacle = next(standing(self._known(now), Blocks.AUTONOMY), None)
+        if self._obstacle is not None:
+            raise self._obstacle
+
+    def _known(self, now: float) -> Knowledge:
+        facts = self._facts
+        return Knowledge(
+            now=now,
+            lease=self._cfg.lease,
+            hover_gas=self._cfg.limiter.hover_throttle + GAS_CENTRE,
+            has_guard=self.has_guard,
+            line=self.line,
+            link=facts.link,
+            health=facts.health,
+            active_set=self.active_set,
+            flight=facts.flight(now),
+            pilot=facts.pilot(now),
+            battery=facts.battery(now),
+            highest_voltage=facts.highest_voltage,
+            eyes=tuple(facts.eyes.values()),
+            target_age=facts.pose_age(now),
+            stamps=self.motion.match(now),
+            free_disk=facts.free_disk,
+        )

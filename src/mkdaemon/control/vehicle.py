@@ -6,9 +6,9 @@ from typing import Final, NamedTuple
 
 from mkdaemon.telemetry.base import Telemetry
 from mkdaemon.telemetry.control import ControlLine, Obstacle
-from mkdaemon.telemetry.link import LinkState
-from mkdaemon.telemetry.state import Flight, Pilot, Position
-from mkdaemon.telemetry.vision import VisionPose
+from mkdaemon.telemetry.link import LinkHealth, LinkState
+from mkdaemon.telemetry.state import Battery, Flight, Pilot, Position
+from mkdaemon.telemetry.vision import VisionPose, VisionStats
 
 FRESH: Final = 2.0
 """Knowledge about motors, flight and pilot that is older is none [s]."""
@@ -29,12 +29,21 @@ class VehicleFacts:
     Attributes:
         link: the latest verdict on the line; None before the first.
         is_fc_lost: the NaviCtrl says that it does not hear its FlightCtrl.
+        health: the latest measurements of the line; None before the first.
+        eyes: what each camera last said of itself.
+        highest_voltage: of the battery since the port was opened [V].
+        free_disk: where flights are recorded [bytes]; None where nobody has looked.
     """
 
     def __init__(self) -> None:
         self.link: LinkState | None = None
         self.is_fc_lost = False
+        self.health: LinkHealth | None = None
+        self.eyes: dict[str, VisionStats] = {}
+        self.highest_voltage = 0.0
+        self.free_disk: float | None = None
         self._motors: _Motors | None = None
+        self._battery: tuple[Battery, float] | None = None
         self._flight: tuple[Flight, float] | None = None
         self._pilot: tuple[Pilot, float] | None = None
         self._position: tuple[Position, float] | None = None
@@ -64,6 +73,9 @@ class VehicleFacts:
                 self._pilot = (value, at)
             case Position():
                 self._position = (value, at)
+            case Battery():
+                self._battery = (value, at)
+                self.highest_voltage = max(self.highest_voltage, value.voltage)
             case _:
                 pass
 
@@ -77,6 +89,7 @@ class VehicleFacts:
         if self.link is not None and self.link.openings != state.openings:
             self._forget()
             self.is_fc_lost = False
+            self.highest_voltage = 0.0
         self.link = state
 
     def limit_line(self, line: ControlLine) -> ControlLine:
@@ -84,7 +97,7 @@ class VehicleFacts:
         return ControlLine(obstacle=Obstacle.READ_ONLY, reason=FC_LOST) if self.is_fc_lost else line
 
     def _forget(self) -> None:
-        self._motors = self._flight = self._pilot = self._position = None
+        self._motors = self._flight = self._pilot = self._position = self._battery = None
 
     def motors_running(self, now: float, within: float = FRESH) -> bool | None:
         """Whether motors run; None where no message has said so lately.
@@ -114,13 +127,21 @@ class VehicleFacts:
         """Where it is by GPS; None where no message has said so lately."""
         return self._position[0] if self._position is not None and now - self._position[1] <= FRESH else None
 
+    def pilot(self, now: float) -> Pilot | None:
+        """What reaches the aircraft from the pilot; None where no message has said so lately."""
+        return self._pilot[0] if self._pilot is not None and now - self._pilot[1] <= FRESH else None
+
+    def battery(self, now: float) -> Battery | None:
+        """Its battery; None where no message has said so lately."""
+        return self._battery[0] if self._battery is not None and now - self._battery[1] <= FRESH else None
+
     def is_receiver_lost(self, now: float) -> bool:
         """Whether the FlightCtrl is known to fly without the pilot's transmitter."""
         flight = self.flight(now)
         if flight is not None:
             return flight.emergency_landing
-        is_known = self._pilot is not None and now - self._pilot[1] <= FRESH
-        return is_known and self._pilot is not None and not self._pilot[0].has_signal
+        pilot = self.pilot(now)
+        return pilot is not None and not pilot.has_signal
 
     def pose_age(self, now: float) -> float | None:
         """Time since the image of the newest pose [s]; None where there is none."""
@@ -128,4 +149,5 @@ class VehicleFacts:
 
     def pilot_throttle(self, now: float) -> float | None:
         """The pilot's throttle [stick]; None where no message has said so lately."""
-        return self._pilot[0].throttle if self._pilot is not None and now - self._pilot[1] <= FRESH else None
+        pilot = self.pilot(now)
+        return None if pilot is None else pilot.throttle

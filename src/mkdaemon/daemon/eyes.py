@@ -16,7 +16,7 @@ from mkdaemon.control.core import FlightCore
 from mkdaemon.daemon.audit import Outlet
 from mkdaemon.telemetry.base import Telemetry
 from mkdaemon.telemetry.state import Attitude
-from mkdaemon.telemetry.vision import VisionPose
+from mkdaemon.telemetry.vision import VisionPose, VisionStats
 
 if TYPE_CHECKING:
     from mkdaemon.vision.worker import VisionWorker
@@ -56,7 +56,7 @@ class Eyes:
 
 
 class PoseSink:
-    """Takes what the cameras see: poses reach the flight core before the bus."""
+    """Takes what the cameras see and say of themselves: it reaches the flight core before the bus."""
 
     def __init__(self, core: FlightCore, bus: Outlet) -> None:
         self._core = core
@@ -66,6 +66,8 @@ class PoseSink:
         """Hand a value on; see `Bus.publish`."""
         if isinstance(value, VisionPose):
             self._core.pose_received(value)
+        elif isinstance(value, VisionStats):
+            self._core.facts.eyes[value.camera] = value
         self._bus.publish(suffix, value)
 
 

@@ -11,17 +11,18 @@ from collections.abc import Awaitable
 from contextlib import suppress
 from dataclasses import asdict, fields
 from functools import partial
+from pathlib import Path
 from typing import Final
 
 from mkdaemon.bus.codec import Payload, TooLong, check_command, decode_map
 from mkdaemon.clock import Clock, SleepWatch, Wake
 from mkdaemon.control.actions import Action, PublishError, PublishEstimate, PublishStatus, ReadGate, Release, SendSticks
+from mkdaemon.control.activeset import ActiveSet
 from mkdaemon.control.core import FlightCore
 from mkdaemon.control.modes import IN_FLIGHT
-from mkdaemon.control.preflight import Gate
 from mkdaemon.daemon.audit import Audit, Outlet
 from mkdaemon.daemon.discovery import require_flightctrl
-from mkdaemon.daemon.preflight import gate_of, read_active_set
+from mkdaemon.daemon.preflight import active_set, free_disk, read_active_set
 from mkdaemon.errors import CommandRejectedError
 from mkdaemon.link.link import Link
 from mkdaemon.link.session.traffic import ReleaseResult
@@ -36,6 +37,7 @@ from mkdaemon.telemetry.control import (
     Phase,
     ReleaseOutcome,
 )
+from mkdaemon.telemetry.preflight import ControlPreflight, PreflightReport
 from mkdaemon.telemetry.setpoint import Setpoint
 from mkdaemon.telemetry.signature import Signature
 from mkdaemon.translate import aircraft_model, extern_control
@@ -63,9 +65,11 @@ class FlightControl:
         audit: Audit,
         *,
         clock: Clock,
+        records: Path | None = None,
     ) -> None:
+        """Wire it; `records` is the folder in which flights are recorded, None where none are."""
         self._core, self._link, self._bus, self._audit = core, link, bus, audit
-        self._clock = clock
+        self._clock, self._records = clock, records
         self._news = asyncio.Event()
         self._release_waiters: list[asyncio.Future[ReleaseResult | None]] = []
         self.ticks = 0
@@ -129,19 +133,32 @@ class FlightControl:
             await require_flightctrl(self._link, self._core.facts.link, use_remembered=request.use_remembered)
         granted = self._ask_core(request)
         if isinstance(granted, ReadGate):
-            parameters = await read_active_set(self._link)
-            if parameters is not None:
-                model = aircraft_model(parameters, self._link.dialect, has_slow_leak=False)
-                if model is not None:
-                    self._core.model_known(model)
-            granted = self._ask_core(request, gate_of(parameters))
+            granted = self._ask_core(request, await self._read_active_set())
         assert not isinstance(granted, ReadGate)
         self._news.set()
         return granted
 
-    def _ask_core(self, request: LeaseRequest, gate: Gate | None = None) -> LeaseState | ReadGate | None:
+    def _ask_core(self, request: LeaseRequest, found: ActiveSet | None = None) -> LeaseState | ReadGate | None:
         self._core.line_changed(self._link.control_line())
-        return self._core.lease(request, self._clock.now(), gate=gate)
+        return self._core.lease(request, self._clock.now(), found=found)
+
+    async def _read_active_set(self) -> ActiveSet:
+        """Read the active set, and how much can be recorded; the flight core learns the aircraft's model from it."""
+        self._core.facts.free_disk = free_disk(self._records)
+        parameters = await read_active_set(self._link)
+        if parameters is not None:
+            model = aircraft_model(parameters, self._link.dialect, has_slow_leak=False)
+            if model is not None:
+                self._core.model_known(model)
+        return active_set(parameters)
+
+    async def preflight(self) -> PreflightReport:
+        """Make every check before a flight, and publish what was found; in flight nothing is read anew."""
+        found = None if self._core.phase in IN_FLIGHT else await self._read_active_set()
+        self._core.line_changed(self._link.control_line())
+        report = self._core.preflight(self._clock.now(), found)
+        self._bus.publish("control/preflight", ControlPreflight(stamp=self._clock.stamp(), **dict(report)))
+        return report
 
     async def release(self, request: ReleaseRequest) -> ReleaseResult | None:
         """Release the aircraft, whoever asks; returns how it went, None where it had no end in `RELEASE_TIMEOUT`."""

@@ -1,11 +1,13 @@
-"""Reads the active parameter set before a flight: the pilot's gate, and what makes the model of the aircraft."""
+"""Reads the active parameter set before a flight: the pilot's gate, what the checks need, and the aircraft's model."""
 
 from __future__ import annotations
 
 import asyncio
+import shutil
+from pathlib import Path
 from typing import Final
 
-from mkdaemon.control.preflight import Gate, GateKind
+from mkdaemon.control.activeset import UNREAD, ActiveSet, Gate, GateKind
 from mkdaemon.errors import CommandRejectedError, LinkError
 from mkdaemon.link.link import Link
 from mkdaemon.protocol.messages import ACTIVE_SET, Settings, SettingsRequest
@@ -14,6 +16,8 @@ from mkdaemon.protocol.wire import Board
 
 _FIRST_POTI: Final = 4
 """Place of poti 1 in the list of channels, after pitch, roll, throttle and yaw."""
+VOLTS_OF_PACK: Final = 50
+"""From this value on UnterspannungsWarnung is that of the whole battery [0.1 V]; below, of a cell."""
 READ_TIMEOUT: Final = 1.0
 """Longest time the question may take [s]; a FlightCtrl answers within 40 ms."""
 
@@ -35,16 +39,49 @@ async def read_active_set(link: Link) -> ParameterSet | None:
     return None if parameters.layout is None else parameters
 
 
-def gate_of(parameters: ParameterSet | None) -> Gate:
-    """Return the pilot's gate, the parameter ExternalControl; an unknown set leaves it to the pilot's own check."""
+def free_disk(folder: Path | None) -> float | None:
+    """Free space where a folder is, or will be made [bytes]; None for no folder, or where nobody can tell."""
+    while folder is not None:
+        try:
+            return float(shutil.disk_usage(folder).free)
+        except FileNotFoundError:
+            folder = folder.parent if folder != folder.parent else None
+        except OSError:
+            return None
+    return None
+
+
+def active_set(parameters: ParameterSet | None) -> ActiveSet:
+    """Return what the active set says about a flight; an unknown one leaves it to the pilot's own check."""
     if parameters is None:
-        return Gate(GateKind.UNKNOWN)
-    value = parameters["external_control"]
-    assert isinstance(value, int)
+        return UNREAD
+    layout = parameters.layout
+    assert layout is not None
+    has_share = "global_config_3" in layout.places and "vario_failsafe" in parameters.flags("global_config_3")
+    low = _number(parameters, "low_voltage_warning")
+    return ActiveSet(
+        gate_of(parameters),
+        parameters.name or "(unnamed)",
+        has_height_control="altitude_control" in parameters.flags("global_config"),
+        emergency_throttle=None if has_share else _number(parameters, "emergency_throttle"),
+        emergency_time=_number(parameters, "emergency_throttle_time"),
+        low_cell=0.1 * low if low < VOLTS_OF_PACK else None,
+    )
+
+
+def gate_of(parameters: ParameterSet) -> Gate:
+    """Return the pilot's gate, the parameter ExternalControl."""
+    value = _number(parameters, "external_control")
     poti = poti_number(value)
     if poti is None:
         return Gate(GateKind.CONSTANT, value)
     return Gate(GateKind.CHANNEL, value, _shared_channel(parameters, poti))
+
+
+def _number(parameters: ParameterSet, name: str) -> int:
+    value = parameters[name]
+    assert isinstance(value, int)
+    return value
 
 
 def _shared_channel(parameters: ParameterSet, poti: int) -> int | None:

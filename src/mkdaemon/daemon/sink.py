@@ -109,7 +109,8 @@ class BusSink:
         self._bus.publish("link/state", state)
 
     def health_measured(self, health: LinkHealth) -> None:
-        """Publish the measurements."""
+        """Publish the measurements; the checks before a flight look at them."""
+        self._core.facts.health = health
         self._bus.publish("link/health", health)
 
     def stream_ended(self, key: str) -> None:

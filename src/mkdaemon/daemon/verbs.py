@@ -19,11 +19,13 @@ from mkdaemon.telemetry.command import (
     CommandResult,
     GainsRequest,
     LeaseRequest,
+    PreflightRequest,
     RateRequest,
     Rates,
     ReleaseRequest,
 )
 from mkdaemon.telemetry.control import Gains, LeaseProbe, ReleaseOutcome, ReleaseReport
+from mkdaemon.telemetry.preflight import PreflightReport
 from mkdaemon.telemetry.refusals import Status, Token, refuse
 
 Verb = Callable[[Payload], Awaitable[CommandResult]]
@@ -52,6 +54,7 @@ class Verbs:
             "abort": self._abort,
             "rate": self._rate,
             "gains": self._gains,
+            "preflight": self._preflight,
             **procedures,
         }
 
@@ -101,6 +104,12 @@ class Verbs:
         """Answer `do/gains`."""
         read_command(GainsRequest, payload)
         return CommandResult(status=Status.ACCEPTED, reply=dict(self._flight.gains()), reply_type=schema_name(Gains))
+
+    async def _preflight(self, payload: Payload) -> CommandResult:
+        """Answer `do/preflight`."""
+        read_command(PreflightRequest, payload)
+        report = (await self._flight.preflight()).model_dump(mode="json")
+        return CommandResult(status=Status.ACCEPTED, reply=report, reply_type=schema_name(PreflightReport))
 
     async def _rate(self, payload: Payload) -> CommandResult:
         """Answer `do/rate`: change one stream, or just show all."""

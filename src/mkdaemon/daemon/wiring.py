@@ -107,7 +107,7 @@ class Wiring:
         link = self.link = Link(
             cfg.link, sink, opener=opener, clock=clock, motors_running=facts.motors_running, guard=guard
         )
-        flight = self.flight = FlightControl(core, link, bus, audit, clock=clock)
+        flight = self.flight = FlightControl(core, link, bus, audit, clock=clock, records=state_folder(cfg.vehicle))
         interlock = Interlock(lambda: flight.phase)
         requests = BoardRequests(cfg.commands, link, facts, audit, clock, admit=interlock.check_request)
         self._procedures = ProcedureRunner(

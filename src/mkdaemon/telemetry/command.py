@@ -82,6 +82,10 @@ class GainsRequest(Command):
     """Ask for model, gains and margins of the horizontal loop: `do/gains`."""
 
 
+class PreflightRequest(Command):
+    """Make every check before a flight: `do/preflight`."""
+
+
 class RateRequest(Command):
     """Ask for a telemetry stream at a rate, or just for the present rates: `do/rate`."""
 

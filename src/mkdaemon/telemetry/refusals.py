@@ -191,6 +191,56 @@ REFUSALS: Final[Mapping[str, Refusal]] = {
         "the guard process is gone: nothing would release the aircraft if the daemon died.",
         'Restart the daemon; docs/safety.md, "The guard".',
     ),
+    # before a flight against a target
+    Token.LINK_POOR: Refusal(
+        Status.DENIED,
+        "{lost:.0f} % of the echoes are lost, more than {limit:g} %.",
+        "`mkctl health` shows the line; move the antennas, or use a cable, before an autonomous flight.",
+    ),
+    Token.HEIGHT_CONTROL: Refusal(
+        Status.DENIED,
+        "height control takes the throttle for a climb rate: {detail}.",
+        "Clear the bit altitude_control of global_config with `mkctl settings edit`; motors off.",
+    ),
+    Token.EMERGENCY_CLIMBS: Refusal(
+        Status.DENIED,
+        "with the emergency throttle NotGas {value} the aircraft does not sink when the receiver is lost; it hovers at "
+        "about {hover}.",
+        "Make it smaller: `mkctl settings edit emergency_throttle=...`; or set control.limiter.hover_throttle right.",
+    ),
+    Token.EMERGENCY_FALLS: Refusal(
+        Status.DENIED,
+        "with the emergency throttle NotGas {value} for {time} (NotGasZeit) the aircraft falls when the receiver is "
+        "lost: {share:.0f} % of its weight are carried.",
+        "`mkctl settings edit emergency_throttle=...`, {low} to {high}, and a time above zero.",
+    ),
+    Token.RECEIVER_WEAK: Refusal(
+        Status.DENIED,
+        "the pilot's receiver quality is {quality:.0f} %, below {limit:.0f} %.",
+        "Switch the transmitter on, check antennas and range; the pilot must be able to take over.",
+    ),
+    Token.BATTERY_LOW: Refusal(
+        Status.DENIED, "the battery is low: {voltage:.1f} V.", "Charge it; an autonomous flight ends with a landing."
+    ),
+    Token.CAMERA_UNFIT: Refusal(
+        Status.DENIED, "no camera can be flown by: {detail}.", "`mkctl watch 'vision/**'`; docs/cameras.md."
+    ),
+    Token.CAMERA_TURNED: Refusal(
+        Status.DENIED,
+        "the camera sees the opposite of what the boards report when the aircraft tilts (correlation {likeness:.1f}).",
+        "Correct `mount` in the camera file (docs/frames.md), or the signs of the boards.",
+    ),
+    Token.STAMPS_OFF: Refusal(
+        Status.DENIED,
+        "the images' time stamps are {lag:+.0f} ms off, more than {limit:.0f} ms: the camera shows a tilt at another "
+        "time than the boards.",
+        "Set `latency_ms` of the camera to that, if it is constant; else use a source that stamps (docs/cameras.md).",
+    ),
+    Token.DISK_FULL: Refusal(
+        Status.DENIED,
+        "{free:.0f} MB are free where flights are recorded, less than {limit:.0f} MB.",
+        "Make room; `mkctl preflight` looks again.",
+    ),
     # faults of the simulator
     Token.UNKNOWN_FAULT: Refusal(Status.DENIED, "there is no fault {name!r}.", "Did you mean {near!r}? All: {known}."),
     Token.UNKNOWN_PARAMETER: Refusal(

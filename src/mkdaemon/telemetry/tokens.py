@@ -77,6 +77,18 @@ class Token(StrEnum):
     NO_CONTROL = "no_control"
     GUARD_DEAD = "guard_dead"
 
+    # before a flight against a target
+    LINK_POOR = "link_poor"
+    HEIGHT_CONTROL = "height_control"
+    EMERGENCY_CLIMBS = "emergency_climbs"
+    EMERGENCY_FALLS = "emergency_falls"
+    RECEIVER_WEAK = "receiver_weak"
+    BATTERY_LOW = "battery_low"
+    CAMERA_UNFIT = "camera_unfit"
+    CAMERA_TURNED = "camera_turned"
+    STAMPS_OFF = "stamps_off"
+    DISK_FULL = "disk_full"
+
     # procedures on the boards
     BAD_VALUE = "bad_value"
     FLYING = "flying"

@@ -46,6 +46,7 @@ COMMANDS: Final = (
     ),
     CommandEntry("attitude", "mkdaemon.cli.mkctl.manoeuvre:attitude", "Fly by attitude and thrust.", _FLY),
     CommandEntry("land", "mkdaemon.cli.mkctl.flight:land", "Land on the target in sight.", _FLY),
+    CommandEntry("preflight", "mkdaemon.cli.mkctl.preflight:preflight", "Make every check before a flight.", _FLY),
     CommandEntry("gains", "mkdaemon.cli.mkctl.gains:gains", "Model, gains and margins of the horizontal loop.", _FLY),
     CommandEntry("fly", "mkdaemon.cli.mkctl.script:fly", "Fly the steps of a file: `fly SCRIPT.toml`.", _FLY),
     CommandEntry("abort", "mkdaemon.cli.mkctl.manoeuvre:abort", "Stop the manoeuvre and hold, whoever flies.", _FLY),

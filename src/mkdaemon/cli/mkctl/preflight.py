@@ -1,0 +1,38 @@
+"""`mkctl preflight`: every check before a flight, and what to do about what stands in the way."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from rich.console import Console
+from rich.table import Table
+
+from mkdaemon.cli.mkctl.connection import HERE, Connection
+from mkdaemon.cli.printing import json_line
+from mkdaemon.cli.program import EXIT_FAILURE
+
+_PREVENTS: Final = {"lease": "NO LEASE", "autonomy": "NO AUTONOMY", "nothing": "advice"}
+
+
+async def preflight(*, connection: Connection = HERE) -> int:
+    """Make every check before a flight, and show what to do.
+
+    The daemon makes the same checks when somebody takes the lease and when a flight against a target is to begin, and
+    refuses while one stands. What nobody can tell from here is "unknown": look yourself. Exit code 0 when nothing
+    prevents a flight against a target, else 1.
+
+    Raises:
+        MkError: no daemon.
+    """
+    async with connection.open() as uav:
+        report = (await uav.command("do", "preflight", {})).require()
+    if connection.json:
+        print(json_line(report))
+    else:
+        table = Table("check", "found", "what it is, and what to do", show_lines=False)
+        for finding in report["findings"]:
+            word = _PREVENTS[finding["blocks"]] if finding["state"] == "stands" else finding["state"]
+            table.add_row(finding["name"], word, " ".join(filter(None, (finding["reason"], finding["fix"]))))
+        Console().print(table)
+        print("ready for an autonomous flight" if report["is_ready"] else "not ready: see above")
+    return 0 if report["is_ready"] else EXIT_FAILURE

@@ -1,0 +1,115 @@
+"""Do camera and boards tell of the same motion at the same time? The test of the time stamps.
+
+A tilt moves the target in the image at once, and shows in the attitude that the boards report. How far one has to be
+moved in time to look like the other is the error of the stamps. Slow motion is left out of both, because what the
+aircraft travels moves the target too. Source: normalised cross-correlation; C. Knapp and G. Carter, "The generalized
+correlation method for estimation of time delay", IEEE Trans. ASSP 24 (1976).
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from mkdaemon.control.linear import Array
+
+WINDOW: Final = 8.0
+"""Motion of so long is compared [s]."""
+GRID: Final = 0.01
+"""Both are compared on this grid [s]."""
+SLOWEST: Final = 0.6
+"""Slower than this is left out: the mean over so long is subtracted [s]."""
+FARTHEST: Final = 0.25
+"""Largest shift that is tried [s]."""
+LEAST_MOTION: Final = math.radians(0.4)
+"""Smaller tilts, as a root mean square, tell nothing [rad]."""
+LEAST_RATE: Final = 12.0
+"""Rarer samples tell nothing [Hz]."""
+ALIKE: Final = 0.7
+"""Correlation from which on the two are the same motion; its negative is a camera mounted the wrong way round."""
+
+
+@dataclass(frozen=True, slots=True)
+class Match:
+    """What the comparison found.
+
+    Attributes:
+        lag: the images' stamps are so much too late, negative too early [s].
+        likeness: correlation at that shift, -1 to 1.
+    """
+
+    lag: float
+    likeness: float
+
+
+class MotionMatch:
+    """The motion of the last seconds, as the boards and as a camera told it."""
+
+    def __init__(self) -> None:
+        self._told: deque[tuple[float, float, float]] = deque(maxlen=1000)
+        self._seen: deque[tuple[float, float, float]] = deque(maxlen=1000)
+
+    def attitude_received(self, at: float, pitch: float, roll: float) -> None:
+        """Take an attitude of the boards, measured at a time [s]; nose down and right side down positive [rad]."""
+        self._told.append((at, pitch, roll))
+
+    def target_seen(self, at: float, position_flu: Sequence[float] | Array) -> None:
+        """Take the target's origin in the body frame (3,) [m; FLU] as an image of a time [s] shows it."""
+        depth = -float(position_flu[2])
+        if depth > 0.0:
+            angles = math.atan2(float(position_flu[0]), depth), math.atan2(-float(position_flu[1]), depth)
+            self._seen.append((at, *angles))
+
+    def match(self, now: float) -> Match | None:
+        """Compare the last seconds; None where there was too little to see, or nothing moved."""
+        told, seen = (_window(samples, now) for samples in (self._told, self._seen))
+        if told is None or seen is None:
+            return None
+        start, end = max(told[0, 0], seen[0, 0]), min(told[-1, 0], seen[-1, 0])
+        grid = np.arange(start, end, GRID)
+        reach = round(FARTHEST / GRID)
+        if len(grid) < WINDOW / GRID / 2:
+            return None
+        first, second = _quick(told, grid), _quick(seen, grid)
+        middle = slice(reach, -reach)
+        if float(np.sqrt((first[:, middle] ** 2).sum(axis=0).mean())) < LEAST_MOTION:
+            return None
+        shifts = range(-reach, reach + 1)
+        likeness = np.array([_likeness(first[:, middle], np.roll(second, -k, axis=1)[:, middle]) for k in shifts])
+        best = int(np.argmax(np.abs(likeness)))
+        return Match((best - reach + _vertex(np.abs(likeness), best)) * GRID, float(likeness[best]))
+
+
+def _window(samples: deque[tuple[float, float, float]], now: float) -> Array | None:
+    """The samples (n, 3) of the window, in the order of their times; None where they are too few."""
+    recent = sorted(sample for sample in samples if now - WINDOW <= sample[0])
+    if len(recent) < LEAST_RATE * WINDOW / 2:
+        return None
+    return np.array(recent)
+
+
+def _quick(samples: Array, grid: Array) -> Array:
+    """Both angles (2, n) on the grid, less their mean over `SLOWEST`."""
+    box = np.ones(round(SLOWEST / GRID))
+    angles = np.array([np.interp(grid, samples[:, 0], samples[:, column]) for column in (1, 2)])
+    weight = np.convolve(np.ones(len(grid)), box, "same")
+    return np.array([angle - np.convolve(angle, box, "same") / weight for angle in angles])
+
+
+def _likeness(first: Array, second: Array) -> float:
+    size = math.sqrt(float((first**2).sum() * (second**2).sum()))
+    return float((first * second).sum()) / size if size > 0.0 else 0.0
+
+
+def _vertex(values: Array, best: int) -> float:
+    """Where between its neighbours the parabola through a maximum is highest, -0.5 to 0.5."""
+    if not 0 < best < len(values) - 1:
+        return 0.0
+    before, here, after = (float(value) for value in values[best - 1 : best + 2])
+    bend = before - 2.0 * here + after
+    return 0.0 if bend == 0.0 else min(max(0.5 * (before - after) / bend, -0.5), 0.5)

@@ -1,0 +1,59 @@
+"""What must be true before a flight, what was found, and what to do about it."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+
+from mkdaemon.telemetry.base import Stamped, Telemetry
+
+
+class Blocks(StrEnum):
+    """What a finding that stands prevents."""
+
+    LEASE = "lease"
+    """Nobody gets the lease."""
+    AUTONOMY = "autonomy"
+    """No flight against a target begins; sticks and attitudes fly."""
+    NOTHING = "nothing"
+    """It is advice."""
+
+
+class CheckState(StrEnum):
+    """What a check found."""
+
+    PASSED = "passed"
+    """All is well."""
+    STANDS = "stands"
+    """Something is in the way; `blocks` says of what."""
+    UNKNOWN = "unknown"
+    """Nothing here can tell; the pilot's own check decides."""
+
+
+class Finding(Telemetry):
+    """One check."""
+
+    name: str
+    """Of the check."""
+    state: CheckState
+    """What it found."""
+    blocks: Blocks
+    """What is prevented while it stands."""
+    token: str | None
+    """Of the refusal; null where it does not stand."""
+    reason: str
+    """What was found, in words."""
+    fix: str
+    """What to do; empty where nothing has to be done."""
+
+
+class PreflightReport(Telemetry):
+    """Every check before a flight: the answer to `do/preflight`."""
+
+    is_ready: bool
+    """Nothing prevents a flight against a target."""
+    findings: tuple[Finding, ...]
+    """Every check."""
+
+
+class ControlPreflight(Stamped, PreflightReport):
+    """The same as `control/preflight`, whenever the checks were made for a client."""

@@ -1,0 +1,53 @@
+"""Do camera and boards tell of the same motion at the same time?"""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+
+from mkdaemon.control.motionmatch import MotionMatch
+
+
+def match(lag=0.0, sign=1.0, size=0.05, rate=30.0, seconds=9.0, end=None):
+    """A hand that tilts the aircraft about both axes, as boards and camera tell of it."""
+    motion = MotionMatch()
+
+    def tilt(t):
+        return size * math.sin(7.0 * t) + 0.6 * size * math.sin(11.0 * t), size * math.cos(9.0 * t)
+
+    for k in range(int(seconds * 50)):
+        motion.attitude_received(k / 50, *tilt(k / 50))
+    for k in range(int(seconds * rate)):
+        pitch, roll = tilt(k / rate)
+        place = (sign * math.tan(pitch), -sign * math.tan(roll), -1.0)
+        motion.target_seen(k / rate + lag, place)
+    return motion.match(seconds if end is None else end)
+
+
+@pytest.mark.parametrize("lag", [-0.08, -0.02, 0.0, 0.033, 0.12])
+def test_the_error_of_the_stamps_is_measured(lag):
+    found = match(lag)
+    assert found.lag == pytest.approx(lag, abs=0.003)
+    assert found.likeness > 0.97
+
+
+def test_a_camera_mounted_the_wrong_way_round_sees_the_opposite():
+    assert match(sign=-1.0).likeness < -0.97
+
+
+@pytest.mark.parametrize("silent", [{"size": 0.001}, {"rate": 4.0}, {"seconds": 3.0}, {"end": 100.0}])
+def test_too_little_motion_too_few_images_or_old_ones_tell_nothing(silent):
+    assert match(**silent) is None
+
+
+def test_images_of_another_time_tell_nothing():
+    assert match(lag=7.0, end=10.0) is None
+
+
+def test_a_target_above_the_camera_is_none():
+    motion = MotionMatch()
+    for k in range(500):
+        motion.attitude_received(k / 50, 0.1 * math.sin(k), 0.0)
+        motion.target_seen(k / 50, (0.0, 0.0, 1.0))
+    assert motion.match(10.0) is None

@@ -1,0 +1,61 @@
+"""What a check before a flight prevents: the lease, autonomous flight, or nothing."""
+
+from __future__ import annotations
+
+import pytest
+
+from mkdaemon.control.activeset import ActiveSet, Gate, GateKind
+from mkdaemon.telemetry.control import Phase
+from mkdaemon.telemetry.setpoint import PositionSetpoint, SetpointFrame
+from tests.control.events import CHANNEL, PERIOD, Driver, pose
+from tests.control.test_checks import battery
+
+
+@pytest.fixture
+def drive():
+    driver = Driver()
+    driver.core.pose_received(pose(0.0))
+    return driver
+
+
+def to_position(drive):
+    drive.sequence += 1
+    stream = {"epoch": drive.epoch, "sequence": drive.sequence, "ttl": 0.3}
+    return drive.offer(PositionSetpoint(**stream, position=(0.0, 0.0, 2.0), frame=SetpointFrame.PAD))
+
+
+def test_a_low_battery_prevents_autonomous_flight_until_it_is_charged_but_no_flight_by_sticks(drive):
+    drive.facts.state_received(battery(16.0, is_low=True), drive.now)
+    drive.take()
+    assert to_position(drive).token == "battery_low"
+    assert drive.put() is None
+    drive.facts.state_received(battery(16.0, is_low=False), drive.now)
+    assert to_position(drive).token == "battery_low"
+    drive.now += 0.6
+    assert to_position(drive) is None
+
+
+def test_who_flies_flies_on_whatever_a_check_finds(drive):
+    drive.take()
+    for _ in range(80):
+        drive.put()
+        drive.run(PERIOD)
+    assert drive.core.phase is Phase.FLYING
+    drive.facts.state_received(battery(16.0, is_low=True), drive.now)
+    assert to_position(drive) is None
+
+
+def test_the_report_has_what_was_read_last(drive):
+    def height_control():
+        report = drive.core.preflight(drive.now)
+        return next(found.token for found in report.findings if found.name == "height control")
+
+    assert drive.core.preflight(0.0, ActiveSet(CHANNEL, "Easy", has_height_control=True)).is_ready is False
+    assert height_control() == "height_control"
+    drive.take()
+    assert height_control() is None
+
+
+def test_a_gate_that_was_shut_is_read_again_before_the_next_lease(drive):
+    drive.core.preflight(0.0, ActiveSet(Gate(GateKind.CONSTANT, 0), "Easy"))
+    drive.take()
