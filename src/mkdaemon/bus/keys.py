@@ -143,13 +143,7 @@ KEYS: Final[tuple[KeySpec, ...]] = (
         "control/output", _P, ControlOutput, "every stick frame handed over", "Sticks for the line, after the limiter."
     ),
     KeySpec("vision/<camera>/tags", _P, Tags, "every image that was searched", "Tags found, with their corners."),
-    KeySpec(
-        "vision/<camera>/pose",
-        _P,
-        VisionPose,
-        "every image with a pose",
-        "The vehicle against a target, with covariance.",
-    ),
+    KeySpec("vision/<camera>/pose", _P, VisionPose, "every image with a pose", "The vehicle against a target."),
     KeySpec(
         "vision/<camera>/stats", _P, VisionStats, "1 Hz and on change", "Rate, latency, refusals, what is in the way."
     ),
