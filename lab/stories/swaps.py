@@ -17,10 +17,13 @@ from lab.rigs.linkrig import Rig, navi_ctrl, rig
 from lab.rigs.sticks import build_sticks
 from lab.rigs.virtualloop import run_virtually
 from mkdaemon.errors import CommandRejectedError
+from mkdaemon.link.session.reboot import GAP
 from mkdaemon.protocol.messages import ExternControlV1, ExternControlV2
 from mkdaemon.protocol.wire import WireMessage
 
 LAYOUTS: Final[dict[str, type[WireMessage]]] = {"2.12a": ExternControlV2, "2.08": ExternControlV1}
+LONGEST: Final = 2.0
+"""The longest exchange [s]; the shortest is as long as a silence that the daemon takes for one."""
 FOUND: Final = 20.0
 """The new aircraft is known so long after the swap, or after its motors stop [s]."""
 
@@ -101,7 +104,7 @@ async def _exchange(r: Rig, swap: Swap, word: str, number: int, rng: random.Rand
         r.socket.unplug()
     else:
         port.inject(LineFault.SILENCE)
-    await asyncio.sleep(rng.uniform(1.0, 2.0))  # nobody exchanges an aircraft in less
+    await asyncio.sleep(rng.uniform(GAP, LONGEST))
     r.socket.replace(navi_ctrl("0.24", word, number, gate_parameter=200))
     r.log.tx.clear()
     if swap is Swap.CABLE:

@@ -9,6 +9,7 @@ import pytest
 from lab.rigs.boardport import LineFault
 from lab.rigs.linkrig import Rig, navi_ctrl, rig, virtually
 from lab.stories.swaps import fly_as_allowed
+from mkdaemon.link.session.reboot import GAP
 from mkdaemon.protocol.messages import ExternControlV1, ExternControlV2
 
 LAYOUTS = {"2.12a": ExternControlV2, "2.08": ExternControlV1}
@@ -30,7 +31,7 @@ async def swap_by_cable(r: Rig, word: str) -> None:
 
 async def swap_behind_an_open_port(r: Rig, word: str) -> None:
     r.socket.port.inject(LineFault.SILENCE)
-    await asyncio.sleep(1.5)
+    await asyncio.sleep(GAP + 0.05)
     r.socket.replace(navi_ctrl("0.24", word, **SIM))
     r.socket.port.inject(LineFault.NONE)
 
@@ -43,7 +44,7 @@ async def test_no_frame_in_the_layout_of_the_aircraft_before(swap):
         await r.until(lambda: r.link.dialect.extern_control is ExternControlV2, 5)
         flying = tasks.create_task(fly_as_allowed(r))
         for word in ("2.08", "2.12a") * 4:
-            await asyncio.sleep(0.5)
+            await asyncio.sleep(2.0)  # after a look behind the NaviCtrl a silence is our own doing
             await swap(r, word)
             swapped = loop.time()
             await r.until(lambda swapped=swapped: valid_frames(r, swapped) != [], 20)

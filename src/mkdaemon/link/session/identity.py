@@ -15,7 +15,7 @@ from mkdaemon.protocol.wire import Board, WireMessage
 from mkdaemon.telemetry.refusals import Token, refuse
 
 SWAP_TIME: Final = 1.0
-"""Nobody exchanges an aircraft in less [s]."""
+"""This program stands still for less, and the boards are the same afterwards [s]: by hand an exchange takes longer."""
 
 
 class Identity:

@@ -12,8 +12,10 @@ from typing import Final
 from mkdaemon.link.session.peers import Peers
 from mkdaemon.link.session.verdict import Verdict
 
-GAP: Final = 0.5
-"""A silence longer than this may have been a reboot [s]."""
+GAP: Final = 0.55
+"""A silence longer than this may have been a reboot, or an exchange of the aircraft [s].
+
+So long after the last frame a lease has ended, too (`control.patience`): no flight ends because of this."""
 BOOT_TIME: Final = 8.0
 """Text so long after the first one belongs to the same boot [s]; a FlightCtrl boots in 4.7 s."""
 _SHORTEST: Final = 8

@@ -42,8 +42,8 @@ class Verdict:
     Attributes:
         finding: what was found last.
         since: when its condition began [s; monotonic].
-        silent_since: when the silence began that it is a part of, whatever that was called first [s]; infinite while
-            the board is heard.
+        silent_since: when the board was heard last before the silence that it is a part of, whatever that was called
+            first [s]; infinite while the board is heard.
     """
 
     finding: Finding
@@ -70,8 +70,14 @@ class Verdict:
         """What it stands on."""
         return self.finding.cause
 
-    def followed_by(self, finding: Finding, now: float) -> Verdict:
-        """The verdict after a new finding; another reason for the same condition does not begin it anew."""
+    def followed_by(self, finding: Finding, now: float, heard_at: float) -> Verdict:
+        """The verdict after a new finding; another reason for the same condition does not begin it anew.
+
+        Args:
+            finding: the new one.
+            now: [s].
+            heard_at: when the board was heard last, or silence was expected last [s].
+        """
         since = self.since if finding.condition is self.condition else now
-        silent_since = math.inf if finding.condition.hears_board else min(self.silent_since, now)
+        silent_since = math.inf if finding.condition.hears_board else min(self.silent_since, heard_at, now)
         return Verdict(finding, since, silent_since)
