@@ -108,6 +108,11 @@ class SetpointStream:
             return self._lost or str(self._refusal)
         return "the daemon has not shown the lease yet" if self._status is None else self._status.reason
 
+    def take_refusal(self) -> CommandRejectedError | None:
+        """Return the newest refusal of a setpoint of this lease, once; None where none was refused since."""
+        refusal, self._refusal = self._refusal, None
+        return refusal
+
     def set(self, kind: str = "stick", *, ttl: float = TTL, **fields: Any) -> None:
         """Send one setpoint; for programs that stream at their own rate, at least twice a second.
 

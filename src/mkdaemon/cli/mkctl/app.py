@@ -49,6 +49,9 @@ COMMANDS: Final = (
     CommandEntry("preflight", "mkdaemon.cli.mkctl.preflight:preflight", "Make every check before a flight.", _FLY),
     CommandEntry("gains", "mkdaemon.cli.mkctl.gains:gains", "Model, gains and margins of the horizontal loop.", _FLY),
     CommandEntry("fly", "mkdaemon.cli.mkctl.script:fly", "Fly the steps of a file: `fly SCRIPT.toml`.", _FLY),
+    CommandEntry(
+        "teleop", "mkdaemon.cli.mkctl.teleop.command:teleop", "Fly with a gamepad or the keyboard: `teleop`.", _FLY
+    ),
     CommandEntry("abort", "mkdaemon.cli.mkctl.manoeuvre:abort", "Stop the manoeuvre and hold, whoever flies.", _FLY),
     CommandEntry(
         "stop", "mkdaemon.cli.mkctl.manoeuvre:stop", "Stop the motors, where the firmware can be asked.", _FLY

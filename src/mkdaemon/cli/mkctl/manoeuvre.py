@@ -11,6 +11,7 @@ from mkdaemon.cli.arguments import require_length
 from mkdaemon.cli.mkctl.connection import HERE, Connection
 from mkdaemon.cli.mkctl.flight import Force, Seconds
 from mkdaemon.cli.mkctl.flightshow import metres, print_end, require_finite, showing
+from mkdaemon.client import Vehicle
 from mkdaemon.protocol.messages import DisarmMotors
 from mkdaemon.protocol.wire import Board
 from mkdaemon.telemetry.refusals import Token, refuse
@@ -101,8 +102,21 @@ async def stop(
         MkError: refused: an aircraft that flies, stock firmware, or `commands.fork_arming` is not set.
     """
     async with connection.open() as uav:
-        flight = await uav.get("state/flight")
-        if not in_flight and (flight is None or flight.fields["is_flying"] is not False):
-            raise refuse(Token.FLYING_STOP)
-        await uav.request(Board.FC, DisarmMotors(), confirm=True)
+        await ask_motors_to_stop(uav, in_flight=in_flight)
     print_end({"stopped": None}, "asked for; only telemetry tells whether the motors stand", connection)
+
+
+async def ask_motors_to_stop(uav: Vehicle, *, in_flight: bool) -> None:
+    """Ask for the motors to stop.
+
+    Args:
+        uav: the daemon's client.
+        in_flight: also an aircraft that flies, or may.
+
+    Raises:
+        MkError: refused: an aircraft that flies, stock firmware, or `commands.fork_arming` is not set.
+    """
+    flight = await uav.get("state/flight")
+    if not in_flight and (flight is None or flight.fields["is_flying"] is not False):
+        raise refuse(Token.FLYING_STOP)
+    await uav.request(Board.FC, DisarmMotors(), confirm=True)

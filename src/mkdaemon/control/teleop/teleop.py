@@ -87,6 +87,11 @@ class Teleop:
         self.pilot = self.manoeuvre = None
         self._news = reason
 
+    def refused(self) -> None:
+        """Take note that the daemon refused what was streamed: a manoeuvre ends, and the sticks fly."""
+        if self.pilot is not None and self.pilot in self.hands:
+            self._end_manoeuvre(self.hands[self.pilot])
+
     def tick(self, now: float, *, is_engaged: bool, is_on_ground: bool | None = None) -> Output:
         """Decide what is done now.
 

@@ -1,0 +1,1 @@
+"""`mkctl teleop`: gamepads, the keyboard and pads of other machines as the hands of an operator."""

@@ -1,0 +1,211 @@
+"""The live screen of `mkctl teleop`: sticks, what is sent, lease, link, battery; plain letters, 80 columns."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Sequence
+from typing import Final
+
+from rich.console import Console
+from rich.text import Text
+
+from mkdaemon.cli.mkctl.teleop.session import Session
+from mkdaemon.cli.mkctl.teleop.watcher import Watcher
+from mkdaemon.control.teleop.hands import Hands
+
+COLUMNS: Final = 80
+"""Width everything fits into."""
+BAR: Final = 41
+"""Characters of a stick's bar; odd, so that it has a middle."""
+FULL: Final = 127.0
+"""Stick at the end of its bar [stick]."""
+OLD: Final = 1.5
+"""A value older than this is shown in red [s]."""
+GOOD, BAD, DIM, PLAIN = "green", "bold red", "dim", ""
+KEYBOARD_LEGEND: Final = (
+    "arrows pitch roll  a d yaw  w s thrust  m hover  e dead-man  SPACE release",
+    "f fine  l lock  c recentre  r reset  8 2 4 6 trim  T take-off  H hold  L land",
+    "X stop the motors  q quit",
+)
+_FLOWN: Final = {"flying": GOOD, "stale": BAD, "aborted": BAD, "releasing": BAD}
+
+
+def bar(value: float | None, sent: float | None) -> str:
+    """A stick as a line of letters: `|` its middle, `#` from there to what is asked for, `o` what is sent."""
+    cells = ["-"] * BAR
+    middle = BAR // 2
+    if value is not None:
+        end = _cell(value)
+        for at in range(min(middle, end), max(middle, end) + 1):
+            cells[at] = "#"
+    cells[middle] = "|"
+    if sent is not None:
+        cells[_cell(sent)] = "o"
+    return "".join(cells)
+
+
+def _cell(value: float) -> int:
+    middle = BAR // 2
+    return min(max(middle + round(middle * value / FULL), 0), BAR - 1)
+
+
+def screen_lines(session: Session, watcher: Watcher, title: str, *, has_keyboard: bool) -> list[Text]:
+    """Everything that is shown, one line each.
+
+    Args:
+        session: devices, teleop, lease.
+        watcher: what is known of the aircraft.
+        title: vehicle and endpoint.
+        has_keyboard: keys are explained.
+    """
+    teleop = session.teleop
+    name = teleop.pilot or next(iter(teleop.hands), None)
+    hands = None if name is None else teleop.hands.get(name)
+    lines = [_line(("mkctl teleop  ", "bold"), (title, PLAIN))]
+    lines += _pads(session)
+    lines += _sticks(session, watcher, hands)
+    lines += [_lease(session, watcher), _sent(watcher), _link(watcher), _battery(watcher)]
+    style = GOOD if teleop.pilot is not None and not session.output.is_neutral else BAD
+    lines += [
+        _line(("now      ", DIM), (session.output.reason, style)),
+        _line(("last     ", DIM), (session.notice, PLAIN)),
+    ]
+    if has_keyboard:
+        lines += [_line((text, DIM)) for text in KEYBOARD_LEGEND]
+    return lines
+
+
+def _pads(session: Session) -> list[Text]:
+    lines = []
+    now = session.now
+    for name, hands in session.teleop.hands.items():
+        flies = name == session.teleop.pilot
+        _, age = hands.inputs.oldest(hands.axes.all, now)
+        words = "flies" if flies else "ready" if hands.has_seen_zero else "not ready"
+        stuck = f"  stuck: {', '.join(hands.stuck)}" if hands.stuck else ""
+        known = f"{age:5.2f} s" if age < 100 else "  -"
+        lines.append(
+            _line(
+                ("pad      ", DIM),
+                (f"{hands.facts.name[:40]:40}", "bold" if flies else PLAIN),
+                (f" {words:9} ", PLAIN),
+                (f"age {known}", _style(age)),
+                (stuck, BAD),
+            )
+        )
+    return lines or [_line(("pad      ", DIM), ("none", BAD))]
+
+
+def _sticks(session: Session, watcher: Watcher, hands: Hands | None) -> list[Text]:
+    wanted = session.output.setpoint
+    fields = dict(wanted.fields) if wanted is not None and wanted.kind == "stick" else {}
+    if not fields and wanted is None and hands is not None:
+        wish = hands.wish(is_engaged=True)
+        fields = {axis: getattr(wish, axis) for axis in ("pitch", "roll", "yaw", "throttle")}
+    age = watcher.age("control/output")
+    is_fresh = age is not None and age < OLD and session.keeper.is_engaged
+    lines = []
+    for axis, ends in (("pitch", "fwd"), ("roll", "right"), ("yaw", "left"), ("throttle", "up")):
+        value = fields.get(axis)
+        sent = watcher.field("control/output", axis) if is_fresh else None
+        lines.append(
+            _line(
+                (f"{axis:9}", DIM),
+                (bar(value, sent), PLAIN),
+                (f" {_count(value)}", "bold"),
+                (f"  sent {_count(sent)}", GOOD if sent is not None else DIM),
+                (f"  + {ends}", DIM),
+            )
+        )
+    if hands is not None:
+        thrust = hands.thrust
+        held = "LOCKED" if thrust.is_locked else "held: move the stick to it" if thrust.is_waiting else ""
+        lines.append(
+            _line(
+                (
+                    f"         fine {'ON ' if hands.is_fine else 'off'}  trim pitch {hands.trim('pitch'):+.0f} roll "
+                    f"{hands.trim('roll'):+.0f}  hover {thrust.hover:+.0f}  ",
+                    PLAIN,
+                ),
+                (held, "bold"),
+            )
+        )
+    return lines
+
+
+def _lease(session: Session, watcher: Watcher) -> Text:
+    lease = watcher.field("control/status", "lease")
+    ours = session.keeper.lease
+    holder = "nobody" if lease is None else str(lease["holder"])
+    is_ours = ours is not None and lease is not None and lease["epoch"] == ours.epoch
+    phase = str(watcher.field("control/status", "phase") or "-")
+    return _line(
+        ("lease    ", DIM),
+        (f"{'this program' if is_ours else holder[:34]:35}", "bold" if is_ours else PLAIN),
+        (f"mode {phase:10}", _FLOWN.get(phase, PLAIN)),
+        *_age(watcher, "control/status"),
+    )
+
+
+def _sent(watcher: Watcher) -> Text:
+    count = watcher.field("control/status", "frames_sent")
+    confirmed = watcher.field("control/status", "frames_confirmed")
+    limited = "  LIMITED" if watcher.field("control/output", "limited") else ""
+    manoeuvre = watcher.field("control/status", "manoeuvre") or ""
+    words = f"{count or 0} stick frames, {confirmed or 0} confirmed{limited}  {manoeuvre}"
+    return _line(("sent     ", DIM), (f"{words:51}", PLAIN), *_age(watcher, "control/output"))
+
+
+def _link(watcher: Watcher) -> Text:
+    condition = str(watcher.field("link/state", "condition") or "-")
+    style = GOOD if condition == "up" else BAD
+    port = str(watcher.field("link/state", "port") or "")
+    return _line(
+        ("link     ", DIM), (f"{condition:10}", style), (f"{port[:40]:41}", PLAIN), *_age(watcher, "control/status")
+    )
+
+
+def _battery(watcher: Watcher) -> Text:
+    voltage = watcher.field("state/battery", "voltage")
+    low = watcher.field("state/battery", "is_low")
+    flying = watcher.is_on_ground
+    state = "" if flying is None else "on the ground" if flying else "in the air"
+    words = "-" if voltage is None else f"{voltage:.1f} V{'  LOW' if low else ''}"
+    return _line(
+        ("battery  ", DIM),
+        (f"{words:14}", BAD if low else PLAIN),
+        (f"{state:37}", PLAIN),
+        *_age(watcher, "state/battery"),
+    )
+
+
+def _age(watcher: Watcher, suffix: str) -> tuple[tuple[str, str], ...]:
+    age = watcher.age(suffix)
+    return ((" age     -", DIM),) if age is None else ((f" age {min(age, 999):5.1f} s", _style(age)),)
+
+
+def _style(age: float) -> str:
+    return GOOD if age < OLD else BAD
+
+
+def _count(value: float | None) -> str:
+    return "   -" if value is None else f"{value:+4.0f}"
+
+
+def _line(*parts: tuple[str, str]) -> Text:
+    text = Text()
+    for words, style in parts:
+        text.append("".join(letter if letter.isprintable() else " " for letter in words), style=style)
+    text.truncate(COLUMNS - 1)
+    return text
+
+
+def drawing(lines: Sequence[Text], *, color: bool) -> str:
+    """What draws lines at the top left of a terminal, without clearing first, so that nothing flickers."""
+    out = io.StringIO()
+    console = Console(
+        file=out, width=COLUMNS, force_terminal=color, no_color=not color, legacy_windows=False, highlight=False
+    )
+    for line in lines:
+        console.print(line, end="\x1b[K\r\n", no_wrap=True, overflow="crop")
+    return f"\x1b[H{out.getvalue()}\x1b[J"

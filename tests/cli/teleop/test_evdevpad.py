@@ -1,0 +1,130 @@
+from __future__ import annotations
+
+import asyncio
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+pytest.importorskip("evdev", reason="evdev is not installed: pip install 'mkdaemon[teleop]'")
+
+from lab.rigs.pipedpad import PipedPad
+from lab.rigs.waiting import wait_until
+from mkdaemon.cli.mkctl.teleop import evdevpad
+from mkdaemon.cli.mkctl.teleop.devices import DeviceLostError
+from mkdaemon.cli.mkctl.teleop.evdevpad import EvdevPad, load_evdev
+from mkdaemon.control.teleop.inputs import AxisRange
+from mkdaemon.errors import MkError
+
+# The events are the kernel's structs, read by evdev itself; state and capabilities come from the rig.
+
+
+class Reports(list[tuple[str, float]]):
+    """Everything a pad reported."""
+
+    def report(self, name: str, control: str, raw: float, at: float) -> None:
+        self.append((control, raw))
+
+
+async def test_events_are_reported_under_every_name_of_their_code() -> None:
+    device, reports = PipedPad(), Reports()
+    pad = EvdevPad(device, reports.report)
+    device.move(ABS_X=1234, BTN_SOUTH=1)
+    await wait_until(lambda: len(reports) >= 4)
+    assert reports[0] == ("ABS_X", 1234)
+    assert set(reports[1:]) == {("BTN_A", 1), ("BTN_GAMEPAD", 1), ("BTN_SOUTH", 1)}
+    pad.close()
+
+
+async def test_pad_is_asked_for_what_it_has_not_reported() -> None:
+    device = PipedPad()
+    device.move(ABS_RY=-7, BTN_TL=1)
+    pad = EvdevPad(device, Reports().report)
+    state = pad.ask(3.5)
+    assert state is not None
+    assert state.at == 3.5
+    assert (state.values["ABS_RY"], state.values["BTN_TL"], state.values["BTN_TR"]) == (-7, 1, 0)
+    pad.close()
+
+
+async def test_facts_name_ranges_buttons_and_radio() -> None:
+    pad = EvdevPad(PipedPad(bustype=5), Reports().report)
+    assert pad.facts.ranges["ABS_Z"] == AxisRange(0, 255)
+    assert {"BTN_TL", "BTN_SOUTH"} <= pad.facts.buttons
+    assert pad.facts.is_wireless
+    assert pad.is_gamepad
+    assert pad.id == "045e:028e"
+    pad.close()
+
+
+async def test_unplugged_pad_wakes_the_loop_and_is_lost() -> None:
+    device, reports = PipedPad(), Reports()
+    pad = EvdevPad(device, reports.report)
+    device.unplug()
+    await wait_until(lambda: bool(reports))
+    with pytest.raises(DeviceLostError, match="was unplugged"):
+        pad.ask(1.0)
+    pad.close()
+
+
+async def test_pad_that_is_gone_without_an_event_is_lost_when_asked() -> None:
+    device = PipedPad()
+    pad = EvdevPad(device, Reports().report)
+    device._is_gone = True
+    with pytest.raises(DeviceLostError, match="was unplugged"):
+        pad.ask(1.0)
+    pad.close()
+
+
+async def test_alarm_shakes_the_pad() -> None:
+    device = PipedPad()
+    pad = EvdevPad(device, Reports().report)
+    pad.alarm()
+    pad.alarm()
+    assert device.shaken == 2
+    pad.close()
+
+
+def test_without_the_library_the_refusal_says_how_to_install_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    real = evdevpad.importlib.import_module
+
+    def missing(name: str, *rest: Any) -> Any:
+        if name == "evdev":
+            raise ImportError(name)
+        return real(name, *rest)
+
+    monkeypatch.setattr(evdevpad.importlib, "import_module", missing)
+    with pytest.raises(MkError, match=r"pip install 'mkdaemon\[teleop\]'.*--keyboard"):
+        load_evdev()
+
+
+@pytest.mark.skipif(not Path("/dev/uinput").exists(), reason="no /dev/uinput: no input device can be made")
+async def test_real_device_made_by_uinput_is_found_read_and_lost() -> None:
+    import evdev
+    from evdev import AbsInfo, ecodes
+
+    span = AbsInfo(0, -32768, 32767, 0, 0, 0)
+    made = evdev.UInput(
+        {ecodes.EV_ABS: [(ecodes.ABS_X, span), (ecodes.ABS_Y, span)], ecodes.EV_KEY: [ecodes.BTN_SOUTH, ecodes.BTN_TL]},
+        name="mkdaemon test pad",
+    )
+    reports = Reports()
+    await wait_until(lambda: bool(made.device and made.device.path in evdevpad.new_paths(())))
+    pad = evdevpad.open_pad(made.device.path, reports.report)
+    assert pad is not None
+    made.write(ecodes.EV_ABS, ecodes.ABS_X, 500)
+    made.syn()
+    await wait_until(lambda: ("ABS_X", 500) in reports)
+    made.close()
+    await wait_until(lambda: ("", 0.0) in reports)
+    with pytest.raises(DeviceLostError):
+        pad.ask(asyncio.get_running_loop().time())
+    pad.close()
+
+
+def test_evdev_is_not_imported_with_the_command() -> None:
+    import subprocess
+    import sys
+
+    code = "import sys, mkdaemon.cli.mkctl.teleop.command; sys.exit('evdev' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
