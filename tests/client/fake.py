@@ -11,6 +11,7 @@ from mkdaemon.bus.codec import decode_map, schema_name
 from mkdaemon.bus.gateway import Bus
 from mkdaemon.client import connect
 from mkdaemon.clock import Clock
+from mkdaemon.config.control import ControlConfig
 from mkdaemon.control.estimator.model import AircraftModel
 from mkdaemon.control.guidance.margins import gains_of
 from mkdaemon.protocol.messages import Settings
@@ -79,7 +80,7 @@ class FakeDaemon:
             case "do/rate", _:
                 return CommandResult(status=Status.ACCEPTED, reply={"intervals": {"osd": fields.get("interval", 0.1)}})
             case "do/gains", _:
-                reply = dict(gains_of(AircraftModel(), 0.35))
+                reply = dict(gains_of(AircraftModel(), ControlConfig()))
                 return CommandResult(status=Status.ACCEPTED, reply=reply)
             case "do/preflight", _:
                 return CommandResult(status=Status.ACCEPTED, reply=self.preflight)

@@ -14,6 +14,7 @@ from mkdaemon.control.motionmatch import Match
 from mkdaemon.telemetry.control import ControlLine
 from mkdaemon.telemetry.link import LinkCondition, LinkHealth, RoundTripStats
 from mkdaemon.telemetry.preflight import Blocks, CheckState
+from mkdaemon.telemetry.refusals import Token, refuse
 from mkdaemon.telemetry.state import Battery, Flight, Pilot
 from mkdaemon.telemetry.vision import Alarm, EyeState, VisionStats
 from tests.control.events import STAMP, flight, link_state, pilot
@@ -76,6 +77,7 @@ STANDS = [
     ("emergency throttle", "emergency_climbs", {"active_set": replace(SET, emergency_throttle=119)}),
     ("emergency descent", "emergency_falls", {"active_set": replace(SET, emergency_throttle=65)}),
     ("emergency descent", "emergency_falls", {"active_set": replace(SET, emergency_time=0)}),
+    ("control loop", "loop_unstable", {"loop": refuse(Token.LOOP_UNSTABLE, detail="x", cause="y", remedy="z")}),
     ("receiver", "receiver_weak", {"pilot": reception(0.7)}),
     ("receiver", "receiver_weak", {"flight": flags(emergency_landing=True)}),
     ("battery", "battery_low", {"battery": battery(16.0, is_low=True)}),

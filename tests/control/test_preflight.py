@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 
 from mkdaemon.control.activeset import ActiveSet, Gate, GateKind
+from mkdaemon.control.estimator.model import AircraftModel
+from mkdaemon.errors import CommandRejectedError
 from mkdaemon.telemetry.control import Phase
 from mkdaemon.telemetry.setpoint import PositionSetpoint, SetpointFrame
 from tests.control.events import CHANNEL, PERIOD, Driver, pose
@@ -43,6 +47,21 @@ def test_who_flies_flies_on_whatever_a_check_finds(drive):
     assert drive.core.phase is Phase.FLYING
     drive.facts.state_received(battery(16.0, is_low=True), drive.now)
     assert to_position(drive) is None
+
+
+def test_a_model_of_its_own_may_be_what_stands_in_the_way(drive):
+    def loop():
+        report = drive.core.preflight(drive.now)
+        return next(found.token for found in report.findings if found.name == "control loop")
+
+    assert loop() is None
+    assert drive.core.gains() is drive.core.gains()
+    drive.core.model_known(replace(AircraftModel(), rad_per_count=1e-4))
+    assert loop() == "loop_unstable"
+    assert drive.core.gains().degrees_per_count < 0.01
+    drive.core.model_known(replace(AircraftModel(), a1=0.0, a2=0.0))
+    with pytest.raises(CommandRejectedError, match="loop_unstable"):
+        drive.core.gains()
 
 
 def test_the_report_has_what_was_read_last(drive):

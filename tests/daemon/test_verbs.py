@@ -8,6 +8,7 @@ import msgpack
 import pytest
 
 from mkdaemon.bus.schema import schema_json
+from mkdaemon.config.control import ControlConfig
 from mkdaemon.control.estimator.model import AircraftModel
 from mkdaemon.control.guidance.margins import gains_of
 from mkdaemon.daemon.procedures import Interlock
@@ -53,7 +54,7 @@ class Desk:
         return self.released
 
     def gains(self):
-        return gains_of(AircraftModel(), 0.35)
+        return gains_of(AircraftModel(), ControlConfig())
 
     async def preflight(self):
         return PreflightReport(is_ready=True, findings=())

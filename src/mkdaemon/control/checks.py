@@ -226,6 +226,12 @@ def _stamps(known: Knowledge) -> Verdict:
     return _passed(f"camera and boards move together to {1000.0 * match.lag:+.0f} ms")
 
 
+def _loop(known: Knowledge) -> Verdict:
+    if known.loop is not None:
+        return _stands(known.loop)
+    return _passed("stable on the model of this aircraft, with the configured limits")
+
+
 def _disk(known: Knowledge) -> Verdict:
     if known.free_disk is None:
         return _unknown("nobody looked")
@@ -244,6 +250,7 @@ CHECKS: Final = (
     Check("height control", Blocks.AUTONOMY, _height_control),
     Check("emergency throttle", Blocks.AUTONOMY, _emergency),
     Check("emergency descent", Blocks.NOTHING, _emergency_gentle),
+    Check("control loop", Blocks.AUTONOMY, _loop),
     Check("receiver", Blocks.AUTONOMY, _receiver),
     Check("battery", Blocks.AUTONOMY, _battery),
     Check("camera", Blocks.AUTONOMY, _camera),

@@ -16,7 +16,6 @@ from mkdaemon.control.authority import Authority
 from mkdaemon.control.decisions import Fly, ReleaseOrder
 from mkdaemon.control.estimator.model import AircraftModel
 from mkdaemon.control.flightwatch import FlightWatch
-from mkdaemon.control.guidance.margins import gains_of
 from mkdaemon.control.modes import IN_FLIGHT, Event
 from mkdaemon.control.output import StickOutput
 from mkdaemon.control.pacing import Pacing
@@ -192,6 +191,7 @@ class FlightCore:
     def model_known(self, model: AircraftModel) -> None:
         """Take the model of this aircraft's parameter set."""
         self._target.model_known(model)
+        self._preflight.model_known(model)
 
     def preflight(self, now: float, found: ActiveSet | None = None) -> PreflightReport:
         """Make every check before a flight; with what the active set says, where it was read just now."""
@@ -200,7 +200,7 @@ class FlightCore:
 
     def gains(self) -> Gains:
         """Model, gains and margins of the horizontal loop."""
-        return gains_of(self._target.model, self._cfg.autopilot.max_tilt)
+        return self._preflight.gains()
 
     # -- what the line reports ------------------------------------------------------------------------------------
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from mkdaemon.config.control import LeaseConfig
 from mkdaemon.control.activeset import UNREAD, ActiveSet
 from mkdaemon.control.motionmatch import Match
+from mkdaemon.errors import CommandRejectedError
 from mkdaemon.telemetry.control import ControlLine
 from mkdaemon.telemetry.link import LinkHealth, LinkState
 from mkdaemon.telemetry.state import Battery, Flight, Pilot
@@ -34,6 +35,7 @@ class Knowledge:
         target_age: time since the newest image of a target [s]; None where there was none.
         stamps: do camera and boards tell of the same motion; None where nothing moved.
         free_disk: where the recorder writes [bytes]; None where nobody looked.
+        loop: why the control loop must not be flown; None where it is safe.
     """
 
     now: float
@@ -52,3 +54,4 @@ class Knowledge:
     target_age: float | None = None
     stamps: Match | None = None
     free_disk: float | None = None
+    loop: CommandRejectedError | None = None

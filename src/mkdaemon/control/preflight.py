@@ -7,12 +7,14 @@ from typing import Final
 from mkdaemon.config.control import ControlConfig
 from mkdaemon.control.activeset import UNREAD, ActiveSet
 from mkdaemon.control.checks import findings, is_ready, standing
+from mkdaemon.control.estimator.model import AircraftModel
 from mkdaemon.control.guidance.autopilot import GAS_CENTRE
+from mkdaemon.control.guidance.margins import gains_of, loop_refusal
 from mkdaemon.control.knowledge import Knowledge
 from mkdaemon.control.motionmatch import MotionMatch
 from mkdaemon.control.vehicle import VehicleFacts
 from mkdaemon.errors import CommandRejectedError
-from mkdaemon.telemetry.control import ControlLine
+from mkdaemon.telemetry.control import ControlLine, Gains
 from mkdaemon.telemetry.preflight import Blocks, PreflightReport
 from mkdaemon.telemetry.setpoint import AttitudeSetpoint, Setpoint, StickSetpoint
 
@@ -36,6 +38,10 @@ class Preflight:
         self.active_set: ActiveSet = UNREAD
         self.line = ControlLine()
         self.has_guard = True
+        self._model = AircraftModel()
+        self._gains: Gains | None = None
+        self._loop: CommandRejectedError | None = None
+        self._is_loop_known = False
         self._obstacle: CommandRejectedError | None = None
         self._looked_at = float("-inf")
 
@@ -68,6 +74,31 @@ class Preflight:
         if self._obstacle is not None:
             raise self._obstacle
 
+    def gains(self) -> Gains:
+        """Model, gains and margins of the loop; computed once for a model.
+
+        Raises:
+            CommandRejectedError: `loop_unstable`: there are none.
+        """
+        if self._gains is None:
+            try:
+                self._gains = gains_of(self._model, self._cfg)
+            except ValueError:
+                refusal = loop_refusal(self._model, self._cfg)
+                assert refusal is not None
+                raise refusal from None
+        return self._gains
+
+    def model_known(self, model: AircraftModel) -> None:
+        """Take the model of the aircraft's own parameter set."""
+        if model != self._model:
+            self._model, self._gains, self._is_loop_known = model, None, False
+
+    def _loop_refusal(self) -> CommandRejectedError | None:
+        if not self._is_loop_known:
+            self._loop, self._is_loop_known = loop_refusal(self._model, self._cfg, self._gains), True
+        return self._loop
+
     def _known(self, now: float) -> Knowledge:
         facts = self._facts
         return Knowledge(
@@ -87,4 +118,5 @@ class Preflight:
             target_age=facts.pose_age(now),
             stamps=self.motion.match(now),
             free_disk=facts.free_disk,
+            loop=self._loop_refusal(),
         )

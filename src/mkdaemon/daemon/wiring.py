@@ -17,6 +17,7 @@ from mkdaemon.bus.intake import Prover, Taker
 from mkdaemon.clock import Clock
 from mkdaemon.config.root import Config
 from mkdaemon.control.core import FlightCore
+from mkdaemon.control.guidance.margins import require_safe_loop
 from mkdaemon.control.vehicle import VehicleFacts
 from mkdaemon.daemon.audit import Audit, Outlet
 from mkdaemon.daemon.eyes import Eyes
@@ -95,9 +96,12 @@ class Wiring:
             opener: opens the port.
 
         Raises:
-            ConfigError: the port cannot exist, the line cannot carry the configured rates, or a camera is wrong.
+            ConfigError: the port cannot exist, the line cannot carry the configured rates, a camera is wrong, or a
+                value makes the control loop unsafe.
         """
         self._cfg, self._bus, self._clock = cfg, bus, clock
+        if cfg.cameras:
+            require_safe_loop(cfg.control)
         facts = self.facts = VehicleFacts()
         # Milliseconds since 1970: above every epoch of an earlier run, whatever a client still streams.
         core = FlightCore(cfg.control, facts, first_epoch=int(clock.stamp().wall * 1000))

@@ -224,11 +224,15 @@ class Gains(Telemetry):
     gains: dict[str, float]
     """Tilt asked for, per metre, m/s, radian, radian second and rad/s of error."""
     radius: float
-    """Spectral radius of the closed loop over 20 ms; below 1 is stable."""
+    """Spectral radius of the closed loop over a control period; below 1 is stable."""
     gain_margin: tuple[float, float]
     """Stick gain of the aircraft over the model's between which the loop is stable; tried from 0.05 to 20."""
     delay_margin: float
-    """Delay beyond the model's up to which it is stable [s]; tried up to 0.48."""
+    """Delay beyond the model's up to which it is stable [s]; tried up to 24 control periods."""
+    rest_level: float
+    """Horizontal distance from its goal with which a flight on the model ends, behind the configured limits [m]."""
+    rest_height: float
+    """The same, vertically [m]."""
 
 
 class ControlOutput(Stamped):

@@ -192,6 +192,11 @@ REFUSALS: Final[Mapping[str, Refusal]] = {
         'Restart the daemon; docs/safety.md, "The guard".',
     ),
     # before a flight against a target
+    Token.LOOP_UNSTABLE: Refusal(
+        Status.DENIED,
+        "with {cause} the control loop is not safe on the model of this aircraft: {detail}.",
+        "`mkctl gains` shows the loop; {remedy}.",
+    ),
     Token.LINK_POOR: Refusal(
         Status.DENIED,
         "{lost:.0f} % of the echoes are lost, more than {limit:g} %.",

@@ -78,6 +78,7 @@ class Token(StrEnum):
     GUARD_DEAD = "guard_dead"
 
     # before a flight against a target
+    LOOP_UNSTABLE = "loop_unstable"
     LINK_POOR = "link_poor"
     HEIGHT_CONTROL = "height_control"
     EMERGENCY_CLIMBS = "emergency_climbs"

@@ -298,3 +298,13 @@ def test_nothing_breaks_the_numbers(
         assert truth.position_enu[2] >= 0.1 - 0.02
         assert all(0 <= count <= 254 for count in sensors.motor_setpoints)
         assert 0.0 <= sensors.heading_deg < 360.0
+
+
+def test_a_standing_aircraft_stays_where_it_is_while_its_pilot_stops_the_motors() -> None:
+    world = World(FlightConfig(), seed=1)
+    idle = StickInput(0.0, 0.0, 0.0, 8.0, motors_running=True)
+    corner = StickInput(-160.0, 160.0, 127.0, 8.0, motors_running=True)
+    for sticks in [idle] * 500 + [corner] * 700:
+        world.step(sticks)
+    assert math.hypot(world.truth.position_enu[0], world.truth.position_enu[1]) < 0.02
+    assert world.truth.on_ground

@@ -10,10 +10,12 @@ from mkdaemon.cli.printing import json_line
 
 
 async def gains(*, connection: Connection = HERE) -> None:
-    """Show model, gains and margins of the horizontal loop.
+    """Show model, gains and margins of the control loop.
 
     The model is that of the set Easy until somebody has taken the lease: then the daemon reads the active parameter
-    set, on a cable to the FlightCtrl. The margins are those of a loop that knows the true state.
+    set, on a cable to the FlightCtrl. The margins are those of a loop that knows the true state, with the configured
+    rate and limits. A configuration that is not safe on the model is refused when the daemon starts, and by `mkctl
+    preflight` where only this aircraft's own set shows it.
 
     Raises:
         MkError: no daemon.
@@ -33,9 +35,11 @@ async def gains(*, connection: Connection = HERE) -> None:
         ("stick filter (s)", found["stick_filter"]),
         ("uplink (s)", found["uplink"]),
         *((f"gain on {name}", value) for name, value in found["gains"].items()),
-        ("spectral radius over 20 ms (stable below 1)", found["radius"]),
+        ("spectral radius over a control period (stable below 1)", found["radius"]),
     ):
         table.add_row(words, f"{value:.4g}")
     table.add_row("stable with a stick gain over the model's of", f"{low:.2f} to {high:.2f}")
     table.add_row("stable with so much more delay (s)", f"{found['delay_margin']:.2f}")
+    table.add_row("flight on the model ends so far beside its goal (m)", f"{found['rest_level']:.2g}")
+    table.add_row("and so far above or below (m)", f"{found['rest_height']:.2g}")
     Console().print(table)

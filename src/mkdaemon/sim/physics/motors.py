@@ -23,6 +23,11 @@ MIXER_LOSS: Final = 0.9
 """What the FlightCtrl's mixer loses by rounding down [count]."""
 MOTORS_ON_BUS: Final = 12
 """Motor slots the FlightCtrl knows."""
+DYNAMIC_STABILITY: Final = 70 / 64
+"""Most pitch and roll, over throttle and half of the yaw: DynamicStability of the sets Easy and Agile. FlightCtrl fc.c
+limits its regulators by it before the mixer, so that a standing aircraft with idling motors stays where it is."""
+LEAST_YAW_THROTTLE: Final = 40.0
+"""Most yaw is half of the throttle, or half of this where it is more [count]: MIN_GIERGAS of the same place."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -136,9 +141,11 @@ class Motors:
         level = chain.setpoint(gas, voltage) * speed
         self._collective += (level - self._collective) * min(1.0, dt / self._lag)
         base = self._collective
-        pitch = alpha_y * self._pitch_count
-        roll = alpha_x * self._roll_count
-        yaw = alpha_z * self._yaw_count
+        most = max(level, LEAST_YAW_THROTTLE) / 2.0
+        yaw = max(-most, min(most, alpha_z * self._yaw_count))
+        most = DYNAMIC_STABILITY * (max(level, 0.0) + abs(yaw) / 2.0)
+        pitch = max(-most, min(most, alpha_y * self._pitch_count))
+        roll = max(-most, min(most, alpha_x * self._roll_count))
         bottom, top = MIN_COUNT * speed, MAX_COUNT * speed
         counts = (base + yaw - pitch, base + yaw + pitch, base - yaw - roll, base - yaw + roll)
         health, setpoints = self.health, self.setpoints
