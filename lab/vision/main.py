@@ -21,6 +21,7 @@ from lab.vision.cases import ACCURACY, COLD, CONDITIONS, VIEW_ANGLE
 from lab.vision.decks import DECKS
 from lab.vision.never import FLIGHTS, FLIPS, all_flips
 from lab.vision.rates import rates
+from lab.vision.searching import SEARCH
 from lab.vision.stages import stages
 from lab.vision.stills import SeedSet
 from lab.vision.tagfree import FALSE_POSITIVES
@@ -34,6 +35,7 @@ CASES: Final[dict[str, Case]] = {
     "stages": Case(
         lambda quick, seeds: [Part(stages, (quick, seeds), 1)], lambda _quick, _parts, found: dict(found[0])
     ),
+    "search": SEARCH,
     "cold": COLD,
     "accuracy": ACCURACY,
     "view_angle": VIEW_ANGLE,

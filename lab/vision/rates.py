@@ -30,7 +30,7 @@ def rates(quick: bool, seeds: SeedSet) -> dict[str, Any]:
     search = _times(images, lambda pixels: detector.search_ladder(pixels))
     plain = Detector(TagMap((target,)).whitelist)
     april = _times(images, lambda pixels: plain.search(pixels, "decimate1"))
-    opencv = _times(images, _opencv())
+    opencv = _times(images, opencv_search())
     tracked, modes = _track_times(frames)
     out: dict[str, Any] = {
         "images": len(images),
@@ -53,7 +53,8 @@ def rates(quick: bool, seeds: SeedSet) -> dict[str, Any]:
     return out
 
 
-def _opencv() -> Callable[[Grey], object]:
+def opencv_search() -> Callable[[Grey], object]:
+    """OpenCV's search for tags, with corners refined."""
     parameters = cv2.aruco.DetectorParameters()
     parameters.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_SUBPIX
     detector = cv2.aruco.ArucoDetector(cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_APRILTAG_36h11), parameters)

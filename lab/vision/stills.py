@@ -21,6 +21,7 @@ from mkdaemon.sim.scene.scene import Scene, SceneTarget, cam_from_target
 from mkdaemon.sim.scene.view import CameraView
 from mkdaemon.vision.camera.image import CameraImage
 from mkdaemon.vision.camera.intrinsics import Intrinsics
+from mkdaemon.vision.limits import LIMITS
 from mkdaemon.vision.pose.pose import angle_between
 from mkdaemon.vision.tags.tagmap import TagMap, Target, load
 from mkdaemon.vision.track.attitude import LOOKING_DOWN, AttitudeHistory, AttitudeSample
@@ -155,11 +156,17 @@ def _look(direction: Array, roll: float, off: Array) -> Array:
 
 
 def look_once(still: Still, target: Target, intrinsics: Intrinsics, *, with_attitude: bool) -> VisionResult:
-    """Show a still to a tracker that has seen nothing before; two images, so that every search has its turn."""
+    """Show a still to a tracker that has seen nothing before, as often as it takes to give every search its turn."""
     tracker = Tracker(TagMap((target,)), intrinsics, LOOKING_DOWN)
     attitude = still.attitude if with_attitude else None
-    result = tracker.update(still.image, attitude)
-    return result if result.poses else tracker.update(still.image, attitude)
+    turns = LIMITS.search.thorough_every * len(tracker.detector.looks(still.image.pixels))
+    for turn in range(turns):
+        # one pixel in the corner changes: equal images would be those of a frozen camera
+        still.image.pixels[0, 0] ^= turn & 1
+        result = tracker.update(still.image, attitude)
+        if result.poses:
+            break
+    return result
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,25 +8,17 @@ Shares are 0 to 1, deviations are standard deviations, widths of edges are half 
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from math import radians
-from typing import Any, Final, Literal
+from typing import Final, Literal
+
+from mkdaemon.vision.limitfield import BLIND, EARNED, FLIGHTS, NOISE, STILLS, of
 
 Stage = Literal["decimate2", "decimate1", "log", "equalised", "outline", "thorough"]
 """A way to search an image for tags."""
 
-FLIGHTS: Final = "tuned on development flights"
-STILLS: Final = "tuned on development stills"
-BLIND: Final = "tuned on development flights without attitude"
-NOISE: Final = "derived from read noise of 1.5 grey"
-EARNED: Final = "measured, docs/vision.md"
 LADDER: Final[tuple[Stage, ...]] = ("decimate2", "decimate1", "log", "equalised", "outline")
 NEARBY: Final[tuple[tuple[Stage, ...], ...]] = (("decimate1",), ("log", "equalised"))
-
-
-def of(value: Any, unit: str, meaning: str, source: str) -> Any:
-    """Declare a limit; unit, meaning and source can be read from the field's metadata."""
-    return field(default=value, metadata={"unit": unit, "meaning": meaning, "source": source})
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,6 +27,8 @@ class SearchLimits:
 
     ladder: tuple[Stage, ...] = of(LADDER, "", "searches of the whole image; all but the first in turn", EARNED)
     nearby: tuple[tuple[Stage, ...], ...] = of(NEARBY, "", "around a prediction, in turn by images missed", EARNED)
+    max_pixels: int = of(500_000, "px", "searched at once; more are shrunk", "cost: 9 ms on VGA, 1080p 33 % of that")
+    thorough_every: int = of(2, "images", "between the searches beside the first one", "cost: 20 ms on VGA")
     tile_px: float = of(70.0, "px", "neighbourhood in which `equalised` spreads grey values", STILLS)
     small_tag_px: float = of(46.0, "px", "side below which two corner sets are averaged", "rms .12 for .15 px, stills")
     twin_px: float = of(4.0, "px", "detections closer than this are one tag", "derived: half of a small tag's side")

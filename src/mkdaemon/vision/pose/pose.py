@@ -7,7 +7,7 @@ Camera axes are RDF. `rotation` is camera from target, `position` the target's o
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import cv2
@@ -123,6 +123,8 @@ def solve(tags: Sequence[tuple[Tag, Detection]], projection: Projection) -> list
     rays = projection.undistort(pixels)
     starts = _square(tags[0][0], rays) if len(tags) == 1 else _several(tags, points, rays)
     poses = [pose for start in starts if (pose := _refine(points, pixels, weights, start, projection)) is not None]
+    loose = max(found.shrunk for _, found in tags) ** 2
+    poses = [replace(pose, covariance=loose * pose.covariance) for pose in poses] if loose > 1 else poses
     return sorted(poses, key=lambda pose: pose.rms_px)
 
 

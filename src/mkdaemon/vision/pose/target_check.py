@@ -83,5 +83,6 @@ def misfit(seen: list[tuple[Tag, Detection]], projection: Projection) -> bool | 
     for tag, found in near:
         expected = cv2.perspectiveTransform(flat(tag)[:, None, :], ahead)[:, 0]
         off = focal * float(np.linalg.norm(expected - projection.undistort(found.corners), axis=1).max())
-        wrong |= off > max(LIMITS.health.misfit_px, LIMITS.health.misfit_share * found.side_px)
+        loose = LIMITS.health.misfit_px * max(at.shrunk, found.shrunk)
+        wrong |= off > max(loose, LIMITS.health.misfit_share * found.side_px)
     return wrong

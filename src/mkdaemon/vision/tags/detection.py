@@ -27,6 +27,7 @@ class Detection:
         decision_margin: mean distance of the bits from the threshold [grey].
         corners: `(4, 2)` TL, TR, BR, BL of the official print [px, centres at integers].
         stage: the search that found it.
+        shrunk: by how much the image was shrunk for it; corners are so much looser.
     """
 
     family: str
@@ -35,6 +36,7 @@ class Detection:
     decision_margin: float
     corners: Array
     stage: Stage
+    shrunk: int = 1
 
     @property
     def side_px(self) -> float:

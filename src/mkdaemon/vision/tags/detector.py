@@ -18,6 +18,7 @@ from mkdaemon.vision.tags.aruco_fallback import ArucoSearch
 from mkdaemon.vision.tags.cellread import quiet_sides
 from mkdaemon.vision.tags.detection import Detection, Search, Stage
 from mkdaemon.vision.tags.outline import OutlineSearch
+from mkdaemon.vision.tags.searchplan import Look, looks_of, shrink, shrinking
 from mkdaemon.vision.tags.tagfamily import find_family
 
 if TYPE_CHECKING:
@@ -27,6 +28,8 @@ Grey = npt.NDArray[np.uint8]
 
 SIDES = 4
 """Of a tag; all of them have to be quiet."""
+AROUND = 0.3
+"""Room around a tag that is searched for again, share of its side: its quiet zone and a cell more."""
 ARUCO_LADDER: tuple[Stage, ...] = ("decimate1", "log", "outline")
 """Searches without libapriltag."""
 
@@ -163,18 +166,49 @@ class Detector:
                 best[key] = moved
         return list(best.values())
 
+    def search_shrunk(
+        self, pixels: Grey, stage: Stage, roi: tuple[int, int, int, int] | None = None
+    ) -> list[Detection]:
+        """Run one search on a part that is shrunk where it is large, and again around what it found; see `search`."""
+        height, width = pixels.shape
+        x0, y0, x1, y1 = roi or (0, 0, width, height)
+        scale = shrinking(x1 - x0, y1 - y0)
+        if scale <= 1:
+            return self.search(pixels, stage, roi)
+        found = self.search(shrink(pixels[y0:y1, x0:x1], scale), stage)
+        # centres of pixels are whole numbers: the middle of the first block is at (scale - 1) / 2
+        first = np.array([x0, y0]) + (scale - 1) / 2
+        placed = [replace(tag, corners=tag.corners * scale + first, shrunk=scale) for tag in found]
+        return [self._search_again(pixels, tag) for tag in placed]
+
+    def _search_again(self, pixels: Grey, tag: Detection) -> Detection:
+        """A tag of a shrunk image with the corners of a less shrunk one, where it is found there."""
+        height, width = pixels.shape
+        room = AROUND * tag.side_px + self._cfg.margin_px + 1
+        x0, y0 = np.maximum(tag.corners.min(axis=0) - room, 0).astype(int).tolist()
+        x1, y1 = np.minimum(tag.corners.max(axis=0) + room + 1, (width, height)).astype(int).tolist()
+        if shrinking(x1 - x0, y1 - y0) >= tag.shrunk:
+            return tag
+        sharper = self.search_shrunk(pixels, tag.stage, (x0, y0, x1, y1))
+        return next((found for found in sharper if (found.family, found.tag_id) == (tag.family, tag.tag_id)), tag)
+
     def search_all(self, pixels: Grey, stage: Stage = "thorough") -> list[Detection]:
         """Every accepted tag of one search, also several with the same code."""
         frame = (0, 0, pixels.shape[1], pixels.shape[0])
         return [found for found in self._find(pixels, stage) if self._accepts(pixels, found, frame)]
 
-    def search_ladder(self, pixels: Grey, roi: tuple[int, int, int, int] | None = None) -> list[Detection]:
+    def search_ladder(self, pixels: Grey) -> list[Detection]:
         """Search from cheap to thorough until something is found."""
-        for stage in self.stages:
-            found = self.search(pixels, stage, roi)
+        for look in (Look(self.stages[0]), *self.looks(pixels)):
+            found = self.search_shrunk(pixels, look.stage, look.part)
             if found:
                 return found
         return []
+
+    def looks(self, pixels: Grey) -> tuple[Look, ...]:
+        """The searches of an image that take turns beside the first one."""
+        height, width = pixels.shape
+        return looks_of(width, height, self.stages)
 
     def _find(self, pixels: Grey, stage: Stage) -> list[Detection]:
         """One search of a part that is large enough for a tag; libapriltag crashes on images of a few rows."""

@@ -37,11 +37,12 @@ LINE_REACH = 0.01
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Line:
-    """Straight part of an outline: `normal @ p = offset`, and the outline's points on it, their number."""
+    """Straight part of an outline: `normal @ p = offset`, the outline's points on it, their mean and number."""
 
     normal: Array
     offset: float
     points: Array
+    middle: Array
     length: float
 
 
@@ -135,15 +136,19 @@ def _lines(outline: npt.NDArray[np.int32]) -> list[_Line]:
             pieces.append(_line(part))
     pieces.sort(key=lambda piece: -piece.length)
     merged: list[_Line] = []
+    normals = np.empty((len(pieces), 2))
     for piece in pieces:
-        middle = piece.points.mean(axis=0)
-        for k, line in enumerate(merged):
-            reach = OUTLINE.straight_px + LINE_REACH * float(np.linalg.norm(middle - line.points.mean(axis=0)))
-            parallel = float(line.normal @ piece.normal) > OUTLINE.parallel
-            if parallel and float(np.abs(piece.points @ line.normal - line.offset).max()) < reach:
+        # of all lines only the parallel ones are looked at: hundreds of pieces against hundreds of lines cost time
+        parallel = normals[: len(merged)] @ piece.normal > OUTLINE.parallel
+        for k in np.flatnonzero(parallel).tolist():
+            line = merged[k]
+            reach = OUTLINE.straight_px + LINE_REACH * math.dist(piece.middle, line.middle)
+            if float(np.abs(piece.points @ line.normal - line.offset).max()) < reach:
                 merged[k] = _line(np.concatenate([line.points, piece.points]), line)
+                normals[k] = merged[k].normal
                 break
         else:
+            normals[len(merged)] = piece.normal
             merged.append(piece)
     merged.sort(key=lambda line: -line.length)
     return merged[:MAX_LINES]
@@ -158,7 +163,7 @@ def _line(points: Array, part: _Line | None = None) -> _Line:
     if float(along @ way) < 0:
         along = -along
     normal = np.array([-along[1], along[0]])
-    return _Line(normal, float(normal @ middle), points, float(len(points)))
+    return _Line(normal, float(normal @ middle), points, middle, float(len(points)))
 
 
 def _corners(four: tuple[_Line, ...]) -> Array | None:

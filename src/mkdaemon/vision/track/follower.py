@@ -171,7 +171,7 @@ class Follower:
         if now - track.tried_at >= limits.retry_decode:
             track.tried_at = now
             window = self._fitter.window(pose, pixels.shape)
-            found = self._detector.search(pixels, "decimate1", window) if window is not None else []
+            found = self._detector.search_shrunk(pixels, "decimate1", window) if window is not None else []
             tags = self._own(found)
             frame.detections.extend(found)
             if tags:
@@ -205,7 +205,7 @@ class Follower:
         ways: tuple[tuple[Stage, ...], ...] = self._limits.search.nearby
         found: list[Detection] = []
         for stage in ways[self.track.misses % len(ways)]:
-            found = found or self._detector.search(frame.sight.pixels, stage, window)
+            found = found or self._detector.search_shrunk(frame.sight.pixels, stage, window)
         return found
 
     def _own(self, found: Sequence[Detection]) -> list[tuple[Tag, Detection]]:

@@ -22,9 +22,6 @@ from mkdaemon.vision.track.follower import Follower, Frame
 from mkdaemon.vision.track.level import Sight
 from mkdaemon.vision.track.result import VisionResult
 
-THOROUGH_TURNS = 2
-"""Thorough searches of the whole image are shared out over so many images."""
-
 
 class Tracker:
     """Finds and follows the targets of one camera.
@@ -57,7 +54,7 @@ class Tracker:
                 Follower(target, projection, self.detector, self._health, mounting, self._cfg, limits)
                 for target in tagmap.targets
             )
-        self._count = 0
+        self._count = self._searches = 0
 
     def update(self, image: CameraImage, attitude: AttitudeHistory | None = None) -> VisionResult:
         """Process one image.
@@ -99,7 +96,7 @@ class Tracker:
 
     def reset(self) -> None:
         """Forget all tracks, how their targets lie, and whose turn it is."""
-        self._count = 0
+        self._count = self._searches = 0
         for follower in self.followers:
             follower.forget()
 
@@ -117,9 +114,13 @@ class Tracker:
             follower.start(frame, found, "search", None)
 
     def _search(self, frame: Frame) -> list[Detection]:
-        """Cheap search of the whole image; when it sees nothing, half of the thorough ones, in turn."""
-        first, *rest = self.detector.stages
-        found = self.detector.search(frame.sight.pixels, first)
-        for stage in rest[self._count % THOROUGH_TURNS :: THOROUGH_TURNS]:
-            found = found or self.detector.search(frame.sight.pixels, stage)
-        return found
+        """Cheap search of the whole image; in every second image that shows nothing another one, in turn."""
+        pixels = frame.sight.pixels
+        found = self.detector.search_shrunk(pixels, self.detector.stages[0])
+        turn, not_now = divmod(self._searches, self._limits.search.thorough_every)
+        self._searches += 1
+        looks = self.detector.looks(pixels)
+        if found or not_now or not looks:
+            return found
+        look = looks[turn % len(looks)]
+        return self.detector.search_shrunk(pixels, look.stage, look.part)

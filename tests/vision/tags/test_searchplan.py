@@ -1,0 +1,75 @@
+"""The whole image is searched at a bounded cost, and nothing is left out."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import pytest
+
+from mkdaemon.vision.limits import LIMITS
+from mkdaemon.vision.tags.detector import Detector
+from mkdaemon.vision.tags.searchplan import SMALL_TAG_STAGES, TILE, Look, looks_of, shrink, shrinking
+from mkdaemon.vision.tags.tagfamily import cells
+from tests.vision.tags.test_detector import printed
+
+STAGES = LIMITS.search.ladder
+SIZES = [(640, 480), (1280, 720), (1920, 1080), (3840, 2160), (5000, 300), (64, 48)]
+
+
+def test_a_small_image_is_searched_as_it_is_in_every_way_but_the_first() -> None:
+    assert shrinking(640, 480) == 1
+    assert looks_of(640, 480, STAGES) == tuple(Look(stage) for stage in STAGES[1:])
+
+
+@pytest.mark.parametrize("size", SIZES)
+def test_no_search_sees_more_pixels_than_allowed(size: tuple[int, int]) -> None:
+    for look in looks_of(*size, STAGES):
+        x0, y0, x1, y1 = look.part or (0, 0, *size)
+        scale = shrinking(x1 - x0, y1 - y0)
+        assert (x1 - x0) * (y1 - y0) / scale**2 <= LIMITS.search.max_pixels
+
+
+@pytest.mark.parametrize("size", SIZES[1:4])
+@pytest.mark.parametrize("stage", SMALL_TAG_STAGES)
+def test_tiles_cover_every_pixel_unshrunk(size: tuple[int, int], stage: str) -> None:
+    seen = np.zeros(size[::-1], bool)
+    for look in looks_of(*size, STAGES):
+        if look.stage == stage and look.part is not None and look.part[2] - look.part[0] <= TILE[0]:
+            x0, y0, x1, y1 = look.part
+            seen[y0:y1, x0:x1] = True
+    assert seen.all()
+
+
+def test_corners_of_a_shrunk_search_lie_where_those_of_the_whole_one_do() -> None:
+    tag = cv2.resize(printed(cells("tag36h11", 17), 40, 3), None, fx=0.9, fy=0.9, interpolation=cv2.INTER_AREA)
+    image = np.full((1081, 1923), 200, np.uint8)
+    image[331 : 331 + tag.shape[0], 777 : 777 + tag.shape[1]] = tag
+    detector = Detector({"tag36h11": frozenset({17})})
+    (whole,) = detector.search(image, "decimate1")
+    (shrunk,) = detector.search_shrunk(image, "decimate1")
+    assert (whole.shrunk, shrunk.shrunk) == (1, 1)
+    np.testing.assert_allclose(shrunk.corners, whole.corners, atol=0.02)
+
+
+def test_a_tag_that_fills_a_large_image_is_found_in_the_shrunk_one_alone() -> None:
+    tag = printed(cells("tag36h11", 17), 100, 1)
+    detector = Detector({"tag36h11": frozenset({17})})
+    (whole,) = detector.search(tag, "decimate1")
+    (shrunk,) = detector.search_shrunk(tag, "decimate1")
+    assert shrunk.shrunk == 2
+    np.testing.assert_allclose(shrunk.corners, whole.corners, atol=0.5)
+
+
+def test_shrinking_takes_the_mean_of_blocks() -> None:
+    image = np.array([[0, 4, 9], [8, 12, 9], [1, 1, 1]], np.uint8)
+    np.testing.assert_array_equal(shrink(image, 2), [[6]])
+
+
+def test_a_small_tag_in_a_large_image_is_found_in_its_turn() -> None:
+    tag = cv2.resize(printed(cells("tag36h11", 17), 20, 2), (42, 42), interpolation=cv2.INTER_AREA)
+    image = np.full((1080, 1920), 180, np.uint8)
+    image[700:742, 1333:1375] = tag
+    detector = Detector({"tag36h11": frozenset({17})})
+    assert detector.search_shrunk(image, detector.stages[0]) == []
+    (found,) = detector.search_ladder(image)
+    assert np.abs(found.corners.mean(axis=0) - [1353.5, 720.5]).max() < 0.5
