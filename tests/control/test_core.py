@@ -363,6 +363,34 @@ def test_frames_the_line_does_not_take_are_reported_once_a_second_and_keep_the_l
     assert drive.sticks
 
 
+def test_after_the_line_took_no_frames_tilt_begins_from_neutral_again(drive):
+    drive.fly()
+    drive.stream(0.5, pitch=60.0)
+    assert drive.sticks[-1].counts.pitch == 60
+    drive.core.line_changed(ControlLine("v2", Obstacle.LINK_DOWN, "unplugged"))
+    drive.stream(0.4, pitch=60.0)
+    before = len(drive.sticks)
+    drive.core.line_changed(ControlLine("v2"))
+    drive.stream(0.02, pitch=60.0)
+    assert drive.sticks[before].counts.pitch < 30
+    drive.stream(0.5, pitch=60.0)
+    assert drive.sticks[-1].counts.pitch == 60
+
+
+def test_no_flight_begins_while_a_board_does_not_listen(drive):
+    drive.core.line_changed(ControlLine("v2", Obstacle.DEAF, "fc to listen again after beep"))
+    drive.take()
+    drive.stream(1.5)
+    drive.stream(0.1, pitch=60.0)
+    assert drive.core.phase is Phase.LEASED
+    assert "waiting for fc to listen again after beep" in drive.of(PublishStatus)[-1].reason
+    drive.core.line_changed(ControlLine("v2"))
+    drive.stream(0.1, pitch=60.0)
+    assert drive.sticks == []
+    drive.stream(1.2)
+    assert drive.core.phase is Phase.FLYING
+
+
 # -- reports -------------------------------------------------------------------------------------------------------
 
 

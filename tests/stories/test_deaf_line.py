@@ -10,8 +10,11 @@ import pytest
 from lab.rigs.boardport import LineFault
 from lab.rigs.cockpit import Boards, cockpit
 from lab.rigs.virtualloop import run_virtually
+from lab.stories.standstills import Streamer, is_tilted
 from mkdaemon.bus.codec import encode_map
 from mkdaemon.link.session.traffic import Purpose
+from mkdaemon.protocol.boards import Board
+from mkdaemon.protocol.messages.flightctrl import Beep
 from mkdaemon.telemetry.control import Phase
 from mkdaemon.telemetry.link import LinkCondition
 
@@ -107,6 +110,24 @@ def test_half_a_second_without_the_board_ends_a_flight_and_a_burst_of_a_radio_do
             flown.socket.port.inject(LineFault.NONE)
             await asyncio.sleep(0.3)
             assert (flown.flight.phase is Phase.FLYING) is flies
+
+    run_virtually(story())
+
+
+def test_a_lease_taken_while_the_board_beeps_begins_with_neutral_sticks():
+    """Who took it then flew on paper: the first frame that the board heard was a full tilt."""
+
+    async def story():
+        async with cockpit(Boards("2.12a"), 1) as flown:
+            await flown.until(lambda: flown.link.is_up)
+            await flown.link.send(Beep(duration=500, count=2), board=Board.FC)
+            flying = asyncio.create_task(Streamer(flown, "client").fly())
+            assert await flown.until(lambda: flown.aircraft.is_controlled) is not None
+            first = next(frame for frame in flown.sink.tx if frame.purpose is Purpose.SETPOINT)
+            assert not is_tilted([first])
+            assert await flown.until(lambda: is_tilted(flown.sink.tx[-1:])) is not None
+            flying.cancel()
+            await asyncio.gather(flying, return_exceptions=True)
 
     run_virtually(story())
 

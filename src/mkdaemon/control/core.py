@@ -265,7 +265,8 @@ class FlightCore:
     def _guide(self, setpoint: Setpoint, now: float, is_flying: bool) -> Guided:
         if self._authority.phase is Phase.ABORTED:
             return self._target.stop(setpoint, self.facts, now)
-        return guidance_for(setpoint, self._guidance).guide(setpoint, self.facts, now, is_flying=is_flying)
+        guided = guidance_for(setpoint, self._guidance).guide(setpoint, self.facts, now, is_flying=is_flying)
+        return self._preflight.wait_for_board(guided)
 
     def _fly(self, order: Fly, now: float, *, engaging: bool) -> SendSticks | None:
         """Make a stick frame; None where the line does not take it."""
@@ -273,7 +274,7 @@ class FlightCore:
         if line.layout is None:
             self._end(Event.CONTROL_IMPOSSIBLE, line.reason)
             return None
-        if engaging:
+        if engaging or line.obstacle is not None:
             self._output.engage(order.sticks, now)
         if line.obstacle is not None:
             error = refuse(Token(line.obstacle.value), state="down", detail=line.reason)

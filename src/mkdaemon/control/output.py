@@ -42,7 +42,10 @@ class StickOutput:
         return max(self._made_at + SHORTEST_STEP, self._due_at - AHEAD / self._cfg.rate)
 
     def engage(self, sticks: Sticks, now: float) -> None:
-        """Begin a flight: tilt from neutral, throttle where the client holds it; less would drop the aircraft."""
+        """Begin a flight, or begin it anew after the line took no frames, because the board may have let go meanwhile.
+
+        Tilt begins from neutral, throttle where the client holds it; less would drop the aircraft.
+        """
         self._last = Sticks(0.0, 0.0, 0.0, sticks.throttle)
         self._made_at = now - 1.0 / self._cfg.rate
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Final
 
 from mkdaemon.config.control import ControlConfig
@@ -12,9 +13,10 @@ from mkdaemon.control.guidance.autopilot import GAS_CENTRE
 from mkdaemon.control.guidance.margins import gains_of, loop_refusal
 from mkdaemon.control.knowledge import Knowledge
 from mkdaemon.control.motionmatch import MotionMatch
+from mkdaemon.control.setpoints import Guided
 from mkdaemon.control.vehicle import VehicleFacts
 from mkdaemon.errors import CommandRejectedError
-from mkdaemon.telemetry.control import ControlLine, Gains
+from mkdaemon.telemetry.control import ControlLine, Gains, Obstacle
 from mkdaemon.telemetry.preflight import Blocks, PreflightReport
 from mkdaemon.telemetry.setpoint import AttitudeSetpoint, Setpoint, StickSetpoint
 
@@ -98,6 +100,10 @@ class Preflight:
         if not self._is_loop_known:
             self._loop, self._is_loop_known = loop_refusal(self._model, self._cfg, self._gains), True
         return self._loop
+
+    def wait_for_board(self, guided: Guided) -> Guided:
+        """Begin no flight while a board does not listen: the first frame it hears must be one of neutral sticks."""
+        return replace(guided, obstacle=self.line.reason) if self.line.obstacle is Obstacle.DEAF else guided
 
     def _known(self, now: float) -> Knowledge:
         facts = self._facts

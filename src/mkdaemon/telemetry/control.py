@@ -38,6 +38,8 @@ class Obstacle(StrEnum):
     """A release is under way."""
     UNCONFIRMED = "unconfirmed"
     """The last release is not confirmed yet, and a stick frame would keep an old command alive."""
+    DEAF = "board_deaf"
+    """A board works on a request and does not listen."""
 
 
 @dataclass(frozen=True, slots=True)

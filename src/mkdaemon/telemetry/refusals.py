@@ -83,6 +83,9 @@ REFUSALS: Final[Mapping[str, Refusal]] = {
     ),
     Token.RELEASING: Refusal(Status.BUSY, "a release is under way.", "Wait for its result."),
     Token.UNCONFIRMED: Refusal(Status.BUSY, "the last release is not confirmed yet.", "Wait until it is, or 6 s."),
+    Token.BOARD_DEAF: Refusal(
+        Status.BUSY, "the line waits for {detail}.", "Wait up to 5 s; sticks begin from neutral then."
+    ),
     Token.REMEMBERED_ONLY: Refusal(
         Status.DENIED,
         "a FlightCtrl behind a NaviCtrl cannot be asked in flight; before this start or opening of the port it was "

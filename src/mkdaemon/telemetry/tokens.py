@@ -46,6 +46,7 @@ class Token(StrEnum):
     WRONG_LAYOUT = "wrong_layout"
     RELEASING = "releasing"
     UNCONFIRMED = "unconfirmed"
+    BOARD_DEAF = "board_deaf"
     REMEMBERED_ONLY = "remembered_only"
     NOTHING_REMEMBERED = "nothing_remembered"
 

@@ -201,6 +201,8 @@ class Dialogue:
             obstacle = Obstacle.RECORDING
         elif layout is None:
             obstacle = Obstacle.READ_ONLY
+        elif obstacle is None and now < self.questions.deaf_until:
+            obstacle, reason = Obstacle.DEAF, self.questions.deaf_because
         return ControlLine(layout, obstacle, reason)
 
     def want(self, key: str, interval: float) -> None:

@@ -58,6 +58,8 @@ class Questions:
 
     Attributes:
         book: the questions under way, and the counts of those that ended.
+        deaf_until: a board does not listen until then, because of a request [s].
+        deaf_because: what to wait for, in words.
     """
 
     def __init__(self, scheduler: TransmitScheduler, peers: Peers, health: HealthMonitor) -> None:
@@ -66,6 +68,8 @@ class Questions:
         self._peers = peers
         self._health = health
         self._finished: list[Outcome] = []
+        self.deaf_until = -math.inf
+        self.deaf_because = ""
 
     def ask(
         self,
@@ -110,6 +114,8 @@ class Questions:
             self._health.question_sent(now)
         deaf = pending.message.spec.policy(pending.board).deaf
         if deaf:
+            self.deaf_until = max(self.deaf_until, now + deaf)
+            self.deaf_because = f"{pending.board.word} to listen again after {pending.message.spec.key}"
             self._scheduler.deafen(pending.board, now + deaf)
             self._health.pause(now + deaf)
         if pending.message.spec.reply is None:
@@ -144,6 +150,7 @@ class Questions:
 
     def port_lost(self, reason: str) -> None:
         """Nothing under way will be answered any more."""
+        self.deaf_until = -math.inf
         self._finished.extend(Unanswered(pending, reason) for pending in self.book.drain())
 
     def take_finished(self) -> list[Outcome]:
