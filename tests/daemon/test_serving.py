@@ -46,6 +46,9 @@ class Bus:
     def receive(self, suffix, take, is_proven):
         pass
 
+    def counts(self):
+        return {}
+
     def take_shed(self):
         shed, self.shed = self.shed, {}
         return shed
@@ -213,14 +216,14 @@ def with_daemon(monkeypatch, error):
     """Let `run` serve something that ends with an error."""
 
     class Failing:
-        def __init__(self, cfg, bus, clock):
+        def __init__(self, cfg, bus, clock, black_box):
             pass
 
         async def serve(self, stop, notifier):
             raise error
 
     @asynccontextmanager
-    async def opened(cfg, vehicle):
+    async def opened(cfg, vehicle, recorder):
         yield Bus()
 
     monkeypatch.setattr(program, "Daemon", Failing)

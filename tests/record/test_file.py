@@ -6,7 +6,6 @@ import io
 from itertools import pairwise
 from pathlib import Path
 
-import msgpack
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -16,22 +15,10 @@ from mcap.stream_reader import StreamReader
 
 from mkdaemon.errors import MkError
 from mkdaemon.record.entry import Congestion, Entry, Kind, Qos, TimeBase, nanoseconds, seconds
-from mkdaemon.record.layout import ChannelFacts, Session
+from mkdaemon.record.layout import ChannelFacts
 from mkdaemon.record.reader import Recording
 from mkdaemon.record.writer import RecordingWriter, View
-
-BASE = TimeBase("0123abcd", 1_760_000_000_123_456_789)
-SESSION = Session(
-    "blackbox", "mk1-20261122T080000Z", 0, "mkdaemon 0.1.0", "box", BASE.boot, BASE.offset_ns, "mk1", "{}"
-)
-ENCODING = "application/msgpack;mk.Attitude.v1"
-
-
-def sample(number: int, key: str = "mk/mk1/state/attitude", kind: Kind = Kind.SAMPLE) -> Entry:
-    at = 1000.0 + number / 50
-    stamp = {"monotonic": at - 0.002, "wall": 1_760_001_000.5 + number / 50, "boot": "0123abcd", "synchronised": True}
-    payload = msgpack.packb({"stamp": stamp, "roll": number / 7, "raw": bytes([number % 256]) * 40})
-    return Entry(kind, key, payload, ENCODING, at, stamp["wall"], BASE, number)
+from tests.record.support import BASE, SESSION, sample
 
 
 class Sink(io.BytesIO):
@@ -69,11 +56,11 @@ def read(path: Path, raw: bytes) -> tuple[list[Entry], Recording]:
 
 MIXED = [
     sample(1),
-    sample(1, "mk/mk1/setpoint/stick", Kind.SETPOINT)._replace(
+    sample(1, "mk/mk1/setpoint/stick", kind=Kind.SETPOINT)._replace(
         attachment=b"\x01" * 32, qos=Qos(Congestion.BLOCK, 2, True)
     ),
-    sample(1, "mk/mk1/do/lease", Kind.QUERY)._replace(exchange=7),
-    sample(1, "mk/mk1/do/lease", Kind.REPLY)._replace(exchange=7),
+    sample(1, "mk/mk1/do/lease", kind=Kind.QUERY)._replace(exchange=7),
+    sample(1, "mk/mk1/do/lease", kind=Kind.REPLY)._replace(exchange=7),
     Entry(Kind.PORT_READ, "mk/mk1/port", b"#bX\r", "", 1000.25, 1_760_001_000.75, BASE, 1),
     Entry(Kind.PORT_WRITTEN, "mk/mk1/port", b"\x1b\x1b", "", 1000.5, 1_760_001_001.0, BASE, 1, issuer="release"),
     sample(2)._replace(base=TimeBase("89abcdef", 5)),

@@ -11,6 +11,7 @@ import time
 from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import ExitStack, asynccontextmanager
 from functools import partial
+from itertools import count
 from typing import Final, Self
 
 import structlog
@@ -18,20 +19,20 @@ import zenoh
 from pydantic import BaseModel
 
 from mkdaemon.bus.answers import AnswerThread
-from mkdaemon.bus.codec import Payload, TooLong, encode, encoding_of, with_age
+from mkdaemon.bus.codec import MEDIA_TYPE, Payload, encode, encoding_of
 from mkdaemon.bus.exposure import check_exposure
 from mkdaemon.bus.floods import QueryBudgets, ShedCounter, flood_settings
-from mkdaemon.bus.intake import Prover, SetpointIntake, Taker
-from mkdaemon.bus.keys import REQUEST_BYTES, Use, find, of_use, roots
+from mkdaemon.bus.intake import Prover, SetpointIntake, Taker, read_payload, read_signature
+from mkdaemon.bus.keys import Use, find, of_use, roots
 from mkdaemon.bus.names import key, suffix_of
+from mkdaemon.bus.published import PublishedValues
+from mkdaemon.bus.recording import BusRecorder, NoRecorder
 from mkdaemon.bus.schema import schema_json, schema_names
 from mkdaemon.bus.session import close_session, open_session, session_config
 from mkdaemon.config.bus import BusConfig
 from mkdaemon.errors import CommandRejectedError
-from mkdaemon.stamp import Stamp
 from mkdaemon.telemetry.command import CommandResult, refused
 from mkdaemon.telemetry.refusals import Token, refuse
-from mkdaemon.telemetry.signature import SIGNATURE_BYTES
 
 _log = structlog.get_logger(__name__)
 _RESULT_ENCODING: Final = encoding_of(CommandResult)
@@ -50,14 +51,15 @@ class Bus:
         open_endpoints: where everybody in the network may come in; empty unless the configuration allows it.
     """
 
-    def __init__(self, session: zenoh.Session, cfg: BusConfig, vehicle: str) -> None:
+    def __init__(self, session: zenoh.Session, cfg: BusConfig, vehicle: str, recorder: BusRecorder) -> None:
         self.vehicle = vehicle
         self.open_endpoints: tuple[str, ...] = ()
         self._session = session
         self._cfg = cfg
         self._loop = asyncio.get_running_loop()
-        self._publishers: dict[str, tuple[zenoh.Publisher, str]] = {}
-        self._last: dict[str, tuple[bytes, str, float]] = {}
+        self._recorder = recorder
+        self._published = PublishedValues(session, vehicle, recorder)
+        self._exchanges = count(1)
         self._answering: set[asyncio.Task[None]] = set()
         self._is_leaving = False
         self._shed, self._budgets = ShedCounter(), QueryBudgets()
@@ -68,7 +70,7 @@ class Bus:
 
     @classmethod
     @asynccontextmanager
-    async def open(cls, cfg: BusConfig, vehicle: str) -> AsyncIterator[Self]:
+    async def open(cls, cfg: BusConfig, vehicle: str, recorder: BusRecorder | None = None) -> AsyncIterator[Self]:
         """Open a session, show the liveliness token, answer last-value and schema queries; close all on leaving.
 
         Raises:
@@ -86,12 +88,12 @@ class Bus:
         reachable = check_exposure(config, allow_open=cfg.allow_open)
         session = await open_session(config, listen=cfg.listen)
         try:
-            bus = cls(session, cfg, vehicle)
+            bus = cls(session, cfg, vehicle, recorder or NoRecorder())
             bus.open_endpoints = reachable
             with ExitStack() as token:
                 try:
                     for root in roots(Use.PUBLISHED):
-                        bus._declare_lookup(f"{root}/**", bus._answer_last)
+                        bus._declare_lookup(f"{root}/**", bus._published.answer_last)
                     bus._declare_lookup("schema/**", bus._answer_schema)
                     token.enter_context(session.liveliness().declare_token(key(vehicle, "alive")))
                     yield bus
@@ -118,20 +120,11 @@ class Bus:
         Raises:
             ValueError: the table of keys has no such published key.
         """
-        known = self._publishers.get(suffix)
-        if known is None:
-            spec = find(suffix)
-            if spec is None or spec.use is not Use.PUBLISHED:
-                msg = f"{suffix} is no published key of the table in bus/keys.py"
-                raise ValueError(msg)
-            publisher = self._session.declare_publisher(key(self.vehicle, suffix))
-            known = self._publishers[suffix] = (publisher, "")
-        publisher = known[0]
-        payload = encode(value)
-        encoding = encoding_of(schema or type(value))
-        stamp = getattr(value, "stamp", None)
-        self._last[suffix] = (payload, encoding, stamp.monotonic if isinstance(stamp, Stamp) else time.monotonic())
-        publisher.put(payload, encoding=encoding)
+        self._published.put(suffix, value, schema)
+
+    def counts(self) -> dict[str, int]:
+        """How many values were published since the start, by key without `mk/<vehicle>/`."""
+        return self._published.counts()
 
     async def wait_until_watched(self) -> None:
         """Return as soon as anybody subscribes to anything of this vehicle."""
@@ -181,10 +174,19 @@ class Bus:
             take: called on the loop.
             is_proven: whether it is the holder's; called on Zenoh's threads.
         """
-        intake = SetpointIntake(self._loop, take, is_proven, partial(self._shed.add, f"setpoints to {suffix}"))
+        spec = find(suffix)
+        encoding = MEDIA_TYPE if spec is None or spec.carries is None else encoding_of(spec.carries)
+
+        def record_and_take(at: float, payload: Payload, proof: bytes) -> None:
+            if isinstance(payload, bytes):
+                self._recorder.setpoint(suffix, payload, encoding, proof, at)
+            take(at, payload, proof)
+
+        shed = partial(self._shed.add, f"setpoints to {suffix}")
+        intake = SetpointIntake(self._loop, record_and_take, is_proven, shed)
 
         def on_sample(sample: zenoh.Sample) -> None:
-            intake.arrived(_read(sample.payload, suffix), _signature(sample.attachment))
+            intake.arrived(read_payload(sample.payload, suffix), read_signature(sample.attachment))
 
         self._session.declare_subscriber(key(self.vehicle, suffix), zenoh.handlers.Callback(on_sample, indirect=False))
 
@@ -196,9 +198,13 @@ class Bus:
         """Hear of every client that shows or loses its liveliness token, those already there first."""
         loop = self._loop
 
+        def record_and_watch(name: str, is_here: bool) -> None:
+            self._recorder.client(name, is_here)
+            watcher(name, is_here)
+
         def on_token(sample: zenoh.Sample) -> None:
             name = str(sample.key_expr).rpartition("/")[2]
-            loop.call_soon_threadsafe(watcher, name, sample.kind == zenoh.SampleKind.PUT)
+            loop.call_soon_threadsafe(record_and_watch, name, sample.kind == zenoh.SampleKind.PUT)
 
         self._session.liveliness().declare_subscriber(
             key(self.vehicle, "client/*"), zenoh.handlers.Callback(on_token, indirect=False), history=True
@@ -230,14 +236,6 @@ class Bus:
 
         self._session.declare_queryable(key(self.vehicle, suffix), zenoh.handlers.Callback(on_query, indirect=False))
 
-    def _answer_last(self, query: zenoh.Query) -> None:
-        """Reply with the last value of every key asked for; `age` is the time since its stamp, or since it was put."""
-        now = time.monotonic()
-        for suffix, (payload, encoding, stamp) in list(self._last.items()):
-            whole = key(self.vehicle, suffix)
-            if query.key_expr.intersects(whole):
-                query.reply(whole, with_age(payload, now - stamp), encoding=encoding)
-
     def _answer_schema(self, query: zenoh.Query) -> None:
         for name in schema_names():
             whole = key(self.vehicle, f"schema/{name}")
@@ -247,28 +245,34 @@ class Bus:
     async def _answer_command(self, query: zenoh.Query, handler: Handler) -> None:
         whole = str(query.key_expr)
         result: CommandResult | None = None
+        exchange = 0
         try:
             if "*" not in whole and "$" not in whole:  # a wildcard that looks around commands nothing
-                result = await self._work_on(whole, query.payload, handler)
+                suffix, exchange = suffix_of(self.vehicle, whole), next(self._exchanges)
+                payload = read_payload(query.payload, suffix)
+                self._recorder.query(suffix, payload if isinstance(payload, bytes) else b"", exchange)
+                result = await self._work_on(suffix, payload, handler)
         finally:
-            self._reply_result(query, result)
+            self._reply_result(query, result, exchange)
 
-    async def _work_on(self, whole: str, payload: zenoh.ZBytes | None, handler: Handler) -> CommandResult:
+    async def _work_on(self, suffix: str, payload: Payload, handler: Handler) -> CommandResult:
         started = time.monotonic()
-        suffix = suffix_of(self.vehicle, whole)
         try:
-            result = await handler(suffix, _read(payload, suffix))
+            result = await handler(suffix, payload)
         except CommandRejectedError as error:
             result = refused(error)
         except Exception as error:  # noqa: BLE001
             # One client's strange request must not end the flight of another: answer, log, go on.
-            _log.exception("command failed", key=whole)
+            _log.exception("command failed", key=suffix)
             result = refused(refuse(Token.INTERNAL, detail=f"{type(error).__name__}: {error}"))
         return result.model_copy(update={"duration": round(time.monotonic() - started, 6)})
 
-    def _reply_result(self, query: zenoh.Query, result: CommandResult | None) -> None:
+    def _reply_result(self, query: zenoh.Query, result: CommandResult | None, exchange: int = 0) -> None:
         """Reply to a command, off the loop; None for no answer."""
         payload = None if result is None else encode(result)
+        if payload is not None and exchange:
+            suffix = suffix_of(self.vehicle, str(query.key_expr))
+            self._recorder.reply(suffix, payload, _RESULT_ENCODING, exchange)
 
         def reply(query: zenoh.Query) -> None:
             if payload is not None:
@@ -282,19 +286,3 @@ class Bus:
         for task in self._answering:
             task.cancel()
         await asyncio.gather(*self._answering, return_exceptions=True)
-
-
-def _signature(attachment: zenoh.ZBytes | None) -> bytes:
-    """Copy a signature; what has not its length is none."""
-    is_signed = attachment is not None and len(attachment) == SIGNATURE_BYTES
-    return attachment.to_bytes() if attachment is not None and is_signed else b""
-
-
-def _read(payload: zenoh.ZBytes | None, suffix: str) -> Payload:
-    """Copy what somebody sent to a key, unless it is longer than anything honest there."""
-    if payload is None:
-        return b""
-    spec = find(suffix)
-    limit = REQUEST_BYTES if spec is None else spec.max_bytes
-    size = len(payload)
-    return payload.to_bytes() if size <= limit else TooLong(size, limit)

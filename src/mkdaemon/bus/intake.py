@@ -9,8 +9,12 @@ from collections import deque
 from collections.abc import Callable
 from typing import Final
 
-from mkdaemon.bus.codec import Payload
+import zenoh
+
+from mkdaemon.bus.codec import Payload, TooLong
 from mkdaemon.bus.floods import STRANGER_RATE, Budget
+from mkdaemon.bus.keys import REQUEST_BYTES, find
+from mkdaemon.telemetry.signature import SIGNATURE_BYTES
 
 FLOOD: Final = 64
 """Setpoints of the holder taken in one turn of the loop; an honest client sends one in twenty milliseconds."""
@@ -77,3 +81,19 @@ class SetpointIntake:
             self._holders.clear()
         for setpoint in arrived:
             self._take(*setpoint)
+
+
+def read_signature(attachment: zenoh.ZBytes | None) -> bytes:
+    """Copy a signature; what has not its length is none."""
+    is_signed = attachment is not None and len(attachment) == SIGNATURE_BYTES
+    return attachment.to_bytes() if attachment is not None and is_signed else b""
+
+
+def read_payload(payload: zenoh.ZBytes | None, suffix: str) -> Payload:
+    """Copy what somebody sent to a key, unless it is longer than anything honest there."""
+    if payload is None:
+        return b""
+    spec = find(suffix)
+    limit = REQUEST_BYTES if spec is None else spec.max_bytes
+    size = len(payload)
+    return payload.to_bytes() if size <= limit else TooLong(size, limit)

@@ -2,14 +2,10 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterator
-from dataclasses import dataclass
-from enum import StrEnum
 from typing import Final
 
-from pydantic import BaseModel
-
+from mkdaemon.bus.keyspec import REQUEST_BYTES, KeySpec, Use
 from mkdaemon.telemetry import mission, settings
 from mkdaemon.telemetry.command import (
     AbortRequest,
@@ -38,6 +34,7 @@ from mkdaemon.telemetry.link import LinkHealth, LinkState, LinkTraffic
 from mkdaemon.telemetry.mission import MissionEvent
 from mkdaemon.telemetry.preflight import ControlPreflight, PreflightReport
 from mkdaemon.telemetry.procedure import Cancelled, CancelRequest, ProcedureProgress
+from mkdaemon.telemetry.record import BusCounts, MarkEvent, MarkRequest, RecordStatus
 from mkdaemon.telemetry.setpoint import (
     AttitudeSetpoint,
     HoldSetpoint,
@@ -53,62 +50,7 @@ from mkdaemon.telemetry.traffic import FrameSample, RawFrame
 from mkdaemon.telemetry.vehicle import VehicleHealth
 from mkdaemon.telemetry.vision import Tags, Transform, VisionPose, VisionStats
 
-REQUEST_BYTES: Final = 4096
-"""Longest request [bytes]; five parameter sets are 1,100."""
-_SETPOINT_BYTES: Final = 512
-"""Longest setpoint [bytes]; the longest honest one is below 200."""
-_MISSION_BYTES: Final = 1 << 17
-"""Longest request with a mission [bytes]; 254 points are up to 80,000."""
-_CARRY_MISSION: Final = frozenset({"do/waypoints_upload", "do/waypoints_verify"})
-
-
-class Use(StrEnum):
-    """How a key is used."""
-
-    PUBLISHED = "published"
-    """The daemon puts it; a query answers with the last value and its `age`."""
-    CLIENT = "client"
-    """Another program than the daemon puts it."""
-    QUERY = "query"
-    """A client asks; the answer is a `CommandResult` or a schema."""
-    SETPOINT = "setpoint"
-    """A client streams it; the newest wins."""
-    TOKEN = "token"
-    """A liveliness token."""
-
-
-@dataclass(frozen=True, slots=True)
-class KeySpec:
-    """One family of keys.
-
-    Attributes:
-        suffix: what follows `mk/<vehicle>/`; `<word>` stands for any one chunk.
-        use: how it is used.
-        carries: model of the payload; None for a payload described by `about`.
-        when: how often, or on what.
-        about: what it says.
-        reply: model of the answer to a query, inside its `CommandResult`; None where there is none of its own.
-    """
-
-    suffix: str
-    use: Use
-    carries: type[BaseModel] | None
-    when: str
-    about: str
-    reply: type[BaseModel] | None = None
-
-    @property
-    def pattern(self) -> str:
-        """The suffix as a Zenoh key expression."""
-        return re.sub(r"<[^>]+>", "*", self.suffix)
-
-    @property
-    def max_bytes(self) -> int:
-        """Longest payload that is read from a client [bytes]."""
-        if self.use is Use.SETPOINT:
-            return _SETPOINT_BYTES
-        return _MISSION_BYTES if self.suffix in _CARRY_MISSION else REQUEST_BYTES
-
+__all__ = ["KEYS", "REQUEST_BYTES", "KeySpec", "Use", "find", "of_use", "roots"]
 
 _P, _Q = Use.PUBLISHED, Use.QUERY
 
@@ -166,10 +108,13 @@ KEYS: Final[tuple[KeySpec, ...]] = (
     KeySpec("sim/start", _Q, None, "", "The simulated pilot begins now, without waiting longer; no payload."),
     KeySpec("sim/fault", _Q, FaultRequest, "", "Begin or end a fault of the simulator.", SimFaults),
     KeySpec("event/clock", _P, ClockEvent, "on occurrence", "The system clock was set: how far, and which way."),
+    KeySpec("event/mark", _P, MarkEvent, "on occurrence", "Somebody marked this moment for the recordings."),
     KeySpec("event/log", _P, LogEvent, "on occurrence", "Other things worth knowing."),
     KeySpec(
         "health", _P, VehicleHealth, "1 Hz and on change", "Whether the vehicle is alive (the daemon: see `alive`)."
     ),
+    KeySpec("record/status", _P, RecordStatus, "1 Hz", "What the daemon's own recorder does."),
+    KeySpec("bus/counts", _P, BusCounts, "1 Hz", "How many values were put, by key."),
     KeySpec("cmd/<board>/<message>", _Q, CommandResult, "", "A MikroKopter request; its typed reply, or a refusal."),
     KeySpec("do/lease", _Q, LeaseRequest, "", "Take, renew, give back or show the lease.", LeaseGrant),
     KeySpec("do/release", _Q, ReleaseRequest, "", "Let go of the aircraft now; anyone may.", ReleaseReport),
@@ -254,6 +199,7 @@ KEYS: Final[tuple[KeySpec, ...]] = (
         "Change a motor controller.",
         settings.MotorControllers,
     ),
+    KeySpec("do/mark", _Q, MarkRequest, "", "Mark this moment in all recordings; needs no lease."),
     KeySpec("do/cancel", _Q, CancelRequest, "", "End the procedure that runs.", Cancelled),
     KeySpec("schema/<name>", _Q, None, "", "JSON Schema of `<Name>.v<N>`, as the encoding of every payload names it."),
     KeySpec("setpoint/stick", Use.SETPOINT, StickSetpoint, "", "Stick offsets, under a lease."),

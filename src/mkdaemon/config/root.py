@@ -8,6 +8,7 @@ from mkdaemon.config.camera import CameraSection
 from mkdaemon.config.commands import CommandsConfig
 from mkdaemon.config.control import ControlConfig
 from mkdaemon.config.link import LinkConfig
+from mkdaemon.config.record import RecordConfig
 from mkdaemon.config.sim import SimConfig
 from mkdaemon.config.vehicle import VehicleConfig
 from mkdaemon.config.vision import VisionSection
@@ -30,5 +31,7 @@ class Config(Section):
     """Cameras, each a `[[cameras]]` table; none: the daemon does not look."""
     vision: VisionSection = VisionSection()
     """Detector and tracker of all cameras."""
+    record: RecordConfig = RecordConfig()
+    """The black box: what is recorded, where, and how much room it may take."""
     sim: SimConfig = SimConfig()
     """The simulated aircraft of `mkdaemon sim` and `mkdaemon demo`."""

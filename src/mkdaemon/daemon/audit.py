@@ -11,6 +11,7 @@ from mkdaemon.clock import Clock, ClockStep
 from mkdaemon.control.actions import Report, ReportCommand, ReportFailsafe, ReportMode
 from mkdaemon.telemetry.command import CommandResult
 from mkdaemon.telemetry.event import ClockEvent, CommandEvent, FailsafeEvent, LogEvent, ModeEvent
+from mkdaemon.telemetry.record import MarkEvent
 
 _log = structlog.get_logger("mkdaemon")
 _SHOWN: Final = 16
@@ -70,6 +71,11 @@ class Audit:
         event = FailsafeEvent(stamp=self._clock.stamp(), action=action, reason=reason, released=released)
         self._bus.publish("event/failsafe", event)
         _log.warning("failsafe", action=action, reason=reason, released=released)
+
+    def mark(self, text: str, holder: str) -> None:
+        """Somebody marked this moment."""
+        self._bus.publish("event/mark", MarkEvent(stamp=self._clock.stamp(), text=text, holder=holder))
+        _log.info("mark", text=text, holder=holder)
 
     def clock_stepped(self, step: ClockStep) -> None:
         """The system clock was set; stamps follow it from now on."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
 from typing import TYPE_CHECKING
 
@@ -19,9 +19,12 @@ from mkdaemon.telemetry.state import Attitude
 from mkdaemon.telemetry.vision import VisionPose, VisionStats
 
 if TYPE_CHECKING:
+    from mkdaemon.vision.camera.image import CameraImage
     from mkdaemon.vision.worker import VisionWorker
 
 _log = structlog.get_logger(__name__)
+RecordImage = Callable[["CameraImage"], None]
+"""Takes an image for a recording."""
 
 
 class Eyes:
@@ -75,8 +78,15 @@ CLOSING = 1.0
 """Longest time cameras get to close [s]; the whole daemon must be gone within two."""
 
 
-def open_eyes(cfg: Config, bus: Bus, clock: Clock, core: FlightCore) -> Eyes:
+def open_eyes(cfg: Config, bus: Bus, clock: Clock, core: FlightCore, record: RecordImage = lambda image: None) -> Eyes:
     """Prepare the cameras, whose poses go to the flight core first; a daemon without any never loads OpenCV.
+
+    Args:
+        cfg: all of it.
+        bus: where values go.
+        clock: stamps.
+        core: hears of poses.
+        record: takes every image on the thread of the eyes, and returns at once.
 
     Raises:
         ConfigError: a source, camera file or target file is wrong.
@@ -86,7 +96,9 @@ def open_eyes(cfg: Config, bus: Bus, clock: Clock, core: FlightCore) -> Eyes:
     from mkdaemon.vision.worker import VisionWorker
 
     loop = asyncio.get_running_loop()
-    return Eyes(VisionWorker(cfg.cameras, cfg.vision, PoseSink(core, bus), loop, clock, session=lambda: bus.session))
+    sink = PoseSink(core, bus)
+    worker = VisionWorker(cfg.cameras, cfg.vision, sink, loop, clock, session=lambda: bus.session, record=record)
+    return Eyes(worker)
 
 
 def _log_defect(supervision: asyncio.Task[None]) -> None:

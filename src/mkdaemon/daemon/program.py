@@ -17,9 +17,11 @@ from mkdaemon.bus.linger import keep_closing_at_once
 from mkdaemon.bus.localsocket import socket_folders, socket_name
 from mkdaemon.clock import Clock
 from mkdaemon.config.root import Config
+from mkdaemon.daemon.blackbox import BlackBox, open_black_box
 from mkdaemon.daemon.eyes import open_eyes
 from mkdaemon.daemon.flightnote import FlightNotes
 from mkdaemon.daemon.guard import GuardProcess, take_report
+from mkdaemon.daemon.lineport import record_port
 from mkdaemon.daemon.localsocket import LocalSocket
 from mkdaemon.daemon.priority import spare_collector
 from mkdaemon.daemon.procedures import state_folder
@@ -28,6 +30,7 @@ from mkdaemon.daemon.watchdog import Notifier, feed_watchdog
 from mkdaemon.daemon.wiring import Wiring
 from mkdaemon.errors import ConfigError, MkError
 from mkdaemon.link.ports.port import open_port
+from mkdaemon.record.notices import Notice
 
 RECORDING: Final = "replay:"
 """Ports that begin so are recordings."""
@@ -53,9 +56,10 @@ async def run(cfg: Config, stop: asyncio.Event, clock: Clock | None = None) -> N
     if not cfg.link.port:
         msg = "link.port: no port is configured; set it, or give --port (mkdaemon doctor lists what is plugged in)"
         raise ConfigError(msg)
-    notifier = Notifier()
-    async with Bus.open(cfg.bus, cfg.vehicle.name) as bus:
-        daemon = Daemon(cfg, bus, clock or Clock())
+    notifier, clock = Notifier(), clock or Clock()
+    black_box = open_black_box(cfg, clock, is_recording=cfg.link.port.startswith(RECORDING))
+    async with black_box.run(), Bus.open(cfg.bus, cfg.vehicle.name, black_box.bus_recorder) as bus:
+        daemon = Daemon(cfg, bus, clock, black_box)
         spare_collector()
         try:
             await daemon.serve(stop, notifier)
@@ -71,7 +75,7 @@ async def run(cfg: Config, stop: asyncio.Event, clock: Clock | None = None) -> N
 class Daemon:
     """Everything that runs, wired together."""
 
-    def __init__(self, cfg: Config, bus: Bus, clock: Clock) -> None:
+    def __init__(self, cfg: Config, bus: Bus, clock: Clock, black_box: BlackBox | None = None) -> None:
         """Build and wire; nothing runs yet.
 
         Raises:
@@ -83,11 +87,19 @@ class Daemon:
         self._report = state_folder(cfg.vehicle) / "guard.json"
         needs_guard = cfg.control.guard and not cfg.link.port.startswith(RECORDING)
         self._guard = GuardProcess(self._report, clock=clock.now) if needs_guard else None
-        make_eyes = partial(open_eyes, cfg, bus, clock)
-        wiring = self._wiring = Wiring(cfg, bus, clock, make_eyes=make_eyes, guard=self._guard)
+        box = self._black_box = black_box or BlackBox(clock)
+        wiring = self._wiring = Wiring(
+            cfg,
+            bus,
+            clock,
+            make_eyes=partial(open_eyes, cfg, bus, clock, record=box.image_recorder(cfg.record.images)),
+            guard=self._guard,
+            opener=record_port(open_port, box.tap, clock),
+            record_written=box.record_written,
+        )
         self._link, self._flight, self._audit = wiring.link, wiring.flight, wiring.audit
         self._notes = FlightNotes(state_folder(cfg.vehicle), cfg.link.port, clock)
-        self._local = LocalSocket(wiring.answer_verb)
+        self._local = LocalSocket(box.recorded(wiring.answer_verb))
 
     async def serve(self, stop: asyncio.Event, notifier: Notifier) -> None:
         """Run all tasks until `stop`, or until a recording has ended."""
@@ -112,6 +124,7 @@ class Daemon:
                     *self._wiring.start(above),
                     above.create_task(self._report_floods(), name="floods"),
                     above.create_task(keep_closing_at_once(), name="connections"),
+                    above.create_task(self._black_box.report(self._bus, self._audit), name="black box"),
                     above.create_task(
                         feed_watchdog(notifier, lambda: self._flight.ticks, self._status), name="watchdog"
                     ),
@@ -120,6 +133,7 @@ class Daemon:
                 if not is_recording:
                     tasks.append(above.create_task(self._notes.follow(self._link, self._audit), name="flight note"))
                 await asyncio.wait({stopped, link}, return_when=asyncio.FIRST_COMPLETED)
+                self._black_box.note(Notice.STOP)
                 for task in tasks:
                     task.cancel()
             link.cancel()
@@ -131,7 +145,7 @@ class Daemon:
         if guard is None:
             yield
             return
-        guard.acted, guard.changed = self._flight.guard_acted, self._flight.guard_changed
+        guard.acted, guard.changed = self._guard_acted, self._guard_changed
         try:
             self._report.parent.mkdir(parents=True, exist_ok=True)
         except OSError as error:
@@ -145,6 +159,14 @@ class Daemon:
             finally:
                 watcher.cancel()
                 await guard.stop()
+
+    def _guard_acted(self, released: bool) -> None:
+        self._black_box.note(Notice.GUARD_ACTED, released=released)
+        self._flight.guard_acted(released)
+
+    def _guard_changed(self, is_alive: bool) -> None:
+        self._black_box.note(Notice.GUARD_ALIVE, is_alive=is_alive)
+        self._flight.guard_changed(is_alive)
 
     @asynccontextmanager
     async def _listening_locally(self) -> AsyncIterator[None]:

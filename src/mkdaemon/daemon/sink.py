@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Final
 
 from pydantic import BaseModel
@@ -27,16 +28,28 @@ from mkdaemon.translate.state import fc_is_lost, motors_running
 _FOREIGN: Final = "other"
 """Board chunk of a frame whose address no board has."""
 
+RecordWritten = Callable[[bytes, float, str], None]
+"""Records bytes that were written to the line, when [s; monotonic] and what for."""
+
 
 class BusSink:
     """Hears about the line and publishes; every method returns at once."""
 
-    def __init__(self, bus: Outlet, core: FlightCore, audit: Audit, eyes: Eyes, clock: Clock) -> None:
+    def __init__(
+        self,
+        bus: Outlet,
+        core: FlightCore,
+        audit: Audit,
+        eyes: Eyes,
+        clock: Clock,
+        record_written: RecordWritten = lambda data, at, issuer: None,
+    ) -> None:
         self._bus = bus
         self._core = core
         self._audit = audit
         self._eyes = eyes
         self._clock = clock
+        self._record_written = record_written
         self._translator = StateTranslator()
         self._counts = {"rx": 0, "tx": 0}
 
@@ -79,6 +92,7 @@ class BusSink:
         sequence = self._count("tx")
         stamp = self._clock.stamp(frame.at)
         purpose = frame.purpose.name.lower()
+        self._record_written(frame.raw, frame.at, purpose)
         self._bus.publish("raw/tx", RawFrame(stamp=stamp, sequence=sequence, raw=frame.raw, purpose=purpose))
         message = frame.message
         if message is None:

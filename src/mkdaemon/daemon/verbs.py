@@ -26,6 +26,7 @@ from mkdaemon.telemetry.command import (
 )
 from mkdaemon.telemetry.control import Gains, LeaseProbe, ReleaseOutcome, ReleaseReport
 from mkdaemon.telemetry.preflight import PreflightReport
+from mkdaemon.telemetry.record import MarkRequest
 from mkdaemon.telemetry.refusals import Status, Token, refuse
 
 Verb = Callable[[Payload], Awaitable[CommandResult]]
@@ -55,6 +56,7 @@ class Verbs:
             "rate": self._rate,
             "gains": self._gains,
             "preflight": self._preflight,
+            "mark": self._mark,
             **procedures,
         }
 
@@ -110,6 +112,12 @@ class Verbs:
         read_command(PreflightRequest, payload)
         report = (await self._flight.preflight()).model_dump(mode="json")
         return CommandResult(status=Status.ACCEPTED, reply=report, reply_type=schema_name(PreflightReport))
+
+    async def _mark(self, payload: Payload) -> CommandResult:
+        """Answer `do/mark`."""
+        request = read_command(MarkRequest, payload)
+        self._audit.mark(request.text, request.holder)
+        return CommandResult(status=Status.ACCEPTED)
 
     async def _rate(self, payload: Payload) -> CommandResult:
         """Answer `do/rate`: change one stream, or just show all."""

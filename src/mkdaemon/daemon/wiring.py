@@ -25,7 +25,7 @@ from mkdaemon.daemon.flight import FlightControl
 from mkdaemon.daemon.pathdelay import PathProbe
 from mkdaemon.daemon.procedures import Interlock, Journal, ProcedureRunner, state_folder
 from mkdaemon.daemon.requests import BoardRequests
-from mkdaemon.daemon.sink import BusSink
+from mkdaemon.daemon.sink import BusSink, RecordWritten
 from mkdaemon.daemon.verbs import Verbs
 from mkdaemon.daemon.vitals import vehicle_health
 from mkdaemon.link.labels import LabelCache
@@ -84,6 +84,7 @@ class Wiring:
         make_eyes: MakeEyes,
         guard: LineGuard | None = None,
         opener: Opener = open_port,
+        record_written: RecordWritten = lambda data, at, issuer: None,
     ) -> None:
         """Build and wire.
 
@@ -94,6 +95,7 @@ class Wiring:
             make_eyes: makes the cameras.
             guard: hears of the open port and of every stick frame written.
             opener: opens the port.
+            record_written: records what is written to it.
 
         Raises:
             ConfigError: the port cannot exist, the line cannot carry the configured rates, a camera is wrong, or a
@@ -107,7 +109,7 @@ class Wiring:
         core = FlightCore(cfg.control, facts, first_epoch=int(clock.stamp().wall * 1000))
         audit = self.audit = Audit(bus, clock)
         self.eyes = make_eyes(core)
-        sink = BusSink(bus, core, audit, self.eyes, clock)
+        sink = BusSink(bus, core, audit, self.eyes, clock, record_written)
         link = self.link = Link(
             cfg.link, sink, opener=opener, clock=clock, motors_running=facts.motors_running, guard=guard
         )

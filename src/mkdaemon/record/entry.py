@@ -41,6 +41,8 @@ class Kind(StrEnum):
     """The line was lost or closed; the payload is a map of `reason`."""
     IMAGE = "image"
     """What a camera saw, kept by the recorder at a rate of its own; the payload is a `CameraFrame`."""
+    NOTICE = "notice"
+    """What the daemon was told from beside the bus and the line, or when it woke; see `notices`."""
 
 
 class Congestion(StrEnum):
@@ -120,7 +122,7 @@ class Entry(NamedTuple):
         published: Unix time of its stamp; of `received` where it carries no stamp [s].
         base: joins `received` to Unix time.
         sequence: counts the entries of this kind and key in a recording; a gap is a loss.
-        issuer: what sent bytes are for, as `RawFrame.purpose`; else empty.
+        issuer: what sent bytes are for, as `RawFrame.purpose`; who stamped an image; else empty.
         exchange: number of a query, and of its reply; else 0.
         attachment: Zenoh's attachment.
         qos: how it was put.

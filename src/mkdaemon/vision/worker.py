@@ -59,6 +59,7 @@ class VisionWorker:
         clock: stamps.
         session: gives the Zenoh session for `zenoh:` sources.
         open_source: chooses the source a camera section names.
+        record: takes every image before it is looked at; called on the worker's thread, returns at once.
 
     Raises:
         ConfigError: a source, camera file or target file is wrong, or two cameras share a name.
@@ -74,6 +75,7 @@ class VisionWorker:
         session: Callable[[], zenoh.Session] | None = None,
         *,
         open_source: Callable[[CameraSection, Callable[[], zenoh.Session] | None], Source] = source_of,
+        record: Callable[[CameraImage], None] = lambda image: None,
     ) -> None:
         names = [cfg.name for cfg in cameras]
         for name in names:
@@ -81,6 +83,7 @@ class VisionWorker:
                 msg = f"two cameras are called '{name}'; give one of them another name"
                 raise ConfigError(msg)
         self._sink = sink
+        self._record = record
         self._loop = loop
         self._clock = clock
         self._slots: NewestSlots[CameraImage] = NewestSlots()
@@ -166,6 +169,7 @@ class VisionWorker:
             image = self._slots.take(LOOK_EVERY)
             values: list[tuple[str, Telemetry]] = []
             if image is not None:
+                self._record(image)
                 values += self._eyes[image.camera].look(image, AttitudeHistory(tuple(self._attitudes)))
             for eye in self._eyes.values():
                 values += eye.report(self._clock.stamp(), self._restarts)

@@ -120,6 +120,12 @@ def encode_jpeg(pixels: Grey, quality: int, max_width: int) -> tuple[bytes, int,
     return coded.tobytes(), pixels.shape[1], pixels.shape[0]
 
 
+def encode_png(pixels: Grey) -> bytes:
+    """Compress without loss."""
+    _, coded = cv2.imencode(".png", pixels, [cv2.IMWRITE_PNG_COMPRESSION, 1])
+    return coded.tobytes()
+
+
 def to_grey(image: npt.NDArray[np.generic]) -> Grey | None:
     """Any picture OpenCV captures to grey `(h, w)` uint8; None for something that is no picture."""
     if image.size == 0 or image.ndim not in (2, 3):

@@ -1,0 +1,66 @@
+"""What the table of keys says about a key."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import Final
+
+from pydantic import BaseModel
+
+REQUEST_BYTES: Final = 4096
+"""Longest request [bytes]; five parameter sets are 1,100."""
+_SETPOINT_BYTES: Final = 512
+"""Longest setpoint [bytes]; the longest honest one is below 200."""
+_MISSION_BYTES: Final = 1 << 17
+"""Longest request with a mission [bytes]; 254 points are up to 80,000."""
+_CARRY_MISSION: Final = frozenset({"do/waypoints_upload", "do/waypoints_verify"})
+
+
+class Use(StrEnum):
+    """How a key is used."""
+
+    PUBLISHED = "published"
+    """The daemon puts it; a query answers with the last value and its `age`."""
+    CLIENT = "client"
+    """Another program than the daemon puts it."""
+    QUERY = "query"
+    """A client asks; the answer is a `CommandResult` or a schema."""
+    SETPOINT = "setpoint"
+    """A client streams it; the newest wins."""
+    TOKEN = "token"
+    """A liveliness token."""
+
+
+@dataclass(frozen=True, slots=True)
+class KeySpec:
+    """One family of keys.
+
+    Attributes:
+        suffix: what follows `mk/<vehicle>/`; `<word>` stands for any one chunk.
+        use: how it is used.
+        carries: model of the payload; None for a payload described by `about`.
+        when: how often, or on what.
+        about: what it says.
+        reply: model of the answer to a query, inside its `CommandResult`; None where there is none of its own.
+    """
+
+    suffix: str
+    use: Use
+    carries: type[BaseModel] | None
+    when: str
+    about: str
+    reply: type[BaseModel] | None = None
+
+    @property
+    def pattern(self) -> str:
+        """The suffix as a Zenoh key expression."""
+        return re.sub(r"<[^>]+>", "*", self.suffix)
+
+    @property
+    def max_bytes(self) -> int:
+        """Longest payload that is read from a client [bytes]."""
+        if self.use is Use.SETPOINT:
+            return _SETPOINT_BYTES
+        return _MISSION_BYTES if self.suffix in _CARRY_MISSION else REQUEST_BYTES

@@ -1,0 +1,209 @@
+"""The daemon's own recorder: taps where things pass, and a thread that writes.
+
+It stands beside the flight: nothing here waits, and whatever becomes of the disk, the worst is an entry that is lost
+and counted.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import os
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from importlib.metadata import version
+from itertools import count
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
+
+from mkdaemon.bus.codec import encode, encoding_of
+from mkdaemon.bus.gateway import Bus
+from mkdaemon.bus.recording import BusRecorder, NoRecorder
+from mkdaemon.clock import Clock, Wake
+from mkdaemon.config.record import RecordedImages
+from mkdaemon.config.root import Config
+from mkdaemon.daemon.audit import Audit
+from mkdaemon.daemon.eyes import RecordImage
+from mkdaemon.daemon.imagerecord import ImageRecorder
+from mkdaemon.daemon.localsocket import Answer
+from mkdaemon.daemon.procedures import state_folder
+from mkdaemon.record.notices import Notice
+from mkdaemon.record.queue import EntryQueue
+from mkdaemon.record.tap import Tap
+from mkdaemon.telemetry.command import CommandResult
+from mkdaemon.telemetry.record import BusCounts, RecorderState, RecordStatus
+
+if TYPE_CHECKING:
+    from mkdaemon.record.thread import RecorderThread
+
+PERIOD: Final = 1.0
+"""Of what is published about the recorder [s]."""
+MEGA: Final = 1_000_000
+LOCAL_EXCHANGES: Final = 1 << 30
+"""Number of the first request over the Unix socket; the bus counts its own from 1."""
+
+
+class BlackBox:
+    """A recorder that runs with the daemon.
+
+    Attributes:
+        tap: takes what passes; None where nothing is recorded.
+    """
+
+    def __init__(self, clock: Clock, thread: RecorderThread | None = None, tap: Tap | None = None) -> None:
+        """Take what was prepared; see `open_black_box`. Without a thread and a tap nothing is recorded."""
+        self.tap = tap
+        self._thread = thread
+        self._clock = clock
+        self._state = RecorderState.OFF
+        self._local_exchanges = count(LOCAL_EXCHANGES)
+
+    @property
+    def bus_recorder(self) -> BusRecorder:
+        """What the bus shows everything to."""
+        return NoRecorder() if self.tap is None else self.tap
+
+    @asynccontextmanager
+    async def run(self) -> AsyncIterator[None]:
+        """Write while the context lasts; what waits at its end is written too, if the disk takes it at once."""
+        if self._thread is None:
+            yield
+            return
+        self._clock.wake_heard = self._note_wake
+        self._thread.start()
+        try:
+            yield
+        finally:
+            await asyncio.to_thread(self._thread.stop)
+
+    def note(self, notice: Notice, **fields: object) -> None:
+        """Record something from beside the bus and the line."""
+        if self.tap is not None:
+            self.tap.notice(notice, fields=fields)
+
+    def record_written(self, data: bytes, at: float, issuer: str) -> None:
+        """Record bytes that were written to the line."""
+        if self.tap is not None:
+            self.tap.port_written(data, at, issuer)
+
+    def image_recorder(self, cfg: RecordedImages) -> RecordImage:
+        """What takes the images of the cameras."""
+        return (lambda image: None) if self.tap is None else ImageRecorder(cfg, self.tap, self._clock).record
+
+    def recorded(self, answer: Answer) -> Answer:
+        """What answers requests of the Unix socket, and records them."""
+        tap = self.tap
+        if tap is None:
+            return answer
+
+        async def answer_recorded(suffix: str, payload: bytes) -> CommandResult:
+            exchange = next(self._local_exchanges)
+            tap.query(suffix, payload, exchange)
+            result = await answer(suffix, payload)
+            tap.reply(suffix, encode(result), encoding_of(CommandResult), exchange)
+            return result
+
+        return answer_recorded
+
+    async def report(self, bus: Bus, audit: Audit) -> None:
+        """Publish what the recorder does, once a second, for ever; a change is a line in the log."""
+        while True:
+            status = self.status()
+            if status.state is not self._state:
+                self._state = status.state
+                text = f"records to {status.file}" if status.state is RecorderState.RECORDING else status.reason
+                level = "info" if status.state is RecorderState.RECORDING else "warning"
+                audit.log(level, f"black box {status.state}: {text}")
+            bus.publish("record/status", status)
+            bus.publish("bus/counts", BusCounts(stamp=self._clock.stamp(), counts=bus.counts()))
+            await asyncio.sleep(PERIOD)
+
+    def status(self) -> RecordStatus:
+        """What the recorder does now."""
+        stamp = self._clock.stamp()
+        if self._thread is None:
+            return RecordStatus(
+                stamp=stamp,
+                state=RecorderState.OFF,
+                reason="record.enabled is off, or a recording plays",
+                file="",
+                file_bytes=0,
+                total_bytes=0,
+                free_bytes=None,
+                entries=0,
+                lost=0,
+                queue_bytes=0,
+                queue_limit_bytes=0,
+            )
+        report, queue = self._thread.recorder.report, self._thread.recorder.queue
+        return RecordStatus(
+            stamp=stamp,
+            state=report.state,
+            reason=report.reason,
+            file="" if report.file is None else str(report.file),
+            file_bytes=report.file_bytes,
+            total_bytes=report.total_bytes,
+            free_bytes=report.free_bytes,
+            entries=report.entries,
+            lost=queue.lost,
+            queue_bytes=queue.size,
+            queue_limit_bytes=queue.capacity,
+        )
+
+    def _note_wake(self, who: Wake, at: float) -> None:
+        if self.tap is not None:
+            self.tap.notice(Notice.CONTROL_WOKE if who is Wake.CONTROL else Notice.LINE_WOKE, at)
+
+
+def open_black_box(cfg: Config, clock: Clock, *, is_recording: bool) -> BlackBox:
+    """Prepare the recorder; nothing is written before `run`.
+
+    Args:
+        cfg: all of it.
+        clock: of the daemon.
+        is_recording: whether a recording plays, which is not recorded again.
+    """
+    wanted = cfg.record
+    if not wanted.enabled or is_recording:
+        return BlackBox(clock)
+    from mkdaemon.bus.schema import schema_json
+    from mkdaemon.record.entry import TimeBase
+    from mkdaemon.record.folder import Limits, RecordingFolder, recording_name
+    from mkdaemon.record.layout import Session
+    from mkdaemon.record.recorder import Recorder
+    from mkdaemon.record.thread import RecorderThread
+    from mkdaemon.record.view import JsonView
+
+    stamp, vehicle = clock.stamp(), cfg.vehicle.name
+    base = TimeBase.of(stamp)
+    queue = EntryQueue(wanted.queue_mb * MEGA)
+    limits = Limits(
+        file_bytes=wanted.file_mb * MEGA,
+        file_time=wanted.file_minutes * 60,
+        total_bytes=wanted.total_mb * MEGA,
+        free_bytes=wanted.free_mb * MEGA,
+        may_delete=wanted.delete_oldest,
+    )
+    session = Session(
+        recorder="blackbox",
+        name=recording_name(vehicle, stamp.wall),
+        part=0,
+        program=f"mkdaemon {version('mkdaemon')}",
+        host=os.uname().nodename,
+        boot=base.boot,
+        offset_ns=base.offset_ns,
+        vehicle=vehicle,
+        config=cfg.model_dump_json(),
+    )
+    recorder = Recorder(
+        queue,
+        RecordingFolder(recording_folder(cfg), vehicle, limits),
+        session,
+        view=JsonView(schema_json) if wanted.json_for_viewers else None,
+        sync_period=wanted.sync_s,
+    )
+    return BlackBox(clock, RecorderThread(recorder), Tap(queue, clock, vehicle, base))
+
+
+def recording_folder(cfg: Config) -> Path:
+    """Where the recordings of a vehicle are."""
+    return cfg.record.folder or state_folder(cfg.vehicle) / "recordings"

@@ -1,0 +1,145 @@
+"""The folder of recordings: names of files, and the room they may take."""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Callable
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Final
+
+from mkdaemon.files import flush_folder
+
+_NAME: Final = re.compile(r"(?P<name>.+-\d{8}T\d{6}Z)-(?P<part>\d{3,})\.mcap")
+
+
+@dataclass(frozen=True, slots=True)
+class Limits:
+    """How much room recordings may take.
+
+    Attributes:
+        file_bytes: a file is ended when it is so large.
+        file_time: a file is ended when it is so old [s].
+        total_bytes: all recordings of the folder together.
+        free_bytes: so much is left free on the disk for others.
+        may_delete: whether the oldest recordings are deleted to stay within `total_bytes` and `free_bytes`; else
+            recording stops there.
+    """
+
+    file_bytes: int
+    file_time: float
+    total_bytes: int
+    free_bytes: int
+    may_delete: bool
+
+
+def recording_name(prefix: str, wall: float) -> str:
+    """Name of a recording that begins now.
+
+    Args:
+        prefix: the vehicle, or `ground`.
+        wall: Unix time [s].
+    """
+    return f"{prefix}-{datetime.fromtimestamp(wall, UTC):%Y%m%dT%H%M%SZ}"
+
+
+def free_space(folder: Path) -> int:
+    """How much an ordinary user may still write there [bytes].
+
+    Raises:
+        OSError: there is no such folder.
+    """
+    found = os.statvfs(folder)
+    return found.f_bavail * found.f_frsize
+
+
+class RecordingFolder:
+    """Files of one recorder: those of one prefix. Others in the folder are left alone.
+
+    Attributes:
+        path: the folder.
+        limits: how much room there is.
+    """
+
+    def __init__(self, path: Path, prefix: str, limits: Limits, *, free: Callable[[Path], int] = free_space) -> None:
+        """Name a folder; it is made when a file is.
+
+        Args:
+            path: the folder.
+            prefix: how names of files begin.
+            limits: how much room there is.
+            free: tells how much is free on its disk.
+        """
+        self.path = path
+        self.limits = limits
+        self._prefix = prefix
+        self._free = free
+
+    def file(self, name: str, part: int) -> Path:
+        """Place of a part of a recording."""
+        return self.path / f"{name}-{part:03d}.mcap"
+
+    def make(self) -> None:
+        """Make the folder where there is none.
+
+        Raises:
+            OSError: it cannot be made.
+        """
+        self.path.mkdir(parents=True, exist_ok=True, mode=0o750)
+
+    def files(self) -> list[Path]:
+        """All recordings, the oldest first."""
+        found = []
+        for path in self.path.glob(f"{self._prefix}-*.mcap"):
+            form = _NAME.fullmatch(path.name)
+            if form is not None and form["name"].rpartition("-")[0] == self._prefix:
+                found.append((form["name"], int(form["part"]), path))
+        return [path for _, _, path in sorted(found)]
+
+    def free_bytes(self) -> int:
+        """How much is free on its disk [bytes].
+
+        Raises:
+            OSError: there is no such folder.
+        """
+        return self._free(self.path)
+
+    def total_bytes(self) -> int:
+        """Size of all recordings together [bytes]."""
+        return sum(_size(path) for path in self.files())
+
+    def make_room(self, current: Path | None) -> str:
+        """Delete what the limits allow until there is room; returns why there is none, empty where there is.
+
+        Args:
+            current: the file that is being written; it stays.
+
+        Raises:
+            OSError: there is no such folder.
+        """
+        limits = self.limits
+        files = [path for path in self.files() if path != current]
+        total, free = self.total_bytes(), self.free_bytes()
+        while total > limits.total_bytes or free < limits.free_bytes:
+            if not limits.may_delete or not files:
+                if free < limits.free_bytes:
+                    return f"{_mega(free)} are free on the disk, and {_mega(limits.free_bytes)} are left to others"
+                return f"recordings take {_mega(total)}, and may take {_mega(limits.total_bytes)}"
+            oldest = files.pop(0)
+            oldest.unlink(missing_ok=True)
+            flush_folder(self.path)
+            total, free = self.total_bytes(), self.free_bytes()
+        return ""
+
+
+def _size(path: Path) -> int:
+    try:
+        return path.stat().st_size
+    except OSError:
+        return 0
+
+
+def _mega(size: int) -> str:
+    return f"{size / 1e6:.0f} MB"

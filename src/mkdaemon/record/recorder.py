@@ -1,0 +1,248 @@
+"""Writes what waits in a queue into the files of a folder, and survives what disks do.
+
+`step` does a little of the work and says when to come back: a thread calls it (`RecorderThread`), tests call it in any
+time they like. Everything that may wait for the disk happens in `step`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Final, Protocol
+
+from mkdaemon.record.entry import Entry
+from mkdaemon.record.folder import RecordingFolder
+from mkdaemon.record.layout import Session
+from mkdaemon.record.queue import EntryQueue
+from mkdaemon.record.rawfile import RawFile
+from mkdaemon.record.writer import RecordingWriter, View
+from mkdaemon.telemetry.record import RecorderState
+
+FLUSH: Final = 0.8
+"""Time between two flushes [s]: with it nothing older than a second is lost when the process is killed."""
+LOOK: Final = 1.0
+"""Time between two looks at the room on the disk and at the file [s]."""
+RETRY: Final = 3.0
+"""Time before a folder that failed or was full is tried again [s]."""
+SLICE: Final = 16
+"""Entries written in one step: 0.2 ms, after which the event loop may have the interpreter."""
+PAUSE: Final = 0.0005
+"""Time between two steps while more is waiting [s]."""
+IDLE: Final = 0.05
+"""Time between two looks into an empty queue [s]."""
+
+
+class OutputFile(Protocol):
+    """A file that is being written; see `RawFile`."""
+
+    def write(self, data: bytes, /) -> None:
+        """Append all of it or nothing."""
+
+    def sync(self) -> None:
+        """Bring it to the disk."""
+
+    def is_in_place(self) -> bool:
+        """Whether it still has its name."""
+
+    def close(self) -> None:
+        """Close it."""
+
+
+@dataclass(frozen=True, slots=True)
+class RecorderReport:
+    """What a recorder does now.
+
+    Attributes:
+        state: what it does.
+        reason: why it does not record; empty where it does.
+        file: what is being written; None for nothing.
+        file_bytes: its size.
+        total_bytes: of all recordings of the folder.
+        free_bytes: on the disk; None where it is not known.
+        entries: written so far.
+    """
+
+    state: RecorderState
+    reason: str = ""
+    file: Path | None = None
+    file_bytes: int = 0
+    total_bytes: int = 0
+    free_bytes: int | None = None
+    entries: int = 0
+
+
+class Recorder:
+    """One recording, in parts.
+
+    Attributes:
+        report: what it does now; may be read from any thread.
+        queue: what it writes.
+    """
+
+    def __init__(
+        self,
+        queue: EntryQueue,
+        folder: RecordingFolder,
+        session: Session,
+        *,
+        view: View | None = None,
+        sync_period: float = 0.0,
+        open_file: Callable[[Path], OutputFile] = RawFile,
+    ) -> None:
+        """Prepare; nothing is opened yet.
+
+        Args:
+            queue: what is written.
+            folder: where.
+            session: what every file says about itself; parts are counted from its own.
+            view: adds JSON for viewers.
+            sync_period: time between two calls that bring the file to the disk itself [s]; 0 for never.
+            open_file: makes a file.
+        """
+        self.report = RecorderReport(RecorderState.RECORDING)
+        self.queue = queue
+        self._folder = folder
+        self._session = session
+        self._view = view
+        self._sync_period = sync_period
+        self._open_file = open_file
+        self._part: _Part | None = None
+        self._retry_at = float("-inf")
+        self._written = 0
+
+    def step(self, now: float) -> float:
+        """Write some of what waits; returns how long to wait before the next step [s].
+
+        Args:
+            now: [s; monotonic].
+        """
+        try:
+            if self._part is None:
+                if now < self._retry_at or not len(self.queue):
+                    return IDLE
+                self._begin(now)
+            part = self._part
+            if part is not None:
+                self._write(part, now)
+        except OSError as error:
+            self._give_up(RecorderState.FAULT, f"{self._folder.path}: {error.strerror or error}", now)
+        return PAUSE if len(self.queue) and self._part is not None else IDLE
+
+    def close(self, now: float) -> None:
+        """Write what is left and end the file."""
+        waiting = len(self.queue) + 1
+        while 0 < len(self.queue) < waiting:
+            waiting = len(self.queue)
+            self.step(now)
+        self._end(now)
+        self.queue.count_lost(len(self.queue))
+
+    def fail(self, reason: str) -> None:
+        """Report that nothing is written any more."""
+        self.report = replace(self.report, state=RecorderState.FAULT, reason=reason, file=None)
+
+    def _begin(self, now: float) -> None:
+        """Open the next part, if there is room."""
+        self._folder.make()
+        reason = self._folder.make_room(None)
+        if reason:
+            self._give_up(RecorderState.FULL, reason, now)
+            return
+        path = self._folder.file(self._session.name, self._session.part)
+        file = self._open_file(path)
+        session, self._session = self._session, replace(self._session, part=self._session.part + 1)
+        self._part = part = _Part(path, file, now)
+        part.writer = RecordingWriter(file, session, self._view)
+        self._look(part, now)
+
+    def _write(self, part: _Part, now: float) -> None:
+        taken = self.queue.take(SLICE)
+        part.pending += len(taken)  # before any is written: all of them are lost if the disk fails now
+        for item in taken:
+            entry = item if isinstance(item, Entry) else item()
+            if entry is None:
+                part.pending -= 1
+            else:
+                part.writer.add(entry)
+        if now >= part.flush_at:
+            part.flush_at = now + FLUSH
+            self._flush(part)
+            if self._sync_period and now >= part.sync_at:
+                part.sync_at = now + self._sync_period
+                part.file.sync()
+        if now >= part.look_at:
+            self._look(part, now)
+        limits = self._folder.limits
+        if part.writer.size >= limits.file_bytes or now - part.opened_at >= limits.file_time:
+            self._end(now)
+
+    def _flush(self, part: _Part) -> None:
+        part.writer.flush()
+        self._written += part.pending
+        part.pending = 0
+
+    def _look(self, part: _Part, now: float) -> None:
+        """Look after the file and the room for it, and report."""
+        part.look_at = now + LOOK
+        if not part.file.is_in_place():
+            raise FileNotFoundError(2, "the file that was being written has been removed")
+        reason = self._folder.make_room(part.path)
+        if reason:
+            self._end(now)
+            self._give_up(RecorderState.FULL, reason, now)
+            return
+        self.report = RecorderReport(
+            RecorderState.RECORDING,
+            file=part.path,
+            file_bytes=part.writer.size,
+            total_bytes=self._folder.total_bytes(),
+            free_bytes=self._folder.free_bytes(),
+            entries=self._written,
+        )
+
+    def _end(self, now: float) -> None:
+        """End the present part as a whole file."""
+        part = self._part
+        if part is None:
+            return
+        try:
+            self._flush(part)
+            part.writer.finish()
+            if self._sync_period:
+                part.file.sync()
+        except OSError as error:
+            self._give_up(RecorderState.FAULT, f"{part.path}: {error.strerror or error}", now)
+        else:
+            part.file.close()
+            self._part = None
+
+    def _give_up(self, state: RecorderState, reason: str, now: float) -> None:
+        """Leave the present part as it is on the disk, and try again later."""
+        part, self._part = self._part, None
+        if part is not None:
+            part.file.close()
+            self.queue.count_lost(part.pending)
+        self._retry_at = now + RETRY
+        self.report = RecorderReport(state, reason, entries=self._written, free_bytes=self._free())
+
+    def _free(self) -> int | None:
+        try:
+            return self._folder.free_bytes()
+        except OSError:
+            return None
+
+
+class _Part:
+    """The file that is being written."""
+
+    writer: RecordingWriter
+
+    def __init__(self, path: Path, file: OutputFile, now: float) -> None:
+        self.path = path
+        self.file = file
+        self.pending = 0
+        self.opened_at = now
+        self.flush_at = now + FLUSH
+        self.sync_at = now
+        self.look_at = now + LOOK

@@ -1,0 +1,157 @@
+"""Makes entries of what passes inside the daemon, at the moment it passes; returns at once and never raises."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from types import MappingProxyType
+from typing import Any, Final
+
+import msgpack
+
+from mkdaemon.clock import Clock
+from mkdaemon.record.entry import SEQUENCES, Entry, Kind, TimeBase
+from mkdaemon.record.notices import Notice
+from mkdaemon.record.queue import EntryQueue
+from mkdaemon.stamp import Stamp
+
+SECRET: Final = "secret"
+"""Field that is never recorded: who knows it may fly."""
+HIDDEN: Final = "..."
+PORT: Final = "port"
+"""Suffix of the key that bytes of the line have."""
+
+NOTHING: Final[Mapping[str, object]] = MappingProxyType({})
+MakeImage = Callable[[], tuple[bytes, str] | None]
+
+
+class Tap:
+    """Entries of one vehicle. Each kind and key is for one thread at a time."""
+
+    def __init__(self, queue: EntryQueue, clock: Clock, vehicle: str, base: TimeBase) -> None:
+        """Put entries into a queue.
+
+        Args:
+            queue: takes them.
+            clock: of the daemon.
+            vehicle: its name.
+            base: of the recording.
+        """
+        self._queue = queue
+        self._clock = clock
+        self._root = f"mk/{vehicle}/"
+        self._base = base
+        self._sequences: dict[tuple[Kind, str], int] = {}
+
+    def sample(self, suffix: str, payload: bytes, encoding: str, stamp: Stamp | None) -> None:
+        """Take a value that is published."""
+        self._take(Kind.SAMPLE, suffix, payload, encoding, self._clock.now(), stamp)
+
+    def setpoint(self, suffix: str, payload: bytes, encoding: str, signature: bytes, at: float) -> None:
+        """Take a setpoint that arrived."""
+        self._take(Kind.SETPOINT, suffix, payload, encoding, at, attachment=signature)
+
+    def query(self, suffix: str, payload: bytes, exchange: int) -> None:
+        """Take a query that arrived."""
+        hidden = hide_secrets(payload)
+        self._take(Kind.QUERY, suffix, hidden, "application/msgpack", self._clock.now(), exchange=exchange)
+
+    def reply(self, suffix: str, payload: bytes, encoding: str, exchange: int) -> None:
+        """Take the answer to a query."""
+        hidden = hide_secrets(payload)
+        self._take(Kind.REPLY, suffix, hidden, encoding, self._clock.now(), exchange=exchange)
+
+    def client(self, name: str, is_here: bool) -> None:
+        """Note a client's coming or going."""
+        self.notice(Notice.CLIENT, fields={"name": name, "is_here": is_here})
+
+    def port_read(self, data: bytes, at: float) -> None:
+        """Take bytes that were read from the line."""
+        self._take(Kind.PORT_READ, PORT, data, "", at)
+
+    def port_written(self, data: bytes, at: float, issuer: str) -> None:
+        """Take bytes that were given to the line."""
+        self._take(Kind.PORT_WRITTEN, PORT, data, "", at, issuer=issuer)
+
+    def port_opened(self, port: str, baud: int) -> None:
+        """Note that the line was opened."""
+        payload = msgpack.packb({"port": port, "baud": baud})
+        self._take(Kind.PORT_OPENED, PORT, payload, "application/msgpack", self._clock.now())
+
+    def port_lost(self, reason: str) -> None:
+        """Note that the line was lost or closed."""
+        payload = msgpack.packb({"reason": reason})
+        self._take(Kind.PORT_LOST, PORT, payload, "application/msgpack", self._clock.now())
+
+    def notice(self, notice: Notice, at: float | None = None, fields: Mapping[str, object] = NOTHING) -> None:
+        """Note something from beside the bus and the line.
+
+        Args:
+            notice: what.
+            at: when [s; monotonic]; now if none is given.
+            fields: more about it.
+        """
+        payload = msgpack.packb(dict(fields)) if fields else b""
+        encoding = "application/msgpack" if fields else ""
+        self._take(Kind.NOTICE, notice.suffix, payload, encoding, self._clock.now() if at is None else at)
+
+    def image(self, suffix: str, make: MakeImage, stamp: Stamp, stamped_by: str, *, at: float, size: int) -> None:
+        """Take an image that is compressed later, on the recorder's thread.
+
+        Args:
+            suffix: key without `mk/<vehicle>/`.
+            make: returns payload and encoding; None where it cannot be compressed.
+            stamp: of the middle of the exposure.
+            stamped_by: who knew it.
+            at: when the daemon had it [s; monotonic].
+            size: what the image takes until then [bytes].
+        """
+        sequence = self._count(Kind.IMAGE, suffix)
+
+        def entry() -> Entry | None:
+            made = make()
+            if made is None:
+                return None
+            return Entry(Kind.IMAGE, self._root + suffix, *made, at, stamp.wall, self._base, sequence, stamped_by)
+
+        self._queue.defer(entry, size)
+
+    def _take(
+        self,
+        kind: Kind,
+        suffix: str,
+        payload: bytes,
+        encoding: str,
+        at: float,
+        stamp: Stamp | None = None,
+        issuer: str = "",
+        exchange: int = 0,
+        attachment: bytes = b"",
+    ) -> None:
+        sequence = self._count(kind, suffix)
+        wall = (stamp or self._clock.stamp(at)).wall
+        key = self._root + suffix
+        self._queue.put(
+            Entry(kind, key, payload, encoding, at, wall, self._base, sequence, issuer, exchange, attachment)
+        )
+
+    def _count(self, kind: Kind, suffix: str) -> int:
+        sequence = self._sequences.get((kind, suffix), 0) + 1
+        self._sequences[kind, suffix] = sequence % SEQUENCES
+        return sequence
+
+
+def hide_secrets(payload: bytes) -> bytes:
+    """A payload without the secret of a lease; the payload itself where it has none."""
+    if SECRET.encode() not in payload:
+        return payload
+    try:
+        hidden: bytes = msgpack.packb(_hidden(msgpack.unpackb(payload)))
+    except (ValueError, TypeError, RecursionError, msgpack.exceptions.UnpackException):
+        return b""  # it has the word and cannot be read: it must not be kept
+    return hidden
+
+
+def _hidden(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: HIDDEN if key == SECRET and part else _hidden(part) for key, part in value.items()}
+    return [_hidden(part) for part in value] if isinstance(value, list) else value

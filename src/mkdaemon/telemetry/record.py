@@ -1,0 +1,75 @@
+"""What the daemon's recorder does, and the marks that people set in recordings."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+
+from pydantic import Field
+
+from mkdaemon.telemetry.base import Command, Stamped
+
+
+class RecorderState(StrEnum):
+    """What a recorder does."""
+
+    OFF = "off"
+    """The configuration says that nothing is recorded, or a recording plays."""
+    RECORDING = "recording"
+    """Everything is written."""
+    FULL = "full"
+    """There is no room that the configuration allows to take; it goes on as soon as there is."""
+    FAULT = "fault"
+    """The disk or the folder fails; it is tried again every few seconds."""
+
+
+class RecordStatus(Stamped):
+    """The daemon's own recorder: `record/status`, at 1 Hz."""
+
+    state: RecorderState
+    """What it does."""
+    reason: str
+    """Why it does not record, one sentence; empty where it does."""
+    file: str
+    """The file that is being written; empty for none."""
+    file_bytes: int
+    """Its size."""
+    total_bytes: int
+    """Size of all recordings of this vehicle."""
+    free_bytes: int | None
+    """Free on the disk; null where it is not known."""
+    entries: int
+    """Written since the daemon's start."""
+    lost: int
+    """Not written since the daemon's start: the disk was too slow, full or failed."""
+    queue_bytes: int
+    """What waits to be written."""
+    queue_limit_bytes: int
+    """What may wait; beyond it entries are lost."""
+
+
+class BusCounts(Stamped):
+    """How many values the daemon has put since its start, by key: `bus/counts`, at 1 Hz.
+
+    A subscriber that counts what it received between two of these knows what it lost.
+    """
+
+    counts: dict[str, int]
+    """By key without `mk/<vehicle>/`; this value not included."""
+
+
+class MarkRequest(Command):
+    """Mark this moment in all recordings: `do/mark`."""
+
+    text: str = Field(min_length=1, max_length=200)
+    """What happened."""
+    holder: str = Field(default="", max_length=64, pattern=r"^[A-Za-z0-9._-]*$")
+    """Who says so."""
+
+
+class MarkEvent(Stamped):
+    """Somebody marked a moment: `event/mark`."""
+
+    text: str
+    """What happened."""
+    holder: str
+    """Who said so."""

@@ -1,0 +1,64 @@
+"""What the bus shows to a recorder."""
+
+from __future__ import annotations
+
+import asyncio
+
+import msgpack
+
+from mkdaemon.bus.gateway import Bus
+from mkdaemon.telemetry.command import CommandResult
+from mkdaemon.telemetry.refusals import Status
+from tests.bus.support import PATIENCE, ask, bus_config, client, free_endpoint
+from tests.bus.test_gateway import BATTERY
+
+
+class Recorder:
+    """Keeps what the bus shows to a recorder."""
+
+    def __init__(self):
+        self.seen = []
+
+    def sample(self, suffix, payload, encoding, stamp):
+        self.seen.append(("sample", suffix, encoding, stamp))
+
+    def setpoint(self, suffix, payload, encoding, signature, at):
+        self.seen.append(("setpoint", suffix, payload, encoding, signature))
+
+    def query(self, suffix, payload, exchange):
+        self.seen.append(("query", suffix, payload, exchange))
+
+    def reply(self, suffix, payload, encoding, exchange):
+        self.seen.append(("reply", suffix, msgpack.unpackb(payload)["status"], exchange))
+
+    def client(self, name, is_here):
+        self.seen.append(("client", name, is_here))
+
+
+async def test_a_recorder_is_shown_everything_that_crosses_the_bus():
+    endpoint, recorder, arrived = free_endpoint(), Recorder(), asyncio.Event()
+
+    async def answer(suffix, payload):
+        return CommandResult(status=Status.ACCEPTED)
+
+    async with Bus.open(bus_config(endpoint), "t8", recorder) as opened, asyncio.timeout(PATIENCE):
+        opened.serve("do", answer)
+        opened.receive("setpoint/stick", lambda at, payload, proof: arrived.set())
+        opened.watch_clients(lambda name, is_here: arrived.set())
+        opened.publish("state/battery", BATTERY)
+        with client(endpoint) as session:
+            await asyncio.to_thread(ask, session, "mk/t8/do/mark", payload=b"\x81\xa4text\xa4here")
+            session.put("mk/t8/setpoint/stick", b"\x80", attachment=b"s" * 32)
+            await arrived.wait()
+            arrived.clear()
+            with session.liveliness().declare_token("mk/t8/client/pad"):
+                await arrived.wait()
+        assert opened.counts() == {"state/battery": 1}
+
+    assert recorder.seen[:5] == [
+        ("sample", "state/battery", "application/msgpack;mk.Battery.v1", BATTERY.stamp),
+        ("query", "do/mark", b"\x81\xa4text\xa4here", 1),
+        ("reply", "do/mark", "accepted", 1),
+        ("setpoint", "setpoint/stick", b"\x80", "application/msgpack;mk.StickSetpoint.v1", b"s" * 32),
+        ("client", "pad", True),
+    ]

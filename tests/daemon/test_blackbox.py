@@ -1,0 +1,228 @@
+"""The daemon's own recorder: what passes is in the file, and its state is published."""
+
+from __future__ import annotations
+
+import asyncio
+
+import msgpack
+import numpy as np
+import pytest
+
+from lab.rigs.waiting import wait_until
+from mkdaemon.clock import Clock, Wake
+from mkdaemon.config.record import RecordedImages
+from mkdaemon.config.root import Config
+from mkdaemon.daemon import blackbox
+from mkdaemon.daemon.audit import Audit
+from mkdaemon.daemon.blackbox import LOCAL_EXCHANGES, BlackBox, open_black_box
+from mkdaemon.daemon.imagerecord import ImageRecorder
+from mkdaemon.daemon.lineport import record_port
+from mkdaemon.errors import LinkLostError
+from mkdaemon.record.entry import Kind
+from mkdaemon.record.notices import Notice
+from mkdaemon.record.reader import Recording
+from mkdaemon.telemetry.command import CommandResult
+from mkdaemon.telemetry.refusals import Status
+from mkdaemon.vision.camera.image import CameraImage
+from mkdaemon.vision.camera.imagecodec import unpack
+
+
+class Bus:
+    """Keeps what is published."""
+
+    def __init__(self):
+        self.published = []
+
+    def publish(self, suffix, value, *, schema=None):
+        self.published.append((suffix, value))
+
+    def counts(self):
+        return {"health": 3}
+
+    def values(self, suffix):
+        return [value for key, value in self.published if key == suffix]
+
+
+class Port:
+    """A port with something to read, that is lost then."""
+
+    name, backlog, descriptor, is_recording = "line", 3, 7, False
+
+    def __init__(self):
+        self.chunks, self.written, self.is_closed, self.is_broken = [b"#a", b"bc\r"], [], False, False
+
+    async def read(self):
+        if not self.chunks:
+            raise LinkLostError("unplugged")
+        return self.chunks.pop(0)
+
+    def write(self, data):
+        if self.is_broken:
+            raise LinkLostError("broken")
+        self.written.append(data)
+
+    def discard(self):
+        if self.is_broken:
+            raise LinkLostError("discarded")
+
+    async def drain(self):
+        self.written.append("drained")
+
+    async def close(self):
+        self.is_closed = True
+
+
+def config(folder, **record):
+    return Config.model_validate(
+        {"vehicle": {"name": "bb", "state_folder": folder}, "record": {"free_mb": 1, "sync_s": 0, **record}}
+    )
+
+
+def recorded(folder):
+    return [entry for path in sorted((folder / "recordings").glob("*.mcap")) for entry in Recording(path).entries()]
+
+
+async def test_what_passes_is_in_the_file_when_the_daemon_has_ended(tmp_path):
+    clock = Clock()
+    box = open_black_box(config(tmp_path), clock, is_recording=False)
+    async with box.run():
+        box.bus_recorder.sample("health", b"\x80", "application/msgpack;mk.VehicleHealth.v1", clock.stamp())
+        clock.woken(Wake.CONTROL)
+        clock.woken(Wake.LINE)
+        box.note(Notice.GUARD_ACTED, released=True)
+        box.note(Notice.STOP)
+        box.record_written(b"#b", clock.now(), "release")
+
+    entries = recorded(tmp_path)
+    assert [entry.kind for entry in entries] == [Kind.SAMPLE, *[Kind.NOTICE] * 4, Kind.PORT_WRITTEN]
+    assert [Notice.of(entry) for entry in entries[1:5]] == [
+        Notice.CONTROL_WOKE,
+        Notice.LINE_WOKE,
+        Notice.GUARD_ACTED,
+        Notice.STOP,
+    ]
+    (path,) = (tmp_path / "recordings").glob("bb-*-000.mcap")
+    recording = Recording(path)
+    session = recording.read_session()
+    assert (session.recorder, session.vehicle) == ("blackbox", "bb")
+    assert Config.model_validate_json(session.config).vehicle.name == "bb"
+
+
+@pytest.mark.parametrize(("is_recording", "enabled"), [(True, True), (False, False)])
+async def test_nothing_is_recorded_where_it_is_off_or_a_recording_plays(tmp_path, is_recording, enabled):
+    clock = Clock()
+    box = open_black_box(config(tmp_path, enabled=enabled), clock, is_recording=is_recording)
+    async with box.run():
+        box.bus_recorder.sample("health", b"", "", None)
+        box.bus_recorder.setpoint("setpoint/stick", b"", "", b"", 0.0)
+        box.bus_recorder.query("do/mark", b"", 1)
+        box.bus_recorder.reply("do/mark", b"", "", 1)
+        box.bus_recorder.client("pad", True)
+        box.note(Notice.STOP)
+        box.record_written(b"", 0.0, "")
+        box.image_recorder(RecordedImages())(None)
+        opener = object()
+        assert record_port(opener, box.tap, clock) is opener
+        assert box.recorded(opener) is opener
+
+    assert box.status().state == "off"
+    assert not (tmp_path / "recordings").exists()
+
+
+async def test_its_state_and_the_counts_of_the_bus_are_published_every_second(tmp_path, monkeypatch):
+    monkeypatch.setattr(blackbox, "PERIOD", 0.01)
+    clock, bus = Clock(), Bus()
+    box = open_black_box(config(tmp_path, json_for_viewers=True), clock, is_recording=False)
+    async with box.run():
+        box.note(Notice.STOP)
+        reporting = asyncio.create_task(box.report(bus, Audit(bus, clock)))
+        await wait_until(lambda: any(status.file for status in bus.values("record/status")))
+        (tmp_path / "recordings").rename(tmp_path / "elsewhere")
+        await wait_until(lambda: bus.values("record/status")[-1].state == "fault")
+        reporting.cancel()
+    assert bus.values("bus/counts")[0].counts == {"health": 3}
+    assert [event.level for event in bus.values("event/log")] == ["info", "warning"]
+    assert "has been removed" in bus.values("event/log")[1].text
+    assert bus.values("record/status")[0].queue_limit_bytes == 32_000_000
+
+
+async def test_bytes_of_the_line_are_recorded_on_their_way(tmp_path):
+    clock, port = Clock(), Port()
+    box = open_black_box(config(tmp_path), clock, is_recording=False)
+
+    async def opener(url, *, baud):
+        return port
+
+    async with box.run():
+        opened = await record_port(opener, box.tap, clock)("pty:x", baud=57600)
+        assert (opened.name, opened.backlog, opened.descriptor, opened.is_recording) == ("line", 3, 7, False)
+        assert [await opened.read(), await opened.read()] == [b"#a", b"bc\r"]
+        opened.write(b"x")
+        opened.discard()
+        await opened.drain()
+        with pytest.raises(LinkLostError):
+            await opened.read()
+        port.is_broken = True
+        for fail in (lambda: opened.write(b"y"), opened.discard):
+            with pytest.raises(LinkLostError):
+                fail()
+        await opened.close()
+        again = await record_port(opener, box.tap, clock)("pty:x", baud=57600)
+        await again.close()
+
+    assert port.written == [b"x", "drained"]
+    assert port.is_closed
+    entries = recorded(tmp_path)
+    assert [entry.kind for entry in entries] == [
+        Kind.PORT_OPENED,
+        Kind.PORT_READ,
+        Kind.PORT_READ,
+        Kind.PORT_LOST,
+        Kind.PORT_OPENED,
+        Kind.PORT_LOST,
+    ]
+    assert msgpack.unpackb(entries[0].payload) == {"port": "line", "baud": 57600}
+    assert [msgpack.unpackb(entries[place].payload)["reason"] for place in (3, 5)] == ["unplugged", ""]
+
+
+async def test_requests_of_the_unix_socket_are_recorded_with_their_answers(tmp_path):
+    box = open_black_box(config(tmp_path), Clock(), is_recording=False)
+
+    async def answer(suffix, payload):
+        return CommandResult(status=Status.ACCEPTED)
+
+    async with box.run():
+        await box.recorded(answer)("do/release", b"\x80")
+    query, reply = recorded(tmp_path)
+    assert (query.kind, query.key, query.exchange) == (Kind.QUERY, "mk/bb/do/release", LOCAL_EXCHANGES)
+    assert (reply.kind, reply.exchange) == (Kind.REPLY, LOCAL_EXCHANGES)
+    assert msgpack.unpackb(reply.payload)["status"] == "accepted"
+
+
+@pytest.mark.parametrize("coding", ["jpeg", "png"])
+async def test_images_are_recorded_at_the_rate_and_coding_asked_for(tmp_path, coding):
+    clock = Clock()
+    box = open_black_box(config(tmp_path), clock, is_recording=False)
+    pixels = np.arange(48 * 64, dtype=np.uint8).reshape(48, 64)
+    async with box.run():
+        record = box.image_recorder(RecordedImages(hz=5.0, coding=coding))
+        never = box.image_recorder(RecordedImages(hz=0.0))
+        for number in range(31):
+            image = CameraImage(pixels, 100.0 + number / 30, 100.02 + number / 30, number, "front", "driver")
+            record(image)
+            never(image)
+    entries = recorded(tmp_path)
+    assert len(entries) == 6
+    assert {(entry.kind, entry.key, entry.issuer) for entry in entries} == {
+        (Kind.IMAGE, "mk/bb/vision/front/image", "driver")
+    }
+    assert entries[0].received == pytest.approx(100.02)
+    frame, decoded = unpack(entries[1].payload)
+    assert (frame.coding, frame.sequence, frame.stamp.monotonic) == (coding, 6, pytest.approx(100.2))
+    if coding == "png":
+        assert np.array_equal(decoded, pixels)
+
+
+def test_a_daemon_without_one_has_one_that_does_nothing():
+    assert BlackBox(Clock()).tap is None
+    assert ImageRecorder.record is not None

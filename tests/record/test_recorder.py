@@ -1,0 +1,289 @@
+"""The recorder on disks that are full, slow, removed or broken: what it cannot write is counted, and it goes on."""
+
+from __future__ import annotations
+
+import errno
+import os
+import shutil
+import threading
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from mkdaemon.record.folder import free_space, recording_name
+from mkdaemon.record.reader import Recording
+from mkdaemon.record.recorder import FLUSH, RETRY
+from mkdaemon.record.thread import RecorderThread
+from mkdaemon.telemetry.record import RecorderState
+from tests.record.support import ROOMY, Bench, sample
+
+
+def numbers(folder: Path) -> list[int]:
+    """Sequence numbers of all entries in all files of a folder."""
+    return [entry.sequence for path in sorted(folder.glob("*.mcap")) for entry in Recording(path).entries()]
+
+
+def test_everything_is_in_the_file_one_flush_later(tmp_path):
+    bench = Bench(tmp_path)
+    bench.put(1, 100)
+
+    bench.run(FLUSH + 0.1)
+
+    assert numbers(tmp_path) == list(range(1, 101))
+    assert bench.recorder.report.state is RecorderState.RECORDING
+
+
+def test_an_empty_queue_makes_no_file(tmp_path):
+    bench = Bench(tmp_path / "new")
+    bench.run(5.0)
+    bench.recorder.close(bench.now)
+
+    assert not (tmp_path / "new").exists()
+
+
+def test_closing_writes_what_waits_and_ends_the_file(tmp_path):
+    bench = Bench(tmp_path)
+    bench.put(1, 100)
+    bench.run(0.001)
+    bench.recorder.close(bench.now)
+
+    (path,) = tmp_path.glob("*.mcap")
+    recording = Recording(path)
+    assert len(list(recording.entries())) == 100
+    assert recording.report.is_whole
+    assert bench.queue.lost == 0
+
+
+@pytest.mark.parametrize("limits", [replace(ROOMY, file_bytes=20_000), replace(ROOMY, file_time=1.0)])
+def test_a_file_is_ended_at_its_size_and_at_its_age(tmp_path, limits):
+    bench = Bench(tmp_path, limits=limits)
+    for number in range(1, 401):
+        bench.queue.put(
+            sample(number, size=500)._replace(payload=bytes([(number * 31 + i * i) % 256 for i in range(500)]))
+        )
+        bench.run(0.02)
+    bench.recorder.close(bench.now)
+
+    files = [Recording(path) for path in sorted(tmp_path.glob("*.mcap"))]
+    assert len(files) > 2
+    assert [file.read_session().part for file in files] == list(range(len(files)))
+    assert numbers(tmp_path) == list(range(1, 401))
+    assert all(file.report.is_whole for file in files if list(file.entries()))
+
+
+def test_the_oldest_recordings_are_deleted_where_that_is_allowed(tmp_path):
+    limits = replace(ROOMY, file_time=1.0, total_bytes=30_000, may_delete=True)
+    (tmp_path / "mk1-notes.txt").write_text("mine")
+    (tmp_path / "mk1-x-20200101T000000Z-000.mcap").write_bytes(b"x" * 10)
+    (tmp_path / "mk1-20200101T000000Z-000.mcap").write_bytes(b"x" * 29_000)
+    bench = Bench(tmp_path, limits=limits)
+    for number in range(1, 801):
+        bench.put(number, number)
+        bench.run(0.02)
+        assert sum(path.stat().st_size for path in tmp_path.glob("mk1-2*.mcap")) < 40_000
+
+    assert not (tmp_path / "mk1-20200101T000000Z-000.mcap").exists()
+    assert (tmp_path / "mk1-notes.txt").exists()
+    assert (tmp_path / "mk1-x-20200101T000000Z-000.mcap").exists()  # another vehicle's
+    assert numbers(tmp_path)[-1] > 750
+    assert bench.queue.lost == 0
+
+
+@pytest.mark.parametrize(("change", "words"), [({"free": 50}, "free on the disk"), ({}, "may take")])
+def test_without_room_it_stops_readable_says_why_and_goes_on_when_there_is_room(tmp_path, change, words):
+    limits = replace(ROOMY, total_bytes=20_000 if not change else 10**9, free_bytes=100)
+    bench = Bench(tmp_path, limits=limits)
+    bench.put(1, 50)
+    bench.run(FLUSH + 0.1)
+    bench.free = change.get("free", bench.free)
+    if not change:
+        (tmp_path / "mk1-20200101T000000Z-000.mcap").write_bytes(b"x" * 30_000)
+
+    bench.run(2.0)
+
+    (path,) = tmp_path.glob("mk1-2026*.mcap")
+    recording = Recording(path)
+    assert len(list(recording.entries())) == 50
+    assert recording.report.is_whole
+    assert bench.recorder.report.state is RecorderState.FULL
+    assert words in bench.recorder.report.reason
+
+    bench.free = 10**12
+    (tmp_path / "mk1-20200101T000000Z-000.mcap").unlink(missing_ok=True)
+    bench.put(51, 60)
+    bench.run(RETRY + FLUSH + 0.2)
+    assert bench.recorder.report.state is RecorderState.RECORDING
+    assert numbers(tmp_path) == list(range(1, 61))
+
+
+def test_a_disk_that_is_full_costs_what_was_not_flushed_and_the_file_stays_readable(tmp_path):
+    bench = Bench(tmp_path, capacity=100_000)
+    bench.put(1, 50)
+    bench.run(FLUSH + 0.1)
+    bench.disk.error = errno.ENOSPC
+    bench.put(51, 70)
+    bench.run(FLUSH + 0.1)
+    assert bench.recorder.report.state is RecorderState.FAULT
+    assert "No space left" in bench.recorder.report.reason
+    assert bench.queue.lost == 20
+    assert numbers(tmp_path) == list(range(1, 51))
+
+    bench.put(71, 200)  # as many as the queue holds wait for the disk
+    bench.run(RETRY + 1)
+    waiting, lost = len(bench.queue), bench.queue.lost
+    assert waiting > 100
+    bench.disk.error = 0
+    bench.run(RETRY + FLUSH + 0.3)
+    bench.recorder.close(bench.now)
+
+    found = numbers(tmp_path)
+    assert found == [*range(1, 51), *range(71, 71 + waiting)]
+    assert bench.queue.lost == lost
+    assert 200 - len(found) == lost
+
+
+def test_what_a_short_write_left_behind_is_taken_back(tmp_path, monkeypatch):
+    bench = Bench(tmp_path)
+    bench.put(1, 50)
+    bench.run(FLUSH + 0.1)
+    (path,) = tmp_path.glob("*.mcap")
+    size = path.stat().st_size
+    write = os.write
+    calls = []
+
+    def cut(number, data):
+        if calls:
+            raise OSError(errno.ENOSPC, "No space left on device")
+        calls.append(write(number, data[: len(data) // 2]))
+        return calls[0]
+
+    monkeypatch.setattr("mkdaemon.record.rawfile.os.write", cut)
+    bench.put(51, 60)
+    bench.run(FLUSH + 0.1)
+
+    assert calls[0] > 0
+    assert path.stat().st_size == size
+
+
+def test_a_removed_folder_is_noticed_and_made_again(tmp_path):
+    folder = tmp_path / "recordings"
+    bench = Bench(folder)
+    bench.put(1, 50)
+    bench.run(FLUSH + 0.1)
+    shutil.rmtree(folder)
+    bench.put(51, 60)
+    bench.run(1.2)
+    assert bench.recorder.report.state is RecorderState.FAULT
+    assert "removed" in bench.recorder.report.reason
+    bench.put(61, 70)
+    bench.run(RETRY + FLUSH + 0.2)
+
+    assert bench.recorder.report.state is RecorderState.RECORDING
+    assert numbers(folder)[-10:] == list(range(61, 71))
+
+
+def test_a_folder_that_may_not_be_written_is_tried_again(tmp_path):
+    bench = Bench(tmp_path)
+    bench.disk.error = errno.EACCES
+    bench.put(1, 10)
+    bench.run(1.0)
+    assert bench.recorder.report.state is RecorderState.FAULT
+    bench.disk.error = 0
+    bench.run(RETRY + FLUSH)
+    assert numbers(tmp_path) == list(range(1, 11))
+
+
+def test_a_disk_that_fails_at_the_end_of_a_file_is_a_fault(tmp_path):
+    bench = Bench(tmp_path)
+    bench.put(1, 10)
+    bench.run(FLUSH + 0.1)
+    bench.disk.error = errno.EIO
+    bench.recorder.close(bench.now)
+    assert bench.recorder.report.state is RecorderState.FAULT
+    assert numbers(tmp_path) == list(range(1, 11))
+
+
+def test_a_file_is_brought_to_the_disk_as_often_as_configured(tmp_path):
+    bench = Bench(tmp_path, sync_period=5.0)
+    for number in range(1, 201):
+        bench.put(number, number)
+        bench.run(0.1)
+    assert bench.disk.synced == pytest.approx(20 / 5, abs=1)
+
+
+def test_a_disk_that_hangs_costs_entries_and_nothing_else(tmp_path):
+    bench = Bench(tmp_path, capacity=50_000)
+    hanging, go_on = threading.Event(), threading.Event()
+
+    def hang():
+        hanging.set()
+        go_on.wait(10.0)
+
+    bench.put(1, 10)
+    bench.disk.written = hang
+    thread = RecorderThread(bench.recorder)
+    thread.start()
+    assert hanging.wait(10.0)
+    began = time.monotonic()
+    bench.put(11, 1000)
+    assert time.monotonic() - began < 1.0
+    assert bench.queue.size <= 50_000
+    lost = bench.queue.lost
+    assert lost > 800
+    assert not thread.stop(0.01)
+    go_on.set()
+    assert thread.stop(10.0)
+
+    found = numbers(tmp_path)
+    assert found == list(range(1, 1000 - lost + 1))
+
+
+def test_a_defect_ends_the_recording_and_is_reported(tmp_path):
+    bench = Bench(tmp_path)
+
+    def fail():
+        raise RuntimeError("defect")
+
+    bench.queue.defer(fail, 10)
+    thread = RecorderThread(bench.recorder)
+    thread.start()
+    deadline = time.monotonic() + 10.0
+    while thread.is_alive and time.monotonic() < deadline:
+        time.sleep(0.005)
+    assert bench.recorder.report.state is RecorderState.FAULT
+    assert "defect" in bench.recorder.report.reason
+
+
+def test_two_hours_take_no_more_memory_than_a_minute(tmp_path):
+    bench = Bench(tmp_path, limits=replace(ROOMY, file_time=1800.0), capacity=10**6)
+    sizes = []
+    for second in range(7200):
+        bench.queue.put(sample(second // 50 + 1, f"mk/mk1/state/{second % 50}"))
+        bench.now += 1.0
+        bench.recorder.step(bench.now)
+        if bench.recorder._part is not None:
+            writer = bench.recorder._part.writer
+            sizes.append(len(writer._chunk_indexes) + len(writer._chunk.data) + bench.queue.size)
+    assert max(sizes) < 2_000_000
+    assert len(list(tmp_path.glob("*.mcap"))) == 4
+    assert sum(Recording(path).read_session() is not None for path in tmp_path.glob("*.mcap")) == 4
+    assert bench.queue.lost == 0
+
+
+def test_deferred_entries_give_way_to_others(tmp_path):
+    bench = Bench(tmp_path, capacity=40_000)
+    bench.queue.defer(lambda: sample(1), 5_000)
+    bench.queue.defer(lambda: sample(2), 5_000)
+    bench.queue.defer(lambda: None, 100)
+    bench.put(3, 5)
+    assert bench.queue.lost == 1
+    bench.run(FLUSH + 0.1)
+    assert numbers(tmp_path) == [1, 3, 4, 5]
+    assert bench.recorder.report.state is RecorderState.RECORDING
+
+
+def test_names_and_room(tmp_path):
+    assert recording_name("mk1", 1_790_000_000.0) == "mk1-20260921T141320Z"
+    assert free_space(tmp_path) > 0

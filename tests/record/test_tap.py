@@ -1,0 +1,99 @@
+"""What passes inside the daemon becomes entries: numbered, timed, and without the secret of a lease."""
+
+from __future__ import annotations
+
+import msgpack
+
+from mkdaemon.clock import Clock
+from mkdaemon.record.entry import Kind, TimeBase
+from mkdaemon.record.notices import Notice
+from mkdaemon.record.queue import EntryQueue
+from mkdaemon.record.tap import Tap, hide_secrets
+from mkdaemon.stamp import Stamp
+
+STAMP = Stamp(monotonic=41.5, wall=1_760_000_041.25, boot="0123abcd")
+
+
+def tapped(capacity=10**6):
+    clock = Clock(monotonic=lambda: 42.0, wall=lambda: 1_760_000_042.0, synchronised=lambda: True)
+    queue = EntryQueue(capacity)
+    return Tap(queue, clock, "mk1", TimeBase.of(clock.stamp())), queue
+
+
+def test_each_kind_and_key_is_numbered_from_one():
+    tap, queue = tapped()
+    tap.sample("state/gps", b"a", "application/msgpack;mk.Gps.v1", STAMP)
+    tap.sample("state/gps", b"b", "application/msgpack;mk.Gps.v1", STAMP)
+    tap.sample("state/pilot", b"c", "application/msgpack;mk.Pilot.v1", None)
+    tap.query("do/mark", b"\x80", 3)
+    tap.reply("do/mark", b"\x80", "application/msgpack;mk.CommandResult.v1", 3)
+    entries = queue.take(10)
+
+    assert [(entry.kind, entry.key, entry.sequence) for entry in entries] == [
+        (Kind.SAMPLE, "mk/mk1/state/gps", 1),
+        (Kind.SAMPLE, "mk/mk1/state/gps", 2),
+        (Kind.SAMPLE, "mk/mk1/state/pilot", 1),
+        (Kind.QUERY, "mk/mk1/do/mark", 1),
+        (Kind.REPLY, "mk/mk1/do/mark", 1),
+    ]
+    assert [entry.exchange for entry in entries] == [0, 0, 0, 3, 3]
+    assert [entry.received for entry in entries] == [42.0] * 5
+    assert [entry.published for entry in entries[:3]] == [1_760_000_041.25, 1_760_000_041.25, 1_760_000_042.0]
+
+
+def test_setpoints_and_bytes_have_the_time_they_were_taken_elsewhere():
+    tap, queue = tapped()
+    tap.setpoint("setpoint/stick", b"x", "application/msgpack;mk.StickSetpoint.v1", b"s" * 32, 41.9)
+    tap.port_read(b"#a", 41.8)
+    tap.port_written(b"#b", 41.7, "release")
+    tap.port_opened("/dev/ttyUSB0", 57600)
+    tap.port_lost("gone")
+    tap.client("pad", True)
+    tap.notice(Notice.CONTROL_WOKE, 41.6)
+    setpoint, read, written, opened, lost, client, woke = queue.take(10)
+
+    assert (setpoint.received, setpoint.attachment) == (41.9, b"s" * 32)
+    assert (read.received, read.payload, read.encoding) == (41.8, b"#a", "")
+    assert (written.received, written.issuer) == (41.7, "release")
+    assert msgpack.unpackb(opened.payload) == {"port": "/dev/ttyUSB0", "baud": 57600}
+    assert msgpack.unpackb(lost.payload) == {"reason": "gone"}
+    assert Notice.of(client) is Notice.CLIENT
+    assert msgpack.unpackb(client.payload) == {"name": "pad", "is_here": True}
+    assert (Notice.of(woke), woke.received, woke.payload) == (Notice.CONTROL_WOKE, 41.6, b"")
+    assert Notice.of(read) is None
+
+
+def test_an_image_becomes_an_entry_on_the_writing_thread():
+    tap, queue = tapped()
+    for made in ((b"jpeg", "application/msgpack;mk.CameraFrame.v1"), None):
+        tap.image("vision/front/image", lambda made=made: made, STAMP, "driver", at=41.75, size=100)
+    first, second = (deferred() for deferred in queue.take(10))
+
+    assert second is None
+    assert (first.kind, first.key, first.payload) == (Kind.IMAGE, "mk/mk1/vision/front/image", b"jpeg")
+    assert (first.received, first.published, first.issuer) == (41.75, STAMP.wall, "driver")
+
+
+def test_what_has_no_room_is_a_gap_in_the_numbers():
+    tap, queue = tapped(capacity=2000)
+    for _ in range(5):
+        tap.sample("state/gps", b"x" * 100, "", STAMP)
+    taken = [entry.sequence for entry in queue.take(10)]
+    tap.sample("state/gps", b"x", "", STAMP)
+
+    assert taken == [1, 2]
+    assert queue.lost == 3
+    assert queue.take(1)[0].sequence == 6
+
+
+def test_the_secret_of_a_lease_is_never_recorded():
+    asked = {"action": "renew", "epoch": 3, "secret": "ab12"}
+    granted = {"status": "accepted", "reply": {"epoch": 3, "secret": "ab12", "list": [{"secret": "ab12"}]}}
+    for value in (asked, granted):
+        hidden = hide_secrets(msgpack.packb(value))
+        assert b"ab12" not in hidden
+        assert msgpack.unpackb(hidden).keys() == value.keys()
+    assert msgpack.unpackb(hide_secrets(msgpack.packb({"secret": ""}))) == {"secret": ""}
+    assert hide_secrets(b"\xc1secret") == b""
+    plain = msgpack.packb({"reason": "whatever"})
+    assert hide_secrets(plain) is plain
