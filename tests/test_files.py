@@ -10,7 +10,8 @@ from pathlib import Path
 
 import pytest
 
-from mkdaemon.files import flush_folder, write_whole
+from mkdaemon.errors import ConfigError, MkError
+from mkdaemon.files import flush_folder, saving, write_whole
 
 
 def test_text_and_bytes_are_written_and_nothing_else_is_left(tmp_path):
@@ -112,3 +113,29 @@ def test_threads_that_write_at_once_leave_the_umask_as_it_was(tmp_path, monkeypa
         left = set_mask(own)
     assert left == 0o027
     assert {stat.S_IMODE(path.stat().st_mode) for path in tmp_path.iterdir()} == {0o640}
+
+
+def test_a_file_written_bit_by_bit_gets_its_name_when_it_is_whole(tmp_path):
+    path = tmp_path / "a.bin"
+    with saving(path) as file:
+        file.write(b"one")
+        file.write(b"two")
+        assert not path.exists()
+    assert path.read_bytes() == b"onetwo"
+
+    with pytest.raises(ZeroDivisionError), saving(path, overwrite=True) as file:
+        file.write(b"half")
+        raise ZeroDivisionError
+    assert [one.read_bytes() for one in tmp_path.iterdir()] == [b"onetwo"]
+
+
+def test_a_file_written_bit_by_bit_replaces_nothing_unasked_and_names_what_is_wrong(tmp_path):
+    path = tmp_path / "a.bin"
+    path.write_bytes(b"old")
+    with pytest.raises(ConfigError, match="--force"), saving(path):
+        pass
+    with pytest.raises(ConfigError, match="no folder"), saving(tmp_path / "none" / "a.bin"):
+        pass
+    with pytest.raises(MkError, match=r"a\.bin: cannot be written \(No space left\)"), saving(path, overwrite=True):
+        raise OSError(28, "No space left")
+    assert [one.read_bytes() for one in tmp_path.iterdir()] == [b"old"]

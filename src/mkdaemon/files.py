@@ -7,8 +7,10 @@ import os
 import stat
 import tempfile
 import threading
-from contextlib import suppress
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
+from typing import BinaryIO
 
 from mkdaemon.errors import ConfigError, MkError
 
@@ -64,7 +66,37 @@ def write_whole(path: Path, content: str | bytes, *, overwrite: bool = False) ->
         OSError: it cannot be written, for example because the disk is full, or what is there is a device; what was
             there is untouched.
     """
-    raw = content.encode() if isinstance(content, str) else content
+    with _fresh_file(path, overwrite=overwrite) as file:
+        file.write(content.encode() if isinstance(content, str) else content)
+
+
+@contextmanager
+def saving(path: Path, *, overwrite: bool = False) -> Iterator[BinaryIO]:
+    """Open a file that a user asked for and that is written bit by bit: it gets its name when the context ends well.
+
+    Args:
+        path: the file; its folder must exist.
+        overwrite: replace a file that is there.
+
+    Raises:
+        ConfigError: it is there already, and `overwrite` is off; or there is no such folder.
+        MkError: it cannot be written, for example because the disk is full; what was there is untouched.
+    """
+    refuse_existing(path, overwrite=overwrite)
+    if not path.parent.is_dir():
+        msg = f"{path}: there is no folder {path.parent}; make it first"
+        raise ConfigError(msg)
+    try:
+        with _fresh_file(path, overwrite=overwrite) as file:
+            yield file
+    except OSError as error:
+        msg = f"{path}: cannot be written ({error.strerror}); choose another place"
+        raise MkError(msg) from error
+
+
+@contextmanager
+def _fresh_file(path: Path, *, overwrite: bool) -> Iterator[BinaryIO]:
+    """A file beside its place that gets the name when the context ends well; see `write_whole`."""
     place = Path(os.path.realpath(path))
     mode = _mode_of(place)
     try:
@@ -74,7 +106,7 @@ def write_whole(path: Path, content: str | bytes, *, overwrite: bool = False) ->
     fresh = Path(name)
     try:
         with os.fdopen(number, "wb") as file:
-            file.write(raw)
+            yield file
             file.flush()
             os.fsync(file.fileno())
         fresh.chmod(mode)
