@@ -5,13 +5,13 @@ Judged by what the simulated FlightCtrl holds and by the bytes on its line.
 
 from __future__ import annotations
 
-import asyncio
 import json
 import math
 import os
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import asdict
+from functools import partial
 from typing import Annotated, Any, Final, Literal
 
 from cyclopts import Parameter
@@ -20,6 +20,7 @@ from rich.table import Table
 
 from lab.attack.attackers import Flood
 from lab.attack.deaths import BOARDS, Attack, Death, attack
+from lab.attack.flights import Flights, fly_all
 from lab.attack.floods import Ride, ride
 from lab.attack.guardless import GuardDeath, kill_guard
 from lab.attack.quiet import FLIGHT, fly_quietly
@@ -29,6 +30,7 @@ from mkdaemon.cli.arguments import AsJson
 
 Case = Literal["deaths", "floods", "guard", "quiet"]
 Rows = Iterator[dict[str, Any]]
+ON_TCP: Final = "FC 2.08 on TCP"
 QUIET_BOARDS: Final = (Boards("early"), Boards("2.08"), Boards("2.12a"), Boards("2.12a", "0.24"))
 
 
@@ -36,64 +38,91 @@ def run_deaths(runs: int, seed: int) -> Rows:
     """Every death of the daemon on every pair of boards."""
     for fc, nc in BOARDS:
         for kind in Death:
-            found = [asyncio.run(attack(fc, nc, kind, seed=seed + k)) for k in range(runs)]
-            yield death_row(found)
+            name = f"FC {fc}" if nc is None else f"FC {fc} behind NC {nc}"
+            fly = partial(_fly_to_death, fc, nc, kind)
+            yield death_row(fly_all(f"daemon {kind.value}", name, range(seed, seed + runs), fly))
 
 
-def death_row(found: Sequence[Attack]) -> dict[str, Any]:
+async def _fly_to_death(fc: str, nc: str | None, kind: Death, seed: int) -> Attack:
+    return await attack(fc, nc, kind, seed=seed)
+
+
+def death_row(flights: Flights[Attack]) -> dict[str, Any]:
     """One line of the same death on the same boards."""
-    released = sorted(one.released for one in found)
-    return {
-        "attack": f"daemon {found[0].kind}",
-        "boards": found[0].boards,
-        "runs": len(found),
-        "neutral_max_s": max(one.neutral for one in found),
-        "released_median_s": released[math.ceil(len(found) / 2) - 1],
-        "released_max_s": released[-1],
-        "steered": sum(one.steered for one in found),
-        "wrong": [asdict(one) for one in found if one.is_wrong],
-    }
+    flown = flights.flown
+    return _row(
+        flights,
+        neutral_max_s=_largest(one.neutral for one in flown),
+        released_median_s=_median([one.released for one in flown]),
+        released_max_s=_largest(one.released for one in flown),
+        steered=sum(one.steered for one in flown),
+    )
 
 
 def run_floods(runs: int, seed: int) -> Rows:
     """Every flood."""
     for kind in Flood:
-        yield flood_row([asyncio.run(ride(kind, seed=seed + k)) for k in range(runs)])
+        yield flood_row(fly_all(kind.value, ON_TCP, range(seed, seed + runs), partial(_fly_through, kind)))
 
 
-def flood_row(found: Sequence[Ride]) -> dict[str, Any]:
+async def _fly_through(kind: Flood, seed: int) -> Ride:
+    return await ride(kind, seed=seed)
+
+
+def flood_row(flights: Flights[Ride]) -> dict[str, Any]:
     """One line of the same flood."""
-    return {
-        "attack": found[0].kind,
-        "boards": "FC 2.08 on TCP",
-        "runs": len(found),
-        "rates": [one.rates for one in found],
-        "kept": sum(one.kept for one in found),
-        "gap_p99_max_s": max(one.gap_p99 for one in found),
-        "gap_max_s": max(one.gap_max for one in found),
-        "released_max_s": max(one.released for one in found),
-        "memory_max_mb": max(one.memory_mb for one in found),
-        "log_max_bytes_per_s": max(one.log for one in found),
-        "wrong": [asdict(one) for one in found if one.is_wrong],
-    }
+    flown = flights.flown
+    return _row(
+        flights,
+        rates=[one.rates for one in flown],
+        kept=sum(one.kept for one in flown),
+        gap_p99_max_s=_largest(one.gap_p99 for one in flown),
+        gap_max_s=_largest(one.gap_max for one in flown),
+        released_max_s=_largest(one.released for one in flown),
+        memory_max_mb=_largest(one.memory_mb for one in flown),
+        log_max_bytes_per_s=_largest(one.log for one in flown),
+    )
 
 
 def run_guard_deaths(runs: int, seed: int) -> Rows:
     """The guard is killed."""
-    yield guard_row([asyncio.run(kill_guard(seed=seed + k)) for k in range(runs)])
+    yield guard_row(fly_all("guard killed", ON_TCP, range(seed, seed + runs), _fly_unguarded))
 
 
-def guard_row(found: Sequence[GuardDeath]) -> dict[str, Any]:
+async def _fly_unguarded(seed: int) -> GuardDeath:
+    return await kill_guard(seed=seed)
+
+
+def guard_row(flights: Flights[GuardDeath]) -> dict[str, Any]:
     """The line of the killed guards."""
+    flown = flights.flown
+    return _row(
+        flights,
+        noticed_max_s=_largest(one.noticed for one in flown),
+        kept=sum(one.kept for one in flown),
+        refused=sum(one.token is not None for one in flown),
+    )
+
+
+def _row(flights: Flights[Any], **figures: Any) -> dict[str, Any]:
+    """A line with its figures; a flight that was not flown is as wrong as one that breaks a limit."""
+    wrong = [asdict(one) for one in flights.flown if one.is_wrong]
     return {
-        "attack": "guard killed",
-        "boards": "FC 2.08 on TCP",
-        "runs": len(found),
-        "noticed_max_s": max(one.noticed for one in found),
-        "kept": sum(one.kept for one in found),
-        "refused": sum(one.token is not None for one in found),
-        "wrong": [asdict(one) for one in found if one.is_wrong],
+        "attack": flights.attack,
+        "boards": flights.boards,
+        "runs": len(flights.flown) + len(flights.not_flown),
+        "not_flown": len(flights.not_flown),
+        **figures,
+        "wrong": wrong + flights.not_flown,
     }
+
+
+def _largest(values: Iterable[float]) -> float | None:
+    return max(values, default=None)
+
+
+def _median(values: Sequence[float]) -> float | None:
+    return sorted(values)[math.ceil(len(values) / 2) - 1] if values else None
 
 
 def run_quiet_flights(runs: int, seed: int) -> Rows:
@@ -119,6 +148,8 @@ def main(
     as_json: AsJson = False,
 ) -> int:
     """Attack the daemon in flight; exit code 1 if a limit is broken. Ten runs of everything take about two hours.
+
+    Standard error tells how each flight went. One that could not be flown is counted and named, and fails its row.
 
     The last line of `--json` is one object; every row has the load of the machine when it ended.
     """

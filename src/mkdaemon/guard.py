@@ -32,6 +32,10 @@ RELEASE_SPACING = 0.025
 """Between two release frames [s]: 40 Hz passes a NaviCtrl 0.24 without loss; docs/firmware-notes.md, "Losses"."""
 RELEASE_TIME = 1.0
 """The release is repeated for this long [s]: 40 frames, which a burst of lost radio packets does not outlast."""
+REAL_TIME = (2, 1)
+"""Real-time priorities to ask for, the best first: above the event loop's, or the same; docs/operations.md."""
+NICE = -10
+"""Priority among ordinary programs, where real time is not granted."""
 RESYNC = b"\r\r"
 """Ends a frame that was cut short; the FlightCtrl's receiver does not resynchronise; docs/firmware-notes.md."""
 
@@ -233,12 +237,24 @@ def _write_report(text: str, report: Path | None) -> None:
         os.write(2, f"mkdaemon guard: the daemon stopped while the aircraft was under control; {text}\n".encode())
 
 
+def go_first() -> None:
+    """Run before ordinary programs where the system grants it, and before a loop that never sleeps.
+
+    The guard sleeps until it is needed and then writes 40 frames a second at most, so it can starve nobody.
+    """
+    for priority in REAL_TIME:
+        with suppress(OSError, AttributeError):
+            os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(priority))
+            return
+    with suppress(OSError):
+        os.setpriority(os.PRIO_PROCESS, 0, NICE)
+
+
 def main() -> None:
     """Run as `python -m mkdaemon.guard DESCRIPTOR [REPORT]`, started by the daemon."""
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT, signal.SIGPIPE):
         signal.signal(number, signal.SIG_IGN)  # whoever ends the daemon must not end the guard before it has acted
-    with suppress(OSError, AttributeError):
-        os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(2))
+    go_first()
     channel = socket.socket(fileno=int(sys.argv[1]))
     channel.setblocking(False)
     serve(channel, Path(sys.argv[2]) if len(sys.argv) > 2 else None)

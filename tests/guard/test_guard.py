@@ -8,6 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from mkdaemon import guard as program
 from mkdaemon.guard import NEUTRAL_AFTER, RELEASE_AFTER, RELEASE_TIME, RESYNC, Guard, Word
 
 FRAMES = Word.FRAMES + json.dumps([b"#release\r".hex(), b"#other\r".hex()]).encode()
@@ -111,3 +112,18 @@ def test_any_order_of_packets_sends_only_the_frames_it_was_given(events):
     assert {data for _, data in written} <= allowed
     if not any(packet[:1] == Word.BEAT for _, packet in events):
         assert written == []
+
+
+@pytest.mark.parametrize(("granted", "taken"), [(2, ("rr", 2)), (1, ("rr", 1)), (0, ("nice", program.NICE))])
+def test_it_takes_the_best_priority_that_the_system_grants(monkeypatch, granted, taken):
+    found = []
+
+    def schedule(process, policy, parameters):
+        if parameters.sched_priority > granted:
+            raise PermissionError
+        found.append(("rr", parameters.sched_priority))
+
+    monkeypatch.setattr(program.os, "sched_setscheduler", schedule)
+    monkeypatch.setattr(program.os, "setpriority", lambda which, process, nice: found.append(("nice", nice)))
+    program.go_first()
+    assert found == [taken]

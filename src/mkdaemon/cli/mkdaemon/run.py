@@ -97,5 +97,5 @@ def _go_first(cfg: Config) -> bool:
     if not is_favoured(cfg.control.real_time, os.environ):
         return False
     if not favour_loop():
-        structlog.get_logger().warning("ordinary priority: the system refuses a real-time one; grant LimitRTPRIO=1")
+        structlog.get_logger().warning("ordinary priority: the system refuses a real-time one; grant LimitRTPRIO=2")
     return True
