@@ -41,10 +41,15 @@ def test_the_wheel_brings_the_sample_configurations(wheel):
 
 
 def test_the_wheel_has_both_programs_and_the_licence(wheel):
-    [programs] = [name for name in wheel.namelist() if name.endswith("entry_points.txt")]
-    text = wheel.read(programs).decode()
-    assert "mkdaemon = mkdaemon.cli.entry:mkdaemon" in text
-    assert "mkctl = mkdaemon.cli.entry:mkctl" in text
+    programs = {name.rpartition("/")[2]: name for name in wheel.namelist() if ".data/scripts/" in name}
+    assert programs.keys() == {"mkctl", "mkdaemon"}
+    for program, name in programs.items():
+        lines = wheel.read(name).decode().splitlines()
+        assert lines[0] == "#!python", "the installer puts its own interpreter there"
+        statements = [line for line in lines if line and not line.startswith("#")]
+        # Whatever else is imported, an interrupt must not show a traceback of it.
+        assert statements[:2] == ["import _signal", "_signal.signal(_signal.SIGINT, _signal.SIG_DFL)"]
+        assert statements[-1] == f"{program}()"
     assert any(name.endswith("licenses/LICENSE") for name in wheel.namelist())
 
 
