@@ -7,6 +7,7 @@ import itertools
 
 import pytest
 
+from lab.rigs.boardport import LineFault
 from lab.rigs.linkrig import flight_ctrl, navi_ctrl, rig, virtually
 from lab.rigs.sticks import build_sticks
 from mkdaemon.errors import CommandRejectedError
@@ -177,6 +178,12 @@ async def test_a_redirection_is_refused_with_motors_not_known_off_and_without_a_
             async with redirection(r.link, Board.FC):
                 raise AssertionError
         assert caught.value.token == "motors_not_known_off"
+        r.socket.port.inject(LineFault.SILENCE)
+        await asyncio.sleep(1)
+        with pytest.raises(CommandRejectedError) as caught:
+            async with redirection(r.link, Board.FC):
+                raise AssertionError
+        assert (caught.value.token, "nothing arrives any more" in caught.value.reason) == ("link_down", True)
     async with rig(flight_ctrl()) as r:
         await r.until_up()
         with pytest.raises(CommandRejectedError) as caught:

@@ -143,14 +143,17 @@ async def redirection(
         admit: raises `CommandRejectedError` where the line must not be passed through any more; asked right before.
 
     Raises:
-        CommandRejectedError: no NaviCtrl is on the line, or its telemetry does not say that the motors stand still
-            (a redirection stops its servos and its telemetry).
+        CommandRejectedError: no NaviCtrl is on the line, the line is silent, or telemetry does not say that the motors
+            stand still (a redirection stops the NaviCtrl's servos and its telemetry).
     """
     ports = {end: port for port, end in PORTS.items()}
     if link.direct_board is not Board.NC or board not in ports:
         raise refuse(Token.NOT_REDIRECTABLE, board=board.word)
     async with link.passage:
         if not await wait_for_still_motors(link):
+            state = link.health().state
+            if not state.condition.is_usable and link.motors_running() is None:
+                raise refuse(Token.LINK_DOWN, state=state.condition.value, detail=state.reason)
             raise refuse(Token.MOTORS_NOT_KNOWN_OFF)
         admit()
         await link.send(Redirect(port=ports[board]), board=Board.NC)

@@ -176,7 +176,7 @@ async def way_to(
         admit: see `redirection`.
 
     Raises:
-        CommandRejectedError: `not_redirectable`, `motors_not_known_off`.
+        CommandRejectedError: `not_redirectable`, `link_down`, `motors_not_known_off`.
     """
     if not is_behind(link, board, message):
         yield
