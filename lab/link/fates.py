@@ -89,7 +89,7 @@ class Tracer(Witness):
         self._layout = FC_GENERATIONS[config.fc].control
         self._places = {place: FrameDecoder() for place in ("asked", "arrived", "answered", "heard")}
         self._poll = self.port.poll
-        self.port.poll = self._note_said  # type: ignore[method-assign]
+        self.port.poll = self._note_answers  # type: ignore[method-assign]
         external, navigation = self.flight.external, self.navigation
         self._take, self._control = external.take, None if navigation is None else navigation.control
         external.take = self._note_taken  # type: ignore[method-assign]
@@ -125,10 +125,10 @@ class Tracer(Witness):
         if fate is not None and fate.taken is None:
             fate.taken = self._now()
 
-    def _note_said(self) -> list[tuple[float, bytes]]:
-        said = self._poll()
-        self._follow("answered", b"".join(data for _, data in said))
-        return said
+    def _note_answers(self) -> list[tuple[float, bytes]]:
+        answers = self._poll()
+        self._follow("answered", b"".join(data for _, data in answers))
+        return answers
 
     def _follow(self, place: str, data: bytes) -> None:
         for item in self._places[place].feed(data):

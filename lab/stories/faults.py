@@ -38,25 +38,25 @@ class Expected:
     amount: float = 0.0
 
 
-def _said(*words: LinkCondition, amount: float = 0.0) -> Expected:
+def _any_of(*words: LinkCondition, amount: float = 0.0) -> Expected:
     return Expected(frozenset(words), amount)
 
 
 FAULTS: Final[Mapping[LineFault, Expected]] = MappingProxyType(
     {
-        LineFault.BYTE_LOSS: _said(LinkCondition.DEGRADED, LinkCondition.GARBAGE, amount=0.05),
-        LineFault.BIT_FLIPS: _said(LinkCondition.DEGRADED, LinkCondition.GARBAGE, amount=0.03),
-        LineFault.ONE_BYTE_AT_A_TIME: _said(LinkCondition.UP),
-        LineFault.STUCK_WRITER: _said(LinkCondition.DOWN),
-        LineFault.DEVICE_FULL: _said(LinkCondition.DOWN),
-        LineFault.SILENCE: _said(LinkCondition.MUTE),
-        LineFault.ONE_WAY: _said(LinkCondition.ONE_WAY),
-        LineFault.ECHO_ONLY: _said(LinkCondition.DEGRADED),
-        LineFault.GARBAGE: _said(LinkCondition.GARBAGE),
-        LineFault.TEXT_FLOOD: _said(LinkCondition.GARBAGE),
-        LineFault.REBOOT: _said(LinkCondition.MUTE),
-        LineFault.UNPLUGGED: _said(LinkCondition.DOWN, LinkCondition.ABSENT),
-        LineFault.GONE_DURING_WRITE: _said(LinkCondition.DOWN, LinkCondition.ABSENT),
+        LineFault.BYTE_LOSS: _any_of(LinkCondition.DEGRADED, LinkCondition.GARBAGE, amount=0.05),
+        LineFault.BIT_FLIPS: _any_of(LinkCondition.DEGRADED, LinkCondition.GARBAGE, amount=0.03),
+        LineFault.ONE_BYTE_AT_A_TIME: _any_of(LinkCondition.UP),
+        LineFault.STUCK_WRITER: _any_of(LinkCondition.DOWN),
+        LineFault.DEVICE_FULL: _any_of(LinkCondition.DOWN),
+        LineFault.SILENCE: _any_of(LinkCondition.MUTE),
+        LineFault.ONE_WAY: _any_of(LinkCondition.ONE_WAY),
+        LineFault.ECHO_ONLY: _any_of(LinkCondition.DEGRADED),
+        LineFault.GARBAGE: _any_of(LinkCondition.GARBAGE),
+        LineFault.TEXT_FLOOD: _any_of(LinkCondition.GARBAGE),
+        LineFault.REBOOT: _any_of(LinkCondition.MUTE),
+        LineFault.UNPLUGGED: _any_of(LinkCondition.DOWN, LinkCondition.ABSENT),
+        LineFault.GONE_DURING_WRITE: _any_of(LinkCondition.DOWN, LinkCondition.ABSENT),
     }
 )
 """Every fault of the port but none."""
