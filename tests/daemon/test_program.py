@@ -8,6 +8,7 @@ import os
 import re
 import signal
 import socket
+import sys
 import termios
 import threading
 import time
@@ -16,8 +17,10 @@ import tty
 import pytest
 import zenoh
 
-from lab.rigs.programs import PATIENCE, mkdaemon, run_mkdaemon
+from lab.rigs.programs import PATIENCE, mkdaemon
 from mkdaemon.bus.session import session_config
+from mkdaemon.cli.mkdaemon.app import app
+from mkdaemon.cli.program import run
 from tests.bus.support import free_endpoint
 
 
@@ -79,24 +82,36 @@ def test_a_signal_ends_everything_in_order_and_the_last_bytes_are_a_release(term
     assert rest.rstrip(b"\r").rpartition(b"#")[2].startswith(b"bb=======")
 
 
-def mistake(*arguments):
-    """Exit code and the one line of a start that must fail."""
-    code, out, err = run_mkdaemon("run", "--log", "error", *arguments)
-    lines = [line for line in err.splitlines() if line.startswith("mkdaemon:")]
-    assert out == ""
-    assert "Traceback" not in err
-    assert len(lines) == 1, err
-    return code, lines[0]
+@pytest.fixture
+def mistake(capfd, monkeypatch):
+    """Exit code and the one line of a start that must fail, in this process."""
+    handlers = {name: signal.getsignal(name) for name in (signal.SIGINT, signal.SIGTERM, signal.SIGPIPE)}
+
+    def start(*arguments):
+        with monkeypatch.context() as patched:
+            patched.setattr(sys, "stderr", sys.stderr)  # the program puts a queue in its place
+            code = run(app, ["run", "--log", "error", *arguments])
+            sys.stderr.drain()
+        out, err = capfd.readouterr()
+        lines = [line for line in err.splitlines() if line.startswith("mkdaemon:")]
+        assert out == ""
+        assert "Traceback" not in err
+        assert len(lines) == 1, err
+        return code, lines[0]
+
+    yield start
+    for name, handler in handlers.items():
+        signal.signal(name, handler)
 
 
-def test_no_port_at_all():
+def test_no_port_at_all(mistake):
     assert mistake() == (
         2,
         "mkdaemon: link.port: no port is configured; set it, or give --port (mkdaemon doctor lists what is plugged in)",
     )
 
 
-def test_an_unknown_key_names_the_nearest(tmp_path):
+def test_an_unknown_key_names_the_nearest(mistake, tmp_path):
     path = tmp_path / "my.toml"
     path.write_text('[vehicle]\nname = "x"\n[link]\nprot = "tcp:localhost:1"\n', encoding="utf-8")
     code, line = mistake("--config", str(path))
@@ -104,26 +119,26 @@ def test_an_unknown_key_names_the_nearest(tmp_path):
     assert re.fullmatch(r'mkdaemon: .*my\.toml:4: link\.prot: unknown key; did you mean "port"\?', line)
 
 
-def test_a_missing_configuration_file():
+def test_a_missing_configuration_file(mistake):
     code, line = mistake("--config", "nothing/here.toml")
     assert code == 2
     assert "nothing/here.toml: no such configuration file" in line
 
 
-def test_a_missing_device():
+def test_a_missing_device(mistake):
     code, line = mistake("--port", "/dev/ttyUSB-nothing", "--listen", free_endpoint())
     assert code == 1
     assert "/dev/ttyUSB-nothing" in line
 
 
-def test_a_port_of_no_known_kind():
+def test_a_port_of_no_known_kind(mistake):
     code, line = mistake("--port", "usb:0", "--listen", free_endpoint())
     assert code == 2
     assert "usb:0" in line
 
 
 @pytest.mark.parametrize("content", [None, "", "no recording\n"])
-def test_a_recording_that_cannot_be_played(tmp_path, content):
+def test_a_recording_that_cannot_be_played(mistake, tmp_path, content):
     path = tmp_path / "x.jsonl"
     if content is not None:
         path.write_text(content, encoding="utf-8")
@@ -132,7 +147,7 @@ def test_a_recording_that_cannot_be_played(tmp_path, content):
     assert str(path) in line
 
 
-def test_a_port_another_program_holds(terminal):
+def test_a_port_another_program_holds(mistake, terminal):
     _, far = terminal
     holder = os.open(far, os.O_RDWR | os.O_NOCTTY)
     fcntl.flock(holder, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -144,7 +159,7 @@ def test_a_port_another_program_holds(terminal):
     assert far in line
 
 
-def test_a_bus_endpoint_in_use():
+def test_a_bus_endpoint_in_use(mistake):
     with socket.socket() as taken:
         taken.bind(("127.0.0.1", 0))
         taken.listen()
