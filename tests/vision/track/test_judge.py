@@ -261,3 +261,21 @@ def test_rivals_that_are_nearly_one_pose_are_published_with_the_doubt_in_their_c
     verdict = FirstJudge(checks(GivenFits(mirror=rival))).choose(sight(attitude=False), [tilted], None)
     assert verdict.choice is not None
     assert verdict.choice.pose.covariance[3, 3] > 10 * tilted.covariance[3, 3]
+
+
+@pytest.mark.parametrize(
+    ("tilt_deg", "mirror_deg", "refusal", "published_deg"),
+    [
+        (2.0, 12.0, None, 2.0),  # no deck is tilted like that
+        (2.4, 0.0, None, 0.0),
+        (5.5, 0.3, PoseRefusal.ANGLE_UNCERTAIN, None),
+    ],
+)
+def test_a_lone_first_pose_far_away_is_held_against_its_mirror_image_beside_an_attitude_too(
+    tilt_deg, mirror_deg, refusal, published_deg
+):
+    found, rival = fitted(tilt_deg=tilt_deg), fitted(tilt_deg=mirror_deg)
+    verdict = FirstJudge(checks(GivenFits(mirror=rival))).choose(sight(), [found], None)
+    assert verdict.refusal is refusal
+    if verdict.choice is not None:
+        assert angle_deg(verdict.choice.pose.rotation, fitted(tilt_deg=published_deg).rotation) < 0.2

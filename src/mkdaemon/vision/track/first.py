@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from math import exp
 
 import numpy as np
 import numpy.typing as npt
@@ -85,7 +86,7 @@ class FirstJudge:
                 return _refused(PoseRefusal.INLIERS)
         if not known and choice.pose.source == "edges" and checks.is_smeared(choice.pose):
             return _refused(PoseRefusal.BLURRED)
-        if choice.decided_by in ("unique", "image") and self._limits.ambiguity.asks_mirror and not known:
+        if choice.decided_by in ("unique", "image") and self._limits.ambiguity.asks_mirror:
             # Both starts may have run into one minimum, or one of them into none: the mirrored pose of a small tag is
             # asked for by name.
             decided = self._decide_mirror(seen, choice.pose)
@@ -99,7 +100,7 @@ class FirstJudge:
         return _refused(refused) if refused is not None else FirstVerdict(replace(choice, pose=fused), None)
 
     def _decide_mirror(self, seen: Sight, pose: Pose) -> Pose | None:
-        """Compare a first pose that has no rival with its mirror image; none when the image does not decide."""
+        """Compare a first pose that has no rival with its mirror image; none when nothing decides."""
         min_ratio, limits = self._checks.cfg.min_ambiguity_ratio, self._limits
         rivals = self._checks.candidates(seen, pose)
         choice = choose(rivals, min_ratio=min_ratio, limits=limits)
@@ -109,9 +110,24 @@ class FirstJudge:
         if choice is not None:
             return choice.pose
         between = angle_between(rivals[0].rotation, rivals[1].rotation)
+        if self._checks.level.knows(seen):
+            return self._nearer_to_level(seen, rivals, between)
         if between > limits.ambiguity.harmless:
             return None
         return with_angle_variance(min(rivals, key=lambda rival: rival.loss), (between / 2) ** 2)
+
+    def _nearer_to_level(self, seen: Sight, rivals: Sequence[Pose], between: float) -> Pose:
+        """The rival that agrees better with the attitude; where both might, with the doubt in its covariance.
+
+        A mixture of two poses `between` apart, the other one with probability p, has the variance p (1 - p) between^2
+        about the better one's axis of difference.
+        """
+        level = self._checks.level
+        best, other = rivals if level.log_odds(seen, *rivals) > 0.0 else reversed(rivals)
+        if (level.tilt(seen, other) or 0.0) > level.gate(seen, other):
+            return best
+        doubt = 1.0 / (1.0 + exp(level.log_odds(seen, best, other)))
+        return with_angle_variance(best, doubt * (1.0 - doubt) * between**2)
 
     def _fit_level(self, seen: Sight, pose: Pose) -> FirstVerdict:
         """Fit once more with the tilt held: something lying over one side gives a quad that is off by that much."""

@@ -65,6 +65,11 @@ class LevelKnowledge:
         normal = pose.rotation[:, 2]
         return float(np.arctan2(np.linalg.norm(np.cross(normal, expected)), normal @ expected))
 
+    def log_odds(self, seen: Sight, first: Pose, second: Pose) -> float:
+        """How much likelier the attitude makes one pose than another [nats]; 0 where nothing is known."""
+        near, far = self.tilt(seen, first), self.tilt(seen, second)
+        return 0.0 if near is None or far is None else (far**2 - near**2) / (2.0 * self._sd(seen) ** 2)
+
     def gate(self, seen: Sight, pose: Pose) -> float:
         """Largest disagreement that is believed of a pose [rad]."""
         return self.hidden_gate(pose) + self._deck.sd(seen.time)
