@@ -9,9 +9,12 @@ import subprocess
 
 import pytest
 
+from mkdaemon.cli.mkctl.app import app as mkctl
+from mkdaemon.cli.mkctl.record import record
 from tests.places import CONFIGS, ROOT
 
 UNIT = CONFIGS / "systemd" / "mkdaemon.service"
+RECORDER = CONFIGS / "systemd" / "mkdaemon-recorder.service"
 RULES = CONFIGS / "udev" / "60-mkdaemon.rules"
 
 
@@ -21,17 +24,24 @@ def systemd_analyze(*arguments):
     return subprocess.run(["systemd-analyze", *arguments], capture_output=True, text=True, check=False)
 
 
-@pytest.fixture
-def installed(tmp_path):
+@pytest.fixture(params=[UNIT, RECORDER], ids=lambda unit: unit.stem)
+def installed(request, tmp_path):
     """The unit as systemd would load it, with a program that exists on this machine."""
-    unit = tmp_path / UNIT.name
-    unit.write_text(re.sub(r"(?m)^ExecStart=\S+", "ExecStart=/bin/true", UNIT.read_text(encoding="utf-8")))
+    unit = tmp_path / request.param.name
+    unit.write_text(re.sub(r"(?m)^ExecStart=\S+", "ExecStart=/bin/true", request.param.read_text(encoding="utf-8")))
     return unit
 
 
 def test_systemd_accepts_every_line_of_the_unit(installed):
     said = systemd_analyze("verify", "--man=no", str(installed))
     assert (said.returncode, said.stderr) == (0, "")
+
+
+def test_the_recorder_is_started_with_options_that_exist():
+    line = re.search(r"(?m)^ExecStart=\S+ (.+)$", RECORDER.read_text(encoding="utf-8"))
+    function, bound, _ = mkctl.parse_args(line[1].split(), exit_on_error=False, print_error=False)
+    assert function is record
+    assert str(bound.kwargs["folder"]) == "/var/lib/mkdaemon-recorder"
 
 
 def test_a_daemon_that_keeps_failing_is_started_again_for_ever():

@@ -70,6 +70,7 @@ class Recording:
         path: the file.
         session: what it says about itself; None until it was read, and where it says nothing.
         report: what the last reading found.
+        position: how much of the file the last reading has read [bytes].
     """
 
     def __init__(self, path: Path) -> None:
@@ -77,6 +78,7 @@ class Recording:
         self.path = path
         self.session: Session | None = None
         self.report = ReadReport()
+        self.position = 0
 
     def read_session(self) -> Session | None:
         """What the file says about itself; None where it says nothing.
@@ -114,6 +116,15 @@ class Recording:
             elif record.last >= low and record.first <= high:
                 yield from reading.entries_of(record, low, high)
 
+    def span(self) -> tuple[int, int]:
+        """Times of the earliest and of the latest entry [ns; times of the file]; zeros where there is none.
+
+        Raises:
+            MkError: the file cannot be opened.
+        """
+        times = [(one.first, one.last) for one in self._records(ReadReport()) if isinstance(one, Chunk)]
+        return min((first for first, _ in times), default=0), max((last for _, last in times), default=0)
+
     def definitions(self) -> Iterator[Record]:
         """All channels in the file, wherever they are."""
         for record in self._records(ReadReport()):
@@ -130,7 +141,9 @@ class Recording:
             report.size = file.seek(0, 2)
             scanner = Scanner(file, report.size)
             report.damages = scanner.damages
-            yield from scanner.records()
+            for record in scanner.records():
+                self.position = file.tell()
+                yield record
             report.is_complete = scanner.is_complete
 
     def _take_metadata(self, record: Record | Chunk) -> None:

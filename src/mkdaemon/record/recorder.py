@@ -88,6 +88,7 @@ class Recorder:
         *,
         view: View | None = None,
         sync_period: float = 0.0,
+        complete: Callable[[Entry], Entry] = lambda entry: entry,
         open_file: Callable[[Path], OutputFile] = RawFile,
     ) -> None:
         """Prepare; nothing is opened yet.
@@ -98,6 +99,7 @@ class Recorder:
             session: what every file says about itself; parts are counted from its own.
             view: adds JSON for viewers.
             sync_period: time between two calls that bring the file to the disk itself [s]; 0 for never.
+            complete: adds to every entry what was too slow for who put it.
             open_file: makes a file.
         """
         self.report = RecorderReport(RecorderState.RECORDING)
@@ -106,6 +108,7 @@ class Recorder:
         self._session = session
         self._view = view
         self._sync_period = sync_period
+        self._complete = complete
         self._open_file = open_file
         self._part: _Part | None = None
         self._retry_at = float("-inf")
@@ -137,6 +140,7 @@ class Recorder:
             self.step(now)
         self._end(now)
         self.queue.count_lost(len(self.queue))
+        self.report = replace(self.report, entries=self._written)
 
     def fail(self, reason: str) -> None:
         """Report that nothing is written any more."""
@@ -164,7 +168,7 @@ class Recorder:
             if entry is None:
                 part.pending -= 1
             else:
-                part.writer.add(entry)
+                part.writer.add(self._complete(entry))
         if now >= part.flush_at:
             part.flush_at = now + FLUSH
             self._flush(part)
@@ -216,6 +220,7 @@ class Recorder:
         else:
             part.file.close()
             self._part = None
+            self.report = replace(self.report, file_bytes=part.writer.size, entries=self._written)
 
     def _give_up(self, state: RecorderState, reason: str, now: float) -> None:
         """Leave the present part as it is on the disk, and try again later."""

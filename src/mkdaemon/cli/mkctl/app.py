@@ -27,6 +27,10 @@ COMMANDS: Final = (
     ),
     CommandEntry("display", "mkdaemon.cli.mkctl.display:display", "A board's own 4x20 menu, live, with keys.", _LOOK),
     CommandEntry("labels", "mkdaemon.cli.mkctl.labels:labels", "Names of a board's analog channels.", _LOOK),
+    CommandEntry(
+        "record", "mkdaemon.cli.mkctl.record:record", "Record what all vehicles put on the bus, into files.", _LOOK
+    ),
+    CommandEntry("log", "mkdaemon.cli.mkctl.log:app", "Recordings: list, check, recover, cut, merge, mark.", _LOOK),
     CommandEntry("lease", "mkdaemon.cli.mkctl.lease:app", "Take, give back or show the right to fly.", _FLY),
     CommandEntry(
         "stick", "mkdaemon.cli.mkctl.stick:stick", "Fly by sticks: stream stick offsets for some seconds.", _FLY

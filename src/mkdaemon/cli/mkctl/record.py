@@ -1,0 +1,165 @@
+"""`mkctl record`: a recording on the ground, of everything that vehicles put on the bus."""
+
+from __future__ import annotations
+
+import asyncio
+import signal
+import time
+from collections.abc import Sequence
+from contextlib import suppress
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Final
+
+from cyclopts import Parameter
+
+from mkdaemon.cli.arguments import require_length
+from mkdaemon.cli.mkctl.connection import HERE, Connection
+from mkdaemon.cli.mkctl.logtime import user_folder
+from mkdaemon.cli.printing import json_line
+from mkdaemon.cli.program import EXIT_FAILURE, EXIT_OK
+from mkdaemon.errors import ConfigError
+
+if TYPE_CHECKING:
+    from mkdaemon.client.ground import GroundRecording
+
+REDRAW: Final = 0.25
+"""Time between two progress lines on a terminal [s]."""
+LINE_EVERY: Final = 60.0
+"""Time between two lines where there is no terminal [s]."""
+MEGA: Final = 1_000_000
+
+
+async def record(
+    *,
+    folder: Annotated[Path | None, Parameter(name=["--folder", "-o"])] = None,
+    key: Annotated[tuple[str, ...], Parameter(name=["--key", "-k"], negative=())] = (),
+    also: Annotated[tuple[str, ...], Parameter(negative=(), help="Endpoint of a further daemon.")] = (),
+    seconds: float | None = None,
+    viewer: Annotated[bool, Parameter(negative="--no-viewer")] = True,
+    file_mb: int = 500,
+    file_minutes: float = 60.0,
+    total_mb: int = 20_000,
+    free_mb: int = 1000,
+    delete_oldest: Annotated[bool, Parameter(negative=())] = False,
+    queue_mb: int = 64,
+    connection: Connection = HERE,
+) -> int:
+    """Record everything that vehicles put on the bus, until Ctrl-C. Waits for a daemon that is not there yet.
+
+    Exit code 0 only if everything that was seen is in the file. Loss on the way is counted by the daemon's own counts.
+
+    Args:
+        folder: Where files go; by default `ground/recordings` in the user's state folder.
+        key: Key expressions that are recorded: default `mk/**`, every vehicle. What begins with `@` is matched by no
+            wildcard and must be given in full.
+        also: Further endpoints, beside that of `--connect`.
+        seconds: End after so many seconds.
+        viewer: Add JSON, for Foxglove, Lichtblick and PlotJuggler.
+        file_mb: A new file at this size [MB].
+        file_minutes: A new file at this age [min].
+        total_mb: All recordings in the folder together [MB].
+        free_mb: Left free on the disk [MB].
+        delete_oldest: Delete the oldest recordings of the folder where there is no more room; else recording stops.
+        queue_mb: So much may wait in memory for a slow disk [MB].
+    """
+    from mkdaemon.client.ground import GroundPlan, record_ground
+    from mkdaemon.client.groundtap import EVERYTHING
+    from mkdaemon.record.folder import Limits
+
+    require_length(seconds, "--seconds")
+    require_length(file_minutes, "--file-minutes")
+    for name, number in {"file": file_mb, "total": total_mb, "free": free_mb, "queue": queue_mb}.items():
+        if number < 1:
+            msg = f"--{name}-mb {number}: give 1 or more"
+            raise ConfigError(msg)
+    plan = GroundPlan(
+        endpoints=(connection.connect, *also),
+        folder=folder or user_folder() / "ground" / "recordings",
+        limits=Limits(file_mb * MEGA, file_minutes * 60, total_mb * MEGA, free_mb * MEGA, delete_oldest),
+        expressions=key or EVERYTHING,
+        zenoh_file=connection.zenoh_file,
+        queue_bytes=queue_mb * MEGA,
+        has_json=viewer,
+    )
+    stop = asyncio.Event()
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        asyncio.get_running_loop().add_signal_handler(number, stop.set)
+    began = time.monotonic()
+    async with record_ground(plan) as recording:
+        with suppress(TimeoutError):
+            async with asyncio.timeout(seconds):
+                await _show(recording, plan.endpoints, stop, began, is_quiet=connection.json)
+    _print_summary(recording, time.monotonic() - began, as_json=connection.json)
+    return EXIT_OK if not recording.queue.lost else EXIT_FAILURE
+
+
+async def _show(
+    recording: GroundRecording, endpoints: Sequence[str], stop: asyncio.Event, began: float, *, is_quiet: bool
+) -> None:
+    """Show how it goes until it is to stop."""
+    from rich.console import Console
+
+    console = Console(stderr=True)
+    stopped = asyncio.create_task(stop.wait())
+    try:
+        if console.is_terminal and not is_quiet:
+            with console.status("") as status:
+                while not stop.is_set():
+                    status.update(_line(recording, endpoints, time.monotonic() - began))
+                    await asyncio.wait({stopped}, timeout=REDRAW)
+            return
+        while not stop.is_set():
+            if not is_quiet:
+                console.print(_line(recording, endpoints, time.monotonic() - began), highlight=False, markup=False)
+            await asyncio.wait({stopped}, timeout=LINE_EVERY)
+    finally:
+        stopped.cancel()
+
+
+def _line(recording: GroundRecording, endpoints: Sequence[str], seconds: float) -> str:
+    """How it goes, in one line."""
+    report = recording.report
+    silent = [one for one in endpoints if one not in recording.connected]
+    words = [f"{seconds:.0f} s", f"{recording.received} values", f"{report.file_bytes / 1e6:.1f} MB"]
+    if recording.tap.vehicles:
+        words.append(", ".join(sorted(recording.tap.vehicles)))
+    if recording.queue.size > MEGA:
+        words.append(f"{recording.queue.size / 1e6:.0f} MB wait")
+    if recording.lost_on_the_way:
+        words.append(f"{recording.lost_on_the_way} lost on the way")
+    if recording.queue.lost:
+        words.append(f"{recording.queue.lost} not written")
+    if silent:
+        words.append(f"waiting for {', '.join(silent)}")
+    if report.reason:
+        words.append(f"NOT RECORDING: {report.reason}")
+    return "; ".join(words)
+
+
+def _print_summary(recording: GroundRecording, seconds: float, *, as_json: bool) -> None:
+    report, queue = recording.report, recording.queue
+    if as_json:
+        vehicles: dict[str, Any] = {
+            name: {"received": tally.received, "lost": dict(tally.lost)}
+            for name, tally in recording.tap.vehicles.items()
+        }
+        fields = {
+            "file": None if report.file is None else str(report.file),
+            "seconds": seconds,
+            "received": recording.received,
+            "written": report.entries,
+            "lost_on_the_way": recording.lost_on_the_way,
+            "not_written": queue.lost,
+            "vehicles": vehicles,
+        }
+        print(json_line(fields))
+        return
+    file = "no file" if report.file is None else str(report.file)
+    print(f"{file}: {report.entries} values in {seconds:.0f} s")
+    for name, tally in sorted(recording.tap.vehicles.items()):
+        lost = f"; {tally.lost.total()} lost on the way" if tally.lost else ""
+        print(f"  {name}: {tally.received} values{lost}")
+        for key, number in tally.lost.most_common(5):
+            print(f"    {number} of {key}")
+    if queue.lost:
+        print(f"  {queue.lost} values were not written: {report.reason or 'the disk was too slow'}")

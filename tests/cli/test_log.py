@@ -1,0 +1,133 @@
+"""`mkctl log` on recordings that are whole, damaged or not there."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+
+from mkdaemon.cli.mkctl.app import app
+from mkdaemon.cli.program import EXIT_CONFIG, EXIT_FAILURE, EXIT_OK, run
+from mkdaemon.record.reader import Recording
+from tests.record.support import sample
+from tests.record.test_tools import ENTRIES, written
+
+
+def log(capsys, *words):
+    code = run(app, ["log", *map(str, words)])
+    shown = capsys.readouterr()
+    return code, shown.out, shown.err
+
+
+@pytest.fixture
+def whole(tmp_path):
+    return written(tmp_path / "whole.mcap", [*ENTRIES, sample(1, "mk/mk1/event/mark")])
+
+
+@pytest.fixture
+def damaged(tmp_path, whole):
+    path = tmp_path / "damaged.mcap"
+    content = bytearray(whole.read_bytes())
+    content[content.index(b"zstd", len(content) // 3) + 40] ^= 1  # inside a chunk
+    path.write_bytes(content[:-100])
+    return path
+
+
+def test_info_shows_keys_and_marks(capsys, whole):
+    code, out, _ = log(capsys, "info", whole)
+    assert code == EXIT_OK
+    assert "blackbox mk1-20261122T080000Z, part 0" in out
+    assert "mk/mk1/state/0" in out
+    assert "mark" in out
+    code, out, _ = log(capsys, "info", whole, "--json")
+    fields = json.loads(out)
+    assert fields["entries"] == 201
+    assert fields["whole"] is True
+    assert {key["key"] for key in fields["keys"]} == {"mk/mk1/state/0", "mk/mk1/state/1", "mk/mk1/event/mark"}
+    assert len(fields["marks"]) == 1
+
+
+def test_check_tells_whether_a_recording_is_whole(capsys, whole, damaged):
+    assert log(capsys, "check", whole)[0] == EXIT_OK
+    code, out, _ = log(capsys, "check", whole, damaged)
+    assert code == EXIT_FAILURE
+    assert "whole.mcap: whole, 201 entries" in out
+    assert "damaged.mcap: not whole" in out
+    assert "mkctl log recover" in out
+    assert "missing by their numbers" in out
+    code, out, _ = log(capsys, "check", damaged, "--json")
+    assert json.loads(out)["damages"]
+
+
+def test_recover_writes_beside_the_old_one_and_never_over_another(capsys, damaged):
+    code, out, _ = log(capsys, "recover", damaged)
+    assert code == EXIT_OK
+    target = damaged.with_name("damaged-recovered.mcap")
+    assert f"{target}: " in out
+    assert "are missing by their numbers" in out
+    assert len(list(Recording(target).entries())) >= 160
+    code, _, err = log(capsys, "recover", damaged)
+    assert (code, "--force" in err) == (EXIT_CONFIG, True)
+    code, out, _ = log(capsys, "recover", damaged, "--force", "--viewer", "--json")
+    assert json.loads(out)["file"] == str(target)
+
+
+@pytest.mark.parametrize(
+    ("words", "expected"),
+    [
+        (["--from", "1", "--to", "-0.5"], 50),
+        (["--key", "state/0"], 100),
+        (["--key", "mk/mk1/state/1", "-k", "state/0", "--from", "-1"], 102),
+        (["--from", "2025-10-09T08:53:21.6Z"], 201),
+    ],
+)
+def test_cut_takes_what_was_asked_for(capsys, whole, tmp_path, words, expected):
+    code, out, err = log(capsys, "cut", whole, "-o", tmp_path / "part.mcap", *words)
+    assert (code, err) == (EXIT_OK, "")
+    assert f"{expected} entries" in out
+    assert list(Recording(tmp_path / "part.mcap").entries())
+
+
+def test_merge_joins(capsys, whole, tmp_path):
+    other = written(tmp_path / "other.mcap", [entry._replace(key="mk/mk2/state/x") for entry in ENTRIES[:5]])
+    code, out, _ = log(capsys, "merge", whole, other, "-o", tmp_path / "all.mcap")
+    assert code == EXIT_CONFIG  # both say that they are the same part
+    code, out, _ = log(capsys, "merge", other, "-o", tmp_path / "all.mcap")
+    assert (code, "5 entries" in out) == (EXIT_OK, True)
+
+
+def test_list_shows_what_there_is(capsys, whole, damaged, tmp_path, monkeypatch):
+    code, out, _ = log(capsys, "list", tmp_path)
+    assert code == EXIT_OK
+    assert "whole.mcap" in out
+    assert "not finished" in out
+    code, out, _ = log(capsys, "list", tmp_path, "--json")
+    assert [json.loads(line)["finished"] for line in out.splitlines()] == [False, True]
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "home"))
+    assert "no recordings in" in log(capsys, "list")[1]
+    folder = tmp_path / "home" / "mkdaemon" / "mk1" / "recordings"
+    folder.mkdir(parents=True)
+    written(folder / "mine.mcap")
+    assert "mine.mcap" in log(capsys, "list")[1]
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["info"],
+        ["list", "nowhere"],
+        ["cut", "FILE", "-o", "x.mcap", "--from", "noon"],
+        ["cut", "FILE", "-o", "x.mcap", "--from", "nan"],
+        ["cut", "FILE", "-o", "nowhere/x.mcap"],
+    ],
+)
+def test_mistakes_are_one_line(capsys, whole, words):
+    code, out, err = log(capsys, *(whole if word == "FILE" else word for word in words))
+    assert (code, out) == (EXIT_CONFIG, "")
+    assert len(err.splitlines()) == 1
+
+
+def test_a_file_that_is_not_there_is_one_line(capsys, tmp_path):
+    for words in (["info", tmp_path / "no.mcap"], ["check", tmp_path / "no.mcap"], ["recover", tmp_path / "no.mcap"]):
+        code, _, err = log(capsys, *words)
+        assert (code, "cannot be opened" in err) == (EXIT_FAILURE, True)

@@ -1,0 +1,184 @@
+"""Recordings looked at, recovered, cut and joined."""
+
+from __future__ import annotations
+
+import io
+from dataclasses import replace
+
+import msgpack
+import pytest
+from mcap.reader import make_reader
+
+from mkdaemon.bus.schema import schema_json
+from mkdaemon.errors import ConfigError, MkError
+from mkdaemon.record.entry import Kind
+from mkdaemon.record.glance import glance
+from mkdaemon.record.patterns import matches_any
+from mkdaemon.record.reader import Recording
+from mkdaemon.record.rewrite import Selection, cut, merge, recover
+from mkdaemon.record.summary import summarise
+from mkdaemon.record.view import JsonView
+from mkdaemon.record.writer import RecordingWriter
+from tests.record.support import BASE, SESSION, sample
+
+ENTRIES = [sample(number // 2 + 1, f"mk/mk1/state/{number % 2}") for number in range(200)]
+
+
+def written(path, entries=ENTRIES, session=SESSION, *, finish=True):
+    output = io.BytesIO()
+    writer = RecordingWriter(output, session)
+    for number, entry in enumerate(entries, 1):
+        writer.add(entry)
+        if number % 20 == 0:
+            writer.flush()
+    if finish:
+        writer.finish()
+    path.write_bytes(output.getvalue())
+    return path
+
+
+def read(path):
+    return list(Recording(path).entries())
+
+
+def test_a_summary_counts_keys_gaps_losses_and_marks(tmp_path):
+    mark = sample(1, "mk/mk1/event/mark")._replace(payload=msgpack.packb({"text": "here"}), received=1001.5)
+    strange = sample(2, "mk/mk1/event/mark")._replace(payload=b"\xc1", received=1001.6)
+    entries = [*ENTRIES[:100], mark, strange, *ENTRIES[120:]]
+    seen = []
+    summary = summarise(written(tmp_path / "a.mcap", entries), seen.append)
+
+    first = summary.keys[Kind.SAMPLE, "mk/mk1/state/0"]
+    assert (first.count, first.lost, first.encoding) == (90, 10, "application/msgpack;mk.Attitude.v1")
+    assert first.rate == pytest.approx(89 / (99 / 50))
+    assert first.longest_gap == pytest.approx(11 / 50)
+    assert [(mark.text, mark.vehicle) for mark in summary.marks] == [("here", "mk1"), ("?", "mk1")]
+    assert summary.duration == pytest.approx(99 / 50)
+    assert summary.vehicles == ["mk1"]
+    assert summary.session == SESSION
+    assert seen
+    assert summarise(written(tmp_path / "b.mcap", ENTRIES[:1])).keys[Kind.SAMPLE, "mk/mk1/state/0"].rate == 0.0
+
+
+@pytest.mark.parametrize("share", [0.3, 0.55, 1.0])
+def test_recovering_a_file_that_was_cut_off_gives_a_whole_one_with_the_same_entries(tmp_path, share):
+    whole = written(tmp_path / "a.mcap", finish=share < 1.0)
+    damaged = tmp_path / "b.mcap"
+    damaged.write_bytes(whole.read_bytes()[: int(share * whole.stat().st_size)])
+    before = damaged.read_bytes()
+
+    result = recover(damaged, tmp_path / "c.mcap")
+
+    found = Recording(tmp_path / "c.mcap")
+    assert list(found.entries()) == ENTRIES[: result.entries]
+    assert result.entries > 20
+    assert found.report.is_whole
+    assert found.session == SESSION
+    assert not result.reports[0].is_whole
+    assert damaged.read_bytes() == before
+
+
+def test_nothing_is_written_where_nothing_is_whole(tmp_path):
+    (tmp_path / "a.mcap").write_bytes(b"nothing of ours")
+    with pytest.raises(MkError, match="no entry is whole"):
+        recover(tmp_path / "a.mcap", tmp_path / "b.mcap")
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["a.mcap"]
+
+
+def test_nothing_is_overwritten_unasked(tmp_path):
+    source, target = written(tmp_path / "a.mcap"), tmp_path / "b.mcap"
+    target.write_bytes(b"mine")
+    for write in (
+        lambda: recover(source, target),
+        lambda: cut(source, target, Selection()),
+        lambda: merge([source], target),
+    ):
+        with pytest.raises(ConfigError, match="--force"):
+            write()
+    assert target.read_bytes() == b"mine"
+    assert recover(source, target, overwrite=True).entries == 200
+
+
+def test_cutting_takes_a_time_and_some_keys(tmp_path):
+    source = written(tmp_path / "a.mcap")
+    times = [BASE.file_time(entry.received) for entry in ENTRIES]
+    selection = Selection(lambda facts: facts.key.endswith("1"), times[51], times[99])
+
+    result = cut(source, tmp_path / "b.mcap", selection, view=JsonView(schema_json))
+
+    assert read(tmp_path / "b.mcap") == ENTRIES[51:100:2]
+    assert result.entries == 25
+    session = Recording(tmp_path / "b.mcap").read_session()
+    assert (session.recorder, session.name) == ("cut", SESSION.name)
+    with (tmp_path / "b.mcap").open("rb") as file:
+        topics = {channel.topic for _, channel, _ in make_reader(file).iter_messages()}
+    assert topics == {"mk/mk1/state/1", "sample:mk/mk1/state/1"}
+    with pytest.raises(MkError, match="none is selected"):
+        cut(source, tmp_path / "c.mcap", Selection(last=times[0] - 1))
+
+
+def test_joining_orders_by_time_and_keeps_every_entry(tmp_path):
+    one = written(tmp_path / "1.mcap", ENTRIES[:80])
+    two = written(tmp_path / "2.mcap", ENTRIES[80:], replace(SESSION, part=1))
+    other = [entry._replace(key=entry.key.replace("mk1", "mk2")) for entry in ENTRIES]
+    three = written(tmp_path / "3.mcap", other, replace(SESSION, name="other", vehicle="mk2"))
+
+    assert merge([two, one], tmp_path / "a.mcap").entries == 200
+    assert read(tmp_path / "a.mcap") == ENTRIES
+    assert Recording(tmp_path / "a.mcap").read_session().vehicle == "mk1"
+    merge([one, two, three], tmp_path / "b.mcap")
+    joined = Recording(tmp_path / "b.mcap")
+    found = list(joined.entries())
+    assert [entry for entry in found if entry.vehicle == "mk1"] == ENTRIES
+    assert [entry.received for entry in found] == sorted(entry.received for entry in found)
+    assert (joined.session.recorder, joined.session.vehicle) == ("merge", "")
+    assert joined.report.is_whole
+
+
+def test_a_part_that_is_given_twice_is_refused(tmp_path):
+    one, two = written(tmp_path / "1.mcap"), written(tmp_path / "2.mcap")
+    with pytest.raises(ConfigError, match="the same part"):
+        merge([one, two], tmp_path / "a.mcap")
+
+
+def test_a_glance_tells_times_and_whether_a_file_is_finished(tmp_path):
+    seen = glance(written(tmp_path / "a.mcap"))
+    assert seen.is_finished
+    assert seen.duration == pytest.approx(99 / 50)
+    assert seen.session == SESSION
+    whole = (tmp_path / "a.mcap").read_bytes()
+    for content in (whole[:-1], whole[:200], b"", whole[:-30] + b"\xff" * 14 + whole[-16:], whole[:-60] + whole[-37:]):
+        (tmp_path / "b.mcap").write_bytes(content)
+        assert not glance(tmp_path / "b.mcap").is_finished or content != whole[:-1]
+    assert glance(tmp_path / "b.mcap").size == len(whole) - 23
+    (tmp_path / "c.mcap").write_bytes(whole[:-1])
+    assert (glance(tmp_path / "c.mcap").is_finished, glance(tmp_path / "c.mcap").duration) == (False, None)
+
+
+def test_the_span_of_a_file_is_known_without_its_entries(tmp_path):
+    path = written(tmp_path / "a.mcap", finish=False)
+    times = [BASE.file_time(entry.received) for entry in ENTRIES]
+    assert Recording(path).span() == (times[0], times[-1])
+
+
+@pytest.mark.parametrize(
+    ("pattern", "is_matched"),
+    [
+        ("**", True),
+        ("mk/**", True),
+        ("mk/*/state/gps", True),
+        ("state/gps", True),
+        ("state/*", True),
+        ("state/**", True),
+        ("state/g*", True),
+        ("*/gps", True),
+        ("**/gps", True),
+        ("state", False),
+        ("state/gps/x", False),
+        ("mk/state/gps", False),
+        ("stat./gps", False),
+    ],
+)
+def test_patterns_are_those_of_zenoh(pattern, is_matched):
+    assert matches_any("mk/mk1/state/gps", [pattern]) is is_matched
+    assert matches_any("mk/mk1/state/gps", [])
