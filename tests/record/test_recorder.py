@@ -284,6 +284,15 @@ def test_deferred_entries_give_way_to_others(tmp_path):
     assert bench.recorder.report.state is RecorderState.RECORDING
 
 
+def test_who_is_restarted_in_the_same_second_begins_another_recording(tmp_path):
+    for _ in range(3):
+        bench = Bench(tmp_path)
+        bench.put(1, 5)
+        bench.recorder.close(bench.now)
+    names = [Recording(path).read_session().name for path in sorted(tmp_path.glob("*.mcap"))]
+    assert names == [f"mk1-20261122T08000{second}Z" for second in range(3)]
+
+
 def test_names_and_room(tmp_path):
     assert recording_name("mk1", 1_790_000_000.0) == "mk1-20260921T141320Z"
     assert free_space(tmp_path) > 0

@@ -6,12 +6,13 @@ import os
 import re
 from collections.abc import Callable
 from dataclasses import dataclass
-from datetime import UTC, datetime
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Final
 
 from mkdaemon.files import flush_folder
 
+_TIME: Final = "%Y%m%dT%H%M%SZ"
 _NAME: Final = re.compile(r"(?P<name>.+-\d{8}T\d{6}Z)-(?P<part>\d{3,})\.mcap")
 
 
@@ -42,7 +43,7 @@ def recording_name(prefix: str, wall: float) -> str:
         prefix: the vehicle, or `ground`.
         wall: Unix time [s].
     """
-    return f"{prefix}-{datetime.fromtimestamp(wall, UTC):%Y%m%dT%H%M%SZ}"
+    return f"{prefix}-{datetime.fromtimestamp(wall, UTC):{_TIME}}"
 
 
 def free_space(folder: Path) -> int:
@@ -80,6 +81,18 @@ class RecordingFolder:
     def file(self, name: str, part: int) -> Path:
         """Place of a part of a recording."""
         return self.path / f"{name}-{part:03d}.mcap"
+
+    def unused_name(self, name: str) -> str:
+        """The name of a recording, a second or more later if another one has it: who is restarted at once is a new one.
+
+        Args:
+            name: as `recording_name` made it.
+        """
+        while self.file(name, 0).exists():
+            prefix, _, text = name.rpartition("-")
+            time = datetime.strptime(text, _TIME).replace(tzinfo=UTC) + timedelta(seconds=1)
+            name = recording_name(prefix, time.timestamp())
+        return name
 
     def make(self) -> None:
         """Make the folder where there is none.

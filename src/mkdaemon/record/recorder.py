@@ -153,6 +153,8 @@ class Recorder:
         if reason:
             self._give_up(RecorderState.FULL, reason, now)
             return
+        if self._session.part == 0:
+            self._session = replace(self._session, name=self._folder.unused_name(self._session.name))
         path = self._folder.file(self._session.name, self._session.part)
         file = self._open_file(path)
         session, self._session = self._session, replace(self._session, part=self._session.part + 1)
