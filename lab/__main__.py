@@ -12,6 +12,7 @@ CAMPAIGNS: Final = (
     CommandEntry("link", "lab.link.main:main", "The link under load: losses, latencies, recovery."),
     CommandEntry("vision", "lab.vision.main:main", "Detection: rate, accuracy, latency."),
     CommandEntry("stories", "lab.stories.main:main", "Lost clients, pulled cables, races: the safety stories."),
+    CommandEntry("teleop", "lab.teleop.main:main", "An operator's hands: pads lost in flight, a stick's way."),
     CommandEntry("procedures", "lab.procedures:main", "Uploads and backups over a line that loses bytes."),
     CommandEntry("attack", "lab.attack.main:main", "Killed, frozen and flooded in flight; the guard killed."),
     CommandEntry("kills", "lab.kills.main:main", "kill -9 of mkctl and of the daemon during backups and restores."),

@@ -23,7 +23,7 @@ from mkdaemon.config.link import LinkConfig
 from mkdaemon.config.sim import PilotPlan, SimConfig
 from mkdaemon.control.core import FlightCore
 from mkdaemon.control.vehicle import VehicleFacts
-from mkdaemon.daemon.audit import Audit
+from mkdaemon.daemon.audit import Audit, Outlet
 from mkdaemon.daemon.eyes import Eyes
 from mkdaemon.daemon.flight import FlightControl
 from mkdaemon.daemon.sink import BusSink
@@ -233,6 +233,7 @@ async def cockpit(
     socket: Socket | None = None,
     tick: float = TICK_TIME,
     guard: LineGuard | None = None,
+    outlet: Outlet | None = None,
     **link: Any,
 ) -> AsyncIterator[Cockpit]:
     """A running cockpit, boards discovered; not awaited where it begins in the middle of a flight.
@@ -245,6 +246,7 @@ async def cockpit(
         socket: the cable of an earlier cockpit, with the boards at its end; a new one if none is given.
         tick: how often bytes are carried [s].
         guard: what the link feeds; none by default.
+        outlet: who hears what control publishes; nobody by default.
         link: further settings of the link.
 
     Raises:
@@ -266,7 +268,7 @@ async def cockpit(
     sink = KeepingSink(core, audit, clock)
     cfg = LinkConfig.model_validate({"port": "/dev/virtual"} | link)
     line = link_class(cfg, sink, opener=cable.open, clock=clock, motors_running=core.facts.motors_running, guard=guard)
-    flight = FlightControl(core, line, _Unheard(), audit, clock=clock)
+    flight = FlightControl(core, line, outlet or _Unheard(), audit, clock=clock)
     flown = Cockpit(line, flight, sink, cable)
     flown.tasks = [asyncio.create_task(line.run(), name="link"), asyncio.create_task(flight.run(), name="control")]
     try:

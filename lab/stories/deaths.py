@@ -218,7 +218,7 @@ async def _fly_session(
             client = _Client(flown, rng, f"client{number}")
             await _take_turn(flown, client.fly)
             await client.die(death, watched)
-            losses.append(replace(_measure(flown, client.last_usable), seed=seed, number=number, death=death))
+            losses.append(replace(measure_loss(flown, client.last_usable), seed=seed, number=number, death=death))
             flown.sink.tx.clear()
             flown.aircraft.held.clear()
             flown.aircraft.applied.clear()
@@ -245,7 +245,7 @@ async def _poll(flown: Cockpit, rng: random.Random) -> None:
         await asyncio.sleep(rng.uniform(0.02, 0.3))
 
 
-def _measure(flown: Cockpit, since: float) -> Loss:
+def measure_loss(flown: Cockpit, since: float) -> Loss:
     """What happened since the last usable setpoint [s]."""
     sticks = [frame for frame in flown.sink.tx if frame.purpose in {Purpose.SETPOINT, Purpose.RELEASE}]
     moving = max((n for n, frame in enumerate(sticks) if not _is_neutral(frame)), default=-1)

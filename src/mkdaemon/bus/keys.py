@@ -30,6 +30,7 @@ from mkdaemon.telemetry.control import (
 )
 from mkdaemon.telemetry.event import ClockEvent, CommandEvent, FailsafeEvent, LogEvent, ModeEvent
 from mkdaemon.telemetry.image import CameraFrame
+from mkdaemon.telemetry.joy import Joy
 from mkdaemon.telemetry.link import LinkHealth, LinkState, LinkTraffic
 from mkdaemon.telemetry.mission import MissionEvent
 from mkdaemon.telemetry.preflight import ControlPreflight, PreflightReport
@@ -105,6 +106,7 @@ KEYS: Final[tuple[KeySpec, ...]] = (
     KeySpec("sim/truth", Use.CLIENT, SimTruth, "50 Hz", "The simulator's true state; never read by flight code."),
     KeySpec("sim/faults", Use.CLIENT, SimFaults, "1 Hz and on change", "Faults the simulator plays."),
     KeySpec("sim/camera/<name>", Use.CLIENT, CameraFrame, "30 Hz, where it is on", "What the simulated camera sees."),
+    KeySpec("joy/<pad>", Use.CLIENT, Joy, "50 Hz and on change", "A gamepad of another machine: `mkctl teleop --joy`."),
     KeySpec("sim/start", _Q, None, "", "The simulated pilot begins now, without waiting longer; no payload."),
     KeySpec("sim/fault", _Q, FaultRequest, "", "Begin or end a fault of the simulator.", SimFaults),
     KeySpec("event/clock", _P, ClockEvent, "on occurrence", "The system clock was set: how far, and which way."),

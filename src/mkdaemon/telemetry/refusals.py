@@ -255,6 +255,11 @@ REFUSALS: Final[Mapping[str, Refusal]] = {
         Status.DENIED, "fault {name!r} has no parameter {parameter!r}.", "Its parameters: {known}."
     ),
     Token.OUT_OF_RANGE: Refusal(Status.DENIED, "{name} cannot be {value}.", "Give {wanted}."),
+    Token.NOT_SIMULATED: Refusal(
+        Status.DENIED,
+        "a recorded flight is only flown by a simulator: {detail}.",
+        "Start `mkdaemon sim`, then `mkdaemon run --port` with the port that it prints, for the same vehicle.",
+    ),
     **FAILURES,
 }
 """Every refusal by its token; docs/keys.md shows the same table."""

@@ -38,6 +38,8 @@ class SimTruth(Stamped):
     """The pilot's switch lets external control through."""
     motor_setpoints: tuple[int, int, int, int]
     """[count], motors 1 to 4."""
+    port: str = ""
+    """Pseudo terminal that the simulator serves, on the machine of `stamp.boot`; empty for none."""
 
 
 class RunningFault(Telemetry):

@@ -131,6 +131,7 @@ class Token(StrEnum):
     UNKNOWN_FAULT = "unknown_fault"
     UNKNOWN_PARAMETER = "unknown_parameter"
     OUT_OF_RANGE = "out_of_range"
+    NOT_SIMULATED = "not_simulated"
 
 
 class Refusal(NamedTuple):

@@ -75,7 +75,7 @@ async def _serve(config: Config, seconds: float | None) -> None:
     async with (
         runtime.serve(),
         run_camera(camera, simulation, config.sim, publisher),
-        sim_on_bus(simulation, config.sim, config.vehicle.name, publisher),
+        sim_on_bus(simulation, config.sim, config.vehicle.name, publisher, port=runtime.port),
     ):
         print(json.dumps({"port": runtime.port}), flush=True)
         ends = [asyncio.ensure_future(event.wait()) for event in (stop, runtime.ended)]

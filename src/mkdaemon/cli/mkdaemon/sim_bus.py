@@ -41,8 +41,14 @@ FAULT = "sim/fault"
 START = "sim/start"
 
 
-def truth_of(simulation: Simulation, stamp: Stamp) -> SimTruth:
-    """The true state now."""
+def truth_of(simulation: Simulation, stamp: Stamp, port: str = "") -> SimTruth:
+    """The true state now.
+
+    Args:
+        simulation: the aircraft.
+        stamp: the time.
+        port: pseudo terminal it is served on.
+    """
     truth, core = simulation.world.truth, simulation.flight.core
     east, north, up = truth.position_enu.tolist()
     setpoints = simulation.world.sensors.motor_setpoints
@@ -61,6 +67,7 @@ def truth_of(simulation: Simulation, stamp: Stamp) -> SimTruth:
         controlled=core.controlled,
         gate_open=core.gate_open,
         motor_setpoints=(setpoints[0], setpoints[1], setpoints[2], setpoints[3]),
+        port=port,
     )
 
 
@@ -99,10 +106,11 @@ def apply_fault_request(simulation: Simulation, request: FaultRequest, stamp: St
 class SimBus:
     """One open session."""
 
-    def __init__(self, session: zenoh.Session, simulation: Simulation, vehicle: str) -> None:
+    def __init__(self, session: zenoh.Session, simulation: Simulation, vehicle: str, port: str) -> None:
         self._session = session
         self._simulation = simulation
         self._vehicle = vehicle
+        self._port = port
         self._clock = Clock()
         self._last: dict[str, tuple[BaseModel, float]] = {}
         self._publishers = {
@@ -124,7 +132,7 @@ class SimBus:
         period = 1.0 / rate_hz if rate_hz else _FAULTS_PERIOD
         while True:
             if rate_hz:
-                self._put(TRUTH, truth_of(self._simulation, self._clock.stamp()))
+                self._put(TRUTH, truth_of(self._simulation, self._clock.stamp(), self._port))
             now = time.monotonic()
             if faults.generation != seen or now >= next_faults:
                 seen, next_faults = faults.generation, now + _FAULTS_PERIOD
@@ -164,9 +172,21 @@ class SimBus:
 
 @contextlib.asynccontextmanager
 async def sim_on_bus(
-    simulation: Simulation, config: SimConfig, vehicle: str, publisher: CameraPublisher | None = None
+    simulation: Simulation,
+    config: SimConfig,
+    vehicle: str,
+    publisher: CameraPublisher | None = None,
+    *,
+    port: str = "",
 ) -> AsyncIterator[None]:
     """Be on the bus, whenever somebody listens, for as long as the context lasts.
+
+    Args:
+        simulation: the aircraft.
+        config: where it connects to, and how often it speaks.
+        vehicle: its name.
+        publisher: of the images; None for no camera.
+        port: pseudo terminal it is served on; shows that a daemon's port is a simulator's.
 
     Raises:
         ConfigError: an endpoint cannot be understood.
@@ -175,7 +195,9 @@ async def sim_on_bus(
         if not _ENDPOINT.fullmatch(endpoint):
             msg = f"sim.connect '{endpoint}': give an endpoint like tcp/127.0.0.1:7447"
             raise ConfigError(msg)
-    job = asyncio.create_task(_stay_connected(simulation, config, vehicle, publisher), name="simulator on the bus")
+    job = asyncio.create_task(
+        _stay_connected(simulation, config, vehicle, publisher, port), name="simulator on the bus"
+    )
     try:
         yield
     finally:
@@ -185,7 +207,7 @@ async def sim_on_bus(
 
 
 async def _stay_connected(
-    simulation: Simulation, config: SimConfig, vehicle: str, publisher: CameraPublisher | None
+    simulation: Simulation, config: SimConfig, vehicle: str, publisher: CameraPublisher | None, port: str
 ) -> None:
     if not config.connect:
         return
@@ -204,7 +226,7 @@ async def _stay_connected(
             continue
         try:
             with publisher.open(session) if publisher is not None else contextlib.nullcontext():
-                await SimBus(session, simulation, vehicle).publish(config.truth_rate_hz)
+                await SimBus(session, simulation, vehicle, port).publish(config.truth_rate_hz)
         finally:
             await asyncio.shield(close_session(session))
 

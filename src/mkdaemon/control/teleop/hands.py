@@ -195,8 +195,8 @@ class Hands:
         enable = self._buttons[Function.ENABLE]
         if not self._is_known:
             return f"{self.facts.name} has not answered yet"
-        if self.missing:
-            return f"{self.facts.name} has no {', '.join(self.missing)}: another pad? `mkctl teleop --learn`"
+        if missing := self.inputs.missing([*self.axes.all, enable]):
+            return f"{self.facts.name} has no {', '.join(missing)}: another pad? `mkctl teleop --learn`"
         if Function.ENABLE in self._stuck:
             return f"{enable} was pressed at the start: let go of it"
         if not self.has_seen_zero:

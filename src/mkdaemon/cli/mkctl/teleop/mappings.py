@@ -19,13 +19,19 @@ def own_folder() -> Path:
     return Path(base) / "mkdaemon" / "gamepads"
 
 
+def shipped_folder() -> Path:
+    """Where the mappings are that come with mkdaemon: in the source tree this runs from, else beside the package."""
+    source = Path(__file__).parents[5] / "configs" / "gamepads"
+    return source if source.is_dir() else samples_folder() / "gamepads"
+
+
 def load_mappings() -> list[tuple[Path, Gamepad]]:
     """Read every mapping file, those of this machine first.
 
     Raises:
         ConfigError: one of them is wrong; names file, line, key and fix.
     """
-    folders = (own_folder(), samples_folder() / "gamepads")
+    folders = (own_folder(), shipped_folder())
     paths = [path for folder in folders if folder.is_dir() for path in sorted(folder.glob("*.toml"))]
     return [(path, load_section(Gamepad, path)) for path in paths]
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import io
 from collections.abc import Sequence
-from typing import Final
+from typing import Final, Literal
 
 from rich.console import Console
 from rich.text import Text
@@ -203,9 +203,8 @@ def _line(*parts: tuple[str, str]) -> Text:
 def drawing(lines: Sequence[Text], *, color: bool) -> str:
     """What draws lines at the top left of a terminal, without clearing first, so that nothing flickers."""
     out = io.StringIO()
-    console = Console(
-        file=out, width=COLUMNS, force_terminal=color, no_color=not color, legacy_windows=False, highlight=False
-    )
+    system: Literal["standard"] | None = "standard" if color else None
+    console = Console(file=out, width=COLUMNS, force_terminal=color, color_system=system, highlight=False)
     for line in lines:
         console.print(line, end="\x1b[K\r\n", no_wrap=True, overflow="crop")
     return f"\x1b[H{out.getvalue()}\x1b[J"

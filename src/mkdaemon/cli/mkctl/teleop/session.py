@@ -9,6 +9,7 @@ from typing import Final
 
 from mkdaemon.cli.mkctl.teleop.devices import Device, DeviceLostError
 from mkdaemon.cli.mkctl.teleop.leasekeeper import LeaseKeeper
+from mkdaemon.cli.mkctl.teleop.recording import Recorder
 from mkdaemon.config.gamepad import Gamepad
 from mkdaemon.control.teleop.teleop import Output, Teleop
 from mkdaemon.errors import MkError
@@ -29,6 +30,7 @@ class Session:
         output: what was decided last.
         notice: what happened last that a person should know.
         is_on_ground: the aircraft is known to stand; None where nobody says.
+        recorder: writes down what happens; None for nobody.
         ticked: is set after every tick, for what must not delay one.
     """
 
@@ -40,6 +42,7 @@ class Session:
         self.notice = ""
         self.is_on_ground: bool | None = None
         self.ticked = asyncio.Event()
+        self.recorder: Recorder | None = None
         self._ask_stop = ask_stop
         self._loop = asyncio.get_running_loop()
         self._news = asyncio.Event()
@@ -55,6 +58,8 @@ class Session:
         self.devices[device.name] = device
         self.teleop.attach(device.name, pad, device.facts, self._loop.time())
         self.notice = f"{device.facts.name} is there"
+        if self.recorder is not None:
+            self.recorder.attached(device, pad, self.now)
 
     def reported(self, name: str, control: str, raw: float, at: float) -> None:
         """Take a change that a device reported; it is sent at once.
@@ -69,6 +74,8 @@ class Session:
         if hands is not None:
             if control:
                 hands.reported(control, raw, at)
+                if self.recorder is not None:
+                    self.recorder.reported(name, control, raw, at)
             self._news.set()
 
     def lost(self, name: str, reason: str) -> None:
@@ -78,6 +85,8 @@ class Session:
             device.close()
             self.notice = reason
             self.teleop.detach(name, reason)
+            if self.recorder is not None:
+                self.recorder.lost(name, reason, self.now)
             self._news.set()
 
     async def run(self, stop: asyncio.Event) -> None:
@@ -110,11 +119,15 @@ class Session:
                 continue
             if state is not None:
                 self.teleop.hands[device.name].asked(state.values, state.at)
+                if self.recorder is not None:
+                    self.recorder.asked(device.name, state, now)
         self._carry_out(self.teleop.tick(now, is_engaged=self.keeper.is_engaged, is_on_ground=self.is_on_ground))
         self.ticked.set()
 
     def _carry_out(self, output: Output) -> None:
         self.output = output
+        if self.recorder is not None:
+            self.recorder.decided(output, self.now)
         if output.stop_motors:
             self._ask_stop()
         if output.let_go:

@@ -35,7 +35,7 @@ class Watcher:
             for suffix, sample in (await uav.get_all("*/*")).items():
                 if suffix in KEYS and suffix != "control/output":
                     self.take(suffix, sample.fields, sample.age or 0.0)
-            following = asyncio.create_task(self._watch_reach(alarm), name="teleop reach")
+            following = asyncio.create_task(self.watch_reach(alarm), name="teleop reach")
             try:
                 async for sample in samples:
                     self.take(sample.suffix, sample.fields)
@@ -81,7 +81,8 @@ class Watcher:
             return f"the link is {condition}: {self.field('link/state', 'reason')}"
         return ""
 
-    async def _watch_reach(self, alarm: Callable[[str], None]) -> None:
+    async def watch_reach(self, alarm: Callable[[str], None]) -> None:
+        """Call `alarm` whenever the aircraft gets out of reach, for ever."""
         was = ""
         while True:
             trouble = self.trouble

@@ -1,0 +1,106 @@
+"""Pads of this machine: found when they come, with the mapping of their id."""
+
+from __future__ import annotations
+
+import asyncio
+from pathlib import Path
+from typing import Final, Literal
+
+from mkdaemon.cli.mkctl.teleop.evdevpad import EvdevPad, FoundPad, new_paths, open_pad
+from mkdaemon.cli.mkctl.teleop.mappings import find_mapping, load_mappings
+from mkdaemon.cli.mkctl.teleop.session import Session
+from mkdaemon.config.gamepad import Gamepad
+from mkdaemon.errors import ConfigError, MkError
+
+LOOKING: Final = 0.5
+"""Between two looks for pads that came [s]."""
+
+Mode = Literal[1, 2, 3, 4]
+
+
+class Mappings:
+    """Which mapping a pad gets.
+
+    Args:
+        given: one for every pad; None where the id says it.
+        mode: stick mode in place of the mapping's; None for none.
+    """
+
+    def __init__(self, given: Gamepad | None, mode: Mode | None) -> None:
+        self._given, self._mode = given, mode
+        self._known: list[tuple[Path, Gamepad]] = [] if given is not None else load_mappings()
+
+    def of(self, id_: str, name: str) -> Gamepad:
+        """Return the mapping of a pad.
+
+        Raises:
+            ConfigError: there is none.
+        """
+        pad = self._given or find_mapping(id_, name, self._known)
+        return pad if self._mode is None else pad.model_copy(update={"mode": self._mode})
+
+
+async def look_for_pads(session: Session, mappings: Mappings) -> None:
+    """Attach every pad that is there or comes, for ever; one without a mapping is told of and left out."""
+    seen: set[str] = set()
+    while True:
+        present = set(new_paths(()))
+        seen &= present
+        for path in sorted(present - seen):
+            seen.add(path)
+            try:
+                pad = open_pad(path, session.reported)
+            except OSError as error:
+                session.notice = f"{path}: {error.strerror}; is this user in the group `input`?"
+                continue
+            if pad is not None:
+                _attach(session, pad, mappings)
+        await asyncio.sleep(LOOKING)
+
+
+def _attach(session: Session, pad: EvdevPad, mappings: Mappings) -> None:
+    try:
+        mapping = mappings.of(pad.id, pad.facts.name)
+    except ConfigError as error:
+        pad.close()
+        session.notice = str(error)
+    else:
+        session.attach(pad, mapping)
+
+
+def describe(path: str) -> FoundPad | None:
+    """Say what a device file is; None where it is no gamepad."""
+    try:
+        pad = open_pad(path, lambda *_: None)
+    except OSError as error:
+        return FoundPad(path, "?", "", f"cannot be opened: {error.strerror}")
+    if pad is None:
+        return None
+    pad.close()
+    return FoundPad(path, pad.facts.name, pad.id)
+
+
+def only_pad(report_to: asyncio.Event) -> EvdevPad:
+    """Open the one pad of this machine.
+
+    Args:
+        report_to: is set when it reports something.
+
+    Raises:
+        MkError: there is none, or more than one.
+    """
+    pads = []
+    for path in new_paths(()):
+        try:
+            pad = open_pad(path, lambda *_: report_to.set())
+        except OSError:
+            continue
+        if pad is not None:
+            pads.append(pad)
+    if len(pads) == 1:
+        return pads[0]
+    for pad in pads:
+        pad.close()
+    found = f"there are {', '.join(pad.facts.name for pad in pads)}: leave one" if pads else "no pad: plug one in"
+    msg = f"{found}; `mkctl teleop --list` shows what this user may open"
+    raise MkError(msg)

@@ -1,0 +1,133 @@
+from __future__ import annotations
+
+import asyncio
+
+import pytest
+
+from lab.rigs.handpad import HandKeyboard, HandPad
+from lab.rigs.virtualloop import run_virtually
+from mkdaemon.cli.mkctl.teleop.screen import BAR, COLUMNS, bar, drawing, screen_lines
+from mkdaemon.cli.mkctl.teleop.session import Session
+from mkdaemon.cli.mkctl.teleop.watcher import SILENCE, Watcher
+from tests.cli.teleop.rig import FakeDaemon
+
+STATUS = {
+    "lease": {"holder": "somebody-with-a-very-long-name-on-a-machine-with-another-long-name-4711", "epoch": 7},
+    "phase": "flying",
+    "frames_sent": 1234567,
+    "frames_confirmed": 1234560,
+    "manoeuvre": "stick",
+}
+LONG = "A pad with a name that is longer than its column"
+OUTPUT = {"pitch": 12, "roll": -30, "yaw": 0, "throttle": -2, "limited": True}
+
+
+def show(*, keyboard: bool = False, fly: bool = True, status: dict[str, object] | None = STATUS) -> list[str]:
+    async def main() -> list[str]:
+        session: Session = FakeDaemon().session()
+        pad = HandKeyboard(session) if keyboard else HandPad(session, LONG)
+        pad.plug_in()
+        watcher = Watcher()
+        session.tick()
+        if isinstance(pad, HandPad):
+            pad.move(ABS_Y=1.0)
+            pad.move(ABS_Y=0.0, ABS_RX=1.0, BTN_TL=float(fly))
+        session.tick()
+        await asyncio.sleep(0.01)
+        if status is not None:
+            watcher.take("control/status", status)
+            watcher.take("control/output", OUTPUT)
+            watcher.take("state/battery", {"voltage": 11.84, "is_low": True})
+            watcher.take("state/flight", {"is_flying": False}, 2.0)
+            watcher.take(
+                "link/state", {"condition": "up", "port": "/dev/serial/by-id/usb-FTDI_FT232R_USB_UART_A50285BI-if00"}
+            )
+        lines = screen_lines(session, watcher, "mk1 at tcp/127.0.0.1:7447", has_keyboard=keyboard)
+        await session.keeper.close()
+        return [line.plain for line in lines]
+
+    return run_virtually(main())
+
+
+@pytest.mark.parametrize("keyboard", [False, True])
+@pytest.mark.parametrize("status", [STATUS, None])
+def test_screen_fits_80_columns_and_24_lines_of_plain_letters(keyboard: bool, status: dict[str, object] | None) -> None:
+    lines = show(keyboard=keyboard, status=status)
+    assert len(lines) <= 22
+    assert max(map(len, lines)) < COLUMNS
+    assert "".join(lines).isascii()
+
+
+def test_screen_says_who_holds_the_lease_what_is_sent_and_what_is_wrong() -> None:
+    text = "\n".join(show())
+    for words in ("this program", "mode flying", "LIMITED", "11.8 V  LOW", "on the ground", "flies", "sent  -30"):
+        assert words in text
+
+
+def test_screen_shows_what_would_be_sent_and_why_nothing_is() -> None:
+    text = "\n".join(show(fly=False))
+    assert "hold BTN_TL" in text
+    assert "+30" in text
+    assert "somebody-with" in text
+
+
+def test_screen_without_a_daemon_has_no_numbers() -> None:
+    text = "\n".join(show(status=None))
+    assert "nobody" in text
+    assert "age     -" in text
+
+
+@pytest.mark.parametrize(
+    ("value", "sent", "letters"),
+    [(0, None, {"|": 1}), (127, None, {"#": 20, "|": 1}), (-127, 127, {"#": 20, "|": 1, "o": 1}), (None, 0, {"o": 1})],
+)
+def test_bar_runs_from_its_middle(value: float | None, sent: float | None, letters: dict[str, int]) -> None:
+    text = bar(value, sent)
+    assert len(text) == BAR
+    assert {letter: text.count(letter) for letter in "#|o" if letter in text} == letters
+
+
+def test_drawing_has_colour_only_where_it_is_wanted() -> None:
+    async def main() -> tuple[str, str]:
+        lines = screen_lines(FakeDaemon().session(), Watcher(), "x", has_keyboard=False)
+        return drawing(lines, color=True), drawing(lines, color=False)
+
+    colourful, plain = run_virtually(main())
+    assert "\x1b[1m" in colourful
+    assert "\x1b[1m" not in plain
+    assert plain.isascii()
+
+
+def test_reach_is_lost_with_the_daemon_or_the_link_and_told_once() -> None:
+    async def main() -> list[str]:
+        watcher, told = Watcher(), []
+        watching = asyncio.create_task(watcher.watch_reach(told.append))
+        watcher.take("control/status", STATUS)
+        watcher.take("link/state", {"condition": "up", "reason": ""})
+        await asyncio.sleep(1.0)
+        assert watcher.trouble == ""
+        watcher.take("link/state", {"condition": "mute", "reason": "no byte"})
+        await asyncio.sleep(0.5)
+        watcher.take("link/state", {"condition": "degraded", "reason": ""})
+        await asyncio.sleep(SILENCE)
+        watching.cancel()
+        return told
+
+    told = run_virtually(main())
+    assert told[0] == "the link is mute: no byte"
+    assert "has not been heard" in told[1]
+    assert len(told) == 2
+
+
+def test_ground_is_known_only_while_somebody_says_so() -> None:
+    async def main() -> None:
+        watcher = Watcher()
+        assert watcher.is_on_ground is None
+        watcher.take("state/flight", {"is_flying": True})
+        assert watcher.is_on_ground is False
+        watcher.take("state/flight", {"is_flying": None})
+        assert watcher.is_on_ground is None
+        watcher.take("state/flight", {"is_flying": False}, 3.5)
+        assert watcher.is_on_ground is None
+
+    run_virtually(main())

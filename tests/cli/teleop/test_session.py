@@ -1,0 +1,159 @@
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Awaitable, Callable
+
+import pytest
+
+from lab.rigs.handpad import HandKeyboard, HandPad
+from lab.rigs.virtualloop import run_virtually
+from mkdaemon.cli.mkctl.teleop.session import PERIOD, Session
+from mkdaemon.errors import CommandRejectedError
+from tests.cli.teleop.rig import FakeDaemon
+
+BUSY = CommandRejectedError("busy", "a release is under way.", "wait")
+HELD = CommandRejectedError("lease_held", "somebody flies.", "wait")
+
+
+def fly(daemon: FakeDaemon, story: Callable[[Session, HandPad], Awaitable[None]]) -> Session:
+    """Plug a pad in, make it ready, press its dead-man, and let the story happen; returns the session at its end."""
+
+    async def main() -> Session:
+        session, stop = daemon.session(), asyncio.Event()
+        running = asyncio.create_task(session.run(stop))
+        pad = HandPad(session)
+        pad.plug_in()
+        await asyncio.sleep(0.05)
+        pad.move(ABS_Y=1.0)
+        pad.move(ABS_Y=0.0, BTN_TL=1)
+        await asyncio.sleep(0.1)
+        await story(session, pad)
+        stop.set()
+        await running
+        return session
+
+    return run_virtually(main())
+
+
+async def nothing(session: Session, pad: HandPad) -> None:
+    await asyncio.sleep(1.0)
+
+
+def test_dead_man_takes_the_lease_and_the_end_gives_it_back() -> None:
+    daemon = FakeDaemon()
+    fly(daemon, nothing)
+    assert (daemon.taken, daemon.given_back) == (1, 1)
+    assert len(daemon.lease.streamed) == pytest.approx(1.1 / PERIOD, abs=3)
+
+
+def test_change_is_streamed_at_once_and_not_at_the_next_period() -> None:
+    daemon = FakeDaemon()
+
+    async def story(session: Session, pad: HandPad) -> None:
+        await asyncio.sleep(0.0155)
+        before = len(daemon.lease.streamed)
+        pad.move(ABS_RX=1.0)
+        await asyncio.sleep(0.011)
+        assert [fields["roll"] for _, fields in daemon.lease.streamed[before:]][:1] == [30.0]
+
+    fly(daemon, story)
+
+
+def test_unplugged_pad_gives_the_lease_back_at_once() -> None:
+    daemon = FakeDaemon()
+
+    async def story(session: Session, pad: HandPad) -> None:
+        pad.unplug(is_noticed=True)
+        await asyncio.sleep(0.03)
+        assert daemon.given_back == 1
+
+    assert "unplugged" in fly(daemon, story).notice
+
+
+def test_lost_lease_ends_the_flight_until_the_dead_man_is_pressed_anew() -> None:
+    daemon = FakeDaemon()
+
+    async def story(session: Session, pad: HandPad) -> None:
+        daemon.lease.lost = "somebody took it"
+        await asyncio.sleep(0.1)
+        assert "somebody took it" in session.output.reason
+        daemon.lease.lost = None
+        await asyncio.sleep(0.5)
+        assert daemon.taken == 1
+        pad.move(BTN_TL=0)
+        pad.move(BTN_TL=1)
+        await asyncio.sleep(0.1)
+        assert daemon.taken == 2
+
+    fly(daemon, story)
+
+
+def test_refused_lease_is_told_and_not_asked_for_again() -> None:
+    daemon = FakeDaemon(HELD)
+    session = fly(daemon, nothing)
+    assert "lease_held" in session.notice
+    assert daemon.taken == 0
+
+
+def test_busy_daemon_is_asked_again() -> None:
+    daemon = FakeDaemon(BUSY, BUSY, BUSY)
+    fly(daemon, nothing)
+    assert daemon.taken == 1
+
+
+def test_daemon_that_stays_busy_is_given_up() -> None:
+    async def story(session: Session, pad: HandPad) -> None:
+        await asyncio.sleep(4.0)
+
+    session = fly(FakeDaemon(*[BUSY] * 100), story)
+    assert "busy with a release" in session.notice
+
+
+def test_refused_setpoint_is_told() -> None:
+    daemon = FakeDaemon()
+
+    async def story(session: Session, pad: HandPad) -> None:
+        daemon.lease.refusal = CommandRejectedError("no_estimate", "no target is seen.", "fly over one")
+        await asyncio.sleep(0.1)
+
+    assert "no target is seen" in fly(daemon, story).notice
+
+
+def test_alarm_shakes_every_pad() -> None:
+    async def story(session: Session, pad: HandPad) -> None:
+        session.alarm("the link is down")
+        assert pad.alarms == 1
+
+    assert fly(FakeDaemon(), story).notice == "the link is down"
+
+
+def test_report_and_loss_of_an_unknown_device_change_nothing() -> None:
+    async def story(session: Session, pad: HandPad) -> None:
+        session.reported("other", "ABS_X", 1.0, session.now)
+        session.lost("other", "gone")
+        await asyncio.sleep(0.1)
+        assert session.teleop.pilot == "pad"
+
+    fly(FakeDaemon(), story)
+
+
+def test_released_keyboard_has_its_dead_man_off() -> None:
+    daemon = FakeDaemon()
+
+    async def main() -> None:
+        session, stop = daemon.session(), asyncio.Event()
+        running = asyncio.create_task(session.run(stop))
+        keyboard = HandKeyboard(session)
+        keyboard.plug_in()
+        await asyncio.sleep(0.05)
+        keyboard.type("e")
+        await asyncio.sleep(0.1)
+        assert daemon.lease.streamed
+        keyboard.type(" ")
+        await asyncio.sleep(0.1)
+        assert not keyboard.keys.is_enabled
+        assert daemon.given_back == 1
+        stop.set()
+        await running
+
+    run_virtually(main())
