@@ -19,6 +19,7 @@ CAMPAIGNS: Final = (
     CommandEntry("control", "lab.control.main:main", "Hover, steps and landings of estimator and autopilot."),
     CommandEntry("fly", "lab.fly:main", "The whole daemon holds over a target, rendered camera, in real time."),
     CommandEntry("flight", "lab.flight:main", "The simulated flight against the plant's figures."),
+    CommandEntry("record", "lab.record.main:main", "Recording: what it costs, kills, disks that fail."),
     CommandEntry("figures", "lab.figures:main", "Every plot of docs/figures."),
 )
 

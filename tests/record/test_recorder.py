@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import os
+import random
 import shutil
 import threading
 import time
@@ -118,7 +119,7 @@ def test_without_room_it_stops_readable_says_why_and_goes_on_when_there_is_room(
     assert numbers(tmp_path) == list(range(1, 61))
 
 
-def test_a_disk_that_is_full_costs_what_was_not_flushed_and_the_file_stays_readable(tmp_path):
+def test_a_disk_that_is_full_costs_nothing_before_the_queue_is_full_and_the_file_stays_readable(tmp_path):
     bench = Bench(tmp_path, capacity=100_000)
     bench.put(1, 50)
     bench.run(FLUSH + 0.1)
@@ -127,21 +128,50 @@ def test_a_disk_that_is_full_costs_what_was_not_flushed_and_the_file_stays_reada
     bench.run(FLUSH + 0.1)
     assert bench.recorder.report.state is RecorderState.FAULT
     assert "No space left" in bench.recorder.report.reason
-    assert bench.queue.lost == 20
+    assert bench.queue.lost == 0
     assert numbers(tmp_path) == list(range(1, 51))
 
     bench.put(71, 200)  # as many as the queue holds wait for the disk
     bench.run(RETRY + 1)
     waiting, lost = len(bench.queue), bench.queue.lost
     assert waiting > 100
+    assert len(list(tmp_path.iterdir())) == 1
     bench.disk.error = 0
     bench.run(RETRY + FLUSH + 0.3)
     bench.recorder.close(bench.now)
 
     found = numbers(tmp_path)
-    assert found == [*range(1, 51), *range(71, 71 + waiting)]
+    assert found == list(range(1, 51 + waiting))
     assert bench.queue.lost == lost
     assert 200 - len(found) == lost
+
+
+def test_a_disk_that_others_fill_costs_older_recordings_and_never_the_present_one(tmp_path):
+    bench = Bench(tmp_path, limits=replace(ROOMY, file_time=1.0, free_bytes=100, may_delete=True))
+    (tmp_path / "mk1-20200101T000000Z-000.mcap").write_bytes(b"old")
+    for number in range(1, 151):
+        bench.put(number, number)
+        bench.run(0.02)
+    assert len(list(tmp_path.glob("mk1-2026*.mcap"))) > 2
+    bench.free = 50
+    bench.run(RETRY)
+
+    assert bench.recorder.report.state is RecorderState.FULL
+    assert not (tmp_path / "mk1-20200101T000000Z-000.mcap").exists()
+    assert numbers(tmp_path) == list(range(1, 151))
+
+
+def test_entries_that_are_written_once_are_not_written_again_after_a_fault(tmp_path):
+    bench = Bench(tmp_path, capacity=10**8)
+    for number in range(1, 41):  # a chunk is full after each 11 of them
+        bench.queue.put(sample(number)._replace(payload=random.Random(number).randbytes(100_000)))
+    bench.run(0.01)
+    bench.disk.error = errno.EIO
+    bench.run(FLUSH)
+    bench.disk.error = 0
+    bench.run(RETRY + FLUSH + 0.1)
+    assert numbers(tmp_path) == list(range(1, 41))
+    assert bench.queue.lost == 0
 
 
 def test_what_a_short_write_left_behind_is_taken_back(tmp_path, monkeypatch):

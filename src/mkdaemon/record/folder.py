@@ -25,8 +25,8 @@ class Limits:
         file_time: a file is ended when it is so old [s].
         total_bytes: all recordings of the folder together.
         free_bytes: so much is left free on the disk for others.
-        may_delete: whether the oldest recordings are deleted to stay within `total_bytes` and `free_bytes`; else
-            recording stops there.
+        may_delete: whether the oldest recordings are deleted to stay within `total_bytes`, and older recordings than
+            the present one to stay within `free_bytes`; else recording stops there.
     """
 
     file_bytes: int
@@ -123,28 +123,34 @@ class RecordingFolder:
         """Size of all recordings together [bytes]."""
         return sum(_size(path) for path in self.files())
 
-    def make_room(self, current: Path | None) -> str:
+    def make_room(self, name: str, current: Path | None) -> str:
         """Delete what the limits allow until there is room; returns why there is none, empty where there is.
 
+        What others fill the disk with costs older recordings, and never the one that is being made.
+
         Args:
-            current: the file that is being written; it stays.
+            name: of the recording that is being made.
+            current: its file that is being written; it stays.
 
         Raises:
             OSError: there is no such folder.
         """
         limits = self.limits
         files = [path for path in self.files() if path != current]
-        total, free = self.total_bytes(), self.free_bytes()
-        while total > limits.total_bytes or free < limits.free_bytes:
+        older = [path for path in files if not path.name.startswith(f"{name}-")]
+        while (total := self.total_bytes()) > limits.total_bytes:
             if not limits.may_delete or not files:
-                if free < limits.free_bytes:
-                    return f"{_mega(free)} are free on the disk, and {_mega(limits.free_bytes)} are left to others"
                 return f"recordings take {_mega(total)}, and may take {_mega(limits.total_bytes)}"
-            oldest = files.pop(0)
-            oldest.unlink(missing_ok=True)
-            flush_folder(self.path)
-            total, free = self.total_bytes(), self.free_bytes()
+            self._delete(files.pop(0))
+        while (free := self.free_bytes()) < limits.free_bytes:
+            if not limits.may_delete or not older:
+                return f"{_mega(free)} are free on the disk, and {_mega(limits.free_bytes)} are left to others"
+            self._delete(older.pop(0))
         return ""
+
+    def _delete(self, path: Path) -> None:
+        path.unlink(missing_ok=True)
+        flush_folder(self.path)
 
 
 def _size(path: Path) -> int:

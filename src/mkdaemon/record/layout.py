@@ -87,6 +87,11 @@ class Session:
             return None
 
 
+def needs_envelope(entry: Entry) -> bool:
+    """Whether an entry carries more than a payload."""
+    return bool(entry.issuer or entry.exchange or entry.attachment)
+
+
 @dataclass(frozen=True, slots=True)
 class ChannelFacts:
     """What is the same for all entries of one channel.
@@ -110,8 +115,7 @@ class ChannelFacts:
     @classmethod
     def of(cls, entry: Entry) -> ChannelFacts:
         """The channel an entry belongs to."""
-        has_envelope = bool(entry.issuer or entry.exchange or entry.attachment)
-        return cls(entry.kind, entry.key, entry.encoding, entry.base, entry.qos, has_envelope)
+        return cls(entry.kind, entry.key, entry.encoding, entry.base, entry.qos, needs_envelope(entry))
 
     @property
     def topic(self) -> str:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Final
 
 from mkdaemon.record.entry import Entry
@@ -54,6 +54,21 @@ class EntryQueue:
             taken = [self._waiting.popleft() for _ in range(min(most, len(self._waiting)))]
             self._size -= sum(size for _, size in taken)
         return [item for item, _ in taken]
+
+    def put_back(self, entries: Sequence[Entry]) -> None:
+        """Take entries again that could not be written; they come first next time.
+
+        Args:
+            entries: in the order in which they were taken.
+        """
+        with self._lock:
+            for entry in reversed(entries):
+                size = len(entry.payload) + OVERHEAD
+                if self._size + size > self.capacity:
+                    self._lost += 1
+                else:
+                    self._waiting.appendleft((entry, size))
+                    self._size += size
 
     def count_lost(self, number: int) -> None:
         """Count entries that were taken and could not be written."""

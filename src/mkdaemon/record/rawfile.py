@@ -67,3 +67,9 @@ class RawFile:
             number, self._number = self._number, -1
             with suppress(OSError):
                 os.close(number)
+
+    def discard(self) -> None:
+        """Close the file and take its name away; never raises."""
+        self.close()
+        with suppress(OSError):
+            self.path.unlink()

@@ -6,6 +6,7 @@ time they like. Everything that may wait for the disk happens in `step`.
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -47,6 +48,9 @@ class OutputFile(Protocol):
 
     def close(self) -> None:
         """Close it."""
+
+    def discard(self) -> None:
+        """Close it and take its name away."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -149,7 +153,7 @@ class Recorder:
     def _begin(self, now: float) -> None:
         """Open the next part, if there is room."""
         self._folder.make()
-        reason = self._folder.make_room(None)
+        reason = self._folder.make_room(self._session.name, None)
         if reason:
             self._give_up(RecorderState.FULL, reason, now)
             return
@@ -157,20 +161,22 @@ class Recorder:
             self._session = replace(self._session, name=self._folder.unused_name(self._session.name))
         path = self._folder.file(self._session.name, self._session.part)
         file = self._open_file(path)
-        session, self._session = self._session, replace(self._session, part=self._session.part + 1)
-        self._part = part = _Part(path, file, now)
-        part.writer = RecordingWriter(file, session, self._view)
+        try:
+            writer = RecordingWriter(file, self._session, self._view)
+        except OSError:
+            file.discard()
+            raise
+        self._session = replace(self._session, part=self._session.part + 1)
+        self._part = part = _Part(path, file, writer, now)
         self._look(part, now)
 
     def _write(self, part: _Part, now: float) -> None:
-        taken = self.queue.take(SLICE)
-        part.pending += len(taken)  # before any is written: all of them are lost if the disk fails now
-        for item in taken:
+        for item in self.queue.take(SLICE):
             entry = item if isinstance(item, Entry) else item()
-            if entry is None:
-                part.pending -= 1
-            else:
-                part.writer.add(self._complete(entry))
+            if entry is not None:
+                part.taken.append(self._complete(entry))
+        while part.taken:
+            part.writer.add(part.taken.popleft())
         if now >= part.flush_at:
             part.flush_at = now + FLUSH
             self._flush(part)
@@ -185,15 +191,19 @@ class Recorder:
 
     def _flush(self, part: _Part) -> None:
         part.writer.flush()
-        self._written += part.pending
-        part.pending = 0
+        self._count(part)
+
+    def _count(self, part: _Part) -> None:
+        """Count what has been written since the last time."""
+        written = part.writer.entries - len(part.writer.pending)
+        self._written, part.counted = self._written + written - part.counted, written
 
     def _look(self, part: _Part, now: float) -> None:
         """Look after the file and the room for it, and report."""
         part.look_at = now + LOOK
         if not part.file.is_in_place():
             raise FileNotFoundError(2, "the file that was being written has been removed")
-        reason = self._folder.make_room(part.path)
+        reason = self._folder.make_room(self._session.name, part.path)
         if reason:
             self._end(now)
             self._give_up(RecorderState.FULL, reason, now)
@@ -229,7 +239,8 @@ class Recorder:
         part, self._part = self._part, None
         if part is not None:
             part.file.close()
-            self.queue.count_lost(part.pending)
+            self._count(part)
+            self.queue.put_back([*part.writer.pending, *part.taken])
         self._retry_at = now + RETRY
         self.report = RecorderReport(state, reason, entries=self._written, free_bytes=self._free())
 
@@ -243,12 +254,12 @@ class Recorder:
 class _Part:
     """The file that is being written."""
 
-    writer: RecordingWriter
-
-    def __init__(self, path: Path, file: OutputFile, now: float) -> None:
+    def __init__(self, path: Path, file: OutputFile, writer: RecordingWriter, now: float) -> None:
         self.path = path
         self.file = file
-        self.pending = 0
+        self.writer = writer
+        self.taken: deque[Entry] = deque()
+        self.counted = 0
         self.opened_at = now
         self.flush_at = now + FLUSH
         self.sync_at = now

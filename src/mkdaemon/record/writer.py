@@ -22,7 +22,7 @@ from mcap.data_stream import RecordBuilder
 from mcap.opcode import Opcode
 
 from mkdaemon.record.entry import SEQUENCES, Entry, nanoseconds
-from mkdaemon.record.layout import MAGIC, PROFILE, SESSION, VIEW, ChannelFacts, Session
+from mkdaemon.record.layout import MAGIC, PROFILE, SESSION, VIEW, ChannelFacts, Session, needs_envelope
 
 CHUNK_BYTES: Final = 1 << 20
 """A chunk is ended when it holds so many bytes; viewers read a file by chunks."""
@@ -58,6 +58,7 @@ class RecordingWriter:
     Attributes:
         size: bytes handed to the output so far.
         entries: entries added so far.
+        pending: entries that were added and are not in the output yet.
     """
 
     def __init__(self, output: Output, session: Session, view: View | None = None) -> None:
@@ -70,10 +71,12 @@ class RecordingWriter:
         """
         self.size = 0
         self.entries = 0
+        self.pending: list[Entry] = []
         self._output = output
         self._session = session
         self._view = view
         self._channels: dict[ChannelFacts, int] = {}
+        self._recent: dict[tuple[str, str], tuple[ChannelFacts, int]] = {}
         self._shown: dict[ChannelFacts, int | None] = {}
         self._definitions = bytearray()
         self._schemas: dict[tuple[str, bytes], int] = {}
@@ -90,10 +93,8 @@ class RecordingWriter:
 
     def add(self, entry: Entry) -> None:
         """Take an entry; it is in the output after the next `flush`, or when the chunk is full."""
-        facts = ChannelFacts.of(entry)
-        channel = self._channels.get(facts)
-        if channel is None:
-            channel = self._open_channel(facts)
+        self.pending.append(entry)
+        facts, channel = self._channel_of(entry)
         at = entry.base.file_time(entry.received)
         self._add_message(channel, entry.sequence, at, nanoseconds(entry.published), facts.pack(entry))
         shown = self._shown[facts]
@@ -138,6 +139,19 @@ class RecordingWriter:
         self._counts[channel] += 1
         self._first = min(self._first or at, at)
         self._last = max(self._last, at)
+
+    def _channel_of(self, entry: Entry) -> tuple[ChannelFacts, int]:
+        """The channel of an entry; looking it up by everything it stands for takes half the time of writing."""
+        recent = self._recent.get((entry.key, entry.encoding))
+        if recent is not None:
+            facts = recent[0]
+            is_same = facts.kind is entry.kind and facts.base is entry.base and facts.qos is entry.qos
+            if is_same and facts.has_envelope == needs_envelope(entry):
+                return recent
+        facts = ChannelFacts.of(entry)
+        known = self._channels.get(facts)
+        found = self._recent[entry.key, entry.encoding] = (facts, self._open_channel(facts) if known is None else known)
+        return found
 
     def _open_channel(self, facts: ChannelFacts) -> int:
         """Define the channel of some facts, and the one that shows it."""
@@ -210,6 +224,7 @@ class RecordingWriter:
         self._chunks += 1
         self._chunk = _Chunk()
         self._put(before + chunk + indexes)
+        self.pending.clear()
 
     def _session_record(self) -> bytes:
         record = _packed(records.Metadata(SESSION, self._session.to_metadata()))

@@ -1,0 +1,1 @@
+"""What recording costs, and what is left of a recording after every bad end."""

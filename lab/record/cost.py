@@ -1,0 +1,85 @@
+"""What the black box costs the daemon: processor time, and the way of a setpoint, with and without it, in turns."""
+
+from __future__ import annotations
+
+import asyncio
+import tempfile
+import time
+from pathlib import Path
+from typing import Any, Final
+
+from lab.rigs.pilot import Pilot
+from lab.rigs.processes import ObservedSimulation, connected, daemon_process, wait_for_control
+from mkdaemon.config.sim import PilotPlan, SimConfig
+from mkdaemon.link.session.roundtrips import percentile
+from mkdaemon.sim.runtime import Runtime
+
+SETTLE: Final = 3.0
+"""After the aircraft obeys, before anything counts [s]."""
+LINK: Final = "rates = {debug = 50, attitude = 20}\necho_hz = 5\n"
+"""As much as a FlightCtrl's line carries beside setpoints at 50 Hz."""
+OFF: Final = "[record]\nenabled = false\n"
+JSON: Final = "[record]\njson_for_viewers = true\n"
+
+
+async def measure(seconds: float, turns: int) -> dict[str, Any]:
+    """Fly by sticks at 50 Hz for so long, in turns without, with, and with JSON for viewers.
+
+    Args:
+        seconds: each time.
+        turns: of each.
+    """
+    found: dict[str, list[dict[str, float]]] = {}
+    for turn in range(turns):
+        for name, section in (("off", OFF), ("on", ""), ("json", JSON)):
+            found.setdefault(name, []).append(await _fly(section, seconds, seed=turn))
+    figures: dict[str, Any] = {}
+    for name, runs in found.items():
+        figures[name] = {key: sum(run[key] for run in runs) / len(runs) for key in runs[0]}
+    on, off = figures["on"], figures["off"]
+    figures["cpu_percent_more"] = on["cpu_percent"] - off["cpu_percent"]
+    figures["setpoint_p99_ms_more"] = on["setpoint_p99_ms"] - off["setpoint_p99_ms"]
+    return figures
+
+
+async def _fly(section: str, seconds: float, *, seed: int) -> dict[str, float]:
+    config = {"board": "fc", "fc": "2.12a", "pilot_plan": PilotPlan.NOTHING, "calibrated": True, "seed": seed}
+    simulation = ObservedSimulation(SimConfig.model_validate(config), keeps=False)
+    runtime = Runtime(simulation)
+    ages: list[float] = []
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        async with (
+            runtime.serve(),
+            daemon_process(f"pty:{runtime.port}", folder, link=LINK + section) as daemon,
+            connected(daemon.endpoint) as client,
+            Pilot(client, "pilot") as pilot,
+        ):
+            await wait_for_control(client)
+            await pilot.engage(lambda: simulation.is_controlled)
+            await asyncio.sleep(SETTLE)
+            status = await client.get("record/status")
+            entries = 0 if status is None else status.fields["entries"]
+            cpu, began = daemon.cpu_s(), time.monotonic()
+            async with client.watch("control/output") as samples:
+                async with asyncio.timeout(seconds + 10.0):
+                    async for sample in samples:
+                        ages.append(sample.fields["age"])
+                        if time.monotonic() - began > seconds:
+                            break
+            spent, took = daemon.cpu_s() - cpu, time.monotonic() - began
+            status = await client.get("record/status")
+            size = sum(path.stat().st_size for path in (folder / "state").glob("recordings/*.mcap"))
+            written = 0 if status is None else status.fields["entries"] - entries
+            lost = 0 if status is None else status.fields["lost"]
+            memory = daemon.resident_mb()
+    ages.sort()
+    return {
+        "cpu_percent": 100 * spent / took,
+        "setpoint_p50_ms": 1e3 * (percentile(ages, 0.5) or 0.0),
+        "setpoint_p99_ms": 1e3 * (percentile(ages, 0.99) or 0.0),
+        "entries_per_s": written / took,
+        "file_mb_per_hour": size / 1e6 / (took + SETTLE) * 3600,
+        "lost": float(lost),
+        "resident_mb": memory,
+    }

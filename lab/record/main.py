@@ -1,0 +1,77 @@
+"""`python -m lab record`: what recording costs, and what is left of it after every bad end.
+
+`writing` times entries on their way into a file and back; `cost` flies a daemon with and without its black box, in
+turns; `kills` ends daemons and recorders by `kill -9` at random moments; `disks` fills and removes what they write to.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import sys
+from collections.abc import Awaitable, Callable
+from typing import Annotated, Any, Final, Literal
+
+from cyclopts import Parameter
+
+from lab.record import cost, disks, kills, writing
+from mkdaemon.cli.arguments import AsJson, require_count, require_length
+from mkdaemon.cli.printing import json_line
+from mkdaemon.cli.program import EXIT_FAILURE, EXIT_OK
+
+CASES: Final = ("writing", "cost", "kills", "disks")
+
+
+def main(
+    *,
+    case: Annotated[Literal["writing", "cost", "kills", "disks"] | None, Parameter(help="One; all by default.")] = None,
+    runs: Annotated[int, Parameter(help="Kills of the daemon, and as many of the recorder.")] = 50,
+    seconds: Annotated[float, Parameter(help="Of each flight of `cost`.")] = 20.0,
+    turns: Annotated[int, Parameter(help="Of `cost`.")] = 3,
+    entries: Annotated[int, Parameter(help="Of `writing`.")] = 60_000,
+    as_json: AsJson = False,
+) -> int:
+    """Measure recording. All cases take about 15 minutes; `--case writing` half a minute.
+
+    Exit code 0 only if nothing older than 1.1 s was lost, every file was readable and no flight was disturbed.
+    """
+    require_count(runs, "--runs")
+    require_count(turns, "--turns")
+    require_count(entries, "--entries")
+    require_length(seconds, "--seconds")
+    figures: dict[str, Any] = {}
+    for name in CASES if case is None else (case,):
+        match name:
+            case "writing":
+                figures[name] = writing.measure(entries)
+            case "cost":
+                figures[name] = asyncio.run(cost.measure(seconds, turns))
+            case "kills":
+                figures[name] = {
+                    "daemon": asyncio.run(_repeat("daemon", kills.kill_daemon, runs)),
+                    "recorder": asyncio.run(_repeat("recorder", kills.kill_recorder, runs)),
+                }
+            case _:
+                figures[name] = {
+                    "full": asyncio.run(disks.fill_disk(1)),
+                    "removed": asyncio.run(disks.remove_folder(1)),
+                }
+        if not as_json:
+            print(f"{name}: {json_line(figures[name])}")
+    if as_json:
+        print(json_line(figures))
+    return EXIT_OK if is_right(figures) else EXIT_FAILURE
+
+
+async def _repeat(name: str, kill: Callable[[int], Awaitable[kills.Left]], runs: int) -> dict[str, Any]:
+    found = []
+    for seed in range(runs):
+        found.append(await kill(seed))
+        print(f"{name} {seed + 1}/{runs}: {found[-1]}", file=sys.stderr)
+    return kills.sum_up(found)
+
+
+def is_right(figures: dict[str, Any]) -> bool:
+    """Whether the figures keep what docs/recording.md promises."""
+    ends = figures.get("kills", {}).values()
+    is_kept = all(not (one["older_than_allowed"] or one["frames_missing"] or one["unreadable"]) for one in ends)
+    return is_kept and all(one["readable"] for one in figures.get("disks", {}).values())

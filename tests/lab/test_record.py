@@ -1,0 +1,35 @@
+"""The campaign about recording: its figures and its verdict."""
+
+from __future__ import annotations
+
+import pytest
+
+from lab.record import writing
+from lab.record.kills import ALLOWED, Left, sum_up
+from lab.record.main import is_right
+
+
+def left(**change):
+    return Left(**{"entries": 10, "age": 0.5, "missing": 0, "gaps": 0, "is_readable": True, **change})
+
+
+def test_figures_of_writing_are_those_of_the_same_entries_every_time():
+    figures = writing.measure(300)
+    assert figures["entries"] == 300
+    assert all(figures[name] > 0 for name in ("tap_us", "write_us", "write_json_us", "plain_mcap_us", "read_us"))
+    assert figures["bytes_per_entry"] < figures["bytes_per_entry_json"]
+
+
+@pytest.mark.parametrize(
+    ("change", "is_kept"),
+    [({}, True), ({"age": ALLOWED + 0.1}, False), ({"missing": 1}, False), ({"is_readable": False}, False)],
+)
+def test_a_kill_that_costs_too_much_fails_the_campaign(change, is_kept):
+    figures = sum_up([left(), left(**change), left()])
+    assert figures["kills"] == 3
+    assert is_right({"kills": {"daemon": figures}}) is is_kept
+
+
+def test_a_file_that_a_full_disk_made_unreadable_fails_the_campaign():
+    assert is_right({"disks": {"full": {"readable": True}}, "writing": {}})
+    assert not is_right({"disks": {"full": {"readable": False}}})
