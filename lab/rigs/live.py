@@ -15,6 +15,7 @@ from mkdaemon.config.bus import BusConfig
 from mkdaemon.config.commands import CommandsConfig
 from mkdaemon.config.control import ControlConfig, LeaseConfig
 from mkdaemon.config.link import LinkConfig
+from mkdaemon.config.record import RecordConfig
 from mkdaemon.config.root import Config
 from mkdaemon.config.sim import PilotPlan, SimConfig
 from mkdaemon.config.vehicle import VehicleConfig
@@ -106,6 +107,7 @@ async def live_daemon(*, commands: CommandsConfig | None = None, **sim: Any) -> 
                 bus=BusConfig(listen=(endpoint,), lease=30.0),
                 control=ControlConfig(lease=LeaseConfig(ttl=60.0)),
                 commands=commands or CommandsConfig(),
+                record=RecordConfig(enabled=False),
             )
             stop = asyncio.Event()
             live = LiveDaemon(runtime, endpoint, stop, asyncio.create_task(run(cfg, stop), name="daemon"))

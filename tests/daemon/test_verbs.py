@@ -41,7 +41,7 @@ class Desk:
     """Verbs with everything around them: it stands for control and for the audit as well."""
 
     def __init__(self):
-        self.events = []
+        self.events, self.marks = [], []
         self.released = ReleaseResult(ReleaseOutcome.CONFIRMED, 5, 5, "test")
         self._verbs = Verbs(self, Line(), self, Interlock(lambda: Phase.FREE), {})
 
@@ -55,6 +55,9 @@ class Desk:
 
     def gains(self):
         return gains_of(AircraftModel(), ControlConfig())
+
+    def mark(self, text, holder):
+        self.marks.append((text, holder))
 
     async def preflight(self):
         return PreflightReport(is_ready=True, findings=())
@@ -158,6 +161,12 @@ async def test_checks_before_a_flight_are_answered_whole(desk):
     result = await desk.ask("preflight", {})
     assert (result.status, result.reply["is_ready"]) == ("accepted", True)
     assert result.reply_type == "PreflightReport.v1"
+
+
+async def test_a_moment_is_marked_without_a_lease(desk):
+    assert (await desk.ask("mark", {"text": "here", "holder": "me"})).status == "accepted"
+    assert desk.marks == [("here", "me")]
+    assert (await desk.ask("mark", {"text": ""})).token == "bad_field"
 
 
 async def test_with_nothing_flown_an_abort_is_refused(desk):

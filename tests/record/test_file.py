@@ -110,8 +110,7 @@ def test_readers_of_mcap_find_messages_indexes_and_metadata() -> None:
     assert len(summary.chunk_indexes) == 40
     assert all(one.chunk_start_offset < two.chunk_start_offset for one, two in pairwise(summary.chunk_indexes))
     assert next(iter(reader.iter_metadata())).metadata["recorder"] == "blackbox"
-    part = list(reader.iter_messages(starting_at=found[500][2].log_time, ending_before=found[600][2].log_time))
-    assert len(part) == 100
+    assert len(list(reader.iter_messages(topics=["sample:mk/mk1/state/attitude"]))) == len(entries)
 
 
 def test_library_of_mcap_reads_a_file_that_was_cut_off() -> None:

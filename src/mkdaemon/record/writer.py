@@ -16,11 +16,10 @@ from collections import Counter
 from collections.abc import Mapping
 from typing import Final, Protocol
 
-import zstandard
 from mcap import records
-from mcap.data_stream import RecordBuilder
 from mcap.opcode import Opcode
 
+from mkdaemon.record.chunk import COMPRESSION, ChunkBuilder, packed
 from mkdaemon.record.entry import SEQUENCES, Entry, nanoseconds
 from mkdaemon.record.layout import MAGIC, PROFILE, SESSION, VIEW, ChannelFacts, Session, needs_envelope
 
@@ -28,11 +27,6 @@ CHUNK_BYTES: Final = 1 << 20
 """A chunk is ended when it holds so many bytes; viewers read a file by chunks."""
 REPEAT: Final = 10.0
 """Time between two copies of the session and of all channels in a file [s]."""
-COMPRESSION: Final = "zstd"
-LEVEL: Final = 3
-_MESSAGE: Final = struct.Struct("<BQHIQQ")
-_FIXED: Final = 22
-"""Bytes of a message record before its data, without opcode and length."""
 
 
 class Output(Protocol):
@@ -80,7 +74,7 @@ class RecordingWriter:
         self._shown: dict[ChannelFacts, int | None] = {}
         self._definitions = bytearray()
         self._schemas: dict[tuple[str, bytes], int] = {}
-        self._chunk = _Chunk()
+        self._chunk = ChunkBuilder()
         self._counts: Counter[int] = Counter()
         self._first, self._last = 0, 0
         self._repeat_at = 0
@@ -88,7 +82,7 @@ class RecordingWriter:
         self._chunks = 0
         self._metadata_indexes = bytearray()
         self._metadata_count = 0
-        self._put(MAGIC + _packed(records.Header(PROFILE, session.program)))
+        self._put(MAGIC + packed(records.Header(PROFILE, session.program)))
         self._put(self._session_record())
 
     def add(self, entry: Entry) -> None:
@@ -114,25 +108,25 @@ class RecordingWriter:
     def finish(self) -> None:
         """Write the rest, the indexes and the end of the file; the output stays open."""
         self.flush()
-        self._put(_packed(records.DataEnd(0)))
+        self._put(packed(records.DataEnd(0)))
         start = self.size
         summary, offsets = bytearray(), bytearray()
         groups = (
             (Opcode.SCHEMA, self._definitions_of(Opcode.SCHEMA)),
             (Opcode.CHANNEL, self._definitions_of(Opcode.CHANNEL)),
-            (Opcode.STATISTICS, _packed(self._statistics())),
+            (Opcode.STATISTICS, packed(self._statistics())),
             (Opcode.CHUNK_INDEX, bytes(self._chunk_indexes)),
             (Opcode.METADATA_INDEX, bytes(self._metadata_indexes)),
         )
         for opcode, group in groups:
             if group:
-                offsets += _packed(records.SummaryOffset(opcode, start + len(summary), len(group)))
+                offsets += packed(records.SummaryOffset(opcode, start + len(summary), len(group)))
                 summary += group
         offsets_at = start + len(summary)
         summary += offsets
         head = struct.pack("<BQQQ", Opcode.FOOTER, 20, start, offsets_at)
         footer = records.Footer(start, offsets_at, zlib.crc32(head, zlib.crc32(summary)))
-        self._put(bytes(summary) + _packed(footer) + MAGIC)
+        self._put(bytes(summary) + packed(footer) + MAGIC)
 
     def _add_message(self, channel: int, sequence: int, at: int, published: int, data: bytes) -> None:
         self._chunk.add(channel, sequence % SEQUENCES, at, published, data)
@@ -171,14 +165,14 @@ class RecordingWriter:
         number = self._schemas.get((name, content))
         if number is None:
             number = self._schemas[name, content] = len(self._schemas) + 1
-            record = _packed(records.Schema(number, content, encoding, name))
+            record = packed(records.Schema(number, content, encoding, name))
             self._definitions += record
             self._chunk.data += record
         return number
 
     def _define(self, topic: str, encoding: str, schema: int, metadata: Mapping[str, str]) -> int:
         number = self._channel_count() + 1
-        record = _packed(records.Channel(number, topic, encoding, dict(metadata), schema))
+        record = packed(records.Channel(number, topic, encoding, dict(metadata), schema))
         self._definitions += record
         self._chunk.data += record
         return number
@@ -220,15 +214,15 @@ class RecordingWriter:
             message_start_time=self._chunk.first,
             uncompressed_size=len(self._chunk.data),
         )
-        self._chunk_indexes += _packed(index)
+        self._chunk_indexes += packed(index)
         self._chunks += 1
-        self._chunk = _Chunk()
+        self._chunk = ChunkBuilder()
         self._put(before + chunk + indexes)
         self.pending.clear()
 
     def _session_record(self) -> bytes:
-        record = _packed(records.Metadata(SESSION, self._session.to_metadata()))
-        self._metadata_indexes += _packed(records.MetadataIndex(self.size, len(record), SESSION))
+        record = packed(records.Metadata(SESSION, self._session.to_metadata()))
+        self._metadata_indexes += packed(records.MetadataIndex(self.size, len(record), SESSION))
         self._metadata_count += 1
         return record
 
@@ -248,58 +242,3 @@ class RecordingWriter:
     def _put(self, data: bytes) -> None:
         self._output.write(data)
         self.size += len(data)
-
-
-class _Chunk:
-    """Messages and definitions that are written together."""
-
-    def __init__(self) -> None:
-        self.data = bytearray()
-        self.messages = 0
-        self.first, self.last = 0, 0
-        self.compressed_size = 0
-        self._places: dict[int, list[int]] = {}
-
-    def add(self, channel: int, sequence: int, at: int, published: int, data: bytes) -> None:
-        places = self._places.get(channel)
-        if places is None:
-            places = self._places[channel] = []
-        places += (at, len(self.data))
-        self.data += _MESSAGE.pack(Opcode.MESSAGE, _FIXED + len(data), channel, sequence, at, published)
-        self.data += data
-        self.first = at if not self.messages else min(self.first, at)
-        self.last = max(self.last, at)
-        self.messages += 1
-
-    def end(self) -> bytes:
-        """The chunk as a record."""
-        content = bytes(self.data)
-        compressed = zstandard.compress(content, LEVEL)
-        self.compressed_size = len(compressed)
-        return _packed(
-            records.Chunk(
-                compression=COMPRESSION,
-                data=compressed,
-                message_end_time=self.last,
-                message_start_time=self.first,
-                uncompressed_crc=zlib.crc32(content),
-                uncompressed_size=len(content),
-            )
-        )
-
-    def indexes(self, start: int) -> tuple[dict[int, int], bytes]:
-        """Where each channel's messages are, as records that stand at `start`, and where each of these begins."""
-        offsets, packed = {}, bytearray()
-        for channel, places in self._places.items():
-            offsets[channel] = start + len(packed)
-            size = 8 * len(places)
-            packed += struct.pack(f"<BQHI{len(places)}Q", Opcode.MESSAGE_INDEX, 6 + size, channel, size, *places)
-        return offsets, bytes(packed)
-
-
-def _packed(record: records.McapRecord) -> bytes:
-    """A record as bytes."""
-    builder = RecordBuilder()
-    record.write(builder)
-    packed: bytes = builder.end()  # type: ignore[no-untyped-call]
-    return packed

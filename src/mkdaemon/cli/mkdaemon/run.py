@@ -28,6 +28,7 @@ def run(
     listen: str | None = None,
     wait: Annotated[bool, Parameter(negative=())] = False,
     real_time: Annotated[bool, Parameter(negative=())] = False,
+    no_record: Annotated[bool, Parameter(negative=())] = False,
     log: Level = "info",
 ) -> None:
     """Run the daemon: show every frame on the line as a Zenoh key, answer requests, fly under a lease.
@@ -44,6 +45,7 @@ def run(
         listen: Zenoh endpoint for clients, for example `tcp/127.0.0.1:7448`; goes before the file's `bus.listen`.
         wait: Wait for the port if it is missing at the start, in place of ending; a recording waits for a subscriber.
         real_time: Go before other programs, as a service does by itself; docs/operations.md says what that can starve.
+        no_record: Make no recording of this run; goes before the file's `record.enabled`.
         log: Least severity written to stderr.
     """
     let_signals_kill()
@@ -60,6 +62,8 @@ def run(
         overrides["link.wait_for_port"] = True
     if real_time:
         overrides["control.real_time"] = True
+    if no_record:
+        overrides["record.enabled"] = False
     cfg = load(config, overrides)
     with asyncio.Runner(loop_factory=_fast_loop()) as runner:
         runner.run(_until_signalled(cfg))

@@ -117,7 +117,7 @@ async def _fly(endpoint: str, seconds: float, tally: Tally, console: Console) ->
         port = await _port_of(simulator)
         console.print(f"aircraft on {port}; daemon at {endpoint}, vehicle {VEHICLE}")
         run = ("run", "--port", f"pty:{port}", "--vehicle", VEHICLE, "--listen", endpoint, "--log", "error")
-        async with _child(*run) as daemon, AsyncExitStack() as stack:
+        async with _child(*run, "--no-record") as daemon, AsyncExitStack() as stack:
             client = await _connect(stack, endpoint, daemon)
             samples = await stack.enter_async_context(client.watch("**"))
             # The link's state is put when it changes, which may have been before this client came.
