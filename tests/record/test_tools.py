@@ -60,6 +60,18 @@ def test_a_summary_counts_keys_gaps_losses_and_marks(tmp_path):
     assert summarise(written(tmp_path / "b.mcap", ENTRIES[:1])).keys[Kind.SAMPLE, "mk/mk1/state/0"].rate == 0.0
 
 
+def test_what_never_reached_the_recorder_is_told_by_the_counts_of_the_daemon(tmp_path):
+    def counts(number, total):
+        payload = msgpack.packb({"counts": {"state/0": total, "state/9": 7 * total}})
+        return sample(number, "mk/mk1/bus/counts")._replace(payload=payload, received=1000.0 + number)
+
+    entries = [counts(1, 100), *(sample(number, "mk/mk1/state/0") for number in range(60, 70)), counts(2, 113)]
+    summary = summarise(written(tmp_path / "a.mcap", entries))
+
+    assert summary.missed == {"mk/mk1/state/0": 3}  # state/9 was not recorded at all
+    assert summary.report.is_whole
+
+
 @pytest.mark.parametrize("share", [0.3, 0.55, 1.0])
 def test_recovering_a_file_that_was_cut_off_gives_a_whole_one_with_the_same_entries(tmp_path, share):
     whole = written(tmp_path / "a.mcap", finish=share < 1.0)

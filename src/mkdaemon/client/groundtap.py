@@ -1,7 +1,6 @@
 """The ground recorder: writes down what crosses the bus, of any number of vehicles, from a program of its own.
 
-It sees what is put; requests and answers are between a client and the daemon, and it sees them as `event/command`. The
-daemon counts what it puts (`bus/counts`): what is missing between two of these values was lost on the way.
+It sees what is put; requests and answers are between a client and the daemon, and it sees them as `event/command`.
 """
 
 from __future__ import annotations
@@ -12,17 +11,16 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Final
 
-import msgpack
 import zenoh
 
 from mkdaemon.clock import Clock
 from mkdaemon.errors import ConfigError
+from mkdaemon.record.countcheck import CountCheck
 from mkdaemon.record.entry import ORDINARY, Congestion, Entry, Kind, Qos, TimeBase
 from mkdaemon.record.queue import EntryQueue
 
 EVERYTHING: Final = ("mk/**",)
 """What is recorded. A part of a key that begins with `@` is matched by no wildcard: such keys must be given in full."""
-COUNTS: Final = "bus/counts"
 _SETPOINTS: Final = "setpoint/"
 
 
@@ -32,11 +30,16 @@ class VehicleTally:
 
     Attributes:
         received: values, its setpoints included.
-        lost: values that its daemon put and that did not arrive, by key without `mk/<vehicle>/`.
+        check: compares them with what its daemon counted.
     """
 
     received: int = 0
-    lost: Counter[str] = field(default_factory=Counter)
+    check: CountCheck = field(default_factory=CountCheck)
+
+    @property
+    def lost(self) -> Counter[str]:
+        """Values that its daemon put and that did not arrive, by key without `mk/<vehicle>/`."""
+        return self.check.lost
 
 
 class GroundTap:
@@ -55,8 +58,6 @@ class GroundTap:
         self._clock = clock
         self._base = base
         self._sequences: Counter[tuple[Kind, str]] = Counter()
-        self._arrived: dict[str, Counter[str]] = {}
-        self._counted: dict[str, dict[str, int]] = {}
         self._lock = threading.Lock()
 
     def subscribe(self, session: zenoh.Session, expressions: Sequence[str] = EVERYTHING) -> None:
@@ -96,19 +97,7 @@ class GroundTap:
     def _tally(self, vehicle: str, suffix: str, payload: bytes) -> None:
         tally = self.vehicles.setdefault(vehicle, VehicleTally())
         tally.received += 1
-        arrived = self._arrived.setdefault(vehicle, Counter())
-        if suffix != COUNTS:
-            arrived[suffix] += 1
-            return
-        counted = _counts_in(payload)
-        before = self._counted.get(vehicle)
-        self._counted[vehicle], self._arrived[vehicle] = counted, Counter()
-        if before is None or any(counted.get(key, 0) < number for key, number in before.items()):
-            return  # the first one, or the daemon was restarted
-        for key, number in counted.items():
-            missing = number - before.get(key, 0) - arrived[key]
-            if key != COUNTS and missing > 0:
-                tally.lost[key] += missing
+        tally.check.take(suffix, payload)
 
     def _arrive(self, sample: zenoh.Sample) -> None:
         if sample.kind != zenoh.SampleKind.PUT:
@@ -129,12 +118,3 @@ class GroundTap:
 def with_carried_time(entry: Entry) -> Entry:
     """An entry whose publish time is that of the stamp in its payload, if it has one; for the writing thread."""
     return entry._replace(published=entry.stamp.wall)
-
-
-def _counts_in(payload: bytes) -> dict[str, int]:
-    """What a `BusCounts` says; nothing where it is none."""
-    try:
-        counts = msgpack.unpackb(payload)["counts"]
-        return {str(key): int(number) for key, number in counts.items()}
-    except (ValueError, TypeError, KeyError, AttributeError, RecursionError, msgpack.exceptions.UnpackException):
-        return {}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -9,12 +10,12 @@ from typing import Final
 
 import msgpack
 
+from mkdaemon.record.countcheck import CountCheck
 from mkdaemon.record.entry import NANOSECONDS, Entry, Kind
 from mkdaemon.record.layout import Session
 from mkdaemon.record.reader import ReadReport, Recording
 
 MARK: Final = "event/mark"
-COUNTS: Final = "bus/counts"
 Progress = Callable[[int], None]
 """Takes how many bytes of a file have been read."""
 
@@ -85,6 +86,7 @@ class Summary:
         report: what was found in it.
         keys: by kind and key, in the order in which they first appear.
         marks: in the order in which they were set.
+        missed: values that daemons counted and that are not in the file, by key; of keys that are in it.
     """
 
     path: Path
@@ -92,6 +94,7 @@ class Summary:
     report: ReadReport
     keys: dict[tuple[Kind, str], KeySummary] = field(default_factory=dict)
     marks: list[Mark] = field(default_factory=list)
+    missed: Counter[str] = field(default_factory=Counter)
 
     @property
     def first(self) -> int:
@@ -126,6 +129,7 @@ def summarise(path: Path, progress: Progress = lambda position: None) -> Summary
     """
     recording = Recording(path)
     summary = Summary(path, None, recording.report)
+    checks: dict[str, CountCheck] = {}
     for number, entry in enumerate(recording.entries()):
         at = entry.base.file_time(entry.received)
         place = (entry.kind, entry.key)
@@ -133,11 +137,18 @@ def summarise(path: Path, progress: Progress = lambda position: None) -> Summary
         if found is None:
             found = summary.keys[place] = KeySummary(*place)
         found.take(entry, at)
-        if entry.kind is Kind.SAMPLE and entry.suffix == MARK:
-            summary.marks.append(Mark(at, entry.vehicle, _text_of(entry)))
+        if entry.kind is Kind.SAMPLE:
+            checks.setdefault(entry.vehicle, CountCheck()).take(entry.suffix, entry.payload)
+            if entry.suffix == MARK:
+                summary.marks.append(Mark(at, entry.vehicle, _text_of(entry)))
         if number % 1000 == 0:
             progress(recording.position)
     summary.session, summary.report = recording.session, recording.report
+    for vehicle, check in checks.items():
+        for suffix, lost in check.lost.items():
+            key = f"mk/{vehicle}/{suffix}"
+            if (Kind.SAMPLE, key) in summary.keys:
+                summary.missed[key] = lost
     for place, lost in recording.report.gaps.items():
         summary.keys[place].lost = lost
     return summary

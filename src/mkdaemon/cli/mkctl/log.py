@@ -10,7 +10,7 @@ from cyclopts import App, Parameter
 
 from mkdaemon.cli.arguments import AsJson
 from mkdaemon.cli.mkctl.connection import HERE, Connection
-from mkdaemon.cli.mkctl.logshow import print_damages, print_list, print_summary, reading_progress, summary_fields
+from mkdaemon.cli.mkctl.logshow import print_check, print_list, print_summary, reading_progress, summary_fields
 from mkdaemon.cli.mkctl.logtime import moment_of, recording_folders
 from mkdaemon.cli.printing import json_line
 from mkdaemon.cli.program import EXIT_FAILURE, EXIT_OK
@@ -90,8 +90,8 @@ def check(*files: Path, as_json: AsJson = False) -> int:
     for path in _required(files):
         with reading_progress([path]) as progress:
             summary = summarise(path, progress)
-        is_whole = is_whole and summary.report.is_whole
-        print_damages(path, summary.report, as_json=as_json)
+        is_whole = is_whole and summary.report.is_whole and not summary.missed
+        print_check(summary, as_json=as_json)
     return EXIT_OK if is_whole else EXIT_FAILURE
 
 

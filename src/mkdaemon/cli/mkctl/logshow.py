@@ -89,6 +89,7 @@ def summary_fields(summary: Summary) -> dict[str, Any]:
         "begins": summary.first / NANOSECONDS,
         "duration": summary.duration,
         **report_fields(summary.report),
+        "missed": dict(summary.missed),
         "keys": [
             {
                 "kind": one.kind.value,
@@ -138,7 +139,7 @@ def print_summary(summary: Summary) -> None:
     for mark in summary.marks:
         at = (mark.at - summary.first) / NANOSECONDS
         console.print(f"mark {at:10.3f} s  {mark.vehicle}: {mark.text}", highlight=False, markup=False)
-    for line in damage_lines(summary.report):
+    for line in (*damage_lines(summary.report), *missed_lines(summary)):
         console.print(line, highlight=False, markup=False)
 
 
@@ -161,14 +162,22 @@ def _key_table(summary: Summary) -> Table:
     return table
 
 
-def print_damages(path: Path, report: ReadReport, *, as_json: bool) -> None:
+def print_check(summary: Summary, *, as_json: bool) -> None:
     """Print whether a recording is whole."""
+    report = summary.report
     if as_json:
-        print(json_line({"file": str(path), **report_fields(report)}))
+        print(json_line({"file": str(summary.path), **report_fields(report), "missed": dict(summary.missed)}))
         return
-    print(f"{path}: {'whole' if report.is_whole else 'not whole'}, {report.entries} entries")
-    for line in damage_lines(report):
+    words = "whole" if report.is_whole and not summary.missed else "not whole"
+    print(f"{summary.path}: {words}, {report.entries} entries")
+    for line in (*damage_lines(report), *missed_lines(summary)):
         print(f"  {line}")
+
+
+def missed_lines(summary: Summary) -> Iterator[str]:
+    """What never reached the recorder, a sentence each."""
+    for key, lost in summary.missed.most_common():
+        yield f"{lost} of {key} were put by the daemon and never came: lost on the way to the recorder"
 
 
 def damage_lines(report: ReadReport) -> Iterator[str]:

@@ -1,0 +1,55 @@
+"""What was lost on the way to a recorder: the daemon says once a second how many values it has put under each key.
+
+Values of one daemon arrive in the order in which it put them: between two of its counts as many must have come as it
+counted.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from typing import Final
+
+import msgpack
+
+COUNTS: Final = "bus/counts"
+
+
+class CountCheck:
+    """Compares what came from one vehicle with what its daemon counted.
+
+    Attributes:
+        lost: values that were put and did not come, by key without `mk/<vehicle>/`.
+    """
+
+    def __init__(self) -> None:
+        self.lost: Counter[str] = Counter()
+        self._arrived: Counter[str] = Counter()
+        self._counted: dict[str, int] | None = None
+
+    def take(self, suffix: str, payload: bytes) -> None:
+        """Take a value, in the order in which they came.
+
+        Args:
+            suffix: key without `mk/<vehicle>/`.
+            payload: as it came.
+        """
+        if suffix != COUNTS:
+            self._arrived[suffix] += 1
+            return
+        counted, before, arrived = _counts_in(payload), self._counted, self._arrived
+        self._counted, self._arrived = counted, Counter()
+        if before is None or any(counted.get(key, 0) < number for key, number in before.items()):
+            return  # the first one, or the daemon was restarted
+        for key, number in counted.items():
+            missing = number - before.get(key, 0) - arrived[key]
+            if key != COUNTS and missing > 0:
+                self.lost[key] += missing
+
+
+def _counts_in(payload: bytes) -> dict[str, int]:
+    """What a `BusCounts` says; nothing where it is none."""
+    try:
+        counts = msgpack.unpackb(payload)["counts"]
+        return {str(key): int(number) for key, number in counts.items()}
+    except (ValueError, TypeError, KeyError, AttributeError, RecursionError, msgpack.exceptions.UnpackException):
+        return {}
