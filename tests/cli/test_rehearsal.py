@@ -8,7 +8,7 @@ import math
 import pytest
 
 from mkdaemon.cli.rehearsal.flight import rehearse
-from mkdaemon.cli.rehearsal.loop import run_paced
+from mkdaemon.virtualtime import run_paced
 from mkdaemon.cli.rehearsal.record import Moment, Rehearsed
 
 

@@ -79,7 +79,7 @@ def demo(
 def _fly(pace: float, seed: int, wind: str, fps: float, picture: Path, *, is_quiet: bool, is_headless: bool) -> int:
     from mkdaemon.cli.mkdaemon.flightpicture import write_picture
     from mkdaemon.cli.rehearsal.flight import rehearse
-    from mkdaemon.cli.rehearsal.loop import run_paced
+    from mkdaemon.virtualtime import run_paced
 
     structlog.configure(wrapper_class=structlog.make_filtering_bound_logger(logging.CRITICAL))
     console = Console(quiet=is_quiet)

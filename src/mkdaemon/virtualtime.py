@@ -14,9 +14,9 @@ _Result = TypeVar("_Result")
 class _JumpingSelector(selectors.SelectSelector):
     """Never waits for a file: time passes instead."""
 
-    def __init__(self, pace: float) -> None:
+    def __init__(self, pace: float, start: float) -> None:
         super().__init__()
-        self.now = 0.0
+        self.now = self._start = start
         self._pace = pace
         self._began = time.monotonic()
 
@@ -27,7 +27,7 @@ class _JumpingSelector(selectors.SelectSelector):
         if not ready and timeout is not None and timeout > 0:
             self.now += timeout
             if self._pace > 0.0:
-                ahead = self.now / self._pace - (time.monotonic() - self._began)
+                ahead = (self.now - self._start) / self._pace - (time.monotonic() - self._began)
                 if ahead > 0.0:
                     time.sleep(ahead)
                 else:
@@ -38,17 +38,18 @@ class _JumpingSelector(selectors.SelectSelector):
 class PacedLoop(asyncio.SelectorEventLoop):
     """An event loop in virtual time; threads and real I/O have no place in it."""
 
-    def __init__(self, pace: float = 0.0) -> None:
-        """Begin at time zero.
+    def __init__(self, pace: float = 0.0, start: float = 0.0) -> None:
+        """Begin.
 
         Args:
             pace: virtual seconds a second at most; 0 for as fast as it goes.
+            start: time of the beginning [s].
         """
-        self._jumping = _JumpingSelector(pace)
+        self._jumping = _JumpingSelector(pace, start)
         super().__init__(self._jumping)
 
     def time(self) -> float:
-        """Virtual seconds since the loop was made."""
+        """Virtual time [s]."""
         return self._jumping.now
 
 
