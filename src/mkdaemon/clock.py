@@ -37,7 +37,7 @@ _TIMEX_BYTES: Final = 256
 
 
 class Wake(StrEnum):
-    """Who does something because its time has come, and decides by the time it is then."""
+    """Who decides something by the time it is then."""
 
     CONTROL = "control"
     """The flight core ticks."""
@@ -141,7 +141,7 @@ class Clock:
         return self._monotonic()
 
     def woken(self, who: Wake) -> float:
-        """The present moment [s; monotonic], for one whose time has come."""
+        """The present moment [s; monotonic], for one who decides something by it."""
         now = self._monotonic()
         self.wake_heard(who, now)
         return now

@@ -52,6 +52,10 @@ class PacedLoop(asyncio.SelectorEventLoop):
         """Virtual time [s]."""
         return self._jumping.now
 
+    def let_pass(self, seconds: float) -> None:
+        """Let time pass while something is worked on."""
+        self._jumping.now += seconds
+
 
 def run_paced(main: Coroutine[Any, Any, _Result], pace: float = 0.0) -> _Result:
     """Run a coroutine to its end in virtual time; see `PacedLoop`."""
@@ -59,8 +63,13 @@ def run_paced(main: Coroutine[Any, Any, _Result], pace: float = 0.0) -> _Result:
     try:
         return loop.run_until_complete(main)
     finally:
-        for task in asyncio.all_tasks(loop):
-            task.cancel()
-        loop.run_until_complete(asyncio.sleep(0))
-        loop.run_until_complete(loop.shutdown_asyncgens())
-        loop.close()
+        end_loop(loop)
+
+
+def end_loop(loop: asyncio.AbstractEventLoop) -> None:
+    """End what still runs in a loop, and close it."""
+    for task in asyncio.all_tasks(loop):
+        task.cancel()
+    loop.run_until_complete(asyncio.sleep(0))
+    loop.run_until_complete(loop.shutdown_asyncgens())
+    loop.close()

@@ -85,6 +85,8 @@ class Wiring:
         guard: LineGuard | None = None,
         opener: Opener = open_port,
         record_written: RecordWritten = lambda data, at, issuer: None,
+        journal: Journal | None = None,
+        first_epoch: int | None = None,
     ) -> None:
         """Build and wire.
 
@@ -96,6 +98,8 @@ class Wiring:
             guard: hears of the open port and of every stick frame written.
             opener: opens the port.
             record_written: records what is written to it.
+            journal: of procedures; the vehicle's own if none is given.
+            first_epoch: of the leases; if none is given, one above every epoch of an earlier run.
 
         Raises:
             ConfigError: the port cannot exist, the line cannot carry the configured rates, a camera is wrong, or a
@@ -105,8 +109,10 @@ class Wiring:
         if cfg.cameras:
             require_safe_loop(cfg.control)
         facts = self.facts = VehicleFacts()
-        # Milliseconds since 1970: above every epoch of an earlier run, whatever a client still streams.
-        core = FlightCore(cfg.control, facts, first_epoch=int(clock.stamp().wall * 1000))
+        if first_epoch is None:
+            # Milliseconds since 1970: above every epoch of an earlier run, whatever a client still streams.
+            first_epoch = int(clock.stamp().wall * 1000)
+        core = FlightCore(cfg.control, facts, first_epoch=first_epoch)
         audit = self.audit = Audit(bus, clock)
         self.eyes = make_eyes(core)
         sink = BusSink(bus, core, audit, self.eyes, clock, record_written)
@@ -123,7 +129,7 @@ class Wiring:
             audit,
             requests,
             interlock,
-            Journal(state_folder(cfg.vehicle)),
+            journal or Journal(state_folder(cfg.vehicle)),
             LabelCache(cfg.link.label_cache),
             clock,
         )
@@ -137,7 +143,7 @@ class Wiring:
             bus.receive(kind.suffix, partial(flight.setpoint_arrived, kind), is_proven)
         bus.watch_clients(flight.client_changed)
 
-    def start(self, tasks: asyncio.TaskGroup) -> list[asyncio.Task[None]]:
+    def start(self, tasks: asyncio.TaskGroup | asyncio.AbstractEventLoop) -> list[asyncio.Task[None]]:
         """Start what stands above the line: control, procedures, and what is published by the clock."""
         return [
             tasks.create_task(self.flight.run(), name="control"),

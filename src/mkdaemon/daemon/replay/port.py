@@ -108,7 +108,7 @@ class ReplayedLine:
             raise self._refusal(url, now)
         at, name = self._openings.popleft()
         opened = self._port = ReplayedPort(name)
-        if at > now:
+        if at > now + SOON:
             await asyncio.sleep(at - now)
         return opened
 

@@ -79,9 +79,7 @@ class ReplayedEyes(Eyes):
         """Tell the eyes how the vehicle lies."""
         from mkdaemon.vision.track.attitude import AttitudeSample
 
-        self._attitudes.append(
-            AttitudeSample(attitude.stamp.monotonic, attitude.roll, attitude.pitch, attitude.yaw)
-        )
+        self._attitudes.append(AttitudeSample(attitude.stamp.monotonic, attitude.roll, attitude.pitch, attitude.yaw))
 
     def bring_image(self, entry: Entry) -> None:
         """Look at an image."""
@@ -90,16 +88,13 @@ class ReplayedEyes(Eyes):
         from mkdaemon.vision.track.attitude import AttitudeHistory
 
         found = unpack(entry.payload)
-        if isinstance(found, str):
+        frame = found[0] if not isinstance(found, str) else None
+        pipeline = None if frame is None else self._pipelines.get(frame.camera)
+        if frame is None or pipeline is None:
             return
-        frame, pixels = found
-        pipeline = self._pipelines.get(frame.camera)
-        if pipeline is None:
-            return
+        pixels = found[1]
         stamped_by = entry.issuer or "arrival"
-        image = CameraImage(
-            pixels, frame.stamp.monotonic, entry.received, frame.sequence, frame.camera, stamped_by
-        )
+        image = CameraImage(pixels, frame.stamp.monotonic, entry.received, frame.sequence, frame.camera, stamped_by)
         values = pipeline.process(image, AttitudeHistory(tuple(self._attitudes)))
         told_at = self._told_at.get((frame.camera, frame.sequence), entry.received + USUAL)
         for suffix, value in values:

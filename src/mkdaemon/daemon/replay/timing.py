@@ -2,21 +2,23 @@
 
 In earnest a timer fires a little late, never at the same moment twice, and everything after it depends on when it did.
 So the recorder notes when the flight core and the line woke, and here a timer that is due fires at the next moment at
-which its owner woke in the recording. Between two moments time stands still.
+which its owner woke in the recording. Between two such moments time stands still.
 """
 
 from __future__ import annotations
 
 import asyncio
-from bisect import bisect_left
+from bisect import bisect_left, bisect_right
 from collections.abc import Callable, Mapping, Sequence
 from contextvars import Context
 from enum import Enum, auto
-from typing import Any, Final
+from typing import Final, TypeVarTuple
 
+from mkdaemon.clock import Clock, Wake
 from mkdaemon.link.session.exchange import Exchange
 from mkdaemon.virtualtime import PacedLoop
 
+_Args = TypeVarTuple("_Args")
 APART: Final = 2e-9
 """Moments that were recorded at the same time are this far apart here [s]; asyncio takes 1e-9 s for the same time."""
 
@@ -39,23 +41,65 @@ class Timer(Enum):
 PATIENCE: Final = {Timer.CONTROL: 2.0, Timer.LINE: 2.0, Timer.HEALTH: 0.09, Timer.OPENING: 0.2, Timer.OTHER: 0.005}
 """How late a timer may have fired in the recording [s]. The flight core and the line wake all the time, and every time
 is recorded; of the others only what they did is known, so the next thing done soon after is taken for theirs."""
+LONGEST_TURN: Final = 0.05
+"""Longest time from an event to what is decided because of it [s]."""
+_TIMERS: Final = {Wake.CONTROL: Timer.CONTROL, Wake.LINE: Timer.LINE}
 _TASKS: Final = {"control": Timer.CONTROL, "health": Timer.HEALTH, "link": Timer.OPENING}
 
 
 class Timetable:
     """The moments at which each kind of timer fired in the recording."""
 
-    def __init__(self, moments: Mapping[Timer, Sequence[float]]) -> None:
-        """Take them, each kind in ascending order [s]."""
-        self._moments = moments
+    def __init__(self, moments: Mapping[Timer, Sequence[float]], inputs: Sequence[float] = ()) -> None:
+        """Take them, in ascending order [s].
+
+        Args:
+            moments: of each kind of timer.
+            inputs: when anything came from outside.
+        """
+        self._moments, self._inputs = moments, inputs
 
     def fires_at(self, timer: Timer, due: float) -> float:
-        """When a timer fires [s] that is due [s]: at the next moment of its kind if there is one soon, else when due."""
+        """When a timer fires that is due then [s]: at the next moment of its kind if one is near, else when due."""
         moments = self._moments.get(timer, ())
         place = bisect_left(moments, due)
         if place < len(moments) and moments[place] - due <= PATIENCE[timer]:
             return moments[place]
         return due
+
+    def decided_at(self, who: Wake, now: float) -> float:
+        """When somebody who decides now decided in the recording [s]: soon, and before anything else came in."""
+        moments = self._moments.get(_TIMERS[who], ())
+        place = bisect_left(moments, now)
+        if place == len(moments) or moments[place] - now > LONGEST_TURN:
+            return now
+        next_input = bisect_right(self._inputs, now)
+        is_next = next_input == len(self._inputs) or moments[place] < self._inputs[next_input]
+        return moments[place] if is_next else now
+
+
+class ReplayClock(Clock):
+    """Stamps in the time of a recording, and moves on to the moment at which something was decided."""
+
+    def __init__(self, loop: ReplayLoop, offset: Callable[[], float]) -> None:
+        """Follow a loop.
+
+        Args:
+            loop: of the replay.
+            offset: Unix time less monotonic time, now [s].
+        """
+        self._loop = loop
+        super().__init__(
+            monotonic=loop.time,
+            wall=lambda: loop.time() + offset(),
+            synchronised=lambda: None,
+            suspended=lambda: 0.0,
+        )
+
+    def woken(self, who: Wake) -> float:
+        """The moment at which this was decided in the recording [s]."""
+        self._loop.move_on(who)
+        return super().woken(who)
 
 
 class ReplayLoop(PacedLoop):
@@ -72,25 +116,34 @@ class ReplayLoop(PacedLoop):
         self._timetable = timetable
 
     def call_at(
-        self, when: float, callback: Callable[..., object], *args: Any, context: Context | None = None
+        self,
+        when: float,
+        callback: Callable[[*_Args], object],
+        *args: *_Args,
+        context: Context | None = None,
     ) -> asyncio.TimerHandle:
         """Set a timer; it fires when the recording says."""
         fires_at = self._timetable.fires_at(self._owner(callback), when)
         return super().call_at(fires_at, callback, *args, context=context)
 
-    def happens_at(self, when: float, callback: Callable[..., object], *args: Any) -> None:
+    def move_on(self, who: Wake) -> None:
+        """Let the time pass that passed until somebody decided."""
+        now = self.time()
+        self.let_pass(self._timetable.decided_at(who, now) - now)
+
+    def happens_at(self, when: float, callback: Callable[[*_Args], object], *args: *_Args) -> None:
         """Let something happen that was recorded at a moment [s]."""
         super().call_at(when, callback, *args)
 
-    def _owner(self, callback: Callable[..., object]) -> Timer:
-        if getattr(callback, "__func__", None) is Exchange.timer_fired:
+    def _owner(self, callback: object) -> Timer:
+        if getattr(callback, "__func__", None) is Exchange.pump:
             return Timer.LINE
         task = asyncio.current_task(self)
         return Timer.OTHER if task is None else _TASKS.get(task.get_name(), Timer.OTHER)
 
 
 def spaced(times: Sequence[float]) -> list[float]:
-    """Times in ascending order [s], each at least `APART` after the one before."""
+    """Let each time be at least `APART` after the one before [s]."""
     found: list[float] = []
     for time in times:
         found.append(time if not found else max(time, found[-1] + APART))

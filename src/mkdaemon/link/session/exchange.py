@@ -179,14 +179,9 @@ class Exchange:
 
     # -- writing --------------------------------------------------------------------------------------------------
 
-    def timer_fired(self) -> None:
-        """Do what it is time for."""
-        self._clock.woken(Wake.LINE)
-        self.pump()
-
     def pump(self) -> None:
         """Write what may be written now, settle what ended, judge and report, and set the timer for the rest."""
-        now = self._clock.now()
+        now = self._clock.woken(Wake.LINE)
         port = self.port
         if port is None:
             self._settle()
@@ -283,7 +278,7 @@ class Exchange:
     def _set_timer(self, delay: float) -> None:
         if self._timer is not None:
             self._timer.cancel()
-        self._timer = asyncio.get_running_loop().call_later(max(delay, 0.0), self.timer_fired)
+        self._timer = asyncio.get_running_loop().call_later(max(delay, 0.0), self.pump)
 
     def _stop(self) -> None:
         if self._timer is not None:

@@ -1,0 +1,197 @@
+"""What came out, beside what was recorded: key by key, value by value, field by field."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import msgpack
+
+from mkdaemon.daemon.replay.recorded import Recorded
+from mkdaemon.daemon.replay.station import Output
+from mkdaemon.daemon.replay.tolerances import admits, is_left_out, window_of
+from mkdaemon.record.entry import Kind
+
+_ABSENT = "(absent)"
+
+
+@dataclass(frozen=True, slots=True)
+class Difference:
+    """Two values that should be one.
+
+    Attributes:
+        at: since the recording began [s].
+        field: which; empty where a whole value is missing or new.
+        recorded: as it was.
+        replayed: as it is today.
+    """
+
+    at: float
+    field: str
+    recorded: Any
+    replayed: Any
+
+
+@dataclass(slots=True)
+class KeyReport:
+    """How one key compares.
+
+    Attributes:
+        key: without `mk/<vehicle>/`; replies have `reply/` before it.
+        recorded: values recorded.
+        replayed: values that came out.
+        differing: pairs that differ.
+        missing: recorded, and did not come out.
+        new: came out, and were not recorded.
+        fields: how often each field differs.
+        first: the first difference.
+    """
+
+    key: str
+    recorded: int = 0
+    replayed: int = 0
+    differing: int = 0
+    missing: int = 0
+    new: int = 0
+    fields: dict[str, int] = field(default_factory=dict)
+    first: Difference | None = None
+
+    @property
+    def differences(self) -> int:
+        """All of them."""
+        return self.differing + self.missing + self.new
+
+    def note(self, difference: Difference) -> None:
+        """Keep the first one."""
+        if self.first is None:
+            self.first = difference
+
+
+@dataclass(frozen=True, slots=True)
+class Comparison:
+    """The whole result.
+
+    Attributes:
+        keys: every compared key, by name.
+        left_out: values of keys that are not compared, by key.
+    """
+
+    keys: Mapping[str, KeyReport]
+    left_out: Mapping[str, int]
+
+    @property
+    def differences(self) -> int:
+        """All of them."""
+        return sum(key.differences for key in self.keys.values())
+
+    @property
+    def compared(self) -> int:
+        """Recorded values that were compared."""
+        return sum(key.recorded for key in self.keys.values())
+
+
+@dataclass(frozen=True, slots=True)
+class _Value:
+    at: float
+    encoding: str
+    payload: bytes
+
+
+def compare(recorded: Recorded, outputs: Sequence[Output], *, without: frozenset[str] = frozenset()) -> Comparison:
+    """Compare what came out with what was recorded.
+
+    Args:
+        recorded: the recording.
+        outputs: of the replay.
+        without: keys beginning so are not compared, for example `vision/` where images are missing.
+    """
+    began = recorded.start
+    before = _by_key(
+        (_name(moment.entry.kind, moment.entry.suffix), _Value(moment.at, moment.entry.encoding, moment.entry.payload))
+        for moment in recorded.of(Kind.SAMPLE, Kind.REPLY)
+    )
+    after = _by_key(
+        (_name(output.kind, output.suffix), _Value(output.at, output.encoding, output.payload)) for output in outputs
+    )
+    keys: dict[str, KeyReport] = {}
+    left_out: dict[str, int] = {}
+    for key in sorted(before.keys() | after.keys()):
+        if is_left_out(key) or key.startswith(tuple(without)):
+            left_out[key] = len(before.get(key, ()))
+        else:
+            keys[key] = _compare_key(key, before.get(key, []), after.get(key, []), began)
+    return Comparison(keys, left_out)
+
+
+def _name(kind: Kind, suffix: str) -> str:
+    return f"reply/{suffix}" if kind is Kind.REPLY else suffix
+
+
+def _by_key(values: Iterator[tuple[str, _Value]]) -> dict[str, list[_Value]]:
+    found: dict[str, list[_Value]] = {}
+    for key, value in values:
+        found.setdefault(key, []).append(value)
+    return found
+
+
+def _compare_key(key: str, before: Sequence[_Value], after: Sequence[_Value], began: float) -> KeyReport:
+    """Pair values that came at the same time, in order, and compare each pair."""
+    report = KeyReport(key, len(before), len(after))
+    window = window_of(key)
+    i = j = 0
+    while i < len(before) or j < len(after):
+        lead = _lead(before, i, after, j)
+        if abs(lead) <= window:
+            _compare_pair(report, before[i], after[j], began)
+            i, j = i + 1, j + 1
+        elif lead < 0:
+            report.missing += 1
+            report.note(Difference(before[i].at - began, "", _fields(before[i].payload), _ABSENT))
+            i += 1
+        else:
+            report.new += 1
+            report.note(Difference(after[j].at - began, "", _ABSENT, _fields(after[j].payload)))
+            j += 1
+    return report
+
+
+def _lead(before: Sequence[_Value], i: int, after: Sequence[_Value], j: int) -> float:
+    """How much later the next recorded value is than the next one that came out [s]; infinite at an end."""
+    if i >= len(before):
+        return float("inf")
+    return float("-inf") if j >= len(after) else before[i].at - after[j].at
+
+
+def _compare_pair(report: KeyReport, before: _Value, after: _Value, began: float) -> None:
+    if before.payload == after.payload and before.encoding == after.encoding:
+        return
+    found = list(_differences(report.key, "", _fields(before.payload), _fields(after.payload)))
+    if before.encoding != after.encoding:
+        found.append(("(encoding)", before.encoding, after.encoding))
+    if not found:
+        return
+    report.differing += 1
+    for path, recorded, replayed in found:
+        report.fields[path] = report.fields.get(path, 0) + 1
+        report.note(Difference(before.at - began, path, recorded, replayed))
+
+
+def _differences(key: str, path: str, before: Any, after: Any) -> Iterator[tuple[str, Any, Any]]:
+    """Every field that differs by more than it may."""
+    if isinstance(before, dict) and isinstance(after, dict):
+        for name in before.keys() | after.keys():
+            inner = f"{path}.{name}" if path else str(name)
+            yield from _differences(key, inner, before.get(name, _ABSENT), after.get(name, _ABSENT))
+    elif isinstance(before, list) and isinstance(after, list) and len(before) == len(after):
+        for number, (one, other) in enumerate(zip(before, after, strict=True)):
+            yield from _differences(key, f"{path}.{number}", one, other)
+    elif not admits(key, path, before, after):
+        yield path, before, after
+
+
+def _fields(payload: bytes) -> Any:
+    try:
+        return msgpack.unpackb(payload)
+    except (ValueError, msgpack.exceptions.UnpackException):
+        return payload

@@ -1,0 +1,248 @@
+"""What a recording of one flight of the daemon says, sorted into what went in and what came out."""
+
+from __future__ import annotations
+
+import json
+from bisect import bisect_right
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Final
+
+import msgpack
+from pydantic import ValidationError
+
+from mkdaemon.bus.codec import decode_map
+from mkdaemon.clock import Wake
+from mkdaemon.config.root import Config
+from mkdaemon.daemon.replay.timing import Timer, Timetable, spaced
+from mkdaemon.errors import CommandRejectedError, ConfigError
+from mkdaemon.record.entry import Entry, Kind
+from mkdaemon.record.layout import Session
+from mkdaemon.record.notices import Notice
+from mkdaemon.record.reader import Recording
+
+BLACK_BOX: Final = "blackbox"
+SOON: Final = 0.02
+"""A setpoint is decided on so soon after it arrived, or later by a timer [s]."""
+
+
+@dataclass(frozen=True)
+class Moment:
+    """An entry and when it happens again.
+
+    Attributes:
+        at: [s]; the time it was taken, after that of everything that was taken before.
+        entry: what was recorded.
+    """
+
+    at: float
+    entry: Entry
+
+
+@dataclass
+class Recorded:
+    """One flight of one daemon.
+
+    Attributes:
+        session: what the recording says about itself.
+        moments: every entry, in ascending order of time.
+        lost: entries missing by their sequence numbers.
+        damaged: parts of the files that could not be read.
+    """
+
+    session: Session
+    moments: list[Moment]
+    lost: int = 0
+    damaged: int = 0
+    _by_kind: dict[Kind, list[Moment]] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        for moment in self.moments:
+            self._by_kind.setdefault(moment.entry.kind, []).append(moment)
+
+    def of(self, *kinds: Kind) -> list[Moment]:
+        """The moments of some kinds, in ascending order of time."""
+        if len(kinds) == 1:
+            return self._by_kind.get(kinds[0], [])
+        return [moment for moment in self.moments if moment.entry.kind in kinds]
+
+    @property
+    def start(self) -> float:
+        """When the recording begins [s]."""
+        return self.moments[0].at
+
+    @property
+    def end(self) -> float:
+        """When it ends [s]."""
+        return self.moments[-1].at
+
+    @property
+    def stopped_at(self) -> float | None:
+        """When the daemon was told to stop [s]; None where it did not end in order."""
+        return next((moment.at for moment in self.notices(Notice.STOP)), None)
+
+    @property
+    def config(self) -> Config:
+        """The configuration it flew with.
+
+        Raises:
+            ConfigError: the recording has none, or one of another time.
+        """
+        if not self.session.config:
+            msg = f"{self.session.name}: the recording has no configuration; give the one it flew with as --config FILE"
+            raise ConfigError(msg)
+        try:
+            return Config.model_validate(json.loads(self.session.config))
+        except (ValueError, ValidationError) as error:
+            msg = (
+                f"{self.session.name}: its configuration is not understood here ({str(error).splitlines()[0]}); "
+                "give a corrected one as --config FILE"
+            )
+            raise ConfigError(msg) from error
+
+    def notices(self, notice: Notice) -> Iterator[Moment]:
+        """What the daemon was told of one kind."""
+        for moment in self.of(Kind.NOTICE):
+            if Notice.of(moment.entry) is notice:
+                yield moment
+
+    def samples(self, *suffixes: str) -> Iterator[Moment]:
+        """Published values of some keys."""
+        for moment in self.of(Kind.SAMPLE):
+            if moment.entry.suffix in suffixes:
+                yield moment
+
+    def replies(self) -> dict[int, Entry]:
+        """Every reply, by the number of its exchange."""
+        return {moment.entry.exchange: moment.entry for moment in self.of(Kind.REPLY)}
+
+    def timetable(self) -> Timetable:
+        """When timers fired."""
+        return Timetable(
+            {
+                Timer.CONTROL: self.wakes(Wake.CONTROL),
+                Timer.LINE: self.wakes(Wake.LINE),
+                Timer.HEALTH: [moment.at for moment in self.samples("health")],
+                Timer.OPENING: [moment.at for moment in self.of(Kind.PORT_OPENED)],
+                Timer.OTHER: self._sent_by_others(),
+            },
+            [moment.at for moment in self.of(Kind.PORT_READ, Kind.SETPOINT, Kind.QUERY)],
+        )
+
+    def _sent_by_others(self) -> list[float]:
+        """When the line was looked at and had something to write [s]."""
+        looks = self.wakes(Wake.LINE)
+        places = (bisect_right(looks, moment.at) - 1 for moment in self.of(Kind.PORT_WRITTEN))
+        return [looks[place] for place in sorted({place for place in places if place >= 0})]
+
+    def wakes(self, who: Wake) -> list[float]:
+        """When somebody woke [s]."""
+        notice = {Wake.CONTROL: Notice.CONTROL_WOKE, Wake.LINE: Notice.LINE_WOKE}[who]
+        return [moment.at for moment in self.notices(notice)]
+
+    def openings(self) -> list[tuple[float, str]]:
+        """When the port was opened [s], and under which name."""
+        return [(moment.at, str(_map(moment.entry).get("port", ""))) for moment in self.of(Kind.PORT_OPENED)]
+
+    def refusals(self) -> list[tuple[float, str]]:
+        """When the line was found absent or unusable [s], and why."""
+        return [
+            (moment.at, str(fields.get("reason", "")))
+            for moment in self.samples("link/state")
+            if (fields := _map(moment.entry)).get("condition") in {"absent", "down"}
+        ]
+
+    def first_epoch(self) -> int | None:
+        """Epoch of the first lease; None where nobody took one."""
+        for moment in self.of(Kind.REPLY):
+            reply = _map(moment.entry).get("reply") if moment.entry.suffix == "do/lease" else None
+            if isinstance(reply, dict) and "secret" in reply:
+                return int(reply["epoch"])
+        return None
+
+    def wall_offsets(self) -> list[tuple[float, float]]:
+        """Unix time less monotonic time [s] as the recorded daemon knew it, each with the time from which on [s]."""
+        found: list[tuple[float, float]] = []
+        for moment in self.of(Kind.SAMPLE):
+            stamp = _map(moment.entry).get("stamp")
+            if isinstance(stamp, dict) and stamp.get("boot") == moment.entry.base.boot:
+                offset = stamp["wall"] - stamp["monotonic"]
+                if not found or abs(offset - found[-1][1]) > 1e-6:
+                    found.append((moment.at, offset))
+        return found
+
+
+def read_recorded(paths: Sequence[Path]) -> Recorded:
+    """Read the recording of one flight.
+
+    Args:
+        paths: its files, in any order.
+
+    Raises:
+        MkError: a file cannot be opened.
+        ConfigError: these are not the files of one black box from its beginning on.
+    """
+    files = [Recording(path) for path in paths]
+    sessions: list[tuple[Session, Recording]] = []
+    for file in files:
+        session = file.read_session()
+        if session is None:
+            msg = f"{file.path}: no recording of mkdaemon, or cut off before its head; `mkctl log check` says more"
+            raise ConfigError(msg)
+        sessions.append((session, file))
+    sessions.sort(key=lambda pair: pair[0].part)
+    _check_parts(sessions)
+    entries = [entry for _, file in sessions for entry in file.entries()]
+    if not entries:
+        msg = f"{paths[0]}: nothing was recorded; a daemon that flies writes one (docs/recording.md)"
+        raise ConfigError(msg)
+    reports = [file.report for file in files]
+    return arrange(
+        entries,
+        sessions[0][0],
+        lost=sum(report.lost for report in reports),
+        damaged=sum(len(report.damages) + report.orphans + report.unreadable for report in reports),
+    )
+
+
+def arrange(entries: Sequence[Entry], session: Session, *, lost: int = 0, damaged: int = 0) -> Recorded:
+    """Give every entry its moment.
+
+    The order is that of the recording: a setpoint has the time at which it arrived on a thread, and stands where the
+    loop took it.
+    """
+    times = spaced([entry.received for entry in entries])
+    moments = [Moment(at, entry) for at, entry in zip(times, entries, strict=True)]
+    return Recorded(session, moments, lost, damaged)
+
+
+def _check_parts(sessions: Sequence[tuple[Session, Recording]]) -> None:
+    """Make sure that these are the parts of one black box, from the first one on."""
+    first, file = sessions[0]
+    for session, other in sessions:
+        if session.recorder != BLACK_BOX:
+            msg = (
+                f"{other.path}: made by `{session.recorder}`; only the daemon's own black box has what went into it: "
+                "bytes of the line, requests, times"
+            )
+            raise ConfigError(msg)
+        if session.name != first.name:
+            msg = f"{other.path} is of another recording than {file.path}; give the parts of one"
+            raise ConfigError(msg)
+    parts = [session.part for session, _ in sessions]
+    if parts != list(range(len(parts))):
+        known = ", ".join(map(str, parts))
+        msg = (
+            f"{file.path}: part {known} of recording {first.name}; what a daemon decides follows from all before: "
+            "give every part from 0 on"
+        )
+        raise ConfigError(msg)
+
+
+def _map(entry: Entry) -> dict[str, Any]:
+    try:
+        fields = msgpack.unpackb(entry.payload) if entry.kind is Kind.SAMPLE else decode_map(entry.payload)
+    except (ValueError, CommandRejectedError):
+        return {}
+    return fields if isinstance(fields, dict) else {}

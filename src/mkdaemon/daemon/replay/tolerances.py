@@ -1,0 +1,171 @@
+"""What a replay may differ in from its recording: one table, key, field, tolerance. What is not in it must be equal.
+
+The first rule that fits counts. Keys are without `mk/<vehicle>/`, `reply/` stands before the key of a query; fields are
+paths with points, elements of a list by number; `*` fits any characters.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import dataclass
+from fnmatch import fnmatchcase
+from functools import cache
+from typing import Any, Final
+
+
+@dataclass(frozen=True, slots=True)
+class Within:
+    """Two numbers may differ.
+
+    Attributes:
+        absolute: by so much, in the unit of the field.
+        relative: or by this share of the recorded one.
+    """
+
+    absolute: float
+    relative: float = 0.0
+
+    def admits(self, recorded: Any, replayed: Any) -> bool:
+        """Whether a difference is small enough; everything but numbers must be equal."""
+        if not (_is_number(recorded) and _is_number(replayed)):
+            return bool(recorded == replayed)
+        return math.isclose(recorded, replayed, rel_tol=self.relative, abs_tol=self.absolute)
+
+
+@dataclass(frozen=True, slots=True)
+class Wording:
+    """Two texts may differ in the numbers they tell."""
+
+    def admits(self, recorded: Any, replayed: Any) -> bool:
+        """Whether the texts are the same without their numbers."""
+        if not (isinstance(recorded, str) and isinstance(replayed, str)):
+            return bool(recorded == replayed)
+        return _NUMBER.sub("#", recorded) == _NUMBER.sub("#", replayed)
+
+
+@dataclass(frozen=True, slots=True)
+class NotCompared:
+    """A field that tells of the machine and not of the aircraft."""
+
+    def admits(self, recorded: Any, replayed: Any) -> bool:
+        """True."""
+        return True
+
+
+Tolerance = Within | Wording | NotCompared
+
+
+@dataclass(frozen=True, slots=True)
+class Rule:
+    """One row.
+
+    Attributes:
+        key: which keys.
+        field: which fields; `*` for all of them.
+        tolerance: what may differ.
+        why: the reason.
+    """
+
+    key: str
+    field: str
+    tolerance: Tolerance
+    why: str
+
+    @property
+    def leaves_out_key(self) -> bool:
+        """Whether nothing at all is compared of these keys, not even their number."""
+        return self.field == "*" and isinstance(self.tolerance, NotCompared)
+
+
+_NUMBER = re.compile(r"-?\d+(\.\d+)?(e-?\d+)?")
+_MACHINE: Final = NotCompared()
+_LATE: Final = 0.02
+"""Most time between a moment in the recording and in the replay [s]. The loop of a busy machine wakes so late; each
+loop that is not a control tick or a timer of the line is only known by what it did."""
+
+RULES: Final[tuple[Rule, ...]] = (
+    Rule("event/log", "*", _MACHINE, "tells of endpoints, files and other programs of the recorded machine"),
+    Rule("event/clock", "*", _MACHINE, "the system clock of the recorded machine"),
+    Rule("event/mark", "*", _MACHINE, "people set marks; they come from outside and nothing follows from them"),
+    Rule("vision/*/stats", "*", _MACHINE, "rates, latencies and counts of camera threads: load of the machine"),
+    Rule("vision/*/image", "*", _MACHINE, "a picture for viewing, coded by another release of a library"),
+    Rule("*", "*stamp.wall", Within(0.01), "the system clock was read at other moments and is slewed meanwhile"),
+    Rule("*", "*since.wall", Within(0.02), "as above, of the moment a condition began"),
+    Rule("*", "*.boot", _MACHINE, "names the boot of the machine"),
+    Rule("*", "*.synchronised", _MACHINE, "whether the machine's clock followed a time server"),
+    Rule("*", "stamp.monotonic", Within(_LATE), "time stands still in the replay while something is worked on"),
+    Rule("*", "*since.monotonic", Within(_LATE), "as above"),
+    Rule("*", "state.stamp.monotonic", Within(_LATE), "as above"),
+    Rule("*", "duration", Within(_LATE), "time an answer took"),
+    Rule("event/progress", "id", _MACHINE, "drawn at random"),
+    Rule("reply/do/lease", "reply.secret", _MACHINE, "drawn at random"),
+    Rule("reply/do/lease", "reply.echo", _MACHINE, "drawn at random"),
+    Rule("event/command", "fields.secret", _MACHINE, "drawn at random"),
+    Rule("event/command", "fields.echo", _MACHINE, "drawn at random"),
+    Rule("*", "reply.left", Within(_LATE), "time left of a lease"),
+    Rule("control/status", "lease.left", Within(_LATE), "time left of a lease"),
+    Rule("control/status", "setpoint_age", Within(_LATE), "time since a setpoint arrived"),
+    Rule("control/status", "pose_age", Within(_LATE), "time since an image"),
+    Rule("control/output", "age", Within(_LATE), "time since a setpoint arrived"),
+    Rule("control/estimate", "image_age", Within(_LATE), "time since an image"),
+    Rule("control/estimate", "*", Within(2e-5, 1e-5), "a microsecond in the time of an attitude, and other CPUs"),
+    Rule("control/error", "*", Within(2e-5, 1e-5), "as above"),
+    Rule("vision/*/pose", "latency", _MACHINE, "load of the machine"),
+    Rule("vision/*/pose", "stamped_by", _MACHINE, "not in a recorded image"),
+    Rule("vision/*/tags", "stamped_by", _MACHINE, "not in a recorded image"),
+    Rule("vision/*/pose", "covariance.*", Within(1e-12, 1e-5), "floating point of another CPU or library"),
+    Rule("vision/*/pose", "*", Within(1e-6, 1e-6), "as above"),
+    Rule("vision/*/tags", "*", Within(1e-4, 1e-6), "as above, in pixels and grey levels"),
+    Rule("tf", "*", Within(1e-6, 1e-6), "as above"),
+    Rule("link/health", "*_ms", Within(1e3 * _LATE), "round trips end when the loop reads them"),
+    Rule("link/health", "kinds.*.rate", Within(0.1, 0.02), "frames over a time that ends now"),
+    Rule("link/health", "*age", Within(_LATE), "time since a frame"),
+    Rule("link/health", "*_per_s", Within(2.0, 0.05), "bytes over a time that ends now"),
+    Rule("link/health", "checksum_error_rate", Within(0.2, 0.05), "as above"),
+    Rule("link/health", "backlog_bytes", _MACHINE, "what waited in the kernel is not recorded"),
+    Rule("link/traffic", "*_planned", Within(1e-9), "a sum of figures that differ by the last digit of a time"),
+    Rule("link/traffic", "*_share", Within(0.01, 0.02), "bytes over a time that ends now"),
+    Rule("*", "*reason", Wording(), "tells of the measurements above"),
+)
+
+WINDOWS: Final[tuple[tuple[str, float, str], ...]] = (
+    ("health", 0.12, "looked at every 0.1 s, from another moment on"),
+    ("tf", 0.12, "mounts are published beside the figures of a camera's thread"),
+    ("*", _LATE, "as the times of stamps"),
+)
+"""How far apart in time [s] a recorded and a replayed value of a key are the same one: key, time, why."""
+
+
+def rule_for(key: str, field: str) -> Rule | None:
+    """The rule of a field; None where it must be equal."""
+    return _rule_for(key, field)
+
+
+@cache
+def _rule_for(key: str, field: str) -> Rule | None:
+    return next((rule for rule in RULES if fnmatchcase(key, rule.key) and fnmatchcase(field, rule.field)), None)
+
+
+@cache
+def is_left_out(key: str) -> bool:
+    """Whether nothing is compared of a key."""
+    return any(rule.leaves_out_key and fnmatchcase(key, rule.key) for rule in RULES)
+
+
+@cache
+def window_of(key: str) -> float:
+    """How far apart a recorded and a replayed value may be [s]."""
+    return next(window for pattern, window, _ in WINDOWS if fnmatchcase(key, pattern))
+
+
+def admits(key: str, field: str, recorded: Any, replayed: Any) -> bool:
+    """Whether a field may differ so."""
+    if type(recorded) is type(replayed) and recorded == replayed:
+        return True
+    rule = rule_for(key, field)
+    return rule is not None and rule.tolerance.admits(recorded, replayed)
+
+
+def _is_number(value: object) -> bool:
+    return isinstance(value, (int, float)) and not isinstance(value, bool)
