@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, cast
 
 import msgpack
 from pydantic import BaseModel
@@ -21,6 +21,7 @@ from mkdaemon.daemon.eyes import Eyes
 from mkdaemon.daemon.procedures import Journal
 from mkdaemon.daemon.replay.run import AtOnce
 from mkdaemon.daemon.wiring import Wiring
+from mkdaemon.errors import LinkLostError
 from mkdaemon.link.ports.port import Port
 from mkdaemon.record.entry import Entry, Kind, TimeBase
 from mkdaemon.record.layout import Session
@@ -76,7 +77,11 @@ class TapedPort:
 
     async def read(self) -> bytes:
         """Return what arrived, kept."""
-        chunk = await self._port.read()
+        try:
+            chunk = await self._port.read()
+        except LinkLostError as error:
+            self._tape.add(Kind.PORT_LOST, "port", msgpack.packb({"reason": str(error)}))
+            raise
         self._tape.add(Kind.PORT_READ, "port", chunk)
         return chunk
 
@@ -217,7 +222,7 @@ class RecordedDaemon:
     async def _open(self, url: str, *, baud: int) -> Port:
         port = await self.socket.open(url, baud=baud)
         self.tape.add(Kind.PORT_OPENED, "port", msgpack.packb({"port": port.name, "baud": baud}))
-        return TapedPort(port, self.tape)
+        return cast("Port", TapedPort(port, self.tape))
 
     async def until(self, claim: Callable[[], bool], within: float = 20.0) -> None:
         """Wait for a claim.

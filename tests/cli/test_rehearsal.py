@@ -8,8 +8,8 @@ import math
 import pytest
 
 from mkdaemon.cli.rehearsal.flight import rehearse
-from mkdaemon.virtualtime import run_paced
 from mkdaemon.cli.rehearsal.record import Moment, Rehearsed
+from mkdaemon.virtualtime import run_paced
 
 
 def test_the_aircraft_lifts_off_seen_by_the_real_eyes_and_over_the_real_link():

@@ -22,6 +22,9 @@ COMMANDS: Final = (
         "target", "mkdaemon.cli.mkdaemon.target:target", "Print tags, targets and calibration boards.", "Camera"
     ),
     CommandEntry(
+        "replay", "mkdaemon.cli.mkdaemon.replay:replay", "A recording through today's code, compared.", "Offline"
+    ),
+    CommandEntry(
         "decode", "mkdaemon.cli.mkdaemon.decode:decode", "Recorded bytes to one JSON object a frame.", "Offline"
     ),
     CommandEntry(

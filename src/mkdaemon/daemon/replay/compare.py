@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, Final
 
 import msgpack
 
@@ -13,7 +13,9 @@ from mkdaemon.daemon.replay.station import Output
 from mkdaemon.daemon.replay.tolerances import admits, is_left_out, window_of
 from mkdaemon.record.entry import Kind
 
-_ABSENT = "(absent)"
+_ABSENT: Final = "(absent)"
+CUT: Final = 0.05
+"""Of a recording that breaks off, the last of it is not compared [s]: part of what came out is missing."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -107,12 +109,16 @@ def compare(recorded: Recorded, outputs: Sequence[Output], *, without: frozenset
         without: keys beginning so are not compared, for example `vision/` where images are missing.
     """
     began = recorded.start
+    until = float("inf") if recorded.stopped_at is not None else recorded.end - CUT
     before = _by_key(
         (_name(moment.entry.kind, moment.entry.suffix), _Value(moment.at, moment.entry.encoding, moment.entry.payload))
         for moment in recorded.of(Kind.SAMPLE, Kind.REPLY)
+        if moment.at < until
     )
     after = _by_key(
-        (_name(output.kind, output.suffix), _Value(output.at, output.encoding, output.payload)) for output in outputs
+        (_name(output.kind, output.suffix), _Value(output.at, output.encoding, output.payload))
+        for output in outputs
+        if output.at < until
     )
     keys: dict[str, KeyReport] = {}
     left_out: dict[str, int] = {}

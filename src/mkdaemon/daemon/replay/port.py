@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 from collections import deque
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Final
 
 from mkdaemon.errors import LinkError, LinkLostError
@@ -12,6 +13,23 @@ from mkdaemon.link.ports.port import Port
 
 SOON: Final = 0.002
 """A port that was opened so soon after it is asked for was opened because of that [s]."""
+LATE: Final = 0.02
+"""An attempt that failed was made so late in the recording at most [s]."""
+
+
+@dataclass(frozen=True, slots=True)
+class Refusal:
+    """The line could not be used.
+
+    Attributes:
+        at: when that was said [s].
+        reason: why.
+        is_absent: there was no such port; else it could not be opened.
+    """
+
+    at: float
+    reason: str
+    is_absent: bool
 
 
 class ReplayedPort:
@@ -84,12 +102,12 @@ class ReplayedPort:
 class ReplayedLine:
     """Where the ports of a recording are opened."""
 
-    def __init__(self, openings: Sequence[tuple[float, str]], refusals: Sequence[tuple[float, str]]) -> None:
+    def __init__(self, openings: Sequence[tuple[float, str]], refusals: Sequence[Refusal]) -> None:
         """Stand ready.
 
         Args:
             openings: when the port was opened [s], and under which name.
-            refusals: when the line was found absent or unusable [s], and why.
+            refusals: when the line was found absent or unusable, in ascending order of time.
         """
         self._openings = deque(openings)
         self._refusals = refusals
@@ -100,7 +118,7 @@ class ReplayedLine:
         """Open the port when it was opened, or fail as opening failed.
 
         Raises:
-            LinkLostError: the recording has no port here.
+            LinkError: the recording has no port here.
         """
         now = self._loop.time()
         is_first = self._port is None
@@ -123,6 +141,8 @@ class ReplayedLine:
             self._port.lose(reason)
 
     def _refusal(self, url: str, now: float) -> LinkError:
-        """Why it could not be opened, as the recording says next."""
-        why = next((reason for at, reason in self._refusals if at >= now), f"{url}: the recording has no more of it")
-        return LinkLostError(why)
+        """Why it could not be opened: the last that was said of it by then."""
+        said = [refusal for refusal in self._refusals if refusal.at <= now + LATE]
+        if not said:
+            return LinkLostError(f"{url}: the recording has no port")
+        return LinkLostError(said[-1].reason) if said[-1].is_absent else LinkError(said[-1].reason)

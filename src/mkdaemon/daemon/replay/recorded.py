@@ -15,12 +15,14 @@ from pydantic import ValidationError
 from mkdaemon.bus.codec import decode_map
 from mkdaemon.clock import Wake
 from mkdaemon.config.root import Config
+from mkdaemon.daemon.replay.port import Refusal
 from mkdaemon.daemon.replay.timing import Timer, Timetable, spaced
 from mkdaemon.errors import CommandRejectedError, ConfigError
 from mkdaemon.record.entry import Entry, Kind
 from mkdaemon.record.layout import Session
 from mkdaemon.record.notices import Notice
 from mkdaemon.record.reader import Recording
+from mkdaemon.telemetry.link import LinkCondition
 
 BLACK_BOX: Final = "blackbox"
 SOON: Final = 0.02
@@ -145,12 +147,13 @@ class Recorded:
         """When the port was opened [s], and under which name."""
         return [(moment.at, str(_map(moment.entry).get("port", ""))) for moment in self.of(Kind.PORT_OPENED)]
 
-    def refusals(self) -> list[tuple[float, str]]:
-        """When the line was found absent or unusable [s], and why."""
+    def refusals(self) -> list[Refusal]:
+        """When the line was found absent or unusable."""
+        said = [(moment.at, _map(moment.entry)) for moment in self.samples("link/state")]
         return [
-            (moment.at, str(fields.get("reason", "")))
-            for moment in self.samples("link/state")
-            if (fields := _map(moment.entry)).get("condition") in {"absent", "down"}
+            Refusal(at, str(fields.get("reason", "")), fields["condition"] == LinkCondition.ABSENT)
+            for at, fields in said
+            if fields.get("condition") in {LinkCondition.ABSENT, LinkCondition.DOWN}
         ]
 
     def first_epoch(self) -> int | None:

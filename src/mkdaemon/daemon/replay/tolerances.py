@@ -124,7 +124,7 @@ RULES: Final[tuple[Rule, ...]] = (
     Rule("link/health", "*_per_s", Within(2.0, 0.05), "bytes over a time that ends now"),
     Rule("link/health", "checksum_error_rate", Within(0.2, 0.05), "as above"),
     Rule("link/health", "backlog_bytes", _MACHINE, "what waited in the kernel is not recorded"),
-    Rule("link/traffic", "*_planned", Within(1e-9), "a sum of figures that differ by the last digit of a time"),
+    Rule("link/traffic", "*_planned", Within(1e-6), "a sum of figures that follow from times in whole nanoseconds"),
     Rule("link/traffic", "*_share", Within(0.01, 0.02), "bytes over a time that ends now"),
     Rule("*", "*reason", Wording(), "tells of the measurements above"),
 )

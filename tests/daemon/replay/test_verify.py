@@ -1,0 +1,114 @@
+"""Recordings through today's code: behaviour that changes is seen here, by key and field."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+
+import pytest
+
+from lab.rigs.programs import run_mkdaemon
+from mkdaemon.daemon.replay.compare import compare
+from mkdaemon.daemon.replay.recorded import arrange, read_recorded
+from mkdaemon.daemon.replay.report import verify
+from mkdaemon.daemon.replay.run import replay
+from mkdaemon.errors import ConfigError, MkError
+from mkdaemon.protocol.fields import WireField
+from mkdaemon.protocol.messages import OsdData5
+from mkdaemon.record.entry import Kind
+from mkdaemon.record.reader import Recording
+from mkdaemon.record.writer import RecordingWriter
+from tests.places import DATA
+
+RECORDINGS = sorted((DATA / "recordings").glob("*.mcap"))
+LOST_CLIENT = DATA / "recordings" / "nc_lost_client.mcap"
+STICKS = DATA / "recordings" / "fc_sticks.mcap"
+
+
+@pytest.mark.parametrize("path", RECORDINGS, ids=lambda path: path.stem)
+def test_todays_code_does_what_it_did_when_this_was_recorded(path):
+    report = verify([path])
+    assert report.is_equal, "\n".join([*report.lines(), "a change that is meant: python -m tools.recordings"])
+    assert report.comparison.compared > 300
+
+
+def test_a_changed_scale_factor_is_named_by_key_and_field(monkeypatch):
+    wire, to_si = OsdData5.spec.wire("battery"), WireField.to_si
+    monkeypatch.setattr(WireField, "to_si", lambda self, value: to_si(self, value) * (1.01 if self is wire else 1.0))
+    report = verify([LOST_CLIENT])
+    assert {key for key, found in report.comparison.keys.items() if found.differences} == {"state/battery"}
+    battery = report.comparison.keys["state/battery"]
+    assert battery.fields == {"voltage": battery.recorded}
+    assert battery.first.replayed == pytest.approx(battery.first.recorded * 1.01)
+    assert any("state/battery" in line for line in report.lines())
+
+
+def test_what_does_not_come_out_any_more_and_what_is_new_are_counted():
+    recorded = read_recorded([STICKS])
+    outputs = replay(recorded, recorded.config).outputs
+    without = [output for output in outputs if output.suffix != "state/gps" and not output.suffix.startswith("event/")]
+    stranger = replace(outputs[-1], suffix="state/gps")
+    report = compare(recorded, [*without, stranger]).keys
+    assert report["event/command"].missing == report["event/command"].recorded > 0
+    assert report["state/gps"].new == 1
+    assert report["raw/rx"].differences == 0
+
+
+def test_a_recording_that_ends_without_an_orderly_exit_is_compared_as_far_as_it_goes():
+    whole = list(Recording(STICKS).entries())
+    session = Recording(STICKS).read_session()
+    recorded = arrange(whole[: len(whole) * 2 // 3], session)
+    assert compare(recorded, replay(recorded, recorded.config).outputs).differences == 0
+
+
+def test_a_setpoint_of_a_stranger_is_refused_again():
+    from mkdaemon.daemon.replay.station import STRANGER
+
+    entries = [
+        entry._replace(issuer=STRANGER) if entry.kind is Kind.SETPOINT else entry
+        for entry in Recording(STICKS).entries()
+    ]
+    recorded = arrange(entries, Recording(STICKS).read_session())
+    outputs = replay(recorded, recorded.config).outputs
+    assert not any(output.suffix == "control/output" for output in outputs)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"recorder": "ground"}, "black box"),
+        ({"part": 2}, "every part from 0 on"),
+        ({"config": ""}, "--config"),
+        ({"config": "{]"}, "--config"),
+        ({"config": '{"link": {"nonsense": 1}}'}, "--config"),
+    ],
+)
+def test_what_cannot_be_replayed_is_refused_with_the_fix(tmp_path, change, words):
+    path = tmp_path / "changed.mcap"
+    recording = Recording(STICKS)
+    with path.open("wb") as file:
+        writer = RecordingWriter(file, replace(recording.read_session(), **change))
+        for entry in list(recording.entries())[:20]:
+            writer.add(entry)
+        writer.finish()
+    with pytest.raises(ConfigError, match=words):
+        verify([path])
+
+
+def test_a_file_that_is_no_recording_is_named(tmp_path):
+    text = tmp_path / "notes.txt"
+    text.write_text("no recording", encoding="utf-8")
+    with pytest.raises(ConfigError, match=r"notes\.txt"):
+        verify([text])
+    with pytest.raises(MkError, match="missing"):
+        verify([tmp_path / "missing.mcap"])
+
+
+def test_the_command_tells_differences_by_its_exit_code(tmp_path):
+    config = tmp_path / "other.toml"
+    config.write_text('[link]\nport = "/dev/virtual"\necho_hz = 2.0\n', encoding="utf-8")
+    code, out, errors = run_mkdaemon("replay", str(STICKS), "--verify", "--json", "--config", str(config))
+    report = json.loads(out)
+    assert code == 1, errors
+    assert report["differences"] > 0
+    assert report["keys"]["tx/fc/version_request"]["first"]["field"] == ""

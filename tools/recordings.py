@@ -1,0 +1,84 @@
+"""Makes the small recordings of tests/data: `python -m tools.recordings`, after a change of behaviour that is meant.
+
+A whole daemon flies simulated boards in virtual time that is never on time (`lab/rigs`). The files are the same for the
+same seeds and the same code.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import tempfile
+from pathlib import Path
+from typing import Any, Final
+
+import structlog
+
+from lab.places import ROOT
+from lab.rigs.blackbox import RecordedDaemon
+from lab.rigs.boardport import LineFault
+from lab.rigs.cockpit import Boards
+from lab.rigs.tardyloop import run_tardily
+from mkdaemon.config.root import Config
+from mkdaemon.telemetry.setpoint import StickSetpoint
+
+FOLDER: Final = ROOT / "tests" / "data" / "recordings"
+START: Final = 1000.0
+"""Monotonic time at which they begin [s]."""
+STREAMS: Final = {"attitude": 200, "debug": 250}
+
+
+def flown_boards() -> dict[str, Boards]:
+    """Name of each recording, and which aircraft flies."""
+    return {"fc_sticks": Boards("2.12a"), "nc_lost_client": Boards("2.08", "0.24"), "fc_replugged": Boards("2.08")}
+
+
+def make(name: str, folder: Path) -> RecordedDaemon:
+    """Fly and record one; `folder` is for the daemon's state."""
+    names = list(flown_boards())
+    return run_tardily(_fly(name, flown_boards()[name], names.index(name) + 1, folder), names.index(name) + 1, START)
+
+
+async def _fly(name: str, boards: Boards, seed: int, folder: Path) -> RecordedDaemon:
+    link: dict[str, Any] = {"port": "/dev/virtual", "rates": STREAMS}
+    if boards.nc is not None:
+        link["rates"] = {"attitude": 200, "osd": 250}
+    vehicle = {"name": "t", "state_folder": folder}
+    cfg = Config.model_validate({"vehicle": vehicle, "link": link, "bus": {"listen": ()}})
+    daemon = RecordedDaemon(cfg, boards.make(seed), seed=seed)
+    tasks, client = daemon.start(), daemon.client
+    await daemon.until(lambda: daemon.can_fly)
+    await client.take_lease()
+    await client.stream(StickSetpoint, 1.1, pitch=0, roll=0, yaw=0, throttle=-1)
+    await client.stream(StickSetpoint, 0.4, pitch=12, roll=-7, yaw=0, throttle=-1)
+    match name:
+        case "fc_sticks":
+            await client.give_back()
+            await client.ask("do/rate", stream="debug", interval=0.1)
+            await client.ask("cmd/fc/settings_request", index=255)
+            await client.ask("do/nonsense")
+        case "nc_lost_client":
+            await client.vanish()
+        case _:
+            assert daemon.socket.port is not None
+            daemon.socket.port.inject(LineFault.UNPLUGGED)
+            await asyncio.sleep(0.5)
+            daemon.socket.is_present = True
+    await asyncio.sleep(0.5)
+    await daemon.stop(tasks)
+    return daemon
+
+
+def main() -> None:
+    """Make all of them."""
+    structlog.configure(wrapper_class=structlog.make_filtering_bound_logger(logging.CRITICAL))
+    FOLDER.mkdir(parents=True, exist_ok=True)
+    for name in flown_boards():
+        with tempfile.TemporaryDirectory() as folder:
+            path = FOLDER / f"{name}.mcap"
+            make(name, Path(folder)).write(path)
+            print(f"{path}: {path.stat().st_size} bytes")
+
+
+if __name__ == "__main__":
+    main()
