@@ -88,6 +88,8 @@ RULES: Final[tuple[Rule, ...]] = (
     Rule("event/log", "*", _MACHINE, "tells of endpoints, files and other programs of the recorded machine"),
     Rule("event/clock", "*", _MACHINE, "the system clock of the recorded machine"),
     Rule("event/mark", "*", _MACHINE, "people set marks; they come from outside and nothing follows from them"),
+    Rule("record/status", "*", _MACHINE, "of the recorder and its disk"),
+    Rule("bus/counts", "*", _MACHINE, "of the bus, which a replay has not"),
     Rule("vision/*/stats", "*", _MACHINE, "rates, latencies and counts of camera threads: load of the machine"),
     Rule("vision/*/image", "*", _MACHINE, "a picture for viewing, coded by another release of a library"),
     Rule("*", "*stamp.wall", Within(0.01), "the system clock was read at other moments and is slewed meanwhile"),
