@@ -18,6 +18,7 @@ from hypothesis import strategies as st
 from mkdaemon.bus.session import session_config
 from mkdaemon.cli.mkctl.app import app as mkctl
 from mkdaemon.cli.mkctl.mixer import from_toml
+from mkdaemon.cli.mkctl.teleop.recording import read_recording as read_pad
 from mkdaemon.cli.mkdaemon.app import app as mkdaemon
 from mkdaemon.cli.program import run
 from mkdaemon.client.settings_files import read_sets
@@ -27,7 +28,10 @@ from mkdaemon.errors import MkError, VisionError
 from mkdaemon.link.labels import LabelCache
 from mkdaemon.link.ports.replayport import read_recording
 from mkdaemon.missions import read_mission
+from mkdaemon.missions.script import read_script
 from mkdaemon.reading import DEEPEST, open_regular, parse_json, parse_toml, read_text
+from mkdaemon.record.glance import glance
+from mkdaemon.record.reader import Recording
 from mkdaemon.vision.calibrate.views import views_of_folder
 from mkdaemon.vision.camera.calibration_file import load_camera
 from mkdaemon.vision.camera.files import list_pictures
@@ -92,6 +96,10 @@ READERS = {
     "targets.toml": lambda path: load_targets([path]),
     "capture.jsonl": read_recording,
     "labels.json": LabelCache,
+    "recording.mcap": lambda path: list(Recording(path).entries()),
+    "glance.mcap": glance,
+    "script.toml": read_script,
+    "pad.jsonl": read_pad,
     "report.json": take_report,
     "zenoh.json5": lambda path: session_config("peer", zenoh_file=path),
     "picture.png": read_picture,

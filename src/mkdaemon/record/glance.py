@@ -10,6 +10,7 @@ from typing import BinaryIO, Final
 from mcap.opcode import Opcode
 
 from mkdaemon.errors import MkError
+from mkdaemon.reading import open_regular
 from mkdaemon.record.entry import NANOSECONDS
 from mkdaemon.record.layout import MAGIC, Session
 from mkdaemon.record.reader import Recording
@@ -58,7 +59,7 @@ def glance(path: Path) -> Glance:
     """
     session = Recording(path).read_session()
     try:
-        with path.open("rb") as file:
+        with open_regular(path) as file:
             size = file.seek(0, 2)
             times = _times(file, size)
     except OSError as error:

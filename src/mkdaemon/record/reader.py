@@ -16,6 +16,7 @@ from typing import Final
 from mcap.opcode import Opcode
 
 from mkdaemon.errors import MkError
+from mkdaemon.reading import open_regular
 from mkdaemon.record.channels import read_channel, read_metadata
 from mkdaemon.record.entry import SEQUENCES, Entry, Kind, TimeBase
 from mkdaemon.record.layout import SESSION, VIEW, ChannelFacts, Session
@@ -133,7 +134,7 @@ class Recording:
 
     def _records(self, report: ReadReport) -> Iterator[Record | Chunk]:
         try:
-            file = self.path.open("rb")
+            file = open_regular(self.path)
         except OSError as error:
             msg = f"{self.path}: cannot be opened ({error.strerror}); `mkctl log list` shows recordings"
             raise MkError(msg) from error
