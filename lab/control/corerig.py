@@ -38,6 +38,7 @@ class CoreRig(Rig):
 
     Attributes:
         core: as in the daemon.
+        cfg: with which it decides.
         actions: everything it decided, with its time [s].
         estimates: what it published.
         handover: when the client begins to stream; until the core flies, who flew before holds the aircraft [s].
@@ -48,10 +49,11 @@ class CoreRig(Rig):
     def __init__(self, flight: Flight) -> None:
         super().__init__(flight)
         cfg = ControlConfig(limiter=LimiterConfig(hover_throttle=FIRST_HOVER - GAS_CENTRE))
+        self.cfg = cfg
         self.core = FlightCore(cfg, VehicleFacts(), first_epoch=1)
         self.core.model_known(flight.model or believed_model(flight.gains))
         self.core.line_changed(ControlLine(layout="v2"))
-        self.core.link_changed(_link_is_up())
+        self.core.link_changed(link_state(LinkCondition.UP))
         self.actions: list[tuple[float, Action]] = []
         self.estimates: list[EstimateValue] = []
         self._epoch = 0
@@ -64,7 +66,7 @@ class CoreRig(Rig):
 
     def _see(self, view: TargetView, at: float) -> None:
         self._show_pilot(view, at)
-        self.core.pose_received(_pose_of(view))
+        self.core.pose_received(pose_of(view))
 
     def _hear(self, measured: float, pitch: float, roll: float, yaw: float, at: float) -> None:
         super()._hear(measured, pitch, roll, yaw, at)
@@ -112,7 +114,8 @@ class CoreRig(Rig):
         )
 
 
-def _pose_of(view: TargetView) -> VisionPose:
+def pose_of(view: TargetView) -> VisionPose:
+    """A view as the cameras publish it."""
     rotation = view.target_from_flu
     x, y, z = (float(part) for part in -rotation @ view.position_flu)
     a, b, c = (float(part) for part in view.position_flu)
@@ -140,15 +143,16 @@ def _pose_of(view: TargetView) -> VisionPose:
     )
 
 
-def _link_is_up() -> LinkState:
+def link_state(condition: LinkCondition, openings: int = 1, at: float = 0.0) -> LinkState:
+    """A verdict on the line at a time [s]."""
     return LinkState(
-        stamp=stamp(0.0),
-        condition=LinkCondition.UP,
+        stamp=stamp(at),
+        condition=condition,
         reason="",
-        since=stamp(0.0),
+        since=stamp(at),
         port="lab",
         baud=57600,
-        hears_board=True,
-        board_hears_us=True,
-        openings=1,
+        hears_board=condition.hears_board,
+        board_hears_us=condition.is_usable,
+        openings=openings,
     )

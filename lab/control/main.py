@@ -16,10 +16,16 @@ from rich.console import Console
 from rich.table import Table
 
 from lab.control.cases import CASES, REPORTING
+from lab.control.faultflights import run_faults
+from lab.control.triggers import run_triggers
 from mkdaemon.cli.arguments import AsJson
 
 TELL_EVERY: Final = 10.0
 """Progress is written at most this often [s]."""
+CAMPAIGNS: Final = {"faults": run_faults, "triggers": run_triggers}
+"""Campaigns with an own way to fly and to sum up."""
+ALL: Final = (*CASES, *CAMPAIGNS)
+"""What can be asked for."""
 MUST_LOSE: Final = "law_2010_lost_percent"
 """The one figure that must be 100: a simulator in which that law flies is wrong."""
 
@@ -39,12 +45,13 @@ def main(
     Raises:
         SystemExit: no such case.
     """
-    if case is not None and case not in CASES:
-        print(f"lab control: no case {case}; there are {', '.join(CASES)}", file=sys.stderr)
+    if case is not None and case not in ALL:
+        print(f"lab control: no case {case}; there are {', '.join(ALL)}", file=sys.stderr)
         raise SystemExit(2)
     found: dict[str, Any] = {}
-    for name in CASES if case is None else (case,):
-        found |= run_case(name, runs, first_seed, jobs)
+    for name in ALL if case is None else (case,):
+        special = CAMPAIGNS.get(name)
+        found |= run_case(name, runs, first_seed, jobs) if special is None else special(runs, first_seed, jobs)
         if as_json:
             print(json.dumps({"case": name, **found}))
     holds = all(figure["holds"] for figure in found.values())
@@ -111,6 +118,10 @@ def _rounded(value: float) -> float:
 def _print(found: dict[str, dict[str, Any]]) -> None:
     table = Table("figure", "median", "p90", "worst", "flights", "lost", "goal", "holds")
     for key, figure in found.items():
+        if "median" not in figure:
+            table.add_row(key, *("",) * 6, "yes" if figure["holds"] else "NO")
+            print(f"{key}: {', '.join(f'{name} {value}' for name, value in figure.items())}")
+            continue
         cells = (figure["median"], figure["p90"], figure["worst"], figure["count"], figure["lost"], figure["goal"])
         table.add_row(key, *("-" if cell is None else str(cell) for cell in cells), "yes" if figure["holds"] else "NO")
     Console().print(table)

@@ -100,9 +100,13 @@ class Rig:
             self._move_world(at)
             self._watch(at)
             event(at)
-            if self.record.landing is LandingPhase.DOWN and at > self.record.touched + 1.0:
+            if self._is_over(at):
                 break
         return self.record
+
+    def _is_over(self, at: float) -> bool:
+        """Whether nothing is left to see."""
+        return self.record.landing is LandingPhase.DOWN and at > self.record.touched + 1.0
 
     def _at(self, at: float, event: Callable[[float], None]) -> None:
         self._count += 1

@@ -169,6 +169,7 @@ class Cockpit:
     """Everything of one session.
 
     Attributes:
+        core: the flight core inside `flight`.
         link: the line.
         flight: control: the lease, the tick, the release.
         sink: what was seen on the line.
@@ -178,8 +179,8 @@ class Cockpit:
         task: of the link.
     """
 
-    def __init__(self, link: Link, flight: FlightControl, sink: KeepingSink, socket: Socket) -> None:
-        self.link, self.flight, self.sink, self.socket = link, flight, sink, socket
+    def __init__(self, core: FlightCore, link: Link, flight: FlightControl, sink: KeepingSink, socket: Socket) -> None:
+        self.core, self.link, self.flight, self.sink, self.socket = core, link, flight, sink, socket
         self.epoch = 0
         self.secret = ""
         self.tasks: list[asyncio.Task[None]] = []
@@ -269,7 +270,7 @@ async def cockpit(
     cfg = LinkConfig.model_validate({"port": "/dev/virtual"} | link)
     line = link_class(cfg, sink, opener=cable.open, clock=clock, motors_running=core.facts.motors_running, guard=guard)
     flight = FlightControl(core, line, outlet or _Unheard(), audit, clock=clock)
-    flown = Cockpit(line, flight, sink, cable)
+    flown = Cockpit(core, line, flight, sink, cable)
     flown.tasks = [asyncio.create_task(line.run(), name="link"), asyncio.create_task(flight.run(), name="control")]
     try:
         if is_new and await flown.until(lambda: flown.may_fly) is None:

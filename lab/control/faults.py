@@ -1,0 +1,257 @@
+"""Faults of a flight: client, line, camera, boards, computer and air, each with what may follow from it."""
+
+from __future__ import annotations
+
+import math
+import random
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass
+from typing import Any, Final
+
+from lab.control.corerig import stamp
+from lab.control.faultrig import FaultRig
+from mkdaemon.errors import CommandRejectedError
+from mkdaemon.telemetry.command import AbortRequest, ReleaseRequest
+from mkdaemon.telemetry.control import ControlLine, Obstacle
+from mkdaemon.telemetry.link import LinkCondition
+from mkdaemon.telemetry.setpoint import AttitudeSetpoint, Setpoint, SetpointFrame, StickSetpoint, VelocitySetpoint
+from mkdaemon.telemetry.signature import signed
+from mkdaemon.telemetry.state import Pilot
+
+TOLERANCE: Final = 1.2
+"""A trigger fires at its time, at most so much later: docs/safety.md."""
+
+
+@dataclass(frozen=True, slots=True)
+class Expectation:
+    """What may follow from a fault.
+
+    Attributes:
+        reasons: what the reason of a release may begin with or contain.
+        within: it must come so soon after the fault [s]; infinite where it need not.
+    """
+
+    reasons: tuple[str, ...] = ()
+    within: float = math.inf
+
+
+NOTHING: Final = Expectation()
+LOST_SIGHT: Final = ("no image of",)
+"""Images that are gone for too long end a flight."""
+
+Fault = Callable[[FaultRig, float, random.Random], Expectation]
+
+
+def client_silent(rig: FaultRig, at: float, rng: random.Random) -> Expectation:
+    """The client stops to stream for a while."""
+    pause = rng.choice((rng.uniform(0.05, 0.9), rng.uniform(1.1, 4.0)))
+    rig.at(at, lambda now: setattr(rig.trouble, "client_silent", now + pause))
+    return Expectation(("no setpoint from",), 1.0) if pause > 1.05 else NOTHING
+
+
+def client_dies(rig: FaultRig, at: float, rng: random.Random) -> Expectation:
+    """The client's session ends."""
+
+    def die(now: float) -> None:
+        rig.trouble.client_silent = math.inf
+        rig.core.client_gone("lab")
+
+    rig.at(at, die)
+    return Expectation(("client lab is gone",), 0.0)
+
+
+def client_late(rig: FaultRig, at: float, rng: random.Random) -> Expectation:
+    """Setpoints overtake each other and come up to 0.25 s late."""
+    spell = (at + rng.uniform(0.5, 4.0), rng.uniform(0.02, 0.25))
+    rig.at(at, lambda now: setattr(rig.trouble, "client_late", spell))
+    return NOTHING
+
+
+def client_wild(rig: FaultRig, at: float, rng: random.Random) -> Expectation:
+    """The client asks for places far away, below ground, another one each time."""
+    end = at + rng.uniform(0.2, 1.5)
+    rig.at(at, lambda now: setattr(rig.trouble, "client_wild", end))
+    return Expectation(LOST_SIGHT)
+
+
+def stranger(rig: FaultRig, at: float, rng: random.Random) -> Expectation:
+    """Somebody without the secret streams full sticks, of this epoch and others."""
+    fake = random.Random(rng.random())
+
+    def speak(now: float) -> None:
+        wild = {axis: fake.uniform(-127.0, 127.0) for axis in ("pitch", "roll", "yaw", "throttle")}
+        setpoint = StickSetpoint(epoch=fake.choice((1, 2, 3)), sequence=fake.randrange(10**6), ttl=0.3, **wild)
+        rig.core.setpoint(setpoint, now, signed("a guess", setpoint.suffix, b""))
+        if now < at + 2.0:
+            rig.at(now + 0.01, speak)
+
+    rig.at(at, speak)
+    return NOTHING
+
+
+def other_kinds(rig: FaultRig, at: float, rng: random.Random) -> Expectation:
+    """The holder changes to sticks, attitudes or velocities and back, from one setpoint to the next."""
+    end, wild = at + rng.uniform(0.2, 1.0), random.Random(rng.random())
+
+    def wanted(now: float) -> Setpoint | None:
+        if now > end:
+            rig.stream = None
+        stream: dict[str, Any] = {**rig.stream_fields, "ttl": wild.uniform(0.05, 1.0)}
+        kind = wild.randrange(3)
+        if kind == 0:
+            return StickSetpoint(**stream, pitch=wild.uniform(-9, 9), roll=wild.uniform(-9, 9), yaw=0.0, throttle=0.0)
+        if kind == 1:
+            lean = wild.uniform(-0.1, 0.1)
+            return AttitudeSetpoint(**stream, pitch=lean, roll=-lean, yaw_rate=0.0, thrust=1.0)
+        speed = (wild.uniform(-20.0, 20.0), wild.uniform(-20.0, 20.0), 0.0)
+        return VelocitySetpoint(**stream, velocity=speed, frame=SetpointFrame.BODY)
+
+    rig.at(at, lambda now: setattr(rig, "stream", wanted))
+    return Expectation(LOST_SIGHT)
+
+
+def taken_over(rig: FaultRig, at: float, rng: random.Random) -> Expectation:
+    """A second client takes the lease by force: the first one's frames end, the aircraft is released."""
+
+    def take(now: float) -> None:
+        rig.take("other", now)
+        rig.take("other", now, force=True)
+
+    rig.at(at, take)
+    return Expectation(("other took the lease",), 0.0)
+
+
+def aborted(rig: FaultRig, at: float, rng: random.Random) -> Expectation:
+    """Somebody aborts: the place is held; a landing that is committed goes on."""
+
+    def abort(now: float) -> None:
+        with suppress(CommandRejectedError):  # nothing is flown any more
+            rig.core.abort(AbortRequest(reason="enough"))
+
+    rig.at(at, abort)
+    return NOTHING
+
+
+def release_asked(rig: FaultRig, at: float, rng: random.Random) -> Expectation:
+    """Somebody asks for a release."""
+    rig.at(at, lambda now: rig.core.release(ReleaseRequest(reason="somebody asks")))
+    return Expectation(("somebody asks",), 0.0)
+
+
+def blind(rig: FaultRig, at: float, rng: random.Random) -> Expectation:
+    """The target is out of sight for a while."""
+    pause = rng.choice((rng.uniform(0.05, 1.4), rng.uniform(1.4, 2.8), rng.uniform(3.2, 6.0)))
+    rig.at(at, lambda now: setattr(rig.trouble, "blind", now + pause))
+    return Expectation(LOST_SIGHT)
+
+
+def eyes_stalled(rig: FaultRig, at: float, rng: random.Random) -> Expectation:
+    """The detector stands still for 2 s, then everything it has seen comes at once."""
+    rig.at(at, lambda now: setattr(rig.trouble, "eyes_stalled", now + 2.0))
+    return Expectation(LOST_SIGHT)
+
+
+def camera_late(rig: FaultRig, at: float, rng: random.Random) -> Expectation:
+    """Poses come later by up to 0.4 s."""
+    spell = (at + rng.uniform(0.5, 4.0), rng.uniform(0.05, 0.4))
+    rig.at(at, lambda now: setattr(rig.trouble, "camera_late", spell))
+    return Expectation(LOST_SIGHT)
+
+
+def camera_wrong(rig: FaultRig, at: float, rng: random.Random) -> Expectation:
+    """A few poses are off by up to a metre."""
+    spell = (at + rng.uniform(0.03, 0.12), rng.uniform(0.2, 1.0))
+    rig.at(at, lambda now: setattr(rig.trouble, "camera_wrong", spell))
+    return Expectation(LOST_SIGHT)
+
+
+def core_stalled(rig: FaultRig, at: float, rng: random.Random) -> Expectation:
+    """The daemon stands still."""
+    pause = rng.choice((rng.uniform(0.02, 0.25), rng.uniform(0.35, 1.0)))
+    rig.at(at, lambda now: setattr(rig.trouble, "core_stalled", now + pause))
+    return Expectation(("the daemon stood still",), pause) if pause > 0.3 else NOTHING
+
+
+def guard_acts(rig: FaultRig, at: float, rng: random.Random) -> Expectation:
+    """The guard says that it has released the aircraft."""
+    rig.at(at, lambda now: rig.core.guard_acted())
+    return Expectation(("the guard released",), 0.0)
+
+
+def line_bad(rig: FaultRig, at: float, rng: random.Random) -> Expectation:
+    """The line is mute, garbage, one-way or degraded for a while."""
+    condition = rng.choice((LinkCondition.MUTE, LinkCondition.GARBAGE, LinkCondition.ONE_WAY, LinkCondition.DEGRADED))
+    patience = {LinkCondition.ONE_WAY: 1.0, LinkCondition.DEGRADED: math.inf}.get(condition, 0.15)
+    pause = rng.choice((rng.uniform(0.02, 0.1), rng.uniform(0.3, 3.0)))
+    rig.at(at, lambda now: rig.set_link(condition, now))
+    rig.at(at + pause, lambda now: rig.set_link(LinkCondition.UP, now))
+    is_certain = pause > patience * TOLERANCE + 0.1
+    return Expectation((f"the link is {condition.value}",), patience if is_certain else math.inf)
+
+
+def line_gone(rig: FaultRig, at: float, rng: random.Random) -> Expectation:
+    """The port is lost and opened again."""
+    rig.at(at, lambda now: rig.set_link(LinkCondition.DOWN, now))
+    rig.at(at + 0.5, lambda now: rig.set_link(LinkCondition.UP, now, openings=2))
+    return Expectation(("the link is down",), 0.0)
+
+
+def line_refuses(rig: FaultRig, at: float, rng: random.Random) -> Expectation:
+    """The line takes no stick frames, for one of its reasons."""
+    line, reason = rng.choice(
+        (
+            (ControlLine(reason="the boards are being asked again"), "external control is not possible"),
+            (ControlLine(layout="v2", obstacle=Obstacle.RELEASING), "a release is under way"),
+            (ControlLine(layout="v2", obstacle=Obstacle.UNCONFIRMED), "the last release is not confirmed"),
+        )
+    )
+    rig.at(at, lambda now: rig.core.line_changed(line))
+    rig.at(at + 1.0, lambda now: rig.core.line_changed(ControlLine(layout="v2")))
+    return Expectation((reason,), 0.0)
+
+
+def receiver_lost(rig: FaultRig, at: float, rng: random.Random) -> Expectation:
+    """The FlightCtrl loses the pilot's transmitter."""
+    lost = Pilot(stamp=stamp(at), source="lab", rc_quality=0.0, has_signal=False, throttle=None, sticks=None)
+    rig.at(at, lambda now: rig.core.state_received(lost, now))
+    return Expectation(("the receiver is lost",), 0.0)
+
+
+def telemetry_silent(rig: FaultRig, at: float, rng: random.Random) -> Expectation:
+    """The boards' attitude does not come."""
+    end = at + rng.uniform(0.2, 3.0)
+    rig.at(at, lambda now: setattr(rig.trouble, "telemetry_silent", end))
+    return Expectation(LOST_SIGHT)
+
+
+def uplink_dead(rig: FaultRig, at: float, rng: random.Random) -> Expectation:
+    """No stick frame arrives for a while; the FlightCtrl holds the last one."""
+    end = at + rng.uniform(0.1, 0.6)
+    rig.at(at, lambda now: setattr(rig.trouble, "uplink_dead", end))
+    return Expectation(LOST_SIGHT)
+
+
+def gust(rig: FaultRig, at: float, rng: random.Random) -> Expectation:
+    """A gust of up to 5 m/s."""
+    speed, course, length = rng.uniform(1.0, 5.0), rng.uniform(0.0, 360.0), rng.uniform(0.5, 3.0)
+    rig.at(at, lambda now: rig.disturb("wind_gust", length, speed=speed, from_deg=course))
+    return Expectation(LOST_SIGHT)
+
+
+def compass_off(rig: FaultRig, at: float, rng: random.Random) -> Expectation:
+    """The compass is off by up to 25 degrees from one moment to the next."""
+    turn = rng.uniform(-25.0, 25.0)
+    rig.at(at, lambda now: rig.disturb("compass_bias", 4.0, deg=turn))
+    return Expectation(LOST_SIGHT)
+
+
+FAULTS: Final[dict[str, Fault]] = {
+    fault.__name__: fault
+    for fault in (
+        client_silent, client_dies, client_late, client_wild, stranger, other_kinds, taken_over, aborted, release_asked,
+        blind, eyes_stalled, camera_late, camera_wrong, core_stalled, guard_acts, line_bad, line_gone, line_refuses,
+        receiver_lost, telemetry_silent, uplink_dead, gust, compass_off,
+    )
+}  # fmt: skip
+"""Every fault by name."""

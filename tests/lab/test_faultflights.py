@@ -1,0 +1,92 @@
+"""Flights with faults: how each is judged, and that broken rules are found."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+
+import pytest
+
+from lab.control.faultflights import Drawn, End, FaultFlight, fly_one, judge, sum_up
+from lab.control.faultrig import FaultRig
+from lab.control.faults import FAULTS, Expectation
+from lab.control.flights import Flight
+from mkdaemon.control.actions import SendSticks
+from mkdaemon.control.limiter import StickCounts
+
+
+@pytest.mark.parametrize(("seed", "end"), [(0, End.RELEASED), (10, End.LANDED)])
+def test_a_flight_with_faults_ends_as_the_table_says(seed, end):
+    flight = fly_one(seed)
+    assert (flight.end, flight.violations) == (end, {})
+    assert flight.frames > 100
+
+
+@pytest.fixture
+def rig():
+    return FaultRig(Flight(seed=1))
+
+
+def drawn(reason="", within=math.inf):
+    return (Drawn("x", 6.0, Expectation((reason,) if reason else (), within)),)
+
+
+def test_a_release_must_be_explained_and_in_time(rig):
+    assert judge(rig, ()) == (End.WRONG, "it never began")
+    rig.outcome.engaged = True
+    assert judge(rig, ())[0] is End.HELD
+    assert judge(rig, drawn("gone", 0.5))[0] is End.WRONG
+    rig.outcome.released, rig.outcome.reason = 6.5, "client is gone"
+    assert judge(rig, drawn("gone", 0.5))[0] is End.RELEASED
+    assert judge(rig, drawn("gone", 0.1))[0] is End.WRONG
+    assert judge(rig, drawn("something else"))[0] is End.WRONG
+    rig.outcome.reason = "landed on pad"
+    assert judge(rig, ())[0] is End.LANDED
+
+
+def test_an_aircraft_that_is_lost_under_control_is_lost(rig):
+    rig.outcome.engaged, rig.record.lost = True, "crashed"
+    assert judge(rig, ()) == (End.LOST, "crashed")
+
+
+@pytest.mark.parametrize(
+    ("counts", "rule"),
+    [
+        (StickCounts(61, 0, 0, 0), "tilt"),
+        (StickCounts(0, 0, 61, 0), "yaw"),
+        (StickCounts(0, 0, 0, 81), "throttle"),
+        (StickCounts(0, 0, 71, 0), "gesture"),
+        (StickCounts(1, 0, 0, 0), "stale tilt"),
+    ],
+)
+def test_a_frame_that_breaks_a_rule_is_found(rig, counts, rule):
+    rig._check(SendSticks(counts, 9.0, 1, 1, 0.0, False), 8.0)
+    assert rig.outcome.violations[rule] == 1
+    assert rig.outcome.violations["without lease"] == 1
+    assert rig.outcome.violations["old epoch"] == 1
+
+
+def test_a_jump_of_the_sticks_and_a_frame_after_the_release_are_found(rig):
+    rig._newest = 8.02
+    for at, pitch in ((8.0, 0), (8.02, 40), (8.025, 40)):
+        rig._check(SendSticks(StickCounts(pitch, 0, 0, 0), 9.0, 0, 1, 0.0, False), at)
+    rig.outcome.released = 8.0
+    rig._check(SendSticks(StickCounts(0, 0, 0, 0), 8.0, 0, 1, 0.0, False), 8.1)
+    found = rig.outcome.violations
+    assert (found["slew"], found["too soon"], found["after the release"], found["sent late"]) == (1, 1, 1, 1)
+
+
+def test_the_sum_counts_every_end_and_every_broken_rule():
+    good = FaultFlight(1, ("blind",), End.LANDED, "landed on pad", 10, {})
+    bad = FaultFlight(2, ("gust",), End.LOST, "left at 3.2 s", 10, {"slew": 2})
+    figures = sum_up([good, bad, good], 1.0)
+    assert figures["faults_ends"]["landed"] == 2
+    assert not figures["faults_ends"]["holds"]
+    assert figures["faults_frames"]["violations"] == Counter(slew=2)
+    assert figures["faults_drawn"]["blind"] == 2
+    assert figures["faults_reasons"]["left at # s"] == 1
+    assert sum_up([good], 1.0)["faults_ends"]["holds"]
+
+
+def test_every_fault_can_be_drawn():
+    assert len(FAULTS) == 23
