@@ -1,0 +1,176 @@
+"""What happens to a flight, one story for each trigger of the safety table, and the time that it took."""
+
+from __future__ import annotations
+
+import asyncio
+import math
+from collections.abc import Awaitable, Callable
+
+from lab.control.triggerrig import ASIDE, CLIENT, HERE, Scene
+from lab.rigs.boardport import LineFault
+from lab.rigs.virtualloop import VirtualLoop
+from mkdaemon.control.guidance.takeoff import TakeOffLimits
+from mkdaemon.link.session.traffic import Purpose
+from mkdaemon.telemetry.command import AbortRequest, LeaseRequest, ReleaseRequest
+from mkdaemon.telemetry.control import Phase
+from mkdaemon.telemetry.setpoint import PositionSetpoint, TakeOffSetpoint
+
+Story = Callable[[Scene], Awaitable[float]]
+
+
+async def stale(scene: Scene) -> float:
+    """The client stops to stream: neutral sticks."""
+    await scene.lean()
+    scene.client.is_streaming = False
+    return await scene.level_after(scene.client.last)
+
+
+async def silent(scene: Scene) -> float:
+    """The client stops to stream: release."""
+    await scene.lean()
+    scene.client.is_streaming = False
+    return await scene.release_after(scene.client.last)
+
+
+async def client_gone(scene: Scene) -> float:
+    """The client's session ends: release."""
+    await scene.lean()
+    scene.flown.flight.client_changed(CLIENT, is_here=False)
+    return await scene.release_after(scene.loop.time())
+
+
+async def over_target(scene: Scene) -> None:
+    """Fly by positions, leaning towards one beside the aircraft."""
+    scene.client.setpoint = (PositionSetpoint, HERE)
+    await scene.until(lambda: scene.flown.flight.phase is Phase.FLYING)
+    await asyncio.sleep(0.5)
+    scene.client.setpoint = (PositionSetpoint, ASIDE)
+    await asyncio.sleep(0.5)
+
+
+async def blind_level(scene: Scene) -> float:
+    """The target is gone: level."""
+    await over_target(scene)
+    scene.client.is_seeing = False
+    return await scene.level_after(scene.client.seen)
+
+
+async def blind_release(scene: Scene) -> float:
+    """The target stays gone: release."""
+    await over_target(scene)
+    scene.client.is_seeing = False
+    return await scene.release_after(scene.client.seen)
+
+
+async def blind_takeoff(scene: Scene) -> float:
+    """A take-off that no image shows: release, from 1.05 of hover throttle on."""
+    scene.client.is_seeing = False
+    scene.client.setpoint = (TakeOffSetpoint, {"height": 2.0})
+    await scene.start_motors()
+    engaged = await scene.until(lambda: scene.flown.flight.phase is Phase.FLYING)
+    limits = TakeOffLimits()
+    strong = engaged + limits.ready + (limits.counts_from - limits.first) / limits.rise
+    return await scene.release_after(engaged) - (strong - engaged)
+
+
+async def aborted(scene: Scene) -> float:
+    """Somebody aborts: the manoeuvre stops."""
+    await over_target(scene)
+    since = scene.loop.time()
+    scene.flown.flight.abort(AbortRequest(reason="enough"))
+    return await scene.until(lambda: scene.flown.flight.phase is Phase.ABORTED) - since
+
+
+async def line_silent(scene: Scene) -> float:
+    """No board data: the lease ends, a release is sent."""
+    await scene.lean()
+    heard = scene.flown.sink.heard_at
+    assert scene.flown.socket.port is not None
+    scene.flown.socket.port.inject(LineFault.SILENCE)
+    return await scene.release_after(heard)
+
+
+async def one_way(scene: Scene) -> float:
+    """The board does not hear us: the lease ends after the verdict of 0.5 s and 1 s of patience."""
+    await scene.lean()
+    assert scene.flown.socket.port is not None
+    scene.flown.socket.port.inject(LineFault.ONE_WAY)
+    since = scene.loop.time()
+    return await scene.until(lambda: scene.flown.flight.phase not in (Phase.FLYING, Phase.STALE)) - since
+
+
+async def dead_man(scene: Scene) -> float:
+    """Nothing of ours arrives any more: the FlightCtrl itself drops the sticks."""
+    await scene.lean()
+    assert scene.flown.socket.port is not None
+    last = scene.flown.sink.tx[-1].at
+    scene.flown.socket.port.inject(LineFault.ONE_WAY)
+    return await scene.until(lambda: not scene.flown.aircraft.is_controlled) - last
+
+
+async def release_asked(scene: Scene) -> float:
+    """Somebody asks for a release."""
+    await scene.lean()
+    since = scene.loop.time()
+    asking = asyncio.create_task(scene.flown.flight.release(ReleaseRequest(reason="enough")))
+    took = await scene.release_after(since)
+    await asking
+    return took
+
+
+async def taken_over(scene: Scene) -> float:
+    """Another client takes the lease by force."""
+    await scene.lean()
+    since = scene.loop.time()
+    await scene.flown.flight.lease(LeaseRequest(action="take", holder="other", force=True))
+    return await scene.release_after(since)
+
+
+async def receiver_lost(scene: Scene) -> float:
+    """The FlightCtrl says that it has lost the pilot's transmitter."""
+    scene.client.is_streaming = False
+    await scene.start_motors()
+    scene.client.is_streaming = True
+    pilot, core = scene.bench.pilot, scene.flown.aircraft.flight.core
+    pilot.gas = 20
+    await scene.lean()
+    await asyncio.sleep(3.0)
+    pilot.rc_quality = 0
+    return await scene.release_after(await scene.until(lambda: core.emergency))
+
+
+async def daemon_stalled(scene: Scene) -> float:
+    """The daemon stands still for longer than a setpoint lives: the first thing it sends is a release."""
+    await scene.lean()
+    assert isinstance(scene.loop, VirtualLoop)
+    scene.loop.stand_still(0.4)
+    woken = scene.loop.time()
+    took = await scene.release_after(woken)
+    moved = [sent for sent in scene.flown.sink.tx if sent.at > woken and sent.purpose is Purpose.SETPOINT]
+    return math.inf if moved else took
+
+
+async def guard_neutral(scene: Scene) -> float:
+    """The control loop hangs: the guard sends neutral sticks."""
+    await scene.lean()
+    scene.flown.tasks[1].cancel()
+    last = scene.flown.sink.tx[-1].at
+    await scene.until(lambda: bool(scene.guard.written))
+    return scene.guard.written[0][0] - last
+
+
+async def guard_release(scene: Scene) -> float:
+    """The control loop hangs: the guard releases."""
+    await scene.lean()
+    scene.flown.tasks[1].cancel()
+    last = scene.flown.sink.tx[-1].at
+    await scene.until(lambda: scene.guard.guard.is_releasing)
+    return scene.loop.time() - last
+
+
+async def gate_shut(scene: Scene) -> float:
+    """The pilot shuts the gate: the FlightCtrl itself ignores our sticks."""
+    await scene.lean()
+    scene.bench.pilot.gate = 0
+    since = scene.loop.time()
+    return await scene.until(lambda: not scene.flown.aircraft.applied[-1].is_valid) - since
