@@ -1,4 +1,7 @@
-"""What the black box costs the daemon: processor time, and the way of a setpoint, with and without it, in turns."""
+"""What the black box costs the daemon: processor time, and the way of a setpoint, with and without it, in turns.
+
+Medians of the turns count: another program of this machine can make one of them long, and never one short.
+"""
 
 from __future__ import annotations
 
@@ -6,6 +9,7 @@ import asyncio
 import tempfile
 import time
 from pathlib import Path
+from statistics import median
 from typing import Any, Final
 
 from lab.rigs.pilot import Pilot
@@ -35,7 +39,7 @@ async def measure(seconds: float, turns: int) -> dict[str, Any]:
             found.setdefault(name, []).append(await _fly(section, seconds, seed=turn))
     figures: dict[str, Any] = {}
     for name, runs in found.items():
-        figures[name] = {key: sum(run[key] for run in runs) / len(runs) for key in runs[0]}
+        figures[name] = {key: median(run[key] for run in runs) for key in runs[0]}
     on, off = figures["on"], figures["off"]
     figures["cpu_percent_more"] = on["cpu_percent"] - off["cpu_percent"]
     figures["setpoint_p99_ms_more"] = on["setpoint_p99_ms"] - off["setpoint_p99_ms"]

@@ -1,7 +1,8 @@
 """`python -m lab record`: what recording costs, and what is left of it after every bad end.
 
 `writing` times entries on their way into a file and back; `cost` flies a daemon with and without its black box, in
-turns; `kills` ends daemons and recorders by `kill -9` at random moments; `disks` fills and removes what they write to.
+turns, and times the event loop beside the recorder's thread; `kills` ends daemons and recorders by `kill -9` at random
+moments; `disks` fills and removes what they write to.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ from typing import Annotated, Any, Final, Literal
 
 from cyclopts import Parameter
 
-from lab.record import cost, disks, kills, writing
+from lab.record import cost, disks, kills, looplag, writing
 from mkdaemon.cli.arguments import AsJson, require_count, require_length
 from mkdaemon.cli.printing import json_line
 from mkdaemon.cli.program import EXIT_FAILURE, EXIT_OK
@@ -45,6 +46,7 @@ def main(
                 figures[name] = writing.measure(entries)
             case "cost":
                 figures[name] = asyncio.run(cost.measure(seconds, turns))
+                figures[name]["loop"] = looplag.measure(2 * turns)
             case "kills":
                 figures[name] = {
                     "daemon": asyncio.run(_repeat("daemon", kills.kill_daemon, runs)),

@@ -38,7 +38,7 @@ def measure(count: int) -> dict[str, Any]:
     Args:
         count: how many.
     """
-    values = list(_values(count))
+    values = list(made_values(count))
     entries = [_entry(number, suffix, payload, encoding) for number, (suffix, payload, encoding) in enumerate(values)]
     ours, plain = _best(lambda: _write(entries, None)), _best(lambda: _write_plain(entries))
     with_json = _best(lambda: _write(entries, JsonView(schema_json)))
@@ -72,7 +72,7 @@ def _best(work: Callable[[], object]) -> float:
     return min(times)
 
 
-def _values(count: int) -> Iterator[tuple[str, bytes, str]]:
+def made_values(count: int) -> Iterator[tuple[str, bytes, str]]:
     """What a daemon publishes: frames, and what they say."""
     rng = np.random.default_rng(1)
     for number in range(count):

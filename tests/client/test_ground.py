@@ -138,7 +138,7 @@ async def test_the_command_ends_in_time_and_tells_what_came(tmp_path, capsys):
         speaking = asyncio.create_task(speak())
         for as_json in (True, False):
             where = Connection(connect=endpoint, json=as_json)
-            assert await record(folder=tmp_path, seconds=0.7, connection=where) == 0
+            assert await record(folder=tmp_path, seconds=0.4, connection=where) == 0
         speaking.cancel()
     line, *words = capsys.readouterr().out.splitlines()
     fields = json.loads(line)

@@ -289,9 +289,9 @@ def test_a_defect_ends_the_recording_and_is_reported(tmp_path):
 def test_two_hours_take_no_more_memory_than_a_minute(tmp_path):
     bench = Bench(tmp_path, limits=replace(ROOMY, file_time=1800.0), capacity=10**6)
     sizes = []
-    for second in range(7200):
-        bench.queue.put(sample(second // 50 + 1, f"mk/mk1/state/{second % 50}"))
-        bench.now += 1.0
+    for second in range(0, 7200, 2):
+        bench.queue.put(sample(second // 100 + 1, f"mk/mk1/state/{second % 100}"))
+        bench.now += 2.0
         bench.recorder.step(bench.now)
         if bench.recorder._part is not None:
             writer = bench.recorder._part.writer

@@ -21,6 +21,8 @@ from mkdaemon.record.layout import MAGIC
 
 MOST_CHUNK_BYTES: Final = 1 << 28
 """A chunk that claims to be larger is damaged, or not ours [bytes]."""
+_LONGEST_NAME: Final = 8
+"""Of a compression [bytes]."""
 _BLOCK: Final = 1 << 20
 _HEAD: Final = struct.Struct("<BQ")
 _CHUNK: Final = struct.Struct("<QQQII")
@@ -188,11 +190,25 @@ class Scanner:
     def _next_chunk(self, start: int) -> int:
         for at in range(start, self._size, _BLOCK):
             for found in _CHUNK_START.finditer(self._read(at, _BLOCK + _HEAD.size)):
+                if not self._may_be_chunk(at + found.start()):
+                    continue
                 record = self._record_at(at + found.start())
                 chunk = read_chunk(record.content) if isinstance(record, Record) else None
                 if chunk is not None and chunk.checksum and not chunk.fault():
                     return at + found.start()
         return self._size
+
+    def _may_be_chunk(self, at: int) -> bool:
+        """Whether the first bytes are those of a chunk: damage has many places like it, and a chunk may be long."""
+        head = self._read(at, _HEAD.size + _CHUNK.size + _LONGEST_NAME + 8)
+        if len(head) < _HEAD.size + _CHUNK.size:
+            return False
+        (*_, name) = _CHUNK.unpack_from(head, _HEAD.size)
+        stored = _HEAD.size + _CHUNK.size + name
+        if name > _LONGEST_NAME or len(head) < stored + 8:
+            return False
+        (length,), (_, whole) = struct.unpack_from("<Q", head, stored), _HEAD.unpack_from(head)
+        return bool(length == whole - _CHUNK.size - name - 8)
 
     def _read(self, at: int, length: int) -> bytes:
         self._file.seek(at)
