@@ -52,6 +52,21 @@ def test_an_open_bus_is_told_to_everybody():
         assert "OPEN: everybody in the network may fly, at tcp/0.0.0.0:7447" in screen.getvalue()
 
 
+@pytest.mark.parametrize(
+    ("state", "reason", "lost", "words"),
+    [
+        ("recording", "", 0, "12 entries, 3 MB"),
+        ("recording", "", 7, "12 entries, 3 MB, 7 LOST"),
+        ("full", "no room", 7, "NOT RECORDING (full): no room, 7 LOST"),
+    ],
+)
+def test_the_screen_says_whether_everything_is_recorded(state, reason, lost, words):
+    fields = {"state": state, "reason": reason, "lost": lost, "entries": 12, "total_bytes": 3_000_000}
+    with StringIO() as screen:
+        Console(file=screen, width=120).print(render("mk1", {"record/status": fields}))
+        assert words in screen.getvalue()
+
+
 def test_the_status_line_says_line_motors_and_who_flies():
     words = status_line(vehicle_health(VehicleFacts(), line(), STAMP, note=""), Phase.FREE)
     assert words == "link absent: the line has not been opened yet; motors unknown; control free"

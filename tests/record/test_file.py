@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import os
 import struct
 from itertools import pairwise
 from pathlib import Path
@@ -237,6 +238,12 @@ def test_json_for_viewers_is_no_entry(tmp_path: Path) -> None:
 def test_a_file_that_is_not_there_is_named(tmp_path: Path) -> None:
     with pytest.raises(MkError, match=r"a\.mcap: cannot be opened"):
         list(Recording(tmp_path / "a.mcap").entries())
+
+
+def test_a_pipe_is_no_recording_and_holds_nobody_up(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "a.mcap")
+    with pytest.raises(MkError, match=r"a\.mcap: cannot be opened \(no regular file\)"):
+        Recording(tmp_path / "a.mcap").read_session()
 
 
 def test_what_is_no_recording_says_so(tmp_path: Path) -> None:

@@ -13,11 +13,12 @@ from mkdaemon.errors import MkError
 if TYPE_CHECKING:
     from mkdaemon.telemetry.control import ControlStatus
     from mkdaemon.telemetry.link import LinkHealth, LinkState
+    from mkdaemon.telemetry.record import RecordStatus
     from mkdaemon.telemetry.state import Attitude, Battery, Flight, Gps, Pilot, Position, Velocity
     from mkdaemon.telemetry.vehicle import VehicleHealth
 
 _Value = TypeVar("_Value")
-PATTERNS: Final = ("health", "link/state", "link/health", "control/status", "state/*")
+PATTERNS: Final = ("health", "link/state", "link/health", "control/status", "state/*", "record/status")
 
 
 class _Last(Generic[_Value]):
@@ -66,6 +67,9 @@ class VehicleStatus:
     """What the aircraft is doing."""
     pilot: ClassVar[_Last[Pilot]] = _Last("state/pilot")
     """What reaches the aircraft from the pilot."""
+
+    recorder: ClassVar[_Last[RecordStatus]] = _Last("record/status")
+    """What the daemon's own recorder does."""
 
     @property
     def is_alive(self) -> bool:

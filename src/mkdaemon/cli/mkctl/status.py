@@ -131,6 +131,14 @@ def _pilot(fields: Fields) -> str:
     return f"receiver {100 * fields['rc_quality']:.0f} %{'' if fields['has_signal'] else ', NO SIGNAL'}"
 
 
+def _recording(fields: Fields) -> str:
+    """A warning where something is not recorded; else how much is."""
+    lost = f", {fields['lost']} LOST" if fields["lost"] else ""
+    if fields["state"] == "recording":
+        return f"{fields['entries']} entries, {fields['total_bytes'] / 1e6:.0f} MB{lost}"
+    return f"NOT RECORDING ({fields['state']}): {fields['reason']}{lost}"
+
+
 _LINES = (
     ("vehicle", "health", _health),
     ("bus", "health", _open_endpoints),
@@ -144,4 +152,5 @@ _LINES = (
     ("battery", "state/battery", _battery),
     ("GPS", "state/gps", _gps),
     ("pilot", "state/pilot", _pilot),
+    ("recording", "record/status", _recording),
 )
