@@ -243,7 +243,7 @@ def test_a_file_is_brought_to_the_disk_as_often_as_configured(tmp_path):
     assert bench.disk.synced == pytest.approx(20 / 5, abs=1)
 
 
-def test_a_disk_that_hangs_costs_entries_and_nothing_else(tmp_path):
+def test_a_disk_that_hangs_costs_entries_and_nothing_else(tmp_path, monkeypatch):
     bench = Bench(tmp_path, capacity=50_000)
     hanging, go_on = threading.Event(), threading.Event()
 
@@ -262,6 +262,10 @@ def test_a_disk_that_hangs_costs_entries_and_nothing_else(tmp_path):
     assert bench.queue.size <= 50_000
     lost = bench.queue.lost
     assert lost > 800
+    assert thread.report.state is RecorderState.RECORDING
+    monkeypatch.setattr("mkdaemon.record.thread.STALLED", 0.0)
+    assert thread.report.state is RecorderState.FAULT
+    assert "has not answered" in thread.report.reason
     assert not thread.stop(0.01)
     go_on.set()
     assert thread.stop(10.0)

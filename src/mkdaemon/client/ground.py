@@ -93,7 +93,7 @@ class GroundRecording:
     @property
     def report(self) -> RecorderReport:
         """What the recorder does now."""
-        return self.thread.recorder.report
+        return self.thread.report
 
     @property
     def received(self) -> int:

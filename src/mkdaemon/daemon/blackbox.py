@@ -134,7 +134,7 @@ class BlackBox:
                 queue_bytes=0,
                 queue_limit_bytes=0,
             )
-        report, queue = self._thread.recorder.report, self._thread.recorder.queue
+        report, queue = self._thread.report, self._thread.recorder.queue
         return RecordStatus(
             stamp=stamp,
             state=report.state,
