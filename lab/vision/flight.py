@@ -37,6 +37,31 @@ LEVEL = Platform()
 TROUBLES = ("band", "patches", "glare", "shadow", "defocus", "motion", "dim")
 
 
+FAIR = Conditions()
+VIBRATION_HZ = 120.0
+"""Of a multirotor's frame: a motor at 7200 revolutions a minute."""
+
+
+@dataclass(frozen=True, slots=True)
+class Device:
+    """A camera beside its lens.
+
+    Attributes:
+        conditions: light, noise and processing of an image without troubles.
+        exposure_time: of an image without troubles [s].
+        line_time: between neighbouring rows [s].
+        vibration: angular rate of the vibration, deviation of each axis [rad/s].
+    """
+
+    conditions: Conditions = FAIR
+    exposure_time: float = 0.004
+    line_time: float = 0.0
+    vibration: float = 0.0
+
+
+IDEAL = Device()
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class FlightFrame:
     """One image of a flight and the truth behind it.
@@ -122,6 +147,7 @@ def fly(
     near: float = 0.35,
     far: float = 4.5,
     deck: Platform = LEVEL,
+    device: Device = IDEAL,
 ) -> Iterator[FlightFrame]:
     """Render one flight.
 
@@ -136,6 +162,7 @@ def fly(
         far: greatest height [m].
         deck: how the target lies.
         troubled: occlusion, patches, glare, shadow, defocus, motion blur and dim light come and go.
+        device: what the camera does beside its lens.
 
     Yields:
         The images in order.
@@ -155,11 +182,17 @@ def fly(
     plan = _plan(rng, seconds, target.tags[0].size) if troubled else []
     for k in range(int(seconds * fps)):
         t = (k + 0.5) / fps
-        trouble, conditions, exposure = "", Conditions(), 0.004
+        trouble, conditions, exposure = "", device.conditions, device.exposure_time
         for start, end, name, drawn, shutter in plan:
             if start <= t < end:
                 trouble, conditions, exposure = name, drawn, shutter
         view, _ = path.view(t, lens or intrinsics, exposure)
+        view = replace(
+            view,
+            line_time=device.line_time,
+            vibration_cam=device.vibration * rng.standard_normal(3) if device.vibration > 0.0 else np.zeros(3),
+            vibration_hz=VIBRATION_HZ,
+        )
         rotation, position = cam_from_target(placed, view)
         pixels = scene.render(view, conditions)
         seen = target.tags[0].corners @ rotation.T + position

@@ -21,6 +21,7 @@ from lab.vision.cases import ACCURACY, COLD, CONDITIONS, VIEW_ANGLE
 from lab.vision.decks import DECKS
 from lab.vision.never import FLIGHTS, FLIPS, all_flips
 from lab.vision.rates import rates
+from lab.vision.real import REAL
 from lab.vision.searching import SEARCH
 from lab.vision.stages import stages
 from lab.vision.stills import SeedSet
@@ -42,6 +43,7 @@ CASES: Final[dict[str, Case]] = {
     "conditions": CONDITIONS,
     "flights": FLIGHTS,
     "decks": DECKS,
+    "real": REAL,
     "flips": FLIPS,
     "false_positives": FALSE_POSITIVES,
     "nees": CONSISTENCY,

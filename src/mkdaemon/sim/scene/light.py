@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from mkdaemon.sim.scene.processing import NO_PROCESSING, Processing
 from mkdaemon.sim.scene.view import RayGrid
 
 Image32 = npt.NDArray[np.float32]
@@ -79,6 +80,7 @@ class Conditions:
         covers: occluders.
         noise_sd: read noise [grey].
         shot_gain: photon noise, variance per grey value [grey]; 0.0255 is a full well of 10,000 electrons.
+        processing: what the camera's processor makes of the light.
         jpeg_quality: recompress at this quality, 1-100; none leaves the image as the sensor gave it.
         target_in_view: false takes every target away.
     """
@@ -94,6 +96,7 @@ class Conditions:
     covers: tuple[Cover, ...] = ()
     noise_sd: float = 1.5
     shot_gain: float = 0.0255
+    processing: Processing = NO_PROCESSING
     jpeg_quality: int | None = None
     target_in_view: bool = True
 
@@ -187,6 +190,7 @@ class Sensor:
             )
             start = int(self._rng.integers(0, NOISE_POOL - grey.size))
             grey += self._pool[start : start + grey.size].reshape(grey.shape) * spread
+        grey = conditions.processing.apply(grey)
         pixels = np.clip(np.rint(grey, out=grey), 0.0, 255.0, out=grey).astype(np.uint8)
         return pixels if conditions.jpeg_quality is None else through_jpeg(pixels, conditions.jpeg_quality)
 

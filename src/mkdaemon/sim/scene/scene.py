@@ -19,6 +19,7 @@ from mkdaemon.sim.scene.ground import Ground, GroundKind
 from mkdaemon.sim.scene.layers import Layer, print_target
 from mkdaemon.sim.scene.light import Conditions, Sensor, add_glare, lens_blur, shade, streak
 from mkdaemon.sim.scene.raster import draw_cover, draw_layer, ray_from_plane, visible_layers
+from mkdaemon.sim.scene.rolling import roll
 from mkdaemon.sim.scene.view import NEAR_M, CameraView, Pose, RayGrid, project
 from mkdaemon.vision.camera.intrinsics import Intrinsics
 from mkdaemon.vision.tags.tagmap import Target
@@ -100,6 +101,8 @@ class Scene:
         rays = self._rays.get(view.intrinsics)
         if rays is None:
             rays = self._rays.setdefault(view.intrinsics, RayGrid(view.intrinsics))
+        if view.line_time > 0.0 and self.targets:
+            rays = roll(rays, view, self.targets[0].motion.pose_at(view.time))
         return self._sensor.expose(lens_blur(self._exposed(view, conditions, rays), conditions), conditions)
 
     def _exposed(self, view: CameraView, conditions: Conditions, rays: RayGrid) -> Image32:

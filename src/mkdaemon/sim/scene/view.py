@@ -57,6 +57,11 @@ class CameraView:
         rate_cam: `(3,)` angular rate about the camera's own axes [rad/s]; only blurs.
         exposure_time: how long the shutter is open [s]; 0 freezes motion.
         time: middle of the exposure, moves platforms [s].
+        line_time: between the exposures of neighbouring rows, from the top [s]; 0 is a global shutter. The pose is
+            that of the middle row.
+        vibration_cam: greatest angular rate of a vibration about the camera's axes `(3,)` [rad/s], seen by a rolling
+            shutter; in the middle row its rate is greatest.
+        vibration_hz: its frequency [Hz].
     """
 
     intrinsics: Intrinsics
@@ -66,6 +71,17 @@ class CameraView:
     rate_cam: Array = field(default_factory=lambda: np.zeros(3))
     exposure_time: float = 0.0
     time: float = 0.0
+    line_time: float = 0.0
+    vibration_cam: Array = field(default_factory=lambda: np.zeros(3))
+    vibration_hz: float = 0.0
+
+    def turned(self, time_offset: float) -> Array:
+        """Rotation vector `(3,)` [rad] from the pose to that `time_offset` [s] later, its own axes."""
+        turned: Array = self.rate_cam * time_offset
+        if self.vibration_hz > 0.0:
+            circular = 2.0 * np.pi * self.vibration_hz
+            turned = turned + self.vibration_cam * (np.sin(circular * time_offset) / circular)
+        return turned
 
     def moved(self, time_offset: float) -> CameraView:
         """The same camera `time_offset` [s] away from the middle of the exposure, standing still."""
@@ -104,12 +120,10 @@ class RayGrid:
     are exact to 1e-5 px.
     """
 
-    def __init__(self, intrinsics: Intrinsics) -> None:
+    def __init__(self, intrinsics: Intrinsics, padded: tuple[Image32, Image32] | None = None) -> None:
+        """Compute the directions, or take those `(height + 2, width + 2)` that are known, with the border."""
         self.intrinsics = intrinsics
-        height, width = intrinsics.height, intrinsics.width
-        v, u = np.mgrid[-1 : height + 1, -1 : width + 1].astype(np.float64)
-        x, y = _undistorted((u - intrinsics.cx) / intrinsics.fx, (v - intrinsics.cy) / intrinsics.fy, intrinsics)
-        self._x, self._y = x.astype(np.float32), y.astype(np.float32)
+        self._x, self._y = padded if padded is not None else _directions(intrinsics)
         self.x, self.y = self._x[1:-1, 1:-1].copy(), self._y[1:-1, 1:-1].copy()
         self._column_low, self._column_high = self.x.min(axis=0), self.x.max(axis=0)
         rim = np.concatenate(
@@ -124,6 +138,11 @@ class RayGrid:
         )
         self.rim: Array = np.vstack([np.concatenate([rim, corner]).T, np.ones(len(rim) + 3)]).astype(np.float64)
         self._row_low, self._row_high = self.y.min(axis=1), self.y.max(axis=1)
+
+    @property
+    def padded(self) -> tuple[Image32, Image32]:
+        """The directions with their border, `(height + 2, width + 2)` each."""
+        return self._x, self._y
 
     def window(self, x_range: tuple[float, float], y_range: tuple[float, float]) -> tuple[slice, slice]:
         """Rows and columns that can see directions inside the box; empty slices when none does."""
@@ -146,6 +165,13 @@ class RayGrid:
         part = grid[rows.start : rows.stop + 2, columns.start : columns.stop + 2]
         fine = cv2.resize(part, None, fx=factor, fy=factor, interpolation=cv2.INTER_LINEAR)
         return np.asarray(fine[factor:-factor, factor:-factor], dtype=np.float32)
+
+
+def _directions(intrinsics: Intrinsics) -> tuple[Image32, Image32]:
+    """Directions of all pixels and of a border of one."""
+    v, u = np.mgrid[-1 : intrinsics.height + 1, -1 : intrinsics.width + 1].astype(np.float64)
+    x, y = _undistorted((u - intrinsics.cx) / intrinsics.fx, (v - intrinsics.cy) / intrinsics.fy, intrinsics)
+    return x.astype(np.float32), y.astype(np.float32)
 
 
 def _undistorted(xd: Array, yd: Array, intrinsics: Intrinsics) -> tuple[Array, Array]:
