@@ -120,6 +120,7 @@ class EdgeLimits:
     glare_px: float = of(2.0, "px", "reach of a highlight beside an edge that hides it", STILLS)
     blown_share: float = of(0.5, "share", "of blown bright sides from which the paper is blown", STILLS)
     missed_px: float = of(0.6, "px", "cost of a sample without its edge when rivals compare", BLIND)
+    shift_sd_px: float = of(0.2, "px", "of a common shift of all edges (tone curve, ink)", "0.3-0.4 px, webcams")
     systematic_px: float = of(0.01, "px", "interpolation error that does not average out", "noise-free stills")
 
 

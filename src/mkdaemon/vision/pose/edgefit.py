@@ -5,7 +5,9 @@ of a pixel, and a robust Gauss-Newton step moves the pose. No closed quad is nee
 samples away, and the normal matrix gives the covariance. Best from four pixels a cell upwards.
 
 With d_i the offset of edge i along its normal n_i [px] and J_i = n_i . du/dx the derivative of its pixel u by the pose
-x = (position, rotation vector), a step solves min over x of sum w_i (d_i - J_i x)^2.
+x = (position, rotation vector), a step solves min over x of sum w_i (d_i - J_i x - s)^2. The shift s is common to all
+edges: a tone curve lifts the middle of a blurred edge and so spreads white over black; sharpening and ink move it too.
+Without s a tag would be taken for a nearer or farther one; edges of both senses tell s from its size.
 
 Source: model-edge tracking, Drummond and Cipolla, PAMI 24(7), 2002; Tukey weights, Holland and Welsch 1977.
 """
@@ -129,6 +131,7 @@ class EdgeFit:
             prior = level.pull(rotation, limits.located_px) if level is not None else (np.zeros((6, 6)), np.zeros(6))
             if stretch_sd > 0.0:
                 samples, prior = self._with_stretch(samples, prior, projection, stretch, stretch_sd)
+            samples, prior = _with_shift(samples, prior, limits.located_px / limits.shift_sd_px)
             least_scale = limits.first_scale_px if k == 0 else limits.least_scale_px
             step, weights, normal = _robust_step(samples.jacobian, edges, least_scale, limits.tukey, prior)
             rotation = turn(rotation, step[3:6])
@@ -137,7 +140,7 @@ class EdgeFit:
                 return None
             if np.linalg.norm(position - start.position) > limits.max_move * start.range_m + limits.max_move_m:
                 return None
-            moved = median(np.abs(samples.jacobian @ step))
+            moved = median(np.abs(samples.jacobian[:, :-1] @ step[:-1]))
             fitted = self._pose(rotation, position, samples, edges, step, weights, normal)
             if moved < limits.settled_px and reach <= limits.reach_px[-2]:
                 break
@@ -155,7 +158,7 @@ class EdgeFit:
         if samples is None:
             return None
         edges = find_edges(pixels, samples, self._limits)
-        return LocatedEdges(samples.index, edges.offsets, edges.found, samples.jacobian)
+        return LocatedEdges(samples.index, edges.offsets - pose.shift_px, edges.found, samples.jacobian)
 
     def _project(
         self, shape: tuple[int, ...], rotation: Array, position: Array, reach: float, projection: Projection
@@ -234,7 +237,18 @@ class EdgeFit:
             float(np.linalg.norm(step[:3])) / max(float(np.linalg.norm(position)), 1e-9),
             loss=float(np.exp(np.mean(np.log(squared)))),
             blur_px=edges.width,
+            shift_px=float(step[-1]),
         )
+
+
+def _with_shift(samples: Samples, prior: tuple[Array, Array], weight: float) -> tuple[Samples, tuple[Array, Array]]:
+    """One more unknown s, the last, that every offset holds in full: J gains 1, the cost (weight s)^2."""
+    count = len(prior[1])
+    matrix, right = np.zeros((count + 1, count + 1)), np.zeros(count + 1)
+    matrix[:count, :count], right[:count] = prior
+    matrix[count, count] = weight**2
+    column = np.ones((len(samples.jacobian), 1))
+    return replace(samples, jacobian=np.hstack([samples.jacobian, column])), (matrix, right)
 
 
 def _robust_step(

@@ -3,9 +3,10 @@
 Below four pixels a cell edges melt into each other and a located edge means little. Here the known print is rendered
 through pose, pixel area and point spread, and pose x, light a and blur b are fitted to the grey values at once:
 
-    I(p) = a0 m(p; x, b) + a1 + a2 u(p) + a3 v(p)
+    I(p) = a0 m(p; x, b) + a1 + a2 u(p) + a3 v(p) + a4 m (1 - m)
 
-with m the rendered print, 0 to 1, and (u, v) the place of the pixel p in the print.
+with m the rendered print, 0 to 1, and (u, v) the place of the pixel p in the print; a4 is the camera's tone curve to
+second order, which leaves black and white as they are.
 
 Source: direct alignment, Lucas and Kanade, IJCAI 1981; Gauss-Newton with Levenberg damping.
 """
@@ -170,8 +171,9 @@ class PhotoFit:
         arm = np.column_stack([at.u, at.v]) @ (rotation @ axes[:, :2]).T + rotation @ self._print.origin
         point = self._projection.jacobian(arm + position)
         # Light: least squares of I = a . (m, 1, u, v) at the present pose and blur; residual r = I - a . (m, 1, u, v).
-        light = np.stack([at.value, np.ones_like(at.value), at.u / half, at.v / half])
-        gain: Array = np.asarray(np.linalg.solve(light @ light.T + 1e-6 * np.eye(4), light @ at.grey), dtype=np.float64)
+        tone = at.value * (1.0 - at.value)
+        light = np.stack([at.value, np.ones_like(at.value), at.u / half, at.v / half, tone])
+        gain: Array = np.asarray(np.linalg.solve(light @ light.T + 1e-6 * np.eye(5), light @ at.grey), dtype=np.float64)
         lit: Array = np.asarray(gain @ light, dtype=np.float64)
         residual = at.grey - lit
         # Robust weights: 1 within c sigma, (c sigma / r)^2 beyond, sigma from the median of |r|.
@@ -181,19 +183,20 @@ class PhotoFit:
         bound = limits.outlier * spread
         weights = np.where(size < bound, 1.0, (bound / size) ** 2)
         cost = float(np.mean(np.minimum(size, COST_BOUND * spread) ** 2))
-        # Pose: a print that moves by d shows at a pixel what was d before it, dI = -a0 grad(m) . du; a turn w moves a
-        # point at `arm` by w x arm.
-        jacobian = np.empty((11, len(at.value)))
-        slope = (at.dx * -gain[0])[:, None] * point[:, 0] + (at.dy * -gain[0])[:, None] * point[:, 1]
+        # Pose: a print that moves by d shows at a pixel what was d before it, dI = -dI/dm grad(m) . du; a turn w moves
+        # a point at `arm` by w x arm.
+        jacobian = np.empty((12, len(at.value)))
+        contrast = gain[0] + gain[4] * (1.0 - 2.0 * at.value)
+        slope = (at.dx * -contrast)[:, None] * point[:, 0] + (at.dy * -contrast)[:, None] * point[:, 1]
         jacobian[:3] = slope.T
         jacobian[3] = arm[:, 1] * slope[:, 2] - arm[:, 2] * slope[:, 1]
         jacobian[4] = arm[:, 2] * slope[:, 0] - arm[:, 0] * slope[:, 2]
         jacobian[5] = arm[:, 0] * slope[:, 1] - arm[:, 1] * slope[:, 0]
-        jacobian[6:10] = light
-        # Blur: a Gaussian obeys the heat equation, dm/db = b laplace(m), so dI/d(log b) = a0 b^2 laplace(m).
-        jacobian[10] = at.laplace * (gain[0] * model.blur**2)
+        jacobian[6:11] = light
+        # Blur: a Gaussian obeys the heat equation, dm/db = b laplace(m), so dI/d(log b) = dI/dm b^2 laplace(m).
+        jacobian[11] = at.laplace * contrast * model.blur**2
         # Unknowns in units in which they are of one size, or the normal matrix loses its digits.
-        unit = np.concatenate([np.full(3, position[2]), np.ones(3), np.full(4, 100.0), [1.0]])
+        unit = np.concatenate([np.full(3, position[2]), np.ones(3), np.full(5, 100.0), [1.0]])
         jacobian *= unit[:, None]
         weighted = jacobian * weights
         normal = weighted @ jacobian.T
@@ -201,7 +204,7 @@ class PhotoFit:
         solved = np.linalg.solve(normal + ridge, weighted @ residual) * unit
         # Covariance of the pose with light and blur unknown: sigma^2 times its block of the inverse normal matrix.
         inverse = np.linalg.inv(normal + 1e-9 * np.eye(len(unit)))[:6, :6] * np.outer(unit[:6], unit[:6])
-        noise = float((weights * residual**2).sum() / max(weights.sum() - 11.0, 1.0))
+        noise = float((weights * residual**2).sum() / max(weights.sum() - 12.0, 1.0))
         # Residual as a shift of edges: rms over the rms slope of the lit print [grey / (grey/px)].
         steepness = float(np.sqrt(np.mean(at.dx**2 + at.dy**2))) * abs(float(gain[0]))
         squared = np.minimum(size, limits.lost_grey) ** 2 + limits.quiet_grey**2
@@ -218,4 +221,4 @@ class PhotoFit:
             correlation(at.grey, lit) if gain[0] > 0 else -1.0,
             model.blur,
         )
-        return _Step(solved[:6], float(solved[10]), cost, pose)
+        return _Step(solved[:6], float(solved[11]), cost, pose)

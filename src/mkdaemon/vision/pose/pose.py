@@ -52,6 +52,8 @@ class Pose:
             hidden samples cost both rivals the same.
         match: correlation between model and image, where the fit knows it.
         blur_px: width of an edge in the image, where the fit knows it.
+        shift_px: how far all edges lie towards their bright side, where the fit asked [px]: less than zero where a tone
+            curve makes white spread over black.
         stretch: logarithm of the ratio of the focal lengths over the calibrated one, where the fit was free to ask.
     """
 
@@ -66,6 +68,7 @@ class Pose:
     loss: float = 0.0
     match: float | None = None
     blur_px: float | None = None
+    shift_px: float = 0.0
     stretch: float | None = None
 
     @property

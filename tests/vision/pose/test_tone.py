@@ -1,0 +1,63 @@
+"""A tone curve and sharpening move every edge: poses stay where they are."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from lab.vision.flight import VGA
+from lab.vision.stills import target_named
+from mkdaemon.sim.scene.light import Conditions
+from mkdaemon.sim.scene.motion import Platform
+from mkdaemon.sim.scene.processing import NO_PROCESSING, Processing
+from mkdaemon.sim.scene.scene import Scene, SceneTarget, cam_from_target
+from mkdaemon.sim.scene.view import view_towards
+from mkdaemon.vision.pose.edgefit import EdgeFit
+from mkdaemon.vision.pose.photofit import PhotoFit
+from mkdaemon.vision.pose.pose import Pose
+from mkdaemon.vision.pose.projection import Projection
+
+PAD = SceneTarget.of(target_named("single"), Platform())
+SCENE = Scene([PAD], ground=None, seed=4, fine=False)
+GAMMA = Processing(gamma=2.2)
+WEBCAM = Processing(gamma=2.2, sharpening=0.8)
+
+
+def processed(processing: Processing) -> Conditions:
+    return Conditions(vignetting=0.0, noise_sd=0.5, shot_gain=0.0, processing=processing)
+
+
+def fit(fitter: EdgeFit | PhotoFit, distance: float, processing: Processing) -> tuple[Pose, float]:
+    """A fitted pose, and its distance over the true one, less 1."""
+    view = view_towards(VGA, distance * np.array([0.3, 0.2, 0.93]), np.zeros(3))
+    rotation, position = cam_from_target(PAD, view)
+    start = Pose(rotation, position * 1.003, np.eye(6), "corners", 4, 0.1)
+    found = fitter.fit(SCENE.render(view, processed(processing)), start)
+    assert found is not None
+    return found, found.range_m / float(np.linalg.norm(position)) - 1.0
+
+
+@pytest.mark.parametrize("processing", [NO_PROCESSING, GAMMA, WEBCAM], ids=["linear", "gamma", "webcam"])
+@pytest.mark.parametrize("distance", [1.0, 3.0])
+def test_the_range_by_edges_is_right_under_any_tone_curve(distance: float, processing: Processing) -> None:
+    found, farther = fit(EdgeFit(PAD.target, Projection(VGA)), distance, processing)
+    assert abs(farther) < 0.001  # without the common shift 0.3 and 0.6 % under gamma
+    assert (found.shift_px < -0.15) == (processing is not NO_PROCESSING)
+
+
+@pytest.mark.parametrize("processing", [NO_PROCESSING, GAMMA], ids=["linear", "gamma"])
+def test_the_range_by_grey_values_is_right_under_a_tone_curve(processing: Processing) -> None:
+    _, farther = fit(PhotoFit(PAD.target, Projection(VGA)), 8.0, processing)
+    assert abs(farther) < 0.002  # without the term of the tone curve 0.5 % under gamma
+
+
+def test_located_edges_lie_at_the_pose_when_their_common_shift_is_known() -> None:
+    fitter = EdgeFit(PAD.target, Projection(VGA))
+    view = view_towards(VGA, np.array([0.3, 0.2, 2.0]), np.zeros(3))
+    rotation, position = cam_from_target(PAD, view)
+    pixels = SCENE.render(view, processed(GAMMA))
+    found = fitter.fit(pixels, Pose(rotation, position, np.eye(6), "corners", 4, 0.1))
+    assert found is not None
+    edges = fitter.locate(pixels, found)
+    assert edges is not None
+    assert abs(float(np.median(edges.offsets[edges.found]))) < 0.03
