@@ -81,9 +81,10 @@ def _plan(quick: bool, seeds: SeedSet) -> list[Part]:
 def _fly(name: str, seed: int) -> dict[str, list[Look]]:
     """One flight through all programs."""
     device, target = DEVICES[name], target_named("nested")
+    lens = VGA.model_copy(update={"line_time": device.line_time})
     eyes = {
-        "eyes_with_attitude": Tracker(TagMap((target,)), VGA, LOOKING_DOWN),
-        "eyes_without": Tracker(TagMap((target,)), VGA),
+        "eyes_with_attitude": Tracker(TagMap((target,)), lens, LOOKING_DOWN),
+        "eyes_without": Tracker(TagMap((target,)), lens),
     }
     families = tuple({tag.family.name for tag in target.tags})
     april, opencv = AprilTagSearch(families), ArucoSearch(families)

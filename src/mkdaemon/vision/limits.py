@@ -121,6 +121,9 @@ class EdgeLimits:
     blown_share: float = of(0.5, "share", "of blown bright sides from which the paper is blown", STILLS)
     missed_px: float = of(0.6, "px", "cost of a sample without its edge when rivals compare", BLIND)
     shift_sd_px: float = of(0.2, "px", "of a common shift of all edges (tone curve, ink)", "0.3-0.4 px, webcams")
+    turning_sd: float = of(1.0, "rad/s", "of the camera while a rolling shutter reads", "shaking is 0.4 rad/s")
+    climbing_sd: float = of(0.7, "m/s", "along the optical axis, where no track knows it", FLIGHTS)
+    known_climbing_sd: float = of(0.1, "m/s", "the same, where a track does", FLIGHTS)
     systematic_px: float = of(0.01, "px", "interpolation error that does not average out", "noise-free stills")
 
 

@@ -38,6 +38,8 @@ class Intrinsics(Section):
     """Tangential distortion."""
     k3: float = 0.0
     """Radial distortion, sixth order."""
+    line_time: float = Field(default=0.0, ge=0, le=1e-3)
+    """Between the exposures of neighbouring rows, from the top [s]; 0 is a global shutter."""
 
     @property
     def matrix(self) -> npt.NDArray[np.float64]:

@@ -22,8 +22,10 @@ import numpy.typing as npt
 from mkdaemon.vision.limits import LIMITS, Limits
 from mkdaemon.vision.pose.edgefind import FoundEdges, Samples, find_edges, without_glare
 from mkdaemon.vision.pose.edgemodel import EdgeModel
+from mkdaemon.vision.pose.nuisance import Prior, with_motion, with_shift, with_stretch
 from mkdaemon.vision.pose.pose import Pose, median, turn
 from mkdaemon.vision.pose.projection import NEAR_M, Projection
+from mkdaemon.vision.pose.rolling import MOTIONS, exposed, motion_at_rest, motion_jacobian
 from mkdaemon.vision.tags.tagmap import Target
 
 Array = npt.NDArray[np.float64]
@@ -91,6 +93,7 @@ class EdgeFit:
         self.model = EdgeModel.of(target)
         self._projection = projection
         self._limits = limits
+        self._line_time = projection.intrinsics.line_time
         self._max_samples = limits.edges.max_samples if max_samples is None else max_samples
 
     def fit(
@@ -119,19 +122,26 @@ class EdgeFit:
         rotation, position = start.rotation, start.position
         fitted: Pose | None = None
         projection, stretch = self._projection, 0.0
+        # stills that doubt the lens show no motion of the camera
+        rolls = self._line_time > 0.0 and stretch_sd == 0.0
+        motion = (start.motion if start.motion is not None else motion_at_rest()) if rolls else None
         for k in range(iterations):
             reach = limits.reach_px[min(k, len(limits.reach_px) - 1)]
-            samples = self._project(pixels.shape, rotation, position, reach, projection)
+            samples = self._project(pixels.shape, rotation, position, reach, projection, motion)
             if samples is None:
                 return None
             samples = without_glare(pixels, samples, self._limits)
             edges = find_edges(pixels, samples, self._limits)
             if int(edges.found.sum()) < limits.min_samples:
                 return None
-            prior = level.pull(rotation, limits.located_px) if level is not None else (np.zeros((6, 6)), np.zeros(6))
+            prior: Prior = (
+                level.pull(rotation, limits.located_px) if level is not None else (np.zeros((6, 6)), np.zeros(6))
+            )
             if stretch_sd > 0.0:
-                samples, prior = self._with_stretch(samples, prior, projection, stretch, stretch_sd)
-            samples, prior = _with_shift(samples, prior, limits.located_px / limits.shift_sd_px)
+                samples, prior = with_stretch(samples, prior, projection, stretch, limits.located_px / stretch_sd)
+            if motion is not None:
+                prior = with_motion(prior, start, motion, fitted, limits)
+            samples, prior = with_shift(samples, prior, limits.located_px / limits.shift_sd_px)
             least_scale = limits.first_scale_px if k == 0 else limits.least_scale_px
             step, weights, normal = _robust_step(samples.jacobian, edges, least_scale, limits.tukey, prior)
             rotation = turn(rotation, step[3:6])
@@ -142,6 +152,9 @@ class EdgeFit:
                 return None
             moved = median(np.abs(samples.jacobian[:, :-1] @ step[:-1]))
             fitted = self._pose(rotation, position, samples, edges, step, weights, normal)
+            if motion is not None:
+                motion = motion + step[-1 - MOTIONS : -1]
+                fitted = replace(fitted, motion=motion)
             if moved < limits.settled_px and reach <= limits.reach_px[-2]:
                 break
             if stretch_sd > 0.0:
@@ -154,21 +167,32 @@ class EdgeFit:
     def locate(self, pixels: Grey, pose: Pose) -> LocatedEdges | None:
         """Find the edges around a fitted pose; none when too few are in view."""
         reach = self._limits.edges.reach_px[-1]
-        samples = self._project(pixels.shape, pose.rotation, pose.position, reach, self._projection)
+        samples = self._project(pixels.shape, pose.rotation, pose.position, reach, self._projection, pose.motion)
         if samples is None:
             return None
         edges = find_edges(pixels, samples, self._limits)
-        return LocatedEdges(samples.index, edges.offsets - pose.shift_px, edges.found, samples.jacobian)
+        return LocatedEdges(samples.index, edges.offsets - pose.shift_px, edges.found, samples.jacobian[:, :6])
 
     def _project(
-        self, shape: tuple[int, ...], rotation: Array, position: Array, reach: float, projection: Projection
+        self,
+        shape: tuple[int, ...],
+        rotation: Array,
+        position: Array,
+        reach: float,
+        projection: Projection,
+        motion: Array | None,
     ) -> Samples | None:
         """Samples in view with u = project(R p + t) and J = n . du/dx; none when they are too few."""
         model, limits = self.model, self._limits
         seen = model.points @ rotation.T + position
-        uv, visible = projection.project(seen)
         step = (model.normals * (NORMAL_STEP * model.cell)[:, None]) @ rotation.T
-        tips, tips_visible = projection.project(seen + step)
+        ends = seen + step
+        times = np.zeros(len(seen))
+        if motion is not None:
+            seen, times = exposed(seen, motion, projection)
+            ends, _ = exposed(ends, motion, projection)
+        uv, visible = projection.project(seen)
+        tips, tips_visible = projection.project(ends)
         direction = tips - uv
         length = np.sqrt((direction * direction).sum(axis=1))
         cell_px = length * (1.0 / NORMAL_STEP)
@@ -186,19 +210,11 @@ class EdgeFit:
             index = index[np.linspace(0, len(index) - 1, self._max_samples).astype(np.intp)]
         normals = direction[index] / length[index, None]
         jacobian = np.einsum("ni,nij->nj", normals, projection.pose_jacobian(seen[index], position))
+        if motion is not None:
+            by_point = np.einsum("ni,nij->nj", normals, projection.jacobian(seen[index]))
+            jacobian = np.column_stack([jacobian, motion_jacobian(by_point, seen[index], times[index])])
         near = np.minimum(reach, limits.edges.reach_cells * cell_px[index])
         return Samples(index, uv[index], normals, near, jacobian)
-
-    def _with_stretch(
-        self, samples: Samples, prior: tuple[Array, Array], projection: Projection, stretch: float, spread: float
-    ) -> tuple[Samples, tuple[Array, Array]]:
-        """A seventh unknown s, the ratio of the focal lengths: J gains n . du/ds, the cost (s / spread)^2."""
-        column = (samples.normals * projection.stretch_jacobian(samples.pixels)).sum(axis=1)
-        weight = (self._limits.edges.located_px / spread) ** 2
-        matrix, right = np.zeros((7, 7)), np.zeros(7)
-        matrix[:6, :6], right[:6] = prior
-        matrix[6, 6], right[6] = weight, -weight * stretch
-        return replace(samples, jacobian=np.column_stack([samples.jacobian, column])), (matrix, right)
 
     def _pose(
         self,
@@ -239,16 +255,6 @@ class EdgeFit:
             blur_px=edges.width,
             shift_px=float(step[-1]),
         )
-
-
-def _with_shift(samples: Samples, prior: tuple[Array, Array], weight: float) -> tuple[Samples, tuple[Array, Array]]:
-    """One more unknown s, the last, that every offset holds in full: J gains 1, the cost (weight s)^2."""
-    count = len(prior[1])
-    matrix, right = np.zeros((count + 1, count + 1)), np.zeros(count + 1)
-    matrix[:count, :count], right[:count] = prior
-    matrix[count, count] = weight**2
-    column = np.ones((len(samples.jacobian), 1))
-    return replace(samples, jacobian=np.hstack([samples.jacobian, column])), (matrix, right)
 
 
 def _robust_step(

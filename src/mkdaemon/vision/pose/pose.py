@@ -54,6 +54,8 @@ class Pose:
         blur_px: width of an edge in the image, where the fit knows it.
         shift_px: how far all edges lie towards their bright side, where the fit asked [px]: less than zero where a tone
             curve makes white spread over black.
+        motion: of the camera while its rows were read `(4,)`, where the fit asked; see `rolling`.
+        climbing: speed of the target along the optical axis, where a track knows it [m/s].
         stretch: logarithm of the ratio of the focal lengths over the calibrated one, where the fit was free to ask.
     """
 
@@ -69,6 +71,8 @@ class Pose:
     match: float | None = None
     blur_px: float | None = None
     shift_px: float = 0.0
+    motion: Array | None = None
+    climbing: float | None = None
     stretch: float | None = None
 
     @property

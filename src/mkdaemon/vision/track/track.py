@@ -107,6 +107,7 @@ class Track:
         before = self._moments[-2] if self.has_velocity else None
         turned = _camera_turn(enu_from_flu, now.enu_from_flu, mounting)
         position, rotation = now.pose.position, now.pose.rotation
+        climbing: float | None = None
         if before is not None:
             ahead = (time - now.time) / (now.time - before.time)
             earlier = _camera_turn(now.enu_from_flu, before.enu_from_flu, mounting)
@@ -118,10 +119,12 @@ class Track:
                 if ahead < TRACK.turn_ahead and turned_by < TRACK.max_turn:
                     rotation = now.pose.rotation @ before.pose.rotation.T @ now.pose.rotation
             if float(np.linalg.norm(step)) < TRACK.max_speed * (now.time - before.time):
+                climbing = float(step[2]) / (now.time - before.time)
                 position = position + min(ahead, TRACK.max_ahead) * step
         if turned is None:
-            return Prediction(replace(now.pose, rotation=rotation, position=position), False)
-        return Prediction(replace(now.pose, rotation=turned @ now.pose.rotation, position=turned @ position), True)
+            return Prediction(replace(now.pose, rotation=rotation, position=position, climbing=climbing), False)
+        turned_on = turned @ now.pose.rotation
+        return Prediction(replace(now.pose, rotation=turned_on, position=turned @ position, climbing=climbing), True)
 
 
 def _camera_turn(now: Array | None, then: Array | None, mounting: Mounting | None) -> Array | None:

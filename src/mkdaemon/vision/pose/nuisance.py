@@ -1,0 +1,64 @@
+"""Unknowns of an edge fit beside the pose: what the camera does that nobody asked for.
+
+Each adds columns to the derivative of the offsets and a cost that says how far it is known: a prior is a normal matrix
+`(k, k)` and a right side `(k,)` in units of a located edge's variance, the pose first.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import numpy.typing as npt
+
+from mkdaemon.vision.limits import EdgeLimits
+from mkdaemon.vision.pose.edgefind import Samples
+from mkdaemon.vision.pose.pose import Pose
+from mkdaemon.vision.pose.projection import Projection
+
+Array = npt.NDArray[np.float64]
+Prior = tuple[Array, Array]
+
+
+def with_shift(samples: Samples, prior: Prior, weight: float) -> tuple[Samples, Prior]:
+    """A common shift s of all edges, the last unknown, that every offset holds in full: J gains 1, the cost (w s)^2."""
+    column = np.ones((len(samples.jacobian), 1))
+    grown = _grown(prior, np.array([weight**2]), np.zeros(1))
+    return replace(samples, jacobian=np.hstack([samples.jacobian, column])), grown
+
+
+def with_stretch(
+    samples: Samples, prior: Prior, projection: Projection, stretch: float, weight: float
+) -> tuple[Samples, Prior]:
+    """The ratio s of the focal lengths: J gains n . du/ds, the cost (w s)^2; the projection has `stretch` in it."""
+    column = (samples.normals * projection.stretch_jacobian(samples.pixels)).sum(axis=1)
+    grown = _grown(prior, np.array([weight**2]), np.array([-(weight**2) * stretch]))
+    return replace(samples, jacobian=np.column_stack([samples.jacobian, column])), grown
+
+
+def with_motion(prior: Prior, start: Pose, motion: Array, last: Pose | None, limits: EdgeLimits) -> Prior:
+    """The motion m under a rolling shutter, whose columns the samples have: the cost |(m - expected) / spread|^2.
+
+    Args:
+        prior: of the pose.
+        start: of the fit; may know the speed along the optical axis.
+        motion: that the samples were projected with `(4,)`.
+        last: the fit so far; its residual is the deviation of an edge.
+        limits: how far a motion is known.
+    """
+    along = limits.climbing_sd if start.climbing is None else limits.known_climbing_sd
+    expected = np.array([0.0, 0.0, 0.0, start.climbing or 0.0])
+    spread = np.array([limits.turning_sd] * 3 + [along])
+    edge = limits.located_px if last is None else max(last.rms_px, limits.least_scale_px)
+    weight = (edge / spread) ** 2
+    return _grown(prior, weight, weight * (expected - motion))
+
+
+def _grown(prior: Prior, weight: Array, pull: Array) -> Prior:
+    """A prior with more unknowns, independent of the others."""
+    matrix, right = prior
+    count = len(right) + len(weight)
+    grown = np.zeros((count, count))
+    grown[: len(right), : len(right)] = matrix
+    grown[len(right) :, len(right) :] = np.diag(weight)
+    return grown, np.concatenate([right, pull])

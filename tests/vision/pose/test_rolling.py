@@ -1,0 +1,79 @@
+"""A rolling shutter whose line time is known: poses are those of the middle row."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from lab.vision.stills import error_of, target_named
+from mkdaemon.sim.scene.light import CLEAN
+from mkdaemon.sim.scene.motion import Platform
+from mkdaemon.sim.scene.scene import Scene, SceneTarget, cam_from_target
+from mkdaemon.sim.scene.view import CameraView, view_towards
+from mkdaemon.vision.camera.intrinsics import Intrinsics
+from mkdaemon.vision.pose.edgefit import EdgeFit
+from mkdaemon.vision.pose.pose import Pose
+from mkdaemon.vision.pose.projection import Projection
+from mkdaemon.vision.pose.rolling import exposed, motion_jacobian
+
+LINE_TIME = 30e-3 / 480
+LENS = Intrinsics(width=640, height=480, fx=600.0, fy=600.0, cx=319.5, cy=239.5, line_time=LINE_TIME)
+GLOBAL = LENS.model_copy(update={"line_time": 0.0})
+PAD = SceneTarget.of(target_named("nested"), Platform())
+SCENE = Scene([PAD], ground=None, seed=4, fine=False)
+SPEED = np.array([0.3, -0.2, 0.4])
+RATE = np.array([0.3, -0.35, 0.25])
+
+
+def moving_view() -> CameraView:
+    at_rest = view_towards(GLOBAL, np.array([0.3, 0.2, 1.4]), np.array([0.1, 0.0, 0.0]))
+    return CameraView(
+        GLOBAL, at_rest.enu_from_cam, at_rest.position_enu, velocity_enu=SPEED, rate_cam=RATE, line_time=LINE_TIME
+    )
+
+
+def fit(lens: Intrinsics, *, climbing: float | None = None) -> tuple[Pose, float, float]:
+    """A fit of a moving camera's image, with its errors [m], [deg]."""
+    view = moving_view()
+    rotation, position = cam_from_target(PAD, view)
+    start = Pose(rotation, position * 1.002, np.eye(6), "corners", 4, 0.1, climbing=climbing)
+    found = EdgeFit(PAD.target, Projection(lens)).fit(SCENE.render(view, CLEAN), start)
+    assert found is not None
+    error = error_of(found.rotation, found.position, rotation, position)
+    return found, error.distance, error.angle_deg
+
+
+def test_the_motion_while_the_rows_are_read_is_fitted_with_the_pose() -> None:
+    climbing = -float((moving_view().enu_from_cam.T @ SPEED)[2])
+    _, plain_off, plain_turned = fit(GLOBAL)
+    found, off, turned = fit(LENS, climbing=climbing)
+    assert off < 0.001
+    assert turned < 0.15
+    assert off < 0.2 * plain_off
+    assert turned < 0.2 * plain_turned
+    assert found.motion is not None
+    assert np.sign(found.motion[2]) == np.sign(RATE[2])
+
+
+def test_a_climb_that_nobody_knows_is_in_the_covariance() -> None:
+    known = fit(LENS, climbing=0.0)[0]
+    unknown = fit(LENS)[0]
+    assert np.trace(unknown.covariance[3:, 3:]) > 4 * np.trace(known.covariance[3:, 3:])
+
+
+def test_the_derivative_by_the_motion_is_that_of_the_projection() -> None:
+    projection = Projection(LENS)
+    points = np.array([[0.2, 0.3, 1.5], [-0.3, -0.4, 2.0]])
+    motion = np.array([0.2, -0.1, 0.3, 0.4])
+    moved, times = exposed(points, motion, projection)
+    by_point = projection.jacobian(moved)[:, 0]
+    found = motion_jacobian(by_point, moved, times)
+    for k in range(4):
+        step = np.zeros(4)
+        step[k] = 1e-4
+        ahead, _ = exposed(points, motion + step, projection)
+        change = (projection.project(ahead)[0] - projection.project(moved)[0])[:, 0] / 1e-4
+        np.testing.assert_allclose(found[:, k], change, rtol=0.05, atol=0.05)
+
+
+def test_a_global_shutter_asks_for_no_motion() -> None:
+    assert fit(GLOBAL)[0].motion is None
