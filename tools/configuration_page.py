@@ -12,6 +12,7 @@ from typing import Annotated, Any, Final, Literal, NamedTuple, Union, get_args, 
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
+from mkdaemon.config.gamepad import Gamepad
 from mkdaemon.config.root import Config
 from mkdaemon.config.vision import TargetFile
 from mkdaemon.vision.camera.calibration_file import Camera
@@ -42,6 +43,11 @@ is in seconds or another SI unit.
 _FILES: Final = (
     ("The aircraft's file", Config, ""),
     ("A target file", TargetFile, "Named by `cameras.targets`; `mkdaemon target` prints it and writes one."),
+    (
+        "A mapping file of a gamepad",
+        Gamepad,
+        "Found by `ids`, or named by `mkctl teleop --mapping`; `mkctl teleop --learn` writes it ([pads](teleop.md)).",
+    ),
     ("A camera file", Camera, "Named by `cameras.calibration`; `mkdaemon calibrate camera` writes it."),
 )
 _COLUMNS: Final = ("key", "type", "unit", "default", "range", "meaning")

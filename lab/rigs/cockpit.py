@@ -116,8 +116,8 @@ class KeepingSink(BusSink):
         states: every verdict on the line.
     """
 
-    def __init__(self, core: FlightCore, audit: Audit, clock: Clock) -> None:
-        super().__init__(_Unheard(), core, audit, Eyes(None), clock)
+    def __init__(self, core: FlightCore, audit: Audit, clock: Clock, outlet: Outlet) -> None:
+        super().__init__(outlet, core, audit, Eyes(None), clock)
         self.tx: list[Sent] = []
         self.heard_at = self.streamed_at = float("-inf")
         self.states: list[LinkState] = []
@@ -247,7 +247,7 @@ async def cockpit(
         socket: the cable of an earlier cockpit, with the boards at its end; a new one if none is given.
         tick: how often bytes are carried [s].
         guard: what the link feeds; none by default.
-        outlet: who hears what control publishes; nobody by default.
+        outlet: who hears what control and the line publish; nobody by default.
         link: further settings of the link.
 
     Raises:
@@ -266,10 +266,11 @@ async def cockpit(
     )
     core = FlightCore(ControlConfig(), VehicleFacts(), first_epoch=int(clock.stamp().wall * 1000))
     audit = Audit(_Unheard(), clock)
-    sink = KeepingSink(core, audit, clock)
+    published = outlet or _Unheard()
+    sink = KeepingSink(core, audit, clock, published)
     cfg = LinkConfig.model_validate({"port": "/dev/virtual"} | link)
     line = link_class(cfg, sink, opener=cable.open, clock=clock, motors_running=core.facts.motors_running, guard=guard)
-    flight = FlightControl(core, line, outlet or _Unheard(), audit, clock=clock)
+    flight = FlightControl(core, line, published, audit, clock=clock)
     flown = Cockpit(core, line, flight, sink, cable)
     flown.tasks = [asyncio.create_task(line.run(), name="link"), asyncio.create_task(flight.run(), name="control")]
     try:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import random
-from collections.abc import AsyncIterator, Mapping
+from collections.abc import AsyncIterator, Callable, Mapping
 from contextlib import asynccontextmanager
 from typing import Any, Final, cast
 
@@ -25,14 +25,22 @@ WAY: Final = (0.0005, 0.004)
 """Shortest and longest way of a sample on the bus [s]; Zenoh on loopback needs a millisecond."""
 
 
-class Heard:
-    """What control publishes, for the clients of a cockpit."""
+class PublishedValues:
+    """What is published, for the clients of a cockpit.
+
+    Attributes:
+        listeners: of leases: status and refusals.
+        followers: are told everything: key and fields.
+    """
 
     def __init__(self) -> None:
         self.listeners: list[asyncio.Queue[Sample]] = []
+        self.followers: list[Callable[[str, dict[str, Any]], None]] = []
 
     def publish(self, suffix: str, value: BaseModel, *, schema: type[BaseModel] | None = None) -> None:
-        """Hand `control/status` and `event/command` to everybody."""
+        """Hand `control/status` and `event/command` to every lease, and everything to followers."""
+        for follower in self.followers:
+            follower(suffix, value.model_dump())
         if suffix in {"control/status", "event/command"}:
             for listener in self.listeners:
                 listener.put_nowait(Sample(suffix, value.model_dump(mode="json"), encoding_of(schema or type(value))))
@@ -62,11 +70,11 @@ class CockpitClient:
         last_arrived: when its latest setpoint arrived [s].
     """
 
-    def __init__(self, flown: Cockpit, heard: Heard, name: str, rng: random.Random) -> None:
+    def __init__(self, flown: Cockpit, published: PublishedValues, name: str, rng: random.Random) -> None:
         self.name, self.rng = name, rng
         self.is_alive = True
         self.last_arrived = float("-inf")
-        self._flown, self._heard = flown, heard
+        self._flown, self._published = flown, published
 
     def stream(self, suffix: str) -> _Stream:
         """Make a publisher; see `Transport.stream`."""
@@ -99,7 +107,7 @@ class CockpitClient:
             CommandRejectedError: it was refused.
         """
         queue: asyncio.Queue[Sample] = asyncio.Queue()
-        self._heard.listeners.append(queue)
+        self._published.listeners.append(queue)
         try:
             granted = await self._flown.flight.lease(LeaseRequest(action="take", holder=self.name))
             assert isinstance(granted, LeaseGrant)
@@ -107,7 +115,7 @@ class CockpitClient:
             async with Lease(transport, self.name, granted.epoch, granted.secret, _listen(queue)) as lease:
                 yield lease
         finally:
-            self._heard.listeners.remove(queue)
+            self._published.listeners.remove(queue)
 
     def die(self) -> None:
         """End the process: nothing that it puts arrives any more."""

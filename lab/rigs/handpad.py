@@ -121,7 +121,7 @@ class HandKeyboard:
         """Nothing rings."""
 
     def let_go(self) -> None:
-        """Switch the dead-man off."""
+        """Switch the enable button off."""
         self.keys.let_go()
 
     def close(self) -> None:

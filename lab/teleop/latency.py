@@ -115,11 +115,11 @@ async def measure_latency(moves: int, *, seed: int = 1) -> Latency:
     return summed_up(moved, _rolls(simulation.heard), before)
 
 
-def _rolls(heard: list[tuple[float, bytes]]) -> list[tuple[float, int]]:
+def _rolls(written: list[tuple[float, bytes]]) -> list[tuple[float, int]]:
     """Time and roll of every stick frame that flew."""
     decoder = FrameDecoder()
     found = []
-    for at, data in heard:
+    for at, data in written:
         for item in decoder.feed(data):
             if isinstance(item, Frame) and item.id == "b":
                 frame = ExternControlV2.decode(item.payload)

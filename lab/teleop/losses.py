@@ -14,7 +14,7 @@ from enum import StrEnum
 from typing import Final
 
 from lab.rigs.cockpit import Boards, Cockpit, cockpit
-from lab.rigs.cockpitclient import CockpitClient, Heard
+from lab.rigs.cockpitclient import CockpitClient, PublishedValues
 from lab.rigs.handpad import HandKeyboard, HandPad
 from lab.rigs.virtualloop import run_virtually
 from lab.stories.deaths import measure_loss
@@ -45,7 +45,7 @@ class Way(StrEnum):
     TWO_PADS = "two_pads"
     """The pad that flies is unplugged while a second one is held and moved."""
     STUCK = "stuck"
-    """The pad is unplugged and plugged in again with its dead-man pressed and its sticks moved."""
+    """The pad is unplugged and plugged in again with its enable button pressed and its sticks moved."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,9 +74,9 @@ class HandsLost:
 class _Operator:
     """One program with its hands on one cockpit."""
 
-    def __init__(self, flown: Cockpit, heard: Heard, name: str, rng: random.Random) -> None:
+    def __init__(self, flown: Cockpit, published: PublishedValues, name: str, rng: random.Random) -> None:
         self.flown, self.rng, self.name = flown, rng, name
-        self.client = CockpitClient(flown, heard, name, rng)
+        self.client = CockpitClient(flown, published, name, rng)
         self.session = Session(LeaseKeeper(self.client.lease))
         self.stop = asyncio.Event()
         self.pad = HandPad(self.session)
@@ -85,7 +85,7 @@ class _Operator:
         self.task = asyncio.create_task(self.session.run(self.stop), name="teleop")
 
     async def fly(self, way: Way) -> None:
-        """Plug in, make ready, hold the dead-man, and fly at random for a while."""
+        """Plug in, make ready, hold the enable button, and fly at random for a while."""
         flown, rng = self.flown, self.rng
         if way is Way.SSH:
             self.keyboard.plug_in()
@@ -176,12 +176,12 @@ def lose_hands(boards: Boards, seed: int, way: Way, losses: int) -> list[HandsLo
 
 
 async def _lose_hands(boards: Boards, seed: int, way: Way, losses: int) -> list[HandsLost]:
-    heard = Heard()
+    published = PublishedValues()
     found = []
-    async with cockpit(boards, seed, outlet=heard) as flown:
+    async with cockpit(boards, seed, outlet=published) as flown:
         for number in range(losses):
             rng = random.Random(f"{seed} {way} {number}")
-            operator = _Operator(flown, heard, f"operator{number}", rng)
+            operator = _Operator(flown, published, f"operator{number}", rng)
             await operator.fly(way)
             foreign = await _fly_beside(operator) if way is Way.TWO_PADS else 0
             lost_at = await operator.lose(way)
@@ -196,7 +196,7 @@ async def _lose_hands(boards: Boards, seed: int, way: Way, losses: int) -> list[
 
 
 async def _fly_beside(operator: _Operator) -> int:
-    """Hold the first pad still and move the second one, dead-man held; returns stick frames that are not level."""
+    """Hold the first pad still and move the second one, enable button held; returns stick frames that are not level."""
     operator.pad.move(ABS_RX=0, ABS_RY=0, ABS_X=0)
     await asyncio.sleep(0.4)
     before = len(operator.flown.sink.tx)

@@ -19,7 +19,7 @@ MOST_TRIM: Final = 20
 class SticksSection(Section):
     """Axes of a pad with two sticks; the stick mode says what each does. `-` in front where the axis grows downwards.
 
-    Names are the kernel's, as `mkctl teleop --list` shows them: input-event-codes.h.
+    Names are the kernel's, of input-event-codes.h; `evtest` shows those of a pad.
     """
 
     left_x: Axis
@@ -49,7 +49,7 @@ class ButtonsSection(Section):
     """What presses do. An axis is a button with `+` or `-` behind its name, for example "ABS_HAT0X-", "ABS_Z+"."""
 
     enable: Press
-    """The dead-man: nothing is sent unless it is held; letting go of it lets go of the aircraft."""
+    """The enable button: nothing is sent unless it is held; letting go of it lets go of the aircraft."""
     fine: Press | None = None
     """Small deflections of pitch, roll and yaw, on and off."""
     thrust_lock: Press | None = None

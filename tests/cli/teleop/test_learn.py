@@ -20,7 +20,7 @@ ANSWERS = {
     "LEFT stick to the RIGHT": {"ABS_X": HIGH},
     "RIGHT stick UP": {"ABS_RY": LOW},
     "RIGHT stick to the RIGHT": {"ABS_RX": HIGH},
-    "DEAD-MAN": {"BTN_TL": 1},
+    "ENABLE": {"BTN_TL": 1},
     "RELEASE": {"BTN_EAST": 1},
     "LAND": {"ABS_Z": 255},
     "TRIM LEFT": {"ABS_HAT0X": -1},
@@ -33,12 +33,12 @@ class ScriptedPad:
     name, facts = "/dev/input/event7", FACTS
 
     def __init__(self, answers: dict[str, dict[str, int]]) -> None:
-        self.told: list[str] = []
+        self.shown: list[str] = []
         self._answers = answers
         self._values: dict[str, float] = {**REST, **dict.fromkeys(FACTS.buttons, 0.0)}
 
-    def tell(self, line: str) -> None:
-        self.told.append(line)
+    def show(self, line: str) -> None:
+        self.shown.append(line)
         for words, values in self._answers.items():
             if words in line:
                 loop = asyncio.get_running_loop()
@@ -53,7 +53,7 @@ class ScriptedPad:
 def learn(answers: dict[str, dict[str, int]]) -> tuple[str, ScriptedPad]:
     async def main() -> tuple[str, ScriptedPad]:
         pad = ScriptedPad(answers)
-        return await Learner(pad, "045e:028e", pad.tell).learn(), pad  # type: ignore[arg-type]
+        return await Learner(pad, "045e:028e", pad.show).learn(), pad  # type: ignore[arg-type]
 
     return run_virtually(main())
 
@@ -71,8 +71,8 @@ def test_learned_mapping_is_one_that_is_read_back(tmp_path: Path) -> None:
     assert (tmp_path / "new" / "test-pad.toml").is_file()
 
 
-@pytest.mark.parametrize("missing", ["RIGHT stick UP", "DEAD-MAN"])
-def test_stick_or_dead_man_that_is_not_shown_ends_it(missing: str) -> None:
+@pytest.mark.parametrize("missing", ["RIGHT stick UP", "ENABLE"])
+def test_stick_or_enable_button_that_is_not_shown_ends_it(missing: str) -> None:
     with pytest.raises(MkError, match=missing):
         learn({words: values for words, values in ANSWERS.items() if words != missing})
 
@@ -80,7 +80,7 @@ def test_stick_or_dead_man_that_is_not_shown_ends_it(missing: str) -> None:
 def test_button_with_a_meaning_already_is_not_taken_twice() -> None:
     text, pad = learn({**ANSWERS, "RELEASE": {"BTN_TL": 1}})
     assert 'release = "' not in text
-    assert any("has a meaning already" in line for line in pad.told)
+    assert any("has a meaning already" in line for line in pad.shown)
 
 
 @pytest.mark.parametrize(

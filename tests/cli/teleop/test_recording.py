@@ -120,28 +120,28 @@ class FakeBus:
         return None if fields is None else SimpleNamespace(fields=fields, age=self._age)
 
 
-def said(port: str, boot: str = "b1") -> dict[str, Any]:
+def shown(port: str, boot: str = "b1") -> dict[str, Any]:
     return {"port": port, "stamp": {"boot": boot}}
 
 
 @pytest.mark.parametrize("port", ["/dev/pts/4", "pty:/dev/pts/4"])
 async def test_port_that_the_simulator_holds_is_a_simulators(port: str) -> None:
-    await require_simulator(FakeBus(said("/dev/pts/4"), said(port)))  # type: ignore[arg-type]
+    await require_simulator(FakeBus(shown("/dev/pts/4"), shown(port)))  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize(
     ("truth", "link", "age"),
     [
-        (None, said("/dev/pts/4"), 0.1),
-        (said("/dev/pts/4"), None, 0.1),
-        (said("/dev/pts/4"), said("/dev/pts/4"), 1.1),
-        (said("/dev/pts/4"), said("/dev/ttyUSB0"), 0.1),
-        (said("/dev/pts/4"), said("/dev/pts/5"), 0.1),
-        (said("/dev/pts/4"), said("/dev/pts/4", boot="b2"), 0.1),
-        (said("tcp://host:1"), said("tcp://host:1"), 0.1),
-        (said("/dev/ttyUSB0"), said("/dev/ttyUSB0"), 0.1),
-        (said(""), said(""), 0.1),
-        ({"stamp": {"boot": "b1"}}, said(""), 0.1),
+        (None, shown("/dev/pts/4"), 0.1),
+        (shown("/dev/pts/4"), None, 0.1),
+        (shown("/dev/pts/4"), shown("/dev/pts/4"), 1.1),
+        (shown("/dev/pts/4"), shown("/dev/ttyUSB0"), 0.1),
+        (shown("/dev/pts/4"), shown("/dev/pts/5"), 0.1),
+        (shown("/dev/pts/4"), shown("/dev/pts/4", boot="b2"), 0.1),
+        (shown("tcp://host:1"), shown("tcp://host:1"), 0.1),
+        (shown("/dev/ttyUSB0"), shown("/dev/ttyUSB0"), 0.1),
+        (shown(""), shown(""), 0.1),
+        ({"stamp": {"boot": "b1"}}, shown(""), 0.1),
     ],
 )
 async def test_anything_but_the_simulators_own_port_is_refused(

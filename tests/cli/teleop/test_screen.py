@@ -100,8 +100,8 @@ def test_drawing_has_colour_only_where_it_is_wanted() -> None:
 
 def test_reach_is_lost_with_the_daemon_or_the_link_and_told_once() -> None:
     async def main() -> list[str]:
-        watcher, told = Watcher(), []
-        watching = asyncio.create_task(watcher.watch_reach(told.append))
+        watcher, alarms = Watcher(), []
+        watching = asyncio.create_task(watcher.watch_reach(alarms.append))
         watcher.take("control/status", STATUS)
         watcher.take("link/state", {"condition": "up", "reason": ""})
         await asyncio.sleep(1.0)
@@ -111,12 +111,12 @@ def test_reach_is_lost_with_the_daemon_or_the_link_and_told_once() -> None:
         watcher.take("link/state", {"condition": "degraded", "reason": ""})
         await asyncio.sleep(SILENCE)
         watching.cancel()
-        return told
+        return alarms
 
-    told = run_virtually(main())
-    assert told[0] == "the link is mute: no byte"
-    assert "has not been heard" in told[1]
-    assert len(told) == 2
+    alarms = run_virtually(main())
+    assert alarms[0] == "the link is mute: no byte"
+    assert "has not been heard" in alarms[1]
+    assert len(alarms) == 2
 
 
 def test_ground_is_known_only_while_somebody_says_so() -> None:

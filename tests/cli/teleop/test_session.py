@@ -16,7 +16,7 @@ HELD = CommandRejectedError("lease_held", "somebody flies.", "wait")
 
 
 def fly(daemon: FakeDaemon, story: Callable[[Session, HandPad], Awaitable[None]]) -> Session:
-    """Plug a pad in, make it ready, press its dead-man, and let the story happen; returns the session at its end."""
+    """Plug a pad in, make it ready, press its enable button, and let the story happen."""
 
     async def main() -> Session:
         session, stop = daemon.session(), asyncio.Event()
@@ -39,7 +39,7 @@ async def nothing(session: Session, pad: HandPad) -> None:
     await asyncio.sleep(1.0)
 
 
-def test_dead_man_takes_the_lease_and_the_end_gives_it_back() -> None:
+def test_enable_button_takes_the_lease_and_the_end_gives_it_back() -> None:
     daemon = FakeDaemon()
     fly(daemon, nothing)
     assert (daemon.taken, daemon.given_back) == (1, 1)
@@ -70,7 +70,7 @@ def test_unplugged_pad_gives_the_lease_back_at_once() -> None:
     assert "unplugged" in fly(daemon, story).notice
 
 
-def test_lost_lease_ends_the_flight_until_the_dead_man_is_pressed_anew() -> None:
+def test_lost_lease_ends_the_flight_until_the_enable_button_is_pressed_anew() -> None:
     daemon = FakeDaemon()
 
     async def story(session: Session, pad: HandPad) -> None:
@@ -137,7 +137,7 @@ def test_report_and_loss_of_an_unknown_device_change_nothing() -> None:
     fly(FakeDaemon(), story)
 
 
-def test_released_keyboard_has_its_dead_man_off() -> None:
+def test_released_keyboard_has_its_enable_button_off() -> None:
     daemon = FakeDaemon()
 
     async def main() -> None:

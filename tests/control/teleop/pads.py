@@ -85,7 +85,7 @@ class TestedPad:
         self.tick(ABS_Y=MIDDLE)
 
     def fly(self) -> Output:
-        """Make it ready and hold the dead-man."""
+        """Make it ready and hold the enable button."""
         self.make_ready()
         return self.tick(BTN_TL=1)
 

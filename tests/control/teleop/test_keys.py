@@ -83,7 +83,7 @@ def test_thrust_goes_in_steps_and_to_hover() -> None:
     assert typist.keys.thrust == -1.0
 
 
-def test_dead_man_is_a_switch_and_a_held_key_switches_once() -> None:
+def test_enable_button_is_a_switch_and_a_held_key_switches_once() -> None:
     typist = Typist()
     for _ in range(5):
         typist.type("e")
@@ -92,7 +92,7 @@ def test_dead_man_is_a_switch_and_a_held_key_switches_once() -> None:
     assert typist.type("e").is_neutral
 
 
-def test_space_lets_go_and_switches_the_dead_man_off() -> None:
+def test_space_lets_go_and_switches_the_enable_button_off() -> None:
     typist = Typist()
     typist.type("e")
     typist.type("up")

@@ -18,7 +18,7 @@ def test_nothing_is_sent_without_a_pad() -> None:
     assert "plug one in" in output.reason
 
 
-def test_dead_man_flies_only_after_zero_thrust_was_seen() -> None:
+def test_enable_button_flies_only_after_zero_thrust_was_seen() -> None:
     pad = TestedPad()
     pad.tick()
     assert "lowest" in pad.tick(BTN_TL=1).reason
@@ -28,7 +28,7 @@ def test_dead_man_flies_only_after_zero_thrust_was_seen() -> None:
     assert kind(pad.tick(BTN_TL=1)) == "stick"
 
 
-def test_dead_man_that_is_pressed_at_the_start_counts_for_nothing_until_let_go() -> None:
+def test_enable_button_that_is_pressed_at_the_start_counts_for_nothing_until_let_go() -> None:
     pad = TestedPad()
     pad.tick(BTN_TL=1)
     pad.tick(ABS_Y=HIGH)
@@ -51,7 +51,7 @@ def test_verb_that_is_pressed_at_the_start_does_nothing(function: str) -> None:
     assert not any(output.stop_motors or output.let_go for output in outputs)
 
 
-def test_letting_go_of_the_dead_man_is_neutral_at_once_and_a_release_later() -> None:
+def test_letting_go_of_the_enable_button_is_neutral_at_once_and_a_release_later() -> None:
     pad = TestedPad()
     pad.fly()
     pad.tick(ABS_RX=HIGH)
@@ -67,7 +67,7 @@ def test_letting_go_of_the_dead_man_is_neutral_at_once_and_a_release_later() -> 
     assert pad.tick().setpoint is None
 
 
-def test_dead_man_pressed_again_in_time_flies_on() -> None:
+def test_enable_button_pressed_again_in_time_flies_on() -> None:
     pad = TestedPad()
     pad.fly()
     pad.tick(BTN_TL=0)
@@ -108,7 +108,7 @@ def test_unplugged_pad_lets_go_at_the_next_decision() -> None:
     assert not pad.decide().let_go
 
 
-def test_replugged_pad_needs_zero_thrust_and_the_dead_man_again() -> None:
+def test_replugged_pad_needs_zero_thrust_and_the_enable_button_again() -> None:
     first = TestedPad()
     first.fly()
     first.teleop.detach("pad", "unplugged")
@@ -157,7 +157,7 @@ def test_pad_detached_without_flying_lets_go_of_nothing() -> None:
     assert kind(first.tick()) == "stick"
 
 
-def test_ended_lease_needs_the_dead_man_anew() -> None:
+def test_ended_lease_needs_the_enable_button_anew() -> None:
     pad = TestedPad()
     pad.fly()
     pad.teleop.ended("somebody took the lease")

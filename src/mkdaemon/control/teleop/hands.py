@@ -13,7 +13,7 @@ from mkdaemon.control.teleop.inputs import PadFacts, PadInputs
 from mkdaemon.control.teleop.shaping import LOWEST, AxisNames, Thrust, shape
 
 AXIS_AGE: Final = 0.25
-"""An axis or dead-man not known for longer counts as lost [s]: neutral sticks reach the wire within 350 ms."""
+"""An axis or enable button not known for longer counts as lost [s]: neutral sticks reach the wire within 350 ms."""
 QUIET: Final = 2.0
 """A pad by radio with a deflected stick that reports nothing for longer counts as gone [s]; no thumb is so still."""
 DEFLECTED: Final = 0.25
@@ -176,7 +176,7 @@ class Hands:
 
     @property
     def is_enabled(self) -> bool:
-        """Whether the dead-man is held, and was let go of before."""
+        """Whether the enable button is held, and was let go of before."""
         return Function.ENABLE in self._down
 
     @property
@@ -185,7 +185,7 @@ class Hands:
         return sorted(self._buttons[function] for function in self._stuck)
 
     def obstacle(self, pressed: Collection[Function], now: float, *, is_on_ground: bool | None) -> str:
-        """Why the dead-man of this pad counts for nothing, in words; empty where it counts.
+        """Why the enable button of this pad counts for nothing, in words; empty where it counts.
 
         Args:
             pressed: what was pressed just now.

@@ -1,9 +1,9 @@
 """A keyboard as a pad: keys come when they are pressed, and nothing says when they are let go of.
 
 A terminal sends a character for a press, after a pause more of them while the key is held, and nothing at its end. So a
-key deflects its stick for a moment, again with every repetition; thrust stays where keys have put it; the dead-man is a
-switch. What keeps the dead-man honest is not a key but the terminal itself, which is asked all the time whether it is
-still there: docs/teleop.md.
+key deflects its stick for a moment, again with every repetition; thrust stays where keys have put it; the enable button
+is a switch. What keeps it honest is not a key but the terminal itself, which is asked all the time whether it is still
+there: docs/teleop.md.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ THRUST: Final[Mapping[str, float]] = MappingProxyType({"w": STEP, "s": -STEP})
 MIDDLE: Final = "m"
 """Key that puts the thrust to hover."""
 ENABLE: Final = "e"
-"""Key that switches the dead-man on and off."""
+"""Key that switches the enable button on and off."""
 BUTTONS: Final[Mapping[str, str]] = MappingProxyType(
     {
         " ": "KEY_SPACE",
@@ -98,7 +98,7 @@ class Keys:
 
     Attributes:
         thrust: where the thrust stick would stand, -1..1.
-        is_enabled: the dead-man is switched on.
+        is_enabled: the enable button is switched on.
         alive_at: when the terminal was last known to be there [s]; None before it has shown it.
     """
 
@@ -136,7 +136,7 @@ class Keys:
             self._pressed[BUTTONS[key]] = at + PRESS
 
     def let_go(self) -> None:
-        """Switch the dead-man off and centre the sticks: the aircraft was let go of."""
+        """Switch the enable button off and centre the sticks: the aircraft was let go of."""
         self.is_enabled = False
         self._tilted.clear()
 

@@ -31,7 +31,7 @@ STICKS: Final = (
 )
 """The four axes, each in its positive direction."""
 BUTTONS: Final = (
-    Question("enable", "press the button for the DEAD-MAN, held while you fly"),
+    Question("enable", "press the button for ENABLE, held while you fly"),
     Question("release", "press the button for RELEASE, lets go at once"),
     Question("fine", "press the button for FINE"),
     Question("thrust_lock", "press the button for THRUST LOCK"),

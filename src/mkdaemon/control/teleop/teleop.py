@@ -1,4 +1,4 @@
-"""Who of the pads flies, and what is streamed for it: dead-man, ladder, manoeuvres by button.
+"""Who of the pads flies, and what is streamed for it: enable button, ladder, manoeuvres by button.
 
 Nothing happens between calls; `now` is an argument [s; monotonic]. Source of the times: docs/safety.md, docs/teleop.md.
 """
@@ -83,7 +83,7 @@ class Teleop:
             self._lost = reason
 
     def ended(self, reason: str) -> None:
-        """Take note that the lease has ended, or was refused; the dead-man must be pressed anew."""
+        """Take note that the lease has ended, or was refused; the enable button must be pressed anew."""
         self.pilot = self.manoeuvre = None
         self._news = reason
 

@@ -65,10 +65,10 @@ async def teleop(
     force: Annotated[bool, Parameter(negative=(), help="Take the lease from whoever holds it.")] = False,
     connection: Connection = HERE,
 ) -> int:
-    """Fly with a gamepad, or with the keyboard. Nothing is sent unless the dead-man is held: docs/teleop.md.
+    """Fly with a gamepad, or with the keyboard. Nothing is sent unless the enable button is held: docs/teleop.md.
 
-    Pull the thrust stick to its lowest once, then hold the dead-man. Letting go of it levels the aircraft at once and
-    lets go of it after 0.9 s; a pad that is unplugged, or a terminal that is gone, lets go of it too. Ctrl-C ends it.
+    Pull the thrust stick to its lowest once, then hold the enable button. Letting go of it levels the aircraft at once
+    and releases it after 0.9 s; a pad that is unplugged, or a terminal that is gone, releases it too. Ctrl-C ends it.
 
     Raises:
         ConfigError: a mapping or a recording is wrong, options do not go together, or a pad has no mapping.

@@ -166,7 +166,7 @@ class EvdevPad:
                 self._device.write(self._codes.EV_FF, self._effect, 1)
 
     def let_go(self) -> None:
-        """Nothing: its dead-man is a button that somebody lets go of."""
+        """Nothing: its enable button is a button that somebody lets go of."""
 
     def close(self) -> None:
         """Close the device file."""

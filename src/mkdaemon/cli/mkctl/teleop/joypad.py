@@ -75,7 +75,7 @@ class JoyPad:
         """Nothing: the other machine watches the aircraft itself."""
 
     def let_go(self) -> None:
-        """Nothing: its dead-man is a button that somebody lets go of."""
+        """Nothing: its enable button is a button that somebody lets go of."""
 
     def close(self) -> None:
         """Nothing is open."""
@@ -112,7 +112,7 @@ def joy_fields(device: Device, id_: str, state: DeviceState, now: float) -> dict
 
 
 async def publish_pad(
-    device: Device, id_: str, sender: JoySender, news: asyncio.Event, tell: Callable[[str], None]
+    device: Device, id_: str, sender: JoySender, news: asyncio.Event, show: Callable[[str], None]
 ) -> None:
     """Send the state of a pad fifty times a second and at once after a change, until it is gone.
 
@@ -121,16 +121,16 @@ async def publish_pad(
         id_: vendor and product.
         sender: where to.
         news: is set when the pad reported something.
-        tell: shows a line.
+        show: shows a line.
     """
     loop = asyncio.get_running_loop()
-    tell(f"sends {device.facts.name}; Ctrl-C ends it")
+    show(f"sends {device.facts.name}; Ctrl-C ends it")
     while True:
         now = loop.time()
         try:
             state = device.ask(now)
         except DeviceLostError as error:
-            tell(str(error))
+            show(str(error))
             return
         if state is not None:
             sender.send(joy_fields(device, id_, state, now))

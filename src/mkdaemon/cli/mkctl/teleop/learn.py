@@ -26,7 +26,7 @@ from mkdaemon.files import save
 LOOKING: Final = 0.02
 """Between two looks at the pad [s]."""
 STICK_PATIENCE: Final = 30.0
-"""Longest wait for a stick, and for the dead-man [s]."""
+"""Longest wait for a stick, and for the enable button [s]."""
 BUTTON_PATIENCE: Final = 6.0
 """A button that is not pressed within this time is left out [s]."""
 HELD: Final = 0.15
@@ -39,11 +39,11 @@ class Learner:
     Args:
         device: the pad.
         id_: vendor and product.
-        tell: shows a line.
+        show: shows a line.
     """
 
-    def __init__(self, device: Device, id_: str, tell: Callable[[str], None]) -> None:
-        self._device, self._id, self._tell = device, id_, tell
+    def __init__(self, device: Device, id_: str, show: Callable[[str], None]) -> None:
+        self._device, self._id, self._show = device, id_, show
         self._loop = asyncio.get_running_loop()
         self._answers: dict[str, str] = {}
 
@@ -51,13 +51,13 @@ class Learner:
         """Ask for everything; return the text of the mapping file.
 
         Raises:
-            MkError: a stick or the dead-man was not shown, or the pad is gone.
+            MkError: a stick or the enable button was not shown, or the pad is gone.
         """
-        self._tell(f"{self._device.facts.name} ({self._id}): let go of everything")
+        self._show(f"{self._device.facts.name} ({self._id}): let go of everything")
         await asyncio.sleep(1.0)
         for question in STICKS:
             await self._ask(question, STICK_PATIENCE, is_stick=True)
-        self._tell("buttons: one that you do not want is left out after 6 s")
+        self._show("buttons: one that you do not want is left out after 6 s")
         for question in BUTTONS:
             patience = STICK_PATIENCE if question.key == "enable" else BUTTON_PATIENCE
             await self._ask(question, patience, is_stick=False)
@@ -65,7 +65,7 @@ class Learner:
 
     async def _ask(self, question: Question, patience: float, *, is_stick: bool) -> None:
         rest, buttons_rest = self._read()
-        self._tell(f"  {question.words}")
+        self._show(f"  {question.words}")
         ends = self._loop.time() + patience
         since, last = 0.0, ""
         while self._loop.time() < ends:
@@ -76,17 +76,17 @@ class Learner:
                 since, last = self._loop.time(), found or ""
             elif self._loop.time() - since >= HELD:
                 if self._is_taken(found):
-                    self._tell(f"    {found} has a meaning already: another one")
+                    self._show(f"    {found} has a meaning already: another one")
                 else:
                     self._answers[question.key] = found
-                    self._tell(f"    {found}; let go of it")
+                    self._show(f"    {found}; let go of it")
                     await self._wait_for_rest(rest)
                     return
                 await self._wait_for_rest(rest)
         if is_stick or question.key == "enable":
             msg = f"nothing moved within {patience:g} s: {question.words}"
             raise MkError(msg)
-        self._tell("    left out")
+        self._show("    left out")
 
     def _is_taken(self, control: str) -> bool:
         """Whether a control, or the axis it is a half of, has a meaning already."""

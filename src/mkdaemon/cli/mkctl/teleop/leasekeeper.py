@@ -1,4 +1,4 @@
-"""The lease of an operator: taken when a dead-man is pressed, given back when it is let go of."""
+"""The lease of an operator: taken when an enable button is pressed, given back when it is let go of."""
 
 from __future__ import annotations
 

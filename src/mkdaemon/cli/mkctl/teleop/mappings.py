@@ -20,9 +20,9 @@ def own_folder() -> Path:
 
 
 def shipped_folder() -> Path:
-    """Where the mappings are that come with mkdaemon: in the source tree this runs from, else beside the package."""
-    source = Path(__file__).parents[5] / "configs" / "gamepads"
-    return source if source.is_dir() else samples_folder() / "gamepads"
+    """Where the mappings are that come with mkdaemon; see `samples_folder`."""
+    installed = samples_folder() / "gamepads"
+    return installed if installed.is_dir() else Path("configs") / "gamepads"
 
 
 def load_mappings() -> list[tuple[Path, Gamepad]]:

@@ -23,7 +23,7 @@ OLD: Final = 1.5
 """A value older than this is shown in red [s]."""
 GOOD, BAD, DIM, PLAIN = "green", "bold red", "dim", ""
 KEYBOARD_LEGEND: Final = (
-    "arrows pitch roll  a d yaw  w s thrust  m hover  e dead-man  SPACE release",
+    "arrows pitch roll  a d yaw  w s thrust  m hover  e enable button  SPACE release",
     "f fine  l lock  c recentre  r reset  8 2 4 6 trim  T take-off  H hold  L land",
     "X stop the motors  q quit",
 )

@@ -132,7 +132,7 @@ class Session:
             self._ask_stop()
         if output.let_go:
             self.keeper.give_back()
-            self._tell_devices(output.reason)
+            self._notify_devices(output.reason)
         if output.setpoint is None:
             return
         try:
@@ -140,14 +140,14 @@ class Session:
         except MkError as error:
             self.keeper.give_back()
             self.teleop.ended(str(error))
-            self._tell_devices(str(error))
+            self._notify_devices(str(error))
         else:
             refusal = self.keeper.take_refusal()
             if refusal is not None:
                 self.notice = refusal
                 self.teleop.refused()
 
-    def _tell_devices(self, notice: str) -> None:
+    def _notify_devices(self, notice: str) -> None:
         self.notice = notice
         for device in self.devices.values():
             device.let_go()

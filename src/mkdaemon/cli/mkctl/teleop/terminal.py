@@ -124,7 +124,7 @@ class Keyboard:
         self._screen.flush()
 
     def let_go(self) -> None:
-        """Switch the dead-man off."""
+        """Switch the enable button off."""
         self.keys.let_go()
 
     def close(self) -> None:

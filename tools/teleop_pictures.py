@@ -1,0 +1,162 @@
+"""The pictures of docs/teleop.md: the live screen in a flight in virtual time, and what the controls of a pad do."""
+
+from __future__ import annotations
+
+import asyncio
+import random
+from collections.abc import Sequence
+from itertools import groupby
+from pathlib import Path
+from typing import Final
+from xml.sax.saxutils import escape
+
+from rich.text import Text
+
+from lab.rigs.cockpit import Boards, cockpit
+from lab.rigs.cockpitclient import CockpitClient, PublishedValues
+from lab.rigs.handpad import HandPad
+from lab.rigs.virtualloop import run_virtually
+from lab.stories.losses import silence_log
+from mkdaemon.cli.mkctl.teleop.leasekeeper import LeaseKeeper
+from mkdaemon.cli.mkctl.teleop.screen import COLUMNS, screen_lines
+from mkdaemon.cli.mkctl.teleop.session import Session
+from mkdaemon.cli.mkctl.teleop.watcher import Watcher
+from mkdaemon.config.gamepad import Gamepad
+from mkdaemon.config.reader import load_section
+from mkdaemon.control.teleop.shaping import MODES
+from mkdaemon.telemetry.control import Phase
+
+_SEED: Final = 1
+_FLOWN: Final = 1.5
+"""How long the picture's flight has lasted [s]."""
+_CHAR, _LINE, _MARGIN = 8.4, 18, 14
+"""Width of a letter, height of a line, and border [px]."""
+_COLOURS: Final = {"": "#d0d0d0", "dim": "#8a8a8a", "bold": "#ffffff", "green": "#7fd77f", "bold red": "#ff7070"}
+_WORDS: Final = {
+    "pitch": "pitch: forward, back",
+    "roll": "roll: to the sides",
+    "yaw": "yaw: turn",
+    "throttle": "thrust: up, down",
+}
+_PLACES: Final = {
+    "BTN_TL": (20, 60, "LB"),
+    "ABS_Z+": (20, 20, "LT"),
+    "BTN_TR": (860, 60, "RB"),
+    "BTN_SELECT": (20, 120, "Back"),
+    "BTN_MODE": (20, 160, "Guide"),
+    "BTN_START": (860, 290, "Start"),
+    "BTN_Y": (860, 120, "Y"),
+    "BTN_X": (860, 160, "X"),
+    "BTN_B": (860, 200, "B"),
+    "BTN_A": (860, 240, "A"),
+}
+"""Where the label of a button stands, and what is printed on the pad."""
+_MEANINGS: Final = {
+    "enable": "enable button: hold it to fly",
+    "fine": "fine, on and off",
+    "thrust_lock": "thrust lock, on and off",
+    "recentre": "re-centre hover thrust",
+    "reset": "reset trims, fine, lock, hover",
+    "takeoff": "take-off (half a second)",
+    "hold": "hold the place",
+    "land": "land (half a second)",
+    "release": "RELEASE, at once",
+    "stop": "stop the motors (one second)",
+}
+
+
+def screen_picture(root: Path) -> str:
+    """Return the screen of a flight, as SVG."""
+    silence_log()
+    lines = run_virtually(_flown_screen())
+    width, height = 2 * _MARGIN + COLUMNS * _CHAR, 2 * _MARGIN + len(lines) * _LINE
+    rows = [_row(line, _MARGIN + (number + 0.75) * _LINE) for number, line in enumerate(lines)]
+    return _svg(width, height, [f'<rect width="{width:g}" height="{height:g}" rx="6" fill="#1c1c1c"/>', *rows])
+
+
+async def _flown_screen() -> list[Text]:
+    published = PublishedValues()
+    watcher = Watcher()
+    published.followers.append(watcher.take)
+    async with cockpit(Boards("2.12a"), _SEED, outlet=published) as flown:
+        session = Session(LeaseKeeper(CockpitClient(flown, published, "operator", random.Random(_SEED)).lease))
+        stop = asyncio.Event()
+        running = asyncio.create_task(session.run(stop))
+        pad = HandPad(session, "Xbox pad")
+        pad.plug_in()
+        await asyncio.sleep(0.1)
+        pad.move(ABS_Y=1.0)
+        pad.move(ABS_Y=0.0, BTN_TL=1)
+        await flown.until(lambda: flown.flight.phase is Phase.FLYING)
+        pad.move(ABS_RY=-1.0, ABS_RX=0.7, ABS_Y=-0.6)
+        await asyncio.sleep(_FLOWN)
+        lines = screen_lines(session, watcher, "mk1 at tcp/127.0.0.1:7447", has_keyboard=False)
+        stop.set()
+        await running
+    return lines
+
+
+def _row(line: Text, y: float) -> str:
+    """One line of the screen; every piece of one style is placed by its column."""
+    styles = [""] * len(line.plain)
+    for span in line.spans:
+        styles[span.start : span.end] = [str(span.style)] * (span.end - span.start)
+    pieces, start = [], 0
+    for style, group in groupby(styles):
+        words = line.plain[start : start + len(list(group))]
+        if words.strip():
+            left = start + len(words) - len(words.lstrip(" "))
+            pieces.append(_text(_MARGIN + left * _CHAR, y, words.strip(" "), _COLOURS[style], bold="bold" in style))
+        start += len(words)
+    return "".join(pieces)
+
+
+def _text(x: float, y: float, words: str, colour: str, *, bold: bool = False, anchor: str = "start") -> str:
+    weight = ' font-weight="bold"' if bold else ""
+    length = f' textLength="{len(words) * _CHAR:.1f}"' if anchor == "start" else ""
+    return (
+        f'<text x="{x:.1f}" y="{y:.1f}" fill="{colour}"{weight}{length} text-anchor="{anchor}" '
+        f'xml:space="preserve">{escape(words)}</text>\n'
+    )
+
+
+def _svg(width: float, height: float, parts: Sequence[str]) -> str:
+    head = (
+        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width:g} {height:g}" width="{width:g}" '
+        f'height="{height:g}" font-family="monospace" font-size="14">\n'
+    )
+    return head + "\n".join(part.rstrip("\n") for part in parts) + "\n</svg>\n"
+
+
+def mapping_picture(root: Path) -> str:
+    """Return what the controls of the Xbox pad do, stick mode as in its file, as SVG."""
+    pad = load_section(Gamepad, root / "configs" / "gamepads" / "xbox.toml")
+    parts = [
+        '<rect width="1150" height="425" fill="#ffffff"/>',
+        '<g transform="translate(165,0)">',
+        '<path d="M 330 110 h 240 q 60 0 80 70 l 25 130 q 5 60 -50 50 q -40 -10 -65 -75 h -220 q -25 65 -65 75 '
+        'q -55 10 -50 -50 l 25 -130 q 20 -70 80 -70 z" fill="#f2f2f2" stroke="#555555" stroke-width="2"/>',
+    ]
+    for x, y, side in ((350, 180, "left"), (520, 255, "right")):
+        parts.append(f'<circle cx="{x}" cy="{y}" r="30" fill="#cfcfcf" stroke="#555555"/>')
+        stick = {place: function for function, place in MODES[pad.mode].items()}
+        words = f"{_WORDS[stick[f'{side}_y']]}; {_WORDS[stick[f'{side}_x']]}"
+        parts.append(_text(x, y + 5, side, "#222222", anchor="middle"))
+        at = (245, 395) if side == "left" else (545, 395)
+        parts.append(_text(at[0] - 145, at[1], f"{side} stick:", "#222222", bold=True))
+        parts.append(_text(at[0] - 145, at[1] + 18, words, "#222222"))
+    parts.append(
+        '<path d="M 400 235 h 14 v 14 h 14 v 14 h -14 v 14 h -14 v -14 h -14 v -14 h 14 z" fill="#cfcfcf" '
+        'stroke="#555555"/>'
+    )
+    parts.append(_text(407, 295, "d-pad: trims", "#222222", anchor="middle"))
+    for x, y, label in ((585, 150, "Y"), (560, 175, "X"), (610, 175, "B"), (585, 200, "A")):
+        parts.append(f'<circle cx="{x}" cy="{y}" r="11" fill="#ffffff" stroke="#555555"/>')
+        parts.append(_text(x, y + 5, label, "#222222", anchor="middle"))
+    parts.append("</g>")
+    given = pad.buttons.model_dump()
+    for function, meaning in _MEANINGS.items():
+        x, y, label = _PLACES[given[function]]
+        colour = "#b00020" if function in {"enable", "release"} else "#222222"
+        parts.append(_text(x, y, f"{label:5} {meaning}", colour, bold=function in {"enable", "release"}))
+    return _svg(1150, 425, parts)
