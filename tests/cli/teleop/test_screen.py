@@ -71,6 +71,30 @@ def test_screen_shows_what_would_be_sent_and_why_nothing_is() -> None:
     assert "somebody-with" in text
 
 
+def test_screen_says_what_the_daemon_waits_for() -> None:
+    async def main() -> str:
+        daemon = FakeDaemon()
+        daemon.lease.is_engaged = False
+        daemon.lease.reason = "operator streams; waiting for neutral sticks"
+        session = daemon.session()
+        pad = HandPad(session)
+        pad.plug_in()
+        session.tick()
+        pad.move(ABS_Y=1.0)
+        pad.move(ABS_Y=0.0, BTN_TL=1)
+        session.tick()
+        asked = "\n".join(line.plain for line in screen_lines(session, Watcher(), "x", has_keyboard=False))
+        await asyncio.sleep(0.01)
+        session.tick()
+        lines = screen_lines(session, Watcher(), "x", has_keyboard=False)
+        await session.keeper.close()
+        return asked + "\n".join(line.plain for line in lines)
+
+    text = run_virtually(main())
+    assert "the lease is asked for" in text
+    assert "waiting for neutral sticks" in text
+
+
 def test_screen_without_a_daemon_has_no_numbers() -> None:
     text = "\n".join(show(status=None))
     assert "nobody" in text

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import asyncio
+import io
 import os
 import pty
 import termios
@@ -116,3 +117,27 @@ def test_terminal_is_as_before_also_after_a_failure(screen: FakeTerminal) -> Non
         assert termios.tcgetattr(screen.slave) != before
         raise RuntimeError
     assert termios.tcgetattr(screen.slave) == before
+
+
+class BrokenScreen(io.StringIO):
+    """A terminal that nothing can be written to."""
+
+    def write(self, text: str) -> int:
+        raise OSError(5, "Input/output error")
+
+
+async def test_terminal_that_was_hung_up_is_lost(screen: FakeTerminal, monkeypatch: pytest.MonkeyPatch) -> None:
+    def fail(*_: object) -> bytes:
+        raise OSError(5, "Input/output error")
+
+    with raw_terminal(screen.slave):
+        keyboard = screen.keyboard()
+        monkeypatch.setattr(os, "read", fail)
+        screen.type(b"x")
+        await wait_until(lambda: not keyboard._is_open)
+        monkeypatch.undo()
+        other = screen.keyboard()
+        other._screen = BrokenScreen()
+        with pytest.raises(DeviceLostError, match="terminal is gone"):
+            other.ask(asyncio.get_running_loop().time() + 0.1)
+        other.close()

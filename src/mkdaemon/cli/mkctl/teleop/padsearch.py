@@ -42,30 +42,32 @@ class Mappings:
 
 async def look_for_pads(session: Session, mappings: Mappings) -> None:
     """Attach every pad that is there or comes, for ever; one without a mapping is told of and left out."""
-    seen: set[str] = set()
+    left_out: set[str] = set()
     while True:
         present = set(new_paths(()))
-        seen &= present
-        for path in sorted(present - seen):
-            seen.add(path)
+        left_out &= present
+        # What was plugged in again between two looks has its old path, and is no device of the session any more.
+        for path in sorted(present - left_out - session.devices.keys()):
             try:
                 pad = open_pad(path, session.reported)
             except OSError as error:
                 session.notice = f"{path}: {error.strerror}; is this user in the group `input`?"
                 continue
-            if pad is not None:
-                _attach(session, pad, mappings)
+            if pad is None or not _attach(session, pad, mappings):
+                left_out.add(path)
         await asyncio.sleep(LOOKING)
 
 
-def _attach(session: Session, pad: EvdevPad, mappings: Mappings) -> None:
+def _attach(session: Session, pad: EvdevPad, mappings: Mappings) -> bool:
+    """Attach a pad; False where it has no mapping."""
     try:
         mapping = mappings.of(pad.id, pad.facts.name)
     except ConfigError as error:
         pad.close()
         session.notice = str(error)
-    else:
-        session.attach(pad, mapping)
+        return False
+    session.attach(pad, mapping)
+    return True
 
 
 def describe(path: str) -> FoundPad | None:

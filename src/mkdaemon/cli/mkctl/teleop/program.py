@@ -7,7 +7,7 @@ import os
 import signal
 import sys
 from collections.abc import Callable, Coroutine, Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -74,7 +74,7 @@ class Program:
         for number in _ENDS:
             loop.add_signal_handler(number, self._stop.set)
         is_screen = sys.stdout.isatty() and not self._connection.json
-        jobs: list[Job] = [*beside, self._watcher.run(self._uav, self.session.alarm), self._show(is_screen=is_screen)]
+        jobs: list[Job] = [*beside, self._watcher.run(self._uav, self._alarm), self._show(is_screen=is_screen)]
         if self._source.start is not None:
             jobs.append(self._supply(self._source.start(self.session, self._uav)))
         with ExitStack() as stack:
@@ -119,12 +119,19 @@ class Program:
             self.session.is_on_ground = self._watcher.is_on_ground
             if is_screen:
                 lines = screen_lines(self.session, self._watcher, title, has_keyboard=self._source.has_keyboard)
-                sys.stdout.write(drawing(lines, color=color))
-                sys.stdout.flush()
+                with suppress(OSError):  # a terminal that was hung up; SIGHUP ends the program
+                    sys.stdout.write(drawing(lines, color=color))
+                    sys.stdout.flush()
             elif (line := self._line()) != last:
                 print(line, flush=True)
                 last = line
             await asyncio.sleep(DRAWING if is_screen else TELLING)
+
+    def _alarm(self, notice: str) -> None:
+        """Shake the pads, and ring the bell of the terminal."""
+        self.session.alarm(notice)
+        if sys.stdout.isatty() and not self._source.has_keyboard:
+            sys.stdout.write("\a")
 
     def _line(self) -> str:
         output = self.session.output
@@ -154,5 +161,6 @@ def _second_screen() -> Iterator[None]:
     try:
         yield
     finally:
-        sys.stdout.write("\x1b[?25h\x1b[?1049l")
-        sys.stdout.flush()
+        with suppress(OSError):
+            sys.stdout.write("\x1b[?25h\x1b[?1049l")
+            sys.stdout.flush()

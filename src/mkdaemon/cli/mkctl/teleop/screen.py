@@ -65,14 +65,20 @@ def screen_lines(session: Session, watcher: Watcher, title: str, *, has_keyboard
     lines += _pads(session)
     lines += _sticks(session, watcher, hands)
     lines += [_lease(session, watcher), _sent(watcher), _link(watcher), _battery(watcher)]
-    style = GOOD if teleop.pilot is not None and not session.output.is_neutral else BAD
-    lines += [
-        _line(("now      ", DIM), (session.output.reason, style)),
-        _line(("last     ", DIM), (session.notice, PLAIN)),
-    ]
+    lines += [_now(session), _line(("last     ", DIM), (session.notice, PLAIN))]
     if has_keyboard:
         lines += [_line((text, DIM)) for text in KEYBOARD_LEGEND]
     return lines
+
+
+def _now(session: Session) -> Text:
+    """What is done and why; before the daemon flies, what it waits for."""
+    output = session.output
+    words = output.reason
+    if output.setpoint is not None and not session.keeper.is_engaged:
+        words = f"{words}; {session.keeper.words}"
+    flies = session.keeper.is_engaged and output.setpoint is not None and not output.is_neutral
+    return _line(("now      ", DIM), (words, GOOD if flies else BAD))
 
 
 def _pads(session: Session) -> list[Text]:

@@ -84,7 +84,10 @@ class Keyboard:
         self._loop.add_reader(self._descriptor, self._read)
 
     def _read(self) -> None:
-        data = os.read(self._descriptor, 256)
+        try:
+            data = os.read(self._descriptor, 256)
+        except OSError:  # the terminal was hung up
+            data = b""
         now = self._loop.time()
         if not data:
             self._is_open = False
@@ -108,8 +111,12 @@ class Keyboard:
             raise DeviceLostError("the terminal was closed")
         if now - self._asked_at >= ASKING:
             self._asked_at = now
-            self._screen.write(QUESTION.decode())
-            self._screen.flush()
+            try:
+                self._screen.write(QUESTION.decode())
+                self._screen.flush()
+            except OSError as error:
+                msg = f"the terminal is gone: {error.strerror}"
+                raise DeviceLostError(msg) from error
         alive_at = self.keys.alive_at
         if alive_at is None:
             if now - self._began > PATIENCE:
