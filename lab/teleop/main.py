@@ -17,7 +17,6 @@ from lab.rigs.cockpit import Boards
 from lab.stories.deaths import NEUTRAL_TIME, RELEASE_TIME
 from lab.stories.losses import silence_log
 from lab.stories.page import Row
-from lab.teleop.latency import LIMIT, measure_latency
 from lab.teleop.losses import HandsLost, Way, lose_hands
 from mkdaemon.cli.arguments import AsJson
 
@@ -57,6 +56,8 @@ def loss_row(boards: str, way: Way, found: Sequence[HandsLost]) -> Row:
 
 def run_latency(moves: int) -> Iterator[Row]:
     """Measure the way from a stick to the line."""
+    from lab.teleop.latency import LIMIT, measure_latency  # wants evdev, which not every machine has
+
     found = asyncio.run(measure_latency(moves))
     figure = (
         f"event to `b` frame median {found.p50_ms:g} ms, p99 {found.p99_ms:g} ms, longest {found.max_ms:g} ms; "

@@ -1,0 +1,73 @@
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from mkdaemon.cli.mkctl.teleop import command
+from mkdaemon.cli.mkctl.teleop.command import SECRET, Hands, teleop
+from mkdaemon.cli.mkctl.teleop.evdevpad import FoundPad
+from mkdaemon.cli.mkctl.teleop.program import Source
+from mkdaemon.errors import ConfigError, MkError
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"hands": Hands(keyboard=True, joy="far")}, "--keyboard and --joy do not go together"),
+        ({"hands": Hands(joy="far", replay=Path("x"))}, "--joy and --replay do not go together"),
+        ({"hands": Hands(keyboard=True)}, "--keyboard needs a terminal"),
+        ({"hands": Hands(joy="Far Away")}, "lower-case"),
+        ({"publish": "a/b"}, "lower-case"),
+        ({"publish": "far"}, SECRET),
+        ({"hands": Hands(replay=Path("none.jsonl"))}, "none.jsonl: cannot be read"),
+        ({"hands": Hands(mapping=Path("none.toml"))}, "none.toml: no such configuration file"),
+    ],
+)
+async def test_options_that_cannot_be_are_refused_before_anything_is_opened(
+    options: dict[str, Any], words: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.delenv(SECRET, raising=False)
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(ConfigError, match=words):
+        await teleop(**options)
+
+
+async def test_recording_does_not_replace_a_file(tmp_path: Path) -> None:
+    path = tmp_path / "flight.jsonl"
+    path.write_text("precious", encoding="utf-8")
+    with pytest.raises(ConfigError, match="File exists"):
+        await teleop(hands=Hands(joy="far"), record=path)
+    assert path.read_text(encoding="utf-8") == "precious"
+
+
+async def test_without_the_library_gamepads_are_refused_and_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    def missing() -> None:
+        raise MkError("gamepads need the library evdev")
+
+    monkeypatch.setattr(command, "load_evdev", missing)
+    with pytest.raises(MkError, match="evdev"):
+        await teleop()
+
+
+@pytest.mark.parametrize(
+    ("pad", "words"),
+    [
+        (FoundPad("/dev/input/event3", "Pad", "045e:028e"), "045e:028e  Pad  mapping: Xbox pad"),
+        (FoundPad("/dev/input/event3", "Pad", "1234:5678"), "no mapping: mkctl teleop --learn"),
+        (FoundPad("/dev/input/event3", "?", "", "cannot be opened: Permission denied"), "Permission denied"),
+        (None, "no pad: plug one in"),
+    ],
+)
+async def test_list_names_pads_mappings_and_troubles(
+    pad: FoundPad | None, words: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(command, "new_paths", lambda known: ["/dev/input/event3"])
+    monkeypatch.setattr(command, "describe", lambda path: pad)
+    assert await teleop(list_=True) == 0
+    assert words in capsys.readouterr().out
+
+
+def test_source_has_nothing_beside_it_by_default() -> None:
+    assert Source() == Source(None, has_keyboard=False, ends_with_devices=False)
