@@ -113,6 +113,7 @@ def test_terminal_that_is_gone_is_neutral_then_released() -> None:
     neutral = next(number for number, output in enumerate(outputs) if output.is_neutral)
     assert 0.02 * (neutral + 1) <= 0.29
     assert typist.now - gone <= 0.93
+    assert "the terminal has not answered" in outputs[-1].reason
 
 
 @pytest.mark.parametrize(("key", "kind"), [("T", "takeoff"), ("H", "hold"), ("L", "land")])

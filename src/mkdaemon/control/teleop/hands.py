@@ -221,7 +221,8 @@ class Hands:
     def _input_lost(self, now: float) -> Lapse | None:
         name, age = self.inputs.oldest([*self.axes.all, self._buttons[Function.ENABLE]], now)
         if age > AXIS_AGE:
-            return Lapse(f"nothing is known of {name} for {age:.2f} s", now - age, is_input_lost=True)
+            silent = f"{self.facts.speaker} has not answered" if self.facts.speaker else f"nothing is known of {name}"
+            return Lapse(f"{silent} for {age:.2f} s", now - age, is_input_lost=True)
         quiet = now - self.inputs.reported_at
         if self._quiet is not None and quiet > self._quiet and self.deflection() > DEFLECTED:
             reason = f"{self.facts.name} reports nothing for {quiet:.1f} s: out of reach?"
@@ -260,4 +261,4 @@ class Hands:
 
 
 def _clip(value: float) -> float:
-    return min(max(value, -127.0), 127.0)
+    return min(max(value, -127.0), 127.0) + 0.0  # no minus zero

@@ -38,12 +38,14 @@ class PadFacts:
         ranges: of its axes, by the kernel's name.
         buttons: its buttons, by the kernel's name.
         is_wireless: it is reached by Bluetooth.
+        speaker: who answers for all of its controls together, in words; empty where each is asked.
     """
 
     name: str
     ranges: Mapping[str, AxisRange]
     buttons: frozenset[str] = frozenset()
     is_wireless: bool = False
+    speaker: str = ""
 
 
 class PadInputs:

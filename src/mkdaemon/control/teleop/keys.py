@@ -89,7 +89,12 @@ KEYBOARD: Final = Gamepad(
 )
 """What the keys do."""
 _AXES: Final = ("KEYS_ROLL", "KEYS_PITCH", "KEYS_YAW", "KEYS_THRUST")
-FACTS: Final = PadFacts("keyboard", dict.fromkeys(_AXES, AxisRange(-1.0, 1.0)), frozenset({"KEY_E", *BUTTONS.values()}))
+FACTS: Final = PadFacts(
+    "keyboard",
+    dict.fromkeys(_AXES, AxisRange(-1.0, 1.0)),
+    frozenset({"KEY_E", *BUTTONS.values()}),
+    speaker="the terminal",
+)
 """What the keyboard says about itself."""
 
 

@@ -39,7 +39,11 @@ class JoyPad:
         self.name = f"{PREFIX}{pad}"
         ranges = dict.fromkeys(first.axis_names, AxisRange(-1.0, 1.0))
         self.facts = PadFacts(
-            f"{first.name} of {pad}", ranges, frozenset(first.button_names), is_wireless=first.wireless
+            f"{first.name} of {pad}",
+            ranges,
+            frozenset(first.button_names),
+            is_wireless=first.wireless,
+            speaker=f"the machine of {pad}",
         )
         self._pad, self._secret = pad, secret
         self.refused = 0
