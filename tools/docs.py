@@ -66,6 +66,7 @@ def docs(
         msg = f"{root.resolve()} has no docs/: run it in the source tree or give --root"
         raise MkError(msg)
     if not check:
+        (root / "docs" / "figures").mkdir(exist_ok=True)
         for page, maker in GENERATED.items():
             write_whole(root / page, make_page(maker, root), overwrite=True)
             print(f"wrote {page}")

@@ -12,6 +12,7 @@ from xml.sax.saxutils import escape
 
 from rich.text import Text
 
+from lab.places import CONFIGS
 from lab.rigs.cockpit import Boards, cockpit
 from lab.rigs.cockpitclient import CockpitClient, PublishedValues
 from lab.rigs.handpad import HandPad
@@ -65,7 +66,7 @@ _MEANINGS: Final = {
 }
 
 
-def screen_picture(root: Path) -> str:
+def screen_picture(_root: Path) -> str:
     """Return the screen of a flight, as SVG."""
     silence_log()
     lines = run_virtually(_flown_screen())
@@ -128,9 +129,9 @@ def _svg(width: float, height: float, parts: Sequence[str]) -> str:
     return head + "\n".join(part.rstrip("\n") for part in parts) + "\n</svg>\n"
 
 
-def mapping_picture(root: Path) -> str:
+def mapping_picture(_root: Path) -> str:
     """Return what the controls of the Xbox pad do, stick mode as in its file, as SVG."""
-    pad = load_section(Gamepad, root / "configs" / "gamepads" / "xbox.toml")
+    pad = load_section(Gamepad, CONFIGS / "gamepads" / "xbox.toml")
     parts = [
         '<rect width="1150" height="425" fill="#ffffff"/>',
         '<g transform="translate(165,0)">',
