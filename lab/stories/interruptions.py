@@ -13,7 +13,8 @@ from lab.stories.restarts import CLEARED as RESTART_CLEARED
 from lab.stories.restarts import Restart, restart
 from lab.stories.standstills import CLEARED as STOP_CLEARED
 from lab.stories.standstills import Standstill, Stopped, stand_still
-from lab.stories.swaps import Swapped, swap_aircraft
+from lab.stories.swaps import LONGEST, Swapped, swap_aircraft
+from mkdaemon.link.session.reboot import GAP
 
 RUNS: Final = 50
 GENERATIONS: Final = (Boards("early"), Boards("2.08"), Boards("2.12a"))
@@ -35,8 +36,9 @@ def swap_row(found: list[Swapped]) -> Row:
         f"{sum(one.found.startswith(one.expected) for one in found)} right discoveries"
     )
     wrong = [one for one in found if one.is_wrong]
-    return Row("swap", "another aircraft at the same port", "FC 2.12a and 2.08 behind NC 0.24", len(found), figure,
-               f"0; -; {len(found)}", not wrong, {"wrong": [asdict(one) for one in wrong]})  # fmt: skip
+    story = f"another aircraft at the same port, exchanged in {GAP:g} to {LONGEST:g} s"
+    return Row("swap", story, "FC 2.12a and 2.08 behind NC 0.24", len(found), figure, f"0; -; {len(found)}",
+               not wrong, {"wrong": [asdict(one) for one in wrong]})  # fmt: skip
 
 
 def run_reboots(runs: int | None, jobs: int) -> Iterator[Row]:
