@@ -93,6 +93,7 @@ def test_the_summary_in_words():
         "longitude_deg": 7.4591,
         "altitude_above_start": 1.9,
         "position_enu": (0.0, 0.0, 1.9),
+        "home_distance": 0.0,
         "velocity_enu": (0.0, 0.0, 0.0),
         "satellites": 9,
     }

@@ -282,23 +282,36 @@ def test_recorded_frames_make_a_consistent_aircraft():
     assert all(10 < battery.voltage < 20 for battery in found["state/battery"])
 
 
+FROM_FLIGHTCTRL = (
+    *("motors_running", "is_flying", "is_calibrating", "is_starting", "emergency_landing", "battery_low", "care_free"),
+    *("altitude_control", "rc_failsafe", "waiting_for_takeoff", "auto_starting", "auto_landing", "altitude_setpoint"),
+)
+"""What `state/flight` knows from the FlightCtrl alone."""
+
+
 @pytest.mark.parametrize("code", [ErrorCode.NO_FC, ErrorCode.FC_SPI])
 def test_a_navictrl_that_does_not_hear_its_flightctrl_says_nothing_about_it(code):
     """Its flags, battery, reception and attitude are frozen at the last value then."""
     translator = StateTranslator()
-    osd = blank(OsdData5, error_code=code, rc_quality=200, battery=160)
+    here = PositionStatus.NEW
+    osd = blank(OsdData5, error_code=code, rc_quality=200, battery=160, position_status=here, home_status=here)
     told = states(osd, translator=translator)
     assert motors_running("nc", osd) is None
     assert fc_is_lost(osd) is True
-    assert (told["state/flight"].motors_running, told["state/flight"].is_flying) == (None, None)
+    assert {getattr(told["state/flight"], name) for name in FROM_FLIGHTCTRL} == {None}
     assert told["state/flight"].error
+    place = told["state/position"]
+    assert (place.altitude_above_start, place.position_enu) == (None, None)
+    assert place.home_distance is not None
     assert told.keys().isdisjoint({"state/battery", "state/pilot", "state/attitude"})
     assert states(blank(AttitudeDataNc), translator=translator) == {}
     assert "state/battery" in states(blank(OsdData5), translator=translator)
     assert "state/attitude" in states(blank(AttitudeDataNc), translator=translator)
     flags = blank(OsdFlags, index=11, error_code=code)
     assert motors_running("nc", flags) is None
-    assert states(flags)["state/flight"].motors_running is None
+    told = states(flags.model_copy(update={"latitude": 1}))
+    assert {getattr(told["state/flight"], name) for name in FROM_FLIGHTCTRL} == {None}
+    assert told["state/position"].altitude_above_start is None
     for frozen in (OsdVolatile, OsdTarget):
         translator = StateTranslator()
         states(flags, translator=translator)

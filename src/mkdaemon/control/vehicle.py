@@ -139,7 +139,7 @@ class VehicleFacts:
         """Whether the FlightCtrl is known to fly without the pilot's transmitter."""
         flight = self.flight(now)
         if flight is not None:
-            return flight.emergency_landing
+            return flight.emergency_landing is True
         pilot = self.pilot(now)
         return pilot is not None and not pilot.has_signal
 

@@ -43,9 +43,10 @@ class Position(StateValue):
     altitude: float | None
     """By GPS, as the receiver gives it [m]; null where this message does not carry it."""
     altitude_above_start: float | None
-    """By barometer, above the point of calibration [m]."""
+    """By barometer, above the point of calibration [m]; null while the NaviCtrl does not hear the FlightCtrl, whose
+    values then stay as they were."""
     position_enu: Vector3 | None
-    """East, north, up of home [m]; null until home is known. Up is the barometer's."""
+    """East, north, up of home [m]; null until home is known, and without up. Up is the barometer's."""
     home_latitude_deg: float | None
     """WGS-84 [deg]."""
     home_longitude_deg: float | None
@@ -119,26 +120,26 @@ class Flight(StateValue):
     flags then stay as they were."""
     is_flying: bool | None
     """The FlightCtrl counts itself as in the air; null as above."""
-    is_calibrating: bool
-    """A pulse: sensors are being calibrated."""
-    is_starting: bool
-    """A pulse: motors are being started."""
-    emergency_landing: bool
-    """Receiver lost: emergency throttle, then motors off."""
-    battery_low: bool
-    """The FlightCtrl's own alarm."""
+    is_calibrating: bool | None
+    """A pulse: sensors are being calibrated; null as above."""
+    is_starting: bool | None
+    """A pulse: motors are being started; null as above."""
+    emergency_landing: bool | None
+    """Receiver lost: emergency throttle, then motors off; null as above."""
+    battery_low: bool | None
+    """The FlightCtrl's own alarm; null as above."""
     care_free: bool | None
-    """Null where the firmware does not say."""
+    """Null where the firmware does not say, and as above."""
     altitude_control: bool | None
-    """The throttle stick commands climb, not thrust; null where the firmware does not say."""
+    """The throttle stick commands climb, not thrust; null where the firmware does not say, and as above."""
     rc_failsafe: bool | None
-    """The receiver signals its own fail-safe; null where the firmware does not say."""
+    """The receiver signals its own fail-safe; null where the firmware does not say, and as above."""
     waiting_for_takeoff: bool | None
-    """Null where the firmware does not say."""
+    """Null where the firmware does not say, and as above."""
     auto_starting: bool | None
-    """Null where the firmware does not say."""
+    """Null where the firmware does not say, and as above."""
     auto_landing: bool | None
-    """Null where the firmware does not say."""
+    """Null where the firmware does not say, and as above."""
     gps_mode: GpsMode
     """The switch the NaviCtrl follows."""
     manual_control: bool
@@ -164,7 +165,7 @@ class Flight(StateValue):
     board_target_distance: float | None = None
     """The same as the board says it [m]; a NaviCtrl 0.24 begins at 0 again every 655 m."""
     altitude_setpoint: float | None
-    """Of altitude control, above start [m]; null while it is off or not reported."""
+    """Of altitude control, above start [m]; null while it is off or not reported, and as above."""
 
 
 class Pilot(StateValue):

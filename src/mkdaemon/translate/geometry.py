@@ -43,7 +43,7 @@ def position(
     latitude: float,
     longitude: float,
     altitude: float | None,
-    above_start: float,
+    above_start: float | None,
     home: Home | None,
     board_home_distance: float | None,
 ) -> Position:
@@ -54,14 +54,15 @@ def position(
         latitude: [deg].
         longitude: [deg].
         altitude: by GPS [m].
-        above_start: by barometer [m].
+        above_start: by barometer [m]; None where it is not known.
         home: where it started, if known.
         board_home_distance: as the board says it [m].
     """
     position_enu = home_distance = None
     if home is not None:
         east, north = east_north(latitude, longitude, home)
-        position_enu, home_distance = (east, north, above_start), math.hypot(east, north)
+        position_enu = None if above_start is None else (east, north, above_start)
+        home_distance = math.hypot(east, north)
     return Position(
         **origin._asdict(),
         latitude_deg=latitude,

@@ -84,7 +84,7 @@ def _position(osd: OsdData4 | OsdData5, origin: Origin) -> Position:
         latitude=osd.si("position_latitude"),
         longitude=osd.si("position_longitude"),
         altitude=osd.si("position_altitude"),
-        above_start=osd.si("altimeter"),
+        above_start=None if is_fc_lost(osd.error_code) else osd.si("altimeter"),
         home=home,
         board_home_distance=None if home is None else osd.si("home_distance"),
     )
@@ -131,8 +131,13 @@ def _gps(osd: OsdData4 | OsdData5, origin: Origin) -> Gps:
 
 
 def _flight(osd: OsdData4 | OsdData5, origin: Origin) -> Flight:
-    first, navi = osd.fc_flags, osd.nc_flags
-    second = osd.fc_flags_2 if isinstance(osd, OsdData5) else None
+    # Without the FlightCtrl its flags, and what else comes from it, stay as they were.
+    first = None if is_fc_lost(osd.error_code) else osd.fc_flags
+    second = osd.fc_flags_2 if isinstance(osd, OsdData5) and first is not None else None
+    navi = osd.nc_flags
+
+    def main(flag: FlightStatus) -> bool | None:
+        return None if first is None else bool(first & flag)
 
     def extra(flag: FlightStatus2) -> bool | None:
         return None if second is None else bool(second & flag)
@@ -141,12 +146,12 @@ def _flight(osd: OsdData4 | OsdData5, origin: Origin) -> Flight:
     return Flight(
         **origin._asdict(),
         # The first six bits mean the same in both generations of the flags.
-        motors_running=None if is_fc_lost(osd.error_code) else bool(first & FlightStatus.MOTORS_RUNNING),
-        is_flying=None if is_fc_lost(osd.error_code) else bool(first & FlightStatus.FLYING),
-        is_calibrating=bool(first & FlightStatus.CALIBRATING),
-        is_starting=bool(first & FlightStatus.STARTING),
-        emergency_landing=bool(first & FlightStatus.EMERGENCY_LANDING),
-        battery_low=bool(first & FlightStatus.LOW_BATTERY),
+        motors_running=main(FlightStatus.MOTORS_RUNNING),
+        is_flying=main(FlightStatus.FLYING),
+        is_calibrating=main(FlightStatus.CALIBRATING),
+        is_starting=main(FlightStatus.STARTING),
+        emergency_landing=main(FlightStatus.EMERGENCY_LANDING),
+        battery_low=main(FlightStatus.LOW_BATTERY),
         care_free=extra(FlightStatus2.CARE_FREE),
         altitude_control=extra(FlightStatus2.ALTITUDE_CONTROL),
         rc_failsafe=extra(FlightStatus2.RC_FAILSAFE),
@@ -165,5 +170,5 @@ def _flight(osd: OsdData4 | OsdData5, origin: Origin) -> Flight:
         waypoint_count=osd.waypoint_count,
         target_distance=_target_distance(osd) if has_target else None,
         board_target_distance=osd.si("target_distance") if has_target else None,
-        altitude_setpoint=osd.si("altitude_setpoint"),
+        altitude_setpoint=None if first is None else osd.si("altitude_setpoint"),
     )

@@ -79,7 +79,7 @@ class SetTranslator:
             latitude=message.si("latitude"),
             longitude=message.si("longitude"),
             altitude=None,
-            above_start=message.si("altimeter"),
+            above_start=None if is_fc_lost(self.error) else message.si("altimeter"),
             home=self.home,
             board_home_distance=None if self.deviation is None else self.deviation.si("home_distance"),
         )
@@ -95,21 +95,28 @@ class SetTranslator:
         )
 
     def _flight(self, flags: OsdFlags, origin: Origin) -> Flight:
-        first, second, navi = flags.status, flags.status_2, flags.nc_flags
+        is_lost, navi = is_fc_lost(self.error), flags.nc_flags
+
+        def first(flag: OsdStatus) -> bool | None:
+            return None if is_lost else bool(flags.status & flag)
+
+        def second(flag: OsdStatus2) -> bool | None:
+            return None if is_lost else bool(flags.status_2 & flag)
+
         return Flight(
             **origin._asdict(),
-            motors_running=None if is_fc_lost(self.error) else bool(second & OsdStatus2.MOTORS_RUNNING),
-            is_flying=None if is_fc_lost(self.error) else bool(second & OsdStatus2.FLYING),
-            is_calibrating=bool(first & OsdStatus.CALIBRATING),
-            is_starting=bool(second & OsdStatus2.STARTING),
-            emergency_landing=bool(second & OsdStatus2.EMERGENCY_LANDING),
-            battery_low=bool(first & OsdStatus.LOW_BATTERY),
-            care_free=bool(first & OsdStatus.CARE_FREE),
-            altitude_control=bool(first & OsdStatus.ALTITUDE_CONTROL),
-            rc_failsafe=bool(second & OsdStatus2.RC_FAILSAFE),
-            waiting_for_takeoff=bool(second & OsdStatus2.WAITING_FOR_TAKEOFF),
-            auto_starting=bool(second & OsdStatus2.AUTO_STARTING),
-            auto_landing=bool(second & OsdStatus2.AUTO_LANDING),
+            motors_running=second(OsdStatus2.MOTORS_RUNNING),
+            is_flying=second(OsdStatus2.FLYING),
+            is_calibrating=first(OsdStatus.CALIBRATING),
+            is_starting=second(OsdStatus2.STARTING),
+            emergency_landing=second(OsdStatus2.EMERGENCY_LANDING),
+            battery_low=first(OsdStatus.LOW_BATTERY),
+            care_free=first(OsdStatus.CARE_FREE),
+            altitude_control=first(OsdStatus.ALTITUDE_CONTROL),
+            rc_failsafe=second(OsdStatus2.RC_FAILSAFE),
+            waiting_for_takeoff=second(OsdStatus2.WAITING_FOR_TAKEOFF),
+            auto_starting=second(OsdStatus2.AUTO_STARTING),
+            auto_landing=second(OsdStatus2.AUTO_LANDING),
             gps_mode=gps_mode(navi),
             manual_control=bool(navi & NaviStatus.MANUAL_CONTROL),
             range_limit=bool(navi & NaviStatus.RANGE_LIMIT),
@@ -122,7 +129,7 @@ class SetTranslator:
             waypoint_count=None if self.waypoint is None else self.waypoint.waypoint_count,
             target_distance=self._target_distance(flags),
             board_target_distance=None if self.deviation is None else self.deviation.si("target_distance"),
-            altitude_setpoint=self.altitude_setpoint,
+            altitude_setpoint=None if is_lost else self.altitude_setpoint,
         )
 
 

@@ -106,10 +106,10 @@ def _attitude(fields: Fields) -> str:
 
 def _position(fields: Fields) -> str:
     height = fields["altitude_above_start"]
-    text = f"{fields['latitude_deg']:.7f}, {fields['longitude_deg']:.7f}, {height:.1f} m above start"
-    if fields["position_enu"] is not None:
-        east, north, _ = fields["position_enu"]
-        text += f"; {math.hypot(east, north):.1f} m from home"
+    words = "height unknown" if height is None else f"{height:.1f} m above start"
+    text = f"{fields['latitude_deg']:.7f}, {fields['longitude_deg']:.7f}, {words}"
+    if fields["home_distance"] is not None:
+        text += f"; {fields['home_distance']:.1f} m from home"
     return text
 
 

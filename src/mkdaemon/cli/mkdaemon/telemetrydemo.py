@@ -180,7 +180,8 @@ def progress_line(tally: Tally) -> str:
         words.append(f"{battery['voltage']:.1f} V")
     if position is not None:
         words.append(f"{position['latitude_deg']:.6f}, {position['longitude_deg']:.6f}")
-        words.append(f"{position['altitude_above_start']:.1f} m above start")
+        height = position["altitude_above_start"]
+        words.append("height unknown" if height is None else f"{height:.1f} m above start")
     return "; ".join(words)
 
 
