@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import asyncio
 import json
+import os
+import signal
 
 import msgpack
 import pytest
@@ -125,7 +127,7 @@ async def test_a_mistake_is_told_at_once(tmp_path):
                 await asyncio.sleep(30.0)
 
 
-async def test_the_command_ends_in_time_and_tells_what_came(tmp_path, capsys):
+async def test_the_command_ends_in_order_by_a_signal_and_says_what_came(tmp_path, capsys):
     endpoint = free_endpoint()
     async with Bus.open(bus_config(endpoint), "t4") as bus:
 
@@ -136,9 +138,14 @@ async def test_the_command_ends_in_time_and_tells_what_came(tmp_path, capsys):
                 await asyncio.sleep(0.02)
 
         speaking = asyncio.create_task(speak())
-        for as_json in (True, False):
+        for as_json, number in ((True, signal.SIGTERM), (False, signal.SIGINT)):
+            folder = tmp_path / number.name
             where = Connection(connect=endpoint, json=as_json)
-            assert await record(folder=tmp_path, seconds=0.4, connection=where) == 0
+            recording = asyncio.create_task(record(folder=folder, connection=where))
+            await wait_until(lambda folder=folder: any(folder.glob("*.mcap")))
+            os.kill(os.getpid(), number)
+            assert await recording == 0
+        assert await record(folder=tmp_path, seconds=0.01, connection=where) == 0
         speaking.cancel()
     line, *words = capsys.readouterr().out.splitlines()
     fields = json.loads(line)
