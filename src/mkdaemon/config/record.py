@@ -44,6 +44,7 @@ class RecordConfig(Section):
     queue_mb: int = Field(default=32, ge=1, le=1024)
     """So much may wait in memory for a slow disk; beyond it entries are lost and counted [MB]."""
     json_for_viewers: bool = False
-    """Add JSON for viewers; it takes more room, and time of the daemon. `mkctl log cut --json` adds it later."""
+    """Add JSON for viewers; it takes twice the room and delays setpoints (docs/recording.md). `mkctl log recover
+    --viewer` adds it later."""
     images: RecordedImages = RecordedImages()
     """Images of the cameras."""
