@@ -14,8 +14,8 @@ from tests.places import CONFIGS, ROOT
 SAMPLES = "share/mkdaemon/configs"
 
 NEEDED_TO_FLY = {
-    "cyclopts", "eclipse-zenoh", "msgpack", "numpy", "pydantic", "pyserial", "pyserial-asyncio", "rich", "structlog",
-    "uvloop",
+    "cyclopts", "eclipse-zenoh", "mcap", "msgpack", "numpy", "pydantic", "pyserial", "pyserial-asyncio", "rich",
+    "structlog", "uvloop", "zstandard",
 }  # fmt: skip
 
 

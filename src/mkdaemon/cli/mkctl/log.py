@@ -48,6 +48,9 @@ def list_(folder: Path | None = None, *, as_json: AsJson = False) -> None:
 
     Args:
         folder: Where to look; by default where daemons and recorders of this machine write.
+
+    Raises:
+        ConfigError: there is no such folder.
     """
     from mkdaemon.record.glance import glance
 

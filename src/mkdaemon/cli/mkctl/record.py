@@ -61,6 +61,10 @@ async def record(
         free_mb: Left free on the disk [MB].
         delete_oldest: Delete the oldest recordings of the folder where there is no more room; else recording stops.
         queue_mb: So much may wait in memory for a slow disk [MB].
+
+    Raises:
+        ConfigError: an option cannot be.
+        MkError: the disk took nothing at the end.
     """
     from mkdaemon.client.ground import GroundPlan, record_ground
     from mkdaemon.client.groundtap import EVERYTHING
