@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import random
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Final
@@ -10,6 +11,7 @@ from typing import Any, Final
 import numpy as np
 
 from lab.control.camera import CameraModel
+from lab.control.corerig import TakeOffRig
 from lab.control.flights import Flight, Record
 from lab.control.law2010 import PiGains
 from lab.control.rendered import RenderedRig
@@ -26,6 +28,12 @@ STEP_AT: Final = 15.0
 """[s]."""
 STEP_FROM: Final = 0.5
 """A step begins so far before the middle of the target [m]."""
+STICK_GAINS: Final = (0.67, 0.75, 1.33, 1.49)
+"""Stick gains of an aircraft over those of the model it is flown by."""
+TAKEN_OFF: Final = 22.0
+"""A take-off has come to its end by then [s]."""
+NEAR: Final = 0.6
+"""Who is nearer than this to the place over the middle holds it [m]."""
 PAD_RADIUS: Final = 0.25
 """A touch farther from the middle is beside the pad [m]: the nested target's print is 0.6 m wide."""
 REPORTING: Final = 50_000_000
@@ -124,20 +132,50 @@ def _landing(wind: WindClass, pad: tuple[float, float]) -> Callable[[int], Fligh
     return lambda seed: Flight(seed=seed, wind=wind, pad=pad, land_at=15.0, seconds=60.0)
 
 
+def takeoff_figures(prefix: str) -> Callable[[Record], dict[str, float]]:
+    """Whether the last seconds are spent over the target at height [%], and how far it was from the middle [cm]."""
+
+    def measure(record: Record) -> dict[str, float]:
+        places, times = np.array(record.positions), np.array(record.times)
+        last = places[times > TAKEN_OFF]
+        stands = bool(len(last)) and bool((np.linalg.norm(last - [0.0, 0.0, 2.0], axis=1) < NEAR).all())
+        return {
+            f"{prefix}_success_percent": 100.0 * (stands and not record.lost),
+            f"{prefix}_farthest_cm": 100.0 * float(np.hypot(places[:, 0], places[:, 1]).max()),
+        }
+
+    return measure
+
+
+def _take_off(wind: WindClass) -> Callable[[int], Flight]:
+    def flight(seed: int) -> Flight:
+        rng = random.Random(f"{seed} place")
+        place = (rng.uniform(-0.1, 0.1), rng.uniform(-0.1, 0.1))
+        return Flight(seed=seed, wind=wind, start=0.0, place=place, seconds=25.0)
+
+    return flight
+
+
+def _wrong_filter(seed: int) -> Flight:
+    """An aircraft that has a stick filter flown as if it had none, or the other way round."""
+    true = believed_model(AttitudeGains.from_parameters(**EASY))
+    flight = Flight(seed=seed, wind=WindClass.LIGHT)
+    if seed % 2:
+        return replace(flight, gains=OLD_FIRMWARE, model=true)
+    return replace(flight, model=replace(true, stick_filter=NO_FILTER))
+
+
 def _wrong(seed: int) -> Flight:
-    """A model that is wrong in one way, drawn from the seed."""
+    """A model that is wrong in one way, drawn from the seed: the aircraft's stick gain over the model's first."""
     true = believed_model(AttitudeGains.from_parameters(**EASY))
     flight = Flight(seed=seed, wind=WindClass.LIGHT)
     kinds: Sequence[Flight] = (
-        replace(flight, model=replace(true, rad_per_count=true.rad_per_count * 0.67)),
-        replace(flight, model=replace(true, rad_per_count=true.rad_per_count * 1.33)),
+        *(replace(flight, model=replace(true, rad_per_count=true.rad_per_count / gain)) for gain in STICK_GAINS),
         replace(flight, mass=1.0),
         replace(flight, mass=1.5),
         replace(flight, camera=CameraModel(stamp_error=0.020)),
         replace(flight, camera=CameraModel(stamp_error=-0.020)),
         replace(flight, gains=NEWER_NAVICTRL, model=true),
-        replace(flight, gains=OLD_FIRMWARE, model=true),
-        replace(flight, model=replace(true, stick_filter=NO_FILTER)),
         replace(flight, attitude_scale=0.89),
         replace(flight, attitude_scale=1.13),
     )
@@ -210,6 +248,22 @@ CASES: Final = {
         {"tag_gone_1s_max_cm": 50.0},
     ),
     "wrong_model": Case(_wrong, 110, survival("wrong_model_lost_percent"), {"wrong_model_lost_percent": 0.0}),
+    "wrong_filter": Case(_wrong_filter, 10, survival("wrong_filter_lost_percent"), {}),
+    "takeoff_indoor": Case(
+        _take_off(WindClass.INDOOR),
+        20,
+        takeoff_figures("takeoff_indoor"),
+        {"takeoff_indoor_success_percent": 98.0},
+        TakeOffRig,
+    ),
+    "takeoff_light": Case(
+        _take_off(WindClass.LIGHT),
+        40,
+        takeoff_figures("takeoff_light"),
+        {"takeoff_light_success_percent": 98.0},
+        TakeOffRig,
+    ),
+    "takeoff_moderate": Case(_take_off(WindClass.MODERATE), 20, takeoff_figures("takeoff_moderate"), {}, TakeOffRig),
     "law_2010": Case(
         _hover(WindClass.INDOOR, law=PiGains(), seconds=30.0),
         20,

@@ -20,7 +20,7 @@ from mkdaemon.stamp import Stamp
 from mkdaemon.telemetry.command import LeaseRequest
 from mkdaemon.telemetry.control import ControlLine, EstimateValue, LeaseGrant
 from mkdaemon.telemetry.link import LinkCondition, LinkState
-from mkdaemon.telemetry.setpoint import PositionSetpoint, Setpoint, SetpointFrame
+from mkdaemon.telemetry.setpoint import PositionSetpoint, Setpoint, SetpointFrame, TakeOffSetpoint
 from mkdaemon.telemetry.signature import signed
 from mkdaemon.telemetry.state import Attitude
 from mkdaemon.telemetry.vision import VisionPose
@@ -112,6 +112,14 @@ class CoreRig(Rig):
             frame=SetpointFrame.PAD,
             yaw=goal.yaw,
         )
+
+
+class TakeOffRig(CoreRig):
+    """A take-off to 2 m from beside the middle of the target, decided by the flight core."""
+
+    def _setpoint(self, goal: Goal, at: float) -> Setpoint:
+        """What the client streams."""
+        return TakeOffSetpoint(epoch=self._epoch, sequence=self._sequence, ttl=0.3, height=float(goal.position[2]))
 
 
 def pose_of(view: TargetView) -> VisionPose:

@@ -11,6 +11,7 @@ import pytest
 from lab.control.camera import CameraModel
 from lab.control.corerig import CoreRig, stamp
 from lab.control.flights import Flight
+from lab.control.rig import Rig, believed_model
 from mkdaemon.config.autopilot import AutopilotConfig
 from mkdaemon.config.sim_flight import WindClass
 from mkdaemon.control.actions import Release, ReportFailsafe, ReportMode, SendSticks
@@ -19,6 +20,7 @@ from mkdaemon.control.guidance.landing import LandingPhase
 from mkdaemon.control.targetflight import FORGOTTEN, TargetFlight
 from mkdaemon.control.vehicle import VehicleFacts
 from mkdaemon.errors import CommandRejectedError
+from mkdaemon.sim.physics.attitude_loop import EASY, AttitudeGains
 from mkdaemon.telemetry.control import Phase
 from mkdaemon.telemetry.refusals import Token
 from mkdaemon.telemetry.setpoint import (
@@ -214,6 +216,34 @@ def test_a_velocity_is_flown_in_its_frame():
     assert math.hypot(x, y) == pytest.approx(0.5, abs=0.15)
     assert math.atan2(y, x) == pytest.approx(0.3, abs=0.25), "the nose points there"
     assert z == pytest.approx(0.0, abs=0.1)
+
+
+class Turning(Forward):
+    """From 8 s on the client asks to turn left on the spot."""
+
+    def _setpoint(self, goal, at):
+        if at < 8.0:
+            return super()._setpoint(goal, at)
+        turn = {"velocity": (0.0, 0.0, 0.0), "frame": SetpointFrame.PAD, "yaw_rate": 0.15}
+        return VelocitySetpoint(epoch=self._epoch, sequence=self._sequence, ttl=0.3, **turn)
+
+
+def test_a_velocity_setpoint_turns():
+    rig = Turning(replace(CALM, seconds=10.0))
+    record = rig.fly()
+    before = next(estimate.yaw for estimate in reversed(rig.estimates[:-100]))
+    assert rig.estimates[-1].yaw - before == pytest.approx(0.15 * 2.0, abs=0.12)
+    assert math.hypot(*record.errors[-1][:2]) < 0.2
+
+
+@pytest.mark.parametrize("gain", [0.67, 1.49])
+def test_an_aircraft_whose_sticks_ask_for_another_tilt_than_its_model_says_is_held(gain):
+    true = believed_model(AttitudeGains.from_parameters(**EASY))
+    model = replace(true, rad_per_count=true.rad_per_count / gain)
+    rig = Rig(Flight(seed=506, wind=WindClass.LIGHT, seconds=9.0, model=model))
+    record = rig.fly()
+    assert record.lost == ""
+    assert math.hypot(*record.errors[-1][:2]) < 0.5
 
 
 def test_a_target_seen_after_a_long_time_is_met_anew_and_another_target_is_ignored():

@@ -7,10 +7,10 @@ from dataclasses import replace
 
 import pytest
 
-from mkdaemon.control.estimator.model import LEAK_FAST, LEAK_SLOW, NO_FILTER, STICK_FILTER
+from mkdaemon.control.estimator.model import LEAK_FAST, LEAK_SLOW, NO_FILTER, STICK_FILTER, AircraftModel
 from mkdaemon.protocol.dialect import Dialect
 from mkdaemon.protocol.settings import ParameterSet
-from mkdaemon.translate import aircraft_model
+from mkdaemon.translate import aircraft_model, assumed_model
 
 EASY = {"stick_p": 6, "gyro_p": 100, "gyro_i": 120, "integral_factor": 16, "gyro_stability": 6, "stick_yaw_p": 4}
 """The factory's first set; its angle a count and its gains are those of docs/control.md."""
@@ -36,6 +36,11 @@ def test_the_easy_set_gives_the_documented_constants():
 def test_firmware_and_navictrl_decide_filter_and_leak():
     assert model(has_filter=False).stick_filter == NO_FILTER
     assert model(has_slow_leak=True).leak == LEAK_SLOW
+
+
+def test_an_aircraft_whose_set_cannot_be_read_is_taken_for_easy_on_its_own_firmware():
+    assert assumed_model(replace(Dialect(), stick_filter=True)) == AircraftModel()
+    assert assumed_model(Dialect()) == replace(AircraftModel(), stick_filter=NO_FILTER)
 
 
 @pytest.mark.parametrize("changes", [{"gyro_i": 0}, {"gyro_stability": 0}])

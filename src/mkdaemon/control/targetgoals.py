@@ -89,6 +89,7 @@ class Goals:
         if estimate.age > cfg.freeze_after:
             return Goal(position=np.array([*autopilot.reference.position, float(estimate.position[2])]))
         yaw: float | None = None
+        yaw_rate = 0.0
         speed: float | None = None
         if isinstance(setpoint, VelocitySetpoint):
             self._anchor = None
@@ -98,7 +99,7 @@ class Goals:
             # A point ahead that the reference never reaches, flown to no faster than asked.
             speed = float(np.hypot(*velocity[:2]))
             here = np.array([*autopilot.reference.position, *autopilot.height.position])
-            wanted = here + velocity * cfg.velocity_lead
+            wanted, yaw_rate = here + velocity * cfg.velocity_lead, setpoint.yaw_rate
         elif isinstance(setpoint, PositionSetpoint) and setpoint.frame is SetpointFrame.PAD:
             self._anchor = None
             wanted, yaw = np.array(setpoint.position), setpoint.yaw
@@ -111,7 +112,7 @@ class Goals:
         else:  # landing and take-off before they have begun
             self._anchor = None
             wanted, yaw = estimate.position, getattr(setpoint, "yaw", None)
-        return Goal(position=self.inside_fence(wanted), yaw=yaw, speed=speed)
+        return Goal(position=self.inside_fence(wanted), yaw=yaw, yaw_rate=yaw_rate, speed=speed)
 
     def inside_fence(self, wanted: Array) -> Array:
         """The nearest place inside the fence (3,) [m]."""
@@ -183,6 +184,7 @@ def estimate_value(target: str, estimator: Estimator, now: float) -> EstimateVal
         image_age=found.age,
         innovation=estimator.innovation,
         is_nominal=estimator.is_nominal,
+        stick_gain=estimator.stick_gain,
     )
 
 

@@ -40,7 +40,7 @@ from mkdaemon.telemetry.control import (
 from mkdaemon.telemetry.preflight import ControlPreflight, PreflightReport
 from mkdaemon.telemetry.setpoint import Setpoint
 from mkdaemon.telemetry.signature import Signature
-from mkdaemon.translate import aircraft_model, extern_control
+from mkdaemon.translate import aircraft_model, assumed_model, extern_control
 
 LATE_RELEASE: Final = 600.0
 """How long a release that was not confirmed is watched for its confirmation [s]."""
@@ -145,11 +145,9 @@ class FlightControl:
     async def _read_active_set(self) -> ActiveSet:
         """Read the active set, and how much can be recorded; the flight core learns the aircraft's model from it."""
         self._core.facts.free_disk = free_disk(self._records)
-        parameters = await read_active_set(self._link)
-        if parameters is not None:
-            model = aircraft_model(parameters, self._link.dialect, has_slow_leak=False)
-            if model is not None:
-                self._core.model_known(model)
+        parameters, dialect = await read_active_set(self._link), self._link.dialect
+        model = None if parameters is None else aircraft_model(parameters, dialect, has_slow_leak=False)
+        self._core.model_known(model or assumed_model(dialect))
         return active_set(parameters)
 
     async def preflight(self) -> PreflightReport:

@@ -183,6 +183,8 @@ class EstimateValue(Telemetry):
     """Mean squared surprise of the images over what was expected; at most 1 when all is well."""
     is_nominal: bool
     """The images agree with the model of the aircraft, so the model counts for more."""
+    stick_gain: float = 1.0
+    """Tilt that a stick count asks for, over the model's; found in flight, 1 while it may be the model's."""
 
 
 class ControlEstimate(Stamped, EstimateValue):

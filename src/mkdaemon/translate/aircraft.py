@@ -4,12 +4,21 @@ from __future__ import annotations
 
 from typing import Final, cast
 
-from mkdaemon.control.estimator.model import AircraftModel
+from mkdaemon.control.estimator.model import NO_FILTER, STICK_FILTER, AircraftModel
 from mkdaemon.errors import ProtocolError
 from mkdaemon.protocol.dialect import Dialect
 from mkdaemon.protocol.settings import ParameterSet
 
 _NAMES: Final = ("stick_p", "gyro_p", "gyro_i", "integral_factor", "gyro_stability", "stick_yaw_p")
+
+
+def assumed_model(dialect: Dialect) -> AircraftModel:
+    """Return the model of an aircraft whose parameter set cannot be read: the set Easy on its own firmware.
+
+    Args:
+        dialect: how the FlightCtrl speaks, which tells whether it filters its sticks.
+    """
+    return AircraftModel(stick_filter=STICK_FILTER if dialect.stick_filter else NO_FILTER)
 
 
 def aircraft_model(parameters: ParameterSet, dialect: Dialect, *, has_slow_leak: bool) -> AircraftModel | None:

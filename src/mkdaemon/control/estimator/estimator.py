@@ -16,6 +16,7 @@ import numpy as np
 from mkdaemon.control.estimator.commands import Command, CommandHistory
 from mkdaemon.control.estimator.model import GRAVITY, LEVEL_STATES, TH, AircraftModel, D, E, H, P, S, T, V
 from mkdaemon.control.estimator.rollback import GATE, STEP, Measurement, RollbackFilter
+from mkdaemon.control.estimator.stickgain import StickGain
 from mkdaemon.control.estimator.tuning import NOMINAL, ROBUST, Tuning
 from mkdaemon.control.estimator.values import Estimate, StickCommand, TargetView
 from mkdaemon.control.linear import Array
@@ -73,6 +74,7 @@ class Estimator:
         self._seen_at = view.at
         position = -view.target_from_flu @ view.position_flu
         self._commands = CommandHistory()
+        self._stick_gain = StickGain(model, view.at)
         f, g = model.horizontal(STEP)
         start = np.zeros((2, LEVEL_STATES))
         start[:, P] = position[:2]
@@ -96,6 +98,11 @@ class Estimator:
         return self._seen_at
 
     @property
+    def stick_gain(self) -> float:
+        """Tilt that a stick count asks for, over the model's, as it was found to be."""
+        return self._stick_gain.gain
+
+    @property
     def rejected(self) -> int:
         """Measurements outside their gates, since the start."""
         return self._level.rejected + self._upright.rejected
@@ -103,7 +110,9 @@ class Estimator:
     def sent(self, command: StickCommand) -> None:
         """Take note of a stick frame that was written."""
         c, s = self._turn(command.at)
-        pitch, roll = command.pitch * self.model.rad_per_count, command.roll * self.model.rad_per_count
+        asked = np.array([command.pitch, command.roll]) * self.model.rad_per_count
+        self._stick_gain.sent(command.at + self.model.uplink, asked)
+        pitch, roll = (float(tilt) for tilt in asked * self._stick_gain.gain)
         self._commands.add(
             Command(
                 command.at + self.model.uplink,
@@ -126,6 +135,7 @@ class Estimator:
         while self._headings[0][0] < at - COMPASS_MEMORY:
             self._headings.popleft()
         self.advance(at)
+        self._stick_gain.attitude_received(at, np.array([pitch, roll]))
         c, s = self._turn(at)
         believed = np.array([pitch * c + roll * s, pitch * s - roll * c])
         row = np.zeros(LEVEL_STATES)

@@ -33,6 +33,7 @@ class Goal:
     Attributes:
         position: (3,) [m].
         yaw: heading of the forward axis [rad]; None for whatever it is.
+        yaw_rate: turn at this rate where there is no heading, nose left positive [rad/s].
         climb: speed of the wanted height, which then counts as it stands, without a reference of its own [m/s].
         speed: largest horizontal speed on the way [m/s]; None for the autopilot's own limit.
         gas_share: throttle in place of the height's regulator [share of hover]; None for the regulator.
@@ -40,6 +41,7 @@ class Goal:
 
     position: Array
     yaw: float | None = None
+    yaw_rate: float = 0.0
     climb: float = 0.0
     speed: float | None = None
     gas_share: float | None = None
@@ -109,7 +111,8 @@ class Autopilot:
         else:
             self.height.move(goal.position[2:], self._height_limits, step)
         estimate = self.estimate = estimator.estimate(now + estimator.model.uplink)
-        tilt = self._regulator.tilt(estimate, self.reference) / estimator.model.rad_per_count
+        rad_per_count = estimator.model.rad_per_count * estimator.stick_gain
+        tilt = self._regulator.tilt(estimate, self.reference) / rad_per_count
         c, s = math.cos(estimate.yaw), math.sin(estimate.yaw)
         if goal.gas_share is None:
             throttle = gas(estimate, float(self.height.position[0]), float(self.height.velocity[0]), self._gains)
@@ -119,9 +122,16 @@ class Autopilot:
         return AutopilotSticks(
             pitch=self._pitch.count(float(tilt[0] * c + tilt[1] * s)),
             roll=self._roll.count(float(tilt[0] * s - tilt[1] * c)),
-            yaw=yaw_stick(estimate, goal.yaw),
+            yaw=self._yaw_stick(goal),
             throttle=self._throttle.count(throttle - GAS_CENTRE),
         )
+
+    def _yaw_stick(self, goal: Goal) -> int:
+        """Return the yaw stick for a heading, or a rate that the tilts can follow [stick]."""
+        if goal.yaw is not None or not goal.yaw_rate:
+            return yaw_stick(self.estimate, goal.yaw)
+        wanted = self.estimator.model.yaw_stick(goal.yaw_rate)
+        return round(math.copysign(min(max(abs(wanted), YAW_LEAST), YAW_MOST), goal.yaw_rate))
 
 
 def yaw_stick(estimate: Estimate, yaw: float | None) -> int:

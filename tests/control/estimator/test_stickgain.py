@@ -1,0 +1,76 @@
+"""The stick gain is found from what the boards report, and is the model's where the boards' scale may explain it."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from mkdaemon.control.estimator.model import AircraftModel
+from mkdaemon.control.estimator.stickgain import STEP, StickGain
+from mkdaemon.control.linear import discretise
+
+MODEL = AircraftModel()
+
+
+def flown(gain, *, size=0.05, seconds=5.0, late=0.024, hold=0.0):
+    """What is found of an aircraft whose sticks ask for so much more tilt than the model's."""
+    a, b = np.zeros((4, 4)), np.zeros((4, 1))
+    a[0, 0], a[0, 2] = -1.0 / MODEL.leak, 1.0
+    a[1, 0], a[1, 3] = 1.0, -1.0
+    a[2] = np.array([-MODEL.a1, -MODEL.a2, -1.0, MODEL.a1]) / MODEL.rate_lag
+    a[3, 3], b[3, 0] = -1.0 / MODEL.stick_filter, 1.0 / MODEL.stick_filter
+    f, g = discretise(a, b, STEP)
+    found, state = StickGain(MODEL, 0.0), np.zeros((2, 4))
+    reports = []
+    for k in range(round(seconds / STEP)):
+        now = k * STEP
+        asked = size * np.array([math.sin(2.0 * now), math.cos(3.0 * now)])
+        found.sent(now, asked)
+        state = state @ f.T + gain * asked[:, None] * g[:, 0]
+        reports.append((now + STEP, state[:, 0].copy()))
+        if k % 2 == 0 and now > late + hold:
+            found.attitude_received(*reports[-1 - round(late / STEP)])
+    return found
+
+
+@pytest.mark.parametrize("gain", [0.67, 0.75, 1.33, 1.5])
+def test_a_gain_that_differs_is_found_soon_after_two_seconds(gain):
+    found = flown(gain, seconds=2.2)
+    assert found.measured == pytest.approx(gain, abs=0.04)
+    assert found.gain == found.measured
+
+
+@pytest.mark.parametrize("gain", [0.89, 1.0, 1.13])
+def test_a_gain_that_the_boards_scale_may_explain_is_the_models(gain):
+    found = flown(gain)
+    assert found.measured == pytest.approx(gain, abs=0.03)
+    assert found.gain == 1.0
+
+
+def test_sticks_at_rest_tell_nothing():
+    assert flown(1.5, size=0.0001).measured == 1.0
+
+
+@pytest.mark.parametrize(("gain", "believed"), [(5.0, 2.0), (0.1, 0.5)])
+def test_no_gain_is_believed_that_no_aircraft_has(gain, believed):
+    assert flown(gain).measured == believed
+
+
+def test_a_silence_of_the_boards_is_survived():
+    found = flown(1.5)
+    before = found.measured
+    found.attitude_received(3600.0, np.array([0.0, 0.0]))
+    found.attitude_received(3600.02, np.array([0.0, 0.0]))
+    assert found.measured == pytest.approx(before, rel=0.5)
+
+
+def test_attitudes_that_come_too_late_are_left_out():
+    found = StickGain(MODEL, 0.0)
+    for k in range(400):
+        found.sent(k * STEP, np.array([0.1, 0.1]))
+        found.attitude_received(k * STEP, np.array([0.0, 0.0]))
+    before = found.measured
+    found.attitude_received(0.5, np.array([9.0, 9.0]))
+    assert found.measured == before == 0.5
