@@ -11,7 +11,7 @@ from typing import Any, Final
 import numpy as np
 
 from lab.control.camera import CameraModel
-from lab.control.corerig import TakeOffRig
+from lab.control.corerig import HandoverRig, TakeOffRig
 from lab.control.flights import Flight, Record
 from lab.control.law2010 import PiGains
 from lab.control.rendered import RenderedRig
@@ -24,6 +24,10 @@ from mkdaemon.sim.physics.attitude_loop import EASY, LEAK_SLOW, AttitudeGains
 
 SETTLED: Final = 12.0
 """Figures of a hover are taken after this [s]."""
+HELD: Final = 8.0
+"""After a hand-over they are taken after this [s]."""
+LAST_TICK: Final = 39.5
+"""Who is flown to the end is flown until then, of 40 s [s]."""
 STEP_AT: Final = 15.0
 """[s]."""
 STEP_FROM: Final = 0.5
@@ -70,6 +74,19 @@ def hover_rms(key: str) -> Callable[[Record], dict[str, float]]:
     def measure(record: Record) -> dict[str, float]:
         errors = _after(record, SETTLED)
         return {key: 100 * math.sqrt(float((errors[:, :2] ** 2).sum(axis=1).mean())) if len(errors) else math.nan}
+
+    return measure
+
+
+def handover_figures(prefix: str) -> Callable[[Record], dict[str, float]]:
+    """Horizontal RMS from `HELD` after the hand-over on [cm], and whether it was flown to the end [%]."""
+
+    def measure(record: Record) -> dict[str, float]:
+        times = np.array(record.times)
+        errors = np.array(record.errors)[times > times[0] + HELD] if len(times) else np.empty((0, 3))
+        rms = 100 * math.sqrt(float((errors[:, :2] ** 2).sum(axis=1).mean())) if len(errors) else math.nan
+        is_held = bool(len(errors)) and times[-1] > LAST_TICK
+        return {f"{prefix}_rms_cm": rms, f"{prefix}_success_percent": 100.0 * is_held}
 
     return measure
 
@@ -248,6 +265,16 @@ CASES: Final = {
         {"tag_gone_1s_max_cm": 50.0},
     ),
     "wrong_model": Case(_wrong, 110, survival("wrong_model_lost_percent"), {"wrong_model_lost_percent": 0.0}),
+    "handover_light": Case(
+        _hover(WindClass.LIGHT), 20, handover_figures("handover_light"), {"handover_light_rms_cm": 10.0}, HandoverRig
+    ),
+    "handover_moderate": Case(
+        _hover(WindClass.MODERATE),
+        40,
+        handover_figures("handover_moderate"),
+        {"handover_moderate_rms_cm": 18.0},
+        HandoverRig,
+    ),
     "wrong_filter": Case(_wrong_filter, 10, survival("wrong_filter_lost_percent"), {}),
     "takeoff_indoor": Case(
         _take_off(WindClass.INDOOR),

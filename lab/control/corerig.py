@@ -16,6 +16,8 @@ from mkdaemon.control.guidance.autopilot import GAS_CENTRE, AutopilotSticks, Goa
 from mkdaemon.control.modes import IN_FLIGHT
 from mkdaemon.control.vehicle import VehicleFacts
 from mkdaemon.frames import quaternion_from_rotation
+from mkdaemon.sim.physics.hand_flight import HandFlight
+from mkdaemon.sim.physics.world import StickInput
 from mkdaemon.stamp import Stamp
 from mkdaemon.telemetry.command import LeaseRequest
 from mkdaemon.telemetry.control import ControlLine, EstimateValue, LeaseGrant
@@ -112,6 +114,31 @@ class CoreRig(Rig):
             frame=SetpointFrame.PAD,
             yaw=goal.yaw,
         )
+
+
+class HandoverRig(CoreRig):
+    """A flight that a pilot hands over: he hovers by hand until the core flies."""
+
+    handover = 3.0
+
+    def __init__(self, flight: Flight) -> None:
+        super().__init__(flight)
+        self._world.pilot.program = HandFlight(height=flight.start, flying=True)
+
+    def _show_pilot(self, view: TargetView, at: float) -> None:
+        """The pilot sees the aircraft itself."""
+
+    def _keep(self, goal: Goal, at: float) -> None:
+        """Only the core's own flight counts."""
+        if self.core.phase in IN_FLIGHT:
+            super()._keep(goal, at)
+
+    def _sticks(self) -> StickInput:
+        """What the FlightCtrl gets: the pilot's sticks, or ours."""
+        if self.core.phase in IN_FLIGHT:
+            return super()._sticks()
+        pilot = self._world.pilot
+        return StickInput(pilot.pitch, pilot.roll, pilot.yaw, pilot.gas + 127.0, motors_running=True)
 
 
 class TakeOffRig(CoreRig):

@@ -105,7 +105,7 @@ def sum_up(key: str, values: list[float], lost: list[str], goals: dict[str, floa
     if key == MUST_LOSE:
         figure["holds"] = judged == 100.0
     elif key.endswith("success_percent"):
-        figure["holds"] = (goal is None and not key.startswith("land")) or judged >= 98.0
+        figure["holds"] = (goal is None and key.startswith(("takeoff", "handover"))) or judged >= 98.0
     else:
         figure["holds"] = goal is None or (judged is not None and judged <= goal and (share or not lost))
     return figure

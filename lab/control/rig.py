@@ -122,12 +122,16 @@ class Rig:
             if world.now >= self._next_frame:
                 self._next_frame += RECEIVER_FRAME
                 self._acting = self._held
-            s = self._acting
-            world.step(StickInput(s.pitch, -s.roll, s.yaw, s.throttle + 127.0, motors_running=True))
+            world.step(self._sticks())
             if world.now > self._flight.land_at and math.isnan(record.touched) and world.truth.on_ground:
                 record.touched, record.touch_sink = world.now, self._sink
                 record.touch_error = float(np.hypot(*self._place(world.now)[:2]))
             self._sink = -float(world.truth.velocity_enu[2])
+
+    def _sticks(self) -> StickInput:
+        """What the FlightCtrl gets."""
+        s = self._acting
+        return StickInput(s.pitch, -s.roll, s.yaw, s.throttle + 127.0, motors_running=True)
 
     def _watch(self, at: float) -> None:
         truth, place = self._world.truth, self._place(at)

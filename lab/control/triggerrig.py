@@ -130,9 +130,12 @@ class Scene:
     async def level_after(self, since: float) -> float:
         """Time from a moment to the first stick frame from which on none has a tilt, until the release [s]."""
         await self.release_after(since)
+        return self.level_since(since) - since
+
+    def level_since(self, since: float) -> float:
+        """When the first stick frame left after which none has had a tilt, of those after a moment [s]."""
         tilted = self._of(Purpose.SETPOINT, since, is_level=False)
-        level = self._of(Purpose.SETPOINT, max(tilted, default=since), is_level=True)
-        return min(level, default=math.inf) - since
+        return min(self._of(Purpose.SETPOINT, max(tilted, default=since), is_level=True), default=math.inf)
 
     def _of(self, purpose: Purpose, since: float, *, is_level: bool | None = None) -> list[float]:
         """Times of the frames of a purpose after a moment, all of them or those with or without tilt [s]."""

@@ -34,7 +34,7 @@ async def silent(scene: Scene) -> float:
 
 async def client_gone(scene: Scene) -> float:
     """The client's session ends: release."""
-    await scene.lean()
+    await over_target(scene)
     scene.flown.flight.client_changed(CLIENT, is_here=False)
     return await scene.release_after(scene.loop.time())
 
@@ -60,6 +60,19 @@ async def blind_release(scene: Scene) -> float:
     await over_target(scene)
     scene.client.is_seeing = False
     return await scene.release_after(scene.client.seen)
+
+
+async def eyes_stalled(scene: Scene) -> float:
+    """The detector stands still for 2 s: level meanwhile, then the flight goes on."""
+    await over_target(scene)
+    scene.client.is_seeing = False
+    since = scene.client.seen
+    await asyncio.sleep(2.0)
+    level = scene.level_since(since)
+    scene.client.is_seeing = True
+    await asyncio.sleep(0.5)
+    goes_on = scene.flown.flight.phase is Phase.FLYING and scene.level_since(since) > since + 2.0
+    return level - since if goes_on else math.inf
 
 
 async def blind_takeoff(scene: Scene) -> float:
@@ -110,7 +123,7 @@ async def dead_man(scene: Scene) -> float:
 
 async def release_asked(scene: Scene) -> float:
     """Somebody asks for a release."""
-    await scene.lean()
+    await over_target(scene)
     since = scene.loop.time()
     asking = asyncio.create_task(scene.flown.flight.release(ReleaseRequest(reason="enough")))
     took = await scene.release_after(since)
@@ -120,7 +133,7 @@ async def release_asked(scene: Scene) -> float:
 
 async def taken_over(scene: Scene) -> float:
     """Another client takes the lease by force."""
-    await scene.lean()
+    await over_target(scene)
     since = scene.loop.time()
     await scene.flown.flight.lease(LeaseRequest(action="take", holder="other", force=True))
     return await scene.release_after(since)
@@ -141,7 +154,7 @@ async def receiver_lost(scene: Scene) -> float:
 
 async def daemon_stalled(scene: Scene) -> float:
     """The daemon stands still for longer than a setpoint lives: the first thing it sends is a release."""
-    await scene.lean()
+    await over_target(scene)
     assert isinstance(scene.loop, VirtualLoop)
     scene.loop.stand_still(0.4)
     woken = scene.loop.time()
@@ -152,7 +165,7 @@ async def daemon_stalled(scene: Scene) -> float:
 
 async def guard_neutral(scene: Scene) -> float:
     """The control loop hangs: the guard sends neutral sticks."""
-    await scene.lean()
+    await over_target(scene)
     scene.flown.tasks[1].cancel()
     last = scene.flown.sink.tx[-1].at
     await scene.until(lambda: bool(scene.guard.written))
@@ -161,7 +174,7 @@ async def guard_neutral(scene: Scene) -> float:
 
 async def guard_release(scene: Scene) -> float:
     """The control loop hangs: the guard releases."""
-    await scene.lean()
+    await over_target(scene)
     scene.flown.tasks[1].cancel()
     last = scene.flown.sink.tx[-1].at
     await scene.until(lambda: scene.guard.guard.is_releasing)

@@ -18,6 +18,7 @@ from mkdaemon.control.actions import Release, ReportFailsafe, ReportMode, SendSt
 from mkdaemon.control.estimator.model import AircraftModel
 from mkdaemon.control.guidance.landing import LandingPhase
 from mkdaemon.control.targetflight import FORGOTTEN, TargetFlight
+from mkdaemon.control.targetgoals import obstacle
 from mkdaemon.control.vehicle import VehicleFacts
 from mkdaemon.errors import CommandRejectedError
 from mkdaemon.sim.physics.attitude_loop import EASY, AttitudeGains
@@ -176,8 +177,8 @@ class Starves(Lands):
 
 
 def test_a_landing_without_images_at_its_end_is_not_called_down_in_the_air():
-    gone = CameraModel(gone=((12.65, 99.0),))
-    rig = Starves(Flight(seed=5, wind=WindClass.LIGHT, seconds=14.2, land_at=8.0, camera=gone))
+    gone = CameraModel(gone=((13.95, 99.0),))
+    rig = Starves(Flight(seed=5, wind=WindClass.LIGHT, seconds=15.6, land_at=8.0, camera=gone))
     record = rig.fly()
     assert rig.stood is True
     assert record.touch_error < 0.2
@@ -216,6 +217,16 @@ def test_a_velocity_is_flown_in_its_frame():
     assert math.hypot(x, y) == pytest.approx(0.5, abs=0.15)
     assert math.atan2(y, x) == pytest.approx(0.3, abs=0.25), "the nose points there"
     assert z == pytest.approx(0.0, abs=0.1)
+
+
+@pytest.mark.parametrize(("aside", "found"), [(0.5, ""), (0.7, "a place nearer over pad: it is 0.7 m beside")])
+def test_no_flight_begins_far_beside_the_target(aside, found):
+    rig = CoreRig(replace(CALM, seconds=3.0))
+    rig.fly()
+    still = replace(rig.core._target._estimator.estimate(3.0), position=np.array([aside, 0.0, 2.0]), age=0.1)
+    still = replace(still, velocity=np.zeros(3), position_sd=np.full(3, 0.02))
+    assert obstacle(CFG, "pad", still, CFG.entry_clean).startswith(found)
+    assert bool(obstacle(CFG, "pad", still, CFG.entry_clean)) is bool(found)
 
 
 class Turning(Forward):

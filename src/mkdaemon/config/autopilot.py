@@ -32,6 +32,9 @@ class AutopilotConfig(Section):
     """The newest image must be younger than this before a flight begins [s]."""
     entry_speed: float = Field(default=0.4, gt=0, le=5)
     """The aircraft must be slower than this against the target before a flight begins [m/s]."""
+    entry_offset: float = Field(default=0.3, gt=0, le=10)
+    """The aircraft must be nearer to the middle of the target than this share of its height before a flight begins: who
+    leans against the wind beside it loses sight of it."""
     entry_clean: float = Field(default=2.0, ge=0, le=20)
     """Images must have agreed with the model for this long before a flight begins [s]."""
     clean_innovation: float = Field(default=4.0, gt=0)

@@ -154,6 +154,9 @@ def obstacle(cfg: AutopilotConfig, target: str, estimate: Estimate, clean: float
         return f"a fresh image of {target}: the last is {estimate.age:.2f} s old"
     if speed > cfg.entry_speed:
         return f"a slower aircraft: it moves at {speed:.1f} m/s over {target}"
+    offset, height = float(np.hypot(*estimate.position[:2])), float(estimate.position[2])
+    if offset > cfg.entry_offset * height:
+        return f"a place nearer over {target}: it is {offset:.1f} m beside its middle, {height:.1f} m up"
     if sd > cfg.entry_sd:
         return f"a certain position: its standard deviation is {100 * sd:.0f} cm"
     return "" if clean >= cfg.entry_clean else f"images that agree with the model for {cfg.entry_clean:g} s"

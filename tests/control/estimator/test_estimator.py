@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from mkdaemon.control.estimator.estimator import Estimator
-from mkdaemon.control.estimator.model import LEVEL_STATES, TH, AircraftModel, B, D, P, T, V
+from mkdaemon.control.estimator.model import GRAVITY, LEVEL_STATES, TH, AircraftModel, B, D, P, T, V
 from mkdaemon.control.estimator.rollback import STEP
 from mkdaemon.control.estimator.values import StickCommand, TargetView
 from mkdaemon.control.guidance.horizontal import HorizontalCosts, HorizontalRegulator
@@ -145,3 +145,21 @@ def test_the_hover_throttle_moves_until_the_model_explains_the_height():
     for _ in range(500):
         estimator.recentre_hover(0.02)
     assert estimator.hover_gas == pytest.approx(start * (1 + 0.5 / 9.81 / 2), rel=0.01)
+
+
+def test_while_nobody_here_sends_sticks_they_ask_for_the_tilt_that_is_reported():
+    plant = Plant(wind=(1.0, -0.5))
+    estimator = Estimator(MODEL, view(0.0, plant.axes, 2.0, 0.0), HOVER)
+    lean = -plant.axes[:, D] / GRAVITY
+    plant.axes[:, TH] = plant.axes[:, T] = lean
+    for k in range(400):  # a pilot holds it against the wind
+        now = 0.01 * k
+        estimator.advance(now)
+        if k % 2 == 0:
+            estimator.attitude_received(now, lean[0], -lean[1], 0.0)
+        if k % 3 == 0:
+            estimator.target_seen(view(now, plant.axes, 2.0, 0.0))
+    found = estimator.estimate(4.0)
+    assert estimator.innovation < 1.0
+    assert found.disturbance == pytest.approx(plant.axes[:, D], abs=0.1)
+    assert found.velocity[:2] == pytest.approx([0.0, 0.0], abs=0.05)

@@ -23,6 +23,9 @@ from mkdaemon.control.linear import Array
 
 COMPASS_MEMORY: Final = 1.0
 """Headings kept for late pictures [s]."""
+UNSENT: Final = 0.3
+"""Without a stick frame for this long somebody else flies, whose sticks nobody knows: they ask for the tilt that the
+boards report [s]."""
 HOVER_LOWEST: Final = 60.0
 """Smallest hover throttle believed [count of 254]."""
 HOVER_HIGHEST: Final = 190.0
@@ -75,6 +78,7 @@ class Estimator:
         position = -view.target_from_flu @ view.position_flu
         self._commands = CommandHistory()
         self._stick_gain = StickGain(model, view.at)
+        self._sent_at = -math.inf
         f, g = model.horizontal(STEP)
         start = np.zeros((2, LEVEL_STATES))
         start[:, P] = position[:2]
@@ -110,6 +114,7 @@ class Estimator:
     def sent(self, command: StickCommand) -> None:
         """Take note of a stick frame that was written."""
         c, s = self._turn(command.at)
+        self._sent_at = command.at
         asked = np.array([command.pitch, command.roll]) * self.model.rad_per_count
         self._stick_gain.sent(command.at + self.model.uplink, asked)
         pitch, roll = (float(tilt) for tilt in asked * self._stick_gain.gain)
@@ -138,6 +143,8 @@ class Estimator:
         self._stick_gain.attitude_received(at, np.array([pitch, roll]))
         c, s = self._turn(at)
         believed = np.array([pitch * c + roll * s, pitch * s - roll * c])
+        if at - self._sent_at > UNSENT:
+            self._commands.add(Command(at, (float(believed[0]), float(believed[1])), 0.0, 0.0))
         row = np.zeros(LEVEL_STATES)
         row[TH] = 1.0
         self._level.measure(Measurement(at, row, believed, self._tuning.attitude_sd**2))
