@@ -163,3 +163,16 @@ def test_while_nobody_here_sends_sticks_they_ask_for_the_tilt_that_is_reported()
     assert estimator.innovation < 1.0
     assert found.disturbance == pytest.approx(plant.axes[:, D], abs=0.1)
     assert found.velocity[:2] == pytest.approx([0.0, 0.0], abs=0.05)
+
+
+@pytest.mark.parametrize("wrong", [1.0, -1.0])
+def test_a_height_that_every_image_contradicts_is_given_up(wrong):
+    plant = Plant()
+    estimator = Estimator(MODEL, view(0.0, plant.axes, 2.0, 0.0), HOVER)
+    for k in range(100):
+        estimator.advance(0.01 * k)
+        estimator.target_seen(view(0.01 * k, plant.axes, 2.0, 0.0))
+    for k in range(100, 110):
+        estimator.advance(0.01 * k)
+        estimator.target_seen(view(0.01 * k, plant.axes, 2.0 + wrong, 0.0))
+    assert estimator.estimate(1.1).position[2] == pytest.approx(2.0 + wrong, abs=0.2)

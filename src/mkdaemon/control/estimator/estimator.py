@@ -70,7 +70,7 @@ class Estimator:
         self.is_nominal = False
         self._nominal, self._tuning, self._robust = nominal, robust, robust
         self._agrees_since = view.at
-        self._refused_views = 0
+        self._refused_views = self._refused_heights = 0
         tuning = robust
         self._yaw_offset = view.heading - compass
         self._headings: deque[tuple[float, float]] = deque([(view.at, compass)])
@@ -180,7 +180,11 @@ class Estimator:
         row = np.zeros(4)
         row[H] = 1.0
         variance = tuning.view_inflation**2 * float(normal @ spread @ normal) + tuning.height_floor**2
-        self._upright.measure(Measurement(view.at, row, np.array([-float(normal @ seen)]), variance))
+        doubt = tuning.upright_doubt if self._refused_heights >= tuning.patience else None
+        ratio = self._upright.measure(Measurement(view.at, row, np.array([-float(normal @ seen)]), variance), doubt)
+        if ratio is not None:
+            is_refused = bool((np.abs(ratio) > GATE).any())
+            self._refused_heights = self._refused_heights + 1 if is_refused and doubt is None else 0
 
     def advance(self, now: float) -> None:
         """Bring the estimate up to a moment [s; monotonic]."""

@@ -86,6 +86,11 @@ class Tuning:
         """Covariance to add to a horizontal axis that refused `patience` images (9, 9)."""
         return np.diag([0.3, 0.5, 0.05, 0.03, 0.02, 0.3, 0.03, 0.5, 0.01]) ** 2
 
+    @property
+    def upright_doubt(self) -> Array:
+        """Covariance to add to the vertical axis that refused `patience` images (4, 4)."""
+        return np.diag([0.5, 0.7, 0.1, 1.5]) ** 2
+
     def level_noise(self, step: float) -> Array:
         """Process noise of a horizontal axis over a step [s]: (9, 9)."""
         sizes = [0.0, self.velocity, self.tilt, self.believed, self.integral, self.rate, self.filtered]
