@@ -265,9 +265,6 @@ CASES: Final = {
         {"tag_gone_1s_max_cm": 50.0},
     ),
     "wrong_model": Case(_wrong, 110, survival("wrong_model_lost_percent"), {"wrong_model_lost_percent": 0.0}),
-    "handover_light": Case(
-        _hover(WindClass.LIGHT), 20, handover_figures("handover_light"), {"handover_light_rms_cm": 10.0}, HandoverRig
-    ),
     "handover_moderate": Case(
         _hover(WindClass.MODERATE),
         40,
