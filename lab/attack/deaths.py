@@ -7,7 +7,6 @@ neutral, how long until it is released, and that no stick frame follows. Only th
 from __future__ import annotations
 
 import asyncio
-import os
 import random
 import signal
 import tempfile
@@ -68,7 +67,7 @@ from mkdaemon.cli.mkdaemon.app import main
 main()
 """
 """A daemon that a signal holds up."""
-GREED: Final = 30_000_000
+GREED: Final = 900_000
 """Length of a message that needs more memory than there is [bytes]."""
 CGROUPS: Final = Path("/sys/fs/cgroup/memory")
 BOARDS: Final = tuple((fc, nc) for nc in (None, "0.24") for fc in ("early", "2.08", "2.12a"))
@@ -165,7 +164,8 @@ def memory_limit(pid: int) -> Iterator[None]:
     Raises:
         OSError: this machine has no memory cgroup that may be written.
     """
-    group = CGROUPS / f"lab-attack-{os.getpid()}"
+    # One for each daemon: that of a process that is not quite gone cannot be removed yet.
+    group = CGROUPS / f"lab-attack-{pid}"
     group.mkdir()
     try:
         (group / "cgroup.procs").write_text(str(pid), encoding="ascii")

@@ -17,7 +17,15 @@ import zenoh
 
 from lab.rigs.waiting import wait_until
 from mkdaemon.bus.codec import Payload, TooLong
-from mkdaemon.bus.floods import ALL_OTHERS, QUERY_RATES, STRANGER_RATE, QueryBudgets, ShedCounter, flood_settings
+from mkdaemon.bus.floods import (
+    ALL_OTHERS,
+    LONGEST_MESSAGE,
+    QUERY_RATES,
+    STRANGER_RATE,
+    QueryBudgets,
+    ShedCounter,
+    flood_settings,
+)
 from mkdaemon.bus.gateway import Bus
 from mkdaemon.bus.intake import FLOOD, STRANGERS, SetpointIntake
 from mkdaemon.bus.session import session_config
@@ -432,3 +440,22 @@ async def test_a_daemon_joins_a_router_whenever_that_comes():
             await asyncio.to_thread(router.close)
     [(_, value, _)] = replies
     assert value["voltage"] == BATTERY.voltage
+
+
+@pytest.mark.parametrize("takes_images", [False, True])
+async def test_messages_longer_than_any_request_are_received_for_cameras_alone(takes_images):
+    endpoint, arrived = free_endpoint(), []
+    async with Bus.open(bus_config(endpoint), "t1", takes_images=takes_images) as opened:
+        with (
+            opened.session.declare_subscriber(
+                "picture", zenoh.handlers.Callback(lambda sample: arrived.append(len(sample.payload)), indirect=False)
+            ),
+            client(endpoint) as camera,
+            client(endpoint) as other,
+        ):
+            camera.put("picture", bytes(2 * LONGEST_MESSAGE), congestion_control=zenoh.CongestionControl.BLOCK)
+            if takes_images:
+                await wait_until(lambda: 2 * LONGEST_MESSAGE in arrived)
+            other.put("picture", b"small")
+            await wait_until(lambda: 5 in arrived)
+    assert (2 * LONGEST_MESSAGE in arrived) is takes_images

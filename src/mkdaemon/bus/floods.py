@@ -17,8 +17,11 @@ STRANGER_RATE: Final = 100.0
 """Setpoints of one kind that the holder did not sign, taken from all connections together [Hz]."""
 LONGEST_SETPOINT: Final = 1 << 16
 """A longer one is dropped without a word [bytes]; one of more than 512 is refused with a reason."""
-LONGEST_MESSAGE: Final = 1 << 27
-"""Longest message put together from its fragments [bytes]; an image may have 64 million pixels."""
+LONGEST_MESSAGE: Final = 1 << 20
+"""Longest message put together from its fragments [bytes], where no camera brings its images over the bus; the longest
+request has 128 kB. A longer one is dropped."""
+LONGEST_IMAGE: Final = 1 << 27
+"""The same where one does; an image may have 64 million pixels."""
 PENDING: Final = 300
 """Connections that may be silent at a time before new ones are turned away."""
 SESSIONS: Final = 300
@@ -33,12 +36,13 @@ REPORT_PERIOD: Final = 1.0
 """Time between two reports of what was shed [s]."""
 
 
-def flood_settings(vehicle: str, kinds: tuple[str, ...]) -> dict[str, object]:
+def flood_settings(vehicle: str, kinds: tuple[str, ...], *, takes_images: bool = False) -> dict[str, object]:
     """Zenoh's own limits for the daemon's session; see DEFAULT_CONFIG.json5 of Zenoh 1.10.
 
     Args:
         vehicle: its name.
         kinds: suffixes of the setpoints.
+        takes_images: whether a camera brings its images over the bus.
     """
     keys = [f"mk/{vehicle}/{kind}" for kind in kinds]
     return {
@@ -51,7 +55,7 @@ def flood_settings(vehicle: str, kinds: tuple[str, ...]) -> dict[str, object]:
                 "size_limit": LONGEST_SETPOINT,
             }
         ],
-        "transport/link/rx/max_message_size": LONGEST_MESSAGE,
+        "transport/link/rx/max_message_size": LONGEST_IMAGE if takes_images else LONGEST_MESSAGE,
         "transport/unicast/accept_pending": PENDING,
         "transport/unicast/max_sessions": SESSIONS,
         "transport/unicast/accept_timeout": int(PENDING_TIME * 1000),

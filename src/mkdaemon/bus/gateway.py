@@ -70,8 +70,16 @@ class Bus:
 
     @classmethod
     @asynccontextmanager
-    async def open(cls, cfg: BusConfig, vehicle: str, recorder: BusRecorder | None = None) -> AsyncIterator[Self]:
+    async def open(
+        cls, cfg: BusConfig, vehicle: str, recorder: BusRecorder | None = None, *, takes_images: bool = False
+    ) -> AsyncIterator[Self]:
         """Open a session, show the liveliness token, answer last-value and schema queries; close all on leaving.
+
+        Args:
+            cfg: the session.
+            vehicle: its name in every key.
+            recorder: hears of everything published and asked; nobody by default.
+            takes_images: whether a camera brings its images over the bus: only then are long messages received.
 
         Raises:
             ConfigError: an endpoint or the Zenoh file is wrong, or everybody in the network could fly.
@@ -83,7 +91,9 @@ class Bus:
             connect=cfg.connect,
             zenoh_file=cfg.zenoh_file,
             lease=cfg.lease,
-            more=flood_settings(vehicle, tuple(spec.suffix for spec in of_use(Use.SETPOINT))),
+            more=flood_settings(
+                vehicle, tuple(spec.suffix for spec in of_use(Use.SETPOINT)), takes_images=takes_images
+            ),
         )
         reachable = check_exposure(config, allow_open=cfg.allow_open)
         session = await open_session(config, listen=cfg.listen)

@@ -34,6 +34,8 @@ from mkdaemon.record.notices import Notice
 
 RECORDING: Final = "replay:"
 """Ports that begin so are recordings."""
+OVER_BUS: Final = "zenoh:"
+"""Cameras whose images come over the bus have a source that begins so."""
 AUDIENCE_WAIT: Final = 3.0
 """A recording waits this long for its first subscriber, so that none of it is lost [s]; as long as
 it takes where the configuration says to wait for the port."""
@@ -58,7 +60,9 @@ async def run(cfg: Config, stop: asyncio.Event, clock: Clock | None = None) -> N
         raise ConfigError(msg)
     notifier, clock = Notifier(), clock or Clock()
     black_box = open_black_box(cfg, clock, is_recording=cfg.link.port.startswith(RECORDING))
-    async with black_box.run(), Bus.open(cfg.bus, cfg.vehicle.name, black_box.bus_recorder) as bus:
+    takes_images = any(camera.source.startswith(OVER_BUS) for camera in cfg.cameras)
+    opening = Bus.open(cfg.bus, cfg.vehicle.name, black_box.bus_recorder, takes_images=takes_images)
+    async with black_box.run(), opening as bus:
         daemon = Daemon(cfg, bus, clock, black_box)
         spare_collector()
         try:
