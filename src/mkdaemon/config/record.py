@@ -16,7 +16,7 @@ class RecordedImages(Section):
     hz: float = Field(default=2.0, ge=0.0, le=120.0)
     """Images a second and camera; 0 for none. A replay through the eyes needs every image, as `png`."""
     coding: Literal["jpeg", "png"] = "jpeg"
-    """`jpeg` is small, `png` is exact and takes ten times the room."""
+    """`jpeg` is small, `png` is exact and takes five times the room."""
     jpeg_quality: int = Field(default=80, ge=1, le=100)
     """100 is the best."""
 
