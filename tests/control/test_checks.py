@@ -107,6 +107,7 @@ UNKNOWN = [
     ("target", {"target_age": 1.1}),
     ("time stamps", {"stamps": None}),
     ("time stamps", {"stamps": Match(0.2, 0.5)}),
+    ("control loop", {"is_loop_known": False}),
     ("disk", {"free_disk": None}),
 ]
 

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import pytest
 
+from mkdaemon.control import preflight
 from mkdaemon.control.activeset import ActiveSet, Gate, GateKind
 from mkdaemon.control.estimator.model import AircraftModel
 from mkdaemon.errors import CommandRejectedError
@@ -78,3 +79,20 @@ def test_the_report_has_what_was_read_last(drive):
 def test_a_gate_that_was_shut_is_read_again_before_the_next_lease(drive):
     drive.core.preflight(0.0, ActiveSet(Gate(GateKind.CONSTANT, 0), "Easy"))
     drive.take()
+
+
+def test_in_flight_nothing_is_computed_that_would_hold_up_the_loop(drive, monkeypatch):
+    drive.take()
+    for _ in range(80):
+        drive.put()
+        drive.run(PERIOD)
+
+    def compute(*_):
+        raise AssertionError
+
+    monkeypatch.setattr(preflight, "gains_of", compute)
+    monkeypatch.setattr(preflight, "loop_refusal", compute)
+    report = drive.core.preflight(drive.now)
+    assert next(found.state for found in report.findings if found.name == "control loop") == "unknown"
+    with pytest.raises(CommandRejectedError, match="busy"):
+        drive.core.gains()

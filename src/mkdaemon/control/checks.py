@@ -229,6 +229,8 @@ def _stamps(known: Knowledge) -> Verdict:
 def _loop(known: Knowledge) -> Verdict:
     if known.loop is not None:
         return _stands(known.loop)
+    if not known.is_loop_known:
+        return _unknown("it is not computed in flight")
     return _passed("stable on the model of this aircraft, with the configured limits")
 
 

@@ -196,11 +196,11 @@ class FlightCore:
     def preflight(self, now: float, found: ActiveSet | None = None) -> PreflightReport:
         """Make every check before a flight; with what the active set says, where it was read just now."""
         self._preflight.active_set = found or self._preflight.active_set
-        return self._preflight.report(now)
+        return self._preflight.report(now, is_flying=self.phase in IN_FLIGHT)
 
     def gains(self) -> Gains:
         """Model, gains and margins of the horizontal loop."""
-        return self._preflight.gains()
+        return self._preflight.gains(is_flying=self.phase in IN_FLIGHT)
 
     # -- what the line reports ------------------------------------------------------------------------------------
 

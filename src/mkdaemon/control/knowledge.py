@@ -36,6 +36,7 @@ class Knowledge:
         stamps: do camera and boards tell of the same motion; None where nothing moved.
         free_disk: where the recorder writes [bytes]; None where nobody looked.
         loop: why the control loop must not be flown; None where it is safe.
+        is_loop_known: that has been computed.
     """
 
     now: float
@@ -55,3 +56,4 @@ class Knowledge:
     stamps: Match | None = None
     free_disk: float | None = None
     loop: CommandRejectedError | None = None
+    is_loop_known: bool = True

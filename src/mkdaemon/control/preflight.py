@@ -18,6 +18,7 @@ from mkdaemon.control.vehicle import VehicleFacts
 from mkdaemon.errors import CommandRejectedError
 from mkdaemon.telemetry.control import ControlLine, Gains, Obstacle
 from mkdaemon.telemetry.preflight import Blocks, PreflightReport
+from mkdaemon.telemetry.refusals import Token, refuse
 from mkdaemon.telemetry.setpoint import AttitudeSetpoint, Setpoint, StickSetpoint
 
 FRESH: Final = 0.5
@@ -47,9 +48,9 @@ class Preflight:
         self._obstacle: CommandRejectedError | None = None
         self._looked_at = float("-inf")
 
-    def report(self, now: float) -> PreflightReport:
-        """Every check, at a time [s]."""
-        found = findings(self._known(now))
+    def report(self, now: float, *, is_flying: bool = False) -> PreflightReport:
+        """Every check, at a time [s]; in flight nothing that takes long is computed anew."""
+        found = findings(self._known(now, is_quick=is_flying))
         return PreflightReport(is_ready=is_ready(found), findings=found)
 
     def require_lease(self, now: float) -> None:
@@ -58,7 +59,7 @@ class Preflight:
         Raises:
             CommandRejectedError: the first check that stands in the way.
         """
-        refusal = next(standing(self._known(now, is_for_lease=True), Blocks.LEASE), None)
+        refusal = next(standing(self._known(now, is_quick=True), Blocks.LEASE), None)
         if refusal is not None:
             raise refusal
 
@@ -76,12 +77,14 @@ class Preflight:
         if self._obstacle is not None:
             raise self._obstacle
 
-    def gains(self) -> Gains:
-        """Model, gains and margins of the loop; computed once for a model.
+    def gains(self, *, is_flying: bool = False) -> Gains:
+        """Model, gains and margins of the loop; computed once for a model, which takes too long in flight.
 
         Raises:
-            CommandRejectedError: `loop_unstable`: there are none.
+            CommandRejectedError: `loop_unstable`: there are none; `busy`: in flight nothing is computed.
         """
+        if self._gains is None and is_flying:
+            raise refuse(Token.BUSY, detail="the loop is not computed in flight")
         if self._gains is None:
             try:
                 self._gains = gains_of(self._model, self._cfg)
@@ -94,7 +97,7 @@ class Preflight:
     def model_known(self, model: AircraftModel) -> None:
         """Take the model of the aircraft's own parameter set."""
         if model != self._model:
-            self._model, self._gains, self._is_loop_known = model, None, False
+            self._model, self._gains, self._loop, self._is_loop_known = model, None, None, False
 
     def _loop_refusal(self) -> CommandRejectedError | None:
         if not self._is_loop_known:
@@ -105,8 +108,9 @@ class Preflight:
         """Begin no flight while a board does not listen: the first frame it hears must be one of neutral sticks."""
         return replace(guided, obstacle=self.line.reason) if self.line.obstacle is Obstacle.DEAF else guided
 
-    def _known(self, now: float, *, is_for_lease: bool = False) -> Knowledge:
-        """What the checks look at; those of a lease need nothing that takes long to compute."""
+    def _known(self, now: float, *, is_quick: bool = False) -> Knowledge:
+        """What the checks look at; `is_quick` leaves out what takes long to compute: the loop would stand still."""
+        loop = self._loop if is_quick else self._loop_refusal()
         facts = self._facts
         return Knowledge(
             now=now,
@@ -123,7 +127,8 @@ class Preflight:
             highest_voltage=facts.highest_voltage,
             eyes=tuple(facts.eyes.values()),
             target_age=facts.pose_age(now),
-            stamps=None if is_for_lease else self.motion.match(now),
+            stamps=None if is_quick else self.motion.match(now),
             free_disk=facts.free_disk,
-            loop=None if is_for_lease else self._loop_refusal(),
+            loop=loop,
+            is_loop_known=self._is_loop_known,
         )
