@@ -57,6 +57,7 @@ def test_the_motion_while_the_rows_are_read_is_fitted_with_the_pose() -> None:
 def test_a_climb_that_nobody_knows_is_in_the_covariance() -> None:
     known = fit(LENS, climbing=0.0)[0]
     unknown = fit(LENS)[0]
+    assert (known.climbing, unknown.climbing) == (0.0, None)  # a rival that starts from the pose knows as much
     assert np.trace(unknown.covariance[3:, 3:]) > 4 * np.trace(known.covariance[3:, 3:])
 
 
