@@ -85,14 +85,16 @@ class ReplayedEyes(Eyes):
         """Look at an image."""
         from mkdaemon.vision.camera.image import CameraImage
         from mkdaemon.vision.camera.imagecodec import unpack
+        from mkdaemon.vision.camera.shot import PictureError
         from mkdaemon.vision.track.attitude import AttitudeHistory
 
-        found = unpack(entry.payload)
-        frame = found[0] if not isinstance(found, str) else None
-        pipeline = None if frame is None else self._pipelines.get(frame.camera)
-        if frame is None or pipeline is None:
+        try:
+            frame, pixels = unpack(entry.payload)
+        except PictureError:
+            return  # nor was it looked at in flight
+        pipeline = self._pipelines.get(frame.camera)
+        if pipeline is None:
             return
-        pixels = found[1]
         stamped_by = entry.issuer or "arrival"
         image = CameraImage(pixels, frame.stamp.monotonic, entry.received, frame.sequence, frame.camera, stamped_by)
         values = pipeline.process(image, AttitudeHistory(tuple(self._attitudes)))
