@@ -42,7 +42,7 @@ class Wake(StrEnum):
     CONTROL = "control"
     """The flight core ticks."""
     LINE = "line"
-    """The line is looked at: what may be written, what is overdue, how well it works."""
+    """The line is looked at: what came, what may be written, what is overdue, how well it works."""
 
 
 class ClockStep(NamedTuple):

@@ -20,7 +20,7 @@ class Notice(StrEnum):
     CONTROL_WOKE = "control_woke"
     """The flight core decided, by this time; nothing else is said."""
     LINE_WOKE = "line_woke"
-    """The line was looked at: what may be written, what is overdue; nothing else is said."""
+    """The line was looked at: what came, what may be written, what is overdue; nothing else is said."""
     CLIENT = "client"
     """A client showed or withdrew its liveliness token: `name`, `is_here`."""
     GUARD_ALIVE = "guard_alive"

@@ -30,6 +30,8 @@ COMMANDS: Final = (
     CommandEntry(
         "record", "mkdaemon.cli.mkctl.record:record", "Record what all vehicles put on the bus, into files.", _LOOK
     ),
+    CommandEntry("play", "mkdaemon.cli.mkctl.play:play", "Show a recording to clients, at any speed.", _LOOK),
+    CommandEntry("export", "mkdaemon.cli.mkctl.export:export", "A recording as tables, a track or a ROS 2 bag.", _LOOK),
     CommandEntry("log", "mkdaemon.cli.mkctl.log:app", "Recordings: list, check, recover, cut, merge, mark.", _LOOK),
     CommandEntry("lease", "mkdaemon.cli.mkctl.lease:app", "Take, give back or show the right to fly.", _FLY),
     CommandEntry(

@@ -148,7 +148,7 @@ class Exchange:
                 self.pump()
 
     def _process(self, chunk: bytes) -> None:
-        now = self._clock.now()
+        now = self._clock.woken(Wake.LINE)
         dialogue, sink = self._dialogue, self._sink
         dialogue.bytes_received(len(chunk), now)
         for item in self._decoder.feed(chunk):

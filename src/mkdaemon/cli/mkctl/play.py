@@ -1,0 +1,124 @@
+"""`mkctl play`: a recording on the bus again, for viewers and scripts."""
+
+from __future__ import annotations
+
+import asyncio
+import sys
+from collections.abc import Iterator
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+from cyclopts import Parameter
+
+from mkdaemon.cli.arguments import require_length
+from mkdaemon.cli.mkctl.connection import HERE, Connection
+from mkdaemon.cli.mkctl.logtime import moment_of
+from mkdaemon.cli.mkctl.playscreen import showing_player
+from mkdaemon.cli.printing import json_line
+from mkdaemon.cli.program import EXIT_FAILURE, EXIT_OK
+from mkdaemon.errors import MkError
+
+if TYPE_CHECKING:
+    from mkdaemon.client.player import Player
+    from mkdaemon.record.entry import Entry
+
+
+async def play(
+    file: Path,
+    /,
+    *,
+    speed: Annotated[float, Parameter(name=["--speed", "-s"])] = 1.0,
+    start: Annotated[str | None, Parameter(name="--from", allow_leading_hyphen=True)] = None,
+    end: Annotated[str | None, Parameter(name="--to", allow_leading_hyphen=True)] = None,
+    loop: Annotated[bool, Parameter(negative=())] = False,
+    step: Annotated[bool, Parameter(negative=())] = False,
+    key: Annotated[tuple[str, ...], Parameter(name=["--key", "-k"], negative=())] = (),
+    name: Annotated[str | None, Parameter(name="--as")] = None,
+    listen: str | None = None,
+    wait: Annotated[float, Parameter(name=["--wait", "-w"])] = 10.0,
+    connection: Connection = HERE,
+) -> int:
+    """Put the published values of a recording on the bus again, each at its time, byte by byte.
+
+    They stand under `replay/<vehicle>/...`, or with --as under `mk/<name>/...`, as from a daemon of that name.
+    Setpoints and requests are never played, and a name that a live daemon has is refused. What was put is counted and
+    compared with the file; exit code 1 when it is not the same. Keys: space pauses, n plays one value, + and - change
+    the speed, q ends.
+
+    Args:
+        file: The recording.
+        speed: Seconds of the recording a second.
+        start: Begin there: seconds from the beginning, negative from the end, or a time in ISO 8601.
+        end: End there, given likewise.
+        loop: Begin again at the end.
+        step: Begin paused; n plays one value.
+        key: Only these keys, for example `-k 'state/*'`.
+        name: Vehicle to play as, `mk/<name>/...`.
+        listen: Zenoh endpoint for clients, for example tcp/127.0.0.1:7448; without it they meet at that of --connect.
+        wait: Longest wait for a first subscriber [s]; 0 for none.
+        connection: Where to play.
+
+    Raises:
+        MkError: the recording cannot be read, nothing of it is left to play, or a daemon has this name.
+        ConfigError: a time, name, speed or endpoint cannot be understood.
+    """
+    from mkdaemon.client.connection import open_player_session
+    from mkdaemon.client.player import Player, Selection
+    from mkdaemon.client.playkeys import check_name
+    from mkdaemon.client.playpace import Pace
+
+    require_length(speed, "--speed")
+    check_name(name)
+    first, last = moment_of(start, file, "--from"), moment_of(end, file, "--to")
+    selection = Selection.of(partial(_samples, file, key, first, last), name)
+    where = [connection.connect] if listen is None else []
+    async with open_player_session(connect=where, listen=listen, zenoh_file=connection.zenoh_file) as session:
+        now = asyncio.get_running_loop().time()
+        player = Player(session, selection, Pace(speed, selection.first, now, is_paused=step), file.name)
+        await player.refuse_live_daemons()
+        if wait > 0:
+            await _wait(player, wait)
+        async with showing_player(player, quiet=connection.json):
+            await player.play(loops=loop)
+    return _tell(player, as_json=connection.json)
+
+
+def _samples(file: Path, keys: tuple[str, ...], first: int | None, last: int | None) -> Iterator[Entry]:
+    """The published values that are wanted."""
+    from mkdaemon.record.entry import Kind
+    from mkdaemon.record.patterns import matches_any
+    from mkdaemon.record.reader import Recording
+
+    yield from Recording(file).entries(
+        lambda facts: facts.kind is Kind.SAMPLE and matches_any(facts.key, keys), first=first, last=last
+    )
+
+
+async def _wait(player: Player, seconds: float) -> None:
+    """Wait for a subscriber, and say so.
+
+    Raises:
+        MkError: nobody came.
+    """
+    print("waiting for a subscriber", file=sys.stderr)
+    try:
+        async with asyncio.timeout(seconds):
+            await player.wait_for_subscribers()
+    except TimeoutError:
+        msg = f"nobody subscribed within {seconds:g} s: start a viewer first, or wait longer (--wait; 0: do not wait)"
+        raise MkError(msg) from None
+
+
+def _tell(player: Player, *, as_json: bool) -> int:
+    """Say what was put, beside what is in the file."""
+    missing, sent = player.missing, player.sent.counts.total()
+    late = player.sent.late_p99()
+    if as_json:
+        print(json_line({"sent": sent, "missing": missing, "rounds": player.rounds, "late_p99_s": late}))
+    else:
+        verdict = "as many as in the file" if not missing else f"{sum(missing.values())} of the file were not put"
+        print(f"{sent} values of {len(player.sent.counts)} keys put: {verdict}")
+        if late is not None:
+            print(f"late p99: {late * 1e3:.2f} ms")
+    return EXIT_OK if not missing else EXIT_FAILURE

@@ -1,0 +1,1 @@
+"""Recordings for other programs: tables, tracks, ROS 2 bags."""

@@ -1,0 +1,116 @@
+"""Published values of a recording as maps, with the units that their models declare."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import Any, Final
+
+import msgpack
+from pydantic import BaseModel
+
+from mkdaemon.bus.codec import schema_name
+from mkdaemon.bus.keys import KEYS
+from mkdaemon.errors import ConfigError
+from mkdaemon.record.entry import Entry, Kind
+from mkdaemon.record.patterns import matches_any
+from mkdaemon.record.reader import Recording
+
+_UNIT: Final = re.compile(r"\[([^\]]+)\]")
+
+
+@dataclass(frozen=True, slots=True)
+class Value:
+    """One published value.
+
+    Attributes:
+        vehicle: whose.
+        suffix: key without `mk/<vehicle>/`.
+        wall: publish time, of its stamp [s; Unix time].
+        monotonic: of its stamp, or when it was taken [s].
+        fields: as published.
+        schema: name and version of its model, for example `Attitude.v1`.
+    """
+
+    vehicle: str
+    suffix: str
+    wall: float
+    monotonic: float
+    fields: dict[str, Any]
+    schema: str
+
+
+def read_values(path: Path, patterns: tuple[str, ...] = ()) -> Iterator[Value]:
+    """Every published value of a recording, in its order.
+
+    Args:
+        path: the recording.
+        patterns: keys that are wanted; all of them for none.
+
+    Raises:
+        MkError: the file cannot be opened.
+        ConfigError: it is no recording.
+    """
+    recording = Recording(path)
+    if recording.read_session() is None:
+        msg = f"{path}: no recording of mkdaemon; `mkctl log list` shows recordings"
+        raise ConfigError(msg)
+    for entry in recording.entries(lambda facts: facts.kind is Kind.SAMPLE and matches_any(facts.key, patterns)):
+        value = _value(entry)
+        if value is not None:
+            yield value
+
+
+def _value(entry: Entry) -> Value | None:
+    if "msgpack" not in entry.encoding:
+        return None
+    try:
+        fields = msgpack.unpackb(entry.payload)
+    except (ValueError, msgpack.exceptions.UnpackException):
+        return None
+    if not isinstance(fields, dict):
+        return None
+    stamp = fields.get("stamp")
+    monotonic = stamp.get("monotonic", entry.received) if isinstance(stamp, dict) else entry.received
+    schema = entry.encoding.rpartition(";mk.")[2]
+    return Value(entry.vehicle, entry.suffix, entry.published, monotonic, fields, schema)
+
+
+def unit_of(schema: str, field: str) -> str:
+    """Unit of a field as its model says it, for example `m/s`; empty where it says none.
+
+    Args:
+        schema: name and version.
+        field: its first name, without an element's number.
+    """
+    described = _descriptions(schema).get(field, "")
+    found = _UNIT.search(described or "")
+    return "" if found is None else found.group(1).partition(";")[0]
+
+
+@cache
+def _descriptions(schema: str) -> dict[str, str]:
+    model = _models().get(schema)
+    return {} if model is None else {name: field.description or "" for name, field in model.model_fields.items()}
+
+
+@cache
+def _models() -> dict[str, type[BaseModel]]:
+    return {schema_name(spec.carries): spec.carries for spec in KEYS if spec.carries is not None}
+
+
+def flat(fields: dict[str, Any], prefix: str = "") -> dict[str, Any]:
+    """A map without maps and lists inside: `velocity_enu.0`, `echo.p50_ms`; bytes as hexadecimal."""
+    found: dict[str, Any] = {}
+    for name, value in fields.items():
+        path = f"{prefix}{name}"
+        if isinstance(value, dict):
+            found |= flat(value, f"{path}.")
+        elif isinstance(value, list):
+            found |= flat(dict(enumerate(value)), f"{path}.")  # type: ignore[arg-type]
+        else:
+            found[path] = value.hex() if isinstance(value, bytes) else value
+    return found

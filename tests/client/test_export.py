@@ -1,0 +1,123 @@
+"""Recordings for other programs, read back with their own libraries."""
+
+from __future__ import annotations
+
+import csv
+from xml.etree import ElementTree
+
+import pytest
+
+from mkdaemon.client.export.ros import RosExport
+from mkdaemon.client.export.tables import tables_of, write_csv, write_parquet
+from mkdaemon.client.export.tracks import gpx, kml, tracks_of
+from mkdaemon.client.export.values import Value, read_values, unit_of
+from mkdaemon.errors import ConfigError, MkError
+from tests.places import DATA
+
+FLIGHT = DATA / "recordings" / "nc_lost_client.mcap"
+GPX = "{http://www.topografix.com/GPX/1/1}"
+GX = "{http://www.google.com/kml/ext/2.2}"
+
+
+def values(suffix=None):
+    return [value for value in read_values(FLIGHT) if suffix in {None, value.suffix}]
+
+
+def made(suffix, schema, **fields):
+    return Value("mk1", suffix, 1700000000.25, 5.0, {"stamp": {}} | fields, schema)
+
+
+def test_a_table_has_every_value_of_its_key_with_units_in_the_header(tmp_path):
+    write_csv(tables_of(values()), tmp_path / "csv", overwrite=False)
+    with (tmp_path / "csv" / "t.state_position.csv").open(encoding="utf-8", newline="") as file:
+        rows = list(csv.DictReader(file))
+    positions = values("state/position")
+    assert [float(row["latitude_deg [deg]"]) for row in rows] == [one.fields["latitude_deg"] for one in positions]
+    assert [float(row["time [s]"]) for row in rows] == [one.wall for one in positions]
+    assert rows[0]["altitude [m]"] == "12.0"
+    assert unit_of("Velocity.v1", "velocity_enu") == "m/s"
+    assert unit_of("Nobody.v1", "field") == ""
+
+
+def test_parquet_has_the_same_numbers(tmp_path):
+    from pyarrow import parquet
+
+    write_parquet(tables_of(values()), tmp_path / "parquet", overwrite=False)
+    table = parquet.read_table(tmp_path / "parquet" / "t.state_battery.parquet")
+    assert table["voltage [V]"].to_pylist() == [one.fields["voltage"] for one in values("state/battery")]
+
+
+def test_what_is_there_is_only_replaced_by_force(tmp_path):
+    tables = tables_of(values("state/gps"))
+    (path,) = write_csv(tables, tmp_path, overwrite=False)
+    with pytest.raises(ConfigError, match="--force"):
+        write_csv(tables, tmp_path, overwrite=False)
+    path.write_text("other", encoding="utf-8")
+    write_csv(tables, tmp_path, overwrite=True)
+    assert path.read_text(encoding="utf-8").startswith("time [s]")
+
+
+def test_tracks_are_where_it_flew():
+    positions = values("state/position")
+    tracks = tracks_of(positions)
+    points = ElementTree.fromstring(gpx(tracks)).findall(f".//{GPX}trkpt")
+    expected = [(round(one.fields["latitude_deg"], 7), round(one.fields["longitude_deg"], 7)) for one in positions]
+    assert [(float(p.get("lat")), float(p.get("lon"))) for p in points] == expected
+    assert points[0].findtext(f"{GPX}ele") == "12.00"
+    assert points[0].findtext(f"{GPX}time").startswith("2023-11-14T22:30:00.")
+    coords = [c.text.split() for c in ElementTree.fromstring(kml(tracks)).iter(f"{GX}coord")]
+    assert [(float(lat), float(lon)) for lon, lat, _ in coords] == expected
+    with pytest.raises(MkError, match="state/position"):
+        tracks_of([])
+
+
+def test_a_bag_of_ros_has_our_values_in_its_axes_and_units(tmp_path):
+    from rosbags.highlevel import AnyReader
+
+    half = 0.5**0.5
+    pose = made(
+        "vision/down/pose", "VisionPose.v1", target="pad", position_target=[1.0, 2.0, 3.0],
+        quaternion_target_from_flu=[half, 0.0, 0.0, half], covariance=[float(n) for n in range(36)],
+    )  # fmt: skip
+    edge = {"translation": [0.1, 0.2, 0.3], "quaternion": [1.0, 0.0, 0.0, 0.0]}
+    flown = [
+        made("state/position", "Position.v1", latitude_deg=53.0, longitude_deg=8.0, altitude=None),
+        made("state/attitude", "Attitude.v1", quaternion=[half, 0.0, 0.0, half]),
+        made("state/battery", "Battery.v1", voltage=12.5, current=4.0),
+        made("control/output", "ControlOutput.v1", pitch=127, roll=-127, yaw=0, throttle=0, limited=True),
+        made("control/estimate", "ControlEstimate.v1", target="pad", position=[1.0, 2.0, 3.0], yaw=0.0),
+        pose,
+        made("tf", "Transform.v1", parent="body", child="camera/down", static=True, **edge),
+        made("tf", "Transform.v1", parent="camera/down", child="target/pad", static=False, **edge),
+        made("event/log", "LogEvent.v1", text="left out"),
+    ]
+    assert RosExport().write(flown, tmp_path / "bag", overwrite=False) == 9
+    found = {}
+    with AnyReader([tmp_path / "bag"]) as reader:
+        for connection, time, raw in reader.messages():
+            assert time == 1700000000250000000
+            found[connection.topic] = reader.deserialize(raw, connection.msgtype)
+    imu = found["/mk1/imu"]
+    assert (imu.orientation.w, imu.orientation.z) == pytest.approx((half, half))
+    assert imu.angular_velocity_covariance[0] == -1.0
+    assert (imu.header.stamp.sec, imu.header.stamp.nanosec) == (1700000000, 250000000)
+    assert found["/mk1/battery"].current == -4.0
+    assert found["/mk1/battery"].voltage == 12.5
+    assert list(found["/mk1/control/sticks"].axes[:2]) == [1.0, -1.0]
+    assert found["/mk1/fix"].latitude == 53.0
+    assert list(found["/mk1/vision/down/pose_with_covariance"].pose.covariance) == list(range(36))
+    assert found["/mk1/vision/down/pose"].pose.position.y == 2.0
+    assert found["/tf_static"].transforms[0].header.frame_id == "base_link"
+    assert found["/tf"].transforms[0].child_frame_id == "target/pad"
+    with pytest.raises(ConfigError, match="--force"):
+        RosExport().write(flown, tmp_path / "bag", overwrite=False)
+    assert RosExport().write(flown, tmp_path / "bag", overwrite=True) == 9
+    with pytest.raises(MkError, match="nothing in the recording"):
+        RosExport().write(flown[-1:], tmp_path / "other", overwrite=False)
+
+
+def test_a_file_that_is_no_recording_is_refused(tmp_path):
+    text = tmp_path / "notes.txt"
+    text.write_text("no recording", encoding="utf-8")
+    with pytest.raises(ConfigError, match=r"notes\.txt: no recording"):
+        list(read_values(text))

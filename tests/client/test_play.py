@@ -1,0 +1,132 @@
+"""Recordings on the bus again: pace, keys that may be played, and everything counted."""
+
+from __future__ import annotations
+
+import asyncio
+
+import pytest
+import zenoh
+
+from lab.rigs.waiting import wait_until
+from mkdaemon.bus.keys import KEYS, Use
+from mkdaemon.client.connection import open_player_session
+from mkdaemon.client.player import Player, Selection
+from mkdaemon.client.playkeys import PlayKey, check_name, play_key
+from mkdaemon.client.playpace import FASTEST, Pace
+from mkdaemon.errors import ConfigError, MkError
+from mkdaemon.record.entry import Kind
+from mkdaemon.record.reader import Recording
+from tests.bus.support import client, free_endpoint
+from tests.places import DATA
+
+STICKS = DATA / "recordings" / "fc_sticks.mcap"
+
+
+def samples():
+    return Recording(STICKS).entries(lambda facts: facts.kind is Kind.SAMPLE)
+
+
+def everything():
+    return Recording(STICKS).entries()
+
+
+def test_time_of_the_recording_follows_speed_pause_and_steps():
+    pace = Pace(2.0, 100.0, 0.0)
+    assert pace.wait(104.0, 0.0) == 2.0
+    pace.toggle(1.0)
+    assert pace.wait(104.0, 50.0) is None
+    assert pace.place(50.0) == 102.0
+    pace.step(50.0)
+    assert pace.wait(103.0, 50.0) == 0.0
+    assert pace.wait(103.5, 50.0) is None
+    pace.toggle(60.0)
+    assert pace.wait(104.0, 60.0) == 0.5
+    pace.change_speed(0.5, 60.0)
+    assert pace.wait(104.0, 60.0) == 1.0
+    pace.change_speed(1e9, 60.0)
+    assert pace.speed == FASTEST
+    pace.restart(100.0, 61.0)
+    assert pace.place(61.0) == 100.0
+
+
+@pytest.mark.parametrize(
+    "spec", [spec for spec in KEYS if spec.use not in {Use.PUBLISHED, Use.CLIENT}], ids=lambda s: s.suffix
+)
+def test_no_key_that_commands_can_be_made(spec):
+    suffix = spec.suffix.replace("<", "").replace(">", "")
+    assert play_key(f"mk/mk1/{suffix}", None) is None
+    assert play_key(f"mk/mk1/{suffix}", "show") is None
+    for root in ("mk", "replay", "else"):
+        with pytest.raises(ValueError, match="cannot put"):
+            PlayKey(f"{root}/mk1/{suffix}")
+
+
+def test_values_stand_under_their_own_root_or_under_the_name_that_was_given():
+    assert play_key("mk/mk1/state/attitude", None).whole == "replay/mk1/state/attitude"
+    assert play_key("mk/mk1/state/attitude", "show").whole == "mk/show/state/attitude"
+    check_name("show")
+    with pytest.raises(ConfigError, match="--as"):
+        check_name("mk1/setpoint")
+
+
+class Listener:
+    """Everything that arrives under a pattern."""
+
+    def __init__(self, session, pattern):
+        self.heard = []
+        session.declare_subscriber(pattern, zenoh.handlers.Callback(self._take, indirect=False))
+
+    def _take(self, sample):
+        self.heard.append((str(sample.key_expr), sample.payload.to_bytes(), str(sample.encoding)))
+
+
+async def played(name=None, alive=None, speed=1000.0):
+    endpoint = free_endpoint()
+    async with open_player_session(connect=[], listen=endpoint) as session:
+        selection = Selection.of(everything, name)
+        player = Player(session, selection, Pace(speed, selection.first, 0.0), "fc_sticks.mcap")
+        with client(endpoint) as watcher:
+            token = None if alive is None else watcher.liveliness().declare_token(f"mk/{alive}/alive")
+            listener = Listener(watcher, f"{'replay/t' if name is None else f'mk/{name}'}/**")
+            async with asyncio.timeout(20):
+                await player.wait_for_subscribers()
+                await player.refuse_live_daemons()
+                await player.play()
+                expected = selection.counts.total()
+                await wait_until(lambda: len(listener.heard) >= expected, 15.0)
+            del token
+    return player, listener.heard
+
+
+async def test_what_is_played_is_what_was_recorded_byte_by_byte_and_in_order():
+    player, heard = await played()
+    recorded = [(entry.key.replace("mk/", "replay/", 1), entry.payload, entry.encoding) for entry in samples()]
+    assert heard == recorded
+    assert player.missing == {}
+    assert player.sent.counts.total() == len(recorded)
+
+
+async def test_a_name_that_a_live_daemon_has_is_refused():
+    with pytest.raises(MkError, match="a daemon is alive as show"):
+        await played("show", alive="show")
+
+
+async def test_what_was_not_put_is_counted():
+    endpoint = free_endpoint()
+    async with open_player_session(connect=[], listen=endpoint) as session:
+        selection = Selection.of(samples, None)
+        player = Player(session, selection, Pace(1.0, selection.first, 0.0, is_paused=True), "fc_sticks.mcap")
+        task = asyncio.create_task(player.play())
+        await asyncio.sleep(0)
+        player.pace.step(0.0)
+        player.changed()
+        await wait_until(lambda: player.sent.counts.total() == 1, 5.0)
+        player.stop()
+        await task
+    assert player.sent.counts.total() == 1
+    assert sum(player.missing.values()) == selection.counts.total() - 1
+
+
+def test_a_recording_without_values_is_nothing_to_play():
+    with pytest.raises(MkError, match="nothing to play"):
+        Selection.of(lambda: Recording(STICKS).entries(lambda facts: facts.kind is Kind.PORT_READ), None)
