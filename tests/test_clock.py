@@ -151,7 +151,7 @@ def test_whoever_wakes_is_heard_with_the_time_it_decides_by():
     heard, now = [], [5.0]
     clock = Clock(monotonic=lambda: now[0])
     assert clock.woken(Wake.LINE) == 5.0
-    clock.wake_heard = lambda who, at: heard.append((who, at))
+    clock.on_wake = lambda who, at: heard.append((who, at))
     now[0] = 6.0
     assert clock.woken(Wake.CONTROL) == 6.0
     assert heard == [(Wake.CONTROL, 6.0)]

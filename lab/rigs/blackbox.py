@@ -207,7 +207,7 @@ class RecordedDaemon:
         )
         self.cfg = cfg
         self.tape = Tape(cfg.vehicle.name, clock)
-        clock.wake_heard = self.tape.woke
+        clock.on_wake = self.tape.woke
         self.client = ClientSide(self.tape)
         self.socket = Socket(make, seed=seed)
         self.wiring = Wiring(

@@ -103,7 +103,7 @@ class Clock:
     """Monotonic time, and stamps that follow the system clock; may be used from any thread.
 
     Attributes:
-        wake_heard: told of everybody who wakes, and when [s; monotonic]: a replay wakes them at the same times.
+        on_wake: told of everybody who wakes, and when [s; monotonic]: a replay wakes them at the same times.
     """
 
     def __init__(
@@ -122,7 +122,7 @@ class Clock:
             synchronised: whether the system clock follows a time server; None for unknown.
             suspended: how long the machine has slept [s].
         """
-        self.wake_heard: Callable[[Wake, float], None] = lambda who, at: None
+        self.on_wake: Callable[[Wake, float], None] = lambda who, at: None
         self._monotonic = monotonic
         self._wall = wall
         self._ask_synchronised = synchronised
@@ -143,7 +143,7 @@ class Clock:
     def woken(self, who: Wake) -> float:
         """The present moment [s; monotonic], for one who decides something by it."""
         now = self._monotonic()
-        self.wake_heard(who, now)
+        self.on_wake(who, now)
         return now
 
     def stamp(self, at: float | None = None) -> Stamp:

@@ -68,7 +68,7 @@ class BlackBox:
         if self._thread is None:
             yield
             return
-        self._clock.wake_heard = self._note_wake
+        self._clock.on_wake = self._note_wake
         self._thread.start()
         try:
             yield

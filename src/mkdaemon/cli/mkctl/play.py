@@ -81,7 +81,7 @@ async def play(
             await _wait(player, wait)
         async with showing_player(player, quiet=connection.json):
             await player.play(loops=loop)
-    return _tell(player, as_json=connection.json)
+    return _print_result(player, as_json=connection.json)
 
 
 def _samples(file: Path, keys: tuple[str, ...], first: int | None, last: int | None) -> Iterator[Entry]:
@@ -110,7 +110,7 @@ async def _wait(player: Player, seconds: float) -> None:
         raise MkError(msg) from None
 
 
-def _tell(player: Player, *, as_json: bool) -> int:
+def _print_result(player: Player, *, as_json: bool) -> int:
     """Say what was put, beside what is in the file."""
     missing, sent = player.missing, player.sent.counts.total()
     late = player.sent.late_p99()

@@ -22,7 +22,7 @@ class Refusal:
     """The line could not be used.
 
     Attributes:
-        at: when that was said [s].
+        at: when that was known [s].
         reason: why.
         is_absent: there was no such port; else it could not be opened.
     """
@@ -141,8 +141,8 @@ class ReplayedLine:
             self._port.lose(reason)
 
     def _refusal(self, url: str, now: float) -> LinkError:
-        """Why it could not be opened: the last that was said of it by then."""
-        said = [refusal for refusal in self._refusals if refusal.at <= now + LATE]
-        if not said:
+        """Why it could not be opened: the last that was known of it by then."""
+        known = [refusal for refusal in self._refusals if refusal.at <= now + LATE]
+        if not known:
             return LinkLostError(f"{url}: the recording has no port")
-        return LinkLostError(said[-1].reason) if said[-1].is_absent else LinkError(said[-1].reason)
+        return LinkLostError(known[-1].reason) if known[-1].is_absent else LinkError(known[-1].reason)

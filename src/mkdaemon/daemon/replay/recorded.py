@@ -149,10 +149,10 @@ class Recorded:
 
     def refusals(self) -> list[Refusal]:
         """When the line was found absent or unusable."""
-        said = [(moment.at, _map(moment.entry)) for moment in self.samples("link/state")]
+        states = [(moment.at, _map(moment.entry)) for moment in self.samples("link/state")]
         return [
             Refusal(at, str(fields.get("reason", "")), fields["condition"] == LinkCondition.ABSENT)
-            for at, fields in said
+            for at, fields in states
             if fields.get("condition") in {LinkCondition.ABSENT, LinkCondition.DOWN}
         ]
 

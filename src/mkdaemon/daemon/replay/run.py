@@ -123,8 +123,8 @@ class _Replay:
         if not self._has_eyes:
             self._eyes: BlindEyes | ReplayedEyes = BlindEyes(core)
         else:
-            told_at = {(camera, number): at for camera, number, at in _seen(self._recorded)}
-            self._eyes = ReplayedEyes(self._cfg, self._station, core, self._clock, self._loop, told_at)
+            published_at = {(camera, number): at for camera, number, at in _seen(self._recorded)}
+            self._eyes = ReplayedEyes(self._cfg, self._station, core, self._clock, self._loop, published_at)
         return self._eyes
 
     # -- what went in ---------------------------------------------------------------------------------------------
@@ -164,14 +164,14 @@ class _Replay:
 
     def _notice_bringer(self, moment: Moment) -> Callable[[], None] | None:
         payload = moment.entry.payload
-        said: dict[str, Any] = msgpack.unpackb(payload) if payload else {}
+        fields: dict[str, Any] = msgpack.unpackb(payload) if payload else {}
         match Notice.of(moment.entry):
             case Notice.CLIENT:
-                return partial(self._station.bring_client, said["name"], said["is_here"])
+                return partial(self._station.bring_client, fields["name"], fields["is_here"])
             case Notice.GUARD_ALIVE:
-                return partial(self._wiring.flight.guard_changed, said["is_alive"])
+                return partial(self._wiring.flight.guard_changed, fields["is_alive"])
             case Notice.GUARD_ACTED:
-                return partial(self._wiring.flight.guard_acted, said["released"])
+                return partial(self._wiring.flight.guard_acted, fields["released"])
         return None
 
 

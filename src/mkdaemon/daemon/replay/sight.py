@@ -50,7 +50,7 @@ class ReplayedEyes(Eyes):
         core: FlightCore,
         clock: Clock,
         loop: ReplayLoop,
-        told_at: Mapping[tuple[str, int], float],
+        published_at: Mapping[tuple[str, int], float],
     ) -> None:
         """Set the cameras up.
 
@@ -60,7 +60,7 @@ class ReplayedEyes(Eyes):
             core: hears of poses.
             clock: stamps.
             loop: of the replay.
-            told_at: by camera and number of the image: when something seen in it was published [s].
+            published_at: by camera and number of the image: when something seen in it was published [s].
 
         Raises:
             ConfigError: a camera file or target file is wrong or not here.
@@ -69,7 +69,7 @@ class ReplayedEyes(Eyes):
 
         super().__init__(None)
         self._sink = PoseSink(core, outlet)
-        self._clock, self._loop, self._told_at = clock, loop, told_at
+        self._clock, self._loop, self._published_at = clock, loop, published_at
         self._attitudes: deque[AttitudeSample] = deque(maxlen=ATTITUDES)
         self._pipelines: dict[str, CameraPipeline] = {
             camera.name: CameraPipeline(camera, cfg.vision, clock) for camera in cfg.cameras
@@ -98,9 +98,9 @@ class ReplayedEyes(Eyes):
         stamped_by = entry.issuer or "arrival"
         image = CameraImage(pixels, frame.stamp.monotonic, entry.received, frame.sequence, frame.camera, stamped_by)
         values = pipeline.process(image, AttitudeHistory(tuple(self._attitudes)))
-        told_at = self._told_at.get((frame.camera, frame.sequence), entry.received + USUAL)
+        published_at = self._published_at.get((frame.camera, frame.sequence), entry.received + USUAL)
         for suffix, value in values:
-            self._loop.happens_at(max(told_at, self._loop.time()), self._sink.publish, suffix, value)
+            self._loop.happens_at(max(published_at, self._loop.time()), self._sink.publish, suffix, value)
 
     def bring_mount(self, camera: str) -> None:
         """Publish how a camera sits, as it is published beside its figures."""

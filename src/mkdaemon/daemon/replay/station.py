@@ -161,9 +161,9 @@ class ReplayStation:
         if "secret" in reply:
             self._secrets[reply["epoch"]] = reply["secret"]
         recorded = self._replies.get(entry.exchange)
-        said = {} if recorded is None else decode_map(recorded.payload).get("reply")
-        if "echo" in reply and isinstance(said, dict) and "echo" in said:
-            self._echoes[said["echo"]] = reply["echo"]
+        answer = {} if recorded is None else decode_map(recorded.payload).get("reply")
+        if "echo" in reply and isinstance(answer, dict) and "echo" in answer:
+            self._echoes[answer["echo"]] = reply["echo"]
 
 
 STRANGER: Final = "stranger"
