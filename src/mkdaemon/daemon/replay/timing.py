@@ -41,7 +41,7 @@ class Timer(Enum):
 PATIENCE: Final = {Timer.CONTROL: 2.0, Timer.LINE: 2.0, Timer.HEALTH: 0.09, Timer.OPENING: 0.2, Timer.OTHER: 0.005}
 """How late a timer may have fired in the recording [s]. The flight core and the line wake all the time, and every time
 is recorded; of the others only what they did is known, so the next thing done soon after is taken for theirs."""
-LONGEST_TURN: Final = 0.05
+LONGEST_TURN: Final = 0.1
 """Longest time from an event to what is decided because of it [s]."""
 _TIMERS: Final = {Wake.CONTROL: Timer.CONTROL, Wake.LINE: Timer.LINE}
 _TASKS: Final = {"control": Timer.CONTROL, "health": Timer.HEALTH, "link": Timer.OPENING}
@@ -58,24 +58,32 @@ class Timetable:
             inputs: when anything came from outside.
         """
         self._moments, self._inputs = moments, inputs
+        self._used: dict[Timer, int] = {}
 
     def fires_at(self, timer: Timer, due: float) -> float:
         """When a timer fires that is due then [s]: at the next moment of its kind if one is near, else when due."""
         moments = self._moments.get(timer, ())
-        place = bisect_left(moments, due)
+        place = self._next(timer, due)
         if place < len(moments) and moments[place] - due <= PATIENCE[timer]:
             return moments[place]
         return due
 
     def decided_at(self, who: Wake, now: float) -> float:
         """When somebody who decides now decided in the recording [s]: soon, and before anything else came in."""
-        moments = self._moments.get(_TIMERS[who], ())
-        place = bisect_left(moments, now)
+        timer = _TIMERS[who]
+        moments = self._moments.get(timer, ())
+        place = self._next(timer, now)
         if place == len(moments) or moments[place] - now > LONGEST_TURN:
             return now
         next_input = bisect_right(self._inputs, now)
-        is_next = next_input == len(self._inputs) or moments[place] < self._inputs[next_input]
-        return moments[place] if is_next else now
+        if next_input < len(self._inputs) and moments[place] >= self._inputs[next_input]:
+            return now
+        self._used[timer] = place
+        return moments[place]
+
+    def _next(self, timer: Timer, time: float) -> int:
+        """Place of the first moment from a time on [s] at which nobody has decided yet."""
+        return max(bisect_left(self._moments.get(timer, ()), time), self._used.get(timer, -1) + 1)
 
 
 class ReplayClock(Clock):
