@@ -16,8 +16,9 @@ from mkdaemon.errors import MkError
 
 PERIOD: Final = 0.02
 """Between two setpoints [s]; the daemon sends as many stick frames a second (docs/configuration.md, control.rate)."""
-GAP: Final = 0.01
-"""A change waits so long after the setpoint before it [s]."""
+GAP: Final = 0.002
+"""A change waits so long after the setpoint before it [s]. The daemon sends the newest setpoint in each of its own
+periods: a longer gap would let a change miss one, and wait for two."""
 
 
 class Session:
