@@ -48,15 +48,15 @@ class Match:
 
 
 class MotionMatch:
-    """The motion of the last seconds, as the boards and as a camera told it."""
+    """The motion of the last seconds, as the boards and as a camera reported it."""
 
     def __init__(self) -> None:
-        self._told: deque[tuple[float, float, float]] = deque(maxlen=1000)
+        self._reported: deque[tuple[float, float, float]] = deque(maxlen=1000)
         self._seen: deque[tuple[float, float, float]] = deque(maxlen=1000)
 
     def attitude_received(self, at: float, pitch: float, roll: float) -> None:
         """Take an attitude of the boards, measured at a time [s]; nose down and right side down positive [rad]."""
-        self._told.append((at, pitch, roll))
+        self._reported.append((at, pitch, roll))
 
     def target_seen(self, at: float, position_flu: Sequence[float] | Array) -> None:
         """Take the target's origin in the body frame (3,) [m; FLU] as an image of a time [s] shows it."""
@@ -67,15 +67,15 @@ class MotionMatch:
 
     def match(self, now: float) -> Match | None:
         """Compare the last seconds; None where there was too little to see, or nothing moved."""
-        told, seen = (_window(samples, now) for samples in (self._told, self._seen))
-        if told is None or seen is None:
+        reported, seen = (_window(samples, now) for samples in (self._reported, self._seen))
+        if reported is None or seen is None:
             return None
-        start, end = max(told[0, 0], seen[0, 0]), min(told[-1, 0], seen[-1, 0])
+        start, end = max(reported[0, 0], seen[0, 0]), min(reported[-1, 0], seen[-1, 0])
         grid = np.arange(start, end, GRID)
         reach = round(FARTHEST / GRID)
         if len(grid) < WINDOW / GRID / 2:
             return None
-        first, second = _quick(told, grid), _quick(seen, grid)
+        first, second = _quick(reported, grid), _quick(seen, grid)
         middle = slice(reach, -reach)
         if float(np.sqrt((first[:, middle] ** 2).sum(axis=0).mean())) < LEAST_MOTION:
             return None
