@@ -288,6 +288,6 @@ class HealthMonitor:
 
     def _conclude(self, finding: Finding, now: float) -> bool:
         """Make a finding the verdict; returns whether the condition changed."""
-        heard = max(self._received_at, self._paused_until, now if self._opened is None else self._opened)
-        before, self._verdict = self._verdict, self._verdict.followed_by(finding, now, heard)
+        last_arrival = max(self._received_at, self._paused_until, now if self._opened is None else self._opened)
+        before, self._verdict = self._verdict, self._verdict.followed_by(finding, now, last_arrival)
         return self._verdict.condition is not before.condition

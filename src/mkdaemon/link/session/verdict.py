@@ -70,14 +70,14 @@ class Verdict:
         """What it stands on."""
         return self.finding.cause
 
-    def followed_by(self, finding: Finding, now: float, heard: float) -> Verdict:
+    def followed_by(self, finding: Finding, now: float, last_arrival: float) -> Verdict:
         """The verdict after a new finding; another reason for the same condition does not begin it anew.
 
         Args:
             finding: the new one.
             now: [s].
-            heard: when the board was heard last, or silence was expected last [s].
+            last_arrival: when the board was heard last, or silence was expected last [s].
         """
         since = self.since if finding.condition is self.condition else now
-        silent_since = math.inf if finding.condition.hears_board else min(self.silent_since, heard, now)
+        silent_since = math.inf if finding.condition.hears_board else min(self.silent_since, last_arrival, now)
         return Verdict(finding, since, silent_since)
