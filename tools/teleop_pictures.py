@@ -16,7 +16,6 @@ from lab.places import CONFIGS
 from lab.rigs.cockpit import Boards, cockpit
 from lab.rigs.cockpitclient import CockpitClient, PublishedValues
 from lab.rigs.handpad import HandPad
-from lab.rigs.virtualloop import run_virtually
 from lab.stories.losses import silence_log
 from mkdaemon.cli.mkctl.teleop.leasekeeper import LeaseKeeper
 from mkdaemon.cli.mkctl.teleop.screen import COLUMNS, screen_lines
@@ -26,6 +25,7 @@ from mkdaemon.config.gamepad import Gamepad
 from mkdaemon.config.reader import load_section
 from mkdaemon.control.teleop.shaping import MODES
 from mkdaemon.telemetry.control import Phase
+from mkdaemon.virtualtime import run_virtually
 
 _SEED: Final = 1
 _FLOWN: Final = 1.5

@@ -12,11 +12,11 @@ from typing import Final
 from lab.rigs.boardport import LineFault
 from lab.rigs.cockpit import Boards, Cockpit, cockpit
 from lab.rigs.virtualguard import VirtualGuard
-from lab.rigs.virtualloop import run_virtually
 from lab.stories.faults import FAULTS
 from mkdaemon.bus.codec import encode_map
 from mkdaemon.errors import CommandRejectedError
 from mkdaemon.telemetry.control import Phase
+from mkdaemon.virtualtime import run_virtually
 
 FLIGHT: Final = 600.0
 """Length of one flight [s; virtual]."""

@@ -38,7 +38,7 @@ from lab.control.triggerstories import (
 )
 from lab.rigs.cockpit import Boards, cockpit
 from lab.rigs.virtualguard import VirtualGuard
-from lab.rigs.virtualloop import run_virtually
+from mkdaemon.virtualtime import run_virtually
 
 GENERATIONS: Final = (
     Boards("early"),

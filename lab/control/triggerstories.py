@@ -8,12 +8,12 @@ from collections.abc import Awaitable, Callable
 
 from lab.control.triggerrig import ASIDE, CLIENT, HERE, Scene
 from lab.rigs.boardport import LineFault
-from lab.rigs.virtualloop import VirtualLoop
 from mkdaemon.control.guidance.takeoff import TakeOffLimits
 from mkdaemon.link.session.traffic import Purpose
 from mkdaemon.telemetry.command import AbortRequest, LeaseRequest, ReleaseRequest
 from mkdaemon.telemetry.control import Phase
 from mkdaemon.telemetry.setpoint import PositionSetpoint, TakeOffSetpoint
+from mkdaemon.virtualtime import VirtualLoop
 
 Story = Callable[[Scene], Awaitable[float]]
 
@@ -156,7 +156,7 @@ async def daemon_stalled(scene: Scene) -> float:
     """The daemon stands still for longer than a setpoint lives: the first thing it sends is a release."""
     await over_target(scene)
     assert isinstance(scene.loop, VirtualLoop)
-    scene.loop.stand_still(0.4)
+    scene.loop.let_pass(0.4)
     woken = scene.loop.time()
     took = await scene.release_after(woken)
     moved = [sent for sent in scene.flown.sink.tx if sent.at > woken and sent.purpose is Purpose.SETPOINT]

@@ -18,11 +18,11 @@ from typing import Any, Final
 from lab.link.cases import Case
 from lab.link.sim import Witness
 from lab.link.virtual import Waits, configurations, running_link, steer_steadily
-from lab.rigs.virtualloop import run_virtually
 from mkdaemon.config.sim import SimConfig
 from mkdaemon.link.session.limits import PROBE_TIMEOUT
 from mkdaemon.protocol.framing import Frame, FrameDecoder
 from mkdaemon.sim.boards.generations import FC_GENERATIONS
+from mkdaemon.virtualtime import run_virtually
 
 PROOF: Final = 600.0
 """Length of a proof [s]: 6000 link tests; none of ours lost among them bounds our share to 0.05 %."""

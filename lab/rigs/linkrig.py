@@ -12,7 +12,6 @@ from typing import Any, cast
 from lab.rigs.boardport import ADAPTER_TIME, Socket
 from lab.rigs.grounded import GroundedAircraft
 from lab.rigs.motors import MotorWatch
-from lab.rigs.virtualloop import run_virtually
 from lab.rigs.waiting import wait_until
 from mkdaemon.clock import Clock
 from mkdaemon.config.link import LinkConfig
@@ -23,6 +22,7 @@ from mkdaemon.link.session.traffic import LinkSink, Lost, Received, Sent
 from mkdaemon.sim.physics.world import World
 from mkdaemon.sim.simulation import Simulation
 from mkdaemon.telemetry.link import LinkHealth, LinkState, LinkTraffic
+from mkdaemon.virtualtime import run_virtually
 
 
 def virtually(test: Callable[..., Awaitable[None]]) -> Callable[..., None]:

@@ -6,7 +6,7 @@ import random
 from collections.abc import Coroutine
 from typing import Any, Final, TypeVar
 
-from mkdaemon.virtualtime import PacedLoop, end_loop
+from mkdaemon.virtualtime import VirtualLoop, end_loop
 
 WORK: Final = 2e-6
 """Time that passes from one look at the clock to the next [s]."""
@@ -18,7 +18,7 @@ STALL: Final = 0.015
 _Result = TypeVar("_Result")
 
 
-class TardyLoop(PacedLoop):
+class TardyLoop(VirtualLoop):
     """An event loop in virtual time that is never on time."""
 
     def __init__(self, seed: int, start: float = 0.0) -> None:

@@ -17,13 +17,13 @@ from typing import Final
 
 from lab.rigs.boardport import LineFault
 from lab.rigs.cockpit import Boards, Cockpit, Held, cockpit
-from lab.rigs.virtualloop import run_virtually
 from mkdaemon.bus.codec import encode_map
 from mkdaemon.errors import CommandRejectedError
 from mkdaemon.link.session.traffic import Purpose
 from mkdaemon.protocol.decoder import MessageDecoder
 from mkdaemon.protocol.framing import Frame, FrameDecoder
 from mkdaemon.telemetry.control import Phase
+from mkdaemon.virtualtime import run_virtually
 
 BACK: Final = 3.0
 """Telemetry flows again so long after the device is back [s]."""

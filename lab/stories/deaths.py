@@ -17,7 +17,6 @@ from typing import Final
 
 from lab.rigs.boardport import TICK_TIME
 from lab.rigs.cockpit import Boards, Cockpit, Held, cockpit
-from lab.rigs.virtualloop import run_virtually
 from mkdaemon.bus.codec import encode_map
 from mkdaemon.errors import CommandRejectedError, LinkError
 from mkdaemon.link.link import Link
@@ -25,6 +24,7 @@ from mkdaemon.link.session.traffic import Purpose, ReleaseResult, Sent
 from mkdaemon.protocol.messages import LabelRequest
 from mkdaemon.sim.boards.line import HOST_CHAR
 from mkdaemon.telemetry.control import Phase, ReleaseOutcome
+from mkdaemon.virtualtime import run_virtually
 
 STICK_HZ: Final = 50.0
 NEUTRAL_TIME: Final = 0.350

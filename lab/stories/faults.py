@@ -14,8 +14,8 @@ from typing import Final
 
 from lab.rigs.boardport import LineFault
 from lab.rigs.cockpit import Boards, Cockpit, cockpit
-from lab.rigs.virtualloop import run_virtually
 from mkdaemon.telemetry.link import LinkCondition
+from mkdaemon.virtualtime import run_virtually
 
 VERDICT: Final = 0.5
 """The right word must be said within this time [s]."""

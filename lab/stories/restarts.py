@@ -13,11 +13,11 @@ from typing import Final
 
 from lab.rigs.boardport import Socket
 from lab.rigs.cockpit import Boards, Cockpit, cockpit
-from lab.rigs.virtualloop import run_virtually
 from lab.stories.standstills import Streamer, is_tilted
 from mkdaemon.errors import CommandRejectedError
 from mkdaemon.link.session.knownflight import FlightMemory
 from mkdaemon.telemetry.refusals import Token
+from mkdaemon.virtualtime import run_virtually
 
 CLEARED: Final = 0.35
 """The old command is taken away so long after the first bytes of the new daemon [s]."""

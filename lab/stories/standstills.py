@@ -14,11 +14,11 @@ from enum import StrEnum
 from typing import Final
 
 from lab.rigs.cockpit import Boards, Cockpit, cockpit
-from lab.rigs.virtualloop import VirtualLoop, run_virtually
 from mkdaemon.bus.codec import encode_map
 from mkdaemon.errors import CommandRejectedError
 from mkdaemon.link.session.traffic import Purpose, Sent
 from mkdaemon.telemetry.control import Phase
+from mkdaemon.virtualtime import VirtualLoop, run_virtually
 
 CLEARED: Final = 1.1
 """External control is cleared in the FlightCtrl so long after the end of the standstill [s]."""
@@ -115,7 +115,7 @@ async def _stop(flown: Cockpit, client: Streamer, who: Stopped, seconds: float, 
     if who is Stopped.MACHINE:
         flown.socket.slept += seconds
     else:
-        loop.stand_still(seconds)
+        loop.let_pass(seconds)
     if who is Stopped.DAEMON:
         client.put(int(seconds / STICK_TIME))
     woken = flown.socket.now()

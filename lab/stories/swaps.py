@@ -15,11 +15,11 @@ from typing import Final
 from lab.rigs.boardport import LineFault
 from lab.rigs.linkrig import Rig, navi_ctrl, rig
 from lab.rigs.sticks import build_sticks
-from lab.rigs.virtualloop import run_virtually
 from mkdaemon.errors import CommandRejectedError
 from mkdaemon.link.session.reboot import GAP
 from mkdaemon.protocol.messages import ExternControlV1, ExternControlV2
 from mkdaemon.protocol.wire import WireMessage
+from mkdaemon.virtualtime import run_virtually
 
 LAYOUTS: Final[dict[str, type[WireMessage]]] = {"2.12a": ExternControlV2, "2.08": ExternControlV1}
 LONGEST: Final = 2.0

@@ -16,12 +16,12 @@ from typing import Final
 from lab.rigs.cockpit import Boards, Cockpit, cockpit
 from lab.rigs.cockpitclient import CockpitClient, PublishedValues
 from lab.rigs.handpad import HandKeyboard, HandPad
-from lab.rigs.virtualloop import run_virtually
 from lab.stories.deaths import measure_loss
 from mkdaemon.cli.mkctl.teleop.leasekeeper import LeaseKeeper
 from mkdaemon.cli.mkctl.teleop.session import Session
 from mkdaemon.link.session.traffic import Purpose
 from mkdaemon.telemetry.control import Phase
+from mkdaemon.virtualtime import run_virtually
 
 WATCH: Final = 2.5
 """How long each loss is watched [s]."""

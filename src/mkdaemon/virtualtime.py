@@ -35,7 +35,7 @@ class _JumpingSelector(selectors.SelectSelector):
         return ready
 
 
-class PacedLoop(asyncio.SelectorEventLoop):
+class VirtualLoop(asyncio.SelectorEventLoop):
     """An event loop in virtual time; threads and real I/O have no place in it."""
 
     def __init__(self, pace: float = 0.0, start: float = 0.0) -> None:
@@ -53,13 +53,13 @@ class PacedLoop(asyncio.SelectorEventLoop):
         return self._jumping.now
 
     def let_pass(self, seconds: float) -> None:
-        """Let time pass while something is worked on."""
+        """Let time pass in which nothing of this loop runs, as while a process is stopped or works on something."""
         self._jumping.now += seconds
 
 
-def run_paced(main: Coroutine[Any, Any, _Result], pace: float = 0.0) -> _Result:
-    """Run a coroutine to its end in virtual time; see `PacedLoop`."""
-    loop = PacedLoop(pace)
+def run_virtually(main: Coroutine[Any, Any, _Result], pace: float = 0.0) -> _Result:
+    """Run a coroutine to its end in virtual time; see `VirtualLoop`."""
+    loop = VirtualLoop(pace)
     try:
         return loop.run_until_complete(main)
     finally:

@@ -9,7 +9,7 @@ import pytest
 
 from mkdaemon.cli.rehearsal.flight import rehearse
 from mkdaemon.cli.rehearsal.record import Moment, Rehearsed
-from mkdaemon.virtualtime import run_paced
+from mkdaemon.virtualtime import run_virtually
 
 
 def test_the_aircraft_lifts_off_seen_by_the_real_eyes_and_over_the_real_link():
@@ -28,7 +28,7 @@ def test_the_aircraft_lifts_off_seen_by_the_real_eyes_and_over_the_real_link():
         flight.cancel()
         await asyncio.gather(flight, return_exceptions=True)
 
-    run_paced(watch_the_lift_off())
+    run_virtually(watch_the_lift_off())
     assert heights[0] == pytest.approx(0.1)
     assert max(heights) < 1.0
 

@@ -60,15 +60,15 @@ def environment(flown):
 
 @pytest.mark.parametrize(
     ("heading", "lines"),
-    [("Decode a recording", 10), ("Watch the attitude", 10), ("Fly a square", 15), ("Fly by sticks", 15)],
+    [("Decode a capture", 10), ("Watch the attitude", 10), ("Fly a square", 15), ("Fly by sticks", 15)],
 )
 def test_the_programs_are_short(heading, lines):
     assert sum(bool(line.strip()) for line in program(heading).splitlines()) <= lines
 
 
-async def test_a_recording_decodes_without_a_daemon(tmp_path):
+async def test_a_capture_decodes_without_a_daemon(tmp_path):
     shutil.copy(ROOT / "tests/data/captures/nc_mixed_60s.jsonl", tmp_path / "flight.jsonl")
-    lines = await output_of("Decode a recording", cwd=tmp_path)
+    lines = await output_of("Decode a capture", cwd=tmp_path)
     assert lines[0] == "  0.00 s  16.4 V, 9 satellites"
     assert "('OsdData5', 31)" in lines[-1]
 

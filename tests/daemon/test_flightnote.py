@@ -12,7 +12,6 @@ from hypothesis import strategies as st
 
 from lab.rigs.cockpit import Boards, cockpit
 from lab.rigs.linkrig import virtually
-from lab.rigs.virtualloop import run_virtually
 from mkdaemon.clock import Clock
 from mkdaemon.daemon.audit import Audit
 from mkdaemon.daemon.flightnote import MOST_AGE, NAME, FlightNotes
@@ -20,6 +19,7 @@ from mkdaemon.errors import CommandRejectedError
 from mkdaemon.telemetry.command import LeaseRequest
 from mkdaemon.telemetry.control import Phase
 from mkdaemon.telemetry.refusals import Token
+from mkdaemon.virtualtime import run_virtually
 
 PORT = "/dev/virtual"
 BEHIND = Boards("2.12a", "0.24")

@@ -8,7 +8,6 @@ import shutil
 import pytest
 
 from lab.rigs.cockpit import Boards, cockpit
-from lab.rigs.virtualloop import run_virtually
 from mkdaemon.bus.codec import encode_map
 from mkdaemon.control.activeset import UNREAD
 from mkdaemon.daemon.preflight import active_set, free_disk
@@ -16,6 +15,7 @@ from mkdaemon.protocol.settings import ParameterSet
 from mkdaemon.sim.boards.parameters import factory_set
 from mkdaemon.telemetry.control import Phase
 from mkdaemon.telemetry.preflight import CheckState
+from mkdaemon.virtualtime import run_virtually
 
 STILL = {"pitch": 0.0, "roll": 0.0, "yaw": 0.0, "throttle": 0.0}
 

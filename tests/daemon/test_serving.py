@@ -223,7 +223,7 @@ def with_daemon(monkeypatch, error):
             raise error
 
     @asynccontextmanager
-    async def opened(cfg, vehicle, recorder):
+    async def opened(cfg, vehicle, recorder, *, takes_images):
         yield Bus()
 
     monkeypatch.setattr(program, "Daemon", Failing)

@@ -8,10 +8,10 @@ import pytest
 
 from lab.rigs.boardport import LineFault
 from lab.rigs.linkrig import flight_ctrl, navi_ctrl, rig, virtually
-from lab.rigs.virtualloop import VirtualLoop
 from mkdaemon.link.session.reopening import GARBAGE_PATIENCE, PROVEN_PATIENCE, BaudSearch
 from mkdaemon.link.session.verdict import Finding, Verdict
 from mkdaemon.telemetry.link import LinkCondition
+from mkdaemon.virtualtime import VirtualLoop
 
 
 @virtually
@@ -45,7 +45,7 @@ async def test_our_own_standstill_is_told_as_that_and_not_as_a_mute_board(second
         await r.until_up()
         await asyncio.sleep(3.0)
         before = len(r.log.healths)
-        loop.stand_still(seconds)
+        loop.let_pass(seconds)
         await asyncio.sleep(4.0)
         states = [health.state for health in r.log.healths[before:]]
         assert {state.condition.value for state in states} == {"up", "degraded"}

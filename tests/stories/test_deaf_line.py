@@ -9,7 +9,6 @@ import pytest
 
 from lab.rigs.boardport import LineFault
 from lab.rigs.cockpit import Boards, cockpit
-from lab.rigs.virtualloop import run_virtually
 from lab.stories.standstills import Streamer, is_tilted
 from mkdaemon.bus.codec import encode_map
 from mkdaemon.link.session.traffic import Purpose
@@ -17,6 +16,7 @@ from mkdaemon.protocol.boards import Board
 from mkdaemon.protocol.messages.flightctrl import Beep
 from mkdaemon.telemetry.control import Phase
 from mkdaemon.telemetry.link import LinkCondition
+from mkdaemon.virtualtime import run_virtually
 
 LONGEST_SILENCE = 0.5
 """A third of systemd's 2 s, less a quarter: the watchdog must see progress at every look [s]."""

@@ -6,7 +6,6 @@ import pytest
 
 from lab.rigs.boardport import LineFault
 from lab.rigs.cockpit import Boards, cockpit
-from lab.rigs.virtualloop import run_virtually
 from mkdaemon.config.control import LeaseConfig
 from mkdaemon.control.checks import standing
 from mkdaemon.control.knowledge import Knowledge
@@ -16,6 +15,7 @@ from mkdaemon.protocol.settings import ParameterSet
 from mkdaemon.sim.boards.parameters import factory_set
 from mkdaemon.telemetry.control import ControlLine
 from mkdaemon.telemetry.preflight import Blocks
+from mkdaemon.virtualtime import run_virtually
 from tests.control.events import link_state
 
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import pytest
 
 from lab.rigs.cockpit import Boards, cockpit
-from lab.rigs.virtualloop import run_virtually
 from mkdaemon.errors import CommandRejectedError
 from mkdaemon.telemetry.command import LeaseRequest
+from mkdaemon.virtualtime import run_virtually
 
 
 def test_clients_without_a_name_do_not_take_each_others_lease():

@@ -6,7 +6,6 @@ from pathlib import Path
 import pytest
 from pydantic import ValidationError
 
-from lab.rigs.virtualloop import run_virtually
 from mkdaemon.bus.codec import encode, encoding_of
 from mkdaemon.cli.mkctl.teleop import padsearch
 from mkdaemon.cli.mkctl.teleop.devices import DeviceLostError, DeviceState
@@ -17,6 +16,7 @@ from mkdaemon.client.samples import Sample, read_payload
 from mkdaemon.clock import Clock
 from mkdaemon.errors import ConfigError
 from mkdaemon.telemetry.joy import Joy
+from mkdaemon.virtualtime import run_virtually
 from tests.cli.teleop.rig import FakeDaemon
 from tests.control.teleop.pads import FACTS, REST, gamepad
 

@@ -6,13 +6,13 @@ from pathlib import Path
 
 import pytest
 
-from lab.rigs.virtualloop import run_virtually
 from mkdaemon.cli.mkctl.teleop.devices import DeviceState
 from mkdaemon.cli.mkctl.teleop.learn import Learner, save_mapping
 from mkdaemon.config.gamepad import Gamepad
 from mkdaemon.config.reader import load_section
 from mkdaemon.control.teleop.learning import is_calm, mapping_text, moved_axis, pressed_control
 from mkdaemon.errors import MkError
+from mkdaemon.virtualtime import run_virtually
 from tests.control.teleop.pads import FACTS, HIGH, LOW, REST
 
 ANSWERS = {

@@ -8,10 +8,10 @@ from typing import Any
 import pytest
 
 from lab.rigs.handpad import HandPad
-from lab.rigs.virtualloop import run_virtually
 from mkdaemon.cli.mkctl.teleop.recording import Recorder, read_recording
 from mkdaemon.cli.mkctl.teleop.replay import feed, require_simulator
 from mkdaemon.errors import CommandRejectedError, ConfigError
+from mkdaemon.virtualtime import run_virtually
 from tests.cli.teleop.rig import FakeDaemon
 
 Streamed = list[tuple[str, dict[str, Any]]]

@@ -5,10 +5,10 @@ import asyncio
 import pytest
 
 from lab.rigs.handpad import HandKeyboard, HandPad
-from lab.rigs.virtualloop import run_virtually
 from mkdaemon.cli.mkctl.teleop.screen import BAR, COLUMNS, bar, drawing, screen_lines
 from mkdaemon.cli.mkctl.teleop.session import Session
 from mkdaemon.cli.mkctl.teleop.watcher import SILENCE, Watcher
+from mkdaemon.virtualtime import run_virtually
 from tests.cli.teleop.rig import FakeDaemon
 
 STATUS = {

@@ -6,9 +6,9 @@ from collections.abc import Awaitable, Callable
 import pytest
 
 from lab.rigs.handpad import HandKeyboard, HandPad
-from lab.rigs.virtualloop import run_virtually
 from mkdaemon.cli.mkctl.teleop.session import PERIOD, Session
 from mkdaemon.errors import CommandRejectedError
+from mkdaemon.virtualtime import run_virtually
 from tests.cli.teleop.rig import FakeDaemon
 
 BUSY = CommandRejectedError("busy", "a release is under way.", "wait")

@@ -13,12 +13,12 @@ from lab.rigs.boardport import Socket
 from lab.rigs.cockpit import Boards, cockpit
 from lab.rigs.cockpitclient import CockpitClient, PublishedValues
 from lab.rigs.handpad import HandPad
-from lab.rigs.virtualloop import run_virtually
 from mkdaemon.cli.mkctl.teleop.leasekeeper import LeaseKeeper
 from mkdaemon.cli.mkctl.teleop.session import Session
 from mkdaemon.config.sim import PilotPlan, SimConfig
 from mkdaemon.sim.simulation import Simulation
 from mkdaemon.telemetry.control import Phase
+from mkdaemon.virtualtime import run_virtually
 
 HOVERING = 9.0
 """By then the simulated pilot hovers at 2 m [s]."""

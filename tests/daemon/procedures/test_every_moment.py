@@ -14,7 +14,6 @@ from types import SimpleNamespace
 import msgpack
 import pytest
 
-from lab.rigs.virtualloop import run_virtually
 from lab.rigs.waiting import wait_until
 from mkdaemon.clock import Clock
 from mkdaemon.control.vehicle import VehicleFacts
@@ -25,6 +24,7 @@ from mkdaemon.link.labels import LabelCache
 from mkdaemon.protocol.messages import WriteSettings
 from mkdaemon.protocol.wire import Board
 from mkdaemon.telemetry.control import Phase
+from mkdaemon.virtualtime import run_virtually
 from tests.control.events import link_state
 from tests.daemon.procedures.procedure_rig import Bus
 from tests.protocol.procedures.talk import FlightCtrl

@@ -35,7 +35,7 @@ async def record(
     key: Annotated[tuple[str, ...], Parameter(name=["--key", "-k"], negative=())] = (),
     also: Annotated[tuple[str, ...], Parameter(negative=(), help="Endpoint of a further daemon.")] = (),
     seconds: float | None = None,
-    viewer: Annotated[bool, Parameter(negative="--no-viewer")] = True,
+    no_viewer: Annotated[bool, Parameter(negative=())] = False,
     file_mb: int = 500,
     file_minutes: float = 60.0,
     total_mb: int = 20_000,
@@ -54,7 +54,7 @@ async def record(
             wildcard and must be given in full.
         also: Further endpoints, beside that of `--connect`.
         seconds: End after so many seconds.
-        viewer: Add JSON, for Foxglove, Lichtblick and PlotJuggler.
+        no_viewer: Leave out the JSON for Foxglove, Lichtblick and PlotJuggler.
         file_mb: A new file at this size [MB].
         file_minutes: A new file at this age [min].
         total_mb: All recordings in the folder together [MB].
@@ -83,7 +83,7 @@ async def record(
         expressions=key or EVERYTHING,
         zenoh_file=connection.zenoh_file,
         queue_bytes=queue_mb * MEGA,
-        has_json=viewer,
+        has_json=not no_viewer,
     )
     stop = asyncio.Event()
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):

@@ -79,13 +79,13 @@ def demo(
 def _fly(pace: float, seed: int, wind: str, fps: float, picture: Path, *, is_quiet: bool, is_headless: bool) -> int:
     from mkdaemon.cli.mkdaemon.flightpicture import write_picture
     from mkdaemon.cli.rehearsal.flight import rehearse
-    from mkdaemon.virtualtime import run_paced
+    from mkdaemon.virtualtime import run_virtually
 
     structlog.configure(wrapper_class=structlog.make_filtering_bound_logger(logging.CRITICAL))
     console = Console(quiet=is_quiet)
     console.print(f"a simulated aircraft on its target; {wind} wind, {fps:g} images a second, seed {seed}")
     with _Board(console, is_live=console.is_terminal and not is_headless) as board:
-        record = run_paced(rehearse(seed=seed, wind=wind, fps=fps, watcher=board.show), pace)
+        record = run_virtually(rehearse(seed=seed, wind=wind, fps=fps, watcher=board.show), pace)
     figures = record.figures()
     write_picture(record, picture)
     if is_quiet:

@@ -16,7 +16,7 @@ from typing import Final, TypeVarTuple
 
 from mkdaemon.clock import Clock, Wake
 from mkdaemon.link.session.exchange import Exchange
-from mkdaemon.virtualtime import PacedLoop
+from mkdaemon.virtualtime import VirtualLoop
 
 _Args = TypeVarTuple("_Args")
 APART: Final = 2e-9
@@ -110,7 +110,7 @@ class ReplayClock(Clock):
         return super().woken(who)
 
 
-class ReplayLoop(PacedLoop):
+class ReplayLoop(VirtualLoop):
     """An event loop in the time of a recording."""
 
     def __init__(self, timetable: Timetable, start: float) -> None:
