@@ -32,7 +32,7 @@ LEAST_CHANGE: Final = math.log(1.25)
 SETTLED: Final = 2.0
 """Before sticks have been sent for so long a gain must differ more [s]: a flight that begins in wind leans before the
 estimate knows why."""
-FIRST_CHANGE: Final = math.log(1.4)
+FIRST_CHANGE: Final = math.log(1.3)
 """See `SETTLED`."""
 LIKELY: Final = (0.5, 2.0)
 """Gains that are believed."""
