@@ -6,6 +6,7 @@ import os
 import pty
 import termios
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 
 import pytest
 
@@ -45,11 +46,17 @@ class FakeTerminal:
     def type(self, data: bytes) -> None:
         os.write(self.master, data)
 
-    def shown(self) -> bytes:
-        try:
-            return os.read(self.master, 65536)
-        except BlockingIOError:
-            return b""
+    async def wait_for(self, expected: bytes) -> None:
+        """Wait until exactly this was written; a worker of the kernel carries it."""
+        shown = bytearray()
+
+        def has_come() -> bool:
+            with suppress(BlockingIOError):
+                shown.extend(os.read(self.master, 65536))
+            return len(shown) >= len(expected)
+
+        await wait_until(has_come)
+        assert shown == expected
 
     def keyboard(self, quit_now: Callable[[], None] = lambda: None) -> Keyboard:
         return Keyboard(self.slave, self.screen, quit_now, lambda *_: None)
@@ -69,7 +76,7 @@ async def test_keyboard_asks_the_terminal_and_is_as_old_as_its_answer(screen: Fa
         keyboard = screen.keyboard()
         now = asyncio.get_running_loop().time()
         assert keyboard.ask(now + 0.1) is None
-        assert screen.shown() == QUESTION
+        await screen.wait_for(QUESTION)
         screen.type(ANSWER + b"w")
         await wait_until(lambda: keyboard.keys.alive_at is not None)
         state = keyboard.ask(now + 0.2)
@@ -77,7 +84,7 @@ async def test_keyboard_asks_the_terminal_and_is_as_old_as_its_answer(screen: Fa
         assert state.at == keyboard.keys.alive_at
         assert state.values["KEYS_THRUST"] > -1.0
         keyboard.alarm()
-        assert screen.shown() == QUESTION + b"\a"
+        await screen.wait_for(QUESTION + b"\a")
         keyboard.close()
 
 
