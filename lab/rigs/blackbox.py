@@ -19,7 +19,6 @@ from mkdaemon.config.root import Config
 from mkdaemon.control.core import FlightCore
 from mkdaemon.daemon.eyes import Eyes
 from mkdaemon.daemon.procedures import Journal
-from mkdaemon.daemon.replay.run import AtOnce
 from mkdaemon.daemon.wiring import Wiring
 from mkdaemon.errors import LinkLostError
 from mkdaemon.link.ports.port import Port
@@ -27,6 +26,7 @@ from mkdaemon.record.entry import Entry, Kind, TimeBase
 from mkdaemon.record.layout import Session
 from mkdaemon.record.notices import Notice
 from mkdaemon.record.writer import RecordingWriter
+from mkdaemon.replay.run import AtOnce
 from mkdaemon.sim.simulation import Simulation
 from mkdaemon.stamp import Stamp
 from mkdaemon.telemetry.command import CommandResult

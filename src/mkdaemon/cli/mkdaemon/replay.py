@@ -43,8 +43,8 @@ def replay(
         ConfigError: a file is no recording of a black box, or not its beginning.
     """
     from mkdaemon.config.reader import load
-    from mkdaemon.daemon.replay.report import verify as verify_recording
-    from mkdaemon.daemon.replay.tolerances import RULES
+    from mkdaemon.replay.report import verify as verify_recording
+    from mkdaemon.replay.tolerances import RULES
 
     if tolerances:
         for rule in RULES:

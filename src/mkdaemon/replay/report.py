@@ -8,10 +8,10 @@ from pathlib import Path
 from typing import Any, Final
 
 from mkdaemon.config.root import Config
-from mkdaemon.daemon.replay.compare import Comparison, KeyReport, compare
-from mkdaemon.daemon.replay.recorded import read_recorded
-from mkdaemon.daemon.replay.run import replay
 from mkdaemon.record.entry import Kind
+from mkdaemon.replay.compare import Comparison, KeyReport, compare
+from mkdaemon.replay.recorded import read_recorded
+from mkdaemon.replay.run import replay
 
 _SIGHT: Final = "vision/"
 _EDGES: Final = "tf"

@@ -13,8 +13,8 @@ from mkdaemon.config.root import Config
 from mkdaemon.control.core import FlightCore
 from mkdaemon.daemon.audit import Outlet
 from mkdaemon.daemon.eyes import Eyes, PoseSink
-from mkdaemon.daemon.replay.timing import ReplayLoop
 from mkdaemon.record.entry import Entry
+from mkdaemon.replay.timing import ReplayLoop
 from mkdaemon.telemetry.state import Attitude
 from mkdaemon.telemetry.vision import VisionPose
 

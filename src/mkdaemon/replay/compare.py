@@ -8,10 +8,10 @@ from typing import Any, Final
 
 import msgpack
 
-from mkdaemon.daemon.replay.recorded import Recorded
-from mkdaemon.daemon.replay.station import Output
-from mkdaemon.daemon.replay.tolerances import admits, is_left_out, window_of
 from mkdaemon.record.entry import Kind
+from mkdaemon.replay.recorded import Recorded
+from mkdaemon.replay.station import Output
+from mkdaemon.replay.tolerances import admits, is_left_out, window_of
 
 _ABSENT: Final = "(absent)"
 CUT: Final = 0.05

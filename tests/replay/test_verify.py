@@ -8,16 +8,16 @@ from dataclasses import replace
 import pytest
 
 from lab.rigs.programs import run_mkdaemon
-from mkdaemon.daemon.replay.compare import compare
-from mkdaemon.daemon.replay.recorded import arrange, read_recorded
-from mkdaemon.daemon.replay.report import verify
-from mkdaemon.daemon.replay.run import replay
 from mkdaemon.errors import ConfigError, MkError
 from mkdaemon.protocol.fields import WireField
 from mkdaemon.protocol.messages import OsdData5
 from mkdaemon.record.entry import Kind
 from mkdaemon.record.reader import Recording
 from mkdaemon.record.writer import RecordingWriter
+from mkdaemon.replay.compare import compare
+from mkdaemon.replay.recorded import arrange, read_recorded
+from mkdaemon.replay.report import verify
+from mkdaemon.replay.run import replay
 from tests.places import DATA
 
 RECORDINGS = sorted((DATA / "recordings").glob("*.mcap"))
@@ -62,7 +62,7 @@ def test_a_recording_that_ends_without_an_orderly_exit_is_compared_as_far_as_it_
 
 
 def test_a_setpoint_of_a_stranger_is_refused_again():
-    from mkdaemon.daemon.replay.station import STRANGER
+    from mkdaemon.replay.station import STRANGER
 
     entries = [
         entry._replace(issuer=STRANGER) if entry.kind is Kind.SETPOINT else entry

@@ -23,14 +23,14 @@ from mkdaemon.config.root import Config
 from mkdaemon.control.core import FlightCore
 from mkdaemon.daemon.eyes import Eyes
 from mkdaemon.daemon.procedures import Journal
-from mkdaemon.daemon.replay.port import ReplayedLine
-from mkdaemon.daemon.replay.recorded import SOON, Moment, Recorded
-from mkdaemon.daemon.replay.sight import BlindEyes, ReplayedEyes
-from mkdaemon.daemon.replay.station import Output, ReplayStation
-from mkdaemon.daemon.replay.timing import ReplayClock, ReplayLoop
 from mkdaemon.daemon.wiring import Wiring
 from mkdaemon.record.entry import Kind
 from mkdaemon.record.notices import Notice
+from mkdaemon.replay.port import ReplayedLine
+from mkdaemon.replay.recorded import SOON, Moment, Recorded
+from mkdaemon.replay.sight import BlindEyes, ReplayedEyes
+from mkdaemon.replay.station import Output, ReplayStation
+from mkdaemon.replay.timing import ReplayClock, ReplayLoop
 from mkdaemon.virtualtime import end_loop
 
 BEFORE: Final = 1e-6

@@ -15,13 +15,13 @@ from pydantic import ValidationError
 from mkdaemon.bus.codec import decode_map
 from mkdaemon.clock import Wake
 from mkdaemon.config.root import Config
-from mkdaemon.daemon.replay.port import Refusal
-from mkdaemon.daemon.replay.timing import Timer, Timetable, spaced
 from mkdaemon.errors import CommandRejectedError, ConfigError
 from mkdaemon.record.entry import Entry, Kind
 from mkdaemon.record.layout import Session
 from mkdaemon.record.notices import Notice
 from mkdaemon.record.reader import Recording
+from mkdaemon.replay.port import Refusal
+from mkdaemon.replay.timing import Timer, Timetable, spaced
 from mkdaemon.telemetry.link import LinkCondition
 
 BLACK_BOX: Final = "blackbox"
