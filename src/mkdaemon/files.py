@@ -40,15 +40,8 @@ def save(path: Path, content: str | bytes, *, overwrite: bool = False) -> None:
         ConfigError: it is there already, and `overwrite` is off; or there is no such folder.
         MkError: it cannot be written, for example because the disk is full; what was there is untouched.
     """
-    refuse_existing(path, overwrite=overwrite)
-    if not path.parent.is_dir():
-        msg = f"{path}: there is no folder {path.parent}; make it first"
-        raise ConfigError(msg)
-    try:
-        write_whole(path, content, overwrite=overwrite)
-    except OSError as error:
-        msg = f"{path}: cannot be written ({error.strerror}); choose another place"
-        raise MkError(msg) from error
+    with saving(path, overwrite=overwrite) as file:
+        file.write(content.encode() if isinstance(content, str) else content)
 
 
 def write_whole(path: Path, content: str | bytes, *, overwrite: bool = False) -> None:

@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import asyncio
-import os
 from collections.abc import AsyncIterator, Sequence
 from contextlib import AsyncExitStack, asynccontextmanager
 from dataclasses import dataclass
-from importlib.metadata import version
 from pathlib import Path
 from typing import Final
 
@@ -71,15 +69,7 @@ class GroundRecording:
         self.queue = EntryQueue(plan.queue_bytes)
         self.tap = GroundTap(self.queue, clock, base)
         self.connected: list[str] = []
-        session = Session(
-            recorder="ground",
-            name=recording_name(PREFIX, stamp.wall),
-            part=0,
-            program=f"mkdaemon {version('mkdaemon')}",
-            host=os.uname().nodename,
-            boot=base.boot,
-            offset_ns=base.offset_ns,
-        )
+        session = Session.begin("ground", recording_name(PREFIX, stamp.wall), base)
         recorder = Recorder(
             self.queue,
             RecordingFolder(plan.folder, PREFIX, plan.limits),

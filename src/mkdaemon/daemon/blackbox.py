@@ -7,10 +7,8 @@ and counted.
 from __future__ import annotations
 
 import asyncio
-import os
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
-from importlib.metadata import version
 from itertools import count
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
@@ -183,17 +181,8 @@ def open_black_box(cfg: Config, clock: Clock, *, is_recording: bool) -> BlackBox
         free_bytes=wanted.free_mb * MEGA,
         may_delete=wanted.delete_oldest,
     )
-    session = Session(
-        recorder="blackbox",
-        name=recording_name(vehicle, stamp.wall),
-        part=0,
-        program=f"mkdaemon {version('mkdaemon')}",
-        host=os.uname().nodename,
-        boot=base.boot,
-        offset_ns=base.offset_ns,
-        vehicle=vehicle,
-        config=cfg.model_dump_json(),
-    )
+    name = recording_name(vehicle, stamp.wall)
+    session = Session.begin("blackbox", name, base, vehicle=vehicle, config=cfg.model_dump_json())
     recorder = Recorder(
         queue,
         RecordingFolder(recording_folder(cfg), vehicle, limits),

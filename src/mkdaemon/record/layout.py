@@ -5,7 +5,9 @@ A change that old readers would misunderstand gets a new `FORMAT`; a field may b
 
 from __future__ import annotations
 
+import os
 from dataclasses import dataclass
+from importlib.metadata import version
 from typing import Any, Final
 
 import msgpack
@@ -47,6 +49,12 @@ class Session:
     offset_ns: int
     vehicle: str = ""
     config: str = ""
+
+    @classmethod
+    def begin(cls, recorder: str, name: str, base: TimeBase, *, vehicle: str = "", config: str = "") -> Session:
+        """The session of a recording that this program begins on this machine; see the attributes."""
+        program = f"mkdaemon {version('mkdaemon')}"
+        return cls(recorder, name, 0, program, os.uname().nodename, base.boot, base.offset_ns, vehicle, config)
 
     @property
     def base(self) -> TimeBase:
