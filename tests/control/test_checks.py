@@ -15,7 +15,7 @@ from mkdaemon.telemetry.control import ControlLine
 from mkdaemon.telemetry.link import LinkCondition, LinkHealth, RoundTripStats
 from mkdaemon.telemetry.preflight import Blocks, CheckState
 from mkdaemon.telemetry.refusals import Token, refuse
-from mkdaemon.telemetry.state import Battery, Flight, Pilot
+from mkdaemon.telemetry.state import Battery, Flight, GpsMode, Pilot
 from mkdaemon.telemetry.vision import Alarm, EyeState, VisionStats
 from tests.control.events import STAMP, flight, link_state, pilot
 
@@ -74,6 +74,8 @@ STANDS = [
     ("gate and height control", "gate_switches_altitude", {"active_set": replace(SET, gate=SHARED)}),
     ("height control", "height_control", {"active_set": replace(SET, has_height_control=True)}),
     ("height control", "height_control", {"flight": flags(altitude_control=True)}),
+    ("GPS switch", "gps_steers", {"flight": flags(gps_mode=GpsMode.HOLD)}),
+    ("GPS switch", "gps_steers", {"flight": flags(gps_mode=GpsMode.COME_HOME)}),
     ("emergency throttle", "emergency_climbs", {"active_set": replace(SET, emergency_throttle=119)}),
     ("emergency descent", "emergency_falls", {"active_set": replace(SET, emergency_throttle=65)}),
     ("emergency descent", "emergency_falls", {"active_set": replace(SET, emergency_time=0)}),
@@ -97,6 +99,8 @@ UNKNOWN = [
     ("gate", {"active_set": UNREAD}),
     ("gate and height control", {"active_set": UNREAD}),
     ("height control", {"active_set": UNREAD}),
+    ("GPS switch", {"flight": None}),
+    ("GPS switch", {"flight": flags(gps_mode=GpsMode.UNKNOWN)}),
     ("emergency throttle", {"active_set": UNREAD}),
     ("emergency descent", {"active_set": replace(SET, emergency_throttle=None)}),
     ("receiver", {"pilot": None}),

@@ -24,6 +24,7 @@ from mkdaemon.telemetry.command import LeaseRequest
 from mkdaemon.telemetry.control import ControlLine, Obstacle, Phase, ReleaseOutcome
 from mkdaemon.telemetry.link import LinkCondition
 from mkdaemon.telemetry.refusals import Token, refuse
+from mkdaemon.telemetry.state import GpsMode
 from tests.control.events import CFG, PERIOD, Driver, flight, link_state, pilot, pose
 
 
@@ -447,6 +448,21 @@ def test_a_lost_receiver_ends_the_flight_with_an_event(drive, source):
     drive.tick()
     [failsafe] = drive.of(ReportFailsafe)
     assert (failsafe.action, failsafe.released) == ("release", True)
+
+
+def test_height_control_that_is_switched_on_in_flight_ends_it(drive):
+    drive.fly()
+    drive.core.state_received(flight(is_flying=True).model_copy(update={"altitude_control": True}), drive.now)
+    drive.stream(0.1)
+    [release] = drive.releases
+    assert release.reason == "external control is not possible: height control is on, so the throttle is a climb rate"
+
+
+def test_the_pilots_gps_switch_ends_no_flight_by_sticks(drive):
+    drive.fly()
+    drive.core.state_received(flight(is_flying=True).model_copy(update={"gps_mode": GpsMode.HOLD}), drive.now)
+    drive.stream(0.5)
+    assert drive.core.phase is Phase.FLYING
 
 
 def test_frames_that_never_leave_are_counted_as_dropped(drive):

@@ -56,6 +56,7 @@ class PublishStatus:
     manoeuvre: str | None
     stage: str
     is_done: bool
+    pilots_throttle: float | None
 
 
 @dataclass(frozen=True, slots=True)

@@ -14,10 +14,12 @@ from typing import Final
 from mkdaemon.control.activeset import OPEN_ABOVE, GateKind
 from mkdaemon.control.knowledge import Knowledge
 from mkdaemon.control.motionmatch import ALIKE
+from mkdaemon.control.verdict import Verdict, passed, stands, unknown
 from mkdaemon.errors import CommandRejectedError
 from mkdaemon.telemetry.link import LinkCondition
 from mkdaemon.telemetry.preflight import Blocks, CheckState, Finding
 from mkdaemon.telemetry.refusals import Token, refuse
+from mkdaemon.telemetry.state import GpsMode
 from mkdaemon.telemetry.vision import Alarm, EyeState, VisionStats
 
 LEAST_QUALITY: Final = 0.75
@@ -41,21 +43,6 @@ _UNFIT: Final = (Alarm.UNCALIBRATED, Alarm.WRONG_SIZE, Alarm.TARGET_MISMATCH)
 
 
 @dataclass(frozen=True, slots=True)
-class Verdict:
-    """What a check found.
-
-    Attributes:
-        state: in one word.
-        words: in words; of the refusal where it stands.
-        refusal: why; None where nothing stands.
-    """
-
-    state: CheckState
-    words: str
-    refusal: CommandRejectedError | None = None
-
-
-@dataclass(frozen=True, slots=True)
 class Check:
     """One row of the table.
 
@@ -70,89 +57,86 @@ class Check:
     look: Callable[[Knowledge], Verdict]
 
 
-def _passed(words: str) -> Verdict:
-    return Verdict(CheckState.PASSED, words)
-
-
-def _unknown(words: str) -> Verdict:
-    return Verdict(CheckState.UNKNOWN, words)
-
-
-def _stands(refusal: CommandRejectedError) -> Verdict:
-    return Verdict(CheckState.STANDS, refusal.reason, refusal)
-
-
 def _guard(known: Knowledge) -> Verdict:
-    return _passed("it runs") if known.has_guard else _stands(refuse(Token.GUARD_DEAD))
+    return passed("it runs") if known.has_guard else stands(refuse(Token.GUARD_DEAD))
 
 
 def _firmware(known: Knowledge) -> Verdict:
     line = known.line
     if line.layout is None:
-        return _stands(refuse(Token.NO_CONTROL, detail=line.reason or "this firmware has no external control"))
+        return stands(refuse(Token.NO_CONTROL, detail=line.reason or "this firmware has no external control"))
     words = "" if known.link is None else known.link.firmware
-    return _passed(f"{words or 'known'}; external control {line.layout}")
+    return passed(f"{words or 'known'}; external control {line.layout}")
 
 
 def _link(known: Knowledge) -> Verdict:
     link = known.link
     if link is None or not link.condition.is_usable:
         condition = LinkCondition.ABSENT if link is None else link.condition
-        return _stands(refuse(Token.LINK_DOWN, state=condition.value, detail="" if link is None else link.reason))
-    return _passed(f"{link.condition.value}: {link.reason}")
+        return stands(refuse(Token.LINK_DOWN, state=condition.value, detail="" if link is None else link.reason))
+    return passed(f"{link.condition.value}: {link.reason}")
 
 
 def _losses(known: Knowledge) -> Verdict:
     echo = None if known.health is None else known.health.echo
     if echo is None or not echo.sent:
-        return _unknown("no echo has been asked for yet")
+        return unknown("no echo has been asked for yet")
     if echo.loss_percent > MOST_LOSS:
-        return _stands(refuse(Token.LINK_POOR, lost=echo.loss_percent, limit=MOST_LOSS))
-    return _passed(f"{echo.loss_percent:.0f} % of {echo.sent} echoes lost")
+        return stands(refuse(Token.LINK_POOR, lost=echo.loss_percent, limit=MOST_LOSS))
+    return passed(f"{echo.loss_percent:.0f} % of {echo.sent} echoes lost")
 
 
 def _gate(known: Knowledge) -> Verdict:
     gate = known.active_set.gate
     if gate.kind is GateKind.UNKNOWN:
-        return _unknown("it cannot be read from here: look with `mkctl settings show`")
+        return unknown("it cannot be read from here: look with `mkctl settings show`")
     if gate.kind is GateKind.CHANNEL:
-        return _passed(f"a switch of the transmitter: ExternalControl {gate.value}")
+        return passed(f"a switch of the transmitter: ExternalControl {gate.value}")
     if gate.value <= OPEN_ABOVE:
-        return _stands(refuse(Token.GATE_SHUT, value=gate.value))
+        return stands(refuse(Token.GATE_SHUT, value=gate.value))
     if not known.lease.allow_constant_gate:
-        return _stands(refuse(Token.GATE_CONSTANT, value=gate.value))
-    return _passed(f"the constant {gate.value}, which the operator has accepted")
+        return stands(refuse(Token.GATE_CONSTANT, value=gate.value))
+    return passed(f"the constant {gate.value}, which the operator has accepted")
 
 
 def _gate_alone(known: Knowledge) -> Verdict:
     channel = known.active_set.gate.altitude_channel
     if channel is not None:
-        return _stands(refuse(Token.GATE_SWITCHES_ALTITUDE, channel=channel))
-    return _passed("it switches nothing else") if known.active_set.is_known else _unknown("it cannot be read from here")
+        return stands(refuse(Token.GATE_SWITCHES_ALTITUDE, channel=channel))
+    return passed("it switches nothing else") if known.active_set.is_known else unknown("it cannot be read from here")
 
 
 def _height_control(known: Knowledge) -> Verdict:
     flight = known.flight
     if flight is not None and flight.altitude_control:
-        return _stands(refuse(Token.HEIGHT_CONTROL, detail="the FlightCtrl says that it is on"))
+        return stands(refuse(Token.HEIGHT_CONTROL, detail="the FlightCtrl says that it is on"))
     if known.active_set.has_height_control:
-        return _stands(refuse(Token.HEIGHT_CONTROL, detail="bit 0 of GlobalConfig of the active set allows it"))
-    return _passed("off (GlobalConfig bit 0)") if known.active_set.is_known else _unknown("it cannot be read from here")
+        return stands(refuse(Token.HEIGHT_CONTROL, detail="bit 0 of GlobalConfig of the active set allows it"))
+    return passed("off (GlobalConfig bit 0)") if known.active_set.is_known else unknown("it cannot be read from here")
+
+
+def _gps_switch(known: Knowledge) -> Verdict:
+    flight = known.flight
+    if flight is None or flight.gps_mode is GpsMode.UNKNOWN:
+        return unknown("no NaviCtrl says where it stands")
+    if flight.gps_mode.steers:
+        return stands(refuse(Token.GPS_STEERS, mode=flight.gps_mode.value))
+    return passed("at free: the NaviCtrl does not steer")
 
 
 def _emergency(known: Knowledge) -> Verdict:
     throttle, hover = known.active_set.emergency_throttle, known.hover_gas
     if not known.active_set.is_known or throttle is None:
-        return _unknown("it cannot be read from here, or is a share of what the board has learnt")
+        return unknown("it cannot be read from here, or is a share of what the board has learnt")
     if throttle > HIGHEST_EMERGENCY * hover:
-        return _stands(refuse(Token.EMERGENCY_CLIMBS, value=throttle, hover=round(hover)))
-    return _passed(f"NotGas {throttle} is below hover, about {hover:.0f}")
+        return stands(refuse(Token.EMERGENCY_CLIMBS, value=throttle, hover=round(hover)))
+    return passed(f"NotGas {throttle} is below hover, about {hover:.0f}")
 
 
 def _emergency_gentle(known: Knowledge) -> Verdict:
     found, hover = known.active_set, known.hover_gas
     if not found.is_known or found.emergency_throttle is None:
-        return _unknown("it cannot be read from here")
+        return unknown("it cannot be read from here")
     if found.emergency_throttle < LOWEST_EMERGENCY * hover or not found.emergency_time:
         refusal = refuse(
             Token.EMERGENCY_FALLS,
@@ -162,40 +146,40 @@ def _emergency_gentle(known: Knowledge) -> Verdict:
             low=math.ceil(0.85 * hover),
             high=math.floor(HIGHEST_EMERGENCY * hover),
         )
-        return _stands(refusal)
-    return _passed(f"{100.0 * (found.emergency_throttle / hover) ** 2:.0f} % of the weight are carried")
+        return stands(refusal)
+    return passed(f"{100.0 * (found.emergency_throttle / hover) ** 2:.0f} % of the weight are carried")
 
 
 def _receiver(known: Knowledge) -> Verdict:
     if known.flight is not None and known.flight.emergency_landing:
-        return _stands(refuse(Token.RECEIVER_WEAK, quality=0.0, limit=100.0 * LEAST_QUALITY))
+        return stands(refuse(Token.RECEIVER_WEAK, quality=0.0, limit=100.0 * LEAST_QUALITY))
     if known.pilot is None:
-        return _unknown("nobody says how good the reception is")
+        return unknown("nobody says how good the reception is")
     if known.pilot.rc_quality < LEAST_QUALITY:
-        return _stands(refuse(Token.RECEIVER_WEAK, quality=100.0 * known.pilot.rc_quality, limit=100.0 * LEAST_QUALITY))
-    return _passed(f"{100.0 * known.pilot.rc_quality:.0f} %")
+        return stands(refuse(Token.RECEIVER_WEAK, quality=100.0 * known.pilot.rc_quality, limit=100.0 * LEAST_QUALITY))
+    return passed(f"{100.0 * known.pilot.rc_quality:.0f} %")
 
 
 def _battery(known: Knowledge) -> Verdict:
     battery, flight = known.battery, known.flight
     if battery is None:
-        return _unknown("nobody says how full it is")
+        return unknown("nobody says how full it is")
     low = battery.is_low or (flight is not None and flight.battery_low)
     cell = known.active_set.low_cell
     limit = 0.0 if cell is None else cell * (1 + int(known.highest_voltage / HIGHEST_CELL))
     if low or battery.voltage < limit:
-        return _stands(refuse(Token.BATTERY_LOW, voltage=battery.voltage))
-    return _passed(f"{battery.voltage:.1f} V")
+        return stands(refuse(Token.BATTERY_LOW, voltage=battery.voltage))
+    return passed(f"{battery.voltage:.1f} V")
 
 
 def _camera(known: Knowledge) -> Verdict:
     eyes = [stats for stats in known.eyes if known.now - stats.stamp.monotonic <= EYES_FRESH]
     if not eyes:
-        return _unknown("no camera of this daemon; poses may come from elsewhere")
+        return unknown("no camera of this daemon; poses may come from elsewhere")
     unfit = [f"{stats.camera}: {why}" for stats in eyes if (why := _unfit(stats))]
     if len(unfit) == len(eyes):
-        return _stands(refuse(Token.CAMERA_UNFIT, detail="; ".join(unfit)))
-    return _passed(f"{len(eyes) - len(unfit)} of {len(eyes)} see, calibrated")
+        return stands(refuse(Token.CAMERA_UNFIT, detail="; ".join(unfit)))
+    return passed(f"{len(eyes) - len(unfit)} of {len(eyes)} see, calibrated")
 
 
 def _unfit(stats: VisionStats) -> str:
@@ -209,37 +193,37 @@ def _unfit(stats: VisionStats) -> str:
 def _target(known: Knowledge) -> Verdict:
     age = known.target_age
     if age is None:
-        return _unknown("none was seen; from the ground that says nothing, in the air autonomous flight waits for it")
-    return _passed("in sight") if age <= 1.0 else _unknown(f"the last image of it is {age:.0f} s old")
+        return unknown("none was seen; from the ground that says nothing, in the air autonomous flight waits for it")
+    return passed("in sight") if age <= 1.0 else unknown(f"the last image of it is {age:.0f} s old")
 
 
 def _stamps(known: Knowledge) -> Verdict:
     match = known.stamps
     if match is None:
-        return _unknown("nothing moved enough in sight of the target: turn it by hand over the target, some degrees")
+        return unknown("nothing moved enough in sight of the target: turn it by hand over the target, some degrees")
     if match.likeness <= -ALIKE:
-        return _stands(refuse(Token.CAMERA_TURNED, likeness=match.likeness))
+        return stands(refuse(Token.CAMERA_TURNED, likeness=match.likeness))
     if match.likeness < ALIKE:
-        return _unknown(f"camera and boards tell of different motion (correlation {match.likeness:.1f}): move faster")
+        return unknown(f"camera and boards tell of different motion (correlation {match.likeness:.1f}): move faster")
     if abs(match.lag) > STAMP_LIMIT:
-        return _stands(refuse(Token.STAMPS_OFF, lag=1000.0 * match.lag, limit=1000.0 * STAMP_LIMIT))
-    return _passed(f"camera and boards move together to {1000.0 * match.lag:+.0f} ms")
+        return stands(refuse(Token.STAMPS_OFF, lag=1000.0 * match.lag, limit=1000.0 * STAMP_LIMIT))
+    return passed(f"camera and boards move together to {1000.0 * match.lag:+.0f} ms")
 
 
 def _loop(known: Knowledge) -> Verdict:
     if known.loop is not None:
-        return _stands(known.loop)
+        return stands(known.loop)
     if not known.is_loop_known:
-        return _unknown("it is not computed in flight")
-    return _passed("stable on the model of this aircraft, with the configured limits")
+        return unknown("it is not computed in flight")
+    return passed("stable on the model of this aircraft, with the configured limits")
 
 
 def _disk(known: Knowledge) -> Verdict:
     if known.free_disk is None:
-        return _unknown("nobody looked")
+        return unknown("nobody looked")
     if known.free_disk < LEAST_DISK:
-        return _stands(refuse(Token.DISK_FULL, free=known.free_disk / 1e6, limit=LEAST_DISK / 1e6))
-    return _passed(f"{known.free_disk / 1e9:.1f} GB free")
+        return stands(refuse(Token.DISK_FULL, free=known.free_disk / 1e6, limit=LEAST_DISK / 1e6))
+    return passed(f"{known.free_disk / 1e9:.1f} GB free")
 
 
 CHECKS: Final = (
@@ -250,6 +234,7 @@ CHECKS: Final = (
     Check("gate and height control", Blocks.LEASE, _gate_alone),
     Check("link losses", Blocks.AUTONOMY, _losses),
     Check("height control", Blocks.AUTONOMY, _height_control),
+    Check("GPS switch", Blocks.AUTONOMY, _gps_switch),
     Check("emergency throttle", Blocks.AUTONOMY, _emergency),
     Check("emergency descent", Blocks.NOTHING, _emergency_gentle),
     Check("control loop", Blocks.AUTONOMY, _loop),

@@ -8,6 +8,7 @@ from mkdaemon.config.control import ControlConfig
 from mkdaemon.control.actions import SendSticks
 from mkdaemon.control.decisions import Fly
 from mkdaemon.control.limiter import Sticks, count, limit
+from mkdaemon.control.throttlelid import ThrottleLid
 from mkdaemon.control.vehicle import VehicleFacts
 
 SHORTEST_STEP: Final = 0.01
@@ -25,6 +26,7 @@ class StickOutput:
         handed_over: frames handed to the line since the start.
         sent: of those, written to the port.
         confirmed: of those, confirmed by the board.
+        lid: whether the pilot's throttle caps ours.
     """
 
     def __init__(self, cfg: ControlConfig, facts: VehicleFacts) -> None:
@@ -34,6 +36,7 @@ class StickOutput:
         self._made_at = self._due_at = float("-inf")
         self._is_waiting = False
         self._awaited: set[int] = set()
+        self.lid = ThrottleLid()
         self.handed_over = self.sent = self.confirmed = 0
 
     @property
@@ -70,6 +73,7 @@ class StickOutput:
             throttle_cap=self._throttle_cap(now),
         )
         self._last, self._made_at = sticks, now
+        self.lid.frame_made(sticks.throttle, self._facts.throttle_in_use(), now)
         self._due_at = max(self._due_at, now) + 1.0 / self._cfg.rate
         self.handed_over += 1
         self._is_waiting = True

@@ -47,6 +47,7 @@ class Reports:
         self._status: tuple[object, ...] | None = None
         self._status_at = self._refusal_at = self._unsent_at = float("-inf")
         self._waiting: list[Action] = []
+        self._is_capped = False
 
     def take(self) -> list[Action]:
         """Return what was collected, once."""
@@ -103,7 +104,9 @@ class Reports:
         authority = self._authority
         lease = authority.lease(now)
         progress = authority.progress
-        news = (authority.phase, authority.reason, lease.epoch if lease else None, progress)
+        lid = self._output.lid.pilots_throttle if authority.phase in IN_FLIGHT else None
+        self._report_lid(lid)
+        news = (authority.phase, authority.reason, lease.epoch if lease else None, progress, lid is None)
         if news == self._status and now - self._status_at < STATUS_PERIOD:
             return
         self._status, self._status_at = news, now
@@ -123,5 +126,13 @@ class Reports:
                 manoeuvre=None if progress is None else progress.manoeuvre,
                 stage="" if progress is None else progress.stage,
                 is_done=progress is not None and progress.is_done,
+                pilots_throttle=lid,
             )
         )
+
+    def _report_lid(self, lid: float | None) -> None:
+        """Warn once when the pilot's throttle begins to cap ours [stick]."""
+        if lid is not None and not self._is_capped:
+            words = "the aircraft sinks, whatever is asked for, until he raises it above hover"
+            self._waiting.append(Warn(f"the pilot's throttle ({lid:+.0f}) caps ours: {words}"))
+        self._is_capped = lid is not None

@@ -23,6 +23,18 @@ class _Motors(NamedTuple):
     at: float
 
 
+class ThrottleReport(NamedTuple):
+    """A throttle that the FlightCtrl flew with.
+
+    Attributes:
+        throttle: [stick from the centre].
+        at: when the report arrived [s].
+    """
+
+    throttle: float
+    at: float
+
+
 class VehicleFacts:
     """Latest facts, each with the time it arrived; the one owner of what the boards say about the flight.
 
@@ -146,6 +158,12 @@ class VehicleFacts:
     def pose_age(self, now: float) -> float | None:
         """Time since the image of the newest pose [s]; None where there is none."""
         return None if self._pose is None else now - self._pose.stamp.monotonic
+
+    def throttle_in_use(self) -> ThrottleReport | None:
+        """What the FlightCtrl last said of its throttle; None where it does not."""
+        if self._pilot is None or self._pilot[0].throttle_in_use is None:
+            return None
+        return ThrottleReport(self._pilot[0].throttle_in_use, self._pilot[1])
 
     def pilot_throttle(self, now: float) -> float | None:
         """The pilot's throttle [stick]; None where no message has said so lately."""

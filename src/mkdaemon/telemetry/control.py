@@ -156,6 +156,9 @@ class ControlStatus(Stamped):
     """Where a take-off or a landing stands, in words."""
     is_done: bool = False
     """What the setpoint asks for is reached, and held."""
+    pilots_throttle: float | None = None
+    """The pilot's throttle while it is lower than ours, so that it counts [stick from the centre]: he must raise it;
+    null while it is not, and where the board does not report its throttle."""
 
 
 class EstimateValue(Telemetry):

@@ -210,6 +210,11 @@ REFUSALS: Final[Mapping[str, Refusal]] = {
         "height control takes the throttle for a climb rate: {detail}.",
         "Clear the bit altitude_control of global_config with `mkctl settings edit`; motors off.",
     ),
+    Token.GPS_STEERS: Refusal(
+        Status.DENIED,
+        "the pilot's GPS switch is at {mode}: the NaviCtrl steers too, against the machine.",
+        "The pilot turns the GPS switch to free.",
+    ),
     Token.EMERGENCY_CLIMBS: Refusal(
         Status.DENIED,
         "with the emergency throttle NotGas {value} the aircraft does not sink when the receiver is lost; it hovers at "

@@ -111,6 +111,11 @@ class GpsMode(StrEnum):
     COME_HOME = "come_home"
     UNKNOWN = "unknown"
 
+    @property
+    def steers(self) -> bool:
+        """Whether the NaviCtrl adds sticks of its own."""
+        return self in {GpsMode.HOLD, GpsMode.COME_HOME}
+
 
 class Flight(StateValue):
     """What the aircraft is doing: `state/flight`."""
@@ -179,3 +184,6 @@ class Pilot(StateValue):
     """Pilot's throttle, where the board reports it [stick from the centre]."""
     sticks: Vector3 | None
     """Pilot's pitch, roll, yaw, FLU signs, where the board reports them [stick]."""
+    throttle_in_use: float | None = None
+    """Throttle the FlightCtrl flies with: on stock firmware the smaller of the pilot's and ours [stick from the
+    centre]; null where the board does not report it, and while motors stand."""

@@ -82,6 +82,7 @@ class Token(StrEnum):
     LOOP_UNSTABLE = "loop_unstable"
     LINK_POOR = "link_poor"
     HEIGHT_CONTROL = "height_control"
+    GPS_STEERS = "gps_steers"
     EMERGENCY_CLIMBS = "emergency_climbs"
     EMERGENCY_FALLS = "emergency_falls"
     RECEIVER_WEAK = "receiver_weak"

@@ -16,6 +16,8 @@ RC_FULL = 200.0
 """Receiver quality that counts as full; docs/protocol.md, "Debug channels of the FlightCtrl", channel 10."""
 RC_ENOUGH = 100.0
 """Below this the FlightCtrl goes into emergency; docs/protocol.md, "When it acts"."""
+STICK_CENTRE = 127.0
+"""Throttle of a centred stick as the boards report it; docs/protocol.md, "ExternalControl"."""
 
 _GPS_LOST = frozenset({ErrorCode.NO_GPS, ErrorCode.GPS_LOST, ErrorCode.NO_GPS_FIX})
 """Nothing comes from the GPS receiver, or no fix: position and speed stay at their last values, marked valid."""
@@ -43,15 +45,29 @@ def error_text(code: ErrorCode) -> str:
 
 
 def pilot(
-    origin: Origin, quality: float, *, sticks: tuple[float, float, float] | None, throttle: float | None
+    origin: Origin,
+    quality: float,
+    *,
+    sticks: tuple[float, float, float] | None,
+    throttle: float | None,
+    gas: float | None = None,
 ) -> Pilot:
-    """What reaches the aircraft from the pilot; quality in the board's 0..200."""
+    """What reaches the aircraft from the pilot.
+
+    Args:
+        origin: when and from where.
+        quality: of reception, the board's 0..200.
+        sticks: pitch, roll, yaw, where they are reported [stick; FLU].
+        throttle: where it is reported [stick].
+        gas: what the FlightCtrl flies with, 0..254; zero and None say nothing.
+    """
     return Pilot(
         **origin._asdict(),
         rc_quality=min(quality / RC_FULL, 1.0),
         has_signal=quality >= RC_ENOUGH,
         throttle=throttle,
         sticks=sticks,
+        throttle_in_use=gas - STICK_CENTRE if gas else None,
     )
 
 
@@ -60,7 +76,8 @@ def from_osd(osd: OsdData4 | OsdData5, origin: Origin) -> list[State]:
     states: list[State] = [("state/gps", _gps(osd, origin)), ("state/flight", _flight(osd, origin))]
     if not is_fc_lost(osd.error_code):
         states.append(("state/battery", _battery(osd, origin)))
-        states.append(("state/pilot", pilot(origin, float(osd.rc_quality), sticks=None, throttle=None)))
+        gas = float(osd.throttle) if osd.fc_flags & FlightStatus.MOTORS_RUNNING else None
+        states.append(("state/pilot", pilot(origin, float(osd.rc_quality), sticks=None, throttle=None, gas=gas)))
     if _is_position_valid(osd):
         states.append(("state/position", _position(osd, origin)))
         states.append(("state/velocity", _velocity(osd, origin)))

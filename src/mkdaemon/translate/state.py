@@ -27,6 +27,7 @@ COARSE_AFTER = 0.5
 
 # Source: docs/protocol.md, "Debug channels of the FlightCtrl".
 _CHANNEL_VOLTAGE, _CHANNEL_RECEIVER, _CHANNEL_CURRENT, _CHANNEL_CAPACITY = 9, 10, 22, 23
+_CHANNEL_THROTTLE, _THROTTLE_SCALE = 7, 4.0
 _CHANNEL_MOTORS = slice(12, 16)
 
 
@@ -116,7 +117,8 @@ def _from_debug(debug: DebugDataFc, origin: Origin) -> list[State]:
         used_mah=float(channels[_CHANNEL_CAPACITY]),
         is_low=None,
     )
+    gas = channels[_CHANNEL_THROTTLE] / _THROTTLE_SCALE if any(channels[_CHANNEL_MOTORS]) else None
     return [
         ("state/battery", battery),
-        ("state/pilot", pilot(origin, float(channels[_CHANNEL_RECEIVER]), sticks=None, throttle=None)),
+        ("state/pilot", pilot(origin, float(channels[_CHANNEL_RECEIVER]), sticks=None, throttle=None, gas=gas)),
     ]

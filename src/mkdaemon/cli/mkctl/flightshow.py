@@ -90,6 +90,7 @@ def _line(lease: Lease, position: Position | None, goal: Position | None) -> str
     if not lease.is_engaged or status is None or status.phase is status.phase.ABORTED:
         return lease.reason
     words = [status.stage] if status.stage else []
+    words += [] if status.pilots_throttle is None else ["THE PILOT'S THROTTLE CAPS OURS: raise it"]
     if position is not None:
         words.append(f"at {metres(position)}")
         words += [] if goal is None else [f"{100 * math.dist(position, goal):.0f} cm from the goal"]
