@@ -253,7 +253,7 @@ async def test_nobody_elses_setpoints_displace_the_holders_or_flood_the_loop():
     shed = ShedCounter()
     intake = SetpointIntake(
         asyncio.get_running_loop(),
-        lambda t, raw, proof: taken.append(raw),
+        lambda t, raw, proof, source: taken.append(raw),
         lambda raw, proof: proof == b"holder",
         partial(shed.add, "setpoints"),
     )
@@ -270,7 +270,10 @@ async def test_nobody_elses_setpoints_displace_the_holders_or_flood_the_loop():
 async def test_of_the_holders_own_flood_the_newest_comes_through():
     taken: list[bytes] = []
     intake = SetpointIntake(
-        asyncio.get_running_loop(), lambda t, raw, proof: taken.append(raw), lambda raw, proof: True, lambda: None
+        asyncio.get_running_loop(),
+        lambda t, raw, proof, source: taken.append(raw),
+        lambda raw, proof: True,
+        lambda: None,
     )
     for number in range(5000):
         intake.arrived(b"%d" % number, b"holder")

@@ -5,12 +5,15 @@ from __future__ import annotations
 import asyncio
 
 import msgpack
+import zenoh
 
 from mkdaemon.bus.gateway import Bus
 from mkdaemon.telemetry.command import CommandResult
-from mkdaemon.telemetry.refusals import Status
+from mkdaemon.telemetry.refusals import Status, Token, refuse
 from tests.bus.support import PATIENCE, ask, bus_config, client, free_endpoint
 from tests.bus.test_gateway import BATTERY
+
+PROOF = b"s" * 32
 
 
 class Recorder:
@@ -22,11 +25,14 @@ class Recorder:
     def sample(self, suffix, payload, encoding, stamp):
         self.seen.append(("sample", suffix, encoding, stamp))
 
-    def setpoint(self, suffix, payload, encoding, signature, at):
-        self.seen.append(("setpoint", suffix, payload, encoding, signature))
+    def setpoint(self, suffix, payload, encoding, signature, *, at, source, is_holder):
+        self.seen.append(("setpoint", suffix, payload, encoding, signature, source, is_holder))
 
-    def query(self, suffix, payload, exchange):
-        self.seen.append(("query", suffix, payload, exchange))
+    def setpoint_refused(self, suffix, token, reason):
+        self.seen.append(("setpoint_refused", suffix, token))
+
+    def query(self, suffix, payload, exchange, source):
+        self.seen.append(("query", suffix, payload, exchange, source))
 
     def reply(self, suffix, payload, encoding, exchange):
         self.seen.append(("reply", suffix, msgpack.unpackb(payload)["status"], exchange))
@@ -41,24 +47,34 @@ async def test_a_recorder_is_shown_everything_that_crosses_the_bus():
     async def answer(suffix, payload):
         return CommandResult(status=Status.ACCEPTED)
 
+    def take(at, payload, proof):
+        arrived.set()
+        return None if proof == PROOF else refuse(Token.NOT_HOLDER)
+
     async with Bus.open(bus_config(endpoint), "t8", recorder) as opened, asyncio.timeout(PATIENCE):
         opened.serve("do", answer)
-        opened.receive("setpoint/stick", lambda at, payload, proof: arrived.set())
+        opened.receive("setpoint/stick", take, lambda payload, proof: proof == PROOF)
         opened.watch_clients(lambda name, is_here: arrived.set())
         opened.publish("state/battery", BATTERY)
         with client(endpoint) as session:
             await asyncio.to_thread(ask, session, "mk/t8/do/mark", payload=b"\x81\xa4text\xa4here")
-            session.put("mk/t8/setpoint/stick", b"\x80", attachment=b"s" * 32)
-            await arrived.wait()
-            arrived.clear()
+            me, source = str(session.zid()), zenoh.SourceInfo(session.id, 1)
+            for number, proof in enumerate((PROOF, b"t" * 32)):
+                given = source if number == 0 else None
+                session.put("mk/t8/setpoint/stick", b"\x80", attachment=proof, source_info=given)
+                await arrived.wait()
+                arrived.clear()
             with session.liveliness().declare_token("mk/t8/client/pad"):
                 await arrived.wait()
         assert opened.counts() == {"state/battery": 1}
 
-    assert recorder.seen[:5] == [
+    encoding = "application/msgpack;mk.StickSetpoint.v1"
+    assert recorder.seen[:7] == [
         ("sample", "state/battery", "application/msgpack;mk.Battery.v1", BATTERY.stamp),
-        ("query", "do/mark", b"\x81\xa4text\xa4here", 1),
+        ("query", "do/mark", b"\x81\xa4text\xa4here", 1, ""),
         ("reply", "do/mark", "accepted", 1),
-        ("setpoint", "setpoint/stick", b"\x80", "application/msgpack;mk.StickSetpoint.v1", b"s" * 32),
+        ("setpoint", "setpoint/stick", b"\x80", encoding, PROOF, me, True),
+        ("setpoint", "setpoint/stick", b"\x80", encoding, b"t" * 32, "", False),
+        ("setpoint_refused", "setpoint/stick", "not_holder"),
         ("client", "pad", True),
     ]

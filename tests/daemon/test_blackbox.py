@@ -14,7 +14,7 @@ from mkdaemon.config.record import RecordedImages
 from mkdaemon.config.root import Config
 from mkdaemon.daemon import blackbox
 from mkdaemon.daemon.audit import Audit
-from mkdaemon.daemon.blackbox import LOCAL_EXCHANGES, BlackBox, open_black_box
+from mkdaemon.daemon.blackbox import LOCAL_EXCHANGES, BlackBox, open_black_box, recording_folder
 from mkdaemon.daemon.imagerecord import ImageRecorder
 from mkdaemon.daemon.lineport import record_port
 from mkdaemon.errors import LinkLostError
@@ -72,9 +72,9 @@ class Port:
         self.is_closed = True
 
 
-def config(folder, **record):
+def config(state, **record):
     return Config.model_validate(
-        {"vehicle": {"name": "bb", "state_folder": folder}, "record": {"free_mb": 1, "sync_s": 0, **record}}
+        {"vehicle": {"name": "bb", "state_folder": state}, "record": {"free_mb": 1, "sync_s": 0, **record}}
     )
 
 
@@ -108,14 +108,21 @@ async def test_what_passes_is_in_the_file_when_the_daemon_has_ended(tmp_path):
     assert Config.model_validate_json(session.config).vehicle.name == "bb"
 
 
+def test_recordings_are_in_their_own_folder_or_in_that_of_the_vehicle(tmp_path):
+    assert recording_folder(config(tmp_path)) == tmp_path / "recordings"
+    assert recording_folder(config(tmp_path, folder=tmp_path / "card")) == tmp_path / "card"
+    assert recording_folder(config(tmp_path, enabled=False)) is None
+
+
 @pytest.mark.parametrize(("is_recording", "enabled"), [(True, True), (False, False)])
 async def test_nothing_is_recorded_where_it_is_off_or_a_recording_plays(tmp_path, is_recording, enabled):
     clock = Clock()
     box = open_black_box(config(tmp_path, enabled=enabled), clock, is_recording=is_recording)
     async with box.run():
         box.bus_recorder.sample("health", b"", "", None)
-        box.bus_recorder.setpoint("setpoint/stick", b"", "", b"", 0.0)
-        box.bus_recorder.query("do/mark", b"", 1)
+        box.bus_recorder.setpoint("setpoint/stick", b"", "", b"", at=0.0, source="", is_holder=False)
+        box.bus_recorder.setpoint_refused("setpoint/stick", "not_leased", "")
+        box.bus_recorder.query("do/mark", b"", 1, "")
         box.bus_recorder.reply("do/mark", b"", "", 1)
         box.bus_recorder.client("pad", True)
         box.note(Notice.STOP)

@@ -7,9 +7,12 @@ import shutil
 
 import pytest
 
+from lab.rigs.blackbox import RecordedDaemon
 from lab.rigs.cockpit import Boards, cockpit
 from mkdaemon.bus.codec import encode_map
+from mkdaemon.config.root import Config
 from mkdaemon.control.activeset import UNREAD
+from mkdaemon.daemon import flight
 from mkdaemon.daemon.preflight import active_set, free_disk
 from mkdaemon.protocol.settings import ParameterSet
 from mkdaemon.sim.boards.parameters import factory_set
@@ -45,6 +48,25 @@ def test_free_space_is_that_of_the_folder_that_will_be_made(tmp_path, monkeypatc
 
     monkeypatch.setattr(shutil, "disk_usage", refuse)
     assert free_disk(tmp_path) is None
+
+
+def test_the_disk_is_that_of_the_recordings(tmp_path, monkeypatch):
+    looked = []
+    monkeypatch.setattr(flight, "free_disk", lambda folder: looked.append(folder) or 5e9)
+    sections = {"vehicle": {"name": "t", "state_folder": tmp_path / "state"}, "record": {"folder": tmp_path / "card"}}
+
+    async def story():
+        cfg = Config.model_validate({"link": {"port": "/dev/virtual"}, "bus": {"listen": ()}, **sections})
+        daemon = RecordedDaemon(cfg, Boards("2.12a").make(1), seed=1)
+        tasks = daemon.start()
+        await daemon.until(lambda: daemon.can_fly)
+        report = await daemon.wiring.flight.preflight()
+        await daemon.stop(tasks)
+        return report
+
+    report = run_virtually(story())
+    assert looked == [tmp_path / "card"]
+    assert next(each for each in report.findings if each.name == "disk").state == "passed"
 
 
 @pytest.mark.parametrize(("boards", "kind"), [(Boards("2.12a"), "passed"), (Boards("2.12a", "0.24"), "unknown")])

@@ -25,7 +25,7 @@ def test_each_kind_and_key_is_numbered_from_one():
     tap.sample("state/gps", b"a", "application/msgpack;mk.Gps.v1", STAMP)
     tap.sample("state/gps", b"b", "application/msgpack;mk.Gps.v1", STAMP)
     tap.sample("state/pilot", b"c", "application/msgpack;mk.Pilot.v1", None)
-    tap.query("do/mark", b"\x80", 3)
+    tap.query("do/mark", b"\x80", 3, "0a1b")
     tap.reply("do/mark", b"\x80", "application/msgpack;mk.CommandResult.v1", 3)
     entries = queue.take(10)
 
@@ -37,13 +37,15 @@ def test_each_kind_and_key_is_numbered_from_one():
         (Kind.REPLY, "mk/mk1/do/mark", 1),
     ]
     assert [entry.exchange for entry in entries] == [0, 0, 0, 3, 3]
+    assert [entry.source for entry in entries] == ["", "", "", "0a1b", ""]
     assert [entry.received for entry in entries] == [42.0] * 5
     assert [entry.published for entry in entries[:3]] == [1_760_000_041.25, 1_760_000_041.25, 1_760_000_042.0]
 
 
 def test_setpoints_and_bytes_have_the_time_they_were_taken_elsewhere():
     tap, queue = tapped()
-    tap.setpoint("setpoint/stick", b"x", "application/msgpack;mk.StickSetpoint.v1", b"s" * 32, 41.9)
+    encoding = "application/msgpack;mk.StickSetpoint.v1"
+    tap.setpoint("setpoint/stick", b"x", encoding, b"s" * 32, at=41.9, source="0a1b", is_holder=True)
     tap.port_read(b"#a", 41.8)
     tap.port_written(b"#b", 41.7, "release")
     tap.port_opened("/dev/ttyUSB0", 57600)
@@ -53,6 +55,7 @@ def test_setpoints_and_bytes_have_the_time_they_were_taken_elsewhere():
     setpoint, read, written, opened, lost, client, woke = queue.take(10)
 
     assert (setpoint.received, setpoint.attachment) == (41.9, b"s" * 32)
+    assert (setpoint.issuer, setpoint.source) == ("holder", "0a1b")
     assert (read.received, read.payload, read.encoding) == (41.8, b"#a", "")
     assert (written.received, written.issuer) == (41.7, "release")
     assert msgpack.unpackb(opened.payload) == {"port": "/dev/ttyUSB0", "baud": 57600}

@@ -11,7 +11,7 @@ from mcap.reader import make_reader
 
 from mkdaemon.bus.schema import schema_json
 from mkdaemon.errors import ConfigError, MkError
-from mkdaemon.record.entry import Kind
+from mkdaemon.record.entry import HOLDER, STRANGER, Kind
 from mkdaemon.record.glance import glance
 from mkdaemon.record.patterns import matches_any
 from mkdaemon.record.reader import Recording
@@ -70,6 +70,31 @@ def test_what_never_reached_the_recorder_is_told_by_the_counts_of_the_daemon(tmp
 
     assert summary.missed == {"mk/mk1/state/0": 3}  # state/9 was not recorded at all
     assert summary.report.is_whole
+
+
+def test_a_summary_tells_who_sent_what_and_what_was_refused(tmp_path):
+    def entry(kind, suffix, number, **more):
+        payload = msgpack.packb(more.pop("fields", {}))
+        return sample(number, f"mk/mk1/{suffix}", kind=kind)._replace(payload=payload, **more)
+
+    refused = {"key": "setpoint/stick", "sequence": 2, "token": "not_holder", "reason": "..."}
+    entries = [
+        entry(Kind.QUERY, "do/lease", 1, exchange=1, source="aa", fields={"action": "take", "holder": "pilot"}),
+        entry(Kind.REPLY, "do/lease", 1, exchange=1, fields={"status": "accepted"}),
+        entry(Kind.SETPOINT, "setpoint/stick", 1, source="aa", issuer=HOLDER),
+        entry(Kind.SETPOINT, "setpoint/stick", 2, source="bb", issuer=STRANGER),
+        entry(Kind.NOTICE, "notice/setpoint_refused", 1, fields=refused),
+        entry(Kind.NOTICE, "notice/setpoint_refused", 2, fields={**refused, "sequence": 7}),
+        entry(Kind.QUERY, "do/mark", 1, exchange=2, fields={"text": "x"}),
+        entry(Kind.REPLY, "do/mark", 1, exchange=2, fields={"status": "invalid"}),
+        entry(Kind.REPLY, "do/mark", 2, exchange=9)._replace(payload=b"\xc1"),
+    ]
+    pilot, stranger, silent = summarise(written(tmp_path / "a.mcap", entries)).senders.found.values()
+
+    assert (pilot.source, pilot.names, pilot.setpoints, pilot.signed) == ("aa", {"pilot"}, 1, 1)
+    assert (pilot.requests, pilot.requests_refused, pilot.setpoints_refused) == (1, 0, {})
+    assert (stranger.source, stranger.signed, stranger.setpoints_refused) == ("bb", 0, {"not_holder": 1})
+    assert (silent.source, silent.requests, silent.requests_refused) == ("", 1, 1)
 
 
 @pytest.mark.parametrize("share", [0.3, 0.55, 1.0])

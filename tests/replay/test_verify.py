@@ -62,7 +62,7 @@ def test_a_recording_that_ends_without_an_orderly_exit_is_compared_as_far_as_it_
 
 
 def test_a_setpoint_of_a_stranger_is_refused_again():
-    from mkdaemon.replay.station import STRANGER
+    from mkdaemon.record.entry import STRANGER
 
     entries = [
         entry._replace(issuer=STRANGER) if entry.kind is Kind.SETPOINT else entry

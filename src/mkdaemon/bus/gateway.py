@@ -22,11 +22,11 @@ from mkdaemon.bus.answers import AnswerThread
 from mkdaemon.bus.codec import MEDIA_TYPE, Payload, encode, encoding_of
 from mkdaemon.bus.exposure import check_exposure
 from mkdaemon.bus.floods import QueryBudgets, ShedCounter, flood_settings
-from mkdaemon.bus.intake import Prover, SetpointIntake, Taker, read_payload, read_signature
+from mkdaemon.bus.intake import Prover, SetpointIntake, Taker, read_payload, read_signature, read_source
 from mkdaemon.bus.keys import Use, find, of_use, roots
 from mkdaemon.bus.names import key, suffix_of
 from mkdaemon.bus.published import PublishedValues
-from mkdaemon.bus.recording import BusRecorder, NoRecorder
+from mkdaemon.bus.recording import BusRecorder, NoRecorder, recorded_taker
 from mkdaemon.bus.schema import schema_json, schema_names
 from mkdaemon.bus.session import close_session, open_session, session_config
 from mkdaemon.config.bus import BusConfig
@@ -187,16 +187,13 @@ class Bus:
         spec = find(suffix)
         encoding = MEDIA_TYPE if spec is None or spec.carries is None else encoding_of(spec.carries)
 
-        def record_and_take(at: float, payload: Payload, proof: bytes) -> None:
-            if isinstance(payload, bytes):
-                self._recorder.setpoint(suffix, payload, encoding, proof, at)
-            take(at, payload, proof)
-
+        recorded = recorded_taker(self._recorder, suffix, encoding, take, is_proven)
         shed = partial(self._shed.add, f"setpoints to {suffix}")
-        intake = SetpointIntake(self._loop, record_and_take, is_proven, shed)
+        intake = SetpointIntake(self._loop, recorded, is_proven, shed)
 
         def on_sample(sample: zenoh.Sample) -> None:
-            intake.arrived(read_payload(sample.payload, suffix), read_signature(sample.attachment))
+            source = read_source(sample.source_info)
+            intake.arrived(read_payload(sample.payload, suffix), read_signature(sample.attachment), source)
 
         self._session.declare_subscriber(key(self.vehicle, suffix), zenoh.handlers.Callback(on_sample, indirect=False))
 
@@ -260,7 +257,8 @@ class Bus:
             if "*" not in whole and "$" not in whole:  # a wildcard that looks around commands nothing
                 suffix, exchange = suffix_of(self.vehicle, whole), next(self._exchanges)
                 payload = read_payload(query.payload, suffix)
-                self._recorder.query(suffix, payload if isinstance(payload, bytes) else b"", exchange)
+                source = read_source(query.source_info)
+                self._recorder.query(suffix, payload if isinstance(payload, bytes) else b"", exchange, source)
                 result = await self._work_on(suffix, payload, handler)
         finally:
             self._reply_result(query, result, exchange)

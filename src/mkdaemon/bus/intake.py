@@ -14,6 +14,7 @@ import zenoh
 from mkdaemon.bus.codec import Payload, TooLong
 from mkdaemon.bus.floods import STRANGER_RATE, Budget
 from mkdaemon.bus.keys import REQUEST_BYTES, find
+from mkdaemon.errors import CommandRejectedError
 from mkdaemon.telemetry.signature import SIGNATURE_BYTES
 
 FLOOD: Final = 64
@@ -21,8 +22,11 @@ FLOOD: Final = 64
 STRANGERS: Final = 4
 """Setpoints of others taken in one turn, so that they are refused by name."""
 
-Taker = Callable[[float, Payload, bytes], None]
-"""Takes a setpoint: arrival [s; monotonic], payload, signature; called on the loop, returns at once, never raises."""
+Taker = Callable[[float, Payload, bytes], CommandRejectedError | None]
+"""Takes a setpoint: arrival [s; monotonic], payload, signature; called on the loop, returns at once, never raises.
+Returns why it was refused."""
+SourcedTaker = Callable[[float, Payload, bytes, str], None]
+"""The same, with the id of the session it says it comes from."""
 Prover = Callable[[Payload, bytes], bool]
 """Whether payload and signature come from who flies; called on any thread."""
 
@@ -38,7 +42,7 @@ class SetpointIntake:
     def __init__(
         self,
         loop: asyncio.AbstractEventLoop,
-        take: Taker,
+        take: SourcedTaker,
         is_proven: Prover,
         shed: Callable[[], None],
     ) -> None:
@@ -52,12 +56,12 @@ class SetpointIntake:
         """
         self._loop, self._take, self._is_proven, self._shed = loop, take, is_proven, shed
         self._lock = threading.Lock()
-        self._holders: deque[tuple[float, Payload, bytes]] = deque(maxlen=FLOOD)
-        self._others: deque[tuple[float, Payload, bytes]] = deque(maxlen=STRANGERS)
+        self._holders: deque[tuple[float, Payload, bytes, str]] = deque(maxlen=FLOOD)
+        self._others: deque[tuple[float, Payload, bytes, str]] = deque(maxlen=STRANGERS)
         self._strangers = Budget(STRANGER_RATE)
         self._is_called = False
 
-    def arrived(self, payload: Payload, proof: bytes) -> None:
+    def arrived(self, payload: Payload, proof: bytes, source: str = "") -> None:
         """Take a setpoint; from any thread, returns at once."""
         is_proven = self._is_proven(payload, proof)
         if not is_proven and not self._strangers.admits():
@@ -66,7 +70,7 @@ class SetpointIntake:
         waiting = self._holders if is_proven else self._others
         with self._lock:
             is_full = len(waiting) == waiting.maxlen
-            waiting.append((time.monotonic(), payload, proof))
+            waiting.append((time.monotonic(), payload, proof, source))
             must_call, self._is_called = not self._is_called, True
         if is_full:
             self._shed()
@@ -87,6 +91,11 @@ def read_signature(attachment: zenoh.ZBytes | None) -> bytes:
     """Copy a signature; what has not its length is none."""
     is_signed = attachment is not None and len(attachment) == SIGNATURE_BYTES
     return attachment.to_bytes() if attachment is not None and is_signed else b""
+
+
+def read_source(info: zenoh.SourceInfo | None) -> str:
+    """Id of the session that a sample or query says it comes from; empty where it says nothing."""
+    return "" if info is None else str(info.source_id.zid)
 
 
 def read_payload(payload: zenoh.ZBytes | None, suffix: str) -> Payload:

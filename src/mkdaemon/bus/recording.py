@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import Protocol
 
+from mkdaemon.bus.codec import Payload
+from mkdaemon.bus.intake import Prover, SourcedTaker, Taker
 from mkdaemon.stamp import Stamp
 
 
@@ -13,11 +15,26 @@ class BusRecorder(Protocol):
     def sample(self, suffix: str, payload: bytes, encoding: str, stamp: Stamp | None) -> None:
         """Take a value that is published."""
 
-    def setpoint(self, suffix: str, payload: bytes, encoding: str, signature: bytes, at: float) -> None:
-        """Take a setpoint that arrived at a time [s; monotonic]."""
+    def setpoint(
+        self, suffix: str, payload: bytes, encoding: str, signature: bytes, *, at: float, source: str, is_holder: bool
+    ) -> None:
+        """Take a setpoint.
 
-    def query(self, suffix: str, payload: bytes, exchange: int) -> None:
-        """Take a command that arrived; its answer has the same number."""
+        Args:
+            suffix: key without `mk/<vehicle>/`.
+            payload: as it came.
+            encoding: as its key has it.
+            signature: its attachment.
+            at: when it arrived [s; monotonic].
+            source: Zenoh id of the session it says it comes from; empty where it says none.
+            is_holder: whether it is signed with the secret of the lease.
+        """
+
+    def setpoint_refused(self, suffix: str, token: str, reason: str) -> None:
+        """Take that the last setpoint of a key was refused, and why."""
+
+    def query(self, suffix: str, payload: bytes, exchange: int, source: str) -> None:
+        """Take a command that arrived from a source, as it says; its answer has the same number."""
 
     def reply(self, suffix: str, payload: bytes, encoding: str, exchange: int) -> None:
         """Take the answer to a command."""
@@ -32,10 +49,15 @@ class NoRecorder:
     def sample(self, suffix: str, payload: bytes, encoding: str, stamp: Stamp | None) -> None:
         """Take no notice."""
 
-    def setpoint(self, suffix: str, payload: bytes, encoding: str, signature: bytes, at: float) -> None:
+    def setpoint(
+        self, suffix: str, payload: bytes, encoding: str, signature: bytes, *, at: float, source: str, is_holder: bool
+    ) -> None:
         """Take no notice."""
 
-    def query(self, suffix: str, payload: bytes, exchange: int) -> None:
+    def setpoint_refused(self, suffix: str, token: str, reason: str) -> None:
+        """Take no notice."""
+
+    def query(self, suffix: str, payload: bytes, exchange: int, source: str) -> None:
         """Take no notice."""
 
     def reply(self, suffix: str, payload: bytes, encoding: str, exchange: int) -> None:
@@ -43,3 +65,27 @@ class NoRecorder:
 
     def client(self, name: str, is_here: bool) -> None:
         """Take no notice."""
+
+
+def recorded_taker(recorder: BusRecorder, suffix: str, encoding: str, take: Taker, is_proven: Prover) -> SourcedTaker:
+    """What hands the setpoints of a key to a recorder and then to `take`, and its refusals to the recorder again.
+
+    Args:
+        recorder: hears of them.
+        suffix: key without `mk/<vehicle>/`.
+        encoding: of what it carries.
+        take: takes them.
+        is_proven: whether one is the holder's.
+    """
+
+    def record_and_take(at: float, payload: Payload, proof: bytes, source: str) -> None:
+        if not isinstance(payload, bytes):
+            take(at, payload, proof)
+            return
+        is_holder = is_proven(payload, proof)
+        recorder.setpoint(suffix, payload, encoding, proof, at=at, source=source, is_holder=is_holder)
+        refusal = take(at, payload, proof)
+        if refusal is not None:
+            recorder.setpoint_refused(suffix, refusal.token, refusal.reason)
+
+    return record_and_take

@@ -74,7 +74,16 @@ class GroundTap:
                 msg = f"{expression!r} is no key expression: {error}"
                 raise ConfigError(msg) from error
 
-    def take(self, key: str, payload: bytes, encoding: str, *, attachment: bytes = b"", qos: Qos = ORDINARY) -> None:
+    def take(
+        self,
+        key: str,
+        payload: bytes,
+        encoding: str,
+        *,
+        attachment: bytes = b"",
+        qos: Qos = ORDINARY,
+        source: str = "",
+    ) -> None:
         """Take one value.
 
         Args:
@@ -83,6 +92,7 @@ class GroundTap:
             encoding: as it came.
             attachment: as it came.
             qos: as it was put.
+            source: the session it says it comes from.
         """
         at = self._clock.now()
         vehicle, _, suffix = key.removeprefix("mk/").partition("/")
@@ -91,7 +101,9 @@ class GroundTap:
             self._sequences[kind, key] += 1
             wall = self._clock.stamp(at).wall
             sequence = self._sequences[kind, key]
-            self._queue.put(Entry(kind, key, payload, encoding, at, wall, self._base, sequence, "", 0, attachment, qos))
+            self._queue.put(
+                Entry(kind, key, payload, encoding, at, wall, self._base, sequence, "", 0, attachment, qos, source)
+            )
             self._tally(vehicle, suffix, payload)
 
     def _tally(self, vehicle: str, suffix: str, payload: bytes) -> None:
@@ -102,7 +114,7 @@ class GroundTap:
     def _arrive(self, sample: zenoh.Sample) -> None:
         if sample.kind != zenoh.SampleKind.PUT:
             return
-        attachment = sample.attachment
+        attachment, info = sample.attachment, sample.source_info
         is_dropped = sample.congestion_control == zenoh.CongestionControl.DROP
         congestion = Congestion.DROP if is_dropped else Congestion.BLOCK
         qos = Qos(congestion, int(sample.priority), sample.express)  # type: ignore[call-overload]  # the stub errs
@@ -112,6 +124,7 @@ class GroundTap:
             str(sample.encoding),
             attachment=b"" if attachment is None else attachment.to_bytes(),
             qos=ORDINARY if qos == ORDINARY else qos,
+            source="" if info is None else str(info.source_id.zid),
         )
 
 

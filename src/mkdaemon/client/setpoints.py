@@ -6,11 +6,10 @@ from collections.abc import Mapping
 from functools import cache
 from typing import TYPE_CHECKING, Any
 
-from mkdaemon.client.transport import Transport
+from mkdaemon.client.transport import SetpointPublisher, Transport
 from mkdaemon.errors import MkError
 
 if TYPE_CHECKING:
-    import zenoh
     from pydantic import BaseModel
 
 
@@ -26,7 +25,7 @@ class Setpoints:
         self._transport = transport
         self._epoch = epoch
         self._secret = secret
-        self._publishers: dict[str, tuple[zenoh.Publisher, str]] = {}
+        self._publishers: dict[str, tuple[SetpointPublisher, str]] = {}
 
     def check(self, kind: str, ttl: float, fields: Mapping[str, Any]) -> BaseModel:
         """Make a setpoint of a kind, as the next one.

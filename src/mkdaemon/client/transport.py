@@ -26,9 +26,25 @@ DENIAL_LOOK: Final = 2.0
 """Longest wait for the answers that show whether this client may command at all [s]."""
 PROBES: Final = 3
 """How often the path is measured before a slow one is believed: a busy machine is slow for a moment."""
+SEQUENCES: Final = 1 << 32
+"""Zenoh's numbers of a source begin again at zero after so many."""
 _SECURED: Final = ("tls/", "quic/")
 _OTHER_ROOTS: Final = frozenset({"do", "sim"})
 """Targets of a command that are no boards."""
+
+
+class SetpointPublisher:
+    """Puts setpoints to one key, each with the id of this session, so that a recording says who sent it."""
+
+    def __init__(self, publisher: zenoh.Publisher) -> None:
+        self._publisher = publisher
+        self._number = 0
+
+    def put(self, payload: bytes, *, encoding: str | None = None, attachment: bytes | None = None) -> None:
+        """Put one; see `mkdaemon.telemetry.signature` for the attachment."""
+        self._number = (self._number + 1) % SEQUENCES
+        source = zenoh.SourceInfo(self._publisher.id, self._number)
+        self._publisher.put(payload, encoding=encoding, attachment=attachment, source_info=source)
 
 
 class Transport:
@@ -160,14 +176,15 @@ class Transport:
         with self._session.liveliness().declare_token(self._key(f"client/{name}")):
             yield
 
-    def stream(self, suffix: str) -> zenoh.Publisher:
+    def stream(self, suffix: str) -> SetpointPublisher:
         """Make a publisher for setpoints: newest wins, so what cannot be sent at once is dropped."""
-        return self._session.declare_publisher(
+        publisher = self._session.declare_publisher(
             self._key(suffix),
             congestion_control=zenoh.CongestionControl.DROP,
             priority=zenoh.Priority.REAL_TIME,
             express=True,
         )
+        return SetpointPublisher(publisher)
 
     async def vehicles(self) -> list[str]:
         """Names of all vehicles whose daemon is alive."""
@@ -218,6 +235,7 @@ class Transport:
             payload=payload or None,
             timeout=patience,
             consolidation=zenoh.ConsolidationMode.NONE,
+            source_info=zenoh.SourceInfo(self._session.id, 0),  # a recording says who asked
         )
         await done
         return [self._sample(reply) for reply in replies]

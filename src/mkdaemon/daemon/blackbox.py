@@ -36,6 +36,8 @@ if TYPE_CHECKING:
 PERIOD: Final = 1.0
 """Of what is published about the recorder [s]."""
 MEGA: Final = 1_000_000
+LOCAL: Final = "local"
+"""Source of requests over the Unix socket."""
 LOCAL_EXCHANGES: Final = 1 << 30
 """Number of the first request over the Unix socket; the bus counts its own from 1."""
 
@@ -95,7 +97,7 @@ class BlackBox:
 
         async def answer_recorded(suffix: str, payload: bytes) -> CommandResult:
             exchange = next(self._local_exchanges)
-            tap.query(suffix, payload, exchange)
+            tap.query(suffix, payload, exchange, LOCAL)
             result = await answer(suffix, payload)
             tap.reply(suffix, encode(result), encoding_of(CommandResult), exchange)
             return result
@@ -160,8 +162,8 @@ def open_black_box(cfg: Config, clock: Clock, *, is_recording: bool) -> BlackBox
         clock: of the daemon.
         is_recording: whether a recording plays, which is not recorded again.
     """
-    wanted = cfg.record
-    if not wanted.enabled or is_recording:
+    wanted, folder = cfg.record, recording_folder(cfg)
+    if folder is None or is_recording:
         return BlackBox(clock)
     from mkdaemon.bus.schema import schema_json
     from mkdaemon.record.entry import TimeBase
@@ -185,7 +187,7 @@ def open_black_box(cfg: Config, clock: Clock, *, is_recording: bool) -> BlackBox
     session = Session.begin("blackbox", name, base, vehicle=vehicle, config=cfg.model_dump_json())
     recorder = Recorder(
         queue,
-        RecordingFolder(recording_folder(cfg), vehicle, limits),
+        RecordingFolder(folder, vehicle, limits),
         session,
         view=JsonView(schema_json) if wanted.json_for_viewers else None,
         sync_period=wanted.sync_s,
@@ -193,6 +195,8 @@ def open_black_box(cfg: Config, clock: Clock, *, is_recording: bool) -> BlackBox
     return BlackBox(clock, RecorderThread(recorder), Tap(queue, clock, vehicle, base))
 
 
-def recording_folder(cfg: Config) -> Path:
-    """Where the recordings of a vehicle are."""
+def recording_folder(cfg: Config) -> Path | None:
+    """Where the recordings of a vehicle are; None where nothing is recorded."""
+    if not cfg.record.enabled:
+        return None
     return cfg.record.folder or state_folder(cfg.vehicle) / "recordings"

@@ -81,7 +81,9 @@ class FlightControl:
 
     # -- what the bus brings --------------------------------------------------------------------------------------
 
-    def setpoint_arrived(self, kind: type[Setpoint], arrived: float, payload: Payload, proof: bytes) -> None:
+    def setpoint_arrived(
+        self, kind: type[Setpoint], arrived: float, payload: Payload, proof: bytes
+    ) -> CommandRejectedError | None:
         """Take a streamed setpoint; one that is refused is counted and reported.
 
         Args:
@@ -89,6 +91,9 @@ class FlightControl:
             arrived: [s; monotonic].
             payload: as it came.
             proof: its attachment; see `telemetry.signature`.
+
+        Returns:
+            Why it was refused; None where it was taken.
         """
         fields = {"bytes": payload.size if isinstance(payload, TooLong) else len(payload)}
         try:
@@ -96,10 +101,11 @@ class FlightControl:
             setpoint = check_command(kind, fields)
         except CommandRejectedError as error:
             self._core.setpoint_refused(kind.suffix, fields, error, arrived)
-            return
+            return error
         assert isinstance(payload, bytes)
-        self._core.setpoint(setpoint, arrived, Signature(kind.suffix, payload, proof))
+        refusal = self._core.setpoint(setpoint, arrived, Signature(kind.suffix, payload, proof))
         self._news.set()
+        return refusal
 
     def is_signed_by_holder(self, kind: type[Setpoint], payload: Payload, proof: bytes) -> bool:
         """Whether a setpoint comes from who holds the lease; from any thread."""

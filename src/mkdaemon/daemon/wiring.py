@@ -20,6 +20,7 @@ from mkdaemon.control.core import FlightCore
 from mkdaemon.control.guidance.margins import require_safe_loop
 from mkdaemon.control.vehicle import VehicleFacts
 from mkdaemon.daemon.audit import Audit, Outlet
+from mkdaemon.daemon.blackbox import recording_folder
 from mkdaemon.daemon.eyes import Eyes
 from mkdaemon.daemon.flight import FlightControl
 from mkdaemon.daemon.pathdelay import PathProbe
@@ -119,7 +120,7 @@ class Wiring:
         link = self.link = Link(
             cfg.link, sink, opener=opener, clock=clock, motors_running=facts.motors_running, guard=guard
         )
-        flight = self.flight = FlightControl(core, link, bus, audit, clock=clock, records=state_folder(cfg.vehicle))
+        flight = self.flight = FlightControl(core, link, bus, audit, clock=clock, records=recording_folder(cfg))
         interlock = Interlock(lambda: flight.phase)
         requests = BoardRequests(cfg.commands, link, facts, audit, clock, admit=interlock.check_request)
         self._procedures = ProcedureRunner(

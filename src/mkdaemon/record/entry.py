@@ -16,6 +16,10 @@ import msgpack
 from mkdaemon.stamp import Stamp
 
 NANOSECONDS: Final = 1_000_000_000
+HOLDER: Final = "holder"
+"""Issuer of a setpoint that is signed with the secret of the lease."""
+STRANGER: Final = "stranger"
+"""Issuer of any other setpoint."""
 SEQUENCES: Final = 1 << 32
 """A sequence number begins again at zero after so many."""
 
@@ -122,10 +126,13 @@ class Entry(NamedTuple):
         published: Unix time of its stamp; of `received` where it carries no stamp [s].
         base: joins `received` to Unix time.
         sequence: counts the entries of this kind and key in a recording; a gap is a loss.
-        issuer: what sent bytes are for, as `RawFrame.purpose`; who stamped an image; else empty.
+        issuer: what sent bytes are for, as `RawFrame.purpose`; who stamped an image; `HOLDER` or `STRANGER` for a
+            setpoint, by its signature; else empty.
         exchange: number of a query, and of its reply; else 0.
         attachment: Zenoh's attachment.
         qos: how it was put.
+        source: Zenoh id of the session that a setpoint or query says it comes from, `local` for the Unix socket; empty
+            where it says none. Nobody checks it: only a signature proves who sent something.
     """
 
     kind: Kind
@@ -140,6 +147,7 @@ class Entry(NamedTuple):
     exchange: int = 0
     attachment: bytes = b""
     qos: Qos = ORDINARY
+    source: str = ""
 
     @property
     def vehicle(self) -> str:

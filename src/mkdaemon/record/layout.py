@@ -97,7 +97,7 @@ class Session:
 
 def needs_envelope(entry: Entry) -> bool:
     """Whether an entry carries more than a payload."""
-    return bool(entry.issuer or entry.exchange or entry.attachment)
+    return bool(entry.issuer or entry.exchange or entry.attachment or entry.source)
 
 
 @dataclass(frozen=True, slots=True)
@@ -183,6 +183,8 @@ class ChannelFacts:
             envelope["exchange"] = entry.exchange
         if entry.attachment:
             envelope["attachment"] = entry.attachment
+        if entry.source:
+            envelope["source"] = entry.source
         packed: bytes = msgpack.packb(envelope)
         return packed
 
@@ -198,7 +200,7 @@ class ChannelFacts:
         Raises:
             ValueError: the data is not what this channel stores.
         """
-        issuer, exchange, attachment = "", 0, b""
+        issuer, exchange, attachment, source = "", 0, b"", ""
         if self.has_envelope:
             try:
                 envelope = msgpack.unpackb(data)
@@ -206,11 +208,12 @@ class ChannelFacts:
                 issuer = envelope.get("issuer", "")
                 exchange = envelope.get("exchange", 0)
                 attachment = envelope.get("attachment", b"")
+                source = envelope.get("source", "")
             except (TypeError, KeyError, AttributeError, RecursionError, msgpack.exceptions.UnpackException) as error:
                 msg = f"{self.topic}: no envelope: {error!r}"
                 raise ValueError(msg) from error
-            types = (type(data), type(issuer), type(exchange), type(attachment))
-            if types != (bytes, str, int, bytes):
+            types = (type(data), type(issuer), type(exchange), type(attachment), type(source))
+            if types != (bytes, str, int, bytes, str):
                 msg = f"{self.topic}: an envelope of other types"
                 raise ValueError(msg)
         return Entry(
@@ -226,4 +229,5 @@ class ChannelFacts:
             exchange=exchange,
             attachment=attachment,
             qos=self.qos,
+            source=source,
         )

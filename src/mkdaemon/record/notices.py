@@ -27,6 +27,8 @@ class Notice(StrEnum):
     """The guard is there or gone: `is_alive`."""
     GUARD_ACTED = "guard_acted"
     """The guard sent something: `released`."""
+    SETPOINT_REFUSED = "setpoint_refused"
+    """The setpoint before it was refused: `key` without `mk/<vehicle>/`, `sequence` of its entry, `token`, `reason`."""
     STOP = "stop"
     """The daemon was told to end in order; nothing else is said."""
 

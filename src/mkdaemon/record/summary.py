@@ -14,6 +14,7 @@ from mkdaemon.record.countcheck import CountCheck
 from mkdaemon.record.entry import NANOSECONDS, Entry, Kind
 from mkdaemon.record.layout import Session
 from mkdaemon.record.reader import ReadReport, Recording
+from mkdaemon.record.senders import Senders
 
 MARK: Final = "event/mark"
 Progress = Callable[[int], None]
@@ -87,6 +88,7 @@ class Summary:
         keys: by kind and key, in the order in which they first appear.
         marks: in the order in which they were set.
         missed: values that daemons counted and that are not in the file, by key; of keys that are in it.
+        senders: who sent setpoints and requests.
     """
 
     path: Path
@@ -95,6 +97,7 @@ class Summary:
     keys: dict[tuple[Kind, str], KeySummary] = field(default_factory=dict)
     marks: list[Mark] = field(default_factory=list)
     missed: Counter[str] = field(default_factory=Counter)
+    senders: Senders = field(default_factory=Senders)
 
     @property
     def first(self) -> int:
@@ -137,6 +140,7 @@ def summarise(path: Path, progress: Progress = lambda position: None) -> Summary
         if found is None:
             found = summary.keys[place] = KeySummary(*place)
         found.take(entry, at)
+        summary.senders.take(entry)
         if entry.kind is Kind.SAMPLE:
             checks.setdefault(entry.vehicle, CountCheck()).take(entry.suffix, entry.payload)
             if entry.suffix == MARK:

@@ -9,7 +9,7 @@ from typing import Any, Final
 import msgpack
 
 from mkdaemon.clock import Clock
-from mkdaemon.record.entry import SEQUENCES, Entry, Kind, TimeBase
+from mkdaemon.record.entry import HOLDER, SEQUENCES, STRANGER, Entry, Kind, TimeBase
 from mkdaemon.record.notices import Notice
 from mkdaemon.record.queue import EntryQueue
 from mkdaemon.stamp import Stamp
@@ -46,14 +46,23 @@ class Tap:
         """Take a value that is published."""
         self._take(Kind.SAMPLE, suffix, payload, encoding, self._clock.now(), stamp)
 
-    def setpoint(self, suffix: str, payload: bytes, encoding: str, signature: bytes, at: float) -> None:
-        """Take a setpoint that arrived."""
-        self._take(Kind.SETPOINT, suffix, payload, encoding, at, attachment=signature)
+    def setpoint(
+        self, suffix: str, payload: bytes, encoding: str, signature: bytes, *, at: float, source: str, is_holder: bool
+    ) -> None:
+        """Take a setpoint that arrived; see `mkdaemon.bus.recording.BusRecorder`."""
+        issuer = HOLDER if is_holder else STRANGER
+        self._take(Kind.SETPOINT, suffix, payload, encoding, at, issuer=issuer, attachment=signature, source=source)
 
-    def query(self, suffix: str, payload: bytes, exchange: int) -> None:
+    def setpoint_refused(self, suffix: str, token: str, reason: str) -> None:
+        """Note that the last setpoint of a key was refused."""
+        sequence = self._sequences.get((Kind.SETPOINT, suffix), 0)
+        fields = {"key": suffix, "sequence": sequence, "token": token, "reason": reason}
+        self.notice(Notice.SETPOINT_REFUSED, fields=fields)
+
+    def query(self, suffix: str, payload: bytes, exchange: int, source: str) -> None:
         """Take a query that arrived."""
-        hidden = hide_secrets(payload)
-        self._take(Kind.QUERY, suffix, hidden, "application/msgpack", self._clock.now(), exchange=exchange)
+        hidden, at = hide_secrets(payload), self._clock.now()
+        self._take(Kind.QUERY, suffix, hidden, "application/msgpack", at, exchange=exchange, source=source)
 
     def reply(self, suffix: str, payload: bytes, encoding: str, exchange: int) -> None:
         """Take the answer to a query."""
@@ -126,13 +135,13 @@ class Tap:
         issuer: str = "",
         exchange: int = 0,
         attachment: bytes = b"",
+        source: str = "",
     ) -> None:
         sequence = self._count(kind, suffix)
         wall = (stamp or self._clock.stamp(at)).wall
         key = self._root + suffix
-        self._queue.put(
-            Entry(kind, key, payload, encoding, at, wall, self._base, sequence, issuer, exchange, attachment)
-        )
+        taken = Entry(kind, key, payload, encoding, at, wall, self._base, sequence, issuer, exchange, attachment)
+        self._queue.put(taken._replace(source=source) if source else taken)
 
     def _count(self, kind: Kind, suffix: str) -> int:
         sequence = self._sequences.get((kind, suffix), 0) + 1

@@ -13,7 +13,7 @@ from mkdaemon.bus.codec import decode_map, encode, encode_map, encoding_of
 from mkdaemon.bus.gateway import Handler, Watcher
 from mkdaemon.bus.intake import Prover, Taker
 from mkdaemon.errors import CommandRejectedError
-from mkdaemon.record.entry import Entry, Kind
+from mkdaemon.record.entry import STRANGER, Entry, Kind
 from mkdaemon.telemetry.command import CommandResult
 from mkdaemon.telemetry.refusals import Status
 from mkdaemon.telemetry.signature import sign
@@ -164,10 +164,6 @@ class ReplayStation:
         answer = {} if recorded is None else decode_map(recorded.payload).get("reply")
         if "echo" in reply and isinstance(answer, dict) and "echo" in answer:
             self._echoes[answer["echo"]] = reply["echo"]
-
-
-STRANGER: Final = "stranger"
-"""Issuer of a recorded setpoint that the holder of the lease did not sign."""
 
 
 def _changed(payload: bytes, change: Callable[[dict[str, Any]], dict[str, Any]]) -> bytes:

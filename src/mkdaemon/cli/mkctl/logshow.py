@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import asdict
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -107,6 +108,7 @@ def summary_fields(summary: Summary) -> dict[str, Any]:
             {"at": (mark.at - summary.first) / NANOSECONDS, "vehicle": mark.vehicle, "text": mark.text}
             for mark in summary.marks
         ],
+        "senders": [{**asdict(one), "names": sorted(one.names)} for one in summary.senders.found.values()],
     }
 
 
@@ -139,8 +141,23 @@ def print_summary(summary: Summary) -> None:
     for mark in summary.marks:
         at = (mark.at - summary.first) / NANOSECONDS
         console.print(f"mark {at:10.3f} s  {mark.vehicle}: {mark.text}", highlight=False, markup=False)
-    for line in (*damage_lines(summary.report), *missed_lines(summary)):
+    lines = (*sender_lines(summary), *damage_lines(summary.report), *missed_lines(summary))
+    for line in lines:
         console.print(line, highlight=False, markup=False)
+
+
+def sender_lines(summary: Summary) -> Iterator[str]:
+    """Who sent setpoints and requests, a sentence each."""
+    for one in summary.senders.found.values():
+        names = f" ({', '.join(sorted(one.names))})" if one.names else ""
+        counts = [f"{one.requests} requests, {one.requests_refused} refused"] if one.requests else []
+        if one.setpoints:
+            tokens = ", ".join(f"{number} {token}" for token, number in one.setpoints_refused.items())
+            refused = tokens or "none"
+            counts.append(
+                f"{one.setpoints} setpoints, {one.signed} signed by the holder of the lease, refused: {refused}"
+            )
+        yield f"from {one.source or 'who does not say'}{names}: {'; '.join(counts)}"
 
 
 def _key_table(summary: Summary) -> Table:
