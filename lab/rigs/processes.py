@@ -106,6 +106,7 @@ class DaemonProcess:
             ),
             stdout=asyncio.subprocess.DEVNULL,
             stderr=asyncio.subprocess.PIPE,
+            start_new_session=True,  # as a service: it goes before the programs of other sessions
         )
         return cls(process, endpoint)
 

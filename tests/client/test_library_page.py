@@ -11,10 +11,10 @@ from contextlib import asynccontextmanager
 
 import pytest
 
-from lab.fly import VEHICLE as FLOWN
-from lab.fly import hovering
 from lab.places import ROOT
 from lab.rigs.live import VEHICLE, live_daemon
+from lab.rigs.overtarget import VEHICLE as FLOWN
+from lab.rigs.overtarget import hovering
 from lab.rigs.waiting import wait_for
 from mkdaemon.config.sim import PilotPlan
 

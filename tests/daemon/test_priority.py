@@ -17,6 +17,7 @@ from mkdaemon.daemon.priority import (
     NICE,
     SWITCH,
     favour_loop,
+    favour_session,
     favour_threads,
     is_favoured,
     keep_threads_favoured,
@@ -137,8 +138,21 @@ def test_a_system_that_does_not_list_threads_is_no_fault(monkeypatch, tmp_path):
     assert favour_threads() is False
 
 
-async def test_threads_that_come_later_are_favoured_too(monkeypatch):
-    looks = []
+def test_the_session_goes_before_other_sessions(monkeypatch, tmp_path):
+    group = tmp_path / "autogroup"
+    monkeypatch.setattr(priority, "AUTOGROUP", group)
+    assert favour_session() is True
+    assert int(group.read_text()) == NICE
+
+
+def test_without_the_right_or_without_sessions_in_the_kernel_nothing_is_favoured(monkeypatch, tmp_path):
+    monkeypatch.setattr(priority, "AUTOGROUP", tmp_path)
+    assert favour_session() is False
+
+
+async def test_threads_that_come_later_are_favoured_too(monkeypatch, tmp_path):
+    looks, group = [], tmp_path / "autogroup"
+    monkeypatch.setattr(priority, "AUTOGROUP", group)
     monkeypatch.setattr(priority, "favour_threads", lambda: looks.append(1))
     monkeypatch.setattr(priority, "THREADS_LOOK", 0.0)
     keeping = asyncio.create_task(keep_threads_favoured())
@@ -146,6 +160,7 @@ async def test_threads_that_come_later_are_favoured_too(monkeypatch):
         await asyncio.sleep(0)
     keeping.cancel()
     assert len(looks) > 1
+    assert group.exists()
 
 
 @pytest.mark.parametrize(

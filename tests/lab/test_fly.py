@@ -6,7 +6,8 @@ import math
 
 import pytest
 
-from lab.fly import HEIGHT, PERIOD, SETTLING, Seen, build_figures
+from lab.fly import PERIOD, SETTLING, build_figures
+from lab.rigs.overtarget import HEIGHT, Seen
 from mkdaemon.client import Sample
 
 

@@ -26,6 +26,8 @@ LOWEST_REAL_TIME: Final = 1
 NICE: Final = -10
 """Of the process's other threads: whoever of them holds the interpreter holds up the loop, so no other program may keep
 it waiting. On two cores shared with nine busy programs the loop stood still for 0.36 s otherwise."""
+AUTOGROUP: Final = Path("/proc/self/autogroup")
+"""Nice value of all programs of a session against those of other sessions: sched(7), "The autogroup feature"."""
 THREADS: Final = Path("/proc/self/task")
 THREADS_LOOK: Final = 2.0
 """Time between two looks for new threads [s]."""
@@ -66,6 +68,7 @@ async def keep_threads_favoured() -> None:
 
     Without the right to it they stay as they are.
     """
+    favour_session()
     while True:
         favour_threads()
         await asyncio.sleep(THREADS_LOOK)
@@ -90,6 +93,23 @@ def favour_threads() -> bool:
                     os.setpriority(os.PRIO_PROCESS, thread, NICE)
             except PermissionError:
                 return False
+    return True
+
+
+def favour_session() -> bool:
+    """Put the programs of this session, one of its own for a service, before those of other sessions.
+
+    Where the kernel groups programs by session, which is the default of most distributions, nice values only compare
+    programs of one session: threads at -10 beside four busy loops of another one were 16 ms late at worst, as at 0, and
+    5 ms late with this.
+
+    Returns:
+        Whether the kernel groups programs so, and the system allowed it, as for `favour_threads`.
+    """
+    try:
+        AUTOGROUP.write_text(f"{NICE}\n", encoding="ascii")
+    except OSError:
+        return False
     return True
 
 

@@ -1,0 +1,267 @@
+"""The whole daemon over a target that it sees through a rendered camera, in real time.
+
+`mkdaemon sim` and `mkdaemon run` are processes of their own, started as a user starts them. The simulated pilot takes
+off by hand and hovers.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import math
+import os
+import signal
+import sys
+import tempfile
+from collections.abc import AsyncIterator, Sequence
+from contextlib import AsyncExitStack, asynccontextmanager, suppress
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Final
+
+from lab.places import ROOT
+from lab.rigs.processes import PROGRAM, DaemonProcess, connected, wait_for_control
+from lab.rigs.waiting import wait_for
+from lab.rigs.wiretap import WireTap, tapped
+from mkdaemon.bus.endpoint import reserved_endpoint
+from mkdaemon.client import Sample, Vehicle
+
+VEHICLE: Final = "mk1"
+HEIGHT: Final = 2.0
+"""Where it holds above the target [m]."""
+TAKE_OFF: Final = 120.0
+"""Longest wait for the pilot to hover with the target in sight [s]; half a minute on an idle machine."""
+ENGAGED: Final = 60.0
+"""Longest wait until the daemon flies [s]."""
+CLIENT_PROGRAM: Final = ("-m", "mkdaemon.cli.mkctl.app")
+NOT_OURS: Final = -10
+"""Nice value of the simulator and of the operator's program, where they may have one: an aircraft, and an operator's
+own computer, do not stand still because this one is busy."""
+
+SHIPPED: Final = ROOT / "configs" / "sim-vision.toml"
+"""The configuration that is flown, but for the rate of the images, the wind and the pilot."""
+
+
+@dataclass(slots=True)
+class Seen:
+    """What an observer received, and when it was on the bus.
+
+    Attributes:
+        truths: time [s; monotonic] and true position [m; ENU], while the daemon's sticks act.
+        steps: when the simulator published its state [s; monotonic].
+        latencies: from the exposure to the pose [s].
+        outputs: when stick frames were made [s; monotonic].
+        estimates: time [s; monotonic] and estimated position in the frame of the target [m].
+        phases: phase and reason, on every change.
+        captures: when the images were taken in which a target was found [s; monotonic].
+        frames: number of each stick frame, and when the newest image it rests on was taken [s; monotonic].
+        failsafes: what the ladder did.
+    """
+
+    truths: list[tuple[float, tuple[float, ...]]] = field(default_factory=list)
+    steps: list[float] = field(default_factory=list)
+    latencies: list[float] = field(default_factory=list)
+    outputs: list[float] = field(default_factory=list)
+    estimates: list[tuple[float, tuple[float, ...]]] = field(default_factory=list)
+    phases: list[str] = field(default_factory=list)
+    failsafes: list[str] = field(default_factory=list)
+    captures: list[float] = field(default_factory=list)
+    frames: list[tuple[int, float]] = field(default_factory=list)
+    last: dict[str, dict[str, Any]] = field(default_factory=dict)
+
+    def take(self, sample: Sample) -> None:
+        """Keep what counts."""
+        fields = self.last[sample.suffix] = sample.fields
+        at = float(fields["stamp"]["monotonic"]) if "stamp" in fields else math.nan
+        if sample.suffix == "sim/truth":
+            self.steps.append(at)
+        match sample.suffix:
+            case "sim/truth" if fields["controlled"]:
+                self.truths.append((at, tuple(fields["position_enu"])))
+            case "vision/down/pose":
+                self.latencies.append(float(fields["latency"]))
+                self.captures.append(at)
+            case "control/output":
+                self.outputs.append(at)
+            case "control/estimate":
+                self.estimates.append((at, tuple(fields["position"])))
+                if (output := self.last.get("control/output")) is not None:
+                    self.frames.append((output["frame"], at - float(fields["image_age"])))
+            case "control/status":
+                words = f"{fields['phase']}: {fields['reason']}"
+                if not self.phases or self.phases[-1] != words:
+                    self.phases.append(words)
+            case "event/failsafe":
+                self.failsafes.append(f"{fields['action']}: {fields['reason']}")
+
+    def is_hovering(self) -> bool:
+        """Whether the pilot hovers and the eyes see the target."""
+        truth, pose = self.last.get("sim/truth"), self.last.get("vision/down/pose")
+        if truth is None or pose is None:
+            return False
+        still = math.hypot(*truth["velocity_enu"]) < 0.3
+        return bool(still and truth["position_enu"][2] > HEIGHT - 0.4)
+
+
+@dataclass(frozen=True, slots=True)
+class Setting:
+    """How it is flown.
+
+    Attributes:
+        fps: images a second.
+        wind: none, indoor, light or moderate.
+        seed: of the simulator.
+        latency_ms: from the middle of the exposure until the camera delivers the image [ms].
+        jitter_ms: standard deviation of that [ms].
+        program: what Python runs in place of the daemon's own program.
+        is_tapped: what the daemon writes is noted with its times.
+    """
+
+    fps: float = 15.0
+    wind: str = "indoor"
+    seed: int = 1
+    latency_ms: float = 60.0
+    jitter_ms: float = 5.0
+    program: Sequence[str] = PROGRAM
+    is_tapped: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Hover:
+    """An aircraft that its pilot holds by hand over the target, ready to hand it over.
+
+    Attributes:
+        endpoint: where the daemon's bus listens.
+        daemon: its process.
+        client: of the daemon.
+        seen: what an observer receives.
+        simulator: number of its process.
+        tap: on the line, where the setting asks for one.
+    """
+
+    endpoint: str
+    daemon: DaemonProcess
+    client: Vehicle
+    seen: Seen
+    simulator: int
+    tap: WireTap | None
+
+    async def hold(self, seconds: float, *options: str) -> asyncio.subprocess.Process:
+        """Let an operator's program of its own hold the place over the target; returns when the daemon flies.
+
+        Raises:
+            TimeoutError: it did not.
+        """
+        place = ("--height", str(HEIGHT), "--seconds", str(seconds), *options)
+        operator = await asyncio.create_subprocess_exec(
+            *(sys.executable, *CLIENT_PROGRAM, "hold", *place, "--vehicle", VEHICLE, "--connect", self.endpoint),
+            stdout=asyncio.subprocess.DEVNULL,
+            stderr=asyncio.subprocess.DEVNULL,
+            start_new_session=True,
+        )
+        favour(operator.pid)
+        await wait_for(lambda: self.seen.phases[-1:] and self.seen.phases[-1].startswith("flying"), ENGAGED, 0.05)
+        return operator
+
+
+@asynccontextmanager
+async def hovering(setting: Setting = Setting()) -> AsyncIterator[Hover]:
+    """Simulator and daemon as processes, for as long as the context lasts.
+
+    Raises:
+        TimeoutError: the pilot did not come to hover with the target in sight.
+    """
+    seen = Seen()
+    async with AsyncExitStack() as stack:
+        folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
+        endpoint = stack.enter_context(reserved_endpoint())
+        config = _config(folder, setting, endpoint)
+        simulator, port = await stack.enter_async_context(_simulator(config))
+        tap = await stack.enter_async_context(tapped(port)) if setting.is_tapped else None
+        _name_port(config, port if tap is None else tap.port)
+        daemon = await stack.enter_async_context(_daemon(config, endpoint, setting.program))
+        client = await stack.enter_async_context(connected(endpoint, VEHICLE))
+        await stack.enter_async_context(_observing(client, seen))
+        await wait_for_control(client)
+        await wait_for(lambda: "sim/truth" in seen.last)
+        await client.command("sim", "start")
+        await wait_for(seen.is_hovering, TAKE_OFF, 0.1)
+        yield Hover(endpoint, daemon, client, seen, simulator, tap)
+
+
+def _config(folder: Path, setting: Setting, endpoint: str) -> Path:
+    """Write the configuration of both programs; returns the file."""
+    text = SHIPPED.read_text(encoding="utf-8")
+    pilot = f'pilot_plan = "supervise"\npilot_wait = {TAKE_OFF}\nseed = {setting.seed}\nconnect = ["{endpoint}"]'
+    for old, new in (
+        ('"configs/', f'"{ROOT}/configs/'),
+        ("fps = 30", f"fps = {setting.fps:g}"),
+        ("latency_ms = 60.0", f"latency_ms = {setting.latency_ms:g}"),
+        ("latency_jitter_ms = 5.0", f"latency_jitter_ms = {setting.jitter_ms:g}"),
+        ('pilot_plan = "hover"', pilot),
+        ('name = "mk1"', f'name = "{VEHICLE}"\nstate_folder = "{folder}"'),
+        ("[sim.scene.platform]", f'[sim.flight]\nwind = "{setting.wind}"\n\n[sim.scene.platform]'),
+    ):
+        if old not in text:
+            msg = f"{SHIPPED}: {old!r} is not there any more"
+            raise ValueError(msg)
+        text = text.replace(old, new)
+    config = folder / "fly.toml"
+    config.write_text(text, encoding="utf-8")
+    return config
+
+
+def favour(process: int) -> None:
+    """Put a process, the only one of its session, before other programs, where that is allowed."""
+    with suppress(OSError):
+        os.setpriority(os.PRIO_PROCESS, process, NOT_OURS)
+        Path(f"/proc/{process}/autogroup").write_text(str(NOT_OURS), encoding="ascii")
+
+
+def _name_port(config: Path, port: str) -> None:
+    with config.open("a", encoding="utf-8") as file:
+        file.write(f'\n[link]\nport = "{port}"\n')
+
+
+@asynccontextmanager
+async def _simulator(config: Path) -> AsyncIterator[tuple[int, str]]:
+    """The simulator; number of its process, and the port of its boards."""
+    simulator = await asyncio.create_subprocess_exec(
+        *(sys.executable, *PROGRAM, "sim", "--config", str(config)),
+        stdout=asyncio.subprocess.PIPE,
+        stderr=asyncio.subprocess.DEVNULL,
+        start_new_session=True,
+    )
+    try:
+        favour(simulator.pid)  # its threads, started later, inherit it
+        assert simulator.stdout is not None
+        yield simulator.pid, json.loads(await simulator.stdout.readline())["port"]
+    finally:
+        simulator.terminate()
+        await simulator.wait()
+
+
+@asynccontextmanager
+async def _daemon(config: Path, endpoint: str, program: Sequence[str]) -> AsyncIterator[DaemonProcess]:
+    daemon = await DaemonProcess.start(config, endpoint, program)
+    try:
+        yield daemon
+    finally:
+        await daemon.end(signal.SIGINT)
+        sys.stderr.write(daemon.errors)
+
+
+@asynccontextmanager
+async def _observing(client: Vehicle, seen: Seen) -> AsyncIterator[None]:
+    async def listen() -> None:
+        keys = ("sim/truth", "vision/down/pose", "vision/down/stats", "control/*", "event/failsafe")
+        async with client.watch(*keys) as samples:
+            async for sample in samples:
+                seen.take(sample)
+
+    listening = asyncio.create_task(listen(), name="observer")
+    try:
+        yield
+    finally:
+        listening.cancel()
+        await asyncio.gather(listening, return_exceptions=True)

@@ -1,0 +1,61 @@
+"""What the whole daemon is timed by: bytes on the wire against images."""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import tty
+
+import pytest
+
+from lab.control.walltime import images_to_wire
+from lab.rigs.overtarget import Seen
+from lab.rigs.wiretap import BAUD, BITS, frames_on_wire, tapped
+from mkdaemon.protocol.framing import encode_frame
+from mkdaemon.protocol.messages import ExternControlV2
+
+STICKS = encode_frame(1, "b", bytes(range(7)))
+BYTE = BITS / BAUD
+
+
+def stick(number):
+    return ExternControlV2(pitch=0, roll=0, yaw=0, throttle=0, frame=number, config=1)
+
+
+def test_a_frame_has_left_with_its_last_byte_and_waits_for_the_bytes_before():
+    cut = 4
+    heard = [(1.0, STICKS[:cut]), (2.0, STICKS[cut:] + STICKS)]
+    times = [at for at, _ in frames_on_wire(heard)]
+    rest = len(STICKS) - cut
+    assert times == pytest.approx([2.0 + rest * BYTE, 2.0 + (rest + len(STICKS)) * BYTE])
+
+
+def test_each_image_reaches_the_wire_with_the_first_frame_that_rests_on_it_or_on_a_newer_one():
+    seen = Seen(captures=[1.0, 1.1, 1.2], frames=[(7, 1.001), (8, 1.001), (9, 1.199)])
+    sticks = [(1.05, stick(7)), (1.07, stick(8)), (1.25, stick(9))]
+    assert images_to_wire(seen, sticks, 0.0) == pytest.approx([0.05, 0.15, 0.05])
+    assert images_to_wire(seen, sticks, 1.0) == pytest.approx([0.15, 0.05])
+
+
+def test_a_frame_that_was_never_written_leaves_its_image_to_the_next_one():
+    seen = Seen(captures=[1.0], frames=[(7, 1.0), (8, 1.0)])
+    assert images_to_wire(seen, [(1.09, stick(8))], 0.0) == pytest.approx([0.09])
+    assert images_to_wire(seen, [(9.0, stick(7))], 0.0) == []  # the number came again
+
+
+async def test_the_tap_passes_everything_on_and_notes_what_the_daemon_wrote():
+    near, far = os.openpty()
+    tty.setraw(far)
+    try:
+        async with tapped(os.ttyname(far)) as tap:
+            daemon = os.open(tap.port, os.O_RDWR | os.O_NOCTTY)
+            os.write(daemon, STICKS)
+            assert await asyncio.to_thread(os.read, near, 100) == STICKS
+            os.write(near, b"answer")
+            assert await asyncio.to_thread(os.read, daemon, 100) == b"answer"
+        os.close(daemon)
+        assert b"".join(data for _, data in tap.heard) == STICKS
+        assert [sent.throttle for _, sent in tap.sticks()] == [ExternControlV2.decode(bytes(range(7))).throttle]
+    finally:
+        os.close(near)
+        os.close(far)
