@@ -1,7 +1,8 @@
 """`python -m lab record`: what recording costs, and what is left of it after every bad end.
 
 `writing` times entries on their way into a file and back; `cost` flies a daemon with and without its black box, in
-turns, and times the event loop beside the recorder's thread; `kills` ends daemons and recorders by `kill -9` at random
+turns, and times the event loop beside the recorder's thread; `playing` records a flight, plays it, and records that
+again; `kills` ends daemons and recorders by `kill -9` at random
 moments; `disks` fills and removes what they write to.
 """
 
@@ -14,19 +15,21 @@ from typing import Annotated, Any, Final, Literal
 
 from cyclopts import Parameter
 
-from lab.record import cost, disks, kills, looplag, writing
+from lab.record import cost, disks, kills, looplag, playing, writing
 from mkdaemon.cli.arguments import AsJson, require_count, require_length
 from mkdaemon.cli.printing import json_line
 from mkdaemon.cli.program import EXIT_FAILURE, EXIT_OK
 
-CASES: Final = ("writing", "cost", "kills", "disks")
+CASES: Final = ("writing", "cost", "playing", "kills", "disks")
 
 
 def main(
     *,
-    case: Annotated[Literal["writing", "cost", "kills", "disks"] | None, Parameter(help="One; all by default.")] = None,
+    case: Annotated[
+        Literal["writing", "cost", "playing", "kills", "disks"] | None, Parameter(help="One; all by default.")
+    ] = None,
     runs: Annotated[int, Parameter(help="Kills of the daemon, and as many of the recorder.")] = 50,
-    seconds: Annotated[float, Parameter(help="Of each flight of `cost`.")] = 20.0,
+    seconds: Annotated[float, Parameter(help="Of each flight of `cost` and `playing`.")] = 20.0,
     turns: Annotated[int, Parameter(help="Of `cost`.")] = 3,
     entries: Annotated[int, Parameter(help="Of `writing`.")] = 60_000,
     as_json: AsJson = False,
@@ -47,6 +50,8 @@ def main(
             case "cost":
                 figures[name] = asyncio.run(cost.measure(seconds, turns))
                 figures[name]["loop"] = looplag.measure(2 * turns)
+            case "playing":
+                figures[name] = asyncio.run(playing.measure(seconds))
             case "kills":
                 figures[name] = {
                     "daemon": asyncio.run(_repeat("daemon", kills.kill_daemon, runs)),
@@ -75,5 +80,10 @@ async def _repeat(name: str, kill: Callable[[int], Awaitable[kills.Left]], runs:
 def is_right(figures: dict[str, Any]) -> bool:
     """Whether the figures keep what docs/recording.md promises."""
     ends = figures.get("kills", {}).values()
+    played = figures.get("playing")
+    is_same = played is None or (
+        not (played["keys_that_differ"] or played["out_of_order"] or played["not_put"])
+        and played["values"] == played["values_played"]
+    )
     is_kept = all(not (one["older_than_allowed"] or one["frames_missing"] or one["unreadable"]) for one in ends)
-    return is_kept and all(one["readable"] for one in figures.get("disks", {}).values())
+    return is_kept and is_same and all(one["readable"] for one in figures.get("disks", {}).values())

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import asyncio
+import threading
+import time
 
 import pytest
 import zenoh
@@ -10,12 +12,14 @@ import zenoh
 from lab.rigs.waiting import wait_until
 from mkdaemon.bus.keys import KEYS, Use
 from mkdaemon.client.connection import open_player_session
-from mkdaemon.client.player import Player, Selection
+from mkdaemon.client.player import Player
 from mkdaemon.client.playkeys import PlayKey, check_name, play_key
 from mkdaemon.client.playpace import FASTEST, Pace
+from mkdaemon.client.playselection import Lateness, Selection
 from mkdaemon.errors import ConfigError, MkError
 from mkdaemon.record.entry import Kind
 from mkdaemon.record.reader import Recording
+from mkdaemon.telemetry.play import PlayState
 from tests.bus.support import client, free_endpoint
 from tests.places import DATA
 
@@ -92,7 +96,7 @@ async def played(name=None, alive=None, speed=1000.0):
                 await player.wait_for_subscribers()
                 await player.refuse_live_daemons()
                 await player.play()
-                expected = selection.counts.total()
+                expected = selection.total
                 await wait_until(lambda: len(listener.heard) >= expected, 15.0)
             del token
     return player, listener.heard
@@ -103,7 +107,7 @@ async def test_what_is_played_is_what_was_recorded_byte_by_byte_and_in_order():
     recorded = [(entry.key.replace("mk/", "replay/", 1), entry.payload, entry.encoding) for entry in samples()]
     assert heard == recorded
     assert player.missing == {}
-    assert player.sent.counts.total() == len(recorded)
+    assert player.sent.total == len(recorded)
 
 
 async def test_a_name_that_a_live_daemon_has_is_refused():
@@ -116,15 +120,64 @@ async def test_what_was_not_put_is_counted():
     async with open_player_session(connect=[], listen=endpoint) as session:
         selection = Selection.of(samples, None)
         player = Player(session, selection, Pace(1.0, selection.first, 0.0, is_paused=True), "fc_sticks.mcap")
+        player.adjust(lambda pace, now: pace.step(now))
         task = asyncio.create_task(player.play())
-        await asyncio.sleep(0)
-        player.pace.step(0.0)
-        player.changed()
-        await wait_until(lambda: player.sent.counts.total() == 1, 5.0)
+        await wait_until(lambda: player.sent.total == 1, 5.0)
         player.stop()
         await task
-    assert player.sent.counts.total() == 1
-    assert sum(player.missing.values()) == selection.counts.total() - 1
+    assert player.sent.total == 1
+    assert sum(player.missing.values()) == selection.total - 1
+    assert player.status().state is PlayState.PAUSED
+
+
+async def test_a_player_that_is_cancelled_ends_at_once():
+    endpoint = free_endpoint()
+    async with open_player_session(connect=[], listen=endpoint) as session:
+        selection = Selection.of(samples, None)
+        player = Player(session, selection, Pace(1e-3, selection.first, time.monotonic()), "fc_sticks.mcap")
+        task = asyncio.create_task(player.play())
+        await wait_until(lambda: player.sent.total > 0, 5.0)
+        task.cancel()
+        with pytest.raises(asyncio.CancelledError):
+            await task
+    assert not [thread.name for thread in threading.enumerate() if thread.name == "play reader"]
+
+
+async def test_a_daemon_that_comes_up_under_the_name_ends_playing():
+    endpoint = free_endpoint()
+    async with open_player_session(connect=[], listen=endpoint) as session:
+        selection = Selection.of(samples, "show")
+        player = Player(session, selection, Pace(1e-3, selection.first, time.monotonic()), "fc_sticks.mcap")
+        with client(endpoint) as other:
+            task = asyncio.create_task(player.play())
+            await wait_until(lambda: player.sent.total > 0, 5.0)
+            with other.liveliness().declare_token("mk/show/alive"), pytest.raises(MkError, match="alive as show"):
+                await task
+
+
+async def test_what_fails_while_it_reads_ends_playing():
+    calls = []
+
+    def broken():
+        calls.append(1)
+        yield from list(samples())[:5]
+        if len(calls) > 1:
+            raise OSError(5, "Input/output error")
+
+    async with open_player_session(connect=[], listen=free_endpoint()) as session:
+        selection = Selection.of(broken, None)
+        player = Player(session, selection, Pace(1000.0, selection.first, 0.0), "fc_sticks.mcap")
+        with pytest.raises(OSError, match="Input/output error"):
+            await player.play()
+
+
+def test_lateness_is_counted_in_steps():
+    late = Lateness()
+    assert late.quantile(0.99) is None
+    for number in range(100):
+        late.add(number * 1e-4 + 5e-6)
+    assert late.quantile(0.5) == pytest.approx(49e-4 + 1e-5)
+    assert late.quantile(1.0) == pytest.approx(99e-4 + 1e-5)
 
 
 def test_a_recording_without_values_is_nothing_to_play():

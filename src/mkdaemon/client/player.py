@@ -1,112 +1,44 @@
 """Puts the published values of a recording on the bus again, at their times, and counts what it put.
 
-Only publishers of `PlayKey`s are ever declared; there is no port, no query and no setpoint here.
+Only publishers of `PlayKey`s are ever declared; there is no port, no query and no setpoint here. A thread puts, and
+another one reads ahead: the event loop, which draws and listens to keys, makes no value late.
 """
 
 from __future__ import annotations
 
 import asyncio
-from collections import Counter
-from collections.abc import AsyncIterator, Callable, Iterable, Iterator
-from contextlib import asynccontextmanager
-from dataclasses import dataclass, field
+import threading
+import time
+from collections.abc import AsyncIterator, Callable
+from contextlib import asynccontextmanager, closing
 from typing import Final
 
 import zenoh
 
 from mkdaemon.bus.codec import encode, encoding_of
 from mkdaemon.bus.names import ROOT
-from mkdaemon.client.playkeys import REPLAY, PlayKey, play_key
+from mkdaemon.client.playkeys import REPLAY, PlayKey
 from mkdaemon.client.playpace import Pace
+from mkdaemon.client.playselection import ReadAhead, Selection, Sent
 from mkdaemon.errors import MkError
 from mkdaemon.record.entry import Entry
 from mkdaemon.telemetry.play import PlayState, PlayStatus
 
 SETTLE: Final = 0.3
 """After the first subscriber has come: time for its other subscriptions [s]."""
-LOOK: Final = 0.05
-"""Longest time between two looks at the pace and at live daemons [s]."""
 STATUS_PERIOD: Final = 0.5
 """Of the status on the bus [s]."""
 LOOK_AROUND: Final = 1.0
 """Time in which a live daemon has to answer [s]."""
-
-
-@dataclass(slots=True)
-class Sent:
-    """What was put.
-
-    Attributes:
-        counts: values by key, as played.
-        late: how late each was put, at its speed [s].
-    """
-
-    counts: Counter[str] = field(default_factory=Counter)
-    late: list[float] = field(default_factory=list)
-
-    def late_p99(self) -> float | None:
-        """99th percentile of the lateness [s]; None where nothing was put."""
-        if not self.late:
-            return None
-        return sorted(self.late)[min(int(0.99 * len(self.late)), len(self.late) - 1)]
-
-
-@dataclass(frozen=True, slots=True)
-class Selection:
-    """Which part of a recording is played.
-
-    Attributes:
-        entries: gives all entries of it, in order, every time it is called.
-        counts: values by key, as played.
-        first: time of its beginning [s; Unix time].
-        last: of its end [s; Unix time].
-    """
-
-    entries: Callable[[], Iterator[tuple[float, PlayKey, Entry]]]
-    counts: Counter[str]
-    first: float
-    last: float
-
-    @classmethod
-    def of(cls, entries: Callable[[], Iterable[Entry]], name: str | None) -> Selection:
-        """Look through a recording once.
-
-        Args:
-            entries: gives the entries, every time it is called.
-            name: vehicle to play as; None for `replay/<vehicle>/...`.
-
-        Raises:
-            MkError: there is nothing to play.
-        """
-
-        def played() -> Iterator[tuple[float, PlayKey, Entry]]:
-            for entry in entries():
-                key = play_key(entry.key, name)
-                if key is not None:
-                    yield entry.base.file_time(entry.received) / 1e9, key, entry
-
-        counts: Counter[str] = Counter()
-        first, last = float("inf"), float("-inf")
-        for at, key, _ in played():
-            counts[key.whole] += 1
-            first, last = min(first, at), max(last, at)
-        if not counts:
-            msg = "nothing to play: no published value in this part of the recording; `mkctl log info` shows its keys"
-            raise MkError(msg)
-        return cls(played, counts, first, last)
-
-    @property
-    def vehicles(self) -> set[str]:
-        """Names under `mk/` that values are put under."""
-        parts = (key.split("/") for key in self.counts)
-        return {vehicle for root, vehicle, *_ in parts if root == ROOT}
+FINE: Final = 0.002
+"""The last part of a wait, for which the thread sleeps without listening to changes [s]."""
 
 
 class Player:
     """Plays one selection.
 
     Attributes:
-        pace: speed and pause.
+        pace: speed and pause; changed by `adjust` only.
         sent: what was put so far, in this round.
         rounds: how often the end was reached.
     """
@@ -118,10 +50,9 @@ class Player:
         self.rounds = 0
         self._session, self._selection, self._title = session, selection, title
         self._publishers: dict[PlayKey, zenoh.Publisher] = {}
-        self._changed = asyncio.Event()
+        self._turn = threading.Condition()
         self._is_stopped = False
         self._found: set[str] = set()
-        self._status_at = float("-inf")
         roots = {key.rpartition("/")[0].split("/")[1] for key in selection.counts}
         self._status = session.declare_publisher(f"{REPLAY}/status/{min(roots)}")
 
@@ -170,29 +101,37 @@ class Player:
         """Put everything, once or for ever; `stop` ends it.
 
         Raises:
-            MkError: a daemon came up under a name that is played under.
+            MkError: a daemon came up under a name that is played under; or the recording cannot be read any more.
         """
-        async with self._watching_daemons():
+        for key in self._selection.keys:
+            # A player may wait for a slow subscriber; what it must not do is to leave something out.
+            block = zenoh.CongestionControl.BLOCK
+            self._publishers[key] = self._session.declare_publisher(key.whole, congestion_control=block)
+        async with self._watching_daemons(), self._reporting():
             while not self._is_stopped:
                 self.sent = Sent()
-                self.pace.restart(self._selection.first, self._now())
-                for at, key, entry in self._selection.entries():
-                    if not await self._wait_until_due(at):
-                        break
-                    self._put(at, key, entry)
+                await self._put_in_thread()
+                self._refuse(self._found)
                 self.rounds += not self._is_stopped
                 if not loops:
                     break
-        self._show_status(PlayState.STOPPED if self._is_stopped else PlayState.ENDED, is_due=True)
+        self._show_status(PlayState.STOPPED if self._is_stopped else PlayState.ENDED)
 
     def stop(self) -> None:
         """End it before the next value."""
-        self._is_stopped = True
-        self._changed.set()
+        with self._turn:
+            self._is_stopped = True
+            self._turn.notify()
 
-    def changed(self) -> None:
-        """Note that the pace was changed."""
-        self._changed.set()
+    def adjust(self, change: Callable[[Pace, float], object]) -> None:
+        """Change the pace.
+
+        Args:
+            change: does it, by the present time [s].
+        """
+        with self._turn:
+            change(self.pace, time.monotonic())
+            self._turn.notify()
 
     @property
     def missing(self) -> dict[str, int]:
@@ -200,64 +139,92 @@ class Player:
         wanted, sent = self._selection.counts, self.sent.counts
         return {key: wanted[key] - sent[key] for key in wanted.keys() | sent.keys() if wanted[key] != sent[key]}
 
-    async def _wait_until_due(self, at: float) -> bool:
+    async def _put_in_thread(self) -> None:
+        """Put everything once; ends with the thread, also where this task is cancelled."""
+        putting = asyncio.ensure_future(asyncio.to_thread(self._put_all))
+        try:
+            await asyncio.shield(putting)
+        except asyncio.CancelledError:
+            self.stop()
+            await putting
+            raise
+
+    def _put_all(self) -> None:
+        with closing(ReadAhead(self._selection.entries)) as ahead:
+            ahead.wait()
+            self.adjust(lambda pace, now: pace.restart(self._selection.first, now))
+            for at, key, entry in ahead:
+                if not self._wait_until_due(at):
+                    return
+                self._put(key, entry)
+
+    def _wait_until_due(self, at: float) -> bool:
         """Wait for the time of a value; false when playing was stopped."""
         while True:
-            self._refuse(self._found)
-            if self._is_stopped:
-                return False
-            left = self.pace.wait(at, self._now())
-            self._show_status(PlayState.PAUSED if self.pace.is_paused else PlayState.PLAYING)
-            if left is not None and left <= 0:
-                if not self.pace.is_paused:
-                    self.sent.late.append(-left)
-                return True
-            self._changed.clear()
-            try:
-                async with asyncio.timeout(LOOK if left is None else min(left, LOOK)):
-                    await self._changed.wait()
-            except TimeoutError:
-                continue
+            with self._turn:
+                if self._is_stopped or self._found:
+                    return False
+                left = self.pace.wait(at, time.monotonic())
+                if left is not None and left <= 0:
+                    if not self.pace.is_paused:
+                        self.sent.late.add(-left)
+                    return True
+                if left is None or left > FINE:
+                    self._turn.wait(None if left is None else left - FINE / 2)
+                    continue
+            time.sleep(left)
 
-    def _put(self, at: float, key: PlayKey, entry: Entry) -> None:
-        publisher = self._publishers.get(key)
-        if publisher is None:
-            # A player may wait for a slow subscriber; what it must not do is to leave something out.
-            block = zenoh.CongestionControl.BLOCK
-            publisher = self._publishers[key] = self._session.declare_publisher(key.whole, congestion_control=block)
-        publisher.put(entry.payload, encoding=entry.encoding)
+    def _put(self, key: PlayKey, entry: Entry) -> None:
+        self._publishers[key].put(entry.payload, encoding=entry.encoding)
         self.sent.counts[key.whole] += 1
 
-    def _show_status(self, state: PlayState, *, is_due: bool = False) -> None:
-        now = self._now()
-        if not is_due and now < self._status_at:
-            return
-        self._status_at = now + STATUS_PERIOD
-        status = self.status(state)
-        self._status.put(encode(status), encoding=encoding_of(PlayStatus))
+    # -- what it tells --------------------------------------------------------------------------------------------
 
-    def status(self, state: PlayState) -> PlayStatus:
-        """What the player does."""
+    def status(self, state: PlayState | None = None) -> PlayStatus:
+        """What the player does; whether it plays or pauses, if no state is given."""
         first, last = self._selection.first, self._selection.last
+        with self._turn:
+            is_paused, speed, place = self.pace.is_paused, self.pace.speed, self.pace.place(time.monotonic())
         return PlayStatus(
             file=self._title,
-            state=state,
-            speed=self.pace.speed,
-            place=min(max(self.pace.place(self._now()) - first, 0.0), last - first),
+            state=state or (PlayState.PAUSED if is_paused else PlayState.PLAYING),
+            speed=speed,
+            place=min(max(place - first, 0.0), last - first),
             length=last - first,
-            sent=self.sent.counts.total(),
-            values=self._selection.counts.total(),
+            sent=self.sent.total,
+            values=self._selection.total,
         )
+
+    def _show_status(self, state: PlayState | None = None) -> None:
+        self._status.put(encode(self.status(state)), encoding=encoding_of(PlayStatus))
+
+    @asynccontextmanager
+    async def _reporting(self) -> AsyncIterator[None]:
+        """Publish the status twice a second."""
+
+        async def report() -> None:
+            while True:
+                self._show_status()
+                await asyncio.sleep(STATUS_PERIOD)
+
+        reporting = asyncio.create_task(report(), name="play status")
+        try:
+            yield
+        finally:
+            reporting.cancel()
+            await asyncio.gather(reporting, return_exceptions=True)
 
     @asynccontextmanager
     async def _watching_daemons(self) -> AsyncIterator[None]:
-        """Hear of daemons that come up meanwhile."""
-        names, loop = self._selection.vehicles, asyncio.get_running_loop()
+        """Hear of daemons that come up meanwhile, and end playing then."""
+        names = self._selection.vehicles
 
         def on_token(sample: zenoh.Sample) -> None:
             name = str(sample.key_expr).split("/")[1]
             if sample.kind == zenoh.SampleKind.PUT and name in names:
-                loop.call_soon_threadsafe(self._found.add, name)
+                with self._turn:
+                    self._found.add(name)
+                    self._turn.notify()
 
         handler = zenoh.handlers.Callback(on_token, indirect=False)
         subscriber = self._session.liveliness().declare_subscriber(f"{ROOT}/*/alive", handler)
@@ -275,7 +242,3 @@ class Player:
                 f"play without --as, or --as {name}-replay"
             )
             raise MkError(msg)
-
-    @staticmethod
-    def _now() -> float:
-        return asyncio.get_running_loop().time()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import sys
+import time
 from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
@@ -17,6 +18,7 @@ from mkdaemon.cli.mkctl.logtime import moment_of
 from mkdaemon.cli.mkctl.playscreen import showing_player
 from mkdaemon.cli.printing import json_line
 from mkdaemon.cli.program import EXIT_FAILURE, EXIT_OK
+from mkdaemon.cli.promptness import favour_threads
 from mkdaemon.errors import MkError
 
 if TYPE_CHECKING:
@@ -64,9 +66,10 @@ async def play(
         ConfigError: a time, name, speed or endpoint cannot be understood.
     """
     from mkdaemon.client.connection import open_player_session
-    from mkdaemon.client.player import Player, Selection
+    from mkdaemon.client.player import Player
     from mkdaemon.client.playkeys import check_name
     from mkdaemon.client.playpace import Pace
+    from mkdaemon.client.playselection import Selection
 
     require_length(speed, "--speed")
     check_name(name)
@@ -74,11 +77,12 @@ async def play(
     selection = Selection.of(partial(_samples, file, key, first, last), name)
     where = [connection.connect] if listen is None else []
     async with open_player_session(connect=where, listen=listen, zenoh_file=connection.zenoh_file) as session:
-        now = asyncio.get_running_loop().time()
-        player = Player(session, selection, Pace(speed, selection.first, now, is_paused=step), file.name)
+        pace = Pace(speed, selection.first, time.monotonic(), is_paused=step)
+        player = Player(session, selection, pace, file.name)
         await player.refuse_live_daemons()
         if wait > 0:
             await _wait(player, wait)
+        favour_threads()
         async with showing_player(player, quiet=connection.json):
             await player.play(loops=loop)
     return _print_result(player, as_json=connection.json)
@@ -112,8 +116,8 @@ async def _wait(player: Player, seconds: float) -> None:
 
 def _print_result(player: Player, *, as_json: bool) -> int:
     """Say what was put, beside what is in the file."""
-    missing, sent = player.missing, player.sent.counts.total()
-    late = player.sent.late_p99()
+    missing, sent = player.missing, player.sent.total
+    late = player.sent.late.quantile(0.99)
     if as_json:
         print(json_line({"sent": sent, "missing": missing, "rounds": player.rounds, "late_p99_s": late}))
     else:

@@ -21,28 +21,26 @@ FACTOR: Final = 2.0
 LEGEND: Final = "space pause, n step, + faster, - slower, q end"
 
 
-def key_pressed(player: Player, key: str, now: float) -> None:
+def key_pressed(player: Player, key: str) -> None:
     """Do what a key asks for; others are ignored.
 
     Args:
         player: what plays.
         key: one character.
-        now: [s].
     """
     match key:
         case " ":
-            player.pace.toggle(now)
+            player.adjust(lambda pace, now: pace.toggle(now))
         case "n":
-            player.pace.step(now)
+            player.adjust(lambda pace, now: pace.step(now))
         case "+" | "=":
-            player.pace.change_speed(FACTOR, now)
+            player.adjust(lambda pace, now: pace.change_speed(FACTOR, now))
         case "-":
-            player.pace.change_speed(1 / FACTOR, now)
+            player.adjust(lambda pace, now: pace.change_speed(1 / FACTOR, now))
         case "q":
             player.stop()
         case _:
             return
-    player.changed()
 
 
 @asynccontextmanager
@@ -65,9 +63,9 @@ async def showing_player(player: Player, *, quiet: bool) -> AsyncIterator[None]:
 
 async def _draw(player: Player, update: Callable[..., None], task: object) -> None:
     while True:
-        status = player.status(PlayState.PAUSED if player.pace.is_paused else PlayState.PLAYING)
+        status = player.status()
         text = f"{status.place:.1f} of {status.length:.1f} s, {status.speed:g} times, {status.sent} values"
-        text += ", paused" if player.pace.is_paused else ""
+        text += ", paused" if status.state is PlayState.PAUSED else ""
         update(task, total=status.length or 1.0, completed=status.place, description=text)
         await asyncio.sleep(DRAW)
 
@@ -83,7 +81,7 @@ def _keys(player: Player, is_shown: bool) -> Iterator[None]:
 
     def read() -> None:
         for key in os.read(terminal, 32).decode("latin-1") or "q":
-            key_pressed(player, key, loop.time())
+            key_pressed(player, key)
 
     try:
         tty.setcbreak(terminal)

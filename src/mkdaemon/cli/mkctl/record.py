@@ -17,6 +17,7 @@ from mkdaemon.cli.mkctl.connection import HERE, Connection
 from mkdaemon.cli.mkctl.logtime import user_folder
 from mkdaemon.cli.printing import json_line
 from mkdaemon.cli.program import EXIT_FAILURE, EXIT_OK
+from mkdaemon.cli.promptness import favour_threads
 from mkdaemon.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -85,6 +86,7 @@ async def record(
         queue_bytes=queue_mb * MEGA,
         has_json=not no_viewer,
     )
+    favour_threads()
     stop = asyncio.Event()
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         asyncio.get_running_loop().add_signal_handler(number, stop.set)

@@ -1,0 +1,145 @@
+"""A flight that is recorded on the ground, played, and recorded again: the same bytes in the same order, and how late.
+
+Real programs: `mkdaemon run`, `mkctl record` and `mkctl play`. A setpoint and a request are never played; what they
+did is in the values that are. Beside the player a program sleeps and says how late it is woken.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import signal
+import sys
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+from statistics import median
+from typing import Any, Final
+
+from lab.record.cost import LINK
+from lab.rigs.pilot import Pilot
+from lab.rigs.processes import ObservedSimulation, connected, daemon_process, wait_for_control
+from lab.rigs.waiting import wait_until
+from mkdaemon.bus.endpoint import reserved_endpoint
+from mkdaemon.config.sim import PilotPlan, SimConfig
+from mkdaemon.link.session.roundtrips import percentile
+from mkdaemon.record.entry import Entry, Kind
+from mkdaemon.record.reader import Recording
+from mkdaemon.sim.runtime import Runtime
+
+SHOWN: Final = "show"
+"""Vehicle as which it is played."""
+GONE: Final = 1.0
+"""After the player's end, before its recorder is told to end [s]."""
+
+
+async def measure(seconds: float) -> dict[str, Any]:
+    """Fly by sticks for so long, with marks between, play the recording and compare what arrives.
+
+    Args:
+        seconds: of the flight.
+    """
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        await _fly(folder, seconds)
+        first = _only_file(folder / "flown")
+        said = await _play(folder, first)
+        return {**compare(first, _only_file(folder / "played")), **said}
+
+
+async def _fly(folder: Path, seconds: float) -> None:
+    config = {"board": "fc", "fc": "2.12a", "pilot_plan": PilotPlan.NOTHING, "calibrated": True, "seed": 1}
+    simulation = ObservedSimulation(SimConfig.model_validate(config), keeps=False)
+    runtime = Runtime(simulation)
+    async with (
+        runtime.serve(),
+        daemon_process(f"pty:{runtime.port}", folder, link=LINK) as daemon,
+        connected(daemon.endpoint) as client,
+        Pilot(client, "pilot") as pilot,
+    ):
+        await wait_for_control(client)
+        recorder = await _mkctl("record", "--folder", f"{folder}/flown", "--connect", daemon.endpoint, "--json")
+        await wait_until(lambda: any((folder / "flown").glob("*.mcap")))
+        await pilot.engage(lambda: simulation.is_controlled)
+        for number in range(4):
+            pilot.sticks["pitch"] = 5.0 * (number % 2)
+            await client.command("do", "mark", {"text": f"part {number}"})
+            await asyncio.sleep(seconds / 4)
+        await _end(recorder)
+
+
+async def _play(folder: Path, first: Path) -> dict[str, Any]:
+    """What the player, the recorder and the sleeper said of themselves."""
+    with reserved_endpoint() as endpoint:
+        recorder = await _mkctl("record", "--folder", f"{folder}/played", "--connect", endpoint, "--json")
+        player = await _mkctl("play", str(first), "--as", SHOWN, "--listen", endpoint, "--wait", "30", "--json")
+        sleeper = await _program("-m", "lab.record.sleeper")
+        said, _ = await player.communicate()
+        slept = json.loads(await _end(sleeper))
+        await asyncio.sleep(GONE)
+        played, recorded = json.loads(said), json.loads(await _end(recorder))
+    return {
+        "put": played["sent"],
+        "not_put": played["missing"],
+        "put_late_p99_ms": 1e3 * played["late_p99_s"],
+        "received": recorded["received"],
+        "written": recorded["written"],
+        "sleeper": slept,
+    }
+
+
+async def _mkctl(*words: str) -> asyncio.subprocess.Process:
+    return await _program("-m", "mkdaemon.cli.mkctl.app", *words)
+
+
+async def _program(*words: str) -> asyncio.subprocess.Process:
+    return await asyncio.create_subprocess_exec(
+        sys.executable, *words, stdout=asyncio.subprocess.PIPE, stderr=asyncio.subprocess.DEVNULL
+    )
+
+
+async def _end(program: asyncio.subprocess.Process) -> bytes:
+    program.send_signal(signal.SIGINT)
+    said, _ = await program.communicate()
+    return said
+
+
+def _only_file(folder: Path) -> Path:
+    (path,) = folder.glob("*.mcap")
+    return path
+
+
+def _values(path: Path) -> list[Entry]:
+    return list(Recording(path).entries(lambda facts: facts.kind is Kind.SAMPLE))
+
+
+def compare(first: Path, second: Path) -> dict[str, Any]:
+    """How far two recordings of the same values agree; the second one's vehicle has another name."""
+    flown, played = _values(first), _values(second)
+    keys = sorted({entry.suffix for entry in flown} | {entry.suffix for entry in played})
+    pairs = list(zip(flown, played, strict=False))
+    late = [new.received - old.received for old, new in pairs]
+    ordinary = median(late) if late else 0.0
+    off = sorted(abs(one - ordinary) for one in late)
+    span = flown[-1].received - flown[0].received
+    return {
+        "values": len(flown),
+        "values_played": len(played),
+        "keys": len(keys),
+        "values_per_s": len(flown) / span,
+        "keys_that_differ": [key for key in keys if _of_key(flown, key) != _of_key(played, key)],
+        "out_of_order": sum(old.suffix != new.suffix for old, new in pairs),
+        "off_p50_ms": 1e3 * (percentile(off, 0.5) or 0.0),
+        "off_p99_ms": 1e3 * (percentile(off, 0.99) or 0.0),
+        "off_max_ms": 1e3 * max(off, default=0.0),
+        "setpoints_in_the_first": _setpoints(first),
+        "setpoints_in_the_second": _setpoints(second),
+    }
+
+
+def _of_key(entries: Sequence[Entry], suffix: str) -> list[tuple[bytes, str]]:
+    return [(entry.payload, entry.encoding) for entry in entries if entry.suffix == suffix]
+
+
+def _setpoints(path: Path) -> int:
+    return sum(1 for _ in Recording(path).entries(lambda facts: facts.kind is Kind.SETPOINT))

@@ -1,0 +1,192 @@
+"""What of a recording is played: chosen, counted, and read ahead of its time."""
+
+from __future__ import annotations
+
+import queue
+import threading
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, field
+from typing import Final, NamedTuple, Self
+
+from mkdaemon.bus.names import ROOT
+from mkdaemon.client.playkeys import PlayKey, play_key
+from mkdaemon.errors import MkError
+from mkdaemon.record.entry import Entry
+
+AHEAD: Final = 256
+"""Values that are read before they are due."""
+PATIENCE: Final = 0.1
+"""Time between two looks whether what was read ahead is still wanted [s]."""
+STEP: Final = 1e-5
+"""Lateness is counted in steps of this [s]."""
+
+
+class Lateness:
+    """How late values were put, at their speed; takes no more memory for more of them."""
+
+    def __init__(self) -> None:
+        self._steps: Counter[int] = Counter()
+
+    def add(self, late: float) -> None:
+        """Count one [s]."""
+        self._steps[int(late / STEP)] += 1
+
+    def quantile(self, share: float) -> float | None:
+        """The lateness that so large a share stays below [s]; None where nothing was counted."""
+        left = share * self._steps.total()
+        for step, number in sorted(self._steps.items()):
+            left -= number
+            if left <= 0:
+                return (step + 1) * STEP
+        return None
+
+
+@dataclass(slots=True)
+class Sent:
+    """What was put.
+
+    Attributes:
+        counts: values by key, as played.
+        late: how late each was put.
+        total: how many.
+    """
+
+    counts: Counter[str] = field(default_factory=Counter)
+    late: Lateness = field(default_factory=Lateness)
+
+    @property
+    def total(self) -> int:
+        """How many."""
+        return self.counts.total()
+
+
+class Played(NamedTuple):
+    """A value to be played.
+
+    Attributes:
+        at: its time [s; Unix time].
+        key: to put it to.
+        entry: as recorded.
+    """
+
+    at: float
+    key: PlayKey
+    entry: Entry
+
+
+@dataclass(frozen=True, slots=True)
+class Selection:
+    """Which part of a recording is played.
+
+    Attributes:
+        entries: gives all of it, in order, every time it is called.
+        counts: values by key, as played.
+        keys: to put them to.
+        first: time of its beginning [s; Unix time].
+        last: of its end [s; Unix time].
+    """
+
+    entries: Callable[[], Iterator[Played]]
+    counts: Counter[str]
+    keys: frozenset[PlayKey]
+    first: float
+    last: float
+
+    @classmethod
+    def of(cls, entries: Callable[[], Iterable[Entry]], name: str | None) -> Selection:
+        """Look through a recording once.
+
+        Args:
+            entries: gives the entries, every time it is called.
+            name: vehicle to play as; None for `replay/<vehicle>/...`.
+
+        Raises:
+            MkError: there is nothing to play.
+        """
+        known: dict[str, PlayKey | None] = {}
+
+        def played() -> Iterator[Played]:
+            for entry in entries():
+                if entry.key not in known:
+                    known[entry.key] = play_key(entry.key, name)
+                key = known[entry.key]
+                if key is not None:
+                    yield Played(entry.base.file_time(entry.received) / 1e9, key, entry)
+
+        counts: Counter[str] = Counter()
+        first, last = float("inf"), float("-inf")
+        for at, key, _ in played():
+            counts[key.whole] += 1
+            first, last = min(first, at), max(last, at)
+        if not counts:
+            msg = "nothing to play: no published value in this part of the recording; `mkctl log info` shows its keys"
+            raise MkError(msg)
+        return cls(played, counts, frozenset(key for key in known.values() if key), first, last)
+
+    @property
+    def vehicles(self) -> set[str]:
+        """Names under `mk/` that values are put under."""
+        parts = (key.split("/") for key in self.counts)
+        return {vehicle for root, vehicle, *_ in parts if root == ROOT}
+
+    @property
+    def total(self) -> int:
+        """How many values."""
+        return self.counts.total()
+
+
+class ReadAhead:
+    """Values that another thread reads from the file before they are due."""
+
+    def __init__(self, entries: Callable[[], Iterator[Played]]) -> None:
+        """Begin to read; `close` ends it."""
+        self._entries = entries
+        self._waiting: queue.Queue[Played | BaseException | None] = queue.Queue(AHEAD)
+        self._is_ready, self._is_closed = threading.Event(), threading.Event()
+        self._thread = threading.Thread(target=self._read, name="play reader", daemon=True)
+        self._thread.start()
+
+    def __iter__(self) -> Self:
+        return self
+
+    def __next__(self) -> Played:
+        """The next one; raises what reading raised."""
+        found = self._waiting.get()
+        if found is None:
+            raise StopIteration
+        if isinstance(found, BaseException):
+            raise found
+        return found
+
+    def wait(self) -> None:
+        """Return when some of it has been read."""
+        self._is_ready.wait()
+
+    def close(self) -> None:
+        """End reading."""
+        self._is_closed.set()
+        self._thread.join()
+
+    def _read(self) -> None:
+        try:
+            for played in self._entries():
+                if not self._put(played):
+                    return
+        except Exception as error:  # noqa: BLE001  # it belongs to who plays
+            self._put(error)
+        else:
+            self._put(None)
+
+    def _put(self, item: Played | BaseException | None) -> bool:
+        """Hand one over; false when nobody wants it any more."""
+        while not self._is_closed.is_set():
+            try:
+                self._waiting.put(item, timeout=PATIENCE)
+            except queue.Full:
+                self._is_ready.set()
+                continue
+            if not isinstance(item, Played):
+                self._is_ready.set()
+            return True
+        return False
