@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any, Final, cast
+from typing import Any, Final
 
 import msgpack
 from pydantic import BaseModel
@@ -14,17 +14,18 @@ from lab.rigs.boardport import Socket
 from mkdaemon.bus.codec import encode, encoding_of
 from mkdaemon.bus.gateway import Handler, Watcher
 from mkdaemon.bus.intake import Prover, Taker
-from mkdaemon.clock import Clock, Wake
+from mkdaemon.clock import Clock
 from mkdaemon.config.root import Config
 from mkdaemon.control.core import FlightCore
 from mkdaemon.daemon.eyes import Eyes
+from mkdaemon.daemon.lineport import record_port
 from mkdaemon.daemon.procedures import Journal
 from mkdaemon.daemon.wiring import Wiring
-from mkdaemon.errors import LinkLostError
-from mkdaemon.link.ports.port import Port
-from mkdaemon.record.entry import Entry, Kind, TimeBase
+from mkdaemon.record.entry import Entry, TimeBase
 from mkdaemon.record.layout import Session
 from mkdaemon.record.notices import Notice
+from mkdaemon.record.queue import EntryQueue
+from mkdaemon.record.tap import Tap
 from mkdaemon.record.writer import RecordingWriter
 from mkdaemon.replay.run import AtOnce
 from mkdaemon.sim.simulation import Simulation
@@ -35,60 +36,28 @@ from mkdaemon.telemetry.signature import sign
 
 WALL: Final = 1.7e9
 """Unix time when virtual time is zero [s]."""
+SOURCE: Final = "5eed"
+"""Id of the client's session."""
+ROOM: Final = 1 << 30
+"""Nothing is lost [bytes]."""
 HANDED_OVER: Final = 8e-5
 """Time from the arrival of a setpoint at the bus to its arrival at the loop [s]."""
 
 
 class Tape:
-    """What is recorded."""
+    """The recorder's own tap, and what it took."""
 
     def __init__(self, vehicle: str, clock: Clock) -> None:
-        self.entries: list[Entry] = []
-        self._vehicle, self._clock = vehicle, clock
         self.base = TimeBase.of(clock.stamp())
-        self._sequences: dict[tuple[Kind, str], int] = {}
+        self._queue = EntryQueue(ROOM)
+        self.tap = Tap(self._queue, clock, vehicle, self.base)
+        clock.on_look = self.tap.looked
 
-    def add(
-        self, kind: Kind, suffix: str, payload: bytes = b"", encoding: str = "", at: float | None = None, **more: Any
-    ) -> None:
-        """Keep an entry."""
-        taken = self._clock.now() if at is None else at
-        sequence = self._sequences[kind, suffix] = self._sequences.get((kind, suffix), 0) + 1
-        key, wall = f"mk/{self._vehicle}/{suffix}", self._clock.stamp(taken).wall
-        self.entries.append(Entry(kind, key, payload, encoding, taken, wall, self.base, sequence, **more))
-
-    def note(self, notice: Notice, at: float | None = None, **said: Any) -> None:
-        """Keep a notice."""
-        self.add(Kind.NOTICE, notice.suffix, msgpack.packb(said) if said else b"", at=at)
-
-    def woke(self, who: Wake, at: float) -> None:
-        """Keep that somebody woke."""
-        self.note({Wake.CONTROL: Notice.CONTROL_WOKE, Wake.LINE: Notice.LINE_WOKE}[who], at)
-
-
-class TapedPort:
-    """A port whose bytes are kept."""
-
-    def __init__(self, port: Port, tape: Tape) -> None:
-        self._port, self._tape = port, tape
-
-    def __getattr__(self, name: str) -> Any:
-        return getattr(self._port, name)
-
-    async def read(self) -> bytes:
-        """Return what arrived, kept."""
-        try:
-            chunk = await self._port.read()
-        except LinkLostError as error:
-            self._tape.add(Kind.PORT_LOST, "port", msgpack.packb({"reason": str(error)}))
-            raise
-        self._tape.add(Kind.PORT_READ, "port", chunk)
-        return chunk
-
-    def write(self, data: bytes) -> None:
-        """Keep and write."""
-        self._port.write(data)
-        self._tape.add(Kind.PORT_WRITTEN, "port", data)
+    def entries(self) -> list[Entry]:
+        """Return what was recorded, once."""
+        self.tap.end_looks()
+        taken = (item if isinstance(item, Entry) else item() for item in self._queue.take(len(self._queue)))
+        return [entry for entry in taken if entry is not None]
 
 
 class ClientSide:
@@ -98,10 +67,10 @@ class ClientSide:
         values: last value of every key.
     """
 
-    def __init__(self, tape: Tape) -> None:
+    def __init__(self, tap: Tap) -> None:
         self.open_endpoints: tuple[str, ...] = ()
         self.values: dict[str, Any] = {}
-        self._tape = tape
+        self._tap = tap
         self._loop = asyncio.get_running_loop()
         self._handlers: dict[str, Handler] = {}
         self._takers: dict[str, Taker] = {}
@@ -115,7 +84,7 @@ class ClientSide:
         self.values[suffix] = value
         stamp = getattr(value, "stamp", None)
         assert stamp is None or isinstance(stamp, Stamp)
-        self._tape.add(Kind.SAMPLE, suffix, encode(value), encoding_of(schema or type(value)))
+        self._tap.sample(suffix, encode(value), encoding_of(schema or type(value)), stamp)
 
     def serve(self, root: str, handler: Handler) -> None:
         """Let a handler answer."""
@@ -133,22 +102,18 @@ class ClientSide:
         """Ask the daemon, as a client does."""
         self._exchanges += 1
         number = self._exchanges
-        hidden = fields | ({"secret": "..."} if "secret" in fields else {})
-        self._tape.add(Kind.QUERY, suffix, msgpack.packb(hidden), exchange=number)
+        payload = msgpack.packb(fields)
+        self._tap.query(suffix, payload, number, SOURCE)
         began = self._loop.time()
-        result = await self._handlers[suffix.partition("/")[0]](suffix, msgpack.packb(fields))
+        result = await self._handlers[suffix.partition("/")[0]](suffix, payload)
         result = result.model_copy(update={"duration": round(self._loop.time() - began, 6)})
-        reply = dict(result.reply) if isinstance(result.reply, dict) else result.reply
-        if isinstance(reply, dict) and "secret" in reply:
-            reply["secret"] = "..."
-        shown = result.model_copy(update={"reply": reply})
-        self._tape.add(Kind.REPLY, suffix, encode(shown), encoding_of(CommandResult), exchange=number)
+        self._tap.reply(suffix, encode(result), encoding_of(CommandResult), number)
         return result
 
     async def take_lease(self, holder: str = "pilot") -> None:
         """Take the lease, as the library does."""
         for watcher in self._watchers:
-            self._tape.note(Notice.CLIENT, name=holder, is_here=True)
+            self._tap.client(holder, True)
             watcher(holder, True)
         probe = await self.ask("do/lease", action="probe")
         assert isinstance(probe.reply, dict)
@@ -163,7 +128,7 @@ class ClientSide:
     async def vanish(self, holder: str = "pilot") -> None:
         """End the client without a word."""
         for watcher in self._watchers:
-            self._tape.note(Notice.CLIENT, name=holder, is_here=False)
+            self._tap.client(holder, False)
             watcher(holder, False)
 
     async def stream(self, kind: type[Setpoint], seconds: float, **fields: Any) -> None:
@@ -178,7 +143,7 @@ class ClientSide:
             await asyncio.sleep(0.02)
 
     def _arrive(self, suffix: str, at: float, payload: bytes, proof: bytes) -> None:
-        self._tape.add(Kind.SETPOINT, suffix, payload, "application/msgpack", at, attachment=proof)
+        self._tap.setpoint(suffix, payload, "application/msgpack", proof, at=at, source=SOURCE, is_holder=True)
         self._takers[suffix](at, payload, proof)
 
 
@@ -207,22 +172,17 @@ class RecordedDaemon:
         )
         self.cfg = cfg
         self.tape = Tape(cfg.vehicle.name, clock)
-        clock.on_wake = self.tape.woke
-        self.client = ClientSide(self.tape)
+        self.client = ClientSide(self.tape.tap)
         self.socket = Socket(make, seed=seed)
         self.wiring = Wiring(
             cfg,
             self.client,
             clock,
             make_eyes=lambda core: make_eyes(core, self.tape, clock, self.client),
-            opener=self._open,
+            opener=record_port(self.socket.open, self.tape.tap, clock),
+            record_written=self.tape.tap.port_written,
             journal=Journal(cfg.vehicle.state_folder or Path(), AtOnce()),
         )
-
-    async def _open(self, url: str, *, baud: int) -> Port:
-        port = await self.socket.open(url, baud=baud)
-        self.tape.add(Kind.PORT_OPENED, "port", msgpack.packb({"port": port.name, "baud": baud}))
-        return cast("Port", TapedPort(port, self.tape))
 
     async def until(self, claim: Callable[[], bool], within: float = 20.0) -> None:
         """Wait for a claim.
@@ -242,16 +202,16 @@ class RecordedDaemon:
     def start(self) -> list[asyncio.Task[None]]:
         """Start everything; returns the tasks, the line first."""
         loop = asyncio.get_running_loop()
-        self.wiring.flight.guard_changed(True)
-        self.tape.note(Notice.GUARD_ALIVE, is_alive=True)
+        self.tape.tap.notice(Notice.GUARD_ALIVE, fields={"is_alive": True})
+        self.wiring.guard_changed(True)
         return [
-            loop.create_task(self.wiring.link.run(), name="link"),
+            loop.create_task(self.wiring.run_line(), name="link"),
             *self.wiring.start(loop),
         ]
 
     async def stop(self, tasks: Sequence[asyncio.Task[None]]) -> None:
         """End in order."""
-        self.tape.note(Notice.STOP)
+        self.tape.tap.notice(Notice.STOP)
         link, *above = tasks
         for task in above:
             task.cancel()
@@ -269,6 +229,6 @@ class RecordedDaemon:
         """Write the recording."""
         with path.open("wb") as file:
             writer = RecordingWriter(file, self.session())
-            for entry in self.tape.entries:
+            for entry in self.tape.entries():
                 writer.add(entry)
             writer.finish()

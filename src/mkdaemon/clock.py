@@ -11,11 +11,11 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable
-from enum import StrEnum
 from functools import cache
 from pathlib import Path
 from typing import Final, NamedTuple
 
+from mkdaemon.actor import current_actor
 from mkdaemon.stamp import Stamp
 
 LOOK_PERIOD: Final = 0.1
@@ -34,15 +34,6 @@ _TIME_ERROR: Final = 5
 """adjtimex(2): the clock is not synchronised."""
 _TIMEX_BYTES: Final = 256
 """Room for `struct timex`, which has 208 bytes on a 64-bit kernel."""
-
-
-class Wake(StrEnum):
-    """Who decides something by the time it is then."""
-
-    CONTROL = "control"
-    """The flight core ticks."""
-    LINE = "line"
-    """The line is looked at: what came, what may be written, what is overdue, how well it works."""
 
 
 class ClockStep(NamedTuple):
@@ -103,7 +94,8 @@ class Clock:
     """Monotonic time, and stamps that follow the system clock; may be used from any thread.
 
     Attributes:
-        on_wake: told of everybody who wakes, and when [s; monotonic]: a replay wakes them at the same times.
+        monotonic: the clock itself [s], for what is no part of a replay.
+        on_look: told who looked and what they saw [s; monotonic]: in a replay they see the same.
     """
 
     def __init__(
@@ -122,8 +114,8 @@ class Clock:
             synchronised: whether the system clock follows a time server; None for unknown.
             suspended: how long the machine has slept [s].
         """
-        self.on_wake: Callable[[Wake, float], None] = lambda who, at: None
-        self._monotonic = monotonic
+        self.monotonic = monotonic
+        self.on_look: Callable[[str, float], None] | None = None
         self._wall = wall
         self._ask_synchronised = synchronised
         self._ask_suspended = suspended
@@ -138,12 +130,9 @@ class Clock:
 
     def now(self) -> float:
         """The present moment [s; monotonic]."""
-        return self._monotonic()
-
-    def woken(self, who: Wake) -> float:
-        """The present moment [s; monotonic], for one who decides something by it."""
-        now = self._monotonic()
-        self.on_wake(who, now)
+        now = self.monotonic()
+        if self.on_look is not None and (actor := current_actor()) is not None:
+            self.on_look(actor, now)
         return now
 
     def stamp(self, at: float | None = None) -> Stamp:
@@ -152,18 +141,19 @@ class Clock:
         Args:
             at: [s; monotonic].
         """
-        now = self.now()
+        if at is None:
+            now = at = self.now()
+        else:
+            now = self.monotonic()
         if now >= self._look_at:
             self._look(now)
-        if at is None:
-            at = now
         return Stamp(monotonic=at, wall=at + self._offset, boot=self._boot, synchronised=self._synchronised)
 
     def monotonic_of(self, stamp: Stamp) -> float:
         """A stamp of any machine on this monotonic clock [s]: directly on one machine, through wall time otherwise."""
         if stamp.boot and stamp.boot == self._boot:
             return stamp.monotonic
-        self._look(self.now())
+        self._look(self.monotonic())
         return stamp.wall - self._offset
 
     def time_slept(self) -> float:
@@ -172,7 +162,7 @@ class Clock:
 
     def take_steps(self) -> list[ClockStep]:
         """Look at the system clock; returns every step since the last call, the oldest first."""
-        self._look(self.now())
+        self._look(self.monotonic())
         steps = []
         while self._steps:
             steps.append(self._steps.popleft())
@@ -195,9 +185,9 @@ class Clock:
         """Unix time less monotonic time [s], from the tightest of a few looks."""
         best, narrowest = 0.0, float("inf")
         for _ in range(_ATTEMPTS):
-            before = self.now()
+            before = self.monotonic()
             wall = self._wall()
-            width = self.now() - before
+            width = self.monotonic() - before
             if width < narrowest:
                 best, narrowest = wall - before - width / 2, width
             if width <= _BRACKET:

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from lab.rigs.waiting import wait_until
-from mkdaemon.clock import Clock, Wake
+from mkdaemon.actor import act
+from mkdaemon.clock import Clock
 from mkdaemon.config.record import RecordedImages
 from mkdaemon.config.root import Config
 from mkdaemon.daemon import blackbox
@@ -19,12 +20,14 @@ from mkdaemon.daemon.imagerecord import ImageRecorder
 from mkdaemon.daemon.lineport import record_port
 from mkdaemon.errors import LinkLostError
 from mkdaemon.record.entry import Kind
+from mkdaemon.record.looks import unpack_looks
 from mkdaemon.record.notices import Notice
 from mkdaemon.record.reader import Recording
 from mkdaemon.telemetry.command import CommandResult
 from mkdaemon.telemetry.refusals import Status
 from mkdaemon.vision.camera.image import CameraImage
 from mkdaemon.vision.camera.imagecodec import unpack
+from mkdaemon.vision.track.attitude import AttitudeHistory, AttitudeSample
 
 
 class Bus:
@@ -82,25 +85,25 @@ def recorded(folder):
     return [entry for path in sorted((folder / "recordings").glob("*.mcap")) for entry in Recording(path).entries()]
 
 
+async def look(clock):
+    return clock.now()
+
+
 async def test_what_passes_is_in_the_file_when_the_daemon_has_ended(tmp_path):
     clock = Clock()
     box = open_black_box(config(tmp_path), clock, is_recording=False)
     async with box.run():
         box.bus_recorder.sample("health", b"\x80", "application/msgpack;mk.VehicleHealth.v1", clock.stamp())
-        clock.woken(Wake.CONTROL)
-        clock.woken(Wake.LINE)
+        clock.now()
+        await asyncio.create_task(act(look(clock)), name="control")
         box.note(Notice.GUARD_ACTED, released=True)
         box.note(Notice.STOP)
         box.record_written(b"#b", clock.now(), "release")
 
     entries = recorded(tmp_path)
-    assert [entry.kind for entry in entries] == [Kind.SAMPLE, *[Kind.NOTICE] * 4, Kind.PORT_WRITTEN]
-    assert [Notice.of(entry) for entry in entries[1:5]] == [
-        Notice.CONTROL_WOKE,
-        Notice.LINE_WOKE,
-        Notice.GUARD_ACTED,
-        Notice.STOP,
-    ]
+    assert [entry.kind for entry in entries] == [Kind.SAMPLE, *[Kind.NOTICE] * 3, Kind.PORT_WRITTEN]
+    assert [Notice.of(entry) for entry in entries[1:4]] == [Notice.LOOKS, Notice.GUARD_ACTED, Notice.STOP]
+    assert [look.actor for look in unpack_looks(entries[1].payload).looks] == ["control"]
     (path,) = (tmp_path / "recordings").glob("bb-*-000.mcap")
     recording = Recording(path)
     session = recording.read_session()
@@ -127,7 +130,7 @@ async def test_nothing_is_recorded_where_it_is_off_or_a_recording_plays(tmp_path
         box.bus_recorder.client("pad", True)
         box.note(Notice.STOP)
         box.record_written(b"", 0.0, "")
-        box.image_recorder(RecordedImages())(None)
+        box.image_recorder(RecordedImages())(None, None)
         opener = object()
         assert record_port(opener, box.tap, clock) is opener
         assert box.recorded(opener) is opener
@@ -179,7 +182,8 @@ async def test_bytes_of_the_line_are_recorded_on_their_way(tmp_path):
 
     assert port.written == [b"x", "drained"]
     assert port.is_closed
-    entries = recorded(tmp_path)
+    backlog, *entries = sorted(recorded(tmp_path), key=lambda entry: entry.kind is not Kind.NOTICE)
+    assert unpack_looks(backlog.payload).backlogs == ((0, 3),)
     assert [entry.kind for entry in entries] == [
         Kind.PORT_OPENED,
         Kind.PORT_READ,
@@ -216,10 +220,14 @@ async def test_images_are_recorded_at_the_rate_and_coding_asked_for(tmp_path, co
         never = box.image_recorder(RecordedImages(hz=0.0))
         for number in range(31):
             image = CameraImage(pixels, 100.0 + number / 30, 100.02 + number / 30, number, "front", "driver")
-            record(image)
-            never(image)
-    entries = recorded(tmp_path)
-    assert len(entries) == 6
+            attitude = AttitudeHistory([AttitudeSample(99.0 + number, 0.0, 0.0, 0.0)] if number else [])
+            record(image, attitude)
+            never(image, attitude)
+    found = recorded(tmp_path)
+    seen = [msgpack.unpackb(entry.payload) for entry in found if Notice.of(entry) is Notice.IMAGE_SEEN]
+    assert [(one["sequence"], one["attitude"]) for one in seen[:2]] == [(0, None), (6, 105.0)]
+    entries = [entry for entry in found if entry.kind is not Kind.NOTICE]
+    assert len(entries) == len(seen) == 6
     assert {(entry.kind, entry.key, entry.issuer) for entry in entries} == {
         (Kind.IMAGE, "mk/bb/vision/front/image", "driver")
     }

@@ -51,8 +51,8 @@ def test_setpoints_and_bytes_have_the_time_they_were_taken_elsewhere():
     tap.port_opened("/dev/ttyUSB0", 57600)
     tap.port_lost("gone")
     tap.client("pad", True)
-    tap.notice(Notice.CONTROL_WOKE, 41.6)
-    setpoint, read, written, opened, lost, client, woke = queue.take(10)
+    tap.notice(Notice.STOP, 41.6)
+    setpoint, read, written, opened, lost, client, stop = queue.take(10)
 
     assert (setpoint.received, setpoint.attachment) == (41.9, b"s" * 32)
     assert (setpoint.issuer, setpoint.source) == ("holder", "0a1b")
@@ -62,7 +62,7 @@ def test_setpoints_and_bytes_have_the_time_they_were_taken_elsewhere():
     assert msgpack.unpackb(lost.payload) == {"reason": "gone"}
     assert Notice.of(client) is Notice.CLIENT
     assert msgpack.unpackb(client.payload) == {"name": "pad", "is_here": True}
-    assert (Notice.of(woke), woke.received, woke.payload) == (Notice.CONTROL_WOKE, 41.6, b"")
+    assert (Notice.of(stop), stop.received, stop.payload) == (Notice.STOP, 41.6, b"")
     assert Notice.of(read) is None
 
 

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Final
 from mkdaemon.bus.codec import encode, encoding_of
 from mkdaemon.bus.gateway import Bus
 from mkdaemon.bus.recording import BusRecorder, NoRecorder
-from mkdaemon.clock import Clock, Wake
+from mkdaemon.clock import Clock
 from mkdaemon.config.record import RecordedImages
 from mkdaemon.config.root import Config
 from mkdaemon.daemon.audit import Audit
@@ -68,11 +68,14 @@ class BlackBox:
         if self._thread is None:
             yield
             return
-        self._clock.on_wake = self._note_wake
+        if self.tap is not None:
+            self._clock.on_look = self.tap.looked
         self._thread.start()
         try:
             yield
         finally:
+            if self.tap is not None:
+                self.tap.end_looks()
             await asyncio.to_thread(self._thread.stop)
 
     def note(self, notice: Notice, **fields: object) -> None:
@@ -87,7 +90,7 @@ class BlackBox:
 
     def image_recorder(self, cfg: RecordedImages) -> RecordImage:
         """What takes the images of the cameras."""
-        return (lambda image: None) if self.tap is None else ImageRecorder(cfg, self.tap, self._clock).record
+        return (lambda image, attitude: None) if self.tap is None else ImageRecorder(cfg, self.tap, self._clock).record
 
     def recorded(self, answer: Answer) -> Answer:
         """What answers requests of the Unix socket, and records them."""
@@ -148,10 +151,6 @@ class BlackBox:
             queue_bytes=queue.size,
             queue_limit_bytes=queue.capacity,
         )
-
-    def _note_wake(self, who: Wake, at: float) -> None:
-        if self.tap is not None:
-            self.tap.notice(Notice.CONTROL_WOKE if who is Wake.CONTROL else Notice.LINE_WOKE, at)
 
 
 def open_black_box(cfg: Config, clock: Clock, *, is_recording: bool) -> BlackBox:

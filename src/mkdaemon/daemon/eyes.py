@@ -20,11 +20,12 @@ from mkdaemon.telemetry.vision import VisionPose, VisionStats
 
 if TYPE_CHECKING:
     from mkdaemon.vision.camera.image import CameraImage
+    from mkdaemon.vision.track.attitude import AttitudeHistory
     from mkdaemon.vision.worker import VisionWorker
 
 _log = structlog.get_logger(__name__)
-RecordImage = Callable[["CameraImage"], None]
-"""Takes an image for a recording."""
+RecordImage = Callable[["CameraImage", "AttitudeHistory"], None]
+"""Takes an image for a recording, and the attitude it is looked at with."""
 
 
 class Eyes:
@@ -78,7 +79,9 @@ CLOSING = 1.0
 """Longest time cameras get to close [s]; the whole daemon must be gone within two."""
 
 
-def open_eyes(cfg: Config, bus: Bus, clock: Clock, core: FlightCore, record: RecordImage = lambda image: None) -> Eyes:
+def open_eyes(
+    cfg: Config, bus: Bus, clock: Clock, core: FlightCore, record: RecordImage = lambda image, attitude: None
+) -> Eyes:
     """Prepare the cameras, whose poses go to the flight core first; a daemon without any never loads OpenCV.
 
     Args:

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Final
 
 from mkdaemon.bus.codec import Payload, TooLong, check_command, decode_map
-from mkdaemon.clock import Clock, SleepWatch, Wake
+from mkdaemon.clock import Clock, SleepWatch
 from mkdaemon.control.actions import Action, PublishError, PublishEstimate, PublishStatus, ReadGate, Release, SendSticks
 from mkdaemon.control.activeset import ActiveSet
 from mkdaemon.control.core import FlightCore
@@ -194,7 +194,7 @@ class FlightControl:
             while True:
                 await self._wait()
                 self.ticks += 1
-                now = self._clock.woken(Wake.CONTROL)
+                now = self._clock.now()
                 self._core.line_changed(self._link.control_line())
                 for action in self._core.tick(now, slept=sleep.take()):
                     self._carry_out(action, tasks)
@@ -265,3 +265,4 @@ class FlightControl:
                         self._audit.failsafe("release", f"{reason}; it is confirmed by now", released=True)
                         return
                     await asyncio.sleep(LATE_LOOK)
+                    self._clock.now()  # a replay learns from it when the line was asked

@@ -13,6 +13,7 @@ from mkdaemon.telemetry.image import CameraFrame
 
 if TYPE_CHECKING:
     from mkdaemon.vision.camera.image import CameraImage
+    from mkdaemon.vision.track.attitude import AttitudeHistory
 
 JITTER: Final = 0.1
 """Share of the period by which an image may come early and still be taken."""
@@ -27,14 +28,15 @@ class ImageRecorder:
         self._clock = clock
         self._next: dict[str, float] = {}
 
-    def record(self, image: CameraImage) -> None:
-        """Record an image if one is due."""
+    def record(self, image: CameraImage, attitude: AttitudeHistory) -> None:
+        """Record an image if one is due, and how much was known of the attitude by then."""
         if self._cfg.hz <= 0.0:
             return
         due, period = self._next.get(image.camera, image.received_at), 1.0 / self._cfg.hz
         if image.received_at < due - JITTER * period:
             return
         self._next[image.camera] = max(due + period, image.received_at + 0.5 * period)
+        self._tap.image_seen(image.camera, image.sequence, samples[-1].time if (samples := attitude.samples) else None)
         stamp = self._clock.stamp(image.captured_at)
         self._tap.image(
             f"vision/{image.camera}/image",

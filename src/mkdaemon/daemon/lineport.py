@@ -39,6 +39,7 @@ class RecordedPort:
         self._tap = tap
         self._clock = clock
         self._is_lost = False
+        self._backlog = 0
 
     @property
     def name(self) -> str:
@@ -47,8 +48,12 @@ class RecordedPort:
 
     @property
     def backlog(self) -> int:
-        """As the port's."""
-        return self._port.backlog
+        """As the port's; what waits there decides whether the next stick frame may go."""
+        size = self._port.backlog
+        if size != self._backlog:
+            self._backlog = size
+            self._tap.port_waits(size)
+        return size
 
     @property
     def descriptor(self) -> int | None:
@@ -67,7 +72,7 @@ class RecordedPort:
         except LinkLostError as error:
             self._note_loss(str(error))
             raise
-        self._tap.port_read(data, self._clock.now())
+        self._tap.port_read(data, self._clock.monotonic())
         return data
 
     def write(self, data: bytes) -> None:

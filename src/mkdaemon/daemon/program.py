@@ -90,7 +90,7 @@ class Daemon:
         self._clock = clock
         self._report = state_folder(cfg.vehicle) / "guard.json"
         needs_guard = cfg.control.guard and not cfg.link.port.startswith(RECORDING)
-        self._guard = GuardProcess(self._report, clock=clock.now) if needs_guard else None
+        self._guard = GuardProcess(self._report, clock=clock.monotonic) if needs_guard else None
         box = self._black_box = black_box or BlackBox(clock)
         wiring = self._wiring = Wiring(
             cfg,
@@ -166,11 +166,11 @@ class Daemon:
 
     def _guard_acted(self, released: bool) -> None:
         self._black_box.note(Notice.GUARD_ACTED, released=released)
-        self._flight.guard_acted(released)
+        self._wiring.guard_acted(released)
 
     def _guard_changed(self, is_alive: bool) -> None:
         self._black_box.note(Notice.GUARD_ALIVE, is_alive=is_alive)
-        self._flight.guard_changed(is_alive)
+        self._wiring.guard_changed(is_alive)
 
     @asynccontextmanager
     async def _listening_locally(self) -> AsyncIterator[None]:
@@ -199,7 +199,7 @@ class Daemon:
             port = await open_port(self._cfg.link.port, baud=self._cfg.link.baud)
             await port.close()
             await self._wait_for_audience()
-        await self._link.run()
+        await self._wiring.run_line()
         if is_recording:
             await asyncio.sleep(SETTLE)
 

@@ -9,8 +9,10 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Awaitable, Callable
 from functools import partial
+from itertools import count
 from typing import Final, Protocol
 
+from mkdaemon.actor import act, acting, taking
 from mkdaemon.bus.codec import Payload
 from mkdaemon.bus.gateway import Handler, Watcher
 from mkdaemon.bus.intake import Prover, Taker
@@ -134,24 +136,42 @@ class Wiring:
             LabelCache(cfg.link.label_cache),
             clock,
         )
-        bus.serve("cmd", requests.answer)
+        self._numbers = count(1)
+        bus.serve("cmd", self._numbered(requests.answer))
         paths = PathProbe(cfg.control.lease.max_path_delay, clock.now)
         verbs = Verbs(flight, link, audit, interlock, self._procedures.verbs, paths)
-        bus.serve("do", verbs.answer)
-        self.answer_verb: Callable[[str, Payload], Awaitable[CommandResult]] = verbs.answer
+        self.answer_verb: Callable[[str, Payload], Awaitable[CommandResult]] = self._numbered(verbs.answer)
+        bus.serve("do", self.answer_verb)
         for kind in SETPOINTS:
             is_proven = partial(flight.is_signed_by_holder, kind)
-            bus.receive(kind.suffix, partial(flight.setpoint_arrived, kind), is_proven)
-        bus.watch_clients(flight.client_changed)
+            bus.receive(kind.suffix, taking(partial(flight.setpoint_arrived, kind)), is_proven)
+        bus.watch_clients(taking(flight.client_changed))
+        self.guard_acted, self.guard_changed = taking(flight.guard_acted), taking(flight.guard_changed)
+
+    async def run_line(self) -> None:
+        """Keep the line; see `Link.run`."""
+        await act(self.link.run())
 
     def start(self, tasks: asyncio.TaskGroup | asyncio.AbstractEventLoop) -> list[asyncio.Task[None]]:
         """Start what stands above the line: control, procedures, and what is published by the clock."""
         return [
-            tasks.create_task(self.flight.run(), name="control"),
-            tasks.create_task(self._procedures.run(), name="procedures"),
-            tasks.create_task(self._publish_health(), name="health"),
-            tasks.create_task(self._watch_system_clock(), name="clock"),
+            tasks.create_task(act(self.flight.run()), name="control"),
+            tasks.create_task(act(self._procedures.run()), name="procedures"),
+            tasks.create_task(act(self._publish_health()), name="health"),
+            tasks.create_task(act(self._watch_system_clock()), name="clock"),
         ]
+
+    def _numbered(self, answer: Callable[[str, Payload], Awaitable[CommandResult]]) -> Handler:
+        """What answers requests, each under a number: a replay tells them apart by it."""
+
+        async def answer_numbered(suffix: str, payload: Payload) -> CommandResult:
+            with acting(f"answer {next(self._numbers)}"):
+                try:
+                    return await answer(suffix, payload)
+                finally:
+                    self._clock.now()  # a replay learns from it when the answer was complete
+
+        return answer_numbered
 
     def health(self) -> VehicleHealth:
         """The vehicle's signs of life, now."""

@@ -1,4 +1,4 @@
-"""What the daemon was told from beside the bus and the line, and when it woke: a replay needs it, nobody watches it.
+"""What the daemon was told from beside the bus and the line, and what it saw on its clock: a replay needs it.
 
 A notice is an entry of kind `notice` with the key `mk/<vehicle>/notice/<what>`; its payload is a msgpack map, or
 nothing.
@@ -17,10 +17,10 @@ ROOT: Final = "notice/"
 class Notice(StrEnum):
     """What it is about."""
 
-    CONTROL_WOKE = "control_woke"
-    """The flight core decided, by this time; nothing else is said."""
-    LINE_WOKE = "line_woke"
-    """The line was looked at: what came, what may be written, what is overdue; nothing else is said."""
+    LOOKS = "looks"
+    """What the replayed part of the daemon saw on its clock since the notice before; see `looks`."""
+    IMAGE_SEEN = "image_seen"
+    """An image was looked at: `camera`, `sequence`, `attitude`, the time of the newest attitude known by then [s]."""
     CLIENT = "client"
     """A client showed or withdrew its liveliness token: `name`, `is_here`."""
     GUARD_ALIVE = "guard_alive"

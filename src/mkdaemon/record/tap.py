@@ -10,6 +10,7 @@ import msgpack
 
 from mkdaemon.clock import Clock
 from mkdaemon.record.entry import HOLDER, SEQUENCES, STRANGER, Entry, Kind, TimeBase
+from mkdaemon.record.looks import LookLog
 from mkdaemon.record.notices import Notice
 from mkdaemon.record.queue import EntryQueue
 from mkdaemon.stamp import Stamp
@@ -21,11 +22,16 @@ PORT: Final = "port"
 """Suffix of the key that bytes of the line have."""
 
 NOTHING: Final[Mapping[str, object]] = MappingProxyType({})
+EYES: Final = ("vision/", "tf")
+"""Keys of what the cameras see: it reaches the flight core from a thread of its own."""
 MakeImage = Callable[[], tuple[bytes, str] | None]
 
 
 class Tap:
-    """Entries of one vehicle. Each kind and key is for one thread at a time."""
+    """Entries of one vehicle. Each kind and key is for one thread at a time.
+
+    What the daemon saw on its clock stands before whatever came in after it: a replay tells by that what was known.
+    """
 
     def __init__(self, queue: EntryQueue, clock: Clock, vehicle: str, base: TimeBase) -> None:
         """Put entries into a queue.
@@ -41,15 +47,35 @@ class Tap:
         self._root = f"mk/{vehicle}/"
         self._base = base
         self._sequences: dict[tuple[Kind, str], int] = {}
+        self._looks = LookLog()
+
+    def looked(self, actor: str, at: float) -> None:
+        """Take a look at the clock [s; monotonic]; on the loop."""
+        if self._looks.ends_with(actor, at):
+            self.end_looks()
+        self._looks.add(actor, at)
+
+    def port_waits(self, size: int) -> None:
+        """Note how much waits in the port from now on [bytes]."""
+        self._looks.add_backlog(size)
+
+    def end_looks(self) -> None:
+        """Let what was seen so far stand before what comes next."""
+        if not self._looks.is_empty:
+            payload, began = self._looks.take()
+            self._put_notice(Notice.LOOKS, payload, began)
 
     def sample(self, suffix: str, payload: bytes, encoding: str, stamp: Stamp | None) -> None:
         """Take a value that is published."""
-        self._take(Kind.SAMPLE, suffix, payload, encoding, self._clock.now(), stamp)
+        if suffix.startswith(EYES):
+            self.end_looks()
+        self._take(Kind.SAMPLE, suffix, payload, encoding, self._clock.monotonic(), stamp)
 
     def setpoint(
         self, suffix: str, payload: bytes, encoding: str, signature: bytes, *, at: float, source: str, is_holder: bool
     ) -> None:
         """Take a setpoint that arrived; see `mkdaemon.bus.recording.BusRecorder`."""
+        self.end_looks()
         issuer = HOLDER if is_holder else STRANGER
         self._take(Kind.SETPOINT, suffix, payload, encoding, at, issuer=issuer, attachment=signature, source=source)
 
@@ -61,13 +87,14 @@ class Tap:
 
     def query(self, suffix: str, payload: bytes, exchange: int, source: str) -> None:
         """Take a query that arrived."""
-        hidden, at = hide_secrets(payload), self._clock.now()
+        self.end_looks()
+        hidden, at = hide_secrets(payload), self._clock.monotonic()
         self._take(Kind.QUERY, suffix, hidden, "application/msgpack", at, exchange=exchange, source=source)
 
     def reply(self, suffix: str, payload: bytes, encoding: str, exchange: int) -> None:
         """Take the answer to a query."""
         hidden = hide_secrets(payload)
-        self._take(Kind.REPLY, suffix, hidden, encoding, self._clock.now(), exchange=exchange)
+        self._take(Kind.REPLY, suffix, hidden, encoding, self._clock.monotonic(), exchange=exchange)
 
     def client(self, name: str, is_here: bool) -> None:
         """Note a client's coming or going."""
@@ -75,6 +102,7 @@ class Tap:
 
     def port_read(self, data: bytes, at: float) -> None:
         """Take bytes that were read from the line."""
+        self.end_looks()
         self._take(Kind.PORT_READ, PORT, data, "", at)
 
     def port_written(self, data: bytes, at: float, issuer: str) -> None:
@@ -83,25 +111,31 @@ class Tap:
 
     def port_opened(self, port: str, baud: int) -> None:
         """Note that the line was opened."""
+        self.end_looks()
         payload = msgpack.packb({"port": port, "baud": baud})
-        self._take(Kind.PORT_OPENED, PORT, payload, "application/msgpack", self._clock.now())
+        self._take(Kind.PORT_OPENED, PORT, payload, "application/msgpack", self._clock.monotonic())
 
     def port_lost(self, reason: str) -> None:
         """Note that the line was lost or closed."""
+        self.end_looks()
         payload = msgpack.packb({"reason": reason})
-        self._take(Kind.PORT_LOST, PORT, payload, "application/msgpack", self._clock.now())
+        self._take(Kind.PORT_LOST, PORT, payload, "application/msgpack", self._clock.monotonic())
 
     def notice(self, notice: Notice, at: float | None = None, fields: Mapping[str, object] = NOTHING) -> None:
-        """Note something from beside the bus and the line.
+        """Note something from beside the bus and the line; on the loop.
 
         Args:
             notice: what.
             at: when [s; monotonic]; now if none is given.
             fields: more about it.
         """
-        payload = msgpack.packb(dict(fields)) if fields else b""
-        encoding = "application/msgpack" if fields else ""
-        self._take(Kind.NOTICE, notice.suffix, payload, encoding, self._clock.now() if at is None else at)
+        self.end_looks()
+        self._put_notice(notice, msgpack.packb(dict(fields)) if fields else b"", at)
+
+    def image_seen(self, camera: str, sequence: int, attitude: float | None) -> None:
+        """Note what was known of the attitude when an image was looked at; on the thread of the eyes."""
+        fields = {"camera": camera, "sequence": sequence, "attitude": attitude}
+        self._put_notice(Notice.IMAGE_SEEN, msgpack.packb(fields))
 
     def image(self, suffix: str, make: MakeImage, stamp: Stamp, stamped_by: str, *, at: float, size: int) -> None:
         """Take an image that is compressed later, on the recorder's thread.
@@ -123,6 +157,10 @@ class Tap:
             return Entry(Kind.IMAGE, self._root + suffix, *made, at, stamp.wall, self._base, sequence, stamped_by)
 
         self._queue.defer(entry, size)
+
+    def _put_notice(self, notice: Notice, payload: bytes, at: float | None = None) -> None:
+        encoding = "application/msgpack" if payload else ""
+        self._take(Kind.NOTICE, notice.suffix, payload, encoding, self._clock.monotonic() if at is None else at)
 
     def _take(
         self,

@@ -4,17 +4,19 @@ from __future__ import annotations
 
 import asyncio
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Final
 
 from mkdaemon.errors import LinkError, LinkLostError
 from mkdaemon.link.ports.port import Port
+from mkdaemon.record.entry import Kind
+from mkdaemon.replay.script import Script
 
-SOON: Final = 0.002
-"""A port that was opened so soon after it is asked for was opened because of that [s]."""
 LATE: Final = 0.02
-"""An attempt that failed was made so late in the recording at most [s]."""
+"""Why an attempt failed was published so late at most [s]."""
+LINE: Final = "link"
+"""Actor that opens ports."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,8 +37,9 @@ class Refusal:
 class ReplayedPort:
     """An open port as it was recorded; see `Port`. The link speaks on it as it did then, and is not heard."""
 
-    def __init__(self, name: str) -> None:
+    def __init__(self, name: str, script: Script, bring_what_follows: Callable[[], None]) -> None:
         self._name = name
+        self._script, self._bring_what_follows = script, bring_what_follows
         self._chunks: deque[bytes] = deque()
         self._loss: str | None = None
         self._arrived = asyncio.Event()
@@ -48,8 +51,8 @@ class ReplayedPort:
 
     @property
     def backlog(self) -> int:
-        """0: what waited in the kernel is not recorded."""
-        return 0
+        """What waited in the kernel then [bytes]."""
+        return self._script.backlog
 
     @property
     def descriptor(self) -> int | None:
@@ -74,8 +77,11 @@ class ReplayedPort:
         """Take bytes, which nobody hears.
 
         Raises:
-            LinkLostError: the port was lost.
+            LinkLostError: the port was lost, or was lost by this.
         """
+        follows = self._script.comes_next()
+        if follows is not None and follows.entry.kind is Kind.PORT_LOST:
+            self._bring_what_follows()
         if self._loss is not None:
             raise LinkLostError(self._loss)
 
@@ -102,33 +108,32 @@ class ReplayedPort:
 class ReplayedLine:
     """Where the ports of a recording are opened."""
 
-    def __init__(self, openings: Sequence[tuple[float, str]], refusals: Sequence[Refusal]) -> None:
+    def __init__(self, script: Script, refusals: Sequence[Refusal], bring_what_follows: Callable[[], None]) -> None:
         """Stand ready.
 
         Args:
-            openings: when the port was opened [s], and under which name.
+            script: tells what comes next.
             refusals: when the line was found absent or unusable, in ascending order of time.
+            bring_what_follows: brings what comes next before anybody else acts.
         """
-        self._openings = deque(openings)
-        self._refusals = refusals
-        self._loop = asyncio.get_running_loop()
+        self._script, self._refusals, self._bring_what_follows = script, refusals, bring_what_follows
+        self._opened: asyncio.Queue[ReplayedPort] = asyncio.Queue()
         self._port: ReplayedPort | None = None
 
     async def open(self, url: str, *, baud: int) -> Port:
         """Open the port when it was opened, or fail as opening failed.
 
         Raises:
-            LinkError: the recording has no port here.
+            LinkError: it could not be opened here.
         """
-        now = self._loop.time()
-        is_first = self._port is None
-        if not self._openings or (not is_first and self._openings[0][0] > now + SOON):
-            raise self._refusal(url, now)
-        at, name = self._openings.popleft()
-        opened = self._port = ReplayedPort(name)
-        if at > now + SOON:
-            await asyncio.sleep(at - now)
-        return opened
+        if self._opened.empty() and not self._script.brings(Kind.PORT_OPENED, before=LINE):
+            raise self._refusal(url)
+        return await self._opened.get()
+
+    def bring_port(self, name: str) -> None:
+        """Let a port be open."""
+        self._port = ReplayedPort(name, self._script, self._bring_what_follows)
+        self._opened.put_nowait(self._port)
 
     def bring(self, chunk: bytes) -> None:
         """Let bytes arrive at the open port."""
@@ -140,9 +145,10 @@ class ReplayedLine:
         if self._port is not None:
             self._port.lose(reason)
 
-    def _refusal(self, url: str, now: float) -> LinkError:
-        """Why it could not be opened: the last that was known of it by then."""
-        known = [refusal for refusal in self._refusals if refusal.at <= now + LATE]
+    def _refusal(self, url: str) -> LinkError:
+        """Why it could not be opened: what was said of it then."""
+        failed_at = self._script.next_of(LINE)
+        known = [refusal for refusal in self._refusals if failed_at is None or refusal.at <= failed_at + LATE]
         if not known:
             return LinkLostError(f"{url}: the recording has no port")
         return LinkLostError(known[-1].reason) if known[-1].is_absent else LinkError(known[-1].reason)

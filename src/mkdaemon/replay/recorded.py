@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from bisect import bisect_right
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -13,33 +12,18 @@ import msgpack
 from pydantic import ValidationError
 
 from mkdaemon.bus.codec import decode_map
-from mkdaemon.clock import Wake
 from mkdaemon.config.root import Config
 from mkdaemon.errors import CommandRejectedError, ConfigError
 from mkdaemon.record.entry import Entry, Kind
 from mkdaemon.record.layout import Session
+from mkdaemon.record.looks import Look, unpack_looks
 from mkdaemon.record.notices import Notice
 from mkdaemon.record.reader import Recording
 from mkdaemon.replay.port import Refusal
-from mkdaemon.replay.timing import Timer, Timetable, spaced
+from mkdaemon.replay.script import Moment
 from mkdaemon.telemetry.link import LinkCondition
 
 BLACK_BOX: Final = "blackbox"
-SOON: Final = 0.02
-"""A setpoint is decided on so soon after it arrived, or later by a timer [s]."""
-
-
-@dataclass(frozen=True)
-class Moment:
-    """An entry and when it happens again.
-
-    Attributes:
-        at: [s]; the time it was taken, after that of everything that was taken before.
-        entry: what was recorded.
-    """
-
-    at: float
-    entry: Entry
 
 
 @dataclass
@@ -48,13 +32,17 @@ class Recorded:
 
     Attributes:
         session: what the recording says about itself.
-        moments: every entry, in ascending order of time.
+        moments: every entry, in the order in which it was taken.
+        looks: what the daemon saw on its clock, in order.
+        backlogs: before which look, and how many bytes waited in the port from then on.
         lost: entries missing by their sequence numbers.
         damaged: parts of the files that could not be read.
     """
 
     session: Session
     moments: list[Moment]
+    looks: list[Look]
+    backlogs: list[tuple[int, int]]
     lost: int = 0
     damaged: int = 0
     _by_kind: dict[Kind, list[Moment]] = field(default_factory=dict)
@@ -64,7 +52,7 @@ class Recorded:
             self._by_kind.setdefault(moment.entry.kind, []).append(moment)
 
     def of(self, *kinds: Kind) -> list[Moment]:
-        """The moments of some kinds, in ascending order of time."""
+        """The moments of some kinds, in order."""
         if len(kinds) == 1:
             return self._by_kind.get(kinds[0], [])
         return [moment for moment in self.moments if moment.entry.kind in kinds]
@@ -72,12 +60,12 @@ class Recorded:
     @property
     def start(self) -> float:
         """When the recording begins [s]."""
-        return self.moments[0].at
+        return min(self.moments[0].at, self.looks[0].at)
 
     @property
     def end(self) -> float:
         """When it ends [s]."""
-        return self.moments[-1].at
+        return max(self.moments[-1].at, self.looks[-1].at)
 
     @property
     def stopped_at(self) -> float | None:
@@ -118,34 +106,6 @@ class Recorded:
     def replies(self) -> dict[int, Entry]:
         """Every reply, by the number of its exchange."""
         return {moment.entry.exchange: moment.entry for moment in self.of(Kind.REPLY)}
-
-    def timetable(self) -> Timetable:
-        """When timers fired."""
-        return Timetable(
-            {
-                Timer.CONTROL: self.wakes(Wake.CONTROL),
-                Timer.LINE: self.wakes(Wake.LINE),
-                Timer.HEALTH: [moment.at for moment in self.samples("health")],
-                Timer.OPENING: [moment.at for moment in self.of(Kind.PORT_OPENED)],
-                Timer.OTHER: self._sent_by_others(),
-            },
-            [moment.at for moment in self.of(Kind.PORT_READ, Kind.SETPOINT, Kind.QUERY)],
-        )
-
-    def _sent_by_others(self) -> list[float]:
-        """When the line was looked at and had something to write [s]."""
-        looks = self.wakes(Wake.LINE)
-        places = (bisect_right(looks, moment.at) - 1 for moment in self.of(Kind.PORT_WRITTEN))
-        return [looks[place] for place in sorted({place for place in places if place >= 0})]
-
-    def wakes(self, who: Wake) -> list[float]:
-        """When somebody woke [s]."""
-        notice = {Wake.CONTROL: Notice.CONTROL_WOKE, Wake.LINE: Notice.LINE_WOKE}[who]
-        return [moment.at for moment in self.notices(notice)]
-
-    def openings(self) -> list[tuple[float, str]]:
-        """When the port was opened [s], and under which name."""
-        return [(moment.at, str(_map(moment.entry).get("port", ""))) for moment in self.of(Kind.PORT_OPENED)]
 
     def refusals(self) -> list[Refusal]:
         """When the line was found absent or unusable."""
@@ -210,14 +170,25 @@ def read_recorded(paths: Sequence[Path]) -> Recorded:
 
 
 def arrange(entries: Sequence[Entry], session: Session, *, lost: int = 0, damaged: int = 0) -> Recorded:
-    """Give every entry its moment.
+    """Tell what was seen on the clock from what came in and out, and keep their order.
 
-    The order is that of the recording: a setpoint has the time at which it arrived on a thread, and stands where the
-    loop took it.
+    Raises:
+        ConfigError: nothing is known of what the daemon saw on its clock.
     """
-    times = spaced([entry.received for entry in entries])
-    moments = [Moment(at, entry) for at, entry in zip(times, entries, strict=True)]
-    return Recorded(session, moments, lost, damaged)
+    moments: list[Moment] = []
+    looks: list[Look] = []
+    backlogs: list[tuple[int, int]] = []
+    for entry in entries:
+        if Notice.of(entry) is Notice.LOOKS:
+            found = unpack_looks(entry.payload)
+            backlogs += [(len(looks) + before, size) for before, size in found.backlogs]
+            looks += found.looks
+        else:
+            moments.append(Moment(entry.received, entry, len(looks)))
+    if not looks:
+        msg = f"{session.name}: recorded by {session.program}, which did not keep what it saw on its clock"
+        raise ConfigError(msg)
+    return Recorded(session, moments, looks, backlogs, lost, damaged)
 
 
 def _check_parts(sessions: Sequence[tuple[Session, Recording]]) -> None:

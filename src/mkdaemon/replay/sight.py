@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Mapping
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import msgpack
 
@@ -13,17 +12,17 @@ from mkdaemon.config.root import Config
 from mkdaemon.control.core import FlightCore
 from mkdaemon.daemon.audit import Outlet
 from mkdaemon.daemon.eyes import Eyes, PoseSink
-from mkdaemon.record.entry import Entry
-from mkdaemon.replay.timing import ReplayLoop
+from mkdaemon.record.entry import Entry, Kind
+from mkdaemon.record.notices import Notice
+from mkdaemon.replay.recorded import Recorded
 from mkdaemon.telemetry.state import Attitude
-from mkdaemon.telemetry.vision import VisionPose
+from mkdaemon.telemetry.vision import VisionPose, VisionStats
 
 if TYPE_CHECKING:
+    from mkdaemon.vision.camera.image import CameraImage
     from mkdaemon.vision.pipeline import CameraPipeline
     from mkdaemon.vision.track.attitude import AttitudeSample
 
-USUAL: Final = 0.02
-"""Time from an image to what is seen in it, where nothing was seen when it was recorded [s]."""
 ATTITUDES: Final = 200
 """Attitudes kept for late images; as many as `mkdaemon.vision.worker` keeps."""
 
@@ -31,27 +30,24 @@ ATTITUDES: Final = 200
 class BlindEyes(Eyes):
     """No camera, or one whose images were not recorded: the recorded poses reach the flight core."""
 
-    def __init__(self, core: FlightCore) -> None:
+    def __init__(self, core: FlightCore, outlet: Outlet) -> None:
         super().__init__(None)
-        self._core = core
+        self._sink = PoseSink(core, outlet)
 
-    def bring_pose(self, entry: Entry) -> None:
-        """Hand a recorded pose to the flight core."""
-        self._core.pose_received(VisionPose.model_validate(msgpack.unpackb(entry.payload)))
+    def bring_seen(self, entry: Entry) -> None:
+        """Hand on what was seen, and what a camera said of itself."""
+        fields = msgpack.unpackb(entry.payload)
+        match entry.suffix.rpartition("/")[2]:
+            case "pose":
+                self._sink.publish(entry.suffix, VisionPose.model_validate(fields))
+            case "stats":
+                self._sink.publish(entry.suffix, VisionStats.model_validate(fields))
 
 
 class ReplayedEyes(Eyes):
-    """Looks at every recorded image, at the time it was looked at, and tells at the time it was told."""
+    """Looks at every recorded image, and tells what it sees where it was told."""
 
-    def __init__(
-        self,
-        cfg: Config,
-        outlet: Outlet,
-        core: FlightCore,
-        clock: Clock,
-        loop: ReplayLoop,
-        published_at: Mapping[tuple[str, int], float],
-    ) -> None:
+    def __init__(self, cfg: Config, outlet: Outlet, core: FlightCore, clock: Clock, recorded: Recorded) -> None:
         """Set the cameras up.
 
         Args:
@@ -59,8 +55,7 @@ class ReplayedEyes(Eyes):
             outlet: where values go, after the flight core.
             core: hears of poses.
             clock: stamps.
-            loop: of the replay.
-            published_at: by camera and number of the image: when something seen in it was published [s].
+            recorded: has the images.
 
         Raises:
             ConfigError: a camera file or target file is wrong or not here.
@@ -68,12 +63,20 @@ class ReplayedEyes(Eyes):
         from mkdaemon.vision.pipeline import CameraPipeline
 
         super().__init__(None)
-        self._sink = PoseSink(core, outlet)
-        self._clock, self._loop, self._published_at = clock, loop, published_at
+        self._sink, self._clock = PoseSink(core, outlet), clock
         self._attitudes: deque[AttitudeSample] = deque(maxlen=ATTITUDES)
+        self._known_until = {
+            (seen["camera"], seen["sequence"]): seen["attitude"]
+            for seen in (msgpack.unpackb(moment.entry.payload) for moment in recorded.notices(Notice.IMAGE_SEEN))
+        }
         self._pipelines: dict[str, CameraPipeline] = {
             camera.name: CameraPipeline(camera, cfg.vision, clock) for camera in cfg.cameras
         }
+        self._images: dict[str, deque[tuple[int, Entry]]] = {name: deque() for name in self._pipelines}
+        for moment in recorded.of(Kind.IMAGE):
+            frame = msgpack.unpackb(moment.entry.payload)
+            if frame["camera"] in self._images:
+                self._images[frame["camera"]].append((frame["sequence"], moment.entry))
 
     def attitude_received(self, attitude: Attitude) -> None:
         """Tell the eyes how the vehicle lies."""
@@ -81,30 +84,46 @@ class ReplayedEyes(Eyes):
 
         self._attitudes.append(AttitudeSample(attitude.stamp.monotonic, attitude.roll, attitude.pitch, attitude.yaw))
 
-    def bring_image(self, entry: Entry) -> None:
-        """Look at an image."""
-        from mkdaemon.vision.camera.image import CameraImage
-        from mkdaemon.vision.camera.imagecodec import unpack
-        from mkdaemon.vision.camera.shot import PictureError
+    def bring_seen(self, entry: Entry) -> None:
+        """Look at every image up to the one something was seen in then; pass on what a camera said of itself."""
+        _, camera, what = entry.suffix.split("/", 2)
+        fields: dict[str, Any] = msgpack.unpackb(entry.payload)
+        if what == "stats":
+            self._publish_stats(entry.suffix, VisionStats.model_validate(fields))
+            return
+        images = self._images.get(camera, deque())
+        while images and what != "image" and images[0][0] <= fields["sequence"]:
+            image = _image(images.popleft()[1])
+            if image is not None:
+                self._look(image)
+
+    def _look(self, image: CameraImage) -> None:
+        """Look at an image with the attitudes that were known then."""
         from mkdaemon.vision.track.attitude import AttitudeHistory
 
-        try:
-            frame, pixels = unpack(entry.payload)
-        except PictureError:
-            return  # nor was it looked at in flight
-        pipeline = self._pipelines.get(frame.camera)
-        if pipeline is None:
-            return
-        stamped_by = entry.issuer or "arrival"
-        image = CameraImage(pixels, frame.stamp.monotonic, entry.received, frame.sequence, frame.camera, stamped_by)
-        values = pipeline.process(image, AttitudeHistory(tuple(self._attitudes)))
-        published_at = self._published_at.get((frame.camera, frame.sequence), entry.received + USUAL)
-        for suffix, value in values:
-            self._loop.happens_at(max(published_at, self._loop.time()), self._sink.publish, suffix, value)
+        until = self._known_until.get((image.camera, image.sequence))
+        known = AttitudeHistory(sample for sample in self._attitudes if until is not None and sample.time <= until)
+        for suffix, value in self._pipelines[image.camera].process(image, known):
+            self._sink.publish(suffix, value)
 
-    def bring_mount(self, camera: str) -> None:
-        """Publish how a camera sits, as it is published beside its figures."""
-        pipeline = self._pipelines.get(camera)
-        mount = None if pipeline is None else pipeline.mount(self._clock.stamp())
+    def _publish_stats(self, suffix: str, stats: VisionStats) -> None:
+        """Publish what a camera said of itself, and how it sits."""
+        self._sink.publish(suffix, stats)
+        pipeline = self._pipelines.get(stats.camera)
+        mount = None if pipeline is None else pipeline.mount(stats.stamp)
         if mount is not None:
             self._sink.publish("tf", mount)
+
+
+def _image(entry: Entry) -> CameraImage | None:
+    """An image as it came from the camera; None where it cannot be read."""
+    from mkdaemon.vision.camera.image import CameraImage
+    from mkdaemon.vision.camera.imagecodec import unpack
+    from mkdaemon.vision.camera.shot import PictureError
+
+    try:
+        frame, pixels = unpack(entry.payload)
+    except PictureError:
+        return None
+    by = entry.issuer or "arrival"
+    return CameraImage(pixels, frame.stamp.monotonic, entry.received, frame.sequence, frame.camera, by)

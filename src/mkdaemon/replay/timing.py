@@ -1,158 +1,234 @@
-"""When things happen again: a loop in virtual time whose timers fire when they fired in the recording.
+"""An event loop that runs what waits in the order of a recording, in its time.
 
-In earnest a timer fires a little late, never at the same moment twice, and everything after it depends on when it did.
-So the recorder notes when the flight core and the line woke, and here a timer that is due fires at the next moment at
-which its owner woke in the recording. Between two such moments time stands still.
+In earnest, every task sees the clock at moments that never come again, and what it decides follows from them. So a
+replay gives each task what it saw then (`Script`), and of all that could run it runs whoever looked next. Timers are
+due when their task looked, not when they were set to.
 """
 
 from __future__ import annotations
 
 import asyncio
-from bisect import bisect_left, bisect_right
-from collections.abc import Callable, Mapping, Sequence
+from asyncio import Handle, TimerHandle
+from collections import deque
+from collections.abc import Callable
 from contextvars import Context
-from enum import Enum, auto
-from typing import Final, TypeVarTuple
+from typing import Any, Final, TypeVarTuple
 
-from mkdaemon.clock import Clock, Wake
-from mkdaemon.link.session.exchange import Exchange
-from mkdaemon.virtualtime import VirtualLoop
+from mkdaemon.actor import CALLBACK, current_actor
+from mkdaemon.clock import Clock
+from mkdaemon.replay.script import Moment, Script
+from mkdaemon.stamp import Stamp
 
 _Args = TypeVarTuple("_Args")
-APART: Final = 2e-9
-"""Moments that were recorded at the same time are this far apart here [s]; asyncio takes 1e-9 s for the same time."""
+EARLY: Final = 0.02
+"""A timer may have fired so long before it was due [s]: loops count from the beginning of a turn, in milliseconds."""
+LATE: Final = 1.0
+"""It may have fired so late [s]; after that nobody is expected to look because of it."""
 
 
-class Timer(Enum):
-    """Whose timer it is."""
+class _Step(Handle):
+    """Something that waits to be run."""
 
-    CONTROL = auto()
-    """Of the flight core."""
-    LINE = auto()
-    """Of the line."""
-    HEALTH = auto()
-    """Of the vehicle's signs of life."""
-    OPENING = auto()
-    """Of the next attempt to open the port."""
-    OTHER = auto()
-    """Of a procedure, a discovery, a request."""
+    def __init__(
+        self,
+        callback: Callable[[*_Args], object],
+        args: tuple[*_Args],
+        loop: asyncio.AbstractEventLoop,
+        context: Context | None,
+    ) -> None:
+        super().__init__(callback, args, loop, context)
+        task = getattr(callback, "__self__", None)
+        self._task: asyncio.Task[Any] | None = task if isinstance(task, asyncio.Task) else None
+
+    @property
+    def owner(self) -> str | None:
+        """Whose step it is: the name of a task; None for what asyncio does between them."""
+        return None if self._task is None else self._task.get_name()
+
+    def run(self) -> None:
+        """Run it unless it was called off."""
+        if not self.cancelled():
+            self._run()
 
 
-PATIENCE: Final = {Timer.CONTROL: 2.0, Timer.LINE: 2.0, Timer.HEALTH: 0.09, Timer.OPENING: 0.2, Timer.OTHER: 0.005}
-"""How late a timer may have fired in the recording [s]. The flight core and the line wake all the time, and every time
-is recorded; of the others only what they did is known, so the next thing done soon after is taken for theirs."""
-LONGEST_TURN: Final = 0.1
-"""Longest time from an event to what is decided because of it [s]."""
-_TIMERS: Final = {Wake.CONTROL: Timer.CONTROL, Wake.LINE: Timer.LINE}
-_TASKS: Final = {"control": Timer.CONTROL, "health": Timer.HEALTH, "link": Timer.OPENING}
+class _Timer(TimerHandle):
+    """A timer that was set.
+
+    Attributes:
+        owner: who waits for it: the name of a task; `CALLBACK` for none.
+    """
+
+    owner = CALLBACK
+
+    def run(self) -> None:
+        """Run it."""
+        self._run()
 
 
-class Timetable:
-    """The moments at which each kind of timer fired in the recording."""
+class ReplayLoop(asyncio.SelectorEventLoop):
+    """An event loop in the time of a recording; threads and real I/O have no place in it."""
 
-    def __init__(self, moments: Mapping[Timer, Sequence[float]], inputs: Sequence[float] = ()) -> None:
-        """Take them, in ascending order [s].
+    def __init__(self, script: Script, start: float) -> None:
+        """Begin.
 
         Args:
-            moments: of each kind of timer.
-            inputs: when anything came from outside.
+            script: what happened.
+            start: time of the beginning [s].
         """
-        self._moments, self._inputs = moments, inputs
-        self._used: dict[Timer, int] = {}
+        self._script = script
+        self._now = start
+        self._soon: deque[_Step] = deque()
+        self._timers: list[_Timer] = []
+        self._bring: Callable[[Moment], None] = lambda moment: None
+        self._end: Callable[[], None] = lambda: None
+        super().__init__()
 
-    def fires_at(self, timer: Timer, due: float) -> float:
-        """When a timer fires that is due then [s]: at the next moment of its kind if one is near, else when due."""
-        moments = self._moments.get(timer, ())
-        place = self._next(timer, due)
-        if place < len(moments) and moments[place] - due <= PATIENCE[timer]:
-            return moments[place]
-        return due
+    def follow(self, bring: Callable[[Moment], None], end: Callable[[], None]) -> None:
+        """Hand over what comes in, and tell when the recording has ended."""
+        self._bring, self._end = bring, end
 
-    def decided_at(self, who: Wake, now: float) -> float:
-        """When somebody who decides now decided in the recording [s]: soon, and before anything else came in."""
-        timer = _TIMERS[who]
-        moments = self._moments.get(timer, ())
-        place = self._next(timer, now)
-        if place == len(moments) or moments[place] - now > LONGEST_TURN:
-            return now
-        next_input = bisect_right(self._inputs, now)
-        if next_input < len(self._inputs) and moments[place] >= self._inputs[next_input]:
-            return now
-        self._used[timer] = place
-        return moments[place]
+    def time(self) -> float:
+        """Time of the recording [s]."""
+        return self._now
 
-    def _next(self, timer: Timer, time: float) -> int:
-        """Place of the first moment from a time on [s] at which nobody has decided yet."""
-        return max(bisect_left(self._moments.get(timer, ()), time), self._used.get(timer, -1) + 1)
+    def look(self) -> float:
+        """What the running task sees on its clock [s]."""
+        actor = current_actor()
+        seen = None if actor is None else self._script.take_look(actor)
+        if seen is None:
+            return self._now
+        self._now = max(self._now, seen)
+        return seen
+
+    def bring_what_follows(self) -> None:
+        """Bring what came in while somebody was at work, right after they looked last."""
+        if self._script.comes_next() is not None:
+            self._bring(self._script.take_input())
+
+    def call_soon(
+        self, callback: Callable[[*_Args], object], *args: *_Args, context: Context | None = None
+    ) -> asyncio.Handle:
+        """Run something as soon as it is its turn."""
+        handle = _Step(callback, args, self, context)
+        self._soon.append(handle)
+        return handle
+
+    def call_soon_threadsafe(
+        self, callback: Callable[[*_Args], object], *args: *_Args, context: Context | None = None
+    ) -> asyncio.Handle:
+        """As `call_soon`: there are no other threads."""
+        return self.call_soon(callback, *args, context=context)
+
+    def call_at(
+        self, when: float, callback: Callable[[*_Args], object], *args: *_Args, context: Context | None = None
+    ) -> asyncio.TimerHandle:
+        """Set a timer; it fires when its owner looked on the clock because of it."""
+        timer = _Timer(when, callback, args, self, context)
+        task = asyncio.current_task(self)
+        if task is not None and str(getattr(callback, "__module__", "")).startswith("asyncio"):
+            timer.owner = task.get_name()
+        self._timers.append(timer)
+        return timer
+
+    # -- what runs next -------------------------------------------------------------------------------------------
+
+    def _run_once(self) -> None:
+        """Run one thing, or let one thing come in; asyncio calls it for ever."""
+        script = self._script
+        self._timers = [timer for timer in self._timers if not timer.cancelled()]
+        free = next((step for step in self._soon if self._is_free(step)), None)
+        if free is not None:
+            self._run_soon(free)
+            return
+        arriving, look = script.next_input, script.next_look
+        if arriving is not None:
+            if not self._run_overdue(arriving.at):
+                self._now = max(self._now, arriving.at)
+                self._bring(script.take_input())
+        elif look is None:
+            self._run_last()
+        elif not (self._run_of(look.actor, look.at) or self._run_first() or self._run_overdue(look.at)):
+            script.skip_look()
+
+    def _is_free(self, step: _Step) -> bool:
+        """Whether nobody looks on a clock of the recording there: it may run at once."""
+        return step.cancelled() or step.owner is None or self._script.next_of(step.owner) is None
+
+    def _run_of(self, actor: str, at: float) -> bool:
+        """Run what somebody does who looks then [s]; returns whether there is such a thing."""
+        for step in self._soon:
+            if step.owner == actor:
+                self._run_soon(step)
+                return True
+        timers = [timer for timer in self._timers if timer.owner == actor and timer.when() <= at + EARLY]
+        if timers:
+            self._fire(min(timers, key=TimerHandle.when))
+        return bool(timers)
+
+    def _run_first(self) -> bool:
+        """Run what has waited longest, without a look perhaps; returns whether anything waits."""
+        if self._soon:
+            self._run_soon(self._soon[0])
+            return True
+        return False
+
+    def _run_overdue(self, at: float) -> bool:
+        """Fire a timer that is due by then [s] and that nobody is expected to look because of."""
+        for timer in sorted(self._timers, key=TimerHandle.when):
+            if timer.when() > at:
+                break
+            expected = self._script.next_of(timer.owner)
+            if expected is None or expected > timer.when() + LATE:
+                self._now = max(self._now, timer.when())
+                self._fire(timer)
+                return True
+        return False
+
+    def _run_last(self) -> None:
+        """Go on after the end of the recording."""
+        self._end()
+        if self._run_first():
+            return
+        if not self._timers:
+            msg = "everything waits, and the recording has ended"
+            raise RuntimeError(msg)
+        timer = min(self._timers, key=TimerHandle.when)
+        self._now = max(self._now, timer.when())
+        self._fire(timer)
+
+    def _run_soon(self, step: _Step) -> None:
+        self._soon.remove(step)
+        step.run()
+
+    def _fire(self, timer: _Timer) -> None:
+        self._timers.remove(timer)
+        timer.run()
 
 
 class ReplayClock(Clock):
-    """Stamps in the time of a recording, and moves on to the moment at which something was decided."""
+    """Shows the time of a recording, to everybody what they saw then."""
 
-    def __init__(self, loop: ReplayLoop, offset: Callable[[], float]) -> None:
+    def __init__(self, loop: ReplayLoop, offset: Callable[[float], float]) -> None:
         """Follow a loop.
 
         Args:
             loop: of the replay.
-            offset: Unix time less monotonic time, now [s].
+            offset: Unix time less monotonic time, by monotonic time [s].
         """
-        self._loop = loop
+        self._loop, self._offset_at = loop, offset
         super().__init__(
             monotonic=loop.time,
-            wall=lambda: loop.time() + offset(),
+            wall=lambda: loop.time() + offset(loop.time()),
             synchronised=lambda: None,
             suspended=lambda: 0.0,
         )
 
-    def woken(self, who: Wake) -> float:
-        """The moment at which this was decided in the recording [s]."""
-        self._loop.move_on(who)
-        return super().woken(who)
+    def now(self) -> float:
+        """What the running task saw here [s; monotonic]."""
+        return self._loop.look()
 
-
-class ReplayLoop(VirtualLoop):
-    """An event loop in the time of a recording."""
-
-    def __init__(self, timetable: Timetable, start: float) -> None:
-        """Begin.
-
-        Args:
-            timetable: when timers fire.
-            start: time of the beginning [s].
-        """
-        super().__init__(start=start)
-        self._timetable = timetable
-
-    def call_at(
-        self,
-        when: float,
-        callback: Callable[[*_Args], object],
-        *args: *_Args,
-        context: Context | None = None,
-    ) -> asyncio.TimerHandle:
-        """Set a timer; it fires when the recording says."""
-        fires_at = self._timetable.fires_at(self._owner(callback), when)
-        return super().call_at(fires_at, callback, *args, context=context)
-
-    def move_on(self, who: Wake) -> None:
-        """Let the time pass that passed until somebody decided."""
-        now = self.time()
-        self.let_pass(self._timetable.decided_at(who, now) - now)
-
-    def happens_at(self, when: float, callback: Callable[[*_Args], object], *args: *_Args) -> None:
-        """Let something happen that was recorded at a moment [s]."""
-        super().call_at(when, callback, *args)
-
-    def _owner(self, callback: object) -> Timer:
-        if getattr(callback, "__func__", None) is Exchange.pump:
-            return Timer.LINE
-        task = asyncio.current_task(self)
-        return Timer.OTHER if task is None else _TASKS.get(task.get_name(), Timer.OTHER)
-
-
-def spaced(times: Sequence[float]) -> list[float]:
-    """Let each time be at least `APART` after the one before [s]."""
-    found: list[float] = []
-    for time in times:
-        found.append(time if not found else max(time, found[-1] + APART))
-    return found
+    def stamp(self, at: float | None = None) -> Stamp:
+        """Stamp a moment as it was stamped."""
+        if at is None:
+            at = self.now()
+        return Stamp(monotonic=at, wall=at + self._offset_at(at), boot="", synchronised=None)

@@ -59,7 +59,8 @@ class VisionWorker:
         clock: stamps.
         session: gives the Zenoh session for `zenoh:` sources.
         open_source: chooses the source a camera section names.
-        record: takes every image before it is looked at; called on the worker's thread, returns at once.
+        record: takes every image before it is looked at, with the attitude it is looked at with; called on the
+            worker's thread, returns at once.
 
     Raises:
         ConfigError: a source, camera file or target file is wrong, or two cameras share a name.
@@ -75,7 +76,7 @@ class VisionWorker:
         session: Callable[[], zenoh.Session] | None = None,
         *,
         open_source: Callable[[CameraSection, Callable[[], zenoh.Session] | None], Source] = source_of,
-        record: Callable[[CameraImage], None] = lambda image: None,
+        record: Callable[[CameraImage, AttitudeHistory], None] = lambda image, attitude: None,
     ) -> None:
         names = [cfg.name for cfg in cameras]
         for name in names:
@@ -169,8 +170,9 @@ class VisionWorker:
             image = self._slots.take(LOOK_EVERY)
             values: list[tuple[str, Telemetry]] = []
             if image is not None:
-                self._record(image)
-                values += self._eyes[image.camera].look(image, AttitudeHistory(tuple(self._attitudes)))
+                attitude = AttitudeHistory(tuple(self._attitudes))
+                self._record(image, attitude)
+                values += self._eyes[image.camera].look(image, attitude)
             for eye in self._eyes.values():
                 values += eye.report(self._clock.stamp(), self._restarts)
             if values and not self._hand_over(values):

@@ -12,7 +12,7 @@ from collections.abc import Callable, Coroutine
 from functools import partial
 from typing import Any, Final
 
-from mkdaemon.clock import Clock, Wake
+from mkdaemon.clock import Clock
 from mkdaemon.config.link import LinkConfig
 from mkdaemon.errors import LinkLostError
 from mkdaemon.link.ports.port import Port, parse_address
@@ -148,7 +148,7 @@ class Exchange:
                 self.pump()
 
     def _process(self, chunk: bytes) -> None:
-        now = self._clock.woken(Wake.LINE)
+        now = self._clock.now()
         dialogue, sink = self._dialogue, self._sink
         dialogue.bytes_received(len(chunk), now)
         for item in self._decoder.feed(chunk):
@@ -181,7 +181,7 @@ class Exchange:
 
     def pump(self) -> None:
         """Write what may be written now, settle what ended, judge and report, and set the timer for the rest."""
-        now = self._clock.woken(Wake.LINE)
+        now = self._clock.now()
         port = self.port
         if port is None:
             self._settle()
