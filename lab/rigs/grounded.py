@@ -70,6 +70,9 @@ class GroundedAircraft:
         self.now = self._steps * DT
         self.faults.advance(self.now)
 
+    def steer(self, away: tuple[float, float] | None) -> None:
+        """Lean nowhere: it stands."""
+
     def calibrate(self) -> None:
         """Zero the sensors, which show no error."""
         self.calibrations += 1

@@ -41,6 +41,7 @@ class FakeDaemon:
         preflight: what it answers about the checks before a flight.
         refuses: why setpoints that need a target are refused; None for not at all.
         follow: called with every setpoint that was taken.
+        replies: what makes the answer to a further command, by suffix.
     """
 
     bus: Bus
@@ -52,6 +53,7 @@ class FakeDaemon:
     holder: str | None = None
     refuses: Token | None = None
     follow: Callable[[], None] = lambda: None
+    replies: dict[str, Callable[[], dict]] = field(default_factory=dict)
     phase: Phase = Phase.FREE
     preflight: dict = field(default_factory=lambda: {"is_ready": True, "findings": []})
 
@@ -93,6 +95,8 @@ class FakeDaemon:
                 raise refuse(Token.TIMEOUT, board="fc", name="version_request", detail="3 tries")
             case "cmd/fc/motor_test", _:
                 return CommandResult(status=Status.NOT_OBSERVABLE)
+            case _ if suffix in self.replies:
+                return CommandResult(status=Status.ACCEPTED, reply=self.replies[suffix]())
             case _:
                 raise refuse(Token.UNKNOWN_VERB, name=suffix, near="lease")
         shown = self.lease()

@@ -14,6 +14,7 @@ NAMES = (
     "motor_weak",
     "rc_lost",
     "gate_closed",
+    "gps_switch",
     "link_cut",
     "tag_covered",
     "light_off",

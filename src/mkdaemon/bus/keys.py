@@ -33,6 +33,7 @@ from mkdaemon.telemetry.image import CameraFrame
 from mkdaemon.telemetry.joy import Joy
 from mkdaemon.telemetry.link import LinkHealth, LinkState, LinkTraffic
 from mkdaemon.telemetry.mission import MissionEvent
+from mkdaemon.telemetry.navi import ControlNavi, NaviGotoRequest, NaviTarget
 from mkdaemon.telemetry.preflight import ControlPreflight, PreflightReport
 from mkdaemon.telemetry.procedure import Cancelled, CancelRequest, ProcedureProgress
 from mkdaemon.telemetry.record import BusCounts, MarkEvent, MarkRequest, RecordStatus
@@ -85,6 +86,7 @@ KEYS: Final[tuple[KeySpec, ...]] = (
     KeySpec(
         "control/output", _P, ControlOutput, "every stick frame handed over", "Sticks for the line, after the limiter."
     ),
+    KeySpec("control/navi", _P, ControlNavi, "on change; 1 Hz while it flies", "What the NaviCtrl flies by itself."),
     KeySpec("vision/<camera>/tags", _P, Tags, "every image that was searched", "Tags found, with their corners."),
     KeySpec("vision/<camera>/pose", _P, VisionPose, "every image with a pose", "The vehicle against a target."),
     KeySpec(
@@ -183,6 +185,7 @@ KEYS: Final[tuple[KeySpec, ...]] = (
     KeySpec("do/route_start", _Q, mission.RouteStartRequest, "", "Make the list ready.", mission.RouteStarted),
     KeySpec("do/route_pause", _Q, mission.RoutePauseRequest, "", "Refused: the pilot's switch pauses a route."),
     KeySpec("do/route_end", _Q, mission.RouteEndRequest, "", "Empty the list, in flight too.", mission.WaypointsStored),
+    KeySpec("do/navi_goto", _Q, NaviGotoRequest, "", "Make a place the NaviCtrl's target, in flight.", NaviTarget),
     KeySpec("do/mixer_read", _Q, settings.MixerReadRequest, "", "Read the mixer.", settings.MixerTable),
     KeySpec("do/mixer_write", _Q, settings.MixerWriteRequest, "", "Store a mixer.", settings.MixerTable),
     KeySpec(

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from mkdaemon.client.lease import Leasing
+from mkdaemon.client.navi import NaviModes
 from mkdaemon.client.requests import Requests
 from mkdaemon.client.settings import SettingsProcedures
 from mkdaemon.client.summary import Summary
 from mkdaemon.client.verbs import Verbs
-from mkdaemon.client.waypoints import WaypointProcedures
 
 
-class Vehicle(Summary, Leasing, Verbs, Requests, SettingsProcedures, WaypointProcedures):
+class Vehicle(Summary, Leasing, Verbs, Requests, SettingsProcedures, NaviModes):
     """A vehicle whose daemon this program is connected to; made by `connect`."""

@@ -8,6 +8,7 @@ from typing import Any
 from mkdaemon.control.limiter import StickCounts
 from mkdaemon.telemetry.command import CommandResult
 from mkdaemon.telemetry.control import ErrorValue, EstimateValue, LeaseState, Phase
+from mkdaemon.telemetry.navi import NaviFlight
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,6 +75,13 @@ class PublishError:
 
 
 @dataclass(frozen=True, slots=True)
+class PublishNavi:
+    """Publish `control/navi`."""
+
+    value: NaviFlight
+
+
+@dataclass(frozen=True, slots=True)
 class ReportMode:
     """Authority moved from one phase to another."""
 
@@ -109,7 +117,7 @@ class Warn:
 
 Report = ReportMode | ReportFailsafe | ReportCommand | Warn
 """What goes into the audit trail."""
-Action = SendSticks | Release | PublishEstimate | PublishError | PublishStatus | Report
+Action = SendSticks | Release | PublishEstimate | PublishError | PublishNavi | PublishStatus | Report
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,6 +8,7 @@ from mkdaemon.control.actions import (
     Action,
     PublishError,
     PublishEstimate,
+    PublishNavi,
     PublishStatus,
     ReportCommand,
     ReportFailsafe,
@@ -16,6 +17,7 @@ from mkdaemon.control.actions import (
 )
 from mkdaemon.control.authority import Authority
 from mkdaemon.control.modes import IN_FLIGHT
+from mkdaemon.control.naviwatch import NaviWatch
 from mkdaemon.control.output import StickOutput
 from mkdaemon.control.vehicle import VehicleFacts
 from mkdaemon.errors import CommandRejectedError
@@ -48,6 +50,7 @@ class Reports:
         self._status_at = self._refusal_at = self._unsent_at = float("-inf")
         self._waiting: list[Action] = []
         self._is_capped = False
+        self._navi = NaviWatch(facts)
 
     def take(self) -> list[Action]:
         """Return what was collected, once."""
@@ -100,8 +103,11 @@ class Reports:
             self._waiting.append(ReportFailsafe("neutral", self._authority.reason))
 
     def status(self, layout: str | None, now: float) -> None:
-        """Report the status if it has changed or is due."""
+        """Report the status, and the NaviCtrl's own flight, if they have changed or are due."""
         authority = self._authority
+        navi = self._navi.look(now)
+        if navi is not None:
+            self._waiting.append(PublishNavi(navi))
         lease = authority.lease(now)
         progress = authority.progress
         lid = self._output.lid.pilots_throttle if authority.phase in IN_FLIGHT else None

@@ -7,7 +7,7 @@ from typing import Final, NamedTuple
 from mkdaemon.telemetry.base import Telemetry
 from mkdaemon.telemetry.control import ControlLine, Obstacle
 from mkdaemon.telemetry.link import LinkHealth, LinkState
-from mkdaemon.telemetry.state import Battery, Flight, Pilot, Position
+from mkdaemon.telemetry.state import Battery, Flight, Gps, Pilot, Position
 from mkdaemon.telemetry.vision import VisionPose, VisionStats
 
 FRESH: Final = 2.0
@@ -44,6 +44,7 @@ class VehicleFacts:
         health: the latest measurements of the line; None before the first.
         eyes: what each camera last said of itself.
         highest_voltage: of the battery since the port was opened [V].
+        list_changed_at: when the daemon last changed the NaviCtrl's list [s].
         free_disk: where flights are recorded [bytes]; None where nobody has looked.
     """
 
@@ -53,12 +54,14 @@ class VehicleFacts:
         self.health: LinkHealth | None = None
         self.eyes: dict[str, VisionStats] = {}
         self.highest_voltage = 0.0
+        self.list_changed_at = float("-inf")
         self.free_disk: float | None = None
         self._motors: _Motors | None = None
         self._battery: tuple[Battery, float] | None = None
         self._flight: tuple[Flight, float] | None = None
         self._pilot: tuple[Pilot, float] | None = None
         self._position: tuple[Position, float] | None = None
+        self._gps: tuple[Gps, float] | None = None
         self._tested_at: float | None = None
         self._pose: VisionPose | None = None
 
@@ -85,6 +88,8 @@ class VehicleFacts:
                 self._pilot = (value, at)
             case Position():
                 self._position = (value, at)
+            case Gps():
+                self._gps = (value, at)
             case Battery():
                 self._battery = (value, at)
                 self.highest_voltage = max(self.highest_voltage, value.voltage)
@@ -109,7 +114,7 @@ class VehicleFacts:
         return ControlLine(obstacle=Obstacle.READ_ONLY, reason=FC_LOST) if self.is_fc_lost else line
 
     def _forget(self) -> None:
-        self._motors = self._flight = self._pilot = self._position = self._battery = None
+        self._motors = self._flight = self._pilot = self._position = self._gps = self._battery = None
 
     def motors_running(self, now: float, within: float = FRESH) -> bool | None:
         """Whether motors run; None where no message has said so lately.
@@ -138,6 +143,10 @@ class VehicleFacts:
     def position(self, now: float) -> Position | None:
         """Where it is by GPS; None where no message has said so lately."""
         return self._position[0] if self._position is not None and now - self._position[1] <= FRESH else None
+
+    def gps(self, now: float) -> Gps | None:
+        """Its reception of satellites; None where no message has said so lately."""
+        return self._gps[0] if self._gps is not None and now - self._gps[1] <= FRESH else None
 
     def pilot(self, now: float) -> Pilot | None:
         """What reaches the aircraft from the pilot; None where no message has said so lately."""

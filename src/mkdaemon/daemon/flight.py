@@ -16,7 +16,16 @@ from typing import Final
 
 from mkdaemon.bus.codec import Payload, TooLong, check_command, decode_map
 from mkdaemon.clock import Clock, SleepWatch
-from mkdaemon.control.actions import Action, PublishError, PublishEstimate, PublishStatus, ReadGate, Release, SendSticks
+from mkdaemon.control.actions import (
+    Action,
+    PublishError,
+    PublishEstimate,
+    PublishNavi,
+    PublishStatus,
+    ReadGate,
+    Release,
+    SendSticks,
+)
 from mkdaemon.control.activeset import ActiveSet
 from mkdaemon.control.core import FlightCore
 from mkdaemon.control.modes import IN_FLIGHT
@@ -37,6 +46,7 @@ from mkdaemon.telemetry.control import (
     Phase,
     ReleaseOutcome,
 )
+from mkdaemon.telemetry.navi import ControlNavi
 from mkdaemon.telemetry.preflight import ControlPreflight, PreflightReport
 from mkdaemon.telemetry.setpoint import Setpoint
 from mkdaemon.telemetry.signature import Signature
@@ -220,6 +230,8 @@ class FlightControl:
             case PublishEstimate():
                 estimate = ControlEstimate(stamp=self._clock.stamp(), **action.value.__dict__)
                 self._bus.publish("control/estimate", estimate)
+            case PublishNavi():
+                self._bus.publish("control/navi", ControlNavi(stamp=self._clock.stamp(), **action.value.__dict__))
             case PublishError():
                 self._bus.publish("control/error", ControlError(stamp=self._clock.stamp(), **action.value.__dict__))
             case _:

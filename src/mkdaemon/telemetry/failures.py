@@ -95,6 +95,16 @@ FAILURES: Final[Mapping[str, Refusal]] = {
         "the list is active already, at point {index} of {count}.",
         "The pilot's GPS switch at coming home flies it; `mkctl waypoints end` ends it.",
     ),
+    Token.SWITCH_AT_HOME: Refusal(
+        Status.DENIED,
+        "the pilot's GPS switch is at coming home: a list that changes now is flown at once, or ends in a flight home.",
+        "The pilot turns the GPS switch to hold or free; repeat, then he turns it to coming home.",
+    ),
+    Token.POSITION_POOR: Refusal(
+        Status.DENIED,
+        "the NaviCtrl's position is not good enough to be flown by: {detail}.",
+        "Start the motors under open sky with a fix, for that sets home; over a target fly with `--frame pad`.",
+    ),
     Token.PILOTS_SWITCH: Refusal(
         Status.UNSUPPORTED,
         "nothing on the serial line pauses a route.",

@@ -178,8 +178,8 @@ REFUSALS: Final[Mapping[str, Refusal]] = {
     ),
     Token.NO_FRAME: Refusal(
         Status.UNSUPPORTED,
-        "{name} cannot be followed in frame {frame}: nobody knows where the target is at home.",
-        "Give it in frame pad or body.",
+        "{name} cannot be followed in frame {frame}: GPS errs by 2 to 3 m, and its age is not told.",
+        "Give it in frame pad or body; `mkctl goto X Y Z --frame home` (`do/navi_goto`) lets the NaviCtrl fly there.",
     ),
     Token.FLYING_STOP: Refusal(
         Status.DENIED,

@@ -76,6 +76,11 @@ FAULTS: Final[dict[str, FaultSpec]] = {
     ),
     "rc_lost": FaultSpec(Reader.WORLD, "The receiver hears no transmitter."),
     "gate_closed": FaultSpec(Reader.WORLD, "The pilot's external-control switch is closed."),
+    "gps_switch": FaultSpec(
+        Reader.WORLD,
+        "The pilot turns his GPS switch, and leaves pitch and roll to the NaviCtrl while it is not at free.",
+        {"to": FaultChoice("home", ("free", "hold", "home"), "where he turns it")},
+    ),
     "wind_gust": FaultSpec(
         Reader.WORLD,
         "A single gust on top of the wind.",

@@ -167,6 +167,10 @@ class Flight(StateValue):
     """Waypoints stored."""
     target_distance: float | None
     """To the target the NaviCtrl flies to, over ground, from the two positions [m]."""
+    target_latitude_deg: float | None = None
+    """Of the target, WGS-84 [deg]; null where there is none."""
+    target_longitude_deg: float | None = None
+    """Of the target, WGS-84 [deg]."""
     board_target_distance: float | None = None
     """The same as the board says it [m]; a NaviCtrl 0.24 begins at 0 again every 655 m."""
     altitude_setpoint: float | None

@@ -113,6 +113,8 @@ class Token(StrEnum):
     NO_ROUTE = "no_route"
     ROUTE_ON_GROUND = "route_on_ground"
     ROUTE_ACTIVE = "route_active"
+    SWITCH_AT_HOME = "switch_at_home"
+    POSITION_POOR = "position_poor"
     PILOTS_SWITCH = "pilots_switch"
     UNKNOWN_NAVICTRL = "unknown_navictrl"
     UNKNOWN_REVISION = "unknown_revision"

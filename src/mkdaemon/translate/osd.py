@@ -186,6 +186,8 @@ def _flight(osd: OsdData4 | OsdData5, origin: Origin) -> Flight:
         waypoint_index=osd.waypoint_index,
         waypoint_count=osd.waypoint_count,
         target_distance=_target_distance(osd) if has_target else None,
+        target_latitude_deg=osd.si("target_latitude") if has_target else None,
+        target_longitude_deg=osd.si("target_longitude") if has_target else None,
         board_target_distance=osd.si("target_distance") if has_target else None,
         altitude_setpoint=None if first is None else osd.si("altitude_setpoint"),
     )

@@ -128,6 +128,8 @@ class SetTranslator:
             waypoint_index=None if self.waypoint is None else self.waypoint.waypoint_index,
             waypoint_count=None if self.waypoint is None else self.waypoint.waypoint_count,
             target_distance=self._target_distance(flags),
+            target_latitude_deg=None if self.target is None else self.target.latitude,
+            target_longitude_deg=None if self.target is None else self.target.longitude,
             board_target_distance=None if self.deviation is None else self.deviation.si("target_distance"),
             altitude_setpoint=None if is_lost else self.altitude_setpoint,
         )

@@ -22,6 +22,7 @@ from mkdaemon.control.core import FlightCore
 from mkdaemon.control.vehicle import VehicleFacts
 from mkdaemon.daemon.audit import Audit
 from mkdaemon.daemon.eyes import Eyes
+from mkdaemon.daemon.flight import FlightControl
 from mkdaemon.daemon.procedures import Interlock, Journal, ProcedureRunner
 from mkdaemon.daemon.requests import BoardRequests
 from mkdaemon.daemon.sink import BusSink
@@ -50,9 +51,11 @@ class Bus:
 
     def __init__(self) -> None:
         self.published: list[tuple[str, BaseModel]] = []
+        self.follower: Callable[[str, BaseModel], None] = lambda suffix, value: None
 
     def publish(self, suffix: str, value: BaseModel, *, schema: type[BaseModel] | None = None) -> None:
         self.published.append((suffix, value))
+        self.follower(suffix, value)
 
     def values(self, suffix: str) -> list[Any]:
         return [value for key, value in self.published if key == suffix]
@@ -84,6 +87,7 @@ class ProcedureRig:
         cfg = LinkConfig.model_validate({"port": "/dev/rig"})
         sink = BusSink(self.bus, core, audit, Eyes(None), clock)
         self.link = Link(cfg, sink, opener=socket.open, clock=clock, motors_running=facts.motors_running)
+        self.control = FlightControl(core, self.link, self.bus, audit, clock=clock)
         self.interlock = Interlock(lambda: self.phase)
         self.journal = Journal(folder, PromptDisk())
         self.guard = Guard(CommandsConfig(), self.link, facts, audit, clock)

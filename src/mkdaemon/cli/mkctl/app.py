@@ -46,6 +46,7 @@ COMMANDS: Final = (
     CommandEntry(
         "goto", "mkdaemon.cli.mkctl.flight:goto", "Fly to a place over the target in sight: `goto 0 0 2`.", _FLY
     ),
+    CommandEntry("navi", "mkdaemon.cli.mkctl.navi:app", "The NaviCtrl's own modes: goto, route, home, status.", _FLY),
     CommandEntry("hold", "mkdaemon.cli.mkctl.flight:hold", "Hold the present place over the target in sight.", _FLY),
     CommandEntry(
         "velocity", "mkdaemon.cli.mkctl.flight:velocity", "Fly at a velocity against the target in sight.", _FLY

@@ -1,4 +1,4 @@
-"""`mkctl goto`, `hold`, `velocity`, `land`: fly against a target in sight, from the command line."""
+"""`mkctl goto`, `hold`, `velocity`, `land`: fly against a target in sight, or to a place at home by the NaviCtrl."""
 
 from __future__ import annotations
 
@@ -18,7 +18,10 @@ from mkdaemon.cli.mkctl.flightshow import (
     require_finite,
     showing,
 )
+from mkdaemon.cli.mkctl.navi import PATIENCE, fly_to
 
+LONGEST_STAY: Final = 255
+"""How long the NaviCtrl stays at a place at home [s]; its points take no more."""
 BRIEF: Final = 0.2
 """Time flown to learn where the aircraft is [s]."""
 
@@ -37,12 +40,15 @@ async def goto(
     seconds: Seconds = 10.0,
     within: Annotated[float, Parameter(help="Exit code 0 only if it is so close at the end [m].")] = 0.3,
     force: Force = False,
+    confirm: Annotated[bool, Parameter(negative=(), help="With frame home: see `mkctl navi goto --help`.")] = False,
     connection: Connection = HERE,
 ) -> int:
     """Fly to a place over the target in sight, hold it, then release.
 
     In frame `pad`: x to the right of its print, y to its top, z up. In frame `body`: forward, left and up from where
     the aircraft is; yaw from its heading. Ctrl-C releases at once. The pilot must have handed over: docs/flying.md.
+    In frame `home`: east, north and up of home, flown by the NaviCtrl when the pilot turns the GPS switch to coming
+    home: `mkctl navi goto`; takes --yaw (from east) and --confirm.
 
     Args:
         x: Metres from the middle of the target.
@@ -56,6 +62,10 @@ async def goto(
     require_finite(x=x, y=y, z=z, yaw=yaw)
     require_length(seconds, "--seconds")
     require_length(within, "--within")
+    if frame == "home":
+        compass = None if yaw is None else round(90.0 - yaw - 1.0) % 360 + 1
+        await fly_to((x, y, z), compass, LONGEST_STAY, confirm=confirm, patience=PATIENCE, connection=connection)
+        return 0
     heading = None if yaw is None else math.remainder(math.radians(yaw), math.tau)
     goal = (x, y, z) if frame == "pad" else None
     async with connection.open() as uav, uav.lease(force=force) as lease:

@@ -19,6 +19,7 @@ from mkdaemon.protocol.procedures.route import activate_route, switch_words
 from mkdaemon.protocol.procedures.settings import Restoration, backup_settings, edit_settings, restore_settings
 from mkdaemon.protocol.procedures.steps import Patience, Procedure, Progress
 from mkdaemon.protocol.procedures.waypoints import (
+    Upload,
     clear_points,
     content_hash,
     download_points,
@@ -29,6 +30,7 @@ from mkdaemon.protocol.settings import ParameterSet
 from mkdaemon.protocol.settings_file import change_by_name
 from mkdaemon.telemetry import mission, settings
 from mkdaemon.telemetry.mission import Mission, MissionPoint
+from mkdaemon.telemetry.navi import NaviTarget
 from mkdaemon.telemetry.refusals import Token, refuse
 
 PATIENCE: Final = Patience(attempts=12, timeout=0.5)
@@ -81,7 +83,7 @@ def waypoints_upload(request: mission.WaypointsUploadRequest) -> Procedure[missi
         done = yield from upload_points(points, PATIENCE)
     except MkError as error:
         raise _list_left(error) from error
-    return mission.WaypointsStored(count=done.count, digest=done.digest, rounds=done.rounds, writes=done.writes)
+    return _stored_list(done)
 
 
 def waypoints_clear(request: mission.WaypointsClearRequest) -> Procedure[mission.WaypointsStored]:
@@ -117,6 +119,17 @@ def route_start(request: mission.RouteStartRequest) -> Procedure[mission.RouteSt
     form = yield from read_format(PATIENCE)
     count = yield from activate_route(form, PATIENCE)
     return mission.RouteStarted(count=count, switch=switch_words(form))
+
+
+def navi_goto(point: MissionPoint) -> Procedure[NaviTarget]:
+    """Make a place the only point of the list, ready to be flown by the pilot's switch."""
+    form = yield from read_format(PATIENCE)
+    try:
+        done = yield from upload_points(to_points(_mission((point,)), form), PATIENCE)
+        yield from activate_route(form, PATIENCE)
+    except MkError as error:
+        raise _list_left(error) from error
+    return NaviTarget(**dict(_stored_list(done)), switch=switch_words(form))
 
 
 def route_end(request: mission.RouteEndRequest) -> Procedure[mission.WaypointsStored]:
@@ -170,6 +183,10 @@ def _restoration(done: Restoration) -> settings.SettingsRestoration:
         stored=_stored(done.stored),
         written=done.written,
     )
+
+
+def _stored_list(done: Upload) -> mission.WaypointsStored:
+    return mission.WaypointsStored(count=done.count, digest=done.digest, rounds=done.rounds, writes=done.writes)
 
 
 def _mission(points: tuple[MissionPoint, ...]) -> Mission:

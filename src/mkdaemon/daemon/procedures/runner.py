@@ -102,7 +102,7 @@ class ProcedureRunner:
         admit = partial(self._interlock.check_procedure, verb, is_alone=is_alone, needs_live_set=spec.needs_live_set)
         admit()
         await require_discovery(self._link, self._facts.link)
-        spec.check(request, self._facts, self._clock.now())
+        wanted = spec.prepare(request, self._facts, self._clock.now())
         if is_alone:
             await self._check_motors(f"do/{verb}", can_fly=issubclass(model, InFlightRequest))
         admit()
@@ -111,11 +111,13 @@ class ProcedureRunner:
             source = request.source if isinstance(request, WaypointsUploadRequest) else ""
             writes = self._list.watch(observer, verb, request.holder, source) if spec.changes_list else None
             try:
-                reply = await run_procedure(self._link, spec.make(request), writes or observer)
+                reply = await run_procedure(self._link, spec.make(wanted), writes or observer)
             except Exception:
                 if writes is not None and writes.may_be_changed:
                     self._list.broke_off(source)
                 raise
+            if writes is not None:
+                self._facts.list_changed_at = self._clock.now()
             if isinstance(reply, WaypointsStored):
                 await self._list.stored(reply, source)
             elif isinstance(reply, RouteStarted):

@@ -13,7 +13,7 @@ from typing import Any, Final
 from mkdaemon.bus.keys import find
 from mkdaemon.control.vehicle import VehicleFacts
 from mkdaemon.daemon.procedures import make
-from mkdaemon.daemon.procedures.flightchecks import check_places, check_route
+from mkdaemon.daemon.procedures.flightchecks import check_places, check_route, target_point
 from mkdaemon.protocol.procedures.steps import Procedure
 from mkdaemon.protocol.wire import Board
 from mkdaemon.telemetry.base import Telemetry
@@ -31,7 +31,8 @@ class ProcedureSpec:
         writes: what is written, in words; the request must say `confirm`, unless it is a dry run.
         needs_live_set: it must not begin while a live set is owed.
         changes_list: it leaves the waypoint list half written when it is cut off.
-        check: refuses a request that the flight does not allow now; told what is known of it and the time [s].
+        prepare: returns what `make` takes, from the request, what is known of the flight, and the time [s]; refuses
+            what the flight does not allow now.
     """
 
     board: Board
@@ -40,7 +41,7 @@ class ProcedureSpec:
     writes: str | None = None
     needs_live_set: bool = False
     changes_list: bool = False
-    check: Callable[[Any, VehicleFacts, float], None] = lambda request, facts, now: None
+    prepare: Callable[[Any, VehicleFacts, float], Any] = lambda request, facts, now: request
 
 
 _settings = partial(ProcedureSpec, Board.FC, needs_live_set=True)
@@ -56,7 +57,7 @@ PROCEDURES: Final[Mapping[str, ProcedureSpec]] = {
         make.settings_write,
         writes="parameters decide how the aircraft flies",
     ),
-    "waypoints_upload": ProcedureSpec(Board.NC, make.waypoints_upload, changes_list=True, check=check_places),
+    "waypoints_upload": ProcedureSpec(Board.NC, make.waypoints_upload, changes_list=True, prepare=check_places),
     "waypoints_clear": ProcedureSpec(Board.NC, make.waypoints_clear, changes_list=True),
     "waypoints_read": ProcedureSpec(Board.NC, make.waypoints_read, is_alone=False),
     "waypoints_verify": ProcedureSpec(Board.NC, make.waypoints_verify, is_alone=False),
@@ -65,7 +66,7 @@ PROCEDURES: Final[Mapping[str, ProcedureSpec]] = {
         make.route_start,
         is_alone=False,
         writes="the aircraft flies the list by itself when the pilot turns the GPS switch to coming home",
-        check=check_route,
+        prepare=check_route,
     ),
     "route_end": ProcedureSpec(
         Board.NC,
@@ -73,6 +74,14 @@ PROCEDURES: Final[Mapping[str, ProcedureSpec]] = {
         is_alone=False,
         writes="with the GPS switch at coming home the aircraft flies home at once",
         changes_list=True,
+    ),
+    "navi_goto": ProcedureSpec(
+        Board.NC,
+        make.navi_goto,
+        is_alone=False,
+        writes="the aircraft flies there by itself when the pilot turns the GPS switch to coming home",
+        changes_list=True,
+        prepare=target_point,
     ),
     "mixer_read": ProcedureSpec(Board.FC, make.mixer_read, is_alone=False),
     "mixer_write": ProcedureSpec(

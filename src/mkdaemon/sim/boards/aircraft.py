@@ -65,6 +65,9 @@ class Aircraft(Protocol):
     def step(self, sticks: StickInput) -> None:
         """Fly on for one period of the control loop."""
 
+    def steer(self, away: tuple[float, float] | None) -> None:
+        """Lean towards a place so far east and north [m], as the NaviCtrl asks for; None for its leaving it alone."""
+
     def calibrate(self) -> None:
         """Zero the FlightCtrl's angles."""
 

@@ -6,6 +6,7 @@ docs/firmware-notes, "A NaviCtrl 0.24 in flight"; docs/protocol.md, sections 8.2
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Final
 
@@ -14,7 +15,7 @@ from mkdaemon.protocol.flags import FlightStatus, FlightStatus2, NaviStatus, Pos
 from mkdaemon.sim.boards.external import RC_LOST
 from mkdaemon.sim.boards.fc_board import FcBoard
 from mkdaemon.sim.boards.generations import NcGeneration
-from mkdaemon.sim.boards.waypoints import PointList
+from mkdaemon.sim.boards.waypoints import PointList, distance_and_bearing
 from mkdaemon.sim.physics.sensors import GpsFix
 
 CONTROL_PERIOD: Final = 0.02
@@ -23,6 +24,8 @@ LINK_LOST: Final = 5.5
 LINK_CHECK_PERIOD: Final = 1.0
 SERVO_RESTART: Final = 0.08
 """Silence on the SPI bus after which the timer of the camera servos is set up again."""
+_STICKS_CENTRED: Final = 8
+"""Pitch or roll beyond this override the position control [stick]; assumed."""
 _MODE_HOLD: Final = 50
 _MODE_HOME: Final = 180
 _FIRST_POTI_CHANNEL: Final = 5
@@ -46,6 +49,7 @@ class Navigator:
         target: where it flies to in the mode coming home; stays when that ends, also when the list is cleared.
         operating_radius: around home [m].
         camera_servos_on: the timer of the camera servos runs.
+        is_overridden: the pilot moves pitch or roll.
     """
 
     def __init__(self, generation: NcGeneration, flight: FcBoard, now: float) -> None:
@@ -57,6 +61,8 @@ class Navigator:
         self.target: Target | None = None
         self.operating_radius = 100
         self.camera_servos_on = True
+        self.is_overridden = False
+        self._held: tuple[int, int] | None = None
         self._link_at = now
         self._link_lost = False
         self._next_link_check = now + LINK_CHECK_PERIOD
@@ -89,6 +95,7 @@ class Navigator:
             self._exchange(now)
         elif now - self._spi_at > SERVO_RESTART:
             self.camera_servos_on = True
+            flight.aircraft.steer(None)
 
     def _exchange(self, now: float) -> None:
         """One exchange with the FlightCtrl over the SPI bus."""
@@ -107,6 +114,7 @@ class Navigator:
         self.points.follow(place, now)
         if mode is NaviStatus.COMING_HOME:
             self._aim()
+        self._steer(place)
         self._fc_flags, self._fc_flags_2 = core.status(flight.live), core.status_2()
         core.take_pulses()
 
@@ -121,6 +129,22 @@ class Navigator:
         if not self._generation.list_starts_in_flight:
             self.points.activate()
         self.points.fly()
+
+    def _steer(self, place: tuple[int, int]) -> None:
+        """Let the aircraft lean towards where it is to be; the pilot's sticks override that, and choose the place."""
+        sticks = self.flight.core.receiver
+        self.is_overridden = max(abs(sticks.pitch), abs(sticks.roll)) > _STICKS_CENTRED
+        if self._mode is NaviStatus.FREE or not self.flight.core.flying or not self.fix.has_fix:
+            self._held = None
+            self.flight.aircraft.steer(None)
+            return
+        if self.is_overridden or self._held is None:
+            self._held = place
+        is_coming = self._mode is NaviStatus.COMING_HOME and self.target is not None
+        wanted = self.target.place if is_coming and self.target is not None else self._held
+        away, bearing = distance_and_bearing(place, wanted)
+        toward = math.radians(bearing)
+        self.flight.aircraft.steer(None if self.is_overridden else (away * math.sin(toward), away * math.cos(toward)))
 
     def _aim(self) -> None:
         """Take the waypoint, or home where there is none, as the target."""
@@ -213,6 +237,8 @@ class Navigator:
             flags |= NaviStatus.NO_SERIAL_LINK
         if self.points.reached:
             flags |= NaviStatus.TARGET_REACHED
+        if self.is_overridden and self._mode is not NaviStatus.FREE:
+            flags |= NaviStatus.MANUAL_CONTROL
         if self._generation.reports_gps_ok and self.flight.aircraft.sensors.gps.has_fix:
             flags |= NaviStatus.GPS_OK
         return flags

@@ -43,6 +43,41 @@ class Phase(StrEnum):
     DONE = "done"
 
 
+def lean(
+    view: FlightView, away: tuple[float, float], velocity: tuple[float, float] = (0.0, 0.0)
+) -> tuple[float, float]:
+    """Pitch and roll that fly towards a point [stick; FLU]; also what the simulated NaviCtrl asks for.
+
+    Args:
+        view: of the aircraft.
+        away: how far east and north of it the point is [m].
+        velocity: of the point [m/s].
+    """
+    airframe = view.airframe
+    east = _acceleration(away[0], velocity[0], airframe.v_east)
+    north = _acceleration(away[1], velocity[1], airframe.v_north)
+    yaw = airframe.yaw
+    forward = math.cos(yaw) * east + math.sin(yaw) * north
+    left = math.cos(yaw) * north - math.sin(yaw) * east
+    pitch = _stick(view, view.pitch, forward / GRAVITY, airframe.pitch)
+    return pitch, _stick(view, view.roll, -left / GRAVITY, airframe.roll)
+
+
+def _acceleration(away: float, velocity: float, speed: float) -> float:
+    """Acceleration towards a moving point on one axis [m/s2]."""
+    wanted = max(-_MAX_SPEED, min(_MAX_SPEED, _POSITION_GAIN * away)) + velocity
+    return _SPEED_GAIN * (wanted - speed)
+
+
+def _stick(view: FlightView, loop: AxisLoop, tilt: float, true_tilt: float) -> float:
+    """Stick [count] that turns the true tilt towards the wanted one: the loop's equation, solved for its input."""
+    gains = view.gains
+    wanted = max(-_MAX_TILT, min(_MAX_TILT, tilt))
+    rate = max(-_MAX_TILT_RATE, min(_MAX_TILT_RATE, _TILT_GAIN * (wanted - true_tilt)))
+    angle = loop.believed + (rate + gains.a2 * loop.integral) / gains.a1
+    return angle / gains.rad_per_count
+
+
 class StickLaw:
     """Sticks towards a position, speed and climb rate."""
 
@@ -67,33 +102,13 @@ class StickLaw:
             climb: wanted climb rate [m/s].
         """
         airframe = view.airframe
-        east = self._acceleration(position[0] - airframe.east, velocity[0], airframe.v_east)
-        north = self._acceleration(position[1] - airframe.north, velocity[1], airframe.v_north)
-        yaw = airframe.yaw
-        forward = math.cos(yaw) * east + math.sin(yaw) * north
-        left = math.cos(yaw) * north - math.sin(yaw) * east
-        pitch = self._stick(view, view.pitch, forward / GRAVITY, airframe.pitch)
-        roll = self._stick(view, view.roll, -left / GRAVITY, airframe.roll)
+        away = (position[0] - airframe.east, position[1] - airframe.north)
+        pitch, roll = lean(view, away, velocity)
         error = climb - airframe.v_up
         self._gas = max(-STICK_LIMIT, min(STICK_LIMIT, self._gas + _CLIMB_INTEGRAL * error * RC_PERIOD))
-        if airframe.on_ground:
+        if airframe.on_ground or pilot.leaves_place_to_board:
             pitch = roll = 0.0
         pilot.set_sticks(pitch=pitch, roll=-roll, gas=self._gas + _CLIMB_GAIN * error)
-
-    @staticmethod
-    def _acceleration(away: float, velocity: float, speed: float) -> float:
-        """Acceleration towards a moving point on one axis [m/s2]."""
-        wanted = max(-_MAX_SPEED, min(_MAX_SPEED, _POSITION_GAIN * away)) + velocity
-        return _SPEED_GAIN * (wanted - speed)
-
-    @staticmethod
-    def _stick(view: FlightView, loop: AxisLoop, tilt: float, true_tilt: float) -> float:
-        """Stick [count] that turns the true tilt towards the wanted one: the loop's equation, solved for its input."""
-        gains = view.gains
-        wanted = max(-_MAX_TILT, min(_MAX_TILT, tilt))
-        rate = max(-_MAX_TILT_RATE, min(_MAX_TILT_RATE, _TILT_GAIN * (wanted - true_tilt)))
-        angle = loop.believed + (rate + gains.a2 * loop.integral) / gains.a1
-        return angle / gains.rad_per_count
 
 
 class HandFlight:

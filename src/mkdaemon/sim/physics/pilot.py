@@ -23,6 +23,11 @@ RC_PERIOD: Final = 0.0225
 """A receiver frame [s]."""
 STICK_LIMIT: Final = 127
 """Largest channel value."""
+GPS_SWITCH: Final = 2
+"""Poti of the GPS mode in the factory's sets."""
+GPS_SWITCH_FREE: Final = 50
+"""Values above this hold the position."""
+GPS_SWITCH_VALUES: Final = {"free": 0, "hold": 127, "home": 255}
 GOOD_RC: Final = 200
 """Receiver level of a healthy link."""
 
@@ -108,6 +113,7 @@ class Pilot:
         self.took_over_at: float | None = None
         self.gate_fault = False
         self.rc_lost = False
+        self._has_turned_gps = False
 
     @property
     def gate(self) -> int:
@@ -132,6 +138,17 @@ class Pilot:
     def at(self, when: float, action: Callable[[Pilot], None]) -> None:
         """Do something at a simulated time [s], between two receiver frames at the latest."""
         heapq.heappush(self._script, (when, next(self._order), action))
+
+    @property
+    def leaves_place_to_board(self) -> bool:
+        """Whether his GPS switch asks the NaviCtrl to hold or fly: then he leaves pitch and roll alone."""
+        return self.switches.get(GPS_SWITCH, 0) > GPS_SWITCH_FREE
+
+    def turn_gps_switch(self, to: str | None) -> None:
+        """Turn the GPS switch to free, hold or home; None leaves it, or turns it back once it was turned."""
+        if to is not None or self._has_turned_gps:
+            self.switches[GPS_SWITCH] = GPS_SWITCH_VALUES[to or "free"]
+        self._has_turned_gps = to is not None
 
     def take_over(self, now: float) -> None:
         """Decide at `now` [s] to take over: after the reaction time the gate closes and the pilot flies."""

@@ -16,7 +16,7 @@ from mkdaemon.sim.faults import ActiveFault, Faults
 from mkdaemon.sim.physics.airframe import GRAVITY, Airframe, FlatGround, Ground
 from mkdaemon.sim.physics.attitude_loop import LOOP_PERIOD, AttitudeGains, AxisLoop, YawLoop
 from mkdaemon.sim.physics.battery import Battery
-from mkdaemon.sim.physics.hand_flight import HandFlight
+from mkdaemon.sim.physics.hand_flight import HandFlight, lean
 from mkdaemon.sim.physics.height_control import HeightControl
 from mkdaemon.sim.physics.motors import FACTORY_CHAIN, GasChain, Motors
 from mkdaemon.sim.physics.pilot import RC_PERIOD, FlightView, Pilot
@@ -133,6 +133,8 @@ class World:
         self.truth = Truth(self._airframe, self._wind)
         self.pilot = Pilot(cfg.pilot, rescue=lambda: HandFlight(height=1.5, hold_time=3.0, flying=True))
         self._view = FlightView(self._airframe, self._pitch, self._roll, self._gains, self._battery)
+        self._away: tuple[float, float] | None = None
+        self._lean = (0.0, 0.0)
         self.sensors.update_slow(self._airframe, self._battery, 0.0)
         self.sensors.update_inertial(self._airframe)
         self._yaw = YawLoop(self._gains, cfg.loop, self.sensors.compass_yaw)
@@ -148,6 +150,10 @@ class World:
         self._gains = self._view.gains = gains
         for loop in (self._pitch, self._roll, self._yaw):
             loop.set_gains(gains)
+
+    def steer(self, away: tuple[float, float] | None) -> None:
+        """Let the NaviCtrl lean the aircraft towards a place so far east and north of it [m]; None lets it alone."""
+        self._away = away
 
     def calibrate(self) -> None:
         """Zero the FlightCtrl's angles, as its calibration gesture does."""
@@ -167,6 +173,7 @@ class World:
         if step % _RC_STEPS == 0:
             self._view.motors_running = sticks.motors_running
             self.pilot.update(self._view, now)
+            self._lean = (0.0, 0.0) if self._away is None else lean(self._view, self._away)
         self._control(sticks)
         motors, wind = self._motors, self._wind
         self._airframe.step(
@@ -192,8 +199,9 @@ class World:
         scale = self._acc_scale / GRAVITY
         leaned_pitch, leaned_roll = -sensors.acc_x * scale, sensors.acc_y * scale
         pitch_coupling, roll_coupling = -rate_z * roll.believed, rate_z * pitch.believed
-        pitch.update(sticks.pitch, sensors.gyro_y, leaned_pitch, pitch_coupling, flying=flying)
-        roll.update(-sticks.roll, sensors.gyro_x, leaned_roll, roll_coupling, flying=flying)
+        navi_pitch, navi_roll = self._lean
+        pitch.update(sticks.pitch + navi_pitch, sensors.gyro_y, leaned_pitch, pitch_coupling, flying=flying)
+        roll.update(navi_roll - sticks.roll, sensors.gyro_x, leaned_roll, roll_coupling, flying=flying)
         yaw.update(sticks.yaw, rate_z, sensors.compass_yaw, flying=flying)
         if not running:
             self._height_control.switch_off()
@@ -221,6 +229,7 @@ class World:
         self._motors.health = health
         self.pilot.rc_lost = faults.is_active("rc_lost")
         self.pilot.gate_fault = faults.is_active("gate_closed")
+        self.pilot.turn_gps_switch(faults.word("gps_switch", "to") if faults.is_active("gps_switch") else None)
         self._battery.drop = faults.number("battery_drop", "volts") if faults.is_active("battery_drop") else 0.0
         sensors.gps_lost = faults.is_active("gps_lost")
         sensors.compass_fault_deg = faults.number("compass_bias", "deg") if faults.is_active("compass_bias") else 0.0

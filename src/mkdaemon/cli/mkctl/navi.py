@@ -1,0 +1,178 @@
+"""`mkctl navi`: what the NaviCtrl flies by itself, when the pilot turns the GPS switch to coming home."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+from cyclopts import App, Parameter
+
+from mkdaemon.cli.arguments import require_length
+from mkdaemon.cli.mkctl.connection import HERE, Connection
+from mkdaemon.cli.mkctl.flightshow import print_end, require_finite
+from mkdaemon.missions import read_mission
+from mkdaemon.telemetry.refusals import Token, refuse
+
+if TYPE_CHECKING:
+    from mkdaemon.telemetry.navi import ControlNavi
+
+app = App(name="navi", help="The NaviCtrl's own modes: a target, a route, the way home. The pilot's GPS switch flies.")
+
+PATIENCE = 300.0
+"""For the pilot to turn the switch, and for the way [s]."""
+Confirm = Annotated[
+    bool, Parameter(negative=(), help="I know that the aircraft flies there by itself once the pilot turns the switch.")
+]
+Patience = Annotated[float, Parameter(name=["--patience"], help="Longest time for the switch and the way [s].")]
+
+
+@app.command
+async def status(*, connection: Connection = HERE) -> None:
+    """Say what the NaviCtrl flies by itself, and what the pilot's hands do.
+
+    Raises:
+        MkError: no daemon.
+    """
+    async with connection.open() as uav:
+        sample = await uav.get("control/navi")
+    if sample is None:
+        print_end({"stage": None}, "no NaviCtrl has said anything yet", connection)
+    else:
+        print_end(_fields(sample.value), stage_line(sample.value), connection)
+
+
+@app.command
+async def goto(
+    east: float,
+    north: float,
+    up: float,
+    /,
+    *,
+    heading: Annotated[int | None, Parameter(help="Compass heading to turn to [deg]; else it is kept.")] = None,
+    hold: Annotated[int, Parameter(help="How long it stays there [s]; then a NaviCtrl 0.24 flies home.")] = 255,
+    confirm: Confirm = False,
+    patience: Patience = PATIENCE,
+    connection: Connection = HERE,
+) -> None:
+    """Fly to a place at home by the NaviCtrl; exit code 0 when it is reached.
+
+    In flight, GPS switch at free or hold. The daemon stores the place and reads it back; then the pilot turns the
+    switch to coming home. GPS is good for 2 to 3 m. Ctrl-C ends the waiting, not the flight: the switch does.
+
+    Args:
+        east: Metres east of home.
+        north: Metres north of home.
+        up: Metres above the start; flown only with height control, else by the pilot's throttle.
+
+    Raises:
+        ConfigError: a number cannot be.
+        MkError: the daemon refused, or the place was not reached; says why and where it stood.
+    """
+    await fly_to((east, north, up), heading, hold, confirm=confirm, patience=patience, connection=connection)
+
+
+@app.command
+async def route(
+    file: Annotated[Path | None, Parameter(help="Mission to upload first; else the NaviCtrl's list.")] = None,
+    /,
+    *,
+    confirm: Confirm = False,
+    patience: Patience = PATIENCE,
+    start_elevation: Annotated[float | None, Parameter(help="Elevation of the starting place [m].")] = None,
+    altitude: Annotated[float | None, Parameter(help="Put every point at this height above the start [m].")] = None,
+    connection: Connection = HERE,
+) -> None:
+    """Fly a route by the NaviCtrl; exit code 0 when its last point is reached.
+
+    In flight, GPS switch at free or hold; then the pilot turns it to coming home.
+
+    Raises:
+        ConfigError: the file or a number cannot be.
+        MkError: the daemon refused, or the end was not reached; says why and where it stood.
+    """
+    _require(patience, "do/route_start", confirm=confirm)
+    mission = None if file is None else read_mission(file, start_elevation=start_elevation, altitude=altitude)
+    async with connection.open() as uav:
+        source = "" if file is None else str(file)
+        end = await uav.navi_route(mission, source=source, patience=patience, on_stage=Shown().show)
+    print_end(_fields(end), f"the last of {end.waypoints} points is reached; the pilot {end.hands}", connection)
+
+
+@app.command
+async def home(*, confirm: Confirm = False, patience: Patience = PATIENCE, connection: Connection = HERE) -> None:
+    """Empty the NaviCtrl's list and follow the way home; exit code 0 when it is there.
+
+    The pilot turns the GPS switch to coming home; where it stands there already the aircraft flies home at once.
+
+    Raises:
+        ConfigError: a number cannot be.
+        MkError: the daemon refused, or it did not come home; says why and where it stood.
+    """
+    _require(patience, "do/route_end", confirm=confirm)
+    async with connection.open() as uav:
+        end = await uav.navi_home(patience=patience, on_stage=Shown().show)
+    print_end(_fields(end), f"home; the pilot {end.hands}", connection)
+
+
+async def fly_to(
+    position: tuple[float, float, float],
+    heading: int | None,
+    hold: int,
+    *,
+    confirm: bool,
+    patience: float,
+    connection: Connection,
+) -> None:
+    """Fly to a place at home; see `goto`.
+
+    Raises:
+        ConfigError: a number cannot be.
+        MkError: the daemon refused, or the place was not reached.
+    """
+    east, north, up = position
+    require_finite(east=east, north=north, up=up)
+    _require(patience, "do/navi_goto", confirm=confirm)
+    async with connection.open() as uav:
+        end = await uav.navi_goto(
+            east, north, up, heading_deg=heading, hold=hold, patience=patience, on_stage=Shown().show
+        )
+    print_end(_fields(end), f"reached; the pilot {end.hands}", connection)
+
+
+class Shown:
+    """Prints every stage once, on standard error."""
+
+    def __init__(self) -> None:
+        self._last = ""
+
+    def show(self, report: ControlNavi) -> None:
+        """Take a report."""
+        if report.hands != self._last:
+            print(stage_line(report), file=sys.stderr, flush=True)
+        self._last = report.hands
+
+
+def stage_line(report: ControlNavi) -> str:
+    """A report in one line."""
+    words = [report.stage.value.replace("_", " ")]
+    if report.waypoints:
+        words.append(f"waypoint {report.waypoint} of {report.waypoints}")
+    if report.target_distance is not None:
+        words.append(f"{report.target_distance:.0f} m to go")
+    if report.home_distance is not None:
+        words.append(f"{report.home_distance:.0f} m from home")
+    return f"{', '.join(words)}: the pilot {report.hands}"
+
+
+def _require(patience: float, verb: str, *, confirm: bool) -> None:
+    require_length(patience, "--patience")
+    if not confirm:
+        detail = "the aircraft flies by itself when the pilot turns the GPS switch to coming home"
+        raise refuse(Token.NOT_CONFIRMED, name=verb, detail=detail, confirm="--confirm")
+
+
+def _fields(report: ControlNavi) -> dict[str, object]:
+    fields = report.model_dump(mode="json")
+    del fields["stamp"]
+    return fields

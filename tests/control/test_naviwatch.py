@@ -1,0 +1,121 @@
+"""What the NaviCtrl flies by itself, told from its flags, its waypoint number and its distances."""
+
+from __future__ import annotations
+
+import pytest
+
+from mkdaemon.control.naviwatch import AT_HOME, HANDS, PERIOD, NaviWatch
+from mkdaemon.control.vehicle import VehicleFacts
+from mkdaemon.stamp import Stamp
+from mkdaemon.telemetry.navi import NaviStage
+from mkdaemon.telemetry.state import Gps, GpsFix, GpsMode, Position
+from tests.control.events import flight
+
+HOME = (53.0, 8.0)
+AWAY = (53.001, 8.0)
+
+
+class Watched:
+    """A watch, and what the boards tell it, once a tick of 0.1 s."""
+
+    def __init__(self):
+        self.facts = VehicleFacts()
+        self.watch = NaviWatch(self.facts)
+        self.now = 0.0
+
+    def tell(self, *, is_flying=True, home_distance=30.0, target=HOME, position=True, **flags):
+        self.now += 0.1
+        stamp = Stamp(monotonic=self.now, wall=self.now)
+        place = {"target_latitude_deg": target and target[0], "target_longitude_deg": target and target[1]}
+        told = flight(is_flying=is_flying).model_copy(update={"stamp": stamp, **place, **flags})
+        self.facts.state_received(told, self.now)
+        if position:
+            self.facts.state_received(at(home_distance, stamp), self.now)
+        return self.watch.look(self.now)
+
+
+def at(home_distance, stamp):
+    return Position(
+        stamp=stamp, source="nc/osd", latitude_deg=53.0, longitude_deg=8.0, altitude=None, altitude_above_start=2.0,
+        position_enu=None, home_latitude_deg=HOME[0], home_longitude_deg=HOME[1], home_distance=home_distance,
+    )  # fmt: skip
+
+
+LIST = {"waypoint_index": 1, "waypoint_count": 1}
+GOING = {"gps_mode": GpsMode.COME_HOME, "target": AWAY, **LIST}
+
+
+@pytest.mark.parametrize(
+    ("told", "stage"),
+    [
+        ({"is_flying": False}, NaviStage.GROUND),
+        ({}, NaviStage.FREE),
+        (LIST, NaviStage.READY),
+        ({"gps_mode": GpsMode.HOLD}, NaviStage.HOLD),
+        ({"gps_mode": GpsMode.HOLD, **LIST}, NaviStage.READY),
+        ({"gps_mode": GpsMode.COME_HOME}, NaviStage.HOME),
+        (GOING, NaviStage.ROUTE),
+        (GOING | {"target_reached": True}, NaviStage.AT_POINT),
+        (GOING | {"manual_control": True}, NaviStage.OVERRIDDEN),
+        (GOING | {"position": False}, NaviStage.NO_POSITION),
+    ],
+)
+def test_every_stage_says_what_the_pilots_hands_do(told, stage):
+    found = Watched().tell(**told)
+    assert found.stage is stage
+    assert found.hands.startswith(HANDS[stage])
+
+
+def test_without_a_navictrl_and_without_its_flightctrl_nothing_is_said():
+    assert NaviWatch(VehicleFacts()).look(1.0) is None
+    assert Watched().tell(gps_mode=GpsMode.UNKNOWN) is None
+    assert Watched().tell(is_flying=None) is None
+
+
+def test_a_stage_that_lasts_is_told_once_a_second_and_a_quiet_one_once():
+    seen = Watched()
+    assert sum(seen.tell(**GOING) is not None for _ in range(int(10 * PERIOD) * 3)) == 3
+    quiet = Watched()
+    assert sum(quiet.tell() is not None for _ in range(30)) == 1
+
+
+def test_the_end_of_a_list_is_its_last_point_or_the_way_home_after_it():
+    seen = Watched()
+    assert not seen.tell(**GOING).is_route_done
+    done = seen.tell(**GOING | {"target": HOME})
+    assert (done.stage, done.is_route_done, done.is_home) == (NaviStage.HOME, True, False)
+    assert seen.tell(**GOING | {"target": HOME, "home_distance": AT_HOME}).is_home
+    direct = Watched()
+    direct.tell(**GOING | {"target": HOME})
+    assert direct.tell(**GOING | {"target": HOME, "target_reached": True}).is_route_done, "a point at home"
+    nowhere = Watched()
+    nowhere.tell(**GOING)
+    assert nowhere.tell(**GOING | {"target": None}) is None
+
+
+def test_a_point_before_the_last_ends_no_list():
+    seen = Watched()
+    found = seen.tell(**GOING | {"waypoint_count": 3, "target_reached": True})
+    assert (found.stage, found.is_route_done) == (NaviStage.AT_POINT, False)
+
+
+def test_a_list_that_was_changed_makes_what_came_before_old():
+    seen = Watched()
+    assert seen.tell(**GOING | {"target_reached": True}).is_route_done
+    seen.facts.list_changed_at = seen.now + 0.15
+    assert seen.tell(**GOING | {"target_reached": True}) is None, "said before the change"
+    assert not seen.tell(**GOING).is_route_done
+
+
+def test_a_receiver_that_is_silent_has_no_position_though_the_board_shows_the_last():
+    seen = Watched()
+    seen.tell(**GOING)
+    stamp = Stamp(monotonic=seen.now, wall=seen.now)
+    lost = Gps(stamp=stamp, source="nc/osd", satellites=0, fix=GpsFix.NONE, is_usable=False, is_home_set=True)
+    seen.facts.state_received(lost, seen.now)
+    assert seen.tell(**GOING).stage is NaviStage.NO_POSITION
+
+
+def test_who_holds_the_height_is_said():
+    assert "height control flies the height" in Watched().tell(**GOING, altitude_control=True).hands
+    assert "the throttle holds the height" in Watched().tell(**GOING, altitude_control=False).hands

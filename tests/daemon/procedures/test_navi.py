@@ -1,0 +1,173 @@
+"""The NaviCtrl's own modes, flown by the simulated NaviCtrl; client library, procedures and link in virtual time."""
+
+from __future__ import annotations
+
+import asyncio
+from contextlib import asynccontextmanager
+
+import pytest
+
+from lab.rigs.linkrig import virtually
+from mkdaemon.bus.codec import encoding_of
+from mkdaemon.client.answers import Answer
+from mkdaemon.client.navi import NAVI, NaviModes
+from mkdaemon.client.samples import Sample
+from mkdaemon.config.sim import PilotPlan, SimConfig
+from mkdaemon.config.sim_flight import FlightConfig, SensorConfig, WindClass
+from mkdaemon.errors import CommandRejectedError, ManoeuvreError
+from mkdaemon.frames import geodetic_from_enu
+from mkdaemon.sim.simulation import Simulation
+from mkdaemon.telemetry.mission import Mission, MissionPoint
+from mkdaemon.telemetry.navi import ControlNavi, NaviStage
+from tests.daemon.procedures.procedure_rig import plug_in, procedure_rig
+
+AIRBORNE = 13.0
+"""A flight by hand to 2 m, the motors started on the way [s]."""
+
+
+class RigVehicle(NaviModes):
+    """The client library on a rig, without a bus between."""
+
+    def __init__(self, rig):
+        self.rig, self.queue = rig, asyncio.Queue()
+        rig.bus.follower = self._published
+
+    def _published(self, suffix, value):
+        if suffix == NAVI:
+            self.queue.put_nowait(Sample(suffix, value.model_dump(mode="json"), encoding_of(ControlNavi)))
+
+    async def command(self, root, name, fields=None, *, patience=0.0):
+        result = await self.rig.ask(name, **{key: value for key, value in fields.items() if key != "holder"})
+        return Answer(result.status.value, result.reply or {}, result.token, result.reason, result.fix)
+
+    @asynccontextmanager
+    async def _watching(self):
+        async def samples():
+            while True:
+                yield await self.queue.get()
+
+        self.queue = asyncio.Queue()
+        yield samples()
+
+    def watch(self, *keys):
+        return self._watching()
+
+
+class Flown:
+    """A NaviCtrl in flight, its pilot, and a client.
+
+    Attributes:
+        stages: every stage that was reported, without repetitions.
+    """
+
+    def __init__(self, rig):
+        self.rig, self.uav = rig, RigVehicle(rig)
+        self.boards = rig.socket.aircraft
+        self.stages = []
+
+    @property
+    def truth(self):
+        return self.boards.world.truth
+
+    @property
+    def pilot(self):
+        return self.boards.world.pilot
+
+    async def newest(self, seconds):
+        """The stage after some time."""
+        await asyncio.sleep(seconds)
+        return self.rig.bus.values(NAVI)[-1].stage
+
+    def turn_switch(self, to):
+        """The pilot's GPS switch."""
+        self.boards.world.faults.start("gps_switch", to=to)
+
+    def seen(self, report):
+        """The operator tells the pilot what the program says."""
+        if not self.stages or self.stages[-1] is not report.stage:
+            self.stages.append(report.stage)
+        if report.stage is NaviStage.READY:
+            self.turn_switch("home")
+
+    def place(self, east, north):
+        """A mission point so far from the start."""
+        origin = self.boards.world._config
+        here = (origin.origin_latitude_deg, origin.origin_longitude_deg)
+        latitude, longitude, _ = geodetic_from_enu(east, north, 0.0, (*(x * DEG for x in here), 0.0))
+        return MissionPoint(latitude_deg=latitude / DEG, longitude_deg=longitude / DEG, altitude=2.0, radius=2, hold=1)
+
+
+DEG = 0.017453292519943295
+
+
+@asynccontextmanager
+async def in_flight(tmp_path, nc="0.24", seconds=AIRBORNE):
+    sensors = SensorConfig(gps_wander=0.0, gps_noise=0.1)
+    flight = FlightConfig(wind=WindClass.INDOOR, sensors=sensors)
+    config = SimConfig(board="nc", nc=nc, pilot_plan=PilotPlan.HOVER, pilot_wait=1.0, calibrated=True, flight=flight)
+    async with procedure_rig(plug_in(lambda: Simulation(config)), tmp_path) as rig:
+        rig.tasks.append(asyncio.create_task(rig.control.run()))
+        await asyncio.sleep(seconds)
+        yield Flown(rig)
+
+
+@virtually
+async def test_the_navictrl_flies_to_a_place_at_home_and_to_another(tmp_path):
+    async with in_flight(tmp_path) as flown:
+        assert not flown.truth.on_ground
+        report = await flown.uav.navi_goto(5.0, -3.0, 2.0, radius=2, on_stage=flown.seen)
+        assert flown.stages == [NaviStage.READY, NaviStage.ROUTE, NaviStage.AT_POINT]
+        assert report.is_route_done
+        assert report.target_distance <= 2.5
+        assert "throttle holds the height" in report.hands
+        assert flown.truth.position_enu[2] > 1.0, "and the pilot's does"
+        flown.turn_switch("hold")
+        await asyncio.sleep(0.5)
+        again = await flown.uav.navi_goto(0.0, -3.0, 2.0, radius=2, on_stage=flown.seen)
+        assert again.is_route_done
+        assert flown.truth.position_enu[:2] == pytest.approx([0.0, -3.0], abs=2.5)
+        assert flown.stages[-2:] == [NaviStage.ROUTE, NaviStage.AT_POINT], "the place before says nothing of this one"
+
+
+@virtually
+async def test_a_route_is_flown_to_its_last_point_and_then_home(tmp_path):
+    async with in_flight(tmp_path) as flown:
+        mission = Mission(points=(flown.place(5.0, 0.0), flown.place(5.0, 4.0)))
+        report = await flown.uav.navi_route(mission, on_stage=flown.seen)
+        assert (report.waypoint, report.waypoints, report.is_route_done) == (2, 2, True)
+        assert flown.truth.position_enu[:2] == pytest.approx([5.0, 4.0], abs=2.5)
+        home = await flown.uav.navi_home(on_stage=flown.seen)
+        assert home.is_home
+        assert flown.stages[-1] is NaviStage.HOME
+
+
+@virtually
+async def test_the_pilots_sticks_and_switch_rule_and_a_place_that_is_not_reached_says_where_it_stood(tmp_path):
+    async with in_flight(tmp_path) as flown:
+        with pytest.raises(ManoeuvreError, match=r"not there within 1 s: ready; the pilot turns the GPS switch to"):
+            await flown.uav.navi_goto(50.0, 0.0, 2.0, patience=1.0)
+        flown.turn_switch("home")
+        with pytest.raises(ManoeuvreError, match=r"not there within 2 s: route; the pilot off pitch and roll"):
+            await flown.uav.navi_route(patience=2.0)
+        with pytest.raises(CommandRejectedError) as refusal:
+            await flown.uav.navi_goto(10.0, 0.0, 2.0)
+        assert refusal.value.token == "switch_at_home"
+        flown.pilot.program, flown.pilot.pitch = None, 20
+        assert await flown.newest(0.5) is NaviStage.OVERRIDDEN
+        flown.pilot.pitch = 0
+        flown.turn_switch("hold")
+        assert await flown.newest(0.5) is NaviStage.READY, "the list is paused"
+        flown.boards.world.faults.start("gps_lost")
+        assert await flown.newest(0.8) is NaviStage.NO_POSITION
+        unfit = await flown.rig.ask("navi_goto", position=(1.0, 0.0, 2.0), confirm=True)
+        assert (unfit.token, bool(unfit.fix)) == ("position_poor", True)
+
+
+@virtually
+async def test_on_the_ground_and_unconfirmed_nothing_is_sent(tmp_path):
+    async with in_flight(tmp_path, seconds=2.0) as flown:
+        ground = await flown.rig.ask("navi_goto", position=(10.0, 0.0, 2.0), confirm=True)
+        assert (ground.token, bool(ground.fix)) == ("route_on_ground", True)
+        unconfirmed = await flown.rig.ask("navi_goto", position=(10.0, 0.0, 2.0))
+        assert unconfirmed.token == "not_confirmed"
+        assert not any(data[2:3] == b"w" for _, data in flown.rig.socket.wire)
