@@ -1,7 +1,8 @@
 """The daemon is killed, aborted, frozen, held by a C call or out of memory in flight, and nobody starts it again.
 
-Real processes on a pseudo terminal, judged by what the simulated FlightCtrl holds: how long until its sticks are
-neutral, how long until it is released, and that no stick frame follows. Only the guard can do that.
+Real processes, judged by what the simulated FlightCtrl holds: how long until its sticks are
+neutral, how long until it is released, and that no stick frame follows. Only the guard can do that. Where nobody reads
+the daemon's standard error it must fly on, and do the same when its pilot falls silent.
 """
 
 from __future__ import annotations
@@ -21,13 +22,18 @@ from typing import Final
 
 import zenoh
 
+from lab.attack.programs import BLOCKED_DAEMON, HELD_DAEMON, HOLD
+from lab.rigs.cockpit import Boards
+from lab.rigs.lateness import measured_lateness
 from lab.rigs.pilot import Pilot
 from lab.rigs.processes import VEHICLE, DaemonProcess, ObservedSimulation, connected, daemon_process, wait_for_control
 from lab.rigs.waiting import wait_until
 from lab.stories.kill import steering
+from mkdaemon.bus.endpoint import reserved_endpoint
 from mkdaemon.bus.session import session_config
+from mkdaemon.client import Vehicle
 from mkdaemon.config.sim import PilotPlan, SimConfig
-from mkdaemon.daemon.priority import favour_loop
+from mkdaemon.daemon.priority import favour_loop, favour_threads
 from mkdaemon.sim.runtime import Runtime
 
 NEUTRAL_LIMIT: Final = 0.35
@@ -47,31 +53,24 @@ class Death(StrEnum):
     FROZEN = "frozen"
     HELD = "held"
     """A C call keeps the interpreter for `HOLD` and then returns."""
+    BLOCKED = "standard error blocked"
+    """Nobody reads it: the daemon flies on for `HOLD`, then the pilot falls silent; times from its last setpoint."""
     OUT_OF_MEMORY = "out of memory"
     """The kernel kills it; needs a memory cgroup (version 1) that may be written."""
 
 
-HOLD: Final = 3.0
-"""How long the C call takes [s]."""
 _SIGNALS: Final = {
     Death.KILLED: signal.SIGKILL,
     Death.ABORTED: signal.SIGABRT,
     Death.FROZEN: signal.SIGSTOP,
     Death.HELD: signal.SIGUSR1,
+    Death.BLOCKED: signal.SIGUSR1,
 }
-HELD_DAEMON: Final = f"""
-import ctypes, signal, sys
-libc = ctypes.PyDLL(None)  # keeps the interpreter, as a C library that does not let go of it
-signal.signal(signal.SIGUSR1, lambda number, frame: libc.usleep({int(HOLD * 1e6)}))
-from mkdaemon.cli.mkdaemon.app import main
-main()
-"""
-"""A daemon that a signal holds up."""
+_PROGRAMS: Final = {Death.HELD: ("-c", HELD_DAEMON), Death.BLOCKED: ("-c", BLOCKED_DAEMON)}
 GREED: Final = 900_000
 """Length of a message that needs more memory than there is [bytes]."""
 CGROUPS: Final = Path("/sys/fs/cgroup/memory")
-BOARDS: Final = tuple((fc, nc) for nc in (None, "0.24") for fc in ("early", "2.08", "2.12a"))
-"""FlightCtrl, and the NaviCtrl in front of it."""
+BOARDS: Final = tuple(Boards(fc, nc) for nc in (None, "0.24") for fc in ("early", "2.08", "2.12a"))
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,52 +80,72 @@ class Attack:
     Attributes:
         boards: FlightCtrl and NaviCtrl.
         kind: what happened to the daemon.
+        port: what the boards hang on.
         neutral: until the FlightCtrl held neutral sticks or nothing [s].
         released: until it held nothing [s].
         steered: frames with a control bit that came after the release.
+        late: the machine was late by so long at most, and so may be the times [s]; see `lab.rigs.lateness`.
+        kept: nothing was neutral or released before it had to be.
     """
 
     boards: str
     kind: str
+    port: str
     neutral: float
     released: float
     steered: int
+    late: float = 0.0
+    kept: bool = True
 
     @property
     def is_wrong(self) -> bool:
         """Whether it breaks a limit."""
-        return self.neutral > NEUTRAL_LIMIT or self.released > RELEASE_LIMIT or self.steered > 0
+        is_slow = self.neutral > NEUTRAL_LIMIT or self.released > RELEASE_LIMIT
+        return is_slow or self.steered > 0 or not self.kept
 
 
-async def attack(fc: str, nc: str | None, kind: Death, *, seed: int) -> Attack:
-    """Fly, attack the daemon, and watch the boards.
+async def attack(boards: Boards, kind: Death, seed: int) -> Attack:
+    """Fly, attack the daemon, and watch the boards: on a pseudo terminal, with every second seed on a TCP port.
 
     Raises:
         TimeoutError: the flight did not begin, or the aircraft was never released.
     """
     favour_loop()  # who judges must not be starved by the machine's other programs
-    rng = random.Random(f"{seed} {fc} {nc} {kind.value}")
-    board = {"board": "fc"} if nc is None else {"board": "nc", "nc": nc}
-    fields = {**board, "fc": fc, "pilot_plan": PilotPlan.NOTHING, "calibrated": True, "seed": seed}
+    rng = random.Random(f"{seed} {boards.name} {kind.value}")
+    front = {"board": "fc"} if boards.nc is None else {"board": "nc", "nc": boards.nc}
+    fields = {**front, "fc": boards.fc, "pilot_plan": PilotPlan.NOTHING, "calibrated": True, "seed": seed}
     simulation = ObservedSimulation(SimConfig.model_validate(fields))
-    runtime = Runtime(simulation)
-    program = ("-c", HELD_DAEMON) if kind is Death.HELD else None
-    with tempfile.TemporaryDirectory() as name:
+    is_on_terminal = seed % 2 == 1
+    with reserved_endpoint() as endpoint, tempfile.TemporaryDirectory() as name:
+        listen = None if is_on_terminal else endpoint.removeprefix("tcp/")
+        runtime = Runtime(simulation, listen=listen)
+        port = f"pty:{runtime.port}" if listen is None else f"tcp:{listen}"
         async with (
             runtime.serve(),
-            daemon_process(f"pty:{runtime.port}", Path(name), program=program) as daemon,
+            daemon_process(port, Path(name), program=_PROGRAMS.get(kind)) as daemon,
             connected(daemon.endpoint) as client,
             Pilot(client, "pilot") as pilot,
+            measured_lateness() as lateness,
         ):
             await wait_for_control(client)
             await pilot.engage(lambda: simulation.is_controlled)
             pilot.sticks |= {"pitch": 40.0, "roll": -40.0}
             await wait_until(lambda: not _is_neutral(simulation))
             await asyncio.sleep(rng.uniform(0.2, 0.8))
-            began = await _strike(daemon, kind)
-            neutral = asyncio.create_task(wait_until(lambda: _is_neutral(simulation)), name="neutral")
+            favour_threads()  # those that carry the pilot's setpoints, and his daemon's death
+            lateness.forget()
+            is_kept = True
+            if kind is Death.BLOCKED:
+                is_kept = await _fly_on_blocked(daemon, client, simulation)
+                await pilot.stop()
+                began = pilot.put_at
+            else:
+                began = await _strike(daemon, kind)
+            await wait_until(lambda: _is_neutral(simulation))
+            neutral = time.monotonic() - began
             await wait_until(lambda: not simulation.is_controlled)
             released = time.monotonic() - began
+            late = round(max(lateness.loop, lateness.terminal if is_on_terminal else 0.0), 3)
             simulation.heard.clear()
             await asyncio.sleep(WATCH)
             steered = steering(b"".join(data for _, data in simulation.heard)) + int(simulation.is_controlled)
@@ -134,8 +153,8 @@ async def attack(fc: str, nc: str | None, kind: Death, *, seed: int) -> Attack:
                 steered = max(0, steered - 1)  # the daemon comes back and releases once more, level sticks first
             with suppress(ProcessLookupError):
                 daemon.send_signal(signal.SIGKILL)
-            boards = f"FC {fc}" if nc is None else f"FC {fc} behind NC {nc}"
-            return Attack(boards, kind.value, round(await neutral, 3), round(released, 3), steered)
+            times = round(neutral, 3), round(released, 3)
+            return Attack(boards.name, kind.value, port[:3], *times, steered, late, is_kept)
 
 
 async def _strike(daemon: DaemonProcess, kind: Death) -> float:
@@ -148,6 +167,29 @@ async def _strike(daemon: DaemonProcess, kind: Death) -> float:
     else:
         daemon.send_signal(_SIGNALS[kind])
     return time.monotonic()
+
+
+async def _fly_on_blocked(daemon: DaemonProcess, client: Vehicle, simulation: ObservedSimulation) -> bool:
+    """Block standard error, have something logged, and fly on; returns whether the aircraft was steered all the while.
+
+    Raises:
+        TimeoutError: nothing waits to be written.
+    """
+    daemon.send_signal(_SIGNALS[Death.BLOCKED])
+    async with asyncio.timeout(HOLD):
+        while not _waits_to_write(daemon.pid):
+            await client.command("do", "nothing", {})
+    is_kept, began = True, time.monotonic()
+    while time.monotonic() - began < HOLD:
+        await asyncio.sleep(0.02)
+        is_kept &= simulation.is_controlled and not _is_neutral(simulation)
+    return is_kept and _waits_to_write(daemon.pid)
+
+
+def _waits_to_write(pid: int) -> bool:
+    """Whether a thread waits for room in a pipe; root alone may see it."""
+    tasks = Path(f"/proc/{pid}/task").iterdir()
+    return any("pipe_write" in (task / "wchan").read_text(encoding="ascii") for task in tasks)
 
 
 def _is_alive(pid: int) -> bool:

@@ -3,12 +3,17 @@
 from __future__ import annotations
 
 import asyncio
+import multiprocessing
 import os
 import sys
 import time
-from collections.abc import Callable, Coroutine
+from collections.abc import Callable, Coroutine, Iterator, Sequence
+from concurrent.futures import Executor, ProcessPoolExecutor
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import Any, Final, Generic, Protocol, TypeVar
+
+from lab.stories.losses import silence_log
 
 LONGEST: Final = 120.0
 """A flight that takes longer has failed [s]; the longest on an idle machine takes 15."""
@@ -23,6 +28,21 @@ class Flight(Protocol):
 
 
 _Flight = TypeVar("_Flight", bound=Flight)
+
+
+@dataclass(frozen=True, slots=True)
+class Plan(Generic[_Flight]):
+    """Flights of one row of the campaign, before they are flown.
+
+    Attributes:
+        attack: what is done to them.
+        boards: which aircraft.
+        fly: flies with a seed; a function of a module, so that another process finds it.
+    """
+
+    attack: str
+    boards: str
+    fly: Callable[[int], Coroutine[Any, Any, _Flight]]
 
 
 @dataclass(slots=True)
@@ -42,33 +62,62 @@ class Flights(Generic[_Flight]):
     not_flown: list[dict[str, Any]] = field(default_factory=list)
 
 
-def fly_all(
-    attack: str, boards: str, seeds: range, fly: Callable[[int], Coroutine[Any, Any, _Flight]]
-) -> Flights[_Flight]:
-    """Fly once per seed, and tell on standard error how each went.
+def fly_all(plans: Sequence[Plan[_Flight]], seeds: range, pool: Executor | None = None) -> Iterator[Flights[_Flight]]:
+    """Fly every plan once per seed, and tell on standard error how each flight went.
 
     Args:
-        attack: what is done to them.
-        boards: which aircraft.
+        plans: the rows.
         seeds: one per flight.
-        fly: flies with a seed.
+        pool: flies several at a time; None for one after the other, here.
+
+    Yields:
+        What came of each plan, in their order.
     """
-    flights = Flights[_Flight](attack, boards)
-    for number, seed in enumerate(seeds, 1):
-        began = time.monotonic()
-        try:
-            flight = asyncio.run(_fly_in_time(fly(seed)))
-        except Exception as error:  # noqa: BLE001
-            # Whatever keeps one flight from being flown, the others count; and the row fails.
-            reason = f"{type(error).__name__}: {error}"
-            flights.not_flown.append({"seed": seed, "reason": reason})
-            outcome = f"NOT FLOWN: {reason}"
-        else:
-            flights.flown.append(flight)
-            outcome = f"WRONG: {flight}" if flight.is_wrong else "holds"
-        took, load = time.monotonic() - began, os.getloadavg()[0]
-        where = f"{attack}, {boards}, {number} of {len(seeds)}, seed {seed}"
-        print(f"{where}: {outcome} ({took:.0f} s, load {load:.1f})", file=sys.stderr, flush=True)
+    if pool is None:
+        for plan in plans:
+            yield _put_together(plan, [_fly_once(plan, seed) for seed in seeds])
+        return
+    # The same seed of all rows first: flights at a time are different ones.
+    found = {(k, seed): pool.submit(_fly_once, plan, seed) for seed in seeds for k, plan in enumerate(plans)}
+    for k, plan in enumerate(plans):
+        yield _put_together(plan, [found[k, seed].result() for seed in seeds])
+
+
+@contextmanager
+def flight_pool(jobs: int) -> Iterator[Executor | None]:
+    """Processes that fly so many flights at a time; None for one.
+
+    Every flight has processes, ports, a folder and boards of its own, and one of these processes judges it alone: they
+    share nothing but the machine.
+    """
+    if jobs <= 1:
+        yield None
+        return
+    with ProcessPoolExecutor(jobs, multiprocessing.get_context("spawn"), initializer=silence_log) as pool:
+        yield pool
+
+
+def _put_together(plan: Plan[_Flight], parts: Sequence[Flights[_Flight]]) -> Flights[_Flight]:
+    flown = [one for part in parts for one in part.flown]
+    return Flights(plan.attack, plan.boards, flown, [one for part in parts for one in part.not_flown])
+
+
+def _fly_once(plan: Plan[_Flight], seed: int) -> Flights[_Flight]:
+    flights = Flights[_Flight](plan.attack, plan.boards)
+    began = time.monotonic()
+    try:
+        flight = asyncio.run(_fly_in_time(plan.fly(seed)))
+    except Exception as error:  # noqa: BLE001
+        # Whatever keeps one flight from being flown, the others count; and the row fails.
+        reason = f"{type(error).__name__}: {error}"
+        flights.not_flown.append({"seed": seed, "reason": reason})
+        outcome = f"NOT FLOWN: {reason}"
+    else:
+        flights.flown.append(flight)
+        outcome = f"WRONG: {flight}" if flight.is_wrong else "holds"
+    took, load = time.monotonic() - began, os.getloadavg()[0]
+    where = f"{plan.attack}, {plan.boards}, seed {seed}"
+    print(f"{where}: {outcome} ({took:.0f} s, load {load:.1f})", file=sys.stderr, flush=True)
     return flights
 
 

@@ -20,6 +20,7 @@ from pathlib import Path
 from typing import Final
 
 from lab.attack.attackers import Flood
+from lab.attack.programs import DEAF_DAEMON
 from lab.rigs.pilot import Pilot
 from lab.rigs.processes import VEHICLE, ObservedSimulation, connected, daemon_process, wait_for_control
 from lab.rigs.waiting import wait_until
@@ -39,20 +40,6 @@ LOG_LIMIT: Final = 10_000.0
 """What the daemon writes to standard error [bytes/s]."""
 RELEASE_LIMIT: Final = 2.5
 """From `mkctl release` to a FlightCtrl that holds nothing [s]: 1 s for the bus, then the Unix socket."""
-DEAF_DAEMON: Final = """
-import os
-_, full = os.pipe()
-os.set_blocking(full, False)
-try:
-    while os.write(full, bytes(4096)):
-        pass
-except BlockingIOError:
-    os.set_blocking(full, True)
-os.dup2(full, 2)
-from mkdaemon.cli.mkdaemon.app import main
-main()
-"""
-"""A daemon whose first line on standard error waits for ever, as after Ctrl-S."""
 ATTACKERS: Final = 2
 SECONDS: Final = 5.0
 """How long an attack lasts [s]."""
@@ -93,7 +80,7 @@ class Ride:
         return is_slow or not self.kept or self.memory_mb > MEMORY_LIMIT_MB or self.log > LOG_LIMIT
 
 
-async def ride(kind: Flood, *, seed: int) -> Ride:
+async def ride(kind: Flood, seed: int) -> Ride:
     """Fly under attack, then release as a user would.
 
     Raises:

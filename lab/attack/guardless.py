@@ -47,7 +47,7 @@ class GuardDeath:
         return self.noticed > NOTICE_LIMIT or self.token != Token.GUARD_DEAD or not self.kept
 
 
-async def kill_guard(*, seed: int) -> GuardDeath:
+async def kill_guard(seed: int) -> GuardDeath:
     """Fly, and kill the guard.
 
     Raises:

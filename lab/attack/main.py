@@ -10,6 +10,7 @@ import math
 import os
 import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import Executor
 from dataclasses import asdict
 from functools import partial
 from typing import Annotated, Any, Final, Literal
@@ -20,31 +21,27 @@ from rich.table import Table
 
 from lab.attack.attackers import Flood
 from lab.attack.deaths import BOARDS, Attack, Death, attack
-from lab.attack.flights import Flights, fly_all
+from lab.attack.flights import Flights, Plan, flight_pool, fly_all
 from lab.attack.floods import Ride, ride
 from lab.attack.guardless import GuardDeath, kill_guard
 from lab.attack.quiet import FLIGHT, fly_quietly
+from lab.attack.virtual import Silence, VirtualDeath, fly_virtually
 from lab.rigs.cockpit import Boards
 from lab.stories.losses import silence_log
 from mkdaemon.cli.arguments import AsJson
 
-Case = Literal["deaths", "floods", "guard", "quiet"]
+Case = Literal["deaths", "virtual", "floods", "guard", "quiet"]
 Rows = Iterator[dict[str, Any]]
 ON_TCP: Final = "FC 2.08 on TCP"
 QUIET_BOARDS: Final = (Boards("early"), Boards("2.08"), Boards("2.12a"), Boards("2.12a", "0.24"))
 
 
-def run_deaths(runs: int, seed: int) -> Rows:
+def run_deaths(seeds: range, pool: Executor | None) -> Rows:
     """Every death of the daemon on every pair of boards."""
-    for fc, nc in BOARDS:
-        for kind in Death:
-            name = f"FC {fc}" if nc is None else f"FC {fc} behind NC {nc}"
-            fly = partial(_fly_to_death, fc, nc, kind)
-            yield death_row(fly_all(f"daemon {kind.value}", name, range(seed, seed + runs), fly))
-
-
-async def _fly_to_death(fc: str, nc: str | None, kind: Death, seed: int) -> Attack:
-    return await attack(fc, nc, kind, seed=seed)
+    plans = [
+        Plan(f"daemon {kind.value}", boards.name, partial(attack, boards, kind)) for boards in BOARDS for kind in Death
+    ]
+    return map(death_row, fly_all(plans, seeds, pool))
 
 
 def death_row(flights: Flights[Attack]) -> dict[str, Any]:
@@ -52,21 +49,42 @@ def death_row(flights: Flights[Attack]) -> dict[str, Any]:
     flown = flights.flown
     return _row(
         flights,
+        neutral_median_s=_median([one.neutral for one in flown]),
         neutral_max_s=_largest(one.neutral for one in flown),
         released_median_s=_median([one.released for one in flown]),
         released_max_s=_largest(one.released for one in flown),
         steered=sum(one.steered for one in flown),
+        machine_late_max_s=_largest(one.late for one in flown),
+        on_tcp=sum(one.port == "tcp" for one in flown),
     )
 
 
-def run_floods(runs: int, seed: int) -> Rows:
-    """Every flood."""
-    for kind in Flood:
-        yield flood_row(fly_all(kind.value, ON_TCP, range(seed, seed + runs), partial(_fly_through, kind)))
+def run_virtual_deaths(seeds: range, pool: Executor | None) -> Rows:
+    """The daemon's silence in virtual time, on every pair of boards."""
+    plans = [
+        Plan(f"virtual: {silence.value}", boards.name, partial(fly_virtually, boards, silence))
+        for boards in BOARDS
+        for silence in Silence
+    ]
+    return map(virtual_row, fly_all(plans, seeds, pool))
 
 
-async def _fly_through(kind: Flood, seed: int) -> Ride:
-    return await ride(kind, seed=seed)
+def virtual_row(flights: Flights[VirtualDeath]) -> dict[str, Any]:
+    """One line of the same silence on the same boards."""
+    flown = flights.flown
+    return _row(
+        flights,
+        neutral_median_s=_median([one.neutral for one in flown]),
+        neutral_max_s=_largest(one.neutral for one in flown),
+        released_median_s=_median([one.released for one in flown]),
+        released_max_s=_largest(one.released for one in flown),
+        cut_frames=sum(one.is_cut for one in flown),
+    )
+
+
+def run_floods(seeds: range, pool: Executor | None) -> Rows:
+    """Every flood, one at a time: it is the machine's load itself."""
+    return map(flood_row, fly_all([Plan(kind.value, ON_TCP, partial(ride, kind)) for kind in Flood], seeds))
 
 
 def flood_row(flights: Flights[Ride]) -> dict[str, Any]:
@@ -84,13 +102,9 @@ def flood_row(flights: Flights[Ride]) -> dict[str, Any]:
     )
 
 
-def run_guard_deaths(runs: int, seed: int) -> Rows:
+def run_guard_deaths(seeds: range, pool: Executor | None) -> Rows:
     """The guard is killed."""
-    yield guard_row(fly_all("guard killed", ON_TCP, range(seed, seed + runs), _fly_unguarded))
-
-
-async def _fly_unguarded(seed: int) -> GuardDeath:
-    return await kill_guard(seed=seed)
+    return map(guard_row, fly_all([Plan("guard killed", ON_TCP, kill_guard)], seeds, pool))
 
 
 def guard_row(flights: Flights[GuardDeath]) -> dict[str, Any]:
@@ -125,15 +139,16 @@ def _median(values: Sequence[float]) -> float | None:
     return sorted(values)[math.ceil(len(values) / 2) - 1] if values else None
 
 
-def run_quiet_flights(runs: int, seed: int) -> Rows:
+def run_quiet_flights(seeds: range, pool: Executor | None) -> Rows:
     """Flights with faults of the line that the guard has no part in."""
     for boards in QUIET_BOARDS:
-        found = fly_quietly(boards, range(seed, seed + runs))
-        yield {"attack": "none: the guard is quiet", "runs": runs, **asdict(found), "wrong": found.written}
+        found = fly_quietly(boards, seeds)
+        yield {"attack": "none: the guard is quiet", "runs": len(seeds), **asdict(found), "wrong": found.written}
 
 
-_CASES: Final[dict[str, Callable[[int, int], Rows]]] = {
+_CASES: Final[dict[str, Callable[[range, Executor | None], Rows]]] = {
     "deaths": run_deaths,
+    "virtual": run_virtual_deaths,
     "floods": run_floods,
     "guard": run_guard_deaths,
     "quiet": run_quiet_flights,
@@ -145,9 +160,10 @@ def main(
     case: Annotated[Case | None, Parameter(help="One case; all by default.")] = None,
     runs: Annotated[int, Parameter(help="Runs of every row.")] = 10,
     seed: Annotated[int, Parameter(help="Of the first run; run k has seed + k.")] = 1,
+    jobs: Annotated[int, Parameter(help="Flights at a time; floods and quiet flights have one.")] = 1,
     as_json: AsJson = False,
 ) -> int:
-    """Attack the daemon in flight; exit code 1 if a limit is broken. Ten runs of everything take about two hours.
+    """Attack the daemon in flight; exit code 1 if a limit is broken. Ten runs of everything take about three hours.
 
     Standard error tells how each flight went. One that could not be flown is counted and named, and fails its row.
 
@@ -155,10 +171,11 @@ def main(
     """
     silence_log()
     rows = []
-    for name in _CASES if case is None else (case,):
-        for row in _CASES[name](runs, seed):
-            rows.append({"case": name, **row, "load": round(os.getloadavg()[0], 1), "holds": not row["wrong"]})
-            print(json.dumps(rows[-1]), file=sys.stderr, flush=True)
+    with flight_pool(jobs) as pool:
+        for name in _CASES if case is None else (case,):
+            for row in _CASES[name](range(seed, seed + runs), pool):
+                rows.append({"case": name, **row, "load": round(os.getloadavg()[0], 1), "holds": not row["wrong"]})
+                print(json.dumps(rows[-1]), file=sys.stderr, flush=True)
     holds = all(row["holds"] for row in rows)
     if as_json:
         print(json.dumps({"rows": rows, "flight_s": FLIGHT, "holds": holds}))

@@ -9,7 +9,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from typing import Final
 
-from lab.rigs.boardport import LineFault
+from lab.rigs.boardport import ADAPTER_TIME, LineFault
 from lab.rigs.cockpit import Boards, Cockpit, cockpit
 from lab.rigs.virtualguard import VirtualGuard
 from lab.stories.faults import FAULTS
@@ -63,7 +63,7 @@ async def _fly(boards: Boards, seed: int) -> tuple[_Tally, list[float]]:
     guard, tally = VirtualGuard(), _Tally()
     kinds = [fault for fault in FAULTS if fault not in NEEDS_GUARD]
     loop = asyncio.get_running_loop()
-    async with cockpit(boards, seed, guard=guard) as flown:
+    async with cockpit(boards, seed, guard=guard, tick=ADAPTER_TIME) as flown:
         began = loop.time()
         pilot = asyncio.create_task(_pilot(flown, rng, tally), name="pilot")
         while loop.time() - began < FLIGHT:

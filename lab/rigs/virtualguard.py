@@ -25,6 +25,7 @@ class VirtualGuard:
         self.guard = Guard()
         self.written: list[tuple[float, bytes]] = []
         self.write = write
+        self._hears_link = True
         self._task: asyncio.Task[None] | None = None
 
     def port_opened(self, descriptor: int) -> None:
@@ -50,6 +51,11 @@ class VirtualGuard:
     def daemon_died(self) -> None:
         """The other end of the channel is gone."""
         self._hear(b"")
+        self.daemon_stopped()
+
+    def daemon_stopped(self) -> None:
+        """The link says nothing any more; the channel is open."""
+        self._hears_link = False
 
     def stop(self) -> None:
         """End watching."""
@@ -57,7 +63,8 @@ class VirtualGuard:
             self._task.cancel()
 
     def _hear(self, packet: bytes) -> None:
-        self.guard.hear(packet, asyncio.get_running_loop().time())
+        if self._hears_link:
+            self.guard.hear(packet, asyncio.get_running_loop().time())
 
     async def _run(self) -> None:
         loop = asyncio.get_running_loop()

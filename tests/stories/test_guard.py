@@ -5,6 +5,7 @@ from __future__ import annotations
 import pytest
 
 from lab.attack.deaths import WATCH, Death, attack
+from lab.rigs.cockpit import Boards
 
 SLOW_MACHINE = 0.5
 """Added to the limits: the simulator, the guard and the test share two cores with everything else [s]."""
@@ -13,7 +14,7 @@ SLOW_MACHINE = 0.5
 @pytest.mark.real_time(tolerance=SLOW_MACHINE)
 @pytest.mark.parametrize(("kind", "limit"), [(Death.KILLED, 0.35), (Death.FROZEN, 1.1)])
 async def test_the_guard_releases_the_aircraft_of_a_daemon_that_is_gone(kind, limit):
-    found = await attack("2.08", None, kind, seed=7)
+    found = await attack(Boards("2.08"), kind, 7)
     assert found.released <= limit + SLOW_MACHINE, "without the guard FC 2.08 obeys for 5.1 s"
     assert found.steered == 0
     assert WATCH >= 3.0
