@@ -1,4 +1,4 @@
-"""`kill -9` of the daemon, and of the recorder on the ground, at random moments: what is left, and how old its end is.
+"""`kill -9` of the daemon, of the recorder on the ground, and of both: what is left, and how old its end is.
 
 A witness in this process receives the raw frames and their numbers, with the machine's own monotonic time. What it
 received more than `ALLOWED` before the kill must be in the file, every number of it.
@@ -36,6 +36,8 @@ ALLOWED: Final = 1.1
 LONGEST: Final = 3.0
 """A program is killed at a random moment of so many seconds after its first entry [s]."""
 FRAMES: Final = "raw/rx"
+BLACK_BOX: Final = "state/recordings"
+GROUND: Final = "ground"
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,14 +47,17 @@ class Left:
     Attributes:
         entries: in the files.
         age: of the newest entry when the program was killed; of the recording where it has none [s].
-        missing: frames the witness had received more than `ALLOWED` before, and that are in no file.
-        gaps: entries missing by their numbers.
+        missing: frames the witness had received more than `ALLOWED` before, newer than all of the file.
+        on_the_way: frames that the witness had and the file has not, between others: the bus lost them before the
+            recorder had them, where its own numbers have no gap.
+        gaps: entries missing by the recorder's numbers.
         is_readable: whether the `mcap` library reads it to its end, and the recovered file is whole.
     """
 
     entries: int
     age: float
     missing: int
+    on_the_way: int
     gaps: int
     is_readable: bool
 
@@ -71,54 +76,93 @@ class Witness:
 
 async def kill_daemon(seed: int) -> Left:
     """Kill a daemon while it records."""
-    async with _flight(seed) as (folder, daemon, _):
-        recordings = folder / "state" / "recordings"
-        async with connected(daemon.endpoint) as client, client.watch(FRAMES) as samples:
-            witness = Witness()
-            watching = asyncio.create_task(witness.watch(samples))
-            await wait_until(lambda: len(witness.frames) > 5)
-            began = time.monotonic()
-            await asyncio.sleep(random.Random(f"daemon {seed}").uniform(0.0, LONGEST))
-            killed_at = time.monotonic()
-            await daemon.end(signal.SIGKILL)
-            watching.cancel()
-        return _look(sorted(recordings.glob("*.mcap")), witness, began, killed_at, folder)
+    async with _flight(seed) as (folder, daemon), _watched(daemon.endpoint) as witness:
+        await wait_until(lambda: len(witness.frames) > 5)
+        began = time.monotonic()
+        await _random_while("daemon", seed)
+        killed_at = time.monotonic()
+        await daemon.end(signal.SIGKILL)
+        return _look(_files(folder / BLACK_BOX), witness, began, killed_at, folder)
 
 
 async def kill_recorder(seed: int) -> Left:
     """Kill a recorder on the ground."""
-    async with _flight(seed) as (folder, daemon, endpoint):
-        words = ("-m", "mkdaemon.cli.mkctl.app", "record", "--folder", f"{folder}/ground", "--connect", endpoint)
-        recorder = await asyncio.create_subprocess_exec(
-            sys.executable, *words, stdout=asyncio.subprocess.DEVNULL, stderr=asyncio.subprocess.DEVNULL
-        )
-        try:
-            async with connected(daemon.endpoint) as client, client.watch(FRAMES) as samples:
-                witness = Witness()
-                watching = asyncio.create_task(witness.watch(samples))
-                await wait_until(lambda: any((folder / "ground").glob("*.mcap")))
-                began = time.monotonic()
-                witness.frames.clear()
-                await asyncio.sleep(random.Random(f"recorder {seed}").uniform(0.0, LONGEST))
-                killed_at = time.monotonic()
-                recorder.kill()
-                await recorder.wait()
-                watching.cancel()
-        finally:
-            with suppress(ProcessLookupError):
-                recorder.kill()
-        return _look(sorted((folder / "ground").glob("*.mcap")), witness, began, killed_at, folder)
+    async with _flight(seed) as (folder, daemon), _watched(daemon.endpoint) as witness:
+        async with _recorder(folder / GROUND, daemon.endpoint) as recorder:
+            began = time.monotonic()
+            await _random_while("recorder", seed)
+            killed_at = time.monotonic()
+            recorder.kill()
+            await recorder.wait()
+        return _look(_files(folder / GROUND), witness, began, killed_at, folder)
+
+
+async def kill_both(seed: int) -> Left:
+    """Kill a daemon and a recorder on the ground at once; the worse of what they leave."""
+    async with _flight(seed) as (folder, daemon), _watched(daemon.endpoint) as witness:
+        async with _recorder(folder / GROUND, daemon.endpoint) as recorder:
+            began = time.monotonic()
+            await _random_while("both", seed)
+            killed_at = time.monotonic()
+            recorder.kill()
+            await daemon.end(signal.SIGKILL)
+            await recorder.wait()
+        found = [_look(_files(folder / name), witness, began, killed_at, folder) for name in (BLACK_BOX, GROUND)]
+    return Left(
+        entries=sum(one.entries for one in found),
+        age=max(one.age for one in found),
+        missing=sum(one.missing for one in found),
+        on_the_way=sum(one.on_the_way for one in found),
+        gaps=sum(one.gaps for one in found),
+        is_readable=all(one.is_readable for one in found),
+    )
+
+
+async def _random_while(name: str, seed: int) -> None:
+    await asyncio.sleep(random.Random(f"{name} {seed}").uniform(0.0, LONGEST))
 
 
 @asynccontextmanager
-async def _flight(seed: int) -> AsyncIterator[tuple[Path, Any, str]]:
+async def _watched(endpoint: str) -> AsyncIterator[Witness]:
+    """A witness of what the daemon publishes."""
+    witness = Witness()
+    async with connected(endpoint) as client, client.watch(FRAMES) as samples:
+        watching = asyncio.create_task(witness.watch(samples))
+        try:
+            yield witness
+        finally:
+            watching.cancel()
+
+
+@asynccontextmanager
+async def _recorder(folder: Path, endpoint: str) -> AsyncIterator[asyncio.subprocess.Process]:
+    """`mkctl record` into a folder, as soon as it writes; it does not outlive the context."""
+    words = ("-m", "mkdaemon.cli.mkctl.app", "record", "--folder", str(folder), "--connect", endpoint)
+    recorder = await asyncio.create_subprocess_exec(
+        sys.executable, *words, stdout=asyncio.subprocess.DEVNULL, stderr=asyncio.subprocess.DEVNULL
+    )
+    try:
+        await wait_until(lambda: any(folder.glob("*.mcap")))
+        yield recorder
+    finally:
+        with suppress(ProcessLookupError):
+            recorder.kill()
+        await recorder.wait()
+
+
+@asynccontextmanager
+async def _flight(seed: int) -> AsyncIterator[tuple[Path, Any]]:
     """A simulated aircraft and a daemon on it."""
     config = {"board": "nc", "nc": "2.14", "fc": "2.14", "pilot_plan": PilotPlan.NOTHING, "seed": seed}
     runtime = Runtime(ObservedSimulation(SimConfig.model_validate(config), keeps=False))
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         async with runtime.serve(), daemon_process(f"pty:{runtime.port}", folder) as daemon:
-            yield folder, daemon, daemon.endpoint
+            yield folder, daemon
+
+
+def _files(folder: Path) -> list[Path]:
+    return sorted(folder.glob("*.mcap"))
 
 
 def _look(files: Sequence[Path], witness: Witness, began: float, killed_at: float, folder: Path) -> Left:
@@ -134,9 +178,11 @@ def _look(files: Sequence[Path], witness: Witness, began: float, killed_at: floa
                 numbers.add(msgpack.unpackb(entry.payload)["sequence"])
         gaps += recording.report.lost
         is_readable = is_readable and _streams(path) and _recovers(path, folder / "recovered.mcap")
-    first = min(numbers, default=0)
+    first, last = min(numbers, default=0), max(numbers, default=0)
     wanted = {number for at, number in witness.frames if at < killed_at - ALLOWED and number >= first}
-    return Left(entries, killed_at - newest, len(wanted - numbers), gaps, is_readable)
+    lacking = wanted - numbers
+    missing = sum(number > last for number in lacking)
+    return Left(entries, killed_at - newest, missing, len(lacking) - missing, gaps, is_readable)
 
 
 def _streams(path: Path) -> bool:
@@ -170,6 +216,7 @@ def sum_up(results: Sequence[Left]) -> dict[str, Any]:
         "age_median_s": ages[len(ages) // 2],
         "older_than_allowed": sum(age > ALLOWED for age in ages),
         "frames_missing": sum(one.missing for one in results),
+        "frames_lost_on_the_way": sum(one.on_the_way for one in results),
         "gaps": sum(one.gaps for one in results),
         "unreadable": sum(not one.is_readable for one in results),
         "entries": sum(one.entries for one in results),

@@ -28,7 +28,7 @@ def main(
     case: Annotated[
         Literal["writing", "cost", "playing", "kills", "disks"] | None, Parameter(help="One; all by default.")
     ] = None,
-    runs: Annotated[int, Parameter(help="Kills of the daemon, and as many of the recorder.")] = 50,
+    runs: Annotated[int, Parameter(help="Kills of the daemon, as many of the recorder, and of both.")] = 50,
     seconds: Annotated[float, Parameter(help="Of each flight of `cost` and `playing`.")] = 20.0,
     turns: Annotated[int, Parameter(help="Of `cost`.")] = 3,
     entries: Annotated[int, Parameter(help="Of `writing`.")] = 60_000,
@@ -56,6 +56,7 @@ def main(
                 figures[name] = {
                     "daemon": asyncio.run(_repeat("daemon", kills.kill_daemon, runs)),
                     "recorder": asyncio.run(_repeat("recorder", kills.kill_recorder, runs)),
+                    "both": asyncio.run(_repeat("both", kills.kill_both, runs)),
                 }
             case _:
                 figures[name] = {
@@ -85,5 +86,7 @@ def is_right(figures: dict[str, Any]) -> bool:
         not (played["keys_that_differ"] or played["out_of_order"] or played["not_put"])
         and played["values"] == played["values_played"]
     )
-    is_kept = all(not (one["older_than_allowed"] or one["frames_missing"] or one["unreadable"]) for one in ends)
+    is_kept = all(
+        not (one["older_than_allowed"] or one["frames_missing"] or one["gaps"] or one["unreadable"]) for one in ends
+    )
     return is_kept and is_same and all(one["readable"] for one in figures.get("disks", {}).values())

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import csv
+import tracemalloc
 from xml.etree import ElementTree
 
 import pytest
 
+from mkdaemon.client.export import tables
 from mkdaemon.client.export.ros import RosExport
-from mkdaemon.client.export.tables import tables_of, write_csv, write_parquet
+from mkdaemon.client.export.tables import write_csv, write_parquet
 from mkdaemon.client.export.tracks import gpx, kml, tracks_of
 from mkdaemon.client.export.values import Value, read_values, unit_of
 from mkdaemon.errors import ConfigError, MkError
@@ -28,7 +30,7 @@ def made(suffix, schema, **fields):
 
 
 def test_a_table_has_every_value_of_its_key_with_units_in_the_header(tmp_path):
-    write_csv(tables_of(values()), tmp_path / "csv", overwrite=False)
+    write_csv(values, tmp_path / "csv", overwrite=False)
     with (tmp_path / "csv" / "t.state_position.csv").open(encoding="utf-8", newline="") as file:
         rows = list(csv.DictReader(file))
     positions = values("state/position")
@@ -42,30 +44,79 @@ def test_a_table_has_every_value_of_its_key_with_units_in_the_header(tmp_path):
 def test_parquet_has_the_same_numbers(tmp_path):
     from pyarrow import parquet
 
-    write_parquet(tables_of(values()), tmp_path / "parquet", overwrite=False)
+    write_parquet(values, tmp_path / "parquet", overwrite=False)
     table = parquet.read_table(tmp_path / "parquet" / "t.state_battery.parquet")
     assert table["voltage [V]"].to_pylist() == [one.fields["voltage"] for one in values("state/battery")]
 
 
 def test_what_is_there_is_only_replaced_by_force(tmp_path):
-    tables = tables_of(values("state/gps"))
-    (path,) = write_csv(tables, tmp_path, overwrite=False)
+    def read():
+        return values("state/gps")
+
+    (path,) = write_csv(read, tmp_path, overwrite=False)
     with pytest.raises(ConfigError, match="--force"):
-        write_csv(tables, tmp_path, overwrite=False)
+        write_csv(read, tmp_path, overwrite=False)
     path.write_text("other", encoding="utf-8")
-    write_csv(tables, tmp_path, overwrite=True)
+    write_csv(read, tmp_path, overwrite=True)
     assert path.read_text(encoding="utf-8").startswith("time [s]")
+
+
+def many(count):
+    """So many values of a key, made when they are asked for."""
+    for number in range(count):
+        yield made("control/output", "ControlOutput.v1", pitch=number, roll=0.5, limited=number % 2 == 0, text="x" * 50)
+
+
+@pytest.mark.parametrize("write", [write_csv, write_parquet])
+def test_a_long_recording_takes_no_more_memory_than_a_short_one(tmp_path, write, monkeypatch):
+    monkeypatch.setattr(tables, "WAITING", 500)
+    write(lambda: many(10), tmp_path / "first", overwrite=False)  # what is loaded once is no matter
+    peaks = []
+    for count in (200, 1200):
+        tracemalloc.start()
+        write(lambda count=count: many(count), tmp_path / str(count), overwrite=False)
+        peaks.append(tracemalloc.get_traced_memory()[1])
+        tracemalloc.stop()
+    assert peaks[1] < 1.3 * peaks[0] + 20_000
+
+
+def test_columns_of_parquet_have_one_kind_each_in_every_row_group(tmp_path, monkeypatch):
+    from pyarrow import parquet
+
+    monkeypatch.setattr(tables, "WAITING", 40)
+    mixed = [1, 2.5, None, 3] * 10
+    rows = [
+        made("state/x", "X.v1", number=value, either=value if index % 2 else "text", nothing=None, long="y" * 250)
+        for index, value in enumerate(mixed)
+    ]
+    (path,) = write_parquet(lambda: rows, tmp_path / "out", overwrite=False)
+    assert parquet.ParquetFile(path).num_row_groups > 3
+    table = parquet.read_table(path)
+    assert table["number"].to_pylist() == [None if value is None else float(value) for value in mixed]
+    assert table["either"].to_pylist()[:4] == ["text", "2.5", "text", "3"]
+    assert table["nothing"].null_count == len(mixed)
+    with pytest.raises(MkError, match="no column of Parquet"):
+        write_parquet(lambda: [made("state/y", "Y.v1", number=2**63)], tmp_path / "out", overwrite=False)
+    assert [one.name for one in (tmp_path / "out").iterdir()] == [path.name]
+
+
+def test_nothing_to_export_and_a_folder_that_cannot_be_are_named(tmp_path):
+    with pytest.raises(MkError, match="nothing to export"):
+        write_csv(list, tmp_path / "out", overwrite=False)
+    (tmp_path / "file").write_text("x", encoding="utf-8")
+    with pytest.raises(MkError, match="cannot be made"):
+        write_csv(values, tmp_path / "file" / "out", overwrite=False)
 
 
 def test_tracks_are_where_it_flew():
     positions = values("state/position")
     tracks = tracks_of(positions)
-    points = ElementTree.fromstring(gpx(tracks)).findall(f".//{GPX}trkpt")
+    points = ElementTree.fromstring("".join(gpx(tracks))).findall(f".//{GPX}trkpt")
     expected = [(round(one.fields["latitude_deg"], 7), round(one.fields["longitude_deg"], 7)) for one in positions]
     assert [(float(p.get("lat")), float(p.get("lon"))) for p in points] == expected
     assert points[0].findtext(f"{GPX}ele") == "12.00"
     assert points[0].findtext(f"{GPX}time").startswith("2023-11-14T22:30:00.")
-    coords = [c.text.split() for c in ElementTree.fromstring(kml(tracks)).iter(f"{GX}coord")]
+    coords = [c.text.split() for c in ElementTree.fromstring("".join(kml(tracks))).iter(f"{GX}coord")]
     assert [(float(lat), float(lon)) for lon, lat, _ in coords] == expected
     with pytest.raises(MkError, match="state/position"):
         tracks_of([])

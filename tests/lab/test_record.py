@@ -10,7 +10,7 @@ from lab.record.main import is_right
 
 
 def left(**change):
-    return Left(**{"entries": 10, "age": 0.5, "missing": 0, "gaps": 0, "is_readable": True, **change})
+    return Left(**{"entries": 10, "age": 0.5, "missing": 0, "on_the_way": 0, "gaps": 0, "is_readable": True, **change})
 
 
 def test_figures_of_writing_are_those_of_the_same_entries_every_time():
@@ -22,7 +22,14 @@ def test_figures_of_writing_are_those_of_the_same_entries_every_time():
 
 @pytest.mark.parametrize(
     ("change", "is_kept"),
-    [({}, True), ({"age": ALLOWED + 0.1}, False), ({"missing": 1}, False), ({"is_readable": False}, False)],
+    [
+        ({}, True),
+        ({"age": ALLOWED + 0.1}, False),
+        ({"missing": 1}, False),
+        ({"gaps": 1}, False),
+        ({"on_the_way": 1}, True),
+        ({"is_readable": False}, False),
+    ],
 )
 def test_a_kill_that_costs_too_much_fails_the_campaign(change, is_kept):
     figures = sum_up([left(), left(**change), left()])

@@ -40,28 +40,29 @@ def export(
         MkError: the recording cannot be read, has nothing to export, or the output cannot be written.
         ConfigError: the file is no recording, the output is there already, or a library is missing.
     """
-    from mkdaemon.client.export.tables import tables_of, write_csv, write_parquet
-    from mkdaemon.client.export.tracks import gpx, kml, tracks_of
+    from mkdaemon.client.export.tables import write_csv, write_parquet
+    from mkdaemon.client.export.tracks import POSITION, gpx, kml, tracks_of
     from mkdaemon.client.export.values import read_values
-    from mkdaemon.files import save
+    from mkdaemon.files import saving
 
-    values = read_values(file, key)
     written: list[Path]
     match to:
         case "csv" | "parquet":
             folder = output or Path(f"{file.stem}-{to}")
             write = write_csv if to == "csv" else write_parquet
-            written = write(tables_of(values), folder, overwrite=force)
+            written = write(lambda: read_values(file, key), folder, overwrite=force)
         case "gpx" | "kml":
             track = output or Path(f"{file.stem}.{to}")
             make = gpx if to == "gpx" else kml
-            save(track, make(tracks_of(values)), overwrite=force)
+            tracks = tracks_of(read_values(file, key or (POSITION,)))
+            with saving(track, overwrite=force) as text:
+                text.writelines(line.encode() for line in make(tracks))
             written = [track]
         case "ros":
             from mkdaemon.client.export.ros import RosExport
 
             bag = output or Path(f"{file.stem}-ros")
-            RosExport().write(values, bag, overwrite=force)
+            RosExport().write(read_values(file, key), bag, overwrite=force)
             written = [bag]
     for path in written:
         print(json_line({"written": str(path)}) if as_json else path)

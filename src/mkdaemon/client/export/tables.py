@@ -1,120 +1,135 @@
-"""Tables: one file a key, as CSV or Parquet, units in the names of the columns."""
+"""Tables: one file a key, as CSV or Parquet, units in the names of the columns.
+
+A recording is read twice: once for its columns and their kinds, once for its rows, which are written as they come. So
+the longest recording takes no more memory than `WAITING` and what its keys are.
+"""
 
 from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
+from contextlib import ExitStack
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
-from mkdaemon.client.export.values import Value, flat, unit_of
+from mkdaemon.client.export.values import Row, Value, flat, unit_of
 from mkdaemon.errors import ConfigError, MkError
-from mkdaemon.files import refuse_existing, save, saving
+from mkdaemon.files import refuse_existing, saving
 
 TIMES: Final = ("time [s]", "monotonic [s]")
 """First columns: publish time (Unix time), and the time that never jumps."""
+WAITING: Final = 200_000
+"""Cells that wait for their row group of a Parquet file, of all tables together; 20 MB."""
+Read = Callable[[], Iterable[Value]]
+"""Gives all values of a recording, in order, every time it is called."""
+Place = tuple[str, str]
+"""Vehicle and key of a table."""
 
 
 @dataclass
 class Table:
-    """The values of one key.
+    """What is known of the values of one key before they are written.
 
     Attributes:
         name: of its file.
-        columns: names with units, in the order in which they came first.
-        rows: by name of the column.
+        columns: names with units, in the order in which they came first, and the kinds of their values.
     """
 
     name: str
-    columns: dict[str, None] = field(default_factory=lambda: dict.fromkeys(TIMES))
-    rows: list[dict[str, Any]] = field(default_factory=list)
+    columns: dict[str, set[type]] = field(default_factory=lambda: {name: {float} for name in TIMES})
 
-    def add(self, value: Value) -> None:
-        """Take a value."""
-        fields = {name: part for name, part in value.fields.items() if name != "stamp"}
-        row: dict[str, Any] = dict(zip(TIMES, (value.wall, value.monotonic), strict=True))
-        for name, part in flat(fields).items():
-            unit = unit_of(value.schema, name.partition(".")[0])
-            row[f"{name} [{unit}]" if unit else name] = part
-        self.columns |= dict.fromkeys(row)
-        self.rows.append(row)
+    def take(self, row: Row) -> None:
+        """Learn from a row."""
+        for name, part in row.items():
+            kinds = self.columns.setdefault(name, set())
+            if part is not None:
+                kinds.add(type(part))
 
 
-def tables_of(values: Iterable[Value]) -> list[Table]:
-    """Sort values into tables, by vehicle and key."""
-    tables: dict[tuple[str, str], Table] = {}
+def row_of(value: Value) -> Row:
+    """The cells of a value, by the name of their column."""
+    row: Row = dict(zip(TIMES, (float(value.wall), float(value.monotonic)), strict=True))
+    for name, part in flat({name: part for name, part in value.fields.items() if name != "stamp"}).items():
+        unit = unit_of(value.schema, name.partition(".")[0])
+        row[f"{name} [{unit}]" if unit else name] = part
+    return row
+
+
+def tables_of(values: Iterable[Value]) -> dict[Place, Table]:
+    """The table of each vehicle and key."""
+    tables: dict[Place, Table] = {}
     for value in values:
         place = (value.vehicle, value.suffix)
         if place not in tables:
             tables[place] = Table(f"{value.vehicle}.{value.suffix.replace('/', '_')}")
-        tables[place].add(value)
-    return list(tables.values())
+        tables[place].take(row_of(value))
+    return tables
 
 
-def write_csv(tables: Iterable[Table], folder: Path, *, overwrite: bool) -> list[Path]:
+def write_csv(read: Read, folder: Path, *, overwrite: bool) -> list[Path]:
     """Write each table as CSV (RFC 4180); an empty cell is a value that is not there.
 
     Raises:
         ConfigError: a file is there already, and `overwrite` is off.
-        MkError: it cannot be written.
+        MkError: it cannot be written, or there is nothing to write.
     """
-    return [
-        _write_csv(table, folder / f"{table.name}.csv", overwrite) for table in _free(tables, folder, "csv", overwrite)
-    ]
+    tables = tables_of(read())
+    paths = _paths(tables, folder, "csv", overwrite=overwrite)
+    with ExitStack() as files:
+        writers = {}
+        for place, table in tables.items():
+            file = files.enter_context(saving(paths[place], overwrite=overwrite))
+            text = io.TextIOWrapper(file, encoding="utf-8", newline="", write_through=True)
+            files.callback(text.detach)
+            writers[place] = csv.DictWriter(text, list(table.columns), restval="")
+            writers[place].writeheader()
+        for value in read():
+            writers[value.vehicle, value.suffix].writerow(row_of(value))
+    return list(paths.values())
 
 
-def write_parquet(tables: Iterable[Table], folder: Path, *, overwrite: bool) -> list[Path]:
+def write_parquet(read: Read, folder: Path, *, overwrite: bool) -> list[Path]:
     """Write each table as Parquet.
 
     Raises:
         ConfigError: pyarrow is not installed, or a file is there already and `overwrite` is off.
-        MkError: it cannot be written, or a column has values of several kinds.
+        MkError: it cannot be written, there is nothing to write, or a value is none of Parquet.
     """
     try:
-        import pyarrow
-        from pyarrow import parquet
+        from mkdaemon.client.export.parquet import RowGroups
     except ImportError:
         msg = 'Parquet needs pyarrow: pip install "mkdaemon[export]"'
         raise ConfigError(msg) from None
-    written = []
-    for table in _free(tables, folder, "parquet", overwrite):
-        path = folder / f"{table.name}.parquet"
-        try:
-            columns = {name: [_alike(row.get(name), table, name) for row in table.rows] for name in table.columns}
-            content = io.BytesIO()
-            parquet.write_table(pyarrow.table(columns), content)
-        except pyarrow.ArrowException as error:
-            msg = f"{path}: a column of it is no column of Parquet ({error}); --format csv takes everything"
-            raise MkError(msg) from error
-        save(path, content.getvalue(), overwrite=overwrite)
-        written.append(path)
-    return written
+    tables = tables_of(read())
+    paths = _paths(tables, folder, "parquet", overwrite=overwrite)
+    with ExitStack() as files:
+        groups = {}
+        for place, table in tables.items():
+            file = files.enter_context(saving(paths[place], overwrite=overwrite))
+            groups[place] = files.enter_context(RowGroups(file, paths[place], table.columns))
+        waiting = 0
+        for value in read():
+            waiting += groups[value.vehicle, value.suffix].add(row_of(value))
+            if waiting > WAITING:
+                waiting -= max(groups.values(), key=lambda one: one.waiting).write()
+    return list(paths.values())
 
 
-def _alike(value: Any, table: Table, name: str) -> Any:
-    """A value of the one kind that its column has: numbers as floats where they are mixed, else text."""
-    kinds = {type(row[name]) for row in table.rows if row.get(name) is not None}
-    if value is None or len(kinds) <= 1:
-        return value
-    return float(value) if kinds == {int, float} else str(value)
-
-
-def _write_csv(table: Table, path: Path, overwrite: bool) -> Path:
-    with saving(path, overwrite=overwrite) as file:
-        text = io.TextIOWrapper(file, encoding="utf-8", newline="", write_through=True)
-        writer = csv.DictWriter(text, list(table.columns), restval="")
-        writer.writeheader()
-        writer.writerows(table.rows)
-        text.detach()
-    return path
-
-
-def _free(tables: Iterable[Table], folder: Path, suffix: str, overwrite: bool) -> list[Table]:
+def _paths(tables: dict[Place, Table], folder: Path, suffix: str, *, overwrite: bool) -> dict[Place, Path]:
     """Make the folder, and make sure that no file of these is there, before the first is written."""
-    found = list(tables)
-    folder.mkdir(parents=True, exist_ok=True)
-    for table in found:
-        refuse_existing(folder / f"{table.name}.{suffix}", overwrite=overwrite)
-    return found
+    if not tables:
+        msg = (
+            "nothing to export: the recording has no published value of these keys; `mkctl log info` shows what it has"
+        )
+        raise MkError(msg)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        msg = f"{folder}: cannot be made ({error.strerror}); choose another place"
+        raise MkError(msg) from error
+    paths = {place: folder / f"{table.name}.{suffix}" for place, table in tables.items()}
+    for path in paths.values():
+        refuse_existing(path, overwrite=overwrite)
+    return paths

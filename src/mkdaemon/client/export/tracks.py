@@ -5,16 +5,17 @@ Sources: GPX 1.1 schema (topografix.com/GPX/1/1); OGC 12-007r2, KML 2.3, `gx:Tra
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from typing import Final
-from xml.etree import ElementTree
+from xml.sax.saxutils import escape
 
 from mkdaemon.client.export.values import Value
 from mkdaemon.errors import MkError
 
 POSITION: Final = "state/position"
+XML: Final = '<?xml version="1.0" encoding="utf-8"?>\n'
 _GPX: Final = "http://www.topografix.com/GPX/1/1"
 _KML: Final = "http://www.opengis.net/kml/2.2"
 _GX: Final = "http://www.google.com/kml/ext/2.2"
@@ -68,47 +69,37 @@ def tracks_of(values: Iterable[Value]) -> dict[str, list[TrackPoint]]:
     return tracks
 
 
-def gpx(tracks: dict[str, list[TrackPoint]]) -> bytes:
-    """One track a vehicle; `ele` is the receiver's altitude, left out where it is not known."""
-    ElementTree.register_namespace("", _GPX)
-    root = ElementTree.Element(f"{{{_GPX}}}gpx", {"version": "1.1", "creator": "mkdaemon"})
+def gpx(tracks: dict[str, list[TrackPoint]]) -> Iterator[str]:
+    """One track a vehicle, line by line; `ele` is the receiver's altitude, left out where it is not known."""
+    yield XML
+    yield f'<gpx xmlns="{_GPX}" version="1.1" creator="mkdaemon">\n'
     for vehicle, points in tracks.items():
-        track = ElementTree.SubElement(root, f"{{{_GPX}}}trk")
-        ElementTree.SubElement(track, f"{{{_GPX}}}name").text = vehicle
-        segment = ElementTree.SubElement(track, f"{{{_GPX}}}trkseg")
+        yield f"  <trk>\n    <name>{escape(vehicle)}</name>\n    <trkseg>\n"
         for point in points:
-            place = {"lat": f"{point.latitude_deg:.7f}", "lon": f"{point.longitude_deg:.7f}"}
-            element = ElementTree.SubElement(segment, f"{{{_GPX}}}trkpt", place)
-            if point.altitude is not None:
-                ElementTree.SubElement(element, f"{{{_GPX}}}ele").text = f"{point.altitude:.2f}"
-            ElementTree.SubElement(element, f"{{{_GPX}}}time").text = point.time
-    return _document(root)
+            height = "" if point.altitude is None else f"<ele>{point.altitude:.2f}</ele>"
+            place = f'lat="{point.latitude_deg:.7f}" lon="{point.longitude_deg:.7f}"'
+            yield f"      <trkpt {place}>{height}<time>{point.time}</time></trkpt>\n"
+        yield "    </trkseg>\n  </trk>\n"
+    yield "</gpx>\n"
 
 
-def kml(tracks: dict[str, list[TrackPoint]]) -> bytes:
-    """One track a vehicle, heights above the ground at the start where they are known, else the receiver's altitude."""
-    ElementTree.register_namespace("", _KML)
-    ElementTree.register_namespace("gx", _GX)
-    root = ElementTree.Element(f"{{{_KML}}}kml")
-    document = ElementTree.SubElement(root, f"{{{_KML}}}Document")
-    ElementTree.SubElement(document, f"{{{_KML}}}name").text = "mkdaemon"
+def kml(tracks: dict[str, list[TrackPoint]]) -> Iterator[str]:
+    """One track a vehicle, line by line.
+
+    Heights are above the ground at the start where they are known, else the receiver's altitude.
+    """
+    yield XML
+    yield f'<kml xmlns="{_KML}" xmlns:gx="{_GX}">\n  <Document>\n    <name>mkdaemon</name>\n'
     for vehicle, points in tracks.items():
-        mark = ElementTree.SubElement(document, f"{{{_KML}}}Placemark")
-        ElementTree.SubElement(mark, f"{{{_KML}}}name").text = vehicle
-        track = ElementTree.SubElement(mark, f"{{{_GX}}}Track")
         is_relative = all(point.height is not None for point in points)
         mode = "relativeToGround" if is_relative else "absolute"
-        ElementTree.SubElement(track, f"{{{_KML}}}altitudeMode").text = mode
+        yield f"    <Placemark>\n      <name>{escape(vehicle)}</name>\n      <gx:Track>\n"
+        yield f"        <altitudeMode>{mode}</altitudeMode>\n"
         for point in points:
-            ElementTree.SubElement(track, f"{{{_KML}}}when").text = point.time
+            yield f"        <when>{point.time}</when>\n"
         for point in points:
             up = point.height if is_relative else point.altitude
             coordinates = f"{point.longitude_deg:.7f} {point.latitude_deg:.7f} {up or 0.0:.2f}"
-            ElementTree.SubElement(track, f"{{{_GX}}}coord").text = coordinates
-    return _document(root)
-
-
-def _document(root: ElementTree.Element) -> bytes:
-    ElementTree.indent(root)
-    content: bytes = ElementTree.tostring(root, encoding="utf-8", xml_declaration=True)
-    return content + b"\n"
+            yield f"        <gx:coord>{coordinates}</gx:coord>\n"
+        yield "      </gx:Track>\n    </Placemark>\n"
+    yield "  </Document>\n</kml>\n"

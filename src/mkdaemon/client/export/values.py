@@ -19,6 +19,8 @@ from mkdaemon.record.entry import Entry, Kind
 from mkdaemon.record.patterns import matches_any
 from mkdaemon.record.reader import Recording
 
+Row = dict[str, Any]
+"""The cells of a value, by the name of their column."""
 _UNIT: Final = re.compile(r"\[([^\]]+)\]")
 
 
