@@ -23,6 +23,7 @@ from lab.vision.never import FLIGHTS, FLIPS, all_flips
 from lab.vision.rates import rates
 from lab.vision.real import REAL
 from lab.vision.searching import SEARCH
+from lab.vision.selfcal import SELFCAL
 from lab.vision.stages import stages
 from lab.vision.stills import SeedSet
 from lab.vision.tagfree import FALSE_POSITIVES
@@ -44,6 +45,7 @@ CASES: Final[dict[str, Case]] = {
     "flights": FLIGHTS,
     "decks": DECKS,
     "real": REAL,
+    "selfcal": SELFCAL,
     "flips": FLIPS,
     "false_positives": FALSE_POSITIVES,
     "nees": CONSISTENCY,

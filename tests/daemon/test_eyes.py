@@ -20,7 +20,7 @@ from mkdaemon.control.vehicle import VehicleFacts
 from mkdaemon.daemon.eyes import Eyes, open_eyes
 from mkdaemon.errors import ConfigError
 from mkdaemon.stamp import Stamp
-from mkdaemon.telemetry.state import Attitude
+from mkdaemon.telemetry.state import Attitude, Position
 from tests.bus.support import PATIENCE, bus_config, free_endpoint
 from tests.places import CONFIGS
 
@@ -66,6 +66,31 @@ async def test_a_camera_that_cannot_work_is_a_configuration_error():
     async with Bus.open(cfg.bus, "eyes2") as bus:
         with pytest.raises(ConfigError, match="no targets"):
             open_eyes(cfg, bus, Clock(), CORE)
+
+
+PLACE = Position(
+    stamp=Stamp(monotonic=1.0, wall=2.0),
+    source="nc/osd",
+    latitude_deg=48.0,
+    longitude_deg=11.0,
+    altitude=500.0,
+    altitude_above_start=3.5,
+    position_enu=None,
+    home_latitude_deg=None,
+    home_longitude_deg=None,
+    home_distance=None,
+)
+
+
+def test_the_barometers_height_reaches_the_cameras_where_the_boards_know_it():
+    heard = []
+    worker = Worker()
+    worker.barometer_arrived = lambda time, height: heard.append((time, height))
+    eyes = Eyes(worker)
+    eyes.position_received(PLACE)
+    eyes.position_received(PLACE.model_copy(update={"altitude_above_start": None}))
+    Eyes(None).position_received(PLACE)
+    assert heard == [(1.0, 3.5)]
 
 
 class Worker:

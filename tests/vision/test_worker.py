@@ -122,6 +122,15 @@ def test_the_covariance_is_carried_to_the_body() -> None:
     np.testing.assert_allclose(np.cov(moved.T), b[:3, :3], atol=0.02 * b[:3, :3].max())
 
 
+def test_what_a_flight_says_about_the_files_is_in_the_figures() -> None:
+    pipeline = CameraPipeline(section(), VisionSection(), CLOCK)
+    pipeline.barometer_received(100.0, 3.0)
+    feed(pipeline, [shot(k) for k in range(3)])
+    (found,) = stats(pipeline).selfcal
+    assert (found.target, found.looks) == ("pad", 1)
+    assert stats(pipeline).alarms == {}
+
+
 BLACK, WHITE = np.zeros((480, 640), np.uint8), np.full((480, 640), 255, np.uint8)
 
 
@@ -242,6 +251,7 @@ async def test_the_worker_publishes_on_the_loop_from_the_first_image_to_the_last
     cfg = section(source=f"folder:{tmp_path}", fps=50, jpeg_hz=10, jpeg_width=320)
     worker = VisionWorker([cfg], VisionSection(), sink, asyncio.get_running_loop(), Clock())
     worker.attitude_arrived(AttitudeSample(0.0, 0.0, 0.0, 0.0))
+    worker.barometer_arrived(0.0, 2.0)
     worker.start()
     await sink.until(lambda _: any(found.state is EyeState.ENDED for found in sink.stats()))
     await sink.until(lambda _: sink.stats()[-1].processed == 6)

@@ -15,7 +15,7 @@ from mkdaemon.config.root import Config
 from mkdaemon.control.core import FlightCore
 from mkdaemon.daemon.audit import Outlet
 from mkdaemon.telemetry.base import Telemetry
-from mkdaemon.telemetry.state import Attitude
+from mkdaemon.telemetry.state import Attitude, Position
 from mkdaemon.telemetry.vision import VisionPose, VisionStats
 
 if TYPE_CHECKING:
@@ -57,6 +57,11 @@ class Eyes:
 
         sample = AttitudeSample(attitude.stamp.monotonic, attitude.roll, attitude.pitch, attitude.yaw)
         self._worker.attitude_arrived(sample)
+
+    def position_received(self, position: Position) -> None:
+        """Tell the eyes the barometer's height, with which they compare their own."""
+        if self._worker is not None and position.altitude_above_start is not None:
+            self._worker.barometer_arrived(position.stamp.monotonic, position.altitude_above_start)
 
 
 class PoseSink:

@@ -9,6 +9,7 @@ from __future__ import annotations
 from enum import StrEnum
 
 from mkdaemon.telemetry.base import Stamped, Telemetry
+from mkdaemon.telemetry.selfcal import SelfCalibration
 
 Vector3 = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
@@ -139,6 +140,12 @@ class Alarm(StrEnum):
     BLURRED = "blurred"
     RESIDUAL_DRIFT = "residual_drift"
     TARGET_MISMATCH = "target_mismatch"
+    SCALE = "scale"
+    """A size or the focal length contradicts other evidence."""
+    LENS = "lens"
+    """Principal point or distortion contradict the images."""
+    MOUNTING = "mounting"
+    """The camera does not sit as its file says, or the vehicle's attitude is off."""
 
 
 class EyeState(StrEnum):
@@ -212,6 +219,8 @@ class VisionStats(Stamped):
     """Settings the camera's driver did not take."""
     detector: str
     """What searches for tags; says what is lost when it is not the best one."""
+    selfcal: tuple[SelfCalibration, ...] = ()
+    """What the flight says about camera file and target files, one for each target seen."""
 
 
 class Transform(Stamped):

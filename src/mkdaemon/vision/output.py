@@ -104,6 +104,12 @@ def pose_of(found: TargetPose, image: CameraImage, stamp: Stamp, mounting: Mount
     )
 
 
+def height_over(found: TargetPose, mounting: Mounting) -> float:
+    """Height of the vehicle over a target, along the target's normal [m]."""
+    lens = mounting.flu_from_cam.T @ mounting.position_flu
+    return float(-found.pose.rotation[:, 2] @ (found.pose.position + lens))
+
+
 def mount_transform(camera: str, mounting: Mounting, stamp: Stamp) -> Transform:
     """The camera in the body, from the configuration."""
     edge = transform(BODY, camera_frame(camera), mounting.flu_from_cam, mounting.position_flu, stamp)

@@ -20,11 +20,13 @@ from mkdaemon.vision.camera.calibration_file import Camera, load_camera, mount_r
 from mkdaemon.vision.camera.camera import StreamState, StreamStatus
 from mkdaemon.vision.camera.image import CameraImage
 from mkdaemon.vision.camera.imagecodec import encode_jpeg
-from mkdaemon.vision.output import mount_transform, values_of
+from mkdaemon.vision.output import height_over, mount_transform, values_of
 from mkdaemon.vision.pose.projection import Projection
 from mkdaemon.vision.pose.target_check import TargetCheck
+from mkdaemon.vision.selfcal.selfcheck import SelfCheck
 from mkdaemon.vision.tags.tagmap import load
 from mkdaemon.vision.track.attitude import AttitudeHistory, Mounting
+from mkdaemon.vision.track.result import VisionResult
 from mkdaemon.vision.track.tracker import Tracker
 
 ALARM_ADVICE = {
@@ -83,6 +85,13 @@ class CameraPipeline:
         tagmap = load(cfg.targets)
         self.tracker = Tracker(tagmap, intrinsics, mounting, vision.tracker, vision.detector)
         self._check = TargetCheck(tagmap, Projection(intrinsics) if intrinsics is not None else None)
+        self._max_attitude_age = vision.tracker.max_attitude_age
+        self._selfcheck = SelfCheck(
+            tagmap,
+            self.camera,
+            self.mounting.flu_from_cam if self._has_mount else None,
+            math.radians(vision.tracker.attitude_sd_deg),
+        )
         self._timings: deque[_Timing] = deque(maxlen=WINDOW)
         self._refused: Counter[PoseRefusal] = Counter()
         self._processed = self._faults = self._failing = 0
@@ -115,11 +124,24 @@ class CameraPipeline:
         ready = self._clock.now()
         values = list(values_of(result, image, self._clock.stamp(image.captured_at), self.mounting, ready))
         self._check.look(result.detections)
+        self._check_calibration(image, result, attitude)
         mismatch = (Alarm.TARGET_MISMATCH,) if self._check.contradicted else ()
-        self.alarms = (*result.alarms, *mismatch)
+        self.alarms = (*result.alarms, *mismatch, *self._selfcheck.alarms)
         self._refused.update(reason for _, reason in result.refused)
         self._timings.append(_Timing(ready - started, ready - image.captured_at, bool(result.poses)))
         return values
+
+    def _check_calibration(self, image: CameraImage, result: VisionResult, attitude: AttitudeHistory | None) -> None:
+        """Ask the image whether camera file and target files are right."""
+        if result.poses:
+            known = attitude.at(image.captured_at, self._max_attitude_age) if attitude is not None else None
+            poses = {found.target: found.pose for found in result.poses}
+            heights = {found.target: height_over(found, self.mounting) for found in result.poses}
+            self._selfcheck.image_seen(image.pixels, poses, heights, image.captured_at, known)
+
+    def barometer_received(self, time: float, height: float) -> None:
+        """Take the barometer's height [m] at a time [s; monotonic]."""
+        self._selfcheck.barometer_received(time, height)
 
     def failed(self, error: Exception) -> None:
         """Count a failure of the detector and forget what it followed.
@@ -159,13 +181,14 @@ class CameraPipeline:
         """Figures of the last images."""
         state, reason = self.state(stream)
         damaged = (Alarm.DAMAGED,) if stream.damage else ()
+        advice = ALARM_ADVICE | self._selfcheck.alarms
         detect, latency = ([getattr(timing, name) for timing in self._timings] for name in ("detect", "latency"))
         return VisionStats(
             camera=self.cfg.name,
             stamp=stamp,
             state=state,
             reason=reason,
-            alarms={name: ALARM_ADVICE[name] for name in (*self.alarms, *damaged)},
+            alarms={name: advice[name] for name in (*self.alarms, *damaged)},
             source=self.cfg.source,
             width=stream.width,
             height=stream.height,
@@ -185,6 +208,7 @@ class CameraPipeline:
             latency_p99_ms=_percentile_ms(latency, 99),
             settings_refused=stream.refused,
             detector=self.tracker.detector.warning or self.tracker.detector.backend,
+            selfcal=self._selfcheck.reports(),
         )
 
     def state(self, stream: StreamStatus) -> tuple[EyeState, str]:

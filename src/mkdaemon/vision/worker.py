@@ -36,6 +36,8 @@ STALLED_AFTER: Final = 0.5
 SUPERVISED_EVERY: Final = 0.1
 ATTITUDES = 200
 """Attitude samples kept: two seconds and more at 100 Hz."""
+BAROMETER = 50
+"""Heights of the barometer kept until the thread takes them."""
 
 
 _log = structlog.get_logger(__name__)
@@ -95,6 +97,7 @@ class VisionWorker:
                 CameraPipeline(cfg, vision, clock), CameraStream(cfg, open_source(cfg, session), slot), slot
             )
         self._attitudes: deque[AttitudeSample] = deque(maxlen=ATTITUDES)
+        self._barometer: deque[tuple[float, float]] = deque(maxlen=BAROMETER)
         self._stop = threading.Event()
         self._alive_at = clock.now()
         self._failure: Exception | None = None
@@ -134,6 +137,10 @@ class VisionWorker:
         """Take the vehicle's attitude; from any thread."""
         self._attitudes.append(sample)
 
+    def barometer_arrived(self, time: float, height: float) -> None:
+        """Take the barometer's height [m] at a time [s; monotonic]; from any thread."""
+        self._barometer.append((time, height))
+
     def _new_thread(self) -> threading.Thread:
         return threading.Thread(target=self._run, name="vision", daemon=True)
 
@@ -168,6 +175,10 @@ class VisionWorker:
         while not self._stop.is_set():
             self._alive_at = self._clock.now()
             image = self._slots.take(LOOK_EVERY)
+            while self._barometer:
+                reading = self._barometer.popleft()
+                for eye in self._eyes.values():
+                    eye.pipeline.barometer_received(*reading)
             values: list[tuple[str, Telemetry]] = []
             if image is not None:
                 attitude = AttitudeHistory(tuple(self._attitudes))

@@ -65,6 +65,10 @@ class CalibrationRecord(Section):
     """Standard deviation of `k1`."""
     forced: bool = False
     """Stored although it is poor."""
+    sheet_focal_mm: float = Field(default=0.0, ge=0)
+    """Focal length by the lens's data sheet [mm]; 0 is unknown."""
+    sheet_pixel_um: float = Field(default=0.0, ge=0)
+    """Side of a pixel of the images by the sensor's data sheet [um]; 0 is unknown."""
 
 
 class Camera(Section):

@@ -76,12 +76,16 @@ class LocatedEdges:
         offsets: of the edges from where the pose puts them `(n,)` [px], towards the bright side.
         found: whether an edge of the right sense was found `(n,)`.
         jacobian: of the offsets by pose `(n, 6)`.
+        pixels: where the pose puts them `(n, 2)` [px].
+        normals: towards the brighter side, unit `(n, 2)`.
     """
 
     index: npt.NDArray[np.intp]
     offsets: Array
     found: npt.NDArray[np.bool_]
     jacobian: Array
+    pixels: Array
+    normals: Array
 
 
 class EdgeFit:
@@ -171,7 +175,8 @@ class EdgeFit:
         if samples is None:
             return None
         edges = find_edges(pixels, samples, self._limits)
-        return LocatedEdges(samples.index, edges.offsets - pose.shift_px, edges.found, samples.jacobian[:, :6])
+        offsets, jacobian = edges.offsets - pose.shift_px, samples.jacobian[:, :6]
+        return LocatedEdges(samples.index, offsets, edges.found, jacobian, samples.pixels, samples.normals)
 
     def _project(
         self,

@@ -1,0 +1,48 @@
+"""What flights say about a camera file and a target file, part of `vision/<camera>/stats`. It changes nothing.
+
+A difference is the truth minus the file. It counts once it is several of its standard deviations; before, it is what
+was assumed.
+"""
+
+from __future__ import annotations
+
+from mkdaemon.telemetry.base import Telemetry
+
+
+class SelfCalibration(Telemetry):
+    """Estimates from the images of one target, with standard deviations."""
+
+    target: str
+    """Name of the target they come from."""
+    looks: int
+    """Images that were looked at."""
+    mounting_deg: tuple[float, float, float]
+    """Turn of the camera from the mount believed, about body forward, left, up [deg]; a constant error of the
+    vehicle's own attitude is in it. Only yaw motion of the vehicle tells it from a tilted target: until then the
+    deviations are large."""
+    mounting_sd_deg: tuple[float, float, float]
+    """[deg]."""
+    mount_rpy_deg: tuple[float, float, float]
+    """`mount.rpy_deg` of the camera file with the turns that are known to a degree [deg]."""
+    focal_percent: float
+    """Of the focal length [%]."""
+    focal_sd_percent: float
+    """[%]."""
+    centre_px: tuple[float, float]
+    """Of the principal point [px]."""
+    centre_sd_px: tuple[float, float]
+    """[px]."""
+    k1: float
+    """Of the radial distortion."""
+    k1_sd: float
+    """Deviation of `k1`."""
+    sizes_percent: dict[int, float]
+    """Of the size of each tag but the largest, against the largest, by id [%]."""
+    sizes_sd_percent: dict[int, float]
+    """[%]."""
+    height_percent: float
+    """Share of ways down and up by the eyes that is too much, against the barometer [%]."""
+    height_sd_percent: float
+    """[%]; what a barometer wanders makes it large in one flight."""
+    height_covered: float
+    """Between the lowest and the highest height that was compared [m]."""

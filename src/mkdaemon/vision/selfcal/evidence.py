@@ -1,0 +1,148 @@
+"""What the edges of one image say about the lens, the sizes of the tags, and the pose.
+
+With d the offsets of the edges from where a pose puts them, J their derivative by that pose and by a common shift, and
+C their derivative by what else may be wrong, d = J x + C p. The pose that the image alone asks for is x(p) = x0 - X p
+with X = (J^T W J)^-1 J^T W C, and what is left says about p as much as the information A = C^T W C - C^T W J X.
+Source: the Schur complement of a bundle adjustment, Triggs et al., Vision Algorithms, LNCS 1883, 2000, section 6.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from mkdaemon.vision.limits import LIMITS
+from mkdaemon.vision.pose.edgefit import EdgeFit, LocatedEdges
+from mkdaemon.vision.pose.pose import Pose, median, turn
+from mkdaemon.vision.pose.projection import Projection
+from mkdaemon.vision.tags.tagmap import Target
+
+Array = npt.NDArray[np.float64]
+Grey = npt.NDArray[np.uint8]
+
+LENS: Final = ("focal", "cx", "cy", "k1")
+"""What may be wrong with a lens: logarithm of the focal lengths, principal point [px], radial distortion."""
+ALIKE: Final = 1.5
+"""Edges that share one error: neighbours within the blur. Measured: errors over deviations, docs/accuracy.md."""
+LEFT_PX: Final = 0.03
+"""Error of an edge that no residual of an image shows [px]: interpolation, paper."""
+ROLLING_PX: Final = 0.3
+"""The same under a rolling shutter, whose motion is part of the error [px]."""
+MAD: Final = 1.4826
+"""Deviation of Gaussian residuals over their median absolute value."""
+APART: Final = 0.5
+"""Distance between centres from which tags are beside each other, sides of the largest one."""
+RIDGE: Final = 1e-9
+"""Share of the diagonal that is added before normal matrices are inverted."""
+MOST_SIZES: Final = 8
+"""Targets of more tags share one unknown size."""
+SHIFT_SD_PX: Final = 0.5
+"""How far all edges may be shifted together [px]."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ImageEvidence:
+    """One image's say about unknowns `(k,)`: the lens in the order of `LENS`, then sizes (`SizeUnknowns`).
+
+    Attributes:
+        rotation: camera from target by the image alone, lens and sizes as believed `(3, 3)`.
+        covariance: of that rotation `(3, 3)` [rad^2; camera].
+        turn: how the rotation turns with the unknowns `(3, k)` [rad].
+        matrix: information about the unknowns whatever the pose `(k, k)`; the cost is p^T matrix p - 2 pull^T p.
+        pull: see `matrix` `(k,)`.
+    """
+
+    rotation: Array
+    covariance: Array
+    turn: Array
+    matrix: Array
+    pull: Array
+
+
+class EvidenceMaker:
+    """Asks images of one target.
+
+    Attributes:
+        sizes: tags 1 to `sizes` have an unknown each: the logarithm of their size against that of tag 0.
+        is_spread: whether distances between tags say how large they all are, which is one more unknown.
+    """
+
+    def __init__(self, target: Target, projection: Projection) -> None:
+        self._projection = projection
+        self._fit = EdgeFit(target, projection)
+        model = self._fit.model
+        centres = np.array([tag.position for tag in target.tags])
+        self._from_centre = model.points - centres[model.tag]
+        self._tag = model.tag
+        self.sizes = len(target.tags) - 1 if len(target.tags) <= MOST_SIZES else 0
+        apart = np.linalg.norm(centres - centres[0], axis=1).max()
+        self.is_spread = bool(apart > APART * target.tags[0].size)
+        self._rolls = projection.intrinsics.line_time > 0.0
+
+    @property
+    def unknown_sizes(self) -> int:
+        """How many unknown sizes there are."""
+        return self.sizes + self.is_spread
+
+    def look(self, pixels: Grey, pose: Pose) -> ImageEvidence | None:
+        """Ask an image `(h, w)` uint8 about a pose found in it; none when too few edges are seen."""
+        edges = self._fit.locate(pixels, pose)
+        if edges is None or int(edges.found.sum()) < LIMITS.edges.min_samples:
+            return None
+        shifted = np.column_stack([edges.jacobian, np.ones(len(edges.index))])
+        seen = self._fit.model.points[edges.index] @ pose.rotation.T + pose.position
+        columns = np.column_stack([self._by_lens(edges, seen), self._by_size(edges, pose)])
+        weights = _weights(np.column_stack([shifted, columns]), edges, ROLLING_PX if self._rolls else LEFT_PX)
+        weighted = shifted * weights[:, None]
+        normal = weighted.T @ shifted
+        normal[6, 6] += SHIFT_SD_PX**-2
+        normal += RIDGE * np.diag(np.diag(normal))
+        right = weighted.T @ edges.offsets
+        both = weighted.T @ columns
+        follows: Array = np.asarray(np.linalg.solve(normal, both), dtype=np.float64)
+        matrix = (columns * weights[:, None]).T @ columns - both.T @ follows
+        pull = (columns * weights[:, None]).T @ edges.offsets - follows.T @ right
+        step: Array = np.asarray(np.linalg.solve(normal, right), dtype=np.float64)
+        return ImageEvidence(
+            turn(pose.rotation, step[3:6]),
+            np.asarray(np.linalg.inv(normal)[3:6, 3:6], dtype=np.float64),
+            -follows[3:6],
+            (matrix + matrix.T) / 2,
+            pull,
+        )
+
+    def _by_lens(self, edges: LocatedEdges, seen: Array) -> Array:
+        """Derivative of the offsets by the lens `(n, 4)`."""
+        focal, centre = self._projection.focal, self._projection.centre
+        xy = seen[:, :2] / seen[:, 2:]
+        bent = xy * (xy * xy).sum(axis=1, keepdims=True) * focal
+        along, normals = (edges.pixels - centre) * edges.normals, edges.normals
+        return np.column_stack([along.sum(axis=1), normals, (bent * normals).sum(axis=1)])
+
+    def _by_size(self, edges: LocatedEdges, pose: Pose) -> Array:
+        """Derivative of the offsets by the logarithms of the sizes `(n, unknown_sizes)`."""
+        grown = (edges.jacobian[:, :3] * (self._from_centre[edges.index] @ pose.rotation.T)).sum(axis=1)
+        tag = self._tag[edges.index]
+        own = [np.where(tag == k, grown, 0.0) for k in range(1, self.sizes + 1)]
+        return np.column_stack([*own, *([grown] if self.is_spread else []), np.empty((len(tag), 0))])
+
+
+def _weights(jacobian: Array, edges: LocatedEdges, left_px: float) -> Array:
+    """Tukey's weights of the offsets over their variance [1/px^2], around the best that all unknowns can do."""
+    weights = edges.found.astype(np.float64)
+    residual = edges.offsets
+    for _ in range(3):
+        weighted = jacobian * weights[:, None]
+        normal = weighted.T @ jacobian
+        normal += RIDGE * np.diag(np.diag(normal)) + 1e-12 * np.eye(len(normal))
+        residual = edges.offsets - jacobian @ np.linalg.solve(normal, weighted.T @ edges.offsets)
+        spread = max(MAD * median(np.abs(residual[edges.found])), LIMITS.edges.least_scale_px)
+        reach = LIMITS.edges.tukey * spread
+        inside = edges.found & (np.abs(residual) < reach)
+        weights = np.where(inside, (1.0 - (residual / reach) ** 2) ** 2, 0.0)
+    variance = float((weights * residual**2).sum()) / max(float(weights.sum()) - jacobian.shape[1], 1.0)
+    scaled: Array = weights / (ALIKE * (variance + left_px**2))
+    return scaled

@@ -1,0 +1,151 @@
+"""Rendered views with one wrong figure in the camera file or the target file: the alarm names it with both numbers."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+from mkdaemon.config.camera import MountSection
+from mkdaemon.telemetry.vision import Alarm
+from mkdaemon.vision.camera.calibration_file import CalibrationRecord, Camera, mount_rotation
+from mkdaemon.vision.pose.edgefit import EdgeFit
+from mkdaemon.vision.pose.pose import Pose
+from mkdaemon.vision.pose.projection import Projection
+from mkdaemon.vision.selfcal.evidence import EvidenceMaker
+from mkdaemon.vision.selfcal.selfcheck import SelfCheck
+from mkdaemon.vision.tags.tagmap import TagMap, Target
+from mkdaemon.vision.track.attitude import LOOKING_DOWN
+from tests.vision.views import VGA, View, place, shipped
+
+NESTED = "nested"
+VIEWS = 22
+RIGHT = Camera(intrinsics=VGA)
+
+
+@dataclass(frozen=True, eq=False)
+class Shot:
+    pixels: np.ndarray
+    rotation: np.ndarray
+    position: np.ndarray
+    enu_from_flu: np.ndarray
+
+
+@cache
+def shots() -> tuple[Shot, ...]:
+    """Views from all sides, near enough to see the inner tag, with the attitude of a vehicle that looks down."""
+    found = []
+    for k in range(VIEWS):
+        view = place(1.0 + 0.02 * k, 0.35, around=2.4 * k, roll=0.9 * k)
+        seen = View(shipped(NESTED), view)
+        found.append(Shot(seen.pixels, seen.rotation, seen.position, view.enu_from_cam @ LOOKING_DOWN.flu_from_cam.T))
+    return tuple(found)
+
+
+def watched(camera: Camera = RIGHT, target: Target | None = None, *, attitude: bool = True) -> SelfCheck:
+    """Show all views to a camera file and a target file."""
+    target = target or shipped(NESTED)
+    check = SelfCheck(TagMap((target,)), camera, mount_rotation(camera.mount), np.radians(1.0))
+    fit = EdgeFit(target, Projection(camera.intrinsics))
+    share = camera.intrinsics.fx / VGA.fx
+    for k, shot in enumerate(shots()):
+        start = Pose(shot.rotation, shot.position * (1.0, 1.0, share), np.eye(6), "edges", 99, 0.1)
+        pose = fit.fit(shot.pixels, start)
+        assert pose is not None
+        known = shot.enu_from_flu if attitude else None
+        check.image_seen(shot.pixels, {target.name: pose}, {target.name: 2.0}, 0.1 * k, known)
+    return check
+
+
+def lens(**change: float) -> Camera:
+    return Camera(intrinsics=VGA.model_copy(update=change))
+
+
+def test_right_files_raise_no_alarm() -> None:
+    check = watched()
+    assert check.alarms == {}
+    (report,) = check.reports()
+    assert (report.target, report.looks) == ("pad", VIEWS)
+    assert abs(report.focal_percent) < 0.3
+    assert abs(report.sizes_percent[1]) < 0.3
+
+
+@pytest.mark.parametrize("attitude", [True, False])
+def test_a_focal_length_of_two_percent_too_much_is_named(attitude: bool) -> None:
+    check = watched(lens(fx=612.0, fy=612.0), attitude=attitude)
+    assert set(check.alarms) == {Alarm.SCALE}
+    assert "focal length 612.0 px in the camera file, " in check.alarms[Alarm.SCALE]
+    assert check.reports()[0].focal_percent == pytest.approx(-1.98, abs=0.4)
+
+
+def test_an_inner_tag_of_another_size_is_named() -> None:
+    target = shipped(NESTED)
+    outer, inner = target.tags
+    check = watched(target=replace(target, tags=(outer, replace(inner, size=1.02 * inner.size))))
+    assert set(check.alarms) == {Alarm.SCALE}
+    assert "tag 1 of pad: 49.0 mm in its file, 47.8 +- 0.1 mm against tag 48" in check.alarms[Alarm.SCALE]
+
+
+def test_a_principal_point_and_a_distortion_are_named() -> None:
+    check = watched(lens(cx=VGA.cx + 10.0, k1=-0.06))
+    assert Alarm.LENS in check.alarms
+    assert "cx 329.5 px in the camera file, 3" in check.alarms[Alarm.LENS]
+    assert "k1 -0.060 in the camera file, " in check.alarms[Alarm.LENS]
+
+
+def test_a_turned_mounting_is_named_with_the_angles_to_store() -> None:
+    camera = Camera(intrinsics=VGA, mount=MountSection(rpy_deg=(3.0, 0.0, 0.0)))
+    check = watched(camera)
+    assert set(check.alarms) == {Alarm.MOUNTING}
+    assert check.alarms[Alarm.MOUNTING].startswith("mount.rpy_deg is 3.0, 0.0, 0.0, the flight says ")
+    (report,) = check.reports()
+    assert report.mounting_deg[0] == pytest.approx(-3.0, abs=0.4)
+    assert report.mount_rpy_deg[0] == pytest.approx(0.0, abs=0.4)
+
+
+def test_tags_beside_each_other_say_how_large_they_are() -> None:
+    """Edges where the truth puts them, of a board whose tags are 2 % larger in the file than on the paper."""
+    nested = shipped(NESTED)
+    pair = tuple(replace(tag, size=0.1, position=np.array([0.2 * k, 0.0, 0.0])) for k, tag in enumerate(nested.tags))
+    assert EvidenceMaker(replace(nested, tags=pair), Projection(VGA)).unknown_sizes == 2
+    assert EvidenceMaker(nested, Projection(VGA)).unknown_sizes == 1
+
+
+def test_a_data_sheet_contradicts_a_calibration() -> None:
+    sheet = CalibrationRecord(sheet_focal_mm=2.8, sheet_pixel_um=4.0)
+    check = SelfCheck(TagMap((shipped(NESTED),)), Camera(intrinsics=VGA, calibration=sheet), None, 0.02)
+    check.image_seen(np.zeros((480, 640), np.uint8), {}, {}, 0.0, None)
+    assert "focal length 600 px in the camera file, 700 px by the data sheet" in check.alarms[Alarm.SCALE]
+
+
+def test_heights_that_grow_faster_than_the_barometers_are_named() -> None:
+    check = SelfCheck(TagMap((shipped(NESTED),)), RIGHT, None, 0.02)
+    far = Pose(np.eye(3), np.array([0.0, 0.0, 9.0]), np.eye(6), "photometric", 99, 0.1)
+    for k in range(80):
+        height = 4.0 - 3.0 * min(k / 60, 1.0)
+        check.barometer_received(0.1 * k - 0.01, 5.0 + height)
+        check.image_seen(np.zeros((2, 2), np.uint8), {"pad": far}, {"pad": 1.3 * height}, 0.1 * k, None)
+    assert "m by the barometer is 3.84 m by the eyes over pad" in check.alarms[Alarm.SCALE]
+    assert check.reports() == ()
+
+
+def test_without_a_camera_file_nothing_is_watched() -> None:
+    check = SelfCheck(TagMap((shipped(NESTED),)), None, None, 0.02)
+    check.barometer_received(0.0, 1.0)
+    check.image_seen(np.zeros((2, 2), np.uint8), {}, {}, 0.0, None)
+    assert (check.alarms, check.reports()) == ({}, ())
+
+
+def test_a_rolling_shutter_and_a_hidden_target_say_less() -> None:
+    target, shot = shipped(NESTED), shots()[0]
+    pose = Pose(shot.rotation, shot.position, np.eye(6), "edges", 99, 0.1)
+    still, rolling = (
+        EvidenceMaker(target, Projection(VGA.model_copy(update={"line_time": t}))).look(shot.pixels, pose)
+        for t in (0.0, 6e-5)
+    )
+    assert still is not None
+    assert rolling is not None
+    assert rolling.matrix[0, 0] < 0.1 * still.matrix[0, 0]
+    assert EvidenceMaker(target, Projection(VGA)).look(np.zeros_like(shot.pixels), pose) is None
