@@ -188,6 +188,7 @@ def estimate_value(target: str, estimator: Estimator, now: float) -> EstimateVal
         innovation=estimator.innovation,
         is_nominal=estimator.is_nominal,
         stick_gain=estimator.stick_gain,
+        stick_filter=estimator.model.stick_filter,
     )
 
 

@@ -188,6 +188,8 @@ class EstimateValue(Telemetry):
     """The images agree with the model of the aircraft, so the model counts for more."""
     stick_gain: float = 1.0
     """Tilt that a stick count asks for, over the model's; found in flight, 1 while it may be the model's."""
+    stick_filter: float = 0.0
+    """Time constant of the FlightCtrl's stick filter [s]: that of its release, unless the flight shows another."""
 
 
 class ControlEstimate(Stamped, EstimateValue):

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from mkdaemon.control.estimator.estimator import Estimator
-from mkdaemon.control.estimator.model import GRAVITY, LEVEL_STATES, TH, AircraftModel, B, D, P, T, V
+from mkdaemon.control.estimator.model import GRAVITY, LEVEL_STATES, TH, AircraftModel, B, D, P, S, T, V
 from mkdaemon.control.estimator.rollback import STEP
 from mkdaemon.control.estimator.values import StickCommand, TargetView
 from mkdaemon.control.guidance.horizontal import HorizontalCosts, HorizontalRegulator
@@ -58,6 +58,13 @@ class Plant:
         c, s = math.cos(self.yaw), math.sin(self.yaw)
         x, y = self.axes[:, TH]
         return x * c + y * s, x * s - y * c
+
+
+def leaning(degrees):
+    """State of an aircraft that leans along x."""
+    axes = np.zeros((2, LEVEL_STATES))
+    axes[0, T] = math.radians(degrees)
+    return axes
 
 
 def path(now):
@@ -115,6 +122,45 @@ def test_without_images_the_estimate_goes_on_and_grows_uncertain():
     assert estimate.position_sd[0] > 2 * before.position_sd[0]
 
 
+def test_one_first_image_whose_tilt_is_wrong_moves_the_estimate_little():
+    wrong = view(0.0, leaning(5.0), 2.0, 0.0)
+    tilted = wrong.target_from_flu
+    seen = np.array([0.0, 0.0, -2.0])  # level, over the middle
+    covariance = np.diag([0.17**2, 0.17**2, 0.01**2, 0.085**2, 0.085**2, 0.01**2])
+    covariance[0, 4] = covariance[4, 0] = 0.17 * 0.085
+    covariance[1, 3] = covariance[3, 1] = -0.17 * 0.085
+    estimator = Estimator(MODEL, TargetView(0.0, seen, tilted, covariance), HOVER)
+    estimator.attitude_received(0.0, 0.0, 0.0, 0.0)
+    estimate = estimator.estimate(0.0)
+    assert abs(estimate.tilt[0]) < math.radians(1.5)
+    assert abs(estimate.position[0]) < 0.05
+
+
+def test_throttle_that_makes_up_for_a_lean_lifts_nothing():
+    estimator = Estimator(MODEL, view(0.0, leaning(20.0), 2.0, 0.0), HOVER)
+    estimator.attitude_received(0.0, math.radians(20.0), 0.0, 0.0)
+    gas = HOVER / math.sqrt(math.cos(estimator.estimate(0.0).tilt[0]))
+    for k in range(10):
+        estimator.sent(StickCommand(0.02 * k, 44.0, 0.0, 0.0, gas))
+    estimator.advance(0.2)
+    assert estimator.estimate(0.2).vertical[S] == pytest.approx(0.0, abs=0.03)
+
+
+def test_the_stick_filter_that_the_aircraft_has_replaces_the_models():
+    model, plant = MODEL.with_other_filter(), Plant()
+    estimator = Estimator(model, view(0.0, plant.axes, 2.0, 0.0), HOVER)
+    for k in range(150):
+        estimator.advance(plant.now)
+        if k % 2 == 0:
+            estimator.attitude_received(plant.now, *plant.reported(), 0.0)
+            estimator.sent(plant.stick(round(15 * math.sin(5 * plant.now)), round(15 * math.cos(4 * plant.now))))
+        if k % 3 == 0:
+            estimator.target_seen(view(plant.now, plant.axes, 2.0, 0.0))
+        plant.step()
+    assert estimator.model == MODEL
+    assert estimator.estimate(plant.now).tilt == pytest.approx(plant.axes[:, T], abs=0.01)
+
+
 def test_an_estimate_ahead_knows_the_sticks_under_way():
     plant = Plant()
     estimator = run(plant, 10.0)
@@ -141,7 +187,7 @@ def test_the_hover_throttle_moves_until_the_model_explains_the_height():
     estimator = run(Plant(), 5.0)
     estimator.advance(5.0)
     start = estimator.hover_gas
-    estimator._upright.shift(3, np.array([-0.5]))
+    estimator._vertical.shift(3, np.array([-0.5]))
     for _ in range(500):
         estimator.recentre_hover(0.02)
     assert estimator.hover_gas == pytest.approx(start * (1 + 0.5 / 9.81 / 2), rel=0.01)

@@ -99,3 +99,21 @@ def test_a_shift_of_the_reference_also_moves_the_past():
     shifted.shift(0, np.array([3.0, 0.0]))
     shifted.measure(Measurement(0.1, POSITION, np.array([3.1, 1.9]), 1e-6))
     assert shifted.states[0, 0] == pytest.approx(3.0 + 0.2, abs=0.02)
+
+
+def test_the_states_of_a_moment_are_those_of_its_step_or_the_nearest_known():
+    filter_ = make()
+    first = filter_.states.copy()
+    for _ in range(10):
+        filter_.advance(np.ones(2))
+    assert np.array_equal(filter_.states_at(-1.0), first)
+    assert np.array_equal(filter_.states_at(99.0), filter_.states)
+    assert np.allclose(filter_.states_at(filter_.time - 3 * STEP), make_after(7))
+
+
+def make_after(steps):
+    """States after so many steps under an input of one."""
+    filter_ = make()
+    for _ in range(steps):
+        filter_.advance(np.ones(2))
+    return filter_.states

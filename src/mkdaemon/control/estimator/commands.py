@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 MEMORY: Final = 2.0
@@ -44,15 +44,11 @@ class CommandHistory:
 
     def add(self, command: Command) -> None:
         """Remember a command; one that would act before an earlier one acts just after it."""
-        self._commands.append(command)
+        last = self._commands[-1].at
+        self._commands.append(command if command.at >= last else replace(command, at=last))
         while len(self._commands) > 2 and self._commands[1].at < command.at - MEMORY:
             self._commands.popleft()
 
     def at(self, time: float) -> Command:
         """Return the command that acts at a time [s]."""
-        acting = self._commands[0]
-        for command in self._commands:
-            if command.at > time:
-                break
-            acting = command
-        return acting
+        return next((command for command in reversed(self._commands) if command.at <= time), self._commands[0])

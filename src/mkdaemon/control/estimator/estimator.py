@@ -16,9 +16,9 @@ import numpy as np
 from mkdaemon.control.estimator.commands import Command, CommandHistory
 from mkdaemon.control.estimator.model import GRAVITY, LEVEL_STATES, TH, AircraftModel, D, E, H, P, S, T, V
 from mkdaemon.control.estimator.rollback import GATE, STEP, Measurement, RollbackFilter
-from mkdaemon.control.estimator.stickgain import StickGain
+from mkdaemon.control.estimator.stickresponse import StickResponse
 from mkdaemon.control.estimator.tuning import NOMINAL, ROBUST, Tuning
-from mkdaemon.control.estimator.values import Estimate, StickCommand, TargetView
+from mkdaemon.control.estimator.values import Estimate, StickCommand, TargetView, upright
 from mkdaemon.control.linear import Array
 
 COMPASS_MEMORY: Final = 1.0
@@ -69,25 +69,25 @@ class Estimator:
         self.innovation = 1.0
         self.is_nominal = False
         self._nominal, self._tuning, self._robust = nominal, robust, robust
-        self._agrees_since = view.at
+        self._agrees_since, self._agreement = view.at, robust.agreement
         self._refused_views = self._refused_heights = 0
         tuning = robust
         self._yaw_offset = view.heading - compass
         self._headings: deque[tuple[float, float]] = deque([(view.at, compass)])
         self._seen_at = view.at
-        position = -view.target_from_flu @ view.position_flu
         self._commands = CommandHistory()
-        self._stick_gain = StickGain(model, view.at)
+        self._response = StickResponse(model, view.at)
+        self._has_other_filter = False
         self._sent_at = -math.inf
         f, g = model.horizontal(STEP)
+        position = view.position
         start = np.zeros((2, LEVEL_STATES))
-        start[:, P] = position[:2]
+        start[:, P] = -(self._turn_matrix(view.at) @ view.position_flu)[:2]
         moving = np.zeros(3) if velocity is None else velocity
         start[:, V] = moving[:2]
-        spread = np.diag(tuning.first_spread) ** 2
-        self._level = RollbackFilter(f, g, tuning.level_noise(STEP), start, spread, view.at)
+        self._level = RollbackFilter(f, g, tuning.level_noise(STEP), start, tuning.first_covariance, view.at)
         f, g = model.vertical(STEP)
-        self._upright = RollbackFilter(
+        self._vertical = RollbackFilter(
             f,
             g,
             tuning.upright_noise(STEP),
@@ -95,6 +95,7 @@ class Estimator:
             np.diag(tuning.first_upright_spread) ** 2,
             view.at,
         )
+        self.target_seen(view)
 
     @property
     def seen_at(self) -> float:
@@ -102,27 +103,32 @@ class Estimator:
         return self._seen_at
 
     @property
+    def velocity_sd(self) -> float:
+        """Standard deviation of the horizontal velocity, the larger of both axes [m/s]."""
+        return float(np.sqrt(self._level.covariances[:, V, V].max()))
+
+    @property
     def stick_gain(self) -> float:
         """Tilt that a stick count asks for, over the model's, as it was found to be."""
-        return self._stick_gain.gain
+        return self._response.gain
 
     @property
     def rejected(self) -> int:
         """Measurements outside their gates, since the start."""
-        return self._level.rejected + self._upright.rejected
+        return self._level.rejected + self._vertical.rejected
 
     def sent(self, command: StickCommand) -> None:
         """Take note of a stick frame that was written."""
         c, s = self._turn(command.at)
         self._sent_at = command.at
         asked = np.array([command.pitch, command.roll]) * self.model.rad_per_count
-        self._stick_gain.sent(command.at + self.model.uplink, asked)
-        pitch, roll = (float(tilt) for tilt in asked * self._stick_gain.gain)
+        self._response.sent(command.at + self.model.uplink, asked)
+        pitch, roll = (float(tilt) for tilt in asked * self._response.gain)
         self._commands.add(
             Command(
                 command.at + self.model.uplink,
                 (pitch * c + roll * s, pitch * s - roll * c),
-                (command.gas / self.hover_gas) ** 2 - 1.0,
+                (command.gas / self.hover_gas) ** 2 * upright(self._level.states[:, T]) - 1.0,
                 command.yaw,
             )
         )
@@ -140,7 +146,9 @@ class Estimator:
         while self._headings[0][0] < at - COMPASS_MEMORY:
             self._headings.popleft()
         self.advance(at)
-        self._stick_gain.attitude_received(at, np.array([pitch, roll]))
+        self._response.attitude_received(at, np.array([pitch, roll]))
+        if self._response.has_other_filter != self._has_other_filter:
+            self._change_filter()
         c, s = self._turn(at)
         believed = np.array([pitch * c + roll * s, pitch * s - roll * c])
         if at - self._sent_at > UNSENT:
@@ -154,10 +162,9 @@ class Estimator:
         tuning = self._tuning
         self._align(view)
         self._seen_at = max(self._seen_at, view.at)
-        c, s = self._turn(view.at)
-        turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+        turn = self._turn_matrix(view.at)
         seen, spread = turn @ view.position_flu, turn @ view.sight_covariance @ turn.T
-        tilt, speed = self._level.states[:, T], float(np.abs(self._level.states[:, V]).max())
+        speed = float(np.abs(self._level.states[:, V]).max())
         timing = (speed * tuning.stamp_sd) ** 2
         row = np.zeros(LEVEL_STATES)
         row[P], row[T] = 1.0, seen[2]
@@ -176,12 +183,13 @@ class Estimator:
             variance += tuning.tilt_floor**2
             if variance < tuning.tilt_worst**2:
                 self._level.measure(Measurement(view.at, row, up[:2] / up[2], variance))
+        tilt = self._level.states_at(view.at)[:, T]
         normal = np.array([-tilt[0], -tilt[1], 1.0]) / math.sqrt(1.0 + float(tilt @ tilt))
         row = np.zeros(4)
         row[H] = 1.0
         variance = tuning.view_inflation**2 * float(normal @ spread @ normal) + tuning.height_floor**2
         doubt = tuning.upright_doubt if self._refused_heights >= tuning.patience else None
-        ratio = self._upright.measure(Measurement(view.at, row, np.array([-float(normal @ seen)]), variance), doubt)
+        ratio = self._vertical.measure(Measurement(view.at, row, np.array([-float(normal @ seen)]), variance), doubt)
         if ratio is not None:
             is_refused = bool((np.abs(ratio) > GATE).any())
             self._refused_heights = self._refused_heights + 1 if is_refused and doubt is None else 0
@@ -191,14 +199,14 @@ class Estimator:
         while self._level.time + STEP <= now:
             acting = self._commands.at(self._level.time + STEP / 2.0)
             self._level.advance(np.array(acting.tilt))
-            self._upright.advance(np.array([acting.thrust]))
+            self._vertical.advance(np.array([acting.thrust]))
 
     def estimate(self, at: float) -> Estimate:
         """Return the estimate at a moment, which may lie ahead: the commands under way are known [s; monotonic]."""
         steps = max(0, round((at - self._level.time) / STEP))
         acting = [self._commands.at(self._level.time + (k + 0.5) * STEP) for k in range(steps)]
         axes = self._level.ahead(np.array([command.tilt for command in acting]).reshape(-1, 2))
-        upright = self._upright.ahead(np.array([[command.thrust] for command in acting]).reshape(-1, 1))[0]
+        upright = self._vertical.ahead(np.array([[command.thrust] for command in acting]).reshape(-1, 1))[0]
         level_sd = np.sqrt(self._level.covariances[:, P, P])
         return Estimate(
             at=at,
@@ -210,7 +218,7 @@ class Estimator:
             hover_gas=self.hover_gas,
             axes=axes,
             vertical=upright,
-            position_sd=np.array([*level_sd, math.sqrt(self._upright.covariances[0, H, H])]),
+            position_sd=np.array([*level_sd, math.sqrt(self._vertical.covariances[0, H, H])]),
             age=at - self._seen_at,
         )
 
@@ -220,25 +228,26 @@ class Estimator:
         Args:
             rate: share a call.
         """
-        excess = float(self._upright.states[0, E])
+        excess = float(self._vertical.states[0, E])
         change = rate * min(max(-excess / GRAVITY, -0.2), 0.2)
         gas = min(max(self.hover_gas * (1.0 + change / 2.0), HOVER_LOWEST), HOVER_HIGHEST)
         change = 2.0 * (gas / self.hover_gas - 1.0)
         self.hover_gas = gas
-        self._upright.shift(E, np.array([change * GRAVITY]))
+        self._vertical.shift(E, np.array([change * GRAVITY]))
 
     def _turn(self, at: float) -> tuple[float, float]:
         """Cosine and sine of the heading at a moment."""
         yaw = self._heading_at(at)
         return math.cos(yaw), math.sin(yaw)
 
+    def _turn_matrix(self, at: float) -> Array:
+        """Body axes to those of the local frame at a moment, as if it were level (3, 3)."""
+        c, s = self._turn(at)
+        return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+
     def _heading_at(self, at: float) -> float:
         """Heading in the target frame [rad]: the compass turned by the slowly estimated offset between the two."""
-        heading = self._headings[0][1]
-        for time, value in self._headings:
-            if time > at:
-                break
-            heading = value
+        heading = next((value for time, value in reversed(self._headings) if time <= at), self._headings[0][1])
         return math.remainder(heading + self._yaw_offset, math.tau)
 
     def _align(self, view: TargetView) -> None:
@@ -247,15 +256,24 @@ class Estimator:
         variance = float(view.covariance[5, 5]) + self._tuning.yaw_floor**2
         self._yaw_offset += error * min(1.0, self._tuning.yaw_gain * self._tuning.yaw_floor**2 / variance)
 
+    def _change_filter(self) -> None:
+        """Go on with the stick filter that the aircraft has; the next image counts as after a refusal."""
+        self._has_other_filter = self._response.has_other_filter
+        self.model = self.model.with_other_filter()
+        self._level.set_dynamics(*self.model.horizontal(STEP))
+        self._refused_views = self._tuning.patience
+
     def _judge(self, size: float, at: float) -> None:
         """Let the innovations of images decide how much the model counts."""
         tuning = self._tuning
         self.innovation += tuning.innovation_rate * (min(size, tuning.innovation_cap) - self.innovation)
         if self.innovation > tuning.innovation_limit or self._refused_views:
             self._agrees_since = at
-        agrees = at - self._agrees_since >= tuning.agreement
+        agrees = at - self._agrees_since >= self._agreement
         if agrees != self.is_nominal and (agrees or self.innovation > tuning.innovation_limit):
             self.is_nominal = agrees
+            if not agrees:
+                self._agreement *= 2.0
             self._tuning = self._nominal if agrees else self._robust
             self._level.set_noise(self._tuning.level_noise(STEP))
-            self._upright.set_noise(self._tuning.upright_noise(STEP))
+            self._vertical.set_noise(self._tuning.upright_noise(STEP))

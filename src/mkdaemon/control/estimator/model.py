@@ -19,7 +19,7 @@ and the vertical axis, with `q` the squared ratio of throttle to hover throttle,
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -122,6 +122,10 @@ class AircraftModel:
             yaw_linear=math.radians(0.1 * stick_yaw_p),
             yaw_square=math.radians(0.0047 / 6.0 * stick_yaw_p),
         )
+
+    def with_other_filter(self) -> AircraftModel:
+        """Return the same aircraft without its stick filter, or with one where it has none."""
+        return replace(self, stick_filter=STICK_FILTER if self.stick_filter <= NO_FILTER else NO_FILTER)
 
     def yaw_stick(self, rate: float) -> float:
         """Return the stick that turns at a rate [rad/s], the inverse of the firmware's parabola; 0 below the dead band.

@@ -73,8 +73,8 @@ class RollbackFilter:
             covariance: (n, n) of each of them.
             now: [s; monotonic].
         """
-        self._f, self._g, self._noise = f, g, noise
-        self._rate = (f - np.eye(len(f))) / STEP
+        self._noise = noise
+        self.set_dynamics(f, g)
         self._first = math.floor(now / STEP)
         axes = len(states)
         self._slots = [_Slot(states.copy(), np.repeat(covariance[None], axes, axis=0), np.zeros(axes))]
@@ -95,6 +95,16 @@ class RollbackFilter:
     def covariances(self) -> Array:
         """Of the newest states (k, n, n)."""
         return self._slots[-1].covariance
+
+    def states_at(self, at: float) -> Array:
+        """The states (k, n) at the grid step of a moment; the oldest or newest ones beyond the memory."""
+        index = math.floor(at / STEP) - self._first
+        return self._slots[min(max(index, 0), len(self._slots) - 1)].state
+
+    def set_dynamics(self, f: Array, g: Array) -> None:
+        """Go on with another transition (n, n) and input (n,) over `STEP`."""
+        self._f, self._g = f, g
+        self._rate = (f - np.eye(len(f))) / STEP
 
     def set_noise(self, noise: Array) -> None:
         """Go on with another process noise (n, n) over `STEP`."""

@@ -10,6 +10,7 @@ from typing import Final
 
 import numpy as np
 
+from mkdaemon.control.estimator.model import TH, US, T
 from mkdaemon.control.linear import Array
 
 
@@ -72,9 +73,16 @@ class Tuning:
     patience: int = 3
 
     @property
-    def first_spread(self) -> Array:
-        """Standard deviations of a horizontal axis at the start (9,)."""
-        return np.array([0.05, 0.5, 0.05, 0.03, 0.03, 0.2, 0.05, 1.0, 0.02])
+    def first_covariance(self) -> Array:
+        """Covariance of a horizontal axis before the first image (9, 9).
+
+        What the FlightCtrl believes lies near the true tilt, and its filtered stick near that.
+        """
+        spread = np.diag([0.6, 0.5, 0.15, 0.04, 0.03, 0.2, 0.06, 1.0, 0.02])
+        spread[[TH, US], T] = spread[T, T]
+        spread[US, TH] = spread[TH, TH]
+        covariance: Array = spread @ spread.T
+        return covariance
 
     @property
     def first_upright_spread(self) -> Array:

@@ -4,10 +4,19 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 
 from mkdaemon.control.linear import Array
+
+LEAST_UPRIGHT: Final = 0.8
+"""Smallest share of the thrust that is taken to carry: 37 degrees of tilt."""
+
+
+def upright(tilt: Array) -> float:
+    """Return the share of the thrust that carries the weight at a tilt (2,) [rad]."""
+    return max(math.cos(tilt[0]) * math.cos(tilt[1]), LEAST_UPRIGHT)
 
 
 @dataclass(frozen=True, slots=True)

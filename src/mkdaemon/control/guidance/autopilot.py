@@ -18,6 +18,8 @@ from mkdaemon.control.linear import Array
 
 GAS_CENTRE: Final = 127.0
 """Throttle of a centred stick [count of 254]; docs/protocol.md, "ExternalControl"."""
+UNKNOWN_SPEED: Final = 0.25
+"""A flight begins with a reference that rests on the estimate, until the speed is known to this [m/s]."""
 YAW_TOLERANCE: Final = math.radians(4.0)
 """Heading error that is left alone: the compass of the FlightCtrl holds the heading meanwhile."""
 YAW_LEAST: Final = 8.0
@@ -85,11 +87,15 @@ class Autopilot:
         self._gains = gains
         self._level_limits = level_limits
         self._height_limits = height_limits
-        self._regulator = HorizontalRegulator(estimator.model, costs)
+        known = estimator.model
+        self._regulators = {
+            model.stick_filter: HorizontalRegulator(model, costs) for model in (known, known.with_other_filter())
+        }
         self._pitch, self._roll = CountShaper(-127, 127), CountShaper(-127, 127)
         self._throttle = CountShaper(-127, 127)
         self.estimate = estimator.estimate(now)
-        self.reference = Reference(self.estimate.position[:2])
+        self._has_begun = False
+        self.reference = Reference(self.estimate.position[:2], self.estimate.velocity[:2])
         self.height = Reference(self.estimate.position[2:], self.estimate.velocity[2:])
 
     def sticks(self, goal: Goal, now: float, step: float = STEP) -> AutopilotSticks:
@@ -105,6 +111,10 @@ class Autopilot:
         limits = self._level_limits
         if goal.speed is not None:
             limits = ReferenceLimits(min(goal.speed, limits.speed), limits.acceleration)
+        if estimator.velocity_sd > UNKNOWN_SPEED and not self._has_begun:
+            self.reference = Reference(self.estimate.position[:2], self.estimate.velocity[:2])
+        else:
+            self._has_begun = True
         self.reference.move(goal.position[:2], limits, step)
         if goal.climb:
             self.height = Reference(goal.position[2:], np.array([goal.climb]))
@@ -112,7 +122,7 @@ class Autopilot:
             self.height.move(goal.position[2:], self._height_limits, step)
         estimate = self.estimate = estimator.estimate(now + estimator.model.uplink)
         rad_per_count = estimator.model.rad_per_count * estimator.stick_gain
-        tilt = self._regulator.tilt(estimate, self.reference) / rad_per_count
+        tilt = self._regulators[estimator.model.stick_filter].tilt(estimate, self.reference) / rad_per_count
         c, s = math.cos(estimate.yaw), math.sin(estimate.yaw)
         if goal.gas_share is None:
             throttle = gas(estimate, float(self.height.position[0]), float(self.height.velocity[0]), self._gains)

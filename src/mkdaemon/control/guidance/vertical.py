@@ -5,10 +5,8 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-import numpy as np
-
 from mkdaemon.control.estimator.model import GRAVITY, E, F, H, S
-from mkdaemon.control.estimator.values import Estimate
+from mkdaemon.control.estimator.values import Estimate, upright
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,8 +42,7 @@ def gas(estimate: Estimate, height: float, climb: float, gains: VerticalGains) -
     state = estimate.vertical
     rise = min(max(gains.height * (height - float(state[H])), -gains.fastest), gains.fastest) + climb
     acceleration = gains.climb * (rise - float(state[S])) - float(state[E])
-    upright = max(float(np.prod(np.cos(estimate.tilt))), 0.8)
-    thrust = min(max(1.0 + acceleration / GRAVITY, gains.least), gains.most) / upright
+    thrust = min(max(1.0 + acceleration / GRAVITY, gains.least), gains.most)
     lag = 1.0 + float(state[F])
-    driven = lag + (thrust - lag) * gains.lead
+    driven = (lag + (thrust - lag) * gains.lead) / upright(estimate.tilt)
     return estimate.hover_gas * math.sqrt(min(max(driven, 0.3), 1.9))

@@ -8,28 +8,28 @@ import numpy as np
 import pytest
 
 from mkdaemon.control.estimator.model import AircraftModel
-from mkdaemon.control.estimator.stickgain import STEP, StickGain
+from mkdaemon.control.estimator.stickresponse import STEP, StickResponse
 from mkdaemon.control.linear import discretise
 
 MODEL = AircraftModel()
 
 
-def flown(gain, *, size=0.05, seconds=5.0, late=0.024, hold=0.0):
+def flown(gain, *, size=0.08, seconds=5.0, late=0.024, hold=0.0, model=MODEL, aircraft=MODEL, wind=0.0):
     """What is found of an aircraft whose sticks ask for so much more tilt than the model's."""
     a, b = np.zeros((4, 4)), np.zeros((4, 1))
-    a[0, 0], a[0, 2] = -1.0 / MODEL.leak, 1.0
+    a[0, 0], a[0, 2] = -1.0 / aircraft.leak, 1.0
     a[1, 0], a[1, 3] = 1.0, -1.0
-    a[2] = np.array([-MODEL.a1, -MODEL.a2, -1.0, MODEL.a1]) / MODEL.rate_lag
-    a[3, 3], b[3, 0] = -1.0 / MODEL.stick_filter, 1.0 / MODEL.stick_filter
+    a[2] = np.array([-aircraft.a1, -aircraft.a2, -1.0, aircraft.a1]) / aircraft.rate_lag
+    a[3, 3], b[3, 0] = -1.0 / aircraft.stick_filter, 1.0 / aircraft.stick_filter
     f, g = discretise(a, b, STEP)
-    found, state = StickGain(MODEL, 0.0), np.zeros((2, 4))
+    found, state = StickResponse(model, 0.0), np.zeros((2, 4))
     reports = []
     for k in range(round(seconds / STEP)):
         now = k * STEP
         asked = size * np.array([math.sin(2.0 * now), math.cos(3.0 * now)])
         found.sent(now, asked)
         state = state @ f.T + gain * asked[:, None] * g[:, 0]
-        reports.append((now + STEP, state[:, 0].copy()))
+        reports.append((now + STEP, state[:, 0] + wind))
         if k % 2 == 0 and now > late + hold:
             found.attitude_received(*reports[-1 - round(late / STEP)])
     return found
@@ -47,6 +47,19 @@ def test_a_gain_that_the_boards_scale_may_explain_is_the_models(gain):
     found = flown(gain)
     assert found.measured == pytest.approx(gain, abs=0.03)
     assert found.gain == 1.0
+
+
+def test_a_gain_is_found_although_wind_moves_the_believed_tilt():
+    assert flown(1.5, wind=0.1, seconds=3.0).measured == pytest.approx(1.5, abs=0.05)
+
+
+@pytest.mark.parametrize("gain", [0.7, 1.0, 1.4])
+@pytest.mark.parametrize("model", [MODEL, MODEL.with_other_filter()])
+def test_the_stick_filter_that_the_aircraft_has_is_found_within_a_second(model, gain):
+    for aircraft in (MODEL, MODEL.with_other_filter()):
+        found = flown(gain, seconds=1.2, model=model, aircraft=aircraft)
+        assert found.has_other_filter == (aircraft != model)
+        assert found.measured == pytest.approx(gain, abs=0.06)
 
 
 def test_sticks_at_rest_tell_nothing():
@@ -67,7 +80,7 @@ def test_a_silence_of_the_boards_is_survived():
 
 
 def test_attitudes_that_come_too_late_are_left_out():
-    found = StickGain(MODEL, 0.0)
+    found = StickResponse(MODEL, 0.0)
     for k in range(400):
         found.sent(k * STEP, np.array([0.1, 0.1]))
         found.attitude_received(k * STEP, np.array([0.0, 0.0]))
