@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from dataclasses import asdict
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Final
 
 from rich.console import Console
 from rich.table import Table
@@ -19,6 +19,10 @@ if TYPE_CHECKING:
     from mkdaemon.record.glance import Glance
     from mkdaemon.record.reader import ReadReport
     from mkdaemon.record.summary import Summary
+
+
+WIDE: Final = 1000
+"""Columns where there is no terminal."""
 
 
 @contextmanager
@@ -57,7 +61,7 @@ def print_list(found: Sequence[Glance], folders: Sequence[Path], *, as_json: boo
             _size(one.size),
             "" if one.is_finished else "not finished",
         )
-    Console().print(table)
+    _console().print(table)
 
 
 def _glance_fields(one: Glance) -> dict[str, Any]:
@@ -128,7 +132,7 @@ def report_fields(report: ReadReport) -> dict[str, Any]:
 
 def print_summary(summary: Summary) -> None:
     """Print what a recording holds."""
-    session, console = summary.session, Console()
+    session, console = summary.session, _console()
     console.print(f"{summary.path}: {_size(summary.report.size)}, {summary.report.entries} entries", highlight=False)
     if session is not None:
         words = f"{session.recorder} {session.name}, part {session.part}, by {session.program} on {session.host}"
@@ -212,6 +216,12 @@ def damage_lines(report: ReadReport) -> Iterator[str]:
         yield f"{report.unreadable} entries cannot be read"
     if report.foreign:
         yield f"{report.foreign} messages of other programs are left out"
+
+
+def _console() -> Console:
+    """Where it is printed; what another program reads is not cut into lines of a terminal."""
+    console = Console()
+    return console if console.is_terminal else Console(width=WIDE)
 
 
 def _time(at: int) -> str:

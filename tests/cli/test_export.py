@@ -1,0 +1,73 @@
+"""`mkctl export`: what is written, and what is refused."""
+
+from __future__ import annotations
+
+import csv
+import json
+from xml.etree import ElementTree
+
+import pytest
+
+from mkdaemon.cli.mkctl.app import app
+from mkdaemon.cli.program import EXIT_CONFIG, EXIT_FAILURE, EXIT_OK, run
+from tests.places import DATA
+
+FLIGHT = DATA / "recordings" / "nc_lost_client.mcap"
+
+
+@pytest.fixture
+def export(capsys, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+
+    def call(*words):
+        code = run(app, ["export", *map(str, words)])
+        shown = capsys.readouterr()
+        return code, shown.out, shown.err
+
+    return call
+
+
+def test_tables_are_in_a_folder_beside_where_it_is_called(export, tmp_path):
+    code, out, _ = export(FLIGHT, "-k", "state/*")
+    assert code == EXIT_OK
+    paths = [tmp_path / line for line in out.splitlines()]
+    assert {path.parent.name for path in paths} == {"nc_lost_client-csv"}
+    assert all(path.name.startswith("t.state_") for path in paths)
+    with paths[0].open(encoding="utf-8", newline="") as file:
+        assert next(csv.reader(file))[0] == "time [s]"
+    assert export(FLIGHT, "-k", "state/*")[0] == EXIT_CONFIG
+    assert export(FLIGHT, "-k", "state/*", "--force")[0] == EXIT_OK
+
+
+@pytest.mark.parametrize(("form", "name"), [("gpx", "nc_lost_client.gpx"), ("kml", "nc_lost_client.kml")])
+def test_a_track_is_a_file(export, tmp_path, form, name):
+    code, out, _ = export(FLIGHT, "-f", form, "--json")
+    assert (code, json.loads(out)) == (EXIT_OK, {"written": name})
+    assert ElementTree.parse(tmp_path / name).getroot().tag.endswith(form)
+    code, _, err = export(FLIGHT, "-f", form)
+    assert code == EXIT_CONFIG
+    assert "--force" in err
+
+
+def test_a_bag_is_a_folder(export, tmp_path):
+    assert export(FLIGHT, "-f", "ros", "-o", "bag", "-k", "state/battery")[:2] == (EXIT_OK, "bag\n")
+    assert sorted(path.name for path in (tmp_path / "bag").iterdir()) == ["bag.mcap", "metadata.yaml"]
+
+
+@pytest.mark.parametrize(
+    ("words", "code", "expected"),
+    [
+        (("missing.mcap",), EXIT_FAILURE, "missing.mcap: cannot be opened"),
+        ((__file__,), EXIT_CONFIG, "no recording of mkdaemon"),
+        ((FLIGHT, "-k", "nothing/*"), EXIT_FAILURE, "nothing to export"),
+        ((FLIGHT, "-f", "gpx", "-k", "state/battery"), EXIT_FAILURE, "no state/position"),
+        ((FLIGHT, "-f", "ros", "-k", "health"), EXIT_FAILURE, "nothing in the recording has a message of ROS"),
+        ((FLIGHT, "-f", "gpx", "-o", "no/folder/a.gpx"), EXIT_CONFIG, "there is no folder"),
+        ((FLIGHT, "-f", "pdf"), EXIT_CONFIG, "pdf"),
+    ],
+)
+def test_mistakes_are_one_line_and_leave_nothing(export, tmp_path, words, code, expected):
+    found, out, err = export(*words)
+    assert (found, out) == (code, "")
+    assert expected in err
+    assert not [path for path in tmp_path.iterdir() if path.is_file()]
