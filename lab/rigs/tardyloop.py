@@ -34,7 +34,7 @@ class TardyLoop(VirtualLoop):
         self._seen = start
 
     def time(self) -> float:
-        """Virtual time, a little later with every look [s]."""
+        """Virtual time, a little later with every look [s], in the nanoseconds of a clock."""
         reached = super().time()
         if reached != self._seen:
             self._seen = reached
@@ -42,7 +42,7 @@ class TardyLoop(VirtualLoop):
             if self._random.random() < 1 / 300:
                 self._passed += self._random.uniform(0.0, STALL)
         self._passed += WORK
-        return reached + self._passed
+        return round(reached + self._passed, 9)
 
 
 def run_tardily(main: Coroutine[Any, Any, _Result], seed: int, start: float = 0.0) -> _Result:

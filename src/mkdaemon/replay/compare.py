@@ -11,7 +11,7 @@ import msgpack
 from mkdaemon.record.entry import Kind
 from mkdaemon.replay.recorded import Recorded
 from mkdaemon.replay.station import Output
-from mkdaemon.replay.tolerances import admits, is_left_out, window_of
+from mkdaemon.replay.tolerances import WINDOW, admits, is_left_out
 
 _ABSENT: Final = "(absent)"
 CUT: Final = 0.05
@@ -144,11 +144,10 @@ def _by_key(values: Iterator[tuple[str, _Value]]) -> dict[str, list[_Value]]:
 def _compare_key(key: str, before: Sequence[_Value], after: Sequence[_Value], began: float) -> KeyReport:
     """Pair values that came at the same time, in order, and compare each pair."""
     report = KeyReport(key, len(before), len(after))
-    window = window_of(key)
     i = j = 0
     while i < len(before) or j < len(after):
         lead = _lead(before, i, after, j)
-        if abs(lead) <= window:
+        if abs(lead) <= WINDOW:
             _compare_pair(report, before[i], after[j], began)
             i, j = i + 1, j + 1
         elif lead < 0:
