@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Final
 
 import msgpack
 
-from mkdaemon.record.entry import Kind
+from mkdaemon.record.entry import Entry, Kind
 from mkdaemon.replay.recorded import Recorded
 from mkdaemon.replay.station import Output
 from mkdaemon.replay.tolerances import WINDOW, admits, is_left_out
@@ -95,7 +95,13 @@ class Comparison:
 
 @dataclass(frozen=True, slots=True)
 class _Value:
+    """A value, and by what it is found again: the time of its stamp, or the number of its exchange.
+
+    A recorded value was taken when it had been coded, which may be much later than it was stamped.
+    """
+
     at: float
+    mark: float
     encoding: str
     payload: bytes
 
@@ -111,15 +117,11 @@ def compare(recorded: Recorded, outputs: Sequence[Output], *, without: frozenset
     began = recorded.start
     until = float("inf") if recorded.stopped_at is not None else recorded.end - CUT
     before = _by_key(
-        (_name(moment.entry.kind, moment.entry.suffix), _Value(moment.at, moment.entry.encoding, moment.entry.payload))
+        (moment.entry.kind, moment.entry.suffix, moment.at, moment.entry)
         for moment in recorded.of(Kind.SAMPLE, Kind.REPLY)
         if moment.at < until
     )
-    after = _by_key(
-        (_name(output.kind, output.suffix), _Value(output.at, output.encoding, output.payload))
-        for output in outputs
-        if output.at < until
-    )
+    after = _by_key((output.kind, output.suffix, output.at, output) for output in outputs if output.at < until)
     keys: dict[str, KeyReport] = {}
     left_out: dict[str, int] = {}
     for key in sorted(before.keys() | after.keys()):
@@ -130,19 +132,26 @@ def compare(recorded: Recorded, outputs: Sequence[Output], *, without: frozenset
     return Comparison(keys, left_out)
 
 
-def _name(kind: Kind, suffix: str) -> str:
-    return f"reply/{suffix}" if kind is Kind.REPLY else suffix
-
-
-def _by_key(values: Iterator[tuple[str, _Value]]) -> dict[str, list[_Value]]:
+def _by_key(values: Iterable[tuple[Kind, str, float, Entry | Output]]) -> dict[str, list[_Value]]:
     found: dict[str, list[_Value]] = {}
-    for key, value in values:
-        found.setdefault(key, []).append(value)
+    for kind, suffix, at, value in values:
+        if kind is Kind.REPLY:
+            name, mark = f"reply/{suffix}", float(value.exchange)
+        else:
+            name, mark = suffix, _stamped(value.payload, at)
+        found.setdefault(name, []).append(_Value(at, mark, value.encoding, value.payload))
     return found
 
 
+def _stamped(payload: bytes, at: float) -> float:
+    """Time of the stamp that a value carries [s]; `at` where it carries none."""
+    fields = _fields(payload)
+    stamp = fields.get("stamp") if isinstance(fields, dict) else None
+    return float(stamp["monotonic"]) if isinstance(stamp, dict) and "monotonic" in stamp else at
+
+
 def _compare_key(key: str, before: Sequence[_Value], after: Sequence[_Value], began: float) -> KeyReport:
-    """Pair values that came at the same time, in order, and compare each pair."""
+    """Pair values that are marked alike, in order, and compare each pair."""
     report = KeyReport(key, len(before), len(after))
     i = j = 0
     while i < len(before) or j < len(after):
@@ -162,10 +171,10 @@ def _compare_key(key: str, before: Sequence[_Value], after: Sequence[_Value], be
 
 
 def _lead(before: Sequence[_Value], i: int, after: Sequence[_Value], j: int) -> float:
-    """How much later the next recorded value is than the next one that came out [s]; infinite at an end."""
+    """How much later the next recorded value is marked than the next one that came out; infinite at an end."""
     if i >= len(before):
         return float("inf")
-    return float("-inf") if j >= len(after) else before[i].at - after[j].at
+    return float("-inf") if j >= len(after) else before[i].mark - after[j].mark
 
 
 def _compare_pair(report: KeyReport, before: _Value, after: _Value, began: float) -> None:

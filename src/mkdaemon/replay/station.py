@@ -33,6 +33,7 @@ class Output:
         payload: msgpack.
         encoding: names its schema.
         at: when [s].
+        exchange: of a reply, the number of its query; else 0.
     """
 
     kind: Kind
@@ -40,6 +41,7 @@ class Output:
     payload: bytes
     encoding: str
     at: float
+    exchange: int = 0
 
 
 class ReplayStation:
@@ -132,7 +134,8 @@ class ReplayStation:
         result = await handler(entry.suffix, self._payload(entry))
         result = result.model_copy(update={"duration": round(self._loop.time() - began, 6)})
         self._learn(entry, result)
-        reply = Output(Kind.REPLY, entry.suffix, encode(result), encoding_of(CommandResult), self._loop.time())
+        at = self._loop.time()
+        reply = Output(Kind.REPLY, entry.suffix, encode(result), encoding_of(CommandResult), at, entry.exchange)
         self.outputs.append(reply)
 
     def _payload(self, entry: Entry) -> bytes:

@@ -34,14 +34,19 @@ class Within:
 
 
 @dataclass(frozen=True, slots=True)
-class Wording:
-    """Two texts may differ in the numbers they tell."""
+class Worded:
+    """Two texts may differ where both are of one form.
+
+    Attributes:
+        form: a regular expression for the whole text.
+    """
+
+    form: str
 
     def admits(self, recorded: Any, replayed: Any) -> bool:
-        """Whether the texts are the same without their numbers."""
-        if not (isinstance(recorded, str) and isinstance(replayed, str)):
-            return bool(recorded == replayed)
-        return _NUMBER.sub("#", recorded) == _NUMBER.sub("#", replayed)
+        """Whether both texts have the form."""
+        texts = (recorded, replayed)
+        return all(isinstance(text, str) and re.fullmatch(self.form, text) is not None for text in texts)
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,7 +58,7 @@ class NotCompared:
         return True
 
 
-Tolerance = Within | Wording | NotCompared
+Tolerance = Within | Worded | NotCompared
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,11 +83,11 @@ class Rule:
         return self.field == "*" and isinstance(self.tolerance, NotCompared)
 
 
-_NUMBER = re.compile(r"-?\d+(\.\d+)?(e-?\d+)?")
 _MACHINE: Final = NotCompared()
 _SLEW: Final = 1e-3
 """Most by which the system clock is slewed between two stamps of a recording [s]: 500 ppm (adjtimex(2)) of two
 seconds."""
+_FREE: Final = Worded(r"[\d.]+ GB free")
 _FLOAT: Final = Within(1e-6, 1e-6)
 """Sums of floating point in another order: another processor or library."""
 
@@ -104,7 +109,8 @@ RULES: Final[tuple[Rule, ...]] = (
     Rule("reply/do/lease", "reply.echo", _MACHINE, "drawn at random"),
     Rule("event/command", "fields.secret", _MACHINE, "drawn at random"),
     Rule("event/command", "fields.echo", _MACHINE, "drawn at random"),
-    Rule("control/preflight", "*.text", Wording(), "free space on the disk of the machine"),
+    Rule("control/preflight", "findings.*.reason", _FREE, "the disk of the recorded machine"),
+    Rule("reply/do/preflight", "reply.findings.*.reason", _FREE, "as above"),
     Rule("vision/*/pose", "latency", _MACHINE, "load of the machine"),
     Rule("vision/*/pose", "covariance.*", Within(1e-12, 1e-5), "floating point of another processor or library"),
     Rule("vision/*/pose", "*", _FLOAT, "as above"),
@@ -115,17 +121,13 @@ RULES: Final[tuple[Rule, ...]] = (
 )
 
 WINDOW: Final = 0.02
-"""A recorded and a replayed value of a key that are not farther apart are the same one [s]: no tolerance, their stamps
-are compared; a recorded one was taken when it had been coded."""
-
-
-def rule_for(key: str, field: str) -> Rule | None:
-    """The rule of a field; None where it must be equal."""
-    return _rule_for(key, field)
+"""A recorded and a replayed value of a key are the same one where their stamps are not farther apart [s]; it is no
+tolerance: the stamps of the two are compared then."""
 
 
 @cache
-def _rule_for(key: str, field: str) -> Rule | None:
+def rule_for(key: str, field: str) -> Rule | None:
+    """The rule of a field; None where it must be equal."""
     return next((rule for rule in RULES if fnmatchcase(key, rule.key) and fnmatchcase(field, rule.field)), None)
 
 
@@ -133,121 +135,6 @@ def _rule_for(key: str, field: str) -> Rule | None:
 def is_left_out(key: str) -> bool:
     """Whether nothing is compared of a key."""
     return any(rule.leaves_out_key and fnmatchcase(key, rule.key) for rule in RULES)
-
-
-def admits(self, recorded: Any, replayed: Any) -> bool:
-        """Whether a difference is small enough; everything but numbers must be equal."""
-        if not (_is_number(recorded) and _is_number(replayed)):
-            return bool(recorded == replayed)
-        return math.isclose(recorded, replayed, rel_tol=self.relative, abs_tol=self.absolute)
-
-
-@dataclass(frozen=True, slots=True)
-class Wording:
-    """Two texts may differ in the numbers they tell."""
-
-    def admits(self, recorded: Any, replayed: Any) -> bool:
-        """Whether the texts are the same without their numbers."""
-        if not (isinstance(recorded, str) and isinstance(replayed, str)):
-            return bool(recorded == replayed)
-        return _NUMBER.sub("#", recorded) == _NUMBER.sub("#", replayed)
-
-
-@dataclass(frozen=True, slots=True)
-class NotCompared:
-    """A field that tells of the machine and not of the aircraft."""
-
-    def admits(self, recorded: Any, replayed: Any) -> bool:
-        """True."""
-        return True
-
-
-Tolerance = Within | Wording | NotCompared
-
-
-@dataclass(frozen=True, slots=True)
-class Rule:
-    """One row.
-
-    Attributes:
-        key: which keys.
-        field: which fields; `*` for all of them.
-        tolerance: what may differ.
-        why: the reason.
-    """
-
-    key: str
-    field: str
-    tolerance: Tolerance
-    why: str
-
-    @property
-    def leaves_out_key(self) -> bool:
-        """Whether nothing at all is compared of these keys, not even their number."""
-        return self.field == "*" and isinstance(self.tolerance, NotCompared)
-
-
-_NUMBER = re.compile(r"-?\d+(\.\d+)?(e-?\d+)?")
-_MACHINE: Final = NotCompared()
-_SLEW: Final = 1e-3
-"""Most by which the system clock is slewed between two stamps of a recording [s]: 500 ppm (adjtimex(2)) of two
-seconds."""
-_FLOAT: Final = Within(1e-6, 1e-6)
-"""Sums of floating point in another order: another processor or library."""
-
-RULES: Final[tuple[Rule, ...]] = (
-    Rule("event/log", "*", _MACHINE, "tells of endpoints, files and other programs of the recorded machine"),
-    Rule("event/clock", "*", _MACHINE, "the system clock of the recorded machine"),
-    Rule("event/mark", "*", _MACHINE, "people set marks; they come from outside and nothing follows from them"),
-    Rule("record/status", "*", _MACHINE, "of the recorder and its disk"),
-    Rule("bus/counts", "*", _MACHINE, "of the bus, which a replay has not"),
-    Rule("vision/*/stats", "*", _MACHINE, "rates, latencies and counts of camera threads: load of the machine"),
-    Rule("vision/*/image", "*", _MACHINE, "a picture for viewing, coded by another release of a library"),
-    Rule("*", "*stamp.wall", Within(_SLEW), "the system clock was read at other moments and is slewed meanwhile"),
-    Rule("*", "*since.wall", Within(_SLEW), "as above, of the moment a condition began"),
-    Rule("*", "*.boot", _MACHINE, "names the boot of the machine"),
-    Rule("*", "*.synchronised", _MACHINE, "whether the machine's clock followed a time server"),
-    Rule("reply/*", "duration", _MACHINE, "measured by the bus: with what it does itself"),
-    Rule("event/progress", "id", _MACHINE, "drawn at random"),
-    Rule("reply/do/lease", "reply.secret", _MACHINE, "drawn at random"),
-    Rule("reply/do/lease", "reply.echo", _MACHINE, "drawn at random"),
-    Rule("event/command", "fields.secret", _MACHINE, "drawn at random"),
-    Rule("event/command", "fields.echo", _MACHINE, "drawn at random"),
-    Rule("control/preflight", "*.text", Wording(), "free space on the disk of the machine"),
-    Rule("vision/*/pose", "latency", _MACHINE, "load of the machine"),
-    Rule("vision/*/pose", "covariance.*", Within(1e-12, 1e-5), "floating point of another processor or library"),
-    Rule("vision/*/pose", "*", _FLOAT, "as above"),
-    Rule("vision/*/tags", "*", Within(1e-4, 1e-6), "as above, in pixels and grey levels"),
-    Rule("tf", "*", _FLOAT, "as above"),
-    Rule("control/estimate", "*", _FLOAT, "as above"),
-    Rule("control/error", "*", _FLOAT, "as above"),
-)
-
-WINDOW: Final = 0.02
-"""A recorded and a replayed value of a key that are not farther apart are the same one [s]: no tolerance, their stamps
-are compared; a recorded one was taken when it had been coded."""
-
-
-def rule_for(key: str, field: str) -> Rule | None:
-    """The rule of a field; None where it must be equal."""
-    return _rule_for(key, field)
-
-
-@cache
-def _rule_for(key: str, field: str) -> Rule | None:
-    return next((rule for rule in RULES if fnmatchcase(key, rule.key) and fnmatchcase(field, rule.field)), None)
-
-
-@cache
-def is_left_out(key: str) -> bool:
-    """Whether nothing is compared of a key."""
-    return any(rule.leaves_out_key and fnmatchcase(key, rule.key) for rule in RULES)
-
-
-@cache
-def window_of(key: str) -> float:
-    """How far apart a recorded and a replayed value may be [s]."""
-    return next(window for pattern, window, _ in WINDOWS if fnmatchcase(key, pattern))
 
 
 def admits(key: str, field: str, recorded: Any, replayed: Any) -> bool:
