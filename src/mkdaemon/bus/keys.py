@@ -46,7 +46,7 @@ from mkdaemon.telemetry.setpoint import (
     TakeOffSetpoint,
     VelocitySetpoint,
 )
-from mkdaemon.telemetry.sim import FaultRequest, SimFaults, SimTruth
+from mkdaemon.telemetry.sim import FaultRequest, ScenePose, SimFaults, SimTruth
 from mkdaemon.telemetry.state import Attitude, Battery, Flight, Gps, Pilot, Position, Velocity
 from mkdaemon.telemetry.traffic import FrameSample, RawFrame
 from mkdaemon.telemetry.vehicle import VehicleHealth
@@ -106,6 +106,7 @@ KEYS: Final[tuple[KeySpec, ...]] = (
     ),
     KeySpec("event/progress", _P, ProcedureProgress, "every step", "How far a procedure is, and how it ended."),
     KeySpec("sim/truth", Use.CLIENT, SimTruth, "50 Hz", "The simulator's true state; never read by flight code."),
+    KeySpec("sim/pose", Use.CLIENT, ScenePose, "as sent", "Another simulator's pose, for `mkdaemon sim --scene-only`."),
     KeySpec("sim/faults", Use.CLIENT, SimFaults, "1 Hz and on change", "Faults the simulator plays."),
     KeySpec("sim/camera/<name>", Use.CLIENT, CameraFrame, "30 Hz, where it is on", "What the simulated camera sees."),
     KeySpec("joy/<pad>", Use.CLIENT, Joy, "50 Hz and on change", "A gamepad of another machine: `mkctl teleop --joy`."),

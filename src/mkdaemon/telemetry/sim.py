@@ -6,6 +6,7 @@ from enum import StrEnum
 
 from pydantic import Field
 
+from mkdaemon.stamp import Stamp
 from mkdaemon.telemetry.base import Command, Stamped, Telemetry
 
 
@@ -40,6 +41,23 @@ class SimTruth(Stamped):
     """[count], motors 1 to 4."""
     port: str = ""
     """Pseudo terminal that the simulator serves, on the machine of `stamp.boot`; empty for none."""
+
+
+class ScenePose(Telemetry):
+    """Where another simulator's aircraft is: what `mkdaemon sim --scene-only` renders; a `SimTruth` is one."""
+
+    t: float
+    """Simulated time [s]; moves the target, and paces the images; may begin anew."""
+    position_enu: tuple[float, float, float]
+    """Body origin relative to the world's origin, where the target lies unless it is configured elsewhere [m]."""
+    enu_from_flu: tuple[float, float, float, float]
+    """Orientation as a quaternion (w, x, y, z)."""
+    velocity_enu: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """Blurs the image [m/s]."""
+    rates: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """Body rates about forward, left, up; blur the image [rad/s]."""
+    stamp: Stamp | None = None
+    """When it was so; null for when it arrived. Within half a second of our own clock."""
 
 
 class RunningFault(Telemetry):

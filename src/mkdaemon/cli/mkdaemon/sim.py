@@ -5,11 +5,13 @@ from __future__ import annotations
 import asyncio
 import json
 import signal
+from contextlib import suppress
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from cyclopts import Parameter
 
+from mkdaemon.bus.names import key
 from mkdaemon.cli.arguments import require_length
 from mkdaemon.cli.mkdaemon.logs import configure
 from mkdaemon.cli.mkdaemon.sim_bus import sim_on_bus
@@ -17,6 +19,7 @@ from mkdaemon.cli.mkdaemon.sim_camera import CameraPublisher, open_camera, open_
 from mkdaemon.cli.program import let_signals_kill
 from mkdaemon.config.reader import load
 from mkdaemon.config.root import Config
+from mkdaemon.errors import ConfigError
 from mkdaemon.sim.runtime import Runtime
 from mkdaemon.sim.simulation import Simulation
 
@@ -38,12 +41,27 @@ def sim(
     vehicle: Annotated[str | None, Parameter(help="Name under which truth and faults stand on the bus.")] = None,
     connect: Annotated[str | None, Parameter(help="Zenoh endpoint of the daemon, for truth and faults.")] = None,
     listen: Annotated[str | None, Parameter(help="Also offer the port over TCP, host:port.")] = None,
+    scene_only: Annotated[
+        bool, Parameter(negative=(), help="Only the camera: no aircraft; its pose comes from the bus.")
+    ] = False,
+    truth: Annotated[
+        str | None, Parameter(help="With --scene-only: key of the poses; else mk/<vehicle>/sim/pose.")
+    ] = None,
     seconds: Annotated[float | None, Parameter(help="End after so long; otherwise on Ctrl-C.")] = None,
 ) -> None:
     """Simulate an aircraft. The first line on standard output is `{"port": "/dev/pts/N"}`: connect to that port.
 
     The boards behave as measured ones do: byte timing, losses, time-outs, dead-man. Faults: `mkctl sim fault`.
+    With `--scene-only` another program flies, and publishes where its aircraft is; the first line is then
+    `{"camera": KEY, "truth": KEY}`, and images come under the first key (docs/simulator.md).
+
+    Raises:
+        ConfigError: an option, a file or an endpoint is wrong.
+        LinkError: no port can be opened.
     """
+    if truth is not None and not scene_only:
+        msg = "--truth: only with --scene-only"
+        raise ConfigError(msg)
     let_signals_kill()
     configure("info")
     require_length(seconds, "--seconds")
@@ -59,15 +77,35 @@ def sim(
         "vehicle.name": vehicle,
     }
     overrides: dict[str, Any] = {key: value for key, value in given.items() if value is not None}
-    asyncio.run(_serve(load(config, overrides), seconds))
+    whole = load(config, overrides)
+    asyncio.run(_film(whole, truth, seconds) if scene_only else _serve(whole, seconds))
+
+
+def _stop_on_signals() -> asyncio.Event:
+    """An event that the signals which end a program set."""
+    stop = asyncio.Event()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        asyncio.get_running_loop().add_signal_handler(number, stop.set)
+    return stop
+
+
+async def _film(config: Config, truth: str | None, seconds: float | None) -> None:
+    """Render poses of the bus until a signal comes or the time is over."""
+    from mkdaemon.cli.mkdaemon.scene_only import film_poses
+
+    stop, vehicle = _stop_on_signals(), config.vehicle.name
+    where = truth or key(vehicle, "sim/pose")
+    async with film_poses(config.sim, vehicle, where):
+        camera = key(vehicle, f"sim/camera/{config.sim.scene.name}")
+        print(json.dumps({"camera": camera, "truth": where}), flush=True)
+        with suppress(TimeoutError):
+            async with asyncio.timeout(seconds):
+                await stop.wait()
 
 
 async def _serve(config: Config, seconds: float | None) -> None:
     """Run until a signal comes or the time is over."""
-    stop = asyncio.Event()
-    loop = asyncio.get_running_loop()
-    for number in (signal.SIGINT, signal.SIGTERM):
-        loop.add_signal_handler(number, stop.set)
+    stop = _stop_on_signals()
     simulation = Simulation(config.sim, open_world(config.sim))
     camera = open_camera(config.sim)
     runtime = Runtime(simulation, listen=config.sim.listen)

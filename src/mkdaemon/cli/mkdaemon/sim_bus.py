@@ -8,7 +8,6 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import math
-import re
 import time
 from collections.abc import AsyncIterator
 
@@ -18,11 +17,11 @@ from pydantic import BaseModel
 
 from mkdaemon.bus.codec import encode, encoding_of, read_command, schema_name, with_age
 from mkdaemon.bus.names import key
-from mkdaemon.bus.session import close_session, open_session, session_config
 from mkdaemon.cli.mkdaemon.sim_camera import CameraPublisher
+from mkdaemon.cli.mkdaemon.simsession import check_endpoints, stay_connected
 from mkdaemon.clock import Clock
 from mkdaemon.config.sim import SimConfig
-from mkdaemon.errors import CommandRejectedError, ConfigError, MkError
+from mkdaemon.errors import CommandRejectedError
 from mkdaemon.sim.simulation import Simulation
 from mkdaemon.stamp import Stamp
 from mkdaemon.telemetry.command import CommandResult, refused
@@ -30,11 +29,7 @@ from mkdaemon.telemetry.refusals import Status
 from mkdaemon.telemetry.sim import FaultAction, FaultRequest, RunningFault, SimFaults, SimTruth
 
 _log = structlog.get_logger(__name__)
-_RETRY = 2.0
-_PATIENCE_TIME = 0.5
-"""Longest attempt to find somebody who listens; the program's end waits for it."""
 _FAULTS_PERIOD = 1.0
-_ENDPOINT = re.compile(r"[a-z_]+/\S+")
 TRUTH = "sim/truth"
 FAULTS = "sim/faults"
 FAULT = "sim/fault"
@@ -191,46 +186,16 @@ async def sim_on_bus(
     Raises:
         ConfigError: an endpoint cannot be understood.
     """
-    for endpoint in config.connect:
-        if not _ENDPOINT.fullmatch(endpoint):
-            msg = f"sim.connect '{endpoint}': give an endpoint like tcp/127.0.0.1:7447"
-            raise ConfigError(msg)
-    job = asyncio.create_task(
-        _stay_connected(simulation, config, vehicle, publisher, port), name="simulator on the bus"
-    )
+    check_endpoints(config.connect)
+
+    async def serve(session: zenoh.Session) -> None:
+        with publisher.open(session) if publisher is not None else contextlib.nullcontext():
+            await SimBus(session, simulation, vehicle, port).publish(config.truth_rate_hz)
+
+    job = asyncio.create_task(stay_connected(config.connect, serve), name="simulator on the bus")
     try:
         yield
     finally:
         job.cancel()
         with contextlib.suppress(asyncio.CancelledError):
             await job
-
-
-async def _stay_connected(
-    simulation: Simulation, config: SimConfig, vehicle: str, publisher: CameraPublisher | None, port: str
-) -> None:
-    if not config.connect:
-        return
-    while True:
-        try:
-            # shielded: a session that opens after we were cancelled must still be closed
-            opening = asyncio.ensure_future(
-                open_session(session_config("client", connect=config.connect, patience=_PATIENCE_TIME))
-            )
-            session = await asyncio.shield(opening)
-        except asyncio.CancelledError:
-            await _close_late(opening)
-            raise
-        except MkError:
-            await asyncio.sleep(_RETRY)
-            continue
-        try:
-            with publisher.open(session) if publisher is not None else contextlib.nullcontext():
-                await SimBus(session, simulation, vehicle, port).publish(config.truth_rate_hz)
-        finally:
-            await asyncio.shield(close_session(session))
-
-
-async def _close_late(opening: asyncio.Future[zenoh.Session]) -> None:
-    with contextlib.suppress(MkError):
-        await close_session(await opening)

@@ -92,15 +92,35 @@ class SceneFeed:
             truth: of the aircraft.
             faults: `light_off` and `tag_covered` are read.
         """
-        period = 1.0 / self._camera.cfg.fps
-        if now < self._due:
+        if not self._is_due(now):
             return
-        self._due = now + period if now - self._due > period else self._due + period
-        self._sequence += 1
         state = BodyState(now, truth.position_enu, truth.velocity_enu, truth.enu_from_flu, truth.rates)
         light = faults.number("light_off", "share") if faults.is_active("light_off") else 1.0
         covered = faults.number("tag_covered", "share") if faults.is_active("tag_covered") else 0.0
-        self._slot.put(_Exposure(state, light, covered, self._sequence, time.monotonic()))
+        self._expose(state, time.monotonic(), light=light, covered=covered)
+
+    def show(self, state: BodyState, exposed_at: float) -> None:
+        """Expose a pose that another simulator gives, when it is time.
+
+        Args:
+            state: of the aircraft; its time may begin anew.
+            exposed_at: when it was so [s; monotonic].
+        """
+        if self._is_due(state.time):
+            self._expose(state, exposed_at)
+
+    def _is_due(self, now: float) -> bool:
+        period = 1.0 / self._camera.cfg.fps
+        if self._due - now > 2.0 * period:
+            self._due = now  # another flight has begun
+        if now < self._due:
+            return False
+        self._due = now + period if now - self._due > period else self._due + period
+        return True
+
+    def _expose(self, state: BodyState, at: float, *, light: float = 1.0, covered: float = 0.0) -> None:
+        self._sequence += 1
+        self._slot.put(_Exposure(state, light, covered, self._sequence, at))
 
     def _run(self) -> None:
         waiting: deque[tuple[float, bytes]] = deque()
