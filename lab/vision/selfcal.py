@@ -180,7 +180,7 @@ def descend(name: str, seed: int) -> Outcome:
     mounting = Mounting(mount_rotation(camera.mount), np.zeros(3))
     tagmap = TagMap((target,))
     tracker = Tracker(tagmap, camera.intrinsics, mounting)
-    check = SelfCheck(tagmap, camera, mounting.flu_from_cam, ATTITUDE_SD)
+    check = SelfCheck(tagmap, camera, ATTITUDE_SD, has_mount=True)
     readings, alarms = list(descent.readings), dict[str, float]()
     for image in _images(descent, seed, mistake.device):
         now = image.captured_at

@@ -22,8 +22,10 @@ class SelfCalibration(Telemetry):
     deviations are large."""
     mounting_sd_deg: tuple[float, float, float]
     """[deg]."""
+    mount_believed_deg: tuple[float, float, float]
+    """`mount.rpy_deg` the daemon flies with [deg]."""
     mount_rpy_deg: tuple[float, float, float]
-    """`mount.rpy_deg` of the camera file with the turns that are known to a degree [deg]."""
+    """The same with the turns that are known to a degree [deg]."""
     focal_percent: float
     """Of the focal length [%]."""
     focal_sd_percent: float

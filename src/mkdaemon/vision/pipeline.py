@@ -88,9 +88,9 @@ class CameraPipeline:
         self._max_attitude_age = vision.tracker.max_attitude_age
         self._selfcheck = SelfCheck(
             tagmap,
-            self.camera,
-            self.mounting.flu_from_cam if self._has_mount else None,
+            self.camera.model_copy(update={"mount": mount}) if self.camera is not None else None,
             math.radians(vision.tracker.attitude_sd_deg),
+            has_mount=self._has_mount,
         )
         self._timings: deque[_Timing] = deque(maxlen=WINDOW)
         self._refused: Counter[PoseRefusal] = Counter()

@@ -10,7 +10,7 @@ import pytest
 
 from mkdaemon.config.camera import MountSection
 from mkdaemon.telemetry.vision import Alarm
-from mkdaemon.vision.camera.calibration_file import CalibrationRecord, Camera, mount_rotation
+from mkdaemon.vision.camera.calibration_file import CalibrationRecord, Camera
 from mkdaemon.vision.pose.edgefit import EdgeFit
 from mkdaemon.vision.pose.pose import Pose
 from mkdaemon.vision.pose.projection import Projection
@@ -47,7 +47,7 @@ def shots() -> tuple[Shot, ...]:
 def watched(camera: Camera = RIGHT, target: Target | None = None, *, attitude: bool = True) -> SelfCheck:
     """Show all views to a camera file and a target file."""
     target = target or shipped(NESTED)
-    check = SelfCheck(TagMap((target,)), camera, mount_rotation(camera.mount), np.radians(1.0))
+    check = SelfCheck(TagMap((target,)), camera, np.radians(1.0), has_mount=True)
     fit = EdgeFit(target, Projection(camera.intrinsics))
     share = camera.intrinsics.fx / VGA.fx
     for k, shot in enumerate(shots()):
@@ -115,13 +115,13 @@ def test_tags_beside_each_other_say_how_large_they_are() -> None:
 
 def test_a_data_sheet_contradicts_a_calibration() -> None:
     sheet = CalibrationRecord(sheet_focal_mm=2.8, sheet_pixel_um=4.0)
-    check = SelfCheck(TagMap((shipped(NESTED),)), Camera(intrinsics=VGA, calibration=sheet), None, 0.02)
+    check = SelfCheck(TagMap((shipped(NESTED),)), Camera(intrinsics=VGA, calibration=sheet), 0.02, has_mount=False)
     check.image_seen(np.zeros((480, 640), np.uint8), {}, {}, 0.0, None)
     assert "focal length 600 px in the camera file, 700 px by the data sheet" in check.alarms[Alarm.SCALE]
 
 
 def test_heights_that_grow_faster_than_the_barometers_are_named() -> None:
-    check = SelfCheck(TagMap((shipped(NESTED),)), RIGHT, None, 0.02)
+    check = SelfCheck(TagMap((shipped(NESTED),)), RIGHT, 0.02, has_mount=False)
     far = Pose(np.eye(3), np.array([0.0, 0.0, 9.0]), np.eye(6), "photometric", 99, 0.1)
     for k in range(80):
         height = 4.0 - 3.0 * min(k / 60, 1.0)
@@ -132,7 +132,7 @@ def test_heights_that_grow_faster_than_the_barometers_are_named() -> None:
 
 
 def test_without_a_camera_file_nothing_is_watched() -> None:
-    check = SelfCheck(TagMap((shipped(NESTED),)), None, None, 0.02)
+    check = SelfCheck(TagMap((shipped(NESTED),)), None, 0.02, has_mount=False)
     check.barometer_received(0.0, 1.0)
     check.image_seen(np.zeros((2, 2), np.uint8), {}, {}, 0.0, None)
     assert (check.alarms, check.reports()) == ({}, ())

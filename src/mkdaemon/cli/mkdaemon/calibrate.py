@@ -15,6 +15,7 @@ import zenoh
 from cyclopts import App, Parameter
 
 from mkdaemon.bus.session import session_config
+from mkdaemon.cli.mkdaemon.calibrate_mount import mount as mount_of_flight
 from mkdaemon.config.camera import CameraSection, MountSection
 from mkdaemon.errors import ConfigError, MkError, VisionError
 from mkdaemon.files import refuse_existing
@@ -29,7 +30,8 @@ from mkdaemon.vision.camera.slot import NewestSlot
 from mkdaemon.vision.camera.sources import source_of
 from mkdaemon.vision.tags.tagmap import load
 
-app = App(name="calibrate", help="Calibration: what a camera's pixels mean.")
+app = App(name="calibrate", help="Calibration: what a camera's pixels mean, and how it sits on the vehicle.")
+app.command(mount_of_flight, name="mount")
 
 GUIDE_EVERY: Final = 1.5
 PATIENCE_TIME: Final = 10.0

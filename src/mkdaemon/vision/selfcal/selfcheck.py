@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from mkdaemon.telemetry.selfcal import SelfCalibration
 from mkdaemon.telemetry.vision import Alarm
-from mkdaemon.vision.camera.calibration_file import Camera
+from mkdaemon.vision.camera.calibration_file import Camera, mount_rotation
 from mkdaemon.vision.pose.pose import Pose
 from mkdaemon.vision.pose.projection import Projection
 from mkdaemon.vision.selfcal.camerafilter import LENS_AT, MOUNTING, SIZES_AT, CameraFilter
@@ -29,18 +29,18 @@ class TargetWatch:
 
     Args:
         target: seen by it.
-        camera: its file.
-        flu_from_cam: the mounting believed `(3, 3)`; none when nobody said.
+        camera: its file, with the mount believed.
+        has_mount: whether anybody said how it sits.
         attitude_sd: how well the vehicle knows its attitude at one moment [rad].
     """
 
-    def __init__(self, target: Target, camera: Camera, flu_from_cam: Array | None, attitude_sd: float) -> None:
+    def __init__(self, target: Target, camera: Camera, attitude_sd: float, *, has_mount: bool) -> None:
         self.target = target
         self._camera = camera
         self._maker = EvidenceMaker(target, Projection(camera.intrinsics))
         self._filter = CameraFilter(
             attitude_sd,
-            flu_from_cam,
+            mount_rotation(camera.mount) if has_mount else None,
             is_level=target.level,
             is_moving=target.moving,
             sizes=self._maker.unknown_sizes,
@@ -126,6 +126,7 @@ class TargetWatch:
             looks=self._filter.looks,
             mounting_deg=_three(np.degrees(mean[MOUNTING])),
             mounting_sd_deg=_three(np.degrees(sd[MOUNTING])),
+            mount_believed_deg=self._camera.mount.rpy_deg,
             mount_rpy_deg=turned_rpy_deg(self._camera.mount, known),
             focal_percent=100.0 * float(mean[LENS_AT]),
             focal_sd_percent=100.0 * float(sd[LENS_AT]),
@@ -158,16 +159,16 @@ class SelfCheck:
 
     Args:
         tagmap: its targets.
-        camera: its file.
-        flu_from_cam: the mounting believed `(3, 3)`; none when nobody said.
+        camera: its file, with the mount believed.
+        has_mount: whether anybody said how it sits.
         attitude_sd: how well the vehicle knows its attitude at one moment [rad].
     """
 
-    def __init__(self, tagmap: TagMap, camera: Camera | None, flu_from_cam: Array | None, attitude_sd: float) -> None:
+    def __init__(self, tagmap: TagMap, camera: Camera | None, attitude_sd: float, *, has_mount: bool) -> None:
         self._camera = camera
         targets = tagmap.targets if camera is not None else ()
         self._watches = {
-            target.name: TargetWatch(target, camera, flu_from_cam, attitude_sd)
+            target.name: TargetWatch(target, camera, attitude_sd, has_mount=has_mount)
             for target in targets
             if camera is not None
         }

@@ -1,0 +1,129 @@
+"""`mkdaemon calibrate mount`: what a flight says against the camera file; written only when asked."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import AsyncIterator, Callable
+from contextlib import asynccontextmanager
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from mkdaemon.cli.mkdaemon import calibrate_mount
+from mkdaemon.cli.mkdaemon.app import app
+from mkdaemon.cli.program import EXIT_CONFIG, EXIT_FAILURE, EXIT_OK, run
+from mkdaemon.config.camera import MountSection
+from mkdaemon.telemetry.selfcal import SelfCalibration
+from mkdaemon.vision.camera.calibration_file import Camera, load_camera, save_camera
+from mkdaemon.vision.camera.intrinsics import Intrinsics
+
+LENS = Intrinsics(width=640, height=480, fx=600.0, fy=600.0, cx=319.5, cy=239.5)
+ESTIMATE = SelfCalibration(
+    target="pad",
+    looks=90,
+    mounting_deg=(2.9, -1.0, 0.2),
+    mounting_sd_deg=(0.2, 0.2, 1.3),
+    mount_believed_deg=(1.0, 0.0, 0.0),
+    mount_rpy_deg=(3.9, -1.0, 0.0),
+    focal_percent=0.0,
+    focal_sd_percent=0.5,
+    centre_px=(0.0, 0.0),
+    centre_sd_px=(1.0, 1.0),
+    k1=0.0,
+    k1_sd=0.01,
+    sizes_percent={},
+    sizes_sd_percent={},
+    height_percent=0.0,
+    height_sd_percent=50.0,
+    height_covered=0.0,
+)
+VAGUE = ESTIMATE.model_copy(update={"target": "deck", "mounting_sd_deg": (2.2, 2.2, 5.0)})
+Bus = Callable[..., None]
+
+
+@pytest.fixture
+def file(tmp_path: Path) -> Path:
+    path = tmp_path / "camera.toml"
+    save_camera(Camera(intrinsics=LENS, mount=MountSection(rpy_deg=(1.0, 0.0, 0.0), looks="down")), path)
+    return path
+
+
+@pytest.fixture
+def bus(monkeypatch: pytest.MonkeyPatch) -> Bus:
+    """A daemon whose cameras tell this."""
+
+    def says(**cameras: list[SelfCalibration]) -> None:
+        values = {
+            f"vision/{name}/stats": SimpleNamespace(fields={"selfcal": [one.model_dump() for one in estimates]})
+            for name, estimates in cameras.items()
+        }
+
+        async def get_all(pattern: str) -> dict[str, Any]:
+            wanted = pattern.split("/")[1]
+            return {suffix: value for suffix, value in values.items() if wanted in ("*", suffix.split("/")[1])}
+
+        async def absence() -> str | None:
+            return None
+
+        @asynccontextmanager
+        async def connect(*_where: str) -> AsyncIterator[SimpleNamespace]:
+            yield SimpleNamespace(get_all=get_all, absence=absence)
+
+        monkeypatch.setattr(calibrate_mount, "connect", connect)
+
+    return says
+
+
+def mount(*words: object) -> int:
+    return run(app, ["calibrate", "mount", *(str(word) for word in words)])
+
+
+def test_both_are_shown_and_nothing_is_written(file: Path, bus: Bus, capsys: pytest.CaptureFixture[str]) -> None:
+    bus(down=[VAGUE, ESTIMATE])
+    before = file.read_bytes()
+    assert mount(file) == EXIT_OK
+    out = capsys.readouterr().out
+    assert "mount.rpy_deg  file 1.00, 0.00, 0.00  flight 3.90, -1.00, 0.00" in out
+    assert "nothing written" in out
+    assert file.read_bytes() == before
+
+
+def test_it_is_stored_when_asked(file: Path, bus: Bus, capsys: pytest.CaptureFixture[str]) -> None:
+    bus(down=[ESTIMATE], front=[VAGUE])
+    assert mount(file, "--camera", "down", "--store", "--json") == EXIT_OK
+    assert json.loads(capsys.readouterr().out)["stored"] is True
+    after = load_camera(file)
+    assert after.mount == MountSection(rpy_deg=(3.9, -1.0, 0.0))
+    assert after.intrinsics == LENS
+
+
+@pytest.mark.parametrize(
+    ("cameras", "code", "words"),
+    [
+        ({}, EXIT_FAILURE, "no camera reports"),
+        ({"down": [ESTIMATE], "front": [ESTIMATE]}, EXIT_FAILURE, "cameras down, front: give one with --camera"),
+        ({"down": []}, EXIT_FAILURE, "fly over one first"),
+        ({"down": [VAGUE]}, EXIT_FAILURE, "known to 2.2 deg after 90 images, 0.5 is needed: turn (yaw)"),
+        (
+            {"down": [ESTIMATE.model_copy(update={"mount_believed_deg": (0.0, 0.0, 0.0)})]},
+            EXIT_CONFIG,
+            "mount.rpy_deg 1.00, 0.00, 0.00, the daemon flies with 0.00, 0.00, 0.00",
+        ),
+    ],
+    ids=["no camera", "two cameras", "no target", "no yaw", "another file"],
+)
+def test_what_is_not_known_is_not_stored(
+    file: Path,
+    bus: Bus,
+    capsys: pytest.CaptureFixture[str],
+    cameras: dict[str, list[SelfCalibration]],
+    code: int,
+    words: str,
+) -> None:
+    bus(**cameras)
+    before = file.read_bytes()
+    assert mount(file, "--store") == code
+    assert words in capsys.readouterr().err
+    assert file.read_bytes() == before
