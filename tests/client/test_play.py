@@ -11,11 +11,11 @@ import zenoh
 
 from lab.rigs.waiting import wait_until
 from mkdaemon.bus.keys import KEYS, Use
-from mkdaemon.client.connection import open_player_session
 from mkdaemon.client.player import Player
 from mkdaemon.client.playkeys import PlayKey, check_name, play_key
 from mkdaemon.client.playpace import FASTEST, Pace
 from mkdaemon.client.playselection import Lateness, Selection
+from mkdaemon.client.playsession import open_player_session
 from mkdaemon.errors import ConfigError, MkError
 from mkdaemon.record.entry import Kind
 from mkdaemon.record.reader import Recording
@@ -54,7 +54,9 @@ def test_time_of_the_recording_follows_speed_pause_and_steps():
 
 
 @pytest.mark.parametrize(
-    "spec", [spec for spec in KEYS if spec.use not in {Use.PUBLISHED, Use.CLIENT}], ids=lambda s: s.suffix
+    "spec",
+    [spec for spec in KEYS if spec.use not in {Use.PUBLISHED, Use.CLIENT} or spec.suffix.startswith("joy/")],
+    ids=lambda s: s.suffix,
 )
 def test_no_key_that_commands_can_be_made(spec):
     suffix = spec.suffix.replace("<", "").replace(">", "")
@@ -63,6 +65,55 @@ def test_no_key_that_commands_can_be_made(spec):
     for root in ("mk", "replay", "else"):
         with pytest.raises(ValueError, match="cannot put"):
             PlayKey(f"{root}/mk1/{suffix}")
+
+
+@pytest.mark.parametrize(
+    "key",
+    [
+        "mk/live/do/lease",
+        "mk/live/setpoint/stick",
+        "mk/live/cmd/fc/version_request",
+        "mk/live/joy/pad",
+        "mk/live/alive",
+        "mk/*/state/attitude",
+        "mk/**/state/attitude",
+        "mk/a$*/state/attitude",
+        "mk/live/rx/fc/*",
+        "mk/live/rx/**",
+        "mk/live/vision/$*/pose",
+        "mk/live/state/attitude?x",
+        "mk/live/do/../state/attitude",
+        "mk/live/state/attitude/../../setpoint/stick",
+        "mk//state/attitude",
+        "mk/live do/state/attitude",
+        "mk/live/setpoint/state/attitude",
+        "mk/state/attitude",
+        "do/live/state/attitude",
+        "mk",
+        "",
+    ],
+)
+@pytest.mark.parametrize("name", [None, "live", "setpoint", "do"])
+def test_no_recorded_key_and_no_name_lead_to_one_that_commands(key, name):
+    assert play_key(key, name) is None
+    with pytest.raises(ValueError, match="cannot put"):
+        PlayKey(key)
+
+
+@pytest.mark.parametrize("name", ["live/setpoint", "live/do", "*", "a$*", "..", "live/", "/live", "", "Live", "a#b"])
+def test_no_name_is_more_than_a_name(name):
+    with pytest.raises(ConfigError, match="--as"):
+        check_name(name)
+
+
+def test_everything_a_player_puts_is_a_value_somebody_publishes():
+    commanding = {spec.pattern for spec in KEYS if spec.use in {Use.QUERY, Use.SETPOINT, Use.TOKEN}}
+    names = [f"mk/{name}/{suffix}" for name in ("live", "do", "setpoint") for suffix in commanding | {"joy/*"}]
+    reached = [zenoh.KeyExpr(name) for name in names]
+    for spec in KEYS:
+        played = play_key("mk/live/" + spec.suffix.replace("<", "").replace(">", ""), "do")
+        if played is not None:
+            assert not [one for one in reached if one.intersects(zenoh.KeyExpr(played.whole))]
 
 
 def test_values_stand_under_their_own_root_or_under_the_name_that_was_given():

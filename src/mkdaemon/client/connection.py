@@ -4,12 +4,10 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import AsyncIterator, Sequence
+from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from pathlib import Path
 from typing import Final
-
-import zenoh
 
 from mkdaemon.bus.session import ENDPOINT_SAMPLE, close_session, open_session, session_config
 from mkdaemon.client.vehicle import Vehicle
@@ -44,31 +42,5 @@ async def connect(
     session = await open_session(session_config("client", connect=[where], zenoh_file=file))
     try:
         yield Vehicle(session, name, where)
-    finally:
-        await close_session(session)
-
-
-@asynccontextmanager
-async def open_player_session(
-    *, connect: Sequence[str], listen: str | None, zenoh_file: Path | None = None
-) -> AsyncIterator[zenoh.Session]:
-    """Open a session for a player of recordings, and close it on leaving.
-
-    Args:
-        connect: endpoint of a daemon or of a router, where clients meet.
-        listen: endpoint for clients, where nothing else is there.
-        zenoh_file: Zenoh configuration, for TLS.
-
-    Raises:
-        MkError: nobody listens at the endpoint, or the one to listen at is in use.
-        ConfigError: an endpoint or the file cannot be understood.
-    """
-    if listen is None:
-        config = session_config("client", connect=connect, zenoh_file=zenoh_file)
-    else:
-        config = session_config("peer", listen=[listen], zenoh_file=zenoh_file)
-    session = await open_session(config, listen=() if listen is None else [listen])
-    try:
-        yield session
     finally:
         await close_session(session)

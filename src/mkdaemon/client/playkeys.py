@@ -1,7 +1,8 @@
 """Under which keys a recording is played: never under one that commands.
 
-A `PlayKey` can only be made of a key that carries published values. Setpoints, requests and liveliness tokens have
-none, so nothing that could move an aircraft or reach a port can leave a player, whatever is in the file.
+A `PlayKey` can only be made of a key that carries published values. Setpoints, requests, liveliness tokens and the pads
+of other machines have none, and neither has a key with a wildcard, which would reach other keys too. So nothing that
+could move an aircraft or reach a port can leave a player, whatever is in the file.
 """
 
 from __future__ import annotations
@@ -18,6 +19,10 @@ from mkdaemon.errors import ConfigError
 REPLAY: Final = "replay"
 """Root of everything that is played without a name of its own."""
 _SHOWN: Final = frozenset({Use.PUBLISHED, Use.CLIENT})
+_HANDS: Final = "joy/"
+"""Keys of pads, by which a program on another machine flies."""
+_WILD: Final = frozenset("*$?#")
+"""Characters by which a key expression of Zenoh means more than one key."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,8 +50,9 @@ class PlayKey:
 def shown_suffix(whole: str) -> str | None:
     """What follows `mk/<vehicle>/` or `replay/<vehicle>/` in a key of published values; None for any other key."""
     root, _, rest = whole.partition("/")
-    suffix = rest.partition("/")[2]
-    spec = find(suffix) if root in {ROOT, REPLAY} else None
+    vehicle, _, suffix = rest.partition("/")
+    is_plain = root in {ROOT, REPLAY} and re.fullmatch(VEHICLE_NAME, vehicle) is not None and not _WILD & set(suffix)
+    spec = find(suffix) if is_plain and not suffix.startswith(_HANDS) else None
     return suffix if spec is not None and spec.use in _SHOWN else None
 
 

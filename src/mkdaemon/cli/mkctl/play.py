@@ -65,11 +65,11 @@ async def play(
         MkError: the recording cannot be read, nothing of it is left to play, or a daemon has this name.
         ConfigError: a time, name, speed or endpoint cannot be understood.
     """
-    from mkdaemon.client.connection import open_player_session
     from mkdaemon.client.player import Player
     from mkdaemon.client.playkeys import check_name
     from mkdaemon.client.playpace import Pace
     from mkdaemon.client.playselection import Selection
+    from mkdaemon.client.playsession import open_player_session
 
     require_length(speed, "--speed")
     check_name(name)
