@@ -18,12 +18,13 @@ from rich.table import Table
 from lab.control.cases import CASES, REPORTING
 from lab.control.faultflights import run_faults
 from lab.control.triggers import run_triggers
+from lab.control.wallfaults import run_wallfaults
 from lab.control.walltime import run_timing
 from mkdaemon.cli.arguments import AsJson
 
 TELL_EVERY: Final = 10.0
 """Progress is written at most this often [s]."""
-CAMPAIGNS: Final = {"faults": run_faults, "triggers": run_triggers, "timing": run_timing}
+CAMPAIGNS: Final = {"faults": run_faults, "triggers": run_triggers, "timing": run_timing, "wallfaults": run_wallfaults}
 """Campaigns with an own way to fly and to sum up."""
 ALL: Final = (*CASES, *CAMPAIGNS)
 """What can be asked for."""

@@ -154,7 +154,7 @@ async def _fly(seed: int) -> dict[str, dict[str, Any]]:
         after, ended = thread_times(hover.daemon.pid), time.monotonic()
         simulator = sum(thread_times(hover.simulator).values()) - simulator
         watching.cancel()
-        is_flying = hover.seen.phases[-1].startswith("flying")
+        is_flying = hover.seen.is_flying
         operator.terminate()
         await operator.wait()
     took = ended - began

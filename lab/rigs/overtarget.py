@@ -55,6 +55,7 @@ class Seen:
         phases: phase and reason, on every change.
         captures: when the images were taken in which a target was found [s; monotonic].
         frames: number of each stick frame, and when the newest image it rests on was taken [s; monotonic].
+        eyes: what the camera said of itself, on every change.
         failsafes: what the ladder did.
     """
 
@@ -66,6 +67,7 @@ class Seen:
     phases: list[str] = field(default_factory=list)
     failsafes: list[str] = field(default_factory=list)
     captures: list[float] = field(default_factory=list)
+    eyes: list[str] = field(default_factory=list)
     frames: list[tuple[int, float]] = field(default_factory=list)
     last: dict[str, dict[str, Any]] = field(default_factory=dict)
 
@@ -81,6 +83,8 @@ class Seen:
             case "vision/down/pose":
                 self.latencies.append(float(fields["latency"]))
                 self.captures.append(at)
+            case "vision/down/stats" if self.eyes[-1:] != [fields["state"]]:
+                self.eyes.append(fields["state"])
             case "control/output":
                 self.outputs.append(at)
             case "control/estimate":
@@ -93,6 +97,11 @@ class Seen:
                     self.phases.append(words)
             case "event/failsafe":
                 self.failsafes.append(f"{fields['action']}: {fields['reason']}")
+
+    @property
+    def is_flying(self) -> bool:
+        """Whether the daemon flies."""
+        return bool(self.phases) and self.phases[-1].startswith("flying")
 
     def is_hovering(self) -> bool:
         """Whether the pilot hovers and the eyes see the target."""
@@ -160,7 +169,7 @@ class Hover:
             start_new_session=True,
         )
         favour(operator.pid)
-        await wait_for(lambda: self.seen.phases[-1:] and self.seen.phases[-1].startswith("flying"), ENGAGED, 0.05)
+        await wait_for(lambda: self.seen.is_flying, ENGAGED, 0.05)
         return operator
 
 

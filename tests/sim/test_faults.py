@@ -18,6 +18,7 @@ NAMES = (
     "link_cut",
     "tag_covered",
     "light_off",
+    "camera_off",
     "wind_gust",
     "battery_drop",
     "fc_reboot",

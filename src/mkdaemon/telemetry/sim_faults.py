@@ -124,6 +124,7 @@ FAULTS: Final[dict[str, FaultSpec]] = {
         "The lamps fail.",
         {"share": _number(0.02, 0.0, 1.0, "", "light left")},
     ),
+    "camera_off": FaultSpec(Reader.SCENE, "The camera delivers nothing."),
     "fc_reboot": FaultSpec(Reader.BOARDS, "The FlightCtrl restarts, in flight too.", once=True),
     "nc_reboot": FaultSpec(Reader.BOARDS, "The NaviCtrl restarts and loses its waypoints, in flight too.", once=True),
     "spi_lost": FaultSpec(Reader.BOARDS, "The NaviCtrl hears nothing from the FlightCtrl behind it."),

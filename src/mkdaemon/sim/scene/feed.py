@@ -90,9 +90,9 @@ class SceneFeed:
         Args:
             now: simulated time [s].
             truth: of the aircraft.
-            faults: `light_off` and `tag_covered` are read.
+            faults: `camera_off`, `light_off` and `tag_covered` are read.
         """
-        if not self._is_due(now):
+        if not self._is_due(now) or faults.is_active("camera_off"):
             return
         state = BodyState(now, truth.position_enu, truth.velocity_enu, truth.enu_from_flu, truth.rates)
         light = faults.number("light_off", "share") if faults.is_active("light_off") else 1.0

@@ -1,0 +1,285 @@
+"""What happens to the whole daemon in earnest, over a target, judged by the bytes on the wire and by what it says.
+
+`python -m lab control --case wallfaults`. Processes as in `lab.control.walltime`; times by docs/safety.md. In every
+story no gap between stick frames is longer than the guard lets it become, until the aircraft is released.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import itertools
+import math
+import os
+import signal
+import sys
+import time
+from collections.abc import Awaitable, Callable, Sequence
+from dataclasses import dataclass
+from typing import Any, Final
+
+from lab.rigs.overtarget import Hover, Setting, hovering
+from lab.rigs.processes import PROGRAM
+from lab.rigs.troubled import DETECTOR, DISK, Trouble
+from lab.rigs.waiting import wait_until
+from lab.rigs.wiretap import Sticks
+
+SETTLING: Final = 3.0
+"""It flies for so long before anything happens [s]."""
+AFTERWARDS: Final = 1.5
+"""And is watched for so long when it is over [s]."""
+WAIT: Final = 12.0
+"""Longest wait for the end of a story [s]."""
+SILENCE: Final = 0.35
+"""Longest time between two stick frames of a flight [s]: the guard acts after 0.25, and a radio's worth of noise."""
+SHARE: Final = 1.2
+"""A trigger fires at its time, at most so much later."""
+SLACK: Final = 0.1
+"""And this [s]: two processes stand between what happens and the wire."""
+LEVEL: Final = 0.2
+"""Sticks that stay level for so long are no chance [s]."""
+HOLD: Final = 60.0
+"""The operator would fly so long [s]."""
+BUSY: Final = 10.0
+"""Other programs are busy for so long [s]."""
+
+
+@dataclass(frozen=True, slots=True)
+class Told:
+    """One story, told.
+
+    Attributes:
+        hover: who flew; what the tap heard is complete.
+        at: when it happened [s; monotonic].
+        ended: what came later does not count [s; monotonic].
+    """
+
+    hover: Hover
+    at: float
+    ended: float
+
+    @property
+    def sticks(self) -> list[Sticks]:
+        """Everything on the wire that steers."""
+        assert self.hover.tap is not None
+        return [stick for stick in self.hover.tap.sticks() if stick[0] < self.ended]
+
+    def released(self) -> float:
+        """From the event to the first frame of a release [s]; infinite for none."""
+        return min((at for at, stick in self.sticks if at > self.at and not stick.config), default=math.inf) - self.at
+
+    def level(self) -> float:
+        """From the event to the first stick frame after which none tilts for `LEVEL`, or until the release [s]."""
+        until, since = self.at + self.released(), math.inf
+        for at, stick in self.sticks:
+            if self.at < at < until and stick.config:
+                since = min(since, at) if _is_level(stick) else math.inf
+                if at - since >= LEVEL:
+                    break
+        return min(since, until) - self.at
+
+    def gaps(self) -> list[float]:
+        """Times between stick frames, from the flight's first to its first release [s]."""
+        until, since = self.at + self.released(), self.at - SETTLING
+        times = [at for at, stick in self.sticks if since < at < until and stick.config]
+        return [after - before for before, after in itertools.pairwise(times)]
+
+
+def _is_level(stick: Any) -> bool:
+    return not (stick.pitch or stick.roll or stick.yaw)
+
+
+async def operator_killed(hover: Hover, operator: asyncio.subprocess.Process) -> float:
+    """The operator's program gets SIGKILL: released at once."""
+    operator.kill()
+    return await _released_after(hover)
+
+
+async def operator_frozen(hover: Hover, operator: asyncio.subprocess.Process) -> float:
+    """The operator's program stands still: level after 0.3 s, released after 1 s."""
+    operator.send_signal(signal.SIGSTOP)
+    at = await _released_after(hover)
+    operator.kill()
+    return at
+
+
+async def second_client(hover: Hover, operator: asyncio.subprocess.Process) -> float:
+    """A second operator is refused, then takes the lease by force: the first one's flight ends with a release."""
+    place = ("hold", "--seconds", "5", "--vehicle", "mk1", "--connect", hover.endpoint)
+    program = (sys.executable, "-m", "mkdaemon.cli.mkctl.app")
+    null = asyncio.subprocess.DEVNULL
+    refused = await asyncio.create_subprocess_exec(*program, *place, stdout=null, stderr=null)
+    if await refused.wait() == 0 or not hover.seen.is_flying:
+        return math.nan
+    at = time.monotonic()
+    forced = await asyncio.create_subprocess_exec(*program, *place, "--force", stdout=null, stderr=null)
+    await wait_until(lambda: not hover.seen.is_flying, WAIT)
+    forced.terminate()
+    await forced.wait()
+    return at
+
+
+async def camera_dead(hover: Hover, operator: asyncio.subprocess.Process) -> float:
+    """The camera delivers nothing more: level after 1.5 s, released after 3 s."""
+    fields: dict[str, Any] = {"action": "start", "name": "camera_off", "duration": None, "values": {}}
+    (await hover.client.command("sim", "fault", fields)).require()
+    await _released_after(hover)
+    return hover.seen.captures[-1]
+
+
+async def detector_stalled(hover: Hover, operator: asyncio.subprocess.Process) -> float:
+    """The thread of the eyes stands still for 2 s: level after 1.5 s, then the flight goes on."""
+    at = hover.seen.captures[-1]
+    hover.daemon.send_signal(signal.SIGUSR1)
+    await asyncio.sleep(DETECTOR + 1.0)
+    return at
+
+
+async def interpreter_stalled(hover: Hover, operator: asyncio.subprocess.Process) -> float:
+    """A C call keeps the interpreter for 2 s, so nothing of the daemon runs: its guard levels and releases."""
+    hover.daemon.send_signal(signal.SIGUSR1)
+    return await _released_after(hover)
+
+
+async def disk_stuck(hover: Hover, operator: asyncio.subprocess.Process) -> float:
+    """A write of the recorder does not come back for 6 s: the flight goes on."""
+    at = time.monotonic()
+    hover.daemon.send_signal(signal.SIGUSR1)
+    await asyncio.sleep(DISK + 0.5)
+    return at
+
+
+async def cores_busy(hover: Hover, operator: asyncio.subprocess.Process) -> float:
+    """As many busy programs of ordinary priority as there are cores: the flight goes on, or ends as the table says."""
+    at = time.monotonic()
+    busy = [
+        await asyncio.create_subprocess_exec(sys.executable, "-c", "while True: pass", start_new_session=True)
+        for _ in range(os.cpu_count() or 1)
+    ]
+    await asyncio.sleep(BUSY)
+    for one in busy:
+        one.kill()
+        await one.wait()
+    return at
+
+
+async def _released_after(hover: Hover) -> float:
+    at = time.monotonic()
+    await wait_until(lambda: not hover.seen.is_flying, WAIT)
+    return at
+
+
+Judge = Callable[[Told], dict[str, bool]]
+"""What must hold, by name."""
+
+
+@dataclass(frozen=True, slots=True)
+class Story:
+    """Something that happens.
+
+    Attributes:
+        act: makes it happen; when it happened [s; monotonic].
+        judge: what must hold afterwards.
+        trouble: of the daemon's own threads, where that is the story.
+    """
+
+    act: Callable[[Hover, asyncio.subprocess.Process], Awaitable[float]]
+    judge: Judge
+    trouble: Trouble | None = None
+
+
+def _says(told: Told, words: str) -> bool:
+    return any(words in said for said in (*told.hover.seen.phases, *told.hover.seen.failsafes))
+
+
+def _in_time(found: float, wanted: float) -> bool:
+    return found <= SHARE * wanted + SLACK
+
+
+def _ends(level: float, release: float, words: str) -> Judge:
+    """It is level, then released, in time, and the daemon says why."""
+    return lambda told: {
+        "level in time": _in_time(told.level(), level),
+        "released in time": _in_time(told.released(), release),
+        "said": _says(told, words),
+    }
+
+
+def _goes_on(told: Told) -> dict[str, bool]:
+    return {"not released": told.released() == math.inf}
+
+
+STORIES: Final = {
+    "operator_killed": Story(operator_killed, _ends(0.3, 0.3, "is gone")),
+    "operator_frozen": Story(operator_frozen, _ends(0.3, 1.0, "no setpoint from")),
+    "second_client": Story(
+        second_client, lambda told: {"released": told.released() < WAIT, "said": _says(told, "took the lease")}
+    ),
+    "camera_dead": Story(camera_dead, _ends(1.5, 3.0, "no image of")),
+    "detector_stalled": Story(
+        detector_stalled,
+        lambda told: (
+            _goes_on(told) | {"level in time": _in_time(told.level(), 1.5), "said": "stalled" in told.hover.seen.eyes}
+        ),
+        Trouble.DETECTOR,
+    ),
+    "interpreter_stalled": Story(interpreter_stalled, _ends(0.25, 0.8, "guard release"), Trouble.INTERPRETER),
+    "disk_stuck": Story(disk_stuck, _goes_on, Trouble.DISK),
+    "cores_busy": Story(
+        cores_busy,
+        lambda told: {"goes on, or is released and says so": told.hover.seen.is_flying or _says(told, "released")},
+    ),
+}
+"""By name."""
+
+
+def run_wallfaults(runs: int | None, first_seed: int, jobs: int) -> dict[str, dict[str, Any]]:
+    """Tell every story; figures by key.
+
+    Args:
+        runs: times each; once if None.
+        first_seed: seeds count up from here.
+        jobs: has no meaning here, where one flight fills the machine.
+    """
+    found: dict[str, dict[str, Any]] = {}
+    for name, story in STORIES.items():
+        told = [asyncio.run(tell(story, first_seed + k)) for k in range(runs or 1)]
+        figures = found[f"wallfault_{name}"] = sum_up(story, told)
+        print(f"{name}: {figures}", file=sys.stderr, flush=True)
+    return found
+
+
+async def tell(story: Story, seed: int) -> Told:
+    """Let one story happen once."""
+    program = PROGRAM if story.trouble is None else ("-m", "lab.rigs.troubled", story.trouble.value)
+    setting = Setting(fps=30.0, seed=seed, latency_ms=30.0, jitter_ms=0.0, program=program, is_tapped=True)
+    async with hovering(setting) as hover:
+        operator = await hover.hold(HOLD)
+        try:
+            await asyncio.sleep(SETTLING)
+            at = await story.act(hover, operator)
+            await asyncio.sleep(AFTERWARDS)
+        finally:
+            ended = time.monotonic()
+            if operator.returncode is None:
+                operator.kill()
+            await operator.wait()
+    return Told(hover, at, ended)
+
+
+def sum_up(story: Story, told: Sequence[Told]) -> dict[str, Any]:
+    """Figures of a story told some times."""
+    broken: list[str] = []
+    for one in told:
+        rules = story.judge(one) | {"no silence": max(one.gaps(), default=0.0) <= SILENCE}
+        broken += [rule for rule, holds in rules.items() if not holds]
+    return {
+        "level_s": [round(one.level(), 3) for one in told],
+        "released_s": [round(one.released(), 3) for one in told],
+        "longest_gap_s": [round(max(one.gaps(), default=0.0), 3) for one in told],
+        "failsafes": [one.hover.seen.failsafes for one in told],
+        "end": [one.hover.seen.phases[-1] for one in told],
+        "load": round(os.getloadavg()[0], 1),
+        "count": len(told),
+        "broken": broken,
+        "holds": not broken,
+    }

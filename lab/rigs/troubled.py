@@ -1,0 +1,66 @@
+"""`mkdaemon` with a thread that stands still when it is told to: `python -m lab.rigs.troubled WHICH run ...`.
+
+SIGUSR1 makes it happen. Everything else is the daemon's own program.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import signal
+import sys
+import threading
+import time
+from collections.abc import Callable
+from enum import StrEnum
+from typing import Any, Final
+
+from mkdaemon.cli.mkdaemon.app import main
+
+DETECTOR: Final = 2.0
+"""The thread of the eyes stands still for so long [s]."""
+DISK: Final = 6.0
+"""And that of the recorder [s]."""
+
+
+class Trouble(StrEnum):
+    """What stands still."""
+
+    DETECTOR = "detector"
+    """The thread that looks at images; the others go on."""
+    INTERPRETER = "interpreter"
+    """It stands still in a C call that keeps the interpreter from all other threads."""
+    DISK = "disk"
+    """The recorder's thread, in a write."""
+
+
+def stand_still(which: Trouble) -> tuple[type, str, Callable[[], None]]:
+    """Where it happens, class and method, and what happens there."""
+    if which is Trouble.DISK:
+        from mkdaemon.record.recorder import Recorder
+
+        return Recorder, "step", lambda: time.sleep(DISK)
+    from mkdaemon.vision.pipeline import CameraPipeline
+
+    keeps_interpreter = which is Trouble.INTERPRETER
+    sleep = ctypes.PyDLL(None).usleep if keeps_interpreter else None
+    return CameraPipeline, "process", lambda: time.sleep(DETECTOR) if sleep is None else sleep(int(1e6 * DETECTOR))
+
+
+def wait_for_signal(which: Trouble) -> None:
+    """Let it happen once, in the next call after each SIGUSR1."""
+    owner, name, act = stand_still(which)
+    wanted, method = threading.Event(), getattr(owner, name)
+
+    def troubled(*args: Any, **fields: Any) -> Any:
+        if wanted.is_set():
+            wanted.clear()
+            act()
+        return method(*args, **fields)
+
+    setattr(owner, name, troubled)
+    signal.signal(signal.SIGUSR1, lambda number, frame: wanted.set())
+
+
+if __name__ == "__main__":
+    wait_for_signal(Trouble(sys.argv.pop(1)))
+    main()
