@@ -43,6 +43,7 @@ class FlightCore:
 
     Attributes:
         facts: what is known about the vehicle.
+        pacing: when it wants to tick.
         is_signed_by_holder: whether who holds the lease signed this; from any thread.
     """
 
@@ -75,7 +76,7 @@ class FlightCore:
         self._preflight = Preflight(cfg, facts)
         self._release: ReleaseOrder | None = None
         self._nameless = 0
-        self._pacing = Pacing(cfg)
+        self.pacing = Pacing(cfg)
 
     @property
     def phase(self) -> Phase:
@@ -103,7 +104,7 @@ class FlightCore:
             return error
         if is_first:
             self._reports.first_setpoint(setpoint)
-        self._pacing.is_due = True
+        self.pacing.setpoint_taken()
         return None
 
     def setpoint_refused(self, key: str, fields: dict[str, Any], error: CommandRejectedError, at: float) -> None:
@@ -138,17 +139,16 @@ class FlightCore:
                 if is_to_be_read:
                     return ReadGate()
                 assert self.facts.link is not None
-                openings = self.facts.link.openings
                 holder = request.holder or self._next_name()
                 granted = self._authority.take(holder, at, ttl=request.ttl, force=request.force)
-                self._patience.lease_taken(openings)
+                self._patience.lease_taken(self.facts.link.openings)
             case "renew":
                 granted = self._authority.renew(epoch, request.secret, at)
             case "release":
                 self._authority.give_back(epoch, request.secret)
             case _:
                 granted = self._authority.lease(at)
-        self._pacing.is_due = True
+        self.pacing.hurry()
         return granted
 
     def release(self, request: ReleaseRequest) -> None:
@@ -162,12 +162,12 @@ class FlightCore:
             CommandRejectedError: `nothing_flown`.
         """
         self._authority.abort(request.reason)
-        self._pacing.is_due = True
+        self.pacing.hurry()
 
     def client_gone(self, name: str) -> None:
         """Note that a client lost its liveliness token."""
         self._authority.client_gone(name)
-        self._pacing.is_due = True
+        self.pacing.hurry()
 
     # -- what the boards and the cameras report -------------------------------------------------------------------
 
@@ -186,6 +186,7 @@ class FlightCore:
         """Take a pose of the vehicle against a target."""
         self.facts.pose_received(pose)
         self._target.pose_received(pose)
+        self.pacing.image_taken(is_ours=pose.target == self._target.target)
         self._preflight.motion.target_seen(pose.stamp.monotonic, pose.position_flu)
 
     def model_known(self, model: AircraftModel) -> None:
@@ -235,17 +236,17 @@ class FlightCore:
         order, self._release = self._release, None
         if order is not None and not order.asked:
             self._reports.released(order.reason, outcome)
-        self._pacing.is_due = True
+        self.pacing.hurry()
 
     # -- the tick -------------------------------------------------------------------------------------------------
 
     def next_time(self) -> float:
         """When to tick again [s]; see `Pacing`."""
-        return self._pacing.next_time(self._authority.deadline(), self._output.next_step)
+        return self.pacing.next_time(self._authority.deadline(), self._output.next_step)
 
     def tick(self, now: float, *, slept: float = 0.0) -> list[Action]:
         """Decide what is done now, in order; the machine slept for so long since the last tick [s], uncounted."""
-        stood_still = self._pacing.tick(now) + slept
+        stood_still = self.pacing.tick(now) + slept
         order: Action | None = None
         if self._release is None:
             if stood_still > self._cfg.limiter.setpoint_ttl and self._authority.phase in IN_FLIGHT:
@@ -259,7 +260,7 @@ class FlightCore:
             elif isinstance(decision, ReleaseOrder):
                 self._release, order = decision, Release(decision.reason)
         self._reports.status(self._preflight.line.layout, now)
-        self._pacing.is_paced = self._authority.phase in IN_FLIGHT
+        self.pacing.sends(is_flying=self._authority.phase in IN_FLIGHT, is_by_images=self._target.guided_at == now)
         return ([] if order is None else [order]) + self._reports.take()
 
     def _guide(self, setpoint: Setpoint, now: float, is_flying: bool) -> Guided:
@@ -282,7 +283,7 @@ class FlightCore:
                 self._end(Event.LINE_RELEASING, error.reason)
             self._reports.frame_not_sent(error, now)
             return None
-        frame = self._output.make(order, line.layout, now)
+        frame = self._output.make(order, line.layout, now, is_extra=self.pacing.answers_image)
         self._target.sticks_made(frame.counts, now)
         self._reports.estimate(self._target.estimate(now), self._target.error)
         return frame
@@ -291,7 +292,7 @@ class FlightCore:
 
     def _end(self, event: Event, cause: str) -> None:
         self._authority.end(event, cause=cause)
-        self._pacing.is_due = True
+        self.pacing.hurry()
 
     def _next_name(self) -> str:
         """Name a client that gave none; never twice the same, or two of them would hold one lease."""

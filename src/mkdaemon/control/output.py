@@ -52,13 +52,14 @@ class StickOutput:
         self._last = Sticks(0.0, 0.0, 0.0, sticks.throttle)
         self._made_at = now - 1.0 / self._cfg.rate
 
-    def make(self, order: Fly, layout: str, now: float) -> SendSticks:
+    def make(self, order: Fly, layout: str, now: float, *, is_extra: bool = False) -> SendSticks:
         """Limit the sticks and make a frame of them.
 
         Args:
             order: what the authority wants.
             layout: of external control.
             now: [s].
+            is_extra: it answers an image, beside those of `control.rate`.
         """
         cfg = self._cfg.limiter
         ttl = min(order.ttl, cfg.setpoint_ttl)
@@ -74,7 +75,7 @@ class StickOutput:
         )
         self._last, self._made_at = sticks, now
         self.lid.frame_made(sticks.throttle, self._facts.throttle_in_use(), now)
-        self._due_at = max(self._due_at, now) + 1.0 / self._cfg.rate
+        self._due_at = max(self._due_at, now) + (0.0 if is_extra else 1.0 / self._cfg.rate)
         self.handed_over += 1
         self._is_waiting = True
         life = min(ttl - order.age, LONGEST_QUEUE) if order.age <= ttl else LONGEST_QUEUE

@@ -1,7 +1,12 @@
-"""When the flight core ticks: at once after news, in time to repeat a setpoint, just after a deadline."""
+"""When the flight core ticks: at once after news, in time to repeat a setpoint, just after a deadline.
+
+A flight by images is the other way round: an image is answered at once, and between two the core ticks at its own rate,
+whenever setpoints come. What is streamed there hardly changes, and what an image shows is late enough.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Final
 
 from mkdaemon.config.control import ControlConfig
@@ -17,20 +22,44 @@ class Pacing:
     """The times of the ticks.
 
     Attributes:
-        is_due: something happened that the next tick must judge.
+        on_news: called when a tick is due sooner than `next_time` said.
         is_paced: stick frames are being sent, so no tick comes sooner than the boards can take the next one.
+        is_by_images: what is flown follows what images show.
+        answers_image: the present tick was brought forward by one.
     """
 
     def __init__(self, cfg: ControlConfig) -> None:
         self._cfg = cfg
         self._ticked_at = float("-inf")
-        self.is_paced = False
-        self.is_due = True
+        self.is_paced = self.is_by_images = self.answers_image = self._is_image_new = False
+        self.on_news: Callable[[], None] = lambda: None
+        self._is_due = True
+
+    def hurry(self) -> None:
+        """Note that something happened that the next tick must judge."""
+        self._is_due = True
+        self.on_news()
+
+    def setpoint_taken(self) -> None:
+        """Note that a setpoint is to be followed."""
+        if not self.is_by_images:
+            self.hurry()
+
+    def image_taken(self, *, is_ours: bool) -> None:
+        """Note that an image showed where the aircraft is; `is_ours`: against the target it is flown by."""
+        if self.is_by_images and is_ours:
+            self._is_image_new = True
+            self.hurry()
+
+    def sends(self, *, is_flying: bool, is_by_images: bool) -> None:
+        """Note what is sent from now on; see the attributes."""
+        self.is_paced, self.is_by_images = is_flying, is_flying and is_by_images
 
     def tick(self, now: float) -> float:
         """Note a tick; returns the time since the one before [s]."""
         stood_still = now - self._ticked_at
-        self._ticked_at, self.is_due = now, False
+        self._ticked_at, self._is_due = now, False
+        self.answers_image, self._is_image_new = self._is_image_new, False
         return stood_still
 
     def next_time(self, deadline: float | None, next_step: float) -> float:
@@ -43,9 +72,16 @@ class Pacing:
             next_step: when the boards can take the next stick frame [s].
         """
         until = self._ticked_at
-        if not self.is_due:
-            # A repetition waits half a period longer than a client should, or it would delay the next setpoint.
-            until += 1.5 / self._cfg.rate if self.is_paced else IDLE_PERIOD
+        if not self._is_due:
+            until += self._period
             if deadline is not None and until > deadline - SHORTEST_STEP:
                 until = deadline + JUST_AFTER
         return max(until, next_step) if self.is_paced else until
+
+    @property
+    def _period(self) -> float:
+        """Longest time between two ticks [s]."""
+        if not self.is_paced:
+            return IDLE_PERIOD
+        # A repetition waits half a period longer than a client should, or it would delay the next setpoint.
+        return (1.0 if self.is_by_images else 1.5) / self._cfg.rate

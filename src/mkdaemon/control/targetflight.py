@@ -76,6 +76,7 @@ class TargetFlight:
         take_off: the take-off that is flown; None outside one.
         error: how far the aircraft is from its goal; None without a goal.
         model: what is believed of the aircraft.
+        guided_at: when sticks last followed from what images showed [s].
     """
 
     def __init__(self, cfg: AutopilotConfig, hover_throttle: float) -> None:
@@ -99,8 +100,7 @@ class TargetFlight:
         self._attitude: Attitude | None = None
         self._last_view: TargetView | None = None
         self._sent: deque[StickCommand] = deque(maxlen=SENT_KEPT)
-        self._clean_since = math.inf
-        self._guided_at = self._stood_at = -math.inf
+        self._clean_since, self.guided_at, self._stood_at = math.inf, -math.inf, -math.inf
 
     # -- what is reported -----------------------------------------------------------------------------------------
 
@@ -171,8 +171,8 @@ class TargetFlight:
         if isinstance(setpoint, AttitudeSetpoint):
             gas = self._hover_gas if self._estimator is None else self._estimator.hover_gas
             return guide_attitude(setpoint, self.model, gas, self._cfg.neutral_band)
-        step = min(max(now - self._guided_at, 0.005), 0.1) if is_flying else 0.02
-        self._guided_at = now
+        step = min(max(now - self.guided_at, 0.005), 0.1) if is_flying else 0.02
+        self.guided_at = now
         if isinstance(setpoint, TakeOffSetpoint):
             if not is_flying:
                 self.take_off = self._autopilot = None

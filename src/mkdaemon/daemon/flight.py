@@ -81,6 +81,7 @@ class FlightControl:
         self._core, self._link, self._bus, self._audit = core, link, bus, audit
         self._clock, self._records = clock, records
         self._news = asyncio.Event()
+        core.pacing.on_news = self._news.set
         self._release_waiters: list[asyncio.Future[ReleaseResult | None]] = []
         self.ticks = 0
 
@@ -113,9 +114,7 @@ class FlightControl:
             self._core.setpoint_refused(kind.suffix, fields, error, arrived)
             return error
         assert isinstance(payload, bytes)
-        refusal = self._core.setpoint(setpoint, arrived, Signature(kind.suffix, payload, proof))
-        self._news.set()
-        return refusal
+        return self._core.setpoint(setpoint, arrived, Signature(kind.suffix, payload, proof))
 
     def is_signed_by_holder(self, kind: type[Setpoint], payload: Payload, proof: bytes) -> bool:
         """Whether a setpoint comes from who holds the lease; from any thread."""
@@ -125,13 +124,11 @@ class FlightControl:
         """Note that a client showed or lost its liveliness token."""
         if not is_here:
             self._core.client_gone(name)
-            self._news.set()
 
     def guard_acted(self, released: bool) -> None:
         """Note that the guard has sent something because nothing came from here."""
         if released:
             self._core.guard_acted()
-            self._news.set()
         self._audit.failsafe("guard release" if released else "guard neutral", "no stick frame was written in time")
 
     def guard_changed(self, is_alive: bool) -> None:
@@ -151,7 +148,6 @@ class FlightControl:
         if isinstance(granted, ReadGate):
             granted = self._ask_core(request, await self._read_active_set())
         assert not isinstance(granted, ReadGate)
-        self._news.set()
         return granted
 
     def _ask_core(self, request: LeaseRequest, found: ActiveSet | None = None) -> LeaseState | ReadGate | None:
@@ -179,7 +175,6 @@ class FlightControl:
         done: asyncio.Future[ReleaseResult | None] = asyncio.get_running_loop().create_future()
         self._release_waiters.append(done)
         self._core.release(request)
-        self._news.set()
         return await done
 
     def gains(self) -> Gains:
@@ -193,7 +188,6 @@ class FlightControl:
             CommandRejectedError: `nothing_flown`.
         """
         self._core.abort(request)
-        self._news.set()
 
     # -- what the core decides ------------------------------------------------------------------------------------
 
@@ -260,7 +254,6 @@ class FlightControl:
             async with asyncio.timeout(RELEASE_TIMEOUT):
                 result = await release
         self._core.released(None if result is None else result.status, self._clock.now())
-        self._news.set()
         waiters, self._release_waiters = self._release_waiters, []
         for waiter in waiters:
             if not waiter.done():
