@@ -16,8 +16,9 @@ from mkdaemon.control.core import FlightCore
 from mkdaemon.control.vehicle import VehicleFacts
 from mkdaemon.daemon.audit import Audit
 from mkdaemon.daemon.eyes import PoseSink
-from mkdaemon.daemon.flight import RELEASE_TIMEOUT, FlightControl
+from mkdaemon.daemon.flight import FlightControl
 from mkdaemon.daemon.procedures import Interlock
+from mkdaemon.daemon.releases import RELEASE_TIMEOUT
 from mkdaemon.daemon.verbs import Verbs
 from mkdaemon.link.session.traffic import ReleaseResult
 from mkdaemon.telemetry.command import ReleaseRequest

@@ -66,7 +66,8 @@ class ControlConfig(Section):
     """From setpoints to stick commands."""
 
     rate: float = Field(default=50.0, ge=10, le=100)
-    """Stick frames a second while someone flies [Hz]; above 44 gains nothing, above 100 the boards lose frames."""
+    """Stick frames a second while someone flies [Hz]; above 44 gains nothing, above 100 the boards lose frames. In a
+    flight by images one more answers each image."""
     real_time: bool | None = None
     """Run the event loop at the lowest real-time priority, and the daemon's threads before other programs; what that
     can starve: docs/operations.md. Unset: as a service of systemd only."""

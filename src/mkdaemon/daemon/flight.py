@@ -1,4 +1,4 @@
-"""The shell of the flight core: brings it what happens, carries out what it decides, stamps what it publishes.
+"""The shell of the flight core: brings it what happens, and lets it decide when it wants to.
 
 Setpoint out: Zenoh thread, `call_soon_threadsafe`, `FlightCore.setpoint` (newest wins), tick, `Link.send_setpoint` with
 a deadline.
@@ -7,57 +7,35 @@ a deadline.
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Awaitable
 from contextlib import suppress
-from dataclasses import asdict, fields
-from functools import partial
 from pathlib import Path
-from typing import Final
 
 from mkdaemon.bus.codec import Payload, TooLong, check_command, decode_map
 from mkdaemon.clock import Clock, SleepWatch
 from mkdaemon.control.actions import (
-    Action,
-    PublishError,
-    PublishEstimate,
-    PublishNavi,
-    PublishStatus,
     ReadGate,
-    Release,
-    SendSticks,
 )
 from mkdaemon.control.activeset import ActiveSet
 from mkdaemon.control.core import FlightCore
 from mkdaemon.control.modes import IN_FLIGHT
 from mkdaemon.daemon.audit import Audit, Outlet
 from mkdaemon.daemon.discovery import require_flightctrl
+from mkdaemon.daemon.orders import Orders
 from mkdaemon.daemon.preflight import active_set, free_disk, read_active_set
+from mkdaemon.daemon.releases import Releases
 from mkdaemon.errors import CommandRejectedError
 from mkdaemon.link.link import Link
 from mkdaemon.link.session.traffic import ReleaseResult
 from mkdaemon.telemetry.command import AbortRequest, LeaseRequest, ReleaseRequest
 from mkdaemon.telemetry.control import (
-    ControlError,
-    ControlEstimate,
-    ControlOutput,
-    ControlStatus,
     Gains,
     LeaseState,
     Phase,
-    ReleaseOutcome,
 )
-from mkdaemon.telemetry.navi import ControlNavi
 from mkdaemon.telemetry.preflight import ControlPreflight, PreflightReport
 from mkdaemon.telemetry.setpoint import Setpoint
 from mkdaemon.telemetry.signature import Signature
-from mkdaemon.translate import aircraft_model, assumed_model, extern_control
-
-LATE_RELEASE: Final = 600.0
-"""How long a release that was not confirmed is watched for its confirmation [s]."""
-LATE_LOOK: Final = 0.2
-"""Time between two looks for it [s]."""
-RELEASE_TIMEOUT: Final = 5.0
-"""A release that takes longer than this counts as not confirmed [s]; the link needs 1.5 s at most."""
+from mkdaemon.translate import aircraft_model, assumed_model
 
 
 class FlightControl:
@@ -82,7 +60,8 @@ class FlightControl:
         self._clock, self._records = clock, records
         self._news = asyncio.Event()
         core.pacing.on_news = self._news.set
-        self._release_waiters: list[asyncio.Future[ReleaseResult | None]] = []
+        self._releases = Releases(core, link, audit, clock)
+        self._orders = Orders(link, bus, audit, self._releases, clock)
         self.ticks = 0
 
     @property
@@ -171,11 +150,10 @@ class FlightControl:
         return report
 
     async def release(self, request: ReleaseRequest) -> ReleaseResult | None:
-        """Release the aircraft, whoever asks; returns how it went, None where it had no end in `RELEASE_TIMEOUT`."""
-        done: asyncio.Future[ReleaseResult | None] = asyncio.get_running_loop().create_future()
-        self._release_waiters.append(done)
+        """Release the aircraft, whoever asks; returns how it went, None where it had no end in time."""
+        ended = self._releases.next_end()
         self._core.release(request)
-        return await done
+        return await ended
 
     def gains(self) -> Gains:
         """Model, gains and margins of the horizontal loop."""
@@ -201,7 +179,7 @@ class FlightControl:
                 now = self._clock.now()
                 self._core.line_changed(self._link.control_line())
                 for action in self._core.tick(now, slept=sleep.take()):
-                    self._carry_out(action, tasks)
+                    self._orders.carry_out(action, tasks)
 
     async def _wait(self) -> None:
         """Wait until the core wants to tick; news may bring that forward."""
@@ -210,64 +188,3 @@ class FlightControl:
             with suppress(TimeoutError):
                 async with asyncio.timeout(left):
                     await self._news.wait()
-
-    def _carry_out(self, action: Action, tasks: asyncio.TaskGroup) -> None:
-        match action:
-            case SendSticks():
-                self._send(action)
-            case Release():
-                release = self._finish_release(action.reason, self._link.release(action.reason))
-                tasks.create_task(release, name="control.release")
-            case PublishStatus():
-                shown = {field.name: getattr(action, field.name) for field in fields(action)}
-                self._bus.publish("control/status", ControlStatus(stamp=self._clock.stamp(), **shown))
-            case PublishEstimate():
-                estimate = ControlEstimate(stamp=self._clock.stamp(), **action.value.__dict__)
-                self._bus.publish("control/estimate", estimate)
-            case PublishNavi():
-                self._bus.publish("control/navi", ControlNavi(stamp=self._clock.stamp(), **action.value.__dict__))
-            case PublishError():
-                self._bus.publish("control/error", ControlError(stamp=self._clock.stamp(), **action.value.__dict__))
-            case _:
-                self._audit.report(action)
-
-    def _send(self, order: SendSticks) -> None:
-        layout = self._link.dialect.extern_control
-        assert layout is not None
-        frame = self._link.send_setpoint(partial(extern_control, layout, order.counts), deadline=order.deadline)
-        output = ControlOutput(
-            stamp=self._clock.stamp(),
-            epoch=order.epoch,
-            sequence=order.sequence,
-            frame=frame,
-            age=order.age,
-            **asdict(order.counts),
-            limited=order.is_limited,
-        )
-        self._bus.publish("control/output", output)
-
-    async def _finish_release(self, reason: str, release: Awaitable[ReleaseResult]) -> None:
-        """Wait for the end of a release, then report it to the core and to whoever asked for it."""
-        began = self._clock.now()
-        result: ReleaseResult | None = None
-        with suppress(TimeoutError):
-            async with asyncio.timeout(RELEASE_TIMEOUT):
-                result = await release
-        self._core.released(None if result is None else result.status, self._clock.now())
-        waiters, self._release_waiters = self._release_waiters, []
-        for waiter in waiters:
-            if not waiter.done():
-                waiter.set_result(result)
-        if result is None or result.status in {ReleaseOutcome.UNCONFIRMED, ReleaseOutcome.NOT_SENT}:
-            await self._report_late_release(reason, began)
-
-    async def _report_late_release(self, reason: str, began: float) -> None:
-        """Correct the report of a release that was not confirmed, once one is; who flies again ends the wait."""
-        with suppress(TimeoutError):
-            async with asyncio.timeout(LATE_RELEASE):
-                while self._core.phase not in IN_FLIGHT:
-                    if self._link.released_at > began:
-                        self._audit.failsafe("release", f"{reason}; it is confirmed by now", released=True)
-                        return
-                    await asyncio.sleep(LATE_LOOK)
-                    self._clock.now()  # a replay learns from it when the line was asked

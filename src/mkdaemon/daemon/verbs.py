@@ -10,9 +10,10 @@ from typing import Any
 from mkdaemon.bus.codec import Payload, read_command, schema_name
 from mkdaemon.daemon.answering import answer_query
 from mkdaemon.daemon.audit import Audit
-from mkdaemon.daemon.flight import RELEASE_TIMEOUT, FlightControl
+from mkdaemon.daemon.flight import FlightControl
 from mkdaemon.daemon.pathdelay import PathProbe
 from mkdaemon.daemon.procedures import Interlock
+from mkdaemon.daemon.releases import RELEASE_TIMEOUT
 from mkdaemon.link.link import Link
 from mkdaemon.telemetry.command import (
     AbortRequest,
