@@ -31,7 +31,7 @@ SETTLING: Final = 4.0
 SPARE: Final = 5.0
 """The operator's program would fly on for so long [s]."""
 PERIOD: Final = 0.02
-"""Of stick frames [s]."""
+"""Longest time between two stick frames, where nothing is late [s]: docs/configuration.md, control.rate."""
 MATCH: Final = 0.012
 """A stick frame's image is the one taken so close to the time that the estimate names [s]."""
 LATEST: Final = 2.0
@@ -174,7 +174,7 @@ def _figures(
     figures = {
         "image_to_wire": _spread(1000 * delays),
         "image_to_pose": _spread(1000 * poses),
-        "control_jitter": _spread(1000 * np.abs(np.diff(times) - PERIOD)),
+        "control_jitter": _spread(1000 * np.maximum(np.diff(times) - PERIOD, 0.0)),
         "frame_gap": _spread(1000 * np.diff(times)),
         "daemon_cpu_percent": {"value": round(sum(threads.values()), 1), "threads": threads},
         "simulator_cpu_percent": {"value": round(simulator, 1)},
