@@ -12,6 +12,9 @@ from pathlib import Path
 from statistics import median
 from typing import Any, Final
 
+import cv2
+import numpy as np
+
 from lab.rigs.pilot import Pilot
 from lab.rigs.processes import ObservedSimulation, connected, daemon_process, wait_for_control
 from mkdaemon.config.sim import PilotPlan, SimConfig
@@ -24,10 +27,13 @@ LINK: Final = "rates = {debug = 50, attitude = 20}\necho_hz = 5\n"
 """As much as a FlightCtrl's line carries beside setpoints at 50 Hz."""
 OFF: Final = "[record]\nenabled = false\n"
 JSON: Final = "[record]\njson_for_viewers = true\n"
+CAMERA: Final = '[[cameras]]\nsource = "folder:{folder}/images"\nloop = true\nfps = 10.0\n'
+IMAGES: Final = 10
+"""Of the folder that the camera plays, 640x480 each."""
 
 
 async def measure(seconds: float, turns: int) -> dict[str, Any]:
-    """Fly by sticks at 50 Hz for so long, in turns without, with, and with JSON for viewers.
+    """Fly by sticks at 50 Hz for so long, in turns without, with, and with JSON for viewers; and beside a camera.
 
     Args:
         seconds: each time.
@@ -35,15 +41,28 @@ async def measure(seconds: float, turns: int) -> dict[str, Any]:
     """
     found: dict[str, list[dict[str, float]]] = {}
     for turn in range(turns):
-        for name, section in (("off", OFF), ("on", ""), ("json", JSON)):
+        variants = {"off": OFF, "on": "", "json": JSON, "camera_off": CAMERA + OFF, "camera_on": CAMERA}
+        for name, section in variants.items():
             found.setdefault(name, []).append(await _fly(section, seconds, seed=turn))
     figures: dict[str, Any] = {}
     for name, runs in found.items():
         figures[name] = {key: median(run[key] for run in runs) for key in runs[0]}
-    on, off = figures["on"], figures["off"]
-    figures["cpu_percent_more"] = on["cpu_percent"] - off["cpu_percent"]
-    figures["setpoint_p99_ms_more"] = on["setpoint_p99_ms"] - off["setpoint_p99_ms"]
+    for prefix in ("", "camera_"):
+        on, off = figures[f"{prefix}on"], figures[f"{prefix}off"]
+        figures[f"{prefix}cpu_percent_more"] = on["cpu_percent"] - off["cpu_percent"]
+        figures[f"{prefix}setpoint_p99_ms_more"] = on["setpoint_p99_ms"] - off["setpoint_p99_ms"]
     return figures
+
+
+def _make_images(folder: Path) -> None:
+    """Draw what a camera over rough ground sees: nothing smooth, which a recorder could make small, and no tag."""
+    folder.mkdir()
+    rng = np.random.default_rng(1)
+    for number in range(IMAGES):
+        coarse = rng.integers(0, 256, (60, 80), dtype=np.uint8)
+        ground = cv2.resize(coarse, (640, 480), interpolation=cv2.INTER_CUBIC)
+        noise = rng.integers(0, 8, ground.shape, dtype=np.uint8)
+        cv2.imwrite(str(folder / f"{number:03}.png"), (ground // 2 + noise).astype(np.uint8))
 
 
 async def _fly(section: str, seconds: float, *, seed: int) -> dict[str, float]:
@@ -53,9 +72,11 @@ async def _fly(section: str, seconds: float, *, seed: int) -> dict[str, float]:
     ages: list[float] = []
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
+        _make_images(folder / "images")
+        lines = LINK + section.format(folder=folder)
         async with (
             runtime.serve(),
-            daemon_process(f"pty:{runtime.port}", folder, link=LINK + section) as daemon,
+            daemon_process(f"pty:{runtime.port}", folder, link=lines) as daemon,
             connected(daemon.endpoint) as client,
             Pilot(client, "pilot") as pilot,
         ):
@@ -83,7 +104,7 @@ async def _fly(section: str, seconds: float, *, seed: int) -> dict[str, float]:
         "setpoint_p50_ms": 1e3 * (percentile(ages, 0.5) or 0.0),
         "setpoint_p99_ms": 1e3 * (percentile(ages, 0.99) or 0.0),
         "entries_per_s": written / took,
-        "file_mb_per_hour": size / 1e6 / (took + SETTLE) * 3600,
+        "file_bytes_per_minute": size / (took + SETTLE) * 60,
         "lost": float(lost),
         "resident_mb": memory,
     }

@@ -20,6 +20,8 @@ from mkdaemon.cli.arguments import AsJson, require_count, require_length
 from mkdaemon.cli.printing import json_line
 from mkdaemon.cli.program import EXIT_FAILURE, EXIT_OK
 
+SLOW_SECONDS: Final = 8.0
+"""Of entries that come to the slow disk [s]."""
 CASES: Final = ("writing", "cost", "playing", "kills", "disks")
 
 
@@ -62,6 +64,7 @@ def main(
                 figures[name] = {
                     "full": asyncio.run(disks.fill_disk(1)),
                     "removed": asyncio.run(disks.remove_folder(1)),
+                    "slow": disks.slow_disk(SLOW_SECONDS),
                 }
         if not as_json:
             print(f"{name}: {json_line(figures[name])}")
