@@ -1,7 +1,8 @@
 """`kill -9` of the daemon, of the recorder on the ground, and of both: what is left, and how old its end is.
 
-A witness in this process receives the raw frames and their numbers, with the machine's own monotonic time. What it
-received more than `ALLOWED` before the kill must be in the file, every number of it.
+A witness in this process receives the raw frames, with the machine's own monotonic time. What it received more than
+`ALLOWED` before the kill must be in the file, every one of it. A frame is known by its stamp: numbers begin again where
+the line is opened anew.
 """
 
 from __future__ import annotations
@@ -63,15 +64,15 @@ class Left:
 
 
 class Witness:
-    """Remembers the frames it received: when, and their numbers."""
+    """Remembers the frames it received: when, and their stamps [s]."""
 
     def __init__(self) -> None:
-        self.frames: list[tuple[float, int]] = []
+        self.frames: list[tuple[float, float]] = []
 
     async def watch(self, samples: AsyncIterator[Any]) -> None:
         """Take samples for ever."""
         async for sample in samples:
-            self.frames.append((time.monotonic(), sample.fields["sequence"]))
+            self.frames.append((time.monotonic(), sample.fields["stamp"]["monotonic"]))
 
 
 async def kill_daemon(seed: int) -> Left:
@@ -167,7 +168,7 @@ def _files(folder: Path) -> list[Path]:
 
 def _look(files: Sequence[Path], witness: Witness, began: float, killed_at: float, folder: Path) -> Left:
     entries, newest, gaps = 0, began, 0
-    numbers: set[int] = set()
+    stamps: set[float] = set()
     is_readable = True
     for path in files:
         recording = Recording(path)
@@ -175,13 +176,13 @@ def _look(files: Sequence[Path], witness: Witness, began: float, killed_at: floa
             entries += 1
             newest = max(newest, entry.received)
             if entry.kind is Kind.SAMPLE and entry.key == f"mk/{VEHICLE}/{FRAMES}":
-                numbers.add(msgpack.unpackb(entry.payload)["sequence"])
+                stamps.add(msgpack.unpackb(entry.payload)["stamp"]["monotonic"])
         gaps += recording.report.lost
         is_readable = is_readable and _streams(path) and _recovers(path, folder / "recovered.mcap")
-    first, last = min(numbers, default=0), max(numbers, default=0)
-    wanted = {number for at, number in witness.frames if at < killed_at - ALLOWED and number >= first}
-    lacking = wanted - numbers
-    missing = sum(number > last for number in lacking)
+    first, last = min(stamps, default=began), max(stamps, default=began)
+    wanted = {stamp for at, stamp in witness.frames if at < killed_at - ALLOWED and stamp >= first}
+    lacking = wanted - stamps
+    missing = sum(stamp > last for stamp in lacking)
     return Left(entries, killed_at - newest, missing, len(lacking) - missing, gaps, is_readable)
 
 

@@ -152,6 +152,7 @@ async def test_its_state_and_the_counts_of_the_bus_are_published_every_second(tm
         reporting.cancel()
     assert bus.values("bus/counts")[0].counts == {"health": 3}
     assert [event.level for event in bus.values("event/log")] == ["info", "warning"]
+    assert bus.values("event/log")[0].text.endswith(".mcap")  # not before there is a file
     assert "has been removed" in bus.values("event/log")[1].text
     assert bus.values("record/status")[0].queue_limit_bytes == 32_000_000
 
