@@ -111,5 +111,5 @@ class Tuning:
 
 NOMINAL: Final = Tuning()
 """The parameter set is known and the innovations agree with it."""
-ROBUST: Final = Tuning(tilt=0.02, believed=0.03, rate=1.0, filtered=0.05, disturbance=0.3)
+ROBUST: Final = Tuning(tilt=0.01, believed=0.015, rate=1.0, filtered=0.05, disturbance=0.3)
 """Before that: images count for more, the model for less."""

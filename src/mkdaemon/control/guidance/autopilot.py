@@ -115,7 +115,7 @@ class Autopilot:
             self.reference = Reference(self.estimate.position[:2], self.estimate.velocity[:2])
         else:
             self._has_begun = True
-        self.reference.move(goal.position[:2], limits, step)
+            self.reference.move(goal.position[:2], limits, step)
         if goal.climb:
             self.height = Reference(goal.position[2:], np.array([goal.climb]))
         else:
