@@ -9,6 +9,7 @@ from enum import StrEnum
 from pathlib import Path
 from typing import Final
 
+from mkdaemon.control.hands import CAPPED, HANDS, Hands
 from mkdaemon.control.modes import ALWAYS, ROWS, Event, Reaction, Row
 from mkdaemon.telemetry.control import Phase
 
@@ -31,6 +32,17 @@ asked for between two ticks begins with the next one; a take-over is `lease_take
 """
 
 
+_HANDS: Final = f"""## What the pilot's hands do
+
+From `control/hands.py`, published as `hands` in `control/status`; the first row that fits counts. In flight,
+while his throttle caps ours: the pilot {CAPPED}. The throttle is that of stock
+firmware, which takes the smaller one; [flying.md](flying.md) says more.
+
+| phase | manoeuvre | stage | the pilot |
+|---|---|---|---|
+"""
+
+
 def modes_page(root: Path) -> str:
     """Return the whole text of docs/modes.md."""
     parts = [
@@ -40,7 +52,12 @@ def modes_page(root: Path) -> str:
         _meanings("Events", Event),
         _meanings("What is sent", Reaction),
     ]
-    return "\n".join([*parts, _TABLE + "\n".join(_line(row) for row in ROWS)]) + "\n"
+    tables = [_TABLE + "\n".join(_line(row) for row in ROWS), _HANDS + "\n".join(_hands(row) for row in HANDS)]
+    return "\n".join([*parts, "\n\n".join(tables)]) + "\n"
+
+
+def _hands(row: Hands) -> str:
+    return f"| `{row.phase.value}` | {row.manoeuvre or 'any'} | {row.stage or 'any'} | {row.words} |"
 
 
 def _diagram() -> str:

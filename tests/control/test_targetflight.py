@@ -16,9 +16,10 @@ from mkdaemon.config.autopilot import AutopilotConfig
 from mkdaemon.config.sim_flight import WindClass
 from mkdaemon.control.actions import Release, ReportFailsafe, ReportMode, SendSticks
 from mkdaemon.control.estimator.model import AircraftModel
+from mkdaemon.control.guidance.autopilot import Goal
 from mkdaemon.control.guidance.landing import LandingPhase
 from mkdaemon.control.targetflight import FORGOTTEN, TargetFlight
-from mkdaemon.control.targetgoals import obstacle
+from mkdaemon.control.targetgoals import Arrival, obstacle
 from mkdaemon.control.vehicle import VehicleFacts
 from mkdaemon.errors import CommandRejectedError
 from mkdaemon.sim.physics.attitude_loop import EASY, AttitudeGains
@@ -300,3 +301,14 @@ def test_entry_waits_for_a_fresh_image_and_a_certain_position():
     assert "a fresh image" in old.obstacle
     nobody = TargetFlight(CFG, -2.0).guide(position(), VehicleFacts(), 0.0, is_flying=False)
     assert (nobody.obstacle, bool(nobody.failure)) == ("a target in sight", True)
+
+
+def test_a_place_with_a_heading_is_reached_when_the_nose_points_there():
+    rig = CoreRig(replace(CALM, seconds=3.0))
+    rig.fly()
+    still = replace(rig.core._target._estimator.estimate(3.0), position=np.array([0.0, 0.0, 2.0]), yaw=0.3)
+    arrival = Arrival(0.15, 1.0)
+    for yaw, is_reached in ((None, True), (0.35, True), (0.6, False)):
+        goal = Goal(position=np.array([0.0, 0.0, 2.0]), yaw=yaw)
+        assert not arrival.has_arrived(goal, replace(still, position=np.ones(3)), 0.0)
+        assert arrival.has_arrived(goal, still, 1.0) is is_reached

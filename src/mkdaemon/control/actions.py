@@ -58,6 +58,7 @@ class PublishStatus:
     stage: str
     is_done: bool
     pilots_throttle: float | None
+    hands: str
 
 
 @dataclass(frozen=True, slots=True)

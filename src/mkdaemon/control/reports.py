@@ -16,6 +16,7 @@ from mkdaemon.control.actions import (
     Warn,
 )
 from mkdaemon.control.authority import Authority
+from mkdaemon.control.hands import pilots_hands
 from mkdaemon.control.modes import IN_FLIGHT
 from mkdaemon.control.naviwatch import NaviWatch
 from mkdaemon.control.output import StickOutput
@@ -133,6 +134,7 @@ class Reports:
                 stage="" if progress is None else progress.stage,
                 is_done=progress is not None and progress.is_done,
                 pilots_throttle=lid,
+                hands=pilots_hands(authority.phase, progress, is_capped=lid is not None),
             )
         )
 

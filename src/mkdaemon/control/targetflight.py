@@ -203,7 +203,7 @@ class TargetFlight:
         self.error = error_value(setpoint.kind, goal, estimate)
         found = obstacle(self._cfg, self.target, estimate, now - self._clean_since)
         is_there = is_flying and estimate.age <= self._cfg.freeze_after
-        is_done = is_there and self._arrival.has_arrived(goal.position, estimate.position, now)
+        is_done = is_there and self._arrival.has_arrived(goal, estimate, now)
         return Guided(floating(autopilot.sticks(goal, now, step)), found, is_done=is_done)
 
     def stop(self, setpoint: Setpoint, facts: VehicleFacts, now: float) -> Guided:
@@ -287,7 +287,7 @@ class TargetFlight:
         height, here = min(setpoint.height, self._cfg.fence_height), estimate.position
         goal = at_origin(height)
         self.error = error_value(setpoint.kind, goal, estimate)
-        if self._arrival.has_arrived(goal.position, here, now):
+        if self._arrival.has_arrived(goal, estimate, now):
             take_off.arrived()
         if float(here[2]) < STRAIGHT_UP and take_off.phase is TakeOffPhase.CLIMB:
             goal = Goal(position=np.array([*(autopilot.reference.position), height]))

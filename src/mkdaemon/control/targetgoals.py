@@ -34,6 +34,9 @@ from mkdaemon.telemetry.vision import VisionPose
 BRAKING: Final = 0.5
 """Who is to hold its place holds where the reference would be after this time [s]: there it can stand still."""
 
+TURNED: Final = math.radians(8.0)
+"""Heading error with which a heading is reached [rad]; within half of it the compass lock holds."""
+
 SHORTEST_PAIR: Final = 0.02
 """Two views closer in time give no velocity [s]."""
 LONGEST_PAIR: Final = 0.2
@@ -56,7 +59,7 @@ class _Anchor:
 
 
 class Arrival:
-    """Notices that the aircraft has been close to a place for a while."""
+    """Notices that the aircraft has been close to its goal, heading included where one is wanted, for a while."""
 
     def __init__(self, within: float, settled: float) -> None:
         """Count a place as reached within a distance [m] for a time [s]."""
@@ -64,10 +67,12 @@ class Arrival:
         self._place: tuple[float, ...] = ()
         self._away_at = 0.0
 
-    def has_arrived(self, place: Array, position: Array, now: float) -> bool:
-        """Take where to be and where the aircraft is (3,) [m]; whether it has arrived."""
-        wanted = _triple(place)
-        if wanted != self._place or float(np.linalg.norm(position - place)) > self._within:
+    def has_arrived(self, goal: Goal, estimate: Estimate, now: float) -> bool:
+        """Take where to be and where the aircraft is; whether it has arrived."""
+        wanted = _triple(goal.position)
+        is_turned = goal.yaw is None or abs(math.remainder(estimate.yaw - goal.yaw, math.tau)) <= TURNED
+        is_near = float(np.linalg.norm(estimate.position - goal.position)) <= self._within
+        if wanted != self._place or not is_near or not is_turned:
             self._place, self._away_at = wanted, now
         return now - self._away_at >= self._settled
 

@@ -156,6 +156,8 @@ class ControlStatus(Stamped):
     """Where a take-off or a landing stands, in words."""
     is_done: bool = False
     """What the setpoint asks for is reached, and held."""
+    hands: str = ""
+    """What the pilot does now, one sentence about him; docs/flying.md."""
     pilots_throttle: float | None = None
     """The pilot's throttle while it is lower than ours, so that it counts [stick from the centre]: he must raise it;
     null while it is not, and where the board does not report its throttle."""

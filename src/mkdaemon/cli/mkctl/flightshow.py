@@ -19,6 +19,9 @@ PROGRESS_PERIOD: Final = 0.2
 LOG_PERIOD: Final = 1.0
 """The same where nobody looks, and with `--json` [s]."""
 
+CLEAR: Final = "\r\x1b[K"
+"""Clears the line of progress on a terminal."""
+
 Position = tuple[float, float, float]
 
 
@@ -51,7 +54,7 @@ class Shown:
 async def showing(
     uav: Vehicle, lease: Lease, connection: Connection, goal: Callable[[], Position | None]
 ) -> AsyncIterator[Shown]:
-    """Show on standard error what the daemon waits for, then where the aircraft is."""
+    """Show on standard error what the daemon waits for and the pilot does, then where the aircraft is."""
     shown = Shown()
     is_terminal = sys.stderr.isatty() and not connection.json
 
@@ -64,11 +67,15 @@ async def showing(
                     shown.position = sample.value.position
 
     async def show() -> None:
-        last = ""
+        last = hands = ""
         while True:
+            status = lease.status
+            if status is not None and status.hands != hands:
+                hands = status.hands
+                print(f"{CLEAR if is_terminal else ''}the pilot {hands}", file=sys.stderr, flush=True)
             line = _line(lease, shown.position, goal() or shown.goal)
             if is_terminal:
-                print(f"\r{line}\x1b[K", end="", file=sys.stderr, flush=True)
+                print(f"{CLEAR}{line}", end="", file=sys.stderr, flush=True)
             elif line != last:
                 print(line, file=sys.stderr, flush=True)
             last = line
@@ -90,7 +97,6 @@ def _line(lease: Lease, position: Position | None, goal: Position | None) -> str
     if not lease.is_engaged or status is None or status.phase is status.phase.ABORTED:
         return lease.reason
     words = [status.stage] if status.stage else []
-    words += [] if status.pilots_throttle is None else ["THE PILOT'S THROTTLE CAPS OURS: raise it"]
     if position is not None:
         words.append(f"at {metres(position)}")
         words += [] if goal is None else [f"{100 * math.dist(position, goal):.0f} cm from the goal"]

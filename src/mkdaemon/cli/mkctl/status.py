@@ -87,6 +87,10 @@ def _control(fields: Fields) -> str:
     return f"{fields['phase']}; {held}; external control {layout or 'not possible'}"
 
 
+def _hands(fields: Fields) -> str:
+    return f"the pilot {fields['hands']}" if fields.get("hands") else ""
+
+
 def _flight(fields: Fields) -> str:
     words = [_PLACES[fields["is_flying"]], f"GPS {fields['gps_mode']}"]
     words += [name.replace("_", " ") for name in _ALARMS if fields.get(name)]
@@ -146,6 +150,7 @@ _LINES = (
     ("link", "link/state", _link),
     ("echo", "link/health", _echo),
     ("control", "control/status", _control),
+    ("hands", "control/status", _hands),
     ("flight", "state/flight", _flight),
     ("attitude", "state/attitude", _attitude),
     ("position", "state/position", _position),
