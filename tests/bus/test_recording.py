@@ -7,7 +7,9 @@ import asyncio
 import msgpack
 import zenoh
 
+from mkdaemon.bus.codec import TooLong
 from mkdaemon.bus.gateway import Bus
+from mkdaemon.bus.recording import recorded_taker
 from mkdaemon.telemetry.command import CommandResult
 from mkdaemon.telemetry.refusals import Status, Token, refuse
 from tests.bus.support import PATIENCE, ask, bus_config, client, free_endpoint
@@ -78,3 +80,15 @@ async def test_a_recorder_is_shown_everything_that_crosses_the_bus():
         ("setpoint_refused", "setpoint/stick", "not_holder"),
         ("client", "pad", True),
     ]
+
+
+def test_what_is_too_long_is_taken_and_not_recorded():
+    recorder, taken = Recorder(), []
+    take = recorded_taker(recorder, "setpoint/stick", "", lambda at, payload, proof: taken.append(payload), never)
+    take(1.0, TooLong(9000, 1024), b"", "")
+    assert recorder.seen == []
+    assert taken == [TooLong(9000, 1024)]
+
+
+def never(payload, proof):
+    return False
