@@ -74,6 +74,11 @@ def test_loss_is_what_the_daemon_counted_and_did_not_arrive(tap):
     assert tap.vehicles["a"].received == 22
 
 
+def test_a_recording_that_plays_is_recorded_under_its_vehicle(tap):
+    tap.take("replay/a/state/gps", b"\x80", "application/msgpack")
+    assert tap.vehicles["a"].received == 1
+
+
 async def test_everything_of_all_vehicles_is_recorded_from_the_moment_they_are_there(tmp_path):
     endpoints = [free_endpoint(), free_endpoint()]
     plan = GroundPlan(endpoints, tmp_path, LIMITS, sync_period=0.0)

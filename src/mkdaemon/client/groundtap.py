@@ -95,7 +95,7 @@ class GroundTap:
             source: the session it says it comes from.
         """
         at = self._clock.now()
-        vehicle, _, suffix = key.removeprefix("mk/").partition("/")
+        vehicle, _, suffix = key.partition("/")[2].partition("/")
         kind = Kind.SETPOINT if suffix.startswith(_SETPOINTS) else Kind.SAMPLE
         with self._lock:
             self._sequences[kind, key] += 1

@@ -16,6 +16,8 @@ import msgpack
 from mkdaemon.stamp import Stamp
 
 NANOSECONDS: Final = 1_000_000_000
+ROOTS: Final = frozenset({"mk", "replay"})
+"""First parts of keys that have a vehicle's name next: values of daemons, and recordings that play."""
 HOLDER: Final = "holder"
 """Issuer of a setpoint that is signed with the secret of the lease."""
 STRANGER: Final = "stranger"
@@ -151,9 +153,9 @@ class Entry(NamedTuple):
 
     @property
     def vehicle(self) -> str:
-        """Whose it is; empty for a key outside `mk/`."""
+        """Whose it is; empty for a key outside `mk/` and `replay/`."""
         root, _, rest = self.key.partition("/")
-        return rest.partition("/")[0] if root == "mk" else ""
+        return rest.partition("/")[0] if root in ROOTS else ""
 
     @property
     def suffix(self) -> str:

@@ -11,7 +11,7 @@ from typing import Final
 import msgpack
 
 from mkdaemon.record.countcheck import CountCheck
-from mkdaemon.record.entry import NANOSECONDS, Entry, Kind
+from mkdaemon.record.entry import NANOSECONDS, ROOTS, Entry, Kind
 from mkdaemon.record.layout import Session
 from mkdaemon.record.reader import ReadReport, Recording
 from mkdaemon.record.senders import Senders
@@ -117,7 +117,8 @@ class Summary:
     @property
     def vehicles(self) -> list[str]:
         """Whose entries these are."""
-        return sorted({key.split("/")[1] for _, key in self.keys if key.startswith("mk/") and key.count("/") > 1})
+        parts = (key.split("/") for _, key in self.keys)
+        return sorted({part[1] for part in parts if part[0] in ROOTS and len(part) > 2})
 
 
 def summarise(path: Path, progress: Progress = lambda position: None) -> Summary:
