@@ -168,6 +168,18 @@ def test_a_renderer_that_falls_behind_loses_numbered_frames() -> None:
     feed.stop()
 
 
+def test_a_camera_that_is_off_takes_no_picture() -> None:
+    feed = SceneFeed(SceneCamera(SceneConfig(), seed=1), lambda payload: None, seed=1)
+    truth, faults = truth_at(1.5), Faults()
+    faults.start("camera_off")
+    feed.tick(0.0, truth, faults)
+    assert not feed._slot.is_full
+    faults.stop("camera_off")
+    feed.tick(0.1, truth, faults)
+    assert feed._slot.is_full
+    feed.stop()
+
+
 def test_a_video_is_what_was_rendered(tmp_path: Path) -> None:
     writer = VideoWriter(tmp_path / "flight.avi", 640, 480, 30.0)
     pixels = SceneCamera(SceneConfig(), seed=1).expose(state())
