@@ -74,6 +74,17 @@ async def test_every_change_is_told_once(started, monkeypatch):
     assert started.changes == [True, False]
 
 
+async def test_what_it_sends_again_and_again_is_told_once_until_the_daemon_writes(started):
+    for word in (Word.NEUTRAL, Word.NEUTRAL, Word.RELEASED, Word.RELEASED, Word.RELEASED):
+        started.far.send(word)
+    await turns(10)
+    assert started.acts == [False, True]
+    started.frame_written(b"level")
+    started.far.send(Word.RELEASED)
+    await turns()
+    assert started.acts == [False, True, True]
+
+
 async def test_what_it_sent_is_told_apart(started):
     for word in (Word.NEUTRAL, Word.PONG, Word.RELEASED):
         started.far.send(word)

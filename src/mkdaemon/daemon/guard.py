@@ -32,7 +32,8 @@ class GuardProcess:
     """The guard of one daemon.
 
     Attributes:
-        acted: called on the loop when the guard has sent something: True for a release, False for neutral sticks.
+        acted: called on the loop when the guard has sent something: True for a release, False for neutral sticks; once
+            for each until the daemon writes again.
         changed: called on the loop when it is there, and when it is gone.
     """
 
@@ -44,6 +45,7 @@ class GuardProcess:
             clock: the loop's time [s].
         """
         self.acted: Callable[[bool], None] = lambda released: None
+        self._told = b""
         self.changed: Callable[[bool], None] = lambda is_alive: None
         self._report = report
         self._clock = clock
@@ -109,6 +111,7 @@ class GuardProcess:
 
     def frame_written(self, neutral: bytes) -> None:
         """A frame that moves or releases the aircraft was written; `neutral` is the frame for level sticks."""
+        self._told = b""
         self._send(Word.BEAT + neutral)
 
     def released(self) -> None:
@@ -150,7 +153,8 @@ class GuardProcess:
             self._hang_up()
             return
         self._answered = self._clock()
-        if packet in (Word.NEUTRAL, Word.RELEASED):
+        if packet in (Word.NEUTRAL, Word.RELEASED) and packet != self._told:
+            self._told = packet
             self.acted(packet == Word.RELEASED)
 
     def _hang_up(self) -> None:
