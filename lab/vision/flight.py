@@ -51,12 +51,15 @@ class Device:
         exposure_time: of an image without troubles [s].
         line_time: between neighbouring rows [s].
         vibration: angular rate of the vibration, deviation of each axis [rad/s].
+        response: of the airframe to what shakes it [s]; with none its angular rate jumps from one moment to the next,
+            by 60 degrees/s, and no shutter sees where it will be.
     """
 
     conditions: Conditions = FAIR
     exposure_time: float = 0.004
     line_time: float = 0.0
     vibration: float = 0.0
+    response: float = 0.0
 
 
 IDEAL = Device()
@@ -119,8 +122,8 @@ class _Path:
         return position, np.array([roll, pitch, yaw])
 
 
-def make_path(rng: np.random.Generator, seconds: float, near: float, far: float) -> _Path:
-    """Draw a way."""
+def make_path(rng: np.random.Generator, seconds: float, near: float, far: float, response: float = 0.0) -> _Path:
+    """Draw a way; see `Device` for the response."""
     count = int(seconds * 200) + 8
     keep = np.exp(-0.005 / SHAKE_TIME)
     step = 1 / 30
@@ -129,10 +132,37 @@ def make_path(rng: np.random.Generator, seconds: float, near: float, far: float)
     shaken = np.zeros((count, 3))
     for k in range(1, count):
         shaken[k] = keep * shaken[k - 1] + sd * np.sqrt(1 - keep**2) * rng.standard_normal(3)
+    if response > 0.0:
+        shaken = _smoothed(shaken, response)
     rates = 2 * np.pi * rng.uniform(0.05, 0.2, 6)
     phase = rng.uniform(0, 2 * np.pi, 6)
     phase[0] = rng.choice([0.0, np.pi])  # starts at the geometric middle, climbing or sinking
     return _Path(phase, rates, shaken, near, far)
+
+
+def _smoothed(shaken: Array, response: float) -> Array:
+    """Shaking at 200 Hz that passed two first-order lags, as large from one image to the next as before."""
+    impulse = _lagged(np.eye(1, 400).T, SHAKE_TIME)
+    kept = _change(impulse) / _change(_lagged(_lagged(impulse, response), response))
+    return kept * _lagged(_lagged(shaken, response), response)
+
+
+def _lagged(signal: Array, time_constant: float) -> Array:
+    """A signal at 200 Hz after a first-order lag."""
+    keep = float(np.exp(-0.005 / time_constant))
+    lagged = np.empty_like(signal)
+    value = np.zeros(signal.shape[1])
+    for k, now in enumerate(signal):
+        value = keep * value + (1.0 - keep) * now
+        lagged[k] = value
+    return lagged
+
+
+def _change(impulse: Array) -> float:
+    """Deviation of the change over 35 ms of noise with this response to an impulse."""
+    late = np.concatenate([np.zeros((7, 1)), impulse])
+    early = np.concatenate([impulse, np.zeros((7, 1))])
+    return float(np.linalg.norm(late - early))
 
 
 def fly(
@@ -168,7 +198,7 @@ def fly(
         The images in order.
     """
     rng = np.random.default_rng([seed, 0xF117])
-    path = make_path(rng, seconds, near, far)
+    path = make_path(rng, seconds, near, far, device.response)
     placed = SceneTarget.of(target, deck)
     scene = Scene([placed], ground=GROUNDS[seed % 4], seed=seed, fine=False)
     bias = np.radians(ATTITUDE_BIAS_DEG) * np.array([*rng.standard_normal(2), 0.0])

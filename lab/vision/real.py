@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from lab.campaign import Case, Part
-from lab.vision.flight import IDEAL, VGA, Device, FlightFrame, fly
+from lab.vision.flight import VGA, Device, FlightFrame, fly
 from lab.vision.stills import SeedSet, error_of, target_named
 from mkdaemon.sim.scene.light import Conditions
 from mkdaemon.sim.scene.processing import Processing
@@ -35,17 +35,19 @@ NEAR_M, FAR_M, MIDDLE_M = 0.35, 8.0, 4.0
 READOUT: Final = 0.030
 """Of all rows of an image [s]: a webcam at 30 images a second."""
 VIBRATION: Final = radians(1.0)
+RESPONSE: Final = 0.03
+"""Of a multirotor's frame to what shakes it [s]."""
 TONE: Final = Conditions(processing=Processing(gamma=2.2))
 WEBCAM: Final = Conditions(processing=Processing(mosaic=True, denoise=6.0, gamma=2.2, sharpening=0.8), jpeg_quality=85)
 DARK: Final = Conditions(exposure=0.15, noise_sd=2.5, processing=Processing(mosaic=True, denoise=4.0, gamma=2.2))
 LINE_TIME: Final = READOUT / VGA.height
 DEVICES: Final = {
-    "ideal": IDEAL,
-    "gamma": Device(TONE),
-    "low_light": Device(DARK, exposure_time=0.008),
-    "webcam": Device(WEBCAM),
-    "rolling": Device(line_time=LINE_TIME, vibration=VIBRATION),
-    "webcam_rolling": Device(WEBCAM, line_time=LINE_TIME, vibration=VIBRATION),
+    "ideal": Device(response=RESPONSE),
+    "gamma": Device(TONE, response=RESPONSE),
+    "low_light": Device(DARK, exposure_time=0.008, response=RESPONSE),
+    "webcam": Device(WEBCAM, response=RESPONSE),
+    "rolling": Device(line_time=LINE_TIME, vibration=VIBRATION, response=RESPONSE),
+    "webcam_rolling": Device(WEBCAM, line_time=LINE_TIME, vibration=VIBRATION, response=RESPONSE),
 }
 """Cameras by name."""
 
@@ -94,10 +96,13 @@ def _fly(name: str, seed: int) -> dict[str, list[Look]]:
     }
     looks: dict[str, list[Look]] = {program: [] for program in (*eyes, *plain)}
     for frame in fly(target, seed, seconds=SECONDS, near=NEAR_M, far=FAR_M, troubled=False, device=device):
+        posed = {
+            program: tracker.update(frame.image, frame.attitude).pose_of(target.name)
+            for program, tracker in eyes.items()
+        }
         if frame.in_view < 1.0:
             continue
-        for program, tracker in eyes.items():
-            found = tracker.update(frame.image, frame.attitude).pose_of(target.name)
+        for program, found in posed.items():
             pose = None if found is None else found.pose
             looks[program].append(
                 Look(float(np.linalg.norm(frame.position)))

@@ -14,22 +14,23 @@ from typing import Final, Literal
 
 from mkdaemon.vision.limitfield import BLIND, EARNED, FLIGHTS, NOISE, STILLS, of
 
-Stage = Literal["decimate2", "decimate1", "log", "equalised", "outline", "thorough"]
+Stage = Literal["decimate2", "decimate1", "log", "linear", "equalised", "outline", "thorough"]
 """A way to search an image for tags."""
 
-LADDER: Final[tuple[Stage, ...]] = ("decimate2", "decimate1", "log", "equalised", "outline")
-NEARBY: Final[tuple[tuple[Stage, ...], ...]] = (("decimate1",), ("log", "equalised"))
+LADDER: Final[tuple[Stage, ...]] = ("decimate2", "linear", "decimate1", "log", "equalised", "outline")
+NEARBY: Final[tuple[tuple[Stage, ...], ...]] = (("decimate1",), ("linear", "log", "equalised"))
 
 
 @dataclass(frozen=True, slots=True)
 class SearchLimits:
     """Finding tags in an image."""
 
-    ladder: tuple[Stage, ...] = of(LADDER, "", "searches of the whole image; all but the first in turn", EARNED)
+    ladder: tuple[Stage, ...] = of(LADDER, "", "searches of the whole image; two in turn, others beside", EARNED)
     nearby: tuple[tuple[Stage, ...], ...] = of(NEARBY, "", "around a prediction, in turn by images missed", EARNED)
     max_pixels: int = of(500_000, "px", "searched at once; more are shrunk", "cost: 9 ms on VGA, 1080p 33 % of that")
     thorough_every: int = of(2, "images", "between the searches beside the first one", "cost: 20 ms on VGA")
     tile_px: float = of(70.0, "px", "neighbourhood in which `equalised` spreads grey values", STILLS)
+    tone: float = of(1.8, "power", "of grey that `linear` takes for light", "decodes at gamma 1 to 2.2, 6-8 m")
     small_tag_px: float = of(46.0, "px", "side below which two corner sets are averaged", "rms .12 for .15 px, stills")
     twin_px: float = of(4.0, "px", "detections closer than this are one tag", "derived: half of a small tag's side")
     min_window_px: int = of(16, "px", "smaller parts of an image are not searched", "derived: 2 px a cell")
@@ -123,7 +124,9 @@ class EdgeLimits:
     shift_sd_px: float = of(0.2, "px", "of a common shift of all edges (tone curve, ink)", "0.3-0.4 px, webcams")
     turning_sd: float = of(1.0, "rad/s", "of the camera while a rolling shutter reads", "shaking is 0.4 rad/s")
     climbing_sd: float = of(0.7, "m/s", "along the optical axis, where no track knows it", FLIGHTS)
-    known_climbing_sd: float = of(0.1, "m/s", "the same, where a track does", FLIGHTS)
+    unknown_speed: float = of(1.0, "m/s", "across the line of sight, where no track knows it", FLIGHTS)
+    known_turning_sd: float = of(0.2, "rad/s", "of the turning between two attitudes 20 ms apart", "noise .1 deg each")
+    known_climbing_sd: float = of(0.1, "m/s", "along the optical axis, where a track knows it", FLIGHTS)
     systematic_px: float = of(0.01, "px", "interpolation error that does not average out", "noise-free stills")
 
 
@@ -135,7 +138,6 @@ class PhotoLimits:
     max_window_px: int = of(160, "px", "larger prints have edges, and pixels that cost time", STILLS)
     outlier: float = of(4.0, "deviations", "from which a pixel loses weight", STILLS)
     counted: float = of(0.5, "weight", "from which a pixel agrees", "derived: 5.7 deviations")
-    variance_factor: float = of(1.3, "factor", "on the covariance: grey values are interpolated", "NEES of development")
     quiet_grey: float = of(2.0, "grey", "residuals below are equally good when rivals compare", NOISE)
     lost_grey: float = of(60.0, "grey", "residuals above are equally bad", BLIND)
     margin_cells: float = of(0.3, "cells", "rim of the quiet zone that is left out", STILLS)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from lab.vision.stills import error_of, target_named
@@ -10,10 +12,12 @@ from mkdaemon.sim.scene.motion import Platform
 from mkdaemon.sim.scene.scene import Scene, SceneTarget, cam_from_target
 from mkdaemon.sim.scene.view import CameraView, view_towards
 from mkdaemon.vision.camera.intrinsics import Intrinsics
+from mkdaemon.vision.limits import LIMITS
 from mkdaemon.vision.pose.edgefit import EdgeFit
+from mkdaemon.vision.pose.photofit import PhotoFit
 from mkdaemon.vision.pose.pose import Pose
 from mkdaemon.vision.pose.projection import Projection
-from mkdaemon.vision.pose.rolling import exposed, motion_jacobian
+from mkdaemon.vision.pose.rolling import KnownMotion, exposed, motion_jacobian, motion_of
 
 LINE_TIME = 30e-3 / 480
 LENS = Intrinsics(width=640, height=480, fx=600.0, fy=600.0, cx=319.5, cy=239.5, line_time=LINE_TIME)
@@ -31,11 +35,17 @@ def moving_view() -> CameraView:
     )
 
 
-def fit(lens: Intrinsics, *, climbing: float | None = None) -> tuple[Pose, float, float]:
+def climb(speed: float) -> KnownMotion:
+    """A speed along the optical axis that a track knows, and nothing about turns."""
+    limits = LIMITS.edges
+    return KnownMotion(np.array([0.0, 0.0, 0.0, speed]), np.array([1.0, 1.0, 1.0, limits.known_climbing_sd]))
+
+
+def fit(lens: Intrinsics, known: KnownMotion | None = None) -> tuple[Pose, float, float]:
     """A fit of a moving camera's image, with its errors [m], [deg]."""
     view = moving_view()
     rotation, position = cam_from_target(PAD, view)
-    start = Pose(rotation, position * 1.002, np.eye(6), "corners", 4, 0.1, climbing=climbing)
+    start = Pose(rotation, position * 1.002, np.eye(6), "corners", 4, 0.1, known_motion=known)
     found = EdgeFit(PAD.target, Projection(lens)).fit(SCENE.render(view, CLEAN), start)
     assert found is not None
     error = error_of(found.rotation, found.position, rotation, position)
@@ -45,7 +55,7 @@ def fit(lens: Intrinsics, *, climbing: float | None = None) -> tuple[Pose, float
 def test_the_motion_while_the_rows_are_read_is_fitted_with_the_pose() -> None:
     climbing = -float((moving_view().enu_from_cam.T @ SPEED)[2])
     _, plain_off, plain_turned = fit(GLOBAL)
-    found, off, turned = fit(LENS, climbing=climbing)
+    found, off, turned = fit(LENS, climb(climbing))
     assert off < 0.001
     assert turned < 0.15
     assert off < 0.2 * plain_off
@@ -55,9 +65,9 @@ def test_the_motion_while_the_rows_are_read_is_fitted_with_the_pose() -> None:
 
 
 def test_a_climb_that_nobody_knows_is_in_the_covariance() -> None:
-    known = fit(LENS, climbing=0.0)[0]
-    unknown = fit(LENS)[0]
-    assert (known.climbing, unknown.climbing) == (0.0, None)  # a rival that starts from the pose knows as much
+    speed = climb(0.0)
+    known, unknown = fit(LENS, speed)[0], fit(LENS)[0]
+    assert (known.known_motion, unknown.known_motion) == (speed, None)  # a rival starts from the pose and knows as much
     assert np.trace(unknown.covariance[3:, 3:]) > 4 * np.trace(known.covariance[3:, 3:])
 
 
@@ -78,3 +88,27 @@ def test_the_derivative_by_the_motion_is_that_of_the_projection() -> None:
 
 def test_a_global_shutter_asks_for_no_motion() -> None:
     assert fit(GLOBAL)[0].motion is None
+
+
+def test_a_motion_moves_a_place_as_speed_and_turning_do() -> None:
+    place, speed, turning = np.array([0.4, -0.3, 5.0]), np.array([0.5, -0.2, 0.3]), np.array([0.1, 0.2, -0.3])
+    motion = motion_of(place, speed, turning)
+    moved = -np.cross(motion[:3], place) + np.array([0.0, 0.0, motion[3]])
+    assert np.linalg.norm(moved - (speed - np.cross(turning, place))) < 0.1 * np.linalg.norm(speed)
+
+
+def test_a_far_print_under_a_rolling_shutter_is_fitted_with_what_is_known_of_the_motion() -> None:
+    at_rest = view_towards(GLOBAL, np.array([0.8, 0.5, 6.0]), np.array([0.1, 0.0, 0.0]))
+    rate = np.array([0.6, -0.5, 0.3])
+    view = CameraView(GLOBAL, at_rest.enu_from_cam, at_rest.position_enu, rate_cam=rate, line_time=LINE_TIME)
+    rotation, position = cam_from_target(PAD, view)
+    pixels = SCENE.render(view, CLEAN)
+    known = KnownMotion(np.array([*rate, 0.0]), np.array([0.05, 0.05, 0.05, 0.1]))
+    start = Pose(rotation, position * 1.002, np.eye(6), "corners", 4, 0.1)
+    plain = PhotoFit(PAD.target, Projection(GLOBAL)).fit(pixels, start)
+    found = PhotoFit(PAD.target, Projection(LENS)).fit(pixels, replace(start, known_motion=known))
+    assert plain is not None
+    assert found is not None
+    off, plain_off = (error_of(pose.rotation, pose.position, rotation, position) for pose in (found, plain))
+    assert off.angle_deg < 1.0
+    assert off.angle_deg < 0.3 * plain_off.angle_deg

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from lab.vision.flight import VGA
-from lab.vision.stills import target_named
+from lab.vision.stills import error_of, target_named
 from mkdaemon.sim.scene.light import Conditions
 from mkdaemon.sim.scene.motion import Platform
 from mkdaemon.sim.scene.processing import NO_PROCESSING, Processing
@@ -61,3 +63,17 @@ def test_located_edges_lie_at_the_pose_when_their_common_shift_is_known() -> Non
     edges = fitter.locate(pixels, found)
     assert edges is not None
     assert abs(float(np.median(edges.offsets[edges.found]))) < 0.03
+
+
+@pytest.mark.parametrize("angle", [0.0, 0.8, 2.2])
+def test_a_far_print_smeared_by_motion_is_fitted_with_its_smear(angle: float) -> None:
+    rate = 1.2 * np.array([np.sin(angle), np.cos(angle), 0.0])
+    view = view_towards(VGA, np.array([1.2, -0.8, 6.5]), np.array([0.1, 0.0, 0.0]))
+    view = replace(view, rate_cam=rate, exposure_time=0.004)
+    rotation, position = cam_from_target(PAD, view)
+    start = Pose(rotation, position * 1.003, np.eye(6), "corners", 4, 0.1)
+    found = PhotoFit(PAD.target, Projection(VGA)).fit(SCENE.render(view, Conditions()), start)
+    assert found is not None
+    error = error_of(found.rotation, found.position, rotation, position)
+    assert error.distance < 0.012
+    assert error.angle_deg < 1.2

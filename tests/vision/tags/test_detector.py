@@ -11,6 +11,7 @@ import pytest
 
 from mkdaemon.config.vision import DetectorSection
 from mkdaemon.sim.scene.light import Conditions, Cover, Shadow
+from mkdaemon.sim.scene.processing import Processing
 from mkdaemon.vision.limits import LIMITS
 from mkdaemon.vision.tags.aruco_fallback import ArucoSearch
 from mkdaemon.vision.tags.cellread import quiet_sides
@@ -143,6 +144,15 @@ def test_shadow_edge_is_found_by_the_log_search():
     assert detector.search_ladder(view.pixels)
 
 
+def test_a_far_nested_tag_behind_a_tone_curve_is_found_in_light():
+    streaked = replace(Conditions(), psf_px=0.9, processing=Processing(gamma=2.2))
+    view = View(shipped("nested"), place(6.5, 0.2), streaked)
+    detector = Detector({"tag36h11": frozenset({48})})
+    assert detector.search(view.pixels, "decimate2") == []
+    (found,) = detector.search(view.pixels, "linear")
+    assert np.linalg.norm(found.corners - view.corners["tag36h11", 48], axis=1).max() < 1.0
+
+
 def test_shadow_edge_in_a_blurred_image_is_found_by_the_equalised_search():
     blurred = replace(Conditions(), shadow=Shadow(3.0, (0.02, 0.01), 0.6), defocus_px=2.0)
     view = View(shipped("nested"), place(3.5, 0.2), blurred)
@@ -160,7 +170,7 @@ def patch(x, y, reflectance, radius=0.032):
 
 @pytest.mark.parametrize("roll", [0.0, 2.0, 4.0])
 def test_patches_on_the_border_and_the_inner_tag_leave_an_outline(roll):
-    covers = (patch(0.14, 0.03, 0.5), patch(0.0, 0.02, 0.4), patch(-0.05, -0.15, 0.3))
+    covers = (patch(0.14, 0.03, 0.7), patch(0.0, 0.02, 0.4), patch(-0.05, -0.15, 0.3))
     view = View(shipped("nested"), place(1.4, 0.3, roll=roll), replace(Conditions(), covers=covers))
     detector = Detector({"tag36h11": frozenset({1, 48})})
     assert [found for stage in LIMITS.search.ladder[:-1] for found in detector.search(view.pixels, stage)] == []

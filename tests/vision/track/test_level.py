@@ -126,3 +126,14 @@ def test_a_target_on_a_tilted_deck_gets_true_poses_from_far_to_near() -> None:
             assert np.linalg.norm(found.pose.position - position) < 0.01 * height
             assert angle_deg(found.pose.rotation, rotation) < 1.5
     assert posed >= 18
+
+
+def test_the_turning_comes_from_the_attitudes_around_an_image() -> None:
+    history = AttitudeHistory(AttitudeSample(k / 50, 0.4 * k / 50, 0.0, 0.0) for k in range(5))
+    assert history.turning_at(0.03) == pytest.approx([0.4, 0.0, 0.0], abs=1e-6)
+    assert history.turning_at(0.2) is None
+    assert AttitudeHistory([]).turning_at(0.0) is None
+
+
+def test_distant_attitudes_say_nothing_about_the_turning_between_them() -> None:
+    assert AttitudeHistory(AttitudeSample(k / 10, 0.1 * k, 0.0, 0.0) for k in range(5)).turning_at(0.15) is None

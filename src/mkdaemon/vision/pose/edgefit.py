@@ -158,7 +158,7 @@ class EdgeFit:
             fitted = self._pose(rotation, position, samples, edges, step, weights, normal)
             if motion is not None:
                 motion = motion + step[-1 - MOTIONS : -1]
-                fitted = replace(fitted, motion=motion, climbing=start.climbing)
+                fitted = replace(fitted, motion=motion, known_motion=start.known_motion)
             if moved < limits.settled_px and reach <= limits.reach_px[-2]:
                 break
             if stretch_sd > 0.0:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import cv2
@@ -16,6 +16,7 @@ from mkdaemon.vision.pose.gates import BitModel
 from mkdaemon.vision.pose.photofit import PhotoFit
 from mkdaemon.vision.pose.pose import Pose, solve
 from mkdaemon.vision.pose.projection import NEAR_M, Projection
+from mkdaemon.vision.pose.rolling import KnownMotion
 from mkdaemon.vision.tags.detection import Detection
 from mkdaemon.vision.tags.tagmap import Tag, Target
 
@@ -48,12 +49,25 @@ class TargetFitter:
             [tag.place(square * half) for tag, half in zip(target.tags, papers, strict=True)]
         )
 
-    def cold(self, pixels: Grey, tags: Sequence[tuple[Tag, Detection]]) -> list[Pose]:
-        """Fit every candidate that decoded tags allow; rival poses stay in the list."""
+    def cold(
+        self,
+        pixels: Grey,
+        tags: Sequence[tuple[Tag, Detection]],
+        motion_at: Callable[[Array], KnownMotion] | None = None,
+    ) -> list[Pose]:
+        """Fit every candidate that decoded tags allow; rival poses stay in the list.
+
+        Args:
+            pixels: `(h, w)` uint8.
+            tags: decoded, with their places in the target.
+            motion_at: what is known about the motion of a target at a place `(3,)` [m; RDF] under a rolling shutter.
+        """
         candidates = solve(tags, self._projection)
         if len(tags) > 1 and (not candidates or candidates[0].rms_px > self._limits.health.agreement_px):
             # A border faked by something lying over the tag: let every tag speak for itself.
             candidates = [pose for pair in tags for pose in solve([pair], self._projection)]
+        if motion_at is not None:
+            candidates = [replace(pose, known_motion=motion_at(pose.position)) for pose in candidates]
         # Losses compare only between fits of one kind, so all candidates get the one the first of them asks for.
         for photometric in (True, False) if any(self._wants_photometric(c) for c in candidates) else (False,):
             fitted = [self._fit(pixels, candidate, photometric=photometric) for candidate in candidates]
@@ -71,8 +85,12 @@ class TargetFitter:
         return self._fit(pixels, start, photometric=False)
 
     def refine_level(self, pixels: Grey, start: Pose, level: Level) -> Pose | None:
-        """Fit the edges with the tilt held near the vertical."""
-        return self._edges.fit(pixels, start, level=level)
+        """The same with the tilt held near the vertical."""
+        if self._wants_photometric(start):
+            fitted = self._fit(pixels, start, photometric=True, level=level)
+            if fitted is not None:
+                return fitted
+        return self._fit(pixels, start, photometric=False, level=level)
 
     def _wants_photometric(self, start: Pose) -> bool:
         depth = max(float(start.position[2]), NEAR_M)
@@ -80,10 +98,10 @@ class TargetFitter:
         cells = self._limits.cells
         return cell_px < cells.photometric_px or start.tilt > cells.edges_up_to
 
-    def _fit(self, pixels: Grey, start: Pose, *, photometric: bool) -> Pose | None:
+    def _fit(self, pixels: Grey, start: Pose, *, photometric: bool, level: Level | None = None) -> Pose | None:
         if not photometric:
-            return self._edges.fit(pixels, start)
-        fitted = self._photo.fit(pixels, start)
+            return self._edges.fit(pixels, start, level=level)
+        fitted = self._photo.fit(pixels, start, level=level)
         return fitted if fitted is not None and np.isfinite(fitted.rms_px) else None
 
     def match(self, pixels: Grey, pose: Pose) -> float | None:

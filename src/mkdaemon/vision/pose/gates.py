@@ -11,6 +11,7 @@ from mkdaemon.vision.limits import LIMITS, Limits
 from mkdaemon.vision.pose.edgemodel import covered
 from mkdaemon.vision.pose.pose import Pose, angle_between, correlation, largest_variance
 from mkdaemon.vision.pose.projection import Projection
+from mkdaemon.vision.pose.rolling import exposed
 from mkdaemon.vision.tags.cellread import sample
 from mkdaemon.vision.tags.tagmap import Target
 
@@ -70,6 +71,8 @@ class BitModel:
             neighbouring cells, which no shadow edge disturbs; none when too few cells are large enough to tell.
         """
         seen = self._points @ pose.rotation.T + pose.position
+        if pose.motion is not None:
+            seen, _ = exposed(seen, pose.motion, self._projection)
         uv, visible = self._projection.project(seen)
         height, width = pixels.shape
         depth = np.where(visible, seen[:, 2], 1.0)

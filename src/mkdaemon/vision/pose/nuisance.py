@@ -15,6 +15,7 @@ from mkdaemon.vision.limits import EdgeLimits
 from mkdaemon.vision.pose.edgefind import Samples
 from mkdaemon.vision.pose.pose import Pose
 from mkdaemon.vision.pose.projection import Projection
+from mkdaemon.vision.pose.rolling import motion_at_rest
 
 Array = npt.NDArray[np.float64]
 Prior = tuple[Array, Array]
@@ -41,17 +42,23 @@ def with_motion(prior: Prior, start: Pose, motion: Array, last: Pose | None, lim
 
     Args:
         prior: of the pose.
-        start: of the fit; may know the speed along the optical axis.
+        start: of the fit; may know the motion.
         motion: that the samples were projected with `(4,)`.
         last: the fit so far; its residual is the deviation of an edge.
         limits: how far a motion is known.
     """
-    along = limits.climbing_sd if start.climbing is None else limits.known_climbing_sd
-    expected = np.array([0.0, 0.0, 0.0, start.climbing or 0.0])
-    spread = np.array([limits.turning_sd] * 3 + [along])
+    expected, spread = motion_known(start, limits)
     edge = limits.located_px if last is None else max(last.rms_px, limits.least_scale_px)
     weight = (edge / spread) ** 2
     return _grown(prior, weight, weight * (expected - motion))
+
+
+def motion_known(start: Pose, limits: EdgeLimits) -> tuple[Array, Array]:
+    """The motion expected and its deviation, `(4,)` each, before a fit looks at the image."""
+    known = start.known_motion
+    if known is None:
+        return motion_at_rest(), np.array([limits.turning_sd] * 3 + [limits.climbing_sd])
+    return known.expected, known.spread
 
 
 def _grown(prior: Prior, weight: Array, pull: Array) -> Prior:

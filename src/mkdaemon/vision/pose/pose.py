@@ -15,6 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from mkdaemon.vision.pose.projection import NEAR_M, Projection
+from mkdaemon.vision.pose.rolling import KnownMotion
 from mkdaemon.vision.tags.detection import Detection
 from mkdaemon.vision.tags.tagmap import SAME_HEIGHT_M, Tag
 
@@ -55,7 +56,7 @@ class Pose:
         shift_px: how far all edges lie towards their bright side, where the fit asked [px]: less than zero where a tone
             curve makes white spread over black.
         motion: of the camera while its rows were read `(4,)`, where the fit asked; see `rolling`.
-        climbing: speed of the target along the optical axis, where a track knows it [m/s].
+        known_motion: what was known about it before the fit.
         stretch: logarithm of the ratio of the focal lengths over the calibrated one, where the fit was free to ask.
     """
 
@@ -72,7 +73,7 @@ class Pose:
     blur_px: float | None = None
     shift_px: float = 0.0
     motion: Array | None = None
-    climbing: float | None = None
+    known_motion: KnownMotion | None = None
     stretch: float | None = None
 
     @property

@@ -5,39 +5,35 @@ The model lives in the image, so perspective and the round point spread are righ
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import cv2
 import numpy as np
 import numpy.typing as npt
 
 from mkdaemon.vision.limits import Limits
+from mkdaemon.vision.pose.printimage import FINE, RenderedPrint, Window
 from mkdaemon.vision.pose.projection import NEAR_M, Projection
+from mkdaemon.vision.pose.rolling import exposed
 from mkdaemon.vision.tags.tagmap import ONE_PLANE, Target
 
 Array = npt.NDArray[np.float64]
 Image32 = npt.NDArray[np.float32]
 Grey = npt.NDArray[np.uint8]
 
-FINE = 3
-"""Sub-samples a pixel, each way; odd, so that one of them is its centre."""
 TEXELS_PER_CELL = 12
 SMALLEST_LEVEL = 12
 """Texels across the coarsest level of the texture."""
 BLUR_REACH = 3
 """Deviations of the point spread that are rendered around the print."""
+BOX = 12.0
+"""Square of a box's length over its variance: what motion blur adds is a box."""
+LEAST_STREAK_PX = 0.3
+"""Shorter streaks are rendered as round [px]."""
 LENS_PATCH = 0.7
 """Share of the window at whose corners the lens is taken: the error of an affine lens is least in the middle."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Window:
-    """Pixels of one fit, with a rim for the blur: place and size in the image."""
-
-    x0: int
-    y0: int
-    width: int
-    height: int
+SQUARE = np.array([[-1.0, 1.0], [1.0, 1.0], [1.0, -1.0], [-1.0, -1.0]])
+"""Corners of a print, in halves of its side."""
 
 
 class PrintModel:
@@ -86,38 +82,66 @@ class PrintModel:
                 np.asarray(cv2.resize(texture, (size, size), interpolation=cv2.INTER_AREA), dtype=np.float32)
             )
 
-    def render(self, shape: tuple[int, ...], rotation: Array, position: Array, blur: float) -> RenderedPrint | None:
+    def render(
+        self, shape: tuple[int, ...], rotation: Array, position: Array, spread: Array, motion: Array | None = None
+    ) -> RenderedPrint | None:
         """What the print looks like from a pose; none where it is not in full view, too small or too large.
 
         Args:
             shape: of the image.
             rotation: camera from target `(3, 3)`.
             position: of the target `(3,)` [m; RDF].
-            blur: deviation of the point spread [px].
+            spread: covariance of the point spread `(2, 2)` [px^2]; what is longer one way is motion blur.
+            motion: of the camera under a rolling shutter `(4,)`; see `rolling`.
         """
         half = self.half - self._limits.margin_cells * self.cell
-        corners = np.array([[-half, half], [half, half], [half, -half], [-half, -half]])
-        seen = (corners @ self.axes[:, :2].T + self.origin) @ rotation.T + position
-        uv, visible = self._projection.project(seen)
+        corners = self._in_camera(SQUARE * half, rotation, position)
+        if motion is not None:
+            corners, _ = exposed(corners, motion, self._projection)
+        uv, visible = self._projection.project(corners)
         if not bool(visible.all()):
             return None
-        pad = int(np.ceil(BLUR_REACH * blur)) + 2
+        narrow, wide, direction = _axes(spread)
+        pad = int(np.ceil(BLUR_REACH * wide)) + 2
         x0, y0 = np.maximum(np.floor(uv.min(axis=0)).astype(int), pad)
         x1, y1 = np.minimum(np.ceil(uv.max(axis=0)).astype(int) + 1, [shape[1] - pad, shape[0] - pad])
         width, height = int(x1 - x0), int(y1 - y0)
         low, high = self._limits.min_window_px, self._limits.max_window_px
         if not (low <= width <= high and low <= height <= high):
             return None
-        window = _Window(int(x0) - pad, int(y0) - pad, width + 2 * pad, height + 2 * pad)
+        window = Window(int(x0) - pad, int(y0) - pad, width + 2 * pad, height + 2 * pad)
         plane_from_pixel = self._plane_from_pixel(window, rotation, position)
         if plane_from_pixel is None:
             return None
+        if motion is not None:
+            plane_from_pixel = self._rolled(plane_from_pixel, window, rotation, position, motion)
         fine = self._warp(window, plane_from_pixel, rotation, position)
-        fine = np.asarray(cv2.GaussianBlur(fine, (0, 0), blur * FINE), dtype=np.float32)
+        fine = np.asarray(cv2.GaussianBlur(fine, (0, 0), narrow * FINE), dtype=np.float32)
+        length = float(np.sqrt(BOX * (wide**2 - narrow**2)))
+        if length > LEAST_STREAK_PX:
+            fine = np.asarray(cv2.filter2D(fine, -1, _streak(FINE * length * direction)), dtype=np.float32)
         fine = np.asarray(cv2.blur(fine, (FINE, FINE)), dtype=np.float32)
-        return RenderedPrint(fine, window, pad, plane_from_pixel, self.half, half, blur)
+        return RenderedPrint(fine, window, pad, plane_from_pixel, self.half, half)
 
-    def _plane_from_pixel(self, window: _Window, rotation: Array, position: Array) -> Array | None:
+    def _in_camera(self, plane: Array, rotation: Array, position: Array) -> Array:
+        """Points `(n, 2)` of the print [m] in camera axes `(n, 3)` [m]."""
+        placed: Array = (plane @ self.axes[:, :2].T + self.origin) @ rotation.T + position
+        return placed
+
+    def _rolled(
+        self, plane_from_pixel: Array, window: Window, rotation: Array, position: Array, motion: Array
+    ) -> Array:
+        """The homography under a rolling shutter, through four points of the print where their rows show them."""
+        plane = SQUARE * self.half * LENS_PATCH
+        seen, _ = exposed(self._in_camera(plane, rotation, position), motion, self._projection)
+        pixels = self._projection.project(seen)[0] - (window.x0, window.y0)
+        at_rest = np.column_stack([plane, np.ones(4)]) @ np.linalg.inv(plane_from_pixel).T
+        before = at_rest[:, :2] / at_rest[:, 2:]
+        moved = cv2.getPerspectiveTransform(pixels.astype(np.float32), before.astype(np.float32))
+        rolled: Array = plane_from_pixel @ np.asarray(moved, dtype=np.float64)
+        return rolled
+
+    def _plane_from_pixel(self, window: Window, rotation: Array, position: Array) -> Array | None:
         """Homography from window pixels to the print plane; the lens is taken as locally affine.
 
         A point (u, v, 1) of the print is seen along M (u, v, 1) with M = [R e1, R e2, R o + t], so that
@@ -148,7 +172,7 @@ class PrintModel:
             return None
         return found
 
-    def _warp(self, window: _Window, plane_from_pixel: Array, rotation: Array, position: Array) -> Image32:
+    def _warp(self, window: Window, plane_from_pixel: Array, rotation: Array, position: Array) -> Image32:
         """The print on the fine grid of the window, from the level whose texels are about a sub-sample wide.
 
         Source: mip maps, Williams, SIGGRAPH 1983.
@@ -175,67 +199,21 @@ class PrintModel:
         )
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class PrintSamples:
-    """The model at each pixel that is used, and what the image shows there, `(n,)` each.
-
-    Attributes:
-        value: model, 0 black to 1 white.
-        dx: its gradient along x [1/px].
-        dy: and along y [1/px].
-        laplace: its Laplacian [1/px^2].
-        u: place in the print, along its x [m].
-        v: along its y [m].
-        grey: the image [grey].
-    """
-
-    value: Array
-    dx: Array
-    dy: Array
-    laplace: Array
-    u: Array
-    v: Array
-    grey: Array
+def _axes(spread: Array) -> tuple[float, float, Array]:
+    """Deviation of a point spread across and along its longer axis [px], and that axis `(2,)`."""
+    values, vectors = np.linalg.eigh(spread)
+    return float(np.sqrt(values[0])), float(np.sqrt(values[1])), np.asarray(vectors[:, 1], dtype=np.float64)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class RenderedPrint:
-    """The print rendered for one pose on its fine grid."""
-
-    fine: Image32
-    window: _Window
-    pad: int
-    plane_from_pixel: Array
-    half: float
-    used: float
-    blur: float
-
-    def samples(self, pixels: Grey) -> PrintSamples:
-        """Model and image where the print is; differences are taken between neighbouring sub-samples."""
-        pad, window = self.pad, self.window
-        height, width = window.height - 2 * pad, window.width - 2 * pad
-        first = FINE * pad + FINE // 2
-
-        def shifted(down: int, right: int) -> Image32:
-            r, c = first + down, first + right
-            return self.fine[r : r + FINE * height : FINE, c : c + FINE * width : FINE]
-
-        centre, left, right = shifted(0, 0), shifted(0, -1), shifted(0, 1)
-        up, down = shifted(-1, 0), shifted(1, 0)
-        x, y = np.arange(pad, pad + width, dtype=np.float64), np.arange(pad, pad + height, dtype=np.float64)[:, None]
-        m = self.plane_from_pixel
-        w = m[2, 0] * x + (m[2, 1] * y + m[2, 2])
-        u = (m[0, 0] * x + (m[0, 1] * y + m[0, 2])) / w
-        v = (m[1, 0] * x + (m[1, 1] * y + m[1, 2])) / w
-        used = (np.abs(u) < self.used) & (np.abs(v) < self.used)
-        top, start = window.y0 + pad, window.x0 + pad
-        grey = pixels[top : top + height, start : start + width]
-        return PrintSamples(
-            centre[used].astype(np.float64),
-            ((right - left) * (FINE / 2))[used].astype(np.float64),
-            ((down - up) * (FINE / 2))[used].astype(np.float64),
-            ((left + right + up + down - 4 * centre) * FINE**2)[used].astype(np.float64),
-            u[used],
-            v[used],
-            grey[used].astype(np.float64),
-        )
+def _streak(way: Array) -> Image32:
+    """Kernel of an even, centred motion along `way` `(2,)` [sub-samples]."""
+    reach = int(np.ceil(np.abs(way).max() / 2)) + 1
+    count = 4 * int(np.ceil(np.linalg.norm(way))) + 1
+    at = ((np.arange(count) + 0.5) / count - 0.5)[:, None] * way + reach
+    first = np.floor(at).astype(np.intp)
+    right, down = (at - first).T
+    kernel = np.zeros((2 * reach + 1, 2 * reach + 1))
+    for y, below in ((0, 1.0 - down), (1, down)):
+        for x, beside in ((0, 1.0 - right), (1, right)):
+            np.add.at(kernel, (first[:, 1] + y, first[:, 0] + x), below * beside)
+    return (kernel / count).astype(np.float32)

@@ -7,6 +7,7 @@ turn and is part of w; motion along it looks like a tilt, which an image alone h
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -20,6 +21,32 @@ MOTIONS: Final = 4
 """Unknowns: w [rad/s], then s [m/s]."""
 ROUNDS: Final = 2
 """A point's row says when it is exposed, and that where it is: so often."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class KnownMotion:
+    """What is known about the motion before the image is looked at.
+
+    Attributes:
+        expected: angular rate [rad/s] and speed along the axis [m/s] `(4,)`.
+        spread: standard deviation of each `(4,)`.
+    """
+
+    expected: Array
+    spread: Array
+
+
+def motion_of(place: Array, speed: Array, turning: Array) -> Array:
+    """The motion `(4,)` of a camera.
+
+    Args:
+        place: of the target `(3,)` [m; RDF].
+        speed: of the target in axes that do not turn with the camera `(3,)` [m/s].
+        turning: angular rate of the camera `(3,)` [rad/s].
+    """
+    # -w x P = (v_x, v_y, 0) for the shortest w; what is left lies along P.
+    across = np.array([speed[0], speed[1], 0.0])
+    return np.array([*(turning - np.cross(place, across) / float(place @ place)), speed[2]])
 
 
 def motion_at_rest() -> Array:

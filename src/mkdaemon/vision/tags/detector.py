@@ -18,7 +18,7 @@ from mkdaemon.vision.tags.aruco_fallback import ArucoSearch
 from mkdaemon.vision.tags.cellread import quiet_sides
 from mkdaemon.vision.tags.detection import Detection, Search, Stage
 from mkdaemon.vision.tags.outline import OutlineSearch
-from mkdaemon.vision.tags.searchplan import Look, looks_of, shrink, shrinking
+from mkdaemon.vision.tags.searchplan import FIRST, Look, looks_of, shrink, shrinking
 from mkdaemon.vision.tags.tagfamily import find_family
 
 if TYPE_CHECKING:
@@ -43,10 +43,16 @@ _LOG_LUT: Grey = np.round(100 + 14 * (np.log10(np.arange(256) + 4.0) - np.log10(
 """Compresses bright and dark halves of a shadow to equal steps; 14 levels a decade merge texture below a real edge."""
 
 
+_LIGHT_LUT: Grey = np.round(255 * (np.arange(256) / 255) ** LIMITS.search.tone).astype(np.uint8)
+"""Light from grey values: a tone curve lets white cells spread over small black ones, which then read as white."""
+
+
 def _prepare(pixels: Grey, stage: Stage) -> npt.NDArray[np.generic]:
     """The image a stage searches."""
     if stage == "log":
         return cv2.LUT(pixels, _LOG_LUT)
+    if stage == "linear":
+        return cv2.LUT(pixels, _LIGHT_LUT)
     if stage == "equalised":
         tiles = [max(round(length / LIMITS.search.tile_px), 2) for length in (pixels.shape[1], pixels.shape[0])]
         return cv2.createCLAHE(4.0, (tiles[0], tiles[1])).apply(pixels)
@@ -65,7 +71,7 @@ class AprilTagSearch:
     def find(self, pixels: Grey, stage: Stage) -> list[Detection]:
         """All codes libapriltag sees, in our corner order and pixel convention."""
         image = np.asarray(_prepare(pixels, stage), dtype=np.uint8, order="C")
-        decimate = 2.0 if stage in ("decimate2", "equalised") else 1.0
+        decimate = 2.0 if stage in ("decimate2", "linear", "equalised") else 1.0
         found = self._read(apriltaglib.detector(self._families, decimate, refine=True), image, stage)
         return self._merge(found, image) if stage == "thorough" else found
 
@@ -199,14 +205,14 @@ class Detector:
 
     def search_ladder(self, pixels: Grey) -> list[Detection]:
         """Search from cheap to thorough until something is found."""
-        for look in (Look(self.stages[0]), *self.looks(pixels)):
+        for look in (*(Look(stage) for stage in self.stages[:FIRST]), *self.looks(pixels)):
             found = self.search_shrunk(pixels, look.stage, look.part)
             if found:
                 return found
         return []
 
     def looks(self, pixels: Grey) -> tuple[Look, ...]:
-        """The searches of an image that take turns beside the first one."""
+        """The searches of an image that take turns beside the first ones."""
         height, width = pixels.shape
         return looks_of(width, height, self.stages)
 
@@ -241,7 +247,7 @@ class Detector:
             return False
         # Other images than the camera's have contrast on their own scale; hamming and quiet zone judge the bits there.
         margin = cfg.min_decision_margin * _contrast_share(pixels, found)
-        if found.stage not in ("log", "equalised", "outline") and found.decision_margin < margin:
+        if found.stage not in ("log", "linear", "equalised", "outline") and found.decision_margin < margin:
             return False
         low, high = found.corners.min(axis=0), found.corners.max(axis=0)
         x0, y0, x1, y1 = frame

@@ -30,6 +30,8 @@ TILE: Final = (640, 480)
 OVERLAP: Final = 112
 """Of neighbouring tiles on their level [px]: a tag of 85 px with its quiet zone, 2.8 px a cell on a level 3 times as
 coarse."""
+FIRST: Final = 2
+"""Stages of which one sees every image, in turn."""
 FINER: Final = 3
 """Ratio of neighbouring levels, at most."""
 SMALL_TAG_STAGES: Final[tuple[Stage, ...]] = ("decimate1", "log")
@@ -51,14 +53,14 @@ class Look:
 
 @lru_cache(maxsize=16)
 def looks_of(width: int, height: int, stages: Sequence[Stage]) -> tuple[Look, ...]:
-    """The searches that take turns beside the first one.
+    """The searches that take turns beside the first ones.
 
     Args:
         width: of the image [px].
         height: of the image [px].
-        stages: of the detector, the first one included.
+        stages: of the detector, the first ones included.
     """
-    whole = [Look(stage) for stage in stages[1:]]
+    whole = [Look(stage) for stage in stages[FIRST:]]
     tiles: list[Look] = []
     scale = shrinking(width, height)
     while scale > 1:

@@ -48,6 +48,10 @@ class Mounting:
 
 LEAST_SINE = 1e-12
 """Below, two directions are one."""
+FARTHEST_SAMPLES = 0.055
+"""Apart, samples say nothing about the turning in between [s]: a frame at 20 Hz is not too late."""
+LEAST_TIME = 1e-3
+"""Between two samples whose difference is a rate [s]."""
 LOOKING_DOWN = Mounting(np.array([[0.0, -1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, -1.0]]), np.zeros(3))
 """A camera under the vehicle whose image has the nose at the top."""
 
@@ -89,6 +93,16 @@ class AttitudeHistory:
             return found
         near = [s for s in (before, after) if s is not None and abs(s.time - time) <= max_age]
         return _rotation(min(near, key=lambda s: abs(s.time - time))) if near else None
+
+    def turning_at(self, time: float) -> Array | None:
+        """Angular rate of the vehicle `(3,)` [rad/s; FLU] at a time between two samples; none between distant ones."""
+        k = bisect_left(self._times, time)
+        if not 0 < k < len(self._times) or self._times[k] - self._times[k - 1] > FARTHEST_SAMPLES:
+            return None
+        start, end = _rotation(self._samples[k - 1]), _rotation(self._samples[k])
+        turned = np.asarray(cv2.Rodrigues(start.T @ end)[0], dtype=np.float64).ravel()
+        rate: Array = turned / max(self._times[k] - self._times[k - 1], LEAST_TIME)
+        return rate
 
 
 def _rotation(sample: AttitudeSample) -> Array:

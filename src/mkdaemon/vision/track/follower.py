@@ -4,6 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
 
 from mkdaemon.config.vision import TrackerSection
 from mkdaemon.telemetry.vision import PoseRefusal
@@ -24,7 +28,13 @@ from mkdaemon.vision.track.first import FirstJudge
 from mkdaemon.vision.track.judge import Judge, Verdict
 from mkdaemon.vision.track.level import Sight
 from mkdaemon.vision.track.result import FoundBy, TargetPose
-from mkdaemon.vision.track.track import Prediction, Track
+from mkdaemon.vision.track.track import Prediction, Track, known_motion
+
+Grey = npt.NDArray[np.uint8]
+Window = tuple[int, int, int, int]
+"""`(x0, y0, x1, y1)` [px], end exclusive."""
+REDECODED: Final[tuple[Stage, ...]] = ("decimate1", "linear")
+"""How a followed target is decoded again."""
 
 
 @dataclass(slots=True)
@@ -94,7 +104,7 @@ class Follower:
             track.lose()
         if not track.is_live:
             return
-        predicted = track.predict(now, frame.sight.enu_from_flu, self._mounting)
+        predicted = track.predict(now, frame.sight.enu_from_flu, self._mounting, frame.sight.turning_flu)
         for mode, start in self._starts(frame, predicted):
             verdict = self.judge.measure(frame.sight, start, predicted.pose)
             if verdict.pose is None:
@@ -139,7 +149,10 @@ class Follower:
         tags = self._own(found)
         if not tags:
             return
-        candidates = self._fitter.cold(frame.sight.pixels, tags)
+        seen, mounting = frame.sight, self._mounting
+        candidates = self._fitter.cold(
+            seen.pixels, tags, lambda place: known_motion(place, None, seen.turning_flu, mounting)
+        )
         verdict = self._first.choose(frame.sight, candidates, predicted.rotation if predicted is not None else None)
         if verdict.choice is None:
             frame.refused[self.name] = verdict.refusal or PoseRefusal.NO_FIT
@@ -171,7 +184,7 @@ class Follower:
         if now - track.tried_at >= limits.retry_decode:
             track.tried_at = now
             window = self._fitter.window(pose, pixels.shape)
-            found = self._detector.search_shrunk(pixels, "decimate1", window) if window is not None else []
+            found = self._decoded(pixels, window) if window is not None else []
             tags = self._own(found)
             frame.detections.extend(found)
             if tags:
@@ -188,6 +201,14 @@ class Follower:
         track.lose()
         return False
 
+    def _decoded(self, pixels: Grey, window: Window) -> list[Detection]:
+        """Tags of a part of the image, searched as it is and in light."""
+        for stage in REDECODED:
+            found = self._detector.search_shrunk(pixels, stage, window)
+            if self._own(found):
+                return found
+        return []
+
     def _is_vouched_for(self, frame: Frame, pose: Pose, overdue: float) -> bool:
         """Whether clear cells and a second witness stand in for a tag that could not be decoded."""
         pixels = frame.sight.pixels
@@ -200,7 +221,7 @@ class Follower:
         is_cut = not self._fitter.shows_whole_tag(pose, pixels.shape)
         return (is_cut or self.judge.is_backed) and overdue < self._limits.track.blind_grace
 
-    def _search_nearby(self, frame: Frame, window: tuple[int, int, int, int]) -> list[Detection]:
+    def _search_nearby(self, frame: Frame, window: Window) -> list[Detection]:
         """Search a part of the image, in another way after every miss."""
         ways: tuple[tuple[Stage, ...], ...] = self._limits.search.nearby
         found: list[Detection] = []
@@ -222,7 +243,7 @@ class Follower:
         track, judge, now = self.track, self.judge, frame.sight.time
         verdict = Verdict(None, PoseRefusal.AMBIGUOUS)
         if track.is_live:
-            predicted = track.predict(now, frame.sight.enu_from_flu, self._mounting)
+            predicted = track.predict(now, frame.sight.enu_from_flu, self._mounting, frame.sight.turning_flu)
             verdict = judge.rejoin(frame.sight, rivals, predicted.pose)
         if verdict.pose is not None and verdict.refusal is None:
             track.decoded_at = track.tried_at = now

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from math import radians
 
 import numpy as np
 import numpy.typing as npt
@@ -17,6 +18,8 @@ from mkdaemon.vision.track.deck import Deck
 Array = npt.NDArray[np.float64]
 Grey = npt.NDArray[np.uint8]
 
+FAST = radians(0.5)
+"""Deviation of an attitude from one image to the next, each axis [rad]: what lasts is in the state of the deck."""
 EXACT = 1e-3
 """Deviation of an attitude that replaces a tilt altogether [rad]."""
 
@@ -29,11 +32,13 @@ class Sight:
         pixels: `(h, w)` uint8.
         time: middle of the exposure [s].
         enu_from_flu: the vehicle's attitude then `(3, 3)`; none when unknown.
+        turning_flu: its angular rate then `(3,)` [rad/s]; none when unknown.
     """
 
     pixels: Grey
     time: float
     enu_from_flu: Array | None
+    turning_flu: Array | None = None
 
 
 class LevelKnowledge:
@@ -120,4 +125,4 @@ class LevelKnowledge:
 
     def _sd(self, seen: Sight) -> float:
         """Deviation of the normal expected, each axis [rad]."""
-        return float(np.hypot(self._spread, self._deck.sd(seen.time)))
+        return float(np.hypot(min(self._spread, FAST), self._deck.sd(seen.time)))

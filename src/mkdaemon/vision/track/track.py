@@ -9,6 +9,7 @@ import numpy.typing as npt
 
 from mkdaemon.vision.limits import LIMITS
 from mkdaemon.vision.pose.pose import Pose, angle_between
+from mkdaemon.vision.pose.rolling import KnownMotion, motion_of
 from mkdaemon.vision.track.attitude import Mounting
 from mkdaemon.vision.track.branches import Branches
 
@@ -96,7 +97,13 @@ class Track:
         self.misses = 0
         self.decoded_at = -np.inf
 
-    def predict(self, time: float, enu_from_flu: Array | None, mounting: Mounting | None) -> Prediction:
+    def predict(
+        self,
+        time: float,
+        enu_from_flu: Array | None,
+        mounting: Mounting | None,
+        turning_flu: Array | None = None,
+    ) -> Prediction:
         """Expected pose at a time.
 
         Motion is taken in the camera frame, where the position is known to a fraction of a pixel; in the target frame
@@ -107,7 +114,7 @@ class Track:
         before = self._moments[-2] if self.has_velocity else None
         turned = _camera_turn(enu_from_flu, now.enu_from_flu, mounting)
         position, rotation = now.pose.position, now.pose.rotation
-        climbing: float | None = None
+        speed: Array | None = None
         if before is not None:
             ahead = (time - now.time) / (now.time - before.time)
             earlier = _camera_turn(now.enu_from_flu, before.enu_from_flu, mounting)
@@ -119,12 +126,35 @@ class Track:
                 if ahead < TRACK.turn_ahead and turned_by < TRACK.max_turn:
                     rotation = now.pose.rotation @ before.pose.rotation.T @ now.pose.rotation
             if float(np.linalg.norm(step)) < TRACK.max_speed * (now.time - before.time):
-                climbing = float(step[2]) / (now.time - before.time)
+                speed = step / (now.time - before.time)
                 position = position + min(ahead, TRACK.max_ahead) * step
+        known = known_motion(position, speed, turning_flu, mounting)
         if turned is None:
-            return Prediction(replace(now.pose, rotation=rotation, position=position, climbing=climbing), False)
+            return Prediction(replace(now.pose, rotation=rotation, position=position, known_motion=known), False)
         turned_on = turned @ now.pose.rotation
-        return Prediction(replace(now.pose, rotation=turned_on, position=turned @ position, climbing=climbing), True)
+        return Prediction(replace(now.pose, rotation=turned_on, position=turned @ position, known_motion=known), True)
+
+
+def known_motion(
+    place: Array, speed: Array | None, turning_flu: Array | None, mounting: Mounting | None
+) -> KnownMotion:
+    """What is known about the motion of a camera while an image is read.
+
+    Args:
+        place: of the target `(3,)` [m; RDF].
+        speed: of the target in camera axes, by the images before `(3,)` [m/s]; none without them.
+        turning_flu: angular rate of the vehicle `(3,)` [rad/s].
+        mounting: of the camera.
+    """
+    limits = LIMITS.edges
+    turning, spread = np.zeros(3), limits.turning_sd
+    if turning_flu is not None and mounting is not None:
+        turning, spread = mounting.flu_from_cam.T @ turning_flu, limits.known_turning_sd
+        if speed is None:
+            spread += limits.unknown_speed / float(np.linalg.norm(place))
+    along = limits.climbing_sd if speed is None else limits.known_climbing_sd
+    expected = motion_of(place, np.zeros(3) if speed is None else speed, turning)
+    return KnownMotion(expected, np.array([spread] * 3 + [along]))
 
 
 def _camera_turn(now: Array | None, then: Array | None, mounting: Mounting | None) -> Array | None:

@@ -15,6 +15,7 @@ from mkdaemon.vision.limits import LIMITS, Limits
 from mkdaemon.vision.pose.projection import Projection
 from mkdaemon.vision.tags.detection import Detection
 from mkdaemon.vision.tags.detector import Detector
+from mkdaemon.vision.tags.searchplan import FIRST
 from mkdaemon.vision.tags.tagmap import TagMap
 from mkdaemon.vision.track.alarms import ImageHealth
 from mkdaemon.vision.track.attitude import AttitudeHistory, Mounting
@@ -72,7 +73,8 @@ class Tracker:
             return VisionResult(image.camera, image.sequence, image.captured_at, (), (), tuple(alarms))
         known = attitude is not None and self._mounting is not None
         enu_from_flu = attitude.at(image.captured_at, self._cfg.max_attitude_age) if known and attitude else None
-        frame = Frame(image, Sight(image.pixels, image.captured_at, enu_from_flu))
+        turning = attitude.turning_at(image.captured_at) if known and attitude else None
+        frame = Frame(image, Sight(image.pixels, image.captured_at, enu_from_flu, turning))
         self._count += 1
         if self.followers:
             for follower in self.followers:
@@ -114,9 +116,9 @@ class Tracker:
             follower.start(frame, found, "search", None)
 
     def _search(self, frame: Frame) -> list[Detection]:
-        """Cheap search of the whole image; in every second image that shows nothing another one, in turn."""
+        """One of the first searches of the whole image; in every second image that shows nothing another one too."""
         pixels = frame.sight.pixels
-        found = self.detector.search_shrunk(pixels, self.detector.stages[0])
+        found = self.detector.search_shrunk(pixels, self.detector.stages[self._searches % FIRST])
         turn, not_now = divmod(self._searches, self._limits.search.thorough_every)
         self._searches += 1
         looks = self.detector.looks(pixels)

@@ -1,0 +1,214 @@
+"""One step of the fit to grey values: what the model says at each pixel, and where that moves pose, light and blur."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from mkdaemon.vision.limits import Limits
+from mkdaemon.vision.pose.edgefit import MAD, Level
+from mkdaemon.vision.pose.greynoise import clarity, shared_by
+from mkdaemon.vision.pose.nuisance import motion_known
+from mkdaemon.vision.pose.pose import Pose, correlation, median
+from mkdaemon.vision.pose.printimage import PrintSamples
+from mkdaemon.vision.pose.printmodel import PrintModel
+from mkdaemon.vision.pose.projection import Projection
+from mkdaemon.vision.pose.rolling import MOTIONS, at_times, motion_jacobian
+
+Array = npt.NDArray[np.float64]
+Grey = npt.NDArray[np.uint8]
+
+COST_BOUND: Final = 5.0
+"""Deviations at which a residual costs no more."""
+LEAST_NOISE: Final = 0.3
+"""Variance of grey values rounded to integers and averaged by the fit [grey^2]."""
+POSE, LIGHT, SPREAD = slice(0, 6), slice(6, 12), slice(12, 15)
+"""Where the unknowns are: pose, light with its tone curve, point spread; what is left is the motion."""
+LIGHTS, SPREADS = 6, 3
+LIGHT_UNIT: Final = 100.0
+"""Unknowns are solved for in units in which they are of one size [grey]."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PhotoState:
+    """Where a fit is.
+
+    Attributes:
+        rotation: camera from target `(3, 3)`.
+        position: of the target `(3,)` [m; RDF].
+        spread: covariance of the point spread `(2, 2)` [px^2].
+        motion: under a rolling shutter `(4,)`; none under a global one.
+    """
+
+    rotation: Array
+    position: Array
+    spread: Array
+    motion: Array | None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PhotoStep:
+    """One Gauss-Newton step.
+
+    Attributes:
+        change: of all unknowns: position [m], rotation vector [rad], light, point spread [px^2], motion.
+        cost: robust mean square of the residuals before the step [grey^2], with what prior knowledge adds.
+        pose: the pose the step starts from, with its covariance.
+    """
+
+    change: Array
+    cost: float
+    pose: Pose
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Lit:
+    """The model of the grey values: I = gain . columns, and what a change of the print changes in it."""
+
+    columns: Array
+    gain: Array
+    contrast: Array
+
+    @classmethod
+    def of(cls, at: PrintSamples, half: float) -> _Lit:
+        """Light by least squares at the present pose and blur."""
+        tone = at.value * (1.0 - at.value)
+        skew = 1.0 - 2.0 * at.value
+        columns = np.stack([at.value, np.ones_like(at.value), at.u / half, at.v / half, tone, tone * skew])
+        gain = np.asarray(np.linalg.solve(columns @ columns.T + 1e-6 * np.eye(LIGHTS), columns @ at.grey), np.float64)
+        return cls(columns, gain, gain[0] + gain[4] * skew + gain[5] * (1.0 - 6.0 * tone))
+
+
+class PhotoStepper:
+    """Computes the steps of one target's fit.
+
+    Args:
+        model: of its print.
+        projection: of the lens.
+        limits: all thresholds.
+    """
+
+    def __init__(self, model: PrintModel, projection: Projection, limits: Limits) -> None:
+        self._print, self._projection, self._limits = model, projection, limits
+        self._line_time = projection.intrinsics.line_time
+
+    def step(
+        self, pixels: Grey, state: PhotoState, start: Pose, level: Level | None, damping: float
+    ) -> PhotoStep | None:
+        """One step: (J W J^T + P + damping diag) s = J W r + p with what is known beforehand, P and p.
+
+        None where the print is not in full view, or the image holds fewer pixels of it than the smallest print has.
+        """
+        rotation, position = state.rotation, state.position
+        model = self._print.render(pixels.shape, rotation, position, state.spread, state.motion)
+        if model is None:
+            return None
+        limits = self._limits.photo
+        at = model.samples(pixels)
+        if at.value.size < limits.min_window_px**2:
+            return None
+        lit = _Lit.of(at, self._print.half)
+        residual = at.grey - lit.gain @ lit.columns
+        # Robust weights: 1 within c sigma, (c sigma / r)^2 beyond, sigma from the median of |r|; times the clarity.
+        clear = clarity(residual, at.value)
+        size = np.abs(residual) * clear
+        scatter = max(MAD * median(size), 1.0)
+        np.maximum(size, 1e-6, out=size)
+        bound = limits.outlier * scatter
+        agreeing = np.where(size < bound, 1.0, (bound / size) ** 2)
+        weights = agreeing * clear**2
+        cost = float(np.mean(np.minimum(size, COST_BOUND * scatter) ** 2))
+        jacobian, unit = self._jacobian(at, lit, state)
+        weighted = jacobian * weights
+        noise = max(float((weights * residual**2).sum() / max(weights.sum() - len(unit), 1.0)), LEAST_NOISE)
+        noise *= shared_by(np.clip(residual * clear, -bound, bound), at.used)
+        prior, pull, surprise = self._prior(state, start, level, noise, len(unit))
+        normal = weighted @ jacobian.T + prior * np.outer(unit, unit)
+        ridge = damping * np.diag(np.diag(normal)) + 1e-9 * np.eye(len(unit))
+        change = np.linalg.solve(normal + ridge, weighted @ residual + pull * unit) * unit
+        # Covariance of the pose with the rest unknown: sigma^2 times its block of the inverse normal matrix.
+        inverse = np.linalg.inv(normal + 1e-9 * np.eye(len(unit)))[POSE, POSE] * np.outer(unit[POSE], unit[POSE])
+        # Residual as a shift of edges: rms over the rms slope of the lit print [grey / (grey/px)].
+        steepness = float(np.sqrt(np.mean(at.dx**2 + at.dy**2))) * abs(float(lit.gain[0]))
+        squared = np.minimum(size, limits.lost_grey) ** 2 + limits.quiet_grey**2
+        is_positive = bool(lit.gain[0] > 0)
+        pose = Pose(
+            rotation,
+            position,
+            noise * (inverse + inverse.T) / 2,
+            "photometric",
+            int((agreeing > limits.counted).sum()),
+            float(np.sqrt(cost)) / max(steepness, 1e-3) if is_positive else np.inf,
+            float((agreeing > limits.counted).mean()),
+            float(np.linalg.norm(change[:3])) / max(float(np.linalg.norm(position)), 1e-9),
+            float(np.exp(np.mean(np.log(squared)))),
+            correlation(at.grey, at.grey - residual) if is_positive else -1.0,
+            float(np.linalg.det(state.spread)) ** 0.25,
+            motion=state.motion,
+            known_motion=start.known_motion,
+        )
+        return PhotoStep(change, cost * (1.0 + surprise / at.value.size), pose)
+
+    def _jacobian(self, at: PrintSamples, lit: _Lit, state: PhotoState) -> tuple[Array, Array]:
+        """Derivative of the grey values by all unknowns `(k, n)`, in units `(k,)` of one size."""
+        rotation, axes, motion = state.rotation, self._print.axes, state.motion
+        arm = np.column_stack([at.u, at.v]) @ (rotation @ axes[:, :2]).T + rotation @ self._print.origin
+        seen, times, down = arm + state.position, np.zeros(len(arm)), at.dy
+        if motion is not None:
+            times = (at.row - (self._projection.intrinsics.height - 1) / 2) * self._line_time
+            seen = at_times(seen, motion, times)
+        point = self._projection.jacobian(seen)
+        if motion is not None:
+            down = down + self._row_slope(at, point, seen, motion)
+        # Pose: a print that moves by d shows at a pixel what was d before it, dI = -dI/dm grad(m) . du; a turn w moves
+        # a point at `arm` by w x arm.
+        slope = (at.dx * -lit.contrast)[:, None] * point[:, 0] + (down * -lit.contrast)[:, None] * point[:, 1]
+        moved = slope if motion is None else slope - times[:, None] * _cross(slope, motion[:3])
+        # Blur: a Gaussian obeys the heat equation, dm/dB = (m_xx, 2 m_xy, m_yy) / 2.
+        blur = lit.contrast * np.stack([0.5 * at.dxx, at.dxy, 0.5 * at.dyy])
+        rows = [moved.T, _cross(arm, moved).T, lit.columns, blur]
+        units = [np.full(3, state.position[2]), np.ones(3), np.full(LIGHTS, LIGHT_UNIT), np.ones(SPREADS)]
+        if motion is not None:
+            rows.append(motion_jacobian(slope, arm + state.position, times).T)
+            units.append(np.ones(MOTIONS))
+        unit = np.concatenate(units)
+        return np.concatenate(rows) * unit[:, None], unit
+
+    def _row_slope(self, at: PrintSamples, point: Array, seen: Array, motion: Array) -> Array:
+        """What the slope along y of a print at rest has over that of the image, `(n,)` [1/px].
+
+        With v the speed in the image and T the time of a line, a pixel p shows what is at p - T (p_y - middle) v at
+        rest: grad = (I - T e_y v^T) grad_rest.
+        """
+        drift = -_cross(motion[:3], seen)
+        drift[:, 2] += motion[3]
+        speed = np.einsum("nij,nj->ni", point, drift)
+        along = speed[:, 0] * at.dx + speed[:, 1] * at.dy
+        return np.asarray(self._line_time * along / (1.0 - self._line_time * speed[:, 1]))
+
+    def _prior(
+        self, state: PhotoState, start: Pose, level: Level | None, noise: float, count: int
+    ) -> tuple[Array, Array, float]:
+        """What is known beside the image: normal matrix, right side, and the squared distance of the state from it."""
+        prior, pull, surprise = np.zeros((count, count)), np.zeros(count), 0.0
+        if level is not None:
+            prior[POSE, POSE], pull[POSE] = level.pull(state.rotation, noise**0.5)
+            tilt = np.cross(state.rotation[:, 2], level.up)
+            surprise += float(tilt @ tilt) / level.spread**2
+        if state.motion is not None:
+            expected, spread = motion_known(start, self._limits.edges)
+            weight = noise / spread**2
+            prior[-MOTIONS:, -MOTIONS:] = np.diag(weight)
+            pull[-MOTIONS:] = weight * (expected - state.motion)
+            surprise += float((((expected - state.motion) / spread) ** 2).sum())
+        return prior, pull, surprise
+
+
+def _cross(a: Array, b: Array) -> Array:
+    """Products of vectors `(n, 3)` or `(3,)`; written out, numpy's cross is slow."""
+    ax, ay, az = a.T
+    bx, by, bz = b.T
+    return np.stack([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx], axis=1)

@@ -1,0 +1,104 @@
+"""A print rendered on a grid finer than the pixels, and what it says at each of them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+Array = npt.NDArray[np.float64]
+Image32 = npt.NDArray[np.float32]
+Grey = npt.NDArray[np.uint8]
+
+FINE = 3
+"""Sub-samples a pixel, each way; odd, so that one of them is its centre."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Window:
+    """Pixels of one fit, with a rim for the blur: place and size in the image."""
+
+    x0: int
+    y0: int
+    width: int
+    height: int
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PrintSamples:
+    """The model at each pixel that is used, and what the image shows there, `(n,)` each.
+
+    Attributes:
+        value: model, 0 black to 1 white.
+        dx: its gradient along x [1/px].
+        dy: and along y [1/px].
+        dxx: its second derivative along x [1/px^2].
+        dxy: the mixed one [1/px^2].
+        dyy: and along y [1/px^2].
+        u: place in the print, along its x [m].
+        v: along its y [m].
+        row: of the pixel in the image [px].
+        grey: the image [grey].
+        used: which pixels of the window these are `(rows, columns)`.
+    """
+
+    value: Array
+    dx: Array
+    dy: Array
+    dxx: Array
+    dxy: Array
+    dyy: Array
+    u: Array
+    v: Array
+    row: Array
+    grey: Array
+    used: npt.NDArray[np.bool_]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RenderedPrint:
+    """The print rendered for one pose on its fine grid."""
+
+    fine: Image32
+    window: Window
+    pad: int
+    plane_from_pixel: Array
+    half: float
+    used: float
+
+    def samples(self, pixels: Grey) -> PrintSamples:
+        """Model and image where the print is; differences are taken between neighbouring sub-samples."""
+        pad, window = self.pad, self.window
+        height, width = window.height - 2 * pad, window.width - 2 * pad
+        first = FINE * pad + FINE // 2
+
+        def shifted(down: int, right: int) -> Image32:
+            r, c = first + down, first + right
+            return self.fine[r : r + FINE * height : FINE, c : c + FINE * width : FINE]
+
+        centre, left, right = shifted(0, 0), shifted(0, -1), shifted(0, 1)
+        up, down = shifted(-1, 0), shifted(1, 0)
+        x, y = np.arange(pad, pad + width, dtype=np.float64), np.arange(pad, pad + height, dtype=np.float64)[:, None]
+        m = self.plane_from_pixel
+        w = m[2, 0] * x + (m[2, 1] * y + m[2, 2])
+        u = (m[0, 0] * x + (m[0, 1] * y + m[0, 2])) / w
+        v = (m[1, 0] * x + (m[1, 1] * y + m[1, 2])) / w
+        used = (np.abs(u) < self.used) & (np.abs(v) < self.used)
+        top, start = window.y0 + pad, window.x0 + pad
+        grey = pixels[top : top + height, start : start + width]
+        return PrintSamples(
+            centre[used].astype(np.float64),
+            ((right - left) * (FINE / 2))[used].astype(np.float64),
+            ((down - up) * (FINE / 2))[used].astype(np.float64),
+            ((left + right - 2 * centre) * FINE**2)[used].astype(np.float64),
+            ((shifted(1, 1) + shifted(-1, -1) - shifted(1, -1) - shifted(-1, 1)) * (FINE**2 / 4))[used].astype(
+                np.float64
+            ),
+            ((up + down - 2 * centre) * FINE**2)[used].astype(np.float64),
+            u[used],
+            v[used],
+            np.broadcast_to(y + window.y0, used.shape)[used],
+            grey[used].astype(np.float64),
+            used,
+        )

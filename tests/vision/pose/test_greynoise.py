@@ -1,0 +1,36 @@
+"""What residuals say about the noise of grey values."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from mkdaemon.vision.pose.greynoise import clarity, shared_by
+
+RNG = np.random.default_rng(5)
+
+
+def test_a_pixel_counts_by_its_own_noise() -> None:
+    value = np.tile([0.0, 1.0], 400)
+    residual = RNG.standard_normal(800) * np.where(value > 0.5, 2.0, 8.0)
+    clear = clarity(residual, value)
+    assert clear[1] / clear[0] == pytest.approx(4.0, rel=0.2)
+    assert float(np.mean(clear**2)) == pytest.approx(1.0)
+
+
+def test_a_print_with_hardly_any_black_counts_evenly() -> None:
+    value = np.concatenate([np.zeros(5), np.ones(200)])
+    assert (clarity(RNG.standard_normal(205), value) == 1.0).all()
+
+
+def test_independent_noise_is_shared_by_nobody() -> None:
+    used = np.ones((60, 60), bool)
+    assert shared_by(RNG.standard_normal(3600), used) < 1.1
+
+
+def test_noise_that_neighbours_share_counts_more() -> None:
+    used = np.ones((60, 60), bool)
+    rough = RNG.standard_normal((61, 61))
+    smooth = rough[1:, 1:] + rough[:-1, 1:] + rough[1:, :-1] + rough[:-1, :-1]
+    # a correlation of one half each way
+    assert shared_by(smooth.ravel(), used) == pytest.approx(1.5**2 / 0.5, rel=0.15)
