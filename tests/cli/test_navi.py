@@ -9,7 +9,7 @@ import pytest
 from mkdaemon.cli.mkctl import flight, navi
 from mkdaemon.cli.mkctl.app import app
 from mkdaemon.cli.mkctl.connection import Connection
-from mkdaemon.cli.program import EXIT_CONFIG, EXIT_FAILURE, run
+from mkdaemon.cli.program import EXIT_CONFIG, run
 from mkdaemon.errors import ManoeuvreError
 from mkdaemon.telemetry.navi import ControlNavi, NaviStage
 from mkdaemon.telemetry.refusals import Token, refuse
@@ -108,10 +108,10 @@ async def test_a_list_that_is_gone_on_the_way_ends_the_waiting():
 @pytest.mark.parametrize(
     ("words", "code", "found"),
     [
-        (["navi", "goto", "10", "0", "2"], EXIT_FAILURE, "not_confirmed"),
-        (["goto", "10", "0", "2", "--frame", "home"], EXIT_FAILURE, "--confirm"),
-        (["navi", "route"], EXIT_FAILURE, "not_confirmed"),
-        (["navi", "home"], EXIT_FAILURE, "not_confirmed"),
+        (["navi", "goto", "10", "0", "2"], EXIT_CONFIG, "repeat with --confirm"),
+        (["goto", "10", "0", "2", "--frame", "home"], EXIT_CONFIG, "repeat with --confirm"),
+        (["navi", "route"], EXIT_CONFIG, "repeat with --confirm"),
+        (["navi", "home"], EXIT_CONFIG, "repeat with --confirm"),
         (["navi", "goto", "nan", "0", "2", "--confirm"], EXIT_CONFIG, "east nan"),
         (["navi", "home", "--confirm", "--patience", "0"], EXIT_CONFIG, "--patience"),
     ],

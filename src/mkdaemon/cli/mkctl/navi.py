@@ -11,8 +11,8 @@ from cyclopts import App, Parameter
 from mkdaemon.cli.arguments import require_length
 from mkdaemon.cli.mkctl.connection import HERE, Connection
 from mkdaemon.cli.mkctl.flightshow import print_end, require_finite
+from mkdaemon.errors import ConfigError
 from mkdaemon.missions import read_mission
-from mkdaemon.telemetry.refusals import Token, refuse
 
 if TYPE_CHECKING:
     from mkdaemon.telemetry.navi import ControlNavi
@@ -66,7 +66,7 @@ async def goto(
         up: Metres above the start; flown only with height control, else by the pilot's throttle.
 
     Raises:
-        ConfigError: a number cannot be.
+        ConfigError: a number cannot be, or `--confirm` is missing.
         MkError: the daemon refused, or the place was not reached; says why and where it stood.
     """
     await fly_to((east, north, up), heading, hold, confirm=confirm, patience=patience, connection=connection)
@@ -88,10 +88,10 @@ async def route(
     In flight, GPS switch at free or hold; then the pilot turns it to coming home.
 
     Raises:
-        ConfigError: the file or a number cannot be.
+        ConfigError: the file or a number cannot be, or `--confirm` is missing.
         MkError: the daemon refused, or the end was not reached; says why and where it stood.
     """
-    _require(patience, "do/route_start", confirm=confirm)
+    _require(patience, confirm=confirm)
     mission = None if file is None else read_mission(file, start_elevation=start_elevation, altitude=altitude)
     async with connection.open() as uav:
         source = "" if file is None else str(file)
@@ -106,10 +106,10 @@ async def home(*, confirm: Confirm = False, patience: Patience = PATIENCE, conne
     The pilot turns the GPS switch to coming home; where it stands there already the aircraft flies home at once.
 
     Raises:
-        ConfigError: a number cannot be.
+        ConfigError: a number cannot be, or `--confirm` is missing.
         MkError: the daemon refused, or it did not come home; says why and where it stood.
     """
-    _require(patience, "do/route_end", confirm=confirm)
+    _require(patience, confirm=confirm)
     async with connection.open() as uav:
         end = await uav.navi_home(patience=patience, on_stage=Shown().show)
     print_end(_fields(end), f"home; the pilot {end.hands}", connection)
@@ -127,12 +127,12 @@ async def fly_to(
     """Fly to a place at home; see `goto`.
 
     Raises:
-        ConfigError: a number cannot be.
+        ConfigError: a number cannot be, or `--confirm` is missing.
         MkError: the daemon refused, or the place was not reached.
     """
     east, north, up = position
     require_finite(east=east, north=north, up=up)
-    _require(patience, "do/navi_goto", confirm=confirm)
+    _require(patience, confirm=confirm)
     async with connection.open() as uav:
         end = await uav.navi_goto(
             east, north, up, heading_deg=heading, hold=hold, patience=patience, on_stage=Shown().show
@@ -165,11 +165,14 @@ def stage_line(report: ControlNavi) -> str:
     return f"{', '.join(words)}: the pilot {report.hands}"
 
 
-def _require(patience: float, verb: str, *, confirm: bool) -> None:
+def _require(patience: float, *, confirm: bool) -> None:
     require_length(patience, "--patience")
     if not confirm:
-        detail = "the aircraft flies by itself when the pilot turns the GPS switch to coming home"
-        raise refuse(Token.NOT_CONFIRMED, name=verb, detail=detail, confirm="--confirm")
+        msg = (
+            "--confirm is missing: the aircraft flies by itself once the pilot turns the GPS switch to coming home; "
+            "repeat with --confirm"
+        )
+        raise ConfigError(msg)
 
 
 def _fields(report: ControlNavi) -> dict[str, object]:
