@@ -10,15 +10,19 @@ import time
 from collections.abc import Callable
 from contextlib import suppress
 from enum import StrEnum
+from itertools import cycle
 from typing import Final
 
 import msgpack
 import zenoh
 
+from mkdaemon.bus.keys import Use, roots
 from mkdaemon.bus.session import session_config
 
 BIG: Final = 10_000_000
 """Length of a big message [bytes]."""
+LONG: Final = 900_000
+"""Length of a long query [bytes]; Zenoh itself drops what is longer than 1 MiB."""
 SILENT: Final = 1500
 """Connections that say nothing."""
 SLEEPERS: Final = 8
@@ -39,6 +43,8 @@ class Flood(StrEnum):
     """Of all keys."""
     UNREAD = "unread answers"
     """Schemas of all keys asked for, and no answer read."""
+    LONG = "900 kB queries"
+    """For schemas and last values, as many as go, no answer read."""
     SILENT = "silent connections"
     BLOCKED = "unknown verbs, standard error that nobody reads"
     STOPPED = "stopped subscribers"
@@ -88,13 +94,19 @@ def _striker(kind: Flood, session: zenoh.Session, vehicle: str) -> Callable[[], 
         Flood.BLOCKED: ("do/nothing", b""),
         Flood.LOOKUPS: ("**", b""),
         Flood.UNREAD: ("schema/**", b""),
+        Flood.LONG: ("", bytes(LONG)),
     }[kind]
     kept: list[object] = []
+    asked = cycle((*roots(Use.PUBLISHED), "schema"))
 
     def ignore(reply: zenoh.Reply) -> None:
         """Read it, and that is all."""
 
     def ask() -> None:
+        if kind is Flood.LONG:
+            channel: zenoh.handlers.FifoChannel[zenoh.Reply] = zenoh.handlers.FifoChannel(1)
+            kept.append(session.get(f"mk/{vehicle}/{next(asked)}/**", handler=channel, payload=payload, timeout=60))
+            return
         if kind is Flood.UNREAD:
             kept.append(session.get(f"mk/{vehicle}/{key}", handler=zenoh.handlers.FifoChannel(1), timeout=60))
             time.sleep(0.01)

@@ -27,7 +27,7 @@ from lab.rigs.cockpit import Boards
 from lab.rigs.lateness import measured_lateness
 from lab.rigs.pilot import Pilot
 from lab.rigs.processes import VEHICLE, DaemonProcess, ObservedSimulation, connected, daemon_process, wait_for_control
-from lab.rigs.waiting import wait_until
+from lab.rigs.waiting import PATIENCE, wait_until
 from lab.stories.kill import steering
 from mkdaemon.bus.endpoint import reserved_endpoint
 from mkdaemon.bus.session import session_config
@@ -40,6 +40,8 @@ NEUTRAL_LIMIT: Final = 0.35
 """Sticks are neutral in the FlightCtrl this long after the attack [s]; docs/safety.md, "The guard"."""
 RELEASE_LIMIT: Final = 1.1
 """The FlightCtrl is released this long after it [s]."""
+START: Final = 90.0
+"""Longest start of a daemon on a machine that is busy [s]."""
 WATCH: Final = 3.0
 """How long the boards are watched after the release [s]."""
 
@@ -115,6 +117,7 @@ async def attack(boards: Boards, kind: Death, seed: int) -> Attack:
     front = {"board": "fc"} if boards.nc is None else {"board": "nc", "nc": boards.nc}
     fields = {**front, "fc": boards.fc, "pilot_plan": PilotPlan.NOTHING, "calibrated": True, "seed": seed}
     simulation = ObservedSimulation(SimConfig.model_validate(fields))
+    simulation.is_frozen = True  # until the daemon is there: on a busy machine the boards would cost it its start
     is_on_terminal = seed % 2 == 1
     with reserved_endpoint() as endpoint, tempfile.TemporaryDirectory() as name:
         listen = None if is_on_terminal else endpoint.removeprefix("tcp/")
@@ -123,10 +126,11 @@ async def attack(boards: Boards, kind: Death, seed: int) -> Attack:
         async with (
             runtime.serve(),
             daemon_process(port, Path(name), program=_PROGRAMS.get(kind)) as daemon,
-            connected(daemon.endpoint) as client,
+            connected(daemon.endpoint, patience=START) as client,
             Pilot(client, "pilot") as pilot,
             measured_lateness() as lateness,
         ):
+            simulation.is_frozen = False
             await wait_for_control(client)
             await pilot.engage(lambda: simulation.is_controlled)
             pilot.sticks |= {"pitch": 40.0, "roll": -40.0}
@@ -176,7 +180,7 @@ async def _fly_on_blocked(daemon: DaemonProcess, client: Vehicle, simulation: Ob
         TimeoutError: nothing waits to be written.
     """
     daemon.send_signal(_SIGNALS[Death.BLOCKED])
-    async with asyncio.timeout(HOLD):
+    async with asyncio.timeout(PATIENCE):
         while not _waits_to_write(daemon.pid):
             await client.command("do", "nothing", {})
     is_kept, began = True, time.monotonic()

@@ -174,13 +174,13 @@ async def daemon_process(
 
 
 @asynccontextmanager
-async def connected(endpoint: str, vehicle: str = VEHICLE) -> AsyncIterator[Vehicle]:
+async def connected(endpoint: str, vehicle: str = VEHICLE, *, patience: float = PATIENCE) -> AsyncIterator[Vehicle]:
     """A client of its own session, as soon as the daemon listens.
 
     Raises:
         TimeoutError: nobody listened.
     """
-    async with asyncio.timeout(PATIENCE):
+    async with asyncio.timeout(patience):
         while True:
             opening = connect(vehicle, endpoint)
             try:

@@ -10,7 +10,7 @@ from contextlib import asynccontextmanager
 import zenoh
 
 from lab.rigs.waiting import PATIENCE, wait_blocking
-from mkdaemon.bus.answers import BUSY, AnswerThread
+from mkdaemon.bus.answers import BUSY, SHED_BYTES, WAITING_BYTES, AnswerThread
 from mkdaemon.bus.gateway import Bus
 from mkdaemon.bus.schema import schema_names
 from mkdaemon.telemetry.command import CommandResult
@@ -75,8 +75,10 @@ async def test_a_client_that_reads_gets_every_answer():
 
 
 class _Query:
-    def __init__(self, key_expr: str) -> None:
-        self.key_expr = key_expr
+    attachment, parameters = None, ""
+
+    def __init__(self, key_expr: str, payload: bytes | None = None) -> None:
+        self.key_expr, self.payload = key_expr, payload
         self.answers: list[object] = []
 
     def __enter__(self):
@@ -88,7 +90,7 @@ class _Query:
     def drop(self) -> None:
         self.answers.append("dropped")
 
-    def reply_err(self, payload: bytes) -> None:
+    def reply_err(self, payload: bytes, *, encoding: str) -> None:
         self.answers.append(payload)
 
 
@@ -136,3 +138,30 @@ def test_of_many_surplus_queries_only_the_newest_get_an_error():
     thread.close()
     assert [query.answers for query in surplus[-3:]] == [[BUSY, "end"]] * 3
     assert [query.answers for query in surplus[:-3]] == [["dropped"]] * 997
+
+
+def test_long_queries_that_wait_do_not_fill_the_memory():
+    gate, began, done = threading.Event(), threading.Event(), threading.Event()
+    thread = AnswerThread("test", limit=256, limit_per_key=256)
+    length = 1 << 18
+    queries = [_Query("long", bytes(length)) for _ in range(100)]
+
+    def hold(query: zenoh.Query) -> None:
+        began.set()
+        gate.wait(PATIENCE)
+
+    thread.submit(_Query("held"), hold)
+    assert began.wait(PATIENCE)
+    for query in queries:
+        thread.submit(query, lambda query: query.answers.append("answer"))
+    ended_at_once = [query for query in queries if query.answers == ["dropped"]]
+    held_bytes = sum(len(query.payload) for query in queries if not query.answers)
+    assert held_bytes <= WAITING_BYTES + SHED_BYTES
+    assert ended_at_once == queries[-len(ended_at_once) :]
+    gate.set()
+    wait_blocking(lambda: all(query.answers for query in queries))
+    thread.submit(_Query("short"), lambda query: done.set())
+    assert done.wait(PATIENCE), "what was given back may be used again"
+    thread.close()
+    assert [BUSY, "end"] in [query.answers for query in queries]
+    assert queries[0].answers == ["answer", "end"]

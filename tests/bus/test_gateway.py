@@ -314,6 +314,27 @@ def test_each_kind_of_command_has_its_own_budget():
     assert sum(budgets.admit("do/lease") for _ in range(500)) == QUERY_RATES["do/lease"] / 2
 
 
+def test_a_long_command_counts_for_many():
+    budgets = QueryBudgets(lambda: 0.0)
+    assert sum(budgets.admit("do/waypoints_upload", 128_000) for _ in range(500)) == 6
+    budgets = QueryBudgets(lambda: 0.0)
+    assert sum(budgets.admit("do/nothing", 1 << 20) for _ in range(500)) == 2, "refused by its length, not as too many"
+
+
+async def test_what_was_shed_has_names_of_ours(bus):
+    opened, endpoint = bus
+    opened.serve("do", lambda suffix, payload: None)
+    with client(endpoint) as session:
+
+        def flood() -> None:
+            asked = [session.get(f"mk/t1/do/mine{number}", timeout=PATIENCE) for number in range(300)]
+            for one in asked:
+                list(one)
+
+        await asyncio.to_thread(flood)
+    assert set(opened.take_shed()) == {"unknown queries"}
+
+
 def test_connections_leave_files_for_the_port():
     settings = flood_settings("t1", ("setpoint/stick",))
     assert settings["transport/unicast/accept_pending"] + settings["transport/unicast/max_sessions"] < 700

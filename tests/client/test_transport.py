@@ -9,11 +9,13 @@ import pytest
 import zenoh
 
 from lab.rigs.programs import PATIENCE
+from mkdaemon.bus.answers import BUSY
+from mkdaemon.bus.codec import MEDIA_TYPE
 from mkdaemon.bus.gateway import Bus
 from mkdaemon.bus.session import session_config
 from mkdaemon.client import connect
 from mkdaemon.config.bus import BusConfig
-from mkdaemon.errors import MkError
+from mkdaemon.errors import CommandRejectedError, MkError
 from mkdaemon.telemetry.command import CommandResult
 from mkdaemon.telemetry.refusals import Status
 from tests.bus.support import free_endpoint
@@ -43,3 +45,16 @@ async def test_two_daemons_of_one_name_behind_a_router_are_noticed():
                         await asyncio.sleep(0.05)
     finally:
         await asyncio.to_thread(router.close)
+
+
+async def test_a_query_too_many_has_a_reason_and_a_remedy():
+    endpoint = free_endpoint()
+    async with Bus.open(BusConfig(listen=(endpoint,)), "full") as bus:
+        for root in ("mk/full/do/**", "mk/full/more/**"):
+            answers = zenoh.handlers.Callback(lambda query: query.reply_err(BUSY, encoding=MEDIA_TYPE), indirect=False)
+            bus.session.declare_queryable(root, answers)
+        async with connect("full", endpoint) as client:
+            with pytest.raises(CommandRejectedError, match=r"too many queries wait for an answer.*[Tt]ry again"):
+                await client.get_all("more/**")
+            answer = await client.command("do", "release")
+    assert (answer.status, answer.token, bool(answer.fix)) == ("busy", "busy", True)

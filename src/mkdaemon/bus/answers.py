@@ -2,7 +2,7 @@
 
 Whether a reply waits or is dropped is the asker's choice (Zenoh's QoS of the query), and it waits up to
 `bus.session.STALL`: a client that sent 100 queries and read no answer held the loop for 6.0 s. The end of a query is
-such a reply as well, so no query is dropped elsewhere.
+such a reply as well, so no query is dropped elsewhere, unless the memory would fill up.
 """
 
 from __future__ import annotations
@@ -16,8 +16,20 @@ from typing import Final
 import structlog
 import zenoh
 
+from mkdaemon.bus.codec import encode, encoding_of
+from mkdaemon.telemetry.command import CommandResult, refused
+from mkdaemon.telemetry.refusals import Token, refuse
+
 _log = structlog.get_logger(__name__)
-BUSY: Final = b"busy: too many queries wait for an answer"
+BUSY: Final = encode(refused(refuse(Token.BUSY, detail="too many queries wait for an answer")))
+"""Error in place of an answer; a `CommandResult`."""
+_ENCODING: Final = encoding_of(CommandResult)
+WAITING_BYTES: Final = 1 << 20
+"""What may wait for an answer in all, by what came with the queries [bytes]: eight of the longest honest requests."""
+SHED_BYTES: Final = 1 << 21
+"""What may wait for the error `BUSY` [bytes]; queries beyond it are ended on the thread that brought them."""
+OVERHEAD: Final = 1024
+"""Of a query with nothing in it [bytes]."""
 LEAVE: Final = 1.0
 """Longest wait for the thread at the end [s]; what holds it up then is cut by the end of the session."""
 
@@ -40,21 +52,28 @@ class AnswerThread:
         self._waiting: deque[tuple[zenoh.Query, Work, str]] = deque()
         self._keys: Counter[str] = Counter()
         self._shed: deque[zenoh.Query] = deque()
+        self._waiting_bytes = self._shed_bytes = 0
         self._news = threading.Condition()
         self._is_over = False
         self._thread = threading.Thread(target=self._run, name=name, daemon=True)
         self._thread.start()
 
     def submit(self, query: zenoh.Query, work: Work) -> None:
-        """Have a query answered; from any thread, returns at once."""
-        asked = str(query.key_expr)
+        """Have a query answered; from any thread, returns at once where the memory has room for one more."""
+        asked, size = str(query.key_expr), _size(query)
         with self._news:
-            if len(self._waiting) >= self._limit or self._keys[asked] >= self._limit_per_key:
-                self._shed.append(query)
-            else:
+            is_full = len(self._waiting) >= self._limit or self._waiting_bytes + size > WAITING_BYTES
+            if not is_full and self._keys[asked] < self._limit_per_key:
                 self._waiting.append((query, work, asked))
+                self._waiting_bytes += size
                 self._keys[asked] += 1
+                has_room = True
+            elif has_room := self._shed_bytes + size <= SHED_BYTES:
+                self._shed.append(query)
+                self._shed_bytes += size
             self._news.notify()
+        if not has_room:
+            query.drop()  # type: ignore[no-untyped-call]
 
     def close(self) -> None:
         """End the thread; what still waits gets no answer."""
@@ -72,7 +91,9 @@ class AnswerThread:
                     return
                 surplus = [self._shed.popleft() for _ in range(len(self._shed) - self._limit)]
                 shed = self._shed.popleft() if self._shed else None
+                self._shed_bytes -= sum(map(_size, surplus)) + (0 if shed is None else _size(shed))
                 query, work, asked = (shed, _refuse, "") if shed is not None else self._waiting.popleft()
+                size = 0 if shed is not None else _size(query)
             began = time.monotonic()
             for one in surplus:
                 one.drop()  # type: ignore[no-untyped-call]  # faster than an error to each, or they would fill the memory
@@ -85,6 +106,7 @@ class AnswerThread:
                 _log.warning("query was not answered", key=asked, exc_info=True)
             with self._news:
                 if shed is None:
+                    self._waiting_bytes -= size
                     self._keys[asked] -= 1
                     if not self._keys[asked]:
                         del self._keys[asked]
@@ -92,5 +114,11 @@ class AnswerThread:
             time.sleep(min(time.monotonic() - began, LEAVE))
 
 
+def _size(query: zenoh.Query) -> int:
+    """What a query that waits takes of the memory [bytes]."""
+    parts = (query.payload, query.attachment, str(query.parameters), str(query.key_expr))
+    return OVERHEAD + sum(len(part) for part in parts if part is not None)
+
+
 def _refuse(query: zenoh.Query) -> None:
-    query.reply_err(BUSY)
+    query.reply_err(BUSY, encoding=_ENCODING)

@@ -13,6 +13,8 @@ from collections import Counter
 from collections.abc import Callable, Mapping
 from typing import Final
 
+from mkdaemon.bus.keyspec import REQUEST_BYTES
+
 STRANGER_RATE: Final = 100.0
 """Setpoints of one kind that the holder did not sign, taken from all connections together [Hz]."""
 LONGEST_SETPOINT: Final = 1 << 16
@@ -95,15 +97,20 @@ class Budget:
         self._left, self._at = rate, clock()
         self._lock = threading.Lock()
 
-    def admits(self) -> bool:
-        """Whether one more is taken now."""
+    def admits(self, cost: float = 1.0) -> bool:
+        """Whether one more is taken now.
+
+        Args:
+            cost: how many it counts for, half a second's worth at most.
+        """
+        cost = min(cost, self._rate / 2)
         with self._lock:
             now = self._clock()
             self._left = min(self._rate, self._left + (now - self._at) * self._rate)
             self._at = now
-            if self._left < 1.0:
+            if self._left < cost:
                 return False
-            self._left -= 1.0
+            self._left -= cost
             return True
 
 
@@ -113,10 +120,11 @@ class QueryBudgets:
     def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
         self._budgets = {kind: Budget(rate, clock) for kind, rate in QUERY_RATES.items()}
 
-    def admit(self, suffix: str) -> bool:
+    def admit(self, suffix: str, size: int = 0) -> bool:
         """Whether one more command is taken now.
 
         Args:
             suffix: its key without `mk/<vehicle>/`.
+            size: of its payload [bytes]; a long one counts for as many as an ordinary request is long.
         """
-        return self._budgets.get(suffix, self._budgets[ALL_OTHERS]).admits()
+        return self._budgets.get(suffix, self._budgets[ALL_OTHERS]).admits(max(1.0, size / REQUEST_BYTES))

@@ -227,10 +227,11 @@ class Bus:
 
         def on_query(query: zenoh.Query) -> None:
             asked = str(query.key_expr).partition(key(self.vehicle, ""))[2]
-            if self._budgets.admit(asked):
+            if self._budgets.admit(asked, 0 if query.payload is None else len(query.payload)):
                 loop.call_soon_threadsafe(answer, query)
                 return
-            self._shed.add(f"queries to {asked}")
+            # By a name that is ours: what strangers ask for may be long, and never the same twice.
+            self._shed.add("unknown queries" if find(asked) is None else f"queries to {asked}")
             self._replies.submit(query, reply_busy)
 
         self._session.declare_queryable(key(self.vehicle, suffix), zenoh.handlers.Callback(on_query, indirect=False))

@@ -18,7 +18,7 @@ from mkdaemon.client.answers import Answer
 from mkdaemon.client.patterns import require_known
 from mkdaemon.client.samples import Sample, read_payload
 from mkdaemon.client.watch import Watch
-from mkdaemon.errors import MkError
+from mkdaemon.errors import CommandRejectedError, MkError
 
 PATIENCE: Final = 15.0
 """Longest wait for the answer to a command [s]; board requests with retries take up to 8 s."""
@@ -72,6 +72,7 @@ class Transport:
 
         Raises:
             MkError: the pattern is no key expression.
+            CommandRejectedError: the daemon has too many queries to answer.
         """
         replies = await self._query(pattern, b"", patience)
         return {sample.suffix: sample for sample in replies}
@@ -85,6 +86,7 @@ class Transport:
 
         Raises:
             MkError: there is no such key.
+            CommandRejectedError: the daemon has too many queries to answer.
         """
         sample = (await self.get_all(suffix, patience=patience)).get(self._suffix(suffix))
         if sample is None:
@@ -107,7 +109,10 @@ class Transport:
             MkError: no daemon speaks for this vehicle at the endpoint, or more than one does.
         """
         suffix = f"{target}/{name}" if target in _OTHER_ROOTS else f"cmd/{target}/{name}"
-        replies = await self._query(suffix, msgpack.packb(dict(fields or {})), patience)
+        try:
+            replies = await self._query(suffix, msgpack.packb(dict(fields or {})), patience)
+        except CommandRejectedError as error:
+            return Answer("busy", {}, error.token, error.reason, error.fix)
         if not replies:
             raise MkError(await self._silence(suffix))
         if len(replies) > 1:
@@ -219,9 +224,13 @@ class Transport:
             if not done.done():
                 done.set_result(None)
 
+        errors: list[zenoh.ReplyError] = []
+
         def on_reply(reply: zenoh.Reply) -> None:
             if reply.ok is not None:
                 replies.append(reply.ok)
+            elif reply.err is not None:
+                errors.append(reply.err)
 
         def on_end() -> None:
             with suppress(RuntimeError):
@@ -238,6 +247,8 @@ class Transport:
             source_info=zenoh.SourceInfo(self._session.id, 0),  # a recording says who asked
         )
         await done
+        if errors and not replies:
+            _raise_refusal(errors[0])
         return [self._sample(reply) for reply in replies]
 
     def _sample(self, sample: zenoh.Sample) -> Sample:
@@ -254,3 +265,9 @@ class Transport:
                 f"no daemon for vehicle {self.vehicle} at {self._endpoint}; there is {', '.join(others)}: use --vehicle"
             )
         return f"no daemon at {self._endpoint}: start `mkdaemon run`, or use --connect"
+
+
+def _raise_refusal(error: zenoh.ReplyError) -> None:
+    """Raise what the daemon says in place of an answer; another peer's error, as Zenoh's own timeout, says nothing."""
+    if "msgpack" in str(error.encoding):
+        raise Answer.from_fields(read_payload(str(error.encoding), error.payload.to_bytes())).refusal
