@@ -1,14 +1,18 @@
 """Makes the small recordings of tests/data: `python -m tools.recordings`, after a change of behaviour that is meant.
 
 A whole daemon flies simulated boards in virtual time that is never on time (`lab/rigs`). The files are the same for the
-same seeds and the same code.
+same seeds and the same code. `python -m tools.recordings --long FILE` makes the autonomous flight as long as it is in
+earnest: take-off, hold, landing, with ten images a second.
 """
 
 from __future__ import annotations
 
 import asyncio
 import logging
+import sys
 import tempfile
+from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
@@ -18,13 +22,23 @@ from lab.places import ROOT
 from lab.rigs.blackbox import RecordedDaemon
 from lab.rigs.boardport import LineFault
 from lab.rigs.cockpit import Boards
+from lab.rigs.recordedeyes import Part, fly_over_target
 from lab.rigs.tardyloop import run_tardily
 from mkdaemon.config.root import Config
-from mkdaemon.telemetry.setpoint import StickSetpoint
+from mkdaemon.telemetry.setpoint import HoldSetpoint, LandSetpoint, StickSetpoint, TakeOffSetpoint
 
 FOLDER: Final = ROOT / "tests" / "data" / "recordings"
 START: Final = 1000.0
 """Monotonic time at which they begin [s]."""
+OVER_TARGET: Final = "fc_over_target"
+"""The one with a camera."""
+SHORT: Final = (Part(TakeOffSetpoint, 6.0, {"height": 1.0}), Part(HoldSetpoint, 0.7))
+LONG: Final = (Part(TakeOffSetpoint, 6.0, {"height": 1.0}), Part(HoldSetpoint, 3.0), Part(LandSetpoint, 9.0))
+SEED: Final = 4
+FPS: Final = 10.0
+"""Images a second of the one with a camera."""
+LIFTS_OFF: Final = 4.4
+"""The short one begins to see then [s]: images of the ground under the standing aircraft take room."""
 STREAMS: Final = {"attitude": 200, "debug": 250}
 
 
@@ -37,6 +51,11 @@ def make(name: str, folder: Path) -> RecordedDaemon:
     """Fly and record one; `folder` is for the daemon's state."""
     names = list(flown_boards())
     return run_tardily(_fly(name, flown_boards()[name], names.index(name) + 1, folder), names.index(name) + 1, START)
+
+
+def make_over_target(parts: Sequence[Part], dark: float, folder: Path) -> RecordedDaemon:
+    """Fly over a target and record that with every image; `folder` is for the daemon's state."""
+    return run_tardily(fly_over_target(parts, folder, seed=SEED, fps=FPS, dark=dark), SEED, START)
 
 
 async def _fly(name: str, boards: Boards, seed: int, folder: Path) -> RecordedDaemon:
@@ -71,14 +90,21 @@ async def _fly(name: str, boards: Boards, seed: int, folder: Path) -> RecordedDa
 
 def main() -> None:
     """Make all of them."""
-    structlog.configure(wrapper_class=structlog.make_filtering_bound_logger(logging.CRITICAL))
     FOLDER.mkdir(parents=True, exist_ok=True)
     for name in flown_boards():
-        with tempfile.TemporaryDirectory() as folder:
-            path = FOLDER / f"{name}.mcap"
-            make(name, Path(folder)).write(path)
-            print(f"{path}: {path.stat().st_size} bytes")
+        _write(FOLDER / f"{name}.mcap", partial(make, name))
+    _write(FOLDER / f"{OVER_TARGET}.mcap", partial(make_over_target, SHORT, LIFTS_OFF))
+
+
+def _write(path: Path, fly: Callable[[Path], RecordedDaemon]) -> None:
+    with tempfile.TemporaryDirectory() as folder:
+        fly(Path(folder)).write(path)
+    print(f"{path}: {path.stat().st_size} bytes")
 
 
 if __name__ == "__main__":
-    main()
+    structlog.configure(wrapper_class=structlog.make_filtering_bound_logger(logging.CRITICAL))
+    if sys.argv[1:2] == ["--long"]:
+        _write(Path(sys.argv[2]), partial(make_over_target, LONG, 0.0))
+    else:
+        main()

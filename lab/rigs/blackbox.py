@@ -10,7 +10,7 @@ from typing import Any, Final
 import msgpack
 from pydantic import BaseModel
 
-from lab.rigs.boardport import Socket
+from lab.rigs.boardport import TICK_TIME, Socket
 from mkdaemon.bus.codec import encode, encoding_of
 from mkdaemon.bus.gateway import Handler, Watcher
 from mkdaemon.bus.intake import Prover, Taker
@@ -131,8 +131,8 @@ class ClientSide:
             self._tap.client(holder, False)
             watcher(holder, False)
 
-    async def stream(self, kind: type[Setpoint], seconds: float, **fields: Any) -> None:
-        """Stream a setpoint at 50 Hz."""
+    async def stream(self, kind: type[Setpoint], seconds: float, *, period: float = 0.02, **fields: Any) -> None:
+        """Stream a setpoint, by default at 50 Hz."""
         end = self._loop.time() + seconds
         while self._loop.time() < end:
             self._sequence += 1
@@ -140,7 +140,7 @@ class ClientSide:
             payload, at = encode(setpoint), self._loop.time()
             proof = sign(self.lease["secret"], kind.suffix, payload)
             self._loop.call_later(HANDED_OVER, self._arrive, kind.suffix, at, payload, proof)
-            await asyncio.sleep(0.02)
+            await asyncio.sleep(period)
 
     def _arrive(self, suffix: str, at: float, payload: bytes, proof: bytes) -> None:
         self._tap.setpoint(suffix, payload, "application/msgpack", proof, at=at, source=SOURCE, is_holder=True)
@@ -151,6 +151,8 @@ class RecordedDaemon:
     """A daemon in the time of the running loop.
 
     Attributes:
+        cfg: its configuration.
+        clock: its clock.
         client: at its bus.
         wiring: its parts.
         tape: what it recorded.
@@ -163,22 +165,33 @@ class RecordedDaemon:
         make: Callable[[], Simulation],
         *,
         seed: int,
-        make_eyes: Callable[[FlightCore, Tape, Clock, ClientSide], Eyes] = lambda core, tape, clock, bus: Eyes(None),
+        tick: float = TICK_TIME,
+        age: float = 0.0,
+        make_eyes: Callable[[FlightCore, RecordedDaemon], Eyes] = lambda core, daemon: Eyes(None),
     ) -> None:
-        """Put it together."""
+        """Put it together.
+
+        Args:
+            cfg: of the daemon.
+            make: powers the boards up.
+            seed: of the line.
+            tick: how often bytes are carried [s].
+            age: the boards have been powered up for so long [s].
+            make_eyes: makes the cameras.
+        """
         loop = asyncio.get_running_loop()
         clock = Clock(
             monotonic=loop.time, wall=lambda: WALL + loop.time(), synchronised=lambda: True, suspended=lambda: 0.0
         )
-        self.cfg = cfg
+        self.cfg, self.clock = cfg, clock
         self.tape = Tape(cfg.vehicle.name, clock)
         self.client = ClientSide(self.tape.tap)
-        self.socket = Socket(make, seed=seed)
+        self.socket = Socket(make, seed=seed, tick=tick, age=age)
         self.wiring = Wiring(
             cfg,
             self.client,
             clock,
-            make_eyes=lambda core: make_eyes(core, self.tape, clock, self.client),
+            make_eyes=lambda core: make_eyes(core, self),
             opener=record_port(self.socket.open, self.tape.tap, clock),
             record_written=self.tape.tap.port_written,
             journal=Journal(cfg.vehicle.state_folder or Path(), AtOnce()),
@@ -221,7 +234,7 @@ class RecordedDaemon:
 
     def session(self, name: str = "flight") -> Session:
         """What the file says about itself."""
-        config = self.cfg.model_dump_json(exclude={"sim"})
+        config = self.cfg.model_dump_json(exclude={"sim": True, "vehicle": {"state_folder"}})
         base = self.tape.base
         return Session("blackbox", name, 0, "mkdaemon", "lab", base.boot, base.offset_ns, self.cfg.vehicle.name, config)
 

@@ -70,9 +70,15 @@ class Socket:
     """
 
     def __init__(
-        self, make: Callable[[], Simulation], *, seed: int, right_baud: int = 57600, tick: float = TICK_TIME
+        self,
+        make: Callable[[], Simulation],
+        *,
+        seed: int,
+        right_baud: int = 57600,
+        tick: float = TICK_TIME,
+        age: float = 0.0,
     ) -> None:
-        """Plug an aircraft in; `make` powers a new one up."""
+        """Plug an aircraft in; `make` powers a new one up, this one `age` ago [s]."""
         self.rng = random.Random(f"{seed} line")
         self.tick = tick
         self.is_present = True
@@ -83,7 +89,7 @@ class Socket:
         self.wire: list[tuple[float, bytes]] = []
         self._make = make
         self.aircraft = make()
-        self._started = self._time()
+        self._started = self._time() - age
 
     def _time(self) -> float:
         """Time that passes for everybody but a suspended host [s]."""

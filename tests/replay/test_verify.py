@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import pytest
 
+from lab.places import ROOT
 from lab.rigs.programs import run_mkdaemon
 from mkdaemon.errors import ConfigError, MkError
 from mkdaemon.protocol.fields import WireField
@@ -26,7 +27,8 @@ STICKS = DATA / "recordings" / "fc_sticks.mcap"
 
 
 @pytest.mark.parametrize("path", RECORDINGS, ids=lambda path: path.stem)
-def test_todays_code_does_what_it_did_when_this_was_recorded(path):
+def test_todays_code_does_what_it_did_when_this_was_recorded(path, monkeypatch):
+    monkeypatch.chdir(ROOT)  # the camera and target files of a recording are found from here
     report = verify([path])
     assert report.is_equal, "\n".join([*report.lines(), "a change that is meant: python -m tools.recordings"])
     assert report.comparison.compared > 300

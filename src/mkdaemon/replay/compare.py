@@ -206,6 +206,6 @@ def _differences(key: str, path: str, before: Any, after: Any) -> Iterator[tuple
 
 def _fields(payload: bytes) -> Any:
     try:
-        return msgpack.unpackb(payload)
+        return msgpack.unpackb(payload, strict_map_key=False)
     except (ValueError, msgpack.exceptions.UnpackException):
         return payload

@@ -11,9 +11,8 @@ from typing import Any, Final
 import msgpack
 from pydantic import ValidationError
 
-from mkdaemon.bus.codec import decode_map
 from mkdaemon.config.root import Config
-from mkdaemon.errors import CommandRejectedError, ConfigError
+from mkdaemon.errors import ConfigError
 from mkdaemon.record.entry import Entry, Kind
 from mkdaemon.record.layout import Session
 from mkdaemon.record.looks import Look, unpack_looks
@@ -109,7 +108,7 @@ class Recorded:
 
     def refusals(self) -> list[Refusal]:
         """When the line was found absent or unusable."""
-        states = [(moment.at, _map(moment.entry)) for moment in self.samples("link/state")]
+        states = [(moment.at, fields_of(moment.entry)) for moment in self.samples("link/state")]
         return [
             Refusal(at, str(fields.get("reason", "")), fields["condition"] == LinkCondition.ABSENT)
             for at, fields in states
@@ -119,7 +118,7 @@ class Recorded:
     def first_epoch(self) -> int | None:
         """Epoch of the first lease; None where nobody took one."""
         for moment in self.of(Kind.REPLY):
-            reply = _map(moment.entry).get("reply") if moment.entry.suffix == "do/lease" else None
+            reply = fields_of(moment.entry).get("reply") if moment.entry.suffix == "do/lease" else None
             if isinstance(reply, dict) and "secret" in reply:
                 return int(reply["epoch"])
         return None
@@ -128,7 +127,7 @@ class Recorded:
         """Unix time less monotonic time [s] as the recorded daemon knew it, each with the time from which on [s]."""
         found: list[tuple[float, float]] = []
         for moment in self.of(Kind.SAMPLE):
-            stamp = _map(moment.entry).get("stamp")
+            stamp = fields_of(moment.entry).get("stamp")
             if isinstance(stamp, dict) and stamp.get("boot") == moment.entry.base.boot:
                 offset = stamp["wall"] - stamp["monotonic"]
                 if not found or abs(offset - found[-1][1]) > 1e-6:
@@ -214,9 +213,10 @@ def _check_parts(sessions: Sequence[tuple[Session, Recording]]) -> None:
         raise ConfigError(msg)
 
 
-def _map(entry: Entry) -> dict[str, Any]:
+def fields_of(entry: Entry) -> dict[str, Any]:
+    """What a payload says; nothing where it is no map."""
     try:
-        fields = msgpack.unpackb(entry.payload) if entry.kind is Kind.SAMPLE else decode_map(entry.payload)
-    except (ValueError, CommandRejectedError):
+        fields = msgpack.unpackb(entry.payload, strict_map_key=False)
+    except (ValueError, msgpack.exceptions.UnpackException):
         return {}
     return fields if isinstance(fields, dict) else {}

@@ -13,9 +13,7 @@ from collections.abc import Callable
 from concurrent.futures import Executor, Future
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final, ParamSpec, TypeVar
-
-import msgpack
+from typing import Final, ParamSpec, TypeVar
 
 from mkdaemon.config.root import Config
 from mkdaemon.control.core import FlightCore
@@ -25,7 +23,7 @@ from mkdaemon.daemon.wiring import Wiring
 from mkdaemon.record.entry import Entry, Kind
 from mkdaemon.record.notices import Notice
 from mkdaemon.replay.port import ReplayedLine
-from mkdaemon.replay.recorded import Recorded
+from mkdaemon.replay.recorded import Recorded, fields_of
 from mkdaemon.replay.script import Moment, Script
 from mkdaemon.replay.sight import BlindEyes, ReplayedEyes
 from mkdaemon.replay.station import Output, ReplayStation
@@ -134,11 +132,11 @@ class _Replay:
         entry, line, station = moment.entry, self._line, self._station
         match entry.kind:
             case Kind.PORT_OPENED:
-                line.bring_port(str(_fields(entry).get("port", "")))
+                line.bring_port(str(fields_of(entry).get("port", "")))
             case Kind.PORT_READ:
                 line.bring(entry.payload)
             case Kind.PORT_LOST:
-                line.lose(str(_fields(entry).get("reason", "")))
+                line.lose(str(fields_of(entry).get("reason", "")))
             case Kind.SETPOINT:
                 station.bring_setpoint(entry)
             case Kind.QUERY:
@@ -149,7 +147,7 @@ class _Replay:
                 self._bring_notice(entry)
 
     def _bring_notice(self, entry: Entry) -> None:
-        fields = _fields(entry)
+        fields = fields_of(entry)
         match Notice.of(entry):
             case Notice.CLIENT:
                 self._station.bring_client(fields["name"], fields["is_here"])
@@ -192,15 +190,11 @@ class AtOnce(Executor):
         return future
 
 
-def _fields(entry: Entry) -> dict[str, Any]:
-    return msgpack.unpackb(entry.payload) if entry.payload else {}
-
-
 def has_every_image(recorded: Recorded, cfg: Config) -> bool:
     """Whether every image that was looked at is in the recording: a tracker follows from image to image."""
     images = len(recorded.of(Kind.IMAGE))
     looked = {
-        moment.entry.suffix: msgpack.unpackb(moment.entry.payload)["processed"]
+        moment.entry.suffix: fields_of(moment.entry)["processed"]
         for moment in recorded.of(Kind.SAMPLE)
         if moment.entry.suffix.startswith("vision/") and moment.entry.suffix.endswith("/stats")
     }

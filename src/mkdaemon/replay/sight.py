@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from typing import TYPE_CHECKING, Any, Final
-
-import msgpack
+from typing import TYPE_CHECKING, Final
 
 from mkdaemon.clock import Clock
 from mkdaemon.config.root import Config
@@ -14,7 +12,7 @@ from mkdaemon.daemon.audit import Outlet
 from mkdaemon.daemon.eyes import Eyes, PoseSink
 from mkdaemon.record.entry import Entry, Kind
 from mkdaemon.record.notices import Notice
-from mkdaemon.replay.recorded import Recorded
+from mkdaemon.replay.recorded import Recorded, fields_of
 from mkdaemon.telemetry.state import Attitude
 from mkdaemon.telemetry.vision import VisionPose, VisionStats
 
@@ -36,7 +34,7 @@ class BlindEyes(Eyes):
 
     def bring_seen(self, entry: Entry) -> None:
         """Hand on what was seen, and what a camera said of itself."""
-        fields = msgpack.unpackb(entry.payload)
+        fields = fields_of(entry)
         match entry.suffix.rpartition("/")[2]:
             case "pose":
                 self._sink.publish(entry.suffix, VisionPose.model_validate(fields))
@@ -67,14 +65,14 @@ class ReplayedEyes(Eyes):
         self._attitudes: deque[AttitudeSample] = deque(maxlen=ATTITUDES)
         self._known_until = {
             (seen["camera"], seen["sequence"]): seen["attitude"]
-            for seen in (msgpack.unpackb(moment.entry.payload) for moment in recorded.notices(Notice.IMAGE_SEEN))
+            for seen in (fields_of(moment.entry) for moment in recorded.notices(Notice.IMAGE_SEEN))
         }
         self._pipelines: dict[str, CameraPipeline] = {
             camera.name: CameraPipeline(camera, cfg.vision, clock) for camera in cfg.cameras
         }
         self._images: dict[str, deque[tuple[int, Entry]]] = {name: deque() for name in self._pipelines}
         for moment in recorded.of(Kind.IMAGE):
-            frame = msgpack.unpackb(moment.entry.payload)
+            frame = fields_of(moment.entry)
             if frame["camera"] in self._images:
                 self._images[frame["camera"]].append((frame["sequence"], moment.entry))
 
@@ -87,7 +85,7 @@ class ReplayedEyes(Eyes):
     def bring_seen(self, entry: Entry) -> None:
         """Look at every image up to the one something was seen in then; pass on what a camera said of itself."""
         _, camera, what = entry.suffix.split("/", 2)
-        fields: dict[str, Any] = msgpack.unpackb(entry.payload)
+        fields = fields_of(entry)
         if what == "stats":
             self._publish_stats(entry.suffix, VisionStats.model_validate(fields))
             return

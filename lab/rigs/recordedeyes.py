@@ -1,0 +1,182 @@
+"""The camera of a daemon in virtual time that records itself: rendered images through the product's own eyes."""
+
+from __future__ import annotations
+
+import asyncio
+from collections import deque
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any, Final, NamedTuple
+
+from lab.rigs.blackbox import RecordedDaemon
+from mkdaemon.config.root import Config
+from mkdaemon.config.scene import LightConfig, SceneConfig
+from mkdaemon.config.sim import PilotPlan, SimConfig
+from mkdaemon.control.core import FlightCore
+from mkdaemon.daemon.eyes import Eyes, PoseSink
+from mkdaemon.daemon.imagerecord import ImageRecorder
+from mkdaemon.sim.scene.camera import BodyState, Grey, SceneCamera
+from mkdaemon.sim.simulation import Simulation
+from mkdaemon.telemetry.base import Telemetry
+from mkdaemon.telemetry.setpoint import Setpoint
+from mkdaemon.telemetry.state import Attitude
+from mkdaemon.vision.camera.camera import StreamState, StreamStatus
+from mkdaemon.vision.camera.image import CameraImage
+from mkdaemon.vision.pipeline import CameraPipeline
+from mkdaemon.vision.track.attitude import AttitudeHistory, AttitudeSample
+
+CAMERA: Final = Path("tests/data/recordings/camera.toml")
+TARGET: Final = Path("configs/targets/nested.toml")
+"""Relative, so that a recording says nothing about this machine: they are found from the root of the source."""
+TICK: Final = 1.6e-2
+"""How often bytes are carried, as by a radio [s]."""
+RATE: Final = 30.0
+"""Of setpoints and of stick frames [Hz]."""
+IDLING: Final = 4.5
+"""The aircraft has stood on the target for so long: its pilot has started the motors [s]."""
+LATENCY: Final = 0.06
+"""From the exposure to the host [s]."""
+EYES_TIME: Final = 0.012
+"""What the eyes need for an image [s]."""
+STATS: Final = 1.0
+"""Time between two reports of the camera [s]."""
+ATTITUDES: Final = 200
+"""Attitudes kept; as many as `mkdaemon.vision.worker` keeps."""
+
+
+class RecordedEyes(Eyes):
+    """One camera; what it sees comes to the loop later, as from the thread of `VisionWorker`."""
+
+    def __init__(self, scene: SceneCamera, core: FlightCore, daemon: RecordedDaemon) -> None:
+        """Set the camera up.
+
+        Args:
+            scene: renders what it sees.
+            core: hears of poses.
+            daemon: its configuration has one camera.
+        """
+        super().__init__(None)
+        (camera,) = daemon.cfg.cameras
+        self._name, self._scene, self._clock = camera.name, scene, daemon.clock
+        self._socket = daemon.socket
+        self._sink = PoseSink(core, daemon.client)
+        self._record = ImageRecorder(daemon.cfg.record.images, daemon.tape.tap, daemon.clock).record
+        self._pipeline = CameraPipeline(camera, daemon.cfg.vision, daemon.clock)
+        self._attitudes: deque[AttitudeSample] = deque(maxlen=ATTITUDES)
+        self._images = 0
+
+    def attitude_received(self, attitude: Attitude) -> None:
+        """Tell the eyes how the vehicle lies."""
+        at = attitude.stamp.monotonic
+        self._attitudes.append(AttitudeSample(at, attitude.roll, attitude.pitch, attitude.yaw))
+
+    async def run(self, dark: float) -> None:
+        """Expose for ever, from a time on [s]."""
+        await asyncio.sleep(dark)
+        loop = asyncio.get_running_loop()
+        due = report = since = self._clock.monotonic()
+        while True:
+            truth, at = self._socket.aircraft.world.truth, self._clock.monotonic()
+            state = BodyState(at, truth.position_enu, truth.velocity_enu, truth.enu_from_flu, truth.rates)
+            loop.call_later(LATENCY, self._look, self._scene.expose(state), at)
+            if at >= report:
+                report += STATS
+                self._report(since)
+            due += 1.0 / self._scene.cfg.fps
+            await asyncio.sleep(max(due - self._clock.monotonic(), 0.0))
+
+    def _look(self, pixels: Grey, exposed: float) -> None:
+        self._images += 1
+        image = CameraImage(pixels, exposed, self._clock.monotonic(), self._images, self._name, "header")
+        attitude = AttitudeHistory(tuple(self._attitudes))
+        self._record(image, attitude)
+        values = self._pipeline.process(image, attitude)
+        asyncio.get_running_loop().call_later(EYES_TIME, self._publish, values)
+
+    def _publish(self, values: list[tuple[str, Telemetry]]) -> None:
+        for suffix, value in values:
+            self._sink.publish(suffix, value)
+
+    def _report(self, since: float) -> None:
+        k, stamp = self._scene.camera.intrinsics, self._clock.stamp()
+        status = StreamStatus(
+            since=since,
+            state=StreamState.STREAMING,
+            images=self._images,
+            fps=self._scene.cfg.fps,
+            width=k.width,
+            height=k.height,
+        )
+        stats = self._pipeline.stats(status, 0, 0, stamp)
+        mount = self._pipeline.mount(stamp)
+        tree = [] if mount is None else [("tf", mount)]
+        self._publish([(f"vision/{self._name}/stats", stats), *tree])
+
+
+class Part(NamedTuple):
+    """A part of a flight.
+
+    Attributes:
+        kind: of the setpoint that is streamed.
+        seconds: for how long [s].
+        fields: of it.
+    """
+
+    kind: type[Setpoint]
+    seconds: float
+    fields: Mapping[str, Any] = MappingProxyType({})
+
+
+async def fly_over_target(parts: Sequence[Part], folder: Path, *, seed: int, fps: float, dark: float) -> RecordedDaemon:
+    """Fly by itself over a target, from motors that idle on to the end of the last part, and record it.
+
+    Args:
+        parts: of the flight.
+        folder: for the daemon's state.
+        seed: of everything random.
+        fps: images a second.
+        dark: the camera delivers its first image so late [s].
+
+    Raises:
+        TimeoutError: the boards were not known, or the motors did not run.
+    """
+    scene = SceneConfig(
+        enabled=True, fps=fps, camera=CAMERA, targets=(TARGET,), light=LightConfig(exposure=0.3, jpeg_quality=60)
+    )
+    sim = SimConfig(
+        board="fc", fc="2.12a", seed=seed, calibrated=True, pilot_plan=PilotPlan.START, pilot_wait=0.5, scene=scene
+    )
+    camera = {"name": "down", "source": "zenoh:sim", "calibration": CAMERA, "targets": (TARGET,), "jpeg_hz": 0.0}
+    cfg = Config.model_validate(
+        {
+            "vehicle": {"name": "t", "state_folder": folder},
+            "link": {"port": "/dev/virtual", "rates": {"attitude": 50, "debug": 200}},
+            "control": {"rate": RATE},
+            "bus": {"listen": ()},
+            "record": {"images": {"hz": 120, "coding": "png"}},
+            "cameras": (camera,),
+        }
+    )
+    camera_of_aircraft = SceneCamera(scene, seed)
+    daemon = RecordedDaemon(
+        cfg,
+        lambda: Simulation(sim),
+        seed=seed,
+        tick=TICK,
+        age=IDLING,
+        make_eyes=lambda core, daemon: RecordedEyes(camera_of_aircraft, core, daemon),
+    )
+    tasks, client = daemon.start(), daemon.client
+    assert isinstance(daemon.wiring.eyes, RecordedEyes)
+    eyes = asyncio.create_task(daemon.wiring.eyes.run(dark), name="eyes")
+    await daemon.until(lambda: daemon.can_fly)
+    await daemon.until(lambda: bool(daemon.wiring.facts.motors_running(daemon.clock.monotonic())))
+    await client.take_lease()
+    for part in parts:
+        await client.stream(part.kind, part.seconds, period=1.0 / RATE, **part.fields)
+    await client.give_back()
+    await asyncio.sleep(0.3)
+    eyes.cancel()
+    await daemon.stop(tasks)
+    return daemon
