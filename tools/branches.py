@@ -26,8 +26,8 @@ import pytest
 
 import mkdaemon
 
-PACKAGES: Final = ("bus", "control", "daemon", "link", "protocol", "translate")
-"""Packages that fly."""
+PACKAGES: Final = ("bus", "control", "daemon", "link", "protocol", "replay", "translate")
+"""Packages that fly, and the one that tells whether they fly as they did."""
 PROBES: Final = "__branches_taken__"
 """Global of a module with a byte for every branch, 1 once it was taken."""
 _SOURCE: Final = Path(mkdaemon.__file__).parent

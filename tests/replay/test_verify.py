@@ -13,6 +13,7 @@ from mkdaemon.errors import ConfigError, MkError
 from mkdaemon.protocol.fields import WireField
 from mkdaemon.protocol.messages import OsdData5
 from mkdaemon.record.entry import Kind
+from mkdaemon.record.notices import Notice
 from mkdaemon.record.reader import Recording
 from mkdaemon.record.writer import RecordingWriter
 from mkdaemon.replay.compare import compare
@@ -23,6 +24,7 @@ from tests.places import DATA
 
 RECORDINGS = sorted((DATA / "recordings").glob("*.mcap"))
 LOST_CLIENT = DATA / "recordings" / "nc_lost_client.mcap"
+OVER_TARGET = DATA / "recordings" / "fc_over_target.mcap"
 STICKS = DATA / "recordings" / "fc_sticks.mcap"
 
 
@@ -43,6 +45,48 @@ def test_a_changed_scale_factor_is_named_by_key_and_field(monkeypatch):
     assert battery.fields == {"voltage": battery.recorded}
     assert battery.first.replayed == pytest.approx(battery.first.recorded * 1.01)
     assert any("state/battery" in line for line in report.lines())
+
+
+def written(path, entries, session=None):
+    """A recording with other entries."""
+    with path.open("wb") as file:
+        writer = RecordingWriter(file, session or Recording(OVER_TARGET).read_session())
+        for entry in entries:
+            writer.add(entry)
+        writer.finish()
+    return path
+
+
+def test_without_images_the_recorded_poses_are_flown_with(tmp_path, monkeypatch):
+    monkeypatch.chdir(ROOT)
+    entries = [entry for entry in Recording(OVER_TARGET).entries() if entry.kind is not Kind.IMAGE]
+    log = [entry for entry in entries if entry.suffix == "event/log"][1]
+    cut = [entry for entry in entries[: len(entries) * 4 // 5] if entry is not log]
+    report = verify([written(tmp_path / "cut.mcap", cut)])
+    assert report.is_equal, "\n".join(report.lines())
+    assert report.comparison.keys["control/estimate"].recorded > 10
+    assert not any(key.startswith("vision/") for key in report.comparison.keys)
+    words = "\n".join(report.lines())
+    assert "not every image was recorded" in words
+    assert "1 entries are missing" in words
+    assert "did not end in order" in words
+    assert report.as_map()["differences"] == 0
+
+
+def test_eyes_that_see_the_target_larger_are_named(tmp_path, monkeypatch):
+    monkeypatch.chdir(ROOT)
+    target = tmp_path / "larger.toml"
+    target.write_text((ROOT / "configs/targets/nested.toml").read_text().replace("0.3048", "0.3078"), encoding="utf-8")
+    entries = list(Recording(OVER_TARGET).entries())
+    recorded = arrange(entries[: len(entries) * 4 // 5], Recording(OVER_TARGET).read_session())
+    camera = recorded.config.cameras[0].model_copy(update={"targets": (target,)})
+    replayed = replay(recorded, recorded.config.model_copy(update={"cameras": (camera,)}))
+    assert replayed.has_eyes
+    keys = compare(recorded, replayed.outputs).keys
+    differing = {key for key, found in keys.items() if found.differences}
+    assert {"vision/down/pose", "control/estimate"} <= differing
+    assert not {"vision/down/tags", "state/attitude", "link/health"} & differing
+    assert keys["vision/down/pose"].fields["position_target.2"] == keys["vision/down/pose"].recorded
 
 
 def test_what_does_not_come_out_any_more_and_what_is_new_are_counted():
@@ -95,6 +139,20 @@ def test_what_cannot_be_replayed_is_refused_with_the_fix(tmp_path, change, words
         writer.finish()
     with pytest.raises(ConfigError, match=words):
         verify([path])
+
+
+def test_a_recording_without_what_was_seen_on_the_clock_is_refused():
+    entries = [entry for entry in Recording(STICKS).entries() if Notice.of(entry) is not Notice.LOOKS]
+    with pytest.raises(ConfigError, match="clock"):
+        arrange(entries, Recording(STICKS).read_session())
+
+
+def test_an_empty_recording_and_parts_of_two_are_refused(tmp_path):
+    with pytest.raises(ConfigError, match="nothing was recorded"):
+        verify([written(tmp_path / "empty.mcap", [])])
+    other = replace(Recording(STICKS).read_session(), name="other")
+    with pytest.raises(ConfigError, match="another recording"):
+        verify([STICKS, written(tmp_path / "other.mcap", list(Recording(STICKS).entries())[:20], other)])
 
 
 def test_a_file_that_is_no_recording_is_named(tmp_path):

@@ -79,14 +79,22 @@ class ReplayedPort:
         Raises:
             LinkLostError: the port was lost, or was lost by this.
         """
+        self._be_used()
+
+    def discard(self) -> None:
+        """Throw nothing away.
+
+        Raises:
+            LinkLostError: the port was lost, or was lost by this.
+        """
+        self._be_used()
+
+    def _be_used(self) -> None:
         follows = self._script.comes_next()
         if follows is not None and follows.entry.kind is Kind.PORT_LOST:
             self._bring_what_follows()
         if self._loss is not None:
             raise LinkLostError(self._loss)
-
-    def discard(self) -> None:
-        """Do nothing."""
 
     async def drain(self) -> None:
         """Return at once."""

@@ -102,8 +102,7 @@ class ReplayLoop(asyncio.SelectorEventLoop):
 
     def bring_what_follows(self) -> None:
         """Bring what came in while somebody was at work, right after they looked last."""
-        if self._script.comes_next() is not None:
-            self._bring(self._script.take_input())
+        self._bring(self._script.take_input())
 
     def call_soon(
         self, callback: Callable[[*_Args], object], *args: *_Args, context: Context | None = None

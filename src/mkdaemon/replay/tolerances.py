@@ -27,10 +27,9 @@ class Within:
     relative: float = 0.0
 
     def admits(self, recorded: Any, replayed: Any) -> bool:
-        """Whether a difference is small enough; everything but numbers must be equal."""
-        if not (_is_number(recorded) and _is_number(replayed)):
-            return bool(recorded == replayed)
-        return math.isclose(recorded, replayed, rel_tol=self.relative, abs_tol=self.absolute)
+        """Whether a difference is small enough; of everything but numbers none is."""
+        are_numbers = _is_number(recorded) and _is_number(replayed)
+        return are_numbers and math.isclose(recorded, replayed, rel_tol=self.relative, abs_tol=self.absolute)
 
 
 @dataclass(frozen=True, slots=True)
