@@ -111,8 +111,8 @@ class BlackBox:
         """Publish what the recorder does, once a second, for ever; a change is a line in the log."""
         while True:
             status = self.status()
-            is_begun = status.state is not RecorderState.RECORDING or status.file
-            if status.state is not self._state and is_begun:
+            must_log = status.state is not RecorderState.RECORDING or status.file
+            if status.state is not self._state and must_log:
                 self._state = status.state
                 text = f"records to {status.file}" if status.state is RecorderState.RECORDING else status.reason
                 level = "info" if status.state is RecorderState.RECORDING else "warning"
