@@ -30,7 +30,7 @@ from mkdaemon.vision.track.tracker import Tracker
 
 Array = npt.NDArray[np.float64]
 
-SECONDS, FPS = 10.0, 10.0
+SECONDS, FPS = 10.0, 15.0
 HIGH, LOW = 4.0, 1.0
 ATTITUDE_SD: Final = radians(1.0)
 """What the daemon is told, `TrackerSection.attitude_sd_deg`."""

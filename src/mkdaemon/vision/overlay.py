@@ -11,7 +11,7 @@ import numpy.typing as npt
 from mkdaemon.errors import ConfigError
 from mkdaemon.files import save
 from mkdaemon.vision.camera.intrinsics import Intrinsics
-from mkdaemon.vision.pose.projection import NEAR_M
+from mkdaemon.vision.pose.projection import NEAR_M, Projection
 from mkdaemon.vision.still import StillPose, StillResult
 
 Colour = tuple[int, int, int]
@@ -78,9 +78,9 @@ def _axes(picture: npt.NDArray[np.uint8], found: StillPose, k: Intrinsics, scale
     points = points + found.pose.position
     if float(points[:, 2].min()) <= NEAR_M:
         return
-    seen, _ = cv2.projectPoints(points, np.zeros(3), np.zeros(3), k.matrix, k.distortion)
-    for end, colour in zip(seen[1:, 0], AXES, strict=True):
-        _line(picture, seen[0, 0], end, colour, scale)
+    seen, _ = Projection(k).project(points)
+    for end, colour in zip(seen[1:], AXES, strict=True):
+        _line(picture, seen[0], end, colour, scale)
 
 
 def _line(

@@ -6,6 +6,7 @@ from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
@@ -15,6 +16,7 @@ from mkdaemon.errors import ConfigError, VisionError
 from mkdaemon.sim.scene.flights import FLU_FROM_CAM_DOWN
 from mkdaemon.sim.scene.layers import board_layer, sheet_layer, tag_layer
 from mkdaemon.sim.scene.light import Conditions
+from mkdaemon.sim.scene.view import project
 from mkdaemon.vision.calibrate.board import BoardPoints, CharucoBoard, TagBoard
 from mkdaemon.vision.calibrate.calibration import CalibrationResult, calibrate, hold_out_rms, rounded
 from mkdaemon.vision.calibrate.coverage import Coverage
@@ -249,3 +251,29 @@ def test_mounts_look_where_they_say() -> None:
     np.testing.assert_allclose(mount_rotation(MountSection()), FLU_FROM_CAM_DOWN, atol=1e-12)
     nose_up = mount_rotation(MountSection(looks="forward", rpy_deg=(0.0, -10.0, 0.0)))
     assert nose_up[2, 2] == pytest.approx(np.sin(np.radians(10.0)))
+
+
+FISHEYE = LENS.model_copy(
+    update={"model": "fisheye", "fx": 250.0, "fy": 251.0, "k1": -0.03, "k2": 0.004, "p1": 0.0, "p2": 0.0}
+)
+
+
+def test_a_fisheye_is_recovered_from_points_with_noise() -> None:
+    rng = np.random.default_rng(5)
+    grid = np.array([[0.03 * x, 0.03 * y, 0.0] for y in range(5) for x in range(8)])
+    views = []
+    for k in range(24):
+        turn = cv2.Rodrigues(np.radians([35.0 * np.sin(2.1 * k), 35.0 * np.cos(1.7 * k), 40.0 * k]))[0]
+        aside = 0.16 * np.array([np.cos(1.3 * k), np.sin(0.9 * k), 0.0])
+        seen = (grid - grid.mean(axis=0)) @ turn.T + aside + [0.0, 0.0, 0.16 + 0.05 * (k % 3)]
+        pixels = project(seen, FISHEYE) + 0.08 * rng.standard_normal((len(grid), 2))
+        views.append(BoardPoints(np.arange(len(grid)), grid, pixels))
+    result = calibrate(views, 640, 480, is_fisheye=True)
+    assert result.intrinsics.model == "fisheye"
+    for name in ("fx", "fy", "cx", "cy", "k1"):
+        error = getattr(result.intrinsics, name) - getattr(FISHEYE, name)
+        assert abs(error) < 4.0 * result.sd[name], name
+    assert result.focal_sd_percent < 0.2
+    assert hold_out_rms(result, views[0]) < 0.15
+    with pytest.raises(VisionError, match="no fisheye"):
+        calibrate([replace(view, image=np.zeros_like(view.image)) for view in views], 640, 480, is_fisheye=True)

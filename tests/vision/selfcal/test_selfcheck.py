@@ -21,7 +21,7 @@ from mkdaemon.vision.track.attitude import LOOKING_DOWN
 from tests.vision.views import VGA, View, place, shipped
 
 NESTED = "nested"
-VIEWS = 22
+VIEWS = 32
 RIGHT = Camera(intrinsics=VGA)
 
 

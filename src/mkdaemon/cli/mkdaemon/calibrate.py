@@ -66,6 +66,9 @@ def camera(
         0.0,
         0.0,
     ),
+    fisheye: Annotated[
+        bool, Parameter(negative=(), help="A fisheye: wider than about 100 deg, straight lines are bent.")
+    ] = False,
     accept_poor: Annotated[bool, Parameter(negative=(), help="Store a poor calibration all the same.")] = False,
     force: Annotated[bool, Parameter(negative=(), help="Overwrite files that are there.")] = False,
     as_json: Annotated[bool, Parameter(name="--json", negative=(), help="Answer as one JSON object.")] = False,
@@ -95,7 +98,7 @@ def camera(
         cfg = CameraSection(source=str(source), width=width, height=height)
         coverage = _live(cfg, shown, keep, seconds, connect, quiet=as_json)
     image_width, image_height = coverage.size
-    result = calibrate(coverage.views, image_width, image_height)
+    result = calibrate(coverage.views, image_width, image_height, is_fisheye=fisheye)
     faults = result.faults()
     if not as_json:
         _explain(result, coverage)
@@ -236,7 +239,10 @@ def _explain(result: CalibrationResult, coverage: Coverage) -> None:
         ("p1", ""),
         ("p2", ""),
         ("k3", ""),
+        ("k4", ""),
     ):
+        if name not in result.sd:
+            continue
         print(f"  {name} = {getattr(k, name):10.4f} +- {result.sd[name]:.4f}{unit}")
     print(f"  focal length known to {result.focal_sd_percent:.3f} %, image centre to {result.centre_sd_px:.2f} px")
     for words in coverage.missing():

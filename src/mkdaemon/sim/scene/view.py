@@ -104,6 +104,8 @@ def project(points_cam: Array, intrinsics: Intrinsics) -> Array:
 
     Source: OpenCV camera model, Brown, Photogrammetric Engineering 37(8), 1971.
     """
+    if intrinsics.model == "fisheye":
+        return _fisheye(points_cam, intrinsics)
     z = np.where(points_cam[:, 2] > NEAR_M, points_cam[:, 2], np.nan)
     x, y = points_cam[:, 0] / z, points_cam[:, 1] / z
     r2 = x * x + y * y
@@ -111,6 +113,16 @@ def project(points_cam: Array, intrinsics: Intrinsics) -> Array:
     xd = x * radial + 2.0 * intrinsics.p1 * x * y + intrinsics.p2 * (r2 + 2.0 * x * x)
     yd = y * radial + intrinsics.p1 * (r2 + 2.0 * y * y) + 2.0 * intrinsics.p2 * x * y
     return np.stack([intrinsics.fx * xd + intrinsics.cx, intrinsics.fy * yd + intrinsics.cy], axis=1)
+
+
+def _fisheye(points_cam: Array, intrinsics: Intrinsics) -> Array:
+    """The same through a fisheye. Source: OpenCV."""
+    points = np.ascontiguousarray(points_cam, dtype=np.float64).reshape(-1, 1, 3)
+    found, _ = cv2.fisheye.projectPoints(
+        points, np.zeros(3), np.zeros(3), intrinsics.matrix, intrinsics.distortion.reshape(4, 1)
+    )
+    seen: Array = np.where(points_cam[:, 2:] > NEAR_M, found[:, 0], np.nan)
+    return seen
 
 
 class RayGrid:
@@ -175,7 +187,12 @@ def _directions(intrinsics: Intrinsics) -> tuple[Image32, Image32]:
 
 
 def _undistorted(xd: Array, yd: Array, intrinsics: Intrinsics) -> tuple[Array, Array]:
-    """Invert the lens by fixed-point iteration until 1e-9 of the focal length."""
+    """Invert the lens by fixed-point iteration until 1e-9 of the focal length; a fisheye by OpenCV."""
+    if intrinsics.model == "fisheye":
+        bent = np.stack([xd, yd], axis=-1).reshape(-1, 1, 2)
+        found = cv2.fisheye.undistortPoints(bent, np.eye(3), intrinsics.distortion.reshape(4, 1))
+        straight = np.asarray(found, dtype=np.float64).reshape(*xd.shape, 2)
+        return straight[..., 0], straight[..., 1]
     x, y = xd.copy(), yd.copy()
     for _ in range(60):
         r2 = x * x + y * y

@@ -11,7 +11,9 @@ import numpy.typing as npt
 
 from mkdaemon.errors import VisionError
 from mkdaemon.vision.calibrate.board import BoardPoints, board_normal
+from mkdaemon.vision.calibrate.fisheye import solve_fisheye
 from mkdaemon.vision.camera.intrinsics import Intrinsics
+from mkdaemon.vision.pose.projection import Projection
 
 Array = npt.NDArray[np.float64]
 
@@ -84,13 +86,14 @@ class CalibrationResult:
         return found
 
 
-def calibrate(views: Sequence[BoardPoints], width: int, height: int) -> CalibrationResult:
+def calibrate(views: Sequence[BoardPoints], width: int, height: int, *, is_fisheye: bool = False) -> CalibrationResult:
     """Estimate the intrinsics of a camera.
 
     Args:
         views: the board in at least six images, in different places and tilts.
         width: of the images [px].
         height: of the images [px].
+        is_fisheye: the lens is a fisheye; see `solve_fisheye`.
 
     Raises:
         VisionError: too few views, or views that determine nothing.
@@ -101,7 +104,8 @@ def calibrate(views: Sequence[BoardPoints], width: int, height: int) -> Calibrat
     if len(used) < MIN_VIEWS:
         msg = f"{len(used)} views of the board, at least {MIN_VIEWS} are needed"
         raise VisionError(msg)
-    result = _best(views, used, width, height)
+    solve = _fisheye if is_fisheye else _best
+    result = solve(views, used, width, height)
     for _ in range(2):
         errors = result.view_rms_px[used]
         limit = max(OUTLIER_FACTOR * float(np.median(errors)), MAX_RMS_PX)
@@ -109,7 +113,7 @@ def calibrate(views: Sequence[BoardPoints], width: int, height: int) -> Calibrat
         if len(kept) == len(used) or len(kept) < MIN_VIEWS:
             break
         used = kept
-        result = _best(views, used, width, height)
+        result = solve(views, used, width, height)
     return result
 
 
@@ -118,6 +122,22 @@ def _best(views: Sequence[BoardPoints], used: list[int], width: int, height: int
     short = _solve(views, used, width, height, cv2.CALIB_FIX_K3)
     full = _solve(views, used, width, height, 0)
     return full if full.rms_px < K3_GAIN * short.rms_px else short
+
+
+def _fisheye(views: Sequence[BoardPoints], used: list[int], width: int, height: int) -> CalibrationResult:
+    chosen = [views[k] for k in used]
+    values, sd, per_view = solve_fisheye(chosen, width, height)
+    errors = np.full(len(views), np.nan)
+    errors[used] = per_view
+    counts = np.array([len(view.ids) for view in chosen])
+    return CalibrationResult(
+        Intrinsics.model_validate({"width": width, "height": height, "model": "fisheye", **values}),
+        float(np.sqrt((counts * per_view**2).sum() / counts.sum())),
+        dict(zip(values, (float(v) for v in sd), strict=True)),
+        errors,
+        tuple(used),
+        _tilt_deg(chosen, width, height),
+    )
 
 
 def _solve(views: Sequence[BoardPoints], used: list[int], width: int, height: int, flags: int) -> CalibrationResult:
@@ -166,16 +186,17 @@ def _tilt_deg(views: Sequence[BoardPoints], width: int, height: int) -> float:
 
 def hold_out_rms(result: CalibrationResult, view: BoardPoints) -> float:
     """Error of a view that was not used [px]: pose fitted, intrinsics fixed."""
-    k = result.intrinsics
-    good, rvec, tvec = cv2.solvePnP(view.board, view.image, k.matrix, k.distortion, flags=cv2.SOLVEPNP_ITERATIVE)
+    projection = Projection(result.intrinsics)
+    rays = projection.undistort(view.image)
+    good, rvec, tvec = cv2.solvePnP(view.board, rays, np.eye(3), None, flags=cv2.SOLVEPNP_ITERATIVE)
     if not good:
         return float("inf")
-    projected, _ = cv2.projectPoints(view.board, rvec, tvec, k.matrix, k.distortion)
-    return float(np.sqrt(((projected[:, 0] - view.image) ** 2).sum(axis=1).mean()))
+    seen = view.board @ np.asarray(cv2.Rodrigues(rvec)[0]).T + tvec.ravel()
+    return float(np.sqrt(((projection.project(seen)[0] - view.image) ** 2).sum(axis=1).mean()))
 
 
 def rounded(intrinsics: Intrinsics) -> Intrinsics:
     """Figures as they are stored: far below their uncertainty, short enough to read."""
     changes = {name: round(getattr(intrinsics, name), 4) for name in ("fx", "fy", "cx", "cy")}
-    changes |= {name: round(getattr(intrinsics, name), 7) for name in ("k1", "k2", "p1", "p2", "k3")}
+    changes |= {name: round(getattr(intrinsics, name), 7) for name in ("k1", "k2", "p1", "p2", "k3", "k4")}
     return intrinsics.model_copy(update=changes)

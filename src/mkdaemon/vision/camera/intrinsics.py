@@ -1,10 +1,12 @@
-"""The pinhole camera with Brown-Conrady distortion that every pose calculation uses."""
+"""The camera that every pose calculation uses: a pinhole with Brown-Conrady distortion, or a fisheye."""
 
 from __future__ import annotations
 
+from typing import Literal, Self
+
 import numpy as np
 import numpy.typing as npt
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from mkdaemon.config.base import Section
 from mkdaemon.errors import ConfigError
@@ -13,7 +15,8 @@ from mkdaemon.errors import ConfigError
 class Intrinsics(Section):
     """Projection of a camera: RDF axes, pixel centres at integer coordinates.
 
-    Source: OpenCV camera model (k1, k2, p1, p2, k3), Brown, Photogrammetric Engineering 37(8), 1971.
+    Source: OpenCV camera models. `pinhole` has k1, k2, p1, p2, k3 (Brown, Photogrammetric Engineering 37(8), 1971),
+    `fisheye` k1 to k4 of the angle from the axis (Kannala and Brandt, PAMI 28(8), 2006).
     """
 
     width: int = Field(gt=0)
@@ -28,6 +31,8 @@ class Intrinsics(Section):
     """Principal point, x [px]."""
     cy: float
     """Principal point, y [px]."""
+    model: Literal["pinhole", "fisheye"] = "pinhole"
+    """How the lens bends directions."""
     k1: float = 0.0
     """Radial distortion, second order."""
     k2: float = 0.0
@@ -38,8 +43,19 @@ class Intrinsics(Section):
     """Tangential distortion."""
     k3: float = 0.0
     """Radial distortion, sixth order."""
+    k4: float = 0.0
+    """Radial distortion of a fisheye, eighth order."""
     line_time: float = Field(default=0.0, ge=0, le=1e-3)
     """Between the exposures of neighbouring rows, from the top [s]; 0 is a global shutter."""
+
+    @model_validator(mode="after")
+    def _right_coefficients(self) -> Self:
+        wrong = ("p1", "p2") if self.model == "fisheye" else ("k4",)
+        for name in wrong:
+            if getattr(self, name) != 0.0:
+                msg = f"{name} has no place in the model {self.model}: leave it out"
+                raise ValueError(msg)
+        return self
 
     @property
     def matrix(self) -> npt.NDArray[np.float64]:
@@ -48,7 +64,9 @@ class Intrinsics(Section):
 
     @property
     def distortion(self) -> npt.NDArray[np.float64]:
-        """`(5,)`: k1, k2, p1, p2, k3 in OpenCV's order."""
+        """In OpenCV's order: k1, k2, p1, p2, k3 of a pinhole `(5,)`, k1 to k4 of a fisheye `(4,)`."""
+        if self.model == "fisheye":
+            return np.array([self.k1, self.k2, self.k3, self.k4])
         return np.array([self.k1, self.k2, self.p1, self.p2, self.k3])
 
     @classmethod

@@ -9,6 +9,7 @@ Source: the Schur complement of a bundle adjustment, Triggs et al., Vision Algor
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import hypot
 from typing import Final
 
 import numpy as np
@@ -25,10 +26,10 @@ Grey = npt.NDArray[np.uint8]
 
 LENS: Final = ("focal", "cx", "cy", "k1")
 """What may be wrong with a lens: logarithm of the focal lengths, principal point [px], radial distortion."""
-ALIKE: Final = 1.5
-"""Edges that share one error: neighbours within the blur. Measured: errors over deviations, docs/accuracy.md."""
 LEFT_PX: Final = 0.03
 """Error of an edge that no residual of an image shows [px]: interpolation, paper."""
+SHIFTED: Final = 0.25
+"""The same for each pixel all edges are shifted by: a tone curve or sharpening bends them too."""
 ROLLING_PX: Final = 0.3
 """The same under a rolling shutter, whose motion is part of the error [px]."""
 MAD: Final = 1.4826
@@ -95,7 +96,8 @@ class EvidenceMaker:
         shifted = np.column_stack([edges.jacobian, np.ones(len(edges.index))])
         seen = self._fit.model.points[edges.index] @ pose.rotation.T + pose.position
         columns = np.column_stack([self._by_lens(edges, seen), self._by_size(edges, pose)])
-        weights = _weights(np.column_stack([shifted, columns]), edges, ROLLING_PX if self._rolls else LEFT_PX)
+        left_px = hypot(ROLLING_PX if self._rolls else LEFT_PX, SHIFTED * pose.shift_px)
+        weights = _weights(np.column_stack([shifted, columns]), edges, left_px)
         weighted = shifted * weights[:, None]
         normal = weighted.T @ shifted
         normal[6, 6] += SHIFT_SD_PX**-2
@@ -116,9 +118,8 @@ class EvidenceMaker:
 
     def _by_lens(self, edges: LocatedEdges, seen: Array) -> Array:
         """Derivative of the offsets by the lens `(n, 4)`."""
-        focal, centre = self._projection.focal, self._projection.centre
-        xy = seen[:, :2] / seen[:, 2:]
-        bent = xy * (xy * xy).sum(axis=1, keepdims=True) * focal
+        centre = self._projection.centre
+        bent = self._projection.k1_jacobian(seen)
         along, normals = (edges.pixels - centre) * edges.normals, edges.normals
         return np.column_stack([along.sum(axis=1), normals, (bent * normals).sum(axis=1)])
 
@@ -144,5 +145,5 @@ def _weights(jacobian: Array, edges: LocatedEdges, left_px: float) -> Array:
         inside = edges.found & (np.abs(residual) < reach)
         weights = np.where(inside, (1.0 - (residual / reach) ** 2) ** 2, 0.0)
     variance = float((weights * residual**2).sum()) / max(float(weights.sum()) - jacobian.shape[1], 1.0)
-    scaled: Array = weights / (ALIKE * (variance + left_px**2))
+    scaled: Array = weights / (variance + left_px**2)
     return scaled

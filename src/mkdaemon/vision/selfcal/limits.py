@@ -15,10 +15,10 @@ MEASURED: Final = "measured, docs/accuracy.md"
 class SelfCalLimits:
     """When an image counts, and when a difference is told."""
 
-    period: float = of(0.09, "s", "between images that are looked at", "cost: 1.2 ms each")
+    period: float = of(0.06, "s", "between images that are looked at", "cost: 1.2 ms each")
     side_px: float = of(40.0, "px", "side of the largest tag from which its edges count", "as `large_tag_px`, farther")
-    certain: float = of(3.5, "deviations", "from which a difference is told", "derived: one in 2,000")
-    least_looks: int = of(20, "images", "before anything is told", "derived: two seconds")
+    certain: float = of(3.0, "deviations", "from which a difference is told", MEASURED)
+    least_looks: int = of(30, "images", "before anything is told", "derived: two seconds")
     focal: float = of(0.01, "share", "of the focal length; less is what a calibration leaves", "docs/accuracy.md")
     centre_px: float = of(4.0, "px", "of the principal point", "1.5 cm at 4 m")
     k1: float = of(0.02, "", "of the radial distortion", "0.5 cm at 2 m")
