@@ -20,6 +20,7 @@ from mkdaemon.vision.camera.calibration_file import Camera, load_camera, mount_r
 from mkdaemon.vision.camera.camera import StreamState, StreamStatus
 from mkdaemon.vision.camera.image import CameraImage
 from mkdaemon.vision.camera.imagecodec import encode_jpeg
+from mkdaemon.vision.camera.tone import in_light
 from mkdaemon.vision.output import height_over, mount_transform, values_of
 from mkdaemon.vision.pose.projection import Projection
 from mkdaemon.vision.pose.target_check import TargetCheck
@@ -137,7 +138,8 @@ class CameraPipeline:
             known = attitude.at(image.captured_at, self._max_attitude_age) if attitude is not None else None
             poses = {found.target: found.pose for found in result.poses}
             heights = {found.target: height_over(found, self.mounting) for found in result.poses}
-            self._selfcheck.image_seen(image.pixels, poses, heights, image.captured_at, known)
+            gamma = self.camera.intrinsics.gamma if self.camera is not None else 1.0
+            self._selfcheck.image_seen(in_light(image.pixels, gamma), poses, heights, image.captured_at, known)
 
     def barometer_received(self, time: float, height: float) -> None:
         """Take the barometer's height [m] at a time [s; monotonic]."""

@@ -11,6 +11,7 @@ import numpy.typing as npt
 from mkdaemon.config.vision import DetectorSection, TrackerSection
 from mkdaemon.telemetry.vision import PoseRefusal
 from mkdaemon.vision.camera.intrinsics import Intrinsics
+from mkdaemon.vision.camera.tone import in_light
 from mkdaemon.vision.limits import LIMITS
 from mkdaemon.vision.pose.ambiguity import choose
 from mkdaemon.vision.pose.edgefit import EdgeFit
@@ -103,6 +104,7 @@ class StillEye:
         self._tag_size = tag_size
         self._cfg = TrackerSection()
         self._projection = Projection(intrinsics) if intrinsics is not None else None
+        self._gamma = intrinsics.gamma if intrinsics is not None else 1.0
         self._fitters: dict[tuple[str, int] | str, TargetFitter] = {}
         self._edges: dict[tuple[str, int] | str, EdgeFit] = {}
         wanted = None if ids is None else frozenset(ids)
@@ -122,6 +124,7 @@ class StillEye:
 
     def look(self, pixels: Grey) -> StillResult:
         """Find everything in `(h, w)` uint8."""
+        pixels = in_light(pixels, self._gamma)
         found = self._search(pixels)
         if self._tagmap is not None:
             return StillResult(tuple(StillTag(tag, None) for tag in found), tuple(self._targets(pixels, found)))

@@ -7,21 +7,25 @@ import sys
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Annotated, Final, Literal
 
+import numpy as np
 import zenoh
 from cyclopts import App, Parameter
 
 from mkdaemon.bus.session import session_config
 from mkdaemon.cli.mkdaemon.calibrate_mount import mount as mount_of_flight
+from mkdaemon.cli.mkdaemon.calibrate_shutter import shutter
 from mkdaemon.config.camera import CameraSection, MountSection
 from mkdaemon.errors import ConfigError, MkError, VisionError
 from mkdaemon.files import refuse_existing
 from mkdaemon.vision.calibrate.board import CalibrationBoard, CharucoBoard, TagBoard
 from mkdaemon.vision.calibrate.calibration import CalibrationResult, calibrate, rounded
 from mkdaemon.vision.calibrate.coverage import Coverage
+from mkdaemon.vision.calibrate.tone import curve_to_store
 from mkdaemon.vision.calibrate.views import LiveViews, ViewReport, views_of_folder
 from mkdaemon.vision.camera.calibration_file import CalibrationRecord, Camera, save_camera
 from mkdaemon.vision.camera.camera import CameraStream, StreamState
@@ -32,6 +36,7 @@ from mkdaemon.vision.tags.tagmap import load
 
 app = App(name="calibrate", help="Calibration: what a camera's pixels mean, and how it sits on the vehicle.")
 app.command(mount_of_flight, name="mount")
+app.command(shutter)
 
 GUIDE_EVERY: Final = 1.5
 PATIENCE_TIME: Final = 10.0
@@ -99,9 +104,12 @@ def camera(
         coverage = _live(cfg, shown, keep, seconds, connect, quiet=as_json)
     image_width, image_height = coverage.size
     result = calibrate(coverage.views, image_width, image_height, is_fisheye=fisheye)
+    gamma, tone = curve_to_store(np.concatenate(coverage.levels))
+    result = replace(result, intrinsics=result.intrinsics.model_copy(update={"gamma": gamma}))
     faults = result.faults()
     if not as_json:
         _explain(result, coverage)
+        print(f"  tone curve (gamma) {tone}")
     if as_json:
         print(json.dumps(_summary(result, coverage, str(output), stored=not faults or accept_poor)))
     if faults and not accept_poor:

@@ -60,6 +60,9 @@ class CalibrationBoard(Protocol):
     def find(self, pixels: Grey) -> BoardPoints | None:
         """Find it in `(h, w)` uint8; None when too little of it is seen."""
 
+    def edges(self, view: BoardPoints) -> tuple[Array, Array]:
+        """Ends of straight edges between black and white `(n, 2)` each [px]; none where no point is exact enough."""
+
 
 @dataclass(frozen=True)
 class CharucoBoard:
@@ -125,6 +128,19 @@ class CharucoBoard:
             return None  # all on one line
         return BoardPoints(index, known[index], image)
 
+    def edges(self, view: BoardPoints) -> tuple[Array, Array]:
+        """Sides of squares between neighbouring corners."""
+        place = {int(number): k for k, number in enumerate(view.ids)}
+        across = self.columns - 1
+        pairs = [
+            (k, place[number + step])
+            for number, k in place.items()
+            for step in (1, across)
+            if number + step in place and (step == across or (number + 1) % across)
+        ]
+        ends = np.array(pairs, dtype=np.intp).reshape(-1, 2)
+        return view.image[ends[:, 0]], view.image[ends[:, 1]]
+
 
 class TagBoard:
     """A grid of tags, or any other flat target of the target map, as a calibration board."""
@@ -163,6 +179,10 @@ class TagBoard:
         if 4 * len(ids) < MIN_POINTS:
             return None
         return BoardPoints(np.concatenate(ids), np.concatenate(board), np.concatenate(image))
+
+    def edges(self, view: BoardPoints) -> tuple[Array, Array]:
+        """None: a tone curve moves the corners of tags."""
+        return np.empty((0, 2)), np.empty((0, 2))
 
 
 def board_normal(view: BoardPoints, width: int, height: int) -> Array | None:

@@ -197,6 +197,6 @@ def hold_out_rms(result: CalibrationResult, view: BoardPoints) -> float:
 
 def rounded(intrinsics: Intrinsics) -> Intrinsics:
     """Figures as they are stored: far below their uncertainty, short enough to read."""
-    changes = {name: round(getattr(intrinsics, name), 4) for name in ("fx", "fy", "cx", "cy")}
+    changes = {name: round(getattr(intrinsics, name), 4) for name in ("fx", "fy", "cx", "cy", "gamma")}
     changes |= {name: round(getattr(intrinsics, name), 7) for name in ("k1", "k2", "p1", "p2", "k3", "k4")}
     return intrinsics.model_copy(update=changes)

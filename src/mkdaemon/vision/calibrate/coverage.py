@@ -34,6 +34,10 @@ _TILTS = {
 class Coverage:
     """Collects views of one camera.
 
+    Attributes:
+        views: taken so far.
+        levels: of each, black, middle and white of edges `(n, 3)`; see `tone.edge_levels`.
+
     Args:
         width: of the pictures [px].
         height: of the pictures [px].
@@ -41,6 +45,7 @@ class Coverage:
 
     def __init__(self, width: int, height: int) -> None:
         self.views: list[BoardPoints] = []
+        self.levels: list[Array] = []
         self.size = (width, height)
         self._cells = np.zeros((CELLS[1], CELLS[0]), dtype=np.int64)
         self._tilts: set[str] = set()

@@ -14,6 +14,7 @@ from mkdaemon.errors import VisionError
 from mkdaemon.files import save
 from mkdaemon.vision.calibrate.board import BoardPoints, CalibrationBoard
 from mkdaemon.vision.calibrate.coverage import Coverage
+from mkdaemon.vision.calibrate.tone import edge_levels
 from mkdaemon.vision.camera.files import list_pictures
 from mkdaemon.vision.camera.imagecodec import read_picture
 from mkdaemon.vision.camera.shot import PictureError
@@ -67,6 +68,7 @@ def views_of_folder(folder: Path, board: CalibrationBoard) -> Iterator[tuple[Vie
             yield ViewReport(path.name, 0, False, "board not found"), coverage
         else:
             coverage.add(view)
+            coverage.levels.append(edge_levels(pixels, *board.edges(view)))
             yield ViewReport(path.name, len(view.ids), True), coverage
 
 
@@ -113,6 +115,7 @@ class LiveViews:
         if not self.coverage.is_novel(view):
             return ViewReport(name, count, False, "move on")
         self.coverage.add(view)
+        self.coverage.levels.append(edge_levels(pixels, *self._board.edges(view)))
         if self._keep is not None:
             _, picture = cv2.imencode(".png", pixels)
             save(self._keep / f"view{len(self.coverage.views):03d}.png", picture.tobytes(), overwrite=True)

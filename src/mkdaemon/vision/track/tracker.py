@@ -11,6 +11,7 @@ from mkdaemon.config.vision import DetectorSection, TrackerSection
 from mkdaemon.telemetry.vision import Alarm
 from mkdaemon.vision.camera.image import CameraImage
 from mkdaemon.vision.camera.intrinsics import Intrinsics
+from mkdaemon.vision.camera.tone import in_light
 from mkdaemon.vision.limits import LIMITS, Limits
 from mkdaemon.vision.pose.projection import Projection
 from mkdaemon.vision.tags.detection import Detection
@@ -46,6 +47,7 @@ class Tracker:
         self._cfg = cfg or TrackerSection()
         self._limits = limits
         self._mounting = mounting
+        self._gamma = intrinsics.gamma if intrinsics is not None else 1.0
         self.detector = Detector(tagmap.whitelist, detector, limits=limits)
         self._health = ImageHealth(*((intrinsics.width, intrinsics.height) if intrinsics is not None else (None, None)))
         self.followers: tuple[Follower, ...] = ()
@@ -74,7 +76,8 @@ class Tracker:
         known = attitude is not None and self._mounting is not None
         enu_from_flu = attitude.at(image.captured_at, self._cfg.max_attitude_age) if known and attitude else None
         turning = attitude.turning_at(image.captured_at) if known and attitude else None
-        frame = Frame(image, Sight(image.pixels, image.captured_at, enu_from_flu, turning))
+        pixels = in_light(image.pixels, self._gamma)
+        frame = Frame(image, Sight(pixels, image.captured_at, enu_from_flu, turning))
         self._count += 1
         if self.followers:
             for follower in self.followers:

@@ -1,0 +1,71 @@
+"""The line time of a rolling shutter from lamps that flicker.
+
+Under a lamp on alternating current, rows exposed one after the other see the light rise and fall: bands across the
+image, whose distance is a period of the flicker over the line time. What stands still is the same in all images and
+goes out in their mean.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from mkdaemon.errors import VisionError
+
+Array = npt.NDArray[np.float64]
+Grey = npt.NDArray[np.uint8]
+
+LEAST_IMAGES: Final = 8
+LEAST_BANDS: Final = 1.5
+"""Periods of the flicker in an image from which their distance can be told."""
+MOST_PER_ROW: Final = 0.1
+"""Periods a row at most: a readout of one period in ten rows is none."""
+FINER: Final = 20
+"""Frequencies tried between those of a Fourier transform."""
+CLEAR: Final = 6.0
+"""Power of the bands over the median power from which they are bands."""
+EXPOSURE_HELP: Final = "show a plain wall under a lamp on mains, exposure below 5 ms, nothing moving"
+
+
+def line_time_of(images: Sequence[Grey], flicker_hz: float) -> tuple[float, float]:
+    """Line time and its deviation [s].
+
+    Args:
+        images: of one scene at rest under the lamp `(h, w)`, at least eight.
+        flicker_hz: twice the mains frequency: 100 or 120 Hz.
+
+    Raises:
+        VisionError: too few images, or no bands.
+    """
+    if len(images) < LEAST_IMAGES:
+        msg = f"{len(images)} images, at least {LEAST_IMAGES} are needed"
+        raise VisionError(msg)
+    rows = np.log(np.array([image.mean(axis=1) for image in images]) + 1.0)
+    bands = rows - rows.mean(axis=0)
+    bands = bands - bands.mean(axis=1, keepdims=True)
+    height = bands.shape[1]
+    tried = np.arange(LEAST_BANDS, MOST_PER_ROW * height, 1 / FINER) / height
+    window = np.hanning(height)
+    waves = np.exp(-2j * np.pi * tried[:, None] * np.arange(height)[None, :]) * window
+    each = np.abs(bands @ waves.T) ** 2
+    power = each.sum(axis=0)
+    best = int(power.argmax())
+    if best in (0, len(tried) - 1) or power[best] < CLEAR * float(np.median(power)):
+        msg = f"no bands of a flickering lamp in the images: {EXPOSURE_HELP}"
+        raise VisionError(msg)
+    frequency = tried[best] + _peak(power[best - 1 : best + 2]) / (FINER * height)
+    halves = [
+        tried[int(part.sum(axis=0).argmax())] for part in np.array_split(each, min(len(images) // 2, LEAST_IMAGES))
+    ]
+    sd = float(np.std(halves)) / np.sqrt(len(halves)) + 0.5 / (FINER * height)
+    return float(frequency) / flicker_hz, sd / flicker_hz
+
+
+def _peak(three: Array) -> float:
+    """Where the top of a parabola through three equidistant values lies, in steps from the middle one."""
+    low, middle, high = (float(value) for value in three)
+    bend = low - 2 * middle + high
+    return 0.5 * (low - high) / bend if bend < 0.0 else 0.0
