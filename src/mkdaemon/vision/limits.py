@@ -123,7 +123,7 @@ class EdgeLimits:
     missed_px: float = of(0.6, "px", "cost of a sample without its edge when rivals compare", BLIND)
     shift_sd_px: float = of(0.2, "px", "of a common shift of all edges (tone curve, ink)", "0.3-0.4 px, webcams")
     turning_sd: float = of(1.0, "rad/s", "of the camera while a rolling shutter reads", "shaking is 0.4 rad/s")
-    climbing_sd: float = of(0.7, "m/s", "along the optical axis, where no track knows it", FLIGHTS)
+    climbing_sd: float = of(2.0, "m/s", "along the optical axis, where no track knows it", "as of a first velocity")
     unknown_speed: float = of(1.0, "m/s", "across the line of sight, where no track knows it", FLIGHTS)
     known_turning_sd: float = of(0.2, "rad/s", "of the turning between two attitudes 20 ms apart", "noise .1 deg each")
     known_climbing_sd: float = of(0.1, "m/s", "along the optical axis, where a track knows it", FLIGHTS)

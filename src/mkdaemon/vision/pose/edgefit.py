@@ -25,7 +25,15 @@ from mkdaemon.vision.pose.edgemodel import EdgeModel
 from mkdaemon.vision.pose.nuisance import Prior, with_motion, with_shift, with_stretch
 from mkdaemon.vision.pose.pose import Pose, median, turn
 from mkdaemon.vision.pose.projection import NEAR_M, Projection
-from mkdaemon.vision.pose.rolling import MOTIONS, exposed, motion_at_rest, motion_jacobian
+from mkdaemon.vision.pose.rolling import (
+    MOTIONS,
+    at_rest,
+    before_motion,
+    cross,
+    exposed,
+    motion_at_rest,
+    motion_jacobian,
+)
 from mkdaemon.vision.tags.tagmap import Target
 
 Array = npt.NDArray[np.float64]
@@ -189,7 +197,7 @@ class EdgeFit:
     ) -> Samples | None:
         """Samples in view with u = project(R p + t) and J = n . du/dx; none when they are too few."""
         model, limits = self.model, self._limits
-        seen = model.points @ rotation.T + position
+        still = seen = model.points @ rotation.T + position
         step = (model.normals * (NORMAL_STEP * model.cell)[:, None]) @ rotation.T
         ends = seen + step
         times = np.zeros(len(seen))
@@ -214,10 +222,15 @@ class EdgeFit:
         if len(index) > self._max_samples:
             index = index[np.linspace(0, len(index) - 1, self._max_samples).astype(np.intp)]
         normals = direction[index] / length[index, None]
-        jacobian = np.einsum("ni,nij->nj", normals, projection.pose_jacobian(seen[index], position))
-        if motion is not None:
-            by_point = np.einsum("ni,nij->nj", normals, projection.jacobian(seen[index]))
-            jacobian = np.column_stack([jacobian, motion_jacobian(by_point, seen[index], times[index])])
+        if motion is None:
+            jacobian = np.einsum("ni,nij->nj", normals, projection.pose_jacobian(seen[index], position))
+        else:
+            point, rest = projection.jacobian(seen[index]), still[index]
+            along = at_rest(normals, point, seen[index], motion, self._line_time)
+            by_point = np.einsum("ni,nij->nj", along, point)
+            by_rest = before_motion(by_point, motion, times[index])
+            turned = cross(rest - position, by_rest)
+            jacobian = np.column_stack([by_rest, turned, motion_jacobian(by_point, rest, times[index])])
         near = np.minimum(reach, limits.edges.reach_cells * cell_px[index])
         return Samples(index, uv[index], normals, near, jacobian)
 

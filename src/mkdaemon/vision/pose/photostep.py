@@ -16,7 +16,7 @@ from mkdaemon.vision.pose.pose import Pose, correlation, median
 from mkdaemon.vision.pose.printimage import PrintSamples
 from mkdaemon.vision.pose.printmodel import PrintModel
 from mkdaemon.vision.pose.projection import Projection
-from mkdaemon.vision.pose.rolling import MOTIONS, at_times, motion_jacobian
+from mkdaemon.vision.pose.rolling import MOTIONS, at_rest, at_times, before_motion, cross, motion_jacobian
 
 Array = npt.NDArray[np.float64]
 Grey = npt.NDArray[np.uint8]
@@ -156,38 +156,27 @@ class PhotoStepper:
         """Derivative of the grey values by all unknowns `(k, n)`, in units `(k,)` of one size."""
         rotation, axes, motion = state.rotation, self._print.axes, state.motion
         arm = np.column_stack([at.u, at.v]) @ (rotation @ axes[:, :2]).T + rotation @ self._print.origin
-        seen, times, down = arm + state.position, np.zeros(len(arm)), at.dy
+        seen, times = arm + state.position, np.zeros(len(arm))
         if motion is not None:
             times = (at.row - (self._projection.intrinsics.height - 1) / 2) * self._line_time
             seen = at_times(seen, motion, times)
         point = self._projection.jacobian(seen)
+        along = np.column_stack([at.dx, at.dy])
         if motion is not None:
-            down = down + self._row_slope(at, point, seen, motion)
+            along = at_rest(along, point, seen, motion, self._line_time)
         # Pose: a print that moves by d shows at a pixel what was d before it, dI = -dI/dm grad(m) . du; a turn w moves
         # a point at `arm` by w x arm.
-        slope = (at.dx * -lit.contrast)[:, None] * point[:, 0] + (down * -lit.contrast)[:, None] * point[:, 1]
-        moved = slope if motion is None else slope - times[:, None] * _cross(slope, motion[:3])
+        slope = -lit.contrast[:, None] * (along[:, :1] * point[:, 0] + along[:, 1:] * point[:, 1])
+        moved = slope if motion is None else before_motion(slope, motion, times)
         # Blur: a Gaussian obeys the heat equation, dm/dB = (m_xx, 2 m_xy, m_yy) / 2.
         blur = lit.contrast * np.stack([0.5 * at.dxx, at.dxy, 0.5 * at.dyy])
-        rows = [moved.T, _cross(arm, moved).T, lit.columns, blur]
+        rows = [moved.T, cross(arm, moved).T, lit.columns, blur]
         units = [np.full(3, state.position[2]), np.ones(3), np.full(LIGHTS, LIGHT_UNIT), np.ones(SPREADS)]
         if motion is not None:
             rows.append(motion_jacobian(slope, arm + state.position, times).T)
             units.append(np.ones(MOTIONS))
         unit = np.concatenate(units)
         return np.concatenate(rows) * unit[:, None], unit
-
-    def _row_slope(self, at: PrintSamples, point: Array, seen: Array, motion: Array) -> Array:
-        """What the slope along y of a print at rest has over that of the image, `(n,)` [1/px].
-
-        With v the speed in the image and T the time of a line, a pixel p shows what is at p - T (p_y - middle) v at
-        rest: grad = (I - T e_y v^T) grad_rest.
-        """
-        drift = -_cross(motion[:3], seen)
-        drift[:, 2] += motion[3]
-        speed = np.einsum("nij,nj->ni", point, drift)
-        along = speed[:, 0] * at.dx + speed[:, 1] * at.dy
-        return np.asarray(self._line_time * along / (1.0 - self._line_time * speed[:, 1]))
 
     def _prior(
         self, state: PhotoState, start: Pose, level: Level | None, noise: float, count: int
@@ -205,10 +194,3 @@ class PhotoStepper:
             pull[-MOTIONS:] = weight * (expected - state.motion)
             surprise += float((((expected - state.motion) / spread) ** 2).sum())
         return prior, pull, surprise
-
-
-def _cross(a: Array, b: Array) -> Array:
-    """Products of vectors `(n, 3)` or `(3,)`; written out, numpy's cross is slow."""
-    ax, ay, az = a.T
-    bx, by, bz = b.T
-    return np.stack([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx], axis=1)

@@ -75,13 +75,48 @@ def exposed(points: Array, motion: Array, projection: Projection) -> tuple[Array
 
 def at_times(points: Array, motion: Array, times: Array) -> Array:
     """Points `(n, 3)` carried to the times `(n,)` of their rows."""
-    carried: Array = points - times[:, None] * np.cross(motion[:3], points)
+    carried: Array = points - times[:, None] * cross(motion[:3], points)
     carried[:, 2] += times * motion[3]
     return carried
 
 
+def at_rest(along: Array, point: Array, moved: Array, motion: Array, line_time: float) -> Array:
+    """Directions in the image `(n, 2)` [px] along which a shift is seen, as they are for points that stand still.
+
+    A point that moves to another row is exposed at another time: a shift of du at rest is seen as (I - T v e_y^T)^-1 du
+    with v the speed in the image and T the time of a line, so that n . shift = (n + T (n . v) / (1 - T v_y) e_y) . du.
+
+    Args:
+        along: directions in the image `(n, 2)`.
+        point: derivative of the pixels by the points `(n, 2, 3)` [px/m].
+        moved: the points as they are exposed `(n, 3)` [m; RDF].
+        motion: of the camera `(4,)`.
+        line_time: [s].
+    """
+    drift = -cross(motion[:3], moved)
+    drift[:, 2] += motion[3]
+    speed = np.einsum("nij,nj->ni", point, drift)
+    still = along.copy()
+    still[:, 1] += line_time * (along * speed).sum(axis=1) / (1.0 - line_time * speed[:, 1])
+    return still
+
+
+def before_motion(by_point: Array, motion: Array, times: Array) -> Array:
+    """Derivative `(n, 3)` by points at rest, of what has the derivative `(n, 3)` by the points as they are exposed."""
+    # dP(t) = dP - t w x dP
+    rest: Array = by_point - times[:, None] * cross(by_point, motion[:3])
+    return rest
+
+
+def cross(a: Array, b: Array) -> Array:
+    """Products of vectors `(n, 3)`, one of them may be `(3,)`; written out, numpy's cross is slow."""
+    ax, ay, az = a.T
+    bx, by, bz = b.T
+    return np.stack([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx], axis=1)
+
+
 def motion_jacobian(point_jacobian: Array, points: Array, times: Array) -> Array:
-    """Derivative `(n, 4)` by the motion, of what has the derivative `(n, 3)` by the point."""
+    """Derivative `(n, 4)` by the motion, of what has the derivative `(n, 3)` by the point; points at rest."""
     # j . (-t w x P) = -t w . (P x j)
-    turning = -times[:, None] * np.cross(points, point_jacobian)
+    turning = -times[:, None] * cross(points, point_jacobian)
     return np.column_stack([turning, times * point_jacobian[:, 2]])

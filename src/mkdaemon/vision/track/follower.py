@@ -33,6 +33,8 @@ from mkdaemon.vision.track.track import Prediction, Track, known_motion
 Grey = npt.NDArray[np.uint8]
 Window = tuple[int, int, int, int]
 """`(x0, y0, x1, y1)` [px], end exclusive."""
+UNDECIDED: Final = (PoseRefusal.AMBIGUOUS, PoseRefusal.ANGLE_UNCERTAIN)
+"""Why a first pose is followed without being published: the next images may decide, or know how the camera climbs."""
 REDECODED: Final[tuple[Stage, ...]] = ("decimate1", "linear")
 """How a followed target is decoded again."""
 
@@ -156,7 +158,7 @@ class Follower:
         verdict = self._first.choose(frame.sight, candidates, predicted.rotation if predicted is not None else None)
         if verdict.choice is None:
             frame.refused[self.name] = verdict.refusal or PoseRefusal.NO_FIT
-            if verdict.refusal is PoseRefusal.AMBIGUOUS:
+            if verdict.refusal in UNDECIDED:
                 self._start_ambiguous(frame, candidates, mode)
             return
         self.track.decoded_at = self.track.tried_at = frame.sight.time

@@ -115,6 +115,7 @@ class Track:
         turned = _camera_turn(enu_from_flu, now.enu_from_flu, mounting)
         position, rotation = now.pose.position, now.pose.rotation
         speed: Array | None = None
+        speed_sd = 0.0
         if before is not None:
             ahead = (time - now.time) / (now.time - before.time)
             earlier = _camera_turn(now.enu_from_flu, before.enu_from_flu, mounting)
@@ -127,8 +128,10 @@ class Track:
                     rotation = now.pose.rotation @ before.pose.rotation.T @ now.pose.rotation
             if float(np.linalg.norm(step)) < TRACK.max_speed * (now.time - before.time):
                 speed = step / (now.time - before.time)
+                variance = float(now.pose.covariance[2, 2] + before.pose.covariance[2, 2])
+                speed_sd = float(np.sqrt(variance)) / (now.time - before.time)
                 position = position + min(ahead, TRACK.max_ahead) * step
-        known = known_motion(position, speed, turning_flu, mounting)
+        known = known_motion(position, speed, turning_flu, mounting, speed_sd)
         if turned is None:
             return Prediction(replace(now.pose, rotation=rotation, position=position, known_motion=known), False)
         turned_on = turned @ now.pose.rotation
@@ -136,7 +139,7 @@ class Track:
 
 
 def known_motion(
-    place: Array, speed: Array | None, turning_flu: Array | None, mounting: Mounting | None
+    place: Array, speed: Array | None, turning_flu: Array | None, mounting: Mounting | None, speed_sd: float = 0.0
 ) -> KnownMotion:
     """What is known about the motion of a camera while an image is read.
 
@@ -145,6 +148,7 @@ def known_motion(
         speed: of the target in camera axes, by the images before `(3,)` [m/s]; none without them.
         turning_flu: angular rate of the vehicle `(3,)` [rad/s].
         mounting: of the camera.
+        speed_sd: deviation of the speed along the optical axis that the images leave [m/s].
     """
     limits = LIMITS.edges
     turning, spread = np.zeros(3), limits.turning_sd
@@ -152,7 +156,7 @@ def known_motion(
         turning, spread = mounting.flu_from_cam.T @ turning_flu, limits.known_turning_sd
         if speed is None:
             spread += limits.unknown_speed / float(np.linalg.norm(place))
-    along = limits.climbing_sd if speed is None else limits.known_climbing_sd
+    along = limits.climbing_sd if speed is None else float(np.hypot(limits.known_climbing_sd, speed_sd))
     expected = motion_of(place, np.zeros(3) if speed is None else speed, turning)
     return KnownMotion(expected, np.array([spread] * 3 + [along]))
 

@@ -1,0 +1,24 @@
+"""A first pose under a rolling shutter: a climb nobody knows yet looks like a tilt."""
+
+from __future__ import annotations
+
+from lab.vision.flight import VGA, fly
+from lab.vision.real import DEVICES
+from lab.vision.stills import error_of, target_named
+from mkdaemon.vision.tags.tagmap import TagMap
+from mkdaemon.vision.track.tracker import Tracker
+
+
+def test_images_of_an_unknown_climb_are_followed_until_they_tell_it() -> None:
+    device, target = DEVICES["rolling"], target_named("nested")
+    tracker = Tracker(TagMap((target,)), VGA.model_copy(update={"line_time": device.line_time}))
+    posed = []
+    for frame in fly(target, 1300, seconds=0.3, near=0.35, far=8.0, troubled=False, device=device):
+        found = tracker.update(frame.image).pose_of(target.name)
+        posed.append(found is not None)
+        if found is not None:
+            error = error_of(found.pose.rotation, found.pose.position, frame.rotation, frame.position)
+            assert error.distance < 0.01
+            assert error.angle_deg < 2.0
+    assert not posed[0]  # the speed along the optical axis is unknown, and so is the tilt
+    assert all(posed[5:])  # 0 of 9 were posed when such an image was forgotten
