@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Final, Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -17,6 +17,8 @@ from mkdaemon.vision.limits import LIMITS, Limits
 from mkdaemon.vision.pose.pose import Pose, angle_between
 
 Array = npt.NDArray[np.float64]
+EXPLAINED_PX: Final = 0.15
+"""Residual of a grey-value fit, as a shift of edges, that leaves nothing unmodelled: then nothing takes sides [px]."""
 Decision = Literal["unique", "image", "attitude", "track"]
 
 
@@ -106,7 +108,7 @@ def log_odds(first: Pose, second: Pose) -> float:
 def _is_explained(first: Pose, second: Pose, limits: Limits) -> bool:
     """Whether a fit to grey values leaves no more than noise: then nothing unmodelled takes sides."""
     grey = first.source == "photometric" and second.source == "photometric"
-    quiet = first.rms_px <= limits.certainty.blind_grey_rms_px
+    quiet = first.rms_px <= EXPLAINED_PX
     return grey and quiet and first.inliers >= limits.agreement.whole
 
 
