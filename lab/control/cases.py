@@ -272,7 +272,7 @@ CASES: Final = {
         {"handover_moderate_rms_cm": 18.0},
         HandoverRig,
     ),
-    "wrong_filter": Case(_wrong_filter, 10, survival("wrong_filter_lost_percent"), {}),
+    "wrong_filter": Case(_wrong_filter, 20, survival("wrong_filter_lost_percent"), {"wrong_filter_lost_percent": 0.0}),
     "takeoff_indoor": Case(
         _take_off(WindClass.INDOOR),
         20,
