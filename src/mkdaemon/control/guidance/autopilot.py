@@ -94,7 +94,7 @@ class Autopilot:
         self._pitch, self._roll = CountShaper(-127, 127), CountShaper(-127, 127)
         self._throttle = CountShaper(-127, 127)
         self.estimate = estimator.estimate(now)
-        self._has_begun = False
+        self._is_speed_known = False
         self.reference = Reference(self.estimate.position[:2], self.estimate.velocity[:2])
         self.height = Reference(self.estimate.position[2:], self.estimate.velocity[2:])
 
@@ -111,10 +111,10 @@ class Autopilot:
         limits = self._level_limits
         if goal.speed is not None:
             limits = ReferenceLimits(min(goal.speed, limits.speed), limits.acceleration)
-        if estimator.velocity_sd > UNKNOWN_SPEED and not self._has_begun:
+        if estimator.velocity_sd > UNKNOWN_SPEED and not self._is_speed_known:
             self.reference = Reference(self.estimate.position[:2], self.estimate.velocity[:2])
         else:
-            self._has_begun = True
+            self._is_speed_known = True
             self.reference.move(goal.position[:2], limits, step)
         if goal.climb:
             self.height = Reference(goal.position[2:], np.array([goal.climb]))
