@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from dataclasses import asdict, replace
 
 import numpy as np
 import pytest
@@ -91,6 +91,11 @@ def test_the_core_holds_a_position_and_says_what_it_believes():
     last = rig.estimates[-1]
     assert last.position == pytest.approx(record.positions[-1], abs=0.1)
     assert last.image_age < 0.25
+    spread = np.array(last.covariance)
+    assert np.sqrt(spread[:, 0]) == pytest.approx(last.position_sd)
+    assert (spread[:, 0] * spread[:, 2] > spread[:, 1] ** 2).all(), "positive definite"
+    sent = [action for _, action in rig.actions if isinstance(action, SendSticks)]
+    assert all(s.is_limited is (s.wanted != replace(s.wanted, **asdict(s.counts))) for s in sent[-50:])
 
 
 def test_no_flight_begins_before_images_have_agreed_for_a_while():

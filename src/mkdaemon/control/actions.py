@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from mkdaemon.control.limiter import StickCounts
+from mkdaemon.control.limiter import StickCounts, Sticks
 from mkdaemon.telemetry.command import CommandResult
 from mkdaemon.telemetry.control import ErrorValue, EstimateValue, LeaseState, Phase
 from mkdaemon.telemetry.navi import NaviFlight
@@ -22,6 +22,7 @@ class SendSticks:
         sequence: number of the setpoint it came from.
         age: age of that setpoint [s].
         is_limited: the limiter changed what was asked for.
+        wanted: what was asked for [stick; FLU]; None where nobody says.
     """
 
     counts: StickCounts
@@ -30,6 +31,7 @@ class SendSticks:
     sequence: int
     age: float
     is_limited: bool
+    wanted: Sticks | None = None
 
 
 @dataclass(frozen=True, slots=True)

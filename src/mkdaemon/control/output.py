@@ -80,7 +80,7 @@ class StickOutput:
         self._is_waiting = True
         life = min(ttl - order.age, LONGEST_QUEUE) if order.age <= ttl else LONGEST_QUEUE
         is_limited = sticks != order.sticks
-        return SendSticks(count(sticks), now + life, order.epoch, order.sequence, order.age, is_limited)
+        return SendSticks(count(sticks), now + life, order.epoch, order.sequence, order.age, is_limited, order.sticks)
 
     def frame_sent(self, number: int) -> None:
         """Note that a frame was written to the port, under a number that comes again after 255 frames."""

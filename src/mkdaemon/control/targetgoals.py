@@ -179,7 +179,7 @@ def guide_attitude(setpoint: AttitudeSetpoint, model: AircraftModel, hover_gas: 
 def estimate_value(target: str, estimator: Estimator, now: float) -> EstimateValue:
     """What is believed now, as it is published."""
     estimator.advance(now)
-    found = estimator.estimate(now)
+    found, spread = estimator.estimate(now), estimator.motion_covariance
     return EstimateValue(
         target=target,
         position=_triple(found.position),
@@ -189,6 +189,7 @@ def estimate_value(target: str, estimator: Estimator, now: float) -> EstimateVal
         yaw=found.yaw,
         hover_throttle=found.hover_gas - GAS_CENTRE,
         position_sd=_triple(found.position_sd),
+        covariance=(_triple(spread[0]), _triple(spread[1]), _triple(spread[2])),
         image_age=found.age,
         innovation=estimator.innovation,
         is_nominal=estimator.is_nominal,

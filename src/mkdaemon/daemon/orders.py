@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from dataclasses import asdict, fields
+from dataclasses import asdict, astuple, fields
 from functools import partial
 
 from mkdaemon.clock import Clock
@@ -62,5 +62,6 @@ class Orders:
             age=order.age,
             **asdict(order.counts),
             limited=order.is_limited,
+            wanted=None if order.wanted is None else astuple(order.wanted),
         )
         self._bus.publish("control/output", output)

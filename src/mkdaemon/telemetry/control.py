@@ -182,6 +182,9 @@ class EstimateValue(Telemetry):
     """Throttle that carries the aircraft [stick from the centre]."""
     position_sd: tuple[float, float, float]
     """Standard deviation of the position [m]."""
+    covariance: tuple[tuple[float, float, float], tuple[float, float, float], tuple[float, float, float]] | None = None
+    """For x, y and z: variance of the position [m2], its covariance with the velocity [m2/s], variance of the velocity
+    [m2/s2]. The axes are estimated apart, so nothing else is correlated."""
     image_age: float
     """Time since the newest image that was used [s]."""
     innovation: float
@@ -270,3 +273,5 @@ class ControlOutput(Stamped):
     """More lift positive [stick from the centre]."""
     limited: bool
     """Whether the limiter changed what was asked for."""
+    wanted: tuple[float, float, float, float] | None = None
+    """Pitch, roll, yaw and throttle asked for, before the limiter [stick]."""

@@ -120,6 +120,8 @@ async def test_the_navictrl_flies_to_places_at_home_and_the_pilots_sticks_and_sw
         assert report.is_route_done
         assert report.target_distance <= 2.5
         assert "throttle holds the height" in report.hands
+        in_use = flown.rig.bus.values("state/pilot")[-1].throttle_in_use
+        assert in_use == pytest.approx(flown.pilot.gas, abs=12.0), "the FlightCtrl flies with the pilot's"
         assert flown.truth.position_enu[2] > 1.0, "and the pilot's does"
         flown.turn_switch("hold")
         await asyncio.sleep(0.5)

@@ -103,6 +103,13 @@ class Estimator:
         return self._seen_at
 
     @property
+    def motion_covariance(self) -> Array:
+        """Of x, y, z (3, 3): variance of position [m2], covariance with velocity [m2/s], variance of that [m2/s2]."""
+        upright = self._vertical.covariances[0]
+        rows = [(each[P, P], each[P, V], each[V, V]) for each in self._level.covariances]
+        return np.array([*rows, (upright[H, H], upright[H, S], upright[S, S])])
+
+    @property
     def velocity_sd(self) -> float:
         """Standard deviation of the horizontal velocity, the larger of both axes [m/s]."""
         return float(np.sqrt(self._level.covariances[:, V, V].max()))
