@@ -210,8 +210,12 @@ def memory_limit(pid: int) -> Iterator[None]:
     Raises:
         OSError: this machine has no memory cgroup that may be written.
     """
-    # One for each daemon: that of a process that is not quite gone cannot be removed yet.
-    group = CGROUPS / f"lab-attack-{pid}"
+    # One for each daemon: that of a process that is not quite gone cannot be removed yet, so the next one does that.
+    for old in CGROUPS.glob("lab-attack-*"):
+        if not Path("/proc", old.name.split("-")[2]).exists():
+            with suppress(OSError):
+                old.rmdir()
+    group = CGROUPS / f"lab-attack-{pid}-{time.monotonic_ns()}"
     group.mkdir()
     try:
         (group / "cgroup.procs").write_text(str(pid), encoding="ascii")
