@@ -21,6 +21,7 @@ from mkdaemon.replay.recorded import arrange, read_recorded
 from mkdaemon.replay.report import verify
 from mkdaemon.replay.run import replay
 from tests.places import DATA
+from tools.recordings import make
 
 RECORDINGS = sorted((DATA / "recordings").glob("*.mcap"))
 LOST_CLIENT = DATA / "recordings" / "nc_lost_client.mcap"
@@ -33,6 +34,14 @@ def test_todays_code_does_what_it_did_when_this_was_recorded(path, monkeypatch):
     monkeypatch.chdir(ROOT)  # the camera and target files of a recording are found from here
     report = verify([path])
     assert report.is_equal, "\n".join([*report.lines(), "a change that is meant: python -m tools.recordings"])
+    assert report.comparison.compared > 300
+
+
+def test_what_is_recorded_now_comes_out_the_same(tmp_path):
+    path = tmp_path / "now.mcap"
+    make("nc_lost_client", tmp_path).write(path)
+    report = verify([path])
+    assert report.is_equal, "\n".join(report.lines())
     assert report.comparison.compared > 300
 
 
