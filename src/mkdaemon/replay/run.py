@@ -22,6 +22,7 @@ from mkdaemon.daemon.procedures import Journal
 from mkdaemon.daemon.wiring import Wiring
 from mkdaemon.record.entry import Entry, Kind
 from mkdaemon.record.notices import Notice
+from mkdaemon.record.tap import EYES
 from mkdaemon.replay.port import ReplayedLine
 from mkdaemon.replay.recorded import Recorded, fields_of
 from mkdaemon.replay.script import Moment, Script
@@ -167,7 +168,7 @@ def came_in(entry: Entry) -> bool:
     """Whether this came in from outside; what the eyes saw comes from a thread of its own."""
     match entry.kind:
         case Kind.SAMPLE:
-            return entry.suffix.startswith("vision/")
+            return entry.suffix.startswith(EYES)
         case Kind.NOTICE:
             return Notice.of(entry) in _TAKEN
         case Kind.REPLY | Kind.PORT_WRITTEN | Kind.IMAGE:

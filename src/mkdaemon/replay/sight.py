@@ -14,7 +14,7 @@ from mkdaemon.record.entry import Entry, Kind
 from mkdaemon.record.notices import Notice
 from mkdaemon.replay.recorded import Recorded, fields_of
 from mkdaemon.telemetry.state import Attitude
-from mkdaemon.telemetry.vision import VisionPose, VisionStats
+from mkdaemon.telemetry.vision import Transform, VisionPose, VisionStats
 
 if TYPE_CHECKING:
     from mkdaemon.vision.camera.image import CameraImage
@@ -84,10 +84,13 @@ class ReplayedEyes(Eyes):
 
     def bring_seen(self, entry: Entry) -> None:
         """Look at every image up to the one something was seen in then; pass on what a camera said of itself."""
-        _, camera, what = entry.suffix.split("/", 2)
         fields = fields_of(entry)
+        if entry.suffix == "tf":
+            self._publish_mount(Transform.model_validate(fields))
+            return
+        _, camera, what = entry.suffix.split("/", 2)
         if what == "stats":
-            self._publish_stats(entry.suffix, VisionStats.model_validate(fields))
+            self._sink.publish(entry.suffix, VisionStats.model_validate(fields))
             return
         images = self._images.get(camera, deque())
         while images and what != "image" and images[0][0] <= fields["sequence"]:
@@ -104,13 +107,14 @@ class ReplayedEyes(Eyes):
         for suffix, value in self._pipelines[image.camera].process(image, known):
             self._sink.publish(suffix, value)
 
-    def _publish_stats(self, suffix: str, stats: VisionStats) -> None:
-        """Publish what a camera said of itself, and how it sits."""
-        self._sink.publish(suffix, stats)
-        pipeline = self._pipelines.get(stats.camera)
-        mount = None if pipeline is None else pipeline.mount(stats.stamp)
-        if mount is not None:
-            self._sink.publish("tf", mount)
+    def _publish_mount(self, recorded: Transform) -> None:
+        """Publish how a camera sits where that was published; what is seen in an image comes with the image."""
+        from mkdaemon.vision.output import camera_frame
+
+        for name, pipeline in self._pipelines.items():
+            mount = pipeline.mount(recorded.stamp) if recorded.child == camera_frame(name) else None
+            if mount is not None:
+                self._sink.publish("tf", mount)
 
 
 def _image(entry: Entry) -> CameraImage | None:
