@@ -15,6 +15,7 @@ from typing import Any, Final
 import cv2
 import numpy as np
 
+from lab.places import CONFIGS
 from lab.rigs.pilot import Pilot
 from lab.rigs.processes import ObservedSimulation, connected, daemon_process, wait_for_control
 from mkdaemon.config.sim import PilotPlan, SimConfig
@@ -27,7 +28,7 @@ LINK: Final = "rates = {debug = 50, attitude = 20}\necho_hz = 5\n"
 """As much as a FlightCtrl's line carries beside setpoints at 50 Hz."""
 OFF: Final = "[record]\nenabled = false\n"
 JSON: Final = "[record]\njson_for_viewers = true\n"
-CAMERA: Final = '[[cameras]]\nsource = "folder:{folder}/images"\nloop = true\nfps = 10.0\n'
+CAMERA: Final = '[[cameras]]\nsource = "folder:{folder}/images"\nloop = true\nfps = 10.0\ntargets = ["{target}"]\n'
 IMAGES: Final = 10
 """Of the folder that the camera plays, 640x480 each."""
 
@@ -73,7 +74,7 @@ async def _fly(section: str, seconds: float, *, seed: int) -> dict[str, float]:
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         _make_images(folder / "images")
-        lines = LINK + section.format(folder=folder)
+        lines = LINK + section.format(folder=folder, target=CONFIGS / "targets" / "nested.toml")
         async with (
             runtime.serve(),
             daemon_process(f"pty:{runtime.port}", folder, link=lines) as daemon,
