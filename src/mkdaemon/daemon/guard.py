@@ -45,7 +45,7 @@ class GuardProcess:
             clock: the loop's time [s].
         """
         self.acted: Callable[[bool], None] = lambda released: None
-        self._told = b""
+        self._reported = b""
         self.changed: Callable[[bool], None] = lambda is_alive: None
         self._report = report
         self._clock = clock
@@ -111,7 +111,7 @@ class GuardProcess:
 
     def frame_written(self, neutral: bytes) -> None:
         """A frame that moves or releases the aircraft was written; `neutral` is the frame for level sticks."""
-        self._told = b""
+        self._reported = b""
         self._send(Word.BEAT + neutral)
 
     def released(self) -> None:
@@ -153,8 +153,8 @@ class GuardProcess:
             self._hang_up()
             return
         self._answered = self._clock()
-        if packet in (Word.NEUTRAL, Word.RELEASED) and packet != self._told:
-            self._told = packet
+        if packet in (Word.NEUTRAL, Word.RELEASED) and packet != self._reported:
+            self._reported = packet
             self.acted(packet == Word.RELEASED)
 
     def _hang_up(self) -> None:
