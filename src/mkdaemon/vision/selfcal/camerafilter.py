@@ -33,6 +33,10 @@ MOUNTING_DRIFT: Final = np.radians(0.02)
 """Of the mounting with the attitude's bias, random walk [rad/sqrt(s)]: 0.2 degrees in 100 s."""
 DECK_DRIFT: Final = {False: np.radians(0.02), True: np.radians(2.0)}
 """Of the target's normal, by whether it moves [rad/sqrt(s)]."""
+ALIKE_TIME: Final = 0.2
+"""For so long errors of the attitude are one error [s]: images that follow sooner weigh less."""
+SOONEST: Final = 0.01
+"""Images that follow sooner count as so far apart [s]."""
 LONGEST: Final = 10.0
 """A longer time without an image counts as so much [s]."""
 SIZE_SD: Final = 0.03
@@ -86,19 +90,20 @@ class CameraFilter:
             evidence: what it says.
             enu_from_flu: the vehicle's attitude then `(3, 3)`; none when unknown.
         """
-        self._drift_to(time)
+        spent = self._drift_to(time)
         self.looks += 1
         self._edges_seen(evidence)
         if enu_from_flu is not None and self._flu_from_cam is not None:
-            self._normal_seen(evidence, enu_from_flu, self._flu_from_cam)
+            self._normal_seen(evidence, enu_from_flu, self._flu_from_cam, spent)
 
-    def _drift_to(self, time: float) -> None:
+    def _drift_to(self, time: float) -> float:
         spent = 0.0 if self._time is None else min(max(time - self._time, 0.0), LONGEST)
         self._time = time
         drift = np.zeros(len(self.mean))
         drift[MOUNTING] = MOUNTING_DRIFT
         drift[DECK] = self._deck_drift
         self.covariance = self.covariance + spent * np.diag(drift**2)
+        return spent
 
     def _edges_seen(self, evidence: ImageEvidence) -> None:
         before = np.linalg.inv(self.covariance)
@@ -108,7 +113,7 @@ class CameraFilter:
         self.covariance = np.linalg.inv(after)
         self.mean = self.covariance @ right
 
-    def _normal_seen(self, evidence: ImageEvidence, enu_from_flu: Array, flu_from_cam: Array) -> None:
+    def _normal_seen(self, evidence: ImageEvidence, enu_from_flu: Array, flu_from_cam: Array, spent: float) -> None:
         enu_from_cam = enu_from_flu @ flu_from_cam
         normal_cam = evidence.rotation[:, 2]
         # a small turn w moves the normal n by w x n = -[n]x w
@@ -119,7 +124,8 @@ class CameraFilter:
         observe[:, MOUNTING] = -moved_flu
         observe[:, DECK] = np.eye(2)
         observe[:, TILT_SCALE] = enu_from_flu[:2, 2]
-        noise = moved_cam @ evidence.covariance @ moved_cam.T + self._attitude_sd**2 * np.eye(2)
+        shared = max(ALIKE_TIME / max(spent, SOONEST), 1.0)
+        noise = moved_cam @ evidence.covariance @ moved_cam.T + self._attitude_sd**2 * shared * np.eye(2)
         surprise = (enu_from_cam @ normal_cam)[:2] - observe @ self.mean
         gain = self.covariance @ observe.T @ np.linalg.inv(observe @ self.covariance @ observe.T + noise)
         self.mean = self.mean + gain @ surprise

@@ -28,6 +28,8 @@ LENS: Final = ("focal", "cx", "cy", "k1")
 """What may be wrong with a lens: logarithm of the focal lengths, principal point [px], radial distortion."""
 LEFT_PX: Final = 0.03
 """Error of an edge that no residual of an image shows [px]: interpolation, paper."""
+ALIKE: Final = 1.5
+"""Edges that share one error: neighbours within the blur. Measured: errors over deviations, docs/accuracy.md."""
 SHIFTED: Final = 0.25
 """The same for each pixel all edges are shifted by: a tone curve or sharpening bends them too."""
 ROLLING_PX: Final = 0.3
@@ -145,5 +147,5 @@ def _weights(jacobian: Array, edges: LocatedEdges, left_px: float) -> Array:
         inside = edges.found & (np.abs(residual) < reach)
         weights = np.where(inside, (1.0 - (residual / reach) ** 2) ** 2, 0.0)
     variance = float((weights * residual**2).sum()) / max(float(weights.sum()) - jacobian.shape[1], 1.0)
-    scaled: Array = weights / (variance + left_px**2)
+    scaled: Array = weights / (ALIKE * (variance + left_px**2))
     return scaled

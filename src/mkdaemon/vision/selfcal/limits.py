@@ -15,10 +15,10 @@ MEASURED: Final = "measured, docs/accuracy.md"
 class SelfCalLimits:
     """When an image counts, and when a difference is told."""
 
-    period: float = of(0.06, "s", "between images that are looked at", "cost: 1.2 ms each")
+    period: float = of(0.09, "s", "between images that are looked at", "cost: 1.2 ms each")
     side_px: float = of(40.0, "px", "side of the largest tag from which its edges count", "as `large_tag_px`, farther")
-    certain: float = of(3.0, "deviations", "from which a difference is told", MEASURED)
-    least_looks: int = of(30, "images", "before anything is told", "derived: two seconds")
+    certain: float = of(4.0, "deviations", "from which a difference is told", MEASURED)
+    least_looks: int = of(20, "images", "before anything is told", "derived: two seconds")
     focal: float = of(0.01, "share", "of the focal length; less is what a calibration leaves", "docs/accuracy.md")
     centre_px: float = of(4.0, "px", "of the principal point", "1.5 cm at 4 m")
     k1: float = of(0.02, "", "of the radial distortion", "0.5 cm at 2 m")
@@ -26,6 +26,7 @@ class SelfCalLimits:
     size: float = of(0.01, "share", "of a tag's size against the largest tag's", "docs/accuracy.md")
     height: float = of(0.015, "share", "of a way down or up against the barometer's", MEASURED)
     least_way: float = of(0.5, "m", "between the heights that are compared", "steps of a barometer: 5 cm")
+    mounting_floor: float = of(radians(0.2), "rad", "deviation of the mounting: slow attitude errors", MEASURED)
     focal_floor: float = of(0.003, "share", "deviation of the focal length that no image shows", MEASURED)
     centre_floor_px: float = of(0.7, "px", "the same of the principal point", MEASURED)
     k1_floor: float = of(0.005, "", "the same of `k1`: a webcam's halo", MEASURED)

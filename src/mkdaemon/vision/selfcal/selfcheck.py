@@ -107,7 +107,7 @@ class TargetWatch:
         found = [
             f"{word} {np.degrees(turn):+.1f} +- {np.degrees(sd):.1f} deg"
             for n, word in enumerate(("roll", "pitch", "yaw"))
-            for turn, sd in (self._known(n),)
+            for turn, sd in (self._known(n, SELFCAL.mounting_floor),)
             if self._tells(turn, sd, SELFCAL.mounting)
         ]
         if found:
