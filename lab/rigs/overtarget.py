@@ -273,4 +273,5 @@ async def _observing(client: Vehicle, seen: Seen) -> AsyncIterator[None]:
         yield
     finally:
         listening.cancel()
-        await asyncio.gather(listening, return_exceptions=True)
+        with suppress(asyncio.CancelledError):
+            await listening  # what it could not read is no silence

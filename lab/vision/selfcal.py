@@ -248,7 +248,8 @@ def _errors(mistake: Mistake, flights: Sequence[Outcome]) -> dict[str, list[tupl
         errors.setdefault("focal_percent", []).append((found.focal_percent - focal, found.focal_sd_percent))
         errors.setdefault("cx_px", []).append((found.centre_px[0] + mistake.centre, found.centre_sd_px[0]))
         errors.setdefault("k1", []).append((found.k1, found.k1_sd))
-        errors.setdefault("inner_percent", []).append((found.sizes_percent[1] - inner, found.sizes_sd_percent[1]))
+        tag = next(size for size in found.sizes if size.tag_id == 1)
+        errors.setdefault("inner_percent", []).append((tag.size_percent - inner, tag.size_sd_percent))
         height = 100 * (1 - 1 / ((1 + mistake.sizes) * (1 + mistake.focal)))
         errors.setdefault("height_percent", []).append((found.height_percent - height, found.height_sd_percent))
     return errors

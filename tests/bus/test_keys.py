@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Iterator, Mapping
+from typing import get_args, get_origin
 
 import pytest
 import zenoh
+from pydantic import BaseModel
 
 from mkdaemon.bus.codec import schema_name
 from mkdaemon.bus.keys import KEYS, Use, find, of_use, roots
@@ -23,6 +26,25 @@ def test_every_line_is_a_key_expression_with_a_schema(spec):
         schema = json.loads(schema_json(schema_name(spec.carries)))
         undescribed = [name for name, field in schema.get("properties", {}).items() if not field.get("description")]
         assert undescribed == [], "a field without a word on its meaning and unit"
+
+
+def keys_of_maps(annotation: object) -> Iterator[object]:
+    """Types of the keys of every map in a type."""
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        for field in annotation.model_fields.values():
+            yield from keys_of_maps(field.annotation)
+        return
+    parts = get_args(annotation)
+    if parts and get_origin(annotation) in (dict, Mapping):
+        yield parts[0]
+    for part in parts:
+        yield from keys_of_maps(part)
+
+
+@pytest.mark.parametrize("spec", [spec for spec in KEYS if spec.carries], ids=lambda spec: spec.suffix)
+def test_keys_of_maps_are_words(spec):
+    """Readers of msgpack take no others, and JSON has none."""
+    assert all(isinstance(kind, type) and issubclass(kind, str) for kind in keys_of_maps(spec.carries))
 
 
 def test_no_two_lines_claim_the_same_key():

@@ -73,6 +73,12 @@ def test_every_model_of_the_table_of_keys_is_known():
         ("application/msgpack", b"\x93\x01\x02\x03", {"value": [1, 2, 3]}),
         ("application/schema+json", b'{"a": 1}', {"a": 1}),
         ("text/plain", b"hello", {"raw": b"hello"}),
+        ("application/msgpack;mk.X.v1", b"\x81\x01\x02", {"raw": b"\x81\x01\x02"}),
+        ("application/msgpack", b"\x81\xa1a", {"raw": b"\x81\xa1a"}),
+        ("application/msgpack", b"\x80\x80", {"raw": b"\x80\x80"}),
+        ("application/msgpack", b"\x91" * 3000, {"raw": b"\x91" * 3000}),
+        ("application/json", b"{", {"raw": b"{"}),
+        ("application/json", b"[" * 100_000, {"raw": b"[" * 100_000}),
     ],
 )
 def test_payloads_are_read_by_their_encoding(encoding, raw, fields):

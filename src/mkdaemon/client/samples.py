@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cache, cached_property
 from typing import TYPE_CHECKING, Any
@@ -57,13 +58,13 @@ class Sample:
 
 
 def read_payload(encoding: str, raw: bytes) -> dict[str, Any]:
-    """Unpack a payload; what is no map comes under `value`, an unknown encoding under `raw`."""
-    if "msgpack" in encoding:
-        value = msgpack.unpackb(raw)
-    elif "json" in encoding:
-        value = json.loads(raw)
-    else:
-        value = {"raw": raw}
+    """Unpack a payload; what is no map comes under `value`, what cannot be read or has another encoding under `raw`."""
+    value: Any = {"raw": raw}
+    with suppress(ValueError, RecursionError, msgpack.UnpackException):
+        if "msgpack" in encoding:
+            value = msgpack.unpackb(raw)
+        elif "json" in encoding:
+            value = json.loads(raw)
     return value if isinstance(value, dict) else {"value": value}
 
 

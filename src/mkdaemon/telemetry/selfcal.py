@@ -9,6 +9,17 @@ from __future__ import annotations
 from mkdaemon.telemetry.base import Telemetry
 
 
+class TagSizeError(Telemetry):
+    """Error of a tag's size in the target file, against the largest tag's."""
+
+    tag_id: int
+    """Of the tag."""
+    size_percent: float
+    """Of its size [%]."""
+    size_sd_percent: float
+    """[%]."""
+
+
 class SelfCalibration(Telemetry):
     """Estimates from the images of one target, with standard deviations."""
 
@@ -38,10 +49,8 @@ class SelfCalibration(Telemetry):
     """Of the radial distortion."""
     k1_sd: float
     """Deviation of `k1`."""
-    sizes_percent: dict[int, float]
-    """Of the size of each tag but the largest, against the largest, by id [%]."""
-    sizes_sd_percent: dict[int, float]
-    """[%]."""
+    sizes: tuple[TagSizeError, ...]
+    """Of each tag but the largest."""
     height_percent: float
     """Share of ways down and up by the eyes that is too much, against the barometer [%]."""
     height_sd_percent: float

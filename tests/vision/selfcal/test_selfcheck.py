@@ -69,7 +69,8 @@ def test_right_files_raise_no_alarm() -> None:
     (report,) = check.reports()
     assert (report.target, report.looks) == ("pad", VIEWS)
     assert abs(report.focal_percent) < 0.3
-    assert abs(report.sizes_percent[1]) < 0.3
+    (size,) = report.sizes
+    assert (size.tag_id, abs(size.size_percent) < 0.3) == (1, True)
 
 
 @pytest.mark.parametrize("attitude", [True, False])

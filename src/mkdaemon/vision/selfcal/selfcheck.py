@@ -8,7 +8,7 @@ from math import exp, hypot
 import numpy as np
 import numpy.typing as npt
 
-from mkdaemon.telemetry.selfcal import SelfCalibration
+from mkdaemon.telemetry.selfcal import SelfCalibration, TagSizeError
 from mkdaemon.telemetry.vision import Alarm
 from mkdaemon.vision.camera.calibration_file import Camera, mount_rotation
 from mkdaemon.vision.pose.pose import Pose
@@ -134,12 +134,10 @@ class TargetWatch:
             centre_sd_px=(float(sd[LENS_AT + 1]), float(sd[LENS_AT + 2])),
             k1=float(mean[LENS_AT + 3]),
             k1_sd=float(sd[LENS_AT + 3]),
-            sizes_percent={
-                tag.tag_id: 100.0 * size for tag, (size, _) in zip(self.target.tags[1:], sizes, strict=False)
-            },
-            sizes_sd_percent={
-                tag.tag_id: 100.0 * size_sd for tag, (_, size_sd) in zip(self.target.tags[1:], sizes, strict=False)
-            },
+            sizes=tuple(
+                TagSizeError(tag_id=tag.tag_id, size_percent=100.0 * size, size_sd_percent=100.0 * size_sd)
+                for tag, (size, size_sd) in zip(self.target.tags[1:], sizes, strict=False)
+            ),
             height_percent=100.0 * height,
             height_sd_percent=100.0 * height_sd,
             height_covered=self.heights.covered,
