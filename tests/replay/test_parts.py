@@ -7,10 +7,11 @@ import asyncio
 import msgpack
 import pytest
 
-from mkdaemon.errors import LinkError, LinkLostError
+from mkdaemon.errors import LinkError, LinkLostError, MkError
 from mkdaemon.record.entry import STRANGER, Entry, Kind, TimeBase
 from mkdaemon.record.looks import Look
 from mkdaemon.replay.port import LINE, Refusal, ReplayedLine
+from mkdaemon.replay.recorded import value_of
 from mkdaemon.replay.script import Moment, Script
 from mkdaemon.replay.station import ReplayStation
 from mkdaemon.telemetry.command import CommandResult
@@ -119,3 +120,8 @@ async def test_what_is_still_worked_on_at_the_end_is_ended():
     await asyncio.sleep(0)
     await station.close()
     assert station.outputs == []
+
+
+def test_a_value_of_another_version_is_refused_with_the_place():
+    with pytest.raises(MkError, match=r"mk/t/event/record, value 1: not as CommandResult is today \(status"):
+        value_of(entry(Kind.SAMPLE, "event/record", msgpack.packb({"state": 1})), CommandResult)

@@ -6,13 +6,13 @@ import json
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, TypeVar
 
 import msgpack
-from pydantic import ValidationError
+from pydantic import BaseModel, ValidationError
 
 from mkdaemon.config.root import Config
-from mkdaemon.errors import ConfigError
+from mkdaemon.errors import ConfigError, MkError
 from mkdaemon.record.entry import Entry, Kind
 from mkdaemon.record.layout import Session
 from mkdaemon.record.looks import Look, unpack_looks
@@ -23,6 +23,7 @@ from mkdaemon.replay.script import Moment
 from mkdaemon.telemetry.link import LinkCondition
 
 BLACK_BOX: Final = "blackbox"
+_Model = TypeVar("_Model", bound=BaseModel)
 
 
 @dataclass
@@ -220,3 +221,19 @@ def fields_of(entry: Entry) -> dict[str, Any]:
     except (ValueError, msgpack.exceptions.UnpackException):
         return {}
     return fields if isinstance(fields, dict) else {}
+
+
+def value_of(entry: Entry, model: type[_Model]) -> _Model:
+    """What a payload says, as a value of today.
+
+    Raises:
+        MkError: it was written by a version that says it in another way.
+    """
+    try:
+        return model.model_validate(fields_of(entry))
+    except ValidationError as error:
+        msg = (
+            f"{entry.key}, value {entry.sequence}: not as {model.__name__} is today "
+            f"({', '.join(str(error).splitlines()[1:3])}); replay it with the version that recorded it"
+        )
+        raise MkError(msg) from error

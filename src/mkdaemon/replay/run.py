@@ -61,6 +61,7 @@ def replay(recorded: Recorded, cfg: Config) -> Replayed:
 
     Raises:
         ConfigError: the configuration cannot work here: a camera file is not there, for example.
+        MkError: a recorded value is not of the form it has today.
     """
     script = Script(recorded.looks, [moment for moment in recorded.moments if came_in(moment.entry)], recorded.backlogs)
     loop = ReplayLoop(script, recorded.start - BEFORE)

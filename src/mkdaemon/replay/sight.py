@@ -12,7 +12,7 @@ from mkdaemon.daemon.audit import Outlet
 from mkdaemon.daemon.eyes import Eyes, PoseSink
 from mkdaemon.record.entry import Entry, Kind
 from mkdaemon.record.notices import Notice
-from mkdaemon.replay.recorded import Recorded, fields_of
+from mkdaemon.replay.recorded import Recorded, fields_of, value_of
 from mkdaemon.telemetry.state import Attitude
 from mkdaemon.telemetry.vision import Transform, VisionPose, VisionStats
 
@@ -34,12 +34,11 @@ class BlindEyes(Eyes):
 
     def bring_seen(self, entry: Entry) -> None:
         """Hand on what was seen, and what a camera said of itself."""
-        fields = fields_of(entry)
         match entry.suffix.rpartition("/")[2]:
             case "pose":
-                self._sink.publish(entry.suffix, VisionPose.model_validate(fields))
+                self._sink.publish(entry.suffix, value_of(entry, VisionPose))
             case "stats":
-                self._sink.publish(entry.suffix, VisionStats.model_validate(fields))
+                self._sink.publish(entry.suffix, value_of(entry, VisionStats))
 
 
 class ReplayedEyes(Eyes):
@@ -84,15 +83,14 @@ class ReplayedEyes(Eyes):
 
     def bring_seen(self, entry: Entry) -> None:
         """Look at every image up to the one something was seen in then; pass on what a camera said of itself."""
-        fields = fields_of(entry)
         if entry.suffix == "tf":
-            self._publish_mount(Transform.model_validate(fields))
+            self._publish_mount(value_of(entry, Transform))
             return
         _, camera, what = entry.suffix.split("/", 2)
         if what == "stats":
-            self._sink.publish(entry.suffix, VisionStats.model_validate(fields))
+            self._sink.publish(entry.suffix, value_of(entry, VisionStats))
             return
-        images = self._images.get(camera, deque())
+        images, fields = self._images.get(camera, deque()), fields_of(entry)
         while images and what != "image" and images[0][0] <= fields["sequence"]:
             image = _image(images.popleft()[1])
             if image is not None:
