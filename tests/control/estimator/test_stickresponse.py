@@ -42,6 +42,13 @@ def test_a_gain_that_differs_is_found_soon_after_two_seconds(gain):
     assert found.gain == found.measured
 
 
+@pytest.mark.parametrize(("gain", "believed"), [(0.67, 1.0), (1.5, 1.5)])
+def test_only_a_larger_gain_is_believed_before_two_seconds(gain, believed):
+    found = flown(gain, seconds=1.9)
+    assert found.measured == pytest.approx(gain, abs=0.1)
+    assert found.gain == pytest.approx(believed, abs=0.1)
+
+
 @pytest.mark.parametrize("gain", [0.89, 1.0, 1.13])
 def test_a_gain_that_the_boards_scale_may_explain_is_the_models(gain):
     found = flown(gain)
