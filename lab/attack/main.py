@@ -49,14 +49,21 @@ def death_row(flights: Flights[Attack]) -> dict[str, Any]:
     flown = flights.flown
     return _row(
         flights,
-        neutral_median_s=_median([one.neutral for one in flown]),
-        neutral_max_s=_largest(one.neutral for one in flown),
-        released_median_s=_median([one.released for one in flown]),
-        released_max_s=_largest(one.released for one in flown),
+        **_ladder(flown),
         steered=sum(one.steered for one in flown),
         machine_late_max_s=_largest(one.late for one in flown),
         on_tcp=sum(one.port == "tcp" for one in flown),
     )
+
+
+def _ladder(flown: Sequence[Attack] | Sequence[VirtualDeath]) -> dict[str, Any]:
+    """When sticks were level, and when the aircraft was released."""
+    return {
+        "neutral_median_s": _median([one.neutral for one in flown]),
+        "neutral_max_s": _largest(one.neutral for one in flown),
+        "released_median_s": _median([one.released for one in flown]),
+        "released_max_s": _largest(one.released for one in flown),
+    }
 
 
 def run_virtual_deaths(seeds: range, pool: Executor | None) -> Rows:
@@ -74,10 +81,7 @@ def virtual_row(flights: Flights[VirtualDeath]) -> dict[str, Any]:
     flown = flights.flown
     return _row(
         flights,
-        neutral_median_s=_median([one.neutral for one in flown]),
-        neutral_max_s=_largest(one.neutral for one in flown),
-        released_median_s=_median([one.released for one in flown]),
-        released_max_s=_largest(one.released for one in flown),
+        **_ladder(flown),
         cut_frames=sum(one.is_cut for one in flown),
     )
 
