@@ -11,6 +11,7 @@ import numpy as np
 
 from lab.control.corerig import pose_of
 from lab.rigs.cockpit import Cockpit
+from lab.rigs.cockpitclient import PublishedValues
 from lab.rigs.grounded import GroundedAircraft
 from lab.rigs.virtualguard import VirtualGuard
 from mkdaemon.bus.codec import encode_map
@@ -95,10 +96,13 @@ class Scene:
         guard: of the daemon.
         loop: in virtual time.
         bench: what the boards are mounted on, with the pilot's transmitter.
+        said: the latest value published under each key, by field.
     """
 
-    def __init__(self, flown: Cockpit, client: Client, guard: VirtualGuard) -> None:
+    def __init__(self, flown: Cockpit, client: Client, guard: VirtualGuard, published: PublishedValues) -> None:
         self.flown, self.client, self.guard = flown, client, guard
+        self.said: dict[str, dict[str, Any]] = {}
+        published.followers.append(self.said.__setitem__)
         self.loop = asyncio.get_running_loop()
         self.bench = cast("GroundedAircraft", flown.aircraft.world)
 
@@ -131,6 +135,10 @@ class Scene:
         """Time from a moment to the first stick frame from which on none has a tilt, until the release [s]."""
         await self.release_after(since)
         return self.level_since(since) - since
+
+    def sticks_since(self, since: float) -> int:
+        """How many stick frames of a setpoint left after a moment."""
+        return len(self._of(Purpose.SETPOINT, since))
 
     def level_since(self, since: float) -> float:
         """When the first stick frame left after which none has had a tilt, of those after a moment [s]."""

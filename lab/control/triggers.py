@@ -11,6 +11,7 @@ import math
 import random
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
+from enum import Enum
 from multiprocessing import get_context
 from typing import Any, Final
 
@@ -18,6 +19,7 @@ from lab.control.triggerrig import CLIENT, TICK, Client, Scene
 from lab.control.triggerstories import (
     Story,
     aborted,
+    blind_frozen,
     blind_level,
     blind_release,
     blind_takeoff,
@@ -26,17 +28,26 @@ from lab.control.triggerstories import (
     dead_man,
     eyes_stalled,
     gate_shut,
+    gps_switch,
     guard_neutral,
     guard_release,
+    height_control,
+    line_garbage,
     line_silent,
+    no_lease,
     one_way,
+    pilots_stick,
     receiver_lost,
     release_asked,
+    replugged,
     silent,
     stale,
     taken_over,
+    throttle_capped,
+    unplugged,
 )
 from lab.rigs.cockpit import Boards, cockpit
+from lab.rigs.cockpitclient import PublishedValues
 from lab.rigs.virtualguard import VirtualGuard
 from mkdaemon.virtualtime import run_virtually
 
@@ -59,20 +70,40 @@ TELEMETRY: Final = 0.25
 """What only telemetry shows is known with its next message: 5 Hz, and the time on the wire [s]."""
 
 
+class Shown(Enum):
+    """Which boards show an event to the daemon, or to this rig."""
+
+    EVERYWHERE = "everywhere"
+    ON_A_CABLE = "on a cable to the FlightCtrl"
+    BY_A_NAVICTRL = "by a NaviCtrl"
+
+    def is_shown(self, boards: Boards) -> bool:
+        """Whether these boards show it."""
+        match self:
+            case Shown.ON_A_CABLE:
+                return boards.nc is None
+            case Shown.BY_A_NAVICTRL:
+                return boards.nc is not None
+            case _:
+                return True
+
+
 @dataclass(frozen=True, slots=True)
 class Trigger:
-    """One row of the safety table.
+    """One time of a row of the safety table.
 
     Attributes:
+        event: the row, as docs/safety.md names it.
         story: what happens; the time that it took [s].
         at: when it has to fire [s]; None for the dead-man of the boards that fly.
-        is_direct: only on a cable to the FlightCtrl; nothing else shows it.
+        shown: where it can happen, or be seen.
         slack: beside the share of the time [s].
     """
 
+    event: str
     story: Story
     at: float | None
-    is_direct: bool = False
+    shown: Shown = Shown.EVERYWHERE
     slack: float = PROMPT
 
     @property
@@ -80,32 +111,58 @@ class Trigger:
         """In words."""
         return self.story.__name__
 
+    @property
+    def boards(self) -> tuple[Boards, ...]:
+        """The boards it is seen on."""
+        return tuple(boards for boards in GENERATIONS if self.shown.is_shown(boards))
+
     def time(self, boards: Boards) -> float:
         """When it has to fire with these boards [s]."""
         return DEAD_MAN[boards.fc] if self.at is None else self.at
 
 
-TRIGGERS: Final = (
-    Trigger(stale, 0.3),
-    Trigger(silent, 1.0),
-    Trigger(client_gone, 0.0),
-    Trigger(blind_level, 1.5),
-    Trigger(blind_release, 3.0),
-    Trigger(eyes_stalled, 1.5),
-    Trigger(blind_takeoff, 1.5),
-    Trigger(aborted, 0.0),
-    Trigger(line_silent, 0.5),
-    Trigger(one_way, 1.5),
-    Trigger(dead_man, None, is_direct=True),
-    Trigger(release_asked, 0.0),
-    Trigger(taken_over, 0.0),
-    Trigger(receiver_lost, 0.0, slack=TELEMETRY),
-    Trigger(daemon_stalled, 0.0),
-    Trigger(guard_neutral, 0.25),
-    Trigger(guard_release, 0.8),
-    Trigger(gate_shut, 0.0),
+BLIND: Final = "the target is out of sight, flown by position or velocity"
+NO_DATA: Final = "no board data"
+SWITCHES: Final = (
+    "height control is switched on, or the GPS switch is turned to hold or coming home under a flight by position"
 )
-"""Every trigger; what each does: docs/safety.md, "What happens when something fails"."""
+PILOT: Final = "pilot closes the gate or moves a stick"
+GUARD: Final = "the daemon hangs or dies"
+ENDED: Final = "somebody asks for a release, or another client takes the lease by force"
+TRIGGERS: Final = (
+    Trigger("setpoint older than its time to live", stale, 0.3),
+    Trigger("still nothing", silent, 1.0),
+    Trigger("the client's session ends", client_gone, 0.0),
+    Trigger(BLIND, blind_frozen, 0.2),
+    Trigger(BLIND, blind_level, 1.5),
+    Trigger(BLIND, blind_release, 3.0),
+    Trigger(BLIND, eyes_stalled, 1.5),
+    Trigger("take-off without an image of a flying aircraft", blind_takeoff, 1.5),
+    Trigger("somebody asks for an abort", aborted, 0.0),
+    Trigger(ENDED, release_asked, 0.0),
+    Trigger(ENDED, taken_over, 0.0),
+    Trigger(NO_DATA, line_silent, 0.5),
+    Trigger(NO_DATA, line_garbage, 0.5),
+    Trigger(NO_DATA, unplugged, 0.0),
+    Trigger(NO_DATA, replugged, 0.0),
+    Trigger("the board does not hear us", one_way, 1.5),
+    Trigger("nothing of ours reaches the FlightCtrl any more", dead_man, None, Shown.ON_A_CABLE),
+    Trigger(SWITCHES, height_control, 0.0, Shown.BY_A_NAVICTRL, TELEMETRY + PROMPT),
+    Trigger(SWITCHES, gps_switch, 0.0, Shown.BY_A_NAVICTRL, TELEMETRY + PROMPT),
+    Trigger("the pilot's throttle is lower than ours", throttle_capped, 0.4, slack=2 * TELEMETRY),
+    Trigger("the receiver is lost", receiver_lost, 0.0, slack=TELEMETRY),
+    Trigger("the daemon stood still for longer than a setpoint lives", daemon_stalled, 0.0),
+    Trigger(GUARD, guard_neutral, 0.25),
+    Trigger(GUARD, guard_release, 0.8),
+    Trigger(PILOT, gate_shut, 0.0),
+    Trigger(PILOT, pilots_stick, 0.0),
+    Trigger("no lease", no_lease, 0.0),
+)
+"""Every trigger of docs/safety.md, "What happens when something fails"."""
+ELSEWHERE: Final = {
+    "a pad is unplugged, its enable button let go of, a terminal gone": "lab.teleop.losses",
+}
+"""Rows of that table whose times another campaign measures, and its module."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -139,15 +196,15 @@ def fire(trigger: Trigger, boards: Boards, seed: int) -> Fired:
 
 
 async def _fire(trigger: Trigger, boards: Boards, seed: int) -> float:
-    guard = VirtualGuard()
+    guard, published = VirtualGuard(), PublishedValues()
     rates: dict[str, Any] = {"rates": {"osd": 200}} if boards.nc else {}
-    async with cockpit(boards, seed, tick=TICK, guard=guard, **rates) as flown:
+    async with cockpit(boards, seed, tick=TICK, guard=guard, outlet=published, **rates) as flown:
         client = Client(flown)
         await asyncio.sleep(random.Random(f"{seed} {trigger.name}").uniform(0.0, 0.5))
         await flown.take(CLIENT)
         tasks = [asyncio.create_task(work, name="client") for work in (client.stream(), client.see())]
         try:
-            return await trigger.story(Scene(flown, client, guard))
+            return await trigger.story(Scene(flown, client, guard, published))
         finally:
             for task in tasks:
                 task.cancel()
@@ -164,11 +221,7 @@ def run_triggers(runs: int | None, first_seed: int, jobs: int) -> dict[str, dict
         jobs: processes.
     """
     work = [
-        (trigger, boards, first_seed + k)
-        for trigger in TRIGGERS
-        for boards in GENERATIONS
-        if boards.nc is None or not trigger.is_direct
-        for k in range(runs or 3)
+        (trigger, boards, first_seed + k) for trigger in TRIGGERS for boards in trigger.boards for k in range(runs or 3)
     ]
     with ProcessPoolExecutor(min(jobs, len(work)), get_context("spawn")) as pool:
         fired = list(pool.map(fire, *zip(*work, strict=True), chunksize=4))

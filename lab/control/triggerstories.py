@@ -5,15 +5,28 @@ from __future__ import annotations
 import asyncio
 import math
 from collections.abc import Awaitable, Callable
+from typing import Final
 
 from lab.control.triggerrig import ASIDE, CLIENT, HERE, Scene
 from lab.rigs.boardport import LineFault
 from mkdaemon.control.guidance.takeoff import TakeOffLimits
+from mkdaemon.control.modes import IN_FLIGHT
 from mkdaemon.link.session.traffic import Purpose
+from mkdaemon.sim.boards.parameters import FIRST_POTI, Parameters
+from mkdaemon.sim.physics.pilot import GPS_SWITCH, GPS_SWITCH_VALUES
 from mkdaemon.telemetry.command import AbortRequest, LeaseRequest, ReleaseRequest
 from mkdaemon.telemetry.control import Phase
 from mkdaemon.telemetry.setpoint import PositionSetpoint, TakeOffSetpoint
 from mkdaemon.virtualtime import VirtualLoop
+
+HEIGHT_CONTROL: Final = 0x01
+"""Bit of GlobalConfig: height control can be switched on."""
+HEIGHT_SWITCH: Final = 3
+"""Poti that switches it in these stories."""
+LID: Final = 20
+"""The pilot's throttle while the machine flies [stick]."""
+CAPPING: Final = -60
+"""A throttle below hover [stick]."""
 
 Story = Callable[[Scene], Awaitable[float]]
 
@@ -46,6 +59,14 @@ async def over_target(scene: Scene) -> None:
     await asyncio.sleep(0.5)
     scene.client.setpoint = (PositionSetpoint, ASIDE)
     await asyncio.sleep(0.5)
+
+
+async def blind_frozen(scene: Scene) -> float:
+    """The target is gone: the reference stands still, short of the place that is asked for."""
+    await over_target(scene)
+    scene.client.is_seeing = False
+    since = scene.client.seen
+    return await scene.until(lambda: tuple(scene.said["control/error"]["goal"]) != ASIDE["position"]) - since
 
 
 async def blind_level(scene: Scene) -> float:
@@ -103,6 +124,35 @@ async def line_silent(scene: Scene) -> float:
     return await scene.release_after(heard)
 
 
+async def line_garbage(scene: Scene) -> float:
+    """Random bytes in place of board data: the lease ends, a release is sent."""
+    await scene.lean()
+    heard = scene.flown.sink.heard_at
+    assert scene.flown.socket.port is not None
+    scene.flown.socket.port.inject(LineFault.GARBAGE)
+    return await scene.release_after(heard)
+
+
+async def unplugged(scene: Scene) -> float:
+    """The cable is pulled: the lease ends."""
+    await scene.lean()
+    since = scene.loop.time()
+    scene.flown.socket.unplug()
+    return await scene.until(lambda: scene.flown.flight.phase not in IN_FLIGHT) - since
+
+
+async def replugged(scene: Scene) -> float:
+    """The cable is plugged in again: a release is the first thing sent, though the client streams on."""
+    await unplugged(scene)
+    await asyncio.sleep(1.0)
+    socket, tx = scene.flown.socket, scene.flown.sink.tx
+    openings, before = socket.openings, len(tx)
+    socket.is_present = True
+    opened = await scene.until(lambda: socket.openings > openings)
+    await scene.until(lambda: len(tx) > before)
+    return tx[before].at - opened if tx[before].purpose is Purpose.RELEASE else math.inf
+
+
 async def one_way(scene: Scene) -> float:
     """The board does not hear us: the lease ends after the verdict of 0.5 s and 1 s of patience."""
     await scene.lean()
@@ -139,13 +189,55 @@ async def taken_over(scene: Scene) -> float:
     return await scene.release_after(since)
 
 
-async def receiver_lost(scene: Scene) -> float:
-    """The FlightCtrl says that it has lost the pilot's transmitter."""
+async def no_lease(scene: Scene) -> float:
+    """Nobody holds the lease, and a client streams on: no stick frame leaves."""
+    await over_target(scene)
+    await scene.flown.flight.release(ReleaseRequest(reason="enough"))
+    released = scene.loop.time()
+    await asyncio.sleep(2.0)
+    return math.inf if scene.sticks_since(released) else 0.0
+
+
+async def height_control(scene: Scene) -> float:
+    """The pilot switches height control on: release."""
+    flight = scene.flown.aircraft.flight
+    switch = flight.live.channel(FIRST_POTI + HEIGHT_SWITCH - 1)
+    enabled = Parameters(flight.live.with_value("global_config", flight.live["global_config"] | HEIGHT_CONTROL))
+    flight.live = Parameters(enabled.with_value("altitude_channel", switch))
+    await motors_on(scene)
+    await over_target(scene)
+    scene.bench.pilot.switches[HEIGHT_SWITCH] = 255
+    return await scene.release_after(await scene.until(lambda: flight.core.height_control))
+
+
+async def gps_switch(scene: Scene) -> float:
+    """The pilot turns his GPS switch to hold: release."""
+    await over_target(scene)
+    scene.bench.pilot.switches[GPS_SWITCH] = GPS_SWITCH_VALUES["hold"]
+    return await scene.release_after(scene.loop.time())
+
+
+async def throttle_capped(scene: Scene) -> float:
+    """The pilot's throttle is lower than ours: `control/status` says so."""
+    await motors_on(scene)
+    await over_target(scene)
+    scene.bench.pilot.gas = CAPPING
+    since = scene.loop.time()
+    return await scene.until(lambda: scene.said["control/status"]["pilots_throttle"] is not None) - since
+
+
+async def motors_on(scene: Scene) -> None:
+    """Let the pilot start the motors and raise his throttle before the client flies."""
     scene.client.is_streaming = False
     await scene.start_motors()
+    scene.bench.pilot.gas = LID
     scene.client.is_streaming = True
+
+
+async def receiver_lost(scene: Scene) -> float:
+    """The FlightCtrl says that it has lost the pilot's transmitter."""
+    await motors_on(scene)
     pilot, core = scene.bench.pilot, scene.flown.aircraft.flight.core
-    pilot.gas = 20
     await scene.lean()
     await asyncio.sleep(3.0)
     pilot.rc_quality = 0
@@ -187,3 +279,13 @@ async def gate_shut(scene: Scene) -> float:
     scene.bench.pilot.gate = 0
     since = scene.loop.time()
     return await scene.until(lambda: not scene.flown.aircraft.applied[-1].is_valid) - since
+
+
+async def pilots_stick(scene: Scene) -> float:
+    """The pilot moves a stick: the FlightCtrl adds it to ours at once."""
+    await scene.lean()
+    core = scene.flown.aircraft.flight.core
+    before = core.mixed.roll
+    scene.bench.pilot.roll = 40
+    since = scene.loop.time()
+    return await scene.until(lambda: core.controlled and abs(core.mixed.roll - before) > 30) - since

@@ -2,21 +2,20 @@
 
 from __future__ import annotations
 
+import importlib.util
 import math
 
 import pytest
 
-from lab.control.triggers import GENERATIONS, TRIGGERS, Fired, Trigger, aborted, dead_man, fire
+from lab.control.triggers import ELSEWHERE, TRIGGERS, Fired, Shown, Trigger, aborted, dead_man, fire
 from lab.rigs.cockpit import Boards
-
-CABLE = tuple(boards for boards in GENERATIONS if boards.nc is None)
+from tests.places import DOCS
 
 
 @pytest.mark.parametrize("number", range(len(TRIGGERS)), ids=[trigger.name for trigger in TRIGGERS])
 def test_a_trigger_fires_at_its_time(number):
     trigger = TRIGGERS[number]
-    boards = CABLE if trigger.is_direct else GENERATIONS
-    fired = fire(trigger, boards[number % len(boards)], seed=number)
+    fired = fire(trigger, trigger.boards[number % len(trigger.boards)], seed=number)
     assert fired.is_right, fired
 
 
@@ -25,5 +24,20 @@ def test_a_trigger_that_is_late_early_or_never_is_wrong():
     assert not Fired("x", "y", 0.37, 0.3, 0.0).is_right
     assert not Fired("x", "y", 0.23, 0.3, 0.0).is_right
     assert not Fired("x", "y", math.inf, 0.3, 0.0).is_right
-    assert Trigger(dead_man, None).time(Boards("2.08")) == 5.1
-    assert Trigger(aborted, 0.0).time(Boards("2.08")) == 0.0
+    assert Trigger("x", dead_man, None).time(Boards("2.08")) == 5.1
+    assert Trigger("x", aborted, 0.0).time(Boards("2.08")) == 0.0
+
+
+def test_a_trigger_is_tried_on_the_boards_that_show_it():
+    assert not any(boards.nc for boards in Trigger("x", aborted, 0.0, Shown.ON_A_CABLE).boards)
+    assert all(boards.nc for boards in Trigger("x", aborted, 0.0, Shown.BY_A_NAVICTRL).boards)
+    assert len(Trigger("x", aborted, 0.0).boards) == 6
+
+
+def test_every_row_of_the_safety_table_has_a_story():
+    page = (DOCS / "safety.md").read_text(encoding="utf-8")
+    table = page.split("| event | after | action |\n")[1].split("\n\n")[0]
+    rows = [line.split(" | ")[0].removeprefix("| ") for line in table.splitlines()[1:]]
+    assert sorted(rows) == sorted({trigger.event for trigger in TRIGGERS} | set(ELSEWHERE))
+    for module in ELSEWHERE.values():
+        assert importlib.util.find_spec(module)

@@ -15,7 +15,7 @@ from mkdaemon.sim.physics.attitude_loop import LEAK_FAST, LEAK_SLOW, AttitudeGai
 
 SETS: Final = 5
 FACTORY_ACTIVE: Final = 3
-_FIRST_POTI: Final = 4
+FIRST_POTI: Final = 4
 """Place in the channel list where the potis begin: pitch, roll, throttle and yaw come first."""
 _MEASURED_REVISION: Final = 106
 
@@ -115,7 +115,7 @@ class Parameters:
     @property
     def potis(self) -> int:
         """How many potis this set maps."""
-        return self._places["channels"].length - _FIRST_POTI
+        return self._places["channels"].length - FIRST_POTI
 
     def with_value(self, key: str, value: int) -> bytes:
         """Return the set with one parameter changed; unchanged where it has no such parameter."""
