@@ -25,6 +25,8 @@ LONG: Final = 900_000
 """Length of a long query [bytes]; Zenoh itself drops what is longer than 1 MiB."""
 SILENT: Final = 1500
 """Connections that say nothing."""
+STRANGER: Final = {"transport/shared_memory/enabled": True}
+"""Settings of Zenoh's that a program of a stranger's has: those of its own."""
 SLEEPERS: Final = 8
 """Subscribers that one process stops with it."""
 
@@ -61,7 +63,7 @@ def main() -> None:
         time.sleep(seconds)
         print(len(sockets), flush=True)
         return
-    session = zenoh.open(session_config("client", connect=[endpoint]))
+    session = zenoh.open(session_config("client", connect=[endpoint], more=STRANGER))
     if kind is Flood.STOPPED:
         sessions = [session, *(zenoh.open(session_config("client", connect=[endpoint])) for _ in range(SLEEPERS - 1))]
         for one in sessions:

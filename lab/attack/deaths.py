@@ -22,16 +22,25 @@ from typing import Final
 
 import zenoh
 
-from lab.attack.programs import BLOCKED_DAEMON, HELD_DAEMON, HOLD
+from lab.attack.blocked import Blocked, fly_on_blocked
+from lab.attack.flightlog import flight_log
+from lab.attack.programs import BLOCKED_DAEMON, HELD_DAEMON
 from lab.rigs.cockpit import Boards
 from lab.rigs.lateness import measured_lateness
 from lab.rigs.pilot import Pilot
-from lab.rigs.processes import VEHICLE, DaemonProcess, ObservedSimulation, connected, daemon_process, wait_for_control
-from lab.rigs.waiting import PATIENCE, wait_until
+from lab.rigs.processes import (
+    VEHICLE,
+    DaemonProcess,
+    ObservedSimulation,
+    Sticks,
+    connected,
+    daemon_process,
+    wait_for_control,
+)
+from lab.rigs.waiting import wait_until
 from lab.stories.kill import steering
 from mkdaemon.bus.endpoint import reserved_endpoint
 from mkdaemon.bus.session import session_config
-from mkdaemon.client import Vehicle
 from mkdaemon.config.sim import PilotPlan, SimConfig
 from mkdaemon.daemon.priority import favour_loop, favour_threads
 from mkdaemon.sim.runtime import Runtime
@@ -66,13 +75,16 @@ _SIGNALS: Final = {
     Death.ABORTED: signal.SIGABRT,
     Death.FROZEN: signal.SIGSTOP,
     Death.HELD: signal.SIGUSR1,
-    Death.BLOCKED: signal.SIGUSR1,
 }
 _PROGRAMS: Final = {Death.HELD: ("-c", HELD_DAEMON), Death.BLOCKED: ("-c", BLOCKED_DAEMON)}
 GREED: Final = 900_000
 """Length of a message that needs more memory than there is [bytes]."""
 CGROUPS: Final = Path("/sys/fs/cgroup/memory")
 BOARDS: Final = tuple(Boards(fc, nc) for nc in (None, "0.24") for fc in ("early", "2.08", "2.12a"))
+
+
+class ControlLostError(Exception):
+    """Control was lost before anything was done to the daemon: that is no flight to judge; says what was published."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,7 +99,7 @@ class Attack:
         released: until it held nothing [s].
         steered: frames with a control bit that came after the release.
         late: the machine was late by so long at most, and so may be the times [s]; see `lab.rigs.lateness`.
-        kept: nothing was neutral or released before it had to be.
+        blocked: how it flew on while nobody read standard error; None for other kinds.
     """
 
     boards: str
@@ -97,13 +109,22 @@ class Attack:
     released: float
     steered: int
     late: float = 0.0
-    kept: bool = True
+    blocked: Blocked | None = None
 
     @property
     def is_wrong(self) -> bool:
         """Whether it breaks a limit."""
-        is_slow = self.neutral > NEUTRAL_LIMIT or self.released > RELEASE_LIMIT
-        return is_slow or self.steered > 0 or not self.kept
+        return self._is_wrong_by(0.0)
+
+    @property
+    def is_machine_late(self) -> bool:
+        """Whether it is wrong, and would hold without the lateness of the machine; it counts as wrong all the same."""
+        return self.is_wrong and not self._is_wrong_by(self.late)
+
+    def _is_wrong_by(self, late: float) -> bool:
+        is_slow = self.neutral - late > NEUTRAL_LIMIT or self.released - late > RELEASE_LIMIT
+        is_lost = self.blocked is not None and not self.blocked.kept
+        return is_slow or self.steered > 0 or is_lost
 
 
 async def attack(boards: Boards, kind: Death, seed: int) -> Attack:
@@ -111,6 +132,7 @@ async def attack(boards: Boards, kind: Death, seed: int) -> Attack:
 
     Raises:
         TimeoutError: the flight did not begin, or the aircraft was never released.
+        ControlLostError: control was lost before the attack.
     """
     favour_loop()  # who judges must not be starved by the machine's other programs
     rng = random.Random(f"{seed} {boards.name} {kind.value}")
@@ -125,31 +147,34 @@ async def attack(boards: Boards, kind: Death, seed: int) -> Attack:
         port = f"pty:{runtime.port}" if listen is None else f"tcp:{listen}"
         async with (
             runtime.serve(),
-            daemon_process(port, Path(name), program=_PROGRAMS.get(kind)) as daemon,
+            daemon_process(port, Path(name), program=_PROGRAMS.get(kind), log="info") as daemon,
             connected(daemon.endpoint, patience=START) as client,
             Pilot(client, "pilot") as pilot,
+            flight_log(client, pilot, simulation) as log,
             measured_lateness() as lateness,
         ):
             simulation.is_frozen = False
             await wait_for_control(client)
             await pilot.engage(lambda: simulation.is_controlled)
             pilot.sticks |= {"pitch": 40.0, "roll": -40.0}
-            await wait_until(lambda: not _is_neutral(simulation))
+            await wait_until(lambda: simulation.sticks is Sticks.STEERED)
             await asyncio.sleep(rng.uniform(0.2, 0.8))
             favour_threads()  # those that carry the pilot's setpoints, and his daemon's death
+            if simulation.sticks is not Sticks.STEERED:
+                raise ControlLostError("; ".join(log.said))
             lateness.forget()
-            is_kept = True
+            blocked = None
             if kind is Death.BLOCKED:
-                is_kept = await _fly_on_blocked(daemon, client, simulation)
+                blocked = await fly_on_blocked(daemon, client, log)
                 await pilot.stop()
-                began = pilot.put_at
+                began = pilot.puts[-1]
             else:
                 began = await _strike(daemon, kind)
-            await wait_until(lambda: _is_neutral(simulation))
+            await wait_until(lambda: simulation.sticks is not Sticks.STEERED)
             neutral = time.monotonic() - began
             await wait_until(lambda: not simulation.is_controlled)
             released = time.monotonic() - began
-            late = round(max(lateness.loop, lateness.terminal if is_on_terminal else 0.0), 3)
+            late = round(max(lateness.loop, lateness.thread, lateness.terminal if is_on_terminal else 0.0), 3)
             simulation.heard.clear()
             await asyncio.sleep(WATCH)
             steered = steering(b"".join(data for _, data in simulation.heard)) + int(simulation.is_controlled)
@@ -158,7 +183,7 @@ async def attack(boards: Boards, kind: Death, seed: int) -> Attack:
             with suppress(ProcessLookupError):
                 daemon.send_signal(signal.SIGKILL)
             times = round(neutral, 3), round(released, 3)
-            return Attack(boards.name, kind.value, port[:3], *times, steered, late, is_kept)
+            return Attack(boards.name, kind.value, port[:3], *times, steered, late, blocked)
 
 
 async def _strike(daemon: DaemonProcess, kind: Death) -> float:
@@ -171,29 +196,6 @@ async def _strike(daemon: DaemonProcess, kind: Death) -> float:
     else:
         daemon.send_signal(_SIGNALS[kind])
     return time.monotonic()
-
-
-async def _fly_on_blocked(daemon: DaemonProcess, client: Vehicle, simulation: ObservedSimulation) -> bool:
-    """Block standard error, have something logged, and fly on; returns whether the aircraft was steered all the while.
-
-    Raises:
-        TimeoutError: nothing waits to be written.
-    """
-    daemon.send_signal(_SIGNALS[Death.BLOCKED])
-    async with asyncio.timeout(PATIENCE):
-        while not _waits_to_write(daemon.pid):
-            await client.command("do", "nothing", {})
-    is_kept, began = True, time.monotonic()
-    while time.monotonic() - began < HOLD:
-        await asyncio.sleep(0.02)
-        is_kept &= simulation.is_controlled and not _is_neutral(simulation)
-    return is_kept and _waits_to_write(daemon.pid)
-
-
-def _waits_to_write(pid: int) -> bool:
-    """Whether a thread waits for room in a pipe; root alone may see it."""
-    tasks = Path(f"/proc/{pid}/task").iterdir()
-    return any("pipe_write" in (task / "wchan").read_text(encoding="ascii") for task in tasks)
 
 
 def _is_alive(pid: int) -> bool:
@@ -218,8 +220,9 @@ def memory_limit(pid: int) -> Iterator[None]:
     group = CGROUPS / f"lab-attack-{pid}-{time.monotonic_ns()}"
     group.mkdir()
     try:
-        (group / "cgroup.procs").write_text(str(pid), encoding="ascii")
+        # The limit first: pages that are in use already could not be taken back, and the kernel would refuse it.
         (group / "memory.limit_in_bytes").write_text("65536", encoding="ascii")
+        (group / "cgroup.procs").write_text(str(pid), encoding="ascii")
         yield
     finally:
         for member in (group / "cgroup.procs").read_text(encoding="ascii").split():
@@ -227,9 +230,3 @@ def memory_limit(pid: int) -> Iterator[None]:
                 (CGROUPS / "cgroup.procs").write_text(member, encoding="ascii")
         with suppress(OSError):
             group.rmdir()
-
-
-def _is_neutral(simulation: ObservedSimulation) -> bool:
-    external = simulation.flight.external
-    held = external.held
-    return not external.is_valid or (held.pitch, held.roll, held.yaw) == (0, 0, 0)

@@ -7,10 +7,12 @@ import multiprocessing
 import os
 import sys
 import time
+import traceback
 from collections.abc import Callable, Coroutine, Iterator, Sequence
 from concurrent.futures import Executor, ProcessPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any, Final, Generic, Protocol, TypeVar
 
 from lab.stories.losses import silence_log
@@ -27,11 +29,11 @@ class Flight(Protocol):
         """Whether it breaks a limit."""
 
 
-_Flight = TypeVar("_Flight", bound=Flight)
+AnyFlight = TypeVar("AnyFlight", bound=Flight)
 
 
 @dataclass(frozen=True, slots=True)
-class Plan(Generic[_Flight]):
+class Plan(Generic[AnyFlight]):
     """Flights of one row of the campaign, before they are flown.
 
     Attributes:
@@ -42,11 +44,11 @@ class Plan(Generic[_Flight]):
 
     attack: str
     boards: str
-    fly: Callable[[int], Coroutine[Any, Any, _Flight]]
+    fly: Callable[[int], Coroutine[Any, Any, AnyFlight]]
 
 
 @dataclass(slots=True)
-class Flights(Generic[_Flight]):
+class Flights(Generic[AnyFlight]):
     """Flights of one row of the campaign.
 
     Attributes:
@@ -58,11 +60,13 @@ class Flights(Generic[_Flight]):
 
     attack: str
     boards: str
-    flown: list[_Flight] = field(default_factory=list)
+    flown: list[AnyFlight] = field(default_factory=list)
     not_flown: list[dict[str, Any]] = field(default_factory=list)
 
 
-def fly_all(plans: Sequence[Plan[_Flight]], seeds: range, pool: Executor | None = None) -> Iterator[Flights[_Flight]]:
+def fly_all(
+    plans: Sequence[Plan[AnyFlight]], seeds: range, pool: Executor | None = None
+) -> Iterator[Flights[AnyFlight]]:
     """Fly every plan once per seed, and tell on standard error how each flight went.
 
     Args:
@@ -97,19 +101,19 @@ def flight_pool(jobs: int) -> Iterator[Executor | None]:
         yield pool
 
 
-def _put_together(plan: Plan[_Flight], parts: Sequence[Flights[_Flight]]) -> Flights[_Flight]:
+def _put_together(plan: Plan[AnyFlight], parts: Sequence[Flights[AnyFlight]]) -> Flights[AnyFlight]:
     flown = [one for part in parts for one in part.flown]
     return Flights(plan.attack, plan.boards, flown, [one for part in parts for one in part.not_flown])
 
 
-def _fly_once(plan: Plan[_Flight], seed: int) -> Flights[_Flight]:
-    flights = Flights[_Flight](plan.attack, plan.boards)
+def _fly_once(plan: Plan[AnyFlight], seed: int) -> Flights[AnyFlight]:
+    flights = Flights[AnyFlight](plan.attack, plan.boards)
     began = time.monotonic()
     try:
         flight = asyncio.run(_fly_in_time(plan.fly(seed)))
     except Exception as error:  # noqa: BLE001
         # Whatever keeps one flight from being flown, the others count; and the row fails.
-        reason = f"{type(error).__name__}: {error}"
+        reason = f"{type(error).__name__}: {error} ({_place(error)})"
         flights.not_flown.append({"seed": seed, "reason": reason})
         outcome = f"NOT FLOWN: {reason}"
     else:
@@ -121,6 +125,12 @@ def _fly_once(plan: Plan[_Flight], seed: int) -> Flights[_Flight]:
     return flights
 
 
-async def _fly_in_time(flight: Coroutine[Any, Any, _Flight]) -> _Flight:
+def _place(error: BaseException) -> str:
+    """The line of the campaign at which a flight failed."""
+    calls = [call for call in traceback.extract_tb(error.__traceback__) if "lab" in Path(call.filename).parts]
+    return f"{Path(calls[-1].filename).name}:{calls[-1].lineno} {calls[-1].name}" if calls else "outside the campaign"
+
+
+async def _fly_in_time(flight: Coroutine[Any, Any, AnyFlight]) -> AnyFlight:
     async with asyncio.timeout(LONGEST):
         return await flight

@@ -57,7 +57,7 @@ class Ride:
         gap_max: the same, longest [s].
         kept: the FlightCtrl was under control from beginning to end.
         released: from `mkctl release` to a FlightCtrl that holds nothing [s].
-        memory_mb: the daemon holds at the end [MiB].
+        memory_mb: most that the daemon held at any time [MiB].
         log: what it wrote to standard error [bytes/s].
         load: of the machine, over one minute.
     """
@@ -112,7 +112,7 @@ async def ride(kind: Flood, seed: int) -> Ride:
                     is_kept &= simulation.is_controlled
                 times = [at for at, data in simulation.heard if steering(data)]
                 log = (len(daemon.errors) - written) / (time.monotonic() - began)
-                memory = daemon.resident_mb()
+                memory = daemon.most_resident_mb()
                 called = time.monotonic()
                 asking = asyncio.create_task(_release(daemon.endpoint), name="release")
                 await wait_until(lambda: not simulation.is_controlled)

@@ -11,7 +11,7 @@ import os
 import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Executor
-from dataclasses import asdict
+from dataclasses import asdict, dataclass, replace
 from functools import partial
 from typing import Annotated, Any, Final, Literal
 
@@ -21,7 +21,7 @@ from rich.table import Table
 
 from lab.attack.attackers import Flood
 from lab.attack.deaths import BOARDS, Attack, Death, attack
-from lab.attack.flights import Flights, Plan, flight_pool, fly_all
+from lab.attack.flights import AnyFlight, Flights, Plan, flight_pool, fly_all
 from lab.attack.floods import Ride, ride
 from lab.attack.guardless import GuardDeath, kill_guard
 from lab.attack.quiet import FLIGHT, fly_quietly
@@ -32,16 +32,44 @@ from mkdaemon.cli.arguments import AsJson
 
 Case = Literal["deaths", "virtual", "floods", "guard", "quiet"]
 Rows = Iterator[dict[str, Any]]
+QUIET: Final = "none: the guard is quiet"
 ON_TCP: Final = "FC 2.08 on TCP"
 QUIET_BOARDS: Final = (Boards("early"), Boards("2.08"), Boards("2.12a"), Boards("2.12a", "0.24"))
 
 
-def run_deaths(seeds: range, pool: Executor | None) -> Rows:
+@dataclass(frozen=True, slots=True)
+class Scope:
+    """Which flights are flown, and how.
+
+    Attributes:
+        seeds: one per flight of a row.
+        pool: flies several at a time; None for one after the other.
+        only: rows whose attack and boards hold this.
+    """
+
+    seeds: range
+    pool: Executor | None = None
+    only: str = ""
+
+    def has(self, attack: str, boards: str) -> bool:
+        """Whether a row is flown."""
+        return self.only in f"{attack}, {boards}"
+
+    def fly(self, plans: Sequence[Plan[AnyFlight]]) -> Iterator[Flights[AnyFlight]]:
+        """Fly those of the rows that are chosen; see `fly_all`."""
+        return fly_all([plan for plan in plans if self.has(plan.attack, plan.boards)], self.seeds, self.pool)
+
+    def alone(self) -> Scope:
+        """The same, one flight after the other."""
+        return replace(self, pool=None)
+
+
+def run_deaths(scope: Scope) -> Rows:
     """Every death of the daemon on every pair of boards."""
     plans = [
         Plan(f"daemon {kind.value}", boards.name, partial(attack, boards, kind)) for boards in BOARDS for kind in Death
     ]
-    return map(death_row, fly_all(plans, seeds, pool))
+    return map(death_row, scope.fly(plans))
 
 
 def death_row(flights: Flights[Attack]) -> dict[str, Any]:
@@ -51,6 +79,7 @@ def death_row(flights: Flights[Attack]) -> dict[str, Any]:
         flights,
         **_ladder(flown),
         steered=sum(one.steered for one in flown),
+        machine_late=sum(one.is_machine_late for one in flown),
         machine_late_max_s=_largest(one.late for one in flown),
         on_tcp=sum(one.port == "tcp" for one in flown),
     )
@@ -66,14 +95,14 @@ def _ladder(flown: Sequence[Attack] | Sequence[VirtualDeath]) -> dict[str, Any]:
     }
 
 
-def run_virtual_deaths(seeds: range, pool: Executor | None) -> Rows:
+def run_virtual_deaths(scope: Scope) -> Rows:
     """The daemon's silence in virtual time, on every pair of boards."""
     plans = [
         Plan(f"virtual: {silence.value}", boards.name, partial(fly_virtually, boards, silence))
         for boards in BOARDS
         for silence in Silence
     ]
-    return map(virtual_row, fly_all(plans, seeds, pool))
+    return map(virtual_row, scope.fly(plans))
 
 
 def virtual_row(flights: Flights[VirtualDeath]) -> dict[str, Any]:
@@ -86,9 +115,9 @@ def virtual_row(flights: Flights[VirtualDeath]) -> dict[str, Any]:
     )
 
 
-def run_floods(seeds: range, pool: Executor | None) -> Rows:
+def run_floods(scope: Scope) -> Rows:
     """Every flood, one at a time: it is the machine's load itself."""
-    return map(flood_row, fly_all([Plan(kind.value, ON_TCP, partial(ride, kind)) for kind in Flood], seeds))
+    return map(flood_row, scope.alone().fly([Plan(kind.value, ON_TCP, partial(ride, kind)) for kind in Flood]))
 
 
 def flood_row(flights: Flights[Ride]) -> dict[str, Any]:
@@ -106,9 +135,9 @@ def flood_row(flights: Flights[Ride]) -> dict[str, Any]:
     )
 
 
-def run_guard_deaths(seeds: range, pool: Executor | None) -> Rows:
+def run_guard_deaths(scope: Scope) -> Rows:
     """The guard is killed."""
-    return map(guard_row, fly_all([Plan("guard killed", ON_TCP, kill_guard)], seeds, pool))
+    return map(guard_row, scope.fly([Plan("guard killed", ON_TCP, kill_guard)]))
 
 
 def guard_row(flights: Flights[GuardDeath]) -> dict[str, Any]:
@@ -143,14 +172,15 @@ def _median(values: Sequence[float]) -> float | None:
     return sorted(values)[math.ceil(len(values) / 2) - 1] if values else None
 
 
-def run_quiet_flights(seeds: range, pool: Executor | None) -> Rows:
+def run_quiet_flights(scope: Scope) -> Rows:
     """Flights with faults of the line that the guard has no part in."""
     for boards in QUIET_BOARDS:
-        found = fly_quietly(boards, seeds)
-        yield {"attack": "none: the guard is quiet", "runs": len(seeds), **asdict(found), "wrong": found.written}
+        if scope.has(QUIET, boards.name):
+            found = fly_quietly(boards, scope.seeds)
+            yield {"attack": QUIET, "runs": len(scope.seeds), **asdict(found), "wrong": found.written}
 
 
-_CASES: Final[dict[str, Callable[[range, Executor | None], Rows]]] = {
+_CASES: Final[dict[str, Callable[[Scope], Rows]]] = {
     "deaths": run_deaths,
     "virtual": run_virtual_deaths,
     "floods": run_floods,
@@ -164,6 +194,9 @@ def main(
     case: Annotated[Case | None, Parameter(help="One case; all by default.")] = None,
     runs: Annotated[int, Parameter(help="Runs of every row.")] = 10,
     seed: Annotated[int, Parameter(help="Of the first run; run k has seed + k.")] = 1,
+    only: Annotated[
+        str, Parameter(help="Only rows whose attack and boards, 'daemon killed, FC 2.08', hold this.")
+    ] = "",
     jobs: Annotated[int, Parameter(help="Flights at a time; floods and quiet flights have one.")] = 1,
     as_json: AsJson = False,
 ) -> int:
@@ -177,7 +210,7 @@ def main(
     rows = []
     with flight_pool(jobs) as pool:
         for name in _CASES if case is None else (case,):
-            for row in _CASES[name](range(seed, seed + runs), pool):
+            for row in _CASES[name](Scope(range(seed, seed + runs), pool, only)):
                 rows.append({"case": name, **row, "load": round(os.getloadavg()[0], 1), "holds": not row["wrong"]})
                 print(json.dumps(rows[-1]), file=sys.stderr, flush=True)
     holds = all(row["holds"] for row in rows)

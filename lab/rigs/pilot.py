@@ -27,7 +27,7 @@ class Pilot:
         sticks: what it streams [stick; FLU].
         epoch: of its lease.
         secret: of its lease.
-        put_at: when it put its last setpoint [s; monotonic].
+        puts: when it put its setpoints [s; monotonic].
     """
 
     def __init__(self, client: Vehicle, name: str, rate: float = 50.0) -> None:
@@ -35,7 +35,7 @@ class Pilot:
         self.sticks = {"pitch": 0.0, "roll": 0.0, "yaw": 0.0, "throttle": 0.0}
         self.epoch = 0
         self.secret = ""
-        self.put_at = 0.0
+        self.puts: list[float] = []
         self._client = client
         self._publisher = client.stream("setpoint/stick")
         self._period = 1.0 / rate
@@ -91,7 +91,7 @@ class Pilot:
                 self._sequence += 1
                 fields = {**self.sticks, "epoch": self.epoch, "sequence": self._sequence, "ttl": 0.3}
                 payload = encode_map(fields)
-                self.put_at = time.monotonic()
+                self.puts.append(time.monotonic())
                 self._publisher.put(payload, attachment=sign(self.secret, "setpoint/stick", payload))
                 due = max(due + self._period, loop.time())
                 await asyncio.sleep(due - loop.time())

@@ -13,6 +13,7 @@ import sys
 import time
 from collections.abc import AsyncIterator, Sequence
 from contextlib import asynccontextmanager, nullcontext, suppress
+from enum import Enum
 from pathlib import Path
 from typing import Any, Final, Self
 
@@ -26,6 +27,14 @@ from mkdaemon.sim.simulation import Simulation
 
 VEHICLE: Final = "stories"
 PROGRAM: Final = ("-m", "mkdaemon.cli.mkdaemon.app")
+
+
+class Sticks(Enum):
+    """What a FlightCtrl adds to its pilot's sticks."""
+
+    STEERED = "tilted sticks"
+    LEVEL = "level sticks"
+    NOTHING = "nothing"
 
 
 class ObservedSimulation(Simulation):
@@ -69,6 +78,15 @@ class ObservedSimulation(Simulation):
         """Whether the FlightCtrl holds a valid external control command."""
         return self.flight.external.is_valid
 
+    @property
+    def sticks(self) -> Sticks:
+        """What the FlightCtrl holds."""
+        external = self.flight.external
+        held = external.held
+        if not external.is_valid:
+            return Sticks.NOTHING
+        return Sticks.LEVEL if (held.pitch, held.roll, held.yaw) == (0, 0, 0) else Sticks.STEERED
+
 
 def _frames(decoder: FrameDecoder, data: bytes) -> int:
     return sum(isinstance(item, Frame) for item in decoder.feed(data))
@@ -89,8 +107,8 @@ class DaemonProcess:
         self._reading = asyncio.create_task(self._read(), name="stderr")
 
     @classmethod
-    async def start(cls, config: Path, endpoint: str, program: Sequence[str] = PROGRAM) -> Self:
-        """Start it with a configuration file; `program` is what Python runs."""
+    async def start(cls, config: Path, endpoint: str, program: Sequence[str] = PROGRAM, log: str = "warning") -> Self:
+        """Start it with a configuration file; `program` is what Python runs, `log` the least severity it writes."""
         process = await asyncio.create_subprocess_exec(
             sys.executable,
             *program,
@@ -102,7 +120,7 @@ class DaemonProcess:
                 "--listen",
                 endpoint,
                 "--log",
-                "warning",
+                log,
             ),
             stdout=asyncio.subprocess.DEVNULL,
             stderr=asyncio.subprocess.PIPE,
@@ -137,6 +155,11 @@ class DaemonProcess:
         pages = int(Path(f"/proc/{self.pid}/statm").read_text(encoding="ascii").split()[1])
         return pages * os.sysconf("SC_PAGE_SIZE") / 2**20
 
+    def most_resident_mb(self) -> float:
+        """Most memory it has held at any time [MiB]."""
+        status = Path(f"/proc/{self.pid}/status").read_text(encoding="ascii")
+        return float(status.partition("VmHWM:")[2].split()[0]) / 1024
+
     def descriptors(self) -> int:
         """Files, sockets and devices it holds open."""
         return sum(1 for _ in Path(f"/proc/{self.pid}/fd").iterdir())
@@ -149,7 +172,13 @@ class DaemonProcess:
 
 @asynccontextmanager
 async def daemon_process(
-    port: str, folder: Path, *, link: str = "", endpoint: str | None = None, program: Sequence[str] | None = None
+    port: str,
+    folder: Path,
+    *,
+    link: str = "",
+    endpoint: str | None = None,
+    program: Sequence[str] | None = None,
+    log: str = "warning",
 ) -> AsyncIterator[Any]:
     """Run a daemon on a port while the context lasts.
 
@@ -159,6 +188,7 @@ async def daemon_process(
         link: further lines of the `link` section.
         endpoint: where its bus listens; a free one by default.
         program: what Python runs in place of the daemon's own program.
+        log: least severity written to standard error.
     """
     config = folder / "daemon.toml"
     config.write_text(
@@ -166,7 +196,7 @@ async def daemon_process(
         encoding="utf-8",
     )
     with reserved_endpoint() if endpoint is None else nullcontext(endpoint) as where:
-        daemon = await DaemonProcess.start(config, where, program or PROGRAM)
+        daemon = await DaemonProcess.start(config, where, program or PROGRAM, log)
         try:
             yield daemon
         finally:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import ExitStack, contextmanager
+from types import MappingProxyType
 
 import msgpack
 import zenoh
@@ -32,9 +33,9 @@ def bus_config(endpoint: str, **more: object) -> BusConfig:
 
 
 @contextmanager
-def client(endpoint: str) -> Iterator[zenoh.Session]:
-    """A client session as any program would open it."""
-    session = zenoh.open(session_config("client", connect=[endpoint], patience=PATIENCE, lease=PATIENCE))
+def client(endpoint: str, more: Mapping[str, object] = MappingProxyType({})) -> Iterator[zenoh.Session]:
+    """A client session as any program would open it; `more` are further settings of Zenoh's."""
+    session = zenoh.open(session_config("client", connect=[endpoint], patience=PATIENCE, lease=PATIENCE, more=more))
     try:
         yield session
     finally:

@@ -483,3 +483,19 @@ async def test_messages_longer_than_any_request_are_received_for_cameras_alone(t
             other.put("picture", b"small")
             await wait_until(lambda: 5 in arrived)
     assert (2 * LONGEST_MESSAGE in arrived) is takes_images
+
+
+async def test_shared_memory_is_no_way_around_the_longest_message(bus):
+    opened, endpoint = bus
+    arrived = []
+    offered = {"transport/shared_memory/enabled": True, "transport/shared_memory/mode": "init"}
+    with (
+        opened.session.declare_subscriber(
+            "picture", zenoh.handlers.Callback(lambda sample: arrived.append(len(sample.payload)), indirect=False)
+        ),
+        client(endpoint, offered) as stranger,
+    ):
+        for size in (2 * LONGEST_MESSAGE, 2 * LONGEST_MESSAGE, 5):
+            stranger.put("picture", bytes(size), congestion_control=zenoh.CongestionControl.BLOCK)
+        await wait_until(lambda: 5 in arrived)
+    assert arrived == [5]

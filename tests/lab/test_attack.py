@@ -5,19 +5,25 @@ from __future__ import annotations
 import asyncio
 import threading
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 
 import pytest
 
+from lab.attack import flightlog, quiet
 from lab.attack import flights as flights_of
-from lab.attack import quiet
+from lab.attack.blocked import Blocked
 from lab.attack.deaths import Attack
+from lab.attack.flightlog import FlightLog, Gaps
 from lab.attack.flights import Flights, Plan, fly_all
 from lab.attack.floods import Ride
 from lab.attack.guardless import GuardDeath
-from lab.attack.main import death_row, flood_row, guard_row
+from lab.attack.main import Scope, death_row, flood_row, guard_row
 from lab.attack.virtual import Silence, fly_virtually
 from lab.rigs.cockpit import Boards
+from lab.rigs.processes import Sticks
 from lab.stories.losses import silence_log
+from mkdaemon.client import Sample
+from mkdaemon.protocol.framing import encode_frame
 
 RIDE = Ride("setpoints", ("1000", "1000"), 0.02, 0.03, 0.04, True, 0.1, 100.0, 90.0, 1.0)
 
@@ -61,12 +67,71 @@ def test_a_flight_that_fails_is_counted_and_costs_no_other_its_result(capsys):
     [flights] = fly_all([Plan("daemon killed", "FC 2.08", fly)], range(1, 4))
     row = death_row(flights)
     assert (row["runs"], row["not_flown"], row["released_max_s"]) == (3, 1, 0.05)
-    assert row["wrong"] == [{"seed": 2, "reason": "TimeoutError: not within 30 s"}]
+    [wrong] = row["wrong"]
+    assert wrong["seed"] == 2
+    assert wrong["reason"].startswith("TimeoutError: not within 30 s (test_attack.py:")  # the place
     told = capsys.readouterr().err.splitlines()
     assert [line.partition(" (")[0] for line in told] == [
         "daemon killed, FC 2.08, seed 1: holds",
         "daemon killed, FC 2.08, seed 2: NOT FLOWN: TimeoutError: not within 30 s",
         "daemon killed, FC 2.08, seed 3: holds",
+    ]
+
+
+def test_a_flight_that_is_slow_beside_a_late_machine_is_wrong_and_says_so():
+    slow = Attack("FC 2.08", "killed", "pty", 0.36, 0.5, 0, late=0.05)
+    lost = replace(slow, neutral=0.3, blocked=Blocked(kept=False, gaps=Gaps(0.3, 0.3, 0.3, 0.3)))
+    row = death_row(Flights("daemon killed", "FC 2.08", [slow, replace(slow, late=0.005), lost]))
+    assert (row["machine_late"], len(row["wrong"])) == (1, 3)
+
+
+def test_rows_are_chosen_by_attack_and_boards():
+    async def fly(seed):
+        return Attack("FC 2.08", "killed", "pty", 0.03, 0.05, 0)
+
+    plans = [Plan("daemon killed", boards, fly) for boards in ("FC 2.08", "FC early")]
+    assert [flights.boards for flights in Scope(range(1), only="killed, FC early").fly(plans)] == ["FC early"]
+
+
+class Putter:
+    def __init__(self):
+        self.puts = []
+
+
+class Listening:
+    """Boards that heard stick frames."""
+
+    def __init__(self):
+        self.heard, self.sticks = [], Sticks.STEERED
+
+
+def test_a_log_of_a_flight_tells_where_setpoints_were_late(monkeypatch):
+    now = 100.0
+    monkeypatch.setattr(flightlog.time, "monotonic", lambda: now)
+    pilot, boards = Putter(), Listening()
+    log = FlightLog(pilot, boards)
+    pilot.puts += [100.1, 100.2, 100.3]
+    for at in (100.1, 100.35):
+        log.note(Sample("control/output", {"stamp": {"monotonic": at}, "age": 0.01}, ""))
+    stick = encode_frame(1, "b", bytes([1, 0, 0, 0, 0, 1, 0]))
+    boards.heard += [(100.15, stick[:4]), (100.2, stick[4:]), (100.3, encode_frame(1, "b", bytes(7)))]
+    now = 100.4
+    assert log.gaps() == Gaps(put=0.1, received=0.25, sent=0.25, heard=0.2)
+
+
+def test_a_log_of_a_flight_tells_when_control_was_lost(monkeypatch):
+    now = 100.0
+    monkeypatch.setattr(flightlog.time, "monotonic", lambda: now)
+    boards = Listening()
+    log = FlightLog(Putter(), boards)
+    assert log.look_at_boards()
+    now, boards.sticks = 100.5, Sticks.NOTHING
+    log.note(Sample("event/failsafe", {"stamp": {}, "action": "release", "reason": "setpoints ended"}, ""))
+    assert not log.look_at_boards()
+    assert not log.look_at_boards()
+    assert log.said == [
+        "0.500 event/failsafe {'action': 'release', 'reason': 'setpoints ended'}",
+        "0.500 the boards hold nothing",
     ]
 
 

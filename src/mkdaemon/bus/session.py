@@ -69,6 +69,9 @@ def session_config(
         "transport/link/tx/lease": int(lease * 1000),
         # 1 MiB for telemetry in place of 128 KiB: a subscriber may stand still for a second before samples are dropped.
         "transport/link/tx/queue/size/data": 16,
+        # Nobody checks how long a message in shared memory is, who wrote it can change it while it is read, and 16 MiB
+        # of each client that ever sent a long one stay mapped: two such clients cost the daemon 75 MiB.
+        "transport/shared_memory/enabled": False,
         "connect/retry": {"period_init_ms": 100, "period_max_ms": 500, "period_increase_factor": 1.5},
         "connect/timeout_ms": int(patience * 1000) if mode == "client" else -1,
     }
