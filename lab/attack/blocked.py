@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import signal
 import time
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
@@ -57,5 +58,8 @@ async def fly_on_blocked(daemon: DaemonProcess, client: Vehicle, log: FlightLog)
 
 def _waits_to_write(pid: int) -> bool:
     """Whether a thread waits for room in a pipe; root alone may see it."""
-    tasks = Path(f"/proc/{pid}/task").iterdir()
-    return any("pipe_write" in (task / "wchan").read_text(encoding="ascii") for task in tasks)
+    for task in Path(f"/proc/{pid}/task").iterdir():
+        with suppress(FileNotFoundError, ProcessLookupError):  # a thread that ended meanwhile
+            if "pipe_write" in (task / "wchan").read_text(encoding="ascii"):
+                return True
+    return False

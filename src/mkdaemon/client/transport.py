@@ -156,7 +156,7 @@ class Transport:
         """Whether the daemon answers what everybody may ask, and no command."""
         show = msgpack.packb({"action": "show"})
         commands = await self._query("do/lease", show, DENIAL_LOOK)
-        return not commands and bool(await self._query("schema/LeaseRequest.v1", b"", DENIAL_LOOK))
+        return not commands and bool(await self._query("schema/LeaseRequest.v1", b"", PATIENCE))
 
     def watch(self, *patterns: str) -> Watch:
         """Subscribe to keys: iterate over what comes with `async for`, or enter it first with `async with`.
