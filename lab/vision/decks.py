@@ -39,8 +39,9 @@ LIES: Final = {
     "rocking": Lie(Platform(rocking=TILT)),
     "attitude_biased": Lie(report=lambda s: AttitudeSample(s.time, s.roll + BIAS, s.pitch, s.yaw)),
     "roll_sign_swapped": Lie(report=lambda s: AttitudeSample(s.time, -s.roll, s.pitch, s.yaw)),
+    "both_signs_swapped": Lie(report=lambda s: AttitudeSample(s.time, -s.roll, -s.pitch, s.yaw)),
 }
-"""Each 5 degrees at most."""
+"""Decks and biases of 5 degrees at most."""
 
 
 @dataclass(frozen=True, slots=True)

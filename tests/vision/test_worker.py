@@ -25,7 +25,7 @@ from mkdaemon.sim.scene.scene import Scene, SceneTarget
 from mkdaemon.sim.scene.view import CameraView, view_towards
 from mkdaemon.telemetry.base import Telemetry
 from mkdaemon.telemetry.image import CameraFrame
-from mkdaemon.telemetry.vision import EyeState, Tags, Transform, VisionPose, VisionStats
+from mkdaemon.telemetry.vision import Alarm, AttitudeLoss, EyeState, Tags, Transform, VisionPose, VisionStats
 from mkdaemon.vision.camera.calibration_file import load_camera, mount_rotation
 from mkdaemon.vision.camera.camera import StreamState, StreamStatus
 from mkdaemon.vision.camera.image import CameraImage
@@ -380,7 +380,39 @@ def test_attitudes_that_are_no_numbers_are_left_out(field: str, bad: float) -> N
     history = AttitudeHistory([replace(good, **{field: bad}), replace(good, time=-1e9)])
     values = pipeline.process(image(shot(), 0), history)
     assert len(poses(values)) == 1
-    assert stats(pipeline).faults == 0
+    found = stats(pipeline)
+    assert (found.faults, found.attitude_lost) == (0, {AttitudeLoss.OUT_OF_REACH: 1})
+    assert "s away from the image: poses come from the images alone" in found.alarms[Alarm.ATTITUDE_MISSING]
+
+
+def test_attitudes_of_which_none_is_a_number_are_told() -> None:
+    pipeline = CameraPipeline(section(), VisionSection(), CLOCK)
+    history = AttitudeHistory([AttitudeSample(100.0, np.nan, 0.0, 0.0)])
+    assert len(poses(pipeline.process(image(shot(), 0), history))) == 1
+    assert "none of the vehicle's attitudes is a number" in stats(pipeline).alarms[Alarm.ATTITUDE_MISSING]
+
+
+def test_an_attitude_that_contradicts_the_images_is_left_out_counted_and_told() -> None:
+    pipeline = CameraPipeline(section(), VisionSection(), CLOCK)
+    wrong = AttitudeHistory([AttitudeSample(100.0, 0.3, 0.4, 0.0)])
+    posed = [len(poses(pipeline.process(image(shot(k), k), wrong))) for k in range(7)]
+    assert (posed[0], posed[-1]) == (0, 1)
+    found = stats(pipeline)
+    assert found.attitude_lost[AttitudeLoss.CONTRADICTS] >= 1
+    assert "off what the images show of a level target" in found.alarms[Alarm.ATTITUDE_CONTRADICTS]
+
+
+async def test_attitude_samples_that_are_no_numbers_are_counted(tmp_path: Path) -> None:
+    cv2.imwrite(str(tmp_path / "0.png"), shot())
+    sink = Collected()
+    cfg = section(source=f"folder:{tmp_path}", fps=50, loop=True)
+    worker = VisionWorker([cfg], VisionSection(), sink, asyncio.get_running_loop(), Clock())
+    worker.attitude_arrived(AttitudeSample(np.nan, 0.0, 0.0, 0.0))
+    worker.attitude_arrived(AttitudeSample(1.0, 0.0, np.inf, 0.0))
+    worker.start()
+    await sink.until(lambda _: bool(sink.stats()))
+    worker.stop()
+    assert sink.stats()[-1].attitude_lost[AttitudeLoss.NOT_A_NUMBER] == 2
 
 
 def test_an_image_without_a_time_is_a_counted_fault() -> None:

@@ -8,6 +8,8 @@ from __future__ import annotations
 
 from enum import StrEnum
 
+from pydantic import Field
+
 from mkdaemon.telemetry.base import Stamped, Telemetry
 from mkdaemon.telemetry.selfcal import SelfCalibration
 
@@ -146,6 +148,21 @@ class Alarm(StrEnum):
     """Principal point or distortion contradict the images."""
     MOUNTING = "mounting"
     """The camera does not sit as its file says, or the vehicle's attitude is off."""
+    ATTITUDE_CONTRADICTS = "attitude_contradicts"
+    """The images contradict the vehicle's roll and pitch, which are left out."""
+    ATTITUDE_MISSING = "attitude_missing"
+    """No attitude of the vehicle is near enough to the images."""
+
+
+class AttitudeLoss(StrEnum):
+    """Why the vehicle's attitude was not used."""
+
+    NOT_A_NUMBER = "not_a_number"
+    """A sample's time or angle is not finite; counted in samples, the others in images."""
+    OUT_OF_REACH = "out_of_reach"
+    """No sample is near enough to the image."""
+    CONTRADICTS = "contradicts"
+    """The images contradict it."""
 
 
 class EyeState(StrEnum):
@@ -207,6 +224,8 @@ class VisionStats(Stamped):
     """Share of the images of the last seconds that gave a pose, 0 to 1."""
     refused: dict[PoseRefusal, int]
     """Measured poses that were not believed, by reason, since the start."""
+    attitude_lost: dict[AttitudeLoss, int] = Field(default_factory=dict)
+    """How often the vehicle's attitude was not used, by reason, since the start."""
     detect_p50_ms: float
     """Time the detector takes an image, median of the last seconds [ms]."""
     detect_p99_ms: float

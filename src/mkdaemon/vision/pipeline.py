@@ -15,7 +15,8 @@ from mkdaemon.errors import ConfigError, VisionError
 from mkdaemon.stamp import Stamp
 from mkdaemon.telemetry.base import Telemetry
 from mkdaemon.telemetry.image import CameraFrame
-from mkdaemon.telemetry.vision import Alarm, EyeState, PoseRefusal, Transform, VisionStats
+from mkdaemon.telemetry.vision import Alarm, AttitudeLoss, EyeState, PoseRefusal, Transform, VisionStats
+from mkdaemon.vision.attitude_use import AttitudeUse
 from mkdaemon.vision.camera.calibration_file import Camera, load_camera, mount_rotation
 from mkdaemon.vision.camera.camera import StreamState, StreamStatus
 from mkdaemon.vision.camera.image import CameraImage
@@ -87,6 +88,7 @@ class CameraPipeline:
         self.tracker = Tracker(tagmap, intrinsics, mounting, vision.tracker, vision.detector)
         self._check = TargetCheck(tagmap, Projection(intrinsics) if intrinsics is not None else None)
         self._max_attitude_age = vision.tracker.max_attitude_age
+        self._attitude = AttitudeUse(self._max_attitude_age)
         self._selfcheck = SelfCheck(
             tagmap,
             self.camera.model_copy(update={"mount": mount}) if self.camera is not None else None,
@@ -127,7 +129,9 @@ class CameraPipeline:
         self._check.look(result.detections)
         self._check_calibration(image, result, attitude)
         mismatch = (Alarm.TARGET_MISMATCH,) if self._check.contradicted else ()
-        self.alarms = (*result.alarms, *mismatch, *self._selfcheck.alarms)
+        if self._has_mount:
+            self._attitude.image_seen(image.captured_at, attitude, self.tracker.witness)
+        self.alarms = (*result.alarms, *mismatch, *self._selfcheck.alarms, *self._attitude.alarms)
         self._refused.update(reason for _, reason in result.refused)
         self._timings.append(_Timing(ready - started, ready - image.captured_at, bool(result.poses)))
         return values
@@ -179,11 +183,21 @@ class CameraPipeline:
         """The camera in the body; None where nobody said how it sits."""
         return mount_transform(self.cfg.name, self.mounting, stamp) if self._has_mount else None
 
-    def stats(self, stream: StreamStatus, dropped: int, restarts: int, stamp: Stamp) -> VisionStats:
-        """Figures of the last images."""
+    def stats(
+        self, stream: StreamStatus, dropped: int, restarts: int, stamp: Stamp, not_numbers: int = 0
+    ) -> VisionStats:
+        """Figures of the last images.
+
+        Args:
+            stream: of the camera.
+            dropped: images that a newer one replaced.
+            restarts: of the thread that looks.
+            stamp: now.
+            not_numbers: attitude samples that are none.
+        """
         state, reason = self.state(stream)
         damaged = (Alarm.DAMAGED,) if stream.damage else ()
-        advice = ALARM_ADVICE | self._selfcheck.alarms
+        advice = ALARM_ADVICE | self._selfcheck.alarms | self._attitude.alarms
         detect, latency = ([getattr(timing, name) for timing in self._timings] for name in ("detect", "latency"))
         return VisionStats(
             camera=self.cfg.name,
@@ -204,6 +218,7 @@ class CameraPipeline:
             restarts=restarts,
             posed=float(np.mean([timing.posed for timing in self._timings])) if self._timings else 0.0,
             refused=dict(self._refused),
+            attitude_lost=dict(self._attitude.lost) | ({AttitudeLoss.NOT_A_NUMBER: not_numbers} if not_numbers else {}),
             detect_p50_ms=_percentile_ms(detect, 50),
             detect_p99_ms=_percentile_ms(detect, 99),
             latency_p50_ms=_percentile_ms(latency, 50),

@@ -97,6 +97,7 @@ class VisionWorker:
                 CameraPipeline(cfg, vision, clock), CameraStream(cfg, open_source(cfg, session), slot), slot
             )
         self._attitudes: deque[AttitudeSample] = deque(maxlen=ATTITUDES)
+        self._not_numbers = 0
         self._barometer: deque[tuple[float, float]] = deque(maxlen=BAROMETER)
         self._stop = threading.Event()
         self._alive_at = clock.now()
@@ -134,7 +135,8 @@ class VisionWorker:
             self._thread.join(max(end - time.monotonic(), 0.0))
 
     def attitude_arrived(self, sample: AttitudeSample) -> None:
-        """Take the vehicle's attitude; from any thread."""
+        """Take the vehicle's attitude; from one thread. One that is no number is counted; the history leaves it out."""
+        self._not_numbers += not sample.is_number
         self._attitudes.append(sample)
 
     def barometer_arrived(self, time: float, height: float) -> None:
@@ -185,7 +187,7 @@ class VisionWorker:
                 self._record(image, attitude)
                 values += self._eyes[image.camera].look(image, attitude)
             for eye in self._eyes.values():
-                values += eye.report(self._clock.stamp(), self._restarts)
+                values += eye.report(self._clock.stamp(), self._restarts, self._not_numbers)
             if values and not self._hand_over(values):
                 return
 
@@ -219,13 +221,13 @@ class _Eye:
         picture = self.pipeline.picture(image)
         return [*values, picture] if picture is not None else values
 
-    def report(self, stamp: Stamp, restarts: int) -> list[tuple[str, Telemetry]]:
+    def report(self, stamp: Stamp, restarts: int, not_numbers: int) -> list[tuple[str, Telemetry]]:
         """Stats and the static frame, once a second and when the state changes."""
         status = self.stream.status()
         facts = (self.pipeline.state(status)[0], self.pipeline.alarms)
         if facts == self._reported and stamp.monotonic < self._due:
             return []
-        stats = self.pipeline.stats(status, self._slot.dropped, restarts, stamp)
+        stats = self.pipeline.stats(status, self._slot.dropped, restarts, stamp, not_numbers)
         self._reported, self._due = facts, stamp.monotonic + STATS_EVERY
         self.last = stats
         values: list[tuple[str, Telemetry]] = [(self.stats_key, stats)]

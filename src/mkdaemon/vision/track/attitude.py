@@ -5,6 +5,7 @@ from __future__ import annotations
 from bisect import bisect_left
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
+from math import isfinite
 
 import cv2
 import numpy as np
@@ -32,6 +33,11 @@ class AttitudeSample:
     pitch: float
     yaw: float
 
+    @property
+    def is_number(self) -> bool:
+        """Whether time and angles are finite."""
+        return all(isfinite(value) for value in (self.time, self.roll, self.pitch, self.yaw))
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Mounting:
@@ -57,11 +63,16 @@ LOOKING_DOWN = Mounting(np.array([[0.0, -1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0,
 
 
 class AttitudeHistory:
-    """Recent attitudes, asked for by time; samples that are not numbers are left out."""
+    """Recent attitudes, asked for by time; samples that are not numbers are left out.
+
+    Attributes:
+        is_silent: whether nobody reported anything, not even what is no number.
+    """
 
     def __init__(self, samples: Iterable[AttitudeSample]) -> None:
-        numbers = (s for s in samples if np.isfinite((s.time, s.roll, s.pitch, s.yaw)).all())
-        self._samples = tuple(sorted(numbers, key=lambda sample: sample.time))
+        given = tuple(samples)
+        self.is_silent = not given
+        self._samples = tuple(sorted((s for s in given if s.is_number), key=lambda sample: sample.time))
         self._times = [sample.time for sample in self._samples]
 
     @property

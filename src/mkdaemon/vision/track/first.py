@@ -99,6 +99,22 @@ class FirstJudge:
         )
         return _refused(refused) if refused is not None else FirstVerdict(replace(choice, pose=fused), None)
 
+    def contradicting(self, seen: Sight, candidates: Sequence[Pose], verdict: FirstVerdict) -> Pose | None:
+        """The pose that the image alone would publish, where the attitude refuses it or chose its mirror image.
+
+        An attitude with both signs swapped agrees with the mirror image of a target in the middle of the image.
+        """
+        is_overruled = verdict.choice is not None and verdict.choice.decided_by == "attitude"
+        if not is_overruled and verdict.refusal is not PoseRefusal.ATTITUDE:
+            return None
+        alone = self.choose(seen.without_attitude(), candidates, None).choice
+        if alone is None:
+            return None
+        if verdict.choice is None:
+            return alone.pose
+        apart = angle_between(alone.pose.rotation, verdict.choice.pose.rotation)
+        return alone.pose if apart > self._limits.ambiguity.track_near else None
+
     def _decide_mirror(self, seen: Sight, pose: Pose) -> Pose | None:
         """Compare a first pose that has no rival with its mirror image; none when nothing decides."""
         min_ratio, limits = self._checks.cfg.min_ambiguity_ratio, self._limits

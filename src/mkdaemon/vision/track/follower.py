@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
 from typing import Final
 
 import numpy as np
@@ -11,7 +10,6 @@ import numpy.typing as npt
 
 from mkdaemon.config.vision import TrackerSection
 from mkdaemon.telemetry.vision import PoseRefusal
-from mkdaemon.vision.camera.image import CameraImage
 from mkdaemon.vision.limits import LIMITS, Limits, Stage
 from mkdaemon.vision.pose.ambiguity import Choice
 from mkdaemon.vision.pose.carry import Carrier
@@ -25,6 +23,7 @@ from mkdaemon.vision.track.alarms import ImageHealth
 from mkdaemon.vision.track.attitude import Mounting
 from mkdaemon.vision.track.checks import Checks
 from mkdaemon.vision.track.first import FirstJudge
+from mkdaemon.vision.track.frame import Frame
 from mkdaemon.vision.track.judge import Judge, Verdict
 from mkdaemon.vision.track.level import Sight
 from mkdaemon.vision.track.result import FoundBy, TargetPose
@@ -37,35 +36,6 @@ UNDECIDED: Final = (PoseRefusal.AMBIGUOUS, PoseRefusal.ANGLE_UNCERTAIN)
 """Why a first pose is followed without being published: the next images may decide, or know how the camera climbs."""
 REDECODED: Final[tuple[Stage, ...]] = ("decimate1", "linear")
 """How a followed target is decoded again."""
-
-
-@dataclass(slots=True)
-class Frame:
-    """One image on its way through the tracker.
-
-    Attributes:
-        image: as the camera gave it.
-        sight: what is known about it.
-        detections: tags decoded in it so far.
-        poses: that are published.
-        refused: why a target has none.
-    """
-
-    image: CameraImage
-    sight: Sight
-    detections: list[Detection] = field(default_factory=list)
-    poses: list[TargetPose] = field(default_factory=list)
-    refused: dict[str, PoseRefusal] = field(default_factory=dict)
-    _followed: set[str] = field(default_factory=set)
-
-    def follow(self, name: str, refused: PoseRefusal) -> None:
-        """A target was found and is followed, but not published."""
-        self.refused[name] = refused
-        self._followed.add(name)
-
-    def has(self, name: str) -> bool:
-        """Whether a target was found."""
-        return name in self._followed or any(found.target == name for found in self.poses)
 
 
 class Follower:
@@ -128,6 +98,27 @@ class Follower:
             frame.detections.extend(found)
             self.start(frame, found, "roi", None if track.in_doubt else predicted.pose)
 
+    def tilt_against(self, frame: Frame, reported: Sight) -> tuple[float, float] | None:
+        """How far what was found in an image is from the attitude reported.
+
+        Args:
+            frame: the image, with or without its attitude.
+            reported: with it.
+
+        Returns:
+            Angle between the target's normal by the image and by the attitude, and the largest one that is
+            believed [rad]; none where the image or the attitude says nothing.
+        """
+        level = self._checks.level
+        published = next((found.pose for found in frame.poses if found.target == self.name), None)
+        pose = published or frame.contradicting.get(self.name)
+        tilt = level.tilt(reported, pose) if pose is not None else None
+        return None if pose is None or tilt is None else (tilt, level.gate(reported, pose))
+
+    def forget_deck(self) -> None:
+        """Forget how the target lies."""
+        self._checks.level.forget()
+
     def forget(self) -> None:
         """Forget the track and how the target lies."""
         self.track.lose()
@@ -156,6 +147,11 @@ class Follower:
             seen.pixels, tags, lambda place: known_motion(place, None, seen.turning_flu, mounting)
         )
         verdict = self._first.choose(frame.sight, candidates, predicted.rotation if predicted is not None else None)
+        contradicting = self._first.contradicting(seen, candidates, verdict)
+        if contradicting is not None:
+            frame.contradicting[self.name] = contradicting
+            frame.refused[self.name] = PoseRefusal.ATTITUDE
+            return
         if verdict.choice is None:
             frame.refused[self.name] = verdict.refusal or PoseRefusal.NO_FIT
             if verdict.refusal in UNDECIDED:

@@ -40,6 +40,10 @@ class Sight:
     enu_from_flu: Array | None
     turning_flu: Array | None = None
 
+    def without_attitude(self) -> Sight:
+        """The image as a vehicle without attitude sees it."""
+        return replace(self, enu_from_flu=None, turning_flu=None)
+
 
 class LevelKnowledge:
     """Knows where the normal of one target should point in an image, and learns how the target really lies.

@@ -20,9 +20,11 @@ from mkdaemon.vision.tags.searchplan import FIRST
 from mkdaemon.vision.tags.tagmap import TagMap
 from mkdaemon.vision.track.alarms import ImageHealth
 from mkdaemon.vision.track.attitude import AttitudeHistory, Mounting
-from mkdaemon.vision.track.follower import Follower, Frame
+from mkdaemon.vision.track.follower import Follower
+from mkdaemon.vision.track.frame import Frame
 from mkdaemon.vision.track.level import Sight
 from mkdaemon.vision.track.result import VisionResult
+from mkdaemon.vision.track.witness import AttitudeWitness
 
 
 class Tracker:
@@ -33,6 +35,7 @@ class Tracker:
     Attributes:
         detector: searches the images.
         followers: one for each target; empty without intrinsics.
+        witness: whether the images believe the vehicle's attitude.
     """
 
     def __init__(
@@ -50,6 +53,7 @@ class Tracker:
         self._gamma = intrinsics.gamma if intrinsics is not None else 1.0
         self.detector = Detector(tagmap.whitelist, detector, limits=limits)
         self._health = ImageHealth(*((intrinsics.width, intrinsics.height) if intrinsics is not None else (None, None)))
+        self.witness = AttitudeWitness()
         self.followers: tuple[Follower, ...] = ()
         if intrinsics is not None:
             projection = Projection(intrinsics)
@@ -73,11 +77,9 @@ class Tracker:
         if Alarm.WRONG_SIZE in alarms or Alarm.FROZEN in alarms:
             self.reset()
             return VisionResult(image.camera, image.sequence, image.captured_at, (), (), tuple(alarms))
-        known = attitude is not None and self._mounting is not None
-        enu_from_flu = attitude.at(image.captured_at, self._cfg.max_attitude_age) if known and attitude else None
-        turning = attitude.turning_at(image.captured_at) if known and attitude else None
-        pixels = in_light(image.pixels, self._gamma)
-        frame = Frame(image, Sight(pixels, image.captured_at, enu_from_flu, turning))
+        reported = self._sight(image, attitude)
+        self.witness.time_passed(image.captured_at)
+        frame = Frame(image, reported.without_attitude() if self.witness.contradicts else reported)
         self._count += 1
         if self.followers:
             for follower in self.followers:
@@ -86,6 +88,7 @@ class Tracker:
             for follower in self.followers:
                 if not frame.has(follower.name):
                     follower.note_miss(frame)
+            self._ask_witness(frame, reported)
         else:
             alarms.append(Alarm.UNCALIBRATED)
             frame.detections.extend(self._search(frame))
@@ -104,6 +107,21 @@ class Tracker:
         self._count = self._searches = 0
         for follower in self.followers:
             follower.forget()
+
+    def _sight(self, image: CameraImage, attitude: AttitudeHistory | None) -> Sight:
+        """An image in light, with the attitude that was reported for it."""
+        time, pixels = image.captured_at, in_light(image.pixels, self._gamma)
+        if attitude is None or self._mounting is None:
+            return Sight(pixels, time, None)
+        return Sight(pixels, time, attitude.at(time, self._cfg.max_attitude_age), attitude.turning_at(time))
+
+    def _ask_witness(self, frame: Frame, reported: Sight) -> None:
+        """Let what was found speak for or against the attitude."""
+        for follower in self.followers:
+            tilt = follower.tilt_against(frame, reported)
+            if tilt is not None and self.witness.image_seen(reported.time, *tilt):
+                for other in self.followers:
+                    other.forget_deck()
 
     def _search_missing(self, frame: Frame) -> None:
         """Look for what is still missing in the whole image."""

@@ -1,0 +1,101 @@
+"""An attitude that contradicts the images is left out, and taken up again once it agrees."""
+
+from __future__ import annotations
+
+from math import radians
+
+import numpy as np
+
+from lab.vision.flight import VGA
+from mkdaemon.frames import euler_from_rotation
+from mkdaemon.vision.camera.image import CameraImage
+from mkdaemon.vision.tags.tagmap import TagMap
+from mkdaemon.vision.track.attitude import LOOKING_DOWN, AttitudeHistory, AttitudeSample
+from mkdaemon.vision.track.tracker import Tracker
+from mkdaemon.vision.track.witness import AGAINST, BACK_AFTER, FORGET, LOOKS, AttitudeWitness
+from tests.vision.views import View, place, shipped
+
+RIGHT, WRONG, GATE = radians(1.0), radians(12.0), radians(5.0)
+STEP = 1 / 30
+
+
+def shown(witness: AttitudeWitness, offs: list[float], start: float = 0.0) -> float:
+    """Show images in which the attitude is off by so much; returns the time of the next one."""
+    for k, off in enumerate(offs):
+        witness.image_seen(start + k * STEP, off, GATE)
+    return start + len(offs) * STEP
+
+
+def is_left_out(witness: AttitudeWitness) -> bool:
+    return witness.contradicts
+
+
+def test_single_contradictions_leave_the_attitude_in_use() -> None:
+    witness = AttitudeWitness()
+    shown(witness, [WRONG, *[RIGHT] * (LOOKS // 2)] * 20)
+    assert not witness.contradicts
+
+
+def test_contradictions_far_apart_leave_the_attitude_in_use() -> None:
+    witness = AttitudeWitness()
+    for k in range(AGAINST + 1):
+        witness.image_seen(1.5 * k, WRONG, GATE)
+    assert not witness.contradicts
+
+
+def test_a_lasting_contradiction_is_told_once_with_its_angle() -> None:
+    witness = AttitudeWitness()
+    told = [witness.image_seen(k * STEP, WRONG, GATE) for k in range(LOOKS)]
+    assert told == [k == AGAINST - 1 for k in range(LOOKS)]
+    assert witness.contradicts
+    assert round(witness.off_deg) == 12
+
+
+def test_the_attitude_is_taken_up_again_after_it_agreed_and_later_each_time() -> None:
+    witness, now = AttitudeWitness(), 0.0
+    waited = []
+    for _ in range(3):
+        now = shown(witness, [WRONG] * AGAINST, now)
+        start = now
+        while is_left_out(witness):
+            now = shown(witness, [RIGHT], now)
+        waited.append(now - start)
+    np.testing.assert_allclose(waited, BACK_AFTER[0] * np.array([1, 2, 4]), atol=2.5 * STEP)
+
+
+def test_one_contradiction_starts_the_wait_anew() -> None:
+    witness = AttitudeWitness()
+    now = shown(witness, [WRONG] * AGAINST)
+    most = int(BACK_AFTER[0] / STEP) - 2
+    shown(witness, [*[RIGHT] * most, WRONG, *[RIGHT] * most], now)
+    assert witness.contradicts
+
+
+def test_without_images_that_tell_the_attitude_is_tried_again() -> None:
+    witness = AttitudeWitness()
+    now = shown(witness, [WRONG] * AGAINST)
+    witness.time_passed(now + FORGET / 2)
+    assert witness.contradicts
+    witness.time_passed(now + FORGET)
+    assert not witness.contradicts
+
+
+def test_the_tracker_poses_by_the_images_alone_while_the_attitude_is_wrong_and_comes_back() -> None:
+    target = shipped("nested")
+    tracker = Tracker(TagMap((target,)), VGA, LOOKING_DOWN)
+    view = View(target, place(2.0, 0.3))
+    right = euler_from_rotation(view.view.enu_from_cam @ LOOKING_DOWN.flu_from_cam.T)
+    posed = []
+    for k in range(45):
+        rpy = (-right[0], -right[1], right[2]) if k < 15 else right
+        time = k * 0.1
+        noisy = np.roll(view.pixels, k % 2, axis=1)  # images that repeat count as frozen
+        image = CameraImage(noisy, time, time, k, "down")
+        result = tracker.update(image, AttitudeHistory([AttitudeSample(time, *rpy)]))
+        posed.append(bool(result.poses))
+        if k == 14:
+            assert tracker.witness.contradicts
+            assert np.degrees(0.5) < tracker.witness.off_deg < np.degrees(0.7)
+    assert not any(posed[: AGAINST - 1])
+    assert all(posed[AGAINST:])
+    assert not tracker.witness.contradicts
