@@ -137,7 +137,7 @@ TRIGGERS: Final = (
     Trigger(BLIND, blind_level, 1.5),
     Trigger(BLIND, blind_release, 3.0),
     Trigger(BLIND, eyes_stalled, 1.5),
-    Trigger("take-off without an image of a flying aircraft", blind_takeoff, 1.5),
+    Trigger("take-off without an image of a flying aircraft", blind_takeoff, 1.2),
     Trigger("somebody asks for an abort", aborted, 0.0),
     Trigger(ENDED, release_asked, 0.0),
     Trigger(ENDED, taken_over, 0.0),

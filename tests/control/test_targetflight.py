@@ -8,7 +8,7 @@ from dataclasses import asdict, replace
 import numpy as np
 import pytest
 
-from lab.control.camera import CameraModel
+from lab.control.camera import CameraModel, rotation_of
 from lab.control.corerig import CoreRig, stamp
 from lab.control.flights import Flight
 from lab.control.rig import Rig, believed_model
@@ -16,10 +16,11 @@ from mkdaemon.config.autopilot import AutopilotConfig
 from mkdaemon.config.sim_flight import WindClass
 from mkdaemon.control.actions import Release, ReportFailsafe, ReportMode, SendSticks
 from mkdaemon.control.estimator.model import AircraftModel
+from mkdaemon.control.estimator.values import TargetView
 from mkdaemon.control.guidance.autopilot import Goal
 from mkdaemon.control.guidance.landing import LandingPhase
 from mkdaemon.control.targetflight import FORGOTTEN, TargetFlight
-from mkdaemon.control.targetgoals import Arrival, obstacle
+from mkdaemon.control.targetgoals import Arrival, obstacle, velocity_between
 from mkdaemon.control.vehicle import VehicleFacts
 from mkdaemon.errors import CommandRejectedError
 from mkdaemon.sim.physics.attitude_loop import EASY, AttitudeGains
@@ -286,6 +287,14 @@ def test_the_flightctrls_own_attitude_is_larger_than_what_its_sticks_ask_for(sou
         Attitude(stamp=stamp(1.1), source=source, quaternion=quaternion, pitch=0.113, roll=-0.113, yaw=0.5)
     )
     assert taken == [pytest.approx((0.113 / scale, -0.113 / scale, 0.5))]
+
+
+def test_two_views_whose_tilts_disagree_by_half_a_radian_give_the_speed_of_the_aircraft():
+    spread = np.diag([0.5, 0.5, 0.1, 0.5, 0.5, 0.01]) ** 2
+    before = TargetView(1.0, np.array([-0.30, 0.0, -1.00]), rotation_of(np.array([0.0, 0.3, 0.0])), spread)
+    view = TargetView(1.04, np.array([-0.32, 0.0, -1.04]), rotation_of(np.array([0.2, -0.2, 0.0])), spread)
+    assert velocity_between(before, view) == pytest.approx([0.5, 0.0, 1.0], abs=0.02)
+    assert velocity_between(before, before) is None
 
 
 def test_another_model_begins_the_estimate_anew():

@@ -116,7 +116,7 @@ class TargetFlight:
         is_other = bool(self.target) and pose.target != self.target
         lifted_by = None
         if self.take_off is not None and not is_other:
-            lifted_by = self.take_off.seen(float(view.position[2]), view.at)
+            lifted_by = self.take_off.seen(-float(view.position_flu[2]), view.at)
         if known is None or view.at - known.seen_at > FORGOTTEN or lifted_by is not None:
             # What was believed of an aircraft that stood on the ground says nothing about its throttle.
             compass = 0.0 if self._attitude is None else self._attitude.yaw

@@ -222,12 +222,15 @@ def view_of(pose: VisionPose) -> TargetView:
 
 
 def velocity_between(before: TargetView | None, view: TargetView) -> Array | None:
-    """Velocity against the target from two views of it (3,) [m/s]; None where they are too far apart in time."""
+    """Velocity against the target from two views of it (3,) [m/s]; None where they are too far apart in time.
+
+    From where the target lies in the body frame, as if that were level: a small tag close by shows its place to
+    millimetres and the tilt to half a radian, which would make tens of metres a second of two places.
+    """
     step = math.inf if before is None else view.at - before.at
     if before is None or not SHORTEST_PAIR <= step <= LONGEST_PAIR:
         return None
-    velocity: Array = (view.position - before.position) / step
-    return velocity
+    return _turned((before.position_flu - view.position_flu) / step, view.heading)
 
 
 def floating(sticks: AutopilotSticks) -> Sticks:

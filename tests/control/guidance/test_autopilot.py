@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from mkdaemon.control.estimator.estimator import Estimator
-from mkdaemon.control.estimator.model import AircraftModel
+from mkdaemon.control.estimator.model import AircraftModel, V
 from mkdaemon.control.estimator.values import StickCommand, TargetView
-from mkdaemon.control.guidance.autopilot import Autopilot, at_origin
+from mkdaemon.control.guidance.autopilot import UNKNOWN_SPEED, Autopilot, at_origin
 from mkdaemon.control.guidance.horizontal import HorizontalCosts
 from mkdaemon.control.guidance.reference import ReferenceLimits
 from mkdaemon.control.guidance.vertical import VerticalGains
@@ -52,6 +52,22 @@ def test_the_reference_rests_on_the_estimate_until_the_speed_is_known():
         sticks = autopilot.sticks(at_origin(2.0), now)
     assert autopilot.reference.position[0] < 0.35
     assert sticks.pitch < 0
+
+
+def test_the_reference_begins_with_the_speed_that_made_it_known_and_not_with_the_one_before():
+    autopilot = begin(look(0.0, 0.4))
+    estimator = autopilot.estimator
+    estimator._level.states[0, V] = 2.0
+    autopilot.sticks(at_origin(2.0), 0.0)
+    for k in range(1, 30):
+        now = 0.02 * k
+        estimator.advance(now)
+        estimator.target_seen(look(now, 0.4))
+        autopilot.sticks(at_origin(2.0), now)
+        if estimator.velocity_sd <= UNKNOWN_SPEED:
+            break
+    assert autopilot.reference.velocity[0] == pytest.approx(autopilot.estimate.velocity[0])
+    assert autopilot.height.velocity[0] == pytest.approx(autopilot.estimate.velocity[2], abs=0.02)
 
 
 def test_the_regulator_is_that_of_the_stick_filter_that_was_found():

@@ -80,7 +80,6 @@ class Estimator:
         self._has_other_filter = False
         self._sent_at = -math.inf
         f, g = model.horizontal(STEP)
-        position = view.position
         start = np.zeros((2, LEVEL_STATES))
         start[:, P] = -(self._turn_matrix(view.at) @ view.position_flu)[:2]
         moving = np.zeros(3) if velocity is None else velocity
@@ -91,7 +90,7 @@ class Estimator:
             f,
             g,
             tuning.upright_noise(STEP),
-            np.array([[position[2], moving[2], 0.0, 0.0]]),
+            np.array([[-view.position_flu[2], moving[2], 0.0, 0.0]]),
             np.diag(tuning.first_upright_spread) ** 2,
             view.at,
         )

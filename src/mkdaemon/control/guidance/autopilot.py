@@ -111,16 +111,17 @@ class Autopilot:
         limits = self._level_limits
         if goal.speed is not None:
             limits = ReferenceLimits(min(goal.speed, limits.speed), limits.acceleration)
-        if estimator.velocity_sd > UNKNOWN_SPEED and not self._is_speed_known:
-            self.reference = Reference(self.estimate.position[:2], self.estimate.velocity[:2])
+        estimate = self.estimate = estimator.estimate(now + estimator.model.uplink)
+        if not self._is_speed_known:
+            self.reference = Reference(estimate.position[:2], estimate.velocity[:2])
+            self.height = Reference(estimate.position[2:], estimate.velocity[2:])
+            self._is_speed_known = estimator.velocity_sd <= UNKNOWN_SPEED
         else:
-            self._is_speed_known = True
             self.reference.move(goal.position[:2], limits, step)
         if goal.climb:
             self.height = Reference(goal.position[2:], np.array([goal.climb]))
         else:
             self.height.move(goal.position[2:], self._height_limits, step)
-        estimate = self.estimate = estimator.estimate(now + estimator.model.uplink)
         rad_per_count = estimator.model.rad_per_count * estimator.stick_gain
         tilt = self._regulators[estimator.model.stick_filter].tilt(estimate, self.reference) / rad_per_count
         c, s = math.cos(estimate.yaw), math.sin(estimate.yaw)

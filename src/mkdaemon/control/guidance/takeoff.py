@@ -1,8 +1,8 @@
 """Take-off from the ground: throttle rises until an image shows the aircraft above it, then the autopilot climbs.
 
 A camera that stands on its target sees little or nothing of it, so the first centimetres are flown blind, level and
-quickly: slow throttle would let the cushion of the ground carry the aircraft away. How much blind throttle, and for how
-long, is bounded. Source: docs/control.md, "Take-off".
+quickly: the wind carries the aircraft out of the camera's cone as fast as slow throttle lets it rise. How much blind
+throttle, and for how long, is bounded. Source: docs/control.md, "Take-off".
 """
 
 from __future__ import annotations
@@ -61,10 +61,10 @@ class TakeOffLimits:
     lift: float = 0.06
     cushion: float = 1.1
     first: float = 0.80
-    rise: float = 0.80
-    most: float = 1.15
+    rise: float = 1.60
+    most: float = 1.25
     counts_from: float = 1.05
-    blind: float = 1.5
+    blind: float = 1.2
     steepest: float = 0.26
     cut: float = 1.0
 
