@@ -29,6 +29,7 @@ from lab.rigs.cockpit import Boards
 from lab.rigs.lateness import measured_lateness
 from lab.rigs.pilot import Pilot
 from lab.rigs.processes import (
+    START,
     VEHICLE,
     DaemonProcess,
     ObservedSimulation,
@@ -49,8 +50,6 @@ NEUTRAL_LIMIT: Final = 0.35
 """Sticks are neutral in the FlightCtrl this long after the attack [s]; docs/safety.md, "The guard"."""
 RELEASE_LIMIT: Final = 1.1
 """The FlightCtrl is released this long after it [s]."""
-START: Final = 90.0
-"""Longest start of a daemon on a machine that is busy [s]."""
 WATCH: Final = 3.0
 """How long the boards are watched after the release [s]."""
 

@@ -22,7 +22,7 @@ from typing import Final
 from lab.attack.attackers import Flood
 from lab.attack.programs import DEAF_DAEMON
 from lab.rigs.pilot import Pilot
-from lab.rigs.processes import VEHICLE, ObservedSimulation, connected, daemon_process, wait_for_control
+from lab.rigs.processes import START, VEHICLE, ObservedSimulation, connected, daemon_process, wait_for_control
 from lab.rigs.waiting import wait_until
 from lab.stories.kill import steering
 from lab.stories.losses import percentile
@@ -95,7 +95,7 @@ async def ride(kind: Flood, seed: int) -> Ride:
         async with (
             Runtime(simulation, listen=where).serve(),
             daemon_process(f"tcp:{where}", Path(name), program=program) as daemon,
-            connected(daemon.endpoint) as client,
+            connected(daemon.endpoint, patience=START) as client,
             Pilot(client, "pilot") as pilot,
         ):
             await wait_for_control(client)

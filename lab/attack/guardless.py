@@ -11,13 +11,15 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
+from lab.attack.flightlog import Gaps, flight_log
+from lab.rigs.lateness import measured_lateness
 from lab.rigs.pilot import Pilot
-from lab.rigs.processes import ObservedSimulation, connected, daemon_process, wait_for_control
+from lab.rigs.processes import START, ObservedSimulation, Sticks, connected, daemon_process, wait_for_control
 from lab.rigs.waiting import wait_until
 from mkdaemon import guard
 from mkdaemon.bus.endpoint import reserved_endpoint
-from mkdaemon.client import Vehicle
 from mkdaemon.config.sim import PilotPlan, SimConfig
+from mkdaemon.daemon.priority import favour_loop, favour_threads
 from mkdaemon.sim.runtime import Runtime
 from mkdaemon.telemetry.refusals import Token
 
@@ -35,16 +37,31 @@ class GuardDeath:
         noticed: until `event/log` said so [s].
         token: of the refusal that a second client got; None where it got the lease.
         kept: the FlightCtrl was under control all the while.
+        late: the machine was late by so long at most, and so may be `noticed` [s]; see `lab.rigs.lateness`.
+        gaps: where setpoints were late; None where that was not measured.
+        said: what the daemon published meanwhile, each with its time [s]; empty where control was kept.
     """
 
     noticed: float
     token: str | None
     kept: bool
+    late: float = 0.0
+    gaps: Gaps | None = None
+    said: tuple[str, ...] = ()
 
     @property
     def is_wrong(self) -> bool:
         """Whether it breaks a limit."""
-        return self.noticed > NOTICE_LIMIT or self.token != Token.GUARD_DEAD or not self.kept
+        return self.noticed > NOTICE_LIMIT or self._is_lost
+
+    @property
+    def is_machine_late(self) -> bool:
+        """Whether it is wrong, and would hold without the lateness of the machine; it counts as wrong all the same."""
+        return self.is_wrong and self.noticed - self.late <= NOTICE_LIMIT and not self._is_lost
+
+    @property
+    def _is_lost(self) -> bool:
+        return self.token != Token.GUARD_DEAD or not self.kept
 
 
 async def kill_guard(seed: int) -> GuardDeath:
@@ -53,39 +70,42 @@ async def kill_guard(seed: int) -> GuardDeath:
     Raises:
         TimeoutError: the flight did not begin, or nothing was said.
     """
+    favour_loop()  # who judges must not be starved by the machine's other programs
     fields = {"board": "fc", "fc": "2.08", "pilot_plan": PilotPlan.NOTHING, "calibrated": True, "seed": seed}
     simulation = ObservedSimulation(SimConfig.model_validate(fields))
+    simulation.is_frozen = True  # until the daemon is there
     with reserved_endpoint() as port, tempfile.TemporaryDirectory() as name:
         where = port.removeprefix("tcp/")
         async with (
             Runtime(simulation, listen=where).serve(),
             daemon_process(f"tcp:{where}", Path(name)) as daemon,
-            connected(daemon.endpoint) as client,
+            connected(daemon.endpoint, patience=START) as client,
             Pilot(client, "pilot") as pilot,
+            flight_log(client, pilot, simulation) as log,
+            measured_lateness() as lateness,
         ):
+            simulation.is_frozen = False
             await wait_for_control(client)
             await pilot.engage(lambda: simulation.is_controlled)
-            events: list[str] = []
-            listening = asyncio.create_task(_listen(client, events), name="events")
+            pilot.sticks |= {"pitch": 40.0}
+            await wait_until(lambda: simulation.sticks is Sticks.STEERED)
             await asyncio.sleep(0.5)
+            favour_threads()  # those that carry the pilot's setpoints
+            log.forget()
+            lateness.forget()
             began = time.monotonic()
             os.kill(_guard_of(daemon.pid), signal.SIGKILL)
-            await wait_until(lambda: any("guard is gone" in text for text in events))
+            await wait_until(lambda: any("guard is gone" in text for text in log.said))
             noticed = time.monotonic() - began
             request = {"action": "take", "holder": "another", "force": True}
             answer = await client.command("do", "lease", request)
             is_kept = True
             while time.monotonic() - began < WATCH:
                 await asyncio.sleep(0.02)
-                is_kept &= simulation.is_controlled
-            listening.cancel()
-            return GuardDeath(round(noticed, 3), answer.token, is_kept)
-
-
-async def _listen(client: Vehicle, events: list[str]) -> None:
-    async with client.watch("event/log") as samples:
-        async for sample in samples:
-            events += [str(sample.fields["text"])]
+                is_kept &= log.look_at_boards()
+            late = round(max(lateness.loop, lateness.thread), 3)
+            said = () if is_kept else tuple(log.said)
+            return GuardDeath(round(noticed, 3), answer.token, is_kept, late, log.gaps(), said)
 
 
 def _guard_of(pid: int) -> int:

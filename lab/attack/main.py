@@ -145,7 +145,10 @@ def guard_row(flights: Flights[GuardDeath]) -> dict[str, Any]:
     flown = flights.flown
     return _row(
         flights,
+        noticed_median_s=_median([one.noticed for one in flown]),
         noticed_max_s=_largest(one.noticed for one in flown),
+        machine_late=sum(one.is_machine_late for one in flown),
+        machine_late_max_s=_largest(one.late for one in flown),
         kept=sum(one.kept for one in flown),
         refused=sum(one.token is not None for one in flown),
     )
