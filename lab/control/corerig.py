@@ -174,6 +174,7 @@ def pose_of(view: TargetView) -> VisionPose:
         ambiguity=None,
         decided_by="",
         decode_age=0.0,
+        delivered=0.08,
         latency=0.08,
     )
 

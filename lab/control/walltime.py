@@ -2,11 +2,15 @@
 
 `mkdaemon sim` with its rendered camera, `mkdaemon run` and a client are processes of their own; the simulator's time is
 not the daemon's. The machine does other things, so what a known amount of work takes meanwhile stands beside it.
+
+The goals are those of a cable to the FlightCtrl. Behind a NaviCtrl 0.24 no two stick frames are closer than 25 ms, so
+that flight has figures and no goals.
 """
 
 from __future__ import annotations
 
 import asyncio
+import itertools
 import math
 import os
 import time
@@ -14,7 +18,7 @@ from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import cv2
 import numpy as np
@@ -23,7 +27,10 @@ from lab.rigs.overtarget import Hover, Seen, Setting, hovering
 from lab.rigs.wiretap import Sticks
 
 CAMERA_MS: Final = 30.0
-"""The rendered camera delivers an image so long after the middle of its exposure [ms]; rendering needs some of it."""
+"""The rendered camera means to deliver an image so long after the middle of its exposure [ms]; a busy machine renders
+later."""
+BOARDS: Final = {"fc": "", "nc": "behind_navictrl_"}
+"""Whose port is flown through, and what its figures are called."""
 FLIGHT: Final = 60.0
 """A measured flight lasts so long [s]."""
 SETTLING: Final = 4.0
@@ -41,7 +48,7 @@ GOALS: Final = (
     ("control_jitter", "p99_ms", 3.0),
     ("daemon_cpu_percent", "value", 60.0),
 )
-"""At most; the first from when the camera delivers the image."""
+"""At most; the first from when the camera has delivered the image."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,8 +98,29 @@ class Load:
         return Busy(os.getloadavg()[0], float(p50), float(p99), float(np.percentile(self._late, 99)))
 
 
-def images_to_wire(seen: Seen, sticks: Sequence[Sticks], since: float) -> list[float]:
-    """From each image until the last byte of the first stick frame that rests on it has left [s].
+class Way(NamedTuple):
+    """The way of one image to the wire; see `docs/control.md`.
+
+    Attributes:
+        camera: from the middle of the exposure until the daemon has the image [s].
+        eyes: from then until its pose is ready [s].
+        core: from then until the first stick frame that rests on it is handed to the line [s].
+        line: from then until the last byte of that frame has left [s].
+    """
+
+    camera: float
+    eyes: float
+    core: float
+    line: float
+
+    @property
+    def to_wire(self) -> float:
+        """From the delivery of the image until the last byte has left [s]."""
+        return self.eyes + self.core + self.line
+
+
+def images_to_wire(seen: Seen, sticks: Sequence[Sticks], since: float) -> list[Way]:
+    """The way of each image to the first stick frame on the wire that rests on it.
 
     Args:
         seen: what was published.
@@ -102,14 +130,19 @@ def images_to_wire(seen: Seen, sticks: Sequence[Sticks], since: float) -> list[f
     left: dict[int, list[float]] = {}
     for at, stick in sticks:
         left.setdefault(stick.frame, []).append(at)
-    captures, found, newest = np.array(sorted(seen.captures)), list[float](), since
-    for number, image in seen.frames:
+    images = sorted(zip(seen.captures, seen.deliveries, seen.latencies, strict=True))
+    captures, found, newest = np.array([capture for capture, _, _ in images]), list[Way](), since
+    for number, image, made in seen.frames:
         capture = float(captures[np.abs(captures - image).argmin()])
         # Numbers come again; one that was never written rests with the next.
         at = min((at for at in left.get(number, ()) if capture < at < capture + LATEST), default=math.nan)
         if capture > newest and abs(capture - image) < MATCH and math.isfinite(at):
             # An image that a newer one overtook reached the wire with it.
-            found += [at - taken for taken in captures[(captures > newest) & (captures <= capture)]]
+            found += [
+                Way(delivered, ready - delivered, made - taken - ready, at - made)
+                for taken, delivered, ready in images
+                if newest < taken <= capture
+            ]
             newest = capture
     return found
 
@@ -130,19 +163,20 @@ def run_timing(runs: int | None, first_seed: int, jobs: int) -> dict[str, dict[s
     """Fly in earnest and measure; figures by key.
 
     Args:
-        runs: flights; one if None.
+        runs: flights through each port; one if None.
         first_seed: seeds count up from here.
         jobs: has no meaning here, where one flight fills the machine.
     """
     found: dict[str, dict[str, Any]] = {}
-    for k in range(runs or 1):
-        figures = asyncio.run(_fly(first_seed + k))
-        found |= figures if runs in (None, 1) else {f"{name}_{k}": figure for name, figure in figures.items()}
+    for k, (board, prefix) in itertools.product(range(runs or 1), BOARDS.items()):
+        figures = asyncio.run(_fly(first_seed + k, board))
+        suffix = "" if runs in (None, 1) else f"_{k}"
+        found |= {f"{prefix}{name}{suffix}": figure for name, figure in figures.items()}
     return found
 
 
-async def _fly(seed: int) -> dict[str, dict[str, Any]]:
-    setting = Setting(fps=30.0, seed=seed, latency_ms=CAMERA_MS, jitter_ms=0.0, is_tapped=True)
+async def _fly(seed: int, board: str) -> dict[str, dict[str, Any]]:
+    setting = Setting(fps=30.0, seed=seed, latency_ms=CAMERA_MS, jitter_ms=0.0, is_tapped=True, board=board)
     load = Load()
     async with hovering(setting) as hover:
         operator = await hover.hold(SETTLING + FLIGHT + SPARE)
@@ -160,6 +194,9 @@ async def _fly(seed: int) -> dict[str, dict[str, Any]]:
     took = ended - began
     threads = {name: round(100 * (spent - before.get(name, 0.0)) / took, 1) for name, spent in after.items()}
     figures = _figures(hover, (began, ended), load.found(), threads, 100 * simulator / took)
+    if board == "fc":
+        for name, key, limit in GOALS:
+            figures[name] |= {"goal": limit, "holds": figures[name][key] <= limit}
     return figures | {"flight": figures["flight"] | {"holds": is_flying}}
 
 
@@ -168,12 +205,15 @@ def _figures(
 ) -> dict[str, dict[str, Any]]:
     assert hover.tap is not None
     seen, sticks = hover.seen, [item for item in hover.tap.sticks() if item[1].config]
-    delays = np.array(images_to_wire(seen, sticks, span[0])) - CAMERA_MS / 1000
+    ways = images_to_wire(seen, sticks, span[0])
+    hops = 1000 * np.array(ways)
     times = np.array([at for at, _ in sticks if span[0] < at < span[1]])
-    poses = np.array(seen.latencies) - CAMERA_MS / 1000
     figures = {
-        "image_to_wire": _spread(1000 * delays),
-        "image_to_pose": _spread(1000 * poses),
+        "image_to_wire": _spread([1000 * way.to_wire for way in ways]),
+        "camera_late": _spread(hops[:, 0] - CAMERA_MS),
+        "image_to_pose": _spread(hops[:, 1]),
+        "pose_to_frame": _spread(hops[:, 2]),
+        "frame_to_wire": _spread(hops[:, 3]),
         "control_jitter": _spread(1000 * np.maximum(np.diff(times) - PERIOD, 0.0)),
         "frame_gap": _spread(1000 * np.diff(times)),
         "daemon_cpu_percent": {"value": round(sum(threads.values()), 1), "threads": threads},
@@ -186,8 +226,6 @@ def _figures(
         },
         "flight": {"phases": seen.phases, "failsafes": seen.failsafes},
     }
-    for name, key, limit in GOALS:
-        figures[name] |= {"goal": limit, "holds": figures[name][key] <= limit}
     return {name: {"holds": True} | figure for name, figure in figures.items()}
 
 

@@ -17,7 +17,7 @@ from collections.abc import AsyncIterator, Sequence
 from contextlib import AsyncExitStack, asynccontextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 from lab.places import ROOT
 from lab.rigs.processes import PROGRAM, DaemonProcess, connected, wait_for_control
@@ -42,6 +42,20 @@ SHIPPED: Final = ROOT / "configs" / "sim-vision.toml"
 """The configuration that is flown, but for the rate of the images, the wind and the pilot."""
 
 
+class Made(NamedTuple):
+    """A stick frame that the daemon made.
+
+    Attributes:
+        number: of the frame, 1 to 255.
+        image: when the newest image it rests on was taken [s; monotonic].
+        at: when it was handed to the line [s; monotonic].
+    """
+
+    number: int
+    image: float
+    at: float
+
+
 @dataclass(slots=True)
 class Seen:
     """What an observer received, and when it was on the bus.
@@ -54,7 +68,8 @@ class Seen:
         estimates: time [s; monotonic] and estimated position in the frame of the target [m].
         phases: phase and reason, on every change.
         captures: when the images were taken in which a target was found [s; monotonic].
-        frames: number of each stick frame, and when the newest image it rests on was taken [s; monotonic].
+        deliveries: how much later the camera had delivered each of them [s].
+        frames: every stick frame that rests on an image.
         eyes: what the camera said of itself, on every change.
         failsafes: what the ladder did.
     """
@@ -68,7 +83,8 @@ class Seen:
     failsafes: list[str] = field(default_factory=list)
     captures: list[float] = field(default_factory=list)
     eyes: list[str] = field(default_factory=list)
-    frames: list[tuple[int, float]] = field(default_factory=list)
+    deliveries: list[float] = field(default_factory=list)
+    frames: list[Made] = field(default_factory=list)
     last: dict[str, dict[str, Any]] = field(default_factory=dict)
 
     def take(self, sample: Sample) -> None:
@@ -82,6 +98,7 @@ class Seen:
                 self.truths.append((at, tuple(fields["position_enu"])))
             case "vision/down/pose":
                 self.latencies.append(float(fields["latency"]))
+                self.deliveries.append(float(fields["delivered"]))
                 self.captures.append(at)
             case "vision/down/stats" if self.eyes[-1:] != [fields["state"]]:
                 self.eyes.append(fields["state"])
@@ -90,7 +107,8 @@ class Seen:
             case "control/estimate":
                 self.estimates.append((at, tuple(fields["position"])))
                 if (output := self.last.get("control/output")) is not None:
-                    self.frames.append((output["frame"], at - float(fields["image_age"])))
+                    made = float(output["stamp"]["monotonic"])
+                    self.frames.append(Made(output["frame"], at - float(fields["image_age"]), made))
             case "control/status":
                 words = f"{fields['phase']}: {fields['reason']}"
                 if not self.phases or self.phases[-1] != words:
@@ -124,6 +142,7 @@ class Setting:
         jitter_ms: standard deviation of that [ms].
         program: what Python runs in place of the daemon's own program.
         is_tapped: what the daemon writes is noted with its times.
+        board: whose port it is, `nc` or `fc`; behind a NaviCtrl 0.24 there are 40 stick frames a second at most.
     """
 
     fps: float = 15.0
@@ -133,6 +152,7 @@ class Setting:
     jitter_ms: float = 5.0
     program: Sequence[str] = PROGRAM
     is_tapped: bool = False
+    board: str = "nc"
 
 
 @dataclass(frozen=True, slots=True)
@@ -209,6 +229,7 @@ def _config(folder: Path, setting: Setting, endpoint: str) -> Path:
         ("latency_jitter_ms = 5.0", f"latency_jitter_ms = {setting.jitter_ms:g}"),
         ('pilot_plan = "hover"', pilot),
         ('name = "mk1"', f'name = "{VEHICLE}"\nstate_folder = "{folder}"'),
+        ("[sim.scene]", f'board = "{setting.board}"\n\n[sim.scene]'),
         ("[sim.scene.platform]", f'[sim.flight]\nwind = "{setting.wind}"\n\n[sim.scene.platform]'),
     ):
         if old not in text:

@@ -7,17 +7,18 @@ import itertools
 import pytest
 
 from mkdaemon.control.actions import SendSticks
-from mkdaemon.control.output import SHORTEST_STEP
+from mkdaemon.control.output import LONGEST_STEP, SHORTEST_STEP
+from mkdaemon.telemetry.control import ControlLine
 from mkdaemon.telemetry.setpoint import PositionSetpoint, SetpointFrame
-from tests.control.events import CFG, PERIOD, Driver, pose
+from tests.control.events import CFG, OPEN, PERIOD, Driver, pose
 
 IMAGE = 1 / 30
 STEP = 0.001
 
 
-def over_target(*, seconds, image_every=IMAGE, setpoint_every=PERIOD):
+def over_target(*, seconds, image_every=IMAGE, setpoint_every=PERIOD, line=OPEN):
     """A flight by position of an aircraft that stands still over its target; it, and when images came in flight."""
-    drive, images, next_image, next_setpoint = Driver(), [], 0.0, 0.0
+    drive, images, next_image, next_setpoint = Driver(line=line), [], 0.0, 0.0
     drive.take()
     end = seconds
     while drive.now < end:
@@ -46,8 +47,41 @@ def test_an_image_is_answered_at_once_and_between_two_the_core_keeps_its_own_rat
     waits = [min(at for at in frames if at >= image) - image for image in images]
     assert len(images) > 30
     assert max(waits) < STEP
-    assert max(gaps(frames)) == pytest.approx(1 / CFG.rate, abs=STEP)
+    assert max(gaps(frames)) <= 1 / CFG.rate + STEP
     assert min(gaps(frames)) >= SHORTEST_STEP - 1e-9
+
+
+@pytest.mark.parametrize(("image_every", "parts"), [(1 / 15, 4), (1 / 30, 2), (1 / 50, 1)])
+def test_ticks_divide_the_time_between_two_images_evenly(image_every, parts):
+    _, frames, images = over_target(seconds=0.6, image_every=image_every)
+    steady = [gap for at, gap in zip(frames, gaps(frames), strict=False) if images[0] < at < images[-1] - image_every]
+    assert steady == pytest.approx([image_every / parts] * len(steady), abs=2 * STEP)
+
+
+def test_on_a_line_of_40_frames_a_second_images_are_answered_at_once():
+    slow = ControlLine("v2", shortest_step=0.025)
+    _, frames, images = over_target(seconds=1.0, line=slow)
+    waits = [min(at for at in frames if at >= image) - image for image in images]
+    assert max(waits) < STEP
+    assert min(gaps(frames)) >= slow.shortest_step - 1e-9
+
+
+def test_between_images_that_come_seldom_such_a_line_gets_all_it_takes():
+    slow = ControlLine("v2", shortest_step=0.025)
+    _, frames, images = over_target(seconds=1.0, line=slow, image_every=1 / 15)
+    assert len(images) > 8
+    assert max(gaps(frames)) == pytest.approx(1 / 30, abs=2 * STEP)
+
+
+def test_a_line_that_takes_hardly_any_frames_holds_up_no_decision():
+    drive = Driver(line=ControlLine("v2", shortest_step=1.0))
+    drive.fly()
+    began = drive.now
+    drive.run(2.0)
+    frames = [(at, action) for at, action in drive.done if isinstance(action, SendSticks)]
+    first_level = next(at for at, frame in frames if frame.age > CFG.limiter.setpoint_ttl)
+    assert first_level - began < CFG.limiter.setpoint_ttl + 2 * LONGEST_STEP
+    assert drive.releases
 
 
 def test_an_image_right_after_a_frame_waits_until_the_boards_can_take_the_next():

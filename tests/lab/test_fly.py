@@ -23,7 +23,7 @@ def flight(*, farthest=0.1, until=20.0):
         x = farthest if number == int(15.0 / PERIOD) else 0.1
         take(seen, "sim/truth", at, controlled=True, position_enu=(x, 0.0, HEIGHT), velocity_enu=(0.0, 0.0, 0.0))
         take(seen, "control/output", at)
-    take(seen, "vision/down/pose", 101.0, latency=0.08)
+    take(seen, "vision/down/pose", 101.0, latency=0.08, delivered=0.06)
     return seen
 
 
@@ -62,5 +62,5 @@ def test_the_pilot_hovers_when_high_and_slow_with_the_target_in_sight(height, sp
     seen = Seen()
     take(seen, "sim/truth", 1.0, controlled=False, position_enu=(0.0, 0.0, height), velocity_enu=(speed, 0.0, 0.0))
     assert not seen.is_hovering()
-    take(seen, "vision/down/pose", 1.0, latency=0.1)
+    take(seen, "vision/down/pose", 1.0, latency=0.1, delivered=0.08)
     assert seen.is_hovering() is hovers

@@ -9,7 +9,7 @@ import tty
 import pytest
 
 from lab.control.walltime import images_to_wire
-from lab.rigs.overtarget import Seen
+from lab.rigs.overtarget import Made, Seen
 from lab.rigs.wiretap import BAUD, BITS, frames_on_wire, tapped
 from mkdaemon.protocol.framing import encode_frame
 from mkdaemon.protocol.messages import ExternControlV2
@@ -31,15 +31,19 @@ def test_a_frame_has_left_with_its_last_byte_and_waits_for_the_bytes_before():
 
 
 def test_each_image_reaches_the_wire_with_the_first_frame_that_rests_on_it_or_on_a_newer_one():
-    seen = Seen(captures=[1.0, 1.1, 1.2], frames=[(7, 1.001), (8, 1.001), (9, 1.199)])
+    frames = [Made(7, 1.001, 1.04), Made(8, 1.001, 1.06), Made(9, 1.199, 1.24)]
+    seen = Seen(captures=[1.0, 1.1, 1.2], deliveries=[0.01] * 3, latencies=[0.03] * 3, frames=frames)
     sticks = [(1.05, stick(7)), (1.07, stick(8)), (1.25, stick(9))]
-    assert images_to_wire(seen, sticks, 0.0) == pytest.approx([0.05, 0.15, 0.05])
-    assert images_to_wire(seen, sticks, 1.0) == pytest.approx([0.15, 0.05])
+    ways = images_to_wire(seen, sticks, 0.0)
+    assert [way.to_wire for way in ways] == pytest.approx([0.04, 0.14, 0.04])
+    assert ways[0] == pytest.approx((0.01, 0.02, 0.01, 0.01))
+    assert [way.to_wire for way in images_to_wire(seen, sticks, 1.0)] == pytest.approx([0.14, 0.04])
 
 
 def test_a_frame_that_was_never_written_leaves_its_image_to_the_next_one():
-    seen = Seen(captures=[1.0], frames=[(7, 1.0), (8, 1.0)])
-    assert images_to_wire(seen, [(1.09, stick(8))], 0.0) == pytest.approx([0.09])
+    frames = [Made(7, 1.0, 1.02), Made(8, 1.0, 1.05)]
+    seen = Seen(captures=[1.0], deliveries=[0.0], latencies=[0.01], frames=frames)
+    assert [way.to_wire for way in images_to_wire(seen, [(1.09, stick(8))], 0.0)] == pytest.approx([0.09])
     assert images_to_wire(seen, [(9.0, stick(7))], 0.0) == []  # the number came again
 
 

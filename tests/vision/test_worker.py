@@ -71,6 +71,7 @@ def feed(pipeline: CameraPipeline, pictures: list[np.ndarray]) -> list[tuple[str
     values: list[tuple[str, Telemetry]] = []
     for k, pixels in enumerate(pictures):
         values += pipeline.process(image(pixels, k), None)
+        pipeline.check_files()
     return values
 
 
@@ -188,6 +189,31 @@ def test_an_image_that_breaks_the_detector_is_counted() -> None:
     pipeline.tracker.update = broken  # type: ignore[method-assign,assignment]
     assert feed(pipeline, [shot()]) == []
     assert stats(pipeline).faults == 1
+
+
+def test_a_check_of_the_files_that_fails_is_counted_and_costs_no_pose(monkeypatch: pytest.MonkeyPatch) -> None:
+    pipeline = CameraPipeline(section(), VisionSection(), CLOCK)
+
+    def broken(*_: object) -> None:
+        raise cv2.error("inside")
+
+    monkeypatch.setattr(pipeline, "_check_calibration", broken)
+    assert len(poses(feed(pipeline, [shot(k) for k in range(3)]))) == 3
+    assert stats(pipeline).faults == 3
+
+
+async def test_poses_are_handed_over_before_the_files_are_checked(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    cv2.imwrite(str(tmp_path / "0.png"), shot())
+    sink, gate = Collected(), threading.Event()
+    cfg = section(source=f"folder:{tmp_path}", fps=50)
+    worker = VisionWorker([cfg], VisionSection(), sink, asyncio.get_running_loop(), Clock())
+    monkeypatch.setattr(worker._eyes["down"].pipeline, "check_files", lambda: gate.wait(PATIENCE) and None)
+    worker.start()
+    await sink.until(lambda values: bool(poses(values)))
+    gate.set()
+    worker.stop()
 
 
 @pytest.mark.parametrize(

@@ -186,7 +186,7 @@ class FlightCore:
         """Take a pose of the vehicle against a target."""
         self.facts.pose_received(pose)
         self._target.pose_received(pose)
-        self.pacing.image_taken(is_ours=pose.target == self._target.target)
+        self.pacing.image_taken(pose.stamp.monotonic, is_ours=pose.target == self._target.target)
         self._preflight.motion.target_seen(pose.stamp.monotonic, pose.position_flu)
 
     def model_known(self, model: AircraftModel) -> None:
@@ -207,7 +207,7 @@ class FlightCore:
 
     def line_changed(self, line: ControlLine) -> None:
         """Note what the link can take now."""
-        self._preflight.line = self.facts.limit_line(line)
+        self._preflight.line = self._output.line = self.facts.limit_line(line)
 
     def link_changed(self, state: LinkState) -> None:
         """Take a verdict on the line."""
@@ -242,7 +242,7 @@ class FlightCore:
 
     def next_time(self) -> float:
         """When to tick again [s]; see `Pacing`."""
-        return self.pacing.next_time(self._authority.deadline(), self._output.next_step)
+        return self.pacing.next_time(self._authority.deadline(), self._output.next_step, self._output.step)
 
     def tick(self, now: float, *, slept: float = 0.0) -> list[Action]:
         """Decide what is done now, in order; the machine slept for so long since the last tick [s], uncounted."""

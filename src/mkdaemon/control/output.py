@@ -10,9 +10,12 @@ from mkdaemon.control.decisions import Fly
 from mkdaemon.control.limiter import Sticks, count, limit
 from mkdaemon.control.throttlelid import ThrottleLid
 from mkdaemon.control.vehicle import VehicleFacts
+from mkdaemon.telemetry.control import ControlLine
 
 SHORTEST_STEP: Final = 0.01
 """Stick frames are at least this far apart [s]: the boards lose frames beyond 100 Hz."""
+LONGEST_STEP: Final = 0.03
+"""A decision waits no longer for the boards to take the next stick frame [s]; on a slower line the frame waits."""
 AHEAD: Final = 2.0
 """Stick frames may be so many periods of `control.rate` ahead of it, so that a client's jitter delays none."""
 LONGEST_QUEUE: Final = 0.1
@@ -26,6 +29,7 @@ class StickOutput:
         handed_over: frames handed to the line since the start.
         sent: of those, written to the port.
         confirmed: of those, confirmed by the board.
+        line: what the link can take.
         lid: whether the pilot's throttle caps ours.
     """
 
@@ -36,13 +40,19 @@ class StickOutput:
         self._made_at = self._due_at = float("-inf")
         self._is_waiting = False
         self._awaited: set[int] = set()
+        self.line = ControlLine()
         self.lid = ThrottleLid()
         self.handed_over = self.sent = self.confirmed = 0
 
     @property
+    def step(self) -> float:
+        """Least time between two frames [s]; one made sooner would be out of date when it leaves."""
+        return min(max(SHORTEST_STEP, self.line.shortest_step), LONGEST_STEP)
+
+    @property
     def next_step(self) -> float:
         """When the boards can take the next frame, and `control.rate` allows one [s]."""
-        return max(self._made_at + SHORTEST_STEP, self._due_at - AHEAD / self._cfg.rate)
+        return max(self._made_at + self.step, self._due_at - AHEAD / self._cfg.rate)
 
     def engage(self, sticks: Sticks, now: float) -> None:
         """Begin a flight, or begin it anew after the line took no frames, because the board may have let go meanwhile.

@@ -1,21 +1,28 @@
 """When the flight core ticks: at once after news, in time to repeat a setpoint, just after a deadline.
 
-A flight by images is the other way round: an image is answered at once, and between two the core ticks at its own rate,
-whenever setpoints come. What is streamed there hardly changes, and what an image shows is late enough.
+A flight by images is the other way round: an image is answered at once, and the time between two is divided into equal
+parts at the core's own rate, whenever setpoints come: so the boards can take the answer when the next image comes. What
+is streamed there hardly changes, and what an image shows is late enough.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from typing import Final
 
 from mkdaemon.config.control import ControlConfig
-from mkdaemon.control.output import SHORTEST_STEP
 
 JUST_AFTER: Final = 0.0002
 """A deadline has surely passed so long after it [s]."""
 IDLE_PERIOD: Final = 0.1
 """Time between two looks at the lease while nobody flies [s]."""
+SLOWEST_IMAGES: Final = 0.25
+"""Images further apart have no rhythm worth dividing [s]."""
+NEARLY: Final = 0.25
+"""A period that is longer than whole ticks by less than this part of one has no place for another."""
+IMAGE_GRACE: Final = 0.003
+"""An image may come so much later than the one before it did, and is still waited for [s]."""
 
 
 class Pacing:
@@ -30,6 +37,9 @@ class Pacing:
 
     def __init__(self, cfg: ControlConfig) -> None:
         self._cfg = cfg
+        self._image_period: float | None = None
+        self._captured = float("-inf")
+        self._ticks_since_image = 0
         self._ticked_at = float("-inf")
         self.is_paced = self.is_by_images = self.answers_image = self._is_image_new = False
         self.on_news: Callable[[], None] = lambda: None
@@ -45,8 +55,16 @@ class Pacing:
         if not self.is_by_images:
             self.hurry()
 
-    def image_taken(self, *, is_ours: bool) -> None:
-        """Note that an image showed where the aircraft is; `is_ours`: against the target it is flown by."""
+    def image_taken(self, captured: float, *, is_ours: bool) -> None:
+        """Note that an image showed where the aircraft is.
+
+        Args:
+            captured: middle of its exposure [s].
+            is_ours: against the target it is flown by.
+        """
+        if is_ours:
+            period, self._captured = captured - self._captured, captured
+            self._image_period = period if 0.0 < period <= SLOWEST_IMAGES else None
         if self.is_by_images and is_ours:
             self._is_image_new = True
             self.hurry()
@@ -60,9 +78,10 @@ class Pacing:
         stood_still = now - self._ticked_at
         self._ticked_at, self._is_due = now, False
         self.answers_image, self._is_image_new = self._is_image_new, False
+        self._ticks_since_image = 0 if self.answers_image else self._ticks_since_image + 1
         return stood_still
 
-    def next_time(self, deadline: float | None, next_step: float) -> float:
+    def next_time(self, deadline: float | None, next_step: float, step: float) -> float:
         """When to tick again [s].
 
         A repetition so shortly before a deadline that what follows would have to wait for the boards is left out.
@@ -70,18 +89,26 @@ class Pacing:
         Args:
             deadline: when silence changes what is sent [s]; None for never.
             next_step: when the boards can take the next stick frame [s].
+            step: least time between two stick frames [s].
         """
         until = self._ticked_at
         if not self._is_due:
-            until += self._period
-            if deadline is not None and until > deadline - SHORTEST_STEP:
+            until += self._period(step)
+            if deadline is not None and until > deadline - step:
                 until = deadline + JUST_AFTER
         return max(until, next_step) if self.is_paced else until
 
-    @property
-    def _period(self) -> float:
-        """Longest time between two ticks [s]."""
+    def _period(self, step: float) -> float:
+        """Longest time from this tick to the next [s]; stick frames are at least `step` apart [s]."""
         if not self.is_paced:
             return IDLE_PERIOD
-        # A repetition waits half a period longer than a client should, or it would delay the next setpoint.
-        return (1.0 if self.is_by_images else 1.5) / self._cfg.rate
+        period, images = 1.0 / self._cfg.rate, self._image_period
+        if not self.is_by_images:
+            # A repetition waits half a period longer than a client should, or it would delay the next setpoint.
+            return 1.5 * period
+        if images is None:
+            return period
+        parts = max(1, min(math.ceil(images / period - NEARLY), math.floor(images / step)))
+        if self._ticks_since_image < parts - 1:
+            return images / parts
+        return max(period, images / parts + IMAGE_GRACE) if self._ticks_since_image < parts else period

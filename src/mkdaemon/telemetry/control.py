@@ -50,11 +50,13 @@ class ControlLine:
         layout: layout of external control this aircraft reads; None where it must not be steered.
         obstacle: why no stick frame can be sent now; None where one can.
         reason: why there is no layout; else what the link says about the line.
+        shortest_step: least time between two stick frames that the boards can take [s].
     """
 
     layout: str | None = None
     obstacle: Obstacle | None = None
     reason: str = ""
+    shortest_step: float = 0.01
 
 
 class ReleaseOutcome(StrEnum):

@@ -87,6 +87,8 @@ class VisionPose(Seen):
     """What told them apart."""
     decode_age: float
     """Time since a tag of the target was last decoded [s]."""
+    delivered: float
+    """From the middle of the exposure until the camera had delivered the image [s]."""
     latency: float
     """From the middle of the exposure to this value [s]."""
 

@@ -100,6 +100,7 @@ def pose_of(found: TargetPose, image: CameraImage, stamp: Stamp, mounting: Mount
         ambiguity=found.ratio if np.isfinite(found.ratio) else None,
         decided_by=found.decided_by,
         decode_age=max(found.decode_age, 0.0),
+        delivered=image.received_at - image.captured_at,
         latency=ready_at - image.captured_at,
     )
 

@@ -99,11 +99,20 @@ class CameraPipeline:
         self._refused: Counter[PoseRefusal] = Counter()
         self._processed = self._faults = self._failing = 0
         self._failure = ""
-        self.alarms: tuple[Alarm, ...] = ()
+        self._seen_alarms: tuple[Alarm, ...] = ()
+        self._unchecked: tuple[CameraImage, VisionResult, AttitudeHistory | None] | None = None
         self._next_jpeg = -np.inf
+
+    @property
+    def alarms(self) -> tuple[Alarm, ...]:
+        """What is wrong with the images, the camera file or a target file."""
+        mismatch = (Alarm.TARGET_MISMATCH,) if self._check.contradicted else ()
+        return (*self._seen_alarms, *mismatch, *self._selfcheck.alarms, *self._attitude.alarms)
 
     def process(self, image: CameraImage, attitude: AttitudeHistory | None) -> list[tuple[str, Telemetry]]:
         """Look at one image; an image that makes the detector fail is counted and forgotten.
+
+        Whether it contradicts the camera file or a target file is left to `check_files`: a stick frame waits for this.
 
         Args:
             image: the newest.
@@ -118,6 +127,19 @@ class CameraPipeline:
         self._failing = 0
         return values
 
+    def check_files(self) -> None:
+        """Ask the newest image, once, whether camera file and target files are right; a failure is counted."""
+        unchecked, self._unchecked = self._unchecked, None
+        if unchecked is None:
+            return
+        image, result, attitude = unchecked
+        try:
+            self._check.look(result.detections)
+            self._check_calibration(image, result, attitude)
+        except Exception as error:  # noqa: BLE001  # no image may end the thread that looks
+            self._faults += 1
+            self._failure = f"{type(error).__name__}: {error}"
+
     def _look(self, image: CameraImage, attitude: AttitudeHistory | None) -> list[tuple[str, Telemetry]]:
         if not math.isfinite(image.captured_at):
             msg = f"image {image.sequence} has no time"
@@ -126,12 +148,9 @@ class CameraPipeline:
         result = self.tracker.update(image, attitude)
         ready = self._clock.now()
         values = list(values_of(result, image, self._clock.stamp(image.captured_at), self.mounting, ready))
-        self._check.look(result.detections)
-        self._check_calibration(image, result, attitude)
-        mismatch = (Alarm.TARGET_MISMATCH,) if self._check.contradicted else ()
+        self._unchecked, self._seen_alarms = (image, result, attitude), result.alarms
         if self._has_mount:
             self._attitude.image_seen(image.captured_at, attitude, self.tracker.witness)
-        self.alarms = (*result.alarms, *mismatch, *self._selfcheck.alarms, *self._attitude.alarms)
         self._refused.update(reason for _, reason in result.refused)
         self._timings.append(_Timing(ready - started, ready - image.captured_at, bool(result.poses)))
         return values

@@ -185,7 +185,11 @@ class VisionWorker:
             if image is not None:
                 attitude = AttitudeHistory(tuple(self._attitudes))
                 self._record(image, attitude)
-                values += self._eyes[image.camera].look(image, attitude)
+                eye = self._eyes[image.camera]
+                seen = eye.pipeline.process(image, attitude)
+                if seen and not self._hand_over(seen):
+                    return
+                values += eye.look_again(image)
             for eye in self._eyes.values():
                 values += eye.report(self._clock.stamp(), self._restarts, self._not_numbers)
             if values and not self._hand_over(values):
@@ -216,10 +220,11 @@ class _Eye:
         self.stats_key = f"vision/{pipeline.cfg.name}/stats"
         self.last: VisionStats | None = None
 
-    def look(self, image: CameraImage, attitude: AttitudeHistory) -> list[tuple[str, Telemetry]]:
-        values = self.pipeline.process(image, attitude)
+    def look_again(self, image: CameraImage) -> list[tuple[str, Telemetry]]:
+        """What no stick frame waits for: the checks of the files, and the image for people to look at."""
+        self.pipeline.check_files()
         picture = self.pipeline.picture(image)
-        return [*values, picture] if picture is not None else values
+        return [picture] if picture is not None else []
 
     def report(self, stamp: Stamp, restarts: int, not_numbers: int) -> list[tuple[str, Telemetry]]:
         """Stats and the static frame, once a second and when the state changes."""

@@ -203,7 +203,7 @@ class Dialogue:
             obstacle = Obstacle.READ_ONLY
         elif obstacle is None and now < self.questions.deaf_until:
             obstacle, reason = Obstacle.DEAF, self.questions.deaf_because
-        return ControlLine(layout, obstacle, reason)
+        return ControlLine(layout, obstacle, reason, self.rules.setpoint_interval)
 
     def want(self, key: str, interval: float) -> None:
         """Change one stream; 0 ends it.
