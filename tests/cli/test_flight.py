@@ -8,7 +8,7 @@ from contextlib import asynccontextmanager
 import pytest
 
 from lab.rigs.waiting import wait_until
-from mkdaemon.cli.mkctl import flight, flightshow, gains, manoeuvre, preflight, script
+from mkdaemon.cli.mkctl import flight, flightshow, gains, manoeuvre, preflight, script, stick
 from mkdaemon.cli.mkctl.app import app
 from mkdaemon.cli.mkctl.connection import Connection
 from mkdaemon.cli.program import EXIT_CONFIG, EXIT_FAILURE, run
@@ -172,6 +172,26 @@ async def test_a_landing_ends_with_the_words_of_the_daemon(capsys):
         daemon.follow = lambda: end_landing(daemon)
         await flight.land(connection=here)
     assert capsys.readouterr().out == "landed on pad; the pilot stops the motors\n"
+
+
+def release_by_itself(daemon):
+    if len(daemon.setpoints) == 20:
+        daemon.holder = None
+        daemon.say(Phase.RELEASING, "no image of pad for 3.0 s", hands="flies: throttle back to hover at once")
+
+
+@pytest.mark.parametrize("verb", ["velocity", "attitude", "stick"])
+async def test_what_the_pilot_does_when_the_machine_lets_go_is_the_last_word(verb, capsys):
+    async with flying((0.0, 0.0, 2.0)) as (daemon, here):
+        daemon.follow = lambda: release_by_itself(daemon)
+        verbs = {
+            "velocity": lambda: flight.velocity(0.0, 0.0, 0.0, seconds=3.0, connection=here),
+            "attitude": lambda: manoeuvre.attitude(seconds=3.0, connection=here),
+            "stick": lambda: stick.stick(throttle=0.0, seconds=3.0, connection=here),
+        }
+        with pytest.raises(MkError, match="no image of pad"):
+            await verbs[verb]()
+    assert capsys.readouterr().err.splitlines()[-1] == "the pilot flies: throttle back to hover at once"
 
 
 async def test_what_the_daemon_waits_for_is_shown(capsys, monkeypatch):

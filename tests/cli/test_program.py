@@ -18,6 +18,7 @@ from lab.__main__ import app as lab_app
 from mkdaemon.cli.mkctl import app as mkctl
 from mkdaemon.cli.mkdaemon import app as mkdaemon
 from mkdaemon.cli.program import CommandEntry, build, run
+from mkdaemon.config.sim import PilotPlan
 from mkdaemon.errors import CommandRejectedError, ConfigError, MkError
 
 MKDAEMON = [sys.executable, "-c", "from mkdaemon.cli.entry import mkdaemon; mkdaemon()"]
@@ -57,6 +58,13 @@ def test_every_command_has_a_help_without_clutter(entry, capsys):
     assert not re.search(r"--([\w-]+) --no-\1", out), "an option and its opposite"
     assert "Raises" not in out, "Google and numpy sections mixed in one docstring"
     assert not re.search(r"│ [A-Z]+ +│", out), "an argument without a word about it"
+
+
+def test_the_help_of_the_simulator_names_every_plan_of_its_pilot_and_the_key_of_poses(capsys):
+    assert run(mkdaemon.app, ["sim", "--help"]) == 0
+    words = set(re.split(r"[\s,.│]+", out := capsys.readouterr().out))
+    assert set(PilotPlan) <= words
+    assert "mk/NAME/sim/pose" in out
 
 
 def test_a_missing_module_breaks_no_other_command(capsys):
@@ -122,6 +130,7 @@ def test_wrong_usage_is_one_line_and_exit_code_2(tokens, says, points_to, capsys
 ASCII = """
 import sys
 from mkdaemon.cli import program
+from mkdaemon.config.sim import PilotPlan
 from mkdaemon.errors import ConfigError
 
 def tell(word: str) -> None:

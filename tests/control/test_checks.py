@@ -33,8 +33,9 @@ def battery(voltage, *, is_low=None):
     return Battery(stamp=STAMP, source="nc/osd", voltage=voltage, current=None, used_mah=None, is_low=is_low)
 
 
-def eyes(state=EyeState.OK, alarms=None, reason=""):
-    return VisionStats.model_construct(stamp=STAMP, camera="down", state=state, alarms=alarms or {}, reason=reason)
+def eyes(state=EyeState.OK, alarms=None, reason="", **more):
+    fields = {"state": state, "alarms": alarms or {}, "reason": reason, "processed": 9, "latency_p50_ms": 80.0}
+    return VisionStats.model_construct(stamp=STAMP, camera="down", **(fields | more))
 
 
 def reception(quality):
@@ -87,6 +88,7 @@ STANDS = [
     ("battery", "battery_low", {"flight": flags(battery_low=True)}),
     ("camera", "camera_unfit", {"eyes": (eyes(EyeState.GONE, reason="unplugged"),)}),
     ("camera", "camera_unfit", {"eyes": (eyes(alarms={Alarm.UNCALIBRATED: "no calibration"}),)}),
+    ("age of images", "images_late", {"eyes": (eyes(latency_p50_ms=501.0), eyes(latency_p50_ms=900.0))}),
     ("time stamps", "camera_turned", {"stamps": Match(0.0, -0.9)}),
     ("time stamps", "stamps_off", {"stamps": Match(0.05, 0.9)}),
     ("time stamps", "stamps_off", {"stamps": Match(-0.05, 0.9)}),
@@ -107,6 +109,8 @@ UNKNOWN = [
     ("battery", {"battery": None}),
     ("camera", {"eyes": ()}),
     ("camera", {"now": 10.0}),
+    ("age of images", {"eyes": (eyes(processed=0),)}),
+    ("age of images", {"now": 10.0}),
     ("target", {"target_age": None}),
     ("target", {"target_age": 1.1}),
     ("time stamps", {"stamps": None}),

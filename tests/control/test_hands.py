@@ -34,3 +34,10 @@ def test_a_throttle_that_caps_ours_comes_before_all_but_where_it_is_meant_to():
     assert {phase for phase in Phase if pilots_hands(phase, hold, is_capped=True) == CAPPED} == set(IN_FLIGHT)
     for kind, stage in (("takeoff", TakeOffPhase.IDLE.value), ("land", LandingPhase.DOWN.value)):
         assert pilots_hands(Phase.FLYING, Progress(kind, stage, is_done=False), is_capped=True) != CAPPED
+
+
+def test_after_a_landing_he_pulls_the_throttle_down_and_does_not_hover():
+    stands = Progress("land", LandingPhase.DOWN.value, is_done=True)
+    assert "throttle down" in pilots_hands(Phase.RELEASING, stands, is_capped=False)
+    in_the_air = Progress("land", LandingPhase.DESCEND.value, is_done=False)
+    assert "throttle back to hover" in pilots_hands(Phase.RELEASING, in_the_air, is_capped=False)

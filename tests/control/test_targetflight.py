@@ -14,7 +14,7 @@ from lab.control.flights import Flight
 from lab.control.rig import Rig, believed_model
 from mkdaemon.config.autopilot import AutopilotConfig
 from mkdaemon.config.sim_flight import WindClass
-from mkdaemon.control.actions import Release, ReportFailsafe, ReportMode, SendSticks
+from mkdaemon.control.actions import PublishStatus, Release, ReportFailsafe, ReportMode, SendSticks
 from mkdaemon.control.estimator.model import AircraftModel
 from mkdaemon.control.estimator.values import TargetView
 from mkdaemon.control.guidance.autopilot import Goal
@@ -157,6 +157,8 @@ def test_a_landing_ends_on_the_target_with_a_release_that_is_no_failsafe(pad):
     assert record.touch_error < 0.12
     assert record.touch_sink < 0.6
     assert released.reason == "landed on pad"
+    hands = [action.hands for at, action in rig.actions if isinstance(action, PublishStatus)][-1]
+    assert hands.startswith("pulls the throttle down")
     assert released_at >= record.touched + 0.3
     last = [action.counts.throttle for at, action in rig.actions if isinstance(action, SendSticks)][-1]
     assert last <= -90

@@ -187,7 +187,7 @@ class Authority:
             order, self._pending = self._pending, None
             self.phase, self.reason = Phase.RELEASING, order.reason
             return order
-        self.progress = None
+        flown, self.progress = self.progress, None
         lease = self._lease
         if lease is None:
             return SendNothing()
@@ -196,6 +196,7 @@ class Authority:
         if guided is not None and is_in_flight and (guided.failure or guided.finished):
             event = Event.GUIDANCE_LOST if guided.failure else Event.FLIGHT_FINISHED
             self.end(event, cause=guided.failure or guided.finished)
+            self.progress = flown
             return self.tick(now)
         words = {"silence": f"{lease.silence(now, is_in_flight=is_in_flight):.2f}"}
         words["obstacle"] = "" if guided is None else guided.obstacle

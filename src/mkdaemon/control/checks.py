@@ -39,6 +39,9 @@ HIGHEST_CELL: Final = 4.3
 """The FlightCtrl counts cells by this voltage [V]; docs/firmware-notes.md."""
 EYES_FRESH: Final = 3.0
 """What a camera said of itself longer ago counts no more [s]; it says so once a second."""
+LATEST_IMAGES: Final = 500.0
+"""Median age of images that have been looked at, with which a flight may begin [ms]: take-offs were flown by images
+0.6 s old; of 0.9 s, which the estimator's history no longer holds, they climbed to 12 m."""
 _UNFIT: Final = (Alarm.UNCALIBRATED, Alarm.WRONG_SIZE, Alarm.TARGET_MISMATCH)
 
 
@@ -190,6 +193,16 @@ def _unfit(stats: VisionStats) -> str:
     return "" if stats.state is EyeState.OK else f"{stats.state.value}: {stats.reason}"
 
 
+def _lateness(known: Knowledge) -> Verdict:
+    eyes = [stats for stats in known.eyes if known.now - stats.stamp.monotonic <= EYES_FRESH and stats.processed]
+    if not eyes:
+        return unknown("no camera of this daemon; poses may come from elsewhere")
+    best = min(eyes, key=lambda stats: stats.latency_p50_ms)
+    if best.latency_p50_ms > LATEST_IMAGES:
+        return stands(refuse(Token.IMAGES_LATE, camera=best.camera, late=best.latency_p50_ms, limit=LATEST_IMAGES))
+    return passed(f"half of them are looked at within {best.latency_p50_ms:.0f} ms of their exposure")
+
+
 def _target(known: Knowledge) -> Verdict:
     age = known.target_age
     if age is None:
@@ -241,6 +254,7 @@ CHECKS: Final = (
     Check("receiver", Blocks.AUTONOMY, _receiver),
     Check("battery", Blocks.AUTONOMY, _battery),
     Check("camera", Blocks.AUTONOMY, _camera),
+    Check("age of images", Blocks.AUTONOMY, _lateness),
     Check("target", Blocks.AUTONOMY, _target),
     Check("time stamps", Blocks.AUTONOMY, _stamps),
     Check("disk", Blocks.AUTONOMY, _disk),

@@ -42,6 +42,8 @@ def _flying(kind: str, stage: str, words: str) -> Hands:
     return Hands(Phase.FLYING, kind.removeprefix("setpoint/"), stage, words)
 
 
+_LANDING: Final = LandSetpoint.suffix.removeprefix("setpoint/")
+_STANDS: Final = "pulls the throttle down, stops the motors, then shuts the gate"
 _BY_HAND: Final = f"{LID}; nothing holds the place"
 HANDS: Final = (
     Hands(Phase.FREE, "", "", "flies"),
@@ -57,17 +59,14 @@ HANDS: Final = (
         TakeOffPhase.IDLE.value,
         "raises the throttle to a quarter above hover within 3 s: nothing moves while the machine's is the smaller",
     ),
-    _flying(
-        LandSetpoint.suffix,
-        LandingPhase.DOWN.value,
-        "pulls the throttle down, stops the motors, then shuts the gate",
-    ),
+    _flying(LandSetpoint.suffix, LandingPhase.DOWN.value, _STANDS),
     _flying(LandSetpoint.suffix, "", "holds the throttle a quarter above hover until the feet stand, then down"),
     _flying(StickSetpoint.suffix, "", _BY_HAND),
     _flying(AttitudeSetpoint.suffix, "", _BY_HAND),
     Hands(Phase.FLYING, "", "", LID),
     Hands(Phase.STALE, "", "", "shuts the gate and flies, unless the machine goes on at once"),
     Hands(Phase.ABORTED, "", "", f"{LID}; shuts the gate to take over"),
+    Hands(Phase.RELEASING, _LANDING, LandingPhase.DOWN.value, _STANDS),
     Hands(Phase.RELEASING, "", "", "flies: throttle back to hover at once, or the aircraft climbs"),
 )
 """The first row that fits counts."""

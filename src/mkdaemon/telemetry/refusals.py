@@ -238,6 +238,12 @@ REFUSALS: Final[Mapping[str, Refusal]] = {
     Token.CAMERA_UNFIT: Refusal(
         Status.DENIED, "no camera can be flown by: {detail}.", "`mkctl watch 'vision/**'`; docs/cameras.md."
     ),
+    Token.IMAGES_LATE: Refusal(
+        Status.DENIED,
+        "half of the images of camera {camera} are more than {late:.0f} ms old when they have been looked at, and the "
+        "limit is {limit:.0f} ms.",
+        "End what else runs on this computer; a nearer camera, smaller images or fewer a second (docs/cameras.md).",
+    ),
     Token.CAMERA_TURNED: Refusal(
         Status.DENIED,
         "the camera sees the opposite of what the boards report when the aircraft tilts (correlation {likeness:.1f}).",

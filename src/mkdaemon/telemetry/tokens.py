@@ -88,6 +88,7 @@ class Token(StrEnum):
     RECEIVER_WEAK = "receiver_weak"
     BATTERY_LOW = "battery_low"
     CAMERA_UNFIT = "camera_unfit"
+    IMAGES_LATE = "images_late"
     CAMERA_TURNED = "camera_turned"
     STAMPS_OFF = "stamps_off"
     DISK_FULL = "disk_full"

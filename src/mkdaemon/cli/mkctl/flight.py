@@ -12,6 +12,7 @@ from mkdaemon.cli.mkctl.connection import HERE, Connection
 from mkdaemon.cli.mkctl.flightshow import (
     Position,
     conclude,
+    leased,
     metres,
     print_end,
     read_position,
@@ -68,7 +69,7 @@ async def goto(
         return 0
     heading = None if yaw is None else math.remainder(math.radians(yaw), math.tau)
     goal = (x, y, z) if frame == "pad" else None
-    async with connection.open() as uav, uav.lease(force=force) as lease:
+    async with connection.open() as uav, leased(uav, connection, force=force) as lease:
         async with showing(uav, lease, connection, lambda: goal) as shown:
             await lease.position(x, y, z, yaw=heading, frame=frame, seconds=seconds)
         return conclude(shown, goal or shown.goal, within, connection)
@@ -91,7 +92,7 @@ async def hold(
     require_finite(height=height)
     require_length(seconds, "--seconds")
     goal: Position | None = None
-    async with connection.open() as uav, uav.lease(force=force) as lease:
+    async with connection.open() as uav, leased(uav, connection, force=force) as lease:
         async with showing(uav, lease, connection, lambda: goal) as shown:
             await lease.velocity(0.0, 0.0, 0.0, seconds=BRIEF)
             x, y, z = shown.position or await read_position(uav)
@@ -124,7 +125,7 @@ async def velocity(
     """
     require_finite(x=x, y=y, z=z)
     require_length(seconds, "--seconds")
-    async with connection.open() as uav, uav.lease(force=force) as lease:
+    async with connection.open() as uav, leased(uav, connection, force=force) as lease:
         async with showing(uav, lease, connection, lambda: None) as shown:
             await lease.velocity(x, y, z, frame=frame, seconds=seconds)
         print_end({"position": shown.position}, f"now at {metres(shown.position)}", connection)
@@ -146,7 +147,7 @@ async def land(
     """
     require_finite(yaw=yaw)
     heading = None if yaw is None else math.remainder(math.radians(yaw), math.tau)
-    async with connection.open() as uav, uav.lease(force=force) as lease:
+    async with connection.open() as uav, leased(uav, connection, force=force) as lease:
         async with showing(uav, lease, connection, lambda: (0.0, 0.0, 0.0)) as shown:
             await lease.land(yaw=heading)
         print_end({"position": shown.position}, f"{lease.reason}; the pilot stops the motors", connection)

@@ -7,12 +7,15 @@ import math
 import sys
 from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager, suppress
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 from mkdaemon.cli.mkctl.connection import Connection
 from mkdaemon.cli.printing import json_line
 from mkdaemon.client import Lease, Vehicle
 from mkdaemon.errors import ConfigError, MkError
+
+if TYPE_CHECKING:
+    from mkdaemon.telemetry.control import ControlStatus
 
 PROGRESS_PERIOD: Final = 0.2
 """Between two lines of progress on a terminal [s]."""
@@ -21,6 +24,9 @@ LOG_PERIOD: Final = 1.0
 
 CLEAR: Final = "\r\x1b[K"
 """Clears the line of progress on a terminal."""
+
+LAST_WORD: Final = 1.0
+"""Longest wait, when a flight has ended, for the daemon to say that the aircraft is released [s]."""
 
 Position = tuple[float, float, float]
 
@@ -51,10 +57,47 @@ class Shown:
 
 
 @asynccontextmanager
+async def leased(uav: Vehicle, connection: Connection, *, force: bool) -> AsyncIterator[Lease]:
+    """Hold the lease, and say on standard error what the pilot's hands do, until the aircraft is released.
+
+    Raises:
+        MkError: see `Vehicle.lease`.
+    """
+    released = asyncio.Event()
+    released.set()
+
+    async def tell() -> None:
+        hands = ""
+        clear = CLEAR if sys.stderr.isatty() and not connection.json else ""
+        async with uav.watch("control/status") as samples:
+            async for sample in samples:
+                status: ControlStatus = sample.value
+                is_free = status.phase is status.phase.FREE
+                if status.hands != hands and not is_free:
+                    hands = status.hands
+                    print(f"{clear}the pilot {hands}", file=sys.stderr, flush=True)
+                if is_free or status.phase is status.phase.RELEASING:
+                    released.set()
+                else:
+                    released.clear()
+
+    telling = asyncio.create_task(tell(), name="pilot's hands")
+    try:
+        async with uav.lease(force=force) as lease:
+            yield lease
+    finally:
+        with suppress(TimeoutError):
+            async with asyncio.timeout(LAST_WORD):
+                await released.wait()
+        telling.cancel()
+        await asyncio.gather(telling, return_exceptions=True)
+
+
+@asynccontextmanager
 async def showing(
     uav: Vehicle, lease: Lease, connection: Connection, goal: Callable[[], Position | None]
 ) -> AsyncIterator[Shown]:
-    """Show on standard error what the daemon waits for and the pilot does, then where the aircraft is."""
+    """Show on standard error what the daemon waits for, then where the aircraft is."""
     shown = Shown()
     is_terminal = sys.stderr.isatty() and not connection.json
 
@@ -67,12 +110,8 @@ async def showing(
                     shown.position = sample.value.position
 
     async def show() -> None:
-        last = hands = ""
+        last = ""
         while True:
-            status = lease.status
-            if status is not None and status.hands != hands:
-                hands = status.hands
-                print(f"{CLEAR if is_terminal else ''}the pilot {hands}", file=sys.stderr, flush=True)
             line = _line(lease, shown.position, goal() or shown.goal)
             if is_terminal:
                 print(f"{CLEAR}{line}", end="", file=sys.stderr, flush=True)

@@ -10,7 +10,7 @@ from cyclopts import Parameter, validators
 from mkdaemon.cli.arguments import require_length
 from mkdaemon.cli.mkctl.connection import HERE, Connection
 from mkdaemon.cli.mkctl.flight import Force, Seconds
-from mkdaemon.cli.mkctl.flightshow import metres, print_end, require_finite, showing
+from mkdaemon.cli.mkctl.flightshow import leased, metres, print_end, require_finite, showing
 from mkdaemon.client import Vehicle
 from mkdaemon.protocol.messages import DisarmMotors
 from mkdaemon.protocol.wire import Board
@@ -38,7 +38,7 @@ async def takeoff(
         MkError: the daemon refused, did not engage, or the take-off failed; says why.
     """
     require_length(seconds, "--seconds")
-    async with connection.open() as uav, uav.lease(force=force) as lease:
+    async with connection.open() as uav, leased(uav, connection, force=force) as lease:
         async with showing(uav, lease, connection, lambda: None) as shown:
             await lease.take_off(height)
             await lease.hold(seconds=seconds)
@@ -63,7 +63,7 @@ async def attitude(
     """
     require_finite(pitch=pitch, roll=roll, yaw_rate=yaw_rate, thrust=thrust)
     require_length(seconds, "--seconds")
-    async with connection.open() as uav, uav.lease(force=force) as lease:
+    async with connection.open() as uav, leased(uav, connection, force=force) as lease:
         await lease.attitude(
             pitch=math.radians(pitch),
             roll=math.radians(roll),

@@ -10,7 +10,7 @@ from cyclopts import Parameter
 
 from mkdaemon.cli.mkctl.connection import HERE, Connection
 from mkdaemon.cli.mkctl.flight import Force
-from mkdaemon.cli.mkctl.flightshow import metres, print_end, showing
+from mkdaemon.cli.mkctl.flightshow import leased, metres, print_end, showing
 from mkdaemon.client import Lease, Vehicle
 from mkdaemon.errors import ManoeuvreError
 from mkdaemon.missions.script import (
@@ -52,7 +52,7 @@ async def fly(
     if check:
         print_end({"steps": len(steps)}, f"{script}: {len(steps)} steps, nothing wrong", connection)
         return
-    async with connection.open() as uav, uav.lease(force=force) as lease:
+    async with connection.open() as uav, leased(uav, connection, force=force) as lease:
         async with showing(uav, lease, connection, lambda: None) as shown:
             for number, step in enumerate(steps, 1):
                 if not connection.json:

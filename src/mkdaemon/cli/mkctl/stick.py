@@ -8,6 +8,7 @@ from cyclopts import Parameter
 
 from mkdaemon.cli.arguments import require_length
 from mkdaemon.cli.mkctl.connection import HERE, Connection
+from mkdaemon.cli.mkctl.flightshow import leased
 from mkdaemon.cli.printing import json_line
 from mkdaemon.errors import ConfigError
 
@@ -51,7 +52,7 @@ async def stick(
             raise ConfigError(f"--{name} {value:g}: give a number from -{FULL} to {FULL}")
     require_length(seconds, "--seconds")
     require_length(rate, "--rate")
-    async with connection.open() as uav, uav.lease(force=force) as lease:
+    async with connection.open() as uav, leased(uav, connection, force=force) as lease:
         await lease.stick(**wanted, seconds=seconds, rate=rate)
         output = await uav.get("control/output")
     fields = {} if output is None else output.fields

@@ -19,6 +19,7 @@ from mkdaemon.cli.mkdaemon.sim_camera import CameraPublisher, open_camera, open_
 from mkdaemon.cli.program import let_signals_kill
 from mkdaemon.config.reader import load
 from mkdaemon.config.root import Config
+from mkdaemon.config.sim import PilotPlan
 from mkdaemon.errors import ConfigError
 from mkdaemon.sim.runtime import Runtime
 from mkdaemon.sim.simulation import Simulation
@@ -33,7 +34,7 @@ def sim(
     fc: Annotated[str | None, Parameter(help="FlightCtrl release: early, 2.08, 2.12a, 2.14.")] = None,
     nc: Annotated[str | None, Parameter(help="NaviCtrl release: 0.24, 2.14.")] = None,
     seed: Annotated[int | None, Parameter(help="Of every random stream.")] = None,
-    pilot: Annotated[str | None, Parameter(help="circle, hover, supervise, wait, nothing.")] = None,
+    pilot: Annotated[str | None, Parameter(help=f"{', '.join(PilotPlan)}.")] = None,
     pilot_wait: Annotated[
         float | None,
         Parameter(help="Seconds before he touches the sticks, 20 by default; `mkctl sim start` asks him earlier."),
@@ -44,9 +45,7 @@ def sim(
     scene_only: Annotated[
         bool, Parameter(negative=(), help="Only the camera: no aircraft; its pose comes from the bus.")
     ] = False,
-    truth: Annotated[
-        str | None, Parameter(help="With --scene-only: key of the poses; else mk/<vehicle>/sim/pose.")
-    ] = None,
+    truth: Annotated[str | None, Parameter(help="With --scene-only: key of the poses; else mk/NAME/sim/pose.")] = None,
     seconds: Annotated[float | None, Parameter(help="End after so long; otherwise on Ctrl-C.")] = None,
 ) -> None:
     """Simulate an aircraft. The first line on standard output is `{"port": "/dev/pts/N"}`: connect to that port.
