@@ -237,17 +237,18 @@ def _write_report(text: str, report: Path | None) -> None:
         os.write(2, f"mkdaemon guard: the daemon stopped while the aircraft was under control; {text}\n".encode())
 
 
-def go_first() -> None:
-    """Run before ordinary programs where the system grants it, and before a loop that never sleeps.
+def go_first(process: int = 0) -> None:
+    """Let a process, this one by default, run before ordinary programs and before a loop that never sleeps.
 
-    The guard sleeps until it is needed and then writes 40 frames a second at most, so it can starve nobody.
+    Without the right to it nothing changes. The guard sleeps until it is needed and then writes 40 frames a second at
+    most, so it can starve nobody.
     """
     for priority in REAL_TIME:
         with suppress(OSError, AttributeError):
-            os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(priority))
+            os.sched_setscheduler(process, os.SCHED_RR, os.sched_param(priority))
             return
     with suppress(OSError):
-        os.setpriority(os.PRIO_PROCESS, 0, NICE)
+        os.setpriority(os.PRIO_PROCESS, process, NICE)
 
 
 def main() -> None:

@@ -32,8 +32,8 @@ class Started(GuardProcess):
 
 
 @pytest.fixture
-async def started(monkeypatch):
-    """A guard whose process is replaced by the far end of its channel."""
+async def starting(monkeypatch):
+    """A guard whose process is replaced by the far end of its channel, and has said nothing yet."""
     near, far = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
     far.setblocking(False)
     monkeypatch.setattr(guard_module.sys, "executable", shutil.which("true"))
@@ -45,6 +45,15 @@ async def started(monkeypatch):
     yield started
     await started.stop()
     far.close()
+
+
+@pytest.fixture
+async def started(starting):
+    """The same, when it has answered for the first time."""
+    starting.far.send(Word.PONG)
+    await starting.wait_for_start()
+    assert starting.far.recv(64) == Word.PING
+    return starting
 
 
 async def turns(count=5):
@@ -62,6 +71,32 @@ async def test_a_guard_that_answers_is_alive_and_one_that_is_silent_is_dead(star
     started.far.send(Word.PONG)
     await turns()
     assert started.is_alive
+
+
+async def test_a_guard_that_has_not_answered_yet_is_not_alive(starting, monkeypatch):
+    monkeypatch.setattr(guard_module, "START_LIMIT", 0.01)
+    await starting.wait_for_start()
+    assert not starting.is_alive
+    starting.far.send(Word.PONG)
+    await turns()
+    assert starting.is_alive
+
+
+async def test_a_guard_that_cannot_start_is_not_waited_for(starting):
+    starting.far.close()
+    async with asyncio.timeout(1.0):
+        await starting.wait_for_start()
+    assert not starting.is_alive
+
+
+async def test_it_starts_before_ordinary_programs(monkeypatch):
+    favoured = []
+    monkeypatch.setattr(guard_module.guard, "go_first", favoured.append)
+    process = GuardProcess()
+    process.start()
+    await process.wait_for_start()
+    assert (favoured, process.is_alive) == ([process.pid], True)
+    await process.stop()
 
 
 async def test_every_change_is_told_once(started, monkeypatch):

@@ -17,7 +17,7 @@ from mkdaemon.daemon import guard as guardprocess
 from mkdaemon.daemon.guard import GuardProcess, take_report
 
 NEUTRAL, RELEASE = b"#neutral\r", b"#release\r"
-PATIENCE = 20.0
+PATIENCE = 60.0  # of a process that imports the daemon, on a busy machine
 
 
 @pytest.fixture
@@ -47,6 +47,7 @@ async def arrived(far, wanted):
 async def flying(near, report=None):
     guard = GuardProcess(report)
     guard.start()
+    await guard.wait_for_start()
     guard.port_opened(near)
     guard.frames_changed([RELEASE])
     guard.frame_written(NEUTRAL)
@@ -115,6 +116,7 @@ from mkdaemon.daemon.guard import GuardProcess
 async def main():
     guard = GuardProcess(Path(sys.argv[2]))
     guard.start()
+    await guard.wait_for_start()
     guard.port_opened(int(sys.argv[1]))
     guard.frames_changed([b"#release\\r"])
     for _ in range(10):

@@ -156,6 +156,7 @@ class Daemon:
             reason = f"{self._report.parent}: {error.strerror or error}"
             self._audit.log("warning", f"the next daemon will not hear what the guard does: {reason}")
         guard.start()
+        await guard.wait_for_start()
         async with asyncio.TaskGroup() as tasks:
             watcher = tasks.create_task(guard.watch(), name="guard")
             try:
