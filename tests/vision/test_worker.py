@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import ctypes
 import threading
 from collections.abc import Callable
 from dataclasses import replace
@@ -26,6 +27,7 @@ from mkdaemon.sim.scene.view import CameraView, view_towards
 from mkdaemon.telemetry.base import Telemetry
 from mkdaemon.telemetry.image import CameraFrame
 from mkdaemon.telemetry.vision import Alarm, AttitudeLoss, EyeState, Tags, Transform, VisionPose, VisionStats
+from mkdaemon.virtualtime import run_virtually
 from mkdaemon.vision.camera.calibration_file import load_camera, mount_rotation
 from mkdaemon.vision.camera.camera import StreamState, StreamStatus
 from mkdaemon.vision.camera.image import CameraImage
@@ -360,6 +362,46 @@ async def test_a_thread_that_died_is_reported_and_started_again(
     assert sink.stats()[-1].faults >= 1
     supervision.cancel()
     worker.stop()
+
+
+async def test_a_thread_that_was_killed_is_started_again(tmp_path: Path) -> None:
+    cv2.imwrite(str(tmp_path / "0.png"), shot())
+    sink = Collected()
+    cfg = section(source=f"folder:{tmp_path}", fps=50, loop=True)
+    worker = VisionWorker([cfg], VisionSection(), sink, asyncio.get_running_loop(), Clock())
+    worker.start()
+    supervision = asyncio.create_task(worker.supervise())
+    await sink.until(lambda _: bool(sink.stats()))
+    thread = worker._thread.ident
+    assert thread is not None
+    ctypes.pythonapi.PyThreadState_SetAsyncExc(ctypes.c_ulong(thread), ctypes.py_object(SystemExit))
+    await sink.until(lambda _: any(found.state is EyeState.DEAD for found in sink.stats()))
+    await sink.until(lambda _: sink.stats()[-1].restarts == 1)
+    before = sink.stats()[-1].processed
+    await sink.until(lambda _: sink.stats()[-1].processed > before)
+    supervision.cancel()
+    worker.stop()
+
+
+def test_a_dead_thread_is_told_and_started_again_within_a_second() -> None:
+    async def flight() -> None:
+        loop, sink = asyncio.get_running_loop(), Collected()
+        clock = Clock(monotonic=loop.time, wall=loop.time)
+        worker = VisionWorker([section()], VisionSection(), sink, loop, clock)
+        eye = worker._eyes["down"]
+        eye.report(clock.stamp(), 0, 0)
+        dead = threading.Thread(target=lambda: None)
+        dead.start()
+        dead.join()
+        worker._thread = dead
+        supervision = asyncio.create_task(worker.supervise())
+        await asyncio.sleep(0.25)
+        assert worker._thread is not dead
+        assert [(found.state, found.restarts) for found in sink.stats()] == [(EyeState.DEAD, 0)]
+        supervision.cancel()
+        worker.stop()
+
+    run_virtually(flight())
 
 
 async def test_a_thread_that_does_not_come_back_is_reported_as_stalled(

@@ -168,7 +168,7 @@ class CameraPipeline:
         """Take the barometer's height [m] at a time [s; monotonic]."""
         self._selfcheck.barometer_received(time, height)
 
-    def failed(self, error: Exception) -> None:
+    def failed(self, error: BaseException) -> None:
         """Count a failure of the detector and forget what it followed.
 
         Args:

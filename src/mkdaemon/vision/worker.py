@@ -101,7 +101,7 @@ class VisionWorker:
         self._barometer: deque[tuple[float, float]] = deque(maxlen=BAROMETER)
         self._stop = threading.Event()
         self._alive_at = clock.now()
-        self._failure: Exception | None = None
+        self._failure: BaseException | None = None
         self._restarts = 0
         self._thread = self._new_thread()
 
@@ -117,8 +117,8 @@ class VisionWorker:
         while True:
             await asyncio.sleep(SUPERVISED_EVERY)
             silence = self._clock.now() - self._alive_at
-            if self._failure is not None:
-                self._restart(self._failure)
+            if self._thread.ident is not None and not self._thread.is_alive() and not self._stop.is_set():
+                self._restart(self._failure or RuntimeError("it ended without a word"))
             elif silence > STALLED_AFTER:
                 reason = f"the detector has not come back from an image for {silence:.1f} s"
                 self._report_all(EyeState.STALLED, reason)
@@ -146,7 +146,7 @@ class VisionWorker:
     def _new_thread(self) -> threading.Thread:
         return threading.Thread(target=self._run, name="vision", daemon=True)
 
-    def _restart(self, failure: Exception) -> None:
+    def _restart(self, failure: BaseException) -> None:
         """Start a new thread in place of one that has ended by an exception."""
         reason = f"the detector's thread ended by {type(failure).__name__}: {failure}; started again"
         _log.error(reason, exc_info=failure)
@@ -169,7 +169,7 @@ class VisionWorker:
     def _run(self) -> None:
         try:
             self._look_until_stopped()
-        except Exception as error:  # noqa: BLE001  # the loop tells it and starts another thread
+        except BaseException as error:  # noqa: BLE001  # the loop tells it and starts another thread
             self._failure = error
 
     def _look_until_stopped(self) -> None:

@@ -14,8 +14,11 @@ import numpy as np
 
 LOOKS: Final = 10
 """Newest images that tell whether the attitude is right."""
-AGAINST: Final = 5
-"""So many of them that contradict leave it out: an image that something lies over misleads for a moment."""
+AGAINST: Final = 3
+"""So many of them that contradict leave it out: an image that something lies over misleads for a moment.
+
+With 5 a flight with the roll's sign swapped lost 30 of 103 images, with 3 18; beside a right attitude 1 of 446 did.
+"""
 RECENT: Final = 3.0
 """Images older than this tell nothing about now [s]."""
 BACK_LOOKS: Final = 15
