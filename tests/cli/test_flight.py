@@ -50,7 +50,7 @@ async def test_a_number_that_is_none_is_refused():
         await flight.goto(math.nan, 0.0, 2.0)
 
 
-def publish_estimate(daemon, position):
+def publish_estimate(daemon, position, image_age=0.05):
     value = ControlEstimate(
         stamp=CLOCK.stamp(),
         target="pad",
@@ -61,7 +61,7 @@ def publish_estimate(daemon, position):
         yaw=0.0,
         hover_throttle=-2.0,
         position_sd=(0.01, 0.01, 0.01),
-        image_age=0.05,
+        image_age=image_age,
         innovation=1.0,
         is_nominal=True,
     )
@@ -69,10 +69,10 @@ def publish_estimate(daemon, position):
 
 
 @asynccontextmanager
-async def flying(place, **more):
+async def flying(place, image_age=0.05, **more):
     """A daemon that publishes an estimate with every setpoint, as the flight core does, and where it listens."""
     async with fake_daemon(**more) as daemon:
-        daemon.follow = lambda: publish_estimate(daemon, place)
+        daemon.follow = lambda: publish_estimate(daemon, place, image_age)
         yield daemon, Connection(vehicle=VEHICLE, connect=daemon.endpoint)
 
 
@@ -86,6 +86,14 @@ async def test_goto_reports_the_error_at_the_end(place, code, capsys, monkeypatc
     shown = capsys.readouterr()
     assert "cm from the goal" in shown.out
     assert "cm from the goal" in shown.err
+
+
+async def test_a_place_that_no_image_has_shown_for_long_is_not_shown(capsys):
+    async with flying((5.0, 287.0, -60.0), image_age=2.0) as (_, here):
+        assert await flight.goto(0.0, 0.0, 2.0, seconds=0.3, connection=here) == 1
+    shown = capsys.readouterr()
+    assert shown.out == "no image showed where it ended\n"
+    assert "287" not in shown.err
 
 
 async def test_hold_goes_where_the_aircraft_is(capsys):

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from lab.control.camera import CameraModel
-from lab.control.corerig import CoreRig
+from lab.control.corerig import CoreRig, stamp
 from lab.control.flights import Flight
 from mkdaemon.config.autopilot import AutopilotConfig
 from mkdaemon.config.sim_flight import WindClass
@@ -28,6 +28,7 @@ from mkdaemon.telemetry.setpoint import (
     StickSetpoint,
     TakeOffSetpoint,
 )
+from mkdaemon.telemetry.state import Pilot
 from tests.control.events import pose
 
 BASE = {"epoch": 1, "sequence": 1, "ttl": 0.3}
@@ -120,7 +121,24 @@ def test_a_take_off_of_an_aircraft_that_is_seen_in_the_air_waits():
     target = TargetFlight(CFG, -2.0)
     target.pose_received(pose(1.0))
     guided = target.guide(TakeOffSetpoint(**BASE, height=2.0), VehicleFacts(), 1.1, is_flying=False)
-    assert "an aircraft on the ground: it is 2.0 m above pad" in guided.obstacle
+    assert "an aircraft on the ground: its feet are 1.9 m above the target" in guided.obstacle
+
+
+@pytest.mark.parametrize(("throttle", "age", "waits"), [(-3.0, 0.2, True), (-100.0, 0.2, False), (-3.0, 1.2, False)])
+def test_a_take_off_waits_while_the_pilots_throttle_may_carry_the_aircraft(throttle, age, waits):
+    facts = VehicleFacts()
+    flown = Pilot(
+        stamp=stamp(1.0),
+        source="fc/debug",
+        rc_quality=1.0,
+        has_signal=True,
+        throttle=None,
+        sticks=None,
+        throttle_in_use=throttle,
+    )
+    facts.state_received(flown, 1.0)
+    guided = TargetFlight(CFG, -2.0).guide(TakeOffSetpoint(**BASE, height=2.0), facts, 1.0 + age, is_flying=False)
+    assert ("the pilot's throttle at its lowest" in guided.obstacle) is waits
 
 
 def test_hold_stays_where_the_aircraft_is_and_says_so():

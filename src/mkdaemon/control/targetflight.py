@@ -28,6 +28,7 @@ from mkdaemon.control.targetgoals import (
     error_value,
     estimate_value,
     floating,
+    ground_obstacle,
     guide_attitude,
     level_at,
     new_autopilot,
@@ -56,8 +57,6 @@ SHOWN: Final = 1.13
 """What a FlightCtrl reports over the angle that its sticks ask for; docs/control.md, "The attitude loop"."""
 FORGOTTEN: Final = 5.0
 """A target out of sight for longer is met anew [s]."""
-STANDS: Final = 0.15
-"""Who is no higher than this above its standing height is on the ground [m]."""
 SENT_KEPT: Final = 50
 """Stick frames that an estimate begun in flight learns of: one second of them."""
 JUST_STOOD: Final = 0.5
@@ -252,14 +251,10 @@ class TargetFlight:
 
     def _ground_obstacle(self, facts: VehicleFacts, now: float) -> str:
         """What must change before a take-off begins; empty for nothing."""
-        estimator = self._estimator
-        if facts.motors_running(now) is False:
-            return "running motors: the pilot starts them, throttle at its lowest"
+        estimator, height = self._estimator, None
         if estimator is not None and now - estimator.seen_at <= self._cfg.entry_age:
-            height = float(estimator.estimate(now).position[2])
-            if height > self._cfg.stand_height + STANDS:
-                return f"an aircraft on the ground: it is {height:.1f} m above {self.target}"
-        return ""
+            height = float(estimator.estimate(now).position[2]) - self._cfg.stand_height
+        return ground_obstacle(facts, self._hover_gas, height, now)
 
     def _lift(self, now: float, step: float) -> Guided | None:
         """Leave the ground; None once the autopilot flies."""

@@ -19,6 +19,7 @@ from mkdaemon.control.guidance.vertical import VerticalGains
 from mkdaemon.control.limiter import Sticks
 from mkdaemon.control.linear import Array
 from mkdaemon.control.setpoints import Guided
+from mkdaemon.control.vehicle import VehicleFacts
 from mkdaemon.frames import rotation_from_quaternion
 from mkdaemon.telemetry.control import ErrorValue, EstimateValue
 from mkdaemon.telemetry.setpoint import (
@@ -36,6 +37,13 @@ BRAKING: Final = 0.5
 
 TURNED: Final = math.radians(8.0)
 """Heading error with which a heading is reached [rad]; within half of it the compass lock holds."""
+
+STANDS: Final = 0.15
+"""Who is no higher than this above its standing height is on the ground [m]."""
+CARRIES: Final = 0.6
+"""Who flies with more throttle may be in the air [share of hover]; a third of the weight is carried."""
+REPORTED: Final = 1.0
+"""A throttle that was reported longer ago says nothing [s]."""
 
 SHORTEST_PAIR: Final = 0.02
 """Two views closer in time give no velocity [s]."""
@@ -165,6 +173,27 @@ def obstacle(cfg: AutopilotConfig, target: str, estimate: Estimate, clean: float
     if sd > cfg.entry_sd:
         return f"a certain position: its standard deviation is {100 * sd:.0f} cm"
     return "" if clean >= cfg.entry_clean else f"images that agree with the model for {cfg.entry_clean:g} s"
+
+
+def ground_obstacle(facts: VehicleFacts, hover_gas: float, height: float | None, now: float) -> str:
+    """What must change before a take-off begins; empty for nothing.
+
+    It begins with the lowest throttle, which would drop an aircraft that a pilot holds in the air.
+
+    Args:
+        facts: about the vehicle.
+        hover_gas: throttle that carries it [count of 254].
+        height: of its feet above the target [m]; None where none is in sight.
+        now: [s].
+    """
+    if facts.motors_running(now) is False:
+        return "running motors: the pilot starts them, throttle at its lowest"
+    if height is not None and height > STANDS:
+        return f"an aircraft on the ground: its feet are {height:.1f} m above the target"
+    report = facts.throttle_in_use()
+    if report is not None and now - report.at <= REPORTED and report.throttle + GAS_CENTRE > CARRIES * hover_gas:
+        return f"the pilot's throttle at its lowest: it is at {report.throttle:+.0f}, which may carry the aircraft"
+    return ""
 
 
 def guide_attitude(setpoint: AttitudeSetpoint, model: AircraftModel, hover_gas: float, neutral_band: float) -> Guided:

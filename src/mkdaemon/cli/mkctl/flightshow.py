@@ -25,6 +25,8 @@ LOG_PERIOD: Final = 1.0
 CLEAR: Final = "\r\x1b[K"
 """Clears the line of progress on a terminal."""
 
+BELIEVED: Final = 1.5
+"""An estimate is shown while its last image is no older [s]; then the daemon itself flies level."""
 LAST_WORD: Final = 1.0
 """Longest wait, when a flight has ended, for the daemon to say that the aircraft is released [s]."""
 
@@ -47,7 +49,7 @@ class Shown:
     """What has been seen of the flight.
 
     Attributes:
-        position: the newest estimate of where the aircraft is [m].
+        position: the newest estimate of where the aircraft is [m]; None while no image has shown it for a while.
         goal: where the daemon says it is to be [m].
     """
 
@@ -107,7 +109,7 @@ async def showing(
                 if sample.suffix == "control/error":
                     shown.goal = sample.value.goal
                 else:
-                    shown.position = sample.value.position
+                    shown.position = sample.value.position if sample.value.image_age <= BELIEVED else None
 
     async def show() -> None:
         last = ""
@@ -164,7 +166,7 @@ async def read_position(uav: Vehicle) -> Position:
 def conclude(shown: Shown, goal: Position | None, within: float, connection: Connection) -> int:
     """Print how far from the goal the flight ended; the exit code."""
     if shown.position is None or goal is None:
-        print_end({"position": None, "error": None}, "no estimate was received", connection)
+        print_end({"position": None, "error": None}, "no image showed where it ended", connection)
         return 1
     error = math.dist(shown.position, goal)
     words = f"ended at {metres(shown.position)}, {100 * error:.0f} cm from the goal"

@@ -71,7 +71,10 @@ async def attitude(
             thrust=thrust,
             seconds=seconds,
         )
-        print_end({"setpoints": lease.setpoints}, f"{lease.setpoints} setpoints", connection)
+        output = await uav.get("control/output")
+        is_limited = output is not None and bool(output.fields["limited"])
+        words = f"{lease.setpoints} setpoints{'; the limiter cut the last stick frame' if is_limited else ''}"
+        print_end({"setpoints": lease.setpoints, "limited": is_limited}, words, connection)
 
 
 async def abort(reason: str = "asked for by mkctl", *, connection: Connection = HERE) -> None:
