@@ -220,6 +220,21 @@ def test_nesting_has_a_limit(parse, error, opening, closing):
             parse(opening + "[" * too_deep + "]" * too_deep + closing)
 
 
+@pytest.mark.parametrize("text", ["{} = 1", "[{}]", "[[{}]]", "a = {{ {} = 1 }}"])
+@pytest.mark.parametrize("part", ["a", '"a b"', "'a'"])
+def test_a_dotted_key_nests_as_deep_as_it_has_parts(text, part):
+    assert parse_toml(text.format(" . ".join([part] * 20)))
+    began = time.process_time()
+    with pytest.raises(tomllib.TOMLDecodeError, match="nests deeper"):
+        parse_toml(text.format(".".join([part] * 50_000)))
+    assert time.process_time() - began < 1.0
+
+
+def test_dots_in_numbers_and_texts_make_no_key():
+    numbers = ", ".join(["0.25"] * 1000)
+    assert len(parse_toml(f"a = [{numbers}]  # {'.' * 1000}")["a"]) == 1000
+
+
 def test_a_file_may_not_be_longer_than_allowed(tmp_path):
     path = tmp_path / "long"
     path.write_bytes(bytes(1001))

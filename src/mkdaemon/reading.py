@@ -9,6 +9,7 @@ from __future__ import annotations
 import errno
 import json
 import os
+import re
 import stat
 import tomllib
 from pathlib import Path
@@ -74,6 +75,8 @@ def parse_toml(text: str) -> dict[str, Any]:
     Raises:
         tomllib.TOMLDecodeError: it is none, nests too deep, or has a number with thousands of digits.
     """
+    if _has_long_key(text):
+        raise tomllib.TOMLDecodeError(_TOO_DEEP)
     try:
         tree = tomllib.loads(text)
     except RecursionError:
@@ -109,6 +112,18 @@ def parse_json(text: str | bytes) -> Any:
 
 _TOO_DEEP: Final = f"it nests deeper than {DEEPEST}"
 _TOO_MANY_DIGITS: Final = "a number has thousands of digits"
+
+
+_BETWEEN_KEYS: Final = re.compile(r"[^\w\-.\"' \t]+")
+_DOT_IN_KEY: Final = re.compile(r"[\w\-\"'][ \t]*\.(?=[ \t]*[\w\-\"'])")
+
+
+def _has_long_key(text: str) -> bool:
+    """Whether a dotted key has more than `DEEPEST` parts: the parser's time grows with the square of their number.
+
+    Words with so many dots between them count too where they stand in a text; honest files have none.
+    """
+    return any(len(_DOT_IN_KEY.findall(piece)) > DEEPEST for piece in _BETWEEN_KEYS.split(text))
 
 
 def _is_deep(tree: object) -> bool:

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import asyncio
+from types import SimpleNamespace as Namespace
 
 import msgpack
 import pytest
 
-from mkdaemon.errors import LinkError, LinkLostError, MkError
+from mkdaemon.errors import ConfigError, LinkError, LinkLostError, MkError
 from mkdaemon.record.entry import STRANGER, Entry, Kind, TimeBase
 from mkdaemon.record.looks import Look
 from mkdaemon.replay.port import LINE, Refusal, ReplayedLine
-from mkdaemon.replay.recorded import value_of
+from mkdaemon.replay.recorded import Recorded, value_of
 from mkdaemon.replay.script import Moment, Script
 from mkdaemon.replay.station import ReplayStation
 from mkdaemon.telemetry.command import CommandResult
@@ -120,6 +121,12 @@ async def test_what_is_still_worked_on_at_the_end_is_ended():
     await asyncio.sleep(0)
     await station.close()
     assert station.outputs == []
+
+
+@pytest.mark.parametrize("config", ["[" * 100_000, '{"link": ' + "9" * 5000 + "}", "{}}"])
+def test_a_configuration_that_a_stranger_wrote_is_refused_in_a_line(config):
+    with pytest.raises(ConfigError, match="is not understood here"):
+        _ = Recorded(Namespace(config=config, name="flight"), [], [], []).config
 
 
 def test_a_value_of_another_version_is_refused_with_the_place():

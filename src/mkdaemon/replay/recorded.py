@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -13,6 +12,7 @@ from pydantic import BaseModel, ValidationError
 
 from mkdaemon.config.root import Config
 from mkdaemon.errors import ConfigError, MkError
+from mkdaemon.reading import parse_json
 from mkdaemon.record.entry import Entry, Kind
 from mkdaemon.record.layout import Session
 from mkdaemon.record.looks import Look, unpack_looks
@@ -83,7 +83,7 @@ class Recorded:
             msg = f"{self.session.name}: the recording has no configuration; give the one it flew with as --config FILE"
             raise ConfigError(msg)
         try:
-            return Config.model_validate(json.loads(self.session.config))
+            return Config.model_validate(parse_json(self.session.config))
         except (ValueError, ValidationError) as error:
             msg = (
                 f"{self.session.name}: its configuration is not understood here ({str(error).splitlines()[0]}); "
