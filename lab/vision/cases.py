@@ -10,8 +10,10 @@ import numpy as np
 import numpy.typing as npt
 
 from lab.campaign import Case, Part
-from lab.vision.flight import VGA, band, patches, shadow
+from lab.vision.flight import VGA
 from lab.vision.stills import HD, SeedSet, Still, Studio, error_of, look_once, target_named
+from lab.vision.troubles import band, patches, shadow
+from lab.vision.weather import FLIGHT_IMAGES, SKIES, fly_conditions, sum_up_flights
 from mkdaemon.sim.scene.light import Conditions, Glare
 from mkdaemon.vision.camera.intrinsics import Intrinsics
 from mkdaemon.vision.tags.detector import Detector
@@ -185,8 +187,13 @@ def draws(side: float) -> dict[str, Callable[[np.random.Generator], Conditions]]
 
 
 def _plan_conditions(quick: bool, seeds: SeedSet) -> list[Part]:
-    count = 12 if quick else 50
-    return [Part(_condition_row, (name, count, seeds.base + 400, part), count) for part, name in enumerate(draws(1.0))]
+    count, flights = (12, 1) if quick else (50, 6)
+    stills = [
+        Part(_condition_row, (name, count, seeds.base + 400, part), count) for part, name in enumerate(draws(1.0))
+    ]
+    return stills + [
+        Part(fly_conditions, (name, seeds.base + 1400 + k), FLIGHT_IMAGES) for name in SKIES for k in range(flights)
+    ]
 
 
 def _condition_row(name: str, count: int, seed: int, part: int) -> dict[str, Any]:
@@ -202,11 +209,13 @@ def _condition_row(name: str, count: int, seed: int, part: int) -> dict[str, Any
 
 
 def _sum_up_conditions(_quick: bool, parts: Sequence[Part], rows: Sequence[dict[str, Any]]) -> dict[str, Any]:
+    stills = [row for part, row in zip(parts, rows, strict=True) if part.work is _condition_row]
     return {
         "images_each": parts[0].images,
         "target": "nested",
         "distance": [0.5, 2.0],
-        "by_condition": list(rows),
+        "by_condition": stills,
+        "flights": sum_up_flights(parts[len(stills) :], rows[len(stills) :]),
     }
 
 

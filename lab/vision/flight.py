@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from typing import Protocol
 
 import numpy as np
 import numpy.typing as npt
 
+from lab.vision.troubles import plan_troubles
 from mkdaemon.frames import rotation_from_euler
 from mkdaemon.sim.scene.ground import GroundKind
-from mkdaemon.sim.scene.light import Conditions, Cover, Glare, Shadow
+from mkdaemon.sim.scene.light import Conditions
 from mkdaemon.sim.scene.motion import Platform
 from mkdaemon.sim.scene.scene import Scene, SceneTarget, cam_from_target
 from mkdaemon.sim.scene.view import CameraView
@@ -34,9 +36,6 @@ ATTITUDE_BIAS_DEG = 0.5
 """Mounting error of roll and pitch that stays for a flight, standard deviation [deg]."""
 GROUNDS: tuple[GroundKind, ...] = ("asphalt", "grass", "tiles", "clutter")
 LEVEL = Platform()
-TROUBLES = ("band", "patches", "glare", "shadow", "defocus", "motion", "dim")
-
-
 FAIR = Conditions()
 VIBRATION_HZ = 120.0
 """Of a multirotor's frame: a motor at 7200 revolutions a minute."""
@@ -63,6 +62,16 @@ class Device:
 
 
 IDEAL = Device()
+
+
+class Weather(Protocol):
+    """What changes light and lens from image to image."""
+
+    def conditions(self, view: CameraView, fair: Conditions) -> Conditions:
+        """Conditions of the image of `view`, from those of the camera in fair weather."""
+
+    def image_seen(self, pixels: npt.NDArray[np.uint8]) -> None:
+        """Take the image, as a camera's automatics do."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -178,6 +187,7 @@ def fly(
     far: float = 4.5,
     deck: Platform = LEVEL,
     device: Device = IDEAL,
+    weather: Weather | None = None,
 ) -> Iterator[FlightFrame]:
     """Render one flight.
 
@@ -193,6 +203,7 @@ def fly(
         deck: how the target lies.
         troubled: occlusion, patches, glare, shadow, defocus, motion blur and dim light come and go.
         device: what the camera does beside its lens.
+        weather: changes light and lens from image to image.
 
     Yields:
         The images in order.
@@ -209,7 +220,7 @@ def fly(
         rpy = rpy + bias + np.radians(ATTITUDE_NOISE_DEG) * rng.standard_normal(3)
         reported.append(AttitudeSample(float(t), *(float(a) for a in rpy)))
     attitude = AttitudeHistory(reported)
-    plan = _plan(rng, seconds, target.tags[0].size) if troubled else []
+    plan = plan_troubles(rng, seconds, target.tags[0].size) if troubled else []
     for k in range(int(seconds * fps)):
         t = (k + 0.5) / fps
         trouble, conditions, exposure = "", device.conditions, device.exposure_time
@@ -224,73 +235,13 @@ def fly(
             vibration_hz=VIBRATION_HZ,
         )
         rotation, position = cam_from_target(placed, view)
+        if weather is not None:
+            conditions = weather.conditions(view, conditions)
         pixels = scene.render(view, conditions)
+        if weather is not None:
+            weather.image_seen(pixels)
         seen = target.tags[0].corners @ rotation.T + position
         uv = seen[:, :2] / np.maximum(seen[:, 2:], 1e-3) * intrinsics.fx + (intrinsics.cx, intrinsics.cy)
         inside = (seen[:, 2] > 0) & (uv > 0).all(axis=1) & (uv < (intrinsics.width, intrinsics.height)).all(axis=1)
         image = CameraImage(pixels, t, t, k, "bench", "driver")
         yield FlightFrame(image, attitude, rotation, position, trouble, float(inside.mean()))
-
-
-def _plan(rng: np.random.Generator, seconds: float, side: float) -> list[tuple[float, float, str, Conditions, float]]:
-    """Troubles of half to one and a half seconds with pauses of about the same length."""
-    plan: list[tuple[float, float, str, Conditions, float]] = []
-    start = float(rng.uniform(0.5, 1.2))
-    while start < seconds:
-        end = start + float(rng.uniform(0.5, 1.5))
-        name = str(rng.choice(TROUBLES))
-        conditions, exposure = _trouble(name, rng, side)
-        plan.append((start, end, name, conditions, exposure))
-        start = end + float(rng.uniform(0.2, 1.0))
-    return plan
-
-
-def _trouble(name: str, rng: np.random.Generator, side: float) -> tuple[Conditions, float]:
-    base, shutter = Conditions(), 0.004
-    if name == "band":
-        return replace(base, covers=(band(rng, side, float(rng.uniform(0.05, 0.3))),)), shutter
-    if name == "patches":
-        return replace(base, covers=patches(rng, side, float(rng.uniform(0.05, 0.3)))), shutter
-    if name == "glare":
-        where = rng.uniform(-0.4, 0.4, 2) * side
-        spot = Glare((float(where[0]), float(where[1])), side * float(rng.uniform(0.05, 0.2)), 2.0)
-        return replace(base, glare=(spot,)), shutter
-    if name == "shadow":
-        return replace(base, shadow=shadow(rng, side, float(rng.uniform(2, 5)))), shutter
-    if name == "defocus":
-        return replace(base, defocus_px=float(rng.uniform(2, 6))), shutter
-    if name == "motion":
-        return base, float(rng.uniform(0.008, 0.02))
-    return replace(base, exposure=float(rng.uniform(0.06, 0.3)), noise_sd=2.5), shutter
-
-
-def band(rng: np.random.Generator, side: float, share: float) -> Cover:
-    """Something lying over one side of the tag: a strip of `share` of the side, from outside inwards."""
-    far, half = side * 0.9, side / 2
-    edge = half - share * side
-    strip = np.array([[-far, edge], [far, edge], [far, far], [-far, far]])
-    turn = rng.integers(4) * np.pi / 2
-    return _cover(strip, turn, float(rng.uniform(0.05, 0.85)))
-
-
-def patches(rng: np.random.Generator, side: float, share: float) -> tuple[Cover, ...]:
-    """Leaves on the tag: three irregular patches of together `share` of its area."""
-    found = []
-    for _ in range(3):
-        radius = side * np.sqrt(share / 3 / np.pi)
-        angles = np.sort(rng.uniform(0, 2 * np.pi, 9))
-        ring = radius * rng.uniform(0.8, 1.3, 9)[:, None] * np.column_stack([np.cos(angles), np.sin(angles)])
-        found.append(_cover(ring + rng.uniform(-0.45, 0.45, 2) * side, 0.0, float(rng.uniform(0.1, 0.8))))
-    return tuple(found)
-
-
-def shadow(rng: np.random.Generator, side: float, ratio: float) -> Shadow:
-    """A hard edge across the tag."""
-    where = rng.uniform(-0.35, 0.35, 2) * side
-    return Shadow(ratio, (float(where[0]), float(where[1])), float(rng.uniform(0, 2 * np.pi)), 0.0)
-
-
-def _cover(polygon: Array, turn: float, reflectance: float) -> Cover:
-    c, s = np.cos(turn), np.sin(turn)
-    turned = polygon @ np.array([[c, s], [-s, c]])
-    return Cover(tuple((float(x), float(y)) for x, y in turned), reflectance)

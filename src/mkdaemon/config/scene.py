@@ -47,6 +47,18 @@ class LightConfig(Section):
     """Hard shadow across the target that drifts over it in a minute; 1 for none."""
     glare: float = Field(default=0.0, ge=0.0, le=1.0)
     """Radius of a highlight that wanders over the target, as a share of its largest tag; 0 for none."""
+    leaves_height: float = Field(default=0.0, ge=0.0, le=50.0)
+    """Height of a tree's leaves whose shadows sway over the target [m]; 0 for none."""
+    vehicle_shadow: bool = False
+    """The vehicle throws its shadow on the target: sun from 10 degrees beside the zenith."""
+    gloss: float = Field(default=0.0, ge=0.0, le=1.0)
+    """Roughness of a glossy print [rad]: 0.05 laminate, 0.12 coated paper; 0 for matte."""
+    curl: float = Field(default=0.0, ge=-0.1, le=0.1)
+    """How far the middle of the print rises over its rims, as a share of its largest tag; 0 lies flat."""
+    grass: int = Field(default=0, ge=0, le=1000)
+    """Blades of grass over the rim of the target."""
+    dirt: float = Field(default=0.0, ge=0.0, le=1.0)
+    """Share of the light that marks on the lens scatter; 0.35 is a finger mark, 0 a clean lens."""
     jpeg_quality: int | None = Field(default=None, ge=1, le=100)
     """Images are compressed and decompressed at this quality; unset leaves them."""
 
@@ -66,6 +78,8 @@ class SceneConfig(Section):
     """How the target moves."""
     light: LightConfig = LightConfig()
     """Light and sensor."""
+    kind: Literal["ideal", "c270", "c920", "pi_v2", "pi_gs", "elp", "ov9281"] = "ideal"
+    """What the camera is beside its lens: shutter, noise, processing; automatic exposure unless `ideal` or `ov9281`."""
     ground: Literal["grass", "asphalt", "tiles", "clutter"] = "tiles"
     """What the ground looks like."""
     fps: float = Field(default=30.0, gt=0.0, le=240.0)

@@ -104,6 +104,17 @@ def test_light_follows_its_configuration() -> None:
     assert len(conditions.glare) == len(conditions.covers) == 1
 
 
+def test_a_webcam_rolls_its_shutter_and_finds_its_own_exposure() -> None:
+    light = LightConfig(exposure=0.2, leaves_height=3.0, vehicle_shadow=True)
+    camera = SceneCamera(SceneConfig(kind="c270", light=light), seed=1)
+    assert camera.view(state()).line_time == pytest.approx(30e-3 / 480)
+    leaves = camera.conditions(0.5).leaves
+    assert leaves is not None
+    assert leaves.shift != (0.0, 0.0)
+    means = [float(camera.expose(state()).mean()) for _ in range(8)]
+    assert means[-1] > 1.2 * means[0]
+
+
 def truth_at(height: float) -> Truth:
     return World(FlightConfig(), seed=1, start=StartState(height=height)).truth
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -13,6 +13,9 @@ from mkdaemon.config.sim import SimConfig
 from mkdaemon.config.vision import TagPlacement, TargetSection
 from mkdaemon.sim.physics.deck import MovingDeck
 from mkdaemon.sim.physics.world import World
+from mkdaemon.sim.scene.autoexposure import AutoExposure
+from mkdaemon.sim.scene.hardships import LEAF_PERIOD, LEAF_SWAY_M, fair_conditions, shadow_of_vehicle
+from mkdaemon.sim.scene.kinds import CAMERA_KINDS
 from mkdaemon.sim.scene.light import Conditions, Cover, Glare, Shadow
 from mkdaemon.sim.scene.motion import Platform
 from mkdaemon.sim.scene.scene import Scene, SceneTarget
@@ -102,6 +105,9 @@ class SceneCamera:
         placed = [SceneTarget.of(self.targets[0], self.platform)]
         placed += [SceneTarget.of(target, Platform()) for target in self.targets[1:]]
         self._scene = Scene(placed, ground=cfg.ground, seed=seed, fine=False)
+        self._kind = CAMERA_KINDS[cfg.kind]
+        self._auto = AutoExposure(self._kind.auto) if self._kind.auto is not None else None
+        self._fair = fair_conditions(cfg.light, self._kind.conditions, self._size, seed)
 
     def view(self, state: BodyState) -> CameraView:
         """The camera at the middle of its exposure: it rides on the body, so turning also moves it."""
@@ -115,6 +121,7 @@ class SceneCamera:
             rate_cam=self._flu_from_cam.T @ state.rates_flu,
             exposure_time=self.cfg.exposure_ms / 1000.0,
             time=state.time,
+            line_time=self._kind.line_time,
         )
 
     def conditions(self, time: float, *, light: float = 1.0, covered: float = 0.0) -> Conditions:
@@ -138,21 +145,28 @@ class SceneCamera:
         if cfg.glare > 0.0:
             x, y = (0.6 * size * math.sin(2 * math.pi * time / period) for period in GLARE_PERIODS)
             glare = (Glare((x, y), cfg.glare * size),)
-        return Conditions(
-            exposure=cfg.exposure * light,
-            noise_sd=cfg.noise_sd,
-            vignetting=cfg.vignetting,
-            defocus_px=cfg.defocus_px,
-            gradient=cfg.gradient,
+        leaves = self._fair.leaves
+        if leaves is not None:
+            leaves = replace(leaves, shift=(LEAF_SWAY_M * math.sin(2 * math.pi * time / LEAF_PERIOD), 0.0))
+        brightness = 1.0 if self._auto is None else self._auto.brightness
+        return replace(
+            self._fair,
+            exposure=cfg.exposure * light * brightness,
             shadow=shadow,
+            leaves=leaves,
             glare=glare,
-            covers=covers,
-            jpeg_quality=cfg.jpeg_quality,
+            covers=(*self._fair.covers, *covers),
         )
 
     def expose(self, state: BodyState, *, light: float = 1.0, covered: float = 0.0) -> Grey:
         """One image `(h, w)` uint8 of the true state at mid exposure."""
-        return self._scene.render(self.view(state), self.conditions(state.time, light=light, covered=covered))
+        view, conditions = self.view(state), self.conditions(state.time, light=light, covered=covered)
+        if self.cfg.light.vehicle_shadow:
+            conditions = replace(conditions, vehicle=shadow_of_vehicle(view, self.platform.pose_at(state.time)))
+        pixels = self._scene.render(view, conditions)
+        if self._auto is not None:
+            self._auto.image_seen(pixels, conditions.processing.gamma)
+        return pixels
 
 
 def _nested() -> Target:

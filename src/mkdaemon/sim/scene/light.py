@@ -8,7 +8,11 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from mkdaemon.sim.scene.processing import NO_PROCESSING, Processing
+from mkdaemon.sim.scene.curl import Curl
+from mkdaemon.sim.scene.gloss import Gloss
+from mkdaemon.sim.scene.lensfaults import Dirt
+from mkdaemon.sim.scene.processing import NO_CAST, NO_PROCESSING, Processing
+from mkdaemon.sim.scene.shadows import LeafShadow, VehicleShadow
 from mkdaemon.sim.scene.view import RayGrid
 
 Image32 = npt.NDArray[np.float32]
@@ -76,11 +80,18 @@ class Conditions:
         gradient: brightest over darkest part of the image, for example 32.
         gradient_angle: direction of increasing light in the image, clockwise from its x axis [rad].
         shadow: hard or soft shadow edge.
+        leaves: shadow of a tree.
+        vehicle: shadow of the vehicle.
         glare: specular highlights.
+        gloss: a coat on the print.
+        curl: how the print is bent.
         covers: occluders.
+        dirt: on the lens.
+        fringe_px: distance of red and blue in the corner of the image [px].
         noise_sd: read noise [grey].
         shot_gain: photon noise, variance per grey value [grey]; 0.0255 is a full well of 10,000 electrons.
         processing: what the camera's processor makes of the light.
+        cast: red and blue over green that its white balance leaves of the colour of the light.
         jpeg_quality: recompress at this quality, 1-100; none leaves the image as the sensor gave it.
         target_in_view: false takes every target away.
     """
@@ -92,11 +103,18 @@ class Conditions:
     gradient: float = 1.0
     gradient_angle: float = 0.0
     shadow: Shadow | None = None
+    leaves: LeafShadow | None = None
+    vehicle: VehicleShadow | None = None
     glare: tuple[Glare, ...] = ()
+    gloss: Gloss | None = None
+    curl: Curl | None = None
     covers: tuple[Cover, ...] = ()
+    dirt: Dirt | None = None
+    fringe_px: float = 0.0
     noise_sd: float = 1.5
     shot_gain: float = 0.0255
     processing: Processing = NO_PROCESSING
+    cast: tuple[float, float] = NO_CAST
     jpeg_quality: int | None = None
     target_in_view: bool = True
 
@@ -190,7 +208,7 @@ class Sensor:
             )
             start = int(self._rng.integers(0, NOISE_POOL - grey.size))
             grey += self._pool[start : start + grey.size].reshape(grey.shape) * spread
-        grey = conditions.processing.apply(grey)
+        grey = conditions.processing.apply(grey, conditions.cast)
         pixels = np.clip(np.rint(grey, out=grey), 0.0, 255.0, out=grey).astype(np.uint8)
         return pixels if conditions.jpeg_quality is None else through_jpeg(pixels, conditions.jpeg_quality)
 

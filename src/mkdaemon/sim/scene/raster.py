@@ -160,16 +160,27 @@ def _cell_sizes(
     return float(1.0 / stretch[:, 1].min()), float(1.0 / stretch[:, 0].max())
 
 
-def draw_cover(image: Image32, cover: Cover, pose: Pose, view: CameraView) -> None:
-    """Lay an occluder over the target, its grain borrowed from its outline's place on the ground."""
+def draw_covers(image: Image32, covers: Sequence[Cover], pose: Pose, view: CameraView) -> None:
+    """Lay occluders over the target, those of one shade together; each shade hides those before it."""
+    for reflectance in dict.fromkeys(cover.reflectance for cover in covers):
+        outlines = [_cover_outline(cover) for cover in covers if cover.reflectance == reflectance]
+        image += polygon_mask(outlines, pose, view) * (np.float32(min(reflectance, PAPER)) - image)
+
+
+def _cover_outline(cover: Cover) -> Array:
+    """Points along the edge of a cover `(n, 3)` [m; target]."""
     flat = np.asarray(cover.polygon, dtype=np.float64)
     steps = np.linspace(0.0, 1.0, 6, endpoint=False)[:, None]
     edge = np.concatenate([a + steps * (b - a) for a, b in zip(flat, np.roll(flat, -1, axis=0), strict=True)])
-    corners = _clip_near(view.camera_points(pose.points(np.column_stack([edge, np.zeros(len(edge))]))))
-    if len(corners) < 3:
-        return
-    seen = np.clip(project(corners, view.intrinsics), -4000.0, 4000.0)
-    mask = np.zeros(image.shape, dtype=np.uint8)
-    cv2.fillPoly(mask, [np.rint(seen * 16).astype(np.int32)], 255, cv2.LINE_AA, shift=4)
-    share = mask.astype(np.float32) * np.float32(1 / 255)
-    image += share * (np.float32(min(cover.reflectance, PAPER)) - image)
+    return np.column_stack([edge, np.zeros(len(edge))])
+
+
+def polygon_mask(outlines: Sequence[Array], pose: Pose, view: CameraView) -> Image32:
+    """Share of every pixel that lies inside outlines `(n, 3)` [m; target], `(height, width)` of the camera."""
+    mask = np.zeros((view.intrinsics.height, view.intrinsics.width), dtype=np.uint8)
+    for outline in outlines:
+        corners = _clip_near(view.camera_points(pose.points(outline)))
+        if len(corners) >= 3:
+            seen = np.clip(project(corners, view.intrinsics), -4000.0, 4000.0)
+            cv2.fillPoly(mask, [np.rint(seen * 16).astype(np.int32)], 255, cv2.LINE_AA, shift=4)
+    return mask.astype(np.float32) * np.float32(1 / 255)

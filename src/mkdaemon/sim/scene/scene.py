@@ -15,11 +15,15 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from mkdaemon.sim.scene.curl import bend
+from mkdaemon.sim.scene.gloss import add_gloss
 from mkdaemon.sim.scene.ground import Ground, GroundKind
 from mkdaemon.sim.scene.layers import Layer, print_target
+from mkdaemon.sim.scene.lensfaults import add_dirt, add_fringe
 from mkdaemon.sim.scene.light import Conditions, Sensor, add_glare, lens_blur, shade, streak
-from mkdaemon.sim.scene.raster import draw_cover, draw_layer, ray_from_plane, visible_layers
+from mkdaemon.sim.scene.raster import draw_covers, draw_layer, polygon_mask, ray_from_plane, visible_layers
 from mkdaemon.sim.scene.rolling import roll
+from mkdaemon.sim.scene.shadows import shade_leaves, shade_vehicle
 from mkdaemon.sim.scene.view import NEAR_M, CameraView, Pose, RayGrid, project
 from mkdaemon.vision.camera.intrinsics import Intrinsics
 from mkdaemon.vision.tags.tagmap import Target
@@ -103,7 +107,14 @@ class Scene:
             rays = self._rays.setdefault(view.intrinsics, RayGrid(view.intrinsics))
         if view.line_time > 0.0 and self.targets:
             rays = roll(rays, view, self.targets[0].motion.pose_at(view.time))
-        return self._sensor.expose(lens_blur(self._exposed(view, conditions, rays), conditions), conditions)
+        if conditions.curl is not None and self.targets:
+            rays = bend(rays, view, self.targets[0].motion.pose_at(view.time), conditions.curl)
+        light = lens_blur(self._exposed(view, conditions, rays), conditions)
+        if conditions.fringe_px > 0.0:
+            light = add_fringe(light, conditions.fringe_px)
+        if conditions.dirt is not None:
+            light = add_dirt(light, conditions.dirt)
+        return self._sensor.expose(light, conditions)
 
     def _exposed(self, view: CameraView, conditions: Conditions, rays: RayGrid) -> Image32:
         """Light on the sensor over the exposure.
@@ -168,12 +179,18 @@ class Scene:
         if not self.targets:
             return image
         pose = self.targets[0].motion.pose_at(view.time)
-        for cover in conditions.covers if conditions.target_in_view else ():
-            draw_cover(image, cover, pose, view)
+        if conditions.target_in_view:
+            draw_covers(image, conditions.covers, pose, view)
+        plane_from_ray = np.asarray(np.linalg.inv(ray_from_plane(pose, view)), dtype=np.float64)
         if conditions.shadow is not None:
-            shade(
-                image, conditions.shadow, rays, np.asarray(np.linalg.inv(ray_from_plane(pose, view)), dtype=np.float64)
-            )
+            shade(image, conditions.shadow, rays, plane_from_ray)
+        if conditions.leaves is not None:
+            shade_leaves(image, conditions.leaves, rays, plane_from_ray)
+        if conditions.vehicle is not None:
+            shade_vehicle(image, conditions.vehicle, rays, plane_from_ray)
+        if conditions.gloss is not None and conditions.target_in_view:
+            print_mask = polygon_mask([self.targets[0].layers[0].outline(8)], pose, view)
+            add_gloss(image, print_mask, conditions.gloss, rays, view.enu_from_cam.T @ pose.enu_from_body)
         for glare in conditions.glare:
             point = np.array([[*glare.point, 0.0], [glare.point[0] + glare.radius, glare.point[1], 0.0]])
             spot = project(view.camera_points(pose.points(point)), view.intrinsics)

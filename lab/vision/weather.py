@@ -1,0 +1,251 @@
+"""Flights under one hardship each: sun, leaves, gloss, grass, dusk, a long exposure, dirt, a bent print and others."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Final
+
+import numpy as np
+import numpy.typing as npt
+
+from lab.campaign import Part
+from lab.vision.flight import VGA, Device, fly
+from lab.vision.stills import error_of, target_named
+from mkdaemon.sim.scene.autoexposure import AutoExposure, AutoSettings
+from mkdaemon.sim.scene.curl import Curl
+from mkdaemon.sim.scene.gloss import Gloss
+from mkdaemon.sim.scene.grass import blades
+from mkdaemon.sim.scene.lensfaults import Dirt
+from mkdaemon.sim.scene.light import Conditions, Shadow
+from mkdaemon.sim.scene.processing import Processing
+from mkdaemon.sim.scene.shadows import SUN_OVER_SKY, LeafShadow, VehicleShadow
+from mkdaemon.sim.scene.view import CameraView
+from mkdaemon.vision.pose.pose import with_floor
+from mkdaemon.vision.tags.tagmap import TagMap
+from mkdaemon.vision.track.attitude import LOOKING_DOWN
+from mkdaemon.vision.track.tracker import Tracker
+
+Array = npt.NDArray[np.float64]
+Change = Callable[[np.random.Generator, float], "Callable[[CameraView, Conditions], Conditions]"]
+"""Draws a hardship for a target of a size [m]; what it gives changes the conditions of one image."""
+
+SECONDS: Final = 4.0
+FLIGHT_IMAGES: Final = int(30 * SECONDS)
+RESPONSE: Final = 0.03
+"""Of a multirotor's frame to what shakes it [s]."""
+PLAIN: Final = Device(response=RESPONSE)
+SLOW: Final = Device(exposure_time=0.018, response=RESPONSE)
+DUSK: Final = Device(Conditions(exposure=0.06, noise_sd=3.0, shot_gain=0.1), exposure_time=0.008, response=RESPONSE)
+"""6 % of the light at four times the gain: noise of read-out and photons as of a small sensor."""
+TONE: Final = Device(Conditions(processing=Processing(gamma=2.2)), response=RESPONSE)
+
+
+@dataclass(frozen=True, slots=True)
+class Sky:
+    """A hardship and the camera that flies through it."""
+
+    change: Change
+    device: Device = PLAIN
+    automatic: bool = False
+
+
+def _sun(rng: np.random.Generator, side: float) -> Callable[[CameraView, Conditions], Conditions]:
+    """The hard edge of a building's shadow, which the vehicle's way and the clock carry over the target."""
+    direction = float(rng.uniform(0, 2 * np.pi))
+    start, drift = rng.uniform(-0.35, 0.35, 2) * side, rng.normal(0.0, 0.02, 2)
+
+    def change(view: CameraView, fair: Conditions) -> Conditions:
+        point = start + drift * view.time
+        return replace(fair, shadow=Shadow(SUN_OVER_SKY, (float(point[0]), float(point[1])), direction))
+
+    return change
+
+
+def _leaves(rng: np.random.Generator, _side: float) -> Callable[[CameraView, Conditions], Conditions]:
+    seed, phase = int(rng.integers(1 << 30)), rng.uniform(0, 2 * np.pi, 2)
+
+    def change(view: CameraView, fair: Conditions) -> Conditions:
+        sway = 0.05 * np.sin(2 * np.pi * np.array([0.5, 0.37]) * view.time + phase)
+        return replace(fair, leaves=LeafShadow(seed, shift=(float(sway[0]), float(sway[1]))))
+
+    return change
+
+
+def _vehicle(rng: np.random.Generator, _side: float) -> Callable[[CameraView, Conditions], Conditions]:
+    """The sun up to 17 degrees from where the vehicle hides it."""
+    sun = rng.uniform(-0.3, 0.3, 2)
+
+    def change(view: CameraView, fair: Conditions) -> Conditions:
+        place = view.position_enu[:2] - sun * view.position_enu[2]
+        turn = float(np.arctan2(view.enu_from_cam[1, 0], view.enu_from_cam[0, 0]))
+        shadow = VehicleShadow(float(view.position_enu[2]), (float(place[0]), float(place[1])), turn)
+        return replace(fair, vehicle=shadow)
+
+    return change
+
+
+def _gloss(rng: np.random.Generator, _side: float) -> Callable[[CameraView, Conditions], Conditions]:
+    """Laminated paper and a high sun, which it shows to a camera above it."""
+    tilt, around = rng.uniform(0.0, 0.3), rng.uniform(0, 2 * np.pi)
+    to_sun = (float(tilt * np.cos(around)), float(tilt * np.sin(around)), 1.0)
+    return lambda _view, fair: replace(fair, gloss=Gloss(0.06, to_sun))
+
+
+def _grass(rng: np.random.Generator, side: float) -> Callable[[CameraView, Conditions], Conditions]:
+    covers = blades(rng, side)
+    return lambda _view, fair: replace(fair, covers=covers)
+
+
+def _dirt(rng: np.random.Generator, _side: float) -> Callable[[CameraView, Conditions], Conditions]:
+    seed = int(rng.integers(1 << 30))
+    return lambda _view, fair: replace(fair, dirt=Dirt(seed))
+
+
+def _curl(rng: np.random.Generator, side: float) -> Callable[[CameraView, Conditions], Conditions]:
+    """1 % of the side: a print on thick paper that lies by itself."""
+    sign = float(rng.choice([-1.0, 1.0]))
+    curl = Curl(sign * side / (8 * 0.01), float(rng.uniform(0, np.pi)), 1.4 * side)
+    return lambda _view, fair: replace(fair, curl=curl)
+
+
+def _clouds(rng: np.random.Generator, _side: float) -> Callable[[CameraView, Conditions], Conditions]:
+    """Sun and clouds take turns, six to one, each in 0.3 s."""
+    phase, period = float(rng.uniform(0, 1)), float(rng.uniform(1.5, 3.0))
+
+    def change(view: CameraView, fair: Conditions) -> Conditions:
+        wave = np.sin(2 * np.pi * (view.time / period + phase))
+        lit = 0.5 + 0.5 * float(np.clip(2.0 * wave, -1.0, 1.0))
+        return replace(fair, exposure=fair.exposure * SUN_OVER_SKY ** (lit - 0.5))
+
+    return change
+
+
+def _nothing(_rng: np.random.Generator, _side: float) -> Callable[[CameraView, Conditions], Conditions]:
+    return lambda _view, fair: fair
+
+
+def _bright(_rng: np.random.Generator, _side: float) -> Callable[[CameraView, Conditions], Conditions]:
+    return lambda _view, fair: replace(fair, exposure=1.8)
+
+
+def _fringe(_rng: np.random.Generator, _side: float) -> Callable[[CameraView, Conditions], Conditions]:
+    return lambda _view, fair: replace(fair, fringe_px=2.0)
+
+
+SKIES: Final = {
+    "fair": Sky(_nothing),
+    "sun_shadow": Sky(_sun),
+    "leaf_shadows": Sky(_leaves),
+    "vehicle_shadow": Sky(_vehicle),
+    "gloss": Sky(_gloss),
+    "grass": Sky(_grass),
+    "dark": Sky(_nothing, DUSK),
+    "exposure_18_ms": Sky(_nothing, SLOW),
+    "over_exposed": Sky(_bright),
+    "dirty_lens": Sky(_dirt),
+    "fringe": Sky(_fringe),
+    "curl": Sky(_curl),
+    "auto_exposure": Sky(_clouds, TONE, automatic=True),
+}
+"""Hardships by name."""
+
+
+class SkyWeather:
+    """One flight's hardship.
+
+    Args:
+        sky: which.
+        seed: draws it.
+        side: of the largest tag [m].
+    """
+
+    def __init__(self, sky: Sky, seed: int, side: float) -> None:
+        self._change = sky.change(np.random.default_rng([seed, 0x5C7]), side)
+        self._gamma = sky.device.conditions.processing.gamma
+        self._auto = AutoExposure(AutoSettings()) if sky.automatic else None
+
+    def conditions(self, view: CameraView, fair: Conditions) -> Conditions:
+        """Of the image of `view`."""
+        found = self._change(view, fair)
+        return found if self._auto is None else replace(found, exposure=found.exposure * self._auto.brightness)
+
+    def image_seen(self, pixels: npt.NDArray[np.uint8]) -> None:
+        """Let the camera choose its exposure."""
+        if self._auto is not None:
+            self._auto.image_seen(pixels, self._gamma)
+
+
+@dataclass(frozen=True, slots=True)
+class Look:
+    """What the eyes made of one image, per degree of freedom of what was measured and of what was published."""
+
+    posed: bool
+    wrong: bool = False
+    measured_nees: float = 0.0
+    published_nees: float = 0.0
+    off: float = 0.0
+    turned: float = 0.0
+
+
+def fly_conditions(name: str, seed: int) -> dict[str, list[Look]]:
+    """One flight through the eyes with attitude and without.
+
+    Args:
+        name: a key of `SKIES`.
+        seed: draws the flight and its hardship.
+
+    Returns:
+        What they made of the images that show the whole target.
+    """
+    sky, target = SKIES[name], target_named("nested")
+    eyes = {
+        "with_attitude": Tracker(TagMap((target,)), VGA, LOOKING_DOWN),
+        "without": Tracker(TagMap((target,)), VGA),
+    }
+    weather = SkyWeather(sky, seed, target.tags[0].size)
+    looks: dict[str, list[Look]] = {program: [] for program in eyes}
+    for frame in fly(target, seed, seconds=SECONDS, troubled=False, device=sky.device, weather=weather):
+        for program, tracker in eyes.items():
+            found = tracker.update(frame.image, frame.attitude).pose_of(target.name)
+            if frame.in_view < 1.0:
+                continue
+            if found is None:
+                looks[program].append(Look(posed=False))
+                continue
+            error = error_of(found.pose.rotation, found.pose.position, frame.rotation, frame.position)
+            vector = np.array([*error.xyz, *error.rpy])
+            measured, published = (
+                float(vector @ np.linalg.solve(covariance, vector)) / 6
+                for covariance in (found.pose.covariance, with_floor(found.pose))
+            )
+            too_far = error.distance > max(0.05, 0.01 * float(np.linalg.norm(frame.position)))
+            wrong = too_far or error.angle_deg > 5.0
+            looks[program].append(Look(True, wrong, measured, published, error.distance, error.angle_deg))
+    return looks
+
+
+def sum_up_flights(parts: Sequence[Part], found: Sequence[dict[str, list[Look]]]) -> dict[str, Any]:
+    """Counts and figures by condition and program."""
+    rows: dict[str, Any] = {}
+    for name in dict.fromkeys(part.args[0] for part in parts):
+        flights = [looks for part, looks in zip(parts, found, strict=True) if part.args[0] == name]
+        rows[name] = {
+            program: _figures([look for flight in flights for look in flight[program]]) for program in flights[0]
+        }
+    return rows
+
+
+def _figures(looks: list[Look]) -> dict[str, Any]:
+    posed = [look for look in looks if look.posed]
+    row: dict[str, Any] = {"images": len(looks), "posed": len(posed), "wrong": sum(look.wrong for look in posed)}
+    if posed:
+        row |= {
+            "nees_measured_median": round(float(np.median([look.measured_nees for look in posed])), 2),
+            "nees_published_mean": round(float(np.mean([look.published_nees for look in posed])), 2),
+            "median_cm": round(100 * float(np.median([look.off for look in posed])), 3),
+            "median_deg": round(float(np.median([look.turned for look in posed])), 3),
+            "largest_cm": round(100 * max(look.off for look in posed), 2),
+            "largest_deg": round(max(look.turned for look in posed), 2),
+        }
+    return row
