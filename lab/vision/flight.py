@@ -67,6 +67,9 @@ IDEAL = Device()
 class Weather(Protocol):
     """What changes light and lens from image to image."""
 
+    def exposed(self, view: CameraView) -> CameraView:
+        """The view with the shutter time of this image."""
+
     def conditions(self, view: CameraView, fair: Conditions) -> Conditions:
         """Conditions of the image of `view`, from those of the camera in fair weather."""
 
@@ -236,6 +239,7 @@ def fly(
         )
         rotation, position = cam_from_target(placed, view)
         if weather is not None:
+            view = weather.exposed(view)
             conditions = weather.conditions(view, conditions)
         pixels = scene.render(view, conditions)
         if weather is not None:

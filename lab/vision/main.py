@@ -20,6 +20,7 @@ from lab.vision import ablation
 from lab.vision.cases import ACCURACY, COLD, CONDITIONS, VIEW_ANGLE
 from lab.vision.decks import DECKS
 from lab.vision.never import FLIGHTS, FLIPS, all_flips
+from lab.vision.night import NIGHT
 from lab.vision.rates import rates
 from lab.vision.real import REAL
 from lab.vision.searching import SEARCH
@@ -45,6 +46,7 @@ CASES: Final[dict[str, Case]] = {
     "flights": FLIGHTS,
     "decks": DECKS,
     "real": REAL,
+    "night": NIGHT,
     "selfcal": SELFCAL,
     "flips": FLIPS,
     "false_positives": FALSE_POSITIVES,

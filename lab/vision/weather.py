@@ -165,6 +165,10 @@ class SkyWeather:
         self._gamma = sky.device.conditions.processing.gamma
         self._auto = AutoExposure(AutoSettings()) if sky.automatic else None
 
+    def exposed(self, view: CameraView) -> CameraView:
+        """The view as it is: the hardships leave the shutter alone."""
+        return view
+
     def conditions(self, view: CameraView, fair: Conditions) -> Conditions:
         """Of the image of `view`."""
         found = self._change(view, fair)

@@ -42,8 +42,10 @@ class CameraSection(Section):
     """Wanted height [px]."""
     fps: float | None = Field(default=None, gt=0, le=1000)
     """Wanted rate [Hz]."""
-    exposure_ms: Literal["auto"] | Annotated[float, Field(gt=0, le=1000)] | None = None
-    """Shutter time [ms]; `auto` lets the camera choose; unset leaves the driver as it is."""
+    exposure_ms: Literal["auto", "target"] | Annotated[float, Field(gt=0, le=1000)] | None = None
+    """Shutter time [ms]; `auto` lets the camera choose, `target` us by what the tags need; unset leaves the driver."""
+    exposure_longest_ms: float = Field(default=15.0, gt=0, le=1000)
+    """Longest shutter time that `target` may choose [ms]; motion during it blurs."""
     gain: float | None = Field(default=None, ge=0)
     """Gain in the driver's own unit; unset leaves it."""
     latency_ms: float = Field(default=0.0, ge=0, le=2000)

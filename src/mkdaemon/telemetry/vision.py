@@ -189,6 +189,21 @@ class EyeState(StrEnum):
     ENDED = "ended"
 
 
+class Exposure(Telemetry):
+    """What we tell a camera about its exposure, and what its images were like."""
+
+    exposure_ms: float
+    """Shutter time [ms]."""
+    gain: float
+    """Over the least gain."""
+    black: float | None
+    """Of black cells of the target, or of the darkest of the image [grey, in light]; none before the first look."""
+    white: float | None
+    """Of white cells, or of the brightest of the image [grey, in light]."""
+    noise: float | None
+    """Deviation of neighbouring pixels [grey, in light]."""
+
+
 class VisionStats(Stamped):
     """How well a camera and its detector work: `vision/<camera>/stats`, once a second and on change."""
 
@@ -242,6 +257,8 @@ class VisionStats(Stamped):
     """What searches for tags; says what is lost when it is not the best one."""
     selfcal: tuple[SelfCalibration, ...] = ()
     """What the flight says about camera file and target files, one for each target seen."""
+    exposure: Exposure | None = None
+    """Exposure and gain that we choose (`exposure_ms = "target"`); none where the camera or its driver does."""
 
 
 class Transform(Stamped):

@@ -10,9 +10,12 @@ import numpy.typing as npt
 from mkdaemon.frames import quaternion_from_rotation
 from mkdaemon.stamp import Stamp
 from mkdaemon.telemetry.base import Telemetry
-from mkdaemon.telemetry.vision import Tags, TagSighting, Transform, VisionPose
+from mkdaemon.telemetry.vision import Exposure, Tags, TagSighting, Transform, VisionPose
+from mkdaemon.vision.camera.exposure import ExposureControl
 from mkdaemon.vision.camera.image import CameraImage
+from mkdaemon.vision.pose.projection import Projection
 from mkdaemon.vision.tags.detection import Detection
+from mkdaemon.vision.tags.tagmap import TagMap
 from mkdaemon.vision.track.attitude import Mounting
 from mkdaemon.vision.track.result import TargetPose, VisionResult
 
@@ -141,3 +144,29 @@ def _seen(image: CameraImage, stamp: Stamp) -> dict[str, object]:
 def _vector(values: Array) -> tuple[float, float, float]:
     x, y, z = (float(v) for v in values)
     return x, y, z
+
+
+def exposure_of(control: ExposureControl) -> Exposure:
+    """What a camera is told, and the levels it was told for."""
+    levels = control.levels
+    return Exposure(
+        exposure_ms=1000.0 * control.setting.exposure,
+        gain=control.setting.gain,
+        black=levels.black if levels is not None else None,
+        white=levels.white if levels is not None else None,
+        noise=levels.noise if levels is not None else None,
+    )
+
+
+def outlines_of(result: VisionResult, tagmap: TagMap, projection: Projection | None) -> list[Array]:
+    """Corners `(4, 2)` [px] of all tags of an image: decoded ones, and those of posed targets that are in front."""
+    found = [detection.corners for detection in result.detections]
+    if projection is None:
+        return found
+    for pose in result.poses:
+        target = next(target for target in tagmap.targets if target.name == pose.target)
+        for tag in target.tags:
+            corners, visible = projection.project(tag.corners @ pose.pose.rotation.T + pose.pose.position)
+            if visible.all():
+                found.append(corners)
+    return found

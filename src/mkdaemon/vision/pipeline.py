@@ -7,6 +7,7 @@ from collections import Counter, deque
 from dataclasses import dataclass
 
 import numpy as np
+import numpy.typing as npt
 
 from mkdaemon.clock import Clock
 from mkdaemon.config.camera import CameraSection
@@ -22,7 +23,7 @@ from mkdaemon.vision.camera.camera import StreamState, StreamStatus
 from mkdaemon.vision.camera.image import CameraImage
 from mkdaemon.vision.camera.imagecodec import encode_jpeg
 from mkdaemon.vision.camera.tone import in_light
-from mkdaemon.vision.output import height_over, mount_transform, values_of
+from mkdaemon.vision.output import height_over, mount_transform, outlines_of, values_of
 from mkdaemon.vision.pose.projection import Projection
 from mkdaemon.vision.pose.target_check import TargetCheck
 from mkdaemon.vision.selfcal.selfcheck import SelfCheck
@@ -101,6 +102,10 @@ class CameraPipeline:
         self._failure = ""
         self._seen_alarms: tuple[Alarm, ...] = ()
         self._unchecked: tuple[CameraImage, VisionResult, AttitudeHistory | None] | None = None
+        self.gamma = intrinsics.gamma if intrinsics is not None else 1.0
+        self._tagmap = tagmap
+        self._projection = Projection(intrinsics) if intrinsics is not None else None
+        self._result: VisionResult | None = None
         self._next_jpeg = -np.inf
 
     @property
@@ -147,6 +152,7 @@ class CameraPipeline:
         started = self._clock.now()
         result = self.tracker.update(image, attitude)
         ready = self._clock.now()
+        self._result = result
         values = list(values_of(result, image, self._clock.stamp(image.captured_at), self.mounting, ready))
         self._unchecked, self._seen_alarms = (image, result, attitude), result.alarms
         if self._has_mount:
@@ -163,6 +169,10 @@ class CameraPipeline:
             heights = {found.target: height_over(found, self.mounting) for found in result.poses}
             gamma = self.camera.intrinsics.gamma if self.camera is not None else 1.0
             self._selfcheck.image_seen(in_light(image.pixels, gamma), poses, heights, image.captured_at, known)
+
+    def outlines(self) -> list[npt.NDArray[np.float64]]:
+        """Corners `(4, 2)` [px] of the tags in the newest image, decoded or where a pose puts them."""
+        return outlines_of(self._result, self._tagmap, self._projection) if self._result is not None else []
 
     def barometer_received(self, time: float, height: float) -> None:
         """Take the barometer's height [m] at a time [s; monotonic]."""

@@ -21,10 +21,12 @@ from mkdaemon.stamp import Stamp
 from mkdaemon.telemetry.base import Telemetry
 from mkdaemon.telemetry.vision import Alarm, EyeState, VisionStats
 from mkdaemon.vision.camera.camera import CameraStream
+from mkdaemon.vision.camera.exposure import ExposureControl, first_setting
 from mkdaemon.vision.camera.image import CameraImage
 from mkdaemon.vision.camera.shot import Source
 from mkdaemon.vision.camera.slot import NewestSlot, NewestSlots
 from mkdaemon.vision.camera.sources import source_of
+from mkdaemon.vision.output import exposure_of
 from mkdaemon.vision.pipeline import CameraPipeline
 from mkdaemon.vision.track.attitude import AttitudeHistory, AttitudeSample
 
@@ -219,12 +221,27 @@ class _Eye:
         self._due = 0.0
         self.stats_key = f"vision/{pipeline.cfg.name}/stats"
         self.last: VisionStats | None = None
+        self._exposure: ExposureControl | None = None
 
     def look_again(self, image: CameraImage) -> list[tuple[str, Telemetry]]:
         """What no stick frame waits for: the checks of the files, and the image for people to look at."""
         self.pipeline.check_files()
+        self._choose_exposure(image)
         picture = self.pipeline.picture(image)
         return [picture] if picture is not None else []
+
+    def _choose_exposure(self, image: CameraImage) -> None:
+        """Have the camera expose the target well, where that is ours to choose."""
+        reach = self.stream.reach
+        if reach is None:
+            self._exposure = None
+            return
+        if self._exposure is None or self._exposure.reach != reach:
+            self._exposure = ExposureControl(reach, first_setting(reach), self.pipeline.gamma)
+            self.stream.adjust(self._exposure.setting)
+        setting = self._exposure.image_seen(image.pixels, self.pipeline.outlines())
+        if setting is not None:
+            self.stream.adjust(setting)
 
     def report(self, stamp: Stamp, restarts: int, not_numbers: int) -> list[tuple[str, Telemetry]]:
         """Stats and the static frame, once a second and when the state changes."""
@@ -233,6 +250,8 @@ class _Eye:
         if facts == self._reported and stamp.monotonic < self._due:
             return []
         stats = self.pipeline.stats(status, self._slot.dropped, restarts, stamp, not_numbers)
+        if self._exposure is not None:
+            stats = stats.model_copy(update={"exposure": exposure_of(self._exposure)})
         self._reported, self._due = facts, stamp.monotonic + STATS_EVERY
         self.last = stats
         values: list[tuple[str, Telemetry]] = [(self.stats_key, stats)]

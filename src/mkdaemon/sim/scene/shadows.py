@@ -142,7 +142,7 @@ def _on_plane(rays: RayGrid, plane_from_ray: Array) -> tuple[Image32, Image32]:
     return (m[0, 0] * x + m[0, 1] * y + m[0, 2]) / w, (m[1, 0] * x + m[1, 1] * y + m[1, 2]) / w
 
 
-def _light(sun: npt.NDArray[np.generic], ratio: float) -> Image32:
+def _light(sun: cv2.typing.MatLike, ratio: float) -> Image32:
     """Light where a share of the sun gets through."""
     dark = np.float32(1.0 / ratio)
-    return np.asarray(dark + (1 - dark) * sun, dtype=np.float32)
+    return dark + (1 - dark) * np.asarray(sun, dtype=np.float32)

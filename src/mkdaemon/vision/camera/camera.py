@@ -13,6 +13,7 @@ from enum import StrEnum
 from mkdaemon.config.camera import CameraSection
 from mkdaemon.errors import VisionError
 from mkdaemon.vision.camera.bus_images import ZenohSource
+from mkdaemon.vision.camera.exposure import Adjustable, Reach, Setting
 from mkdaemon.vision.camera.image import CameraImage
 from mkdaemon.vision.camera.shot import EndOfImages, PictureError, Shot, Source
 from mkdaemon.vision.camera.slot import NewestSlot
@@ -98,6 +99,7 @@ class CameraStream:
         self._arrivals: deque[float] = deque(maxlen=RATE_IMAGES)
         self._last_arrival: float | None = None
         self._damaged_at = -math.inf
+        self._wanted: Setting | None = None
         self._last_sequence: int | None = None
         self._sequence = 0
 
@@ -105,6 +107,15 @@ class CameraStream:
     def live(self) -> bool:
         """Whether images come on their own time."""
         return self._source.live
+
+    @property
+    def reach(self) -> Reach | None:
+        """What the camera can be told about its exposure; none where it takes nothing."""
+        return self._source.reach if isinstance(self._source, Adjustable) else None
+
+    def adjust(self, setting: Setting) -> None:
+        """Have the thread tell the camera before it waits for the next image."""
+        self._wanted = setting
 
     def start(self) -> None:
         """Start the thread; opening happens there."""
@@ -165,6 +176,9 @@ class CameraStream:
     def _read_on(self) -> None:
         """Read until told to stop or the source is gone."""
         while not self._stop.is_set():
+            wanted, self._wanted = self._wanted, None
+            if wanted is not None and isinstance(self._source, Adjustable):
+                self._source.adjust(wanted)
             try:
                 shot = self._source.read(READ_TIMEOUT)
             except PictureError as error:

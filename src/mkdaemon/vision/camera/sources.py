@@ -15,8 +15,10 @@ from mkdaemon.config.camera import CameraSection
 from mkdaemon.errors import ConfigError, VisionError
 from mkdaemon.vision.camera.bus_images import ZenohSource
 from mkdaemon.vision.camera.captured import captured_pixels, take_jpegs
+from mkdaemon.vision.camera.exposure import Reach, Setting
 from mkdaemon.vision.camera.files import CLIPS, ClipSource, FolderSource, quietly
 from mkdaemon.vision.camera.shot import Shot, Source
+from mkdaemon.vision.camera.v4l2controls import V4l2Controls
 
 V4L2_MANUAL, V4L2_AUTO = 1, 3
 """Values of V4L2_CID_EXPOSURE_AUTO (linux/v4l2-controls.h): manual and aperture priority."""
@@ -83,6 +85,18 @@ class StreamSource:
         self._cfg = cfg
         self._capture: cv2.VideoCapture | None = None
         self._coded = False
+        self._controls: V4l2Controls | None = None
+
+    @property
+    def reach(self) -> Reach | None:
+        """What the camera can be told; its longest exposure is at most the configured one."""
+        reach = self._controls.reach if self._controls is not None else None
+        return reach.up_to(self._cfg.exposure_longest_ms / 1000.0) if reach is not None else None
+
+    def adjust(self, setting: Setting) -> None:
+        """Set exposure and gain while images come."""
+        if self._controls is not None:
+            self._controls.adjust(setting)
 
     def open(self) -> tuple[str, ...]:
         """Open and set size, rate, exposure and gain."""
@@ -103,6 +117,10 @@ class StreamSource:
         self._capture = capture
         refused = tuple(_set_controls(capture, self._cfg, self._backend))
         self._coded = take_jpegs(capture, self._backend)
+        if self._cfg.exposure_ms == "target" and self._backend == cv2.CAP_V4L2:
+            self._controls = V4l2Controls(Path(self._address))
+        if self._cfg.exposure_ms == "target" and self.reach is None:
+            refused = (*refused, "exposure_ms=target: the driver lets nobody set the exposure")
         return refused
 
     def _check_device(self) -> None:
@@ -130,6 +148,9 @@ class StreamSource:
 
     def close(self) -> None:
         """Release the device."""
+        if self._controls is not None:
+            self._controls.close()
+            self._controls = None
         if self._capture is not None:
             self._capture.release()
             self._capture = None
@@ -144,7 +165,7 @@ def _set_controls(capture: cv2.VideoCapture, cfg: CameraSection, backend: int) -
         wanted.append((cv2.CAP_PROP_FPS, cfg.fps, "fps"))
     if cfg.exposure_ms == "auto":
         wanted.append((cv2.CAP_PROP_AUTO_EXPOSURE, V4L2_AUTO, "exposure_ms"))
-    elif cfg.exposure_ms is not None:
+    elif isinstance(cfg.exposure_ms, float):
         # V4L2_CID_EXPOSURE_ABSOLUTE counts 100 us (linux/v4l2-controls.h).
         ticks = round(cfg.exposure_ms * 10) if backend == cv2.CAP_V4L2 else cfg.exposure_ms
         wanted += [

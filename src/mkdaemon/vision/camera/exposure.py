@@ -1,0 +1,196 @@
+"""Which exposure and which gain: the shortest exposure in which the cells of a tag stand out of the noise.
+
+Photons decide: contrast over noise grows with the square root of the exposure, whatever the gain. So the exposure
+follows from what is wanted of it, and the gain only brings white to a good grey value. A longer exposure smears, a
+shorter one drowns the cells in noise. Pure functions; the driver is in `v4l2controls`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from typing import Protocol, runtime_checkable
+
+import numpy as np
+import numpy.typing as npt
+
+from mkdaemon.vision.limitfield import of
+
+Array = npt.NDArray[np.float64]
+Grey = npt.NDArray[np.uint8]
+
+
+@dataclass(frozen=True, slots=True)
+class ExposureLimits:
+    """What is wanted of an image, and how fast settings move."""
+
+    contrast: float = of(20.0, "noises", "between black and white cells", "decoded from 5, docs/cameras.md")
+    white: float = of(150.0, "grey", "of white cells: room for the sun and for noise", "chosen: half of 300")
+    dim: float = of(0.5, "share", "of that grey which is enough at the greatest gain", "chosen: 75 grey")
+    saturated: float = of(250.0, "grey", "of white cells from which they tell no brightness", "eight bits")
+    step: float = of(2.0, "", "greatest change of exposure and of gain at once", "chosen: a tag is read after it")
+    same: float = of(0.1, "share", "of a change that is not worth one", "chosen")
+    images: int = of(5, "images", "from one change to the next look", "sensors take settings 2-3 images late")
+    least_px: float = of(8.0, "px", "side of a target that speaks for itself", "half of the smallest tag read")
+    noise_floor: float = of(0.5, "grey", "noise that eight bits hide", "quantisation: 0.29")
+
+
+@dataclass(frozen=True, slots=True)
+class Setting:
+    """What a camera is told.
+
+    Attributes:
+        exposure: [s].
+        gain: amplification, 1 is the least.
+    """
+
+    exposure: float
+    gain: float
+
+
+@dataclass(frozen=True, slots=True)
+class Reach:
+    """What a camera can be told.
+
+    Attributes:
+        shortest: exposure [s].
+        longest: exposure [s]; what motion allows, if that is less than what the camera can.
+        greatest_gain: over the least.
+    """
+
+    shortest: float
+    longest: float
+    greatest_gain: float
+
+    def up_to(self, longest: float) -> Reach:
+        """The same with exposures of at most `longest` [s]."""
+        return replace(self, longest=max(min(self.longest, longest), self.shortest))
+
+
+@dataclass(frozen=True, slots=True)
+class Levels:
+    """Grey values of a target, or of the whole image.
+
+    Attributes:
+        black: of black cells [grey].
+        white: of white cells [grey].
+        noise: deviation of neighbouring pixels of one cell [grey].
+    """
+
+    black: float
+    white: float
+    noise: float
+
+    @property
+    def contrast(self) -> float:
+        """Black to white over the noise."""
+        return max(self.white - self.black, 0.0) / self.noise
+
+
+@runtime_checkable
+class Adjustable(Protocol):
+    """A source whose camera takes settings from us."""
+
+    @property
+    def reach(self) -> Reach | None:
+        """What the open camera can be told; none where it takes nothing, or nobody asked for it."""
+
+    def adjust(self, setting: Setting) -> None:
+        """Tell the camera.
+
+        Raises:
+            OSError: it is gone or refuses.
+        """
+
+
+def levels_of(
+    pixels: Grey, corners: Sequence[Array] = (), gamma: float = 1.0, cfg: ExposureLimits | None = None
+) -> Levels:
+    """Levels of an image in light: of its largest tag, or of all of it where no tag is seen.
+
+    Args:
+        pixels: `(h, w)` uint8.
+        corners: of tags `(4, 2)` [px].
+        gamma: of the camera's tone curve.
+        cfg: the limits.
+    """
+    cfg = cfg or ExposureLimits()
+    height, width = pixels.shape
+    part, low, high = pixels[::2, ::2], 2.0, 98.0
+    sides = [float(np.ptp(quad, axis=0).max()) for quad in corners]
+    if sides and max(sides) > cfg.least_px:
+        quad = corners[int(np.argmax(sides))]
+        x0, y0 = np.clip(quad.min(axis=0), 0, (width - 1, height - 1)).astype(int)
+        x1, y1 = np.clip(quad.max(axis=0), 0, (width - 1, height - 1)).astype(int)
+        if min(x1 - x0, y1 - y0) > cfg.least_px:
+            part, low, high = pixels[y0 : y1 + 1, x0 : x1 + 1], 15.0, 90.0
+    grey = 255.0 * (part.astype(np.float64) / 255.0) ** gamma
+    black, white = np.percentile(grey, (low, high))
+    # Half of the differences between neighbours cross no edge; their deviation is that of the median of them all.
+    steps = np.abs(np.diff(grey, axis=1))
+    noise = float(np.percentile(steps, 30)) / 0.545
+    return Levels(float(black), float(white), max(noise, cfg.noise_floor))
+
+
+def next_setting(now: Setting, seen: Levels, reach: Reach, cfg: ExposureLimits | None = None) -> Setting:
+    """The setting for the coming images; `now` where a change would not be worth it.
+
+    Args:
+        now: setting of the image that was seen.
+        seen: its levels, in light.
+        reach: of the camera.
+        cfg: the limits.
+    """
+    cfg = cfg or ExposureLimits()
+    brighter = 1.0 / cfg.step if seen.white > cfg.saturated else cfg.white / max(seen.white, 1.0)
+    brightness = now.exposure * now.gain * brighter
+    wanted = now.exposure * (cfg.contrast / max(seen.contrast, 1e-3)) ** 2
+    exposure = _within(wanted, now.exposure / cfg.step, now.exposure * cfg.step)
+    # Too bright at the least gain: shorter. Too dim at the greatest: longer, as far as motion allows.
+    exposure = _within(exposure, cfg.dim * brightness / reach.greatest_gain, brightness)
+    exposure = _within(exposure, reach.shortest, reach.longest)
+    gain = _within(brightness / exposure, now.gain / cfg.step, now.gain * cfg.step)
+    gain = _within(gain, 1.0, reach.greatest_gain)
+    if abs(exposure / now.exposure - 1.0) < cfg.same and abs(gain / now.gain - 1.0) < cfg.same:
+        return now
+    return Setting(exposure, gain)
+
+
+def _within(value: float, low: float, high: float) -> float:
+    return max(low, min(value, high))
+
+
+def first_setting(reach: Reach) -> Setting:
+    """Before any image: the middle of both ranges, in powers."""
+    return Setting(float(np.sqrt(reach.shortest * reach.longest)), float(np.sqrt(reach.greatest_gain)))
+
+
+@dataclass
+class ExposureControl:
+    """Chooses the setting of one camera from its images.
+
+    Attributes:
+        reach: of the camera.
+        setting: that acts now, or soon.
+        levels: of the newest image that was looked at.
+    """
+
+    reach: Reach
+    setting: Setting
+    gamma: float = 1.0
+    cfg: ExposureLimits = field(default_factory=ExposureLimits)
+    levels: Levels | None = None
+    _waited: int = 0
+
+    def image_seen(self, pixels: Grey, corners: Sequence[Array]) -> Setting | None:
+        """Take an image and the corners of its tags; the new setting when there is one."""
+        self._waited += 1
+        if self._waited < self.cfg.images:
+            return None
+        self._waited = 0
+        self.levels = levels_of(pixels, corners, self.gamma, self.cfg)
+        setting = next_setting(self.setting, self.levels, self.reach, self.cfg)
+        if setting is self.setting:
+            return None
+        self.setting = setting
+        return setting
