@@ -274,6 +274,7 @@ async def _simulator(config: Path) -> AsyncIterator[tuple[int, str]]:
 @asynccontextmanager
 async def _daemon(config: Path, endpoint: str, program: Sequence[str]) -> AsyncIterator[DaemonProcess]:
     daemon = await DaemonProcess.start(config, endpoint, program)
+    favour(daemon.pid)  # as it does itself, once it has started
     try:
         yield daemon
     finally:

@@ -79,7 +79,10 @@ KEYS: Final[tuple[KeySpec, ...]] = (
     KeySpec("link/state", _P, LinkState, "on change", "The verdict on the line, its reason and since when."),
     KeySpec("link/health", _P, LinkHealth, "5 Hz and on change", "Round trips, losses, rates and ages of streams."),
     KeySpec("link/traffic", _P, LinkTraffic, "1 Hz", "Bytes and frames by kind, shares of the line."),
-    KeySpec("control/status", _P, ControlStatus, "1 Hz and on change", "Who flies, and why nobody does."),
+    KeySpec(
+        *("control/status", _P, ControlStatus, "1 Hz and on change"),
+        "Who flies, and why nobody does; what is new with every stick frame is in `output`, `estimate` and `error`.",
+    ),
     KeySpec("control/estimate", _P, ControlEstimate, "every autonomous stick frame", "Where the aircraft is believed."),
     KeySpec("control/preflight", _P, ControlPreflight, "when asked for", "What was found before a flight, with fixes."),
     KeySpec("control/error", _P, ControlError, "every autonomous stick frame", "How far it is from its goal."),

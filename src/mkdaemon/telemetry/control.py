@@ -128,7 +128,11 @@ class LeaseGrant(LeaseState):
 
 
 class ControlStatus(Stamped):
-    """Authority and what it does: `control/status`, on every change and once a second."""
+    """Authority and what it does: `control/status`, on every change and once a second.
+
+    What is new with every stick frame is published with it, and only counted here: sticks, the setpoint's age and the
+    frame's number in `control/output`, state and age of the image in `control/estimate`, the rest in `control/error`.
+    """
 
     phase: Phase
     """Where authority stands."""
