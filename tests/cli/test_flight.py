@@ -146,6 +146,10 @@ async def test_checks_before_a_flight_are_shown_with_what_to_do(capsys):
     async with fake_daemon() as daemon:
         here = Connection(vehicle=VEHICLE, connect=daemon.endpoint)
         assert await preflight.preflight(connection=here) == 0
+        assert capsys.readouterr().out.endswith("nothing prevents an autonomous flight\n")
+        daemon.preflight = {"is_ready": True, "findings": [FINDINGS[0] | {"state": "unknown"}]}
+        assert await preflight.preflight(connection=here) == 0
+        assert "unknown from here, look yourself: 1" in capsys.readouterr().out
         daemon.preflight = {"is_ready": False, "findings": FINDINGS}
         assert await preflight.preflight(connection=here) == EXIT_FAILURE
         shown = capsys.readouterr().out

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Final
+from typing import Any, Final
 
 from rich.console import Console
 from rich.table import Table
@@ -34,5 +34,14 @@ async def preflight(*, connection: Connection = HERE) -> int:
             word = _PREVENTS[finding["blocks"]] if finding["state"] == "stands" else finding["state"]
             table.add_row(finding["name"], word, " ".join(filter(None, (finding["reason"], finding["fix"]))))
         Console().print(table)
-        print("ready for an autonomous flight" if report["is_ready"] else "not ready: see above")
+        print(_conclusion(report))
     return 0 if report["is_ready"] else EXIT_FAILURE
+
+
+def _conclusion(report: dict[str, Any]) -> str:
+    """Whether a flight may begin, and how much of that nobody could see."""
+    if not report["is_ready"]:
+        return "not ready: see above"
+    unseen = sum(finding["state"] == "unknown" for finding in report["findings"])
+    look = f"; unknown from here, look yourself: {unseen}" if unseen else ""
+    return f"nothing prevents an autonomous flight{look}"
