@@ -122,7 +122,9 @@ def _centre(
     skirt: float,
 ) -> npt.NDArray[np.float32]:
     """Centre of gravity of each slope within `width` of a place `(n,)` [px]."""
-    window = np.abs(place - around[:, None]) <= width
-    body = np.where(window, np.maximum(slope - skirt * peak[:, None], 0.0), 0.0)
-    found: npt.NDArray[np.float32] = (body * place).sum(axis=1) / np.maximum(body.sum(axis=1), 1e-6)
+    body = slope - skirt * peak[:, None]
+    np.maximum(body, 0.0, out=body)
+    body *= np.abs(place - around[:, None]) <= width
+    moment, mass = (body @ np.stack([place, np.ones_like(place)], axis=1)).T
+    found: npt.NDArray[np.float32] = moment / np.maximum(mass, 1e-6)
     return found

@@ -20,8 +20,9 @@ import numpy as np
 import numpy.typing as npt
 
 from mkdaemon.vision.limits import LIMITS, Limits
-from mkdaemon.vision.pose.edgefind import FoundEdges, Samples, find_edges, without_glare
+from mkdaemon.vision.pose.edgefind import Samples, find_edges, without_glare
 from mkdaemon.vision.pose.edgemodel import EdgeModel
+from mkdaemon.vision.pose.edgestep import EdgeStep
 from mkdaemon.vision.pose.nuisance import Prior, with_motion, with_shift, with_stretch
 from mkdaemon.vision.pose.pose import Pose, median, turn
 from mkdaemon.vision.pose.projection import NEAR_M, Projection
@@ -39,10 +40,6 @@ from mkdaemon.vision.tags.tagmap import Target
 Array = npt.NDArray[np.float64]
 Grey = npt.NDArray[np.uint8]
 
-MAD = 1.4826
-"""Deviation of Gaussian residuals over their median absolute value."""
-RIDGE = 1e-9
-"""Share of the normal matrix' diagonal that is added before it is inverted: directions nobody sees stay finite."""
 NORMAL_STEP = 0.1
 """Length of the step that gives a normal's direction in the image [cells]."""
 
@@ -102,7 +99,10 @@ class EdgeFit:
     def __init__(
         self, target: Target, projection: Projection, max_samples: int | None = None, limits: Limits = LIMITS
     ) -> None:
-        self.model = EdgeModel.of(target)
+        model = self.model = EdgeModel.of(target)
+        # The samples, and so far along their normals that these have a direction in the image.
+        ends = model.points + model.normals * (NORMAL_STEP * model.cell)[:, None]
+        self._points = np.concatenate([model.points, ends])
         self._projection = projection
         self._limits = limits
         self._line_time = projection.intrinsics.line_time
@@ -132,17 +132,19 @@ class EdgeFit:
         """
         limits = self._limits.edges
         rotation, position = start.rotation, start.position
-        fitted: Pose | None = None
+        last: EdgeStep | None = None
         projection, stretch = self._projection, 0.0
         # stills that doubt the lens show no motion of the camera
         rolls = self._line_time > 0.0 and stretch_sd == 0.0
         motion = (start.motion if start.motion is not None else motion_at_rest()) if rolls else None
+        is_blown = int(pixels.max()) >= self._limits.read.saturated
         for k in range(iterations):
             reach = limits.reach_px[min(k, len(limits.reach_px) - 1)]
             samples = self._project(pixels.shape, rotation, position, reach, projection, motion)
             if samples is None:
                 return None
-            samples = without_glare(pixels, samples, self._limits)
+            if is_blown:
+                samples = without_glare(pixels, samples, self._limits)
             edges = find_edges(pixels, samples, self._limits)
             if int(edges.found.sum()) < limits.min_samples:
                 return None
@@ -152,29 +154,35 @@ class EdgeFit:
             if stretch_sd > 0.0:
                 samples, prior = with_stretch(samples, prior, projection, stretch, limits.located_px / stretch_sd)
             if motion is not None:
-                prior = with_motion(prior, start, motion, fitted, limits)
+                edge_px = limits.located_px if last is None else max(last.variance**0.5, limits.least_scale_px)
+                prior = with_motion(prior, start, motion, edge_px, limits)
             samples, prior = with_shift(samples, prior, limits.located_px / limits.shift_sd_px)
             least_scale = limits.first_scale_px if k == 0 else limits.least_scale_px
-            step, weights, normal = _robust_step(samples.jacobian, edges, least_scale, limits.tukey, prior)
+            last = EdgeStep.solve(samples.jacobian, edges, least_scale, limits.tukey, prior)
+            step = last.change
             rotation = turn(rotation, step[3:6])
             position = position + step[:3]
             if not np.isfinite(position).all() or position[2] < NEAR_M:
                 return None
             if np.linalg.norm(position - start.position) > limits.max_move * start.range_m + limits.max_move_m:
                 return None
-            moved = median(np.abs(samples.jacobian[:, :-1] @ step[:-1]))
-            fitted = self._pose(rotation, position, samples, edges, step, weights, normal)
             if motion is not None:
                 motion = motion + step[-1 - MOTIONS : -1]
-                fitted = replace(fitted, motion=motion, known_motion=start.known_motion)
+            moved = median(np.abs(samples.jacobian[:, :-1] @ step[:-1]))
             if moved < limits.settled_px and reach <= limits.reach_px[-2]:
                 break
             if stretch_sd > 0.0:
                 stretch += float(step[6])
                 projection = self._projection.stretch(stretch)
-        if fitted is not None and stretch_sd > 0.0:
-            fitted = replace(fitted, stretch=stretch)
-        return fitted
+        if last is None:
+            return None
+        fitted = last.pose(rotation, position, self._limits)
+        return replace(
+            fitted,
+            motion=motion,
+            known_motion=start.known_motion if rolls else None,
+            stretch=stretch if stretch_sd > 0.0 else None,
+        )
 
     def locate(self, pixels: Grey, pose: Pose) -> LocatedEdges | None:
         """Find the edges around a fitted pose; none when too few are in view."""
@@ -196,22 +204,20 @@ class EdgeFit:
         motion: Array | None,
     ) -> Samples | None:
         """Samples in view with u = project(R p + t) and J = n . du/dx; none when they are too few."""
-        model, limits = self.model, self._limits
-        still = seen = model.points @ rotation.T + position
-        step = (model.normals * (NORMAL_STEP * model.cell)[:, None]) @ rotation.T
-        ends = seen + step
-        times = np.zeros(len(seen))
+        limits, count = self._limits, len(self._points) // 2
+        still = seen = self._points @ rotation.T + position
+        times = np.zeros(count)
         if motion is not None:
-            seen, times = exposed(seen, motion, projection)
-            ends, _ = exposed(ends, motion, projection)
-        uv, visible = projection.project(seen)
-        tips, tips_visible = projection.project(ends)
+            seen, times = exposed(still, motion, projection)
+        pixels, are_visible = projection.project(seen)
+        uv, tips = pixels[:count], pixels[count:]
+        visible = are_visible[:count] & are_visible[count:]
         direction = tips - uv
         length = np.sqrt((direction * direction).sum(axis=1))
         cell_px = length * (1.0 / NORMAL_STEP)
         edge = np.minimum(reach, limits.edges.reach_cells * cell_px) + 1.0
         height, width = shape
-        visible &= tips_visible & (cell_px > limits.cells.readable_px)
+        visible &= cell_px > limits.cells.readable_px
         visible &= (
             (uv[:, 0] > edge) & (uv[:, 1] > edge) & (uv[:, 0] < width - 1 - edge) & (uv[:, 1] < height - 1 - edge)
         )
@@ -222,79 +228,16 @@ class EdgeFit:
         if len(index) > self._max_samples:
             index = index[np.linspace(0, len(index) - 1, self._max_samples).astype(np.intp)]
         normals = direction[index] / length[index, None]
-        if motion is None:
-            jacobian = np.einsum("ni,nij->nj", normals, projection.pose_jacobian(seen[index], position))
-        else:
-            point, rest = projection.jacobian(seen[index]), still[index]
+        point, rest = projection.jacobian(seen[index]), still[index]
+        along = normals
+        if motion is not None:
             along = at_rest(normals, point, seen[index], motion, self._line_time)
-            by_point = np.einsum("ni,nij->nj", along, point)
+        by_point = by_rest = along[:, :1] * point[:, 0] + along[:, 1:] * point[:, 1]
+        columns = []
+        if motion is not None:
             by_rest = before_motion(by_point, motion, times[index])
-            turned = cross(rest - position, by_rest)
-            jacobian = np.column_stack([by_rest, turned, motion_jacobian(by_point, rest, times[index])])
+            columns = [motion_jacobian(by_point, rest, times[index])]
+        # A turn w moves a point at `arm` by w x arm, so that n . du = w . (arm x n du/dP).
+        jacobian = np.column_stack([by_rest, cross(rest - position, by_rest), *columns])
         near = np.minimum(reach, limits.edges.reach_cells * cell_px[index])
         return Samples(index, uv[index], normals, near, jacobian)
-
-    def _pose(
-        self,
-        rotation: Array,
-        position: Array,
-        samples: Samples,
-        edges: FoundEdges,
-        step: Array,
-        weights: Array,
-        normal: Array,
-    ) -> Pose:
-        """The pose after a step, with what its residuals r = d - J x say about it."""
-        limits = self._limits.edges
-        residual = edges.offsets - samples.jacobian @ step
-        # sigma^2 = sum(w r^2) / (sum(w) - 6)
-        total = float(weights.sum())
-        variance = float((weights * residual**2).sum()) / max(total - 6.0, 1.0)
-        # C = (sigma^2 b + s^2) (J^T W J)^-1: in a blurred image neighbours share pixels over b, the width of the blur
-        # over that of a sharp edge; s is what interpolation leaves and no number of samples averages out.
-        information = normal + RIDGE * np.diag(np.diag(normal)) + 1e-12 * np.eye(len(normal))
-        shared = edges.width / self._limits.blur.sharp_px
-        covariance = (shared * variance + limits.systematic_px**2) * np.linalg.inv(information)[:6, :6]
-        # Loss for rivals: geometric mean of min(r, missed)^2 + least^2. Log odds of two fits are then n / 2 times the
-        # log of their ratio, and a hidden sample costs both the same.
-        missed = np.where(weights > 0.0, residual, limits.missed_px)
-        squared = np.minimum(np.abs(missed), limits.missed_px) ** 2 + limits.least_scale_px**2
-        counted = weights > limits.counted
-        return Pose(
-            rotation,
-            position,
-            (covariance + covariance.T) / 2,
-            "edges",
-            int(counted.sum()),
-            float(np.sqrt(variance)),
-            float(counted.mean()),
-            float(np.linalg.norm(step[:3])) / max(float(np.linalg.norm(position)), 1e-9),
-            loss=float(np.exp(np.mean(np.log(squared)))),
-            blur_px=edges.width,
-            shift_px=float(step[-1]),
-        )
-
-
-def _robust_step(
-    jacobian: Array, edges: FoundEdges, least_scale: float, tukey: float, prior: tuple[Array, Array]
-) -> tuple[Array, Array, Array]:
-    """Three rounds of weighted least squares over `k` unknowns: step `(k,)`, weights `(n,)`, normal matrix `(k, k)`.
-
-    x = (J^T W J + P)^-1 (J^T W d + p) with Tukey's w = (1 - (r / c sigma)^2)^2 inside c sigma, zero outside; sigma from
-    the median of |r|; P and p are the `prior`.
-    """
-    offsets, found = edges.offsets, edges.found
-    unknowns = jacobian.shape[1]
-    step: Array = np.zeros(unknowns)
-    weights: Array = found.astype(np.float64)
-    normal = np.eye(unknowns)
-    for _ in range(3):
-        residual = offsets - jacobian @ step
-        spread = max(MAD * median(np.abs(residual[found])), least_scale)
-        inside = found & (np.abs(residual) < tukey * spread)
-        weights[:] = np.where(inside, (1.0 - (residual / (tukey * spread)) ** 2) ** 2, 0.0)
-        weighted = jacobian * weights[:, None]
-        normal = weighted.T @ jacobian + prior[0]
-        damping = RIDGE * np.diag(np.diag(normal)) + 1e-12 * np.eye(unknowns)
-        step[:] = np.linalg.solve(normal + damping, weighted.T @ offsets + prior[1])
-    return step, weights, normal

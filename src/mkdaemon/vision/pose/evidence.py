@@ -13,8 +13,9 @@ import numpy as np
 import numpy.typing as npt
 
 from mkdaemon.vision.limits import LIMITS, EvidenceLimits, Limits
-from mkdaemon.vision.pose.edgefit import MAD, EdgeFit
+from mkdaemon.vision.pose.edgefit import EdgeFit
 from mkdaemon.vision.pose.edgemodel import EdgeModel
+from mkdaemon.vision.pose.edgestep import MAD
 from mkdaemon.vision.pose.pose import Pose, median
 from mkdaemon.vision.pose.projection import Projection
 from mkdaemon.vision.tags.cellread import sample

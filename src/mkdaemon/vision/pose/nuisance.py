@@ -37,19 +37,18 @@ def with_stretch(
     return replace(samples, jacobian=np.column_stack([samples.jacobian, column])), grown
 
 
-def with_motion(prior: Prior, start: Pose, motion: Array, last: Pose | None, limits: EdgeLimits) -> Prior:
+def with_motion(prior: Prior, start: Pose, motion: Array, edge_px: float, limits: EdgeLimits) -> Prior:
     """The motion m under a rolling shutter, whose columns the samples have: the cost |(m - expected) / spread|^2.
 
     Args:
         prior: of the pose.
         start: of the fit; may know the motion.
         motion: that the samples were projected with `(4,)`.
-        last: the fit so far; its residual is the deviation of an edge.
+        edge_px: deviation of a located edge [px].
         limits: how far a motion is known.
     """
     expected, spread = motion_known(start, limits)
-    edge = limits.located_px if last is None else max(last.rms_px, limits.least_scale_px)
-    weight = (edge / spread) ** 2
+    weight = (edge_px / spread) ** 2
     return _grown(prior, weight, weight * (expected - motion))
 
 

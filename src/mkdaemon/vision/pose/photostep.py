@@ -9,7 +9,8 @@ import numpy as np
 import numpy.typing as npt
 
 from mkdaemon.vision.limits import Limits
-from mkdaemon.vision.pose.edgefit import MAD, Level
+from mkdaemon.vision.pose.edgefit import Level
+from mkdaemon.vision.pose.edgestep import MAD
 from mkdaemon.vision.pose.greynoise import clarity, shared_by
 from mkdaemon.vision.pose.nuisance import motion_known
 from mkdaemon.vision.pose.pose import Pose, correlation, median

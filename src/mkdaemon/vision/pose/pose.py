@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from mkdaemon.vision.pose.projection import NEAR_M, Projection
-from mkdaemon.vision.pose.rolling import KnownMotion
+from mkdaemon.vision.pose.rolling import KnownMotion, skew
 from mkdaemon.vision.tags.detection import Detection
 from mkdaemon.vision.tags.tagmap import SAME_HEIGHT_M, Tag
 
@@ -227,12 +227,10 @@ def inverse(pose: Pose, covariance: Array) -> tuple[Array, Array, Array]:
         target axes.
     """
     back = pose.rotation.T
-    x, y, z = pose.position
-    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
     # c = -R' p; a left perturbation w of R moves c by R' (w x p) = -R' [p]x w.
     jacobian = np.zeros((6, 6))
     jacobian[:3, :3] = -back
-    jacobian[:3, 3:] = -back @ cross
+    jacobian[:3, 3:] = -back @ skew(pose.position)
     jacobian[3:, 3:] = -back
     return back, -back @ pose.position, jacobian @ covariance @ jacobian.T
 

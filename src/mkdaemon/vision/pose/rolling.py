@@ -75,7 +75,7 @@ def exposed(points: Array, motion: Array, projection: Projection) -> tuple[Array
 
 def at_times(points: Array, motion: Array, times: Array) -> Array:
     """Points `(n, 3)` carried to the times `(n,)` of their rows."""
-    carried: Array = points - times[:, None] * cross(motion[:3], points)
+    carried: Array = points - times[:, None] * (points @ skew(motion[:3]).T)
     carried[:, 2] += times * motion[3]
     return carried
 
@@ -93,9 +93,9 @@ def at_rest(along: Array, point: Array, moved: Array, motion: Array, line_time: 
         motion: of the camera `(4,)`.
         line_time: [s].
     """
-    drift = -cross(motion[:3], moved)
+    drift = moved @ skew(motion[:3])
     drift[:, 2] += motion[3]
-    speed = np.einsum("nij,nj->ni", point, drift)
+    speed = (point @ drift[:, :, None])[:, :, 0]
     still = along.copy()
     still[:, 1] += line_time * (along * speed).sum(axis=1) / (1.0 - line_time * speed[:, 1])
     return still
@@ -104,15 +104,25 @@ def at_rest(along: Array, point: Array, moved: Array, motion: Array, line_time: 
 def before_motion(by_point: Array, motion: Array, times: Array) -> Array:
     """Derivative `(n, 3)` by points at rest, of what has the derivative `(n, 3)` by the points as they are exposed."""
     # dP(t) = dP - t w x dP
-    rest: Array = by_point - times[:, None] * cross(by_point, motion[:3])
+    rest: Array = by_point - times[:, None] * (by_point @ skew(motion[:3]))
     return rest
 
 
+def skew(vector: Array) -> Array:
+    """The matrix `(3, 3)` whose product with b is the cross product of a vector `(3,)` with b."""
+    x, y, z = vector
+    return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+
+
 def cross(a: Array, b: Array) -> Array:
-    """Products of vectors `(n, 3)`, one of them may be `(3,)`; written out, numpy's cross is slow."""
+    """Products of vectors `(n, 3)`; written out, numpy's cross is slow."""
     ax, ay, az = a.T
     bx, by, bz = b.T
-    return np.stack([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx], axis=1)
+    product = np.empty_like(a)
+    product[:, 0] = ay * bz - az * by
+    product[:, 1] = az * bx - ax * bz
+    product[:, 2] = ax * by - ay * bx
+    return product
 
 
 def motion_jacobian(point_jacobian: Array, points: Array, times: Array) -> Array:

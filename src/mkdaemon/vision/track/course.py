@@ -16,6 +16,7 @@ import numpy.typing as npt
 
 from mkdaemon.vision.limits import LIMITS
 from mkdaemon.vision.pose.pose import Pose, inverse, turn
+from mkdaemon.vision.pose.rolling import skew
 
 Array = npt.NDArray[np.float64]
 
@@ -79,8 +80,9 @@ class Course:
         dt = time - self.time
         move = np.eye(6)
         move[:3, 3:] = dt * np.eye(3)
-        block = self.psd * np.array([[dt**3 / 3, dt**2 / 2], [dt**2 / 2, dt]])
-        grown = move @ self.covariance @ move.T + np.kron(block, np.eye(3))
+        grown = move @ self.covariance @ move.T
+        for row, column, power in ((0, 0, dt**3 / 3), (0, 3, dt**2 / 2), (3, 0, dt**2 / 2), (3, 3, dt)):
+            grown[row : row + 3, column : column + 3] += self.psd * power * np.eye(3)
         return replace(self, time=time, state=move @ self.state, covariance=grown)
 
     def mahalanobis2(self, pose: Pose, caution: float | None = None) -> float:
@@ -109,7 +111,7 @@ class Course:
         the course knows of c; nearby, where the image says far more than inertia, nothing changes.
         """
         back = pose.rotation.T
-        jacobian = np.hstack([-back, -back @ _cross(pose.position)])
+        jacobian = np.hstack([-back, -back @ skew(pose.position)])
         prior = pose.covariance
         gain = (
             prior
@@ -132,8 +134,3 @@ def _lens_place(pose: Pose, caution: float | None = None) -> tuple[Array, Array]
     factor = CAUTION / shared if caution is None else caution
     _, centre, spread = inverse(pose, factor * pose.covariance)
     return centre, spread[:3, :3] + (FLOOR * pose.range_m) ** 2 * np.eye(3)
-
-
-def _cross(v: Array) -> Array:
-    x, y, z = v
-    return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
