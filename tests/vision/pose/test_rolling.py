@@ -102,7 +102,7 @@ def test_a_motion_moves_a_place_as_speed_and_turning_do() -> None:
     place, speed, turning = np.array([0.4, -0.3, 5.0]), np.array([0.5, -0.2, 0.3]), np.array([0.1, 0.2, -0.3])
     motion = motion_of(place, speed, turning)
     moved = -np.cross(motion[:3], place) + np.array([0.0, 0.0, motion[3]])
-    assert np.linalg.norm(moved - (speed - np.cross(turning, place))) < 0.1 * np.linalg.norm(speed)
+    np.testing.assert_allclose(moved, speed - np.cross(turning, place), atol=1e-12)
 
 
 def test_a_far_print_under_a_rolling_shutter_is_fitted_with_what_is_known_of_the_motion() -> None:

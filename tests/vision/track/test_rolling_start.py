@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+import cv2
+import numpy as np
+
 from lab.vision.flight import VGA, fly
 from lab.vision.real import DEVICES
 from lab.vision.stills import error_of, target_named
+from mkdaemon.vision.pose.pose import Pose
 from mkdaemon.vision.tags.tagmap import TagMap
+from mkdaemon.vision.track.track import Track
 from mkdaemon.vision.track.tracker import Tracker
 
 
@@ -22,3 +27,14 @@ def test_images_of_an_unknown_climb_are_followed_until_they_tell_it() -> None:
             assert error.angle_deg < 2.0
     assert not posed[0]  # the speed along the optical axis is unknown, and so is the tilt
     assert all(posed[5:])  # 0 of 9 were posed when such an image was forgotten
+
+
+def test_a_camera_that_turns_without_an_attitude_does_not_climb() -> None:
+    track, place = Track(), np.array([0.6, 0.4, 3.0])
+    for k in range(2):
+        turned = np.asarray(cv2.Rodrigues(k / 30 * np.array([0.4, -0.4, 0.0]))[0], dtype=np.float64)
+        pose = Pose(turned, turned @ place, 1e-6 * np.eye(6), "edges", 300, 0.05)
+        track.accept(k / 30, pose, None, np.zeros((4, 4), dtype=np.uint8))
+    known = track.predict(2 / 30, None, None).pose.known_motion
+    assert known is not None
+    assert abs(known.expected[3]) < 0.05  # 0.4 m/s where the turn was taken for a climb

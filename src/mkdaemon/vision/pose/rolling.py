@@ -44,9 +44,10 @@ def motion_of(place: Array, speed: Array, turning: Array) -> Array:
         speed: of the target in axes that do not turn with the camera `(3,)` [m/s].
         turning: angular rate of the camera `(3,)` [rad/s].
     """
-    # -w x P = (v_x, v_y, 0) for the shortest w; what is left lies along P.
-    across = np.array([speed[0], speed[1], 0.0])
-    return np.array([*(turning - np.cross(place, across) / float(place @ place)), speed[2]])
+    # v = -w x P + s e: the turn has no part along P, so s = v . P / P_z, and the shortest w makes up the rest.
+    along = float(speed @ place) / float(place[2])
+    across = speed - np.array([0.0, 0.0, along])
+    return np.array([*(turning - np.cross(place, across) / float(place @ place)), along])
 
 
 def motion_at_rest() -> Array:

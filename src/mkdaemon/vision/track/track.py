@@ -128,6 +128,11 @@ class Track:
                     rotation = now.pose.rotation @ before.pose.rotation.T @ now.pose.rotation
             if float(np.linalg.norm(step)) < TRACK.max_speed * (now.time - before.time):
                 speed = step / (now.time - before.time)
+                if earlier is None:
+                    # Whatever the camera turned is in the step, and does not change the range.
+                    sight = position / now.pose.range_m
+                    nearing = (now.pose.range_m - before.pose.range_m) / (now.time - before.time)
+                    speed = speed + (nearing - float(speed @ sight)) * sight
                 variance = float(now.pose.covariance[2, 2] + before.pose.covariance[2, 2])
                 speed_sd = float(np.sqrt(variance)) / (now.time - before.time)
                 position = position + min(ahead, TRACK.max_ahead) * step
