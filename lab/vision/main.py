@@ -22,7 +22,7 @@ from lab.vision.decks import DECKS
 from lab.vision.never import FLIGHTS, FLIPS, all_flips
 from lab.vision.night import NIGHT
 from lab.vision.rates import rates
-from lab.vision.real import REAL
+from lab.vision.real import PUBLISHED, REAL
 from lab.vision.searching import SEARCH
 from lab.vision.selfcal import SELFCAL
 from lab.vision.stages import stages
@@ -47,6 +47,7 @@ CASES: Final[dict[str, Case]] = {
     "decks": DECKS,
     "real": REAL,
     "night": NIGHT,
+    "published": PUBLISHED,
     "selfcal": SELFCAL,
     "flips": FLIPS,
     "false_positives": FALSE_POSITIVES,
