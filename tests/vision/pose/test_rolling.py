@@ -13,7 +13,9 @@ from mkdaemon.sim.scene.scene import Scene, SceneTarget, cam_from_target
 from mkdaemon.sim.scene.view import CameraView, view_towards
 from mkdaemon.vision.camera.intrinsics import Intrinsics
 from mkdaemon.vision.limits import LIMITS
+from mkdaemon.vision.pose.edgefind import Samples
 from mkdaemon.vision.pose.edgefit import EdgeFit
+from mkdaemon.vision.pose.nuisance import with_motion
 from mkdaemon.vision.pose.photofit import PhotoFit
 from mkdaemon.vision.pose.pose import Pose
 from mkdaemon.vision.pose.projection import Projection
@@ -103,6 +105,23 @@ def test_a_motion_moves_a_place_as_speed_and_turning_do() -> None:
     motion = motion_of(place, speed, turning)
     moved = -np.cross(motion[:3], place) + np.array([0.0, 0.0, motion[3]])
     np.testing.assert_allclose(moved, speed - np.cross(turning, place), atol=1e-12)
+
+
+def test_an_angular_acceleration_bends_the_image_as_the_fit_says() -> None:
+    projection = Projection(LENS)
+    points, times = np.array([[0.2, 0.3, 1.5], [-0.3, -0.4, 2.0]]), np.array([8e-3, -6e-3])
+    normals = np.array([[0.6, 0.8], [1.0, 0.0]])
+    by_point = np.einsum("ni,nij->nj", normals, projection.jacobian(points))
+    columns = np.hstack([np.zeros((2, 6)), motion_jacobian(by_point, points, times)])
+    samples = Samples(np.arange(2), np.zeros((2, 2)), normals, np.ones(2), columns, times)
+    start = Pose(np.eye(3), points[0], np.eye(6), "corners", 4, 0.1)
+    grown, (weight, _) = with_motion(samples, (np.eye(6), np.zeros(6)), start, np.zeros(4), 0.1, LIMITS.edges)
+    assert grown.jacobian.shape == (2, 13)
+    np.testing.assert_allclose(np.diag(weight)[10:], (0.1 / LIMITS.edges.acceleration_sd) ** 2)
+    for k in range(3):
+        bent = points - times[:, None] ** 2 / 2 * np.cross(np.eye(3)[k], points)
+        change = (normals * (projection.project(bent)[0] - projection.project(points)[0])).sum(axis=1)
+        np.testing.assert_allclose(grown.jacobian[:, 10 + k], change, rtol=0.001, atol=1e-6)
 
 
 def test_a_far_print_under_a_rolling_shutter_is_fitted_with_what_is_known_of_the_motion() -> None:

@@ -38,6 +38,7 @@ class Samples:
         normals: towards the brighter side, unit `(n, 2)`.
         reach: how far along the normal the edge may be `(n,)` [px].
         jacobian: of the position along the normal by pose `(n, k)`.
+        times: when each is exposed after the middle row, under a rolling shutter `(n,)` [s].
     """
 
     index: npt.NDArray[np.intp]
@@ -45,6 +46,7 @@ class Samples:
     normals: Array
     reach: Array
     jacobian: Array
+    times: Array
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -153,9 +153,10 @@ class EdgeFit:
             )
             if stretch_sd > 0.0:
                 samples, prior = with_stretch(samples, prior, projection, stretch, limits.located_px / stretch_sd)
+            carried = samples.jacobian.shape[1]
             if motion is not None:
                 edge_px = limits.located_px if last is None else max(last.variance**0.5, limits.least_scale_px)
-                prior = with_motion(prior, start, motion, edge_px, limits)
+                samples, prior = with_motion(samples, prior, start, motion, edge_px, limits)
             samples, prior = with_shift(samples, prior, limits.located_px / limits.shift_sd_px)
             least_scale = limits.first_scale_px if k == 0 else limits.least_scale_px
             last = EdgeStep.solve(samples.jacobian, edges, least_scale, limits.tukey, prior)
@@ -167,8 +168,8 @@ class EdgeFit:
             if np.linalg.norm(position - start.position) > limits.max_move * start.range_m + limits.max_move_m:
                 return None
             if motion is not None:
-                motion = motion + step[-1 - MOTIONS : -1]
-            moved = median(np.abs(samples.jacobian[:, :-1] @ step[:-1]))
+                motion = motion + step[carried - MOTIONS : carried]
+            moved = median(np.abs(samples.jacobian[:, :carried] @ step[:carried]))
             if moved < limits.settled_px and reach <= limits.reach_px[-2]:
                 break
             if stretch_sd > 0.0:
@@ -206,7 +207,7 @@ class EdgeFit:
         """Samples in view with u = project(R p + t) and J = n . du/dx; none when they are too few."""
         limits, count = self._limits, len(self._points) // 2
         still = seen = self._points @ rotation.T + position
-        times = np.zeros(count)
+        times = np.zeros(2 * count)
         if motion is not None:
             seen, times = exposed(still, motion, projection)
         pixels, are_visible = projection.project(seen)
@@ -240,4 +241,4 @@ class EdgeFit:
         # A turn w moves a point at `arm` by w x arm, so that n . du = w . (arm x n du/dP).
         jacobian = np.column_stack([by_rest, cross(rest - position, by_rest), *columns])
         near = np.minimum(reach, limits.edges.reach_cells * cell_px[index])
-        return Samples(index, uv[index], normals, near, jacobian)
+        return Samples(index, uv[index], normals, near, jacobian, times[index])

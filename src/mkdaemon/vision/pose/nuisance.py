@@ -15,7 +15,7 @@ from mkdaemon.vision.limits import EdgeLimits
 from mkdaemon.vision.pose.edgefind import Samples
 from mkdaemon.vision.pose.pose import Pose
 from mkdaemon.vision.pose.projection import Projection
-from mkdaemon.vision.pose.rolling import motion_at_rest
+from mkdaemon.vision.pose.rolling import MOTIONS, motion_at_rest
 
 Array = npt.NDArray[np.float64]
 Prior = tuple[Array, Array]
@@ -37,10 +37,16 @@ def with_stretch(
     return replace(samples, jacobian=np.column_stack([samples.jacobian, column])), grown
 
 
-def with_motion(prior: Prior, start: Pose, motion: Array, edge_px: float, limits: EdgeLimits) -> Prior:
-    """The motion m under a rolling shutter, whose columns the samples have: the cost |(m - expected) / spread|^2.
+def with_motion(
+    samples: Samples, prior: Prior, start: Pose, motion: Array, edge_px: float, limits: EdgeLimits
+) -> tuple[Samples, Prior]:
+    """The motion m under a rolling shutter, whose columns J has, and the angular acceleration a meanwhile.
+
+    The costs are |(m - expected) / spread|^2 and |a / sd|^2. An acceleration bends the image by a t^2 / 2, so J gains
+    t / 2 times the columns of the rates; it is not carried from step to step, each asks for all of it.
 
     Args:
+        samples: with the motion as their last columns.
         prior: of the pose.
         start: of the fit; may know the motion.
         motion: that the samples were projected with `(4,)`.
@@ -48,8 +54,10 @@ def with_motion(prior: Prior, start: Pose, motion: Array, edge_px: float, limits
         limits: how far a motion is known.
     """
     expected, spread = motion_known(start, limits)
-    weight = (edge_px / spread) ** 2
-    return _grown(prior, weight, weight * (expected - motion))
+    weight = (edge_px / np.array([*spread, *[limits.acceleration_sd] * 3])) ** 2
+    bend = samples.jacobian[:, -MOTIONS : 3 - MOTIONS] * (samples.times / 2)[:, None]
+    grown = _grown(prior, weight, weight * np.array([*(expected - motion), 0.0, 0.0, 0.0]))
+    return replace(samples, jacobian=np.hstack([samples.jacobian, bend])), grown
 
 
 def motion_known(start: Pose, limits: EdgeLimits) -> tuple[Array, Array]:
