@@ -53,11 +53,8 @@ class GivenFits:
     supported: bool = False
     target: Target = field(default_factory=lambda: shipped("single"))
 
-    def refine(self, pixels, start):
-        return self.free
-
-    def refine_level(self, pixels, start, level):
-        return self.held
+    def refine(self, pixels, start, level=None):
+        return self.free if level is None else self.held
 
     def fit_mirrored(self, pixels, pose):
         return self.mirror

@@ -50,14 +50,15 @@ class EdgeStep:
         """
         offsets, found = edges.offsets, edges.found
         change: Array = np.zeros(jacobian.shape[1])
-        weights, residual, normal = found.astype(np.float64), offsets, prior[0]
+        weights: Array = found.astype(np.float64)
+        residual, normal = offsets, prior[0]
         for _ in range(ROUNDS):
             bound = tukey * max(MAD * median(np.abs(residual[found])), least_scale)
             weights = np.maximum(1.0 - (residual * (1.0 / bound)) ** 2, 0.0) ** 2
             weights *= found
             weighted = (jacobian * weights[:, None]).T
             normal = weighted @ jacobian + prior[0]
-            change = np.linalg.solve(_damped(normal), weighted @ offsets + prior[1])
+            change[:] = np.linalg.solve(_damped(normal), weighted @ offsets + prior[1])
             residual = offsets - jacobian @ change
         return cls(change, weights, normal, residual, edges.width)
 

@@ -76,16 +76,8 @@ class TargetFitter:
                 return good if photometric else [self._photo.polish(pixels, pose) for pose in good]
         return candidates
 
-    def refine(self, pixels: Grey, start: Pose) -> Pose | None:
-        """Improve a pose by the method its size and tilt ask for."""
-        if self._wants_photometric(start):
-            fitted = self._fit(pixels, start, photometric=True)
-            if fitted is not None:
-                return fitted
-        return self._fit(pixels, start, photometric=False)
-
-    def refine_level(self, pixels: Grey, start: Pose, level: Level) -> Pose | None:
-        """The same with the tilt held near the vertical."""
+    def refine(self, pixels: Grey, start: Pose, level: Level | None = None) -> Pose | None:
+        """Improve a pose by the method its size and tilt ask for, with a level its tilt held near it."""
         if self._wants_photometric(start):
             fitted = self._fit(pixels, start, photometric=True, level=level)
             if fitted is not None:

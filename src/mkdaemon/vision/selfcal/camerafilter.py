@@ -18,6 +18,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
+from mkdaemon.vision.pose.rolling import skew
 from mkdaemon.vision.selfcal.evidence import LENS, ImageEvidence
 
 Array = npt.NDArray[np.float64]
@@ -117,8 +118,8 @@ class CameraFilter:
         enu_from_cam = enu_from_flu @ flu_from_cam
         normal_cam = evidence.rotation[:, 2]
         # a small turn w moves the normal n by w x n = -[n]x w
-        moved_cam = (-enu_from_cam @ _cross(normal_cam))[:2]
-        moved_flu = (-enu_from_flu @ _cross(flu_from_cam @ normal_cam))[:2]
+        moved_cam = (-enu_from_cam @ skew(normal_cam))[:2]
+        moved_flu = (-enu_from_flu @ skew(flu_from_cam @ normal_cam))[:2]
         observe = np.zeros((2, len(self.mean)))
         observe[:, LENS_AT:] = -moved_cam @ evidence.turn
         observe[:, MOUNTING] = -moved_flu
@@ -131,9 +132,3 @@ class CameraFilter:
         self.mean = self.mean + gain @ surprise
         kept = self.covariance - gain @ observe @ self.covariance
         self.covariance = (kept + kept.T) / 2
-
-
-def _cross(v: Array) -> Array:
-    """The matrix [v]x with [v]x w = v x w."""
-    x, y, z = v
-    return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])

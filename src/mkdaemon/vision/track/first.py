@@ -150,7 +150,7 @@ class FirstJudge:
         vertical = self._checks.level.vertical(seen)
         if vertical is None:
             return _refused(PoseRefusal.ATTITUDE)
-        held = self._fitter.refine_level(seen.pixels, self._checks.level.replace_tilt(seen, pose), vertical)
+        held = self._fitter.refine(seen.pixels, self._checks.level.replace_tilt(seen, pose), vertical)
         if held is None or self._checks.refusal(seen, held, None) is not None:
             return _refused(PoseRefusal.ATTITUDE)
         tilt = self._checks.level.tilt(seen, held)

@@ -59,7 +59,7 @@ class Judge:
         vertical = checks.level.vertical(seen)
         if vertical is not None:
             # A free fit may follow something lying over the target: hold the tilt and try again.
-            held = self._fitter.refine_level(seen.pixels, replace(start, rotation=predicted.rotation), vertical)
+            held = self._fitter.refine(seen.pixels, replace(start, rotation=predicted.rotation), vertical)
             if held is not None and checks.refusal(seen, held, predicted) is None:
                 return self.add_inertia(seen, held)
         return Verdict(None, refused)

@@ -9,11 +9,11 @@ import numpy as np
 import numpy.typing as npt
 
 from mkdaemon.config.vision import TrackerSection
-from mkdaemon.vision.limits import JudgeLimits
 from mkdaemon.vision.pose.edgefit import Level
 from mkdaemon.vision.pose.pose import Pose, largest_variance
 from mkdaemon.vision.track.attitude import Mounting, fuse_normal
 from mkdaemon.vision.track.deck import Deck
+from mkdaemon.vision.tracklimits import JudgeLimits
 
 Array = npt.NDArray[np.float64]
 Grey = npt.NDArray[np.uint8]
