@@ -69,6 +69,9 @@ class GuardStub:
     def start(self):
         pass
 
+    async def wait_for_start(self):
+        pass
+
     async def watch(self):
         self.changed(True)
         await asyncio.Event().wait()
@@ -80,7 +83,7 @@ class GuardStub:
         self.is_over = True
 
 
-def daemon(folder, port, bus=None, *, guard=True, **link):
+def daemon(folder, port, bus=None, *, guard=True, kind=Daemon, **link):
     cfg = Config.model_validate(
         {
             "vehicle": {"name": "t", "state_folder": folder},
@@ -90,7 +93,7 @@ def daemon(folder, port, bus=None, *, guard=True, **link):
         }
     )
     loop = asyncio.get_running_loop()
-    return Daemon(cfg, bus or Bus(), Clock(monotonic=loop.time))
+    return kind(cfg, bus or Bus(), Clock(monotonic=loop.time))
 
 
 @pytest.fixture
@@ -182,6 +185,27 @@ async def test_the_guard_has_a_place_for_its_report_and_ends_last(monkeypatch, t
     texts = [event.text for event in bus.values("event/log")]
     assert "guard runs" in texts
     assert not any("next daemon" in text for text in texts)
+
+
+@virtually
+async def test_the_port_is_opened_when_the_guard_answers(monkeypatch, tmp_path):
+    opened = []
+
+    class Slow(GuardStub):
+        async def wait_for_start(self):
+            await asyncio.sleep(2.0)
+            opened.append("guard")
+
+    class Opening(Daemon):
+        async def _run_line(self):
+            opened.append("port")
+            await super()._run_line()
+
+    monkeypatch.setattr(program, "GuardProcess", Slow)
+    stop = asyncio.Event()
+    asyncio.get_running_loop().call_later(4.0, stop.set)
+    await daemon(tmp_path, "/dev/tty-nothing", kind=Opening, wait_for_port=True).serve(stop, Notifier({}))
+    assert opened == ["guard", "port"]
 
 
 @virtually
