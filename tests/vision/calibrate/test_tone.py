@@ -80,3 +80,13 @@ def test_taken_back_grey_values_are_in_proportion_to_light() -> None:
     assert in_light(image, 1.0) is image
     assert in_light(np.full((8, 8), 255, np.uint8), 2.2).min() == 255
     assert in_light(np.full((8, 8), 5, np.uint8), 2.2).max() < 10
+
+
+def test_the_small_bright_paper_of_a_far_target_is_not_clipped() -> None:
+    image = np.full((480, 640), 120, np.uint8)
+    image[200:240, 300:340] = 232  # 0.5 % of the image
+    image[210:230, 310:330] = 60
+    light = in_light(image, 2.2).astype(float)
+    paper, ink = light[205, 305], light[220, 320]
+    assert paper < 253.0
+    assert ink / paper == pytest.approx((60 / 232) ** 2.2, rel=0.1)

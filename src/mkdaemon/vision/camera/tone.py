@@ -11,11 +11,12 @@ import numpy.typing as npt
 Grey = npt.NDArray[np.uint8]
 
 WHITE: Final = 225.0
-"""Grey value that the bright part of an image gets, so that a dark one keeps its steps."""
-BRIGHT: Final = 99.5
-"""Percentile that counts as its bright part."""
+"""Grey value that the brightest pixel of an image gets, so that a dark image keeps its steps.
+
+A percentile would not do: the paper of a far target is less than 0.5 % of the image, and was clipped to white.
+"""
 DARKEST: Final = 30.0
-"""Bright parts are taken to be at least this bright [grey]."""
+"""The brightest pixel is taken to be at least this bright [grey]."""
 SATURATED: Final = 253
 """From here up a pixel may have been anything, and stays so."""
 
@@ -24,7 +25,7 @@ def in_light(pixels: Grey, gamma: float) -> Grey:
     """Grey values `(h, w)` of an image as its sensor saw it, where grey is light to the power 1 / gamma."""
     if gamma == 1.0:
         return pixels
-    bright = max(float(np.percentile(pixels[::4, ::4], BRIGHT)), DARKEST)
+    bright = max(float(pixels[::4, ::4].max()), DARKEST)
     table = np.clip(WHITE * (np.arange(256) / bright) ** gamma, 0.0, 255.0).round().astype(np.uint8)
     table[SATURATED:] = 255
     return np.asarray(cv2.LUT(pixels, table), dtype=np.uint8)
