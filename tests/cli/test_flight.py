@@ -186,6 +186,18 @@ async def test_a_landing_ends_with_the_words_of_the_daemon(capsys):
     assert capsys.readouterr().out == "landed on pad; the pilot stops the motors\n"
 
 
+def cap(daemon):
+    if len(daemon.setpoints) == 20:
+        daemon.say(Phase.FLYING, "flies", hands="raises the throttle above hover, now", pilots_throttle=-20.0)
+
+
+async def test_a_throttle_that_caps_ours_is_told_in_capitals(capsys):
+    async with flying((0.0, 0.0, 2.0)) as (daemon, here):
+        daemon.follow = lambda: cap(daemon)
+        await flight.velocity(0.0, 0.0, 0.0, seconds=0.6, connection=here)
+    assert "THE PILOT RAISES THE THROTTLE ABOVE HOVER, NOW" in capsys.readouterr().err.splitlines()
+
+
 def release_by_itself(daemon):
     if len(daemon.setpoints) == 20:
         daemon.holder = None

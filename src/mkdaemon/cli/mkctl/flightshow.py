@@ -62,6 +62,8 @@ class Shown:
 async def leased(uav: Vehicle, connection: Connection, *, force: bool) -> AsyncIterator[Lease]:
     """Hold the lease, and say on standard error what the pilot's hands do, until the aircraft is released.
 
+    While his throttle caps ours it is said in capitals.
+
     Raises:
         MkError: see `Vehicle.lease`.
     """
@@ -75,9 +77,11 @@ async def leased(uav: Vehicle, connection: Connection, *, force: bool) -> AsyncI
             async for sample in samples:
                 status: ControlStatus = sample.value
                 is_free = status.phase is status.phase.FREE
-                if status.hands != hands and not is_free:
-                    hands = status.hands
-                    print(f"{clear}the pilot {hands}", file=sys.stderr, flush=True)
+                words = f"the pilot {status.hands}"
+                words = words if status.pilots_throttle is None else words.upper()
+                if words != hands and not is_free:
+                    hands = words
+                    print(f"{clear}{hands}", file=sys.stderr, flush=True)
                 if is_free or status.phase is status.phase.RELEASING:
                     released.set()
                 else:
