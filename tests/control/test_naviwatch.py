@@ -119,3 +119,12 @@ def test_a_receiver_that_is_silent_has_no_position_though_the_board_shows_the_la
 def test_who_holds_the_height_is_said():
     assert "height control flies the height" in Watched().tell(**GOING, altitude_control=True).hands
     assert "the throttle holds the height" in Watched().tell(**GOING, altitude_control=False).hands
+
+
+@pytest.mark.parametrize(("is_flying", "stage"), [(True, NaviStage.READY), (False, NaviStage.FREE)])
+def test_a_list_changed_in_flight_is_ready_before_a_navictrl_counts_its_points(is_flying, stage):
+    seen, uncounted = Watched(), {"waypoint_index": 0, "waypoint_count": 2}
+    seen.tell(is_flying=is_flying)
+    seen.facts.list_changed_at = seen.now
+    told = [seen.tell(is_flying=is_flying, **uncounted), seen.tell(**uncounted)]
+    assert [found.stage for found in told if found is not None][-1] is stage

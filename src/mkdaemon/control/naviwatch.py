@@ -52,7 +52,7 @@ class NaviWatch:
         self._shown_at = float("-inf")
         self._list = (0, 0)
         self._list_changed_at = float("-inf")
-        self._was_on_way = self._is_route_done = False
+        self._was_on_way = self._is_route_done = self._is_new_in_flight = False
 
     def look(self, now: float) -> NaviFlight | None:
         """Return what is new, or due again; None for nothing, and without a NaviCtrl."""
@@ -79,6 +79,7 @@ class NaviWatch:
         if changed_at > self._list_changed_at:
             self._list_changed_at = changed_at
             self._was_on_way = self._is_route_done = False
+            self._is_new_in_flight = bool(flight.is_flying)
         home = None if position is None else position.home_distance
         self._follow_list(flight, is_homing=position is not None and _is_homing(flight, position))
         stage = self._stage(flight, position)
@@ -112,7 +113,9 @@ class NaviWatch:
     def _stage(self, flight: Flight, position: Position | None) -> NaviStage:
         if not flight.is_flying:
             return NaviStage.GROUND
-        has_list = bool(flight.waypoint_index)
+        # A NaviCtrl 2.x begins to count with the switch; a 0.24 counts a list received in flight at once, and does not
+        # fly one that it received on the ground.
+        has_list = bool(flight.waypoint_index) or (self._is_new_in_flight and bool(flight.waypoint_count))
         if flight.gps_mode is GpsMode.FREE:
             return NaviStage.READY if has_list and not self._is_route_done else NaviStage.FREE
         if position is None:

@@ -150,8 +150,8 @@ async def test_the_navictrl_flies_to_places_at_home_and_the_pilots_sticks_and_sw
 
 
 @virtually
-async def test_a_route_is_flown_to_its_last_point_and_then_home(tmp_path):
-    async with in_flight(tmp_path) as flown:
+async def test_a_newer_navictrl_flies_a_route_to_its_last_point_and_then_home(tmp_path):
+    async with in_flight(tmp_path, "2.14") as flown:
         mission = Mission(points=(flown.place(5.0, 0.0), flown.place(5.0, 4.0)))
         report = await flown.uav.navi_route(mission, on_stage=flown.seen)
         assert (report.waypoint, report.waypoints, report.is_route_done) == (2, 2, True)
