@@ -19,6 +19,7 @@ from lab.campaign import Case, Part, run_parts
 from lab.vision import ablation
 from lab.vision.cases import ACCURACY, COLD, CONDITIONS, VIEW_ANGLE
 from lab.vision.decks import DECKS
+from lab.vision.layouts import LAYOUTS
 from lab.vision.never import FLIGHTS, FLIPS, all_flips
 from lab.vision.night import NIGHT
 from lab.vision.rates import rates
@@ -48,6 +49,7 @@ CASES: Final[dict[str, Case]] = {
     "real": REAL,
     "night": NIGHT,
     "published": PUBLISHED,
+    "layouts": LAYOUTS,
     "selfcal": SELFCAL,
     "flips": FLIPS,
     "false_positives": FALSE_POSITIVES,
