@@ -122,3 +122,26 @@ def test_an_unreadable_file_is_named(tmp_path):
 @pytest.mark.parametrize("path", sorted(CONFIGS.glob("*.toml")), ids=lambda path: path.name)
 def test_shipped_configurations_load(path):
     assert load(path).vehicle.name
+
+
+@pytest.mark.parametrize(
+    ("port", "words"),
+    [
+        ("/dev/tty\0USB0", "characters"),
+        ("/dev/tty\nUSB0", "characters"),
+        ("/dev/" + "A" * 256, "too long"),
+        ("/dev" + "/a" * 2000, "too long"),
+        ("tcp:" + "a" * 64 + ":2000", "no host"),
+        ("tcp:a..b:2000", "no host"),
+    ],
+)
+def test_a_port_that_nothing_can_be_called_is_a_mistake_of_the_configuration(port, words):
+    with pytest.raises(ConfigError, match=f"link.port.*{words}"):
+        load(None, {"link.port": port})
+
+
+@pytest.mark.parametrize(
+    "port", ["", "/dev/serial/by-id/usb-FTDI_ä", "tcp:[fe80::1%eth0]:2000", "tcp:bücher.example:1"]
+)
+def test_ports_as_they_are(port):
+    assert load(None, {"link.port": port}).link.port == port

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Literal, Self
+from typing import Annotated, Final, Literal, Self
 
-from pydantic import Field, model_validator
+from pydantic import AfterValidator, Field, model_validator
 
 from mkdaemon.config.base import Section
 
@@ -13,10 +13,33 @@ Milliseconds = Annotated[float, Field(ge=10, le=2550)]
 """Interval of a stream; boards count it in steps of 10 ms up to 255."""
 
 
+LONGEST_NAME: Final = 255
+"""Of a file in its folder [bytes]; limits.h, NAME_MAX."""
+LONGEST_PORT: Final = 4000
+"""Longest address of a port; limits.h, PATH_MAX is 4096 bytes."""
+
+
+def _check_port(url: str) -> str:
+    """Return an address that the system can be asked for.
+
+    Raises:
+        ValueError: no device, file or host can be called so.
+    """
+    if not url.isprintable():
+        raise ValueError("it has characters that no device has in its name; write it again by hand")
+    if len(url) > LONGEST_PORT or any(len(part.encode()) > LONGEST_NAME for part in url.split("/")):
+        raise ValueError(f"it is too long for the name of a device ({LONGEST_NAME} bytes)")
+    try:
+        url.removeprefix("tcp:").rpartition(":")[0].encode("idna" if url.startswith("tcp:") else "utf-8")
+    except UnicodeError as error:
+        raise ValueError("no host can be called so") from error
+    return url
+
+
 class LinkConfig(Section):
     """One line to a MikroKopter."""
 
-    port: str = ""
+    port: Annotated[str, AfterValidator(_check_port)] = ""
     """`/dev/serial/by-id/...`, `pty:/dev/pts/N`, `tcp:host:port` or `replay:FILE?speed=20`."""
     baud: Annotated[int, Field(ge=1200, le=921600)] = 57600
     """Line rate [baud]; MikroKopter boards speak 57600."""
