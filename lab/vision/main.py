@@ -17,6 +17,7 @@ from cyclopts import Parameter
 
 from lab.campaign import Case, Part, run_parts
 from lab.vision import ablation
+from lab.vision.barometer import BAROMETER
 from lab.vision.cases import ACCURACY, COLD, CONDITIONS, VIEW_ANGLE
 from lab.vision.decks import DECKS
 from lab.vision.layouts import LAYOUTS
@@ -51,6 +52,7 @@ CASES: Final[dict[str, Case]] = {
     "published": PUBLISHED,
     "layouts": LAYOUTS,
     "selfcal": SELFCAL,
+    "barometer": BAROMETER,
     "flips": FLIPS,
     "false_positives": FALSE_POSITIVES,
     "nees": CONSISTENCY,

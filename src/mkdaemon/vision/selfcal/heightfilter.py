@@ -11,6 +11,8 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
+from mkdaemon.vision.selfcal.limits import SELFCAL
+
 Array = npt.NDArray[np.float64]
 
 SCALE_SD: Final = 0.5
@@ -52,6 +54,12 @@ class HeightFilter:
     def scale(self) -> tuple[float, float]:
         """Share by which the eyes' heights are too large, and its deviation."""
         return float(self._mean[1]), float(np.sqrt(self._covariance[1, 1]))
+
+    @property
+    def contradicts(self) -> bool:
+        """Whether the barometer says that heights are wrong: by enough to matter, and by no accident."""
+        share, sd = self.scale
+        return self.covered > SELFCAL.least_way and abs(share) > max(SELFCAL.height, SELFCAL.certain * sd)
 
     @property
     def covered(self) -> float:

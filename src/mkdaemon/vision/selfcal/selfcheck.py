@@ -83,7 +83,7 @@ class TargetWatch:
                 f" {1000 * largest.size * exp(share):.1f} mm against the distances between tags: measure the print"
             )
         share, sd = self.heights.scale
-        if self.heights.covered > SELFCAL.least_way and abs(share) > max(SELFCAL.height, SELFCAL.certain * sd):
+        if self.heights.contradicts:
             way = self.heights.covered
             yield (
                 f"a way of {way * (1 - share):.2f} +- {way * sd:.2f} m by the barometer is {way:.2f} m by the eyes"
