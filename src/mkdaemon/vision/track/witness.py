@@ -41,7 +41,7 @@ class AttitudeWitness:
         self._looks: deque[tuple[float, bool]] = deque(maxlen=LOOKS)
         self._off: deque[float] = deque(maxlen=LOOKS)
         self._agreeing = 0
-        self._agrees_since = self._told_at = -np.inf
+        self._agrees_since = self._newest = -np.inf
         self._back_after = BACK_AFTER[0]
 
     @property
@@ -63,7 +63,7 @@ class AttitudeWitness:
         agrees = off <= gate
         if not agrees:
             self._off.append(off)
-        self._told_at = time
+        self._newest = time
         if self.contradicts:
             self._weigh_return(time, agrees)
             return False
@@ -76,7 +76,7 @@ class AttitudeWitness:
 
     def time_passed(self, time: float) -> None:
         """Try the attitude again at a time [s] when no image has told anything about it for long."""
-        if self.contradicts and not 0.0 <= time - self._told_at < FORGET:
+        if self.contradicts and not 0.0 <= time - self._newest < FORGET:
             self._believe()
 
     def _weigh_return(self, time: float, agrees: bool) -> None:
