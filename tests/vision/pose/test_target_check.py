@@ -115,6 +115,7 @@ def test_the_camera_says_so_in_place_of_a_pose(tmp_path) -> None:
         state = BodyState(at, np.array([0.02 * np.sin(number), 0.0, 0.5]), np.zeros(3), np.eye(3), np.zeros(3))
         image = CameraImage(scene.expose(state), 10.0 + at, 10.0 + at, number, "down")
         poses += [name for name, _ in eye.process(image, None) if name.endswith("pose")]
+        eye.check_files()
     assert poses == []
     state, reason = eye.state(StreamStatus(StreamState.STREAMING, width=640, height=480))
     assert state is EyeState.TARGET_MISMATCH
