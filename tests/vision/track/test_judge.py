@@ -88,6 +88,29 @@ def followed(pose: Pose | None = None, misses: int = 0) -> Track:
     return track
 
 
+@dataclass
+class FitsByStart(GivenFits):
+    """A fitter that finds another pose from another start."""
+
+    by_start: dict[float, Pose] = field(default_factory=dict)
+
+    def refine(self, pixels, start, level=None):
+        return self.by_start.get(start.range_m)
+
+
+def test_where_few_edges_agree_another_start_is_tried_and_the_better_fit_taken() -> None:
+    beside, right = fitted(inliers=0.45, loss=0.1), fitted(loss=0.002)
+    track = followed()
+    judge = Judge(checks(FitsByStart(by_start={3.0: beside, 2.9: right}), track))
+    verdict = judge.measure(sight(), fitted(3.0), fitted(), iter([fitted(2.9)]))
+    assert verdict.pose is not None
+    assert verdict.pose.inliers == right.inliers
+    untouched = iter([fitted(2.9)])
+    judge = Judge(checks(FitsByStart(by_start={3.0: right}), followed()))
+    judge.measure(sight(), fitted(3.0), fitted(), untouched)
+    assert next(untouched, None) is not None, "a good fit asks for no other start"
+
+
 WITH_ATTITUDE = [
     (fitted(), None, True),
     (None, PoseRefusal.NO_FIT, False),

@@ -78,7 +78,8 @@ class Follower:
             return
         predicted = track.predict(now, frame.sight.enu_from_flu, self._mounting, frame.sight.turning_flu)
         for mode, start in self._starts(frame, predicted):
-            verdict = self.judge.measure(frame.sight, start, predicted.pose)
+            others = self._carried(frame, predicted.pose) if mode == "predicted" else ()
+            verdict = self.judge.measure(frame.sight, start, predicted.pose, others)
             if verdict.pose is None:
                 frame.refused[self.name] = verdict.refusal or PoseRefusal.NO_FIT
                 continue
@@ -168,9 +169,14 @@ class Follower:
         patience = self._limits.track.predict_through if predicted.has_attitude else through
         if track.misses < patience and (predicted.has_attitude or track.has_velocity):
             yield "predicted", predicted.pose
-        if track.misses < through and track.image is not None:
-            for carried in self._carrier.starts(track.image, frame.sight.pixels, track.last, predicted.pose):
+        if track.misses < through:
+            for carried in self._carried(frame, predicted.pose):
                 yield "flow", carried
+
+    def _carried(self, frame: Frame, predicted: Pose) -> Iterator[Pose]:
+        """The last pose carried over by what moved in the image."""
+        if self.track.image is not None:
+            yield from self._carrier.starts(self.track.image, frame.sight.pixels, self.track.last, predicted)
 
     def _decode_again(self, frame: Frame, pose: Pose) -> bool:
         """Decode the followed target once a period; false ends the track."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 from mkdaemon.telemetry.vision import PoseRefusal
@@ -40,16 +40,23 @@ class Judge:
         self._limits = checks.limits
         self.is_backed = False
 
-    def measure(self, seen: Sight, start: Pose, predicted: Pose) -> Verdict:
+    def measure(self, seen: Sight, start: Pose, predicted: Pose, others: Iterable[Pose] = ()) -> Verdict:
         """Fit from one start and judge the fit.
 
         Args:
             seen: the image.
             start: where the fit begins.
             predicted: what the track expects.
+            others: starts that are tried where few edges agree; asked for only then.
         """
         checks = self._checks
         pose = self._fitter.refine(seen.pixels, start)
+        if pose is not None and pose.source == "edges" and pose.inliers < self._limits.agreement.blind:
+            # Something lies over the target, or the start was half a cell off and edges were taken for neighbours:
+            # then another start fits better.
+            refits = [self._fitter.refine(seen.pixels, other) for other in others]
+            rivals = [pose, *(other for other in refits if other is not None and other.source == "edges")]
+            pose = min(rivals, key=lambda rival: rival.loss)
         refused = checks.refusal(seen, pose, predicted) if pose is not None else PoseRefusal.NO_FIT
         if pose is not None and refused is None:
             if checks.level.knows(seen):
