@@ -69,20 +69,27 @@ class NightCamera:
 def _plan(quick: bool, seeds: SeedSet) -> list[Part]:
     flights = 1 if quick else 4
     return [
-        Part(_fly, (way, lux, seeds.base + 1600 + k), int(30 * SECONDS))
+        Part(fly_night, (way, lux, seeds.base + 1600 + k), int(30 * SECONDS))
         for way in WAYS
         for lux in LUX
         for k in range(flights)
     ]
 
 
-def _fly(way: str, lux: float, seed: int) -> dict[str, Any]:
-    """One flight with attitude; the settings settle in its first second, which does not count."""
+def fly_night(way: str, lux: float, seed: int, seconds: float = SECONDS) -> dict[str, Any]:
+    """One flight with attitude; the settings settle in its first second, which does not count.
+
+    Args:
+        way: one of `WAYS`.
+        lux: light on the scene.
+        seed: draws the flight.
+        seconds: how long.
+    """
     target, camera = target_named("nested"), NightCamera(lux, way)
     tracker = Tracker(TagMap((target,)), VGA, LOOKING_DOWN)
     images = posed = wrong = 0
     off = []
-    for frame in fly(target, seed, seconds=SECONDS, troubled=False, device=Device(response=RESPONSE), weather=camera):
+    for frame in fly(target, seed, seconds=seconds, troubled=False, device=Device(response=RESPONSE), weather=camera):
         result = tracker.update(frame.image, frame.attitude)
         found = result.pose_of(target.name)
         camera.outlines = [detection.corners for detection in result.detections]

@@ -192,12 +192,13 @@ class Look:
     turned: float = 0.0
 
 
-def fly_conditions(name: str, seed: int) -> dict[str, list[Look]]:
+def fly_conditions(name: str, seed: int, seconds: float = SECONDS) -> dict[str, list[Look]]:
     """One flight through the eyes with attitude and without.
 
     Args:
         name: a key of `SKIES`.
         seed: draws the flight and its hardship.
+        seconds: how long.
 
     Returns:
         What they made of the images that show the whole target.
@@ -209,7 +210,7 @@ def fly_conditions(name: str, seed: int) -> dict[str, list[Look]]:
     }
     weather = SkyWeather(sky, seed, target.tags[0].size)
     looks: dict[str, list[Look]] = {program: [] for program in eyes}
-    for frame in fly(target, seed, seconds=SECONDS, troubled=False, device=sky.device, weather=weather):
+    for frame in fly(target, seed, seconds=seconds, troubled=False, device=sky.device, weather=weather):
         for program, tracker in eyes.items():
             found = tracker.update(frame.image, frame.attitude).pose_of(target.name)
             if frame.in_view < 1.0:
@@ -235,12 +236,13 @@ def sum_up_flights(parts: Sequence[Part], found: Sequence[dict[str, list[Look]]]
     for name in dict.fromkeys(part.args[0] for part in parts):
         flights = [looks for part, looks in zip(parts, found, strict=True) if part.args[0] == name]
         rows[name] = {
-            program: _figures([look for flight in flights for look in flight[program]]) for program in flights[0]
+            program: figures([look for flight in flights for look in flight[program]]) for program in flights[0]
         }
     return rows
 
 
-def _figures(looks: list[Look]) -> dict[str, Any]:
+def figures(looks: list[Look]) -> dict[str, Any]:
+    """Counts, NEES and errors of what one program made of some images."""
     posed = [look for look in looks if look.posed]
     row: dict[str, Any] = {"images": len(looks), "posed": len(posed), "wrong": sum(look.wrong for look in posed)}
     if posed:

@@ -1,0 +1,18 @@
+"""The eyes under a few hardships, a third of a second each; `lab vision --case conditions` flies through all."""
+
+from __future__ import annotations
+
+import pytest
+
+from lab.vision.weather import figures, fly_conditions
+
+SEED = 3_001_401
+
+
+@pytest.mark.parametrize("name", ["leaf_shadows", "curl", "auto_exposure", "exposure_18_ms"])
+def test_a_hardship_costs_poses_but_gives_no_wrong_one(name: str) -> None:
+    found = figures(fly_conditions(name, SEED, 0.34)["with_attitude"])
+    print(name, found)
+    assert found["images"] == 10
+    assert found["wrong"] == 0
+    assert found["posed"] >= 5
