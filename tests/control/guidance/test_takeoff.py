@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from mkdaemon.control.guidance.takeoff import IDLE_GAS, LIKELY, TakeOff, TakeOffLimits, TakeOffPhase
+from mkdaemon.control.guidance.takeoff import IDLE_GAS, LIKELY, OLDEST, TakeOff, TakeOffLimits, TakeOffPhase
 
 LIMITS = TakeOffLimits(ready=1.0)
 HOVER = 120.0
@@ -52,6 +52,15 @@ def test_two_images_of_a_climbing_aircraft_give_it_to_the_autopilot_with_the_thr
     assert take_off.seen(0.3, 1.6) is None, "it is known by now"
 
 
+def test_old_images_do_not_hand_a_flying_aircraft_to_the_autopilot():
+    take_off = TakeOff(LIMITS, HOVER, 0.0)
+    for k in range(1, round((LIMITS.ready + LIMITS.blind + 0.6) / STEP)):
+        take_off.gas(k * STEP, STEP, 0.0)
+        assert take_off.seen(0.2 + 0.01 * k, k * STEP - OLDEST - 0.01) is None
+    assert take_off.is_over
+    assert "too old" in take_off.failure
+
+
 def test_what_carries_the_aircraft_is_not_far_from_what_was_believed():
     take_off = TakeOff(LIMITS, HOVER, 0.0)
     run(take_off, 0.0, 1.6)
@@ -68,13 +77,6 @@ def test_an_aircraft_that_tips_over_has_its_throttle_cut_then_is_released():
     gas = run(take_off, 1.32, LIMITS.cut + 0.1, tilt=0.3)[-1][1]
     assert gas == pytest.approx(IDLE_GAS)
     assert take_off.is_over
-
-
-def test_old_throttle_is_forgotten():
-    take_off = TakeOff(TakeOffLimits(ready=3.0), HOVER, 0.0)
-    run(take_off, 0.0, 3.2)
-    assert take_off.seen(0.3, 0.5) is None
-    assert take_off.seen(0.4, 0.6) is not None
 
 
 def test_in_the_air_only_the_climb_is_left_and_cannot_fail():

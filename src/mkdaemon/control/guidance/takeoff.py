@@ -19,8 +19,8 @@ IDLE_GAS: Final = 27.0
 """Throttle that carries nothing [count of 254]."""
 LIKELY: Final = (0.75, 1.25)
 """Throttle that carries the aircraft, over what was believed to."""
-MEMORY: Final = 1.0
-"""Throttle is remembered for images so old [s]."""
+OLDEST: Final = 0.6
+"""An older image proves nothing [s]: the estimator could not roll back to it, and would fly on from where it was."""
 
 
 class TakeOffPhase(StrEnum):
@@ -129,13 +129,13 @@ class TakeOff:
             elif self._strong_since is not None and now - self._strong_since > limits.blind:
                 self.fail(
                     "no image shows it off the ground: gate shut, the pilot's throttle too low, motors off, "
-                    "or control.limiter.hover_throttle too small for its weight"
+                    "control.limiter.hover_throttle too small for its weight, or images too old"
                 )
         elif self.phase is TakeOffPhase.FAILED:
             self._cut_left -= step
         gas = self._share * self._hover_gas
         self._history.append((now, gas))
-        while self._history[0][0] < now - MEMORY and len(self._history) > 1:
+        while self._history[0][0] < now - OLDEST and len(self._history) > 1:
             self._history.popleft()
         return gas
 
@@ -158,7 +158,7 @@ class TakeOff:
             at: when the image was taken [s].
         """
         limits = self._limits
-        if self.phase is not TakeOffPhase.RAMP:
+        if self.phase is not TakeOffPhase.RAMP or self._history[-1][0] - at > OLDEST:
             return None
         flown = height - limits.stand_height
         before, before_at = self._seen
