@@ -57,7 +57,7 @@ class GuardProcess:
         self._channel: socket.socket | None = None
         self._answered = float("-inf")
         self._lost = asyncio.Event()
-        self._heard = asyncio.Event()
+        self._first_answer = asyncio.Event()
 
     @property
     def is_alive(self) -> bool:
@@ -97,7 +97,7 @@ class GuardProcess:
         self._send(Word.PING)
         with suppress(TimeoutError):
             async with asyncio.timeout(START_LIMIT):
-                await self._heard.wait()
+                await self._first_answer.wait()
 
     async def watch(self) -> None:
         """Ask again and again whether it is there, and report every change."""
@@ -169,7 +169,7 @@ class GuardProcess:
             self._hang_up()
             return
         self._answered = self._clock()
-        self._heard.set()
+        self._first_answer.set()
         if packet in (Word.NEUTRAL, Word.RELEASED) and packet != self._reported:
             self._reported = packet
             self.acted(packet == Word.RELEASED)
@@ -180,7 +180,7 @@ class GuardProcess:
             asyncio.get_running_loop().remove_reader(channel.fileno())
             channel.close()
             self._lost.set()
-            self._heard.set()
+            self._first_answer.set()
 
 
 def take_report(path: Path) -> str | None:
