@@ -17,7 +17,7 @@ LOOKS: Final = 10
 AGAINST: Final = 3
 """So many of them that contradict leave it out: an image that something lies over misleads for a moment.
 
-With 5 a flight with the roll's sign swapped lost 30 of 103 images, with 3 18; beside a right attitude 1 of 446 did.
+With 5 a flight with the roll's sign swapped lost 28 of 103 images, with 3 15; a right attitude refused 1 image of 446.
 """
 RECENT: Final = 3.0
 """Images older than this tell nothing about now [s]."""
