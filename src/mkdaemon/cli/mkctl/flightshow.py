@@ -70,7 +70,7 @@ async def leased(uav: Vehicle, connection: Connection, *, force: bool) -> AsyncI
     released = asyncio.Event()
     released.set()
 
-    async def tell() -> None:
+    async def show_hands() -> None:
         hands = ""
         clear = CLEAR if sys.stderr.isatty() and not connection.json else ""
         async with uav.watch("control/status") as samples:
@@ -87,7 +87,7 @@ async def leased(uav: Vehicle, connection: Connection, *, force: bool) -> AsyncI
                 else:
                     released.clear()
 
-    telling = asyncio.create_task(tell(), name="pilot's hands")
+    showing_hands = asyncio.create_task(show_hands(), name="pilot's hands")
     try:
         async with uav.lease(force=force) as lease:
             yield lease
@@ -95,8 +95,8 @@ async def leased(uav: Vehicle, connection: Connection, *, force: bool) -> AsyncI
         with suppress(TimeoutError):
             async with asyncio.timeout(LAST_WORD):
                 await released.wait()
-        telling.cancel()
-        await asyncio.gather(telling, return_exceptions=True)
+        showing_hands.cancel()
+        await asyncio.gather(showing_hands, return_exceptions=True)
 
 
 @asynccontextmanager
