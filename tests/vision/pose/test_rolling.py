@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import numpy.typing as npt
 
 from lab.vision.stills import error_of, target_named
 from mkdaemon.sim.scene.light import CLEAN
@@ -20,6 +21,8 @@ from mkdaemon.vision.pose.photofit import PhotoFit
 from mkdaemon.vision.pose.pose import Pose
 from mkdaemon.vision.pose.projection import Projection
 from mkdaemon.vision.pose.rolling import KnownMotion, at_rest, before_motion, exposed, motion_jacobian, motion_of
+
+Array = npt.NDArray[np.float64]
 
 LINE_TIME = 30e-3 / 480
 LENS = Intrinsics(width=640, height=480, fx=600.0, fy=600.0, cx=319.5, cy=239.5, line_time=LINE_TIME)
@@ -107,21 +110,31 @@ def test_a_motion_moves_a_place_as_speed_and_turning_do() -> None:
     np.testing.assert_allclose(moved, speed - np.cross(turning, place), atol=1e-12)
 
 
-def test_an_angular_acceleration_bends_the_image_as_the_fit_says() -> None:
+def test_what_a_turn_at_an_even_rate_leaves_moves_the_image_as_the_fit_says() -> None:
     projection = Projection(LENS)
     points, times = np.array([[0.2, 0.3, 1.5], [-0.3, -0.4, 2.0]]), np.array([8e-3, -6e-3])
     normals = np.array([[0.6, 0.8], [1.0, 0.0]])
     by_point = np.einsum("ni,nij->nj", normals, projection.jacobian(points))
-    columns = np.hstack([np.zeros((2, 6)), motion_jacobian(by_point, points, times)])
+    columns = np.hstack([by_point, np.zeros((2, 3)), motion_jacobian(by_point, points, times)])
     samples = Samples(np.arange(2), np.zeros((2, 2)), normals, np.ones(2), columns, times)
-    start = Pose(np.eye(3), points[0], np.eye(6), "corners", 4, 0.1)
-    grown, (weight, _) = with_motion(samples, (np.eye(6), np.zeros(6)), start, np.zeros(4), 0.1, LIMITS.edges)
-    assert grown.jacobian.shape == (2, 13)
-    np.testing.assert_allclose(np.diag(weight)[10:], (0.1 / LIMITS.edges.acceleration_sd) ** 2)
-    for k in range(3):
-        bent = points - times[:, None] ** 2 / 2 * np.cross(np.eye(3)[k], points)
-        change = (normals * (projection.project(bent)[0] - projection.project(points)[0])).sum(axis=1)
-        np.testing.assert_allclose(grown.jacobian[:, 10 + k], change, rtol=0.001, atol=1e-6)
+    place = np.array([0.1, -0.2, 1.7])
+    start = Pose(np.eye(3), place, np.eye(6), "corners", 4, 0.1)
+    prior = (np.eye(6), np.zeros(6))
+    grown, (weight, _) = with_motion(samples, prior, start, np.zeros(4), place, 0.1, LIMITS.edges)
+    assert grown.jacobian.shape == (2, 15)
+    np.testing.assert_allclose(np.diag(weight)[10:13], (0.1 / LIMITS.edges.acceleration_sd) ** 2)
+
+    def change(moved: Array) -> Array:
+        step = 1e-3 * moved
+        shift: Array = (normals * (projection.project(points + step)[0] - projection.project(points)[0])).sum(axis=1)
+        return 1e3 * shift
+
+    for k, axis in enumerate(np.eye(3)):
+        bent = change(-(times[:, None] ** 2) / 2 * np.cross(axis, points))
+        np.testing.assert_allclose(grown.jacobian[:, 10 + k], bent, rtol=0.001, atol=1e-6)
+    for k, axis in enumerate(np.eye(3)[:2]):
+        slid = change(times[:, None] * (axis - np.cross(np.cross(place, axis) / float(place @ place), points)))
+        np.testing.assert_allclose(grown.jacobian[:, 13 + k], slid, rtol=0.001, atol=1e-6)
 
 
 def test_a_far_print_under_a_rolling_shutter_is_fitted_with_what_is_known_of_the_motion() -> None:

@@ -156,7 +156,7 @@ class EdgeFit:
             carried = samples.jacobian.shape[1]
             if motion is not None:
                 edge_px = limits.located_px if last is None else max(last.variance**0.5, limits.least_scale_px)
-                samples, prior = with_motion(samples, prior, start, motion, edge_px, limits)
+                samples, prior = with_motion(samples, prior, start, motion, position, edge_px, limits)
             samples, prior = with_shift(samples, prior, limits.located_px / limits.shift_sd_px)
             least_scale = limits.first_scale_px if k == 0 else limits.least_scale_px
             last = EdgeStep.solve(samples.jacobian, edges, least_scale, limits.tukey, prior)

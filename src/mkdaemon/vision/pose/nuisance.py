@@ -15,7 +15,7 @@ from mkdaemon.vision.limits import EdgeLimits
 from mkdaemon.vision.pose.edgefind import Samples
 from mkdaemon.vision.pose.pose import Pose
 from mkdaemon.vision.pose.projection import Projection
-from mkdaemon.vision.pose.rolling import MOTIONS, motion_at_rest
+from mkdaemon.vision.pose.rolling import MOTIONS, motion_at_rest, skew
 
 Array = npt.NDArray[np.float64]
 Prior = tuple[Array, Array]
@@ -38,26 +38,39 @@ def with_stretch(
 
 
 def with_motion(
-    samples: Samples, prior: Prior, start: Pose, motion: Array, edge_px: float, limits: EdgeLimits
+    samples: Samples,
+    prior: Prior,
+    start: Pose,
+    motion: Array,
+    position: Array,
+    edge_px: float,
+    limits: EdgeLimits,
 ) -> tuple[Samples, Prior]:
     """The motion m under a rolling shutter, whose columns J has, and the angular acceleration a meanwhile.
 
     The costs are |(m - expected) / spread|^2 and |a / sd|^2. An acceleration bends the image by a t^2 / 2, so J gains
-    t / 2 times the columns of the rates; it is not carried from step to step, each asks for all of it.
+    t / 2 times the columns of the rates. A speed e across the line of sight is in m as a turn, which is right at the
+    target's origin P0 only: J gains what either axis moves beyond that turn, t (e - w x P) with w = P0 x e / P0^2.
+    Neither is carried from step to step, each asks for all of it.
 
     Args:
         samples: with the motion as their last columns.
         prior: of the pose.
         start: of the fit; may know the motion.
         motion: that the samples were projected with `(4,)`.
+        position: of the target `(3,)` [m; RDF].
         edge_px: deviation of a located edge [px].
         limits: how far a motion is known.
     """
     expected, spread = motion_known(start, limits)
-    weight = (edge_px / np.array([*spread, *[limits.acceleration_sd] * 3])) ** 2
-    bend = samples.jacobian[:, -MOTIONS : 3 - MOTIONS] * (samples.times / 2)[:, None]
-    grown = _grown(prior, weight, weight * np.array([*(expected - motion), 0.0, 0.0, 0.0]))
-    return replace(samples, jacobian=np.hstack([samples.jacobian, bend])), grown
+    extra = np.array([limits.acceleration_sd] * 3 + [limits.unknown_speed] * 2)
+    weight = (edge_px / np.concatenate([spread, extra])) ** 2
+    times, rates = samples.times[:, None], samples.jacobian[:, -MOTIONS : 3 - MOTIONS]
+    # With n . u x P = u . P x n the turn in place of a speed e is the columns of the rates times P0 x e / P0^2.
+    instead = skew(position)[:, :2] / float(position @ position)
+    slide = times * samples.jacobian[:, :2] + rates @ instead
+    grown = _grown(prior, weight, weight * np.concatenate([expected - motion, np.zeros(len(extra))]))
+    return replace(samples, jacobian=np.hstack([samples.jacobian, rates * (times / 2), slide])), grown
 
 
 def motion_known(start: Pose, limits: EdgeLimits) -> tuple[Array, Array]:
