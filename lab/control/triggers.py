@@ -15,6 +15,7 @@ from enum import Enum
 from multiprocessing import get_context
 from typing import Any, Final
 
+from lab.control.batterystories import battery_lands, battery_released
 from lab.control.triggerrig import CLIENT, TICK, Client, Scene
 from lab.control.triggerstories import (
     Story,
@@ -49,6 +50,7 @@ from lab.control.triggerstories import (
 from lab.rigs.cockpit import Boards, cockpit
 from lab.rigs.cockpitclient import PublishedValues
 from lab.rigs.virtualguard import VirtualGuard
+from mkdaemon.control.batterywatch import LASTING
 from mkdaemon.virtualtime import run_virtually
 
 GENERATIONS: Final = (
@@ -122,6 +124,7 @@ class Trigger:
 
 
 BLIND: Final = "the target is out of sight, flown by position or velocity"
+BATTERY: Final = "the battery is low: the board's alarm, or the voltage of the active set"
 NO_DATA: Final = "no board data"
 SWITCHES: Final = (
     "height control is switched on, or the GPS switch is turned to hold or coming home under a flight by position"
@@ -138,6 +141,8 @@ TRIGGERS: Final = (
     Trigger(BLIND, blind_release, 3.0),
     Trigger(BLIND, eyes_stalled, 1.5),
     Trigger("take-off without an image of a flying aircraft", blind_takeoff, 1.2),
+    Trigger(BATTERY, battery_lands, LASTING),
+    Trigger(BATTERY, battery_released, LASTING),
     Trigger("somebody asks for an abort", aborted, 0.0),
     Trigger(ENDED, release_asked, 0.0),
     Trigger(ENDED, taken_over, 0.0),

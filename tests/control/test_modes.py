@@ -9,6 +9,7 @@ import pytest
 
 from mkdaemon.control.modes import (
     ALWAYS,
+    CAN_LAND,
     FRESH,
     HELD,
     NOT_HELD,
@@ -33,6 +34,7 @@ WHEN = {
     READY: Situation(is_held=True, is_live=True, is_ready=True, is_fresh=True),
     READY_BUT_OLD: Situation(is_held=True, is_live=True, is_ready=True),
     FRESH: Situation(is_held=True, is_fresh=True),
+    CAN_LAND: Situation(is_held=True, can_land=True),
     TOO_OLD: Situation(is_held=True),
     RELEASE_OWED: Situation(is_held=True, is_release_owed=True),
     HELD: Situation(is_held=True),
@@ -40,7 +42,7 @@ WHEN = {
 }
 """A situation in which each guard holds, and none of an earlier row."""
 
-ALL = [Situation(*flags) for flags in itertools.product((False, True), repeat=6)]
+ALL = [Situation(*flags) for flags in itertools.product((False, True), repeat=7)]
 
 
 @pytest.mark.parametrize("row", ROWS, ids=lambda row: f"{row.event}-{row.sources[0]}-{row.target}")
@@ -82,9 +84,12 @@ def test_sticks_are_sent_in_flight_only_and_a_stale_setpoint_never_tilts(situati
             assert situation.is_fresh
             assert not situation.is_silent
         if row is not None and row.reaction is Reaction.NEUTRAL:
-            assert row.target is (Phase.ABORTED if phase is Phase.ABORTED else Phase.STALE)
+            assert row.target is (phase if phase in (Phase.ABORTED, Phase.LANDING) else Phase.STALE)
         if row is not None and row.reaction is Reaction.HOLD:
             assert row.target is Phase.ABORTED
+            assert situation.is_fresh
+        if row is not None and row.reaction is Reaction.LAND:
+            assert row.target is phase is Phase.LANDING
             assert situation.is_fresh
 
 

@@ -93,7 +93,7 @@ class SetpointStream:
         """Whether the daemon has begun to send what is streamed to the aircraft."""
         from mkdaemon.telemetry.control import Phase
 
-        flown = {Phase.FLYING, Phase.STALE, Phase.ABORTED}
+        flown = {Phase.FLYING, Phase.STALE, Phase.ABORTED, Phase.LANDING}
         return self._lost is None and self._status is not None and self._status.phase in flown
 
     @property

@@ -14,7 +14,7 @@ from mkdaemon.config.control import ControlConfig
 from mkdaemon.control.decisions import Decision, Fly, ReleaseOrder, SendNothing
 from mkdaemon.control.lease import Lease
 from mkdaemon.control.modes import IN_FLIGHT, Event, Reaction, Row, Situation, find_row
-from mkdaemon.control.setpoints import Guided
+from mkdaemon.control.setpoints import Guided, landing_of
 from mkdaemon.errors import CommandRejectedError
 from mkdaemon.telemetry.control import LeaseGrant, LeaseState, Phase, Progress
 from mkdaemon.telemetry.refusals import Token, refuse
@@ -146,6 +146,15 @@ class Authority:
         if self._move(Event.ABORT_REQUESTED, cause=cause) is None and self.phase is not Phase.ABORTED:
             raise refuse(Token.NOTHING_FLOWN, phase=self.reason)
 
+    def battery_low(self, cause: str, *, can_land: bool) -> None:
+        """End the flight because the battery is low: with a landing where a target is in sight, else with a release."""
+        situation = Situation(is_held=self._lease is not None, can_land=can_land)
+        row = find_row(self.phase, Event.BATTERY_LOW, situation)
+        if row is not None and row.reaction is Reaction.RELEASE:
+            self._pending = self._release_order(row, cause=cause)
+        elif row is not None:
+            self.phase, self.reason = row.target, self._reason(row, cause=cause)
+
     def offer(self, setpoint: Setpoint, now: float, signature: Signature) -> bool:
         """Take a setpoint; the newest of the present lease wins.
 
@@ -208,7 +217,8 @@ class Authority:
             return ReleaseOrder(self.reason, lease.holder, row.is_asked)
         assert lease.newest is not None
         assert guided is not None
-        self.progress = Progress(lease.newest.kind, guided.stage, guided.is_done)
+        followed = landing_of(lease.newest) if self.phase is Phase.LANDING else lease.newest
+        self.progress = Progress(followed.kind, guided.stage, guided.is_done)
         return Fly(guided.sticks, now - lease.arrived, lease.newest.ttl, lease.epoch, lease.newest.sequence)
 
     def released(self, now: float) -> None:

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from mkdaemon.control.activeset import OPEN_ABOVE, GateKind
+from mkdaemon.control.batterywatch import low_voltage
 from mkdaemon.control.knowledge import Knowledge
 from mkdaemon.control.motionmatch import ALIKE
 from mkdaemon.control.verdict import Verdict, passed, stands, unknown
@@ -35,8 +36,6 @@ LOWEST_EMERGENCY: Final = 0.7
 """With one below this the aircraft falls: half of its weight is carried [share of the hover throttle]."""
 LEAST_DISK: Final = 200e6
 """Free space with which a flight may begin [bytes]: an hour of the recorder's small streams."""
-HIGHEST_CELL: Final = 4.3
-"""The FlightCtrl counts cells by this voltage [V]; docs/firmware-notes.md."""
 EYES_FRESH: Final = 3.0
 """What a camera said of itself longer ago counts no more [s]; it says so once a second."""
 LATEST_IMAGES: Final = 500.0
@@ -168,9 +167,7 @@ def _battery(known: Knowledge) -> Verdict:
     if battery is None:
         return unknown("nobody says how full it is")
     low = battery.is_low or (flight is not None and flight.battery_low)
-    cell = known.active_set.low_cell
-    limit = 0.0 if cell is None else cell * (1 + int(known.highest_voltage / HIGHEST_CELL))
-    if low or battery.voltage < limit:
+    if low or battery.voltage < low_voltage(known.active_set, known.highest_voltage):
         return stands(refuse(Token.BATTERY_LOW, voltage=battery.voltage))
     return passed(f"{battery.voltage:.1f} V")
 

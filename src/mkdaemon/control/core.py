@@ -22,7 +22,7 @@ from mkdaemon.control.pacing import Pacing
 from mkdaemon.control.patience import LinePatience
 from mkdaemon.control.preflight import Preflight
 from mkdaemon.control.reports import Reports
-from mkdaemon.control.setpoints import Guidance, Guided, guidance, guidance_for
+from mkdaemon.control.setpoints import Guidance, Guided, guidance, guidance_for, landing_of
 from mkdaemon.control.targetflight import ATTITUDE_LATENCY, TargetFlight
 from mkdaemon.control.vehicle import VehicleFacts
 from mkdaemon.errors import CommandRejectedError
@@ -72,7 +72,7 @@ class FlightCore:
         self._output = StickOutput(cfg, facts)
         self._reports = Reports(self._authority, self._output, facts)
         self._patience = LinePatience(one_way=cfg.lease.release_after)
-        self._watch = FlightWatch(self._authority, facts, self._patience)
+        self._watch = FlightWatch(self._authority, facts, self._patience, self._target.is_in_sight)
         self._preflight = Preflight(cfg, facts)
         self._release: ReleaseOrder | None = None
         self._nameless = 0
@@ -251,7 +251,7 @@ class FlightCore:
         if self._release is None:
             if stood_still > self._cfg.limiter.setpoint_ttl and self._authority.phase in IN_FLIGHT:
                 self._authority.end(Event.STALLED, cause=f"{stood_still:.2f}")
-            self._watch.look(now)
+            self._watch.look(self._preflight.active_set, now)
             before = self._authority.phase
             decision = self._authority.tick(now)
             self._reports.phase_changed()
@@ -259,13 +259,15 @@ class FlightCore:
                 order = self._fly(decision, now, engaging=before is Phase.LEASED)
             elif isinstance(decision, ReleaseOrder):
                 self._release, order = decision, Release(decision.reason)
-        self._reports.status(self._preflight.line.layout, now)
+        self._reports.status(self._preflight.line.layout, self._watch.battery.warning, now)
         self.pacing.sends(is_flying=self._authority.phase in IN_FLIGHT, is_by_images=self._target.guided_at == now)
         return ([] if order is None else [order]) + self._reports.take()
 
     def _guide(self, setpoint: Setpoint, now: float, is_flying: bool) -> Guided:
         if self._authority.phase is Phase.ABORTED:
             return self._target.stop(setpoint, self.facts, now)
+        if self._authority.phase is Phase.LANDING:
+            setpoint = landing_of(setpoint)
         guided = guidance_for(setpoint, self._guidance).guide(setpoint, self.facts, now, is_flying=is_flying)
         return self._preflight.wait_for_board(guided)
 
@@ -287,8 +289,6 @@ class FlightCore:
         self._target.sticks_made(frame.counts, now)
         self._reports.estimate(self._target.estimate(now), self._target.error)
         return frame
-
-    # -- inside ---------------------------------------------------------------------------------------------------
 
     def _end(self, event: Event, cause: str) -> None:
         self._authority.end(event, cause=cause)

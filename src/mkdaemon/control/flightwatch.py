@@ -1,10 +1,13 @@
-"""What ends a lease without anybody asking: line, receiver, height control, the NaviCtrl's position control. Pure."""
+"""What ends a flight without anybody asking: line, receiver, height control, the NaviCtrl, the battery. Pure."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Final
 
+from mkdaemon.control.activeset import ActiveSet
 from mkdaemon.control.authority import Authority
+from mkdaemon.control.batterywatch import BatteryWatch
 from mkdaemon.control.modes import IN_FLIGHT, Event
 from mkdaemon.control.patience import LinePatience
 from mkdaemon.control.vehicle import VehicleFacts
@@ -15,14 +18,24 @@ BY_HAND: Final = frozenset({StickSetpoint.suffix, AttitudeSetpoint.suffix})
 
 
 class FlightWatch:
-    """Looks at the line and at the pilot's receiver, at each tick."""
+    """Looks at the line, the pilot's receiver and the battery, at each tick.
 
-    def __init__(self, authority: Authority, facts: VehicleFacts, patience: LinePatience) -> None:
-        """Watch for the holder of the lease of `authority`."""
-        self._authority, self._facts, self._patience = authority, facts, patience
+    Attributes:
+        battery: what was found out about it in flight.
+    """
 
-    def look(self, now: float) -> None:
+    def __init__(
+        self, authority: Authority, facts: VehicleFacts, patience: LinePatience, can_land: Callable[[float], bool]
+    ) -> None:
+        """Watch for the holder of the lease of `authority`; `can_land`: is a target in sight at a time [s]."""
+        self._authority, self._facts, self._patience, self._can_land = authority, facts, patience, can_land
+        self.battery = BatteryWatch(facts)
+        self._landed_epoch = -1
+
+    def look(self, found: ActiveSet, now: float) -> None:
         """End the lease where the line or the receiver says so; the next tick releases the aircraft.
+
+        A battery that stays low ends the flight once for each lease: who aborts that landing flies on.
 
         A FlightCtrl without its receiver lands by itself and ignores stick frames: they must not take hold again, at
         whatever tilt, when the receiver is back. Source: docs/firmware-notes, "External control".
@@ -30,7 +43,8 @@ class FlightWatch:
         link = self._facts.link
         if link is not None:
             self._patience.watch(link, now)
-        if self._authority.lease(now) is None:
+        lease = self._authority.lease(now)
+        if lease is None:
             return
         if link is not None and self._patience.is_over(link, now):
             self._authority.end(Event.LINK_LOST, cause=f"{link.condition.value}: {link.reason}")
@@ -38,6 +52,11 @@ class FlightWatch:
             self._authority.end(Event.RECEIVER_LOST)
         elif self._authority.phase in IN_FLIGHT and (cause := self._other_control(now)):
             self._authority.end(Event.CONTROL_IMPOSSIBLE, cause=cause)
+        elif self._authority.phase in IN_FLIGHT:
+            self.battery.look(found, now)
+            if self.battery.warning is not None and self.battery.has_lasted and lease.epoch != self._landed_epoch:
+                self._landed_epoch = lease.epoch
+                self._authority.battery_low(self.battery.warning.reason, can_land=self._can_land(now))
 
     def _other_control(self, now: float) -> str:
         """What the boards do with the sticks besides; empty for nothing, and where nobody says so."""

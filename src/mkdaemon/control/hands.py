@@ -66,6 +66,8 @@ HANDS: Final = (
     Hands(Phase.FLYING, "", "", LID),
     Hands(Phase.STALE, "", "", "shuts the gate and flies, unless the machine goes on at once"),
     Hands(Phase.ABORTED, "", "", f"{LID}; shuts the gate to take over"),
+    Hands(Phase.LANDING, _LANDING, LandingPhase.DOWN.value, _STANDS),
+    Hands(Phase.LANDING, "", "", "holds the throttle a quarter above hover until the feet stand, then down"),
     Hands(Phase.RELEASING, _LANDING, LandingPhase.DOWN.value, _STANDS),
     Hands(Phase.RELEASING, "", "", "flies: throttle back to hover at once, or the aircraft climbs"),
 )

@@ -41,6 +41,8 @@ class Event(StrEnum):
     """The setpoint cannot be followed any more: the target has been out of sight for too long, for example."""
     FLIGHT_FINISHED = "flight_finished"
     """The setpoint has been followed to its end: the aircraft stands on the target."""
+    BATTERY_LOW = "battery_low"
+    """The battery has been low for a while."""
     STALLED = "stalled"
     """The daemon itself stood still for longer than a setpoint lives."""
     RECEIVER_LOST = "receiver_lost"
@@ -60,6 +62,8 @@ class Reaction(StrEnum):
     """The setpoint's sticks, through the limiter."""
     HOLD = "hold"
     """Sticks that hold the place, through the limiter; level at hover throttle where no target is in sight."""
+    LAND = "land"
+    """Sticks that land on the target, through the limiter; level at hover throttle while it is out of sight."""
     NEUTRAL = "neutral"
     """Neutral sticks at hover throttle, through the limiter."""
     RELEASE = "release"
@@ -77,6 +81,7 @@ class Situation:
         is_ready: a flight may begin with its newest setpoint: sticks are neutral, or the estimate is good enough.
         is_fresh: its newest setpoint is within its time to live.
         is_release_owed: another release was asked for since the last one began.
+        can_land: a target is in sight to land on.
     """
 
     is_held: bool = False
@@ -85,6 +90,7 @@ class Situation:
     is_ready: bool = False
     is_fresh: bool = False
     is_release_owed: bool = False
+    can_land: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -113,6 +119,7 @@ READY_BUT_OLD: Final = Guard(
 )
 FRESH: Final = Guard("the newest setpoint is fresh", lambda now: now.is_held and now.is_fresh)
 TOO_OLD: Final = Guard("the newest setpoint is too old", lambda now: now.is_held and not now.is_fresh)
+CAN_LAND: Final = Guard("a target is in sight", lambda now: now.can_land)
 RELEASE_OWED: Final = Guard("another release was asked for meanwhile", lambda now: now.is_release_owed)
 HELD: Final = Guard("a client holds the lease", lambda now: now.is_held)
 NOT_HELD: Final = Guard("nobody holds the lease", lambda now: not now.is_held)
@@ -141,10 +148,11 @@ class Row:
     is_asked: bool = False
 
 
-_FREE, _LEASED, _FLYING, _STALE, _ABORTED, _RELEASING = Phase
-IN_FLIGHT: Final = (_FLYING, _STALE, _ABORTED)
+_FREE, _LEASED, _FLYING, _STALE, _ABORTED, _LANDING, _RELEASING = Phase
+IN_FLIGHT: Final = (_FLYING, _STALE, _ABORTED, _LANDING)
 """Phases in which stick frames are sent."""
 _STREAMED: Final = (_FLYING, _STALE)
+_UNTIL_LANDING: Final = (_FLYING, _STALE, _ABORTED)
 _HELD: Final = (_LEASED, *IN_FLIGHT)
 _WAITING: Final = "{holder} holds the lease; waiting for a live, neutral stream"
 _FLIES: Final = "{holder} flies"
@@ -165,9 +173,21 @@ ROWS: Final = (
     Row(IN_FLIGHT, Event.TICK, SILENT, _RELEASING, Reaction.RELEASE, "no setpoint from {holder} for {silence} s"),
     Row(_STREAMED, Event.TICK, FRESH, _FLYING, Reaction.STICKS, _FLIES),
     Row(_STREAMED, Event.TICK, TOO_OLD, _STALE, Reaction.NEUTRAL, _OLD),
-    Row(_STREAMED, Event.ABORT_REQUESTED, ALWAYS, _ABORTED, Reaction.NOTHING, "aborted: {cause}", is_asked=True),
+    Row(
+        (*_STREAMED, _LANDING),
+        Event.ABORT_REQUESTED,
+        ALWAYS,
+        _ABORTED,
+        Reaction.NOTHING,
+        "aborted: {cause}",
+        is_asked=True,
+    ),
     Row((_ABORTED,), Event.TICK, FRESH, _ABORTED, Reaction.HOLD, "{reason}"),
     Row((_ABORTED,), Event.TICK, TOO_OLD, _ABORTED, Reaction.NEUTRAL, "{reason}"),
+    Row(_UNTIL_LANDING, Event.BATTERY_LOW, CAN_LAND, _LANDING, Reaction.NOTHING, "{cause} It lands on the target."),
+    Row((_LANDING,), Event.TICK, FRESH, _LANDING, Reaction.LAND, "{reason}"),
+    Row((_LANDING,), Event.TICK, TOO_OLD, _LANDING, Reaction.NEUTRAL, "{reason}"),
+    _release(Event.BATTERY_LOW, _UNTIL_LANDING, "{cause} No target is in sight to land on: the pilot lands."),
     _release(Event.LEASE_TAKEN_OVER, (*_HELD, _RELEASING), "{taker} took the lease from {holder}", is_asked=True),
     _release(Event.LEASE_RETURNED, (*_HELD, _RELEASING), "{holder} gave the lease back", is_asked=True),
     _release(Event.RELEASE_REQUESTED, tuple(Phase), "{cause}", is_asked=True),

@@ -33,8 +33,12 @@ _IS_CONFIRMED: Final = {
     ReleaseOutcome.NOT_SENT: False,
     ReleaseOutcome.NOT_OBSERVABLE: None,
 }
+_FAILSAFES: Final = {Phase.STALE: "neutral", Phase.LANDING: "land"}
+"""Phases that are a step of the ladder, and what it is called."""
 STATUS_PERIOD: Final = 1.0
 """Status is published at least this often [s]."""
+NEW_GAIN: Final = 0.1
+"""A stick gain that differs so much from the one reported last is reported."""
 REPORT_PERIOD: Final = 1.0
 """Refused setpoints, and stick frames the line does not take, are reported at most this often [s]."""
 
@@ -50,7 +54,8 @@ class Reports:
         self._status: tuple[object, ...] | None = None
         self._status_at = self._refusal_at = self._unsent_at = float("-inf")
         self._waiting: list[Action] = []
-        self._is_capped = False
+        self._is_capped = self._is_battery_low = False
+        self._believed: EstimateValue | None = None
         self._navi = NaviWatch(facts)
 
     def take(self) -> list[Action]:
@@ -86,8 +91,28 @@ class Reports:
         """Report what is believed, and how far that is from the goal, where there is any."""
         if value is not None:
             self._waiting.append(PublishEstimate(value))
+            self._report_model(value)
         if error is not None:
             self._waiting.append(PublishError(error))
+
+    def _report_model(self, value: EstimateValue) -> None:
+        """Warn when the aircraft's answer to its sticks is found to be another than its model's, or that one again."""
+        before = self._believed or value
+        if value.stick_filter != before.stick_filter:
+            filters = f"{1000 * value.stick_filter:.0f} ms, and not {1000 * before.stick_filter:.0f} ms"
+            self._waiting.append(Warn(f"the stick filter is {filters}: the aircraft answers its sticks so"))
+        is_gain_new = abs(value.stick_gain - before.stick_gain) >= NEW_GAIN
+        if is_gain_new:
+            gains = f"{value.stick_gain:.2f} times that of its parameter set, and not {before.stick_gain:.2f} times"
+            self._waiting.append(Warn(f"the angle per stick count is {gains}: the aircraft answers its sticks so"))
+        if self._believed is None or is_gain_new or value.stick_filter != before.stick_filter:
+            self._believed = value
+
+    def _report_battery(self, warning: CommandRejectedError | None) -> None:
+        """Warn once when the battery of an aircraft that flies begins to be low."""
+        if warning is not None and not self._is_battery_low:
+            self._waiting.append(Warn(f"{warning.reason} {warning.fix}"))
+        self._is_battery_low = warning is not None
 
     def released(self, reason: str, outcome: ReleaseOutcome | None) -> None:
         """Report the end of a release nobody asked for; None where it did not end in time."""
@@ -100,11 +125,19 @@ class Reports:
             return
         self._phase = after
         self._waiting.append(ReportMode(before, after, self._authority.reason))
-        if after is Phase.STALE:
-            self._waiting.append(ReportFailsafe("neutral", self._authority.reason))
+        if action := _FAILSAFES.get(after):
+            self._waiting.append(ReportFailsafe(action, self._authority.reason))
+        self._believed = None
 
-    def status(self, layout: str | None, now: float) -> None:
-        """Report the status, and the NaviCtrl's own flight, if they have changed or are due."""
+    def status(self, layout: str | None, battery: CommandRejectedError | None, now: float) -> None:
+        """Report the status, and the NaviCtrl's own flight, if they have changed or are due.
+
+        Args:
+            layout: of external control; None where there is none.
+            battery: why the battery is low, and what to do; None while it is not.
+            now: [s].
+        """
+        self._report_battery(battery)
         authority = self._authority
         navi = self._navi.look(now)
         if navi is not None:

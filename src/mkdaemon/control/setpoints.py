@@ -10,7 +10,7 @@ from typing import Protocol
 from mkdaemon.control.limiter import Sticks
 from mkdaemon.control.vehicle import VehicleFacts
 from mkdaemon.telemetry.refusals import Token, refuse
-from mkdaemon.telemetry.setpoint import SETPOINTS, Setpoint, StickSetpoint
+from mkdaemon.telemetry.setpoint import SETPOINTS, LandSetpoint, Setpoint, StickSetpoint
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,6 +74,11 @@ def stick_guidance(neutral_band: float) -> Mapping[type[Setpoint], Guidance]:
 def guidance(target: Guidance, neutral_band: float) -> Mapping[type[Setpoint], Guidance]:
     """Return guidance for every kind of setpoint: sticks as they are, all others against a target."""
     return {kind: StickGuidance(neutral_band) if kind is StickSetpoint else target for kind in SETPOINTS}
+
+
+def landing_of(setpoint: Setpoint) -> LandSetpoint:
+    """The landing that takes the place of a setpoint."""
+    return LandSetpoint(epoch=setpoint.epoch, sequence=setpoint.sequence, ttl=setpoint.ttl)
 
 
 def guidance_for(setpoint: Setpoint, known: Mapping[type[Setpoint], Guidance]) -> Guidance:

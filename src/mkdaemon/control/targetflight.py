@@ -21,7 +21,7 @@ from mkdaemon.control.guidance.autopilot import GAS_CENTRE, Autopilot, Goal, at_
 from mkdaemon.control.guidance.landing import Landing, LandingLimits, LandingPhase
 from mkdaemon.control.guidance.takeoff import IDLE_GAS, TakeOff, TakeOffLimits, TakeOffPhase
 from mkdaemon.control.limiter import StickCounts
-from mkdaemon.control.setpoints import Guided
+from mkdaemon.control.setpoints import Guided, landing_of
 from mkdaemon.control.targetgoals import (
     Arrival,
     Goals,
@@ -101,8 +101,6 @@ class TargetFlight:
         self._sent: deque[StickCommand] = deque(maxlen=SENT_KEPT)
         self._clean_since, self.guided_at, self._stood_at = math.inf, -math.inf, -math.inf
 
-    # -- what is reported -----------------------------------------------------------------------------------------
-
     def model_known(self, model: AircraftModel) -> None:
         """Take the model of the aircraft's own parameter set; the estimate begins anew with it."""
         if model != self.model:
@@ -147,6 +145,10 @@ class TargetFlight:
         self._sent.append(command)
         if self._estimator is not None:
             self._estimator.sent(command)
+
+    def is_in_sight(self, now: float) -> bool:
+        """Whether a target has been seen lately enough to hold or land by it."""
+        return self._estimator is not None and now - self._estimator.seen_at <= self._cfg.level_after
 
     def estimate(self, now: float) -> EstimateValue | None:
         """Return what is believed now, as it is published; None before the first pose."""
@@ -217,14 +219,12 @@ class TargetFlight:
             now: [s].
         """
         if self.landing is not None and self.landing.phase in (LandingPhase.COMMIT, LandingPhase.DOWN):
-            landing = LandSetpoint(epoch=setpoint.epoch, sequence=setpoint.sequence, ttl=setpoint.ttl)
-            return self.guide(landing, facts, now, is_flying=True)
+            return self.guide(landing_of(setpoint), facts, now, is_flying=True)
         if self.take_off is not None and self.take_off.is_blind:
             self.take_off.fail("aborted")
             return Guided(level_at(IDLE_GAS), failure="take-off ended: aborted")
         estimator = self._estimator
-        is_seen = estimator is not None and now - estimator.seen_at <= self._cfg.level_after
-        if is_seen or not isinstance(setpoint, StickSetpoint | AttitudeSetpoint):
+        if self.is_in_sight(now) or not isinstance(setpoint, StickSetpoint | AttitudeSetpoint):
             hold = HoldSetpoint(epoch=setpoint.epoch, sequence=setpoint.sequence, ttl=setpoint.ttl)
             return self.guide(hold, facts, now, is_flying=True)
         return Guided(level_at(self._hover_gas if estimator is None else estimator.hover_gas))

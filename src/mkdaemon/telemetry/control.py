@@ -21,6 +21,8 @@ class Phase(StrEnum):
     """The setpoint is too old: neutral sticks at hover throttle are sent."""
     ABORTED = "aborted"
     """A manoeuvre was stopped: the aircraft holds its place where a target is in sight, else it is level."""
+    LANDING = "landing"
+    """The battery is low: the aircraft lands on the target in sight, whatever is streamed."""
     RELEASING = "releasing"
     """A release is under way; nobody's setpoints are sent."""
 

@@ -232,9 +232,7 @@ REFUSALS: Final[Mapping[str, Refusal]] = {
         "the pilot's receiver quality is {quality:.0f} %, below {limit:.0f} %.",
         "Switch the transmitter on, check antennas and range; the pilot must be able to take over.",
     ),
-    Token.BATTERY_LOW: Refusal(
-        Status.DENIED, "the battery is low: {voltage:.1f} V.", "Charge it; an autonomous flight ends with a landing."
-    ),
+    Token.BATTERY_LOW: Refusal(Status.DENIED, "the battery is low: {voltage:.1f} V.", "Land, and change it."),
     Token.CAMERA_UNFIT: Refusal(
         Status.DENIED, "no camera can be flown by: {detail}.", "`mkctl watch 'vision/**'`; docs/cameras.md."
     ),

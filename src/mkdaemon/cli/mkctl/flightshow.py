@@ -139,7 +139,7 @@ async def showing(
 
 def _line(lease: Lease, position: Position | None, goal: Position | None) -> str:
     status = lease.status
-    if not lease.is_engaged or status is None or status.phase is status.phase.ABORTED:
+    if not lease.is_engaged or status is None or status.phase in (status.phase.ABORTED, status.phase.LANDING):
         return lease.reason
     words = [status.stage] if status.stage else []
     if position is not None:

@@ -1,0 +1,127 @@
+"""A battery that is low in flight: what counts, what is said, and how the flight ends."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+from lab.control.corerig import CoreRig, stamp
+from lab.control.flights import Flight
+from mkdaemon.config.sim_flight import WindClass
+from mkdaemon.control.actions import PublishStatus, Release, ReportFailsafe, ReportMode, Warn
+from mkdaemon.control.activeset import UNREAD
+from mkdaemon.control.batterywatch import LASTING, BatteryWatch
+from mkdaemon.control.vehicle import VehicleFacts
+from mkdaemon.telemetry.command import AbortRequest
+from mkdaemon.telemetry.control import Phase
+from mkdaemon.telemetry.state import Battery
+from tests.control.events import PERIOD, Driver, flight
+
+LOW_CELL = 3.2
+SET = replace(UNREAD, name="Easy", low_cell=LOW_CELL)
+CALM = Flight(seed=4, wind=WindClass.INDOOR, seconds=30.0)
+
+
+def battery(voltage, *, is_low=False, at=0.0):
+    return Battery(stamp=stamp(at), source="lab", voltage=voltage, current=None, used_mah=None, is_low=is_low)
+
+
+def watched(*reports):
+    """A watch that saw reports, each a voltage and when [V, s], of four cells."""
+    facts = VehicleFacts()
+    facts.highest_voltage = 16.8
+    watch = BatteryWatch(facts)
+    for voltage, at in reports:
+        facts.state_received(battery(voltage), at)
+        watch.look(SET, at)
+    return watch
+
+
+def test_a_voltage_below_that_of_the_set_is_warned_of_at_once_and_counts_when_it_lasts():
+    watch = watched((13.0, 0.0), (12.7, 1.0))
+    assert watch.warning is not None
+    assert "12.7 V" in watch.warning.reason
+    assert not watch.has_lasted
+    assert watched((12.7, 0.0), (12.7, LASTING - 0.1)).has_lasted is False
+    assert watched((12.7, 0.0), (12.7, LASTING)).has_lasted
+
+
+def test_a_battery_that_sags_under_load_for_a_moment_is_not_low():
+    watch = watched((12.7, 0.0), (13.2, 2.0), (12.7, 2.5), (12.7, 2.5 + LASTING - 0.1))
+    assert not watch.has_lasted
+    assert watched((12.7, 0.0), (13.2, 2.0)).warning is None
+
+
+def test_a_little_more_voltage_is_not_yet_the_end_of_it():
+    assert watched((12.7, 0.0), (12.9, 1.0), (12.7, LASTING)).has_lasted
+
+
+def test_the_boards_own_alarm_counts_where_the_set_is_not_known():
+    facts = VehicleFacts()
+    watch = BatteryWatch(facts)
+    watch.look(UNREAD, 0.0)
+    assert watch.warning is None, "nobody says how full it is"
+    facts.state_received(battery(12.0), 0.0)
+    facts.state_received(flight(is_flying=True).model_copy(update={"battery_low": True}), 0.0)
+    watch.look(UNREAD, 0.0)
+    assert watch.warning is not None
+
+
+def test_without_a_target_the_aircraft_is_released_with_an_alarm():
+    drive = Driver()
+    drive.fly()
+    for _ in range(round((LASTING + 0.3) / PERIOD)):
+        drive.core.state_received(battery(12.0, is_low=True), drive.now)
+        if not drive.releases:
+            drive.stream(PERIOD)
+    [release] = drive.releases
+    assert release.reason == "the battery is low: 12.0 V. No target is in sight to land on: the pilot lands."
+    [warning] = drive.of(Warn)
+    assert warning.text == "the battery is low: 12.0 V. Land, and change it."
+
+
+class RunsEmpty(CoreRig):
+    """The simulated battery loses voltage in flight; the board's alarm is at 12.8 V."""
+
+    drop_at = 8.0
+
+    def __init__(self, flight):
+        super().__init__(flight)
+        self._at(0.1, self._tell)
+        self._at(self.drop_at, lambda at: self._world.faults.start("battery_drop", volts=4.5))
+
+    def _tell(self, at):
+        """Five times a second."""
+        self._at(at + 0.2, self._tell)
+        voltage = self._world.sensors.battery_voltage
+        self.core.state_received(battery(voltage, is_low=voltage < 12.8, at=at), at)
+
+    def of(self, kind):
+        return [(at, action) for at, action in self.actions if isinstance(action, kind)]
+
+
+def test_over_its_target_it_lands_there_whatever_is_streamed():
+    rig = RunsEmpty(CALM)
+    record = rig.fly()
+    assert record.lost == ""
+    began, landing = next((at, a) for at, a in rig.of(ReportMode) if a.after is Phase.LANDING)
+    assert began == pytest.approx(RunsEmpty.drop_at + LASTING, abs=0.4)
+    assert landing.reason.endswith("It lands on the target.")
+    [(_, failsafe)] = rig.of(ReportFailsafe)
+    assert (failsafe.action, failsafe.reason) == ("land", landing.reason)
+    [(warned, _)] = rig.of(Warn)
+    assert warned == pytest.approx(RunsEmpty.drop_at, abs=0.4)
+    [(released, release)] = rig.of(Release)
+    assert release.reason == "landed on pad"
+    place = next(place for at, place in zip(record.times, record.positions, strict=True) if at >= released - 0.1)
+    assert place == pytest.approx([0.0, 0.0, 0.1], abs=0.1)
+    assert any("pulls the throttle down" in a.hands for _, a in rig.of(PublishStatus))
+
+
+def test_who_aborts_that_landing_holds_and_is_not_landed_again():
+    rig = RunsEmpty(replace(CALM, seconds=17.0))
+    rig._at(12.0, lambda at: rig.core.abort(AbortRequest(reason="not here")))
+    rig.fly()
+    assert rig.core.phase is Phase.ABORTED
+    assert not rig.of(Release)
