@@ -16,14 +16,17 @@ IMAGE = 1 / 30
 STEP = 0.001
 
 
-def over_target(*, seconds, image_every=IMAGE, setpoint_every=PERIOD, line=OPEN):
-    """A flight by position of an aircraft that stands still over its target; it, and when images came in flight."""
+def over_target(*, seconds, image_every=IMAGE, setpoint_every=PERIOD, line=OPEN, late=0.0):
+    """A flight by position of an aircraft that stands still over its target; it, and when images came in flight.
+
+    Every second image comes too late.
+    """
     drive, images, next_image, next_setpoint = Driver(line=line), [], 0.0, 0.0
     drive.take()
     end = seconds
     while drive.now < end:
-        if drive.now >= next_image:
-            drive.core.pose_received(pose(drive.now))
+        if drive.now >= next_image + late * (len(images) % 2):
+            drive.core.pose_received(pose(next_image))
             next_image += image_every
             images.append(drive.now)
         if drive.now >= next_setpoint:
@@ -51,11 +54,20 @@ def test_an_image_is_answered_at_once_and_between_two_the_core_keeps_its_own_rat
     assert min(gaps(frames)) >= SHORTEST_STEP - 1e-9
 
 
-@pytest.mark.parametrize(("image_every", "parts"), [(1 / 15, 4), (1 / 30, 2), (1 / 50, 1)])
-def test_ticks_divide_the_time_between_two_images_evenly(image_every, parts):
-    _, frames, images = over_target(seconds=0.6, image_every=image_every)
-    steady = [gap for at, gap in zip(frames, gaps(frames), strict=False) if images[0] < at < images[-1] - image_every]
-    assert steady == pytest.approx([image_every / parts] * len(steady), abs=2 * STEP)
+@pytest.mark.parametrize(("image_every", "between"), [(1 / 15, 3), (1 / 30, 1), (1 / 50, 0)])
+def test_between_two_images_lie_as_few_ticks_as_the_rate_needs(image_every, between):
+    _, frames, _ = over_target(seconds=0.6, image_every=image_every)
+    assert len(frames) / (frames[-1] - frames[0]) == pytest.approx((between + 1) / image_every, rel=0.1)
+
+
+@pytest.mark.parametrize("step", [0.01, 0.025])
+def test_an_image_early_or_late_by_3_ms_is_answered_at_once(step):
+    line = ControlLine("v2", shortest_step=step)
+    _, frames, images = over_target(seconds=1.0, line=line, late=0.003)
+    waits = [min(at for at in frames if at >= image) - image for image in images]
+    assert len(images) > 15
+    assert max(waits) <= STEP
+    assert max(gaps(frames)) <= max(1 / CFG.rate, IMAGE + 0.007) + 2 * STEP
 
 
 def test_on_a_line_of_40_frames_a_second_images_are_answered_at_once():
@@ -70,7 +82,7 @@ def test_between_images_that_come_seldom_such_a_line_gets_all_it_takes():
     slow = ControlLine("v2", shortest_step=0.025)
     _, frames, images = over_target(seconds=1.0, line=slow, image_every=1 / 15)
     assert len(images) > 8
-    assert max(gaps(frames)) == pytest.approx(1 / 30, abs=2 * STEP)
+    assert max(gaps(frames)) < 0.04
 
 
 def test_a_line_that_takes_hardly_any_frames_holds_up_no_decision():

@@ -1,8 +1,9 @@
 """When the flight core ticks: at once after news, in time to repeat a setpoint, just after a deadline.
 
-A flight by images is the other way round: an image is answered at once, and the time between two is divided into equal
-parts at the core's own rate, whenever setpoints come: so the boards can take the answer when the next image comes. What
-is streamed there hardly changes, and what an image shows is late enough.
+A flight by images is the other way round: an image is answered at once, and between two the core ticks at its own rate,
+whenever setpoints come. What is streamed there hardly changes, and what an image shows is late enough. The last tick
+before an image is expected leaves room on both sides: one that comes early finds boards that can take its answer, one
+that comes late no frame that was sent in its place.
 """
 
 from __future__ import annotations
@@ -19,10 +20,14 @@ IDLE_PERIOD: Final = 0.1
 """Time between two looks at the lease while nobody flies [s]."""
 SLOWEST_IMAGES: Final = 0.25
 """Images further apart have no rhythm worth dividing [s]."""
+EARLY: Final = 0.003
+"""An image may come so much too early and is answered at once [s]; what is left of a period is for those that come too
+late: they would have to wait longest."""
 NEARLY: Final = 0.25
-"""A period that is longer than whole ticks by less than this part of one has no place for another."""
-IMAGE_GRACE: Final = 0.003
-"""An image may come so much later than the one before it did, and is still waited for [s]."""
+"""A time that is longer than whole ticks by less than this part of one has no place for another."""
+SLOW_LINE: Final = 1.4
+"""On a line where frames are farther apart than `control.rate` asks for, the next image is waited for so much longer
+than the line needs, as part of that; its answer would have to wait as long again [1]."""
 
 
 class Pacing:
@@ -99,7 +104,10 @@ class Pacing:
         return max(until, next_step) if self.is_paced else until
 
     def _period(self, step: float) -> float:
-        """Longest time from this tick to the next [s]; stick frames are at least `step` apart [s]."""
+        """Longest time from this tick to the next [s]; stick frames are at least `step` apart [s].
+
+        Images are `images` apart: `between` ticks lie between two, the last one so long after the image before [s].
+        """
         if not self.is_paced:
             return IDLE_PERIOD
         period, images = 1.0 / self._cfg.rate, self._image_period
@@ -108,7 +116,11 @@ class Pacing:
             return 1.5 * period
         if images is None:
             return period
-        parts = max(1, min(math.ceil(images / period - NEARLY), math.floor(images / step)))
-        if self._ticks_since_image < parts - 1:
-            return images / parts
-        return max(period, images / parts + IMAGE_GRACE) if self._ticks_since_image < parts else period
+        longest = max(period, SLOW_LINE * step)
+        last = images - step - EARLY
+        between = max(0, min(math.ceil(last / longest - NEARLY), math.floor(last / step)))
+        if self._ticks_since_image < between:
+            return max(step, min(last / between, longest))
+        if self._ticks_since_image == between:
+            return longest if between else max(longest, images + longest - step - EARLY)
+        return period
