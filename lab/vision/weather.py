@@ -86,7 +86,7 @@ def _vehicle(rng: np.random.Generator, _side: float) -> Callable[[CameraView, Co
 
 
 def _gloss(rng: np.random.Generator, _side: float) -> Callable[[CameraView, Conditions], Conditions]:
-    """Laminated paper and a high sun, which it shows to a camera above it."""
+    """A glossy coat and a high sun, which it shows to a camera above it."""
     tilt, around = rng.uniform(0.0, 0.3), rng.uniform(0, 2 * np.pi)
     to_sun = (float(tilt * np.cos(around)), float(tilt * np.sin(around)), 1.0)
     return lambda _view, fair: replace(fair, gloss=Gloss(0.06, to_sun))

@@ -52,13 +52,13 @@ class LightConfig(Section):
     vehicle_shadow: bool = False
     """The vehicle throws its shadow on the target: sun from 10 degrees beside the zenith."""
     gloss: float = Field(default=0.0, ge=0.0, le=1.0)
-    """Roughness of a glossy print [rad]: 0.05 laminate, 0.12 coated paper; 0 for matte."""
+    """Roughness of a glossy print [rad]: 0.05 shows a small bright sun, 0.12 a wide pale one; 0 for matte."""
     curl: float = Field(default=0.0, ge=-0.1, le=0.1)
     """How far the middle of the print rises over its rims, as a share of its largest tag; 0 lies flat."""
     grass: int = Field(default=0, ge=0, le=1000)
     """Blades of grass over the rim of the target."""
     dirt: float = Field(default=0.0, ge=0.0, le=1.0)
-    """Share of the light that marks on the lens scatter; 0.35 is a finger mark, 0 a clean lens."""
+    """Share of the light that marks on the lens scatter; 0 a clean lens."""
     jpeg_quality: int | None = Field(default=None, ge=1, le=100)
     """Images are compressed and decompressed at this quality; unset leaves them."""
 

@@ -10,7 +10,7 @@ import pytest
 
 from lab.vision.stills import target_named
 from mkdaemon.config.scene import LightConfig
-from mkdaemon.sim.scene.autoexposure import AutoExposure, AutoSettings, AutoWhiteBalance
+from mkdaemon.sim.scene.autoexposure import AutoExposure, AutoSettings
 from mkdaemon.sim.scene.curl import Curl, bend
 from mkdaemon.sim.scene.gloss import Gloss
 from mkdaemon.sim.scene.grass import blades
@@ -19,7 +19,6 @@ from mkdaemon.sim.scene.kinds import CAMERA_KINDS
 from mkdaemon.sim.scene.lensfaults import Dirt, add_dirt, add_fringe
 from mkdaemon.sim.scene.light import CLEAN, Conditions
 from mkdaemon.sim.scene.motion import Platform
-from mkdaemon.sim.scene.processing import Processing
 from mkdaemon.sim.scene.scene import Scene, SceneTarget
 from mkdaemon.sim.scene.shadows import LeafShadow, VehicleShadow, leaf_pattern
 from mkdaemon.sim.scene.view import CameraView, RayGrid, project, rotation_from_vector
@@ -128,19 +127,6 @@ def test_automatic_exposure_reaches_its_grey_value_after_its_delay() -> None:
     assert seen[3] > seen[0]
     assert seen[-1] == pytest.approx(100.0, rel=0.05)
     assert max(seen) < 125.0
-
-
-def test_white_balance_follows_the_light_and_a_mosaic_sees_what_is_left() -> None:
-    balance, shade = AutoWhiteBalance(), (0.8, 1.3)
-    assert balance.cast(shade) == shade
-    for _ in range(200):
-        balance.image_seen(shade)
-    assert balance.cast(shade) == pytest.approx((1.0, 1.0), abs=1e-3)
-    grey = np.full((40, 40), 100.0, np.float32)
-    assert float(Processing(mosaic=True).apply(grey, shade)[20, 20]) == pytest.approx(
-        100 * (1 - 0.0598 + 0.0342), abs=1
-    )
-    assert np.array_equal(Processing().apply(grey, shade), grey)
 
 
 def test_an_ideal_camera_in_fair_light_has_a_good_day() -> None:

@@ -1,9 +1,8 @@
-"""What a camera does to its own exposure and colours from image to image when nobody tells it otherwise."""
+"""What a camera does to its own exposure from image to image when nobody tells it otherwise."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Final
 
 import numpy as np
 import numpy.typing as npt
@@ -15,10 +14,12 @@ class AutoSettings:
 
     Attributes:
         wanted: mean grey value it seeks over the whole image; 18 % of the light under gamma 2.2 is 117 of 255.
-        share: part of the way it goes from one image to the next, in logarithms of brightness: the `speed` of
-            libcamera's agc for the Raspberry Pi, 0.2. UVC cameras do not tell theirs.
-        delay: images until a setting acts: two, as the sensors' drivers in libcamera (IMX219, IMX296, OV9281).
-        reach: greatest change of brightness in either direction.
+        share: part of the way it goes from one image to the next, in logarithms of brightness: 0.2, the default
+            `speed` of libcamera's agc for the Raspberry Pi (src/ipa/rpi/controller/rpi/agc_channel.cpp). Taken for
+            webcams too, whose own was not found.
+        delay: images until a setting acts: 2, `exposureDelay` of IMX219, IMX296, AR0144 and OV9281 in libcamera
+            (src/libcamera/sensor/camera_sensor_properties.cpp). Taken for webcams too.
+        reach: greatest change of brightness in either direction; chosen.
     """
 
     wanted: float = 117.0
@@ -58,36 +59,3 @@ class AutoExposure:
         self._decided = float(np.clip(decided, 1.0 / cfg.reach, cfg.reach))
         self._coming.append(self._decided)
         self.brightness = self._coming.pop(0)
-
-
-NEUTRAL: Final = (1.0, 1.0)
-
-
-class AutoWhiteBalance:
-    """Follows the colour of the light: gains of red and blue that make the scene grey on average.
-
-    Args:
-        share: part of the way from one image to the next; libcamera's awb for the Raspberry Pi has a `speed` of 0.05.
-
-    Attributes:
-        gains: of red and blue that act in the next image.
-    """
-
-    def __init__(self, share: float = 0.05) -> None:
-        self._share = share
-        self.gains = NEUTRAL
-
-    def cast(self, light: tuple[float, float]) -> tuple[float, float]:
-        """What is left of the colour of the light: red and blue over green in the image of a grey scene.
-
-        Args:
-            light: red and blue over green in the light; shade under a blue sky is about (0.8, 1.3) beside the sun.
-        """
-        return light[0] * self.gains[0], light[1] * self.gains[1]
-
-    def image_seen(self, light: tuple[float, float]) -> None:
-        """Take an image under a light and come nearer to its inverse."""
-        red, blue = (
-            gain * (1.0 / (gain * colour)) ** self._share for gain, colour in zip(self.gains, light, strict=True)
-        )
-        self.gains = (red, blue)

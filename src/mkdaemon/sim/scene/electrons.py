@@ -8,20 +8,21 @@ from typing import Final
 from mkdaemon.sim.scene.light import FULL_LIGHT, Conditions
 
 PHOTONS_PER_LUX_S_M2: Final = 1.0e16
-"""Visible photons of daylight; 4.1e15 at 555 nm, where the eye is most sensitive (683 lm/W)."""
+"""Visible photons of daylight. Computed, 400 to 700 nm: 1.1e16 for black bodies of 5500 to 6500 K, by Planck's law, 683
+lm/W and a photopic curve of 1.019 exp(-285.4 (x - 0.559)^2), x in um; rounded down. At 555 nm alone it is 4.1e15."""
 
 
 @dataclass(frozen=True, slots=True)
 class PhotonSensor:
-    """A sensor behind a lens. The default is like an OV9281 behind an M12 lens.
+    """A sensor behind a lens. The default is like an OV9281 behind an M12 lens; what names no source is chosen.
 
     Attributes:
-        pixel_m: side of a pixel; 3 um (product page of the OV9281).
-        f_number: of the lens; 2.4 is common among M12 lenses.
+        pixel_m: side of a pixel; 3 um (OmniVision's data sheet of the OV9281, version 1.22).
+        f_number: of the lens.
         efficiency: electrons for a visible photon that reaches the sensor, lens included.
         full_well: electrons at grey 255 with the least gain.
         read_noise: electrons, independent of light.
-        greatest_gain: over the least.
+        greatest_gain: over the least: registers 0x10 to 0xff (Linux, drivers/media/i2c/ov9282.c).
     """
 
     pixel_m: float = 3.0e-6
@@ -41,8 +42,8 @@ class PhotonSensor:
 
         Args:
             fair: everything else.
-            lux: light on the scene; 100,000 in the sun, 400 in an office, 10 at dusk, 1 in deep twilight, 0.2 under a
-                full moon.
+            lux: light on the scene; 110,000 in the sun, 400 at sunset, 0.25 under a full moon (Wikipedia, "Orders of
+                magnitude (illuminance)"), 10 in twilight, 1 in deep twilight (apexcctv.com, "Lux explanation").
             exposure: [s].
             gain: over the least.
         """

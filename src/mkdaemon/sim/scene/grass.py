@@ -10,10 +10,10 @@ from mkdaemon.sim.scene.light import Cover
 Array = npt.NDArray[np.float64]
 
 SHADES = (0.08, 0.16, 0.26)
-"""Reflectance of blades in the shade, green and dry ones; grass reflects 0.1 to 0.2 of visible light."""
+"""Reflectance of blades in the shade, green and dry ones; chosen."""
 WIDTH_M = (0.003, 0.007)
 LENGTH_M = (0.05, 0.14)
-"""Of a blade: lawn that was not cut for two weeks."""
+"""Of a blade; chosen as a lawn that was left to grow."""
 
 
 def blades(rng: np.random.Generator, side: float, count: int = 60) -> tuple[Cover, ...]:

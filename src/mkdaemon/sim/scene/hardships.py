@@ -19,11 +19,12 @@ from mkdaemon.sim.scene.view import CameraView, Pose
 
 LEAF_SWAY_M: Final = 0.05
 LEAF_PERIOD: Final = 2.0
-"""Leaves in the wind: how far their shadows move and how long it takes [s]."""
+"""Leaves in the wind: how far their shadows move and how long it takes [s]; chosen."""
 TO_SUN: Final = (0.17, 0.05, 1.0)
-"""Direction of the sun in target axes: 10 degrees beside the zenith, where a camera above sees it in a glossy print."""
+"""Direction of the sun in target axes: 10 degrees beside the zenith, where a camera above sees it in a glossy print;
+chosen."""
 SHEET_SIDES: Final = 1.4
-"""Width of the sheet over the largest tag on it."""
+"""Width of the sheet over the largest tag on it; chosen, a margin of a fifth of the tag all around."""
 
 
 def fair_conditions(light: LightConfig, camera: Conditions, side: float, seed: int) -> Conditions:

@@ -15,9 +15,9 @@ Image32 = npt.NDArray[np.float32]
 LUMA: Final = (0.299, 0.587, 0.114)
 """Shares of red, green and blue in a grey value (BT.601)."""
 SMEAR_PX: Final = 5.0
-"""Reach of what a smear scatters near, deviation [px] at 640 pixels."""
+"""Reach of what a smear scatters near, deviation [px] at 640 pixels; chosen."""
 VEIL_SHARE: Final = 0.4
-"""Part of the scattered light that goes anywhere in the image."""
+"""Part of the scattered light that goes anywhere in the image; chosen."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,9 +26,8 @@ class Dirt:
 
     Attributes:
         seed: where they are.
-        scattered: share of the light that is scattered in the middle of a mark, 0 to 1; a clean lens scatters 1 to 3 %
-            (veiling glare index, ISO 9358), a finger mark 20 to 40 %.
-        covered: share of the image the marks lie before.
+        scattered: share of the light that is scattered in the middle of a mark, 0 to 1; chosen, no mark was measured.
+        covered: share of the image the marks lie before; chosen.
     """
 
     seed: int

@@ -11,7 +11,7 @@ import numpy.typing as npt
 from mkdaemon.sim.scene.curl import Curl
 from mkdaemon.sim.scene.gloss import Gloss
 from mkdaemon.sim.scene.lensfaults import Dirt
-from mkdaemon.sim.scene.processing import NO_CAST, NO_PROCESSING, Processing
+from mkdaemon.sim.scene.processing import NO_PROCESSING, Processing
 from mkdaemon.sim.scene.shadows import LeafShadow, VehicleShadow
 from mkdaemon.sim.scene.view import RayGrid
 
@@ -91,7 +91,6 @@ class Conditions:
         noise_sd: read noise [grey].
         shot_gain: photon noise, variance per grey value [grey]; 0.0255 is a full well of 10,000 electrons.
         processing: what the camera's processor makes of the light.
-        cast: red and blue over green that its white balance leaves of the colour of the light.
         jpeg_quality: recompress at this quality, 1-100; none leaves the image as the sensor gave it.
         target_in_view: false takes every target away.
     """
@@ -114,7 +113,6 @@ class Conditions:
     noise_sd: float = 1.5
     shot_gain: float = 0.0255
     processing: Processing = NO_PROCESSING
-    cast: tuple[float, float] = NO_CAST
     jpeg_quality: int | None = None
     target_in_view: bool = True
 
@@ -208,7 +206,7 @@ class Sensor:
             )
             start = int(self._rng.integers(0, NOISE_POOL - grey.size))
             grey += self._pool[start : start + grey.size].reshape(grey.shape) * spread
-        grey = conditions.processing.apply(grey, conditions.cast)
+        grey = conditions.processing.apply(grey)
         pixels = np.clip(np.rint(grey, out=grey), 0.0, 255.0, out=grey).astype(np.uint8)
         return pixels if conditions.jpeg_quality is None else through_jpeg(pixels, conditions.jpeg_quality)
 

@@ -23,9 +23,6 @@ MOSAIC_STEPS: Final = np.float32(200.0)
 """Steps of the sensor per grey value while its mosaic is filled in: 16 bits."""
 
 
-NO_CAST: Final = (1.0, 1.0)
-
-
 @dataclass(frozen=True, slots=True)
 class Processing:
     """What is done to the light of one image, in this order.
@@ -34,7 +31,7 @@ class Processing:
         mosaic: the sensor has colour filters (Bayer) whose gaps are filled in.
         denoise: grey values of neighbours that differ by less are averaged, deviation [grey]; 0 does not.
         gamma: grey is light to the power 1 / gamma; 2.2 is about the curve of sRGB and of BT.709.
-        sharpening: share of the difference from a blurred image that is added; about 0.5 to 1.5 in webcams.
+        sharpening: share of the difference from a blurred image that is added; chosen for each kind.
     """
 
     mosaic: bool = False
@@ -42,15 +39,10 @@ class Processing:
     gamma: float = 1.0
     sharpening: float = 0.0
 
-    def apply(self, light: Image32, cast: tuple[float, float] = NO_CAST) -> Image32:
-        """Grey values `(h, w)`, not yet rounded, of light `(h, w)` from 0 to 255, in which noise is already.
-
-        Args:
-            light: on the sensor.
-            cast: red and blue over green that the white balance leaves; only a mosaic sees colours.
-        """
+    def apply(self, light: Image32) -> Image32:
+        """Grey values `(h, w)`, not yet rounded, of light `(h, w)` from 0 to 255, in which noise is already."""
         if self.mosaic:
-            light = _fill_mosaic(light, cast)
+            light = _fill_mosaic(light)
         if self.denoise > 0.0:
             light = np.asarray(cv2.bilateralFilter(light, 0, self.denoise, DENOISED_PX), dtype=np.float32)
         if self.gamma != 1.0:
@@ -65,12 +57,8 @@ NO_PROCESSING: Final = Processing()
 """A camera that gives raw grey values."""
 
 
-def _fill_mosaic(light: Image32, cast: tuple[float, float]) -> Image32:
+def _fill_mosaic(light: Image32) -> Image32:
     """Luminance of a grey scene behind a colour mosaic: each pixel saw one colour, the others come from neighbours."""
-    if cast != NO_CAST:
-        light = light.copy()
-        light[0::2, 0::2] *= np.float32(cast[0])
-        light[1::2, 1::2] *= np.float32(cast[1])
     raw = np.clip(light * MOSAIC_STEPS, 0.0, 65535.0).astype(np.uint16)
     colours = cv2.cvtColor(raw, cv2.COLOR_BayerBG2BGR)
     return np.asarray(cv2.cvtColor(colours, cv2.COLOR_BGR2GRAY), dtype=np.float32) / MOSAIC_STEPS

@@ -20,21 +20,22 @@ Image32 = npt.NDArray[np.float32]
 Array = npt.NDArray[np.float64]
 
 SUN_WIDTH: Final = 9.3e-3
-"""Diameter of the sun [rad]."""
+"""Diameter of the sun [rad]: 1.392 million km at 149.6 million km."""
 SUN_OVER_SKY: Final = 6.0
-"""Light in the sun over light in the shade: 120 klx and 20 klx under a clear sky at noon."""
+"""Light in the sun over light in the shade: 120 klx, brightest sunlight, and 20 klx, shade under a clear blue sky at
+midday (Wikipedia, "Orders of magnitude (illuminance)")."""
 TEXELS: Final = 512
 LEAVES_M: Final = 1.28
 """Side of the repeating pattern of leaves [m]."""
 LEAVES: Final = 260
-"""Leaves in it; about half of the sun gets through."""
+"""Leaves in it, chosen; 0.69 of the sun gets through (mean of the patterns of four seeds)."""
 VEHICLE_M: Final = 1.6
 """Side of the picture of the vehicle's shadow [m]."""
 ARM_M: Final = 0.155
 PROPELLER_M: Final = 0.127
-"""Arm of the simulated airframe and radius of a 10 inch propeller [m]."""
+"""Arm of the simulated airframe (`AirframeConfig.arm`) and radius of a 10 inch propeller [m]."""
 PROPELLER_SHADE: Final = 0.12
-"""Share of the disc that two turning blades cover."""
+"""Share of the disc that two turning blades cover: chord of 24 mm, chosen, 2 x 24 / (pi x 127)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,7 +74,7 @@ class VehicleShadow:
 
 @lru_cache(maxsize=8)
 def leaf_pattern(seed: int, height: float) -> Image32:
-    """Share of the sun under leaves of 5 to 9 cm, `(TEXELS, TEXELS)`, repeating."""
+    """Share of the sun under leaves of 5 to 9 cm (chosen), `(TEXELS, TEXELS)`, repeating."""
     rng = np.random.default_rng([seed, 0x1EAF])
     sun = np.full((3 * TEXELS, 3 * TEXELS), 255, dtype=np.uint8)
     texel = LEAVES_M / TEXELS

@@ -27,7 +27,7 @@ MANUAL: Final = 1
 """Of V4L2_CID_EXPOSURE_AUTO."""
 TICK: Final = 100e-6
 GREATEST_GAIN: Final = 16.0
-"""24 dB: what sensors for such cameras amplify before they only multiply (OV9281, IMX296: 24 to 27 dB)."""
+"""Analogue gain of the OV9281, registers 0x10 to 0xff (Linux, drivers/media/i2c/ov9282.c)."""
 
 Call = Callable[[int, int, bytearray], int]
 
