@@ -22,9 +22,10 @@ from mkdaemon.cli.mkctl.teleop.recording import read_recording as read_pad
 from mkdaemon.cli.mkdaemon.app import app as mkdaemon
 from mkdaemon.cli.program import run
 from mkdaemon.client.settings_files import read_sets
-from mkdaemon.config.reader import load
+from mkdaemon.config.gamepad import Gamepad
+from mkdaemon.config.reader import load, load_section
 from mkdaemon.daemon.guard import take_report
-from mkdaemon.errors import MkError, VisionError
+from mkdaemon.errors import ConfigError, MkError, VisionError
 from mkdaemon.link.labels import LabelCache
 from mkdaemon.link.ports.replayport import read_recording
 from mkdaemon.missions import read_mission
@@ -241,3 +242,46 @@ def test_a_file_may_not_be_longer_than_allowed(tmp_path):
     with pytest.raises(OSError, match="larger"):
         open_regular(path, 1000)
     assert read_text(path, limit=1001) == "\0" * 1001
+
+
+@pytest.mark.parametrize(
+    "read",
+    [
+        load,
+        lambda path: load_section(Gamepad, path),
+        load_camera,
+        lambda path: load_targets([path]),
+        read_script,
+        from_toml,
+        read_sets,
+    ],
+    ids=["configuration", "gamepad", "camera", "targets", "script", "mixer", "settings"],
+)
+def test_a_file_of_settings_has_a_length_of_its_own(tmp_path, read):
+    path = tmp_path / "long.toml"
+    path.write_text("".join(f"k{number} = 1\n" for number in range(100_000)))
+    began = time.process_time()
+    with pytest.raises(ConfigError, match=r"larger than 0.5 MB"):
+        read(path)
+    assert time.process_time() - began < 0.1
+
+
+@pytest.mark.parametrize(
+    ("suffix", "head", "point", "tail"),
+    [
+        (".csv", "latitude,longitude,altitude\n", "1,2,3\n", ""),
+        (".gpx", "<gpx>", "<wpt lat='1' lon='2'/>", "</gpx>"),
+        (".kml", "<kml>", "<Placemark><Point/></Placemark>", "</kml>"),
+        (".kml", "<kml><LineString><coordinates>", "1,2 ", "</coordinates></LineString></kml>"),
+        (".plan", '{"fileType": "Plan", "mission": {"items": [0', ",{}", "]}}"),
+        (".wpl", "[General]\nFileVersion=3\nNumberOfWaypoints=30000\n", "", ""),
+    ],
+    ids=["csv", "gpx", "kml points", "kml path", "plan", "wpl"],
+)
+def test_a_mission_of_too_many_points_is_refused_before_they_are_read(tmp_path, suffix, head, point, tail):
+    path = tmp_path / f"long{suffix}"
+    path.write_text(head + point * 30_000 + tail)
+    began = time.process_time()
+    with pytest.raises(ConfigError, match="more than 2000 points"):
+        read_mission(path)
+    assert time.process_time() - began < 1.0

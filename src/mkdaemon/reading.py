@@ -16,7 +16,10 @@ from pathlib import Path
 from typing import Any, BinaryIO, Final
 
 LONGEST_TEXT: Final = 4_000_000
-"""Longest text file [bytes]; a settings file has 10,000."""
+"""Longest text file [bytes]."""
+LONGEST_SETTINGS: Final = 500_000
+"""Longest configuration, mapping, camera, target, script, mixer or settings file [bytes]; ours have up to 10,000. The
+readers need about 1 s of processor time for one that is full of mistakes."""
 LONGEST_PICTURE: Final = 1 << 28
 """Longest picture file [bytes]: 64 million pixels, four bytes each."""
 DEEPEST: Final = 64

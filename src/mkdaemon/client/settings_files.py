@@ -11,7 +11,7 @@ from mkdaemon.errors import ConfigError, MkError, ProtocolError
 from mkdaemon.files import refuse_existing, save
 from mkdaemon.protocol.settings import ParameterSet
 from mkdaemon.protocol.settings_file import SettingsFile
-from mkdaemon.reading import read_text
+from mkdaemon.reading import LONGEST_SETTINGS, read_text
 from mkdaemon.telemetry.settings import SettingsBackup
 
 _SUFFIXES: Final = (".toml", ".json")
@@ -101,7 +101,7 @@ def read_sets(source: Path) -> dict[int, Source]:
     sets: dict[int, Source] = {}
     for path in paths:
         try:
-            content = SettingsFile.parse(read_text(path))
+            content = SettingsFile.parse(read_text(path, limit=LONGEST_SETTINGS))
         except OSError as error:
             msg = f"{path}: cannot be read ({error.strerror}); check the name"
             raise ConfigError(msg) from error

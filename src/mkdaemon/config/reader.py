@@ -16,7 +16,7 @@ from mkdaemon.config.base import Section
 from mkdaemon.config.mistakes import explain
 from mkdaemon.config.root import Config
 from mkdaemon.errors import ConfigError
-from mkdaemon.reading import parse_toml, read_text
+from mkdaemon.reading import LONGEST_SETTINGS, parse_toml, read_text
 
 _Section = TypeVar("_Section", bound=Section)
 
@@ -73,7 +73,7 @@ def samples_folder() -> Path:
 
 def _read(path: Path) -> str:
     try:
-        return read_text(path)
+        return read_text(path, limit=LONGEST_SETTINGS)
     except FileNotFoundError as error:
         near = difflib.get_close_matches(path.name, [p.name for p in path.parent.glob("*.toml")], n=1)
         hint = f"did you mean {path.parent / near[0]}?" if near else f"samples are in {samples_folder()}"

@@ -11,7 +11,7 @@ import csv
 import io
 from typing import TYPE_CHECKING, Any
 
-from mkdaemon.missions.source import AltitudeReference, MissionDraft, Place, assemble
+from mkdaemon.missions.source import AltitudeReference, MissionDraft, Place, assemble, require_few
 from mkdaemon.telemetry.mission import Mission, MissionPoint, PointKind
 
 if TYPE_CHECKING:
@@ -34,7 +34,8 @@ def read(text: str, name: str) -> MissionDraft:
     """Read a CSV mission.
 
     Raises:
-        ConfigError: a column is unknown or missing, or a cell is wrong; names file, line and fix.
+        ConfigError: a column is unknown or missing, a cell is wrong, or there are too many lines; names file, line and
+            fix.
     """
     text = text.lstrip("\ufeff")
     first = text.splitlines()[0] if text.strip() else ""
@@ -48,10 +49,11 @@ def read(text: str, name: str) -> MissionDraft:
 
 def _read_rows(name: str, rows: _csv.Reader, delimiter: str) -> MissionDraft:
     header, reference = _read_header(Place(name, 1), next(rows, []))
-    points = []
+    points: list[MissionPoint] = []
     for row in rows:
         if not any(cell.strip() for cell in row):
             continue
+        require_few(name, len(points) + 1)
         place = Place(name, rows.line_num)
         if len(row) != len(header):
             raise place.wrong(f"{len(row)} cells under {len(header)} columns", "give one cell for each column")

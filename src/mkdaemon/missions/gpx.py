@@ -9,7 +9,7 @@ from __future__ import annotations
 from typing import Any
 from xml.sax.saxutils import escape, quoteattr
 
-from mkdaemon.missions.source import AltitudeReference, MissionDraft, Place, assemble, short_name
+from mkdaemon.missions.source import AltitudeReference, MissionDraft, Place, assemble, require_few, short_name
 from mkdaemon.missions.xmltree import Element, parse_xml
 from mkdaemon.telemetry.mission import Mission, MissionPoint, PointKind
 
@@ -32,6 +32,7 @@ def read(text: str, name: str) -> MissionDraft:
     if not found:
         what = "only a recorded track" if root.find("trk") else "neither a route nor waypoints"
         raise root.place.wrong(f"the file holds {what}", "export a route (<rte>) of at most 31 points")
+    require_few(name, len(found))
     ours = [_extension(element) for element in found]
     relative = all("altitude" in extra for extra in ours)
     elevated = all(element.find("ele") is not None for element in found)

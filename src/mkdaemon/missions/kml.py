@@ -9,7 +9,7 @@ from __future__ import annotations
 from xml.sax.saxutils import escape
 
 from mkdaemon.missions.gpx import read_extras
-from mkdaemon.missions.source import AltitudeReference, MissionDraft, Place, assemble, short_name
+from mkdaemon.missions.source import AltitudeReference, MissionDraft, Place, assemble, require_few, short_name
 from mkdaemon.missions.xmltree import Element, parse_xml
 from mkdaemon.telemetry.mission import Mission, MissionPoint
 
@@ -32,6 +32,7 @@ def read(text: str, name: str) -> MissionDraft:
     title = next((child.text_of("name") for child in root.children), None) or ""
     shapes = [(mark, mark.find("Point")) for mark in root.walk("Placemark")]
     marks = [(mark, shape) for mark, shape in shapes if shape is not None]
+    require_few(name, len(marks))
     if marks:
         points = [_read_mark(mark, shape) for mark, shape in marks]
         modes = {_mode(shape) for _, shape in marks}
@@ -99,6 +100,7 @@ def _read_line(line: Element) -> list[MissionPoint]:
     if corners is None:
         raise line.place.wrong("a path without coordinates", "export it again")
     first = corners.place
+    require_few(first.name, len(corners.text.split()))
     return [
         _read_corner(Place(first.name, first.line + row), word)
         for row, text in enumerate(corners.text.split("\n"))

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from mkdaemon.errors import ConfigError
-from mkdaemon.missions.source import AltitudeReference, MissionDraft, Place, assemble
+from mkdaemon.missions.source import AltitudeReference, MissionDraft, Place, assemble, require_few
 from mkdaemon.reading import parse_json
 from mkdaemon.telemetry.mission import AUTOMATIC_CAMERA, Mission, MissionPoint, PointKind
 
@@ -57,6 +57,7 @@ def read(text: str, name: str) -> MissionDraft:
     items = mission.get("items") if isinstance(mission, dict) else None
     if not isinstance(items, list):
         raise Place(name, 1).wrong("the plan holds no mission", "add waypoints and save it again")
+    require_few(name, len(items))
     reading = _Reading()
     for line, item in zip(_lines(text, len(items)), items, strict=True):
         _take(Place(name, line), item, reading)

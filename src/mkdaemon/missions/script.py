@@ -13,7 +13,7 @@ from pydantic import Field, ValidationError, model_validator
 
 from mkdaemon.config.base import Section
 from mkdaemon.errors import ConfigError
-from mkdaemon.reading import parse_toml, read_text
+from mkdaemon.reading import LONGEST_SETTINGS, parse_toml, read_text
 
 _Metres = Annotated[float, Field(ge=-100.0, le=100.0)]
 _Speed = Annotated[float, Field(ge=-5.0, le=5.0)]
@@ -127,7 +127,7 @@ def read_script(path: Path) -> tuple[Step, ...]:
         ConfigError: the file cannot be read, or names the step that is wrong, what is wrong, and what there is.
     """
     try:
-        tree = parse_toml(read_text(path))
+        tree = parse_toml(read_text(path, limit=LONGEST_SETTINGS))
     except (OSError, UnicodeDecodeError) as error:
         reason = error.strerror if isinstance(error, OSError) else "not UTF-8 text"
         raise ConfigError(f"{path}: cannot be read: {reason}") from error

@@ -5,12 +5,15 @@ from __future__ import annotations
 import unicodedata
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import Any
+from typing import Any, Final
 
 from pydantic import ValidationError
 
 from mkdaemon.errors import ConfigError
 from mkdaemon.telemetry.mission import Mission, MissionPoint
+
+MOST_POINTS: Final = 2000
+"""Points, or items of a plan, that one file may have; no NaviCtrl holds more than 254 points."""
 
 
 class AltitudeReference(StrEnum):
@@ -133,6 +136,17 @@ def reason(error: ValueError) -> str:
     where = ".".join(str(part) for part in first["loc"] if isinstance(part, str) and not part.startswith("constrained"))
     message = first["msg"].removeprefix("Value error, ")
     return f"{where} is {first['input']!r}: {message[0].lower()}{message[1:]}" if where else message
+
+
+def require_few(name: str, count: int) -> None:
+    """Refuse a file of too many points before the work of reading them.
+
+    Raises:
+        ConfigError: there are more than `MOST_POINTS`.
+    """
+    if count > MOST_POINTS:
+        msg = f"{name}: more than {MOST_POINTS} points; export a shorter route, no NaviCtrl holds more than 254"
+        raise ConfigError(msg)
 
 
 def assemble(name: str, points: list[MissionPoint], title: str = "") -> Mission:

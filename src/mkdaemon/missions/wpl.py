@@ -18,7 +18,7 @@ from __future__ import annotations
 import re
 from typing import Any, Final, NamedTuple
 
-from mkdaemon.missions.source import MissionDraft, Place, assemble
+from mkdaemon.missions.source import MissionDraft, Place, assemble, require_few
 from mkdaemon.telemetry.mission import Mission, MissionPoint, PointKind
 
 
@@ -65,6 +65,7 @@ def read(text: str, name: str) -> MissionDraft:
     if version not in (2, 3):
         raise general["fileversion"][1].wrong(f"FileVersion {version} is unknown", "versions 2 and 3 can be read")
     count = _whole(general, "NumberOfWaypoints")
+    require_few(name, count)
     word = "point" if version == 3 else "waypoint"
     found = [_section(sections, f"{word}{number}", general) for number in range(1, count + 1)]
     if f"{word}{count + 1}" in sections:

@@ -13,7 +13,7 @@ from mkdaemon.cli.mkctl.connection import HERE, Connection
 from mkdaemon.errors import ConfigError
 from mkdaemon.files import refuse_existing, save
 from mkdaemon.protocol.messages import WriteMixer
-from mkdaemon.reading import parse_toml, read_text
+from mkdaemon.reading import LONGEST_SETTINGS, parse_toml, read_text
 from mkdaemon.telemetry.settings import MixerTable
 
 app = App(name="mixer", help="Mixer of the FlightCtrl: 16 rows of throttle, pitch, roll, yaw; 64 is 100 %.")
@@ -87,7 +87,7 @@ def from_toml(file: Path) -> WriteMixer:
         ConfigError: the file cannot be used; names it and the fix.
     """
     try:
-        content: dict[str, Any] = parse_toml(read_text(file))
+        content: dict[str, Any] = parse_toml(read_text(file, limit=LONGEST_SETTINGS))
     except OSError as error:
         msg = f"{file}: cannot be read ({error.strerror}); check the name"
         raise ConfigError(msg) from error

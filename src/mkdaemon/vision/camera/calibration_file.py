@@ -17,7 +17,7 @@ from mkdaemon.config.camera import MountSection
 from mkdaemon.errors import ConfigError
 from mkdaemon.files import save
 from mkdaemon.frames import FLU_FROM_RDF, rotation_from_euler
-from mkdaemon.reading import parse_toml, read_text
+from mkdaemon.reading import LONGEST_SETTINGS, parse_toml, read_text
 from mkdaemon.vision.camera.intrinsics import Intrinsics
 
 Array = npt.NDArray[np.float64]
@@ -103,7 +103,7 @@ def load_camera(path: Path) -> Camera:
         ConfigError: missing, unreadable, or a key or value is wrong; one line names file, place and fix.
     """
     try:
-        content = parse_toml(read_text(path))
+        content = parse_toml(read_text(path, limit=LONGEST_SETTINGS))
         # as JSON and strict: arrays are tuples, whole numbers are numbers, and true is none
         camera = Camera.model_validate_json(json.dumps(content, default=str), strict=True)
         slip = _slip(camera.intrinsics)

@@ -18,7 +18,7 @@ from pydantic_core import ErrorDetails
 from mkdaemon.config.vision import BoardSection, TagPlacement, TargetFile, TargetSection
 from mkdaemon.errors import ConfigError, VisionError
 from mkdaemon.frames import rotation_from_euler, rotation_from_quaternion
-from mkdaemon.reading import parse_toml, read_text
+from mkdaemon.reading import LONGEST_SETTINGS, parse_toml, read_text
 from mkdaemon.vision.tags.tagfamily import QUIET_ZONE_CELLS, Cells, TagFamily, cells, find_family, size_words
 
 Array = npt.NDArray[np.float64]
@@ -164,7 +164,7 @@ def load(paths: Iterable[Path]) -> TagMap:
     names: list[str] = []
     for path in paths:
         try:
-            content = parse_toml(read_text(path))
+            content = parse_toml(read_text(path, limit=LONGEST_SETTINGS))
             sections.extend(TargetFile.model_validate(content).targets)
         except OSError as error:
             msg = f"target file {path}: {error.strerror or error}; give the path of a TOML file with [[targets]]"
