@@ -56,6 +56,7 @@ class ReadLimits:
     quiet_contrast: float = of(0.15, "share", "of the usual contrast, for such a sample", STILLS)
     quiet_grey: float = of(3.0, "grey", "the same at least", NOISE)
     min_cells: int = of(16, "", "fewer cells tell nothing", "derived: one in 65,000 by chance")
+    beside_cells: int = of(3, "cells", "that a fit may lie beside its place", "nested targets; farther fails the bits")
     paper_share: float = of(0.2, "share", "unsaturated white cells that make saturated ones a highlight", STILLS)
     rise: float = of(0.1, "share", "of the mean rise between neighbours from which a rise counts", STILLS)
     rise_grey: float = of(2.0, "grey", "the same at least", NOISE)

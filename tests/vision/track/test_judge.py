@@ -65,6 +65,9 @@ class GivenFits:
     def match(self, pixels, pose):
         return self.bits
 
+    def is_beside(self, pixels, pose):
+        return False
+
     def is_supported(self, pixels, pose):
         return self.supported
 

@@ -103,6 +103,10 @@ class TargetFitter:
             return pose.match if pose.match is not None else read
         return read
 
+    def is_beside(self, pixels: Grey, pose: Pose) -> bool:
+        """Whether a tag is read clearly some whole cells beside where the pose puts it, and not there."""
+        return self._bits.is_beside(pixels, pose)
+
     def is_supported(self, pixels: Grey, pose: Pose) -> bool:
         """Whether the edges that are seen support a pose with parts of the target hidden."""
         evidence = self._evidence.measure(pixels, pose)

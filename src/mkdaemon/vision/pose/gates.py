@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from itertools import product
+
 import numpy as np
 import numpy.typing as npt
 
@@ -19,12 +22,33 @@ Array = npt.NDArray[np.float64]
 Grey = npt.NDArray[np.uint8]
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class _Grid:
+    """The cells of one tag.
+
+    Attributes:
+        points: their middles `(n, 3)` [m; target].
+        cell: side of a cell [m].
+        pairs: neighbours, the black one first `(m, 2)`.
+        steps: to where the tag would lie whole cells beside its place `(k, 3)` [m; target]; the first is none.
+    """
+
+    points: Array
+    cell: float
+    pairs: npt.NDArray[np.intp]
+    steps: Array
+
+
 class BitModel:
     """The cells of a target, to be compared with an image."""
 
     def __init__(self, target: Target, projection: Projection, limits: Limits = LIMITS) -> None:
         self._projection = projection
         self._read, self._readable_px = limits.read, limits.cells.readable_px
+        self._clear = limits.judge.clear_bits
+        cells = range(-limits.read.beside_cells, limits.read.beside_cells + 1)
+        steps = np.array([(0.0, 0.0), *(step for step in product(cells, repeat=2) if any(step))])
+        self._grids: list[_Grid] = []
         points: list[Array] = []
         bright: list[Array] = []
         size: list[Array] = []
@@ -44,6 +68,7 @@ class BitModel:
             number = np.full(value.size, -1)
             number[keep] = count + np.arange(int(keep.sum()))
             grid = number.reshape(value.shape)
+            own: list[npt.NDArray[np.intp]] = []
             for a, b, va, vb in (
                 (grid[:, :-1], grid[:, 1:], value[:, :-1], value[:, 1:]),
                 (grid[:-1], grid[1:], value[:-1], value[1:]),
@@ -51,8 +76,11 @@ class BitModel:
                 usable = (a >= 0) & (b >= 0) & (va != vb)
                 black_first = usable & ~va
                 white_first = usable & va
-                pairs.append(np.column_stack([a[black_first], b[black_first]]))
-                pairs.append(np.column_stack([b[white_first], a[white_first]]))
+                own.append(np.column_stack([a[black_first], b[black_first]]))
+                own.append(np.column_stack([b[white_first], a[white_first]]))
+            pairs.extend(own)
+            moved = tag.place(steps * tag.module)
+            self._grids.append(_Grid(placed[keep], tag.module, np.concatenate(own) - count, moved - moved[0]))
             points.append(placed[keep])
             bright.append(value.ravel()[keep].astype(np.float64) - 0.5)
             size.append(np.full(int(keep.sum()), tag.module))
@@ -70,18 +98,9 @@ class BitModel:
             -1 to 1: the larger of the correlation after a lighting plane is taken out and of the agreement of
             neighbouring cells, which no shadow edge disturbs; none when too few cells are large enough to tell.
         """
-        seen = self._points @ pose.rotation.T + pose.position
-        if pose.motion is not None:
-            seen, _ = exposed(seen, pose.motion, self._projection)
-        uv, visible = self._projection.project(seen)
-        height, width = pixels.shape
-        depth = np.where(visible, seen[:, 2], 1.0)
-        visible &= (uv[:, 0] > 1) & (uv[:, 1] > 1) & (uv[:, 0] < width - 2) & (uv[:, 1] < height - 2)
-        visible &= self._size * float(self._projection.focal[0]) > self._readable_px * depth
+        grey, visible = self._look(pixels, pose, self._points, self._size)
         if not bool(visible.any()):
             return None
-        grey = np.zeros(len(uv))
-        grey[visible] = sample(pixels, uv[visible])
         white = visible & (self._bright > 0)
         if float((grey[white] < self._read.saturated).mean() if bool(white.any()) else 0.0) > self._read.paper_share:
             # The paper is not blown: what is, lies in a highlight and says nothing about the cells below it.
@@ -101,6 +120,44 @@ class BitModel:
         rise = grey[self._pairs[both, 1]] - grey[self._pairs[both, 0]]
         clear = rise > max(self._read.rise_grey, self._read.rise * float(np.abs(rise).mean()))
         return max(even, 2.0 * float(clear.mean()) - 1.0)
+
+    def is_beside(self, pixels: Grey, pose: Pose) -> bool:
+        """Whether a tag's cells are read clearly some whole cells beside where the pose puts them, and not there.
+
+        A third of a small tag's edges agrees with its neighbours' after such a step, and the cells of a large tag
+        around it are still read.
+        """
+        for grid in self._grids:
+            points = (grid.points + grid.steps[:, None]).reshape(-1, 3)
+            grey, visible = self._look(pixels, pose, points, grid.cell)
+            grey, visible = grey.reshape(len(grid.steps), -1), visible.reshape(len(grid.steps), -1)
+            both = visible[:, grid.pairs[:, 0]] & visible[:, grid.pairs[:, 1]]
+            known = grid.pairs[both[0]]
+            if len(known) < self._read.min_cells:
+                continue
+            rise = grey[:, known[:, 1]] - grey[:, known[:, 0]]
+            enough = np.maximum(self._read.rise_grey, self._read.rise * np.abs(rise).mean(axis=1, keepdims=True))
+            read = 2.0 * ((rise > enough) & both[:, both[0]]).mean(axis=1) - 1.0
+            if read[0] < self._clear <= read.max():
+                return True
+        return False
+
+    def _look(
+        self, pixels: Grey, pose: Pose, points: Array, size: Array | float
+    ) -> tuple[Array, npt.NDArray[np.bool_]]:
+        """Grey values `(n,)` where a pose puts points `(n, 3)` of cells of a size [m], and which can be read."""
+        seen = points @ pose.rotation.T + pose.position
+        if pose.motion is not None:
+            seen, _ = exposed(seen, pose.motion, self._projection)
+        uv, visible = self._projection.project(seen)
+        height, width = pixels.shape
+        depth = np.where(visible, seen[:, 2], 1.0)
+        visible &= (uv[:, 0] > 1) & (uv[:, 1] > 1) & (uv[:, 0] < width - 2) & (uv[:, 1] < height - 2)
+        visible &= size * float(self._projection.focal[0]) > self._readable_px * depth
+        grey = np.zeros(len(uv))
+        if bool(visible.any()):
+            grey[visible] = sample(pixels, uv[visible])
+        return grey, visible
 
 
 def fit_refusal(pose: Pose, cfg: TrackerSection) -> PoseRefusal | None:

@@ -58,6 +58,8 @@ class Checks:
         bits = self.fitter.match(seen.pixels, pose)
         if bits is not None and bits < (limits.clear_bits if is_late else self.cfg.min_bit_correlation):
             return PoseRefusal.BITS
+        if self.has_few_edges(pose) and self.fitter.is_beside(seen.pixels, pose):
+            return PoseRefusal.BITS
         tilt = self.level.tilt(seen, pose)
         if tilt is not None and tilt > self.level.gate(seen, pose) and not self.is_conclusive(seen, pose):
             return PoseRefusal.ATTITUDE
@@ -71,6 +73,10 @@ class Checks:
             has_velocity=self.track.has_velocity,
             limits=self.limits,
         )
+
+    def has_few_edges(self, pose: Pose) -> bool:
+        """Whether so few edges agree that something lies over the target, or edges were taken for their neighbours."""
+        return pose.source == "edges" and pose.inliers < self.limits.agreement.blind
 
     def candidates(self, seen: Sight, pose: Pose) -> list[Pose]:
         """A fit and, where perspective does not rule it out, its mirror image."""

@@ -51,9 +51,8 @@ class Judge:
         """
         checks = self._checks
         pose = self._fitter.refine(seen.pixels, start)
-        if pose is not None and pose.source == "edges" and pose.inliers < self._limits.agreement.blind:
-            # Something lies over the target, or the start was half a cell off and edges were taken for neighbours:
-            # then another start fits better.
+        if pose is not None and checks.has_few_edges(pose):
+            # Where the start was half a cell off, another one fits better.
             refits = [self._fitter.refine(seen.pixels, other) for other in others]
             rivals = [pose, *(other for other in refits if other is not None and other.source == "edges")]
             pose = min(rivals, key=lambda rival: rival.loss)

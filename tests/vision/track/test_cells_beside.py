@@ -1,0 +1,92 @@
+"""A fit may settle whole cells of a small tag beside its place: the cells' black and white tell."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import pytest
+
+from mkdaemon.config.vision import TrackerSection
+from mkdaemon.telemetry.vision import PoseRefusal
+from mkdaemon.vision.pose.fitting import TargetFitter
+from mkdaemon.vision.pose.gates import fit_refusal
+from mkdaemon.vision.pose.pose import Pose
+from mkdaemon.vision.pose.projection import Projection
+from mkdaemon.vision.track.attitude import LOOKING_DOWN
+from mkdaemon.vision.track.checks import Checks
+from mkdaemon.vision.track.judge import Judge
+from mkdaemon.vision.track.level import Sight
+from mkdaemon.vision.track.track import Track
+from tests.vision.views import VGA, View, place, shipped
+
+CFG = TrackerSection()
+
+
+def truth(view: View) -> Pose:
+    return Pose(view.rotation, view.position, 1e-6 * np.eye(6), "edges", 200, 0.05)
+
+
+def sight(view: View, pixels=None) -> Sight:
+    attitude = view.view.enu_from_cam @ LOOKING_DOWN.flu_from_cam.T
+    return Sight(view.pixels if pixels is None else pixels, 0.03, attitude)
+
+
+def off(pose: Pose | None, view: View) -> float:
+    assert pose is not None
+    return float(np.linalg.norm(pose.position - view.position))
+
+
+@pytest.mark.parametrize(
+    ("name", "distance", "cells"),
+    [("nested", 0.8, (2, 0)), ("nested", 1.1, (0, -2)), ("nested", 1.4, (2, 0)), ("nested-36", 0.9, (0, -2))],
+)
+def test_a_fit_two_cells_of_the_inner_tag_beside_its_place_is_refused(name, distance, cells):
+    target, view = shipped(name), View(shipped(name), place(distance, 0.2))
+    fitter, seen, track = TargetFitter(target, Projection(VGA)), sight(view), Track()
+    checks = Checks(fitter, track, CFG, LOOKING_DOWN)
+    step = target.tags[1].module * np.array([*cells, 0])
+    start = replace(truth(view), position=view.position + view.rotation @ step)
+    beside = fitter.refine(view.pixels, start)
+    assert off(beside, view) == pytest.approx(2 * target.tags[1].module, abs=1e-3)
+    bits = fitter.match(view.pixels, beside)
+    assert fit_refusal(beside, CFG) is None, "its edges alone do not tell"
+    assert bits is not None
+    assert bits > CFG.min_bit_correlation, "nor do all cells together"
+    assert checks.refusal(seen, beside, None) is PoseRefusal.BITS
+    track.accept(0.0, start, seen.enu_from_flu, view.pixels)
+    alone = Judge(checks).measure(seen, start, start)
+    assert alone.pose is None
+    assert alone.refusal is PoseRefusal.BITS
+    helped = Judge(checks).measure(seen, start, start, [truth(view)])
+    assert helped.refusal is None
+    assert off(helped.pose, view) < 5e-4
+
+
+@pytest.mark.parametrize("texture", ["grey", "noise"])
+def test_a_right_pose_with_the_inner_tag_hidden_stays(texture):
+    target, view = shipped("nested"), View(shipped("nested"), place(0.8, 0.2))
+    fitter = TargetFitter(target, Projection(VGA))
+    corners, _ = Projection(VGA).project(1.4 * target.tags[1].corners @ view.rotation.T + view.position)
+    cover = np.full_like(view.pixels, 120)
+    if texture == "noise":
+        cover = np.random.default_rng(5).integers(0, 256, cover.shape, dtype=np.uint8)
+    hidden = np.zeros_like(cover)
+    cv2.fillConvexPoly(hidden, np.rint(corners).astype(np.int32), 1)
+    pixels = np.where(hidden > 0, cover, view.pixels)
+    pose = fitter.refine(pixels, truth(view))
+    assert pose is not None
+    assert pose.inliers < 0.7, "most edges lie on the inner tag"
+    assert off(pose, view) < 1e-3
+    assert not fitter.is_beside(pixels, pose)
+    assert Checks(fitter, Track(), CFG, LOOKING_DOWN).refusal(sight(view, pixels), pose, None) is None
+
+
+def test_cells_outside_the_image_or_too_small_tell_nothing():
+    target, view = shipped("nested"), View(shipped("nested"), place(0.8, 0.2))
+    fitter = TargetFitter(target, Projection(VGA))
+    away = replace(truth(view), position=view.position + np.array([5.0, 0.0, 0.0]))
+    far = replace(truth(view), position=20.0 * view.position)
+    assert not fitter.is_beside(view.pixels, away)
+    assert not fitter.is_beside(view.pixels, far)
