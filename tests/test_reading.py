@@ -285,3 +285,12 @@ def test_a_mission_of_too_many_points_is_refused_before_they_are_read(tmp_path, 
     with pytest.raises(ConfigError, match="more than 2000 points"):
         read_mission(path)
     assert time.process_time() - began < 1.0
+
+
+def test_a_board_of_hundreds_of_tags_is_read_soon(tmp_path):
+    path = tmp_path / "board.toml"
+    board = "family = 'tag36h11'\nfirst_id = 0\ncolumns = 24\nrows = 24\nsize = 0.1\nspacing = 0.05\n"
+    path.write_text(f"[[targets]]\nname = 'board'\n[targets.board]\n{board}")
+    began = time.process_time()
+    assert len(load_targets([path]).targets[0].tags) == 576
+    assert time.process_time() - began < 1.0

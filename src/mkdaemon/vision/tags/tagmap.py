@@ -250,13 +250,18 @@ def _place(placement: TagPlacement) -> Tag:
 
 def _check_overlaps(target: Target, origin: str) -> None:
     """Refuse tags that hide the border of another: wrong sizes and positions show themselves here."""
+    centres = np.array([tag.position for tag in target.tags])
+    radii = np.array([np.linalg.norm(tag.outline - tag.position, axis=1).max() for tag in target.tags])
     for k, outer in enumerate(target.tags):
-        for inner in target.tags[k + 1 :]:
+        half = outer.module * outer.family.black_cells / 2
+        # Tags so far away are apart however they are turned: a board of hundreds needs no look at every pair.
+        distances = np.linalg.norm(centres[k + 1 :] - outer.position, axis=1)
+        for i in np.flatnonzero(distances < 2 * (half + radii[k + 1 :])):
+            inner = target.tags[k + 1 + int(i)]
             local = (inner.outline - outer.position) @ outer.rotation
             if float(np.abs(local[:, 2]).max()) > outer.module:
                 continue  # not in one plane
             low, high = local[:, :2].min(axis=0), local[:, :2].max(axis=0)
-            half = outer.module * outer.family.black_cells / 2
             apart = bool((low >= half).any() or (high <= -half).any())
             # An inner tag with its quiet zone has to stay inside the coded cells, or the outer border is broken;
             # inverted families correct too few bits to lose any.
