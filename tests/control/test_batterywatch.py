@@ -81,6 +81,21 @@ def test_without_a_target_the_aircraft_is_released_with_an_alarm():
     assert warning.text == "the battery is low: 12.0 V. Land, and change it."
 
 
+def test_a_low_battery_of_an_earlier_flight_does_not_end_the_next_one():
+    drive = Driver()
+    for _ in range(2):
+        drive.fly()
+        for _ in range(round(0.5 * LASTING / PERIOD)):
+            drive.core.state_received(battery(12.0, is_low=True), drive.now)
+            drive.stream(PERIOD)
+        assert not drive.releases
+        assert len(drive.of(Warn)) == 1, "told in every flight"
+        drive.ask_release()
+        drive.run(PERIOD)
+        drive.release_ends()
+        drive.run(2 * LASTING)
+
+
 class RunsEmpty(CoreRig):
     """The simulated battery loses voltage in flight; the board's alarm is at 12.8 V."""
 

@@ -10,6 +10,9 @@ from pydantic import Field
 from mkdaemon.config.base import Section
 from mkdaemon.config.camera import CameraName
 
+KindName = Literal["ideal", "c270", "c920", "pi_v2", "pi_gs", "elp", "ov9281"]
+"""What a simulated camera can be; the table is `sim/scene/kinds.py`."""
+
 
 class PlatformConfig(Section):
     """How the landing target moves."""
@@ -78,7 +81,7 @@ class SceneConfig(Section):
     """How the target moves."""
     light: LightConfig = LightConfig()
     """Light and sensor."""
-    kind: Literal["ideal", "c270", "c920", "pi_v2", "pi_gs", "elp", "ov9281"] = "ideal"
+    kind: KindName = "ideal"
     """What the camera is beside its lens: shutter, noise, processing; automatic exposure unless `ideal` or `ov9281`."""
     ground: Literal["grass", "asphalt", "tiles", "clutter"] = "tiles"
     """What the ground looks like."""

@@ -21,7 +21,7 @@ class FlightWatch:
     """Looks at the line, the pilot's receiver and the battery, at each tick.
 
     Attributes:
-        battery: what was found out about it in flight.
+        battery: what was found out about it under the newest lease.
     """
 
     def __init__(
@@ -30,7 +30,7 @@ class FlightWatch:
         """Watch for the holder of the lease of `authority`; `can_land`: is a target in sight at a time [s]."""
         self._authority, self._facts, self._patience, self._can_land = authority, facts, patience, can_land
         self.battery = BatteryWatch(facts)
-        self._landed_epoch = -1
+        self._epoch, self._has_landed = -1, False
 
     def look(self, found: ActiveSet, now: float) -> None:
         """End the lease where the line or the receiver says so; the next tick releases the aircraft.
@@ -46,6 +46,9 @@ class FlightWatch:
         lease = self._authority.lease(now)
         if lease is None:
             return
+        if lease.epoch != self._epoch:
+            # What an earlier flight found must not end this one: the battery may be another.
+            self._epoch, self._has_landed, self.battery = lease.epoch, False, BatteryWatch(self._facts)
         if link is not None and self._patience.is_over(link, now):
             self._authority.end(Event.LINK_LOST, cause=f"{link.condition.value}: {link.reason}")
         elif self._facts.is_receiver_lost(now):
@@ -54,8 +57,8 @@ class FlightWatch:
             self._authority.end(Event.CONTROL_IMPOSSIBLE, cause=cause)
         elif self._authority.phase in IN_FLIGHT:
             self.battery.look(found, now)
-            if self.battery.warning is not None and self.battery.has_lasted and lease.epoch != self._landed_epoch:
-                self._landed_epoch = lease.epoch
+            if self.battery.warning is not None and self.battery.has_lasted and not self._has_landed:
+                self._has_landed = True
                 self._authority.battery_low(self.battery.warning.reason, can_land=self._can_land(now))
 
     def _other_control(self, now: float) -> str:

@@ -13,13 +13,12 @@ stand for all sensors with pixels below 2 um, whose own were not found. 10,000 f
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Final, Literal
+from typing import Final
 
+from mkdaemon.config.scene import KindName
 from mkdaemon.sim.scene.autoexposure import AutoSettings
 from mkdaemon.sim.scene.light import Conditions
 from mkdaemon.sim.scene.processing import Processing
-
-KindName = Literal["ideal", "c270", "c920", "pi_v2", "pi_gs", "elp", "ov9281"]
 
 
 @dataclass(frozen=True, slots=True)
