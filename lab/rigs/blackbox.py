@@ -12,7 +12,8 @@ from pydantic import BaseModel
 
 from lab.rigs.boardport import TICK_TIME, Socket
 from mkdaemon.bus.codec import encode, encoding_of
-from mkdaemon.bus.gateway import Handler, Watcher
+from mkdaemon.bus.commandserver import Handler
+from mkdaemon.bus.gateway import Watcher
 from mkdaemon.bus.intake import Prover, Taker
 from mkdaemon.clock import Clock
 from mkdaemon.config.root import Config

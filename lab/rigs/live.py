@@ -1,4 +1,8 @@
-"""The whole daemon in this process, in real time, on simulated boards behind a pseudo terminal, and who watches it."""
+"""The whole daemon in this process, in real time, on simulated boards behind a TCP port, and who watches it.
+
+Not a pseudo terminal: what it carries waits for a worker of the kernel, up to 0.8 s beside other busy programs where the
+kernel groups programs by session, and that ends a flight as a mute line must (docs/operations.md).
+"""
 
 from __future__ import annotations
 
@@ -98,12 +102,12 @@ async def live_daemon(*, commands: CommandsConfig | None = None, **sim: Any) -> 
         TimeoutError: external control was not possible in time.
     """
     settings = {"board": "fc", "pilot_plan": PilotPlan.NOTHING, "calibrated": True} | sim
-    runtime = Runtime(Simulation(SimConfig(**settings)))
-    with reserved_endpoint() as endpoint:
-        async with runtime.serve():
+    with reserved_endpoint() as endpoint, reserved_endpoint() as port:
+        where = port.removeprefix("tcp/")
+        async with Runtime(Simulation(SimConfig(**settings)), listen=where).serve() as runtime:
             cfg = Config(
                 vehicle=VehicleConfig(name=VEHICLE),
-                link=LinkConfig(port=f"pty:{runtime.port}"),
+                link=LinkConfig(port=f"tcp:{where}"),
                 bus=BusConfig(listen=(endpoint,), lease=30.0),
                 control=ControlConfig(lease=LeaseConfig(ttl=60.0)),
                 commands=commands or CommandsConfig(),

@@ -7,7 +7,6 @@ off by hand and hovers.
 from __future__ import annotations
 
 import asyncio
-import json
 import math
 import os
 import signal
@@ -204,10 +203,11 @@ async def hovering(setting: Setting = Setting()) -> AsyncIterator[Hover]:
     async with AsyncExitStack() as stack:
         folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
         endpoint = stack.enter_context(reserved_endpoint())
+        where = stack.enter_context(reserved_endpoint()).removeprefix("tcp/")
         config = _config(folder, setting, endpoint)
-        simulator, port = await stack.enter_async_context(_simulator(config))
-        tap = await stack.enter_async_context(tapped(port)) if setting.is_tapped else None
-        _name_port(config, port if tap is None else tap.port)
+        simulator = await stack.enter_async_context(_simulator(config, where))
+        tap = await stack.enter_async_context(tapped(where)) if setting.is_tapped else None
+        _name_port(config, f"tcp:{where}" if tap is None else tap.port)
         daemon = await stack.enter_async_context(_daemon(config, endpoint, setting.program))
         client = await stack.enter_async_context(connected(endpoint, VEHICLE))
         await stack.enter_async_context(_observing(client, seen))
@@ -254,10 +254,10 @@ def _name_port(config: Path, port: str) -> None:
 
 
 @asynccontextmanager
-async def _simulator(config: Path) -> AsyncIterator[tuple[int, str]]:
-    """The simulator; number of its process, and the port of its boards."""
+async def _simulator(config: Path, where: str) -> AsyncIterator[int]:
+    """The simulator, with its boards behind a TCP port (lab/rigs/live.py says why); number of its process."""
     simulator = await asyncio.create_subprocess_exec(
-        *(sys.executable, *PROGRAM, "sim", "--config", str(config)),
+        *(sys.executable, *PROGRAM, "sim", "--config", str(config), "--listen", where),
         stdout=asyncio.subprocess.PIPE,
         stderr=asyncio.subprocess.DEVNULL,
         start_new_session=True,
@@ -265,7 +265,8 @@ async def _simulator(config: Path) -> AsyncIterator[tuple[int, str]]:
     try:
         favour(simulator.pid)  # its threads, started later, inherit it
         assert simulator.stdout is not None
-        yield simulator.pid, json.loads(await simulator.stdout.readline())["port"]
+        await simulator.stdout.readline()  # it serves
+        yield simulator.pid
     finally:
         simulator.terminate()
         await simulator.wait()
@@ -274,7 +275,6 @@ async def _simulator(config: Path) -> AsyncIterator[tuple[int, str]]:
 @asynccontextmanager
 async def _daemon(config: Path, endpoint: str, program: Sequence[str]) -> AsyncIterator[DaemonProcess]:
     daemon = await DaemonProcess.start(config, endpoint, program)
-    favour(daemon.pid)  # as it does itself, once it has started
     try:
         yield daemon
     finally:

@@ -1,7 +1,10 @@
 """A tap on the line between a daemon and its boards: a process of its own that passes bytes on and notes their times.
 
-Run as a program it prints the name of a pseudo terminal for the daemon, passes everything on to the port it is given,
-and back, until its input closes; then it prints what the daemon wrote, one line for each piece: time and bytes in hex.
+Run as a program it prints where the daemon may connect, passes everything on to the TCP port it is given, and back,
+until its input closes; then it prints what the daemon wrote, one line for each piece: time and bytes in hex.
+
+TCP, because what a pseudo terminal carries waits for a worker of the kernel in either direction (docs/operations.md);
+what a program writes to a serial port goes out without one.
 """
 
 from __future__ import annotations
@@ -9,9 +12,9 @@ from __future__ import annotations
 import asyncio
 import os
 import select
+import socket
 import sys
 import time
-import tty
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager, suppress
 from typing import Final
@@ -20,7 +23,7 @@ from mkdaemon.protocol.framing import Frame, FrameDecoder
 from mkdaemon.protocol.messages import ExternControlV2
 
 BAUD: Final = 57600
-"""Of the line that stands for the pseudo terminal, which has no rate of its own."""
+"""Of the line that stands for the TCP connection, which has no rate of its own."""
 BITS: Final = 10
 """A byte on the line: start, eight, stop."""
 FIRST: Final = 90
@@ -62,10 +65,10 @@ def frames_on_wire(heard: list[Piece]) -> list[tuple[float, Frame]]:
 
 
 @asynccontextmanager
-async def tapped(port: str) -> AsyncIterator[WireTap]:
-    """A tap in front of a port for as long as the context lasts; what was heard is there afterwards."""
+async def tapped(where: str) -> AsyncIterator[WireTap]:
+    """A tap in front of a TCP port for as long as the context lasts; what was heard is there afterwards."""
     pipe = asyncio.subprocess.PIPE
-    process = await asyncio.create_subprocess_exec(sys.executable, "-m", __name__, port, stdin=pipe, stdout=pipe)
+    process = await asyncio.create_subprocess_exec(sys.executable, "-m", __name__, where, stdin=pipe, stdout=pipe)
     assert process.stdin is not None and process.stdout is not None
     tap = WireTap((await process.stdout.readline()).decode().strip())
     try:
@@ -78,27 +81,37 @@ async def tapped(port: str) -> AsyncIterator[WireTap]:
             tap.heard.append((float(at), bytes.fromhex(data)))
 
 
-def main(port: str) -> None:
-    """Pass bytes on until the input closes."""
+def main(where: str) -> None:
+    """Pass bytes on until the input closes; a daemon that opens its port anew gets the boards anew."""
     with suppress(OSError):
         os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(FIRST))
-    near, far = os.openpty()
-    tty.setraw(far)
-    boards = os.open(port, os.O_RDWR | os.O_NOCTTY)
-    tty.setraw(boards)
-    print(os.ttyname(far), flush=True)
     heard: list[Piece] = []
-    while True:
-        ready, _, _ = select.select((near, boards, 0), (), ())
-        if near in ready:
-            data = os.read(near, BLOCK)
-            heard.append((time.monotonic(), data))
-            os.write(boards, data)
-        if boards in ready:
-            os.write(near, os.read(boards, BLOCK))
-        if 0 in ready:
-            break
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        print(f"tcp:127.0.0.1:{server.getsockname()[1]}", flush=True)
+        while server in select.select((server, sys.stdin), (), ())[0]:
+            daemon, _ = server.accept()
+            host, _, port = where.rpartition(":")
+            with daemon, socket.create_connection((host, int(port))) as boards:
+                _pass_on(daemon, boards, heard)
     sys.stdout.writelines(f"{at!r} {data.hex()}\n" for at, data in heard)
+
+
+def _pass_on(daemon: socket.socket, boards: socket.socket, heard: list[Piece]) -> None:
+    """Until one of the two hangs up, or the input closes."""
+    for one in (daemon, boards):
+        one.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+    with suppress(ConnectionError):
+        while True:
+            ready, _, _ = select.select((daemon, boards, sys.stdin), (), ())
+            if daemon in ready:
+                data = daemon.recv(BLOCK)
+                heard.append((time.monotonic(), data))
+                boards.sendall(data)
+            if boards in ready:
+                data = boards.recv(BLOCK)
+                daemon.sendall(data)
+            if sys.stdin in ready or not data:
+                return
 
 
 if __name__ == "__main__":

@@ -184,7 +184,7 @@ async def test_leaving_ends_commands_that_still_run():
         with client(endpoint) as session:
             asking = asyncio.ensure_future(asyncio.to_thread(ask, session, "mk/t3/cmd/fc/version_request"))
             await asyncio.wait_for(begun.wait(), PATIENCE)
-            await opened._stop_answering()
+            await opened.stop_answering()
             assert await asyncio.wait_for(asking, PATIENCE) == []
             begun.clear()
             assert await asyncio.to_thread(ask, session, "mk/t3/cmd/fc/version_request") == []

@@ -14,7 +14,7 @@ from mkdaemon.daemon.localsocket import LocalSocket
 from mkdaemon.errors import CommandRejectedError, MkError
 from mkdaemon.telemetry.command import CommandResult
 from mkdaemon.telemetry.control import ReleaseOutcome
-from mkdaemon.telemetry.refusals import Status
+from mkdaemon.telemetry.refusals import Status, Token, refuse
 
 HERE = Connection(vehicle="alone", connect="tcp/127.0.0.1:7999")
 DONE = {"status": "confirmed", "frames": 5}
@@ -46,7 +46,9 @@ def bus_that(monkeypatch, outcome):
     monkeypatch.setattr(release, "_release_over_bus", over_bus)
 
 
-@pytest.mark.parametrize("outcome", [None, MkError("nobody answers")])
+@pytest.mark.parametrize(
+    "outcome", [None, MkError("nobody answers"), refuse(Token.BUSY, detail="too many queries wait for an answer")]
+)
 async def test_a_bus_that_does_not_answer_leaves_the_socket(monkeypatch, asked, capsys, outcome):
     monkeypatch.setattr(release, "BUS_TIME", 0.05)
     bus_that(monkeypatch, outcome)

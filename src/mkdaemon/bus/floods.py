@@ -32,7 +32,9 @@ pyserial cannot watch a port that was opened after them (select(2), FD_SETSIZE).
 PENDING_TIME: Final = 5.0
 """A connection that has not introduced itself for so long is closed [s]."""
 ALL_OTHERS: Final = "others"
-QUERY_RATES: Final[Mapping[str, float]] = {"do/release": 20.0, "do/lease": 50.0, ALL_OTHERS: 200.0}
+URGENT: Final[Mapping[str, float]] = {"do/release": 20.0, "do/abort": 20.0}
+"""Commands that end a flight or a manoeuvre, which anyone may: what else is asked makes them wait for nothing."""
+QUERY_RATES: Final[Mapping[str, float]] = {**URGENT, "do/lease": 50.0, ALL_OTHERS: 200.0}
 """Commands taken a second [Hz], and at once: each kind has its own, so that no flood shuts out a release."""
 REPORT_PERIOD: Final = 1.0
 """Time between two reports of what was shed [s]."""

@@ -7,39 +7,30 @@ congestion control DROP, so a slow subscriber cannot slow the line's reader; the
 from __future__ import annotations
 
 import asyncio
-import time
-from collections.abc import AsyncIterator, Awaitable, Callable
+from collections.abc import AsyncIterator, Callable
 from contextlib import ExitStack, asynccontextmanager
 from functools import partial
-from itertools import count
 from typing import Final, Self
 
-import structlog
 import zenoh
 from pydantic import BaseModel
 
 from mkdaemon.bus.answers import AnswerThread
-from mkdaemon.bus.codec import MEDIA_TYPE, Payload, encode, encoding_of
+from mkdaemon.bus.codec import MEDIA_TYPE, encoding_of
+from mkdaemon.bus.commandserver import CommandServer, Handler
 from mkdaemon.bus.exposure import check_exposure
-from mkdaemon.bus.floods import QueryBudgets, ShedCounter, flood_settings
+from mkdaemon.bus.floods import ShedCounter, flood_settings
 from mkdaemon.bus.intake import Prover, SetpointIntake, Taker, read_payload, read_signature, read_source
 from mkdaemon.bus.keys import Use, find, of_use, roots
-from mkdaemon.bus.names import key, suffix_of
+from mkdaemon.bus.names import key
 from mkdaemon.bus.published import PublishedValues
 from mkdaemon.bus.recording import BusRecorder, NoRecorder, recorded_taker
 from mkdaemon.bus.schema import schema_json, schema_names
 from mkdaemon.bus.session import close_session, open_session, session_config
 from mkdaemon.config.bus import BusConfig
-from mkdaemon.errors import CommandRejectedError
-from mkdaemon.telemetry.command import CommandResult, refused
-from mkdaemon.telemetry.refusals import Token, refuse
 
-_log = structlog.get_logger(__name__)
-_RESULT_ENCODING: Final = encoding_of(CommandResult)
 _JSON: Final = "application/schema+json"
 
-Handler = Callable[[str, Payload], Awaitable[CommandResult]]
-"""Answers a command: suffix and payload to a result; may raise `CommandRejectedError`."""
 Watcher = Callable[[str, bool], None]
 """Takes a client's coming (True) or going (False), by its name; called on the loop."""
 
@@ -59,14 +50,10 @@ class Bus:
         self._loop = asyncio.get_running_loop()
         self._recorder = recorder
         self._published = PublishedValues(session, vehicle, recorder)
-        self._exchanges = count(1)
-        self._answering: set[asyncio.Task[None]] = set()
-        self._is_leaving = False
-        self._shed, self._budgets = ShedCounter(), QueryBudgets()
-        # Two, so that who reads no last values holds up no answer to a command.
-        limit = 4 * cfg.max_queries
-        self._lookups = AnswerThread("bus.lookups", limit=limit, limit_per_key=cfg.max_queries)
-        self._replies = AnswerThread("bus.replies", limit=limit, limit_per_key=limit)
+        self._shed = ShedCounter()
+        self._commands = CommandServer(session, vehicle, recorder, self._shed, cfg.max_queries)
+        # One of its own, so that who reads no last values holds up no answer to a command.
+        self._lookups = AnswerThread("bus.lookups", limit=4 * cfg.max_queries, limit_per_key=cfg.max_queries)
 
     @classmethod
     @asynccontextmanager
@@ -108,9 +95,8 @@ class Bus:
                     token.enter_context(session.liveliness().declare_token(key(vehicle, "alive")))
                     yield bus
                 finally:
-                    await bus._stop_answering()
-                    for thread in (bus._lookups, bus._replies):
-                        await asyncio.to_thread(thread.close)
+                    await bus._commands.close()
+                    await asyncio.to_thread(bus._lookups.close)
         finally:
             await close_session(session)
 
@@ -159,20 +145,11 @@ class Bus:
 
     def serve(self, root: str, handler: Handler) -> None:
         """Answer every command below a root (`cmd`, `do`) with `handler`, each in its own task."""
+        self._commands.serve(root, handler)
 
-        def take(query: zenoh.Query) -> None:
-            if self._is_leaving:
-                self._reply_result(query, None)
-                return
-            if len(self._answering) >= self._cfg.max_queries:
-                error = refuse(Token.BUSY, detail=f"{len(self._answering)} commands are being worked on")
-                self._reply_result(query, refused(error))
-                return
-            task = self._loop.create_task(self._answer_command(query, handler), name=f"answer {query.key_expr}")
-            self._answering.add(task)
-            task.add_done_callback(self._answering.discard)
-
-        self._declare_queryable(f"{root}/**", take)
+    async def stop_answering(self) -> None:
+        """End what is being worked on; what is asked from now on gets no answer."""
+        await self._commands.stop()
 
     def receive(self, suffix: str, take: Taker, is_proven: Prover = lambda payload, proof: True) -> None:
         """Hand every setpoint of a key to `take`, with the time it arrived; see `SetpointIntake`.
@@ -217,25 +194,6 @@ class Bus:
             key(self.vehicle, "client/*"), zenoh.handlers.Callback(on_token, indirect=False), history=True
         )
 
-    def _declare_queryable(self, suffix: str, answer: Callable[[zenoh.Query], None]) -> None:
-        """Have queries answered on the loop; what is too much for it is answered `busy` without it."""
-        loop = self._loop
-        busy = encode(refused(refuse(Token.BUSY, detail="too many commands in a second")))
-
-        def reply_busy(query: zenoh.Query) -> None:
-            query.reply(query.key_expr, busy, encoding=_RESULT_ENCODING)
-
-        def on_query(query: zenoh.Query) -> None:
-            asked = str(query.key_expr).partition(key(self.vehicle, ""))[2]
-            if self._budgets.admit(asked, 0 if query.payload is None else len(query.payload)):
-                loop.call_soon_threadsafe(answer, query)
-                return
-            # By a name that is ours: what strangers ask for may be long, and never the same twice.
-            self._shed.add("unknown queries" if find(asked) is None else f"queries to {asked}")
-            self._replies.submit(query, reply_busy)
-
-        self._session.declare_queryable(key(self.vehicle, suffix), zenoh.handlers.Callback(on_query, indirect=False))
-
     def _declare_lookup(self, suffix: str, answer: Callable[[zenoh.Query], None]) -> None:
         """Have queries answered without the loop."""
 
@@ -249,49 +207,3 @@ class Bus:
             whole = key(self.vehicle, f"schema/{name}")
             if query.key_expr.intersects(whole) and (schema := schema_json(name)) is not None:
                 query.reply(whole, schema, encoding=_JSON)
-
-    async def _answer_command(self, query: zenoh.Query, handler: Handler) -> None:
-        whole = str(query.key_expr)
-        result: CommandResult | None = None
-        exchange = 0
-        try:
-            if "*" not in whole and "$" not in whole:  # a wildcard that looks around commands nothing
-                suffix, exchange = suffix_of(self.vehicle, whole), next(self._exchanges)
-                payload = read_payload(query.payload, suffix)
-                source = read_source(query.source_info)
-                self._recorder.query(suffix, payload if isinstance(payload, bytes) else b"", exchange, source)
-                result = await self._work_on(suffix, payload, handler)
-        finally:
-            self._reply_result(query, result, exchange)
-
-    async def _work_on(self, suffix: str, payload: Payload, handler: Handler) -> CommandResult:
-        started = time.monotonic()
-        try:
-            result = await handler(suffix, payload)
-        except CommandRejectedError as error:
-            result = refused(error)
-        except Exception as error:  # noqa: BLE001
-            # One client's strange request must not end the flight of another: answer, log, go on.
-            _log.exception("command failed", key=suffix)
-            result = refused(refuse(Token.INTERNAL, detail=f"{type(error).__name__}: {error}"))
-        return result.model_copy(update={"duration": round(time.monotonic() - started, 6)})
-
-    def _reply_result(self, query: zenoh.Query, result: CommandResult | None, exchange: int = 0) -> None:
-        """Reply to a command, off the loop; None for no answer."""
-        payload = None if result is None else encode(result)
-        if payload is not None and exchange:
-            suffix = suffix_of(self.vehicle, str(query.key_expr))
-            self._recorder.reply(suffix, payload, _RESULT_ENCODING, exchange)
-
-        def reply(query: zenoh.Query) -> None:
-            if payload is not None:
-                query.reply(query.key_expr, payload, encoding=_RESULT_ENCODING)
-
-        self._replies.submit(query, reply)
-
-    async def _stop_answering(self) -> None:
-        """End what is being worked on; what is asked from now on gets no answer."""
-        self._is_leaving = True
-        for task in self._answering:
-            task.cancel()
-        await asyncio.gather(*self._answering, return_exceptions=True)

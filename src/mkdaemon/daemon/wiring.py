@@ -14,7 +14,8 @@ from typing import Final, Protocol
 
 from mkdaemon.actor import act, acting, taking
 from mkdaemon.bus.codec import Payload
-from mkdaemon.bus.gateway import Handler, Watcher
+from mkdaemon.bus.commandserver import Handler
+from mkdaemon.bus.gateway import Watcher
 from mkdaemon.bus.intake import Prover, Taker
 from mkdaemon.clock import Clock
 from mkdaemon.config.root import Config

@@ -10,7 +10,8 @@ from typing import Any, Final
 from pydantic import BaseModel
 
 from mkdaemon.bus.codec import decode_map, encode, encode_map, encoding_of
-from mkdaemon.bus.gateway import Handler, Watcher
+from mkdaemon.bus.commandserver import Handler
+from mkdaemon.bus.gateway import Watcher
 from mkdaemon.bus.intake import Prover, Taker
 from mkdaemon.errors import CommandRejectedError
 from mkdaemon.record.entry import STRANGER, Entry, Kind

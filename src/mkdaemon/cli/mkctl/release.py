@@ -12,6 +12,7 @@ from mkdaemon.cli.program import EXIT_FAILURE
 from mkdaemon.client import ReleaseResult
 from mkdaemon.client.localsocket import ask_locally, find_socket
 from mkdaemon.errors import CommandRejectedError, MkError
+from mkdaemon.telemetry.tokens import Token
 
 if TYPE_CHECKING:
     from mkdaemon.telemetry.control import ReleaseOutcome
@@ -46,7 +47,7 @@ async def _release(connection: Connection, reason: str) -> ReleaseResult:
     if path is None:
         return await over_bus
     await asyncio.wait({over_bus}, timeout=BUS_TIME)
-    if over_bus.done() and (over_bus.exception() is None or isinstance(over_bus.exception(), CommandRejectedError)):
+    if over_bus.done() and (over_bus.exception() is None or _is_refusal(over_bus.exception())):
         return await over_bus
     try:
         answer = await ask_locally(path, "release", reason)
@@ -55,6 +56,11 @@ async def _release(connection: Connection, reason: str) -> ReleaseResult:
         return await over_bus
     over_bus.cancel()
     return ReleaseResult.from_reply(answer.require())
+
+
+def _is_refusal(error: BaseException | None) -> bool:
+    """Whether the daemon has answered the request itself: a bus that is busy has not brought it."""
+    return isinstance(error, CommandRejectedError) and error.token != Token.BUSY
 
 
 async def _release_over_bus(connection: Connection, reason: str) -> ReleaseResult:
