@@ -1,7 +1,7 @@
 """The whole daemon in this process, in real time, on simulated boards behind a TCP port, and who watches it.
 
-Not a pseudo terminal: what it carries waits for a worker of the kernel, up to 0.8 s beside other busy programs where the
-kernel groups programs by session, and that ends a flight as a mute line must (docs/operations.md).
+Not a pseudo terminal: what it carries waits for a worker of the kernel, up to 0.8 s beside other busy programs where
+the kernel groups programs by session, and that ends a flight as a mute line must (docs/operations.md).
 """
 
 from __future__ import annotations
