@@ -18,6 +18,7 @@ import numpy as np
 from lab.control.corerig import CLIENT, CoreRig, link_state, pose_of
 from lab.control.flights import Flight
 from lab.control.rig import CONTROL_PERIOD
+from lab.control.trouble import Trouble
 from mkdaemon.control.actions import Release, ReportMode, SendSticks
 from mkdaemon.control.activeset import ActiveSet, Gate, GateKind
 from mkdaemon.control.estimator.values import TargetView
@@ -40,41 +41,12 @@ LOOK: Final = 0.002
 """Between two looks whether the core wants to tick [s]."""
 SLEW_TIME: Final = 0.1
 """A loop that stood still may move the sticks as far as in this time [s]; docs/safety.md."""
+ROUNDING: Final = 1e-6
+"""Of times; an age of just this setpoint's time may count as stale or not [s]."""
 GESTURE: Final = 70
 """Most yaw, and none below `LOW` [stick]; docs/safety.md."""
 LOW: Final = -100
 """See `GESTURE` [stick]."""
-
-
-@dataclass(slots=True)
-class Trouble:
-    """What is wrong at the moment; times are ends [s].
-
-    Attributes:
-        client_silent: the client streams nothing.
-        client_late: largest delay of a setpoint [s].
-        client_wild: the client streams nonsense.
-        blind: images show no target.
-        camera_late: poses come later by this [s].
-        camera_wrong: poses are off by this [m].
-        eyes_stalled: no pose comes before this time; then all of them do.
-        core_stalled: the core does not run.
-        telemetry_silent: no attitude is heard.
-        uplink_dead: no stick frame arrives.
-        gate_shut: the FlightCtrl takes no stick frame.
-    """
-
-    client_silent: float = 0.0
-    client_late: tuple[float, float] = (0.0, 0.0)
-    client_wild: float = 0.0
-    blind: float = 0.0
-    camera_late: tuple[float, float] = (0.0, 0.0)
-    camera_wrong: tuple[float, float] = (0.0, 0.0)
-    eyes_stalled: float = 0.0
-    core_stalled: float = 0.0
-    telemetry_silent: float = 0.0
-    uplink_dead: float = 0.0
-    gate_shut: float = 0.0
 
 
 @dataclass(slots=True)
@@ -200,8 +172,9 @@ class FaultRig(CoreRig):
 
     def _run_core(self, at: float) -> None:
         """The core's own loop: it ticks when it wants to."""
-        if at < self.trouble.core_stalled:
-            self._at(self.trouble.core_stalled, self._run_core)
+        begun, until = self.trouble.core_stalled
+        if begun <= at < until:
+            self._at(until, self._run_core)
             return
         if self.core.next_time() <= at:
             for action in self.core.tick(at):
@@ -227,9 +200,17 @@ class FaultRig(CoreRig):
             self.outcome.released, self.outcome.reason = at, action.reason
         self._at(at + 0.2, lambda now: self.core.released(ReleaseOutcome.CONFIRMED, now))
 
+    @property
+    def throttle_in_use(self) -> int:
+        """Throttle that the FlightCtrl flies with [stick from the centre]."""
+        return self._held.throttle
+
     def _hold(self, sticks: AutopilotSticks) -> None:
-        if self._world.now >= self.trouble.gate_shut or self.core.phase not in IN_FLIGHT:
-            super()._hold(sticks)
+        now = self._world.now
+        if now >= self.trouble.gate_shut or self.core.phase not in IN_FLIGHT:
+            hover = self.cfg.limiter.hover_throttle
+            lids = [round(hover - below) for start, end, below in self.trouble.lids if start <= now < end]
+            super()._hold(replace(sticks, throttle=min([sticks.throttle, *lids])))
 
     # -- cameras and boards ---------------------------------------------------------------------------------------
 
@@ -276,15 +257,15 @@ class FaultRig(CoreRig):
         broken["yaw"] += abs(now[2]) > cfg.max_yaw
         broken["throttle"] += not cfg.min_throttle <= now[3] <= cfg.max_throttle
         broken["gesture"] += abs(now[2]) > GESTURE or (now[3] < LOW and now[2] != 0)
-        is_stale = at - self._newest > cfg.setpoint_ttl + 1e-6
-        broken["stale tilt"] += is_stale and now[:3] != (0, 0, 0)
+        age = at - self._newest
+        broken["stale tilt"] += age > cfg.setpoint_ttl + ROUNDING and now[:3] != (0, 0, 0)
         broken["sent late"] += action.deadline <= at
-        if self._last is not None and not is_stale:
+        if self._last is not None and age < cfg.setpoint_ttl - ROUNDING:  # then neutral comes at once
             step = min(at - self._last[0], SLEW_TIME)
             for new, old, slew in zip(now, self._last[1], (cfg.slew,) * 3 + (cfg.throttle_slew,), strict=True):
                 # Whole counts: each end may be rounded by a half.
                 broken["slew"] += abs(new - old) > slew * max(step, 0.01) + 1.0
-            broken["too soon"] += at - self._last[0] < 0.01 - 1e-6
+            broken["too soon"] += at - self._last[0] < 0.01 - ROUNDING
         self._last = (at, now)
         for name in [name for name, count in broken.items() if not count]:
             del broken[name]

@@ -1,15 +1,15 @@
-"""Faults of a flight: client, line, camera, boards, computer and air, each with what may follow from it."""
+"""Faults of a flight: client, line, camera, computer and air; what boards report is in `boardfaults`."""
 
 from __future__ import annotations
 
 import math
 import random
-from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import dataclass
 from typing import Any, Final
 
+from lab.control.boardfaults import battery_low, gps_switch, height_control, throttle_capped
 from lab.control.corerig import stamp
+from lab.control.expectations import LOST_SIGHT, NOTHING, TOLERANCE, Expectation, Fault
 from lab.control.faultrig import FaultRig
 from mkdaemon.errors import CommandRejectedError
 from mkdaemon.telemetry.command import AbortRequest, ReleaseRequest
@@ -18,29 +18,6 @@ from mkdaemon.telemetry.link import LinkCondition
 from mkdaemon.telemetry.setpoint import AttitudeSetpoint, Setpoint, SetpointFrame, StickSetpoint, VelocitySetpoint
 from mkdaemon.telemetry.signature import signed
 from mkdaemon.telemetry.state import Pilot
-
-TOLERANCE: Final = 1.2
-"""A trigger fires at its time, at most so much later: docs/safety.md."""
-
-
-@dataclass(frozen=True, slots=True)
-class Expectation:
-    """What may follow from a fault.
-
-    Attributes:
-        reasons: what the reason of a release may begin with or contain.
-        within: it must come so soon after the fault [s]; infinite where it need not.
-    """
-
-    reasons: tuple[str, ...] = ()
-    within: float = math.inf
-
-
-NOTHING: Final = Expectation()
-LOST_SIGHT: Final = ("no image of",)
-"""Images that are gone for too long end a flight."""
-
-Fault = Callable[[FaultRig, float, random.Random], Expectation]
 
 
 def client_silent(rig: FaultRig, at: float, rng: random.Random) -> Expectation:
@@ -169,7 +146,7 @@ def camera_wrong(rig: FaultRig, at: float, rng: random.Random) -> Expectation:
 def core_stalled(rig: FaultRig, at: float, rng: random.Random) -> Expectation:
     """The daemon stands still."""
     pause = rng.choice((rng.uniform(0.02, 0.25), rng.uniform(0.35, 1.0)))
-    rig.at(at, lambda now: setattr(rig.trouble, "core_stalled", now + pause))
+    rig.at(at, lambda now: setattr(rig.trouble, "core_stalled", (now, now + pause)))
     return Expectation(("the daemon stood still",), pause) if pause > 0.3 else NOTHING
 
 
@@ -251,7 +228,8 @@ FAULTS: Final[dict[str, Fault]] = {
     for fault in (
         client_silent, client_dies, client_late, client_wild, stranger, other_kinds, taken_over, aborted, release_asked,
         blind, eyes_stalled, camera_late, camera_wrong, core_stalled, guard_acts, line_bad, line_gone, line_refuses,
-        receiver_lost, telemetry_silent, uplink_dead, gust, compass_off,
+        receiver_lost, telemetry_silent, uplink_dead, gust, compass_off, battery_low, gps_switch, height_control,
+        throttle_capped,
     )
 }  # fmt: skip
 """Every fault by name."""

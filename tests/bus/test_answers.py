@@ -10,7 +10,7 @@ from contextlib import asynccontextmanager
 import zenoh
 
 from lab.rigs.waiting import PATIENCE, wait_blocking
-from mkdaemon.bus.answers import BUSY, SHED_BYTES, WAITING_BYTES, AnswerThread
+from mkdaemon.bus.answers import BUSY, MOST_SHED, SHED_BYTES, WAITING_BYTES, AnswerThread
 from mkdaemon.bus.gateway import Bus
 from mkdaemon.bus.schema import schema_names
 from mkdaemon.telemetry.command import CommandResult
@@ -120,7 +120,7 @@ def test_queries_beyond_the_limits_get_an_error_and_an_answer_that_fails_ends_no
     assert [query.answers for query in others] == [["answer", "end"], [BUSY, "end"]]
 
 
-def test_of_many_surplus_queries_only_the_newest_get_an_error():
+def test_of_many_surplus_queries_some_wait_and_only_the_newest_of_them_get_an_error():
     gate, began = threading.Event(), threading.Event()
     thread = AnswerThread("test", limit=3, limit_per_key=1)
     surplus = [_Query("held") for _ in range(1000)]
@@ -133,11 +133,13 @@ def test_of_many_surplus_queries_only_the_newest_get_an_error():
     assert began.wait(PATIENCE)
     for query in surplus:
         thread.submit(query, hold)
+    assert all(query.answers == ["dropped"] for query in surplus[MOST_SHED:]), "each would keep 64 kB"
     gate.set()
-    wait_blocking(lambda: surplus[-1].answers)
+    answered = surplus[MOST_SHED - MOST_SHED // 2 : MOST_SHED]
+    wait_blocking(lambda: answered[-1].answers)
     thread.close()
-    assert [query.answers for query in surplus[-3:]] == [[BUSY, "end"]] * 3
-    assert [query.answers for query in surplus[:-3]] == [["dropped"]] * 997
+    assert [query.answers for query in answered] == [[BUSY, "end"]] * len(answered)
+    assert all(query.answers == ["dropped"] for query in surplus[: -len(answered)] if query not in answered)
 
 
 def test_long_queries_that_wait_do_not_fill_the_memory():

@@ -28,6 +28,8 @@ WAITING_BYTES: Final = 1 << 20
 """What may wait for an answer in all, by what came with the queries [bytes]: eight of the longest honest requests."""
 SHED_BYTES: Final = 1 << 21
 """What may wait for the error `BUSY` [bytes]; queries beyond it are ended on the thread that brought them."""
+MOST_SHED: Final = 256
+"""How many may: as long as a query lives, Zenoh keeps the whole buffer that brought it, 64 kB (measured 80 kB each)."""
 OVERHEAD: Final = 1024
 """Of a query with nothing in it [bytes]."""
 LEAVE: Final = 1.0
@@ -63,15 +65,24 @@ class AnswerThread:
         asked, size = str(query.key_expr), _size(query)
         with self._news:
             is_full = len(self._waiting) >= self._limit or self._waiting_bytes + size > WAITING_BYTES
-            if not is_full and self._keys[asked] < self._limit_per_key:
+            is_taken = not is_full and self._keys[asked] < self._limit_per_key
+            if is_taken:
                 self._waiting.append((query, work, asked))
                 self._waiting_bytes += size
                 self._keys[asked] += 1
-                has_room = True
-            elif has_room := self._shed_bytes + size <= SHED_BYTES:
+                self._news.notify()
+        if not is_taken:
+            self.shed(query)
+
+    def shed(self, query: zenoh.Query) -> None:
+        """Have a query answered with the error `BUSY`; from any thread, returns at once as `submit` does."""
+        size = _size(query)
+        with self._news:
+            has_room = len(self._shed) < MOST_SHED and self._shed_bytes + size <= SHED_BYTES
+            if has_room:
                 self._shed.append(query)
                 self._shed_bytes += size
-            self._news.notify()
+                self._news.notify()
         if not has_room:
             query.drop()  # type: ignore[no-untyped-call]
 
@@ -89,7 +100,7 @@ class AnswerThread:
                     self._news.wait()
                 if self._is_over:
                     return
-                surplus = [self._shed.popleft() for _ in range(len(self._shed) - self._limit)]
+                surplus = [self._shed.popleft() for _ in range(len(self._shed) - MOST_SHED // 2)]
                 shed = self._shed.popleft() if self._shed else None
                 self._shed_bytes -= sum(map(_size, surplus)) + (0 if shed is None else _size(shed))
                 query, work, asked = (shed, _refuse, "") if shed is not None else self._waiting.popleft()

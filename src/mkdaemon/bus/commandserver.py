@@ -29,7 +29,6 @@ from mkdaemon.telemetry.refusals import Token, refuse
 
 _log = structlog.get_logger(__name__)
 _ENCODING: Final = encoding_of(CommandResult)
-_BUSY: Final = encode(refused(refuse(Token.BUSY, detail="too many commands in a second")))
 
 Handler = Callable[[str, Payload], Awaitable[CommandResult]]
 """Answers a command: suffix and payload to a result; may raise `CommandRejectedError`."""
@@ -67,9 +66,6 @@ class CommandServer:
     def serve(self, root: str, handler: Handler) -> None:
         """Answer every command below a root (`cmd`, `do`) with `handler`; what is too much without the loop."""
 
-        def reply_busy(query: zenoh.Query) -> None:
-            query.reply(query.key_expr, _BUSY, encoding=_ENCODING)
-
         def on_query(query: zenoh.Query) -> None:
             asked = str(query.key_expr).partition(key(self._vehicle, ""))[2]
             if self._budgets.admit(asked, 0 if query.payload is None else len(query.payload)):
@@ -77,7 +73,7 @@ class CommandServer:
                 return
             # By a name that is ours: what strangers ask for may be long, and never the same twice.
             self._shed.add("unknown queries" if find(asked) is None else f"queries to {asked}")
-            self._replies.submit(query, reply_busy)
+            self._replies.shed(query)
 
         whole = key(self._vehicle, f"{root}/**")
         self._session.declare_queryable(whole, zenoh.handlers.Callback(on_query, indirect=False))

@@ -137,6 +137,7 @@ class FlightControl:
         """Read the active set, and how much can be recorded; the flight core learns the aircraft's model from it."""
         self._core.facts.free_disk = free_disk(self._records)
         parameters, dialect = await read_active_set(self._link), self._link.dialect
+        # Flown with the slow leak of a NaviCtrl 2.x, an aircraft is lost once that stops to correct: docs/control.md.
         model = None if parameters is None else aircraft_model(parameters, dialect, has_slow_leak=False)
         self._core.model_known(model or assumed_model(dialect))
         return active_set(parameters)
