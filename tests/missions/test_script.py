@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import re
+
 import pytest
 
+from lab.places import ROOT
 from mkdaemon.errors import ConfigError
 from mkdaemon.missions.script import GotoStep, LandStep, TakeOffStep, WaitStep, read_script
 
@@ -39,6 +42,18 @@ def test_a_script_is_its_steps_in_order(tmp_path):
     steps = read_script(script(tmp_path, GOOD))
     assert [type(step) for step in steps] == [WaitStep, TakeOffStep, GotoStep, LandStep]
     assert steps[2].position == (0.5, 0.0, 2.0)
+
+
+def test_the_script_of_the_manual_is_one(tmp_path):
+    page = (ROOT / "docs" / "flying.md").read_text(encoding="utf-8")
+    [text] = re.findall(r"```toml\n(.*?)```", page.split("\n### From a file\n")[1].split("\n## ")[0], re.DOTALL)
+    assert [type(step).__name__ for step in read_script(script(tmp_path, text))] == [
+        "WaitStep",
+        "TakeOffStep",
+        "GotoStep",
+        "HoldStep",
+        "LandStep",
+    ]
 
 
 @pytest.mark.parametrize(
