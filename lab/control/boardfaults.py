@@ -95,7 +95,10 @@ def height_control(rig: FaultRig, at: float, rng: random.Random) -> Expectation:
 
 def throttle_capped(rig: FaultRig, at: float, rng: random.Random) -> Expectation:
     """The pilot's throttle is below ours for a while: the aircraft sinks, and he is told; nothing else follows."""
-    rig.trouble.lids.append((at, at + rng.uniform(0.2, 0.8), rng.uniform(4.0, 15.0)))
+    end = at + rng.uniform(0.2, 0.8)
+    rig.trouble.lids.append((at, end, rng.uniform(4.0, 15.0)))
+    rig.at(at, rig.lid_moved)
+    rig.at(end, rig.lid_moved)
 
     def tell(now: float) -> None:
         used = float(rig.throttle_in_use)

@@ -87,6 +87,7 @@ class FaultRig(CoreRig):
         self._late: list[Callable[[float], None]] = []
         self._wild = random.Random(f"{flight.seed} wild client")
         self._newest = -math.inf
+        self._arrived = self._held
 
     # -- for faults -----------------------------------------------------------------------------------------------
 
@@ -205,12 +206,17 @@ class FaultRig(CoreRig):
         """Throttle that the FlightCtrl flies with [stick from the centre]."""
         return self._held.throttle
 
+    def lid_moved(self, at: float) -> None:
+        """The pilot moves his throttle: the FlightCtrl takes the smaller of the two at any time."""
+        hover = self.cfg.limiter.hover_throttle
+        lids = [round(hover - below) for start, end, below in self.trouble.lids if start <= at < end]
+        super()._hold(replace(self._arrived, throttle=min([self._arrived.throttle, *lids])))
+
     def _hold(self, sticks: AutopilotSticks) -> None:
         now = self._world.now
         if now >= self.trouble.gate_shut or self.core.phase not in IN_FLIGHT:
-            hover = self.cfg.limiter.hover_throttle
-            lids = [round(hover - below) for start, end, below in self.trouble.lids if start <= now < end]
-            super()._hold(replace(sticks, throttle=min([sticks.throttle, *lids])))
+            self._arrived = sticks
+            self.lid_moved(now)
 
     # -- cameras and boards ---------------------------------------------------------------------------------------
 
