@@ -31,7 +31,9 @@ class SelfCalLimits:
     centre_floor_px: float = of(0.7, "px", "the same of the principal point", MEASURED)
     k1_floor: float = of(0.005, "", "the same of `k1`: a webcam's halo", MEASURED)
     size_floor: float = of(0.002, "share", "the same of a size", MEASURED)
-    sheet: float = of(0.05, "share", "of the focal length against the data sheet's", "their own tolerance, docs/cameras.md")
+    sheet: float = of(
+        0.05, "share", "of the focal length against the data sheet's", "their own tolerance, docs/cameras.md"
+    )
 
 
 SELFCAL: Final = SelfCalLimits()
