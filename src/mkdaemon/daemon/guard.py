@@ -26,8 +26,8 @@ PING_PERIOD: Final = 0.2
 """Time between two questions whether it is there [s]."""
 SILENCE_LIMIT: Final = 1.0
 """A guard that has not answered for this long counts as dead [s]."""
-
-
+STOP_LIMIT: Final = 0.5
+"""Longest wait for the end of a guard that was told to stop [s]."""
 START_LIMIT: Final = 5.0
 """Longest wait for the first answer of a guard that was started [s]; on an idle machine it takes 0.05."""
 
@@ -141,10 +141,10 @@ class GuardProcess:
         process = self._process
         if process is None:
             return
-        with suppress(TimeoutError):
-            async with asyncio.timeout(0.5):
-                while process.poll() is None:  # noqa: ASYNC110 - a child's end is no event of this loop
-                    await asyncio.sleep(0.01)
+        loop = asyncio.get_running_loop()
+        latest = loop.time() + STOP_LIMIT
+        while process.poll() is None and loop.time() < latest:  # noqa: ASYNC110 - a child's end is no event of this loop
+            await asyncio.sleep(0.01)
 
     def _send(self, packet: bytes, ancillary: Sequence[tuple[int, int, bytes]] = ()) -> None:
         if self._channel is None:

@@ -93,8 +93,7 @@ async def leased(uav: Vehicle, connection: Connection, *, force: bool) -> AsyncI
             yield lease
     finally:
         with suppress(TimeoutError):
-            async with asyncio.timeout(LAST_WORD):
-                await released.wait()
+            await asyncio.wait_for(released.wait(), LAST_WORD)
         showing_hands.cancel()
         await asyncio.gather(showing_hands, return_exceptions=True)
 

@@ -235,8 +235,7 @@ async def _child(*arguments: str) -> AsyncIterator[Process]:
         if process.returncode is None:
             process.terminate()
         try:
-            async with asyncio.timeout(ENDING):
-                await process.communicate()
+            await asyncio.wait_for(process.communicate(), ENDING)
         except TimeoutError:
             process.kill()
             await process.communicate()
