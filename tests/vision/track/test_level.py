@@ -137,3 +137,15 @@ def test_the_turning_comes_from_the_attitudes_around_an_image() -> None:
 
 def test_distant_attitudes_say_nothing_about_the_turning_between_them() -> None:
     assert AttitudeHistory(AttitudeSample(k / 10, 0.1 * k, 0.0, 0.0) for k in range(5)).turning_at(0.15) is None
+
+
+def test_a_deck_is_learned_more_slowly_from_a_pose_whose_edges_partly_disagree() -> None:
+    """What hid or moved those edges touches the others, in the next images too."""
+    tilted = DOWN @ rotation_from_euler(np.radians(5.0), 0.0, 0.0)
+    angles = []
+    for inliers in (1.0, 0.6):
+        level = knowledge()
+        for k in range(5):
+            level.learn(seen(time=k / 30), replace(pose_of(tilted, np.radians(1.0) ** 2), inliers=inliers))
+        angles.append(level.tilt(seen(time=0.2), pose_of(DOWN)))
+    assert angles[1] < 0.9 * angles[0]

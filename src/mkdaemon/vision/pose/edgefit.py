@@ -159,7 +159,7 @@ class EdgeFit:
                 samples, prior = with_motion(samples, prior, start, motion, position, edge_px, limits)
             samples, prior = with_shift(samples, prior, limits.located_px / limits.shift_sd_px)
             least_scale = limits.first_scale_px if k == 0 else limits.least_scale_px
-            last = EdgeStep.solve(samples.jacobian, edges, least_scale, limits.tukey, prior)
+            last = EdgeStep.solve(samples, edges, least_scale, limits.tukey, prior)
             step = last.change
             rotation = turn(rotation, step[3:6])
             position = position + step[:3]
@@ -177,7 +177,7 @@ class EdgeFit:
                 projection = self._projection.stretch(stretch)
         if last is None:
             return None
-        fitted = last.pose(rotation, position, self._limits)
+        fitted = last.pose(rotation, position, self.model.square, self._limits)
         return replace(
             fitted,
             motion=motion,

@@ -16,6 +16,9 @@ SAMPLED = (0.15, 0.7)
 COVER_CELLS = 0.3
 """How far beyond its paper a tag hides what lies below [cells]: its rim casts a shadow and blurs."""
 
+ON_EDGE = 1e-6
+"""Rounding errors of a point on an edge, at most [cells]."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class EdgeModel:
@@ -27,6 +30,7 @@ class EdgeModel:
         cell: side of the cell at each sample `(n,)` [m].
         tag: index of the tag of each sample `(n,)`.
         side: 0-3 for samples on the border (top, right, bottom, left), -1 inside `(n,)`.
+        square: number of the square of the print whose rim each sample is on; a cell is one `(n,)`.
     """
 
     points: Array
@@ -34,6 +38,7 @@ class EdgeModel:
     cell: Array
     tag: npt.NDArray[np.intp]
     side: npt.NDArray[np.intp]
+    square: npt.NDArray[np.intp]
 
     @classmethod
     def of(cls, target: Target, per_cell: int = 3) -> EdgeModel:
@@ -49,7 +54,9 @@ class EdgeModel:
         keep = np.ones(len(points), dtype=bool)
         for k, tag in enumerate(target.tags):
             keep &= ~((index < k) & covered(points, tag))
-        return cls(points[keep], normals[keep], cell[keep], index[keep], side[keep])
+        squares = [_squares(tag, part[0], k) for k, (tag, part) in enumerate(zip(target.tags, parts, strict=True))]
+        square = np.unique(np.concatenate(squares)[keep], axis=0, return_inverse=True)[1].reshape(-1)
+        return cls(points[keep], normals[keep], cell[keep], index[keep], side[keep], square)
 
 
 def covered(points: Array, tag: Tag) -> npt.NDArray[np.bool_]:
@@ -58,6 +65,12 @@ def covered(points: Array, tag: Tag) -> npt.NDArray[np.bool_]:
     half = tag.paper / 2 + COVER_CELLS * tag.module
     under: npt.NDArray[np.bool_] = (np.abs(local[:, 2]) < tag.module) & (np.abs(local[:, :2]).max(axis=1) <= half)
     return under
+
+
+def _squares(tag: Tag, plane: Array, k: int) -> npt.NDArray[np.intp]:
+    """Tag, column and row `(n, 3)` of the cells whose left and lower edges points `(n, 2)` of its plane lie on."""
+    place = np.floor(plane / tag.module + tag.family.black_cells / 2 + ON_EDGE).astype(np.intp)
+    return np.column_stack([np.full(len(plane), k, dtype=np.intp), place])
 
 
 def _tag_edges(tag: Tag, per_cell: int) -> tuple[Array, Array, npt.NDArray[np.intp]]:

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from mkdaemon.vision.limits import Limits
-from mkdaemon.vision.pose.edgefind import FoundEdges
+from mkdaemon.vision.pose.edgefind import FoundEdges, Samples
 from mkdaemon.vision.pose.nuisance import Prior
 from mkdaemon.vision.pose.pose import Pose, median
 
@@ -19,6 +19,9 @@ MAD = 1.4826
 RIDGE, LEAST_RIDGE = 1e-9, 1e-12
 """Share of the normal matrix' diagonal that is added before it is inverted, and so much more: directions nobody sees
 stay finite."""
+LEAST_SLOPE = 0.3
+"""Of the influence, over the mean weight: below, a robust estimate has no variance of its own (0.83 for Gaussian
+residuals)."""
 ROUNDS = 3
 """Weights and step depend on each other: so often."""
 
@@ -28,63 +31,102 @@ class EdgeStep:
     """One step over `k` unknowns, the pose first and the common shift last.
 
     Attributes:
+        samples: with the derivative of their offsets by all unknowns.
         change: of the unknowns `(k,)`.
         weights: of the samples `(n,)`, zero without an edge.
         normal: normal matrix with what is known beforehand `(k, k)`.
         residual: of the samples after the step `(n,)` [px].
         width: half width of the edges of this image [px].
+        agreeing: Tukey's weights as if every edge were trusted: doubt makes no edge agree `(n,)`.
+        slope: of the influence of each sample, d(w r) / dr `(n,)`: below w, and below zero near the bound.
     """
 
+    samples: Samples
     change: Array
     weights: Array
     normal: Array
     residual: Array
     width: float
+    agreeing: Array
+    slope: Array
 
     @classmethod
-    def solve(cls, jacobian: Array, edges: FoundEdges, least_scale: float, tukey: float, prior: Prior) -> EdgeStep:
+    def solve(cls, samples: Samples, edges: FoundEdges, least_scale: float, tukey: float, prior: Prior) -> EdgeStep:
         """Rounds of weighted least squares.
 
-        x = (J^T W J + P)^-1 (J^T W d + p) with Tukey's w = (1 - (r / c sigma)^2)^2 inside c sigma, zero outside; sigma
-        from the median of |r|; P and p are the `prior`.
+        x = (J^T W J + P)^-1 (J^T W d + p) with Tukey's w = t (1 - (r / c sigma)^2)^2 inside c sigma, zero outside; t is
+        the trust in an edge, r holds its root; sigma from the median of |r|; P and p are the `prior`.
         """
-        offsets, found = edges.offsets, edges.found
+        jacobian, offsets, found = samples.jacobian, edges.offsets, edges.found
         change: Array = np.zeros(jacobian.shape[1])
         weights: Array = found.astype(np.float64)
-        residual, normal = offsets, prior[0]
+        sure = np.sqrt(edges.trust)
+        residual, normal, inside, bound = offsets, prior[0], weights, 1.0
         for _ in range(ROUNDS):
-            bound = tukey * max(MAD * median(np.abs(residual[found])), least_scale)
-            weights = np.maximum(1.0 - (residual * (1.0 / bound)) ** 2, 0.0) ** 2
-            weights *= found
+            size = np.abs(residual) * sure
+            bound = tukey * max(MAD * median(size[found]), least_scale)
+            inside = np.maximum(1.0 - (size * (1.0 / bound)) ** 2, 0.0) * found
+            weights = inside**2 * edges.trust
             weighted = (jacobian * weights[:, None]).T
             normal = weighted @ jacobian + prior[0]
             change[:] = np.linalg.solve(_damped(normal), weighted @ offsets + prior[1])
             residual = offsets - jacobian @ change
-        return cls(change, weights, normal, residual, edges.width)
+        # d(r (1 - u)^2) / dr with u = (r / bound)^2 is (1 - u) (1 - 5 u).
+        slope = inside * (5.0 * inside - 4.0) * edges.trust
+        agreeing = np.maximum(1.0 - (residual * (1.0 / bound)) ** 2, 0.0) ** 2 * found
+        return cls(samples, change, weights, normal, residual, edges.width, agreeing, slope)
 
     @property
     def variance(self) -> float:
         """Of a located edge [px^2]: sigma^2 = sum(w r^2) / (sum(w) - 6)."""
         return float(self.weights @ self.residual**2) / max(float(self.weights.sum()) - 6.0, 1.0)
 
-    def pose(self, rotation: Array, position: Array, all_limits: Limits) -> Pose:
+    @property
+    def influence_variance(self) -> float:
+        """Variance of an edge as the robust estimate feels it [px^2].
+
+        An M-estimate with influence psi(r) = w r has the covariance sum(psi^2) / sum(psi')^2 over J^T J. With the
+        normal matrix J^T W J in its place: v = (sum(psi^2) / sum(w)) (sum(w) / sum(psi'))^2. Source: Huber, Robust
+        Statistics, 6.3. Where residuals crowd near the bound, psi' is small and v large.
+        """
+        total = float(self.weights.sum())
+        felt = float(((self.weights * self.residual) ** 2).sum()) / max(total - 6.0, 1.0)
+        return felt * (total / max(float(self.slope.sum()), LEAST_SLOPE * total)) ** 2
+
+    def shared(self, square: npt.NDArray[np.intp], inverse: Array) -> float:
+        """By how much errors that the samples of a square have in common raise the variance, by their residuals.
+
+        With g_i = J_i w_i r_i, A the inverse normal matrix and G the sum of g over a square:
+        sum(G^T A G) / sum(g^T A g), 1 for errors that have nothing in common. What falls on a print unevenly, as a
+        shadow's rim does, moves neighbouring edges alike. Source: covariance by clusters, Liang and Zeger 1986.
+        """
+        pulls = self.samples.jacobian * (self.weights * self.residual)[:, None]
+        together = np.zeros((int(square.max()) + 1, pulls.shape[1]))
+        np.add.at(together, square, pulls)
+        alone = float(((pulls @ inverse) * pulls).sum())
+        return float(((together @ inverse) * together).sum()) / max(alone, LEAST_RIDGE)
+
+    def pose(self, rotation: Array, position: Array, square: npt.NDArray[np.intp], all_limits: Limits) -> Pose:
         """The pose after this step.
 
         Args:
             rotation: camera from target `(3, 3)`.
             position: of the target `(3,)` [m; RDF].
+            square: of the print each sample of the model is in `(m,)`.
             all_limits: thresholds.
         """
         limits, variance = all_limits.edges, self.variance
-        # C = (sigma^2 b + s^2) (J^T W J)^-1: in a blurred image neighbours share pixels over b, the width of the blur
-        # over that of a sharp edge; s is what interpolation leaves and no number of samples averages out.
-        shared = self.width / all_limits.blur.sharp_px
-        covariance = (shared * variance + limits.systematic_px**2) * np.linalg.inv(_damped(self.normal))[:6, :6]
+        inverse = np.asarray(np.linalg.inv(_damped(self.normal)), np.float64)
+        # C = (v b + s^2) (J^T W J)^-1: in a blurred image neighbours share pixels over b, the width of the blur over
+        # that of a sharp edge, or more by their residuals; s is what interpolation leaves and no number of samples
+        # averages out.
+        shared = max(self.width / all_limits.blur.sharp_px, self.shared(square[self.samples.index], inverse))
+        covariance = (shared * self.influence_variance + limits.systematic_px**2) * inverse[:6, :6]
         # Loss for rivals: geometric mean of min(r, missed)^2 + least^2. Log odds of two fits are then n / 2 times the
         # log of their ratio, and a hidden sample costs both the same.
-        missed = np.where(self.weights > 0.0, np.abs(self.residual), limits.missed_px)
+        missed = np.where(self.agreeing > 0.0, np.abs(self.residual), limits.missed_px)
         squared = np.minimum(missed, limits.missed_px) ** 2 + limits.least_scale_px**2
-        counted = self.weights > limits.counted
+        counted = self.agreeing > limits.counted
         return Pose(
             rotation,
             position,

@@ -128,9 +128,13 @@ class Course:
         )
 
 
+def shared_doubt(pose: Pose) -> float:
+    """Factor on a pose's variance over several images: what lies over some points of them touches others."""
+    return 1.0 / max(pose.inliers, AGREEMENT.floor) ** AGREEMENT.power
+
+
 def _lens_place(pose: Pose, caution: float | None = None) -> tuple[Array, Array]:
     """Where a pose puts the lens [m; target] and how well that may be believed over several images."""
-    shared = max(pose.inliers, AGREEMENT.floor) ** AGREEMENT.power
-    factor = CAUTION / shared if caution is None else caution
+    factor = CAUTION * shared_doubt(pose) if caution is None else caution
     _, centre, spread = inverse(pose, factor * pose.covariance)
     return centre, spread[:3, :3] + (FLOOR * pose.range_m) ** 2 * np.eye(3)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from math import exp
+from typing import Final
 
 import numpy as np
 import numpy.typing as npt
@@ -17,6 +18,10 @@ from mkdaemon.vision.track.checks import Checks, with_angle_variance
 from mkdaemon.vision.track.level import Sight
 
 Array = npt.NDArray[np.float64]
+
+
+OVERRULED: Final = (PoseRefusal.ATTITUDE, PoseRefusal.ANGLE_UNCERTAIN, PoseRefusal.POSITION_UNCERTAIN)
+"""Refusals beside an attitude of what the image alone, by its stricter gates, may publish."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -102,10 +107,11 @@ class FirstJudge:
     def contradicting(self, seen: Sight, candidates: Sequence[Pose], verdict: FirstVerdict) -> Pose | None:
         """The pose that the image alone would publish, where the attitude refuses it or chose its mirror image.
 
-        An attitude with both signs swapped agrees with the mirror image of a target in the middle of the image.
+        An attitude with both signs swapped agrees with the mirror image of a target in the middle of the image, which
+        may be too uncertain to be published.
         """
         is_overruled = verdict.choice is not None and verdict.choice.decided_by == "attitude"
-        if not is_overruled and verdict.refusal is not PoseRefusal.ATTITUDE:
+        if not is_overruled and verdict.refusal not in OVERRULED:
             return None
         alone = self.choose(seen.without_attitude(), candidates, None).choice
         if alone is None:

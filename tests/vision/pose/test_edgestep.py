@@ -1,0 +1,98 @@
+"""What edges that disagree, or share their errors, do to a pose and to its covariance."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from mkdaemon.sim.scene.light import Conditions
+from mkdaemon.sim.scene.shadows import LeafShadow
+from mkdaemon.vision.limits import LIMITS
+from mkdaemon.vision.pose.edgefind import FoundEdges, Samples, find_edges
+from mkdaemon.vision.pose.edgefit import EdgeFit
+from mkdaemon.vision.pose.edgestep import EdgeStep
+from mkdaemon.vision.pose.pose import Pose, turn
+from mkdaemon.vision.pose.projection import Projection
+from tests.vision.views import VGA, View, angle_deg, place, shipped
+
+PROJECTION = Projection(VGA)
+UNKNOWNS = 7
+FREE = (np.zeros((UNKNOWNS, UNKNOWNS)), np.zeros(UNKNOWNS))
+
+
+def step(jacobian: np.ndarray, offsets: np.ndarray) -> EdgeStep:
+    count = len(offsets)
+    samples = Samples(
+        np.arange(count), np.zeros((count, 2)), np.zeros((count, 2)), np.ones(count), jacobian, np.zeros(count)
+    )
+    edges = FoundEdges(offsets, np.ones(count, dtype=bool), LIMITS.blur.sharp_px, np.ones(count))
+    return EdgeStep.solve(samples, edges, LIMITS.edges.least_scale_px, LIMITS.edges.tukey, FREE)
+
+
+def covariances(errors: np.ndarray, jacobian: np.ndarray, square: np.ndarray) -> np.ndarray:
+    """The position's covariance by the pose of a step, over its true one, for draws of errors `(m, n)`."""
+    fitted = [step(jacobian, error) for error in errors]
+    true = np.cov(np.array([one.change[:3] for one in fitted]).T)
+    claimed = [one.pose(np.eye(3), np.array([0.0, 0.0, 1.0]), square, LIMITS).covariance[:3, :3] for one in fitted]
+    return np.trace(np.linalg.solve(true, np.mean(claimed, axis=0))) / 3
+
+
+@pytest.mark.parametrize("kind", ["own", "shared", "heavy"])
+def test_the_covariance_of_a_robust_step_is_that_of_drawn_errors(kind: str) -> None:
+    """Errors of 0.3 px: each sample's own, the same for three neighbours, or a fifth of them four times as large."""
+    rng = np.random.default_rng(4)
+    square = np.repeat(np.arange(60), 3)
+    places = np.repeat(rng.standard_normal((60, UNKNOWNS)), 3, axis=0) + 0.1 * rng.standard_normal((180, UNKNOWNS))
+    errors = 0.3 * rng.standard_normal((300, 180))
+    if kind == "shared":
+        errors = np.repeat(0.3 * rng.standard_normal((300, 60)), 3, axis=1)
+    if kind == "heavy":
+        errors *= np.where(rng.random(errors.shape) < 0.2, 4.0, 1.0)
+    assert 0.7 < covariances(errors, places, square) < 1.4
+
+
+def test_an_edge_with_a_rim_of_light_beside_it_is_trusted_less() -> None:
+    """Upright edges at column 32, lit evenly above and with a rim three pixels beside it below."""
+    column = np.arange(64)
+    edge = 40.0 + 120.0 / (1.0 + np.exp(-5.0 * (column - 32.0)))
+    rim = 80.0 / (1.0 + np.exp(-5.0 * (column - 35.0)))
+    pixels = np.vstack([np.tile(edge, (32, 1)), np.tile(edge + rim, (32, 1))]).astype(np.uint8)
+    rows = np.arange(4.0, 60.0)
+    count = len(rows)
+    samples = Samples(
+        np.arange(count),
+        np.column_stack([np.full(count, 32.0), rows]),
+        np.tile([1.0, 0.0], (count, 1)),
+        np.full(count, 2.5),
+        np.zeros((count, 6)),
+        np.zeros(count),
+    )
+    edges = find_edges(pixels, samples, LIMITS)
+    assert edges.found.all()
+    assert edges.trust[rows < 30].min() > 0.9
+    assert edges.trust[rows > 34].max() < 0.5
+
+
+def test_leaf_shadows_leave_a_pose_that_its_covariance_allows() -> None:
+    """Leaves throw rims as narrow as the target's cells over all of it: 24 views at 3.5 to 4.5 m."""
+    target = shipped("nested")
+    fit = EdgeFit(target, PROJECTION)
+    rng = np.random.default_rng(8)
+    nees, turned = [], []
+    for k in range(24):
+        sky = Conditions(leaves=LeafShadow(k, shift=(0.05 * k, 0.0)))
+        view = View(target, place(3.5 + k / 24, 0.05 + 0.01 * k, around=0.9 * k, roll=0.7 * k), sky)
+        start = turn(view.rotation, np.radians(0.7) * rng.standard_normal(3))
+        found = fit.fit(view.pixels, Pose(start, view.position, np.eye(6), "corners", 8, 0.1))
+        assert found is not None
+        error = np.concatenate([found.position - view.position, rotation_vector(found.rotation @ view.rotation.T)])
+        nees.append(error @ np.linalg.solve(found.covariance, error) / 6)
+        turned.append(angle_deg(found.rotation, view.rotation))
+
+    assert np.mean(nees) < 2.0
+    assert np.median(turned) < 0.7
+
+
+def rotation_vector(rotation: np.ndarray) -> np.ndarray:
+    skewed = (rotation - rotation.T) / 2
+    return np.array([skewed[2, 1], skewed[0, 2], skewed[1, 0]])
