@@ -49,6 +49,14 @@ async def bus():
         yield opened, endpoint
 
 
+@pytest.fixture
+async def bus_of_one_second():
+    """A bus for which no time passes: how much is too much does not depend on how fast this machine is."""
+    endpoint = free_endpoint()
+    async with Bus.open(bus_config(endpoint), "t1", clock=lambda: 0.0) as opened:
+        yield opened, endpoint
+
+
 async def test_a_subscriber_receives_what_is_published(bus):
     opened, endpoint = bus
     with client(endpoint) as session:
@@ -222,8 +230,8 @@ async def test_setpoints_arrive_on_the_loop_with_their_time(bus):
     assert before <= stamp <= time.monotonic()
 
 
-async def test_a_flood_of_setpoints_is_shed_and_costs_the_holder_nothing(bus):
-    opened, endpoint = bus
+async def test_a_flood_of_setpoints_is_shed_and_costs_the_holder_nothing(bus_of_one_second):
+    opened, endpoint = bus_of_one_second
     taken: Counter[bytes] = Counter()
     opened.receive(
         "setpoint/stick", lambda t, raw, proof: taken.update([raw]), lambda raw, proof: proof == bytes(SIGNATURE_BYTES)
@@ -234,7 +242,6 @@ async def test_a_flood_of_setpoints_is_shed_and_costs_the_holder_nothing(bus):
             for _ in range(5000):
                 attacker.put("mk/t1/setpoint/stick", b"flood", congestion_control=zenoh.CongestionControl.BLOCK)
 
-        began = time.monotonic()
         flooding = asyncio.ensure_future(asyncio.to_thread(flood))
         for number in range(10):
             await asyncio.to_thread(
@@ -243,9 +250,8 @@ async def test_a_flood_of_setpoints_is_shed_and_costs_the_holder_nothing(bus):
             await wait_until(lambda number=number: taken[b"%d" % number])
         await flooding
         await asyncio.to_thread(ask, attacker, "mk/t1/schema/Attitude.v1")  # the same way: everything has arrived
-        took = time.monotonic() - began
-    assert taken[b"flood"] <= STRANGER_RATE * (2 + took)
-    assert sum(opened.take_shed().values()) > 1000
+    assert taken[b"flood"] <= STRANGER_RATE
+    assert sum(opened.take_shed().values()) >= 5000 - STRANGER_RATE
 
 
 async def test_nobody_elses_setpoints_displace_the_holders_or_flood_the_loop():
@@ -281,8 +287,8 @@ async def test_of_the_holders_own_flood_the_newest_comes_through():
     assert taken == [b"%d" % number for number in range(5000 - FLOOD, 5000)]
 
 
-async def test_a_flood_of_commands_is_answered_busy_counted_and_shuts_out_no_release(bus):
-    opened, endpoint = bus
+async def test_a_flood_of_commands_is_answered_busy_counted_and_shuts_out_no_release(bus_of_one_second):
+    opened, endpoint = bus_of_one_second
 
     async def handler(suffix: str, payload: Payload) -> CommandResult:
         return CommandResult(status=Status.ACCEPTED)
@@ -300,7 +306,7 @@ async def test_a_flood_of_commands_is_answered_busy_counted_and_shuts_out_no_rel
         [(_, release, _)] = await asyncio.to_thread(ask, pilot, "mk/t1/do/release")
     busy = [answer for answer in answers if answer["token"] == "busy"]
     assert release["status"] == "accepted"
-    assert len(busy) > number / 3
+    assert len(busy) >= number - QUERY_RATES["do/lease"]
     assert busy[0]["fix"]
     assert sum(opened.take_shed().values()) >= len(busy)
 
@@ -322,18 +328,24 @@ def test_a_long_command_counts_for_many():
     assert sum(budgets.admit("do/nothing", 1 << 20) for _ in range(500)) == 2, "refused by its length, not as too many"
 
 
-async def test_what_was_shed_has_names_of_ours(bus):
-    opened, endpoint = bus
-    opened.serve("do", lambda suffix, payload: None)
+async def test_what_was_shed_has_names_of_ours(bus_of_one_second):
+    opened, endpoint = bus_of_one_second
+
+    async def handler(suffix: str, payload: Payload) -> CommandResult:
+        return CommandResult(status=Status.ACCEPTED)
+
+    opened.serve("do", handler)
+    surplus = 100
     with client(endpoint) as session:
 
         def flood() -> None:
-            asked = [session.get(f"mk/t1/do/mine{number}", timeout=PATIENCE) for number in range(300)]
+            number = int(QUERY_RATES[ALL_OTHERS]) + surplus
+            asked = [session.get(f"mk/t1/do/mine{each}", timeout=PATIENCE) for each in range(number)]
             for one in asked:
                 list(one)
 
         await asyncio.to_thread(flood)
-    assert set(opened.take_shed()) == {"unknown queries"}
+    assert opened.take_shed() == {"unknown queries": surplus}
 
 
 def test_connections_leave_files_for_the_port():

@@ -38,7 +38,13 @@ class CommandServer:
     """Answers commands of one vehicle; everything but Zenoh's callbacks runs on the loop it was made on."""
 
     def __init__(
-        self, session: zenoh.Session, vehicle: str, recorder: BusRecorder, shed: ShedCounter, max_queries: int
+        self,
+        session: zenoh.Session,
+        vehicle: str,
+        recorder: BusRecorder,
+        shed: ShedCounter,
+        max_queries: int,
+        clock: Callable[[], float] = time.monotonic,
     ) -> None:
         """Start the threads that reply.
 
@@ -48,6 +54,7 @@ class CommandServer:
             recorder: hears of every command and its answer.
             shed: counts commands that were too many in a second.
             max_queries: commands worked on at a time, the urgent ones not counted.
+            clock: what a second is, for commands that are too many in it [s].
         """
         self._session = session
         self._vehicle = vehicle
@@ -58,7 +65,7 @@ class CommandServer:
         self._exchanges = count(1)
         self._answering: set[asyncio.Task[None]] = set()
         self._is_leaving = False
-        self._budgets = QueryBudgets()
+        self._budgets = QueryBudgets(clock)
         limit = 4 * max_queries
         self._replies = AnswerThread("bus.replies", limit=limit, limit_per_key=limit)
         self._urgent_replies = AnswerThread("bus.urgent", limit=limit, limit_per_key=limit)

@@ -7,6 +7,7 @@ congestion control DROP, so a slow subscriber cannot slow the line's reader; the
 from __future__ import annotations
 
 import asyncio
+import time
 from collections.abc import AsyncIterator, Callable
 from contextlib import ExitStack, asynccontextmanager
 from functools import partial
@@ -42,23 +43,32 @@ class Bus:
         open_endpoints: where everybody in the network may come in; empty unless the configuration allows it.
     """
 
-    def __init__(self, session: zenoh.Session, cfg: BusConfig, vehicle: str, recorder: BusRecorder) -> None:
+    def __init__(
+        self, session: zenoh.Session, cfg: BusConfig, vehicle: str, recorder: BusRecorder, clock: Callable[[], float]
+    ) -> None:
         self.vehicle = vehicle
         self.open_endpoints: tuple[str, ...] = ()
         self._session = session
         self._cfg = cfg
         self._loop = asyncio.get_running_loop()
         self._recorder = recorder
+        self._clock = clock
         self._published = PublishedValues(session, vehicle, recorder)
         self._shed = ShedCounter()
-        self._commands = CommandServer(session, vehicle, recorder, self._shed, cfg.max_queries)
+        self._commands = CommandServer(session, vehicle, recorder, self._shed, cfg.max_queries, clock)
         # One of its own, so that who reads no last values holds up no answer to a command.
         self._lookups = AnswerThread("bus.lookups", limit=4 * cfg.max_queries, limit_per_key=cfg.max_queries)
 
     @classmethod
     @asynccontextmanager
     async def open(
-        cls, cfg: BusConfig, vehicle: str, recorder: BusRecorder | None = None, *, takes_images: bool = False
+        cls,
+        cfg: BusConfig,
+        vehicle: str,
+        recorder: BusRecorder | None = None,
+        *,
+        takes_images: bool = False,
+        clock: Callable[[], float] = time.monotonic,
     ) -> AsyncIterator[Self]:
         """Open a session, show the liveliness token, answer last-value and schema queries; close all on leaving.
 
@@ -67,6 +77,7 @@ class Bus:
             vehicle: its name in every key.
             recorder: hears of everything published and asked; nobody by default.
             takes_images: whether a camera brings its images over the bus: only then are long messages received.
+            clock: what a second is, for messages that are too many in it [s].
 
         Raises:
             ConfigError: an endpoint or the Zenoh file is wrong, or everybody in the network could fly.
@@ -85,7 +96,7 @@ class Bus:
         reachable = check_exposure(config, allow_open=cfg.allow_open)
         session = await open_session(config, listen=cfg.listen)
         try:
-            bus = cls(session, cfg, vehicle, recorder or NoRecorder())
+            bus = cls(session, cfg, vehicle, recorder or NoRecorder(), clock)
             bus.open_endpoints = reachable
             with ExitStack() as token:
                 try:
@@ -166,7 +177,7 @@ class Bus:
 
         recorded = recorded_taker(self._recorder, suffix, encoding, take, is_proven)
         shed = partial(self._shed.add, f"setpoints to {suffix}")
-        intake = SetpointIntake(self._loop, recorded, is_proven, shed)
+        intake = SetpointIntake(self._loop, recorded, is_proven, shed, self._clock)
 
         def on_sample(sample: zenoh.Sample) -> None:
             source = read_source(sample.source_info)

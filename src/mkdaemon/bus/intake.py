@@ -45,6 +45,7 @@ class SetpointIntake:
         take: SourcedTaker,
         is_proven: Prover,
         shed: Callable[[], None],
+        clock: Callable[[], float] = time.monotonic,
     ) -> None:
         """Take setpoints of one key.
 
@@ -53,12 +54,13 @@ class SetpointIntake:
             take: takes them.
             is_proven: tells those of the holder from others.
             shed: called, on any thread, for each setpoint that was dropped.
+            clock: what a second is, for strangers' setpoints that are too many in it [s].
         """
         self._loop, self._take, self._is_proven, self._shed = loop, take, is_proven, shed
         self._lock = threading.Lock()
         self._holders: deque[tuple[float, Payload, bytes, str]] = deque(maxlen=FLOOD)
         self._others: deque[tuple[float, Payload, bytes, str]] = deque(maxlen=STRANGERS)
-        self._strangers = Budget(STRANGER_RATE)
+        self._strangers = Budget(STRANGER_RATE, clock)
         self._is_called = False
 
     def arrived(self, payload: Payload, proof: bytes, source: str = "") -> None:
