@@ -83,7 +83,7 @@ class CellSizes:
     """Side of a cell in the image from which something can be told; smaller is farther."""
 
     readable_px: float = of(2.5, "px", "smaller cells have no edge, corner or grey value of their own", EARNED)
-    photometric_px: float = of(4.0, "px", "smaller cells are fitted by grey values", EARNED)
+    photometric_px: float = of(5.0, "px", "smaller cells are fitted by grey values", EARNED)
     small_px: float = of(10.0, "px", "below, all pixels of a first pose tell more than its edges", EARNED)
     perspective_px: float = of(24.0, "px", "from here perspective tells a pose from its mirror image", BLIND)
     edges_up_to: float = of(radians(60.0), "rad", "tilt from which edges run into each other", "steep stills")

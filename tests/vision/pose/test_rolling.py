@@ -152,3 +152,19 @@ def test_a_far_print_under_a_rolling_shutter_is_fitted_with_what_is_known_of_the
     off, plain_off = (error_of(pose.rotation, pose.position, rotation, position) for pose in (found, plain))
     assert off.angle_deg < 1.0
     assert off.angle_deg < 0.3 * plain_off.angle_deg
+
+
+def test_a_turn_about_the_optical_axis_bends_a_far_print_and_turns_no_pose() -> None:
+    at_rest = view_towards(GLOBAL, np.array([0.8, 0.5, 5.0]), np.array([0.1, 0.0, 0.0]))
+    errors = []
+    for turning in (-0.5, 0.5):
+        rate = np.array([0.0, 0.0, turning])
+        view = CameraView(GLOBAL, at_rest.enu_from_cam, at_rest.position_enu, rate_cam=rate, line_time=LINE_TIME)
+        rotation, position = cam_from_target(PAD, view)
+        known = KnownMotion(np.array([*rate, 0.0]), np.array([0.05, 0.05, 0.05, 0.1]))
+        start = Pose(rotation, position * 1.002, np.eye(6), "corners", 4, 0.1, known_motion=known)
+        found = PhotoFit(PAD.target, Projection(LENS)).fit(SCENE.render(view, CLEAN), start)
+        assert found is not None
+        errors.append(np.degrees(error_of(found.rotation, found.position, rotation, position).rpy))
+    # 0.8 where all rows share one homography.
+    assert float(np.linalg.norm(errors[1] - errors[0])) < 0.15

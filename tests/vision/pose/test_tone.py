@@ -53,6 +53,12 @@ def test_the_range_by_grey_values_is_right_under_a_tone_curve(processing: Proces
     assert abs(farther) < 0.002  # without the term of the tone curve 0.5 % under gamma
 
 
+def test_grey_values_follow_a_tone_curve_to_the_noise() -> None:
+    fitter = PhotoFit(PAD.target, Projection(VGA))
+    linear, curved = (fit(fitter, 5.0, processing)[0].rms_px for processing in (NO_PROCESSING, GAMMA))
+    assert curved < 1.1 * linear  # 1.27 with a cubic polynomial alone
+
+
 def test_located_edges_lie_at_the_pose_when_their_common_shift_is_known() -> None:
     fitter = EdgeFit(PAD.target, Projection(VGA))
     view = view_towards(VGA, np.array([0.3, 0.2, 2.0]), np.zeros(3))

@@ -7,6 +7,7 @@ Each adds columns to the derivative of the offsets and a cost that says how far 
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Final
 
 import numpy as np
 import numpy.typing as npt
@@ -19,6 +20,9 @@ from mkdaemon.vision.pose.rolling import MOTIONS, motion_at_rest, skew
 
 Array = npt.NDArray[np.float64]
 Prior = tuple[Array, Array]
+
+BEYOND: Final = 5
+"""Unknowns of what a motion lacks: three angular accelerations, two speeds."""
 
 
 def with_shift(samples: Samples, prior: Prior, weight: float) -> tuple[Samples, Prior]:
@@ -63,14 +67,31 @@ def with_motion(
         limits: how far a motion is known.
     """
     expected, spread = motion_known(start, limits)
-    extra = np.array([limits.acceleration_sd] * 3 + [limits.unknown_speed] * 2)
-    weight = (edge_px / np.concatenate([spread, extra])) ** 2
-    times, rates = samples.times[:, None], samples.jacobian[:, -MOTIONS : 3 - MOTIONS]
+    weight = (edge_px / np.concatenate([spread, beyond_sd(limits)])) ** 2
+    beyond = beyond_motion(samples.jacobian[:, -MOTIONS:], samples.jacobian, samples.times, position)
+    grown = _grown(prior, weight, weight * np.concatenate([expected - motion, np.zeros(BEYOND)]))
+    return replace(samples, jacobian=np.hstack([samples.jacobian, beyond])), grown
+
+
+def beyond_motion(by_motion: Array, by_place: Array, times: Array, position: Array) -> Array:
+    """Derivative `(n, 5)` by what the motion lacks: the angular acceleration [rad/s^2], a speed across [m/s].
+
+    Args:
+        by_motion: derivative by the motion `(n, 4)`.
+        by_place: derivative by the target's position, and maybe more `(n, 2 or more)`.
+        times: of the rows `(n,)` [s].
+        position: of the target `(3,)` [m; RDF].
+    """
+    rates = by_motion[:, :3]
     # With n . u x P = u . P x n the turn in place of a speed e is the columns of the rates times P0 x e / P0^2.
     instead = skew(position)[:, :2] / float(position @ position)
-    slide = times * samples.jacobian[:, :2] + rates @ instead
-    grown = _grown(prior, weight, weight * np.concatenate([expected - motion, np.zeros(len(extra))]))
-    return replace(samples, jacobian=np.hstack([samples.jacobian, rates * (times / 2), slide])), grown
+    slide = times[:, None] * by_place[:, :2] + rates @ instead
+    return np.hstack([rates * (times[:, None] / 2), slide])
+
+
+def beyond_sd(limits: EdgeLimits) -> Array:
+    """How far that is known `(5,)`."""
+    return np.array([limits.acceleration_sd] * 3 + [limits.unknown_speed] * 2)
 
 
 def motion_known(start: Pose, limits: EdgeLimits) -> tuple[Array, Array]:

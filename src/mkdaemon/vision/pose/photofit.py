@@ -3,11 +3,12 @@
 Below four pixels a cell edges melt into each other and a located edge means little. Here the known print is rendered
 through pose, pixel area and point spread, and pose x, light a and point spread B are fitted to the grey values at once:
 
-    I(p) = a0 m(p; x, B) + a1 + a2 u(p) + a3 v(p) + m (1 - m) (a4 + a5 (1 - 2 m))
+    I(p) = a0 m(p; x, B) + a1 + a2 u(p) + a3 v(p) + m (1 - m) (a4 + a5 (1 - 2 m)) + a6 (l(m) - m)
 
-with m the rendered print, 0 to 1, and (u, v) the place of the pixel p in the print; a4 and a5 are the camera's tone
-curve to third order, which leaves black and white as they are. B is a covariance `(2, 2)`: motion blur is longer one
-way. Under a rolling shutter the camera's motion while the rows are read is fitted too.
+with m the rendered print, 0 to 1, and (u, v) the place of the pixel p in the print; a4 to a6 are the camera's tone
+curve, which leaves black and white as they are: to third order, and a logarithm l(m) that lifts the dark as a gamma
+does. B is a covariance `(2, 2)`: motion blur is longer one way. Under a rolling shutter the camera's motion while the
+rows are read is fitted too.
 
 Source: direct alignment, Lucas and Kanade, IJCAI 1981; Gauss-Newton with Levenberg damping.
 """
@@ -22,11 +23,11 @@ import numpy.typing as npt
 
 from mkdaemon.vision.limits import LIMITS, Limits
 from mkdaemon.vision.pose.edgefit import Level
-from mkdaemon.vision.pose.photostep import SPREAD, PhotoState, PhotoStepper
+from mkdaemon.vision.pose.photostep import MOTION, SPREAD, PhotoState, PhotoStepper
 from mkdaemon.vision.pose.pose import Pose, turn
 from mkdaemon.vision.pose.printmodel import PrintModel
 from mkdaemon.vision.pose.projection import NEAR_M, Projection
-from mkdaemon.vision.pose.rolling import MOTIONS, motion_at_rest
+from mkdaemon.vision.pose.rolling import motion_at_rest
 from mkdaemon.vision.tags.tagmap import Target
 
 Array = npt.NDArray[np.float64]
@@ -148,5 +149,5 @@ def _moved(at: PhotoState, change: Array) -> PhotoState:
     xx, xy, yy = np.clip(change[SPREAD], -MAX_BLUR_STEP, MAX_BLUR_STEP)
     values, vectors = np.linalg.eigh(at.spread + np.array([[xx, xy], [xy, yy]]))
     spread = vectors @ np.diag(np.clip(values, BLUR_PX[0] ** 2, BLUR_PX[1] ** 2)) @ vectors.T
-    motion = None if at.motion is None else at.motion + change[-MOTIONS:]
+    motion = None if at.motion is None else at.motion + change[MOTION]
     return PhotoState(turn(at.rotation, change[3:6]), at.position + change[:3], spread, motion)

@@ -12,7 +12,7 @@ import numpy.typing as npt
 from mkdaemon.vision.limits import Limits
 from mkdaemon.vision.pose.printimage import FINE, RenderedPrint, Window
 from mkdaemon.vision.pose.projection import NEAR_M, Projection
-from mkdaemon.vision.pose.rolling import exposed
+from mkdaemon.vision.pose.rolling import exposed, skew
 from mkdaemon.vision.tags.tagmap import ONE_PLANE, Target
 
 Array = npt.NDArray[np.float64]
@@ -113,9 +113,13 @@ class PrintModel:
         plane_from_pixel = self._plane_from_pixel(window, rotation, position)
         if plane_from_pixel is None:
             return None
+        fine = (
+            self._warp(window, plane_from_pixel, position)
+            if motion is None
+            else self._warp_rows(window, plane_from_pixel, rotation, position, motion)
+        )
         if motion is not None:
             plane_from_pixel = self._rolled(plane_from_pixel, window, rotation, position, motion)
-        fine = self._warp(window, plane_from_pixel, rotation, position)
         fine = np.asarray(cv2.GaussianBlur(fine, (0, 0), narrow * FINE), dtype=np.float32)
         length = float(np.sqrt(BOX * (wide**2 - narrow**2)))
         if length > LEAST_STREAK_PX:
@@ -131,7 +135,10 @@ class PrintModel:
     def _rolled(
         self, plane_from_pixel: Array, window: Window, rotation: Array, position: Array, motion: Array
     ) -> Array:
-        """The homography under a rolling shutter, through four points of the print where their rows show them."""
+        """About the homography under a rolling shutter, through four points of the print where their rows show them.
+
+        It tells where on the print a pixel is; a camera that turns about its axis bends the print's lines beside it.
+        """
         plane = SQUARE * self.half * LENS_PATCH
         seen, _ = exposed(self._in_camera(plane, rotation, position), motion, self._projection)
         pixels = self._projection.project(seen)[0] - (window.x0, window.y0)
@@ -150,9 +157,7 @@ class PrintModel:
         u, v = window.width / 2, window.height / 2
         local = np.array([[-u, -v], [u, -v], [u, v], [-u, v]]) * LENS_PATCH + np.array([u, v])
         rays = self._projection.undistort(local + np.array([window.x0, window.y0]))
-        cam_from_plane = rotation @ self.axes
-        origin = rotation @ self.origin + position
-        matrix = np.column_stack([cam_from_plane[:, 0], cam_from_plane[:, 1], origin])
+        matrix = self._cam_from_plane(rotation, position)
         if self._projection.is_distorted:
             ray_from_pixel = np.asarray(
                 cv2.getPerspectiveTransform(local.astype(np.float32), rays.astype(np.float32)), dtype=np.float64
@@ -172,18 +177,9 @@ class PrintModel:
             return None
         return found
 
-    def _warp(self, window: Window, plane_from_pixel: Array, rotation: Array, position: Array) -> Image32:
-        """The print on the fine grid of the window, from the level whose texels are about a sub-sample wide.
-
-        Source: mip maps, Williams, SIGGRAPH 1983.
-        """
-        size_px = float(self._projection.focal[0]) * self._texel / max(float(position[2]), NEAR_M)
-        wanted = 1.0 / max(size_px * FINE, 1e-6)
-        level = int(np.clip(np.floor(np.log2(max(wanted, 1.0))), 0, len(self._levels) - 1))
-        texture = self._levels[level]
-        side = len(texture)
-        scale = side / (2 * self.half)
-        texel_from_plane = np.array([[scale, 0, side / 2 - 0.5], [0, -scale, side / 2 - 0.5], [0, 0, 1.0]])
+    def _warp(self, window: Window, plane_from_pixel: Array, position: Array) -> Image32:
+        """The print on the fine grid of the window."""
+        texture, texel_from_plane = self._texture(position)
         offset = (1.0 / FINE - 1.0) / 2
         pixel_from_fine = np.array([[1 / FINE, 0, offset], [0, 1 / FINE, offset], [0, 0, 1.0]])
         return np.asarray(
@@ -197,6 +193,50 @@ class PrintModel:
             ),
             dtype=np.float32,
         )
+
+    def _warp_rows(
+        self, window: Window, plane_from_pixel: Array, rotation: Array, position: Array, motion: Array
+    ) -> Image32:
+        """The same under a rolling shutter: a row is exposed at one time t, and has its own homography.
+
+        A point M q of the print is then at A q with A = (I - t [w]) M + t s e (0 0 1), see `rolling`, so that
+        q = A^-1 M H p for a pixel p and the homography H at rest.
+        """
+        texture, texel_from_plane = self._texture(position)
+        intrinsics = self._projection.intrinsics
+        column = (np.arange(window.width * FINE, dtype=np.float32) + 0.5) / FINE - 0.5
+        row = (np.arange(window.height * FINE) + 0.5) / FINE - 0.5
+        shown = np.clip(row + window.y0, 0.0, intrinsics.height - 1.0)
+        times = (shown - (intrinsics.height - 1) / 2) * intrinsics.line_time
+        at_rest = self._cam_from_plane(rotation, position)
+        exposed_at = at_rest - times[:, None, None] * (skew(motion[:3]) @ at_rest)
+        exposed_at[:, 2, 2] += times * motion[3]
+        by_row = texel_from_plane @ np.linalg.solve(exposed_at, at_rest @ plane_from_pixel)
+        right = by_row[:, :, 0].astype(np.float32)[:, :, None]
+        start = (by_row[:, :, 1] * row[:, None] + by_row[:, :, 2]).astype(np.float32)[:, :, None]
+        x, y, w = np.moveaxis(right * column + start, 1, 0)
+        return np.asarray(
+            cv2.remap(texture, x / w, y / w, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT, borderValue=1.0),
+            dtype=np.float32,
+        )
+
+    def _cam_from_plane(self, rotation: Array, position: Array) -> Array:
+        """The matrix M: a point (u, v, 1) of the print is at M (u, v, 1) in the camera [m]."""
+        cam_from_plane = rotation @ self.axes
+        return np.column_stack([cam_from_plane[:, 0], cam_from_plane[:, 1], rotation @ self.origin + position])
+
+    def _texture(self, position: Array) -> tuple[Image32, Array]:
+        """The level whose texels are about a sub-sample wide, and texels from places on the print.
+
+        Source: mip maps, Williams, SIGGRAPH 1983.
+        """
+        size_px = float(self._projection.focal[0]) * self._texel / max(float(position[2]), NEAR_M)
+        wanted = 1.0 / max(size_px * FINE, 1e-6)
+        level = int(np.clip(np.floor(np.log2(max(wanted, 1.0))), 0, len(self._levels) - 1))
+        texture = self._levels[level]
+        side = len(texture)
+        scale = side / (2 * self.half)
+        return texture, np.array([[scale, 0, side / 2 - 0.5], [0, -scale, side / 2 - 0.5], [0, 0, 1.0]])
 
 
 def _axes(spread: Array) -> tuple[float, float, Array]:
