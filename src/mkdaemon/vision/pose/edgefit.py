@@ -24,7 +24,7 @@ from mkdaemon.vision.pose.edgefind import Samples, find_edges, without_glare
 from mkdaemon.vision.pose.edgemodel import EdgeModel
 from mkdaemon.vision.pose.edgestep import EdgeStep
 from mkdaemon.vision.pose.nuisance import Prior, with_motion, with_shift, with_stretch
-from mkdaemon.vision.pose.pose import Pose, median, turn
+from mkdaemon.vision.pose.pose import Pose, turn
 from mkdaemon.vision.pose.projection import NEAR_M, Projection
 from mkdaemon.vision.pose.rolling import (
     MOTIONS,
@@ -112,7 +112,7 @@ class EdgeFit:
         self,
         pixels: Grey,
         start: Pose,
-        iterations: int = 6,
+        iterations: int = 8,
         level: Level | None = None,
         stretch_sd: float = 0.0,
     ) -> Pose | None:
@@ -159,7 +159,8 @@ class EdgeFit:
                 samples, prior = with_motion(samples, prior, start, motion, position, edge_px, limits)
             samples, prior = with_shift(samples, prior, limits.located_px / limits.shift_sd_px)
             least_scale = limits.first_scale_px if k == 0 else limits.least_scale_px
-            last = EdgeStep.solve(samples, edges, least_scale, limits.tukey, prior)
+            upright = self.model.upright[samples.index] if reach > limits.reach_px[-2] else None
+            last = EdgeStep.solve(samples, edges, least_scale, limits.tukey, prior, upright)
             step = last.change
             rotation = turn(rotation, step[3:6])
             position = position + step[:3]
@@ -169,7 +170,9 @@ class EdgeFit:
                 return None
             if motion is not None:
                 motion = motion + step[carried - MOTIONS : carried]
-            moved = median(np.abs(samples.jacobian[:, :carried] @ step[:carried]))
+            # By the mean square: a move along one side of the tag shifts half of the edges, and no middle one.
+            shifts = samples.jacobian[:, :carried] @ step[:carried]
+            moved = float(np.sqrt(np.mean(shifts**2)))
             if moved < limits.settled_px and reach <= limits.reach_px[-2]:
                 break
             if stretch_sd > 0.0:

@@ -31,6 +31,7 @@ class EdgeModel:
         tag: index of the tag of each sample `(n,)`.
         side: 0-3 for samples on the border (top, right, bottom, left), -1 inside `(n,)`.
         square: number of the square of the print whose rim each sample is on; a cell is one `(n,)`.
+        upright: whether a move along x of the largest tag, rather than along its y, shifts the edge `(n,)`.
     """
 
     points: Array
@@ -39,6 +40,7 @@ class EdgeModel:
     tag: npt.NDArray[np.intp]
     side: npt.NDArray[np.intp]
     square: npt.NDArray[np.intp]
+    upright: npt.NDArray[np.bool_]
 
     @classmethod
     def of(cls, target: Target, per_cell: int = 3) -> EdgeModel:
@@ -56,7 +58,8 @@ class EdgeModel:
             keep &= ~((index < k) & covered(points, tag))
         squares = [_squares(tag, part[0], k) for k, (tag, part) in enumerate(zip(target.tags, parts, strict=True))]
         square = np.unique(np.concatenate(squares)[keep], axis=0, return_inverse=True)[1].reshape(-1)
-        return cls(points[keep], normals[keep], cell[keep], index[keep], side[keep], square)
+        upright = np.abs(normals @ target.tags[0].rotation[:, 0]) > np.sqrt(0.5)
+        return cls(points[keep], normals[keep], cell[keep], index[keep], side[keep], square, upright[keep])
 
 
 def covered(points: Array, tag: Tag) -> npt.NDArray[np.bool_]:

@@ -22,6 +22,8 @@ stay finite."""
 LEAST_SLOPE = 0.3
 """Of the influence, over the mean weight: below, a robust estimate has no variance of its own (0.83 for Gaussian
 residuals)."""
+LEAST_OF_A_KIND = 10
+"""Edges of one direction that have a median of their own."""
 ROUNDS = 3
 """Weights and step depend on each other: so often."""
 
@@ -51,11 +53,29 @@ class EdgeStep:
     slope: Array
 
     @classmethod
-    def solve(cls, samples: Samples, edges: FoundEdges, least_scale: float, tukey: float, prior: Prior) -> EdgeStep:
+    def solve(
+        cls,
+        samples: Samples,
+        edges: FoundEdges,
+        least_scale: float,
+        tukey: float,
+        prior: Prior,
+        upright: npt.NDArray[np.bool_] | None = None,
+    ) -> EdgeStep:
         """Rounds of weighted least squares.
 
         x = (J^T W J + P)^-1 (J^T W d + p) with Tukey's w = t (1 - (r / c sigma)^2)^2 inside c sigma, zero outside; t is
         the trust in an edge, r holds its root; sigma from the median of |r|; P and p are the `prior`.
+
+        Args:
+            samples: of the edge model.
+            edges: where the image has them.
+            least_scale: sigma at least [px].
+            tukey: c.
+            prior: of all unknowns.
+            upright: for a start that may be off, which samples a move along x shifts; the others one along y. Sigma is
+                then the larger one of the two kinds: a start that is off along one side of the print leaves half of the
+                edges in their place, which would outvote the other half.
         """
         jacobian, offsets, found = samples.jacobian, edges.offsets, edges.found
         change: Array = np.zeros(jacobian.shape[1])
@@ -64,7 +84,7 @@ class EdgeStep:
         residual, normal, inside, bound = offsets, prior[0], weights, 1.0
         for _ in range(ROUNDS):
             size = np.abs(residual) * sure
-            bound = tukey * max(MAD * median(size[found]), least_scale)
+            bound = tukey * max(MAD * _spread(size, found, upright), least_scale)
             inside = np.maximum(1.0 - (size * (1.0 / bound)) ** 2, 0.0) * found
             weights = inside**2 * edges.trust
             weighted = (jacobian * weights[:, None]).T
@@ -140,6 +160,14 @@ class EdgeStep:
             blur_px=self.width,
             shift_px=float(self.change[-1]),
         )
+
+
+def _spread(size: Array, found: npt.NDArray[np.bool_], upright: npt.NDArray[np.bool_] | None) -> float:
+    """The median of the sizes of what was found, or the larger median of two kinds, where each has enough."""
+    kinds = [] if upright is None else [found & upright, found & ~upright]
+    if not kinds or min(int(kind.sum()) for kind in kinds) < LEAST_OF_A_KIND:
+        return median(size[found])
+    return max(median(size[kind]) for kind in kinds)
 
 
 def _damped(normal: Array) -> Array:
