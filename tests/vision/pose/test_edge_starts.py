@@ -1,4 +1,4 @@
-"""A fit of edges finds its place from a start that is off along one side of the print, which leaves half of the edges."""
+"""A fit of edges finds its place from a start that is off along one side of the print, where half of the edges stay."""
 
 from __future__ import annotations
 
