@@ -11,12 +11,10 @@ import pytest
 from mkdaemon.config.vision import TrackerSection
 from mkdaemon.telemetry.vision import PoseRefusal
 from mkdaemon.vision.pose.fitting import TargetFitter
-from mkdaemon.vision.pose.gates import fit_refusal
 from mkdaemon.vision.pose.pose import Pose
 from mkdaemon.vision.pose.projection import Projection
 from mkdaemon.vision.track.attitude import LOOKING_DOWN
 from mkdaemon.vision.track.checks import Checks
-from mkdaemon.vision.track.judge import Judge
 from mkdaemon.vision.track.level import Sight
 from mkdaemon.vision.track.track import Track
 from tests.vision.views import VGA, View, place, shipped
@@ -38,30 +36,33 @@ def off(pose: Pose | None, view: View) -> float:
     return float(np.linalg.norm(pose.position - view.position))
 
 
-@pytest.mark.parametrize(
-    ("name", "distance", "cells"),
-    [("nested", 0.8, (2, 0)), ("nested", 1.1, (0, -2)), ("nested", 1.4, (2, 0)), ("nested-36", 0.9, (0, -2))],
-)
-def test_a_fit_two_cells_of_the_inner_tag_beside_its_place_is_refused(name, distance, cells):
-    target, view = shipped(name), View(shipped(name), place(distance, 0.2))
-    fitter, seen, track = TargetFitter(target, Projection(VGA)), sight(view), Track()
-    checks = Checks(fitter, track, CFG, LOOKING_DOWN)
-    step = target.tags[1].module * np.array([*cells, 0])
-    start = replace(truth(view), position=view.position + view.rotation @ step)
-    beside = fitter.refine(view.pixels, start)
-    assert off(beside, view) == pytest.approx(2 * target.tags[1].module, abs=1e-3)
-    bits = fitter.match(view.pixels, beside)
-    assert fit_refusal(beside, CFG) is None, "its edges alone do not tell"
+CELLS_BESIDE = [("nested", 0.8, (2, 0)), ("nested", 1.1, (0, -2)), ("nested", 1.4, (2, 0)), ("nested-36", 0.9, (0, -2))]
+
+
+def beside(name: str, view: View, cells: tuple[int, int]) -> Pose:
+    """The pose that puts a target whole cells of its inner tag beside its place."""
+    step = shipped(name).tags[1].module * np.array([*cells, 0])
+    return replace(truth(view), position=view.position + view.rotation @ step)
+
+
+@pytest.mark.parametrize(("name", "distance", "cells"), CELLS_BESIDE)
+def test_a_pose_two_cells_of_the_inner_tag_beside_its_place_is_refused(name, distance, cells):
+    view = View(shipped(name), place(distance, 0.2))
+    fitter, seen = TargetFitter(shipped(name), Projection(VGA)), sight(view)
+    pose = beside(name, view, cells)
+    bits = fitter.match(view.pixels, pose)
     assert bits is not None
-    assert bits > CFG.min_bit_correlation, "nor do all cells together"
-    assert checks.refusal(seen, beside, None) is PoseRefusal.BITS
-    track.accept(0.0, start, seen.enu_from_flu, view.pixels)
-    alone = Judge(checks).measure(seen, start, start)
-    assert alone.pose is None
-    assert alone.refusal is PoseRefusal.BITS
-    helped = Judge(checks).measure(seen, start, start, [truth(view)])
-    assert helped.refusal is None
-    assert off(helped.pose, view) < 5e-4
+    assert bits > CFG.min_bit_correlation, "all cells together do not tell"
+    assert fitter.is_beside(view.pixels, pose)
+    doubted = replace(pose, inliers=0.5)  # as of a fit that stays there
+    assert Checks(fitter, Track(), CFG, LOOKING_DOWN).refusal(seen, doubted, None) is PoseRefusal.BITS
+
+
+@pytest.mark.parametrize(("name", "distance", "cells"), CELLS_BESIDE)
+def test_a_fit_from_two_cells_beside_ends_at_the_place(name, distance, cells):
+    view = View(shipped(name), place(distance, 0.2))
+    start = beside(name, view, cells)
+    assert off(TargetFitter(shipped(name), Projection(VGA)).refine(view.pixels, start), view) < 1e-3
 
 
 @pytest.mark.parametrize("texture", ["grey", "noise"])
