@@ -160,3 +160,28 @@ def test_of_a_moving_target_less_is_expected():
     still, moving = branches_of(0.01, 0.01), branches_of(0.01, 0.01, moving=True)
     assert moving.best.course.psd == MOVING_PSD
     assert moving.best.course.predict_at(0.3).angle_sd > still.best.course.predict_at(0.3).angle_sd
+
+
+def test_a_rival_is_not_crowded_out_by_histories_of_the_best_branch():
+    """Images that show the best branch's answer alone, each near enough to be it and far enough to be a miss."""
+    branches = branches_of(0.010, 0.010)
+    for k in range(1, 5):
+        branches = branches.after(k * STEP, [seen([0.7, 0.15 * (-1) ** k, 4.0])])
+        assert any(branch.course.centre[0] < -0.5 for branch in branches.ranked), "or it would count as impossible"
+
+
+def test_a_target_that_left_every_course_is_joined_again():
+    """Both readings go on where no inertia carries them; missing them for ever would refuse every image after."""
+    branches = branches_of(0.010, 0.010)
+    for k in range(1, 30):
+        shaken, climbed = (0.15 * (-1) ** k, 0.0) if k < 10 else (0.0, 5.0 * (k - 10) * STEP)
+        true = seen([0.7, shaken, 4.0 + climbed], loss=0.010)
+        branches = branches.after(k * STEP, [mirrored(true, 0.010), true])
+    assert not branches.best.missed
+    assert abs(branches.best.course.centre[2] - 4.0 - 95.0 * STEP) < 0.1
+
+
+def test_what_was_missed_until_it_is_impossible_is_forgotten():
+    branches = fly(branches_of(0.010, 0.020), [(0.010, 0.020)] * 40)
+    floor = -LIMITS.branches.certain
+    assert all(branch.weight > floor or not branch.missed for branch in branches.ranked)

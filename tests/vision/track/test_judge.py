@@ -302,3 +302,13 @@ def test_a_lone_first_pose_far_away_is_held_against_its_mirror_image_beside_an_a
     assert verdict.refusal is refusal
     if verdict.choice is not None:
         assert angle_deg(verdict.choice.pose.rotation, fitted(tilt_deg=published_deg).rotation) < 0.2
+
+
+def test_a_first_pose_without_rival_is_followed_beside_its_mirror_image():
+    """Both starts of a tag may run into one minimum; its branch alone would be believed unchallenged."""
+    pose = fitted(tilt_deg=6.0)
+    rival = mirrored(pose, loss=0.009)
+    alone = checks(GivenFits(mirror=rival)).with_mirror(sight(attitude=False), [pose, replace(pose, loss=0.02)])
+    assert [p.loss for p in alone] == [0.009, 0.01, 0.02], "the best first"
+    both = checks(GivenFits(mirror=fitted(5.0))).with_mirror(sight(attitude=False), [pose, rival])
+    assert both == [rival, pose], "a rival that is there is not asked for"

@@ -126,8 +126,8 @@ class TargetFitter:
         )
         middle = pose.rotation @ self.target.tags[0].position + pose.position
         start = replace(pose, rotation=turned, position=middle - turned @ self.target.tags[0].position)
-        rival = self.refine(pixels, start)
-        return rival if rival is not None and rival.source == pose.source else None
+        # Losses compare only between fits of one kind, so the rival gets that of the pose.
+        return self._fit(pixels, start, photometric=pose.source == "photometric")
 
     def fit_grey_values(self, pixels: Grey, rivals: Sequence[Pose]) -> list[Pose]:
         """Fit rivals of a small tag once more on all its pixels; empty when one of them cannot be."""

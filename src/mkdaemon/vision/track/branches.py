@@ -23,8 +23,8 @@ from mkdaemon.vision.track.course import ACCELERATION_PSD, MOVING_PSD, Course
 Array = npt.NDArray[np.float64]
 
 BRANCHES = LIMITS.branches
-KEPT = 3
-"""Branches that are followed: a pose, its mirror image, and neither."""
+KEPT = 6
+"""Branches that are followed: a pose, its mirror image and neither, each seen in the newest image or missed in it."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -137,14 +137,24 @@ def _apart(a: Branch, b: Branch) -> float:
 
 
 def _prune(found: list[Branch]) -> tuple[Branch, ...]:
-    """The likeliest few that differ, their weights against the best."""
-    order = sorted(found, key=lambda branch: -branch.weight)
-    kept: list[Branch] = []
+    """The likeliest few that differ, their weights against the best; other answers come before more of the same.
+
+    Histories of one answer may be more than are kept. What they crowd out would count as impossible: a branch would be
+    believed because nobody followed its rival, or a target that leapt off every course would never be joined again.
+    """
+    top = max(branch.weight for branch in found)
+    lost = top - BRANCHES.certain
+    order = sorted((b for b in found if b.weight > lost or not b.missed), key=lambda branch: -branch.weight)
+    answers: list[Branch] = []
     for branch in order:
-        if all(_differ(branch, other) for other in kept):
+        if all(_apart(branch, other) > BRANCHES.same_direction for other in answers):
+            answers.append(branch)
+    kept = answers[:KEPT]
+    for branch in order:
+        if len(kept) < KEPT and all(_differ(branch, other) for other in kept):
             kept.append(branch)
-    top = kept[0].weight
-    return tuple(replace(branch, weight=max(branch.weight - top, -BRANCHES.certain)) for branch in kept[:KEPT])
+    kept.sort(key=lambda branch: -branch.weight)
+    return tuple(replace(branch, weight=max(branch.weight - top, -BRANCHES.certain)) for branch in kept)
 
 
 def _differ(a: Branch, b: Branch) -> bool:

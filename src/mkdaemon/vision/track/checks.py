@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -87,6 +88,15 @@ class Checks:
         if rival is None or angle_between(pose.rotation, rival.rotation) < limits.same_pose:
             return [pose]
         return [pose, rival]
+
+    def with_mirror(self, seen: Sight, poses: Sequence[Pose]) -> list[Pose]:
+        """First poses of an image, the best first, with the best one's mirror image where none is among them.
+
+        The starts of both may have run into one minimum; a branch without its rival would be believed unchallenged.
+        """
+        best = min(poses, key=lambda pose: pose.loss)
+        alone = all(angle_between(best.rotation, pose.rotation) < self.limits.ambiguity.same_pose for pose in poses)
+        return sorted([*poses, *(self.candidates(seen, best)[1:] if alone else [])], key=lambda pose: pose.loss)
 
     def cell_px(self, pose: Pose) -> float:
         """Side of a cell of the largest tag in the image [px]."""

@@ -241,9 +241,10 @@ class Follower:
 
     def _start_ambiguous(self, frame: Frame, candidates: Sequence[Pose], mode: FoundBy) -> None:
         """Let the track decide between a pose and its mirror image, or start one that waits until it can."""
-        rivals = sorted((pose for pose in candidates if pose.source != "corners"), key=lambda pose: pose.loss)
+        rivals = [pose for pose in candidates if pose.source != "corners"]
         if not rivals:
             return
+        rivals = self._checks.with_mirror(frame.sight, rivals)
         track, judge, now = self.track, self.judge, frame.sight.time
         verdict = Verdict(None, PoseRefusal.AMBIGUOUS)
         if track.is_live:
