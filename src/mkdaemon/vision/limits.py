@@ -84,6 +84,7 @@ class CellSizes:
 
     readable_px: float = of(2.5, "px", "smaller cells have no edge, corner or grey value of their own", EARNED)
     photometric_px: float = of(5.0, "px", "smaller cells are fitted by grey values", EARNED)
+    melted_widths: float = of(2.3, "half widths", "of its edges: smaller cells melt", "4 px where sharp: 1.75 px")
     small_px: float = of(10.0, "px", "below, all pixels of a first pose tell more than its edges", EARNED)
     perspective_px: float = of(24.0, "px", "from here perspective tells a pose from its mirror image", BLIND)
     edges_up_to: float = of(radians(60.0), "rad", "tilt from which edges run into each other", "steep stills")
@@ -139,6 +140,7 @@ class EdgeLimits:
     unknown_speed: float = of(1.0, "m/s", "across the line of sight, where no track knows it", FLIGHTS)
     known_turning_sd: float = of(0.2, "rad/s", "of the turning between two attitudes 20 ms apart", "noise .1 deg each")
     known_climbing_sd: float = of(0.1, "m/s", "along the optical axis, where a track knows it", FLIGHTS)
+    clean_px: float = of(0.1, "px", "residual below which edges do not shift each other", "0.03-0.1 in sharp images")
     systematic_px: float = of(0.01, "px", "interpolation error that does not average out", "noise-free stills")
 
 

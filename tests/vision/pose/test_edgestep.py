@@ -25,7 +25,7 @@ def step(jacobian: np.ndarray, offsets: np.ndarray) -> EdgeStep:
     samples = Samples(
         np.arange(count), np.zeros((count, 2)), np.zeros((count, 2)), np.ones(count), jacobian, np.zeros(count)
     )
-    edges = FoundEdges(offsets, np.ones(count, dtype=bool), LIMITS.blur.sharp_px, np.ones(count))
+    edges = FoundEdges(offsets, np.ones(count, dtype=bool), LIMITS.blur.sharp_px, LIMITS.blur.sharp_px, np.ones(count))
     return EdgeStep.solve(samples, edges, LIMITS.edges.least_scale_px, LIMITS.edges.tukey, FREE)
 
 

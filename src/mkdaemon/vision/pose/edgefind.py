@@ -64,6 +64,7 @@ class FoundEdges:
         offsets: from where the pose puts them, towards the bright side `(n,)` [px].
         found: whether an edge of the right sense was found `(n,)`.
         width: half width of the edges of this image [px].
+        widest: the same of the widest quarter: edges run two ways, and motion blurs one of them [px].
         trust: 1 where both sides of an edge are even, less where a shadow's rim or a leaf lies beside it; over the
             variance of the offset `(n,)`.
     """
@@ -71,6 +72,7 @@ class FoundEdges:
     offsets: Array
     found: npt.NDArray[np.bool_]
     width: float
+    widest: float
     trust: Array
 
 
@@ -114,6 +116,7 @@ def find_edges(pixels: Grey, samples: Samples, limits: Limits) -> FoundEdges:
     # Width of an edge in this image: area of the slope over its peak, median over the samples.
     area = slope.sum(axis=1) * spacing / np.maximum(peak, 1e-3)
     width = min(max(WIDTH_FACTOR * median(area), blur.sharp_px), WIDEST_PX)
+    widest = WIDTH_FACTOR * float(np.quantile(area, 1.0 - QUARTER))
     centre = place[peak_at]
     if width > blur.sharp_px:
         # The peak of a wide edge is noise: a first centre of gravity puts the window where the edge is.
@@ -129,7 +132,7 @@ def find_edges(pixels: Grey, samples: Samples, limits: Limits) -> FoundEdges:
         beside = np.abs(place - offsets[:, None])
         either *= (beside > width) & (np.abs(place) <= samples.reach[:, None] + STEP_PX)
         trust = _trust(either.max(axis=1), peak, found)
-    return FoundEdges(offsets.astype(np.float64), found, width, trust)
+    return FoundEdges(offsets.astype(np.float64), found, width, max(widest, width), trust)
 
 
 def _trust(beside: Array32, peak: Array32, found: npt.NDArray[np.bool_]) -> Array:

@@ -39,6 +39,7 @@ class EdgeStep:
         normal: normal matrix with what is known beforehand `(k, k)`.
         residual: of the samples after the step `(n,)` [px].
         width: half width of the edges of this image [px].
+        widest: the same of the widest quarter [px].
         agreeing: Tukey's weights as if every edge were trusted: doubt makes no edge agree `(n,)`.
         slope: of the influence of each sample, d(w r) / dr `(n,)`: below w, and below zero near the bound.
     """
@@ -49,6 +50,7 @@ class EdgeStep:
     normal: Array
     residual: Array
     width: float
+    widest: float
     agreeing: Array
     slope: Array
 
@@ -94,7 +96,7 @@ class EdgeStep:
         # d(r (1 - u)^2) / dr with u = (r / bound)^2 is (1 - u) (1 - 5 u).
         slope = inside * (5.0 * inside - 4.0) * edges.trust
         agreeing = np.maximum(1.0 - (residual * (1.0 / bound)) ** 2, 0.0) ** 2 * found
-        return cls(samples, change, weights, normal, residual, edges.width, agreeing, slope)
+        return cls(samples, change, weights, normal, residual, edges.width, edges.widest, agreeing, slope)
 
     @property
     def variance(self) -> float:
@@ -158,6 +160,7 @@ class EdgeStep:
             float(np.linalg.norm(self.change[:3])) / max(float(np.linalg.norm(position)), 1e-9),
             loss=float(np.exp(np.mean(np.log(squared)))),
             blur_px=self.width,
+            widest_px=self.widest,
             shift_px=float(self.change[-1]),
         )
 

@@ -60,7 +60,14 @@ class PhotoFit:
         self._stepper = PhotoStepper(self._print, projection, limits)
         self._rolls = projection.intrinsics.line_time > 0.0
 
-    def fit(self, pixels: Grey, start: Pose, iterations: int = 10, level: Level | None = None) -> Pose | None:
+    def fit(
+        self,
+        pixels: Grey,
+        start: Pose,
+        iterations: int = 10,
+        level: Level | None = None,
+        blur_px: float = START_BLUR_PX,
+    ) -> Pose | None:
         """Refine a pose.
 
         Args:
@@ -68,6 +75,7 @@ class PhotoFit:
             start: within about a cell of the truth.
             iterations: steps at most; converged fits stop earlier.
             level: where the target's normal should point.
+            blur_px: deviation of the point spread to begin with.
 
         Returns:
             The pose, `rms_px` being the residual over the contrast; none when the print is not in full view, too large
@@ -76,7 +84,7 @@ class PhotoFit:
         motion = None
         if self._rolls:
             motion = start.motion if start.motion is not None else motion_at_rest()
-        at = PhotoState(start.rotation, start.position, START_BLUR_PX**2 * np.eye(2), motion)
+        at = PhotoState(start.rotation, start.position, blur_px**2 * np.eye(2), motion)
         damping, last = FIRST_DAMPING, np.inf
         best: PhotoState | None = None
         fitted: Pose | None = None
@@ -107,6 +115,15 @@ class PhotoFit:
                 return None
         return fitted
 
+    def explains(self, grey: Pose) -> bool:
+        """Whether the model holds for a fit to grey values: nothing lies over the print or shines on it."""
+        limits = self._limits
+        return (
+            grey.match is not None
+            and grey.match >= limits.photo.polish_match
+            and grey.inliers >= limits.agreement.whole
+        )
+
     def polish(self, pixels: Grey, pose: Pose) -> Pose:
         """Measure a pose from edges once more by the grey values, where these know more and do not object.
 
@@ -125,7 +142,7 @@ class PhotoFit:
         if pose.source != "edges" or cell_px > limits.cells.small_px or pose.inliers < whole:
             return pose
         grey = self.fit(pixels, pose)
-        if grey is None or grey.match is None or grey.match < limits.photo.polish_match or grey.inliers < whole:
+        if grey is None or not self.explains(grey):
             return pose
         if float(np.linalg.det(grey.covariance)) >= float(np.linalg.det(pose.covariance)):
             return pose

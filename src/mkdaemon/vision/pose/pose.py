@@ -53,6 +53,7 @@ class Pose:
             hidden samples cost both rivals the same.
         match: correlation between model and image, where the fit knows it.
         blur_px: width of an edge in the image, where the fit knows it.
+        widest_px: of an edge of the widest quarter, in a fit to edges.
         shift_px: how far all edges lie towards their bright side, where the fit asked [px]: less than zero where a tone
             curve makes white spread over black.
         motion: of the camera while its rows were read `(4,)`, where the fit asked; see `rolling`.
@@ -71,6 +72,7 @@ class Pose:
     loss: float = 0.0
     match: float | None = None
     blur_px: float | None = None
+    widest_px: float | None = None
     shift_px: float = 0.0
     motion: Array | None = None
     known_motion: KnownMotion | None = None
