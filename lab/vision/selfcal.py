@@ -237,6 +237,7 @@ def _row(mistake: Mistake, flights: Sequence[Outcome]) -> dict[str, Any]:
 def _errors(mistake: Mistake, flights: Sequence[Outcome]) -> dict[str, list[tuple[float, float]]]:
     """Error and deviation of every estimate."""
     errors: dict[str, list[tuple[float, float]]] = {}
+    inner_id = target_named("nested").tags[1].tag_id
     for one in flights:
         found = one.found
         assert found is not None
@@ -248,7 +249,7 @@ def _errors(mistake: Mistake, flights: Sequence[Outcome]) -> dict[str, list[tupl
         errors.setdefault("focal_percent", []).append((found.focal_percent - focal, found.focal_sd_percent))
         errors.setdefault("cx_px", []).append((found.centre_px[0] + mistake.centre, found.centre_sd_px[0]))
         errors.setdefault("k1", []).append((found.k1, found.k1_sd))
-        tag = next(size for size in found.sizes if size.tag_id == 1)
+        tag = next(size for size in found.sizes if size.tag_id == inner_id)
         errors.setdefault("inner_percent", []).append((tag.size_percent - inner, tag.size_sd_percent))
         height = 100 * (1 - 1 / ((1 + mistake.sizes) * (1 + mistake.focal)))
         errors.setdefault("height_percent", []).append((found.height_percent - height, found.height_sd_percent))

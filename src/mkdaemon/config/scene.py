@@ -76,7 +76,7 @@ class SceneConfig(Section):
     camera: Path | None = None
     """Camera file it renders with; unset is 640x480, 74 x 59 deg, looking down."""
     targets: tuple[Path, ...] = ()
-    """Target files; the first target moves with `platform`, others stand at the origin. Unset is a nested tag."""
+    """Target files; the first target moves with `platform`, others stand at the origin. Unset is the nested target."""
     platform: PlatformConfig = PlatformConfig()
     """How the target moves."""
     light: LightConfig = LightConfig()

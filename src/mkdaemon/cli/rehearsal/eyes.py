@@ -10,7 +10,7 @@ from typing import Final
 
 from mkdaemon.cli.rehearsal.scenery import EYES_TIME, IMAGE_LATENCY
 from mkdaemon.clock import Clock
-from mkdaemon.config.vision import TagPlacement, TargetSection, VisionSection
+from mkdaemon.config.vision import VisionSection
 from mkdaemon.control.core import FlightCore
 from mkdaemon.daemon.eyes import Eyes
 from mkdaemon.errors import MkError
@@ -21,7 +21,7 @@ from mkdaemon.telemetry.vision import VisionPose
 from mkdaemon.vision.camera.calibration_file import mount_rotation
 from mkdaemon.vision.camera.image import CameraImage
 from mkdaemon.vision.output import values_of
-from mkdaemon.vision.tags.tagmap import build
+from mkdaemon.vision.tags.nested import nested_map
 from mkdaemon.vision.track.attitude import AttitudeHistory, AttitudeSample, Mounting
 from mkdaemon.vision.track.tracker import Tracker
 
@@ -29,8 +29,6 @@ KEPT: Final = 200
 """Attitudes kept for late images."""
 JITTER: Final = 0.005
 """Standard deviation of the latency [s]."""
-TAGS: Final = (TagPlacement(id=48, size=0.3048), TagPlacement(id=1, size=0.048))
-"""The nested target of configs/targets/nested.toml, which the scene shows too."""
 
 
 class RehearsedEyes(Eyes):
@@ -49,10 +47,9 @@ class RehearsedEyes(Eyes):
         self._attitudes: deque[AttitudeSample] = deque(maxlen=KEPT)
         mount = scene.camera.mount
         self._mounting = Mounting(mount_rotation(mount), scene.arm_flu)
-        target = TargetSection(name="pad", tags=TAGS)
         vision = VisionSection()
         self._tracker = Tracker(
-            build([target], origin="built-in target"),
+            nested_map(),
             scene.camera.intrinsics,
             self._mounting,
             vision.tracker,

@@ -10,7 +10,6 @@ import numpy.typing as npt
 
 from mkdaemon.config.scene import PlatformConfig, SceneConfig
 from mkdaemon.config.sim import SimConfig
-from mkdaemon.config.vision import TagPlacement, TargetSection
 from mkdaemon.sim.physics.deck import MovingDeck
 from mkdaemon.sim.physics.world import World
 from mkdaemon.sim.scene.autoexposure import AutoExposure
@@ -22,7 +21,8 @@ from mkdaemon.sim.scene.scene import Scene, SceneTarget
 from mkdaemon.sim.scene.view import CameraView
 from mkdaemon.vision.camera.calibration_file import Camera, load_camera, mount_rotation
 from mkdaemon.vision.camera.intrinsics import Intrinsics
-from mkdaemon.vision.tags.tagmap import Target, build, load
+from mkdaemon.vision.tags.nested import nested_map
+from mkdaemon.vision.tags.tagmap import load
 
 Array = npt.NDArray[np.float64]
 Grey = npt.NDArray[np.uint8]
@@ -98,7 +98,7 @@ class SceneCamera:
         self.cfg = cfg
         self.camera = load_camera(cfg.camera) if cfg.camera is not None else BUILT_IN
         self.platform = platform_of(cfg.platform)
-        self.targets = load(cfg.targets).targets if cfg.targets else (_nested(),)
+        self.targets = (load(cfg.targets) if cfg.targets else nested_map()).targets
         self._flu_from_cam = mount_rotation(self.camera.mount)
         self.arm_flu = np.array(self.camera.mount.position_flu)
         self._size = self.targets[0].tags[0].size
@@ -167,9 +167,3 @@ class SceneCamera:
         if self._auto is not None:
             self._auto.image_seen(pixels, conditions.processing.gamma)
         return pixels
-
-
-def _nested() -> Target:
-    """A 12 inch tag with a 48 mm tag in its centre, as configs/targets/nested.toml."""
-    tags = (TagPlacement(id=48, size=0.3048), TagPlacement(id=1, size=0.048))
-    return build([TargetSection(name="pad", tags=tags)], origin="built-in target").targets[0]

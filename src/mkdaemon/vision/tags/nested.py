@@ -1,0 +1,16 @@
+"""The nested target that simulator and rehearsal use where no target file is given: configs/targets/nested.toml."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from mkdaemon.config.vision import TagPlacement, TargetSection
+from mkdaemon.vision.tags.tagmap import TagMap, build
+
+NESTED: Final = TargetSection(name="pad", tags=(TagPlacement(id=112, size=0.3048), TagPlacement(id=2, size=0.036)))
+"""A 12 inch tag with four white cells in its middle, and a tag of 36 mm there; why, is in docs/vision.md."""
+
+
+def nested_map() -> TagMap:
+    """Make a map of this target alone."""
+    return build([NESTED], origin="built-in target")
