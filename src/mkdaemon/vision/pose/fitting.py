@@ -87,8 +87,9 @@ class TargetFitter:
         """Improve a pose by the method its size, tilt and blur ask for, with a level its tilt held near it."""
         is_small = self._wants_photometric(start)
         fitted = self._fit(pixels, start, photometric=is_small, level=level)
-        if fitted is None and is_small:
-            return self._fit(pixels, start, photometric=False, level=level)
+        if is_small and (fitted is None or self._is_covered(fitted)):
+            edges = self._fit(pixels, start, photometric=False, level=level)
+            return fitted if edges is None else edges
         if fitted is None or is_small or not self._are_melted(fitted):
             return fitted
         grey = self._fit_melted(pixels, start, (fitted.blur_px or 0.0) / HALF_WIDTH, level)
@@ -100,6 +101,12 @@ class TargetFitter:
     def _wants_photometric(self, start: Pose) -> bool:
         cells = self._limits.cells
         return self._cell_px(start) < cells.photometric_px or start.tilt > cells.edges_up_to
+
+    def _is_covered(self, pose: Pose) -> bool:
+        """Whether something lies over a print whose edges are large enough to tell more than its grey values."""
+        cells = self._limits.cells
+        has_edges = self._cell_px(pose) >= cells.edges_px and pose.tilt <= cells.edges_up_to
+        return has_edges and not self._photo.explains(pose)
 
     def _are_melted(self, pose: Pose) -> bool:
         """Whether the edges of a fit are so wide that neighbours run into each other and shift each other.
