@@ -83,8 +83,8 @@ class CellSizes:
     """Side of a cell in the image from which something can be told; smaller is farther."""
 
     readable_px: float = of(2.5, "px", "smaller cells have no edge, corner or grey value of their own", EARNED)
-    photometric_px: float = of(5.0, "px", "smaller cells are fitted by grey values", EARNED)
-    edges_px: float = of(4.0, "px", "from here edges tell more where something lies over the print", FLIGHTS)
+    photometric_px: float = of(4.0, "px", "smaller cells are fitted by grey values", EARNED)
+    mixed_px: float = of(5.0, "px", "below, grey values measure what edges have found", FLIGHTS)
     melted_widths: float = of(2.3, "half widths", "of its edges: smaller cells melt", "4 px where sharp: 1.75 px")
     small_px: float = of(10.0, "px", "below, all pixels of a first pose tell more than its edges", EARNED)
     perspective_px: float = of(24.0, "px", "from here perspective tells a pose from its mirror image", BLIND)
@@ -156,6 +156,7 @@ class PhotoLimits:
     quiet_grey: float = of(2.0, "grey", "residuals below are equally good when rivals compare", NOISE)
     lost_grey: float = of(60.0, "grey", "residuals above are equally bad", BLIND)
     margin_cells: float = of(0.3, "cells", "rim of the quiet zone that is left out", STILLS)
+    start_match: float = of(0.3, "correlation", "of a start that leads to its place", "0.34 and more, development")
     polish_match: float = of(0.95, "correlation", "of model and image where the model holds", STILLS)
     same_mahalanobis2: float = of(22.5, "", "farther apart two fits contradict each other", "chi-square(6), 1 in 1000")
 

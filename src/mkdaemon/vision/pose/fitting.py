@@ -29,7 +29,7 @@ ROOM, ROOM_PX = 0.2, 14.0
 """Room around a target in a window: share of its size, and so much more [px]."""
 WHOLE_ROOM_PX = 6.0
 """Room around a tag that is wholly in the image [px]: a search wants its quiet zone."""
-MELTED_STEPS = 6
+MIXED_STEPS = 6
 """Of the fit to grey values where edges melted, as the width of the edges gives it a start; ten took 1.6 times as long
 and explained 89 of 104 images with motion blur instead of 85 (development seeds)."""
 HALF_WIDTH = WIDTH_FACTOR * sqrt(2.0 * pi)
@@ -85,28 +85,25 @@ class TargetFitter:
 
     def refine(self, pixels: Grey, start: Pose, level: Level | None = None) -> Pose | None:
         """Improve a pose by the method its size, tilt and blur ask for, with a level its tilt held near it."""
-        is_small = self._wants_photometric(start)
-        fitted = self._fit(pixels, start, photometric=is_small, level=level)
-        if is_small and (fitted is None or self._is_covered(fitted)):
-            edges = self._fit(pixels, start, photometric=False, level=level)
-            return fitted if edges is None else edges
-        if fitted is None or is_small or not self._are_melted(fitted):
-            return fitted
-        grey = self._fit_melted(pixels, start, (fitted.blur_px or 0.0) / HALF_WIDTH, level)
+        if self._wants_photometric(start):
+            grey = self._fit(pixels, start, photometric=True, level=level)
+            return self._fit(pixels, start, photometric=False, level=level) if grey is None else grey
+        edges = self._fit(pixels, start, photometric=False, level=level)
+        if edges is None:
+            return None
+        is_melted = self._are_melted(edges)
+        if not is_melted and self._cell_px(edges) >= self._limits.cells.mixed_px:
+            return edges
+        # Edges that melted lie; others have found the place, from which a few steps are left.
+        grey = self._fit_from(pixels, start if is_melted else edges, (edges.blur_px or 0.0) / HALF_WIDTH, level)
         if grey is None or not self._photo.explains(grey) or grey.rms_px > self._limits.certainty.blind_grey_rms_px:
             # Something lies over the print, or the fit has not got there.
-            return fitted
+            return edges
         return grey
 
     def _wants_photometric(self, start: Pose) -> bool:
         cells = self._limits.cells
         return self._cell_px(start) < cells.photometric_px or start.tilt > cells.edges_up_to
-
-    def _is_covered(self, pose: Pose) -> bool:
-        """Whether something lies over a print whose edges are large enough to tell more than its grey values."""
-        cells = self._limits.cells
-        has_edges = self._cell_px(pose) >= cells.edges_px and pose.tilt <= cells.edges_up_to
-        return has_edges and not self._photo.explains(pose)
 
     def _are_melted(self, pose: Pose) -> bool:
         """Whether the edges of a fit are so wide that neighbours run into each other and shift each other.
@@ -118,9 +115,9 @@ class TargetFitter:
             return False
         return self._cell_px(pose) < limits.cells.melted_widths * pose.widest_px
 
-    def _fit_melted(self, pixels: Grey, start: Pose, blur_px: float, level: Level | None = None) -> Pose | None:
+    def _fit_from(self, pixels: Grey, start: Pose, blur_px: float, level: Level | None = None) -> Pose | None:
         """Fit grey values from a point spread that is known nearly."""
-        fitted = self._photo.fit(pixels, start, MELTED_STEPS, level, blur_px)
+        fitted = self._photo.fit(pixels, start, MIXED_STEPS, level, blur_px)
         return fitted if fitted is not None and np.isfinite(fitted.rms_px) else None
 
     def _cell_px(self, pose: Pose) -> float:
@@ -164,7 +161,7 @@ class TargetFitter:
         start = replace(pose, rotation=turned, position=middle - turned @ self.target.tags[0].position)
         # Losses compare only between fits of one kind, so the rival gets that of the pose.
         if pose.source == "photometric" and not self._wants_photometric(pose):
-            return self._fit_melted(pixels, start, pose.blur_px or 0.0)
+            return self._fit_from(pixels, start, pose.blur_px or 0.0)
         return self._fit(pixels, start, photometric=pose.source == "photometric")
 
     def fit_grey_values(self, pixels: Grey, rivals: Sequence[Pose]) -> list[Pose]:

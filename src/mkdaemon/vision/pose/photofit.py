@@ -46,8 +46,8 @@ SAME_COST = 3e-4
 """A step that lowers the cost by a smaller share ends the fit."""
 WORSE_COST = 1.001
 """A step whose cost rises by less is no worse: the fit has settled."""
-SETTLED_RAD, SETTLED_SHARE, SETTLED_BLUR = 5e-5, 2e-5, 0.01
-"""A step below all of these ends the fit: turn [rad], move over the depth, variance of the blur [px^2]."""
+SETTLED, SETTLED_BLUR = 0.06, 0.05
+"""A step below both is the last: squared length in deviations of the fit, change of the blur's variance [px^2]."""
 
 
 class PhotoFit:
@@ -79,7 +79,7 @@ class PhotoFit:
 
         Returns:
             The pose, `rms_px` being the residual over the contrast; none when the print is not in full view, too large
-            for this method, or does not resemble the image.
+            for this method, or does not resemble the image where the fit starts.
         """
         motion = None
         if self._rolls:
@@ -90,7 +90,7 @@ class PhotoFit:
         fitted: Pose | None = None
         for _ in range(iterations):
             step = self._stepper.step(pixels, at, start, level, damping)
-            if step is None:
+            if step is None or (best is None and (step.pose.match or 0.0) < self._limits.photo.start_match):
                 return None
             if step.cost < last:
                 settled = last - step.cost < SAME_COST * step.cost
@@ -106,9 +106,10 @@ class PhotoFit:
                 step = self._stepper.step(pixels, at, start, level, damping)
                 if step is None:
                     return None
-            if _is_settled(step.change, at):
-                break
             at = _moved(at, step.change)
+            if step.length2 < SETTLED and float(np.abs(step.change[SPREAD]).max()) < SETTLED_BLUR:
+                fitted = replace(step.pose, rotation=at.rotation, position=at.position, motion=at.motion)
+                break
             if not np.isfinite(at.position).all() or at.position[2] < NEAR_M:
                 return None
             if np.linalg.norm(at.position - start.position) > self._limits.edges.max_move * start.range_m:
@@ -151,14 +152,6 @@ class PhotoFit:
         if float(apart @ np.linalg.solve(pose.covariance, apart)) > limits.photo.same_mahalanobis2:
             return pose
         return replace(pose, rotation=grey.rotation, position=grey.position, covariance=grey.covariance)
-
-
-def _is_settled(change: Array, at: PhotoState) -> bool:
-    """Whether a step is too small to matter."""
-    move, turned, spread = change[:3], change[3:6], change[SPREAD]
-    small = float(np.abs(turned).max()) < SETTLED_RAD
-    small = small and float(np.linalg.norm(move)) < SETTLED_SHARE * at.position[2]
-    return small and float(np.abs(spread).max()) < SETTLED_BLUR
 
 
 def _moved(at: PhotoState, change: Array) -> PhotoState:

@@ -63,11 +63,13 @@ class PhotoStep:
         change: of all unknowns: position [m], rotation vector [rad], light, point spread [px^2], motion.
         cost: robust mean square of the residuals before the step [grey^2], with what prior knowledge adds.
         pose: the pose the step starts from, with its covariance.
+        length2: of the step of the pose, in deviations of that covariance, squared.
     """
 
     change: Array
     cost: float
     pose: Pose
+    length2: float
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -160,7 +162,8 @@ class PhotoStepper:
             motion=state.motion,
             known_motion=start.known_motion,
         )
-        return PhotoStep(change, cost * (1.0 + surprise / at.value.size), pose)
+        length2 = float(change[POSE] @ np.linalg.solve(pose.covariance, change[POSE]))
+        return PhotoStep(change, cost * (1.0 + surprise / at.value.size), pose, length2)
 
     def _bends(self, residual: Array, columns: Array) -> Array:
         """What the motion lacks, by the residuals `(n,)` of this state, with its columns `(k, n)`; empty without one.
