@@ -133,6 +133,7 @@ class EdgeFit:
         limits = self._limits.edges
         rotation, position = start.rotation, start.position
         last: EdgeStep | None = None
+        moved = np.inf
         projection, stretch = self._projection, 0.0
         # stills that doubt the lens show no motion of the camera
         rolls = self._line_time > 0.0 and stretch_sd == 0.0
@@ -160,8 +161,15 @@ class EdgeFit:
             samples, prior = with_shift(samples, prior, limits.located_px / limits.shift_sd_px)
             least_scale = limits.first_scale_px if k == 0 else limits.least_scale_px
             upright = self.model.upright[samples.index] if reach > limits.reach_px[-2] else None
-            last = EdgeStep.solve(samples, edges, least_scale, limits.tukey, prior, upright)
-            step = last.change
+            now = EdgeStep.solve(samples, edges, least_scale, limits.tukey, prior, upright)
+            step = now.change
+            # By the mean square: a move along one side of the tag shifts half of the edges, and no middle one.
+            shifts = samples.jacobian[:, :carried] @ step[:carried]
+            before, moved = moved, float(np.sqrt(np.mean(shifts**2)))
+            if last is not None and upright is None and k > len(limits.reach_px) - 1 and moved > before:
+                # Edges of jagged pixels answer more than a move asks: the step before was nearer.
+                break
+            last = now
             rotation = turn(rotation, step[3:6])
             position = position + step[:3]
             if not np.isfinite(position).all() or position[2] < NEAR_M:
@@ -170,9 +178,6 @@ class EdgeFit:
                 return None
             if motion is not None:
                 motion = motion + step[carried - MOTIONS : carried]
-            # By the mean square: a move along one side of the tag shifts half of the edges, and no middle one.
-            shifts = samples.jacobian[:, :carried] @ step[:carried]
-            moved = float(np.sqrt(np.mean(shifts**2)))
             if moved < limits.settled_px and reach <= limits.reach_px[-2]:
                 break
             if stretch_sd > 0.0:

@@ -58,7 +58,8 @@ class EdgeModel:
             keep &= ~((index < k) & covered(points, tag))
         squares = [_squares(tag, part[0], k) for k, (tag, part) in enumerate(zip(target.tags, parts, strict=True))]
         square = np.unique(np.concatenate(squares)[keep], axis=0, return_inverse=True)[1].reshape(-1)
-        upright = np.abs(normals @ target.tags[0].rotation[:, 0]) > np.sqrt(0.5)
+        by_axis = np.abs(normals @ target.tags[0].rotation[:, :2])
+        upright = by_axis[:, 0] > by_axis[:, 1]
         return cls(points[keep], normals[keep], cell[keep], index[keep], side[keep], square, upright[keep])
 
 
