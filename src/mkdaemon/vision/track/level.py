@@ -95,9 +95,11 @@ class LevelKnowledge:
         return None if expected is None or not self._limits.holds_tilt else Level(expected, self._sd(seen))
 
     def fuse(self, seen: Sight, pose: Pose) -> Pose:
-        """The pose with what the attitude knows about its tilt."""
+        """The pose with what the attitude knows about its tilt, believed less where its points partly disagree."""
         expected = self._expected(seen)
-        return pose if expected is None else fuse_normal(pose, expected, self._sd(seen))
+        if expected is None:
+            return pose
+        return fuse_normal(replace(pose, covariance=shared_doubt(pose) * pose.covariance), expected, self._sd(seen))
 
     def forget(self) -> None:
         """Forget how the target lies."""
