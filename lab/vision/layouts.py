@@ -157,7 +157,7 @@ def candidates(inner: int = 1) -> list[Layout]:
 
 def _plan(quick: bool, seeds: SeedSet) -> list[Part]:
     count = 6 if quick else 40
-    shipped = [(name, layout_of(target_named(name))) for name in ("nested", "nested-48")]
+    shipped = [(name, layout_of(target_named(name))) for name in ("nested", "nested-36")]
     black, white = (next(c.outer for c in candidates() if bits(c.outer)[3, 3] == value) for value in (0, 1))
     tried = [
         (f"{colour} middle, {1000 * size:.0f} mm", Layout(outer, 1, size))

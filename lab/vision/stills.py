@@ -58,7 +58,7 @@ class SeedSet(StrEnum):
 
 @lru_cache(maxsize=4)
 def target_named(name: str) -> Target:
-    """The first target of a shipped file: `single`, `nested`, `nested-48`, `landing`."""
+    """The first target of a shipped file: `single`, `nested`, `nested-36`, `landing`."""
     return load([TARGETS / f"{name}.toml"]).targets[0]
 
 

@@ -63,7 +63,7 @@ def test_a_target_of_the_map_is_found_where_it_is(pictures: Path, capsys: pytest
     code, (found,), _ = detect(capsys, *words)
     assert code == EXIT_OK
     assert found["file"].endswith("nested.png")
-    assert {tag["id"] for tag in found["tags"]} == {112, 2}
+    assert {tag["id"] for tag in found["tags"]} == {48, 1}
     for tag in found["tags"]:
         truth = true_corners(PADS["nested"], VIEW)["tag36h11", tag["id"]]
         np.testing.assert_allclose(tag["corners"], truth, atol=0.4)  # straight lines through curved edges

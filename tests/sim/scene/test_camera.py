@@ -86,12 +86,12 @@ def test_a_camera_off_the_centre_moves_when_the_body_turns() -> None:
 
 def test_faults_take_the_light_and_hide_the_target() -> None:
     camera = SceneCamera(SceneConfig(), seed=1)
-    fair = camera.expose(state(height=0.7))
-    dark = camera.expose(state(height=0.7), light=0.02)
+    fair = camera.expose(state())
+    dark = camera.expose(state(), light=0.02)
     assert dark.mean() < 0.05 * fair.mean()
     assert len(look(camera, fair).tags) == 2
-    assert len(look(camera, camera.expose(state(height=0.7), covered=1.0)).tags) == 0
-    half = camera.expose(state(height=0.7), covered=0.5)
+    assert len(look(camera, camera.expose(state(), covered=1.0)).tags) == 0
+    half = camera.expose(state(), covered=0.5)
     assert len(look(camera, half).tags) < 2
 
 

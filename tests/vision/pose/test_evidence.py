@@ -31,7 +31,7 @@ def strip(side: float, share: float, reflectance: float) -> Conditions:
 @pytest.mark.parametrize(("name", "reflectance"), [("nested", 0.1), ("nested", 0.7), ("single", 0.3)])
 def test_a_right_pose_is_borne_out_behind_a_cover(name, reflectance, share):
     target = shipped(name)
-    view = View(target, place(1.0, 0.35, around=1.0, roll=0.5), strip(target.tags[0].size, share, reflectance))
+    view = View(target, place(1.1, 0.35, around=1.0, roll=0.5), strip(target.tags[0].size, share, reflectance))
     start = Pose(view.rotation, view.position, np.eye(6), "edges", 0, 0.0)
     fitted = EdgeFit(target, PROJECTION).fit(view.pixels, start)
     assert fitted is not None

@@ -106,7 +106,7 @@ def test_the_camera_says_so_in_place_of_a_pose(tmp_path) -> None:
     lens, target = tmp_path / "lens.toml", tmp_path / "pad.toml"
     save_camera(scene.camera, lens)
     target.write_text(
-        '[[targets]]\nname = "pad"\n[[targets.tags]]\nid = 112\nsize = 0.25\n[[targets.tags]]\nid = 2\nsize = 0.036\n'
+        '[[targets]]\nname = "pad"\n[[targets.tags]]\nid = 48\nsize = 0.25\n[[targets.tags]]\nid = 1\nsize = 0.048\n'
     )
     eye = CameraPipeline(CameraSection(source="x", calibration=lens, targets=(target,)), VisionSection(), Clock())
     poses = []

@@ -86,8 +86,8 @@ def test_rendered_corners_are_where_projection_puts_them(distance):
 
 def test_both_tags_of_a_nested_target():
     view = View(shipped("nested"), place(0.9, 0.2))
-    found = Detector({"tag36h11": frozenset({2, 112})}).search_ladder(view.pixels)
-    assert {item.tag_id for item in found} == {2, 112}
+    found = Detector({"tag36h11": frozenset({1, 48})}).search_ladder(view.pixels)
+    assert {item.tag_id for item in found} == {1, 48}
 
 
 @pytest.mark.parametrize("distance", [0.2, 0.6, 1.5, 3.0, 6.0, 10.0])
@@ -146,27 +146,16 @@ def test_shadow_edge_is_found_by_the_log_search():
 
 def test_a_far_nested_tag_behind_a_tone_curve_is_found_in_light():
     streaked = replace(Conditions(), psf_px=0.9, processing=Processing(gamma=2.2))
-    view = View(shipped("nested-48"), place(6.5, 0.2), streaked)
+    view = View(shipped("nested"), place(6.5, 0.2), streaked)
     detector = Detector({"tag36h11": frozenset({48})})
     assert detector.search(view.pixels, "decimate2") == []
     (found,) = detector.search(view.pixels, "linear")
     assert np.linalg.norm(found.corners - view.corners["tag36h11", 48], axis=1).max() < 1.0
 
 
-@pytest.mark.parametrize("gamma", [1.0, 1.6, 2.2])
-def test_white_cells_under_the_inner_tag_are_read_behind_any_tone_curve(gamma):
-    conditions = replace(Conditions(), psf_px=0.9, processing=Processing(gamma=gamma))
-    detector = Detector({"tag36h11": frozenset({112})})
-    for distance in (0.8, 1.5, 3.0, 4.6, 6.5, 8.0):
-        view = View(shipped("nested"), place(distance, 0.2), conditions)
-        (found,) = detector.search(view.pixels, "decimate1")
-        assert found.hamming == 0
-        assert np.linalg.norm(found.corners - view.corners["tag36h11", 112], axis=1).max() < 1.0
-
-
 def test_shadow_edge_in_a_blurred_image_is_found_by_the_equalised_search():
     blurred = replace(Conditions(), shadow=Shadow(3.0, (0.02, 0.01), 0.6), defocus_px=2.0)
-    view = View(shipped("nested-48"), place(3.5, 0.2), blurred)
+    view = View(shipped("nested"), place(3.5, 0.2), blurred)
     detector = Detector({"tag36h11": frozenset({48})})
     assert detector.search(view.pixels, "log") == []
     (found,) = detector.search(view.pixels, "equalised")
@@ -182,7 +171,7 @@ def patch(x, y, reflectance, radius=0.032):
 @pytest.mark.parametrize("roll", [0.0, 2.0, 4.0])
 def test_patches_on_the_border_and_the_inner_tag_leave_an_outline(roll):
     covers = (patch(0.14, 0.03, 0.7), patch(0.0, 0.02, 0.4), patch(-0.05, -0.15, 0.3))
-    view = View(shipped("nested-48"), place(1.4, 0.3, roll=roll), replace(Conditions(), covers=covers))
+    view = View(shipped("nested"), place(1.4, 0.3, roll=roll), replace(Conditions(), covers=covers))
     detector = Detector({"tag36h11": frozenset({1, 48})})
     assert [found for stage in LIMITS.search.ladder[:-1] for found in detector.search(view.pixels, stage)] == []
     (found,) = detector.search(view.pixels, "outline")

@@ -36,12 +36,7 @@ def off(pose: Pose | None, view: View) -> float:
     return float(np.linalg.norm(pose.position - view.position))
 
 
-CELLS_BESIDE = [
-    ("nested-48", 0.8, (2, 0)),
-    ("nested-48", 1.1, (0, -2)),
-    ("nested-48", 1.4, (2, 0)),
-    ("nested", 0.9, (0, -2)),
-]
+CELLS_BESIDE = [("nested", 0.8, (2, 0)), ("nested", 1.1, (0, -2)), ("nested", 1.4, (2, 0)), ("nested-36", 0.9, (0, -2))]
 
 
 def beside(name: str, view: View, cells: tuple[int, int]) -> Pose:

@@ -76,7 +76,7 @@ def test_no_pose_without_calibration():
     result = blind.update(view.image())
     assert result.poses == ()
     assert "uncalibrated" in result.alarms
-    assert {found.tag_id for found in result.detections} == {2, 112}
+    assert {found.tag_id for found in result.detections} == {1, 48}
 
 
 def test_a_contradicting_attitude_stops_the_pose():

@@ -7,8 +7,8 @@ from typing import Final
 from mkdaemon.config.vision import TagPlacement, TargetSection
 from mkdaemon.vision.tags.tagmap import TagMap, build
 
-NESTED: Final = TargetSection(name="pad", tags=(TagPlacement(id=112, size=0.3048), TagPlacement(id=2, size=0.036)))
-"""A 12 inch tag with four white cells in its middle, and a tag of 36 mm there; why, is in docs/vision.md."""
+NESTED: Final = TargetSection(name="pad", tags=(TagPlacement(id=48, size=0.3048), TagPlacement(id=1, size=0.048)))
+"""A 12 inch tag with four black cells in its middle, and a tag of 48 mm there; why, is in docs/vision.md."""
 
 
 def nested_map() -> TagMap:
