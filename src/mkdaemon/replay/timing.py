@@ -22,6 +22,9 @@ from mkdaemon.stamp import Stamp
 _Args = TypeVarTuple("_Args")
 EARLY: Final = 0.02
 """A timer may have fired so long before it was due [s]: loops count from the beginning of a turn, in milliseconds."""
+BREATH: Final = 1e-5
+"""What came in so soon after another input came in the same turn of the loop, before anybody acted on that [s]: bytes
+that were read when the daemon was told to stop are read before the reader is stopped."""
 LATE: Final = 1.0
 """It may have fired so late [s]; after that nobody is expected to look because of it."""
 
@@ -77,6 +80,7 @@ class ReplayLoop(asyncio.SelectorEventLoop):
         """
         self._script = script
         self._now = start
+        self._brought_at = float("-inf")
         self._soon: deque[_Step] = deque()
         self._timers: list[_Timer] = []
         self._bring: Callable[[Moment], None] = lambda moment: None
@@ -102,7 +106,7 @@ class ReplayLoop(asyncio.SelectorEventLoop):
 
     def bring_what_follows(self) -> None:
         """Bring what came in while somebody was at work, right after they looked last."""
-        self._bring(self._script.take_input())
+        self._bring_next()
 
     def call_soon(
         self, callback: Callable[[*_Args], object], *args: *_Args, context: Context | None = None
@@ -135,19 +139,30 @@ class ReplayLoop(asyncio.SelectorEventLoop):
         """Run one thing, or let one thing come in; asyncio calls it for ever."""
         script = self._script
         self._timers = [timer for timer in self._timers if not timer.cancelled()]
-        free = next((step for step in self._soon if self._is_free(step)), None)
-        if free is not None:
-            self._run_soon(free)
-            return
         arriving, look = script.next_input, script.next_look
+        if arriving is not None and arriving.at - self._brought_at < BREATH:
+            self._now = max(self._now, arriving.at)
+            self._bring_next()
+            return
+        due = None if arriving is not None or look is None else look.actor
+        ready = next((step for step in self._soon if self._is_free(step) or step.owner == due), None)
+        if ready is not None:
+            self._run_soon(ready)
+            return
         if arriving is not None:
             if not self._run_overdue(arriving.at):
                 self._now = max(self._now, arriving.at)
-                self._bring(script.take_input())
+                self._bring_next()
         elif look is None:
             self._run_last()
         elif not (self._run_of(look.actor, look.at) or self._run_first() or self._run_overdue(look.at)):
             script.skip_look()
+
+    def _bring_next(self) -> None:
+        """Bring what comes in next."""
+        moment = self._script.take_input()
+        self._brought_at = moment.at
+        self._bring(moment)
 
     def _is_free(self, step: _Step) -> bool:
         """Whether nobody looks on a clock of the recording there: it may run at once."""
