@@ -154,6 +154,7 @@ def test_a_task_that_waits_for_nothing_is_an_error():
 
 def test_what_was_read_in_the_breath_of_the_order_to_stop_is_read_before_the_reader_is_stopped():
     async def read(clock, seen, bytes_came):
+        clock.now()
         await bytes_came.wait()
         seen.append(clock.now())
         await asyncio.sleep(10.0)
@@ -163,11 +164,12 @@ def test_what_was_read_in_the_breath_of_the_order_to_stop_is_read_before_the_rea
         reader.cancel()
 
     async def work(loop, clock, seen, arrived, ended):
-        bytes_came, inputs = asyncio.Event(), iter((arrived, bytes_came))
+        bytes_came = asyncio.Event()
+        inputs = iter((arrived, bytes_came))
         loop.follow(lambda moment: next(inputs).set(), lambda: None)
         reader = task(loop, "reader", read(clock, seen, bytes_came))
         await task(loop, "stop", stop(arrived, reader))
         await asyncio.wait({reader})
 
-    looks = [("before", 100.0), ("reader", 100.500008)]
+    looks = [("reader", 100.0), ("reader", 100.500008)]
     assert run(looks, work, inputs=[(100.5, 1), (100.500004, 1)]) == [100.500008]
