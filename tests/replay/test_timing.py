@@ -161,6 +161,7 @@ def test_what_was_read_in_the_breath_of_the_order_to_stop_is_read_before_the_rea
 
     async def stop(told, reader):
         await told.wait()
+        await asyncio.sleep(0)  # others are told first, as a daemon does
         reader.cancel()
 
     async def work(loop, clock, seen, arrived, ended):
