@@ -24,7 +24,7 @@ from mkdaemon.vision.tracklimits import (
     TrackLimits,
 )
 
-Stage = Literal["decimate2", "decimate1", "log", "linear", "equalised", "outline", "thorough"]
+Stage = Literal["decimate2", "decimate1", "log", "linear", "equalised", "outline"]
 """A way to search an image for tags."""
 
 LADDER: Final[tuple[Stage, ...]] = ("decimate2", "linear", "decimate1", "log", "equalised", "outline")
@@ -41,8 +41,6 @@ class SearchLimits:
     thorough_every: int = of(2, "images", "between the searches beside the first one", "cost: 20 ms on VGA")
     tile_px: float = of(70.0, "px", "neighbourhood in which `equalised` spreads grey values", STILLS)
     tone: float = of(1.8, "power", "of grey that `linear` takes for light", "decodes at gamma 1 to 2.2, 6-8 m")
-    small_tag_px: float = of(46.0, "px", "side below which two corner sets are averaged", "rms .12 for .15 px, stills")
-    twin_px: float = of(4.0, "px", "detections closer than this are one tag", "derived: half of a small tag's side")
     min_window_px: int = of(16, "px", "smaller parts of an image are not searched", "derived: 2 px a cell")
     full_contrast: float = of(60.0, "grey", "range from which the decision margin counts in full", STILLS)
 
