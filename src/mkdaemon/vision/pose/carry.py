@@ -44,9 +44,12 @@ class Carrier:
             last: pose in `before`.
             predicted: expected in `now`.
         """
-        for carried in (self.flow(before, now, last, predicted), self.shift(before, now, last)):
-            if carried is not None:
-                yield carried
+        flown = self.flow(before, now, last, predicted)
+        if flown is not None:
+            yield flown
+        shifted = self.shift(before, now, last)
+        if shifted is not None:
+            yield shifted
 
     def flow(self, before: Grey, now: Grey, last: Pose, predicted: Pose) -> Pose | None:
         """Carry the last pose over by the optical flow of the corners of its cells; none when too few are found."""

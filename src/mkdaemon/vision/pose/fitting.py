@@ -136,6 +136,14 @@ class TargetFitter:
             return pose.match if pose.match is not None else read
         return read
 
+    def shows(self, pixels: Grey, start: Pose) -> bool:
+        """Whether the image shows the target where a start puts it, well enough for a fit to find its place.
+
+        What cannot be told counts as shown: nothing speaks against the start.
+        """
+        read = self._bits.correlation(pixels, start)
+        return read is None or read >= self._limits.read.start_match
+
     def is_beside(self, pixels: Grey, pose: Pose) -> bool:
         """Whether a tag is read clearly some whole cells beside where the pose puts it, and not there."""
         return self._bits.is_beside(pixels, pose)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from itertools import chain, tee
 from typing import Final
 
 import numpy as np
@@ -77,8 +78,7 @@ class Follower:
         if not track.is_live:
             return
         predicted = track.predict(now, frame.sight.enu_from_flu, self._mounting, frame.sight.turning_flu)
-        for mode, start in self._starts(frame, predicted):
-            others = self._carried(frame, predicted.pose) if mode == "predicted" else ()
+        for mode, start, others in self._starts(frame, predicted):
             verdict = self.judge.measure(frame.sight, start, predicted.pose, others)
             if verdict.pose is None:
                 frame.refused[self.name] = verdict.refusal or PoseRefusal.NO_FIT
@@ -163,15 +163,33 @@ class Follower:
         self.track.branches = self.judge.start_branches(frame.sight, [verdict.choice.pose], decided=True)
         self._publish(frame, verdict.choice, mode)
 
-    def _starts(self, frame: Frame, predicted: Prediction) -> Iterator[tuple[FoundBy, Pose]]:
-        """Where to begin fitting, the cheapest first; later ones are computed only when the earlier ones failed."""
+    def _starts(self, frame: Frame, predicted: Prediction) -> Iterator[tuple[FoundBy, Pose, Iterator[Pose]]]:
+        """Where to begin fitting, the likeliest first, with the starts that are left to the first one.
+
+        Later ones are computed only when they are asked for.
+        """
+        ways = self._ways(frame, predicted)
+        first = next(ways, None)
+        if first is None:
+            return
+        left, rest = tee(ways)
+        yield *first, (start for _, start in left)
+        for way in rest:
+            yield *way, iter(())
+
+    def _ways(self, frame: Frame, predicted: Prediction) -> Iterator[tuple[FoundBy, Pose]]:
+        """The prediction, and the last pose carried over: before it where the image does not show what it expects."""
         track, through = self.track, self._limits.judge.flow_through
         patience = self._limits.track.predict_through if predicted.has_attitude else through
-        if track.misses < patience and (predicted.has_attitude or track.has_velocity):
-            yield "predicted", predicted.pose
+        carried: Iterator[tuple[FoundBy, Pose]] = iter(())
         if track.misses < through:
-            for carried in self._carried(frame, predicted.pose):
-                yield "flow", carried
+            carried = (("flow", start) for start in self._carried(frame, predicted.pose))
+        if track.misses < patience and (predicted.has_attitude or track.has_velocity):
+            expected: list[tuple[FoundBy, Pose]] = [("predicted", predicted.pose)]
+            is_seen = self._fitter.shows(frame.sight.pixels, predicted.pose)
+            yield from chain(expected, carried) if is_seen else chain(carried, expected)
+        else:
+            yield from carried
 
     def _carried(self, frame: Frame, predicted: Pose) -> Iterator[Pose]:
         """The last pose carried over by what moved in the image."""

@@ -53,9 +53,7 @@ class Judge:
         pose = self._fitter.refine(seen.pixels, start)
         if pose is not None and checks.has_few_edges(pose):
             # Where the start was half a cell off, another one fits better.
-            refits = [self._fitter.refine(seen.pixels, other) for other in others]
-            rivals = [pose, *(other for other in refits if other is not None and other.source == "edges")]
-            pose = min(rivals, key=lambda rival: rival.loss)
+            pose = self._refit(seen, pose, others)
         refused = checks.refusal(seen, pose, predicted) if pose is not None else PoseRefusal.NO_FIT
         if pose is not None and refused is None:
             if checks.level.knows(seen):
@@ -69,6 +67,21 @@ class Judge:
             if held is not None and checks.refusal(seen, held, predicted) is None:
                 return self.add_inertia(seen, held)
         return Verdict(None, refused)
+
+    def _refit(self, seen: Sight, pose: Pose, others: Iterable[Pose]) -> Pose:
+        """The best fit from other starts, up to the first that most edges or all grey values agree with."""
+        for other in others:
+            refit = self._fitter.refine(seen.pixels, other)
+            if refit is None:
+                continue
+            # Losses compare only between fits of one kind; grey values that explain the image outweigh few edges.
+            if refit.source != pose.source:
+                return refit
+            if refit.loss < pose.loss:
+                pose = refit
+            if not self._checks.has_few_edges(refit):
+                break
+        return pose
 
     def rejoin(self, seen: Sight, candidates: Sequence[Pose], predicted: Pose) -> Verdict:
         """Let a track that lost its target for some images choose between poses that were found anew."""
