@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from mkdaemon.vision.limits import Limits
-from mkdaemon.vision.pose.pose import median
+from mkdaemon.vision.pose.pose import median, quantile
 
 Array = npt.NDArray[np.float64]
 Array32 = npt.NDArray[np.float32]
@@ -116,7 +116,7 @@ def find_edges(pixels: Grey, samples: Samples, limits: Limits) -> FoundEdges:
     # Width of an edge in this image: area of the slope over its peak, median over the samples.
     area = slope.sum(axis=1) * spacing / np.maximum(peak, 1e-3)
     width = min(max(WIDTH_FACTOR * median(area), blur.sharp_px), WIDEST_PX)
-    widest = WIDTH_FACTOR * float(np.quantile(area, 1.0 - QUARTER))
+    widest = WIDTH_FACTOR * quantile(area, 1.0 - QUARTER)
     centre = place[peak_at]
     if width > blur.sharp_px:
         # The peak of a wide edge is noise: a first centre of gravity puts the window where the edge is.
@@ -143,7 +143,7 @@ def _trust(beside: Array32, peak: Array32, found: npt.NDArray[np.bool_]) -> Arra
     share = beside / np.maximum(peak, 1e-3)
     usual = SKIRT
     if bool(found.any()):
-        usual = max(usual, float(np.quantile(share[found], QUARTER)))
+        usual = max(usual, quantile(share[found], QUARTER))
     trust: Array = 1.0 / (1.0 + (share.astype(np.float64) / (UNEVEN * usual)) ** 4)
     return trust
 

