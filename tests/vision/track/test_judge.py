@@ -114,6 +114,16 @@ def test_where_few_edges_agree_another_start_is_tried_and_the_better_fit_taken()
     assert next(untouched, None) is not None, "a good fit asks for no other start"
 
 
+def test_grey_values_that_explain_the_image_outweigh_few_edges_whatever_their_loss() -> None:
+    beside, grey = fitted(inliers=0.45, loss=0.1), fitted(source="photometric", loss=7.0)
+    left = iter([fitted(2.9), fitted(2.8)])
+    judge = Judge(checks(FitsByStart(by_start={3.0: beside, 2.9: grey}), followed()))
+    verdict = judge.measure(sight(), fitted(3.0), fitted(), left)
+    assert verdict.pose is not None
+    assert verdict.pose.source == "photometric"
+    assert next(left, None) is not None, "what is found asks for no other start"
+
+
 WITH_ATTITUDE = [
     (fitted(), None, True),
     (None, PoseRefusal.NO_FIT, False),
@@ -169,7 +179,8 @@ def test_cells_have_to_be_clearer_when_a_track_comes_back_late(bits, misses, ref
 def test_a_fit_that_follows_what_lies_on_the_target_is_tried_again_with_its_tilt_held(free, held, refusal):
     verdict = Judge(checks(GivenFits(free, held), followed())).measure(sight(), fitted(), fitted())
     assert verdict.refusal is refusal
-    assert verdict.pose is (held if refusal is None else None)
+    assert (verdict.pose is not None) is (refusal is None)
+    assert verdict.pose is None or verdict.pose.rotation is held.rotation
 
 
 TILTED = fitted(tilt_deg=12.0)

@@ -139,6 +139,17 @@ def test_distant_attitudes_say_nothing_about_the_turning_between_them() -> None:
     assert AttitudeHistory(AttitudeSample(k / 10, 0.1 * k, 0.0, 0.0) for k in range(5)).turning_at(0.15) is None
 
 
+def test_a_pose_whose_edges_partly_disagree_leans_on_the_attitude() -> None:
+    tilted = pose_of(DOWN @ rotation_from_euler(np.radians(2.0), 0.0, 0.0), np.radians(0.5) ** 2)
+    tilts = []
+    for inliers in (1.0, 0.6):
+        level = knowledge()
+        fused = level.fuse(seen(), replace(tilted, inliers=inliers))
+        tilts.append(level.tilt(seen(), fused))
+        assert fused.covariance[5, 5] == pytest.approx(np.radians(0.5) ** 2 / inliers**4, rel=0.02), "yaw is not helped"
+    assert tilts[1] < 0.85 * tilts[0]
+
+
 def test_a_deck_is_learned_more_slowly_from_a_pose_whose_edges_partly_disagree() -> None:
     """What hid or moved those edges touches the others, in the next images too."""
     tilted = DOWN @ rotation_from_euler(np.radians(5.0), 0.0, 0.0)

@@ -9,12 +9,13 @@ import numpy as np
 import pytest
 
 from lab.vision.flight import VGA, fly
-from mkdaemon.frames import euler_from_rotation
+from mkdaemon.frames import euler_from_rotation, rotation_from_euler
 from mkdaemon.sim.scene.light import Conditions
 from mkdaemon.sim.scene.motion import Platform
 from mkdaemon.sim.scene.scene import Scene, SceneTarget, cam_from_target
 from mkdaemon.telemetry.vision import PoseRefusal
 from mkdaemon.vision.camera.image import CameraImage
+from mkdaemon.vision.pose.fitting import TargetFitter
 from mkdaemon.vision.pose.gates import certainty_refusal
 from mkdaemon.vision.pose.pose import FLOOR_ANGLE, FLOOR_RANGE
 from mkdaemon.vision.tags.tagmap import TagMap, load
@@ -56,6 +57,25 @@ def test_a_troubled_flight_is_followed_without_a_wrong_pose(with_attitude):
     assert posed > (0.9 if with_attitude else 0.6) * len(frames)
     assert "search" in modes
     assert "predicted" in modes
+
+
+@pytest.mark.parametrize(("shaken", "first"), [(0.0, "predicted"), (0.016, "flow")])
+def test_a_fit_begins_where_the_image_shows_the_target(monkeypatch, shaken, first):
+    """A camera that turned by more than a cell asks for no fit where nothing is."""
+    target, starts = shipped("nested"), []
+    refine = TargetFitter.refine
+    monkeypatch.setattr(TargetFitter, "refine", lambda self, *given: starts.append(given[1]) or refine(self, *given))
+    follower = tracker()
+    for k in range(4):
+        steady = place(3.0, 0.2)
+        turned = replace(steady, enu_from_cam=steady.enu_from_cam @ rotation_from_euler(0.0, shaken * (k == 3), 0.0))
+        view = View(target, turned)
+        starts.clear()
+        found = follower.update(view.image(k / 30, k), attitude_of(View(target, steady))).pose_of("pad")
+    assert found is not None
+    assert found.mode == first
+    assert len(starts) == 1
+    assert np.linalg.norm(found.pose.position - view.position) < 0.01
 
 
 def test_covariance_carries_the_calibration_floor():

@@ -133,6 +133,11 @@ def shared_doubt(pose: Pose) -> float:
     return 1.0 / max(pose.inliers, AGREEMENT.floor) ** AGREEMENT.power
 
 
+def doubted(pose: Pose) -> Pose:
+    """The pose with the doubt in its covariance that its disagreeing points leave."""
+    return replace(pose, covariance=shared_doubt(pose) * pose.covariance)
+
+
 def _lens_place(pose: Pose, caution: float | None = None) -> tuple[Array, Array]:
     """Where a pose puts the lens [m; target] and how well that may be believed over several images."""
     factor = CAUTION * shared_doubt(pose) if caution is None else caution

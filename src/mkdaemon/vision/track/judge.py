@@ -11,6 +11,7 @@ from mkdaemon.vision.pose.gates import certainty_refusal
 from mkdaemon.vision.pose.pose import Pose
 from mkdaemon.vision.track.branches import Branches
 from mkdaemon.vision.track.checks import Checks, with_angle_variance
+from mkdaemon.vision.track.course import doubted
 from mkdaemon.vision.track.level import Sight
 
 
@@ -65,7 +66,7 @@ class Judge:
             # A free fit may follow something lying over the target: hold the tilt and try again.
             held = self._fitter.refine(seen.pixels, replace(start, rotation=predicted.rotation), vertical)
             if held is not None and checks.refusal(seen, held, predicted) is None:
-                return self.add_inertia(seen, held)
+                return self.add_inertia(seen, doubted(held))
         return Verdict(None, refused)
 
     def _refit(self, seen: Sight, pose: Pose, others: Iterable[Pose]) -> Pose:
@@ -95,7 +96,12 @@ class Judge:
         return Branches.begin(seen.time, candidates, decided=decided, moving=self._fitter.target.moving)
 
     def add_inertia(self, seen: Sight, pose: Pose) -> Verdict:
-        """Judge a pose the attitude agrees with; what inertia knows is added where the pose alone is too uncertain."""
+        """Judge a pose the attitude agrees with; what inertia knows is added where the pose alone is too uncertain.
+
+        Args:
+            seen: the image.
+            pose: with the doubt its disagreeing points leave in its covariance (`course.doubted`).
+        """
         limits = self._limits
         refused, before = certainty_refusal(pose, has_attitude=True, limits=limits), self._track.branches
         if refused is None or before is None or not before.is_decided or not limits.judge.fuses_course:
@@ -103,8 +109,7 @@ class Judge:
         prior = before.best.course.predict_at(seen.time)
         if prior.angle_sd > limits.judge.backing_sd or prior.mahalanobis2(pose, 1.0) > limits.judge.expected:
             return Verdict(pose, refused)
-        doubtful = replace(pose, covariance=pose.covariance / pose.inliers**limits.agreement.power)
-        fused = prior.fuse(doubtful)
+        fused = prior.fuse(pose)
         return Verdict(fused, certainty_refusal(fused, has_attitude=True, limits=limits))
 
     def _judge_with_attitude(self, seen: Sight, pose: Pose) -> Verdict:

@@ -12,7 +12,7 @@ from mkdaemon.config.vision import TrackerSection
 from mkdaemon.vision.pose.edgefit import Level
 from mkdaemon.vision.pose.pose import Pose, largest_variance
 from mkdaemon.vision.track.attitude import Mounting, fuse_normal
-from mkdaemon.vision.track.course import shared_doubt
+from mkdaemon.vision.track.course import doubted
 from mkdaemon.vision.track.deck import Deck
 from mkdaemon.vision.tracklimits import JudgeLimits
 
@@ -99,7 +99,7 @@ class LevelKnowledge:
         expected = self._expected(seen)
         if expected is None:
             return pose
-        return fuse_normal(replace(pose, covariance=shared_doubt(pose) * pose.covariance), expected, self._sd(seen))
+        return fuse_normal(doubted(pose), expected, self._sd(seen))
 
     def forget(self) -> None:
         """Forget how the target lies."""
@@ -112,7 +112,7 @@ class LevelKnowledge:
         enu_from_cam = seen.enu_from_flu @ self._mounting.flu_from_cam
         # A small turn w moves the normal n by w x n; its horizontal part is what the deck is known by.
         moved = (enu_from_cam @ np.cross(np.eye(3), pose.rotation[:, 2]).T)[:2]
-        covariance = shared_doubt(pose) * (moved @ pose.covariance[3:, 3:] @ moved.T) + self._spread**2 * np.eye(2)
+        covariance = moved @ doubted(pose).covariance[3:, 3:] @ moved.T + self._spread**2 * np.eye(2)
         self._deck.measured(seen.time, enu_from_cam @ pose.rotation[:, 2], covariance)
 
     def replace_tilt(self, seen: Sight, pose: Pose) -> Pose:
