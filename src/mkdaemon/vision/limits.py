@@ -56,9 +56,7 @@ class ReadLimits:
     min_cells: int = of(16, "", "fewer cells tell nothing", "derived: one in 65,000 by chance")
     beside_cells: int = of(3, "cells", "that a fit may lie beside its place", "nested targets; farther fails the bits")
     paper_share: float = of(0.2, "share", "unsaturated white cells that make saturated ones a highlight", STILLS)
-    start_match: float = of(
-        0.4, "correlation", "of cells where a fit finds its place from there", "97 % above, 41 % below"
-    )
+    start_match: float = of(0.4, "correlation", "of cells from where a fit finds its place", "97 % above, 41 % below")
     rise: float = of(0.1, "share", "of the mean rise between neighbours from which a rise counts", STILLS)
     rise_grey: float = of(2.0, "grey", "the same at least", NOISE)
 
