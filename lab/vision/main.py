@@ -21,6 +21,7 @@ from lab.vision.barometer import BAROMETER
 from lab.vision.cases import ACCURACY, COLD, CONDITIONS, VIEW_ANGLE
 from lab.vision.decks import DECKS
 from lab.vision.layouts import LAYOUTS
+from lab.vision.leaving import LEAVING
 from lab.vision.never import FLIGHTS, FLIPS, all_flips
 from lab.vision.night import NIGHT
 from lab.vision.rates import rates
@@ -50,6 +51,7 @@ CASES: Final[dict[str, Case]] = {
     "real": REAL,
     "night": NIGHT,
     "published": PUBLISHED,
+    "leaving": LEAVING,
     "layouts": LAYOUTS,
     "selfcal": SELFCAL,
     "barometer": BAROMETER,

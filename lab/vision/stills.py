@@ -133,7 +133,7 @@ class Studio:
         around, roll = rng.uniform(0, 2 * np.pi, 2)
         side = np.array([np.cos(around), np.sin(around), 0.0])
         position = distance * (np.sin(tilt) * side + np.cos(tilt) * np.array([0.0, 0.0, 1.0]))
-        enu_from_cam = _look(-position, float(roll), rng.uniform(-off, off, 2))
+        enu_from_cam = look_along(-position, float(roll), rng.uniform(-off, off, 2))
         view = CameraView(lens or self.intrinsics, enu_from_cam, position)
         scene = self._scenes[self._count % len(self._scenes)]
         self._count += 1
@@ -146,7 +146,7 @@ class Studio:
         return Still(image, AttitudeHistory([sample]), rotation, seen)
 
 
-def _look(direction: Array, roll: float, off: Array) -> Array:
+def look_along(direction: Array, roll: float, off: Array) -> Array:
     """Camera axes in the world `(3, 3)` of a camera that looks along `direction`, target off the middle by `off`."""
     forward = direction / np.linalg.norm(direction)
     right = np.cross(forward, [np.sin(roll), np.cos(roll), 0.05])

@@ -1,0 +1,162 @@
+"""Targets that leave the image over every side and corner: nothing may fault there, and nothing wrong be published.
+
+Sequences of four images: the target anywhere in view, then its middle on the way out, at the border, and beyond.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from itertools import cycle
+from typing import Any, Final
+
+import numpy as np
+import numpy.typing as npt
+
+from lab.campaign import Case, Part, in_parts
+from lab.vision.flight import GROUNDS, VGA
+from lab.vision.stills import WRONG_DEG, WRONG_M, SeedSet, Still, error_of, ground_of, look_along, target_named
+from mkdaemon.frames import euler_from_rotation
+from mkdaemon.sim.scene.motion import Platform
+from mkdaemon.sim.scene.scene import Scene, SceneTarget, cam_from_target
+from mkdaemon.sim.scene.view import CameraView
+from mkdaemon.vision.camera.image import CameraImage
+from mkdaemon.vision.tags.tagmap import TagMap
+from mkdaemon.vision.track.attitude import LOOKING_DOWN, AttitudeHistory, AttitudeSample
+from mkdaemon.vision.track.tracker import Tracker
+
+Array = npt.NDArray[np.float64]
+
+NEAR_M, FAR_M, MOST_TILT = 0.1, 14.0, 1.1
+"""Distances are drawn evenly by their logarithm, tilts to 63 degrees."""
+WAY_OUT: Final = (0.35, 0.75, 1.0, 1.25)
+"""Where the middle of the target is in each image: share of the way from the middle of the image to its border."""
+SHARE_M: Final = 0.01
+"""A pose is wrong beyond 5 cm and this share of the range, or 5 degrees."""
+TURNING_SD, EXPOSURE = 0.3, 0.003
+"""Of the camera about each axis [rad/s], and how long its shutter is open [s]."""
+PAUSE: Final = 2.0
+"""Between sequences [s]; a track ends meanwhile."""
+ROLLING: Final = VGA.model_copy(update={"line_time": 30e-6})
+CAMERAS: Final = {"global": VGA, "rolling": ROLLING}
+
+
+@dataclass(slots=True)
+class Tally:
+    """What became of the images of a part.
+
+    Attributes:
+        images: by share of the way out.
+        posed: published, the same way.
+        wrong: published and wrong.
+        faults: exceptions, each with its place.
+    """
+
+    images: Counter[float] = field(default_factory=Counter)
+    posed: Counter[float] = field(default_factory=Counter)
+    wrong: int = 0
+    faults: list[str] = field(default_factory=list)
+
+    @classmethod
+    def together(cls, tallies: Sequence[Tally]) -> Tally:
+        """Several parts as one."""
+        whole = cls()
+        for one in tallies:
+            whole.images += one.images
+            whole.posed += one.posed
+            whole.wrong += one.wrong
+            whole.faults += one.faults
+        return whole
+
+    def summary(self) -> dict[str, Any]:
+        """The figures."""
+        return {
+            "images": self.images.total(),
+            "published": self.posed.total(),
+            "wrong": self.wrong,
+            "faults": len(self.faults),
+            "first_faults": self.faults[:5],
+            "posed_by_way_out": {str(way): round(self.posed[way] / n, 3) for way, n in sorted(self.images.items())},
+        }
+
+
+def _plan(quick: bool, seeds: SeedSet) -> list[Part]:
+    each = 400 if quick else 25_000
+    kinds = [(name, camera) for name in ("nested", "single") for camera in CAMERAS]
+    return [
+        Part(_leave, (name, camera, count, seeds.base + 1300 + k, part), count)
+        for part, count in in_parts(each, 100 if quick else 1000)
+        for k, (name, camera) in enumerate(kinds)
+    ]
+
+
+def _leave(name: str, camera: str, count: int, seed: int, part: int) -> Tally:
+    """So many images of a target leaving, every second sequence without an attitude."""
+    target, tally = target_named(name), Tally()
+    tracker = Tracker(TagMap((target,)), CAMERAS[camera], LOOKING_DOWN)
+    for k, (way, still) in enumerate(_ways_out(name, camera, count, seed, part)):
+        has_attitude = k // len(WAY_OUT) % 2 == 0
+        tally.images[way] += 1
+        try:
+            found = tracker.update(still.image, still.attitude if has_attitude else None).pose_of(target.name)
+        except Exception as fault:  # noqa: BLE001 - what faults is what this campaign counts
+            tally.faults.append(f"{name} {camera} seed {seed} part {part} image {k}: {fault!r}")
+            continue
+        if found is None:
+            continue
+        tally.posed[way] += 1
+        error = error_of(found.pose.rotation, found.pose.position, still.rotation, still.position)
+        furthest = max(WRONG_M, SHARE_M * float(np.linalg.norm(still.position)))
+        tally.wrong += error.distance > furthest or error.angle_deg > WRONG_DEG
+    return tally
+
+
+def _ways_out(name: str, camera: str, count: int, seed: int, part: int) -> Iterator[tuple[float, Still]]:
+    """Images of sequences, each with its share of the way out."""
+    rng = np.random.default_rng([seed, 0x1EA7E, part])
+    intrinsics, placed = CAMERAS[camera], SceneTarget.of(target_named(name), Platform())
+    scenes = cycle(
+        [Scene([placed], ground=ground_of(kind, seed), seed=seed + 1000 * part, fine=False) for kind in GROUNDS[:3]]
+    )
+    half = np.array([intrinsics.width / intrinsics.fx, intrinsics.height / intrinsics.fy]) / 2
+    time = 0.0
+    for first in range(0, count, len(WAY_OUT)):
+        scene = next(scenes)
+        distance = float(np.exp(rng.uniform(np.log(NEAR_M), np.log(FAR_M))))
+        tilt, around, roll, toward = rng.uniform(0, MOST_TILT), *rng.uniform(0, 2 * np.pi, 3)
+        side = np.array([np.cos(around), np.sin(around), 0.0])
+        place = distance * (np.sin(tilt) * side + np.cos(tilt) * np.array([0.0, 0.0, 1.0]))
+        heading = np.array([np.cos(toward), np.sin(toward)])
+        border = heading * float(np.min(half / np.maximum(np.abs(heading), 1e-9)))
+        for k, way in enumerate(WAY_OUT[: count - first]):
+            time += 1 / 30
+            axes = look_along(-place, float(roll), np.arctan(way * border))
+            view = CameraView(
+                intrinsics,
+                axes,
+                place,
+                rate_cam=TURNING_SD * rng.standard_normal(3),
+                exposure_time=EXPOSURE,
+                line_time=intrinsics.line_time,
+            )
+            rotation, position = cam_from_target(placed, view)
+            noise = np.radians(0.5) * np.array([*rng.standard_normal(2), 0.0])
+            rpy = np.array(euler_from_rotation(axes @ LOOKING_DOWN.flu_from_cam.T)) + noise
+            sample = AttitudeSample(time, *(float(angle) for angle in rpy))
+            image = CameraImage(scene.render(view), time, time, first + k, "bench", "driver")
+            yield way, Still(image, AttitudeHistory([sample]), rotation, position)
+        time += PAUSE
+
+
+def _sum_up(_quick: bool, parts: Sequence[Part], found: Sequence[Tally]) -> dict[str, Any]:
+    out: dict[str, Any] = {"range_m": [NEAR_M, FAR_M], "tilt_deg": [0, round(float(np.degrees(MOST_TILT)))]}
+    for name, camera in dict.fromkeys(part.args[:2] for part in parts):
+        mine = [tally for part, tally in zip(parts, found, strict=True) if part.args[:2] == (name, camera)]
+        out[f"{name}_{camera}"] = Tally.together(mine).summary()
+    out["whole"] = Tally.together(found).summary()
+    return out
+
+
+LEAVING: Final = Case(_plan, _sum_up)
+"""100,000 images of targets that leave the image."""
