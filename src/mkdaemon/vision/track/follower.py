@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from itertools import chain, tee
+from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
@@ -28,7 +27,8 @@ from mkdaemon.vision.track.frame import Frame
 from mkdaemon.vision.track.judge import Judge, Verdict
 from mkdaemon.vision.track.level import Sight
 from mkdaemon.vision.track.result import FoundBy, TargetPose
-from mkdaemon.vision.track.track import Prediction, Track, known_motion
+from mkdaemon.vision.track.starts import Starts
+from mkdaemon.vision.track.track import Track, known_motion
 
 Grey = npt.NDArray[np.uint8]
 Window = tuple[int, int, int, int]
@@ -65,7 +65,7 @@ class Follower:
         self._mounting = mounting
         self._cfg, self._limits = cfg, limits
         self._fitter = TargetFitter(target, projection, limits)
-        self._carrier = Carrier(target, projection, limits)
+        self._starts = Starts(self._fitter, Carrier(target, projection, limits), self.track, limits)
         self._checks = Checks(self._fitter, self.track, cfg, mounting, limits)
         self.judge = Judge(self._checks)
         self._first = FirstJudge(self._checks)
@@ -78,7 +78,7 @@ class Follower:
         if not track.is_live:
             return
         predicted = track.predict(now, frame.sight.enu_from_flu, self._mounting, frame.sight.turning_flu)
-        for mode, start, others in self._starts(frame, predicted):
+        for mode, start, others in self._starts.of(frame.sight.pixels, predicted):
             verdict = self.judge.measure(frame.sight, start, predicted.pose, others)
             if verdict.pose is None:
                 frame.refused[self.name] = verdict.refusal or PoseRefusal.NO_FIT
@@ -162,39 +162,6 @@ class Follower:
         self.track.in_doubt = False
         self.track.branches = self.judge.start_branches(frame.sight, [verdict.choice.pose], decided=True)
         self._publish(frame, verdict.choice, mode)
-
-    def _starts(self, frame: Frame, predicted: Prediction) -> Iterator[tuple[FoundBy, Pose, Iterator[Pose]]]:
-        """Where to begin fitting, the likeliest first, with the starts that are left to the first one.
-
-        Later ones are computed only when they are asked for.
-        """
-        ways = self._ways(frame, predicted)
-        first = next(ways, None)
-        if first is None:
-            return
-        left, rest = tee(ways)
-        yield *first, (start for _, start in left)
-        for way in rest:
-            yield *way, iter(())
-
-    def _ways(self, frame: Frame, predicted: Prediction) -> Iterator[tuple[FoundBy, Pose]]:
-        """The prediction, and the last pose carried over: before it where the image does not show what it expects."""
-        track, through = self.track, self._limits.judge.flow_through
-        patience = self._limits.track.predict_through if predicted.has_attitude else through
-        carried: Iterator[tuple[FoundBy, Pose]] = iter(())
-        if track.misses < through:
-            carried = (("flow", start) for start in self._carried(frame, predicted.pose))
-        if track.misses < patience and (predicted.has_attitude or track.has_velocity):
-            expected: list[tuple[FoundBy, Pose]] = [("predicted", predicted.pose)]
-            is_seen = self._fitter.shows(frame.sight.pixels, predicted.pose)
-            yield from chain(expected, carried) if is_seen else chain(carried, expected)
-        else:
-            yield from carried
-
-    def _carried(self, frame: Frame, predicted: Pose) -> Iterator[Pose]:
-        """The last pose carried over by what moved in the image."""
-        if self.track.image is not None:
-            yield from self._carrier.starts(self.track.image, frame.sight.pixels, self.track.last, predicted)
 
     def _decode_again(self, frame: Frame, pose: Pose) -> bool:
         """Decode the followed target once a period; false ends the track."""

@@ -1,0 +1,63 @@
+"""Where the fit of a followed target begins: the prediction, or the last pose carried over by what moved."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from itertools import chain, tee
+
+import numpy as np
+import numpy.typing as npt
+
+from mkdaemon.vision.limits import Limits
+from mkdaemon.vision.pose.carry import Carrier
+from mkdaemon.vision.pose.fitting import TargetFitter
+from mkdaemon.vision.pose.pose import Pose
+from mkdaemon.vision.track.result import FoundBy
+from mkdaemon.vision.track.track import Prediction, Track
+
+Grey = npt.NDArray[np.uint8]
+Way = tuple[FoundBy, Pose]
+
+
+class Starts:
+    """Orders the starts of one target.
+
+    Args:
+        fitter: that will begin there.
+        carrier: of its last pose.
+        track: its memory.
+        limits: all thresholds.
+    """
+
+    def __init__(self, fitter: TargetFitter, carrier: Carrier, track: Track, limits: Limits) -> None:
+        self._fitter, self._carrier = fitter, carrier
+        self._track, self._limits = track, limits
+
+    def of(self, pixels: Grey, predicted: Prediction) -> Iterator[tuple[FoundBy, Pose, Iterator[Pose]]]:
+        """Where to begin in an image `(h, w)`, the likeliest first, with the starts that are left to the first one.
+
+        Later ones are computed only when they are asked for.
+        """
+        ways = self._ways(pixels, predicted)
+        first = next(ways, None)
+        if first is None:
+            return
+        left, rest = tee(ways)
+        yield *first, (start for _, start in left)
+        for way in rest:
+            yield *way, iter(())
+
+    def _ways(self, pixels: Grey, predicted: Prediction) -> Iterator[Way]:
+        """The prediction, and the last pose carried over: before it where the image does not show what it expects."""
+        track, through = self._track, self._limits.judge.flow_through
+        patience = self._limits.track.predict_through if predicted.has_attitude else through
+        carried: Iterator[Way] = iter(())
+        if track.misses < through and track.image is not None:
+            starts = self._carrier.starts(track.image, pixels, track.last, predicted.pose)
+            carried = (("flow", start) for start in starts)
+        if track.misses < patience and (predicted.has_attitude or track.has_velocity):
+            expected: list[Way] = [("predicted", predicted.pose)]
+            is_seen = self._fitter.shows(pixels, predicted.pose)
+            yield from chain(expected, carried) if is_seen else chain(carried, expected)
+        else:
+            yield from carried
