@@ -60,6 +60,9 @@ class CameraSection(Section):
     """First delay before a lost camera is opened again [s]."""
     reopen_max: float = Field(default=5.0, gt=0, le=60)
     """Longest delay between two attempts, and longest wait for a network stream [s]."""
+    watch_size: bool = True
+    """Read an H.264 or H.265 stream a second time, undecoded, to see when it changes the size of its pictures, which
+    OpenCV scales in silence; a network camera has two clients then."""
     jpeg_hz: float = Field(default=0.0, ge=0, le=60)
     """Images published on the bus a second, at most; 0 publishes none."""
     jpeg_quality: int = Field(default=60, ge=1, le=100)

@@ -227,6 +227,8 @@ class CameraPipeline:
         state, reason = self.state(stream)
         damaged = (Alarm.DAMAGED,) if stream.damage else ()
         advice = ALARM_ADVICE | self._selfcheck.alarms | self._attitude.alarms
+        if damaged:
+            advice[Alarm.DAMAGED] += f" ({stream.damage})"
         detect, latency = ([getattr(timing, name) for timing in self._timings] for name in ("detect", "latency"))
         return VisionStats(
             camera=self.cfg.name,

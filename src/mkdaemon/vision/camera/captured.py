@@ -1,8 +1,8 @@
 """What OpenCV captures, before OpenCV decodes it where it can be had.
 
 OpenCV decodes motion JPEG in silence: damaged blocks stay in the image, and an image of another size than the first is
-scaled to it. Its bytes are therefore taken as they come. Other codecs are left to OpenCV: there, a stream that changes
-its size while it runs is scaled.
+scaled to it. Its bytes are therefore taken as they come. Other codecs are left to OpenCV, which scales a stream that
+changes its size: `sizewatch` sees that.
 """
 
 from __future__ import annotations

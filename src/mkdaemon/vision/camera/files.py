@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import os
 import re
 import time
-from collections.abc import Callable
 from pathlib import Path
 
 import cv2
@@ -15,6 +13,7 @@ from mkdaemon.errors import VisionError
 from mkdaemon.vision.camera.captured import captured_pixels, take_jpegs
 from mkdaemon.vision.camera.imagecodec import read_picture
 from mkdaemon.vision.camera.shot import EndOfImages, PictureError, Shot
+from mkdaemon.vision.camera.sizewatch import ClipWatch, may_change_size, open_quietly, opened_size
 
 PICTURES = frozenset({".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".pgm", ".webp"})
 CLIPS = frozenset({".mp4", ".avi", ".mkv", ".mov", ".webm", ".m4v", ".mpg", ".mpeg", ".ts"})
@@ -32,18 +31,20 @@ class ClipSource:
         self._capture: cv2.VideoCapture | None = None
         self._started: float | None = None
         self._coded = False
+        self._watch: ClipWatch | None = None
 
     def open(self) -> tuple[str, ...]:
         """Open the clip."""
         if not self._path.is_file():
             msg = f"camera {self._cfg.name}: no such file: {self._path}"
             raise VisionError(msg)
-        capture = quietly(lambda: cv2.VideoCapture(str(self._path), cv2.CAP_FFMPEG, []))
+        capture = open_quietly(lambda: cv2.VideoCapture(str(self._path), cv2.CAP_FFMPEG, []))
         if not capture.isOpened():
             msg = f"camera {self._cfg.name}: {self._path} is no video OpenCV can read"
             raise VisionError(msg)
         self._capture, self._started = capture, None
         self._coded = take_jpegs(capture, cv2.CAP_FFMPEG)
+        self._watch = self._new_watch(capture)
         return ()
 
     def read(self, timeout: float) -> Shot | None:
@@ -52,8 +53,7 @@ class ClipSource:
             raise EndOfImages
         good, image = self._capture.read()
         if not good and self._cfg.loop:
-            self._capture.set(cv2.CAP_PROP_POS_FRAMES, 0)
-            self._started = None
+            self._begin_again()
             good, image = self._capture.read()
         if not good:
             raise EndOfImages
@@ -62,13 +62,32 @@ class ClipSource:
             self._started = time.monotonic() - media
         if self._cfg.paced:
             time.sleep(max(self._started + media - time.monotonic(), 0.0))
+        if self._watch is not None:
+            self._watch.step()
+            if self._watch.change:
+                raise PictureError(self._watch.change)
         return Shot(captured_pixels(image, coded=self._coded), time.monotonic())
+
+    def _begin_again(self) -> None:
+        self._started = None
+        if self._capture is not None:
+            self._capture.set(cv2.CAP_PROP_POS_FRAMES, 0)
+            if self._watch is not None:
+                self._watch.close()
+                self._watch = self._new_watch(self._capture)
+
+    def _new_watch(self, capture: cv2.VideoCapture) -> ClipWatch | None:
+        watched = self._cfg.watch_size and may_change_size(capture)
+        return ClipWatch(str(self._path), opened_size(capture)) if watched else None
 
     def close(self) -> None:
         """Release the file."""
         if self._capture is not None:
             self._capture.release()
             self._capture = None
+        if self._watch is not None:
+            self._watch.close()
+            self._watch = None
 
 
 class FolderSource:
@@ -126,14 +145,3 @@ def list_pictures(folder: Path) -> list[Path]:
     return sorted(
         found, key=lambda path: [int(t) if t.isdecimal() else t for t in re.split(r"(\d+)", path.name.lower())]
     )
-
-
-def quietly(opener: Callable[[], cv2.VideoCapture]) -> cv2.VideoCapture:
-    """Open without OpenCV and FFmpeg writing on the terminal: what failed is in our own sentence."""
-    os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
-    level = cv2.utils.logging.getLogLevel()
-    cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
-    try:
-        return opener()
-    finally:
-        cv2.utils.logging.setLogLevel(level)

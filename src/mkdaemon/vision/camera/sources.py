@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import re
 import time
@@ -16,8 +17,9 @@ from mkdaemon.errors import ConfigError, VisionError
 from mkdaemon.vision.camera.bus_images import ZenohSource
 from mkdaemon.vision.camera.captured import captured_pixels, take_jpegs
 from mkdaemon.vision.camera.exposure import Reach, Setting
-from mkdaemon.vision.camera.files import CLIPS, ClipSource, FolderSource, quietly
+from mkdaemon.vision.camera.files import CLIPS, ClipSource, FolderSource
 from mkdaemon.vision.camera.shot import Shot, Source
+from mkdaemon.vision.camera.sizewatch import StreamWatch, may_change_size, open_quietly, opened_size
 from mkdaemon.vision.camera.v4l2controls import V4l2Controls
 
 V4L2_MANUAL, V4L2_AUTO = 1, 3
@@ -26,6 +28,8 @@ V4L2_MANUAL, V4L2_AUTO = 1, 3
 
 TAKEN = 0.01
 """A setting was taken when the driver reads it back within this share."""
+SHORT_LIFE, JEALOUS_FROM = 5.0, 2
+"""A stream that ends within so long [s], so often in a row, may be of a camera that drops a client for the next one."""
 _WHAT_TO_CHECK = {
     cv2.CAP_V4L2: "is it a camera, and does another program hold it?",
     cv2.CAP_FFMPEG: "check address, user and password, and that the camera is on",
@@ -86,6 +90,9 @@ class StreamSource:
         self._capture: cv2.VideoCapture | None = None
         self._coded = False
         self._controls: V4l2Controls | None = None
+        self._watch: StreamWatch | None = None
+        self._opened_at = -math.inf
+        self._short_lives = 0
 
     @property
     def reach(self) -> Reach | None:
@@ -108,19 +115,23 @@ class StreamSource:
             self._check_device()
         patience_ms = round(1000 * self._cfg.reopen_max)
         options = [cv2.CAP_PROP_OPEN_TIMEOUT_MSEC, patience_ms, cv2.CAP_PROP_READ_TIMEOUT_MSEC, patience_ms]
-        capture = quietly(
+        capture = open_quietly(
             lambda: cv2.VideoCapture(self._address, self._backend, options if self._backend == cv2.CAP_FFMPEG else [])
         )
         if not capture.isOpened():
             msg = f"camera {self._cfg.name}: {name} cannot open {self._address}: {_WHAT_TO_CHECK[self._backend]}"
             raise VisionError(msg)
-        self._capture = capture
+        self._capture, self._opened_at = capture, time.monotonic()
         refused = tuple(_set_controls(capture, self._cfg, self._backend))
         self._coded = take_jpegs(capture, self._backend)
         if self._cfg.exposure_ms == "target" and self._backend == cv2.CAP_V4L2:
             self._controls = V4l2Controls(Path(self._address))
         if self._cfg.exposure_ms == "target" and self.reach is None:
             refused = (*refused, "exposure_ms=target: the driver lets nobody set the exposure")
+        if self._backend == cv2.CAP_FFMPEG and may_change_size(capture):
+            if not self._cfg.watch_size or self._short_lives >= JEALOUS_FROM:
+                return (*refused, "watch_size: nobody sees a change of the picture's size")
+            self._watch = StreamWatch(self._address, opened_size(capture), options, self._cfg.reopen_max)
         return refused
 
     def _check_device(self) -> None:
@@ -140,7 +151,11 @@ class StreamSource:
         good, image = capture.read() if capture is not None else (False, None)
         arrived = time.monotonic()
         if capture is None or not good or image is None:
+            self._short_lives = self._short_lives + 1 if arrived - self._opened_at < SHORT_LIFE else 0
             msg = f"camera {self._cfg.name}: {self._address} gives no more images"
+            raise VisionError(msg)
+        if self._watch is not None and self._watch.change:
+            msg = f"camera {self._cfg.name}: {self._watch.change}"
             raise VisionError(msg)
         pixels = captured_pixels(image, coded=self._coded)
         stamp = float(capture.get(cv2.CAP_PROP_POS_MSEC)) / 1000.0
@@ -148,6 +163,9 @@ class StreamSource:
 
     def close(self) -> None:
         """Release the device."""
+        if self._watch is not None:
+            self._watch.close()
+            self._watch = None
         if self._controls is not None:
             self._controls.close()
             self._controls = None
