@@ -100,6 +100,7 @@ class CameraStream:
         self._last_arrival: float | None = None
         self._damaged_at = -math.inf
         self._wanted: Setting | None = None
+        self._refused: tuple[str, ...] = ()
         self._last_sequence: int | None = None
         self._sequence = 0
 
@@ -153,12 +154,12 @@ class CameraStream:
         delays = retry_delays(self.cfg.reopen_min, self.cfg.reopen_max)
         while not self._stop.is_set():
             try:
-                refused = self._source.open()
-                self._become(StreamState.STREAMING, "", refused=refused)
-                self._last_arrival = time.monotonic()
-                self._arrivals.clear()
                 before = self._status.images
                 try:
+                    self._refused = self._source.open()
+                    self._become(StreamState.STREAMING, "", refused=self._refused)
+                    self._last_arrival = time.monotonic()
+                    self._arrivals.clear()
                     self._read_on()
                 finally:
                     self._source.close()
@@ -178,7 +179,7 @@ class CameraStream:
         while not self._stop.is_set():
             wanted, self._wanted = self._wanted, None
             if wanted is not None and isinstance(self._source, Adjustable):
-                self._source.adjust(wanted)
+                self._status = replace(self._status, refused=(*self._refused, *self._source.adjust(wanted)))
             try:
                 shot = self._source.read(READ_TIMEOUT)
             except PictureError as error:

@@ -95,11 +95,11 @@ class Adjustable(Protocol):
     def reach(self) -> Reach | None:
         """What the open camera can be told; none where it takes nothing, or nobody asked for it."""
 
-    def adjust(self, setting: Setting) -> None:
-        """Tell the camera.
+    def adjust(self, setting: Setting) -> tuple[str, ...]:
+        """Tell the camera; returns what it refused this time.
 
         Raises:
-            OSError: it is gone or refuses.
+            VisionError: it is gone.
         """
 
 

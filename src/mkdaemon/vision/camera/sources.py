@@ -100,10 +100,9 @@ class StreamSource:
         reach = self._controls.reach if self._controls is not None else None
         return reach.up_to(self._cfg.exposure_longest_ms / 1000.0) if reach is not None else None
 
-    def adjust(self, setting: Setting) -> None:
-        """Set exposure and gain while images come."""
-        if self._controls is not None:
-            self._controls.adjust(setting)
+    def adjust(self, setting: Setting) -> tuple[str, ...]:
+        """Set exposure and gain while images come; returns what the driver refused."""
+        return self._controls.adjust(setting) if self._controls is not None else ()
 
     def open(self) -> tuple[str, ...]:
         """Open and set size, rate, exposure and gain."""
@@ -126,6 +125,7 @@ class StreamSource:
         self._coded = take_jpegs(capture, self._backend)
         if self._cfg.exposure_ms == "target" and self._backend == cv2.CAP_V4L2:
             self._controls = V4l2Controls(Path(self._address))
+            refused = (*refused, *self._controls.refused)
         if self._cfg.exposure_ms == "target" and self.reach is None:
             refused = (*refused, "exposure_ms=target: the driver lets nobody set the exposure")
         if self._backend == cv2.CAP_FFMPEG and may_change_size(capture):

@@ -1,0 +1,238 @@
+"""Exposure and gain of a V4L2 camera, against answers laid out by the kernel's own header.
+
+The answers are structures v4l2_queryctrl and v4l2_control as gcc lays them out with linux/videodev2.h of Linux 6 on
+x86-64, with names and flags of the driver uvcvideo. Errors are those of Documentation/userspace-api/media/v4l:
+VIDIOC_S_CTRL gives EACCES for a read-only control, EBUSY for one that is grabbed, EINVAL for a value that a menu lacks.
+"""
+
+from __future__ import annotations
+
+import errno
+import os
+import struct
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from mkdaemon.config.camera import CameraSection
+from mkdaemon.errors import VisionError
+from mkdaemon.vision.camera.camera import CameraStream, StreamState
+from mkdaemon.vision.camera.exposure import Adjustable, Reach, Setting
+from mkdaemon.vision.camera.image import CameraImage
+from mkdaemon.vision.camera.slot import NewestSlot
+from mkdaemon.vision.camera.sources import source_of
+from mkdaemon.vision.camera.v4l2controls import (
+    AUTOGAIN,
+    EXPOSURE_ABSOLUTE,
+    EXPOSURE_AUTO,
+    EXPOSURE_AUTO_PRIORITY,
+    GAIN,
+    GREATEST_GAIN,
+    V4l2Controls,
+)
+from tests.vision.streams import wait_for_status
+
+VIDIOC_QUERYCTRL, VIDIOC_S_CTRL = 0xC0445624, 0xC008561C
+"""As gcc computes them from linux/videodev2.h."""
+FLAGS_AT = 56
+DISABLED, READ_ONLY = 1, 4
+WEBCAM = {
+    GAIN: "13099800010000004761696e0000000000000000000000000000000000000000000000000000000000000000ff000000"
+    "0100000000000000000000000000000000000000",
+    EXPOSURE_AUTO: "01099a00030000004175746f204578706f7375726500000000000000000000000000000000000000000000000300000001"
+    "00000003000000000000000000000000000000",
+    EXPOSURE_ABSOLUTE: "02099a00010000004578706f737572652054696d652c204162736f6c75746500000000000000000003000000ff0700"
+    "0001000000fa000000100000000000000000000000",
+    EXPOSURE_AUTO_PRIORITY: "03099a00020000004578706f737572652c2044796e616d6963204672616d657261746500000000000000000001"
+    "0000000100000000000000000000000000000000000000",
+}
+"""v4l2_queryctrl of each control: gain 0 to 255, exposure 3 to 2047 and inactive while it is automatic."""
+SETTING = Setting(4e-3, GREATEST_GAIN)
+
+
+class Kernel:
+    """A device's ioctl.
+
+    Args:
+        answers: v4l2_queryctrl by control, in hexadecimal.
+        errors: what setting a control ends with.
+    """
+
+    def __init__(self, answers: dict[int, str] = WEBCAM, errors: dict[int, int] | None = None) -> None:
+        self.answers = {control: bytearray.fromhex(text) for control, text in answers.items()}
+        self.errors = errors or {}
+        self.is_there = True
+        self.told: list[bytes] = []
+
+    def __call__(self, descriptor: int, request: int, content: bytearray) -> int:
+        control = int.from_bytes(content[:4], "little")
+        fault = errno.ENODEV if not self.is_there else 0
+        if request == VIDIOC_QUERYCTRL:
+            assert len(content) == 68
+            fault = fault or (0 if control in self.answers else errno.EINVAL)
+            if not fault:
+                content[:] = self.answers[control]
+        else:
+            assert request == VIDIOC_S_CTRL
+            assert len(content) == 8
+            fault = fault or self.errors.get(control, 0)
+            self.told += [] if fault else [bytes(content)]
+        if fault:
+            raise OSError(fault, os.strerror(fault))
+        return 0
+
+    def values(self) -> list[tuple[int, int]]:
+        """What was set, in order."""
+        return [struct.unpack("<Ii", content) for content in self.told]
+
+
+@pytest.fixture
+def device(tmp_path: Path) -> Path:
+    path = tmp_path / "video0"
+    path.touch()
+    return path
+
+
+def test_a_webcam_is_told_ticks_and_its_own_gain(device: Path) -> None:
+    kernel = Kernel()
+    camera = V4l2Controls(device, kernel)
+    assert isinstance(camera, Adjustable)
+    assert kernel.values() == [(EXPOSURE_AUTO, 1), (EXPOSURE_AUTO_PRIORITY, 0)]
+    assert camera.refused == ()
+    assert camera.reach == Reach(pytest.approx(300e-6), pytest.approx(204.7e-3), GREATEST_GAIN)
+    assert camera.adjust(SETTING) == camera.adjust(Setting(1e-6, 1.0)) == ()
+    assert kernel.told[2].hex() == "02099a0028000000"  # v4l2_control as gcc lays it out
+    assert kernel.values()[2:] == [(EXPOSURE_ABSOLUTE, 40), (GAIN, 255), (EXPOSURE_ABSOLUTE, 3), (GAIN, 0)]
+    camera.close()
+
+
+@pytest.mark.parametrize("flag", [DISABLED, READ_ONLY])
+def test_a_control_that_cannot_be_set_counts_as_missing(device: Path, flag: int) -> None:
+    kernel = Kernel()
+    kernel.answers[GAIN][FLAGS_AT] |= flag
+    camera = V4l2Controls(device, kernel)
+    assert camera.reach is not None
+    assert camera.reach.greatest_gain == 1.0
+    camera.close()
+    kernel.answers[EXPOSURE_ABSOLUTE][FLAGS_AT] |= flag
+    camera = V4l2Controls(device, kernel)
+    assert camera.reach is None
+    assert camera.adjust(SETTING) == ()
+    camera.close()
+
+
+def test_a_camera_without_exposure_control_takes_nothing(device: Path) -> None:
+    kernel = Kernel({GAIN: WEBCAM[GAIN]})
+    camera = V4l2Controls(device, kernel)
+    assert camera.reach is None
+    assert kernel.told == []
+    camera.close()
+
+
+def test_a_camera_that_keeps_its_automatic_exposure_is_left_to_it(device: Path) -> None:
+    kernel = Kernel(errors={EXPOSURE_AUTO: errno.EINVAL})  # a menu without manual
+    camera = V4l2Controls(device, kernel)
+    assert camera.refused == ("exposure_auto=1: the driver says Invalid argument",)
+    assert camera.reach is None
+    assert camera.adjust(SETTING) == ()
+    assert kernel.told == []
+    camera.close()
+
+
+def test_a_camera_that_keeps_its_automatic_gain_is_told_exposures_only(device: Path) -> None:
+    kernel = Kernel(WEBCAM | {AUTOGAIN: WEBCAM[EXPOSURE_AUTO_PRIORITY]}, {AUTOGAIN: errno.EACCES})
+    camera = V4l2Controls(device, kernel)
+    assert camera.refused == ("autogain=0: the driver says Permission denied",)
+    assert camera.reach is not None
+    assert camera.reach.greatest_gain == 1.0
+    assert camera.adjust(SETTING) == ()
+    assert kernel.values()[-1] == (EXPOSURE_ABSOLUTE, 40)
+    camera.close()
+
+
+@pytest.mark.parametrize("fault", [errno.EBUSY, errno.EACCES, errno.EINVAL, errno.ERANGE, errno.EIO])
+def test_a_control_that_refuses_is_named_and_asked_again(device: Path, fault: int) -> None:
+    kernel = Kernel(errors={EXPOSURE_ABSOLUTE: fault})
+    camera = V4l2Controls(device, kernel)
+    assert camera.adjust(SETTING) == (f"exposure_absolute=40: the driver says {os.strerror(fault)}",)
+    assert kernel.values()[-1] == (GAIN, 255)
+    kernel.errors.clear()
+    assert camera.adjust(SETTING) == ()
+    assert (EXPOSURE_ABSOLUTE, 40) in kernel.values()
+    camera.close()
+
+
+def open_files() -> int:
+    return len(list(Path("/proc/self/fd").iterdir()))
+
+
+def test_a_device_that_is_gone_is_told_and_let_go_of(device: Path) -> None:
+    kernel = Kernel()
+    camera = V4l2Controls(device, kernel)
+    kernel.is_there = False
+    with pytest.raises(VisionError, match=r"video0 is gone \(No such device\)"):
+        camera.adjust(SETTING)
+    camera.close()
+    before = open_files()
+    with pytest.raises(VisionError, match="is gone"):
+        V4l2Controls(device, kernel)
+    assert open_files() == before
+    with pytest.raises(VisionError, match="cannot be opened a second time"):
+        V4l2Controls(device.parent / "video1", kernel)
+
+
+class Webcam:
+    """What OpenCV makes of the device: images until it is unplugged."""
+
+    opened = 0
+
+    def __init__(self, kernel: Kernel) -> None:
+        self._kernel = kernel
+        Webcam.opened += 1
+
+    def isOpened(self) -> bool:
+        return True
+
+    def get(self, control: int) -> float:
+        return 0.0
+
+    def set(self, control: int, value: float) -> bool:
+        return True
+
+    def read(self) -> tuple[bool, np.ndarray | None]:
+        return (True, np.zeros((8, 8, 3), np.uint8)) if self._kernel.is_there else (False, None)
+
+    def release(self) -> None:
+        Webcam.opened -= 1
+
+
+def test_images_go_on_whatever_the_camera_refuses_and_end_when_it_is_unplugged(
+    device: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    kernel = Kernel(errors={EXPOSURE_AUTO_PRIORITY: errno.EACCES, GAIN: errno.EBUSY})
+    monkeypatch.setattr(cv2, "VideoCapture", lambda *_: Webcam(kernel))
+    monkeypatch.setattr(cv2.videoio_registry, "hasBackend", lambda _: True)
+    monkeypatch.setattr("fcntl.ioctl", kernel)
+    cfg = CameraSection(source=f"v4l2:{device}", exposure_ms="target", reopen_min=0.01)
+    stream = CameraStream(cfg, source_of(cfg), NewestSlot[CameraImage]())
+    stream.start()
+    wait_for_status(stream, lambda s: s.images >= 1)
+    assert stream.reach is not None
+    stream.adjust(SETTING)
+    busy = (
+        "exposure_auto_priority=0: the driver says Permission denied",
+        "gain=255: the driver says " + os.strerror(16),
+    )
+    status = wait_for_status(stream, lambda s: s.refused == busy)
+    assert (status.state, status.reopened) == (StreamState.STREAMING, 0)
+    kernel.errors.clear()
+    stream.adjust(SETTING)
+    wait_for_status(stream, lambda s: s.refused == busy[:1])
+    kernel.is_there = False
+    wait_for_status(stream, lambda s: s.reopened >= 2)  # it cannot be opened either, and nothing stays open
+    kernel.is_there = True
+    wait_for_status(stream, lambda s: s.state is StreamState.STREAMING)
+    stream.stop()
+    assert Webcam.opened == 0
