@@ -133,6 +133,12 @@ class EdgeLimits:
     glare_px: float = of(2.0, "px", "reach of a highlight beside an edge that hides it", STILLS)
     blown_share: float = of(0.5, "share", "of blown bright sides from which the paper is blown", STILLS)
     missed_px: float = of(0.6, "px", "cost of a sample without its edge when rivals compare", BLIND)
+    blown_px: float = of(
+        0.17, "px", "moved by clipping, that doubles an edge's variance", "9,800 blown edges under gloss"
+    )
+    blur_share: float = of(0.3, "share", "deviation of the blur of blown edges", "skirts and tone curves move 0.93-0.8")
+    contrast_share: float = of(0.1, "share", "of their contrast, where other edges show it", FLIGHTS)
+    unseen_contrast_share: float = of(0.4, "share", "the same where all are blown", "derived: 1.2 to 1.7 times is seen")
     shift_sd_px: float = of(0.2, "px", "of a common shift of all edges (tone curve, ink)", "0.3-0.4 px, webcams")
     turning_sd: float = of(1.0, "rad/s", "of the camera while a rolling shutter reads", "shaking is 0.4 rad/s")
     acceleration_sd: float = of(15.0, "rad/s^2", "of the camera's turning then", "0.4 rad/s that change in 30 ms")

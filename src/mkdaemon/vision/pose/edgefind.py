@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from mkdaemon.vision.limits import Limits
+from mkdaemon.vision.pose.blown import Blown, EdgeSides, blown_edges
 from mkdaemon.vision.pose.pose import median, quantile
 
 Array = npt.NDArray[np.float64]
@@ -67,6 +68,7 @@ class FoundEdges:
         widest: the same of the widest quarter: edges run two ways, and motion blurs one of them [px].
         trust: 1 where both sides of an edge are even, less where a shadow's rim or a leaf lies beside it; over the
             variance of the offset `(n,)`.
+        blown: what clipping does to the edges, already out of `offsets`; none where nothing is blown.
     """
 
     offsets: Array
@@ -74,6 +76,7 @@ class FoundEdges:
     width: float
     widest: float
     trust: Array
+    blown: Blown | None = None
 
 
 def without_glare(pixels: Grey, samples: Samples, limits: Limits) -> Samples:
@@ -90,7 +93,7 @@ def without_glare(pixels: Grey, samples: Samples, limits: Limits) -> Samples:
     return Samples(*(getattr(samples, part.name)[~hidden] for part in fields(samples)))
 
 
-def find_edges(pixels: Grey, samples: Samples, limits: Limits) -> FoundEdges:
+def find_edges(pixels: Grey, samples: Samples, limits: Limits, *, is_blown: bool = False) -> FoundEdges:
     """Find each edge along its normal.
 
     The grey values along a normal are g(s), their slope g'(s) > 0 towards the bright side. The edge lies at the centre
@@ -132,7 +135,28 @@ def find_edges(pixels: Grey, samples: Samples, limits: Limits) -> FoundEdges:
         beside = np.abs(place - offsets[:, None])
         either *= (beside > width) & (np.abs(place) <= samples.reach[:, None] + STEP_PX)
         trust = _trust(either.max(axis=1), peak, found)
-    return FoundEdges(offsets.astype(np.float64), found, width, max(widest, width), trust)
+    located = offsets.astype(np.float64)
+    blown = blown_edges(_sides(profile, along, samples, area), found, limits) if is_blown else None
+    if blown is not None:
+        located -= blown.moved
+    return FoundEdges(located, found, width, max(widest, width), trust, blown)
+
+
+def _sides(
+    profile: Array32, along: npt.NDArray[np.floating], samples: Samples, area: npt.NDArray[np.floating]
+) -> EdgeSides:
+    """Both ends of the profiles, at their reach."""
+    end = np.searchsorted(along, samples.reach, side="right") - 1
+    rows = np.arange(len(profile))
+    dark, bright = profile[rows, len(along) - 1 - end], profile[rows, end]
+    return EdgeSides(
+        dark.astype(np.float64),
+        bright.astype(np.float64),
+        area,
+        samples.pixels,
+        samples.normals,
+        along[end].astype(np.float64),
+    )
 
 
 def _trust(beside: Array32, peak: Array32, found: npt.NDArray[np.bool_]) -> Array:

@@ -23,7 +23,7 @@ from mkdaemon.vision.limits import LIMITS, Limits
 from mkdaemon.vision.pose.edgefind import Samples, find_edges, without_glare
 from mkdaemon.vision.pose.edgemodel import EdgeModel
 from mkdaemon.vision.pose.edgestep import EdgeStep
-from mkdaemon.vision.pose.nuisance import Prior, with_motion, with_shift, with_stretch
+from mkdaemon.vision.pose.nuisance import Prior, with_blown, with_motion, with_shift, with_stretch
 from mkdaemon.vision.pose.pose import Pose, turn
 from mkdaemon.vision.pose.projection import NEAR_M, Projection
 from mkdaemon.vision.pose.rolling import (
@@ -146,7 +146,7 @@ class EdgeFit:
                 return None
             if is_blown:
                 samples = without_glare(pixels, samples, self._limits)
-            edges = find_edges(pixels, samples, self._limits)
+            edges = find_edges(pixels, samples, self._limits, is_blown=is_blown)
             if int(edges.found.sum()) < limits.min_samples:
                 return None
             prior: Prior = (
@@ -155,9 +155,11 @@ class EdgeFit:
             if stretch_sd > 0.0:
                 samples, prior = with_stretch(samples, prior, projection, stretch, limits.located_px / stretch_sd)
             carried = samples.jacobian.shape[1]
+            edge_px = limits.located_px if last is None else max(last.variance**0.5, limits.least_scale_px)
             if motion is not None:
-                edge_px = limits.located_px if last is None else max(last.variance**0.5, limits.least_scale_px)
                 samples, prior = with_motion(samples, prior, start, motion, position, edge_px, limits)
+            if edges.blown is not None:
+                samples, prior = with_blown(samples, prior, edges.blown, edge_px)
             samples, prior = with_shift(samples, prior, limits.located_px / limits.shift_sd_px)
             least_scale = limits.first_scale_px if k == 0 else limits.least_scale_px
             upright = self.model.upright[samples.index] if reach > limits.reach_px[-2] else None
@@ -199,7 +201,7 @@ class EdgeFit:
         samples = self._project(pixels.shape, pose.rotation, pose.position, reach, self._projection, pose.motion)
         if samples is None:
             return None
-        edges = find_edges(pixels, samples, self._limits)
+        edges = find_edges(pixels, samples, self._limits, is_blown=int(pixels.max()) >= self._limits.read.saturated)
         offsets, jacobian = edges.offsets - pose.shift_px, samples.jacobian[:, :6]
         return LocatedEdges(samples.index, offsets, edges.found, jacobian, samples.pixels, samples.normals)
 

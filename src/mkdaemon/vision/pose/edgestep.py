@@ -67,7 +67,8 @@ class EdgeStep:
         """Rounds of weighted least squares.
 
         x = (J^T W J + P)^-1 (J^T W d + p) with Tukey's w = t (1 - (r / c sigma)^2)^2 inside c sigma, zero outside; t is
-        the trust in an edge, r holds its root; sigma from the median of |r|; P and p are the `prior`.
+        the trust in an edge, times the clarity of a blown one, r holds its root; sigma from the median of |r|; P and p
+        are the `prior`.
 
         Args:
             samples: of the edge model.
@@ -82,20 +83,21 @@ class EdgeStep:
         jacobian, offsets, found = samples.jacobian, edges.offsets, edges.found
         change: Array = np.zeros(jacobian.shape[1])
         weights: Array = found.astype(np.float64)
-        sure = np.sqrt(edges.trust)
+        clear = 1.0 if edges.blown is None else np.sqrt(edges.blown.clear)
+        sure = edges.trust * clear**2
         residual, normal, inside, bound = offsets, prior[0], weights, 1.0
         for _ in range(ROUNDS):
-            size = np.abs(residual) * sure
+            size = np.abs(residual) * np.sqrt(sure)
             bound = tukey * max(MAD * _spread(size, found, upright), least_scale)
             inside = np.maximum(1.0 - (size * (1.0 / bound)) ** 2, 0.0) * found
-            weights = inside**2 * edges.trust
+            weights = inside**2 * sure
             weighted = (jacobian * weights[:, None]).T
             normal = weighted @ jacobian + prior[0]
             change[:] = np.linalg.solve(_damped(normal), weighted @ offsets + prior[1])
             residual = offsets - jacobian @ change
         # d(r (1 - u)^2) / dr with u = (r / bound)^2 is (1 - u) (1 - 5 u).
-        slope = inside * (5.0 * inside - 4.0) * edges.trust
-        agreeing = np.maximum(1.0 - (residual * (1.0 / bound)) ** 2, 0.0) ** 2 * found
+        slope = inside * (5.0 * inside - 4.0) * sure
+        agreeing = np.maximum(1.0 - (residual * clear * (1.0 / bound)) ** 2, 0.0) ** 2 * found
         return cls(samples, change, weights, normal, residual, edges.width, edges.widest, agreeing, slope)
 
     @property

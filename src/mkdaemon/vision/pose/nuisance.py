@@ -13,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from mkdaemon.vision.limits import EdgeLimits
+from mkdaemon.vision.pose.blown import Blown
 from mkdaemon.vision.pose.edgefind import Samples
 from mkdaemon.vision.pose.pose import Pose
 from mkdaemon.vision.pose.projection import Projection
@@ -30,6 +31,19 @@ def with_shift(samples: Samples, prior: Prior, weight: float) -> tuple[Samples, 
     column = np.ones((len(samples.jacobian), 1))
     grown = _grown(prior, np.array([weight**2]), np.zeros(1))
     return replace(samples, jacobian=np.hstack([samples.jacobian, column])), grown
+
+
+def with_blown(samples: Samples, prior: Prior, blown: Blown, edge_px: float) -> tuple[Samples, Prior]:
+    """Blur and contrast of blown edges, as shares off what was taken for them: J gains what they change.
+
+    Args:
+        samples: whose edges were found.
+        prior: of the unknowns so far.
+        blown: what clipping does to the edges.
+        edge_px: deviation of a located edge [px].
+    """
+    grown = _grown(prior, (edge_px / blown.spread) ** 2, np.zeros(2))
+    return replace(samples, jacobian=np.hstack([samples.jacobian, blown.columns])), grown
 
 
 def with_stretch(
