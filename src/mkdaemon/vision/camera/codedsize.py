@@ -11,6 +11,10 @@ from typing import Final
 
 START: Final = re.compile(b"\x00\x00\x01")
 """Begins every unit of a byte stream."""
+H264_KIND, H264_SEQUENCE = 0x9F, 7
+"""Bits of a unit's first byte that tell its type, and what they are in a sequence parameter set."""
+H265_SEQUENCE: Final = bytes([33 << 1, 1])
+"""First bytes of such a set of H.265, of its base layer: type 33."""
 MACROBLOCK: Final = 16
 """Side of a macroblock [px]."""
 H264_FOUR_CHROMAS: Final = frozenset({100, 110, 122, 244, 44, 83, 86, 118, 128, 138, 139, 134, 135})
@@ -59,9 +63,9 @@ def coded_sizes(packet: bytes) -> tuple[Size, ...]:
     sizes: list[Size] = []
     for unit in _units(packet):
         try:
-            if unit[0] & 0x9F == 7:  # forbidden bit clear, type 7
+            if unit[0] & H264_KIND == H264_SEQUENCE:
                 sizes.append(_h264(_Bits(unit[1:])))
-            elif unit[0] == 33 << 1 and unit[1] == 1:  # type 33, of the base layer
+            elif unit[:2] == H265_SEQUENCE:
                 sizes.append(_h265(_Bits(unit[2:])))
         except (ValueError, IndexError):
             continue
