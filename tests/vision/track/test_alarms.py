@@ -15,6 +15,7 @@ from mkdaemon.sim.scene.scene import Scene, SceneTarget
 from mkdaemon.sim.scene.view import view_towards
 from mkdaemon.vision.camera.intrinsics import Intrinsics
 from mkdaemon.vision.limits import LIMITS
+from mkdaemon.vision.pose.pose import Pose
 from mkdaemon.vision.tags.tagmap import single
 from mkdaemon.vision.track.alarms import ImageHealth
 
@@ -65,3 +66,22 @@ def test_a_covered_lens_is_dark_and_not_frozen() -> None:
     health = ImageHealth(640, 480)
     for _ in range(LIMITS.health.frozen_images + 3):
         assert health.check(np.zeros((480, 640), np.uint8)) == ["dark"]
+
+
+@pytest.mark.parametrize(
+    ("source", "blur_px", "side_px", "alarms"),
+    [
+        ("edges", 5.5, 80.0, ["blurred"]),
+        ("edges", 4.0, 80.0, []),
+        # Edges that melted are measured by grey values, which know the deviation of the point spread.
+        ("photometric", 2.5, 80.0, ["blurred"]),
+        ("photometric", 1.5, 80.0, []),
+        ("photometric", 2.5, 40.0, []),
+    ],
+)
+def test_images_without_focus_are_told_however_they_were_measured(source, blur_px, side_px, alarms) -> None:
+    health = ImageHealth(640, 480)
+    pose = Pose(np.eye(3), np.array([0.0, 0.0, 2.0]), np.eye(6), source, 200, 0.05, blur_px=blur_px)
+    for _ in range(30):
+        health.note(pose, side_px)
+    assert health.check(shot()) == alarms

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
+from math import pi, sqrt
 
 import cv2
 import numpy as np
@@ -22,6 +23,8 @@ STEPS = 12.0
 """A long reach is cut into so many steps."""
 WIDTH_FACTOR = 0.9
 """Half width of the window in which an edge's centre is taken, over the width of its slope."""
+HALF_WIDTH = WIDTH_FACTOR * sqrt(2.0 * pi)
+"""The same over the deviation of a Gaussian point spread."""
 SKIRT = 0.15
 """Share of the peak slope that is taken off before a centre is computed: texture and noise have no say in it."""
 WIDEST_PX = 8.0

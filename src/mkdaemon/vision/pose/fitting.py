@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from math import pi, sqrt
 
 import cv2
 import numpy as np
 import numpy.typing as npt
 
 from mkdaemon.vision.limits import LIMITS, Limits
-from mkdaemon.vision.pose.edgefind import WIDTH_FACTOR
+from mkdaemon.vision.pose.edgefind import HALF_WIDTH
 from mkdaemon.vision.pose.edgefit import EdgeFit, Level
 from mkdaemon.vision.pose.evidence import EdgeEvidence
 from mkdaemon.vision.pose.gates import BitModel
@@ -32,8 +31,6 @@ WHOLE_ROOM_PX = 6.0
 MIXED_STEPS = 6
 """Of the fit to grey values after one to edges, as the width of the edges gives it a start; ten took 1.6 times as long
 and explained 89 of 104 images with motion blur instead of 85 (development seeds)."""
-HALF_WIDTH = WIDTH_FACTOR * sqrt(2.0 * pi)
-"""Half width of an edge over the deviation of a Gaussian point spread."""
 DECODED_CELL_PX = 3
 """Cells from this size on are decoded in most images [px]."""
 

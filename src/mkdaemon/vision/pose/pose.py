@@ -52,7 +52,7 @@ class Pose:
         loss: geometric mean of the bounded squared residuals of all samples, for comparing rival fits of one image:
             hidden samples cost both rivals the same.
         match: correlation between model and image, where the fit knows it.
-        blur_px: width of an edge in the image, where the fit knows it.
+        blur_px: half width of an edge in the image, or of grey values the deviation of the point spread, where known.
         widest_px: of an edge of the widest quarter, in a fit to edges.
         shift_px: how far all edges lie towards their bright side, where the fit asked [px]: less than zero where a tone
             curve makes white spread over black.

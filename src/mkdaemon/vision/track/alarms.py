@@ -9,6 +9,7 @@ import numpy.typing as npt
 
 from mkdaemon.telemetry.vision import Alarm
 from mkdaemon.vision.limits import LIMITS
+from mkdaemon.vision.pose.edgefind import HALF_WIDTH
 from mkdaemon.vision.pose.pose import Pose, quantile
 
 Grey = npt.NDArray[np.uint8]
@@ -49,12 +50,13 @@ class ImageHealth:
         return alarms
 
     def note(self, pose: Pose, side_px: float) -> None:
-        """Remember the residual and sharpness of an accepted fit; small tags say nothing about calibration."""
-        if pose.source != "edges" or side_px < LIMITS.health.large_tag_px:
+        """Remember the sharpness and, of edges, the residual of an accepted fit; small tags tell nothing."""
+        if side_px < LIMITS.health.large_tag_px:
             return
+        is_of_edges = pose.source == "edges"
         if pose.blur_px is not None:
-            self._blur.append(pose.blur_px)
-        if pose.blur_px is None or pose.blur_px < LIMITS.blur.wide_px:
+            self._blur.append(pose.blur_px if is_of_edges else pose.blur_px * HALF_WIDTH)
+        if is_of_edges and (pose.blur_px is None or pose.blur_px < LIMITS.blur.wide_px):
             self._residuals.append(pose.rms_px)
 
     def _is_frozen(self, thin: Grey) -> bool:
