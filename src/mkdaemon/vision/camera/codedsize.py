@@ -21,6 +21,8 @@ H264_FOUR_CHROMAS: Final = frozenset({100, 110, 122, 244, 44, 83, 86, 118, 128, 
 """Profiles whose parameter set tells chroma, depths and scaling lists."""
 SMALL_LIST: Final = 6
 """So many scaling lists have 16 values, later ones 64."""
+LONGEST: Final = 4096
+"""Of a parameter set so much is read [bytes]: all its lists take 2 kB, and what a stranger sends may be any length."""
 _NOT_YET_8: Final = 8
 
 Size = tuple[int, int]
@@ -30,7 +32,7 @@ class _Bits:
     """Reads a unit bit by bit."""
 
     def __init__(self, unit: bytes) -> None:
-        content = unit.replace(b"\x00\x00\x03", b"\x00\x00")  # emulation prevention
+        content = unit[:LONGEST].replace(b"\x00\x00\x03", b"\x00\x00")  # emulation prevention
         self._value, self._left = int.from_bytes(content, "big"), 8 * len(content)
 
     def read(self, count: int) -> int:
