@@ -52,8 +52,8 @@ def test_the_size_stands_in_the_parameter_set(name: str) -> None:
 
 
 def test_a_parameter_set_without_an_end_is_left_after_its_first_pages() -> None:
-    """Two billion entries are announced, a megabyte of them comes: reading it bit by bit would take minutes."""
-    announced = "1" + "1" + "010" + "1" + "1" + "1" + "0" * 31 + "1" * 32
+    """Two million entries are announced and come: reading a megabyte bit by bit takes minutes."""
+    announced = "1" + "1" + "010" + "1" + "1" + "1" + "0" * 20 + "1" * 21
     head = int(announced.ljust(80, "1"), 2).to_bytes(10, "big")
     assert coded_sizes(b"\0\0\1\x67\x42\x00\x1e" + head + b"\xff" * 1_000_000) == ()
 
