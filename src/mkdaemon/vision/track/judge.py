@@ -86,10 +86,20 @@ class Judge:
 
     def rejoin(self, seen: Sight, candidates: Sequence[Pose], predicted: Pose) -> Verdict:
         """Let a track that lost its target for some images choose between poses that were found anew."""
-        rivals = [pose for pose in candidates if self._checks.refusal(seen, pose, predicted) is None]
+        believed = self._believed(predicted)
+        rivals = [pose for pose in candidates if self._checks.refusal(seen, pose, believed) is None]
         if self._track.branches is None or not rivals:
             return Verdict(None, PoseRefusal.AMBIGUOUS)
         return self._judge_branches(seen, self._track.branches.after(seen.time, rivals))
+
+    def _believed(self, predicted: Pose) -> Pose | None:
+        """What a rival is held against: the prediction, unless the track itself does not know which reading it follows.
+
+        It would refuse the other one then, image after image, whatever the images say.
+        """
+        branches = self._track.branches
+        is_open = self._track.in_doubt or (branches is not None and not branches.is_decided)
+        return None if is_open else predicted
 
     def start_branches(self, seen: Sight, candidates: Sequence[Pose], *, decided: bool) -> Branches:
         """Branches that start in this image, the best candidate first."""
@@ -127,7 +137,7 @@ class Judge:
         candidates = self._checks.candidates(seen, pose)
         branches = self._advance_branches(seen, candidates, predicted)
         chosen = branches.best.pose
-        refused = None if chosen is pose else self._checks.refusal(seen, chosen, predicted)
+        refused = None if chosen is pose else self._checks.refusal(seen, chosen, self._believed(predicted))
         return Verdict(None, refused) if refused is not None else self._judge_branches(seen, branches)
 
     def _judge_branches(self, seen: Sight, branches: Branches) -> Verdict:
