@@ -215,6 +215,25 @@ def test_a_fit_without_attitude(given, pose, refusal):
     assert track.branches.is_decided == (refusal is not PoseRefusal.AMBIGUOUS)
 
 
+@pytest.mark.parametrize("anew", [False, True])
+def test_a_track_in_doubt_goes_over_to_the_reading_that_the_images_speak_for(anew):
+    """It followed the wrong one; the other is a jump from there, and what the images say counts all the same."""
+    wrong, right = fitted(tilt_deg=15.0, loss=0.016), mirrored(fitted(tilt_deg=15.0), loss=0.01)
+    track = followed(wrong)
+    track.in_doubt = True
+    verdict = None
+    for k in range(1, 12):
+        judge = Judge(checks(GivenFits(wrong, mirror=right, cell_px=4.5), track))
+        if track.branches is None:
+            track.branches = judge.start_branches(sight(0.0), [wrong, right], decided=False)
+        seen = sight(k * STEP, attitude=False)
+        verdict = judge.rejoin(seen, [wrong, right], wrong) if anew else judge.measure(seen, wrong, wrong)
+    assert verdict is not None
+    assert verdict.refusal is None
+    assert verdict.pose is not None
+    assert angle_deg(verdict.pose.rotation, right.rotation) < 0.5
+
+
 def test_a_pose_off_the_course_is_followed_and_not_published():
     track, judge = followed(TILTED), None
     for k in range(1, 12):
