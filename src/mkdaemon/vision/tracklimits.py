@@ -18,7 +18,6 @@ class CertaintyLimits:
     position_share: float = of(0.0025, "share", "of the range, where that is more", "derived: 4 are 1 %")
     blind_rms_px: float = of(0.5, "px", "residual of an edge fit without attitude", BLIND)
     blind_grey_rms_px: float = of(0.4, "px", "of a grey-value fit, as shift of edges: 0.2-0.3 behind webcams", BLIND)
-    wide_factor: float = of(1.7, "factor", "on a position's deviation from wide edges", "95 % of NEES below 4.4")
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,8 +42,6 @@ class AmbiguityLimits:
     same_pose: float = of(radians(1.0), "rad", "candidates closer are one pose", "below the published deviation")
     samples_per_fact: float = of(4.0, "", "neighbouring samples share pixels", "derived: blur over sample spacing")
     min_log_odds: float = of(12.0, "nats", "from which the image decides", "derived: one in 160,000")
-    clear_ratio: float = of(1.4, "", "residual ratio that decides with clear odds", BLIND)
-    clear_log_odds: float = of(48.0, "nats", "asked for at that ratio: light and blur are shared", BLIND)
     max_odds_against: float = of(2.0, "nats", "of the image against what the track chooses", BLIND)
     track_near: float = of(radians(5.0), "rad", "farthest from its prediction that a track chooses", BLIND)
     track_far: float = of(radians(2.0), "rad", "the rival must be twice as far and so much more", BLIND)
@@ -63,7 +60,7 @@ class JudgeLimits:
     expected: float = of(9.0, "", "the same, inertia speaks for the pose", "chi-square(3), one in 34")
     backing_sd: float = of(radians(1.0), "rad", "of the predicted direction, for inertia to speak", BLIND)
     tilt_spread: float = of(radians(1.0), "rad", "of a pose that widens the attitude gate, at most", FLIGHTS)
-    holds_tilt: bool = of(True, "", "a fit that fails is tried again with its tilt held level", EARNED)
+    holds_tilt: bool = of(True, "", "a first pose that hidden parts mislead is fitted with its tilt held level", EARNED)
     fuses_course: bool = of(True, "", "a pose takes in what inertia knew before it", EARNED)
 
 

@@ -91,8 +91,6 @@ def choose(
         is_near = near < decides.track_near and far > 2.0 * near + decides.track_far
         if is_near and against < decides.max_odds_against:
             return Choice(chosen, ratio, "track")
-    if ratio >= decides.clear_ratio and log_odds(first, second) >= decides.clear_log_odds:
-        return Choice(first, ratio, "image")
     return None
 
 

@@ -200,8 +200,6 @@ def certainty_refusal(
     if not np.isfinite(variance) or variance > (certain.angle_sd if has_attitude else certain.blind_angle_sd) ** 2:
         return PoseRefusal.ANGLE_UNCERTAIN
     spread = float(np.sqrt(largest_variance(pose.covariance[:3, :3])))
-    if pose.source == "edges" and pose.blur_px is not None and pose.blur_px > limits.blur.wide_px:
-        spread *= certain.wide_factor
     if spread > max(certain.position_sd_m, certain.position_share * pose.range_m):
         return PoseRefusal.POSITION_UNCERTAIN
     return None
