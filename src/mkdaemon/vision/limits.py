@@ -162,6 +162,7 @@ class PhotoLimits:
     lost_grey: float = of(60.0, "grey", "residuals above are equally bad", BLIND)
     margin_cells: float = of(0.3, "cells", "rim of the quiet zone that is left out", STILLS)
     start_match: float = of(0.3, "correlation", "of a start that leads to its place", "0.34 and more, development")
+    found_match: float = of(0.7, "correlation", "of one of several prints that is found as a whole", STILLS)
     polish_match: float = of(0.95, "correlation", "of model and image where the model holds", STILLS)
     same_mahalanobis2: float = of(22.5, "", "farther apart two fits contradict each other", "chi-square(6), 1 in 1000")
 

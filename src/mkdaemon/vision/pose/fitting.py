@@ -14,6 +14,7 @@ from mkdaemon.vision.pose.edgefind import HALF_WIDTH
 from mkdaemon.vision.pose.edgefit import EdgeFit, Level
 from mkdaemon.vision.pose.evidence import EdgeEvidence
 from mkdaemon.vision.pose.gates import BitModel
+from mkdaemon.vision.pose.gather import PrintGatherer
 from mkdaemon.vision.pose.photofit import PhotoFit
 from mkdaemon.vision.pose.pose import Pose, solve
 from mkdaemon.vision.pose.projection import NEAR_M, Projection
@@ -31,6 +32,8 @@ WHOLE_ROOM_PX = 6.0
 MIXED_STEPS = 6
 """Of the fit to grey values after one to edges, as the width of the edges gives it a start; ten took 1.6 times as long
 and explained 89 of 104 images with motion blur instead of 85 (development seeds)."""
+CONFIRMED_BY = 3
+"""Prints that fix a plane."""
 DECODED_CELL_PX = 3
 """Cells from this size on are decoded in most images [px]."""
 
@@ -44,9 +47,9 @@ class TargetFitter:
         self._limits = limits
         self._edges = EdgeFit(target, projection, limits=limits)
         self._photo = PhotoFit(target, projection, limits)
+        self._gatherer = PrintGatherer(self._photo.prints, projection, limits)
         self._bits = BitModel(target, projection, limits)
         self._evidence = EdgeEvidence(target, projection, limits)
-        self._cell = target.tags[0].module
         papers = [tag.paper / 2 for tag in target.tags]
         square = np.array([[-1.0, 1.0], [1.0, 1.0], [1.0, -1.0], [-1.0, -1.0]])
         self._outline = np.concatenate(
@@ -72,16 +75,31 @@ class TargetFitter:
             candidates = [pose for pair in tags for pose in solve([pair], self._projection)]
         if motion_at is not None:
             candidates = [replace(pose, known_motion=motion_at(pose.position)) for pose in candidates]
+        candidates = [self._gatherer.gathered(pixels, candidate) for candidate in candidates]
         # Losses compare only between fits of one kind, so all candidates get the one the first of them asks for.
         for photometric in (True, False) if any(self._wants_photometric(c) for c in candidates) else (False,):
             fitted = [self._fit(pixels, candidate, photometric=photometric) for candidate in candidates]
             good = [pose for pose in fitted if pose is not None]
-            if good and (not photometric or len(good) == len(candidates)):
+            if good and (not photometric or len(good) == len(candidates) or self._are_confirmed(pixels, good)):
                 return good if photometric else [self._photo.polish(pixels, pose) for pose in good]
         return candidates
 
+    def _are_confirmed(self, pixels: Grey, fitted: Sequence[Pose]) -> bool:
+        """Whether prints that fix a plane speak for each candidate, so that one that could not be fitted is none.
+
+        About the line of two prints, or of a row of them, a pose may be turned like that of a single one.
+        """
+        for pose in fitted:
+            places = np.array([model.origin for model in self._photo.shows(pixels, pose)])
+            if len(places) < CONFIRMED_BY:
+                return False
+            if np.linalg.svd(places - places.mean(axis=0), compute_uv=False)[1] < self.target.tags[0].size:
+                return False
+        return True
+
     def refine(self, pixels: Grey, start: Pose, level: Level | None = None) -> Pose | None:
         """Improve a pose by the method its size, tilt and blur ask for, with a level its tilt held near it."""
+        start = self._gatherer.gathered(pixels, start)
         if self._wants_photometric(start):
             grey = self._fit(pixels, start, photometric=True, level=level)
             return self._fit(pixels, start, photometric=False, level=level) if grey is None else grey
@@ -89,7 +107,7 @@ class TargetFitter:
         if edges is None:
             return None
         is_melted = self._are_melted(edges)
-        if not is_melted and self._cell_px(edges) >= self._limits.cells.mixed_px:
+        if not is_melted and self._photo.prints.cell_px(edges) >= self._limits.cells.mixed_px:
             return edges
         # Edges that melted lie; others have found the place, from which a few steps are left.
         grey = self._fit_from(pixels, start if is_melted else edges, (edges.blur_px or 0.0) / HALF_WIDTH, level)
@@ -100,7 +118,8 @@ class TargetFitter:
 
     def _wants_photometric(self, start: Pose) -> bool:
         cells = self._limits.cells
-        return self._cell_px(start) < cells.photometric_px or start.tilt > cells.edges_up_to
+        prints = self._photo.prints
+        return prints.cell_px(start) < cells.photometric_px or prints.looked_at(start)[2] > cells.edges_up_to
 
     def _are_melted(self, pose: Pose) -> bool:
         """Whether the edges of a fit are so wide that neighbours run into each other and shift each other.
@@ -110,15 +129,12 @@ class TargetFitter:
         limits = self._limits
         if pose.widest_px is None or pose.rms_px < limits.edges.clean_px:
             return False
-        return self._cell_px(pose) < limits.cells.melted_widths * pose.widest_px
+        return self._photo.prints.cell_px(pose) < limits.cells.melted_widths * pose.widest_px
 
     def _fit_from(self, pixels: Grey, start: Pose, blur_px: float, level: Level | None = None) -> Pose | None:
         """Fit grey values from a point spread that is known nearly."""
         fitted = self._photo.fit(pixels, start, MIXED_STEPS, level, blur_px)
         return fitted if fitted is not None and np.isfinite(fitted.rms_px) else None
-
-    def _cell_px(self, pose: Pose) -> float:
-        return float(self._projection.focal[0]) * self._cell / max(float(pose.position[2]), NEAR_M)
 
     def _fit(self, pixels: Grey, start: Pose, *, photometric: bool, level: Level | None = None) -> Pose | None:
         if not photometric:
@@ -156,14 +172,11 @@ class TargetFitter:
         Returns:
             The rival, which may be `pose` again; none when it fits nothing.
         """
-        toward = -pose.position / max(pose.range_m, 1e-9)
-        normal = pose.rotation[:, 2]
-        axis = np.cross(normal, toward)
-        turned = (
-            np.asarray(cv2.Rodrigues(axis / max(float(np.linalg.norm(axis)), 1e-9) * 2 * pose.tilt)[0]) @ pose.rotation
-        )
-        middle = pose.rotation @ self.target.tags[0].position + pose.position
-        start = replace(pose, rotation=turned, position=middle - turned @ self.target.tags[0].position)
+        origin, toward, tilt = self._photo.prints.looked_at(pose)
+        axis = np.cross(pose.rotation[:, 2], toward)
+        turned = np.asarray(cv2.Rodrigues(axis / max(float(np.linalg.norm(axis)), 1e-9) * 2 * tilt)[0]) @ pose.rotation
+        start = replace(pose, rotation=turned, position=pose.rotation @ origin + pose.position - turned @ origin)
+        start = self._gatherer.gathered(pixels, start)
         # Losses compare only between fits of one kind, so the rival gets that of the pose.
         if pose.source == "photometric" and not self._wants_photometric(pose):
             return self._fit_from(pixels, start, pose.blur_px or 0.0)

@@ -15,6 +15,7 @@ Source: direct alignment, Lucas and Kanade, IJCAI 1981; Gauss-Newton with Levenb
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import cv2
@@ -26,6 +27,7 @@ from mkdaemon.vision.pose.edgefit import Level
 from mkdaemon.vision.pose.photostep import MOTION, SPREAD, PhotoState, PhotoStepper
 from mkdaemon.vision.pose.pose import Pose, turn
 from mkdaemon.vision.pose.printmodel import PrintModel
+from mkdaemon.vision.pose.prints import Prints
 from mkdaemon.vision.pose.projection import NEAR_M, Projection
 from mkdaemon.vision.pose.rolling import motion_at_rest
 from mkdaemon.vision.tags.tagmap import Target
@@ -51,13 +53,12 @@ SETTLED, SETTLED_BLUR = 0.06, 0.05
 
 
 class PhotoFit:
-    """Fits the pose of one target to grey values; uses the tags in the plane of the largest one."""
+    """Fits the pose of one target to the grey values of all its prints in the image."""
 
     def __init__(self, target: Target, projection: Projection, limits: Limits = LIMITS) -> None:
-        self._projection = projection
         self._limits = limits
-        self._print = PrintModel(target, projection, limits)
-        self._stepper = PhotoStepper(self._print, projection, limits)
+        self.prints = Prints(target, projection, limits)
+        self._stepper = PhotoStepper(projection, limits)
         self._rolls = projection.intrinsics.line_time > 0.0
 
     def fit(
@@ -85,11 +86,49 @@ class PhotoFit:
         if self._rolls:
             motion = start.motion if start.motion is not None else motion_at_rest()
         at = PhotoState(start.rotation, start.position, blur_px**2 * np.eye(2), motion)
+        seen = self.prints.seen(at.rotation, at.position, pixels.shape)
+        near = seen if len(seen) == 1 else self._alike(pixels, seen, at, self._limits.photo.start_match) or seen
+        found = self._fit(pixels, near, at, start, iterations, level)
+        if found is None or len(self.prints.all) == 1:
+            return None if found is None else found[1]
+        seen = self.prints.seen(found[0].rotation, found[0].position, pixels.shape)
+        shown = self._alike(pixels, seen, found[0], self._limits.photo.found_match)
+        if shown and set(shown) != set(near):
+            found = self._fit(pixels, shown, found[0], start, iterations, level)
+        return None if found is None or not shown else self._with_missing(found[1], seen, shown)
+
+    def shows(self, pixels: Grey, pose: Pose) -> tuple[PrintModel, ...]:
+        """Prints that the image clearly shows where a pose puts them."""
+        blur_px = pose.blur_px or START_BLUR_PX
+        at = PhotoState(pose.rotation, pose.position, blur_px**2 * np.eye(2), pose.motion)
+        seen = self.prints.seen(pose.rotation, pose.position, pixels.shape)
+        return tuple(
+            model for model in seen if self._stepper.match(pixels, model, at) >= self._limits.photo.found_match
+        )
+
+    def _with_missing(self, pose: Pose, seen: Sequence[PrintModel], near: Sequence[PrintModel]) -> Pose:
+        """The pose with what speaks against it: prints that should be in the image and are not there."""
+        size = {model: (model.half / model.depth(pose.rotation, pose.position)) ** 2 for model in {*seen, *near}}
+        share = sum(size[model] for model in near) / sum(size.values())
+        lost = float(np.log(self._limits.photo.lost_grey**2))
+        loss = float(np.exp(share * np.log(max(pose.loss, 1e-9)) + (1.0 - share) * lost))
+        return replace(pose, inliers=share * pose.inliers, loss=loss)
+
+    def _fit(
+        self,
+        pixels: Grey,
+        prints: Sequence[PrintModel],
+        at: PhotoState,
+        start: Pose,
+        iterations: int,
+        level: Level | None,
+    ) -> tuple[PhotoState, Pose] | None:
+        """Where a fit to some prints ends, and its pose."""
         damping, last = FIRST_DAMPING, np.inf
         best: PhotoState | None = None
         fitted: Pose | None = None
         for _ in range(iterations):
-            step = self._stepper.step(pixels, at, start, level, damping)
+            step = self._stepper.step(pixels, prints, at, start, level, damping)
             if step is None or (best is None and (step.pose.match or 0.0) < self._limits.photo.start_match):
                 return None
             if step.cost < last:
@@ -103,18 +142,25 @@ class PhotoFit:
                     break
                 at = best
                 damping *= TIGHTEN
-                step = self._stepper.step(pixels, at, start, level, damping)
+                step = self._stepper.step(pixels, prints, at, start, level, damping)
                 if step is None:
                     return None
             at = _moved(at, step.change)
             if step.length2 < SETTLED and float(np.abs(step.change[SPREAD]).max()) < SETTLED_BLUR:
+                best = at
                 fitted = replace(step.pose, rotation=at.rotation, position=at.position, motion=at.motion)
                 break
             if not np.isfinite(at.position).all() or at.position[2] < NEAR_M:
                 return None
             if np.linalg.norm(at.position - start.position) > self._limits.edges.max_move * start.range_m:
                 return None
-        return fitted
+        return None if best is None or fitted is None else (best, fitted)
+
+    def _alike(
+        self, pixels: Grey, prints: Sequence[PrintModel], at: PhotoState, least: float
+    ) -> tuple[PrintModel, ...]:
+        """Of several prints those that the image shows at a state: hidden and missed ones would lead a fit astray."""
+        return tuple(model for model in prints if self._stepper.match(pixels, model, at) >= least)
 
     def explains(self, grey: Pose) -> bool:
         """Whether the model holds for a fit to grey values: nothing lies over the print or shines on it."""
@@ -139,7 +185,7 @@ class PhotoFit:
             The better pose, or `pose` itself.
         """
         limits, whole = self._limits, self._limits.agreement.whole
-        cell_px = float(self._projection.focal[0]) * self._print.cell / max(float(pose.position[2]), NEAR_M)
+        cell_px = self.prints.cell_px(pose)
         if pose.source != "edges" or cell_px > limits.cells.small_px or pose.inliers < whole:
             return pose
         grey = self.fit(pixels, pose)

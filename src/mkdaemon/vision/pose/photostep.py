@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from math import sqrt
 from typing import Final
 
 import numpy as np
@@ -26,9 +28,9 @@ COST_BOUND: Final = 5.0
 """Deviations at which a residual costs no more."""
 LEAST_NOISE: Final = 0.3
 """Variance of grey values rounded to integers and averaged by the fit [grey^2]."""
-POSE, SPREAD, MOTION, BENDS = slice(0, 6), slice(13, 16), slice(16, 20), slice(20, 25)
+POSE, LIGHT, SPREAD, MOTION, BENDS = slice(0, 6), slice(6, 13), slice(13, 16), slice(16, 20), slice(20, 25)
 """Where the unknowns are: pose, then light with its tone curve, point spread; under a rolling shutter the motion and
-what it lacks."""
+what it lacks. The light of further prints comes behind all of them."""
 LIGHTS, SPREADS = 7, 3
 TOE: Final = 0.05
 """Light of ink over that of paper: where a tone curve lifts the dark. With a logarithm from there the model follows a
@@ -92,41 +94,66 @@ class _Lit:
         return cls(columns, gain, contrast + gain[6] * (TOE_GAIN / (TOE + at.value) - 1.0))
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class _Part:
+    """What one print says.
+
+    Attributes:
+        at: model and image at its pixels.
+        residual: of each pixel `(n,)` [grey].
+        rows: derivative by all unknowns of a single print `(k, n)`, in units of one size.
+        unit: these units `(k,)`.
+        brightness: of its white over its black [grey].
+        steepness: rms slope of the lit print [grey/px].
+    """
+
+    at: PrintSamples
+    residual: Array
+    rows: Array
+    unit: Array
+    brightness: float
+    steepness: float
+
+
 class PhotoStepper:
     """Computes the steps of one target's fit.
 
     Args:
-        model: of its print.
         projection: of the lens.
         limits: all thresholds.
     """
 
-    def __init__(self, model: PrintModel, projection: Projection, limits: Limits) -> None:
-        self._print, self._projection, self._limits = model, projection, limits
+    def __init__(self, projection: Projection, limits: Limits) -> None:
+        self._projection, self._limits = projection, limits
         self._line_time = projection.intrinsics.line_time
 
     def step(
-        self, pixels: Grey, state: PhotoState, start: Pose, level: Level | None, damping: float
+        self,
+        pixels: Grey,
+        prints: Sequence[PrintModel],
+        state: PhotoState,
+        start: Pose,
+        level: Level | None,
+        damping: float,
     ) -> PhotoStep | None:
         """One step: (J W J^T + P + damping diag) s = J W r + p with what is known beforehand, P and p.
 
-        None where the print is not in full view, or the image holds fewer pixels of it than the smallest print has.
+        Pose, point spread and motion are those of all prints, each has light of its own. None where no print is in full
+        view, or the image holds fewer pixels of each than the smallest print has.
         """
-        rotation, position = state.rotation, state.position
-        model = self._print.render(pixels.shape, rotation, position, state.spread, state.motion)
-        if model is None:
+        parts = [part for part in (self._part(pixels, model, state) for model in prints) if part is not None]
+        if not parts:
             return None
-        limits = self._limits.photo
-        at = model.samples(pixels)
-        if at.value.size < limits.min_window_px**2:
-            return None
-        lit = _Lit.of(at, self._print.half)
-        jacobian, unit = self._jacobian(at, lit, state)
-        residual = at.grey - lit.gain @ lit.columns
-        bends = self._bends(residual, jacobian[BENDS])
-        residual -= bends @ jacobian[BENDS]
+        limits, rotation, position = self._limits.photo, state.rotation, state.position
+        jacobian, unit = _joined(parts)
+        value = np.concatenate([part.at.value for part in parts])
+        grey = np.concatenate([part.at.grey for part in parts])
+        residual = np.concatenate([part.residual for part in parts])
+        bends = self._bends(residual, jacobian[BENDS] if state.motion is not None else jacobian[:0])
+        if bends.size:
+            residual -= bends @ jacobian[BENDS]
         # Robust weights: 1 within c sigma, (c sigma / r)^2 beyond, sigma from the median of |r|; times the clarity.
-        clear = clarity(residual, at.value)
+        clear = clarity(residual, value)
         size = np.abs(residual) * clear
         scatter = max(MAD * median(size), 1.0)
         np.maximum(size, 1e-6, out=size)
@@ -136,17 +163,17 @@ class PhotoStepper:
         cost = float(np.mean(np.minimum(size, COST_BOUND * scatter) ** 2))
         weighted = jacobian * weights
         noise = max(float((weights * residual**2).sum() / max(weights.sum() - len(unit), 1.0)), LEAST_NOISE)
-        noise *= shared_by(np.clip(residual * clear, -bound, bound), at.used)
+        noise *= _shared(parts, np.clip(residual * clear, -bound, bound))
         prior, pull, surprise = self._prior(state, bends, start, level, noise, len(unit))
         normal = weighted @ jacobian.T + prior * np.outer(unit, unit)
         ridge = damping * np.diag(np.diag(normal)) + 1e-9 * np.eye(len(unit))
         change = np.linalg.solve(normal + ridge, weighted @ residual + pull * unit) * unit
         # Covariance of the pose with the rest unknown: sigma^2 times its block of the inverse normal matrix.
         inverse = np.linalg.inv(normal + 1e-9 * np.eye(len(unit)))[POSE, POSE] * np.outer(unit[POSE], unit[POSE])
-        # Residual as a shift of edges: rms over the rms slope of the lit print [grey / (grey/px)].
-        steepness = float(np.sqrt(np.mean(at.dx**2 + at.dy**2))) * abs(float(lit.gain[0]))
+        # Residual as a shift of edges: rms over the rms slope of the lit prints [grey / (grey/px)].
+        steepness = sqrt(sum(part.steepness**2 * part.residual.size for part in parts) / value.size)
         squared = np.minimum(size, limits.lost_grey) ** 2 + limits.quiet_grey**2
-        is_positive = bool(lit.gain[0] > 0)
+        is_positive = all(part.brightness > 0.0 for part in parts)
         pose = Pose(
             rotation,
             position,
@@ -157,13 +184,33 @@ class PhotoStepper:
             float((agreeing > limits.counted).mean()),
             float(np.linalg.norm(change[:3])) / max(float(np.linalg.norm(position)), 1e-9),
             float(np.exp(np.mean(np.log(squared)))),
-            correlation(at.grey, at.grey - residual) if is_positive else -1.0,
+            correlation(grey, grey - residual) if is_positive else -1.0,
             float(np.linalg.det(state.spread)) ** 0.25,
             motion=state.motion,
             known_motion=start.known_motion,
         )
         length2 = float(change[POSE] @ np.linalg.solve(pose.covariance, change[POSE]))
-        return PhotoStep(change, cost * (1.0 + surprise / at.value.size), pose, length2)
+        return PhotoStep(change, cost * (1.0 + surprise / value.size), pose, length2)
+
+    def match(self, pixels: Grey, model: PrintModel, state: PhotoState) -> float:
+        """Correlation between one print and the image where a state puts it; -1 where it cannot be told."""
+        part = self._part(pixels, model, state)
+        if part is None or part.brightness <= 0.0:
+            return -1.0
+        return correlation(part.at.grey, part.at.grey - part.residual)
+
+    def _part(self, pixels: Grey, model: PrintModel, state: PhotoState) -> _Part | None:
+        """What one print says; none where it is not in full view, or too few of its pixels are."""
+        rendered = model.render(pixels.shape, state.rotation, state.position, state.spread, state.motion)
+        if rendered is None:
+            return None
+        at = rendered.samples(pixels)
+        if at.value.size < self._limits.photo.min_window_px**2:
+            return None
+        lit = _Lit.of(at, model.half)
+        rows, unit = self._jacobian(at, lit, model, state)
+        steepness = float(np.sqrt(np.mean(at.dx**2 + at.dy**2))) * abs(float(lit.gain[0]))
+        return _Part(at, at.grey - lit.gain @ lit.columns, rows, unit, float(lit.gain[0]), steepness)
 
     def _bends(self, residual: Array, columns: Array) -> Array:
         """What the motion lacks, by the residuals `(n,)` of this state, with its columns `(k, n)`; empty without one.
@@ -178,10 +225,10 @@ class PhotoStepper:
         bends = np.linalg.solve((columns * weights) @ columns.T + known, columns @ (weights * residual))
         return np.asarray(bends, np.float64)
 
-    def _jacobian(self, at: PrintSamples, lit: _Lit, state: PhotoState) -> tuple[Array, Array]:
-        """Derivative of the grey values by all unknowns `(k, n)`, in units `(k,)` of one size."""
-        rotation, axes, motion = state.rotation, self._print.axes, state.motion
-        arm = np.column_stack([at.u, at.v]) @ (rotation @ axes[:, :2]).T + rotation @ self._print.origin
+    def _jacobian(self, at: PrintSamples, lit: _Lit, model: PrintModel, state: PhotoState) -> tuple[Array, Array]:
+        """Derivative of a print's grey values by all its unknowns `(k, n)`, in units `(k,)` of one size."""
+        rotation, axes, motion = state.rotation, model.axes, state.motion
+        arm = np.column_stack([at.u, at.v]) @ (rotation @ axes[:, :2]).T + rotation @ model.origin
         seen, times = arm + state.position, np.zeros(len(arm))
         if motion is not None:
             times = (at.row - (self._projection.intrinsics.height - 1) / 2) * self._line_time
@@ -225,3 +272,26 @@ class PhotoStepper:
             pull[unknown] = weight * off
             surprise += float(((off / spread) ** 2).sum())
         return prior, pull, surprise
+
+
+def _joined(parts: Sequence[_Part]) -> tuple[Array, Array]:
+    """Derivatives of all prints' grey values `(k, n)` with their units `(k,)`."""
+    first, *others = parts
+    if not others:
+        return first.rows, first.unit
+    rows = np.concatenate([part.rows for part in parts], axis=1)
+    lights = np.zeros((LIGHTS * len(others), rows.shape[1]))
+    end = first.rows.shape[1]
+    rows[LIGHT, end:] = 0.0
+    for number, part in enumerate(others):
+        start, end = end, end + part.rows.shape[1]
+        lights[LIGHTS * number : LIGHTS * (number + 1), start:end] = part.rows[LIGHT]
+    return np.concatenate([rows, lights]), np.concatenate([first.unit, np.tile(first.unit[LIGHT], len(others))])
+
+
+def _shared(parts: Sequence[_Part], residual: Array) -> float:
+    """By how much noise that neighbours share raises the variance, the mean of all prints' pixels."""
+    ends = np.cumsum([part.residual.size for part in parts])
+    pieces = np.split(residual, ends[:-1])
+    shares = [shared_by(piece, part.at.used) * piece.size for part, piece in zip(parts, pieces, strict=True)]
+    return sum(shares) / residual.size

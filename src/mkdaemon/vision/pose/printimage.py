@@ -67,6 +67,23 @@ class RenderedPrint:
     half: float
     used: float
 
+    def template(self) -> tuple[Image32, npt.NDArray[np.bool_], int, int]:
+        """The print at whole pixels `(h, w)`, which of them are of it, and the column and row where they begin."""
+        pad, window = self.pad, self.window
+        height, width = window.height - 2 * pad, window.width - 2 * pad
+        first = FINE * pad + FINE // 2
+        seen = self.fine[first : first + FINE * height : FINE, first : first + FINE * width : FINE]
+        u, v = self._places(height, width)
+        used = (np.abs(u) < self.used) & (np.abs(v) < self.used)
+        return np.ascontiguousarray(seen), used, window.x0 + pad, window.y0 + pad
+
+    def _places(self, height: int, width: int) -> tuple[Array, Array]:
+        """Where on the print each pixel is `(h, w)` [m]."""
+        pad, m = self.pad, self.plane_from_pixel
+        x, y = np.arange(pad, pad + width, dtype=np.float64), np.arange(pad, pad + height, dtype=np.float64)[:, None]
+        w = m[2, 0] * x + (m[2, 1] * y + m[2, 2])
+        return (m[0, 0] * x + (m[0, 1] * y + m[0, 2])) / w, (m[1, 0] * x + (m[1, 1] * y + m[1, 2])) / w
+
     def samples(self, pixels: Grey) -> PrintSamples:
         """Model and image where the print is; differences are taken between neighbouring sub-samples."""
         pad, window = self.pad, self.window
@@ -79,11 +96,7 @@ class RenderedPrint:
 
         centre, left, right = shifted(0, 0), shifted(0, -1), shifted(0, 1)
         up, down = shifted(-1, 0), shifted(1, 0)
-        x, y = np.arange(pad, pad + width, dtype=np.float64), np.arange(pad, pad + height, dtype=np.float64)[:, None]
-        m = self.plane_from_pixel
-        w = m[2, 0] * x + (m[2, 1] * y + m[2, 2])
-        u = (m[0, 0] * x + (m[0, 1] * y + m[0, 2])) / w
-        v = (m[1, 0] * x + (m[1, 1] * y + m[1, 2])) / w
+        u, v = self._places(height, width)
         used = (np.abs(u) < self.used) & (np.abs(v) < self.used)
         top, start = window.y0 + pad, window.x0 + pad
         grey = pixels[top : top + height, start : start + width]
@@ -98,7 +111,7 @@ class RenderedPrint:
             ((up + down - 2 * centre) * FINE**2)[used].astype(np.float64),
             u[used],
             v[used],
-            np.broadcast_to(y + window.y0, used.shape)[used],
+            np.broadcast_to(np.arange(top, top + height, dtype=np.float64)[:, None], used.shape)[used],
             grey[used].astype(np.float64),
             used,
         )

@@ -13,7 +13,7 @@ from mkdaemon.vision.limits import Limits
 from mkdaemon.vision.pose.printimage import FINE, RenderedPrint, Window
 from mkdaemon.vision.pose.projection import NEAR_M, Projection
 from mkdaemon.vision.pose.rolling import exposed, skew
-from mkdaemon.vision.tags.tagmap import ONE_PLANE, Target
+from mkdaemon.vision.tags.tagmap import ONE_PLANE, Tag, Target
 
 Array = npt.NDArray[np.float64]
 Image32 = npt.NDArray[np.float32]
@@ -37,19 +37,24 @@ SQUARE = np.array([[-1.0, 1.0], [1.0, 1.0], [1.0, -1.0], [-1.0, -1.0]])
 
 
 class PrintModel:
-    """The print of one target; uses the tags in the plane of the largest one.
+    """One print of a target: a tag on its paper, with what lies on that.
+
+    Args:
+        target: with all its tags.
+        first: the largest tag of the print.
+        projection: of the lens.
+        limits: all thresholds.
 
     Attributes:
-        origin: centre of the largest tag `(3,)` [m; target].
+        origin: centre of that tag `(3,)` [m; target].
         axes: target from that tag `(3, 3)`.
         half: half the side of its paper [m].
         cell: side of its cells [m].
     """
 
-    def __init__(self, target: Target, projection: Projection, limits: Limits) -> None:
+    def __init__(self, target: Target, first: Tag, projection: Projection, limits: Limits) -> None:
         self._projection = projection
         self._limits = limits.photo
-        first = target.tags[0]
         self.origin, self.axes = first.position, first.rotation
         tags = [
             tag
@@ -57,7 +62,7 @@ class PrintModel:
             if float(tag.rotation[:, 2] @ first.rotation[:, 2]) > ONE_PLANE
             and abs(float(first.rotation[:, 2] @ (tag.position - first.position))) < first.module
         ]
-        # One quiet zone around the largest tag is surely white; other tags count where they lie inside it.
+        # One quiet zone around the tag is surely white; other tags count where they lie inside it.
         self.half = first.paper / 2
         self.cell = first.module
         side = (first.family.black_cells + 2) * TEXELS_PER_CELL
@@ -114,7 +119,7 @@ class PrintModel:
         if plane_from_pixel is None:
             return None
         fine = (
-            self._warp(window, plane_from_pixel, position)
+            self._warp(window, plane_from_pixel, rotation, position)
             if motion is None
             else self._warp_rows(window, plane_from_pixel, rotation, position, motion)
         )
@@ -177,9 +182,9 @@ class PrintModel:
             return None
         return found
 
-    def _warp(self, window: Window, plane_from_pixel: Array, position: Array) -> Image32:
+    def _warp(self, window: Window, plane_from_pixel: Array, rotation: Array, position: Array) -> Image32:
         """The print on the fine grid of the window."""
-        texture, texel_from_plane = self._texture(position)
+        texture, texel_from_plane = self._texture(self.depth(rotation, position))
         offset = (1.0 / FINE - 1.0) / 2
         pixel_from_fine = np.array([[1 / FINE, 0, offset], [0, 1 / FINE, offset], [0, 0, 1.0]])
         return np.asarray(
@@ -202,7 +207,7 @@ class PrintModel:
         A point M q of the print is then at A q with A = (I - t [w]) M + t s e (0 0 1), see `rolling`, so that
         q = A^-1 M H p for a pixel p and the homography H at rest.
         """
-        texture, texel_from_plane = self._texture(position)
+        texture, texel_from_plane = self._texture(self.depth(rotation, position))
         intrinsics = self._projection.intrinsics
         column = (np.arange(window.width * FINE, dtype=np.float32) + 0.5) / FINE - 0.5
         row = (np.arange(window.height * FINE) + 0.5) / FINE - 0.5
@@ -225,12 +230,16 @@ class PrintModel:
         cam_from_plane = rotation @ self.axes
         return np.column_stack([cam_from_plane[:, 0], cam_from_plane[:, 1], rotation @ self.origin + position])
 
-    def _texture(self, position: Array) -> tuple[Image32, Array]:
+    def depth(self, rotation: Array, position: Array) -> float:
+        """How far the middle of the print is along the optical axis [m]."""
+        return float((rotation @ self.origin + position)[2])
+
+    def _texture(self, depth: float) -> tuple[Image32, Array]:
         """The level whose texels are about a sub-sample wide, and texels from places on the print.
 
         Source: mip maps, Williams, SIGGRAPH 1983.
         """
-        size_px = float(self._projection.focal[0]) * self._texel / max(float(position[2]), NEAR_M)
+        size_px = float(self._projection.focal[0]) * self._texel / max(depth, NEAR_M)
         wanted = 1.0 / max(size_px * FINE, 1e-6)
         level = int(np.clip(np.floor(np.log2(max(wanted, 1.0))), 0, len(self._levels) - 1))
         texture = self._levels[level]
