@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from mkdaemon.config.vision import DetectorSection
+from mkdaemon.sim.scene.gloss import Gloss
 from mkdaemon.sim.scene.light import Conditions, Cover, Shadow
 from mkdaemon.sim.scene.processing import Processing
 from mkdaemon.vision.limits import LIMITS
@@ -160,6 +161,17 @@ def test_shadow_edge_in_a_blurred_image_is_found_by_the_equalised_search():
     assert detector.search(view.pixels, "log") == []
     (found,) = detector.search(view.pixels, "equalised")
     assert np.linalg.norm(found.corners - view.corners["tag36h11", 48], axis=1).max() < 1.0
+
+
+@pytest.mark.parametrize(("around", "beside"), [(1.5, 0.1), (3.0, 0.17), (4.5, 0.12)])
+def test_a_tag_whose_border_a_highlight_breaks_is_found_by_the_brightest_grey_values(around, beside):
+    gloss = Gloss(0.06, (np.sin(beside), 0.0, np.cos(beside)))
+    view = View(shipped("nested"), place(1.6, 0.05, around=around), Conditions(gloss=gloss))
+    detector = Detector({"tag36h11": frozenset({1, 48})})
+    assert all(detector.search(view.pixels, stage) == [] for stage in detector.stages if stage != "outline")
+    found = detector.search(view.pixels, "outline")
+    assert [tag.stage for tag in found] == ["bright"]
+    assert all(np.abs(tag.corners - view.corners[tag.family, tag.tag_id]).max() < 1.0 for tag in found)
 
 
 def patch(x, y, reflectance, radius=0.032):

@@ -46,6 +46,9 @@ _LOG_LUT: Grey = np.round(100 + 14 * (np.log10(np.arange(256) + 4.0) - np.log10(
 _LIGHT_LUT: Grey = np.round(255 * (np.arange(256) / 255) ** LIMITS.search.tone).astype(np.uint8)
 """Light from grey values: a tone curve lets white cells spread over small black ones, which then read as white."""
 
+_BRIGHT_LUT: Grey = np.round(255 * (np.arange(256) / 255) ** LIMITS.search.highlight).astype(np.uint8)
+"""Spreads the brightest grey values: ink in a highlight is nearly as bright as paper beside it."""
+
 
 def _prepare(pixels: Grey, stage: Stage) -> npt.NDArray[np.generic]:
     """The image a stage searches."""
@@ -53,6 +56,8 @@ def _prepare(pixels: Grey, stage: Stage) -> npt.NDArray[np.generic]:
         return cv2.LUT(pixels, _LOG_LUT)
     if stage == "linear":
         return cv2.LUT(pixels, _LIGHT_LUT)
+    if stage == "bright":
+        return cv2.LUT(pixels, _BRIGHT_LUT)
     if stage == "equalised":
         tiles = [max(round(length / LIMITS.search.tile_px), 2) for length in (pixels.shape[1], pixels.shape[0])]
         return cv2.createCLAHE(4.0, (tiles[0], tiles[1])).apply(pixels)
@@ -197,8 +202,16 @@ class Detector:
         """One search of a part that is large enough for a tag; libapriltag crashes on images of a few rows."""
         if min(pixels.shape) < LIMITS.search.min_window_px:
             return []
-        search = self._outline if stage == "outline" else self._search
-        return search.find(pixels, stage)
+        if stage != "outline":
+            return self._search.find(pixels, stage)
+        return self._outline.find(pixels, stage) or self._in_highlight(pixels)
+
+    def _in_highlight(self, pixels: Grey) -> list[Detection]:
+        """Tags whose outline a highlight breaks, or nearly: its ink is told from paper by the brightest grey values."""
+        if int(pixels.max()) < LIMITS.read.saturated:
+            return []
+        bright = np.asarray(_prepare(pixels, "bright"), dtype=np.uint8)
+        return self._search.find(pixels, "bright") or self._outline.find(bright, "outline")
 
     def _allowed_hamming(self, name: str, ids: int) -> int:
         """Most corrected bits that keep the chance of a random quad within bounds (four rotations, all codes)."""
@@ -224,7 +237,7 @@ class Detector:
             return False
         # Other images than the camera's have contrast on their own scale; hamming and quiet zone judge the bits there.
         margin = cfg.min_decision_margin * _contrast_share(pixels, found)
-        if found.stage not in ("log", "linear", "equalised", "outline") and found.decision_margin < margin:
+        if found.stage not in ("log", "linear", "equalised", "outline", "bright") and found.decision_margin < margin:
             return False
         low, high = found.corners.min(axis=0), found.corners.max(axis=0)
         x0, y0, x1, y1 = frame
