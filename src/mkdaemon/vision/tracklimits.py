@@ -60,7 +60,7 @@ class JudgeLimits:
     expected: float = of(9.0, "", "the same, inertia speaks for the pose", "chi-square(3), one in 34")
     backing_sd: float = of(radians(1.0), "rad", "of the predicted direction, for inertia to speak", BLIND)
     tilt_spread: float = of(radians(1.0), "rad", "of a pose that widens the attitude gate, at most", FLIGHTS)
-    holds_tilt: bool = of(True, "", "a first pose that hidden parts mislead is fitted with its tilt held level", EARNED)
+    holds_tilt: bool = of(True, "", "a fit that fails is tried again with its tilt held level", EARNED)
     fuses_course: bool = of(True, "", "a pose takes in what inertia knew before it", EARNED)
 
 

@@ -167,11 +167,19 @@ def test_cells_have_to_be_clearer_when_a_track_comes_back_late(bits, misses, ref
 
 
 @pytest.mark.parametrize(
-    ("free", "refusal"), [(fitted(tilt_deg=6.0), PoseRefusal.ATTITUDE), (None, PoseRefusal.NO_FIT)]
+    ("free", "held", "refusal"),
+    [
+        (fitted(tilt_deg=6.0), fitted(), None),
+        (None, fitted(), None),
+        (fitted(tilt_deg=6.0), None, PoseRefusal.ATTITUDE),
+        (fitted(tilt_deg=6.0), fitted(inliers=0.1), PoseRefusal.ATTITUDE),
+    ],
 )
-def test_a_followed_target_that_fits_otherwise_than_the_attitude_says_waits_for_the_next_image(free, refusal):
-    verdict = Judge(checks(GivenFits(free, held=fitted()), followed())).measure(sight(), fitted(), fitted())
-    assert (verdict.pose, verdict.refusal) == (None, refusal)
+def test_a_fit_that_follows_what_lies_on_the_target_is_tried_again_with_its_tilt_held(free, held, refusal):
+    verdict = Judge(checks(GivenFits(free, held), followed())).measure(sight(), fitted(), fitted())
+    assert verdict.refusal is refusal
+    assert (verdict.pose is not None) is (refusal is None)
+    assert verdict.pose is None or verdict.pose.rotation is held.rotation
 
 
 TILTED = fitted(tilt_deg=12.0)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from mkdaemon.telemetry.vision import PoseRefusal
 from mkdaemon.vision.pose.ambiguity import choose
@@ -11,6 +11,7 @@ from mkdaemon.vision.pose.gates import certainty_refusal
 from mkdaemon.vision.pose.pose import Pose
 from mkdaemon.vision.track.branches import Branches
 from mkdaemon.vision.track.checks import Checks, with_angle_variance
+from mkdaemon.vision.track.course import doubted
 from mkdaemon.vision.track.level import Sight
 
 
@@ -60,6 +61,12 @@ class Judge:
                 checks.level.learn(seen, pose)
                 return self._judge_with_attitude(seen, checks.level.fuse(seen, pose))
             return self._judge_without_attitude(seen, pose, predicted)
+        vertical = checks.level.vertical(seen)
+        if vertical is not None:
+            # A free fit may follow something lying over the target: hold the tilt and try again.
+            held = self._fitter.refine(seen.pixels, replace(start, rotation=predicted.rotation), vertical)
+            if held is not None and checks.refusal(seen, held, predicted) is None:
+                return self.add_inertia(seen, doubted(held))
         return Verdict(None, refused)
 
     def _refit(self, seen: Sight, pose: Pose, others: Iterable[Pose]) -> Pose:
