@@ -16,11 +16,12 @@ from mkdaemon.sim.scene.autoexposure import AutoExposure, AutoSettings
 from mkdaemon.sim.scene.curl import Curl
 from mkdaemon.sim.scene.gloss import Gloss
 from mkdaemon.sim.scene.grass import blades
-from mkdaemon.sim.scene.lensfaults import Dirt
+from mkdaemon.sim.scene.lensfaults import Dirt, grey_scale
 from mkdaemon.sim.scene.light import Conditions, Shadow
 from mkdaemon.sim.scene.processing import Processing
 from mkdaemon.sim.scene.shadows import SUN_OVER_SKY, LeafShadow, VehicleShadow
 from mkdaemon.sim.scene.view import CameraView
+from mkdaemon.vision.camera.intrinsics import Intrinsics
 from mkdaemon.vision.pose.pose import with_floor
 from mkdaemon.vision.tags.tagmap import TagMap
 from mkdaemon.vision.track.attitude import LOOKING_DOWN
@@ -38,16 +39,22 @@ PLAIN: Final = Device(response=RESPONSE)
 SLOW: Final = Device(exposure_time=0.018, response=RESPONSE)
 DUSK: Final = Device(Conditions(exposure=0.06, noise_sd=3.0, shot_gain=0.1), exposure_time=0.008, response=RESPONSE)
 """6 % of the light at four times the gain: noise of read-out and photons as of a small sensor."""
+FRINGE_PX: Final = 2.0
+GREY_LENS: Final = VGA.model_copy(
+    update={name: getattr(VGA, name) * grey_scale(FRINGE_PX, VGA.width, VGA.height) for name in ("fx", "fy")}
+)
+"""A lens whose colours are magnified differently, as a calibration with its grey images finds it."""
 TONE: Final = Device(Conditions(processing=Processing(gamma=2.2)), response=RESPONSE)
 
 
 @dataclass(frozen=True, slots=True)
 class Sky:
-    """A hardship and the camera that flies through it."""
+    """A hardship, the camera that flies through it, and the lens that the eyes take it for."""
 
     change: Change
     device: Device = PLAIN
     automatic: bool = False
+    lens: Intrinsics = VGA
 
 
 def _sun(rng: np.random.Generator, side: float) -> Callable[[CameraView, Conditions], Conditions]:
@@ -130,7 +137,7 @@ def _bright(_rng: np.random.Generator, _side: float) -> Callable[[CameraView, Co
 
 
 def _fringe(_rng: np.random.Generator, _side: float) -> Callable[[CameraView, Conditions], Conditions]:
-    return lambda _view, fair: replace(fair, fringe_px=2.0)
+    return lambda _view, fair: replace(fair, fringe_px=FRINGE_PX)
 
 
 SKIES: Final = {
@@ -144,7 +151,7 @@ SKIES: Final = {
     "exposure_18_ms": Sky(_nothing, SLOW),
     "over_exposed": Sky(_bright),
     "dirty_lens": Sky(_dirt),
-    "fringe": Sky(_fringe),
+    "fringe": Sky(_fringe, lens=GREY_LENS),
     "curl": Sky(_curl),
     "auto_exposure": Sky(_clouds, TONE, automatic=True),
 }
@@ -205,8 +212,8 @@ def fly_conditions(name: str, seed: int, seconds: float = SECONDS) -> dict[str, 
     """
     sky, target = SKIES[name], target_named("nested")
     eyes = {
-        "with_attitude": Tracker(TagMap((target,)), VGA, LOOKING_DOWN),
-        "without": Tracker(TagMap((target,)), VGA),
+        "with_attitude": Tracker(TagMap((target,)), sky.lens, LOOKING_DOWN),
+        "without": Tracker(TagMap((target,)), sky.lens),
     }
     weather = SkyWeather(sky, seed, target.tags[0].size)
     looks: dict[str, list[Look]] = {program: [] for program in eyes}

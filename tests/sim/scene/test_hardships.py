@@ -16,7 +16,7 @@ from mkdaemon.sim.scene.gloss import Gloss
 from mkdaemon.sim.scene.grass import blades
 from mkdaemon.sim.scene.hardships import fair_conditions, shadow_of_vehicle
 from mkdaemon.sim.scene.kinds import CAMERA_KINDS
-from mkdaemon.sim.scene.lensfaults import Dirt, add_dirt, add_fringe
+from mkdaemon.sim.scene.lensfaults import Dirt, add_dirt, add_fringe, grey_scale
 from mkdaemon.sim.scene.light import CLEAN, Conditions
 from mkdaemon.sim.scene.motion import Platform
 from mkdaemon.sim.scene.scene import Scene, SceneTarget
@@ -106,6 +106,17 @@ def test_red_and_blue_part_in_the_corners_alone() -> None:
     assert np.abs(fringed[120, 150:170] - light[120, 150:170]).max() < 0.05
     assert np.abs(fringed[5, :12] - light[5, :12]).max() < 0.05
     assert 0.2 < np.abs(fringed[5, 15:25] - light[5, 15:25]).max() < 0.5
+
+
+def test_a_fringe_moves_grey_edges_as_a_longer_lens_does():
+    """The middle of an upright edge 20 pixels beside the left border, by its centre of gravity."""
+    column = np.arange(640.0)
+    light = np.tile(1.0 / (1.0 + np.exp(-(column - 20.0))), (480, 1)).astype(np.float32)
+    slope = np.diff(add_fringe(light, 4.0)[240, :60].astype(np.float64))
+    found = float((slope * (column[:59] + 0.5)).sum() / slope.sum())
+    scale = grey_scale(4.0, 640, 480)
+    assert scale > 1.0
+    assert abs(found - (319.5 + scale * (20.0 - 319.5))) < 0.02
 
 
 def test_dirt_scatters_light_and_takes_none_away() -> None:

@@ -55,6 +55,20 @@ def add_fringe(light: Image32, fringe_px: float) -> Image32:
     return np.asarray(out, dtype=np.float32)
 
 
+def grey_scale(fringe_px: float, width: int, height: int) -> float:
+    """By how much such a lens magnifies the middle of an edge in its grey images, over its green.
+
+    Red lies farther out and has more of the grey than blue.
+
+    Args:
+        fringe_px: distance of red and blue in the corner of the image [px].
+        width: of the image [px].
+        height: of the image [px].
+    """
+    corner = float(np.hypot(width, height)) / 2
+    return 1.0 + (LUMA[0] - LUMA[2]) * 0.5 * fringe_px / corner
+
+
 def add_dirt(light: Image32, dirt: Dirt) -> Image32:
     """Light `(h, w)` behind a dirty lens: a part of it goes to near pixels, another part anywhere."""
     height, width = light.shape
