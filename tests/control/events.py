@@ -50,6 +50,7 @@ def pose(at):
     """A pose of an image at a time, two metres above the target."""
     return VisionPose.model_construct(
         stamp=Stamp(monotonic=at, wall=at),
+        camera="down",
         target="pad",
         position_flu=(0.0, 0.0, -2.0),
         quaternion_target_from_flu=(1.0, 0.0, 0.0, 0.0),

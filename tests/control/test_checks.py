@@ -88,6 +88,7 @@ STANDS = [
     ("battery", "battery_low", {"flight": flags(battery_low=True)}),
     ("camera", "camera_unfit", {"eyes": (eyes(EyeState.GONE, reason="unplugged"),)}),
     ("camera", "camera_unfit", {"eyes": (eyes(alarms={Alarm.UNCALIBRATED: "no calibration"}),)}),
+    ("agreement of cameras", "cameras_contradict", {"contradicting": ("forward",)}),
     ("age of images", "images_late", {"eyes": (eyes(latency_p50_ms=501.0), eyes(latency_p50_ms=900.0))}),
     ("time stamps", "camera_turned", {"stamps": Match(0.0, -0.9)}),
     ("time stamps", "stamps_off", {"stamps": Match(0.05, 0.9)}),

@@ -182,6 +182,12 @@ def _camera(known: Knowledge) -> Verdict:
     return passed(f"{len(eyes) - len(unfit)} of {len(eyes)} see, calibrated")
 
 
+def _agreement(known: Knowledge) -> Verdict:
+    if known.contradicting:
+        return stands(refuse(Token.CAMERAS_CONTRADICT, cameras=", ".join(known.contradicting)))
+    return passed("no camera contradicts another")
+
+
 def _unfit(stats: VisionStats) -> str:
     """Why a camera cannot be flown by; empty where it can."""
     for alarm in _UNFIT:
@@ -251,6 +257,7 @@ CHECKS: Final = (
     Check("receiver", Blocks.AUTONOMY, _receiver),
     Check("battery", Blocks.AUTONOMY, _battery),
     Check("camera", Blocks.AUTONOMY, _camera),
+    Check("agreement of cameras", Blocks.AUTONOMY, _agreement),
     Check("age of images", Blocks.AUTONOMY, _lateness),
     Check("target", Blocks.AUTONOMY, _target),
     Check("time stamps", Blocks.AUTONOMY, _stamps),

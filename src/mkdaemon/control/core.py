@@ -187,7 +187,7 @@ class FlightCore:
         self.facts.pose_received(pose)
         self._target.pose_received(pose)
         self.pacing.image_taken(pose.stamp.monotonic, is_ours=pose.target == self._target.target)
-        self._preflight.motion.target_seen(pose.stamp.monotonic, pose.position_flu)
+        self._preflight.pose_received(pose, self._target.contradicting)
 
     def model_known(self, model: AircraftModel) -> None:
         """Take the model of this aircraft's parameter set."""

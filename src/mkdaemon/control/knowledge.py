@@ -32,6 +32,7 @@ class Knowledge:
         battery: None where nobody says so.
         highest_voltage: that it had since the port was opened [V]; the cells are counted by it.
         eyes: what each camera last said of itself.
+        contradicting: cameras whose poses contradict those of the others.
         target_age: time since the newest image of a target [s]; None where there was none.
         stamps: do camera and boards tell of the same motion; None where nothing moved.
         free_disk: where the recorder writes [bytes]; None where nobody looked.
@@ -52,6 +53,7 @@ class Knowledge:
     battery: Battery | None = None
     highest_voltage: float = 0.0
     eyes: tuple[VisionStats, ...] = ()
+    contradicting: tuple[str, ...] = ()
     target_age: float | None = None
     stamps: Match | None = None
     free_disk: float | None = None

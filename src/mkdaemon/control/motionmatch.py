@@ -48,26 +48,33 @@ class Match:
 
 
 class MotionMatch:
-    """The motion of the last seconds, as the boards and as a camera reported it."""
+    """The motion of the last seconds, as the boards and as the cameras reported it."""
 
     def __init__(self) -> None:
         self._reported: deque[tuple[float, float, float]] = deque(maxlen=1000)
-        self._seen: deque[tuple[float, float, float]] = deque(maxlen=1000)
+        self._seen: dict[str, deque[tuple[float, float, float]]] = {}
 
     def attitude_received(self, at: float, pitch: float, roll: float) -> None:
         """Take an attitude of the boards, measured at a time [s]; nose down and right side down positive [rad]."""
         self._reported.append((at, pitch, roll))
 
-    def target_seen(self, at: float, position_flu: Sequence[float] | Array) -> None:
-        """Take the target's origin in the body frame (3,) [m; FLU] as an image of a time [s] shows it."""
+    def target_seen(self, at: float, position_flu: Sequence[float] | Array, camera: str = "") -> None:
+        """Take the target's origin in the body frame (3,) [m; FLU] as an image of a camera at a time [s] shows it."""
         depth = -float(position_flu[2])
         if depth > 0.0:
             angles = math.atan2(float(position_flu[0]), depth), math.atan2(-float(position_flu[1]), depth)
-            self._seen.append((at, *angles))
+            self._seen.setdefault(camera, deque(maxlen=1000)).append((at, *angles))
 
     def match(self, now: float) -> Match | None:
-        """Compare the last seconds; None where there was too little to see, or nothing moved."""
-        reported, seen = (_window(samples, now) for samples in (self._reported, self._seen))
+        """Compare the last seconds; None where there was too little to see, or nothing moved.
+
+        Of several cameras the worst counts: one that sees the opposite, else the one that is farthest off.
+        """
+        found = [match for seen in self._seen.values() if (match := self._match(seen, now)) is not None]
+        return min(found, key=lambda match: (match.likeness > -ALIKE, -abs(match.lag)), default=None)
+
+    def _match(self, samples: deque[tuple[float, float, float]], now: float) -> Match | None:
+        reported, seen = _window(self._reported, now), _window(samples, now)
         if reported is None or seen is None:
             return None
         start, end = max(reported[0, 0], seen[0, 0]), min(reported[-1, 0], seen[-1, 0])

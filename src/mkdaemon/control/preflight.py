@@ -20,6 +20,7 @@ from mkdaemon.telemetry.control import ControlLine, Gains, Obstacle
 from mkdaemon.telemetry.preflight import Blocks, PreflightReport
 from mkdaemon.telemetry.refusals import Token, refuse
 from mkdaemon.telemetry.setpoint import AttitudeSetpoint, Setpoint, StickSetpoint
+from mkdaemon.telemetry.vision import VisionPose
 
 FRESH: Final = 0.5
 """What stood in the way of autonomous flight is looked at again after this time [s]."""
@@ -41,6 +42,7 @@ class Preflight:
         self.active_set: ActiveSet = UNREAD
         self.line = ControlLine()
         self.has_guard = True
+        self._contradicting: tuple[str, ...] = ()
         self._model = AircraftModel()
         self._gains: Gains | None = None
         self._loop: CommandRejectedError | None = None
@@ -94,6 +96,11 @@ class Preflight:
                 raise refusal from None
         return self._gains
 
+    def pose_received(self, pose: VisionPose, contradicting: tuple[str, ...]) -> None:
+        """Take a pose, and the cameras whose poses contradict those of others."""
+        self.motion.target_seen(pose.stamp.monotonic, pose.position_flu, pose.camera)
+        self._contradicting = contradicting
+
     def model_known(self, model: AircraftModel) -> None:
         """Take the model of the aircraft's own parameter set."""
         if model != self._model:
@@ -126,6 +133,7 @@ class Preflight:
             battery=facts.battery(now),
             highest_voltage=facts.highest_voltage,
             eyes=tuple(facts.eyes.values()),
+            contradicting=self._contradicting,
             target_age=facts.pose_age(now),
             stamps=None if is_quick else self.motion.match(now),
             free_disk=facts.free_disk,

@@ -150,6 +150,11 @@ class TargetFlight:
         """Whether a target has been seen lately enough to hold or land by it."""
         return self._estimator is not None and now - self._estimator.seen_at <= self._cfg.level_after
 
+    @property
+    def contradicting(self) -> tuple[str, ...]:
+        """Cameras whose images contradict those of others."""
+        return () if self._estimator is None else self._estimator.contradicting
+
     def estimate(self, now: float) -> EstimateValue | None:
         """Return what is believed now, as it is published; None before the first pose."""
         return None if self._estimator is None else estimate_value(self.target, self._estimator, now)

@@ -224,6 +224,7 @@ def estimate_value(target: str, estimator: Estimator, now: float) -> EstimateVal
         is_nominal=estimator.is_nominal,
         stick_gain=estimator.stick_gain,
         stick_filter=estimator.model.stick_filter,
+        contradicting=estimator.contradicting,
     )
 
 
@@ -247,17 +248,20 @@ def view_of(pose: VisionPose) -> TargetView:
         np.array(pose.position_flu),
         rotation_from_quaternion(pose.quaternion_target_from_flu),
         np.array(pose.covariance).reshape(6, 6),
+        pose.camera,
     )
 
 
 def velocity_between(before: TargetView | None, view: TargetView) -> Array | None:
     """Velocity against the target from two views of it (3,) [m/s]; None where they are too far apart in time.
 
+    None, too, where they are of two cameras: nobody knows both mountings to the millimetre.
+
     From where the target lies in the body frame, as if that were level: a small tag close by shows its place to
     millimetres and the tilt to half a radian, which would make tens of metres a second of two places.
     """
     step = math.inf if before is None else view.at - before.at
-    if before is None or not SHORTEST_PAIR <= step <= LONGEST_PAIR:
+    if before is None or before.camera != view.camera or not SHORTEST_PAIR <= step <= LONGEST_PAIR:
         return None
     return _turned((before.position_flu - view.position_flu) / step, view.heading)
 

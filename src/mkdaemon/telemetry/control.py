@@ -203,6 +203,8 @@ class EstimateValue(Telemetry):
     """Tilt that a stick count asks for, over the model's; found in flight, 1 while it may be the model's."""
     stick_filter: float = 0.0
     """Time constant of the FlightCtrl's stick filter [s]: that of its release, unless the flight shows another."""
+    contradicting: tuple[str, ...] = ()
+    """Cameras whose images contradict those of the others and are not used."""
 
 
 class ControlEstimate(Stamped, EstimateValue):

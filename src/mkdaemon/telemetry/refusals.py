@@ -236,6 +236,11 @@ REFUSALS: Final[Mapping[str, Refusal]] = {
     Token.CAMERA_UNFIT: Refusal(
         Status.DENIED, "no camera can be flown by: {detail}.", "`mkctl watch 'vision/**'`; docs/cameras.md."
     ),
+    Token.CAMERAS_CONTRADICT: Refusal(
+        Status.DENIED,
+        "cameras see the target in different places; against the others is {cameras}.",
+        "Compare `vision/*/pose`; correct `mount` of the wrong one (`mkdaemon calibrate mount`), or remove it.",
+    ),
     Token.IMAGES_LATE: Refusal(
         Status.DENIED,
         "half of the images of camera {camera} are more than {late:.0f} ms old when they have been looked at, and the "

@@ -88,6 +88,7 @@ class Token(StrEnum):
     RECEIVER_WEAK = "receiver_weak"
     BATTERY_LOW = "battery_low"
     CAMERA_UNFIT = "camera_unfit"
+    CAMERAS_CONTRADICT = "cameras_contradict"
     IMAGES_LATE = "images_late"
     CAMERA_TURNED = "camera_turned"
     STAMPS_OFF = "stamps_off"

@@ -11,7 +11,7 @@ import numpy.typing as npt
 import pytest
 
 from mkdaemon.control.estimator.estimator import Estimator
-from mkdaemon.control.estimator.model import P
+from mkdaemon.control.estimator.model import P, T
 from mkdaemon.control.estimator.rollback import STEP
 from mkdaemon.control.estimator.values import TargetView
 from tests.control.estimator.test_estimator import HOVER, MODEL, Plant, view
@@ -92,3 +92,119 @@ def test_when_one_of_two_cameras_dies_the_estimate_goes_on(dies: int) -> None:
     late = len(found) // 2
     assert rms(found[late:]) < 1.1 * rms(left[late:])
     assert estimator.estimate(4.5).age < 0.3
+
+
+def displaced(true: TargetView, by: float) -> TargetView:
+    """What a camera shows whose lens sits elsewhere on the vehicle than its file says, to the right [m]."""
+    return replace(true, position_flu=true.position_flu + np.array([0.0, by, 0.0]))
+
+
+def fly(*cameras: tuple[str, int, float, int], seconds: float = 4.0) -> tuple[npt.NDArray[np.float64], Estimator]:
+    """Errors (n, 3) of a flight; each camera has a name, a period in steps, a wrong place [m] and a first step."""
+    plant, estimator = Plant(yaw=0.4), None
+    rng, found = np.random.default_rng(8), []
+    for k in range(round(seconds / STEP)):
+        for name, period, wrong, first in cameras:
+            if k % period == 0 and k >= first:
+                true = noisy(view(plant.now, plant.axes, 2.0, plant.yaw), 0.01, rng)
+                seen = replace(displaced(true, wrong), camera=name)
+                estimator = estimator or Estimator(MODEL, seen, HOVER)
+                estimator.advance(plant.now)
+                estimator.target_seen(seen)
+        if estimator is not None and k % 2 == 0:
+            estimator.attitude_received(plant.now, *plant.reported(), plant.yaw + 0.4)
+            sway = round(4 * math.sin(2.0 * plant.now))
+            estimator.sent(plant.stick(sway, -sway))
+            if plant.now > SETTLED:
+                found.append(estimator.estimate(plant.now).position - np.array([*plant.axes[:, P], 2.0]))
+        plant.step()
+    assert estimator is not None
+    return np.array(found), estimator
+
+
+WRONG = 0.3
+"""[m]."""
+
+
+def test_a_camera_that_contradicts_another_is_left_out_however_fast_it_is() -> None:
+    found, estimator = fly(("down", 6, 0.0, 0), ("forward", 1, WRONG, 200))
+    assert rms(found) < 0.02
+    assert estimator.contradicting == ("forward",)
+    assert estimator.innovation < 1.5
+
+
+def test_cameras_that_agree_contradict_nobody() -> None:
+    _, estimator = fly(("down", 6, 0.0, 0), ("forward", 5, 0.0, 3))
+    assert estimator.contradicting == ()
+
+
+def test_most_cameras_are_right() -> None:
+    found, estimator = fly(("down", 3, WRONG, 0), ("left", 3, 0.0, 1), ("right", 3, 0.0, 2))
+    assert estimator.contradicting == ("down",)
+    assert rms(found) < 0.02
+
+
+def test_a_camera_that_is_left_alone_is_believed_in_the_end() -> None:
+    plant = Plant(yaw=0.4)
+    first = replace(view(plant.now, plant.axes, 2.0, plant.yaw), camera="down")
+    estimator = Estimator(MODEL, first, HOVER)
+    for k in range(300):
+        plant.step()
+        estimator.advance(plant.now)
+        if k % 3 == 0:
+            seen = replace(view(plant.now, plant.axes, 2.0, plant.yaw), camera="forward")
+            if k > 100:
+                estimator.target_seen(displaced(seen, WRONG))
+            if k < 130:
+                estimator.target_seen(replace(seen, camera="down"))
+        if k == 130:
+            assert estimator.contradicting == ("forward",)
+    assert estimator.contradicting == ()
+    assert estimator.estimate(plant.now).age < 0.05
+
+
+def test_each_direction_counts_by_its_own_variance() -> None:
+    errors = []
+    for camera_blind_in in (0, 1):
+        plant, rng = Plant(yaw=0.0), np.random.default_rng(4)
+        spread = np.array([0.01, 0.01, 0.01])
+        spread[camera_blind_in] = 0.3
+        covariance = np.diag([*spread**2, 1e-4, 1e-4, 1e-4])
+        estimator, found = None, []
+        for k in range(250):
+            if k % 3 == 0:
+                true = view(plant.now, plant.axes, 2.0, plant.yaw)
+                seen = replace(
+                    true, position_flu=true.position_flu + spread * rng.standard_normal(3), covariance=covariance
+                )
+                estimator = estimator or Estimator(MODEL, seen, HOVER)
+                estimator.advance(plant.now)
+                estimator.target_seen(seen)
+                if k > 60:
+                    found.append(estimator.estimate(plant.now).position[:2] - plant.axes[:, P])
+            plant.step()
+        off = np.sqrt((np.array(found) ** 2).mean(axis=0))
+        errors.append(off[1 - camera_blind_in])
+        assert estimator is not None
+        variances = estimator.motion_covariance[:, 0]
+        assert variances[camera_blind_in] > 4.0 * variances[1 - camera_blind_in]
+    assert max(errors) < 0.02
+
+
+def test_the_attitude_in_two_poses_of_one_moment_counts_once() -> None:
+    tilts = []
+    for names in (("down",), ("down", "forward"), ("down", "forward", "back")):
+        plant, estimator = Plant(yaw=0.0), None
+        for k in range(60):
+            plant.step()
+            if k % 3:
+                continue
+            for name in names:
+                seen = replace(view(plant.now, plant.axes, 2.0, plant.yaw), camera=name)
+                estimator = estimator or Estimator(MODEL, seen, HOVER)
+                estimator.advance(plant.now)
+                vague = np.diag([100.0] * 3 + [1e-4] * 3)  # nothing but the tilt
+                estimator.target_seen(replace(seen, covariance=vague))
+        assert estimator is not None
+        tilts.append(float(estimator._level.covariances[0, T, T]))
+    assert tilts == pytest.approx([tilts[0]] * 3, rel=0.15)

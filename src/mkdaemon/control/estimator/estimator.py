@@ -13,6 +13,7 @@ from typing import Final
 
 import numpy as np
 
+from mkdaemon.control.estimator.cameras import Cameras
 from mkdaemon.control.estimator.commands import Command, CommandHistory
 from mkdaemon.control.estimator.model import GRAVITY, LEVEL_STATES, TH, AircraftModel, D, E, H, P, S, T, V
 from mkdaemon.control.estimator.rollback import GATE, STEP, Measurement, RollbackFilter
@@ -70,7 +71,7 @@ class Estimator:
         self.is_nominal = False
         self._nominal, self._tuning, self._robust = nominal, robust, robust
         self._agrees_since, self._agreement = view.at, robust.agreement
-        self._refused_views = self._refused_heights = 0
+        self._cameras, self._heights = Cameras(robust.patience), Cameras(robust.patience)
         tuning = robust
         self._yaw_offset = view.heading - compass
         self._headings: deque[tuple[float, float]] = deque([(view.at, compass)])
@@ -123,6 +124,11 @@ class Estimator:
         """Measurements outside their gates, since the start."""
         return self._level.rejected + self._vertical.rejected
 
+    @property
+    def contradicting(self) -> tuple[str, ...]:
+        """Cameras whose images contradict those of others and are not used."""
+        return tuple(sorted({*self._cameras.contradicting, *self._heights.contradicting}))
+
     def sent(self, command: StickCommand) -> None:
         """Take note of a stick frame that was written."""
         c, s = self._turn(command.at)
@@ -166,39 +172,47 @@ class Estimator:
     def target_seen(self, view: TargetView) -> None:
         """Take what an image showed of the target, however late."""
         tuning = self._tuning
-        self._align(view)
-        self._seen_at = max(self._seen_at, view.at)
+        shared_by = self._cameras.seen(view.camera, view.at)
+        self._heights.seen(view.camera, view.at)
+        is_trusted = view.camera not in self.contradicting
+        if is_trusted:
+            self._align(view)
+            self._seen_at = max(self._seen_at, view.at)
         turn = self._turn_matrix(view.at)
         seen, spread = turn @ view.position_flu, turn @ view.sight_covariance @ turn.T
         speed = float(np.abs(self._level.states[:, V]).max())
         timing = (speed * tuning.stamp_sd) ** 2
         row = np.zeros(LEVEL_STATES)
         row[P], row[T] = 1.0, seen[2]
-        variance = tuning.view_inflation**2 * float(spread[0, 0] + spread[1, 1]) / 2.0 + tuning.view_floor**2 + timing
-        doubt = tuning.doubt if self._refused_views >= tuning.patience else None
-        ratio = self._level.measure(Measurement(view.at, row, -seen[:2], variance), doubt)
+        level = tuning.view_inflation**2 * np.diag(spread)[:2] + tuning.view_floor**2 + timing
+        doubt = tuning.doubt if self._cameras.doubts(view.camera, view.at) else None
+        gate = GATE if is_trusted or doubt is not None else 0.0  # who contradicts the others is asked, not believed
+        ratio = self._level.measure(Measurement(view.at, row, -seen[:2], level, gate), doubt)
         if ratio is not None:
-            is_refused = bool((np.abs(ratio) > GATE).any())
-            self._refused_views = self._refused_views + 1 if is_refused and doubt is None else 0
-            self._judge(float(np.mean(ratio**2)), view.at)
+            is_refused = bool((np.abs(ratio) > GATE).any()) and doubt is None
+            self._cameras.judged(view.camera, is_refused=is_refused)
+            if is_trusted:
+                self._judge(float(np.mean(ratio**2)), view.at, is_refused=is_refused)
         up = view.target_from_flu[:, 2]
-        if up[2] > 0.5:
+        if up[2] > 0.5 and is_trusted:
             row = np.zeros(LEVEL_STATES)
             row[T] = 1.0
             variance = (tuning.view_inflation**2) * float(view.covariance[3, 3] + view.covariance[4, 4]) / 2.0
             variance += tuning.tilt_floor**2
             if variance < tuning.tilt_worst**2:
-                self._level.measure(Measurement(view.at, row, up[:2] / up[2], variance))
+                # The same attitude of the boards, and how the target lies, is in every camera's tilt: it counts once.
+                self._level.measure(Measurement(view.at, row, up[:2] / up[2], shared_by * variance))
         tilt = self._level.states_at(view.at)[:, T]
         normal = np.array([-tilt[0], -tilt[1], 1.0]) / math.sqrt(1.0 + float(tilt @ tilt))
         row = np.zeros(4)
         row[H] = 1.0
         variance = tuning.view_inflation**2 * float(normal @ spread @ normal) + tuning.height_floor**2
-        doubt = tuning.upright_doubt if self._refused_heights >= tuning.patience else None
-        ratio = self._vertical.measure(Measurement(view.at, row, np.array([-float(normal @ seen)]), variance), doubt)
+        doubt = tuning.upright_doubt if self._heights.doubts(view.camera, view.at) else None
+        gate = GATE if is_trusted or doubt is not None else 0.0
+        ratio = self._vertical.measure(Measurement(view.at, row, -normal @ seen[:, None], variance, gate), doubt)
         if ratio is not None:
-            is_refused = bool((np.abs(ratio) > GATE).any())
-            self._refused_heights = self._refused_heights + 1 if is_refused and doubt is None else 0
+            is_refused = bool((np.abs(ratio) > GATE).any()) and doubt is None
+            self._heights.judged(view.camera, is_refused=is_refused)
 
     def advance(self, now: float) -> None:
         """Bring the estimate up to a moment [s; monotonic]."""
@@ -267,13 +281,13 @@ class Estimator:
         self._has_other_filter = self._response.has_other_filter
         self.model = self.model.with_other_filter()
         self._level.set_dynamics(*self.model.horizontal(STEP))
-        self._refused_views = self._tuning.patience
+        self._cameras.expect_change()
 
-    def _judge(self, size: float, at: float) -> None:
+    def _judge(self, size: float, at: float, *, is_refused: bool) -> None:
         """Let the innovations of images decide how much the model counts."""
         tuning = self._tuning
         self.innovation += tuning.innovation_rate * (min(size, tuning.innovation_cap) - self.innovation)
-        if self.innovation > tuning.innovation_limit or self._refused_views:
+        if self.innovation > tuning.innovation_limit or is_refused:
             self._agrees_since = at
         agrees = at - self._agrees_since >= self._agreement
         if agrees != self.is_nominal and (agrees or self.innovation > tuning.innovation_limit):

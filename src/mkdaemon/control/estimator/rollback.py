@@ -33,14 +33,14 @@ class Measurement:
         at: when it was true [s; monotonic].
         row: what it sees of the state (n,).
         values: measured, one for each axis (k,).
-        variance: of each value.
+        variance: of the values, one for all or one for each axis (k,).
         gate: largest believable innovation [standard deviations].
     """
 
     at: float
     row: Array
     values: Array
-    variance: float
+    variance: float | Array
     gate: float = GATE
 
 

@@ -47,12 +47,14 @@ class TargetView:
         position_flu: the target's origin in the body frame (3,) [m; FLU].
         target_from_flu: attitude of the vehicle in the target frame (3, 3).
         covariance: of the vehicle's pose in the target frame (6, 6): position [m] and rotation vector [rad].
+        camera: whose image it was.
     """
 
     at: float
     position_flu: Array
     target_from_flu: Array
     covariance: Array
+    camera: str = ""
 
     @property
     def position(self) -> Array:
