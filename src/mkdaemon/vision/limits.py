@@ -145,7 +145,7 @@ class EdgeLimits:
     acceleration_sd: float = of(15.0, "rad/s^2", "of the camera's turning then", "0.4 rad/s that change in 30 ms")
     climbing_sd: float = of(2.0, "m/s", "along the optical axis, where no track knows it", "as of a first velocity")
     unknown_speed: float = of(1.0, "m/s", "across the line of sight, where no track knows it", FLIGHTS)
-    known_turning_sd: float = of(0.2, "rad/s", "of the turning between two attitudes 20 ms apart", "noise .1 deg each")
+    attitude_noise: float = of(radians(0.1), "rad", "of one reported attitude, each axis", "its last digit is .1 deg")
     known_climbing_sd: float = of(0.1, "m/s", "along the optical axis, where a track knows it", FLIGHTS)
     clean_px: float = of(0.1, "px", "residual below which edges do not shift each other", "0.03-0.1 in sharp images")
     systematic_px: float = of(0.01, "px", "interpolation error that does not average out", "noise-free stills")

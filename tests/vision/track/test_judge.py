@@ -10,6 +10,7 @@ import pytest
 
 from mkdaemon.config.vision import TrackerSection
 from mkdaemon.telemetry.vision import PoseRefusal
+from mkdaemon.vision.limits import LIMITS
 from mkdaemon.vision.pose.pose import Pose, turn
 from mkdaemon.vision.tags.tagmap import Target
 from mkdaemon.vision.track.attitude import LOOKING_DOWN
@@ -55,6 +56,9 @@ class GivenFits:
 
     def refine(self, pixels, start, level=None):
         return self.free if level is None else self.held
+
+    def is_small(self, pose):
+        return self.cell_px < LIMITS.cells.mixed_px
 
     def fit_mirrored(self, pixels, pose):
         return self.mirror
@@ -180,6 +184,15 @@ def test_a_fit_that_follows_what_lies_on_the_target_is_tried_again_with_its_tilt
     assert verdict.refusal is refusal
     assert (verdict.pose is not None) is (refusal is None)
     assert verdict.pose is None or verdict.pose.rotation is held.rotation
+
+
+def test_far_away_the_attitude_is_in_the_fit_and_not_told_a_second_time():
+    held = fitted(8.0, tilt_deg=1.0, covariance=np.diag([1e-6, 1e-6, 1e-4, 1.6e-3, 1.6e-3, 1e-5]))
+    judge = Judge(checks(GivenFits(fitted(8.0, tilt_deg=6.0), held, cell_px=3.0), followed(fitted(8.0))))
+    verdict = judge.measure(sight(), fitted(8.0), fitted(8.0))
+    assert verdict.refusal is PoseRefusal.ANGLE_UNCERTAIN
+    np.testing.assert_array_equal(verdict.pose.rotation, held.rotation)
+    np.testing.assert_allclose(verdict.pose.covariance, held.covariance)
 
 
 TILTED = fitted(tilt_deg=12.0)

@@ -15,9 +15,17 @@ from mkdaemon.sim.scene.scene import Scene, SceneTarget, cam_from_target
 from mkdaemon.sim.scene.view import CameraView
 from mkdaemon.vision.camera.image import CameraImage
 from mkdaemon.vision.limits import LIMITS
-from mkdaemon.vision.pose.pose import Pose
+from mkdaemon.vision.pose.edgefit import Level
+from mkdaemon.vision.pose.pose import Pose, turn
 from mkdaemon.vision.tags.tagmap import TagMap
-from mkdaemon.vision.track.attitude import LOOKING_DOWN, AttitudeHistory, AttitudeSample, fuse_normal
+from mkdaemon.vision.track.attitude import (
+    LOOKING_DOWN,
+    AttitudeHistory,
+    AttitudeSample,
+    fuse_normal,
+    normal_beside,
+    without_normal,
+)
 from mkdaemon.vision.track.deck import LONGEST, PRIOR_SD, Deck
 from mkdaemon.vision.track.level import LevelKnowledge, Sight
 from mkdaemon.vision.track.tracker import Tracker
@@ -71,6 +79,51 @@ def test_an_expected_normal_moves_an_uncertain_tilt_and_leaves_a_certain_one() -
     # Yaw, the turn about the normal, is not known any better.
     assert normal @ after.covariance[3:, 3:] @ normal == pytest.approx(0.01, rel=0.02)
     assert angle_deg(fuse_normal(sharp, up, np.radians(1.0)).rotation, tilted) < 0.01
+
+
+def test_what_a_fit_was_told_about_a_tilt_is_taken_out_of_it_again() -> None:
+    image = replace(pose_of(DOWN @ rotation_from_euler(np.radians(3.0), np.radians(1.0), 0.4)), covariance=np.eye(6))
+    spread = np.array([[2.0, 0.3, 0.1], [0.3, 1.5, 0.0], [0.1, 0.0, 1.0]]) * np.radians(1.0) ** 2
+    image.covariance[3:, 3:] = spread
+    held = fuse_normal(image, DOWN[:, 2], np.radians(1.0))
+    turned, own = normal_beside(held, DOWN[:, 2], np.radians(1.0))
+    assert np.degrees(np.arccos(turn(held.rotation, turned)[:, 2] @ image.rotation[:, 2])) < 0.1
+    across = np.linalg.svd(held.rotation[:, 2].reshape(1, 3))[2][1:]
+    np.testing.assert_allclose(across @ own @ across.T, across @ spread @ across.T, rtol=0.05, atol=1e-6)
+
+
+def test_the_pose_of_the_image_alone_comes_back_where_it_says_more_than_the_fit_was_told() -> None:
+    place = np.diag([1e-4, 1e-4, 1e-3, 1e-4, 2e-4, 1e-4])
+    place[2, 3] = place[3, 2] = 2e-4
+    image = replace(pose_of(DOWN @ rotation_from_euler(np.radians(1.0), np.radians(0.5), 0.4)), covariance=place)
+    alone = without_normal(fuse_normal(image, DOWN[:, 2], 0.03), DOWN[:, 2], 0.03)
+    assert alone is not None
+    assert angle_deg(alone.rotation, image.rotation) < 0.02
+    np.testing.assert_allclose(alone.position, image.position, atol=1e-4)
+    np.testing.assert_allclose(alone.covariance, image.covariance, rtol=0.05, atol=1e-6)
+    assert without_normal(fuse_normal(image, DOWN[:, 2], 0.005), DOWN[:, 2], 0.005) is None
+
+
+@pytest.mark.parametrize(("image_sd_deg", "learned"), [(50.0, False), (0.3, True)])
+def test_a_deck_is_learned_from_the_image_and_not_from_what_the_fit_was_told(
+    image_sd_deg: float, learned: bool
+) -> None:
+    level = knowledge()
+    first = level.gate(seen(), pose_of(DOWN))
+    for k in range(20):
+        held = level.vertical(seen(time=k / 30))
+        assert isinstance(held, Level)
+        image = pose_of(DOWN @ rotation_from_euler(np.radians(1.0), 0.0, 0.0), np.radians(image_sd_deg) ** 2)
+        level.learn(seen(time=k / 30), fuse_normal(image, held.up, held.spread), held)
+    assert bool(level.gate(seen(time=0.7), pose_of(DOWN)) < first - np.radians(0.5)) is learned
+
+
+def test_a_vague_image_that_surprises_does_not_move_the_deck() -> None:
+    deck = Deck()
+    for k in range(60):
+        deck.measured(k / 30, np.array([0.0, 0.0, 1.0]), SHARP)
+    deck.measured(2.0, np.array([0.14, 0.0, 1.0]), np.radians(2.0) ** 2 * np.eye(2), is_sure=False)
+    assert abs(float(deck.normal[0])) < np.radians(1.0)
 
 
 def test_a_tilted_deck_is_learned_whatever_way_the_vehicle_faces() -> None:
@@ -130,9 +183,24 @@ def test_a_target_on_a_tilted_deck_gets_true_poses_from_far_to_near() -> None:
 
 def test_the_turning_comes_from_the_attitudes_around_an_image() -> None:
     history = AttitudeHistory(AttitudeSample(k / 50, 0.4 * k / 50, 0.0, 0.0) for k in range(5))
-    assert history.turning_at(0.03) == pytest.approx([0.4, 0.0, 0.0], abs=1e-6)
+    turning = history.turning_at(0.03)
+    assert turning is not None
+    assert turning.rate == pytest.approx([0.4, 0.0, 0.0], abs=1e-6)
     assert history.turning_at(0.2) is None
     assert AttitudeHistory([]).turning_at(0.0) is None
+
+
+def test_turning_is_known_best_half_way_between_attitudes_and_worse_the_closer_they_are() -> None:
+    def sd_at(time: float, apart: float) -> float:
+        turning = AttitudeHistory(AttitudeSample(k * apart, 0.4 * k * apart, 0.0, 0.0) for k in range(9)).turning_at(
+            time
+        )
+        assert turning is not None
+        return turning.sd
+
+    assert sd_at(0.05, 0.02) == pytest.approx(np.sqrt(2.0) * np.radians(0.1) / 0.02, rel=1e-3)
+    assert sd_at(0.05, 0.02) < sd_at(0.0401, 0.02) < 0.2
+    assert sd_at(0.05, 0.01) > 1.5 * sd_at(0.05, 0.02)
 
 
 def test_distant_attitudes_say_nothing_about_the_turning_between_them() -> None:

@@ -116,6 +116,10 @@ class TargetFitter:
             return edges
         return grey
 
+    def is_small(self, pose: Pose) -> bool:
+        """Whether cells are so small that grey values measure the target, alone or after edges."""
+        return self._photo.prints.cell_px(pose) < self._limits.cells.mixed_px
+
     def _wants_photometric(self, start: Pose) -> bool:
         cells = self._limits.cells
         prints = self._photo.prints

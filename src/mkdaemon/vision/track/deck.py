@@ -50,18 +50,21 @@ class Deck:
         variance = float(np.linalg.eigvalsh(self._covariance)[-1]) + self._drifted(time)
         return min(sqrt(variance), PRIOR_SD)
 
-    def measured(self, time: float, normal: Array, covariance: Array) -> None:
+    def measured(self, time: float, normal: Array, covariance: Array, *, is_sure: bool = True) -> None:
         """Take in a normal that an image measured.
 
         Args:
             time: of the image [s].
             normal: `(3,)`, ENU.
             covariance: of its horizontal part with the attitude's `(2, 2)` [rad^2].
+            is_sure: whether a surprise means that the deck has moved; one that is not sure is left out.
         """
         self._drift_to(time)
         surprise = normal[:2] - self._mean
         expected = self._covariance + covariance
         if float(surprise @ np.linalg.solve(expected, surprise)) > MOVED:
+            if not is_sure:
+                return
             # It has moved: what was known before counts no more than the surprise is large.
             self._covariance = self._covariance + np.outer(surprise, surprise)
             expected = self._covariance + covariance

@@ -7,8 +7,10 @@ from dataclasses import dataclass, replace
 
 from mkdaemon.telemetry.vision import PoseRefusal
 from mkdaemon.vision.pose.ambiguity import choose
+from mkdaemon.vision.pose.edgefit import Level
 from mkdaemon.vision.pose.gates import certainty_refusal
 from mkdaemon.vision.pose.pose import Pose
+from mkdaemon.vision.track.attitude import without_normal
 from mkdaemon.vision.track.branches import Branches
 from mkdaemon.vision.track.checks import Checks, with_angle_variance
 from mkdaemon.vision.track.course import doubted
@@ -51,12 +53,21 @@ class Judge:
             others: starts that are tried where few edges agree; asked for only then.
         """
         checks = self._checks
-        pose = self._fitter.refine(seen.pixels, start)
+        # Far away a tilt hardly shows: what the attitude knows of it belongs into the fit, which is not linear there.
+        vertical = checks.level.vertical(seen)
+        held = vertical if self._fitter.is_small(start) else None
+        pose = self._fitter.refine(seen.pixels, start, held)
         if pose is not None and checks.has_few_edges(pose):
             # Where the start was half a cell off, another one fits better.
-            pose = self._refit(seen, pose, others)
+            pose = self._refit(seen, pose, others, held)
+        alone = without_normal(pose, held.up, held.spread) if pose is not None and held is not None else None
+        if alone is not None:
+            pose, held = alone, None
         refused = checks.refusal(seen, pose, predicted) if pose is not None else PoseRefusal.NO_FIT
         if pose is not None and refused is None:
+            if held is not None:
+                checks.level.learn(seen, pose, held)
+                return self._judge_with_attitude(seen, doubted(pose))
             if checks.level.knows(seen):
                 checks.level.learn(seen, pose)
                 return self._judge_with_attitude(seen, checks.level.fuse(seen, pose))
@@ -69,10 +80,10 @@ class Judge:
                 return self.add_inertia(seen, doubted(held))
         return Verdict(None, refused)
 
-    def _refit(self, seen: Sight, pose: Pose, others: Iterable[Pose]) -> Pose:
+    def _refit(self, seen: Sight, pose: Pose, others: Iterable[Pose], held: Level | None) -> Pose:
         """The best fit from other starts, up to the first that most edges or all grey values agree with."""
         for other in others:
-            refit = self._fitter.refine(seen.pixels, other)
+            refit = self._fitter.refine(seen.pixels, other, held)
             if refit is None:
                 continue
             # Losses compare only between fits of one kind; grey values that explain the image outweigh few edges.

@@ -10,9 +10,9 @@ import numpy.typing as npt
 
 from mkdaemon.config.vision import TrackerSection
 from mkdaemon.vision.pose.edgefit import Level
-from mkdaemon.vision.pose.pose import Pose, largest_variance
-from mkdaemon.vision.track.attitude import Mounting, fuse_normal
-from mkdaemon.vision.track.course import doubted
+from mkdaemon.vision.pose.pose import Pose, largest_variance, turn
+from mkdaemon.vision.track.attitude import Mounting, Turning, fuse_normal, normal_beside
+from mkdaemon.vision.track.course import doubted, shared_doubt
 from mkdaemon.vision.track.deck import Deck
 from mkdaemon.vision.tracklimits import JudgeLimits
 
@@ -33,13 +33,13 @@ class Sight:
         pixels: `(h, w)` uint8.
         time: middle of the exposure [s].
         enu_from_flu: the vehicle's attitude then `(3, 3)`; none when unknown.
-        turning_flu: its angular rate then `(3,)` [rad/s]; none when unknown.
+        turning_flu: how it turns then; none when unknown.
     """
 
     pixels: Grey
     time: float
     enu_from_flu: Array | None
-    turning_flu: Array | None = None
+    turning_flu: Turning | None = None
 
     def without_attitude(self) -> Sight:
         """The image as a vehicle without attitude sees it."""
@@ -105,15 +105,25 @@ class LevelKnowledge:
         """Forget how the target lies."""
         self._deck = Deck()
 
-    def learn(self, seen: Sight, pose: Pose) -> None:
-        """Take in how the target lies, from a pose that the image alone decided."""
+    def learn(self, seen: Sight, pose: Pose, held: Level | None = None) -> None:
+        """Take in how the target lies, as the image alone says it.
+
+        Args:
+            seen: the image.
+            pose: measured in it.
+            held: what the fit was told about the tilt; none where the image decided alone.
+        """
         if seen.enu_from_flu is None or self._mounting is None:
             return
+        normal, spread = pose.rotation[:, 2], pose.covariance[3:, 3:]
+        if held is not None:
+            turned, spread = normal_beside(pose, held.up, held.spread)
+            normal = turn(pose.rotation, turned)[:, 2]
         enu_from_cam = seen.enu_from_flu @ self._mounting.flu_from_cam
         # A small turn w moves the normal n by w x n; its horizontal part is what the deck is known by.
-        moved = (enu_from_cam @ np.cross(np.eye(3), pose.rotation[:, 2]).T)[:2]
-        covariance = moved @ doubted(pose).covariance[3:, 3:] @ moved.T + self._spread**2 * np.eye(2)
-        self._deck.measured(seen.time, enu_from_cam @ pose.rotation[:, 2], covariance)
+        moved = (enu_from_cam @ np.cross(np.eye(3), normal).T)[:2]
+        covariance = shared_doubt(pose) * (moved @ spread @ moved.T) + self._spread**2 * np.eye(2)
+        self._deck.measured(seen.time, enu_from_cam @ normal, covariance, is_sure=held is None)
 
     def replace_tilt(self, seen: Sight, pose: Pose) -> Pose:
         """The pose with its tilt replaced by the attitude's; the place stays."""

@@ -10,7 +10,7 @@ import numpy.typing as npt
 from mkdaemon.vision.limits import LIMITS
 from mkdaemon.vision.pose.pose import Pose, angle_between
 from mkdaemon.vision.pose.rolling import KnownMotion, motion_of
-from mkdaemon.vision.track.attitude import Mounting
+from mkdaemon.vision.track.attitude import Mounting, Turning
 from mkdaemon.vision.track.branches import Branches
 
 Array = npt.NDArray[np.float64]
@@ -102,7 +102,7 @@ class Track:
         time: float,
         enu_from_flu: Array | None,
         mounting: Mounting | None,
-        turning_flu: Array | None = None,
+        turning_flu: Turning | None = None,
     ) -> Prediction:
         """Expected pose at a time.
 
@@ -144,21 +144,21 @@ class Track:
 
 
 def known_motion(
-    place: Array, speed: Array | None, turning_flu: Array | None, mounting: Mounting | None, speed_sd: float = 0.0
+    place: Array, speed: Array | None, turning_flu: Turning | None, mounting: Mounting | None, speed_sd: float = 0.0
 ) -> KnownMotion:
     """What is known about the motion of a camera while an image is read.
 
     Args:
         place: of the target `(3,)` [m; RDF].
         speed: of the target in camera axes, by the images before `(3,)` [m/s]; none without them.
-        turning_flu: angular rate of the vehicle `(3,)` [rad/s].
+        turning_flu: how the vehicle turns.
         mounting: of the camera.
         speed_sd: deviation of the speed along the optical axis that the images leave [m/s].
     """
     limits = LIMITS.edges
     turning, spread = np.zeros(3), limits.turning_sd
     if turning_flu is not None and mounting is not None:
-        turning, spread = mounting.flu_from_cam.T @ turning_flu, limits.known_turning_sd
+        turning, spread = mounting.flu_from_cam.T @ turning_flu.rate, turning_flu.sd
         if speed is None:
             spread += limits.unknown_speed / float(np.linalg.norm(place))
     along = limits.climbing_sd if speed is None else float(np.hypot(limits.known_climbing_sd, speed_sd))
