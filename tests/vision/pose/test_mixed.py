@@ -1,0 +1,80 @@
+"""Which measurement a pose comes from: edges, grey values after edges, and when neither is believed."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+
+from mkdaemon.sim.scene.light import Conditions, Cover
+from mkdaemon.vision.limits import LIMITS
+from mkdaemon.vision.pose.edgefit import EdgeFit
+from mkdaemon.vision.pose.fitting import TargetFitter
+from mkdaemon.vision.pose.photofit import PhotoFit
+from mkdaemon.vision.pose.pose import Pose, turn
+from mkdaemon.vision.pose.projection import Projection
+from tests.vision.views import VGA, View, place, shipped
+
+PROJECTION, TARGET = Projection(VGA), shipped("single")
+CELL = TARGET.tags[0].module
+DISTANCE = VGA.fx * CELL / 4.5
+"""Cells of 4.5 px [m]."""
+
+
+def beside(view: View, degrees: float = 0.6, part: float = 0.004) -> Pose:
+    """A start near the truth."""
+    rotation = turn(view.rotation, np.radians(np.array([degrees, -degrees, degrees])))
+    return Pose(rotation, view.position * (1.0 + part), np.eye(6), "corners", 4, 0.1)
+
+
+def off(pose: Pose, view: View) -> float:
+    """How far the camera's place in the target's frame is off [m]."""
+    error: npt.NDArray[np.float64] = pose.rotation.T @ pose.position - view.rotation.T @ view.position
+    return float(np.linalg.norm(error))
+
+
+def test_cells_of_four_to_five_pixels_are_measured_by_grey_values_after_edges() -> None:
+    fitter, edges = TargetFitter(TARGET, PROJECTION), EdgeFit(TARGET, PROJECTION)
+    without = TargetFitter(TARGET, PROJECTION, replace(LIMITS, cells=replace(LIMITS.cells, mixed_px=0.0)))
+    mixed_errors, edge_errors = [], []
+    for tilt, around in ((0.15, 0.3), (0.35, 1.4), (0.25, 3.0), (0.45, 4.4), (0.3, 5.6)):
+        view = View(TARGET, place(DISTANCE, tilt, around), Conditions(psf_px=1.0))
+        found, alone = fitter.refine(view.pixels, beside(view)), edges.fit(view.pixels, beside(view))
+        assert found is not None
+        assert alone is not None
+        assert (found.source, alone.source) == ("photometric", "edges")
+        mixed_errors.append(off(found, view))
+        edge_errors.append(off(alone, view))
+        old = without.refine(view.pixels, beside(view))
+        assert old is not None
+        assert old.source == "edges"
+    assert np.mean(mixed_errors) < 0.75 * np.mean(edge_errors)
+
+
+def test_edges_stand_where_something_lies_over_the_print() -> None:
+    half = TARGET.tags[0].size / 2
+    corner = ((-half, -half), (-0.35 * half, -half), (-0.35 * half, 0.1 * half), (-half, 0.1 * half))
+    view = View(TARGET, place(DISTANCE, 0.3, 1.0), Conditions(covers=(Cover(corner, 0.5),)))
+    found = TargetFitter(TARGET, PROJECTION).refine(view.pixels, beside(view))
+    assert found is not None
+    assert found.source == "edges"
+    grey = PhotoFit(TARGET, PROJECTION).fit(view.pixels, found)
+    assert grey is not None
+    assert not PhotoFit(TARGET, PROJECTION).explains(grey)
+
+
+@pytest.mark.parametrize("cells", [3.0, 6.0])
+def test_grey_values_do_not_begin_where_nothing_resembles_the_print(cells: float) -> None:
+    view = View(TARGET, place(VGA.fx * CELL / 3.8, 0.2, 0.8))
+    start = beside(view, 0.0, 0.0)
+    moved = replace(start, position=start.position + np.array([cells * CELL, 0.5 * cells * CELL, 0.0]))
+    assert PhotoFit(TARGET, PROJECTION).fit(view.pixels, moved) is None
+    anywhere = replace(LIMITS, photo=replace(LIMITS.photo, start_match=-1.0))
+    astray = PhotoFit(TARGET, PROJECTION, anywhere).fit(view.pixels, moved)
+    assert astray is not None
+    assert float(np.linalg.norm(astray.position - view.position)) > 0.02  # a pose, and not the place
+    near = PhotoFit(TARGET, PROJECTION).fit(view.pixels, beside(view))
+    assert near is not None
+    assert float(np.linalg.norm(near.position - view.position)) < 0.01
