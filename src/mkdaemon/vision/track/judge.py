@@ -72,12 +72,11 @@ class Judge:
                 checks.level.learn(seen, pose)
                 return self._judge_with_attitude(seen, checks.level.fuse(seen, pose))
             return self._judge_without_attitude(seen, pose, predicted)
-        vertical = checks.level.vertical(seen)
         if vertical is not None:
             # A free fit may follow something lying over the target: hold the tilt and try again.
-            held = self._fitter.refine(seen.pixels, replace(start, rotation=predicted.rotation), vertical)
-            if held is not None and checks.refusal(seen, held, predicted) is None:
-                return self.add_inertia(seen, doubted(held))
+            leaning = self._fitter.refine(seen.pixels, replace(start, rotation=predicted.rotation), vertical)
+            if leaning is not None and checks.refusal(seen, leaning, predicted) is None:
+                return self.add_inertia(seen, doubted(leaning))
         return Verdict(None, refused)
 
     def _refit(self, seen: Sight, pose: Pose, others: Iterable[Pose], held: Level | None) -> Pose:
