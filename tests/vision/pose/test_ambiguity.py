@@ -83,3 +83,13 @@ def test_attitude_is_interpolated_and_not_made_up():
     assert AttitudeHistory([]).at(0.0, 1.0) is None
     gap = AttitudeHistory([AttitudeSample(0.0, 0, 0, 0), AttitudeSample(10.0, 1, 0, 0)])
     assert gap.at(5.0, 0.25) is None
+
+
+def test_what_neighbouring_pixels_share_speaks_less_for_a_reading():
+    """A veil of light over the print leaves a residual that is no noise; how large it is tells little."""
+    first, second = (
+        replace(tilted(angle, loss, 2000), source="photometric") for angle, loss in ((10, 28.0), (-10, 33.0))
+    )
+    veiled = [replace(pose, shared=9.6) for pose in (first, second)]
+    assert log_odds(first, second) > 30.0
+    assert log_odds(*veiled) == pytest.approx(log_odds(first, second) / 9.6)

@@ -97,9 +97,10 @@ def choose(
 def log_odds(first: Pose, second: Pose) -> float:
     """Log likelihood ratio of two fits of equal Gaussian residuals with unknown variance.
 
-    n / 2 ln(s2^2 / s1^2) with n independent residuals; neighbouring samples share pixels and are not.
+    n / 2 ln(s2^2 / s1^2) with n independent residuals; neighbouring samples share pixels and are not, and those of grey
+    values share what the model lacks too: behind a dirty lens it spoke for the mirror image by 6 nats an image.
     """
-    facts = min(first.points, second.points) / LIMITS.ambiguity.samples_per_fact
+    facts = min(first.points, second.points) / LIMITS.ambiguity.samples_per_fact / max(first.shared, second.shared)
     return 0.5 * facts * float(np.log(max(second.loss, 1e-12) / max(first.loss, 1e-12)))
 
 

@@ -163,7 +163,8 @@ class PhotoStepper:
         cost = float(np.mean(np.minimum(size, COST_BOUND * scatter) ** 2))
         weighted = jacobian * weights
         noise = max(float((weights * residual**2).sum() / max(weights.sum() - len(unit), 1.0)), LEAST_NOISE)
-        noise *= _shared(parts, np.clip(residual * clear, -bound, bound))
+        shared = _shared(parts, np.clip(residual * clear, -bound, bound))
+        noise *= shared
         prior, pull, surprise = self._prior(state, bends, start, level, noise, len(unit))
         normal = weighted @ jacobian.T + prior * np.outer(unit, unit)
         ridge = damping * np.diag(np.diag(normal)) + 1e-9 * np.eye(len(unit))
@@ -188,6 +189,7 @@ class PhotoStepper:
             float(np.linalg.det(state.spread)) ** 0.25,
             motion=state.motion,
             known_motion=start.known_motion,
+            shared=shared,
         )
         length2 = float(change[POSE] @ np.linalg.solve(pose.covariance, change[POSE]))
         return PhotoStep(change, cost * (1.0 + surprise / value.size), pose, length2)

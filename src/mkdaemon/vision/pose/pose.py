@@ -59,6 +59,7 @@ class Pose:
         motion: of the camera while its rows were read `(4,)`, where the fit asked; see `rolling`.
         known_motion: what was known about it before the fit.
         stretch: logarithm of the ratio of the focal lengths over the calibrated one, where the fit was free to ask.
+        shared: by how much residuals that neighbouring pixels share raise the variance, 1 or more (`greynoise`).
     """
 
     rotation: Array
@@ -77,6 +78,7 @@ class Pose:
     motion: Array | None = None
     known_motion: KnownMotion | None = None
     stretch: float | None = None
+    shared: float = 1.0
 
     @property
     def range_m(self) -> float:
