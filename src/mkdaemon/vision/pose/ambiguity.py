@@ -104,7 +104,7 @@ def log_odds(first: Pose, second: Pose) -> float:
     n / 2 ln(s2^2 / s1^2) with n independent residuals; neighbouring samples share pixels and are not, and those of grey
     values share what the model lacks too: behind a dirty lens it spoke for the mirror image by 6 nats an image.
     """
-    alike = max(first.shared, second.shared) ** FIELD
+    alike = float(max(first.shared, second.shared) ** FIELD)
     facts = min(first.points, second.points) / max(LIMITS.ambiguity.samples_per_fact, alike)
     return 0.5 * facts * float(np.log(max(second.loss, 1e-12) / max(first.loss, 1e-12)))
 
