@@ -24,7 +24,7 @@ from mkdaemon.vision.tracklimits import (
     TrackLimits,
 )
 
-Stage = Literal["decimate2", "decimate1", "log", "linear", "equalised", "outline", "bright"]
+Stage = Literal["decimate2", "decimate1", "log", "linear", "equalised", "outline", "bright", "thorough"]
 """A way to search an image for tags."""
 
 LADDER: Final[tuple[Stage, ...]] = ("decimate2", "linear", "decimate1", "log", "equalised", "outline")
@@ -42,6 +42,8 @@ class SearchLimits:
     tile_px: float = of(70.0, "px", "neighbourhood in which `equalised` spreads grey values", STILLS)
     tone: float = of(1.8, "power", "of grey that `linear` takes for light", "decodes at gamma 1 to 2.2, 6-8 m")
     highlight: float = of(8.0, "power", "of grey that leaves ink in a highlight dark", "12 of 40 found; 3: 6, 5: 10")
+    small_tag_px: float = of(46.0, "px", "side below which two corner sets are averaged", "rms .12 for .15 px, stills")
+    twin_px: float = of(4.0, "px", "detections closer than this are one tag", "derived: half of a small tag's side")
     min_window_px: int = of(16, "px", "smaller parts of an image are not searched", "derived: 2 px a cell")
     full_contrast: float = of(60.0, "grey", "range from which the decision margin counts in full", STILLS)
 

@@ -57,7 +57,7 @@ def test_inverted_prints_have_a_white_square_in_a_black_ring(family):
 
 @pytest.mark.parametrize("family", FAMILIES.values(), ids=lambda family: family.name)
 def test_libapriltag_reads_every_print_upright(family):
-    lib = detector(((family.name, family.corrected_bits),), 1.0)
+    lib = detector(((family.name, family.corrected_bits),), 1.0, refine=True)
     for tag_id in {0, 1, family.ids // 2, family.ids - 1}:
         found = lib.detect(printed(cells(family.name, tag_id)))
         assert [(item.tag_id, item.hamming) for item in found] == [(tag_id, 0)]

@@ -41,7 +41,7 @@ class _Libraries(threading.local):
     """Detectors this thread has made."""
 
     def __init__(self) -> None:
-        self.made: dict[tuple[tuple[str, ...], float], LibDetector] = {}
+        self.made: dict[tuple[tuple[str, ...], float, bool], LibDetector] = {}
 
 
 _libraries = _Libraries()
@@ -63,16 +63,17 @@ def corrected_bits(ids: int, bits: int) -> int:
     return corrected
 
 
-def detector(families: tuple[tuple[str, int], ...], decimate: float) -> LibDetector:
+def detector(families: tuple[tuple[str, int], ...], decimate: float, *, refine: bool) -> LibDetector:
     """The library with its tables for some families; they take time and serve one thread, whose searches share them.
 
     Args:
         families: names and the bits to correct in each.
         decimate: quads are searched in an image so much smaller.
+        refine: fit the edges of quads in the whole image.
     """
-    key = (tuple(name for name, _ in families), decimate)
+    key = (tuple(name for name, _ in families), decimate, refine)
     if key not in _libraries.made:
-        made = _empty(decimate)
+        made = _empty(decimate, refine=refine)
         for name, bits in families:
             # A family's tables go with the detector that has it, so every detector has its own.
             library = _functions(made)
@@ -96,15 +97,15 @@ def draw(name: str, tag_id: int) -> Cells:
         library.image_u8_destroy(image)
 
 
-def _empty(decimate: float) -> LibDetector:
+def _empty(decimate: float, *, refine: bool) -> LibDetector:
     from pyapriltags import Detector as LibDetector
 
-    return LibDetector(families="", nthreads=1, quad_decimate=decimate, refine_edges=1)
+    return LibDetector(families="", nthreads=1, quad_decimate=decimate, refine_edges=int(refine))
 
 
 @lru_cache(maxsize=16)
 def _drawing(name: str) -> tuple[ctypes.CDLL, object]:
-    library = _functions(_empty(1.0))
+    library = _functions(_empty(1.0, refine=False))
     library.apriltag_to_image.restype = ctypes.POINTER(_Image)
     return library, _create(library, name)
 
