@@ -71,7 +71,7 @@ VARIANTS: Final[tuple[Variant, ...]] = (
         limits(cells={"photometric_px": 0.0, "edges_up_to": ALWAYS_ANGLE}),
     ),
     Variant("all pixels", "fit", "grey values of a first pose and of its rivals", limits(cells={"small_px": 0.0})),
-    Variant("held tilt", "fit", "a second fit with the tilt held level", limits(judge={"holds_tilt": False})),
+    Variant("held tilt", "fit", "the attitude in far and second fits", limits(judge={"holds_tilt": False})),
     Variant("glare mask", "fit", "leaving out what lies in a highlight", limits(read={"saturated": 256})),
     Variant("level fusion", "fit", "the attitude's tilt in the pose", tracker=settings(attitude_sd_deg=60.0)),
     Variant("course fusion", "memory", "inertia in the pose", limits(judge={"fuses_course": False})),

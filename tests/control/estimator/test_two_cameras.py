@@ -56,15 +56,20 @@ def errors(*cameras: Camera) -> tuple[npt.NDArray[np.float64], Estimator]:
             estimator.advance(plant.now)
             estimator.target_seen(seen)
         if estimator is not None and k % 2 == 0:
-            estimator.attitude_received(plant.now, *plant.reported(), plant.yaw + 0.4)
-            sway = round(4 * math.sin(2.0 * plant.now))
-            estimator.sent(plant.stick(sway, -sway))
+            sway(plant, estimator)
         if estimator is not None and k % 5 == 0 and plant.now > SETTLED:
             estimate = estimator.estimate(plant.now)
             found.append(estimate.position - np.array([*plant.axes[:, P], 2.0]))
         plant.step()
     assert estimator is not None
     return np.array(found), estimator
+
+
+def sway(plant: Plant, estimator: Estimator) -> None:
+    """Report the attitude of a moment and move the sticks."""
+    estimator.attitude_received(plant.now, *plant.reported(), plant.yaw + 0.4)
+    counts = round(4 * math.sin(2.0 * plant.now))
+    estimator.sent(plant.stick(counts, -counts))
 
 
 def rms(found: npt.NDArray[np.float64]) -> float:
@@ -112,9 +117,7 @@ def fly(*cameras: tuple[str, int, float, int], seconds: float = 4.0) -> tuple[np
                 estimator.advance(plant.now)
                 estimator.target_seen(seen)
         if estimator is not None and k % 2 == 0:
-            estimator.attitude_received(plant.now, *plant.reported(), plant.yaw + 0.4)
-            sway = round(4 * math.sin(2.0 * plant.now))
-            estimator.sent(plant.stick(sway, -sway))
+            sway(plant, estimator)
             if plant.now > SETTLED:
                 found.append(estimator.estimate(plant.now).position - np.array([*plant.axes[:, P], 2.0]))
         plant.step()
