@@ -8,44 +8,20 @@ variant only. Of n images that differ, chance makes a difference of sqrt(n); `no
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from lab.campaign import Part, run_parts
-from lab.vision.cases import draws
-from lab.vision.flight import VGA, fly
-from lab.vision.stills import SeedSet, Studio, error_of, target_named
+from lab.vision.ablationscenes import Setting, View, by_scene, settings, views
+from lab.vision.stills import SeedSet, error_of, target_named
 from lab.vision.variants import VARIANTS, WHOLE, Variant
-from mkdaemon.vision.camera.image import CameraImage
 from mkdaemon.vision.pose.pose import Pose
 from mkdaemon.vision.tags.tagmap import TagMap
-from mkdaemon.vision.track.attitude import LOOKING_DOWN, AttitudeHistory
+from mkdaemon.vision.track.attitude import LOOKING_DOWN
 from mkdaemon.vision.track.tracker import Tracker
-
-Array = npt.NDArray[np.float64]
-
-SCENES: Final = ("flights", "far", "cold", "hidden", "steep")
-"""Troubled flights below 4.5 m and from 3 to 9 m; first images by distance, in covers and bad light, from 70 deg up."""
-FAR_M: Final = (3.0, 9.0)
-COLD_M: Final = (0.15, 0.5, 2.0, 4.57, 8.0, 10.0, 12.0)
-STEEP_DEG: Final = (70.0, 78.0, 82.0)
-FLIGHT_SECONDS: Final = 4.0
-SHORT_SECONDS: Final = 2.0
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class View:
-    """One image of a scene, with its truth; the images of a flight follow each other."""
-
-    image: CameraImage
-    attitude: AttitudeHistory
-    rotation: Array
-    position: Array
-    looks: int
 
 
 @dataclass(slots=True)
@@ -111,79 +87,27 @@ def plan(quick: bool, seeds: SeedSet, variants: Sequence[Variant] = VARIANTS) ->
         seeds: which scenes.
         variants: what is switched off.
     """
-    flights, seconds, each = (1, SHORT_SECONDS, 3) if quick else (4, FLIGHT_SECONDS, 12)
-    images = int(30 * seconds)
-    parts = [
-        Part(look, (scene, name, seeds.base + 900 + k, seconds, variants), images)
-        for scene in ("flights", "far")
-        for name in ("nested", "single")
-        for k in range(flights)
-    ]
-    stills: list[tuple[str, str, float | str]] = [
-        ("cold", name, distance) for name in ("nested", "single") for distance in COLD_M
-    ]
-    stills += [("hidden", "nested", condition) for condition in draws(1.0) if condition != "none"]
-    stills += [("steep", "single", degrees) for degrees in STEEP_DEG]
-    parts += [
-        Part(look_at_stills, (scene, name, which, each, seeds.base + 950, k, variants), each)
-        for k, (scene, name, which) in enumerate(stills)
-    ]
-    return parts
+    return [Part(look, (setting, variants), setting.images) for setting in settings(quick, seeds)]
 
 
-def look(
-    scene: str, name: str, seed: int, seconds: float, variants: Sequence[Variant]
-) -> dict[tuple[str, bool], Score]:
-    """One flight, seen by every variant."""
-    near, far = FAR_M if scene == "far" else (0.35, 4.5)
-    frames = fly(target_named(name), seed, seconds=seconds, near=near, far=far)
-    views = (View(frame.image, frame.attitude, frame.rotation, frame.position, 1) for frame in frames)
-    return _show(name, views, variants, anew=False)
-
-
-def look_at_stills(
-    scene: str, name: str, which: float | str, count: int, seed: int, part: int, variants: Sequence[Variant]
-) -> dict[tuple[str, bool], Score]:
-    """Images that nothing was known before, seen by every variant; twice each, so that every search has its turn."""
-    return _show(name, _stills(scene, name, which, count, seed, part), variants, anew=True)
-
-
-def _stills(scene: str, name: str, which: float | str, count: int, seed: int, part: int) -> Iterator[View]:
-    target = target_named(name)
-    studio = Studio(target, seed, fine=False, part=part)
-    for _ in range(count):
-        rng = studio.rng
-        if scene == "hidden":
-            conditions = draws(target.tags[0].size)[str(which)](rng)
-            still = studio.shoot(float(rng.uniform(0.5, 2.0)), float(rng.uniform(0, 0.7)), conditions, off=0.08)
-        elif scene == "steep":
-            still = studio.shoot(2.0, float(np.radians(which)), off=0.02)
-        else:
-            distance = float(which)
-            still = studio.shoot(distance, float(rng.uniform(0, 0.7)), off=0.05 if distance < 0.2 else 0.12)
-        yield View(still.image, still.attitude, still.rotation, still.position, 2)
-
-
-def _show(
-    name: str, views: Iterator[View], variants: Sequence[Variant], *, anew: bool
-) -> dict[tuple[str, bool], Score]:
-    """Scores by variant and whether the attitude was known."""
-    target = target_named(name)
+def look(setting: Setting, variants: Sequence[Variant]) -> dict[tuple[str, bool], Score]:
+    """The images of a setting, seen by every variant: scores by its name and whether the attitude was known."""
+    target = target_named(setting.target)
     trackers = {
-        (v.name, known): Tracker(TagMap((target,)), VGA, LOOKING_DOWN, v.tracker, v.detector, v.limits)
+        (v.name, known): Tracker(TagMap((target,)), setting.lens, LOOKING_DOWN, v.tracker, v.detector, v.limits)
         for v in (WHOLE, *variants)
         for known in (True, False)
     }
     scores = {key: Score() for key in trackers}
-    for view in views:
+    for view in views(setting):
         for key, tracker in trackers.items():
-            if anew:
+            if not setting.is_flight:
                 tracker.reset()
             attitude = view.attitude if key[1] else None
             start = time.process_time()
             found = tracker.update(view.image, attitude).pose_of(target.name)
-            if found is None and view.looks > 1:
-                found = tracker.update(view.image, attitude).pose_of(target.name)
+            for _ in range(1, view.looks):
+                found = found or tracker.update(view.image, attitude).pose_of(target.name)
             scores[key].seconds += time.process_time() - start
             scores[key].add(found.pose if found is not None else None, view)
     return scores
@@ -202,7 +126,7 @@ def run(quick: bool, seeds: SeedSet, jobs: int = 1, variants: Sequence[Variant] 
     results: list[dict[tuple[str, bool], Score]] = run_parts("ablation", parts, jobs)
     whole = _by_scene(parts, results, WHOLE)
     return {
-        "images": {scene: sum(p.images for p in parts if p.args[0] == scene) for scene in SCENES},
+        "images": by_scene([part.args[0] for part in parts]),
         "whole": {scene: score.against(score) for scene, score in whole.items()},
         "without": [
             {
@@ -249,7 +173,7 @@ def _by_scene(
     found: dict[str, Score] = {}
     for part, scores in zip(parts, results, strict=True):
         for known, words in ((True, "with attitude"), (False, "without")):
-            found.setdefault(f"{part.args[0]} {words}", Score()).extend(scores[variant.name, known])
+            found.setdefault(f"{part.args[0].scene} {words}", Score()).extend(scores[variant.name, known])
     return found
 
 

@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Final, Literal
 
 from mkdaemon.config.vision import DetectorSection, TrackerSection
+from mkdaemon.errors import ConfigError
 from mkdaemon.vision.limits import LIMITS, Limits, SearchLimits
 
 Kind = Literal["whole", "search", "fit", "gate", "memory"]
 NEVER: Final = math.inf
 ALWAYS_ANGLE: Final = math.pi
 """An angle nothing exceeds."""
+KNOWN: Final = 1e-9
+"""A deviation that leaves nothing unknown."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,6 +75,18 @@ VARIANTS: Final[tuple[Variant, ...]] = (
         limits(cells={"photometric_px": 0.0, "edges_up_to": ALWAYS_ANGLE}),
     ),
     Variant("all pixels", "fit", "grey values of a first pose and of its rivals", limits(cells={"small_px": 0.0})),
+    Variant("second measure", "fit", "grey values that explain a first pose", limits(photo={"polish_match": 2.0})),
+    Variant("mixed grey values", "fit", "grey values after edges, 4 to 5 px a cell", limits(cells={"mixed_px": 4.0})),
+    Variant("melted edges", "fit", "grey values where edges melt", limits(cells={"melted_widths": 0.0})),
+    Variant("joint prints", "fit", "grey values of several prints at once", limits(photo={"found_match": 2.0})),
+    Variant("common shift", "fit", "an unknown that all edges share", limits(edges={"shift_sd_px": KNOWN})),
+    Variant(
+        "blown edges",
+        "fit",
+        "blur and contrast of blown edges as unknowns",
+        limits(edges={"blur_share": KNOWN, "contrast_share": KNOWN, "unseen_contrast_share": KNOWN}),
+    ),
+    Variant("turning", "fit", "of a rolling shutter's camera as an unknown", limits(edges={"turning_sd": KNOWN})),
     Variant("held tilt", "fit", "the attitude in far and second fits", limits(judge={"holds_tilt": False})),
     Variant("glare mask", "fit", "leaving out what lies in a highlight", limits(read={"saturated": 256})),
     Variant("level fusion", "fit", "the attitude's tilt in the pose", tracker=settings(attitude_sd_deg=60.0)),
@@ -78,8 +94,16 @@ VARIANTS: Final[tuple[Variant, ...]] = (
     Variant("backing", "memory", "inertia speaking for a pose", limits(judge={"expected": -1.0})),
     Variant("optical flow", "memory", "corners followed into the image", limits(track={"flow_min_points": 1000})),
     Variant("shift", "memory", "the target found again as a whole", limits(track={"alike": 2.0})),
+    Variant("flow and shift", "memory", "both", limits(track={"flow_min_points": 1000, "alike": 2.0})),
+    Variant("start shown", "memory", "asking the image before a start is fitted", limits(read={"start_match": -2.0})),
+    Variant("patience", "memory", "a prediction with attitude over misses", limits(track={"predict_through": 1})),
+    Variant("coast", "memory", "looking for a lost target where it should be", tracker=settings(coast=0.0)),
+    Variant("branches", "memory", "odds over images between rival readings", limits(branches={"decided": NEVER})),
     Variant("mirror of first", "gate", "asking a first pose for its mirror", limits(ambiguity={"asks_mirror": False})),
     Variant("evidence", "fit", "edges that support a partly hidden first pose", limits(evidence={"min_seen": 2.0})),
+    Variant("points gate", "gate", "fewest that agree", tracker=settings(min_points=0)),
+    Variant("clear cells", "gate", "that vouch for a tag in place of decoding it", limits(judge={"clear_bits": 2.0})),
+    Variant("cells beside", "gate", "reading the print beside its place", limits(read={"beside_cells": 0})),
     Variant("inliers gate", "gate", "share that agrees", tracker=settings(min_inlier_fraction=0.0)),
     Variant("residual gate", "gate", "rms of what agrees", tracker=settings(max_rms_px=NEVER)),
     Variant("step gate", "gate", "fit at rest", tracker=settings(max_step=NEVER)),
@@ -112,3 +136,17 @@ VARIANTS: Final[tuple[Variant, ...]] = (
     Variant("decision margin", "gate", "contrast of a decoded tag", detector=DetectorSection(min_decision_margin=0.0)),
 )
 """Each with one part switched off."""
+
+
+def variants_named(names: Sequence[str] | None) -> tuple[Variant, ...]:
+    """The variants with these names; all when none is given.
+
+    Raises:
+        ConfigError: there is no such variant.
+    """
+    known = {variant.name: variant for variant in VARIANTS}
+    for name in names or ():
+        if name not in known:
+            msg = f"--only '{name}': no such part, use some of {', '.join(known)}"
+            raise ConfigError(msg)
+    return tuple(known[name] for name in names) if names else VARIANTS

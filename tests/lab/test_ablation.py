@@ -3,11 +3,17 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from lab.campaign import Part
-from lab.vision.ablation import SCENES, Score, plan, run, table
+from lab.vision.ablation import Score, look, plan, run, table
+from lab.vision.ablationscenes import SCENES, Setting, views
+from lab.vision.decks import LIES
+from lab.vision.real import DEVICES
 from lab.vision.stills import SeedSet
-from lab.vision.variants import VARIANTS, WHOLE, limits, without_search
+from lab.vision.variants import VARIANTS, WHOLE, limits, variants_named, without_search
+from lab.vision.weather import SKIES
+from mkdaemon.errors import ConfigError
 from mkdaemon.vision.limits import LIMITS
 
 
@@ -48,13 +54,43 @@ def test_limits_change_in_a_copy():
 def test_quick_is_a_fraction_and_no_part_repeats():
     quick, full = plan(True, SeedSet.ABLATION), plan(False, SeedSet.ABLATION)
     assert sum(part.images for part in quick) < sum(part.images for part in full) / 4
-    assert {part.args[0] for part in quick} == set(SCENES)
+    assert {part.args[0].scene for part in quick} == set(SCENES)
     keys = [part.args[:-1] for part in full]
     assert len(set(keys)) == len(keys)
 
 
+def test_every_camera_hardship_and_deck_is_shown():
+    shown = {part.args[0].which for part in plan(True, SeedSet.ABLATION)}
+    assert shown >= {*DEVICES, *SKIES, *LIES}
+
+
+@pytest.mark.parametrize("which", ["rolling", "fringe", "roll_sign_swapped"])
+def test_a_setting_has_its_lens_and_its_attitude(which):
+    scene = {"rolling": "cameras", "fringe": "hardships", "roll_sign_swapped": "decks"}[which]
+    setting = Setting(scene, "nested", which, 23_000_001, 0, 2)
+    scores = look(setting, ())
+    assert [len(score.posed) for score in scores.values()] == [2, 2]
+    assert (setting.lens.line_time > 0) == (which == "rolling")
+    if which == "roll_sign_swapped":
+        plain = next(views(Setting("decks", "nested", "level", 23_000_001, 0, 2))).attitude.samples
+        assert [s.roll for s in next(views(setting)).attitude.samples] == [-s.roll for s in plain]
+
+
+def test_first_images_are_far_apart_and_looked_at_twice():
+    first, second = views(Setting("met", "nested", "leaf_shadows", 23_000_001, 0, 2))
+    assert second.image.captured_at - first.image.captured_at == pytest.approx(0.5)
+    assert first.looks == second.looks == 2
+
+
+def test_parts_are_chosen_by_name():
+    assert [variant.name for variant in variants_named(["shift", "coast"])] == ["shift", "coast"]
+    assert variants_named(None) is VARIANTS
+    with pytest.raises(ConfigError, match="no such part"):
+        variants_named(["wings"])
+
+
 def test_the_table_has_a_line_for_every_variant(monkeypatch):
-    part = Part(lambda *_: {}, ("flights", "nested"), 2)
+    part = Part(lambda *_: {}, (Setting("flights", "nested", "flights", 1, 0, 2),), 2)
     found = {
         (variant.name, known): score("xx" if variant is WHOLE else "x.")
         for variant in (WHOLE, *VARIANTS)
