@@ -1,7 +1,7 @@
 """`python -m tools.docs`: the pages of docs/ that are made from tables, written or compared.
 
 A page is made by a function that takes the root of the source tree and returns the whole text. To add one, add a line
-to `GENERATED`.
+to `GENERATED`, or to `FILLED` where only its tables are made.
 """
 
 from __future__ import annotations
@@ -30,6 +30,10 @@ GENERATED: Final[Mapping[str, str]] = {
 """Page, relative to the root of the source tree, and the function that makes it (imported when it is needed)."""
 
 
+FILLED: Final[Mapping[str, str]] = {"docs/accuracy.md": "tools.accuracy_tables:accuracy_page"}
+"""Pages written by hand whose tables are made from results; a tree without the page needs none."""
+
+
 def make_page(maker: str, root: Path) -> str:
     """Return the text of a page.
 
@@ -42,10 +46,15 @@ def make_page(maker: str, root: Path) -> str:
     return function(root)
 
 
+def _made(root: Path) -> dict[str, str]:
+    """All pages that are made, and how."""
+    return {**GENERATED, **{page: maker for page, maker in FILLED.items() if (root / page).is_file()}}
+
+
 def stale_pages(root: Path) -> list[str]:
     """Return the generated pages under `root` that are missing or differ from what would be written."""
     stale = []
-    for page, maker in GENERATED.items():
+    for page, maker in _made(root).items():
         path = root / page
         if not path.is_file() or path.read_text(encoding="utf-8") != make_page(maker, root):
             stale.append(page)
@@ -67,7 +76,7 @@ def docs(
         raise MkError(msg)
     if not check:
         (root / "docs" / "figures").mkdir(exist_ok=True)
-        for page, maker in GENERATED.items():
+        for page, maker in _made(root).items():
             write_whole(root / page, make_page(maker, root), overwrite=True)
             print(f"wrote {page}")
         return
@@ -75,7 +84,7 @@ def docs(
     if stale:
         msg = f"not up to date: {', '.join(stale)}; run `make docs`"
         raise MkError(msg)
-    print(f"generated pages up to date: {', '.join(GENERATED)}")
+    print(f"generated pages up to date: {', '.join(_made(root))}")
 
 
 app = App(name="docs", default_command=docs, default_parameter=Parameter(negative=()))

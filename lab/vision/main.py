@@ -10,6 +10,7 @@ import json
 import os
 import sys
 import time
+from pathlib import Path
 from typing import Annotated, Any, Final
 
 import cv2
@@ -35,6 +36,7 @@ from lab.vision.truth import CONSISTENCY, PHOTOGRAPH_CASE
 from lab.vision.variants import variants_named
 from mkdaemon.cli.arguments import AsJson
 from mkdaemon.errors import ConfigError
+from mkdaemon.files import write_whole
 
 CASES: Final[dict[str, Case]] = {
     # One part: it runs in this process, alone, because what it measures is time.
@@ -74,7 +76,7 @@ def run_case(name: str, quick: bool, seeds: SeedSet, jobs: int = 1) -> dict[str,
         jobs: processes; the figures do not depend on it.
 
     Returns:
-        Its figures, how long it took, and the time of one core it took an image.
+        Its figures, the first seed it may draw from, how long it took, and the time of one core it took an image.
 
     Raises:
         ConfigError: there is no such case.
@@ -82,7 +84,7 @@ def run_case(name: str, quick: bool, seeds: SeedSet, jobs: int = 1) -> dict[str,
     """
     case = CASES.get(name)
     if case is None:
-        msg = f"bench vision has no case '{name}': use one of {', '.join(CASES)}"
+        msg = f"lab vision has no case '{name}': use one of {', '.join(CASES)}"
         raise ConfigError(msg)
     start, used = time.perf_counter(), _cpu_time()
     parts = case.plan(quick, seeds)
@@ -91,7 +93,28 @@ def run_case(name: str, quick: bool, seeds: SeedSet, jobs: int = 1) -> dict[str,
     if len(parts) > 1:
         images = sum(part.images for part in parts)
         timing["core_ms_per_image"] = round(1000.0 * (_cpu_time() - used) / images, 1)
-    return {**figures, **timing}
+    return {"base": seeds.base, **figures, **timing}
+
+
+def put_into(file: Path, found: dict[str, Any]) -> None:
+    """Put the figures of whole campaigns into a file of results; those of other campaigns stay.
+
+    Args:
+        file: JSON, made if there is none.
+        found: figures by campaign.
+
+    Raises:
+        ConfigError: the file is no JSON object, or cannot be read or written.
+    """
+    try:
+        kept = json.loads(file.read_text(encoding="utf-8")) if file.exists() else {}
+        whole = {"seeds": SeedSet.REPORTING.value, "quick": False} | kept | found
+        if "flips" in whole and "flights" in whole:
+            whole["all_flips"] = all_flips(whole)
+        write_whole(file, json.dumps(whole) + "\n", overwrite=True)
+    except (OSError, TypeError, ValueError) as error:
+        msg = f"--into {file}: {error}; give a file that --into has written, or a new one"
+        raise ConfigError(msg) from None
 
 
 def _cpu_time() -> float:
@@ -111,6 +134,10 @@ def main(
         list[str] | None, Parameter(negative=(), help="Ablate these parts, named as in the table; all unless said.")
     ] = None,
     jobs: Annotated[int | None, Parameter(help="Processes; as many as cores unless said.")] = None,
+    into: Annotated[
+        Path | None,
+        Parameter(help="File of results that these are put into: docs/results/vision.json, then `make docs`."),
+    ] = None,
     as_json: AsJson = False,
 ) -> None:
     """Measure detection, accuracy and honesty of the vision on rendered images.
@@ -126,10 +153,11 @@ def main(
         ablate: what every part earns, in place of the campaigns: 35 minutes with two processes, 8 with `--quick`.
         only: the parts to ablate; each costs as much as the whole tracker does once.
         jobs: processes that share the images; the figures do not depend on it.
+        into: JSON of whole campaigns on `reporting` seeds; what it has of other campaigns stays.
         as_json: print one JSON object, on the last line.
 
     Raises:
-        ConfigError: no such case or part, or no job at all.
+        ConfigError: no such case or part, no job at all, or `into` with less than whole campaigns on reporting seeds.
     """
     if jobs is not None and jobs < 1:
         msg = f"--jobs {jobs}: give 1 or more"
@@ -137,22 +165,26 @@ def main(
     if only and not ablate:
         msg = "--only names parts that --ablate switches off: give both, or --case for one campaign"
         raise ConfigError(msg)
+    seeds = seeds or (SeedSet.ABLATION if ablate else SeedSet.REPORTING)
+    if into is not None and (quick or ablate or seeds is not SeedSet.REPORTING):
+        msg = f"--into {into}: it holds whole campaigns on reporting seeds; leave out --quick, --ablate and --seeds"
+        raise ConfigError(msg)
     cv2.setNumThreads(1)
     if ablate:
-        seeds = seeds or SeedSet.ABLATION
         start = time.perf_counter()
         measured = ablation.run(quick, seeds, jobs or os.cpu_count() or 1, variants_named(only))
         figures = {"seeds": seeds.value, "quick": quick, **measured}
         figures["seconds"] = round(time.perf_counter() - start, 1)
         print(json.dumps(figures) if as_json else ablation.table(figures))
         return
-    seeds = seeds or SeedSet.REPORTING
     names = [case] if case is not None else list(CASES)
     results: dict[str, Any] = {"seeds": seeds.value, "quick": quick}
     for name in names:
         print(f"{name} ...", file=sys.stderr, flush=True)
         results[name] = run_case(name, quick, seeds, jobs or os.cpu_count() or 1)
         print(f"{name}: {results[name]['seconds']} s", file=sys.stderr, flush=True)
+        if into is not None:
+            put_into(into, {name: results[name]})
     if "flips" in results:
         results["all_flips"] = all_flips(results)
     print(json.dumps(results) if as_json else json.dumps(results, indent=2))

@@ -77,6 +77,16 @@ def test_tallies_of_parts_add_up():
     assert (whole["frames"], whole["published"], whole["wrong"]) == (5, 0, 1)
 
 
+def test_results_that_a_page_quotes_are_whole_campaigns_on_reporting_seeds(tmp_path):
+    file = tmp_path / "vision.json"
+    for less in ({"quick": True}, {"ablate": True}, {"seeds": SeedSet.DEVELOPMENT}):
+        with pytest.raises(ConfigError, match="--into"):
+            main(case="cold", into=file, **less)
+    with pytest.raises(ConfigError, match="--only"):
+        main(case="cold", only=["shift"])
+    assert not file.exists()
+
+
 def test_no_job_at_all_is_refused():
     with pytest.raises(ConfigError, match="--jobs 0"):
         main(case="cold", jobs=0)

@@ -1,0 +1,63 @@
+"""The tables of docs/accuracy.md are those of the results."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+
+from lab.vision.decks import LIES as DECKS
+from lab.vision.main import put_into
+from lab.vision.real import DEVICES
+from lab.vision.weather import SKIES as WEATHERS
+from mkdaemon.errors import ConfigError, MkError
+from tests.places import ROOT
+from tools.accuracy_tables import CAMERAS, LIES, SKIES, TABLES, accuracy_page
+
+RESULTS = ROOT / "docs/results/vision.json"
+
+
+def page_of(tmp_path, text, results):
+    (tmp_path / "docs" / "results").mkdir(parents=True)
+    (tmp_path / "docs" / "accuracy.md").write_text(text, encoding="utf-8")
+    (tmp_path / "docs" / "results" / "vision.json").write_text(json.dumps(results), encoding="utf-8")
+    return accuracy_page(tmp_path)
+
+
+def test_every_table_stands_in_the_page():
+    text = (ROOT / "docs/accuracy.md").read_text(encoding="utf-8")
+    assert [name for name in TABLES if f"<!-- table {name} -->" not in text] == []
+
+
+def test_every_camera_hardship_and_deck_has_a_row():
+    assert (set(CAMERAS), set(SKIES), set(LIES)) == (set(DEVICES), set(WEATHERS), set(DECKS))
+
+
+def test_a_figure_reaches_its_table_and_the_prose_stays(tmp_path):
+    results = json.loads(RESULTS.read_text(encoding="utf-8"))
+    results["decks"]["level_nested"]["posed"] = 0.4321
+    page = page_of(tmp_path, "Above.\n\n<!-- table decks -->\nold\n<!-- end -->\n\nBelow.\n", results)
+    assert page.startswith("Above.\n\n<!-- table decks -->\n| attitude |")
+    assert page.endswith("|\n<!-- end -->\n\nBelow.\n")
+    assert "| right, the deck level | 43.2 % |" in page
+    assert "old" not in page
+
+
+def test_a_table_without_results_or_name_is_told(tmp_path):
+    text = "<!-- table decks -->\n<!-- end -->\n"
+    with pytest.raises(MkError, match="table 'decks': no 'decks'"):
+        page_of(tmp_path / "a", text, {})
+    with pytest.raises(MkError, match="no table 'doors'"):
+        page_of(tmp_path / "b", text.replace("decks", "doors"), {})
+
+
+def test_results_of_one_campaign_leave_the_others(tmp_path):
+    file = tmp_path / "vision.json"
+    put_into(file, {"decks": {"base": 1}})
+    put_into(file, {"cold": {"base": 2}})
+    put_into(file, {"decks": {"base": 3}})
+    kept = json.loads(file.read_text(encoding="utf-8"))
+    assert (kept["decks"], kept["cold"]) == ({"base": 3}, {"base": 2})
+    file.write_text("[1]", encoding="utf-8")
+    with pytest.raises(ConfigError, match="--into"):
+        put_into(file, {"cold": {}})

@@ -1,0 +1,253 @@
+"""The tables of docs/accuracy.md, made from what `python -m lab vision --into docs/results/vision.json` has measured.
+
+The prose of the page is written by hand; a table stands between `<!-- table NAME -->` and `<!-- end -->`.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
+from typing import Any, Final
+
+from mkdaemon.errors import MkError
+from tools.markdown import table
+
+Results = Mapping[str, Any]
+
+PLACE: Final = re.compile(r"(?P<begin><!-- table (?P<name>\w+) -->\n).*?(?P<end><!-- end -->)", re.DOTALL)
+FEET: Final = {0.6096: "2 ft (0.61 m)", 1.2192: "4 ft (1.22 m)", 1.8288: "6 ft (1.83 m)", 4.572: "15 ft (4.57 m)"}
+"""Distances that 2010 measured."""
+CAMERAS: Final = {
+    "ideal": "ideal",
+    "gamma": "gamma 2.2",
+    "low_light": "little light",
+    "webcam": "webcam",
+    "rolling": "rolling shutter",
+    "webcam_rolling": "webcam, rolling shutter",
+}
+SKIES: Final = {
+    "fair": "none",
+    "sun_shadow": "sun and shadow",
+    "leaf_shadows": "leaf shadows",
+    "vehicle_shadow": "vehicle's shadow",
+    "gloss": "gloss",
+    "grass": "grass",
+    "dark": "dusk, 6 % of the light",
+    "exposure_18_ms": "exposure of 18 ms",
+    "over_exposed": "over-exposed, 1.8 times",
+    "dirty_lens": "dirty lens",
+    "fringe": "colours 2 px apart in the corner",
+    "curl": "bent print",
+    "auto_exposure": "camera's own exposure under clouds, gamma 2.2",
+}
+LIES: Final = {
+    "level": "right, the deck level",
+    "tilted": "right, the deck tilted by 4 and 3 degrees",
+    "rocking": "right, the deck rocking by 4 degrees",
+    "attitude_biased": "roll off by 5 degrees",
+    "roll_sign_swapped": "sign of roll swapped",
+    "both_signs_swapped": "signs of roll and pitch swapped",
+}
+NEAR, FAR = "to_4_m", "to_8_m"
+
+
+def accuracy_page(root: Path) -> str:
+    """Return docs/accuracy.md with its tables made anew.
+
+    Raises:
+        MkError: a table that is not known, or that has no results.
+    """
+    results: Results = json.loads((root / "docs/results/vision.json").read_text(encoding="utf-8"))
+
+    def made(place: re.Match[str]) -> str:
+        name = place["name"]
+        if name not in TABLES:
+            msg = f"docs/accuracy.md: no table '{name}'; known are {', '.join(TABLES)}"
+            raise MkError(msg)
+        try:
+            lines = list(TABLES[name](results))
+        except KeyError as missing:
+            msg = f"docs/accuracy.md, table '{name}': no {missing} in docs/results/vision.json; measure it with --into"
+            raise MkError(msg) from None
+        return place["begin"] + "\n".join(lines) + "\n" + place["end"]
+
+    return PLACE.sub(made, (root / "docs/accuracy.md").read_text(encoding="utf-8"))
+
+
+def _share(value: float) -> str:
+    return f"{100 * value:.0f} %"
+
+
+def _tenth(part: float, whole: float) -> str:
+    return f"{100 * part / whole:.1f} %"
+
+
+def _all(values: list[float], digits: int) -> str:
+    return " / ".join(f"{value:.{digits}f}" for value in values)
+
+
+def _seeds(results: Results) -> Iterator[str]:
+    """Which reporting seeds each campaign was drawn from."""
+    rows = [(f"`{name}`", f"{found['base']:,}") for name, found in results.items() if "base" in _dict(found)]
+    yield from table(("campaign", "reporting seeds from"), rows)
+
+
+def _dict(found: Any) -> Mapping[str, Any]:
+    return found if isinstance(found, dict) else {}
+
+
+def _distances(results: Results) -> Iterator[str]:
+    head = ("distance", "posed", "mean 3-D", "largest", "sd x / y / z", "sd roll / pitch / yaw", "wrong")
+    rows = [
+        (
+            FEET.get(round(row["distance"], 4), f"{row['distance']:g} m"),
+            _share(row["posed"]),
+            f"{row['mean_3d_cm']:.3f} cm",
+            f"{row['max_3d_cm']:.3f} cm",
+            f"{_all(row['sd_xyz_cm'], 3)} cm",
+            f"{_all(row['sd_rpy_deg'], 3)} deg",
+            str(row["wrong"]),
+        )
+        for row in results["accuracy"]["by_distance"]
+    ]
+    yield from table(head, rows)
+
+
+def _first(row: Mapping[str, Any]) -> str:
+    return " / ".join(_share(row[key]) for key in ("decoded", "posed", "posed_without_attitude"))
+
+
+def _cold(results: Results) -> Iterator[str]:
+    cold = results["cold"]
+    pairs = zip(cold["nested"], cold["single"], strict=True)
+    rows = [(f"{nested['distance']:g} m", _first(nested), _first(single)) for nested, single in pairs]
+    yield from table(("distance", "nested", "single"), rows)
+
+
+def _cold_720p(results: Results) -> Iterator[str]:
+    rows = [(f"{row['distance']:g} m", _first(row)) for row in results["cold"]["single_720p"]]
+    yield from table(("distance", "single, 1280x720"), rows)
+
+
+def _steep(results: Results) -> Iterator[str]:
+    def cell(row: Mapping[str, Any]) -> str:
+        return f"{_share(row['decoded'])} / {_share(row['posed'])}"
+
+    views = results["view_angle"]
+    rows = [
+        (f"{centre['angle_deg']} deg", cell(centre), cell(edge), str(centre["wrong"] + edge["wrong"]))
+        for centre, edge in zip(views["centre"], views["edge"], strict=True)
+    ]
+    yield from table(("angle", "target in the middle", "near the edge of the image", "wrong"), rows)
+
+
+def _stills(results: Results) -> Iterator[str]:
+    rows = [
+        (
+            row["condition"].replace("_", " "),
+            *(_share(row[key]) for key in ("decoded", "posed", "posed_without_attitude")),
+            str(row["wrong"]),
+        )
+        for row in results["conditions"]["by_condition"]
+    ]
+    yield from table(("condition", "decoded", "posed with attitude", "without", "wrong"), rows)
+
+
+def _eyes(row: Mapping[str, Any]) -> str:
+    posed = f"{_tenth(row['posed'], row['images'])}, {row['wrong']}"
+    if not row["posed"]:
+        return posed
+    errors = f"{row['median_cm']:.2f} cm, {row['median_deg']:.2f} deg, {row['range_bias_percent']:+.2f} %"
+    return f"{posed}; {errors}, {row['nees_mean']:.2f} ({row['nees_median']:.2f})"
+
+
+def _plain(row: Mapping[str, Any]) -> str:
+    return f"{_share(row['posed'] / row['images'])}, {row['wrong']}"
+
+
+def _cameras(results: Results) -> Iterator[str]:
+    found = results["real"]
+    near, far = (found["ideal"]["eyes_with_attitude"][part]["images"] for part in (NEAR, FAR))
+    columns = [(eyes, part) for eyes in ("eyes_with_attitude", "eyes_without") for part in (NEAR, FAR)]
+    head = (f"with attitude, to 4 m ({near} images)", f"4-8 m ({far})", "without, to 4 m", "4-8 m")
+    rows = [(words, *(_eyes(found[name][eyes][part]) for eyes, part in columns)) for name, words in CAMERAS.items()]
+    yield from table(("camera", *head), rows)
+
+
+def _plain_cameras(results: Results) -> Iterator[str]:
+    found = results["real"]
+    columns = [(program, part) for program in ("apriltag", "opencv") for part in (NEAR, FAR)]
+    head = ("posed, wrong", "AprilTag, to 4 m", "4-8 m", "OpenCV, to 4 m", "4-8 m")
+    rows = [(words, *(_plain(found[name][who][part]) for who, part in columns)) for name, words in CAMERAS.items()]
+    yield from table(head, rows)
+
+
+def _published(results: Results) -> Iterator[str]:
+    found = results["published"]["by_camera"]
+    rows = []
+    for name, words in CAMERAS.items():
+        eyes = [found[name][which] for which in ("eyes_with_attitude", "eyes_without")]
+        rows.append((words, str(eyes[0]["images"]), *(f"{one['published']}, {one['wrong']}" for one in eyes)))
+    yield from table(("camera", "images", "with attitude: published, wrong", "without"), rows)
+
+
+def _hardships(results: Results) -> Iterator[str]:
+    rows = []
+    for name, words in SKIES.items():
+        cells = []
+        for eyes in ("with_attitude", "without"):
+            row = results["conditions"]["flights"][name][eyes]
+            usual = f"{row['median_cm']:.2f} cm, {row['median_deg']:.2f} deg"
+            largest = f"{row['largest_cm']:.1f} cm, {row['largest_deg']:.1f} deg"
+            cells += [f"{_tenth(row['posed'], row['images'])}, {row['wrong']}", f"{usual}; {largest}"]
+            cells.append(f"{row['nees_measured_median']:.2f}, {row['nees_published_mean']:.2f}")
+        rows.append((words, *cells))
+    yield from table(("hardship", "with attitude", "errors", "NEES", "without", "errors", "NEES"), rows)
+
+
+def _decks(results: Results) -> Iterator[str]:
+    rows = []
+    for name, words in LIES.items():
+        pair = [results["decks"][f"{name}_{target}"] for target in ("nested", "single")]
+        rows.append(
+            (
+                words,
+                *(_tenth(row["posed"], 1.0) for row in pair),
+                str(sum(row["wrong"] for row in pair)),
+                ", ".join(f"{row['nees_mean']:.2f} ({row['nees_median']:.2f})" for row in pair),
+                ", ".join(f"{row['nees_published_mean']:.2f}" for row in pair),
+            )
+        )
+    head = ("attitude", "nested", "single", "wrong", "NEES of the measurement, mean (median)", "as published")
+    yield from table(head, rows)
+
+
+def _flights(results: Results) -> Iterator[str]:
+    rows = []
+    for target in ("nested", "single"):
+        for eyes, words in (("with_attitude", "yes"), ("without_attitude", "no")):
+            row = results["flights"][target][eyes]
+            usual = f"{row['median_cm']:.3f} cm, {row['median_deg']:.3f} deg"
+            largest = f"{row['p99_cm']:.2f} cm, {row['p99_deg']:.2f} deg"
+            posed = f"{_tenth(row['posed'], 1.0)} of {row['frames']}"
+            rows.append((target, words, posed, str(row["wrong"]), str(row["flips"]), usual, largest))
+    yield from table(("target", "attitude", "posed", "wrong", "flips", "median error", "99 %"), rows)
+
+
+TABLES: Final[Mapping[str, Callable[[Results], Iterator[str]]]] = {
+    "seeds": _seeds,
+    "distances": _distances,
+    "cold": _cold,
+    "cold_720p": _cold_720p,
+    "steep": _steep,
+    "stills": _stills,
+    "cameras": _cameras,
+    "plain_cameras": _plain_cameras,
+    "published": _published,
+    "hardships": _hardships,
+    "decks": _decks,
+    "flights": _flights,
+}
+"""The tables by the names that the page gives them."""
