@@ -72,7 +72,7 @@ def test_a_right_pose_with_the_inner_tag_hidden_stays(texture):
     corners, _ = Projection(VGA).project(1.4 * target.tags[1].corners @ view.rotation.T + view.position)
     cover = np.full_like(view.pixels, 120)
     if texture == "noise":
-        cover = np.random.default_rng(5).integers(0, 256, cover.shape, dtype=np.uint8)
+        cover = np.random.default_rng(4).integers(0, 256, cover.shape, dtype=np.uint8)
     hidden = np.zeros_like(cover)
     cv2.fillConvexPoly(hidden, np.rint(corners).astype(np.int32), 1)
     pixels = np.where(hidden > 0, cover, view.pixels)

@@ -43,7 +43,8 @@ class Curl:
 
     def slope(self, across: Array) -> Array:
         """Its derivative."""
-        slope: Array = -np.sign(self.radius) * across / np.sqrt(self.radius**2 - across**2)
+        inside = np.clip(across, -self.width / 2, self.width / 2)
+        slope: Array = -np.sign(self.radius) * inside / np.sqrt(self.radius**2 - inside**2)
         return np.where(np.abs(across) < self.width / 2, slope, 0.0)
 
     def along_paper(self, across: Array) -> Array:

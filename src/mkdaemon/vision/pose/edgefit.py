@@ -20,11 +20,13 @@ import numpy as np
 import numpy.typing as npt
 
 from mkdaemon.vision.limits import LIMITS, Limits
+from mkdaemon.vision.pose.bend import BENT, RISES, BentPrint
 from mkdaemon.vision.pose.edgefind import Samples, find_edges, without_glare
 from mkdaemon.vision.pose.edgemodel import EdgeModel
 from mkdaemon.vision.pose.edgestep import EdgeStep
-from mkdaemon.vision.pose.nuisance import Prior, with_blown, with_motion, with_shift, with_stretch
+from mkdaemon.vision.pose.nuisance import Prior, with_bend, with_blown, with_motion, with_shift, with_stretch
 from mkdaemon.vision.pose.pose import Pose, turn
+from mkdaemon.vision.pose.prints import sheet_of
 from mkdaemon.vision.pose.projection import NEAR_M, Projection
 from mkdaemon.vision.pose.rolling import (
     MOTIONS,
@@ -34,6 +36,7 @@ from mkdaemon.vision.pose.rolling import (
     exposed,
     motion_at_rest,
     motion_jacobian,
+    skew,
 )
 from mkdaemon.vision.tags.tagmap import Target
 
@@ -42,6 +45,8 @@ Grey = npt.NDArray[np.uint8]
 
 NORMAL_STEP = 0.1
 """Length of the step that gives a normal's direction in the image [cells]."""
+FIRST_BEND_PX = 30.0
+"""Deviation of an edge while its reach is long, for the bend [px]: edges that are not yet found would bend a print."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -63,7 +68,7 @@ class Level:
         spread^2: the turn about n itself is free.
         """
         normal = rotation[:, 2]
-        error = np.cross(normal, self.up)
+        error = skew(normal) @ self.up
         across = np.eye(3) - np.outer(normal, normal)
         weight = (located_px / self.spread) ** 2
         matrix, right = np.zeros((6, 6)), np.zeros(6)
@@ -81,6 +86,7 @@ class LocatedEdges:
         offsets: of the edges from where the pose puts them `(n,)` [px], towards the bright side.
         found: whether an edge of the right sense was found `(n,)`.
         jacobian: of the offsets by pose `(n, 6)`.
+        by_rise: and by the rise of the print `(n, 3)`; empty where it does not bend.
         pixels: where the pose puts them `(n, 2)` [px].
         normals: towards the brighter side, unit `(n, 2)`.
     """
@@ -89,6 +95,7 @@ class LocatedEdges:
     offsets: Array
     found: npt.NDArray[np.bool_]
     jacobian: Array
+    by_rise: Array
     pixels: Array
     normals: Array
 
@@ -103,6 +110,8 @@ class EdgeFit:
         # The samples, and so far along their normals that these have a direction in the image.
         ends = model.points + model.normals * (NORMAL_STEP * model.cell)[:, None]
         self._points = np.concatenate([model.points, ends])
+        self._sheet = sheet_of(target)
+        self._bends = np.zeros((0, 0)) if self._sheet is None else self._sheet.terms(self._points)
         self._projection = projection
         self._limits = limits
         self._line_time = projection.intrinsics.line_time
@@ -133,15 +142,17 @@ class EdgeFit:
         limits = self._limits.edges
         rotation, position = start.rotation, start.position
         last: EdgeStep | None = None
+        edge_px = bend_px = limits.located_px
         moved = np.inf
         projection, stretch = self._projection, 0.0
-        # stills that doubt the lens show no motion of the camera
+        # stills that doubt the lens show no motion of the camera, and take the print for flat
         rolls = self._line_time > 0.0 and stretch_sd == 0.0
+        bent = self._bent_at(start) if stretch_sd == 0.0 else None
         motion = (start.motion if start.motion is not None else motion_at_rest()) if rolls else None
         is_blown = int(pixels.max()) >= self._limits.read.saturated
         for k in range(iterations):
             reach = limits.reach_px[min(k, len(limits.reach_px) - 1)]
-            samples = self._project(pixels.shape, rotation, position, reach, projection, motion)
+            samples = self._project(pixels.shape, rotation, position, reach, projection, motion, bent)
             if samples is None:
                 return None
             if is_blown:
@@ -152,17 +163,22 @@ class EdgeFit:
             prior: Prior = (
                 level.pull(rotation, limits.located_px) if level is not None else (np.zeros((6, 6)), np.zeros(6))
             )
+            if last is not None:
+                edge_px = max(last.variance**0.5, limits.least_scale_px)
+            is_near = reach <= limits.reach_px[-2]
+            bend_px = edge_px if is_near else FIRST_BEND_PX
+            if bent is not None:
+                prior = with_bend(prior, bent, bend_px)
             if stretch_sd > 0.0:
                 samples, prior = with_stretch(samples, prior, projection, stretch, limits.located_px / stretch_sd)
             carried = samples.jacobian.shape[1]
-            edge_px = limits.located_px if last is None else max(last.variance**0.5, limits.least_scale_px)
             if motion is not None:
                 samples, prior = with_motion(samples, prior, start, motion, position, edge_px, limits)
             if edges.blown is not None:
                 samples, prior = with_blown(samples, prior, edges.blown, edge_px)
             samples, prior = with_shift(samples, prior, limits.located_px / limits.shift_sd_px)
             least_scale = limits.first_scale_px if k == 0 else limits.least_scale_px
-            upright = self.model.upright[samples.index] if reach > limits.reach_px[-2] else None
+            upright = None if is_near else self.model.upright[samples.index]
             now = EdgeStep.solve(samples, edges, least_scale, limits.tukey, prior, upright)
             step = now.change
             # By the mean square: a move along one side of the tag shifts half of the edges, and no middle one.
@@ -178,16 +194,18 @@ class EdgeFit:
                 return None
             if np.linalg.norm(position - start.position) > limits.max_move * start.range_m + limits.max_move_m:
                 return None
+            if bent is not None:
+                bent = bent.moved(step[BENT])
             if motion is not None:
                 motion = motion + step[carried - MOTIONS : carried]
-            if moved < limits.settled_px and reach <= limits.reach_px[-2]:
+            if moved < limits.settled_px and is_near:
                 break
             if stretch_sd > 0.0:
-                stretch += float(step[6])
+                stretch += float(step[carried - 1])
                 projection = self._projection.stretch(stretch)
         if last is None:
             return None
-        fitted = last.pose(rotation, position, self.model.square, self._limits)
+        fitted = last.pose(rotation, position, self.model.square, self._limits, bent, bend_px)
         return replace(
             fitted,
             motion=motion,
@@ -198,12 +216,22 @@ class EdgeFit:
     def locate(self, pixels: Grey, pose: Pose) -> LocatedEdges | None:
         """Find the edges around a fitted pose; none when too few are in view."""
         reach = self._limits.edges.reach_px[-1]
-        samples = self._project(pixels.shape, pose.rotation, pose.position, reach, self._projection, pose.motion)
+        samples = self._project(
+            pixels.shape, pose.rotation, pose.position, reach, self._projection, pose.motion, self._bent_at(pose)
+        )
         if samples is None:
             return None
         edges = find_edges(pixels, samples, self._limits, is_blown=int(pixels.max()) >= self._limits.read.saturated)
-        offsets, jacobian = edges.offsets - pose.shift_px, samples.jacobian[:, :6]
-        return LocatedEdges(samples.index, offsets, edges.found, jacobian, samples.pixels, samples.normals)
+        jacobian, by_rise = samples.jacobian[:, :6], samples.jacobian[:, BENT if self._sheet is not None else slice(0)]
+        offsets = edges.offsets - pose.shift_px
+        return LocatedEdges(samples.index, offsets, edges.found, jacobian, by_rise, samples.pixels, samples.normals)
+
+    def _bent_at(self, start: Pose) -> BentPrint | None:
+        """The bend where a fit begins; none where the target has no sheet that bends."""
+        if self._sheet is None:
+            return None
+        known = start.known_bend or self._sheet.prior
+        return BentPrint(self._sheet, known, known.information, known.mean if start.bend is None else start.bend.mean)
 
     def _project(
         self,
@@ -213,10 +241,14 @@ class EdgeFit:
         reach: float,
         projection: Projection,
         motion: Array | None,
+        bent: BentPrint | None,
     ) -> Samples | None:
         """Samples in view with u = project(R p + t) and J = n . du/dx; none when they are too few."""
         limits, count = self._limits, len(self._points) // 2
-        still = seen = self._points @ rotation.T + position
+        points = self._points
+        if bent is not None and bool(bent.rise.any()):
+            points = bent.sheet.bent(points, self._bends, bent.rise)
+        still = seen = points @ rotation.T + position
         times = np.zeros(2 * count)
         if motion is not None:
             seen, times = exposed(still, motion, projection)
@@ -248,6 +280,9 @@ class EdgeFit:
         if motion is not None:
             by_rest = before_motion(by_point, motion, times[index])
             columns = [motion_jacobian(by_point, rest, times[index])]
+        if bent is not None:
+            by_height = by_rest @ (rotation @ bent.sheet.normal)
+            columns = [by_height[:, None] * self._bends[index, :RISES], *columns]
         # A turn w moves a point at `arm` by w x arm, so that n . du = w . (arm x n du/dP).
         jacobian = np.column_stack([by_rest, cross(rest - position, by_rest), *columns])
         near = np.minimum(reach, limits.edges.reach_cells * cell_px[index])

@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from mkdaemon.vision.limits import Limits
+from mkdaemon.vision.pose.bend import BENT, Bend, BentPrint
 from mkdaemon.vision.pose.edgefind import FoundEdges, Samples
 from mkdaemon.vision.pose.nuisance import Prior
 from mkdaemon.vision.pose.pose import Pose, median
@@ -130,7 +131,15 @@ class EdgeStep:
         alone = float(((pulls @ inverse) * pulls).sum())
         return float(((together @ inverse) * together).sum()) / max(alone, LEAST_RIDGE)
 
-    def pose(self, rotation: Array, position: Array, square: npt.NDArray[np.intp], all_limits: Limits) -> Pose:
+    def pose(
+        self,
+        rotation: Array,
+        position: Array,
+        square: npt.NDArray[np.intp],
+        all_limits: Limits,
+        bent: BentPrint | None = None,
+        edge_px: float = 1.0,
+    ) -> Pose:
         """The pose after this step.
 
         Args:
@@ -138,6 +147,8 @@ class EdgeStep:
             position: of the target `(3,)` [m; RDF].
             square: of the print each sample of the model is in `(m,)`.
             all_limits: thresholds.
+            bent: the bend of the print, where it is an unknown.
+            edge_px: deviation of a located edge that the bend was weighed with [px].
         """
         limits, variance = all_limits.edges, self.variance
         inverse = np.asarray(np.linalg.inv(_damped(self.normal)), np.float64)
@@ -145,7 +156,17 @@ class EdgeStep:
         # that of a sharp edge, or more by their residuals; s is what interpolation leaves and no number of samples
         # averages out.
         shared = max(self.width / all_limits.blur.sharp_px, self.shared(square[self.samples.index], inverse))
-        covariance = (shared * self.influence_variance + limits.systematic_px**2) * inverse[:6, :6]
+        noise = shared * self.influence_variance + limits.systematic_px**2
+        bend = None
+        if bent is not None:
+            # What is known of the bend is no better for edges that are worse than they look.
+            normal = self.normal.copy()
+            normal[BENT, BENT] += (noise - edge_px**2) * bent.information
+            inverse = np.asarray(np.linalg.inv(_damped(normal)), np.float64)
+            bend = Bend(bent.rise, noise * inverse[BENT, BENT])
+        covariance = noise * inverse[:6, :6]
+        if bent is not None and bend is not None:
+            covariance[:3, :3] += bent.sheet.plane_covariance(rotation, bend)
         # Loss for rivals: geometric mean of min(r, missed)^2 + least^2. Log odds of two fits are then n / 2 times the
         # log of their ratio, and a hidden sample costs both the same.
         missed = np.where(self.agreeing > 0.0, np.abs(self.residual), limits.missed_px)
@@ -164,6 +185,8 @@ class EdgeStep:
             blur_px=self.width,
             widest_px=self.widest,
             shift_px=float(self.change[-1]),
+            bend=bend,
+            known_bend=None if bent is None else bent.known,
         )
 
 

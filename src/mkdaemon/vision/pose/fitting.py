@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from mkdaemon.vision.limits import LIMITS, Limits
+from mkdaemon.vision.pose.bend import Bend
 from mkdaemon.vision.pose.edgefind import HALF_WIDTH
 from mkdaemon.vision.pose.edgefit import EdgeFit, Level
 from mkdaemon.vision.pose.evidence import EdgeEvidence
@@ -47,6 +48,8 @@ class TargetFitter:
         self._limits = limits
         self._edges = EdgeFit(target, projection, limits=limits)
         self._photo = PhotoFit(target, projection, limits)
+        sheet = self._photo.prints.sheet
+        self.bend_known = None if sheet is None else sheet.prior
         self._gatherer = PrintGatherer(self._photo.prints, projection, limits)
         self._bits = BitModel(target, projection, limits)
         self._evidence = EdgeEvidence(target, projection, limits)
@@ -61,6 +64,7 @@ class TargetFitter:
         pixels: Grey,
         tags: Sequence[tuple[Tag, Detection]],
         motion_at: Callable[[Array], KnownMotion] | None = None,
+        bend: Bend | None = None,
     ) -> list[Pose]:
         """Fit every candidate that decoded tags allow; rival poses stay in the list.
 
@@ -68,11 +72,13 @@ class TargetFitter:
             pixels: `(h, w)` uint8.
             tags: decoded, with their places in the target.
             motion_at: what is known about the motion of a target at a place `(3,)` [m; RDF] under a rolling shutter.
+            bend: what is known about that of the print.
         """
         candidates = solve(tags, self._projection)
         if len(tags) > 1 and (not candidates or candidates[0].rms_px > self._limits.health.agreement_px):
             # A border faked by something lying over the tag: let every tag speak for itself.
             candidates = [pose for pair in tags for pose in solve([pair], self._projection)]
+        candidates = [replace(pose, known_bend=bend) for pose in candidates]
         if motion_at is not None:
             candidates = [replace(pose, known_motion=motion_at(pose.position)) for pose in candidates]
         candidates = [self._gatherer.gathered(pixels, candidate) for candidate in candidates]

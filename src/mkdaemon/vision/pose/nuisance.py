@@ -13,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from mkdaemon.vision.limits import EdgeLimits
+from mkdaemon.vision.pose.bend import BentPrint
 from mkdaemon.vision.pose.blown import Blown
 from mkdaemon.vision.pose.edgefind import Samples
 from mkdaemon.vision.pose.pose import Pose
@@ -44,6 +45,12 @@ def with_blown(samples: Samples, prior: Prior, blown: Blown, edge_px: float) -> 
     """
     grown = _grown(prior, (edge_px / blown.spread) ** 2, np.zeros(2))
     return replace(samples, jacobian=np.hstack([samples.jacobian, blown.columns])), grown
+
+
+def with_bend(prior: Prior, bent: BentPrint, edge_px: float) -> Prior:
+    """The rise r of the print, whose columns J has behind the pose: the cost is |r - expected|^2 by its covariance."""
+    weight = edge_px**2 * bent.information
+    return _joined(prior, weight, weight @ (bent.known.mean - bent.rise))
 
 
 def with_stretch(
@@ -117,10 +124,15 @@ def motion_known(start: Pose, limits: EdgeLimits) -> tuple[Array, Array]:
 
 
 def _grown(prior: Prior, weight: Array, pull: Array) -> Prior:
+    """A prior with more unknowns, independent of the others and of each other."""
+    return _joined(prior, np.diag(weight), pull)
+
+
+def _joined(prior: Prior, weight: Array, pull: Array) -> Prior:
     """A prior with more unknowns, independent of the others."""
     matrix, right = prior
     count = len(right) + len(weight)
     grown = np.zeros((count, count))
     grown[: len(right), : len(right)] = matrix
-    grown[len(right) :, len(right) :] = np.diag(weight)
+    grown[len(right) :, len(right) :] = weight
     return grown, np.concatenate([right, pull])

@@ -23,6 +23,7 @@ import numpy as np
 import numpy.typing as npt
 
 from mkdaemon.vision.limits import LIMITS, Limits
+from mkdaemon.vision.pose.bend import RISES
 from mkdaemon.vision.pose.edgefit import Level
 from mkdaemon.vision.pose.photostep import MOTION, SPREAD, PhotoState, PhotoStepper
 from mkdaemon.vision.pose.pose import Pose, turn
@@ -85,7 +86,7 @@ class PhotoFit:
         motion = None
         if self._rolls:
             motion = start.motion if start.motion is not None else motion_at_rest()
-        at = PhotoState(start.rotation, start.position, blur_px**2 * np.eye(2), motion)
+        at = PhotoState(start.rotation, start.position, blur_px**2 * np.eye(2), motion, self.prints.rise_of(start))
         seen = self.prints.seen(at.rotation, at.position, pixels.shape)
         near = seen if len(seen) == 1 else self._alike(pixels, seen, at, self._limits.photo.start_match) or seen
         found = self._fit(pixels, near, at, start, iterations, level)
@@ -100,7 +101,7 @@ class PhotoFit:
     def shows(self, pixels: Grey, pose: Pose) -> tuple[PrintModel, ...]:
         """Prints that the image clearly shows where a pose puts them."""
         blur_px = pose.blur_px or START_BLUR_PX
-        at = PhotoState(pose.rotation, pose.position, blur_px**2 * np.eye(2), pose.motion)
+        at = PhotoState(pose.rotation, pose.position, blur_px**2 * np.eye(2), pose.motion, self.prints.rise_of(pose))
         seen = self.prints.seen(pose.rotation, pose.position, pixels.shape)
         return tuple(
             model for model in seen if self._stepper.match(pixels, model, at) >= self._limits.photo.found_match
@@ -197,7 +198,7 @@ class PhotoFit:
         apart = np.concatenate([grey.position - pose.position, turned])
         if float(apart @ np.linalg.solve(pose.covariance, apart)) > limits.photo.same_mahalanobis2:
             return pose
-        return replace(pose, rotation=grey.rotation, position=grey.position, covariance=grey.covariance)
+        return replace(pose, rotation=grey.rotation, position=grey.position, covariance=grey.covariance, bend=grey.bend)
 
 
 def _moved(at: PhotoState, change: Array) -> PhotoState:
@@ -206,4 +207,5 @@ def _moved(at: PhotoState, change: Array) -> PhotoState:
     values, vectors = np.linalg.eigh(at.spread + np.array([[xx, xy], [xy, yy]]))
     spread = vectors @ np.diag(np.clip(values, BLUR_PX[0] ** 2, BLUR_PX[1] ** 2)) @ vectors.T
     motion = None if at.motion is None else at.motion + change[MOTION]
-    return PhotoState(turn(at.rotation, change[3:6]), at.position + change[:3], spread, motion)
+    rise = None if at.rise is None else at.rise + change[-RISES:]
+    return PhotoState(turn(at.rotation, change[3:6]), at.position + change[:3], spread, motion, rise)

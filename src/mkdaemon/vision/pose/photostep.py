@@ -11,12 +11,14 @@ import numpy as np
 import numpy.typing as npt
 
 from mkdaemon.vision.limits import Limits
+from mkdaemon.vision.pose.bend import RISES, Bend
 from mkdaemon.vision.pose.edgefit import Level
 from mkdaemon.vision.pose.edgestep import MAD
 from mkdaemon.vision.pose.greynoise import clarity, shared_by
 from mkdaemon.vision.pose.nuisance import BEYOND, beyond_motion, beyond_sd, motion_known
 from mkdaemon.vision.pose.pose import Pose, correlation, median
 from mkdaemon.vision.pose.printimage import PrintSamples
+from mkdaemon.vision.pose.printlight import LIGHTS, Lit
 from mkdaemon.vision.pose.printmodel import PrintModel
 from mkdaemon.vision.pose.projection import Projection
 from mkdaemon.vision.pose.rolling import MOTIONS, at_rest, at_times, before_motion, cross, motion_jacobian
@@ -30,12 +32,8 @@ LEAST_NOISE: Final = 0.3
 """Variance of grey values rounded to integers and averaged by the fit [grey^2]."""
 POSE, LIGHT, SPREAD, MOTION, BENDS = slice(0, 6), slice(6, 13), slice(13, 16), slice(16, 20), slice(20, 25)
 """Where the unknowns are: pose, then light with its tone curve, point spread; under a rolling shutter the motion and
-what it lacks. The light of further prints comes behind all of them."""
-LIGHTS, SPREADS = 7, 3
-TOE: Final = 0.05
-"""Light of ink over that of paper: where a tone curve lifts the dark. With a logarithm from there the model follows a
-gamma of 1.6 to 2.2 to 0.3 % of the contrast, a cubic polynomial alone to 0.7-3.4 % (ink 0.03 to 0.1)."""
-TOE_GAIN: Final = 1.0 / float(np.log1p(1.0 / TOE))
+what it lacks. Behind all of them comes the bend of an only print, or the light of further prints."""
+SPREADS: Final = 3
 LIGHT_UNIT: Final = 100.0
 """Unknowns are solved for in units in which they are of one size [grey]."""
 
@@ -49,12 +47,14 @@ class PhotoState:
         position: of the target `(3,)` [m; RDF].
         spread: covariance of the point spread `(2, 2)` [px^2].
         motion: under a rolling shutter `(4,)`; none under a global one.
+        rise: of the print `(3,)`; none where it does not bend.
     """
 
     rotation: Array
     position: Array
     spread: Array
     motion: Array | None
+    rise: Array | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -72,26 +72,6 @@ class PhotoStep:
     cost: float
     pose: Pose
     length2: float
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Lit:
-    """The model of the grey values: I = gain . columns, and what a change of the print changes in it."""
-
-    columns: Array
-    gain: Array
-    contrast: Array
-
-    @classmethod
-    def of(cls, at: PrintSamples, half: float) -> _Lit:
-        """Light by least squares at the present pose and blur."""
-        tone = at.value * (1.0 - at.value)
-        skew = 1.0 - 2.0 * at.value
-        lifted = TOE_GAIN * np.log1p(at.value / TOE) - at.value
-        columns = np.stack([at.value, np.ones_like(at.value), at.u / half, at.v / half, tone, tone * skew, lifted])
-        gain = np.asarray(np.linalg.solve(columns @ columns.T + 1e-6 * np.eye(LIGHTS), columns @ at.grey), np.float64)
-        contrast = gain[0] + gain[4] * skew + gain[5] * (1.0 - 6.0 * tone)
-        return cls(columns, gain, contrast + gain[6] * (TOE_GAIN / (TOE + at.value) - 1.0))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -152,6 +132,10 @@ class PhotoStepper:
         bends = self._bends(residual, jacobian[BENDS] if state.motion is not None else jacobian[:0])
         if bends.size:
             residual -= bends @ jacobian[BENDS]
+        if state.rise is not None:
+            # The print is rendered flat; its bend moves what is seen by less than a pixel.
+            rises = slice(len(unit) - RISES, len(unit))
+            residual -= state.rise @ jacobian[rises]
         # Robust weights: 1 within c sigma, (c sigma / r)^2 beyond, sigma from the median of |r|; times the clarity.
         clear = clarity(residual, value)
         size = np.abs(residual) * clear
@@ -166,11 +150,22 @@ class PhotoStepper:
         shared = _shared(parts, np.clip(residual * clear, -bound, bound))
         noise *= shared
         prior, pull, surprise = self._prior(state, bends, start, level, noise, len(unit))
+        sheet = prints[0].sheet
+        if sheet is not None and state.rise is not None:
+            known = start.known_bend or sheet.prior
+            off, information = known.mean - state.rise, known.information
+            prior[rises, rises], pull[rises] = noise * information, noise * information @ off
+            surprise += float(off @ information @ off)
         normal = weighted @ jacobian.T + prior * np.outer(unit, unit)
         ridge = damping * np.diag(np.diag(normal)) + 1e-9 * np.eye(len(unit))
         change = np.linalg.solve(normal + ridge, weighted @ residual + pull * unit) * unit
         # Covariance of the pose with the rest unknown: sigma^2 times its block of the inverse normal matrix.
-        inverse = np.linalg.inv(normal + 1e-9 * np.eye(len(unit)))[POSE, POSE] * np.outer(unit[POSE], unit[POSE])
+        inverse = noise * np.linalg.inv(normal + 1e-9 * np.eye(len(unit))) * np.outer(unit, unit)
+        covariance = (inverse[POSE, POSE] + inverse[POSE, POSE].T) / 2
+        bend = None
+        if sheet is not None and state.rise is not None:
+            bend = Bend(state.rise + change[rises], inverse[rises, rises])
+            covariance[:3, :3] += sheet.plane_covariance(rotation, bend)
         # Residual as a shift of edges: rms over the rms slope of the lit prints [grey / (grey/px)].
         steepness = sqrt(sum(part.steepness**2 * part.residual.size for part in parts) / value.size)
         squared = np.minimum(size, limits.lost_grey) ** 2 + limits.quiet_grey**2
@@ -178,7 +173,7 @@ class PhotoStepper:
         pose = Pose(
             rotation,
             position,
-            noise * (inverse + inverse.T) / 2,
+            covariance,
             "photometric",
             int((agreeing > limits.counted).sum()),
             float(np.sqrt(cost)) / max(steepness, 1e-3) if is_positive else np.inf,
@@ -189,6 +184,8 @@ class PhotoStepper:
             float(np.linalg.det(state.spread)) ** 0.25,
             motion=state.motion,
             known_motion=start.known_motion,
+            bend=bend,
+            known_bend=start.known_bend,
             shared=shared,
         )
         length2 = float(change[POSE] @ np.linalg.solve(pose.covariance, change[POSE]))
@@ -209,7 +206,7 @@ class PhotoStepper:
         at = rendered.samples(pixels)
         if at.value.size < self._limits.photo.min_window_px**2:
             return None
-        lit = _Lit.of(at, model.half)
+        lit = Lit.of(at, model.half)
         rows, unit = self._jacobian(at, lit, model, state)
         steepness = float(np.sqrt(np.mean(at.dx**2 + at.dy**2))) * abs(float(lit.gain[0]))
         return _Part(at, at.grey - lit.gain @ lit.columns, rows, unit, float(lit.gain[0]), steepness)
@@ -227,7 +224,7 @@ class PhotoStepper:
         bends = np.linalg.solve((columns * weights) @ columns.T + known, columns @ (weights * residual))
         return np.asarray(bends, np.float64)
 
-    def _jacobian(self, at: PrintSamples, lit: _Lit, model: PrintModel, state: PhotoState) -> tuple[Array, Array]:
+    def _jacobian(self, at: PrintSamples, lit: Lit, model: PrintModel, state: PhotoState) -> tuple[Array, Array]:
         """Derivative of a print's grey values by all its unknowns `(k, n)`, in units `(k,)` of one size."""
         rotation, axes, motion = state.rotation, model.axes, state.motion
         arm = np.column_stack([at.u, at.v]) @ (rotation @ axes[:, :2]).T + rotation @ model.origin
@@ -251,6 +248,10 @@ class PhotoStepper:
             by_motion = motion_jacobian(slope, arm + state.position, times)
             rows += [by_motion.T, beyond_motion(by_motion, moved, times, state.position).T]
             units.append(np.ones(MOTIONS + BEYOND))
+        if model.sheet is not None:
+            places = np.column_stack([at.u, at.v]) @ axes[:, :2].T + model.origin
+            rows.append((moved @ (rotation @ model.sheet.normal)) * model.sheet.heights(places).T)
+            units.append(np.ones(RISES))
         unit = np.concatenate(units)
         return np.concatenate(rows) * unit[:, None], unit
 

@@ -14,6 +14,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from mkdaemon.vision.pose.bend import Bend
 from mkdaemon.vision.pose.projection import NEAR_M, Projection
 from mkdaemon.vision.pose.rolling import KnownMotion, skew
 from mkdaemon.vision.tags.detection import Detection
@@ -58,6 +59,8 @@ class Pose:
             curve makes white spread over black.
         motion: of the camera while its rows were read `(4,)`, where the fit asked; see `rolling`.
         known_motion: what was known about it before the fit.
+        bend: of the print, where the fit asked.
+        known_bend: what was known about it before the fit.
         stretch: logarithm of the ratio of the focal lengths over the calibrated one, where the fit was free to ask.
         shared: by how much residuals that neighbouring pixels share raise the variance, 1 or more (`greynoise`).
     """
@@ -77,6 +80,8 @@ class Pose:
     shift_px: float = 0.0
     motion: Array | None = None
     known_motion: KnownMotion | None = None
+    bend: Bend | None = None
+    known_bend: Bend | None = None
     stretch: float | None = None
     shared: float = 1.0
 

@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from mkdaemon.vision.limits import Limits
+from mkdaemon.vision.pose.bend import Sheet
 from mkdaemon.vision.pose.printimage import FINE, RenderedPrint, Window
 from mkdaemon.vision.pose.projection import NEAR_M, Projection
 from mkdaemon.vision.pose.rolling import exposed, skew
@@ -44,6 +45,7 @@ class PrintModel:
         first: the largest tag of the print.
         projection: of the lens.
         limits: all thresholds.
+        sheet: that it is printed on; none where it does not bend.
 
     Attributes:
         origin: centre of that tag `(3,)` [m; target].
@@ -52,7 +54,10 @@ class PrintModel:
         cell: side of its cells [m].
     """
 
-    def __init__(self, target: Target, first: Tag, projection: Projection, limits: Limits) -> None:
+    def __init__(
+        self, target: Target, first: Tag, projection: Projection, limits: Limits, sheet: Sheet | None = None
+    ) -> None:
+        self.sheet = sheet
         self._projection = projection
         self._limits = limits.photo
         self.origin, self.axes = first.position, first.rotation

@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from mkdaemon.vision.limits import Limits
+from mkdaemon.vision.pose.bend import Sheet
 from mkdaemon.vision.pose.pose import Pose
 from mkdaemon.vision.pose.printmodel import SQUARE, PrintModel
 from mkdaemon.vision.pose.projection import NEAR_M, Projection
@@ -33,6 +34,15 @@ def roots(target: Target) -> tuple[Tag, ...]:
     return tuple(found)
 
 
+def sheet_of(target: Target) -> Sheet | None:
+    """The sheet of a target that is one print; none where it cannot bend, or has several prints.
+
+    Prints beside each other fix the pose by their places, which nobody tells how a sheet would bend.
+    """
+    found = roots(target)
+    return Sheet(found[0], target.bend) if len(found) == 1 and target.bend > 0.0 else None
+
+
 def _lies_on(tag: Tag, other: Tag) -> bool:
     place = (tag.position - other.position) @ other.rotation
     return abs(float(place[2])) < max(other.module, SAME_HEIGHT_M) and bool((np.abs(place[:2]) < other.paper / 2).all())
@@ -44,12 +54,14 @@ class Prints:
     Attributes:
         roots: the largest tag of each, largest first.
         all: the prints, in the same order.
+        sheet: of a target's only print; none where it does not bend.
     """
 
     def __init__(self, target: Target, projection: Projection, limits: Limits) -> None:
         self._projection = projection
         self.roots = roots(target)
-        self.all = tuple(PrintModel(target, tag, projection, limits) for tag in self.roots)
+        self.sheet = sheet_of(target)
+        self.all = tuple(PrintModel(target, tag, projection, limits, self.sheet) for tag in self.roots)
 
     def seen(self, rotation: Array, position: Array, shape: tuple[int, ...] | None = None) -> tuple[PrintModel, ...]:
         """Prints of which a pose puts enough into the image, the largest there first; a target's only print always.
@@ -88,6 +100,12 @@ class Prints:
         toward: Array = -middle / max(float(np.linalg.norm(middle)), NEAR_M)
         normal = pose.rotation @ seen[0].axes[:, 2]
         return seen[0].origin, toward, acos(min(max(float(normal @ toward), -1.0), 1.0))
+
+    def rise_of(self, start: Pose) -> Array | None:
+        """Rise of the only print where a fit begins `(3,)`; none where it does not bend."""
+        if self.sheet is None:
+            return None
+        return (start.bend or start.known_bend or self.sheet.prior).mean
 
     def _is_shown(self, model: PrintModel, rotation: Array, position: Array, width: int, height: int) -> bool:
         if model.depth(rotation, position) < NEAR_M:

@@ -47,7 +47,7 @@ def motion_of(place: Array, speed: Array, turning: Array) -> Array:
     # v = -w x P + s e: the turn has no part along P, so s = v . P / P_z, and the shortest w makes up the rest.
     along = float(speed @ place) / float(place[2])
     across = speed - np.array([0.0, 0.0, along])
-    return np.array([*(turning - np.cross(place, across) / float(place @ place)), along])
+    return np.array([*(turning - skew(place) @ across / float(place @ place)), along])
 
 
 def motion_at_rest() -> Array:

@@ -18,6 +18,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
+from mkdaemon.vision.pose.bend import Bend
 from mkdaemon.vision.pose.rolling import skew
 from mkdaemon.vision.selfcal.evidence import LENS, ImageEvidence
 
@@ -58,6 +59,7 @@ class CameraFilter:
         is_level: whether the target lies level at rest.
         is_moving: whether it moves.
         sizes: how many unknown sizes the images speak of.
+        bend: what is known of that of its print; none where it does not bend.
 
     Attributes:
         mean: of the unknowns `(n,)`.
@@ -66,14 +68,25 @@ class CameraFilter:
     """
 
     def __init__(
-        self, attitude_sd: float, flu_from_cam: Array | None, *, is_level: bool, is_moving: bool, sizes: int
+        self,
+        attitude_sd: float,
+        flu_from_cam: Array | None,
+        *,
+        is_level: bool,
+        is_moving: bool,
+        sizes: int,
+        bend: Bend | None = None,
     ) -> None:
         self._attitude_sd = attitude_sd
         self._flu_from_cam = flu_from_cam if is_level else None
         self._deck_drift = DECK_DRIFT[is_moving]
-        sd = np.array([*[MOUNTING_SD] * 3, *[DECK_SD] * 2, TILT_SCALE_SD, *LENS_SD, *[SIZE_SD] * sizes])
+        rises = np.zeros(0 if bend is None else len(bend.mean))
+        sd = np.array([*[MOUNTING_SD] * 3, *[DECK_SD] * 2, TILT_SCALE_SD, *LENS_SD, *[SIZE_SD] * sizes, *rises])
         self.mean: Array = np.zeros(len(sd))
         self.covariance: Array = np.diag(sd**2)
+        if bend is not None:
+            self.mean[-len(bend.mean) :] = bend.mean
+            self.covariance[-len(bend.mean) :, -len(bend.mean) :] = bend.covariance
         self.looks = 0
         self._time: float | None = None
 

@@ -18,6 +18,7 @@ import numpy.typing as npt
 from mkdaemon.vision.limits import LIMITS
 from mkdaemon.vision.pose.edgefit import EdgeFit, LocatedEdges
 from mkdaemon.vision.pose.pose import Pose, median, turn
+from mkdaemon.vision.pose.prints import sheet_of
 from mkdaemon.vision.pose.projection import Projection
 from mkdaemon.vision.tags.tagmap import Target
 
@@ -48,7 +49,7 @@ SHIFT_SD_PX: Final = 0.5
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ImageEvidence:
-    """One image's say about unknowns `(k,)`: the lens in the order of `LENS`, then sizes (`SizeUnknowns`).
+    """One image's say about unknowns `(k,)`: the lens in the order of `LENS`, sizes, the rise of a print that bends.
 
     Attributes:
         rotation: camera from target by the image alone, lens and sizes as believed `(3, 3)`.
@@ -71,6 +72,7 @@ class EvidenceMaker:
     Attributes:
         sizes: tags 1 to `sizes` have an unknown each: the logarithm of their size against that of tag 0.
         is_spread: whether distances between tags say how large they all are, which is one more unknown.
+        sheet: that bends, with three more unknowns; none for several prints, or a rigid one.
     """
 
     def __init__(self, target: Target, projection: Projection) -> None:
@@ -83,6 +85,7 @@ class EvidenceMaker:
         self.sizes = len(target.tags) - 1 if len(target.tags) <= MOST_SIZES else 0
         apart = np.linalg.norm(centres - centres[0], axis=1).max()
         self.is_spread = bool(apart > APART * target.tags[0].size)
+        self.sheet = sheet_of(target)
         self._rolls = projection.intrinsics.line_time > 0.0
 
     @property
@@ -97,18 +100,20 @@ class EvidenceMaker:
             return None
         shifted = np.column_stack([edges.jacobian, np.ones(len(edges.index))])
         seen = self._fit.model.points[edges.index] @ pose.rotation.T + pose.position
-        columns = np.column_stack([self._by_lens(edges, seen), self._by_size(edges, pose)])
+        columns = np.column_stack([self._by_lens(edges, seen), self._by_size(edges, pose), edges.by_rise])
+        # The pose knows how its print bends in this image; here all images say so together.
+        offsets = edges.offsets if pose.bend is None else edges.offsets + edges.by_rise @ pose.bend.mean
         left_px = hypot(ROLLING_PX if self._rolls else LEFT_PX, SHIFTED * pose.shift_px)
-        weights = _weights(np.column_stack([shifted, columns]), edges, left_px)
+        weights = _weights(np.column_stack([shifted, columns]), offsets, edges.found, left_px)
         weighted = shifted * weights[:, None]
         normal = weighted.T @ shifted
         normal[6, 6] += SHIFT_SD_PX**-2
         normal += RIDGE * np.diag(np.diag(normal))
-        right = weighted.T @ edges.offsets
+        right = weighted.T @ offsets
         both = weighted.T @ columns
         follows: Array = np.asarray(np.linalg.solve(normal, both), dtype=np.float64)
         matrix = (columns * weights[:, None]).T @ columns - both.T @ follows
-        pull = (columns * weights[:, None]).T @ edges.offsets - follows.T @ right
+        pull = (columns * weights[:, None]).T @ offsets - follows.T @ right
         step: Array = np.asarray(np.linalg.solve(normal, right), dtype=np.float64)
         return ImageEvidence(
             turn(pose.rotation, step[3:6]),
@@ -133,18 +138,18 @@ class EvidenceMaker:
         return np.column_stack([*own, *([grown] if self.is_spread else []), np.empty((len(tag), 0))])
 
 
-def _weights(jacobian: Array, edges: LocatedEdges, left_px: float) -> Array:
+def _weights(jacobian: Array, offsets: Array, found: npt.NDArray[np.bool_], left_px: float) -> Array:
     """Tukey's weights of the offsets over their variance [1/px^2], around the best that all unknowns can do."""
-    weights = edges.found.astype(np.float64)
-    residual = edges.offsets
+    weights = found.astype(np.float64)
+    residual = offsets
     for _ in range(3):
         weighted = jacobian * weights[:, None]
         normal = weighted.T @ jacobian
         normal += RIDGE * np.diag(np.diag(normal)) + 1e-12 * np.eye(len(normal))
-        residual = edges.offsets - jacobian @ np.linalg.solve(normal, weighted.T @ edges.offsets)
-        spread = max(MAD * median(np.abs(residual[edges.found])), LIMITS.edges.least_scale_px)
+        residual = offsets - jacobian @ np.linalg.solve(normal, weighted.T @ offsets)
+        spread = max(MAD * median(np.abs(residual[found])), LIMITS.edges.least_scale_px)
         reach = LIMITS.edges.tukey * spread
-        inside = edges.found & (np.abs(residual) < reach)
+        inside = found & (np.abs(residual) < reach)
         weights = np.where(inside, (1.0 - (residual / reach) ** 2) ** 2, 0.0)
     variance = float((weights * residual**2).sum()) / max(float(weights.sum()) - jacobian.shape[1], 1.0)
     scaled: Array = weights / (ALIKE * (variance + left_px**2))

@@ -44,6 +44,7 @@ class TargetWatch:
             is_level=target.level,
             is_moving=target.moving,
             sizes=self._maker.unknown_sizes,
+            bend=None if self._maker.sheet is None else self._maker.sheet.prior,
         )
         self.heights = HeightFilter()
         self._due = -np.inf

@@ -94,6 +94,7 @@ class Target:
         moving: the target moves in the world.
         level: its xy plane is horizontal at rest.
         tags: at least one.
+        bend: deviation of its rise at the middle of a side over the centre, as a share of the side.
     """
 
     name: str
@@ -101,6 +102,7 @@ class Target:
     moving: bool
     level: bool
     tags: tuple[Tag, ...]
+    bend: float = 0.01
 
     @cached_property
     def is_planar(self) -> bool:
@@ -212,7 +214,9 @@ def build(sections: Iterable[TargetSection], *, origin: str) -> TagMap:
         except VisionError as error:
             msg = f"{origin}: target '{section.name}': {error}"
             raise ConfigError(msg) from None
-        target = Target(section.name, section.frame or section.name, section.moving, section.level, tuple(tags))
+        target = Target(
+            section.name, section.frame or section.name, section.moving, section.level, tuple(tags), section.bend
+        )
         _check_overlaps(target, origin)
         targets.append(target)
     return TagMap(tuple(targets))

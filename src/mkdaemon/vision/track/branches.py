@@ -18,6 +18,7 @@ import numpy.typing as npt
 from mkdaemon.vision.limits import LIMITS
 from mkdaemon.vision.pose.ambiguity import log_odds
 from mkdaemon.vision.pose.pose import Pose
+from mkdaemon.vision.pose.rolling import skew
 from mkdaemon.vision.track.course import ACCELERATION_PSD, MOVING_PSD, Course
 
 Array = npt.NDArray[np.float64]
@@ -133,7 +134,7 @@ def _evidence(better: Pose, worse: Pose) -> float:
 def _apart(a: Branch, b: Branch) -> float:
     """Angle between the directions from which two branches see the target [rad]."""
     p, q = a.course.centre, b.course.centre
-    return float(np.arctan2(np.linalg.norm(np.cross(p, q)), p @ q))
+    return float(np.arctan2(np.linalg.norm(skew(p) @ q), p @ q))
 
 
 def _prune(found: list[Branch]) -> tuple[Branch, ...]:

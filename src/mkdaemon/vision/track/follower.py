@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Final
 
 import numpy as np
@@ -27,8 +28,9 @@ from mkdaemon.vision.track.frame import Frame
 from mkdaemon.vision.track.judge import Judge, Verdict
 from mkdaemon.vision.track.level import Sight
 from mkdaemon.vision.track.result import FoundBy, TargetPose
+from mkdaemon.vision.track.sheet import LearnedBend
 from mkdaemon.vision.track.starts import Starts
-from mkdaemon.vision.track.track import Track, known_motion
+from mkdaemon.vision.track.track import Prediction, Track, known_motion
 
 Grey = npt.NDArray[np.uint8]
 Window = tuple[int, int, int, int]
@@ -65,6 +67,7 @@ class Follower:
         self._mounting = mounting
         self._cfg, self._limits = cfg, limits
         self._fitter = TargetFitter(target, projection, limits)
+        self._bend = LearnedBend(self._fitter.bend_known)
         self._starts = Starts(self._fitter, Carrier(target, projection, limits), self.track, limits)
         self._checks = Checks(self._fitter, self.track, cfg, mounting, limits)
         self.judge = Judge(self._checks)
@@ -77,7 +80,7 @@ class Follower:
             track.lose()
         if not track.is_live:
             return
-        predicted = track.predict(now, frame.sight.enu_from_flu, self._mounting, frame.sight.turning_flu)
+        predicted = self._predicted(frame.sight)
         for mode, start, others in self._starts.of(frame.sight.pixels, predicted):
             verdict = self.judge.measure(frame.sight, start, predicted.pose, others)
             if verdict.pose is None:
@@ -145,7 +148,10 @@ class Follower:
             return
         seen, mounting = frame.sight, self._mounting
         candidates = self._fitter.cold(
-            seen.pixels, tags, lambda place: known_motion(place, None, seen.turning_flu, mounting)
+            seen.pixels,
+            tags,
+            lambda place: known_motion(place, None, seen.turning_flu, mounting),
+            self._bend.at(seen.time),
         )
         verdict = self._first.choose(frame.sight, candidates, predicted.rotation if predicted is not None else None)
         contradicting = self._first.contradicting(seen, candidates, verdict)
@@ -233,7 +239,7 @@ class Follower:
         track, judge, now = self.track, self.judge, frame.sight.time
         verdict = Verdict(None, PoseRefusal.AMBIGUOUS)
         if track.is_live:
-            predicted = track.predict(now, frame.sight.enu_from_flu, self._mounting, frame.sight.turning_flu)
+            predicted = self._predicted(frame.sight)
             verdict = judge.rejoin(frame.sight, rivals, predicted.pose)
         if verdict.pose is not None and verdict.refusal is None:
             track.decoded_at = track.tried_at = now
@@ -251,11 +257,17 @@ class Follower:
         track.in_doubt = True
         frame.follow(self.name, verdict.refusal or PoseRefusal.AMBIGUOUS)
 
+    def _predicted(self, seen: Sight) -> Prediction:
+        """What the track expects in an image, with what is known of the print's bend."""
+        expected = self.track.predict(seen.time, seen.enu_from_flu, self._mounting, seen.turning_flu)
+        return replace(expected, pose=replace(expected.pose, bend=None, known_bend=self._bend.at(seen.time)))
+
     def _accept(self, frame: Frame, pose: Pose) -> None:
         self.track.accept(frame.sight.time, pose, frame.sight.enu_from_flu, frame.sight.pixels)
 
     def _publish(self, frame: Frame, choice: Choice, mode: FoundBy) -> None:
         self._accept(frame, choice.pose)
+        self._bend.learn(frame.sight.time, choice.pose)
         frame.refused.pop(self.name, None)
         self._health.note(choice.pose, self._fitter.side_px(choice.pose))
         frame.poses.append(

@@ -11,6 +11,7 @@ import numpy.typing as npt
 from mkdaemon.config.vision import TrackerSection
 from mkdaemon.vision.pose.edgefit import Level
 from mkdaemon.vision.pose.pose import Pose, largest_variance, turn
+from mkdaemon.vision.pose.rolling import skew
 from mkdaemon.vision.track.attitude import Mounting, Turning, fuse_normal, normal_beside
 from mkdaemon.vision.track.course import doubted, shared_doubt
 from mkdaemon.vision.track.deck import Deck
@@ -73,7 +74,7 @@ class LevelKnowledge:
         if expected is None:
             return None
         normal = pose.rotation[:, 2]
-        return float(np.arctan2(np.linalg.norm(np.cross(normal, expected)), normal @ expected))
+        return float(np.arctan2(np.linalg.norm(skew(normal) @ expected), normal @ expected))
 
     def log_odds(self, seen: Sight, first: Pose, second: Pose) -> float:
         """How much likelier the attitude makes one pose than another [nats]; 0 where nothing is known."""
