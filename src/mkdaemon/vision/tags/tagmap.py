@@ -8,6 +8,7 @@ import tomllib
 from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import count
 from pathlib import Path
 
 import numpy as np
@@ -94,7 +95,7 @@ class Target:
         moving: the target moves in the world.
         level: its xy plane is horizontal at rest.
         tags: at least one.
-        bend: deviation of its rise at the middle of a side over the centre, as a share of the side.
+        bend: deviation of how far its print bends, as a share of the side (`pose.bend`).
     """
 
     name: str
@@ -214,9 +215,8 @@ def build(sections: Iterable[TargetSection], *, origin: str) -> TagMap:
         except VisionError as error:
             msg = f"{origin}: target '{section.name}': {error}"
             raise ConfigError(msg) from None
-        target = Target(
-            section.name, section.frame or section.name, section.moving, section.level, tuple(tags), section.bend
-        )
+        frame = section.frame or section.name
+        target = Target(section.name, frame, section.moving, section.level, tuple(tags), section.bend)
         _check_overlaps(target, origin)
         targets.append(target)
     return TagMap(tuple(targets))
@@ -225,13 +225,9 @@ def build(sections: Iterable[TargetSection], *, origin: str) -> TagMap:
 def _grid(board: BoardSection) -> tuple[TagPlacement, ...]:
     pitch = board.size + board.spacing
     x0, y0 = -(board.columns - 1) / 2 * pitch, (board.rows - 1) / 2 * pitch
+    family, size, ids = board.family, board.size, count(board.first_id)
     return tuple(
-        TagPlacement(
-            family=board.family,
-            id=board.first_id + row * board.columns + column,
-            size=board.size,
-            position=(x0 + column * pitch, y0 - row * pitch, 0.0),
-        )
+        TagPlacement(family=family, id=next(ids), size=size, position=(x0 + column * pitch, y0 - row * pitch, 0.0))
         for row in range(board.rows)
         for column in range(board.columns)
     )
