@@ -150,6 +150,7 @@ class EdgeLimits:
     attitude_noise: float = of(radians(0.1), "rad", "of one reported attitude, each axis", "its last digit is .1 deg")
     known_climbing_sd: float = of(0.1, "m/s", "along the optical axis, where a track knows it", FLIGHTS)
     clean_px: float = of(0.1, "px", "residual below which edges do not shift each other", "0.03-0.1 in sharp images")
+    noisy_px: float = of(0.25, "px", "residual from which noise hides edges that all pixels show", "dusk: 0.4-0.9 px")
     systematic_px: float = of(0.01, "px", "interpolation error that does not average out", "noise-free stills")
 
 

@@ -25,7 +25,15 @@ def test_a_print_with_hardly_any_black_counts_evenly() -> None:
 
 def test_independent_noise_is_shared_by_nobody() -> None:
     used = np.ones((60, 60), bool)
-    assert shared_by(RNG.standard_normal(3600), used) < 1.1
+    noise = shared_by(RNG.standard_normal(3600), used)
+    assert noise.factor < 1.1
+    assert noise.common < 0.05
+
+
+def test_few_pixels_cannot_tell_that_they_share_nothing() -> None:
+    used = np.ones((6, 6), bool)
+    independent = np.indices((6, 6)).sum(axis=0) % 2 - 0.5  # neighbours are opposites
+    assert shared_by(independent.ravel(), used).common == pytest.approx(1.0 / 6.0)
 
 
 def test_noise_that_neighbours_share_counts_more() -> None:
@@ -33,4 +41,6 @@ def test_noise_that_neighbours_share_counts_more() -> None:
     rough = RNG.standard_normal((61, 61))
     smooth = rough[1:, 1:] + rough[:-1, 1:] + rough[1:, :-1] + rough[:-1, :-1]
     # a correlation of one half each way
-    assert shared_by(smooth.ravel(), used) == pytest.approx(1.5**2 / 0.5, rel=0.15)
+    noise = shared_by(smooth.ravel(), used)
+    assert noise.factor == pytest.approx(1.5**2 / 0.5, rel=0.15)
+    assert noise.common == pytest.approx(0.5 / 0.7, rel=0.1)

@@ -8,10 +8,12 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
+from mkdaemon.config.vision import TrackerSection
 from mkdaemon.sim.scene.light import Conditions, Cover
 from mkdaemon.vision.limits import LIMITS
 from mkdaemon.vision.pose.edgefit import EdgeFit
 from mkdaemon.vision.pose.fitting import TargetFitter
+from mkdaemon.vision.pose.gates import fit_refusal
 from mkdaemon.vision.pose.photofit import PhotoFit
 from mkdaemon.vision.pose.pose import Pose, turn
 from mkdaemon.vision.pose.projection import Projection
@@ -51,6 +53,23 @@ def test_cells_of_four_to_five_pixels_are_measured_by_grey_values_after_edges() 
         assert old is not None
         assert old.source == "edges"
     assert np.mean(mixed_errors) < 0.75 * np.mean(edge_errors)
+
+
+def test_in_dusk_all_pixels_measure_what_noisy_edges_have_found() -> None:
+    dusk = Conditions(exposure=0.06, noise_sd=3.0, shot_gain=0.1)
+    fitter, edges = TargetFitter(TARGET, PROJECTION), EdgeFit(TARGET, PROJECTION)
+    errors, edge_errors = [], []
+    for tilt, around in ((0.15, 0.3), (0.35, 1.4), (0.25, 3.0), (0.45, 4.4), (0.3, 5.6)):
+        view = View(TARGET, place(VGA.fx * CELL / 8.0, tilt, around), dusk)
+        found, alone = fitter.refine(view.pixels, beside(view)), edges.fit(view.pixels, beside(view))
+        assert found is not None
+        assert alone is not None
+        assert found.source == "photometric"
+        assert found.rms_px > LIMITS.certainty.blind_grey_rms_px > found.unexplained_px
+        assert fit_refusal(found, TrackerSection()) is None
+        errors.append(off(found, view))
+        edge_errors.append(off(alone, view))
+    assert np.mean(errors) < 0.6 * np.mean(edge_errors)
 
 
 def test_edges_stand_where_something_lies_over_the_print() -> None:

@@ -113,11 +113,13 @@ class TargetFitter:
         if edges is None:
             return None
         is_melted = self._are_melted(edges)
-        if not is_melted and self._photo.prints.cell_px(edges) >= self._limits.cells.mixed_px:
+        is_noisy = edges.rms_px > self._limits.edges.noisy_px
+        if not is_melted and not is_noisy and self._photo.prints.cell_px(edges) >= self._limits.cells.mixed_px:
             return edges
         # Edges that melted lie; others have found the place, from which a few steps are left.
         grey = self._fit_from(pixels, start if is_melted else edges, (edges.blur_px or 0.0) / HALF_WIDTH, level)
-        if grey is None or not self._photo.explains(grey) or grey.rms_px > self._limits.certainty.blind_grey_rms_px:
+        most = self._limits.certainty.blind_grey_rms_px
+        if grey is None or not self._photo.explains(grey) or grey.unexplained_px > most:
             # Something lies over the print, or the fit has not got there.
             return edges
         return grey

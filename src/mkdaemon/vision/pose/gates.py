@@ -168,7 +168,7 @@ def fit_refusal(pose: Pose, cfg: TrackerSection) -> PoseRefusal | None:
         return PoseRefusal.INLIERS
     if pose.points < cfg.min_points:
         return PoseRefusal.POINTS
-    if pose.rms_px > cfg.max_rms_px:
+    if pose.unexplained_px > cfg.max_rms_px:
         return PoseRefusal.RESIDUAL
     if pose.step > cfg.max_step:
         return PoseRefusal.STEP
@@ -192,7 +192,7 @@ def certainty_refusal(
         # In a dark image the residual is large and yet nearly all points agree.
         noisy = is_backed and pose.source == "edges" and pose.inliers > limits.agreement.whole
         most = certain.blind_rms_px if pose.source == "edges" else certain.blind_grey_rms_px
-        if not noisy and pose.rms_px > most:
+        if not noisy and pose.unexplained_px > most:
             return PoseRefusal.RESIDUAL
         if pose.inliers < limits.agreement.blind and not is_plain:
             return PoseRefusal.INLIERS

@@ -167,8 +167,8 @@ class PhotoFit:
         """Whether the model holds for a fit to grey values: nothing lies over the print or shines on it."""
         limits = self._limits
         return (
-            grey.match is not None
-            and grey.match >= limits.photo.polish_match
+            grey.likeness is not None
+            and grey.likeness >= limits.photo.polish_match
             and grey.inliers >= limits.agreement.whole
         )
 

@@ -14,7 +14,7 @@ from mkdaemon.vision.limits import Limits
 from mkdaemon.vision.pose.bend import RISES, Bend
 from mkdaemon.vision.pose.edgefit import Level
 from mkdaemon.vision.pose.edgestep import MAD
-from mkdaemon.vision.pose.greynoise import clarity, shared_by
+from mkdaemon.vision.pose.greynoise import clarity, shared_by_all
 from mkdaemon.vision.pose.nuisance import BEYOND, beyond_motion, beyond_sd, motion_known
 from mkdaemon.vision.pose.pose import Pose, correlation, median
 from mkdaemon.vision.pose.printimage import PrintSamples
@@ -147,8 +147,8 @@ class PhotoStepper:
         cost = float(np.mean(np.minimum(size, COST_BOUND * scatter) ** 2))
         weighted = jacobian * weights
         noise = max(float((weights * residual**2).sum() / max(weights.sum() - len(unit), 1.0)), LEAST_NOISE)
-        shared = _shared(parts, np.clip(residual * clear, -bound, bound))
-        noise *= shared
+        shared = shared_by_all(np.clip(residual * clear, -bound, bound), [part.at.used for part in parts])
+        noise *= shared.factor
         prior, pull, surprise = self._prior(state, bends, start, level, noise, len(unit))
         sheet = prints[0].sheet
         if sheet is not None and state.rise is not None:
@@ -186,7 +186,8 @@ class PhotoStepper:
             known_motion=start.known_motion,
             bend=bend,
             known_bend=start.known_bend,
-            shared=shared,
+            shared=shared.factor,
+            common=shared.common,
         )
         length2 = float(change[POSE] @ np.linalg.solve(pose.covariance, change[POSE]))
         return PhotoStep(change, cost * (1.0 + surprise / value.size), pose, length2)
@@ -290,11 +291,3 @@ def _joined(parts: Sequence[_Part]) -> tuple[Array, Array]:
         start, end = end, end + part.rows.shape[1]
         lights[LIGHTS * number : LIGHTS * (number + 1), start:end] = part.rows[LIGHT]
     return np.concatenate([rows, lights]), np.concatenate([first.unit, np.tile(first.unit[LIGHT], len(others))])
-
-
-def _shared(parts: Sequence[_Part], residual: Array) -> float:
-    """By how much noise that neighbours share raises the variance, the mean of all prints' pixels."""
-    ends = np.cumsum([part.residual.size for part in parts])
-    pieces = np.split(residual, ends[:-1])
-    shares = [shared_by(piece, part.at.used) * piece.size for part, piece in zip(parts, pieces, strict=True)]
-    return sum(shares) / residual.size

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from math import sqrt
 from typing import Literal
 
 import cv2
@@ -63,6 +64,7 @@ class Pose:
         known_bend: what was known about it before the fit.
         stretch: logarithm of the ratio of the focal lengths over the calibrated one, where the fit was free to ask.
         shared: by how much residuals that neighbouring pixels share raise the variance, 1 or more (`greynoise`).
+        common: share of the residuals' variance that neighbouring pixels share: the rest is noise.
     """
 
     rotation: Array
@@ -84,6 +86,24 @@ class Pose:
     known_bend: Bend | None = None
     stretch: float | None = None
     shared: float = 1.0
+    common: float = 1.0
+
+    @property
+    def unexplained_px(self) -> float:
+        """Residual without the noise of single pixels [px]: what the model lacks, or has not reached, is shared."""
+        return self.rms_px * sqrt(self.common)
+
+    @property
+    def likeness(self) -> float | None:
+        """Correlation between model and image without the noise of single pixels; none where no fit knows it.
+
+        With c^2 = S / (S + N) of a model of variance S and residuals of variance N, of which r N are shared, its
+        square is S / (S + r N).
+        """
+        if self.match is None:
+            return None
+        squared = self.match**2
+        return self.match / sqrt(max(squared + self.common * (1.0 - squared), LEAST_NORM))
 
     @property
     def range_m(self) -> float:
