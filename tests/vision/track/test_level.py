@@ -161,6 +161,26 @@ def test_a_deck_that_moves_suddenly_is_followed() -> None:
     np.testing.assert_allclose(deck.normal[:2], [-0.07, 0.02], atol=0.01)
 
 
+def test_a_deck_that_rested_is_still_known_after_images_that_hardly_show_it() -> None:
+    deck = Deck()
+    for k in range(60):
+        deck.measured(k / 30, np.array([0.05, 0.0, 1.0]), SHARP)
+    for k in range(60, 120):
+        deck.measured(k / 30, np.array([0.05, 0.0, 1.0]), np.radians(8.0) ** 2 * np.eye(2))
+    assert deck.sd(4.0) < np.radians(1.0)
+
+
+def test_a_deck_that_rocks_is_followed_and_not_trusted_where_no_image_shows_it() -> None:
+    deck, late = Deck(), []
+    for k in range(120):
+        time = k / 30
+        normal = np.array([np.radians(4.0) * np.sin(np.pi * time / 2), 0.0, 1.0])
+        late.append(abs(float(deck.normal[0] - normal[0])))
+        deck.measured(time, normal, np.radians(0.5) ** 2 * np.eye(2))
+    assert max(late[30:]) < np.radians(2.0)
+    assert deck.sd(119 / 30 + 1.0) > np.radians(1.5)
+
+
 def test_a_target_on_a_tilted_deck_gets_true_poses_from_far_to_near() -> None:
     target = shipped("nested")
     placed = SceneTarget.of(target, Platform(roll=np.radians(4.0), pitch=np.radians(-3.0)))

@@ -72,7 +72,7 @@ FARTHEST_SAMPLES = 0.055
 """Apart, samples say nothing about the turning in between [s]: a frame at 20 Hz is not too late."""
 LEAST_TIME = 1e-3
 """Between two samples whose difference is a rate [s]."""
-LEAST_SHARE, UNKNOWN_SHARE = 0.1, 1e-3
+LEAST_SHARE, UNKNOWN_SHARE = 0.02, 1e-3
 """Of what the attitude says about a tilt: what an image has to say at least, and what counts where it says less."""
 LOOKING_DOWN = Mounting(np.array([[0.0, -1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, -1.0]]), np.zeros(3))
 """A camera under the vehicle whose image has the nose at the top."""
