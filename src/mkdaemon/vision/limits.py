@@ -24,10 +24,10 @@ from mkdaemon.vision.tracklimits import (
     TrackLimits,
 )
 
-Stage = Literal["decimate2", "decimate1", "log", "linear", "equalised", "outline", "bright", "thorough"]
+Stage = Literal["decimate2", "decimate1", "log", "halflog", "linear", "equalised", "outline", "bright", "thorough"]
 """A way to search an image for tags."""
 
-LADDER: Final[tuple[Stage, ...]] = ("decimate2", "linear", "decimate1", "log", "equalised", "outline")
+LADDER: Final[tuple[Stage, ...]] = ("decimate2", "linear", "halflog", "log", "decimate1", "equalised", "outline")
 NEARBY: Final[tuple[tuple[Stage, ...], ...]] = (("decimate1",), ("linear", "log", "equalised"))
 
 
@@ -35,7 +35,7 @@ NEARBY: Final[tuple[tuple[Stage, ...], ...]] = (("decimate1",), ("linear", "log"
 class SearchLimits:
     """Finding tags in an image."""
 
-    ladder: tuple[Stage, ...] = of(LADDER, "", "searches of the whole image; two in turn, others beside", EARNED)
+    ladder: tuple[Stage, ...] = of(LADDER, "", "searches of the whole image; three in turn, others beside", EARNED)
     nearby: tuple[tuple[Stage, ...], ...] = of(NEARBY, "", "around a prediction, in turn by images missed", EARNED)
     max_pixels: int = of(500_000, "px", "searched at once; more are shrunk", "cost: 9 ms on VGA, 1080p 33 % of that")
     thorough_every: int = of(2, "images", "between the searches beside the first one", "cost: 20 ms on VGA")

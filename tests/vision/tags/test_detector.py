@@ -13,10 +13,12 @@ from mkdaemon.config.vision import DetectorSection
 from mkdaemon.sim.scene.gloss import Gloss
 from mkdaemon.sim.scene.light import Conditions, Cover, Shadow
 from mkdaemon.sim.scene.processing import Processing
+from mkdaemon.sim.scene.shadows import LeafShadow
 from mkdaemon.vision.limits import LIMITS
 from mkdaemon.vision.tags.aruco_fallback import ArucoSearch
 from mkdaemon.vision.tags.cellread import quiet_sides
 from mkdaemon.vision.tags.detector import Detector
+from mkdaemon.vision.tags.searchplan import first_of
 from mkdaemon.vision.tags.tagfamily import cells, find_family
 from tests.vision.views import View, place, printed, shipped
 
@@ -152,6 +154,21 @@ def test_a_far_nested_tag_behind_a_tone_curve_is_found_in_light():
     assert detector.search(view.pixels, "decimate2") == []
     (found,) = detector.search(view.pixels, "linear")
     assert np.linalg.norm(found.corners - view.corners["tag36h11", 48], axis=1).max() < 1.0
+
+
+def test_a_tag_under_leaves_is_found_by_a_search_that_every_third_image_gets():
+    detector = Detector({"tag36h11": frozenset({1, 48})})
+    first = first_of(detector.stages)
+    found = dict.fromkeys(first, 0)
+    for leaves in range(8):
+        view = View(shipped("nested"), place(1.3, 0.2, 0.6 * leaves), Conditions(leaves=LeafShadow(leaves)))
+        for stage in first:
+            tags = detector.search(view.pixels, stage)
+            found[stage] += bool(tags)
+            assert all(np.abs(tag.corners - view.corners[tag.family, tag.tag_id]).max() < 1.0 for tag in tags)
+    assert found["decimate2"] + found["linear"] <= 2
+    assert found["halflog"] >= 6
+    assert len(first) == 3
 
 
 def test_shadow_edge_in_a_blurred_image_is_found_by_the_equalised_search():

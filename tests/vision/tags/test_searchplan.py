@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from mkdaemon.vision.limits import LIMITS
-from mkdaemon.vision.tags.detector import Detector
-from mkdaemon.vision.tags.searchplan import FIRST, SMALL_TAG_STAGES, TILE, Look, looks_of, shrink, shrinking
+from mkdaemon.vision.tags.detector import ARUCO_LADDER, Detector
+from mkdaemon.vision.tags.searchplan import SMALL_TAG_STAGES, TILE, Look, first_of, looks_of, shrink, shrinking
 from mkdaemon.vision.tags.tagfamily import cells
 from tests.vision.tags.test_detector import printed
 
@@ -16,9 +16,16 @@ STAGES = LIMITS.search.ladder
 SIZES = [(640, 480), (1280, 720), (1920, 1080), (3840, 2160), (5000, 300), (64, 48)]
 
 
-def test_a_small_image_is_searched_as_it_is_in_every_way_but_the_first_two() -> None:
+def test_a_small_image_is_searched_as_it_is_in_every_way_but_the_first_ones() -> None:
     assert shrinking(640, 480) == 1
-    assert looks_of(640, 480, STAGES) == tuple(Look(stage) for stage in STAGES[FIRST:])
+    first = first_of(STAGES)
+    assert tuple(first) == STAGES[: len(first)]
+    assert looks_of(640, 480, STAGES) == tuple(Look(stage) for stage in STAGES[len(first) :])
+
+
+def test_a_detector_with_other_searches_has_its_own_first_ones() -> None:
+    assert tuple(first_of(ARUCO_LADDER)) == ("decimate1", "log")
+    assert looks_of(640, 480, ARUCO_LADDER) == (Look("outline"),)
 
 
 @pytest.mark.parametrize("size", SIZES)

@@ -18,7 +18,7 @@ from mkdaemon.vision.tags.aruco_fallback import ArucoSearch
 from mkdaemon.vision.tags.cellread import quiet_sides
 from mkdaemon.vision.tags.detection import Detection, Search, Stage
 from mkdaemon.vision.tags.outline import OutlineSearch
-from mkdaemon.vision.tags.searchplan import FIRST, Look, looks_of, shrink, shrinking
+from mkdaemon.vision.tags.searchplan import FIRST, Look, first_of, looks_of, shrink, shrinking
 from mkdaemon.vision.tags.tagfamily import find_family
 
 if TYPE_CHECKING:
@@ -52,7 +52,7 @@ _BRIGHT_LUT: Grey = np.round(255 * (np.arange(256) / 255) ** LIMITS.search.highl
 
 def _prepare(pixels: Grey, stage: Stage) -> npt.NDArray[np.generic]:
     """The image a stage searches."""
-    if stage == "log":
+    if stage in ("log", "halflog"):
         return cv2.LUT(pixels, _LOG_LUT)
     if stage == "linear":
         return cv2.LUT(pixels, _LIGHT_LUT)
@@ -76,7 +76,7 @@ class AprilTagSearch:
     def find(self, pixels: Grey, stage: Stage) -> list[Detection]:
         """All codes libapriltag sees, in our corner order and pixel convention."""
         image = np.asarray(_prepare(pixels, stage), dtype=np.uint8, order="C")
-        decimate = 2.0 if stage in ("decimate2", "linear", "equalised") else 1.0
+        decimate = 2.0 if stage in (*FIRST, "equalised") else 1.0
         found = self._read(apriltaglib.detector(self._families, decimate, refine=True), image, stage)
         return self._merge(found, image) if stage == "thorough" else found
 
@@ -210,7 +210,7 @@ class Detector:
 
     def search_ladder(self, pixels: Grey) -> list[Detection]:
         """Search from cheap to thorough until something is found."""
-        for look in (*(Look(stage) for stage in self.stages[:FIRST]), *self.looks(pixels)):
+        for look in (*(Look(stage) for stage in first_of(self.stages)), *self.looks(pixels)):
             found = self.search_shrunk(pixels, look.stage, look.part)
             if found:
                 return found
@@ -260,7 +260,7 @@ class Detector:
             return False
         # Other images than the camera's have contrast on their own scale; hamming and quiet zone judge the bits there.
         margin = cfg.min_decision_margin * _contrast_share(pixels, found)
-        if found.stage not in ("log", "linear", "equalised", "outline", "bright") and found.decision_margin < margin:
+        if found.stage in ("decimate1", "decimate2", "thorough") and found.decision_margin < margin:
             return False
         low, high = found.corners.min(axis=0), found.corners.max(axis=0)
         x0, y0, x1, y1 = frame

@@ -37,7 +37,7 @@ Window = tuple[int, int, int, int]
 """`(x0, y0, x1, y1)` [px], end exclusive."""
 UNDECIDED: Final = (PoseRefusal.AMBIGUOUS, PoseRefusal.ANGLE_UNCERTAIN)
 """Why a first pose is followed without being published: the next images may decide, or know how the camera climbs."""
-REDECODED: Final[tuple[Stage, ...]] = ("decimate1", "linear")
+REDECODED: Final[tuple[Stage, ...]] = ("decimate1", "linear", "log")
 """How a followed target is decoded again."""
 
 

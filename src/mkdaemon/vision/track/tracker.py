@@ -16,7 +16,7 @@ from mkdaemon.vision.limits import LIMITS, Limits
 from mkdaemon.vision.pose.projection import Projection
 from mkdaemon.vision.tags.detection import Detection
 from mkdaemon.vision.tags.detector import Detector
-from mkdaemon.vision.tags.searchplan import FIRST
+from mkdaemon.vision.tags.searchplan import first_of
 from mkdaemon.vision.tags.tagmap import TagMap
 from mkdaemon.vision.track.alarms import ImageHealth
 from mkdaemon.vision.track.attitude import AttitudeHistory, Mounting
@@ -139,7 +139,8 @@ class Tracker:
     def _search(self, frame: Frame) -> list[Detection]:
         """One of the first searches of the whole image; in every second image that shows nothing another one too."""
         pixels = frame.sight.pixels
-        found = self.detector.search_shrunk(pixels, self.detector.stages[self._searches % FIRST])
+        first = first_of(self.detector.stages)
+        found = self.detector.search_shrunk(pixels, first[self._searches % len(first)])
         turn, not_now = divmod(self._searches, self._limits.search.thorough_every)
         self._searches += 1
         looks = self.detector.looks(pixels)
