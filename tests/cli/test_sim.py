@@ -13,6 +13,9 @@ import tty
 import pytest
 
 from lab.rigs.programs import PATIENCE, mkdaemon, run_mkdaemon
+from mkdaemon.cli.mkdaemon import sim
+from mkdaemon.cli.mkdaemon.app import app
+from mkdaemon.cli.program import run
 from mkdaemon.protocol.framing import Frame, FrameDecoder, encode_frame
 
 ALONE = ("sim", "--connect", "tcp/127.0.0.1:9")
@@ -63,11 +66,14 @@ MISTAKES = [
 
 
 @pytest.mark.parametrize(("options", "code", "says"), MISTAKES)
-def test_a_mistake_is_one_line(options, code, says):
-    returned, out, err = run_mkdaemon(*ALONE, *options)
-    assert returned == code
+def test_a_mistake_is_one_line(options, code, says, capsys, monkeypatch):
+    monkeypatch.setattr(sim, "let_signals_kill", lambda: None)  # this process goes on
+    monkeypatch.setattr(sim, "configure", lambda level: None)
+    assert run(app, [*ALONE, *options]) == code
+    out, err = capsys.readouterr()
     assert out == ""
     assert says in err
+    assert len(err.splitlines()) == 1
 
 
 def test_a_tcp_port_in_use_is_one_line():
