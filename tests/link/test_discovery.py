@@ -11,6 +11,7 @@ from lab.rigs.boardport import LineFault
 from lab.rigs.linkrig import flight_ctrl, navi_ctrl, rig, virtually
 from lab.rigs.sticks import build_sticks
 from mkdaemon.errors import CommandRejectedError
+from mkdaemon.link import discovery
 from mkdaemon.link.discovery import LOOK_AGAIN, PORTS, redirection, wait_for_discovery
 from mkdaemon.protocol.flags import RedirectPort
 from mkdaemon.protocol.messages import ControlStateRequest, ExternControlV2, VersionRequest
@@ -66,7 +67,7 @@ async def test_a_flightctrl_that_was_silent_at_first_is_asked_again():
         assert await wait_for_discovery(r.link)
         redirects = [s for s in r.log.tx if s.message == TO_FLIGHTCTRL]
         assert [later.at - at.at > 1 for at, later in itertools.pairwise(redirects)] == [True] * 2
-        await asyncio.sleep(60)
+        await asyncio.sleep(LOOK_AGAIN[2] + 3)  # when the next look would have come
         assert len([s for s in r.log.tx if s.message == TO_FLIGHTCTRL]) == 3
 
 
@@ -89,18 +90,20 @@ async def test_an_aircraft_that_flew_at_first_is_known_once_its_motors_stop():
 
 
 @virtually
-async def test_a_flightctrl_that_never_answers_is_looked_for_ever_more_seldom_and_then_no_more():
+async def test_a_flightctrl_that_never_answers_is_looked_for_ever_more_seldom_and_then_no_more(monkeypatch):
     """Each look costs 0.6 s of telemetry; it went on every 15 s for ever."""
+    assert list(LOOK_AGAIN) == sorted(LOOK_AGAIN)
+    assert sum(LOOK_AGAIN) < 100
+    pauses = (1.0, 2.0, 4.0, 8.0)
+    monkeypatch.setattr(discovery, "LOOK_AGAIN", pauses)
     async with rig(navi_ctrl()) as r:
         passed_on = r.socket.aircraft.write
         r.socket.aircraft.write = lambda data, at: None if b"#bv" in data else passed_on(data, at)
-        await asyncio.sleep(150)
+        await asyncio.sleep(35)
         looks = [s.at for s in r.log.tx if s.message == TO_FLIGHTCTRL]
         assert len(looks) == 5
-        assert all(
-            later - at > 0.9 * pause for (at, later), pause in zip(itertools.pairwise(looks), LOOK_AGAIN, strict=True)
-        )
-        assert looks[-1] < 100
+        between = [later - at for at, later in itertools.pairwise(looks)]
+        assert all(pause < time < pause + 1.5 for time, pause in zip(between, pauses, strict=True))
         r.socket.aircraft.write = passed_on
         assert not r.link.lacks_flightctrl
         r.socket.port.lose("pulled")
