@@ -48,6 +48,24 @@ def test_punctual_and_late_measurements_give_the_same_estimate():
     assert np.allclose(punctual.covariances, late.covariances, atol=1e-12)
 
 
+def test_who_looks_after_every_measurement_sees_what_who_looks_at_the_end_sees():
+    rng = random.Random(3)
+    looked, unlooked = make(), make()
+    for step in range(200):
+        for filter_ in (looked, unlooked):
+            filter_.advance(np.array([0.1, -0.2]))
+            if step == 100:
+                filter_.set_noise(2.0 * NOISE)
+        for _ in range(3):
+            at, value = (step + 1) * STEP - rng.uniform(0.0, 0.2), rng.gauss(0.0, 0.1)
+            for filter_ in (looked, unlooked):
+                filter_.measure(Measurement(at, POSITION, np.array([value, -value]), 4e-4))
+            assert looked.states.shape == (2, 2)
+    assert np.array_equal(looked.states, unlooked.states)
+    assert np.array_equal(looked.covariances, unlooked.covariances)
+    assert looked.rejected == unlooked.rejected
+
+
 def test_the_estimate_follows_each_axis():
     filter_ = run(readings(random.Random(2), 200), lambda m: 0.05)
     assert np.allclose(filter_.states[:, 0], [filter_.time, 2 - filter_.time], atol=0.03)

@@ -57,6 +57,9 @@ class _Slot:
 class RollbackFilter:
     """State and covariance of `k` equal axes with `n` states.
 
+    What a measurement changes is brought up to the newest state when somebody asks for it: an image gives two
+    measurements of one moment.
+
     Attributes:
         rejected: measurements outside their gate, since the start.
         dropped: measurements older than the memory, since the start.
@@ -74,10 +77,12 @@ class RollbackFilter:
             now: [s; monotonic].
         """
         self._noise = noise
-        self.set_dynamics(f, g)
+        self._f, self._g, self._rate = f, g, _rate(f)
         self._first = math.floor(now / STEP)
         axes = len(states)
-        self._slots = [_Slot(states.copy(), np.repeat(covariance[None], axes, axis=0), np.zeros(axes))]
+        self._undriven = np.zeros(axes)
+        self._slots = [_Slot(states.copy(), np.repeat(covariance[None], axes, axis=0), self._undriven)]
+        self._known = 0  # the last slot that holds what was measured before it
         self.rejected = 0
         self.dropped = 0
 
@@ -89,41 +94,48 @@ class RollbackFilter:
     @property
     def states(self) -> Array:
         """The newest states (k, n)."""
+        self._come_forward(len(self._slots) - 1)
         return self._slots[-1].state
 
     @property
     def covariances(self) -> Array:
         """Of the newest states (k, n, n)."""
+        self._come_forward(len(self._slots) - 1)
         return self._slots[-1].covariance
 
     def states_at(self, at: float) -> Array:
         """The states (k, n) at the grid step of a moment; the oldest or newest ones beyond the memory."""
-        index = math.floor(at / STEP) - self._first
-        return self._slots[min(max(index, 0), len(self._slots) - 1)].state
+        index = min(max(math.floor(at / STEP) - self._first, 0), len(self._slots) - 1)
+        self._come_forward(index)
+        return self._slots[index].state
 
     def set_dynamics(self, f: Array, g: Array) -> None:
         """Go on with another transition (n, n) and input (n,) over `STEP`."""
-        self._f, self._g = f, g
-        self._rate = (f - np.eye(len(f))) / STEP
+        self._come_forward(len(self._slots) - 1)
+        self._f, self._g, self._rate = f, g, _rate(f)
 
     def set_noise(self, noise: Array) -> None:
         """Go on with another process noise (n, n) over `STEP`."""
+        self._come_forward(len(self._slots) - 1)
         self._noise = noise
 
     def shift(self, place: int, amounts: Array) -> None:
         """Add known amounts (k,) to one state, now and in the past: a change of the reference, not of the aircraft."""
+        self._come_forward(len(self._slots) - 1)
         for slot in self._slots:
             slot.state[:, place] += amounts
 
     def advance(self, drive: Array) -> None:
         """Go one step forward under an input (k,)."""
+        self._come_forward(len(self._slots) - 1)
         slot = self._slots[-1]
         slot.drive = drive
         state, covariance = self._predicted(slot)
-        self._slots.append(_Slot(state, covariance, np.zeros_like(drive)))
+        self._slots.append(_Slot(state, covariance, self._undriven))
         if len(self._slots) > MEMORY / STEP:
             del self._slots[0]
             self._first += 1
+        self._known = len(self._slots) - 1
 
     def measure(self, measurement: Measurement, doubt: Array | None = None) -> Array | None:
         """Add a measurement where it belongs and come forward again.
@@ -140,6 +152,7 @@ class RollbackFilter:
             self.dropped += 1
             return None
         index = min(index, len(self._slots) - 1)
+        self._come_forward(index)
         offset = min(measurement.at - (self._first + index) * STEP, STEP)
         slot = self._slots[index]
         if doubt is not None:
@@ -147,10 +160,7 @@ class RollbackFilter:
         ratio = self._corrected(slot, offset, measurement)
         self.rejected += int((np.abs(ratio) > measurement.gate).sum())
         insort(slot.measurements, (offset, measurement), key=lambda entry: entry[0])
-        for before, after in zip(self._slots[index:], self._slots[index + 1 :], strict=False):
-            after.state, after.covariance = self._predicted(before)
-            for late, known in after.measurements:
-                self._corrected(after, late, known)
+        self._known = index
         return ratio
 
     def ahead(self, drives: Array) -> Array:
@@ -159,6 +169,15 @@ class RollbackFilter:
         for drive in drives:
             state = state @ self._f.T + drive[:, None] * self._g
         return state
+
+    def _come_forward(self, to: int) -> None:
+        """Bring what was measured last up to a slot."""
+        for index in range(self._known, to):
+            after = self._slots[index + 1]
+            after.state, after.covariance = self._predicted(self._slots[index])
+            for late, known in after.measurements:
+                self._corrected(after, late, known)
+        self._known = max(self._known, to)
 
     def _predicted(self, slot: _Slot) -> tuple[Array, Array]:
         state = slot.state @ self._f.T + slot.drive[:, None] * self._g
@@ -176,3 +195,9 @@ class RollbackFilter:
         slot.state = slot.state + step * innovation[:, None]
         slot.covariance = slot.covariance - step[:, :, None] * gain[:, None, :]
         return ratio
+
+
+def _rate(f: Array) -> Array:
+    """How fast the states change (n, n) [1/s]."""
+    rate: Array = (f - np.eye(len(f))) / STEP
+    return rate
