@@ -15,6 +15,7 @@ from pydantic.fields import FieldInfo
 from mkdaemon.config.gamepad import Gamepad
 from mkdaemon.config.root import Config
 from mkdaemon.config.vision import TargetFile
+from mkdaemon.described import meanings_of
 from mkdaemon.vision.camera.calibration_file import Camera
 from tools.markdown import table
 from tools.model_tables import limits_of
@@ -92,7 +93,7 @@ def keys_of(model: type[BaseModel], section: str = "", defaults: BaseModel | Non
             path = f"{section}.{name}" if section else name
             inner.append((path, part, default if isinstance(default, BaseModel) else None))
             continue
-        unit, meaning = _unit_of(info.description or "")
+        unit, meaning = _unit_of(meanings_of(model)[name])
         cells = (_type_of(info.annotation), unit, _default_of(info, default), limits_of(schema[name]), meaning)
         yield ConfigKey(section, name, cells)
     for path, part, known in inner:

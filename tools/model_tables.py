@@ -10,6 +10,7 @@ from typing import Any, Literal, Union, get_args, get_origin
 from pydantic import BaseModel
 
 from mkdaemon.bus.codec import schema_name
+from mkdaemon.described import meanings_of
 from mkdaemon.telemetry.base import Command
 from tools.markdown import escape
 
@@ -57,7 +58,7 @@ def fields_of(model: type[BaseModel]) -> Iterator[str]:
     yield f"\n### {schema_name(model)}\n\n{about}\n\n| {' | '.join(needs)} |\n{'|---' * len(needs)}|\n"
     schema = model.model_json_schema()
     for name, info in model.model_fields.items():
-        cells = [f"`{name}`", type_of(info.annotation), info.description or ""]
+        cells = [f"`{name}`", type_of(info.annotation), meanings_of(model)[name]]
         if is_sent:
             cells.insert(2, _need(name, schema))
         yield f"| {' | '.join(_cell(cell) for cell in cells)} |\n"

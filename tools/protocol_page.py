@@ -10,6 +10,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import Final
 
+from mkdaemon.described import meanings_of
 from mkdaemon.protocol.layout import Slot
 from mkdaemon.protocol.messages import (
     blctrl,
@@ -130,7 +131,7 @@ def _layout(cls: type[WireMessage], *, alone: bool) -> Iterator[str]:
 
 def _field(cls: type[WireMessage], slot: Slot) -> tuple[str, ...]:
     wire = slot.wire
-    meaning = (cls.model_fields[slot.name].description or "").replace("\n", " ")
+    meaning = meanings_of(cls)[slot.name].replace("\n", " ")
     if wire.enum is not None:
         meaning = f"{meaning} [{wire.enum.__name__}](#{wire.enum.__name__.lower()})".strip()
     scale = "" if wire.scale is None else f"{_number(wire.scale)} {wire.si}"

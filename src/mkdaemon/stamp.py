@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
-from pydantic import BaseModel, ConfigDict
+from pydantic import ConfigDict
+
+from mkdaemon.described import Described
 
 
-class Stamp(BaseModel):
+class Stamp(Described):
     """A moment, on the monotonic and on the system clock; docs/time.md.
 
     Compare and subtract `monotonic` where `boot` is equal; use `wall` between machines and across restarts, and look
     at `synchronised` before believing it.
     """
 
-    model_config = ConfigDict(frozen=True, extra="ignore", allow_inf_nan=False, use_attribute_docstrings=True)
+    model_config = ConfigDict(frozen=True, extra="ignore", allow_inf_nan=False)
 
     monotonic: float
     """On the clock that never jumps [s]; it counts from the machine's start and stops while the machine sleeps."""

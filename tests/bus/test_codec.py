@@ -23,6 +23,7 @@ from mkdaemon.bus.codec import (
 from mkdaemon.bus.keys import KEYS, Use, find, roots
 from mkdaemon.bus.names import key, suffix_of
 from mkdaemon.bus.schema import schema_json, schema_names
+from mkdaemon.described import meanings_of
 from mkdaemon.errors import CommandRejectedError
 from mkdaemon.protocol.messages import EchoRequest, OsdData5
 from mkdaemon.stamp import Stamp
@@ -194,7 +195,7 @@ def test_no_chunk_hides_from_wildcards():
 def test_every_payload_has_a_schema_and_every_field_is_described(spec):
     schema = json.loads(schema_json(schema_name(spec.carries)))
     assert schema["properties"] or spec.use is Use.QUERY, "only a request may say nothing but its name"
-    undescribed = [name for name, info in spec.carries.model_fields.items() if not info.description]
+    undescribed = [name for name, meaning in meanings_of(spec.carries).items() if not meaning]
     assert undescribed == []
 
 

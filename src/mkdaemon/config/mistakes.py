@@ -14,6 +14,7 @@ from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 
 from mkdaemon.config.root import Config
+from mkdaemon.described import meanings_of
 
 Place = tuple[str | int, ...]
 
@@ -131,8 +132,8 @@ def _shown(details: ErrorDetails) -> str:
 def _meaning(place: Place, root: type[BaseModel]) -> str:
     """What a key is for: the docstring of its field."""
     for model in _models_at(place[:-1], root):
-        if (field := model.model_fields.get(str(place[-1]))) is not None:
-            return field.description or ""
+        if (meaning := meanings_of(model).get(str(place[-1]))) is not None:
+            return meaning
     return ""
 
 

@@ -13,8 +13,9 @@ from dataclasses import replace
 from functools import cache
 from typing import Any, ClassVar, Final, Self, TypedDict, TypeVar, Unpack
 
-from pydantic import BaseModel, ConfigDict
+from pydantic import ConfigDict
 
+from mkdaemon.described import Described
 from mkdaemon.errors import EncodeError, ProtocolError
 from mkdaemon.protocol.boards import Board, Direction
 from mkdaemon.protocol.framing import encode_frame
@@ -26,7 +27,7 @@ from mkdaemon.telemetry.danger import Danger
 __all__ = ["MESSAGES", "Board", "Direction", "Facts", "MessageSpec", "WireMessage", "answer", "reader_of", "request"]
 
 
-class WireMessage(BaseModel):
+class WireMessage(Described):
     """Base of all messages: integers exactly as they stand on the wire, named in English.
 
     Values become SI only in `translate`, with the scales declared on the fields. Construction validates ranges and
@@ -36,7 +37,6 @@ class WireMessage(BaseModel):
     model_config = ConfigDict(
         frozen=True,
         extra="forbid",
-        use_attribute_docstrings=True,
         ser_json_bytes="hex",
         val_json_bytes="hex",
         defer_build=True,  # halves the time of the import

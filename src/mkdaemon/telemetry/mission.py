@@ -9,8 +9,9 @@ from __future__ import annotations
 from enum import StrEnum
 from typing import Annotated, Self
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import ConfigDict, Field, model_validator
 
+from mkdaemon.described import Described
 from mkdaemon.telemetry.base import Command, Stamped, Telemetry
 from mkdaemon.telemetry.procedure import ConfirmedRequest, InFlightRequest, ProcedureRequest
 
@@ -31,10 +32,10 @@ class PointKind(StrEnum):
     """Land here (NaviCtrl 2.16 and later)."""
 
 
-class MissionPoint(BaseModel):
+class MissionPoint(Described):
     """One point of a mission, SI units, north-referenced compass angles."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, use_attribute_docstrings=True)
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     latitude_deg: Annotated[float, Field(ge=-90, le=90)]
     """Geographic latitude, WGS 84 [deg]."""
@@ -73,10 +74,10 @@ class MissionPoint(BaseModel):
         return self
 
 
-class Mission(BaseModel):
+class Mission(Described):
     """Points in the order they are flown, points of interest among them."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid", use_attribute_docstrings=True)
+    model_config = ConfigDict(frozen=True, extra="forbid")
 
     points: tuple[MissionPoint, ...]
     """The points; numbered from 1."""

@@ -7,8 +7,9 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import ConfigDict, Field
 
+from mkdaemon.described import Described
 from mkdaemon.stamp import Stamp
 from mkdaemon.telemetry.base import Telemetry
 from mkdaemon.telemetry.procedure import ConfirmedRequest, ProcedureRequest
@@ -23,10 +24,10 @@ Signed = Annotated[int, Field(ge=-128, le=127)]
 """A signed byte."""
 
 
-class StoredSet(BaseModel):
+class StoredSet(Described):
     """One parameter set of a FlightCtrl."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid", use_attribute_docstrings=True)
+    model_config = ConfigDict(frozen=True, extra="forbid")
 
     slot: Slot
     """Its number."""
@@ -133,10 +134,10 @@ class SettingsRecoverRequest(ConfirmedRequest):
         return self.confirm or self.action != "discard"
 
 
-class OwedSet(BaseModel):
+class OwedSet(Described):
     """A parameter set that was live when a procedure was cut off."""
 
-    model_config = ConfigDict(frozen=True, use_attribute_docstrings=True)
+    model_config = ConfigDict(frozen=True)
 
     id: str
     """Of the procedure."""
@@ -211,10 +212,10 @@ class MotorControllersWriteRequest(ConfirmedRequest):
     """Keep it in the controller's EEPROM; otherwise it is gone without power."""
 
 
-class ControllerSettings(BaseModel):
+class ControllerSettings(Described):
     """Configuration of one motor controller."""
 
-    model_config = ConfigDict(frozen=True, use_attribute_docstrings=True)
+    model_config = ConfigDict(frozen=True)
 
     motor: int
     """1..16."""

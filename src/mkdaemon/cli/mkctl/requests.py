@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from enum import IntEnum, IntFlag
 from typing import Any, Final
 
+from mkdaemon.described import meanings_of
 from mkdaemon.errors import ConfigError
 from mkdaemon.protocol.fields import WireField
 from mkdaemon.protocol.layout import Slot
@@ -155,11 +156,12 @@ def _form(key: str, classes: list[type[WireMessage]]) -> RequestForm:
         for slot in cls.spec.slots:
             if slot.name in fields or slot.name.startswith(_FILLERS) or _is_constant(slot, cls):
                 continue
-            owners = [other.model_fields[slot.name] for other in classes if slot.name in other.model_fields]
+            named = [other for other in classes if slot.name in other.model_fields]
+            owners = [other.model_fields[slot.name] for other in named]
             fields[slot.name] = FieldForm(
                 name=slot.name,
                 wire=slot.wire,
-                about=owners[0].description or "",
+                about=meanings_of(named[0])[slot.name],
                 default=None if owners[0].is_required() else owners[0].default,
                 is_required=len(owners) == len(classes) and all(owner.is_required() for owner in owners),
                 others=_other_limits(slot, classes),

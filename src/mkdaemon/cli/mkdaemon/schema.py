@@ -7,6 +7,7 @@ from typing import Annotated, Any
 
 from cyclopts import Parameter
 
+from mkdaemon.described import meanings_of
 from mkdaemon.protocol.wire import MESSAGES, Board, Direction, WireMessage
 
 
@@ -37,7 +38,7 @@ def describe_message(board: Board, cls: type[WireMessage]) -> dict[str, Any]:
                 "scale": slot.wire.scale,
                 "zero": slot.wire.zero,
                 "si_unit": slot.wire.si,
-                "meaning": cls.model_fields[slot.name].description or "",
+                "meaning": meanings_of(cls)[slot.name],
                 "values": {member.name: int(member) for member in slot.wire.enum} if slot.wire.enum else None,
             }
             for slot in spec.slots

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -14,6 +14,7 @@ from pydantic import BaseModel
 
 from mkdaemon.bus.codec import schema_name
 from mkdaemon.bus.keys import KEYS
+from mkdaemon.described import meanings_of
 from mkdaemon.errors import ConfigError
 from mkdaemon.record.entry import Entry, Kind
 from mkdaemon.record.patterns import matches_any
@@ -94,9 +95,9 @@ def unit_of(schema: str, field: str) -> str:
 
 
 @cache
-def _descriptions(schema: str) -> dict[str, str]:
+def _descriptions(schema: str) -> Mapping[str, str]:
     model = _models().get(schema)
-    return {} if model is None else {name: field.description or "" for name, field in model.model_fields.items()}
+    return {} if model is None else meanings_of(model)
 
 
 @cache
