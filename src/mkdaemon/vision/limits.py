@@ -88,6 +88,9 @@ class CellSizes:
     photometric_px: float = of(4.0, "px", "smaller cells are fitted by grey values", EARNED)
     mixed_px: float = of(5.0, "px", "below, grey values measure what edges have found", FLIGHTS)
     melted_widths: float = of(2.3, "half widths", "of its edges: smaller cells melt", "4 px where sharp: 1.75 px")
+    plain_widths: float = of(
+        3.0, "half widths", "of its edges: larger cells are plain between them", "5 px: range +.1 %"
+    )
     small_px: float = of(10.0, "px", "below, all pixels of a first pose tell more than its edges", EARNED)
     perspective_px: float = of(24.0, "px", "from here perspective tells a pose from its mirror image", BLIND)
     edges_up_to: float = of(radians(60.0), "rad", "tilt from which edges run into each other", "steep stills")
@@ -135,6 +138,7 @@ class EdgeLimits:
     min_slope: float = of(2.5, "grey", "the same at least, over two samples", NOISE)
     glare_px: float = of(2.0, "px", "reach of a highlight beside an edge that hides it", STILLS)
     blown_share: float = of(0.5, "share", "of blown bright sides from which the paper is blown", STILLS)
+    smooth_light: float = of(0.1, "share", "of their contrast by which edges may differ from a smooth light", STILLS)
     missed_px: float = of(0.6, "px", "cost of a sample without its edge when rivals compare", BLIND)
     blown_px: float = of(
         0.17, "px", "moved by clipping, that doubles an edge's variance", "9,800 blown edges under gloss"
@@ -143,6 +147,9 @@ class EdgeLimits:
     contrast_share: float = of(0.1, "share", "of their contrast, where other edges show it", FLIGHTS)
     unseen_contrast_share: float = of(0.4, "share", "the same where all are blown", "derived: 1.2 to 1.7 times is seen")
     shift_sd_px: float = of(0.2, "px", "of a common shift of all edges (tone curve, ink)", "0.3-0.4 px, webcams")
+    own_shift_sd_px: float = of(
+        0.1, "px", "of the shift of a smaller tag's edges beside it", "0.19 px times their dark"
+    )
     turning_sd: float = of(1.0, "rad/s", "of the camera while a rolling shutter reads", "shaking is 0.4 rad/s")
     acceleration_sd: float = of(15.0, "rad/s^2", "of the camera's turning then", "0.4 rad/s that change in 30 ms")
     climbing_sd: float = of(2.0, "m/s", "along the optical axis, where no track knows it", "as of a first velocity")

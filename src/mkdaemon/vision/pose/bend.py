@@ -25,6 +25,8 @@ RISES: Final = 3
 """Unknowns a, b, c."""
 BENT: Final = slice(6, 6 + RISES)
 """Where they are among the unknowns of a fit to edges, behind the pose."""
+STILL: Final = 1e-6
+"""A step of the rise that moves nothing [shares of the side]."""
 OF_A_CYLINDER: Final = np.array([[0.375, 0.0, 0.125], [0.0, 0.5, 0.0], [0.125, 0.0, 0.375]])
 """Covariance of (a, b, c) over the variance of the rise, for a cylinder about any axis: (cos^2, 2 cos sin, sin^2)."""
 PLANE: Final = 0.3
@@ -113,13 +115,28 @@ class BentPrint:
         known: before the image.
         information: inverse of its covariance `(3, 3)`.
         rise: by now `(3,)`.
+        flat: points of the flat print `(n, 3)` [m; target].
+        terms: of theirs `(n, 7)`, see `Sheet.terms`.
+        points: where they lie now `(n, 3)` [m; target].
     """
 
     sheet: Sheet
     known: Bend
     information: Array
     rise: Array
+    flat: Array
+    terms: Array
+    points: Array
+
+    @classmethod
+    def begin(cls, sheet: Sheet, known: Bend, rise: Array, flat: Array, terms: Array) -> BentPrint:
+        """Where a fit begins."""
+        points = sheet.bent(flat, terms, rise) if bool(rise.any()) else flat
+        return cls(sheet, known, known.information, rise, flat, terms, points)
 
     def moved(self, change: Array) -> BentPrint:
         """After a step of the rise."""
-        return replace(self, rise=self.rise + change)
+        if float(np.abs(change).max()) < STILL:
+            return self
+        rise = self.rise + change
+        return replace(self, rise=rise, points=self.sheet.bent(self.flat, self.terms, rise))

@@ -72,6 +72,8 @@ class FoundEdges:
         trust: 1 where both sides of an edge are even, less where a shadow's rim or a leaf lies beside it; over the
             variance of the offset `(n,)`.
         blown: what clipping does to the edges, already out of `offsets`; none where nothing is blown.
+        sides: what lies beside the edges, where their places are nearly known.
+        unsure: an error that they may have in common, deviation with its sign `(n,)` [px].
     """
 
     offsets: Array
@@ -80,6 +82,8 @@ class FoundEdges:
     widest: float
     trust: Array
     blown: Blown | None = None
+    sides: EdgeSides | None = None
+    unsure: Array | None = None
 
 
 def without_glare(pixels: Grey, samples: Samples, limits: Limits) -> Samples:
@@ -133,16 +137,18 @@ def find_edges(pixels: Grey, samples: Samples, limits: Limits, *, is_blown: bool
     enough = max(edges.min_slope, edges.min_peak * float(np.partition(peak, -tenth)[-tenth]))
     found = (peak > enough) & (np.abs(offsets) < samples.reach)
     trust: Array = np.ones(len(found))
+    sides: EdgeSides | None = None
     if longest <= edges.reach_px[-2]:
         # A longer reach belongs to a fit that is not yet near its place: what lies beside an edge may be another one.
         beside = np.abs(place - offsets[:, None])
         either *= (beside > width) & (np.abs(place) <= samples.reach[:, None] + STEP_PX)
         trust = _trust(either.max(axis=1), peak, found)
+        sides = _sides(profile, along, samples, area)
     located = offsets.astype(np.float64)
-    blown = blown_edges(_sides(profile, along, samples, area), found, limits) if is_blown else None
+    blown = blown_edges(sides or _sides(profile, along, samples, area), found, limits) if is_blown else None
     if blown is not None:
         located -= blown.moved
-    return FoundEdges(located, found, width, max(widest, width), trust, blown)
+    return FoundEdges(located, found, width, max(widest, width), trust, blown, sides)
 
 
 def _sides(

@@ -38,6 +38,7 @@ from mkdaemon.vision.pose.rolling import (
     motion_jacobian,
     skew,
 )
+from mkdaemon.vision.pose.unevenlight import UnevenLight
 from mkdaemon.vision.tags.tagmap import Target
 
 Array = npt.NDArray[np.float64]
@@ -110,6 +111,7 @@ class EdgeFit:
         # The samples, and so far along their normals that these have a direction in the image.
         ends = model.points + model.normals * (NORMAL_STEP * model.cell)[:, None]
         self._points = np.concatenate([model.points, ends])
+        self._cell = float(model.cell.max())
         self._sheet = sheet_of(target)
         self._bends = np.zeros((0, 0)) if self._sheet is None else self._sheet.terms(self._points)
         self._projection = projection
@@ -144,6 +146,7 @@ class EdgeFit:
         last: EdgeStep | None = None
         edge_px = bend_px = limits.located_px
         moved = np.inf
+        light: UnevenLight | None = None
         projection, stretch = self._projection, 0.0
         # stills that doubt the lens show no motion of the camera, and take the print for flat
         rolls = self._line_time > 0.0 and stretch_sd == 0.0
@@ -160,6 +163,10 @@ class EdgeFit:
             edges = find_edges(pixels, samples, self._limits, is_blown=is_blown)
             if int(edges.found.sum()) < limits.min_samples:
                 return None
+            if edges.sides is not None and edges.blown is None:
+                light = light or UnevenLight.of(edges.sides, edges.found)
+                if light is not None:
+                    edges = light.without(edges, self._cell * projection.focal[0] / position[2], self._limits)
             prior: Prior = (
                 level.pull(rotation, limits.located_px) if level is not None else (np.zeros((6, 6)), np.zeros(6))
             )
@@ -176,7 +183,7 @@ class EdgeFit:
                 samples, prior = with_motion(samples, prior, start, motion, position, edge_px, limits)
             if edges.blown is not None:
                 samples, prior = with_blown(samples, prior, edges.blown, edge_px)
-            samples, prior = with_shift(samples, prior, limits.located_px / limits.shift_sd_px)
+            samples, prior = with_shift(samples, prior, self.model.smaller[samples.index] if is_near else None, limits)
             least_scale = limits.first_scale_px if k == 0 else limits.least_scale_px
             upright = None if is_near else self.model.upright[samples.index]
             now = EdgeStep.solve(samples, edges, least_scale, limits.tukey, prior, upright)
@@ -231,7 +238,8 @@ class EdgeFit:
         if self._sheet is None:
             return None
         known = start.known_bend or self._sheet.prior
-        return BentPrint(self._sheet, known, known.information, known.mean if start.bend is None else start.bend.mean)
+        rise = known.mean if start.bend is None else start.bend.mean
+        return BentPrint.begin(self._sheet, known, rise, self._points, self._bends)
 
     def _project(
         self,
@@ -245,10 +253,7 @@ class EdgeFit:
     ) -> Samples | None:
         """Samples in view with u = project(R p + t) and J = n . du/dx; none when they are too few."""
         limits, count = self._limits, len(self._points) // 2
-        points = self._points
-        if bent is not None and bool(bent.rise.any()):
-            points = bent.sheet.bent(points, self._bends, bent.rise)
-        still = seen = points @ rotation.T + position
+        still = seen = (self._points if bent is None else bent.points) @ rotation.T + position
         times = np.zeros(2 * count)
         if motion is not None:
             seen, times = exposed(still, motion, projection)
@@ -282,7 +287,7 @@ class EdgeFit:
             columns = [motion_jacobian(by_point, rest, times[index])]
         if bent is not None:
             by_height = by_rest @ (rotation @ bent.sheet.normal)
-            columns = [by_height[:, None] * self._bends[index, :RISES], *columns]
+            columns = [by_height[:, None] * bent.terms[index, :RISES], *columns]
         # A turn w moves a point at `arm` by w x arm, so that n . du = w . (arm x n du/dP).
         jacobian = np.column_stack([by_rest, cross(rest - position, by_rest), *columns])
         near = np.minimum(reach, limits.edges.reach_cells * cell_px[index])

@@ -31,6 +31,7 @@ class EdgeModel:
         tag: index of the tag of each sample `(n,)`.
         side: 0-3 for samples on the border (top, right, bottom, left), -1 inside `(n,)`.
         square: number of the square of the print whose rim each sample is on; a cell is one `(n,)`.
+        smaller: whether each sample is on a tag of a smaller size, for the second size and those after it `(n, k)`.
         upright: whether a move along x of the largest tag, rather than along its y, shifts the edge `(n,)`.
     """
 
@@ -40,6 +41,7 @@ class EdgeModel:
     tag: npt.NDArray[np.intp]
     side: npt.NDArray[np.intp]
     square: npt.NDArray[np.intp]
+    smaller: npt.NDArray[np.bool_]
     upright: npt.NDArray[np.bool_]
 
     @classmethod
@@ -60,7 +62,8 @@ class EdgeModel:
         square = np.unique(np.concatenate(squares)[keep], axis=0, return_inverse=True)[1].reshape(-1)
         by_axis = np.abs(normals @ target.tags[0].rotation[:, :2])
         upright = by_axis[:, 0] > by_axis[:, 1]
-        return cls(points[keep], normals[keep], cell[keep], index[keep], side[keep], square, upright[keep])
+        smaller = cell[keep, None] == sorted({tag.module for tag in target.tags}, reverse=True)[1:]
+        return cls(points[keep], normals[keep], cell[keep], index[keep], side[keep], square, smaller, upright[keep])
 
 
 def covered(points: Array, tag: Tag) -> npt.NDArray[np.bool_]:

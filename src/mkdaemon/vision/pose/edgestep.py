@@ -43,6 +43,7 @@ class EdgeStep:
         widest: the same of the widest quarter [px].
         agreeing: Tukey's weights as if every edge were trusted: doubt makes no edge agree `(n,)`.
         slope: of the influence of each sample, d(w r) / dr `(n,)`: below w, and below zero near the bound.
+        unsure: an error that the edges may have in common, deviation with its sign `(n,)` [px]; none without any.
     """
 
     samples: Samples
@@ -54,6 +55,7 @@ class EdgeStep:
     widest: float
     agreeing: Array
     slope: Array
+    unsure: Array | None
 
     @classmethod
     def solve(
@@ -99,7 +101,7 @@ class EdgeStep:
         # d(r (1 - u)^2) / dr with u = (r / bound)^2 is (1 - u) (1 - 5 u).
         slope = inside * (5.0 * inside - 4.0) * sure
         agreeing = np.maximum(1.0 - (residual * clear * (1.0 / bound)) ** 2, 0.0) ** 2 * found
-        return cls(samples, change, weights, normal, residual, edges.width, edges.widest, agreeing, slope)
+        return cls(samples, change, weights, normal, residual, edges.width, edges.widest, agreeing, slope, edges.unsure)
 
     @property
     def variance(self) -> float:
@@ -165,6 +167,10 @@ class EdgeStep:
             inverse = np.asarray(np.linalg.inv(_damped(normal)), np.float64)
             bend = Bend(bent.rise, noise * inverse[BENT, BENT])
         covariance = noise * inverse[:6, :6]
+        if self.unsure is not None:
+            # What light may have moved is one error of all edges: e moves the unknowns by N^-1 J^T W e.
+            off = inverse @ ((self.samples.jacobian * self.weights[:, None]).T @ self.unsure)
+            covariance += np.outer(off[:6], off[:6])
         if bent is not None and bend is not None:
             covariance[:3, :3] += bent.sheet.plane_covariance(rotation, bend)
         # Loss for rivals: geometric mean of min(r, missed)^2 + least^2. Log odds of two fits are then n / 2 times the

@@ -27,11 +27,28 @@ BEYOND: Final = 5
 """Unknowns of what a motion lacks: three angular accelerations, two speeds."""
 
 
-def with_shift(samples: Samples, prior: Prior, weight: float) -> tuple[Samples, Prior]:
-    """A common shift s of all edges, the last unknown, that every offset holds in full: J gains 1, the cost (w s)^2."""
-    column = np.ones((len(samples.jacobian), 1))
-    grown = _grown(prior, np.array([weight**2]), np.zeros(1))
-    return replace(samples, jacobian=np.hstack([samples.jacobian, column])), grown
+def with_shift(
+    samples: Samples, prior: Prior, smaller: npt.NDArray[np.bool_] | None, limits: EdgeLimits
+) -> tuple[Samples, Prior]:
+    """A common shift s of all edges, the last unknown, which every offset holds in full, and that of smaller tags.
+
+    J gains 1, the cost is s^2 over its variance. Blur does not let small cells get black or white: a tone curve or
+    sharpening shifts their edges by less, or more. Behind gamma 2.2 and a webcam one shift for both tags of a nested
+    target left the range off by 0.8 and 1.4 mm at 1.2 m, 0.2 and 0.3 mm with one each.
+
+    Args:
+        samples: whose edges were found.
+        prior: of the unknowns so far.
+        smaller: which of them are on tags of each smaller size `(n, k)`; none while the place is not nearly known.
+        limits: how far these are known.
+    """
+    if smaller is None:
+        smaller = np.zeros((len(samples.index), 0), dtype=bool)
+    seen = smaller[:, smaller.any(axis=0) & ~smaller.all(axis=0)]
+    count = seen.shape[1]
+    spread = np.array([*[limits.own_shift_sd_px] * count, limits.shift_sd_px])
+    jacobian = np.hstack([samples.jacobian, seen, np.ones((len(seen), 1))])
+    return replace(samples, jacobian=jacobian), _grown(prior, (limits.located_px / spread) ** 2, np.zeros(count + 1))
 
 
 def with_blown(samples: Samples, prior: Prior, blown: Blown, edge_px: float) -> tuple[Samples, Prior]:
