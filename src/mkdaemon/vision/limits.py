@@ -87,7 +87,7 @@ class CellSizes:
     readable_px: float = of(2.5, "px", "smaller cells have no edge, corner or grey value of their own", EARNED)
     photometric_px: float = of(4.0, "px", "smaller cells are fitted by grey values", EARNED)
     mixed_px: float = of(5.0, "px", "below, grey values measure what edges have found", FLIGHTS)
-    melted_widths: float = of(2.3, "half widths", "of its edges: smaller cells melt", "4 px where sharp: 1.75 px")
+    melted_widths: float = of(3.0, "half widths", "of its edges: smaller cells melt", "5 px where sharp: 1.75 px")
     plain_widths: float = of(
         3.0, "half widths", "of its edges: larger cells are plain between them", "5 px: range +.1 %"
     )
@@ -156,7 +156,7 @@ class EdgeLimits:
     unknown_speed: float = of(1.0, "m/s", "across the line of sight, where no track knows it", FLIGHTS)
     attitude_noise: float = of(radians(0.1), "rad", "of one reported attitude, each axis", "its last digit is .1 deg")
     known_climbing_sd: float = of(0.1, "m/s", "along the optical axis, where a track knows it", FLIGHTS)
-    clean_px: float = of(0.1, "px", "residual below which edges do not shift each other", "0.03-0.1 in sharp images")
+    clean_px: float = of(0.15, "px", "residual one way below which edges have not melted", "0 of 49 smeared were off")
     noisy_px: float = of(0.25, "px", "residual from which noise hides edges that all pixels show", "dusk: 0.4-0.9 px")
     systematic_px: float = of(0.01, "px", "interpolation error that does not average out", "noise-free stills")
 

@@ -44,6 +44,8 @@ def edge(seen: float, growing: float = 0.0) -> FoundEdges:
         np.full(COUNT, 2.5),
         np.zeros((COUNT, 6)),
         np.zeros(COUNT),
+        np.full(COUNT, 30.0),
+        np.ones(COUNT, dtype=bool),
     )
     return find_edges(np.clip(np.rint(rows), 0, 255).astype(np.uint8), samples, LIMITS, is_blown=True)
 

@@ -22,10 +22,11 @@ FREE = (np.zeros((UNKNOWNS, UNKNOWNS)), np.zeros(UNKNOWNS))
 
 def step(jacobian: np.ndarray, offsets: np.ndarray) -> EdgeStep:
     count = len(offsets)
-    samples = Samples(
-        np.arange(count), np.zeros((count, 2)), np.zeros((count, 2)), np.ones(count), jacobian, np.zeros(count)
-    )
-    edges = FoundEdges(offsets, np.ones(count, dtype=bool), LIMITS.blur.sharp_px, LIMITS.blur.sharp_px, np.ones(count))
+    flat, ones = np.zeros((count, 2)), np.ones(count)
+    upright = np.arange(count) % 2 > 0
+    samples = Samples(np.arange(count), flat, flat, ones, jacobian, np.zeros(count), 30.0 * ones, upright)
+    width = LIMITS.blur.sharp_px
+    edges = FoundEdges(offsets, np.ones(count, dtype=bool), width, width * ones, ones, ones)
     return EdgeStep.solve(samples, edges, LIMITS.edges.least_scale_px, LIMITS.edges.tukey, FREE)
 
 
@@ -66,6 +67,8 @@ def test_an_edge_with_a_rim_of_light_beside_it_is_trusted_less() -> None:
         np.full(count, 2.5),
         np.zeros((count, 6)),
         np.zeros(count),
+        np.full(count, 30.0),
+        np.ones(count, dtype=bool),
     )
     edges = find_edges(pixels, samples, LIMITS)
     assert edges.found.all()

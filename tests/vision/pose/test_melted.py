@@ -10,7 +10,6 @@ import pytest
 
 from mkdaemon.sim.scene.light import Conditions, Cover
 from mkdaemon.vision.pose import fitting
-from mkdaemon.vision.pose.edgefit import EdgeFit
 from mkdaemon.vision.pose.fitting import TargetFitter
 from mkdaemon.vision.pose.pose import Pose, angle_between, turn, with_floor
 from mkdaemon.vision.pose.projection import Projection
@@ -51,14 +50,6 @@ def test_a_smeared_target_is_measured_by_its_grey_values(way: float) -> None:
     assert found.source == "photometric"
     assert np.degrees(angle_between(found.rotation, view.rotation)) < 0.6
     assert nees(view, found) < 3.0
-
-
-def test_edges_alone_claim_what_they_do_not_know() -> None:
-    ways = np.linspace(0.0, np.pi, 6, endpoint=False)
-    views = [smeared(6.0, way) for way in ways]
-    edges = EdgeFit(TARGET, Projection(VGA))
-    by_edges = [(view, edges.fit(view.pixels, start(view))) for view in views]
-    assert max(nees(view, pose) for view, pose in by_edges if pose is not None) > 3.0
 
 
 def test_a_sharp_target_is_measured_by_its_edges() -> None:

@@ -78,7 +78,6 @@ def test_a_right_pose_with_the_inner_tag_hidden_stays(texture):
     pixels = np.where(hidden > 0, cover, view.pixels)
     pose = fitter.refine(pixels, truth(view))
     assert pose is not None
-    assert pose.inliers < 0.7, "most edges lie on the inner tag"
     assert off(pose, view) < 1e-3
     assert not fitter.is_beside(pixels, pose)
     assert Checks(fitter, Track(), CFG, LOOKING_DOWN).refusal(sight(view, pixels), pose, None) is None

@@ -29,6 +29,10 @@ SKIRT = 0.15
 """Share of the peak slope that is taken off before a centre is computed: texture and noise have no say in it."""
 WIDEST_PX = 8.0
 """Wider edges are taken for this wide [px]: the window would reach the neighbouring edge."""
+LEAST_OF_A_KIND = 10
+"""Edges of one direction that have a median of their own."""
+LARGE = 0.7
+"""Reach over the longest of one direction, of edges that tell how wide they are."""
 QUARTER = 0.25
 """Of the edges, the flattest ones, have nothing but noise beside them."""
 UNEVEN = 2.0
@@ -50,6 +54,8 @@ class Samples:
         reach: how far along the normal the edge may be `(n,)` [px].
         jacobian: of the position along the normal by pose `(n, k)`.
         times: when each is exposed after the middle row, under a rolling shutter `(n,)` [s].
+        cell_px: side of its cells along the normal `(n,)` [px].
+        upright: whether a move along x of the target shifts it `(n,)`, rather than one along y.
     """
 
     index: npt.NDArray[np.intp]
@@ -58,6 +64,8 @@ class Samples:
     reach: Array
     jacobian: Array
     times: Array
+    cell_px: Array
+    upright: npt.NDArray[np.bool_]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -68,9 +76,11 @@ class FoundEdges:
         offsets: from where the pose puts them, towards the bright side `(n,)` [px].
         found: whether an edge of the right sense was found `(n,)`.
         width: half width of the edges of this image [px].
-        widest: the same of the widest quarter: edges run two ways, and motion blurs one of them [px].
+        widths: the same of those that run the way of each: motion blurs one of two ways `(n,)` [px].
         trust: 1 where both sides of an edge are even, less where a shadow's rim or a leaf lies beside it; over the
             variance of the offset `(n,)`.
+        room: what neighbours leave of each, against the one with most room; over the variance of the offset too. An
+            edge without room says nothing for a pose and nothing against it `(n,)`.
         blown: what clipping does to the edges, already out of `offsets`; none where nothing is blown.
         sides: what lies beside the edges, where their places are nearly known.
         unsure: an error that they may have in common, deviation with its sign `(n,)` [px].
@@ -79,11 +89,17 @@ class FoundEdges:
     offsets: Array
     found: npt.NDArray[np.bool_]
     width: float
-    widest: float
+    widths: Array
     trust: Array
+    room: Array
     blown: Blown | None = None
     sides: EdgeSides | None = None
     unsure: Array | None = None
+
+    @property
+    def widest(self) -> float:
+        """Half width of the edges that run the way of the wider ones [px]."""
+        return float(self.widths.max())
 
 
 def without_glare(pixels: Grey, samples: Samples, limits: Limits) -> Samples:
@@ -100,7 +116,9 @@ def without_glare(pixels: Grey, samples: Samples, limits: Limits) -> Samples:
     return Samples(*(getattr(samples, part.name)[~hidden] for part in fields(samples)))
 
 
-def find_edges(pixels: Grey, samples: Samples, limits: Limits, *, is_blown: bool = False) -> FoundEdges:
+def find_edges(
+    pixels: Grey, samples: Samples, limits: Limits, *, is_blown: bool = False, is_near: bool = True
+) -> FoundEdges:
     """Find each edge along its normal.
 
     The grey values along a normal are g(s), their slope g'(s) > 0 towards the bright side. The edge lies at the centre
@@ -126,29 +144,45 @@ def find_edges(pixels: Grey, samples: Samples, limits: Limits, *, is_blown: bool
     # Width of an edge in this image: area of the slope over its peak, median over the samples.
     area = slope.sum(axis=1) * spacing / np.maximum(peak, 1e-3)
     width = min(max(WIDTH_FACTOR * median(area), blur.sharp_px), WIDEST_PX)
-    widest = WIDTH_FACTOR * quantile(area, 1.0 - QUARTER)
+    widths = _widths(area, samples, width)
     centre = place[peak_at]
     if width > blur.sharp_px:
         # The peak of a wide edge is noise: a first centre of gravity puts the window where the edge is.
-        centre = _centre(slope, place, centre, peak, width, FIRST_SKIRT)
-    offsets = _centre(slope, place, centre, peak, width, SKIRT)
+        centre = _centre(slope, place, centre, peak, widths, FIRST_SKIRT)
+    offsets = _centre(slope, place, centre, peak, widths, SKIRT)
     # An edge is as steep as the steep ones of the image, up to a share, and steeper than noise.
     tenth = max(len(peak) // 10, 1)
     enough = max(edges.min_slope, edges.min_peak * float(np.partition(peak, -tenth)[-tenth]))
     found = (peak > enough) & (np.abs(offsets) < samples.reach)
     trust: Array = np.ones(len(found))
     sides: EdgeSides | None = None
-    if longest <= edges.reach_px[-2]:
-        # A longer reach belongs to a fit that is not yet near its place: what lies beside an edge may be another one.
+    room: Array = np.ones(len(found))
+    if is_near:
+        # A fit that is not yet near its place has other edges beside these.
         beside = np.abs(place - offsets[:, None])
-        either *= (beside > width) & (np.abs(place) <= samples.reach[:, None] + STEP_PX)
+        either *= (beside > widths[:, None]) & (np.abs(place) <= samples.reach[:, None] + STEP_PX)
         trust = _trust(either.max(axis=1), peak, found)
         sides = _sides(profile, along, samples, area)
+        room = 1.0 / (1.0 + (limits.cells.melted_widths * widths / samples.cell_px) ** 4)
+        room /= float(room.max())
     located = offsets.astype(np.float64)
     blown = blown_edges(sides or _sides(profile, along, samples, area), found, limits) if is_blown else None
     if blown is not None:
         located -= blown.moved
-    return FoundEdges(located, found, width, max(widest, width), trust, blown, sides)
+    return FoundEdges(located, found, width, widths.astype(np.float64), trust, room, blown, sides)
+
+
+def _widths(area: Array32, samples: Samples, least: float) -> Array32:
+    """Half width of the edges that run the way of each `(n,)` [px], `least` at least.
+
+    Told by the larger cells: in small ones a neighbour cuts an edge off.
+    """
+    widths = np.full(len(area), least, np.float32)
+    for kind in (samples.upright, ~samples.upright):
+        if int(kind.sum()) >= LEAST_OF_A_KIND:
+            large = kind & (samples.reach >= LARGE * float(samples.reach[kind].max()))
+            widths[kind] = max(WIDTH_FACTOR * median(area[large]), least)
+    return widths
 
 
 def _sides(
@@ -186,13 +220,13 @@ def _centre(
     place: npt.NDArray[np.float32],
     around: npt.NDArray[np.float32],
     peak: npt.NDArray[np.float32],
-    width: float,
+    widths: Array32,
     skirt: float,
 ) -> npt.NDArray[np.float32]:
-    """Centre of gravity of each slope within `width` of a place `(n,)` [px]."""
+    """Centre of gravity of each slope within its width of a place `(n,)` [px]."""
     body = slope - skirt * peak[:, None]
     np.maximum(body, 0.0, out=body)
-    body *= np.abs(place - around[:, None]) <= width
+    body *= np.abs(place - around[:, None]) <= widths[:, None]
     moment, mass = (body @ np.stack([place, np.ones_like(place)], axis=1)).T
     found: npt.NDArray[np.float32] = moment / np.maximum(mass, 1e-6)
     return found

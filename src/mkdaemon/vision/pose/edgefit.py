@@ -154,13 +154,16 @@ class EdgeFit:
         motion = (start.motion if start.motion is not None else motion_at_rest()) if rolls else None
         is_blown = int(pixels.max()) >= self._limits.read.saturated
         for k in range(iterations):
-            reach = limits.reach_px[min(k, len(limits.reach_px) - 1)]
+            is_near = k >= len(limits.reach_px) - 2
+            # Within a shorter reach a wide edge has no middle: it is found wherever it is looked for.
+            widest = last.edges.widest if last is not None else 0.0
+            reach = max(limits.reach_px[min(k, len(limits.reach_px) - 1)], widest)
             samples = self._project(pixels.shape, rotation, position, reach, projection, motion, bent)
             if samples is None:
                 return None
             if is_blown:
                 samples = without_glare(pixels, samples, self._limits)
-            edges = find_edges(pixels, samples, self._limits, is_blown=is_blown)
+            edges = find_edges(pixels, samples, self._limits, is_blown=is_blown, is_near=is_near)
             if int(edges.found.sum()) < limits.min_samples:
                 return None
             if edges.sides is not None and edges.blown is None:
@@ -172,7 +175,6 @@ class EdgeFit:
             )
             if last is not None:
                 edge_px = max(last.variance**0.5, limits.least_scale_px)
-            is_near = reach <= limits.reach_px[-2]
             bend_px = edge_px if is_near else FIRST_BEND_PX
             if bent is not None:
                 prior = with_bend(prior, bent, bend_px)
@@ -185,13 +187,12 @@ class EdgeFit:
                 samples, prior = with_blown(samples, prior, edges.blown, edge_px)
             samples, prior = with_shift(samples, prior, self.model.smaller[samples.index] if is_near else None, limits)
             least_scale = limits.first_scale_px if k == 0 else limits.least_scale_px
-            upright = None if is_near else self.model.upright[samples.index]
-            now = EdgeStep.solve(samples, edges, least_scale, limits.tukey, prior, upright)
+            now = EdgeStep.solve(samples, edges, least_scale, limits.tukey, prior, is_near=is_near)
             step = now.change
             # By the mean square: a move along one side of the tag shifts half of the edges, and no middle one.
             shifts = samples.jacobian[:, :carried] @ step[:carried]
             before, moved = moved, float(np.sqrt(np.mean(shifts**2)))
-            if last is not None and upright is None and k > len(limits.reach_px) - 1 and moved > before:
+            if last is not None and k > len(limits.reach_px) - 1 and moved > before:
                 # Edges of jagged pixels answer more than a move asks: the step before was nearer.
                 break
             last = now
@@ -291,4 +292,5 @@ class EdgeFit:
         # A turn w moves a point at `arm` by w x arm, so that n . du = w . (arm x n du/dP).
         jacobian = np.column_stack([by_rest, cross(rest - position, by_rest), *columns])
         near = np.minimum(reach, limits.edges.reach_cells * cell_px[index])
-        return Samples(index, uv[index], normals, near, jacobian, times[index])
+        upright = self.model.upright[index]
+        return Samples(index, uv[index], normals, near, jacobian, times[index], cell_px[index], upright)

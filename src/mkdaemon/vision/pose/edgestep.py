@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from mkdaemon.vision.limits import Limits
 from mkdaemon.vision.pose.bend import BENT, Bend, BentPrint
-from mkdaemon.vision.pose.edgefind import FoundEdges, Samples
+from mkdaemon.vision.pose.edgefind import LEAST_OF_A_KIND, FoundEdges, Samples
 from mkdaemon.vision.pose.nuisance import Prior
 from mkdaemon.vision.pose.pose import Pose, median
 
@@ -23,8 +23,6 @@ stay finite."""
 LEAST_SLOPE = 0.3
 """Of the influence, over the mean weight: below, a robust estimate has no variance of its own (0.83 for Gaussian
 residuals)."""
-LEAST_OF_A_KIND = 10
-"""Edges of one direction that have a median of their own."""
 ROUNDS = 3
 """Weights and step depend on each other: so often."""
 
@@ -35,27 +33,23 @@ class EdgeStep:
 
     Attributes:
         samples: with the derivative of their offsets by all unknowns.
+        edges: where the image has them.
         change: of the unknowns `(k,)`.
         weights: of the samples `(n,)`, zero without an edge.
         normal: normal matrix with what is known beforehand `(k, k)`.
         residual: of the samples after the step `(n,)` [px].
-        width: half width of the edges of this image [px].
-        widest: the same of the widest quarter [px].
         agreeing: Tukey's weights as if every edge were trusted: doubt makes no edge agree `(n,)`.
         slope: of the influence of each sample, d(w r) / dr `(n,)`: below w, and below zero near the bound.
-        unsure: an error that the edges may have in common, deviation with its sign `(n,)` [px]; none without any.
     """
 
     samples: Samples
+    edges: FoundEdges
     change: Array
     weights: Array
     normal: Array
     residual: Array
-    width: float
-    widest: float
     agreeing: Array
     slope: Array
-    unsure: Array | None
 
     @classmethod
     def solve(
@@ -65,13 +59,14 @@ class EdgeStep:
         least_scale: float,
         tukey: float,
         prior: Prior,
-        upright: npt.NDArray[np.bool_] | None = None,
+        *,
+        is_near: bool = True,
     ) -> EdgeStep:
         """Rounds of weighted least squares.
 
         x = (J^T W J + P)^-1 (J^T W d + p) with Tukey's w = t (1 - (r / c sigma)^2)^2 inside c sigma, zero outside; t is
-        the trust in an edge, times the clarity of a blown one, r holds its root; sigma from the median of |r|; P and p
-        are the `prior`.
+        the trust in an edge, times the clarity of a blown one, r holds its root; sigma from the median of |r|, larger
+        for wide edges, whose t is divided by its square; P and p are the `prior`.
 
         Args:
             samples: of the edge model.
@@ -79,29 +74,32 @@ class EdgeStep:
             least_scale: sigma at least [px].
             tukey: c.
             prior: of all unknowns.
-            upright: for a start that may be off, which samples a move along x shifts; the others one along y. Sigma is
-                then the larger one of the two kinds: a start that is off along one side of the print leaves half of the
-                edges in their place, which would outvote the other half.
+            is_near: whether the fit is about in its place. Before, sigma is the larger one of the two ways that edges
+                run: a start that is off along one side of the print leaves half of the edges in their place, which
+                would outvote the other half.
         """
         jacobian, offsets, found = samples.jacobian, edges.offsets, edges.found
         change: Array = np.zeros(jacobian.shape[1])
         weights: Array = found.astype(np.float64)
-        clear = 1.0 if edges.blown is None else np.sqrt(edges.blown.clear)
+        clear = np.sqrt(edges.room if edges.blown is None else edges.room * edges.blown.clear)
         sure = edges.trust * clear**2
-        residual, normal, inside, bound = offsets, prior[0], weights, 1.0
+        residual, normal, inside = offsets, prior[0], weights
+        bound, told = weights, weights
         for _ in range(ROUNDS):
             size = np.abs(residual) * np.sqrt(sure)
-            bound = tukey * max(MAD * _spread(size, found, upright), least_scale)
-            inside = np.maximum(1.0 - (size * (1.0 / bound)) ** 2, 0.0) * found
-            weights = inside**2 * sure
+            scale = np.maximum(MAD * _spreads(size, edges, samples.upright, is_near=is_near), least_scale)
+            bound = tukey * scale
+            inside = np.maximum(1.0 - (size / bound) ** 2, 0.0) * found
+            told = (float(scale.min()) / scale) ** 2 * sure
+            weights = inside**2 * told
             weighted = (jacobian * weights[:, None]).T
             normal = weighted @ jacobian + prior[0]
             change[:] = np.linalg.solve(_damped(normal), weighted @ offsets + prior[1])
             residual = offsets - jacobian @ change
         # d(r (1 - u)^2) / dr with u = (r / bound)^2 is (1 - u) (1 - 5 u).
-        slope = inside * (5.0 * inside - 4.0) * sure
-        agreeing = np.maximum(1.0 - (residual * clear * (1.0 / bound)) ** 2, 0.0) ** 2 * found
-        return cls(samples, change, weights, normal, residual, edges.width, edges.widest, agreeing, slope, edges.unsure)
+        slope = inside * (5.0 * inside - 4.0) * told
+        agreeing = np.maximum(1.0 - (residual * clear / bound) ** 2, 0.0) ** 2 * found
+        return cls(samples, edges, change, weights, normal, residual, agreeing, slope)
 
     @property
     def variance(self) -> float:
@@ -157,7 +155,7 @@ class EdgeStep:
         # C = (v b + s^2) (J^T W J)^-1: in a blurred image neighbours share pixels over b, the width of the blur over
         # that of a sharp edge, or more by their residuals; s is what interpolation leaves and no number of samples
         # averages out.
-        shared = max(self.width / all_limits.blur.sharp_px, self.shared(square[self.samples.index], inverse))
+        shared = max(self.edges.width / all_limits.blur.sharp_px, self.shared(square[self.samples.index], inverse))
         noise = shared * self.influence_variance + limits.systematic_px**2
         bend = None
         if bent is not None:
@@ -167,9 +165,9 @@ class EdgeStep:
             inverse = np.asarray(np.linalg.inv(_damped(normal)), np.float64)
             bend = Bend(bent.rise, noise * inverse[BENT, BENT])
         covariance = noise * inverse[:6, :6]
-        if self.unsure is not None:
+        if self.edges.unsure is not None:
             # What light may have moved is one error of all edges: e moves the unknowns by N^-1 J^T W e.
-            off = inverse @ ((self.samples.jacobian * self.weights[:, None]).T @ self.unsure)
+            off = inverse @ ((self.samples.jacobian * self.weights[:, None]).T @ self.edges.unsure)
             covariance += np.outer(off[:6], off[:6])
         if bent is not None and bend is not None:
             covariance[:3, :3] += bent.sheet.plane_covariance(rotation, bend)
@@ -185,23 +183,37 @@ class EdgeStep:
             "edges",
             int(counted.sum()),
             float(np.sqrt(variance)),
-            float(counted.mean()),
+            float(np.average(counted, weights=self.edges.room)),
             float(np.linalg.norm(self.change[:3])) / max(float(np.linalg.norm(position)), 1e-9),
             loss=float(np.exp(np.mean(np.log(squared)))),
-            blur_px=self.width,
-            widest_px=self.widest,
+            blur_px=self.edges.width,
+            widest_px=self.edges.widest,
+            ragged_px=MAD * max(_medians(np.abs(self.residual), self.edges.found, self.samples.upright)),
             shift_px=float(self.change[-1]),
             bend=bend,
             known_bend=None if bent is None else bent.known,
         )
 
 
-def _spread(size: Array, found: npt.NDArray[np.bool_], upright: npt.NDArray[np.bool_] | None) -> float:
-    """The median of the sizes of what was found, or the larger median of two kinds, where each has enough."""
-    kinds = [] if upright is None else [found & upright, found & ~upright]
-    if not kinds or min(int(kind.sum()) for kind in kinds) < LEAST_OF_A_KIND:
-        return median(size[found])
-    return max(median(size[kind]) for kind in kinds)
+def _spreads(size: Array, edges: FoundEdges, upright: npt.NDArray[np.bool_], *, is_near: bool) -> Array:
+    """The usual size of each residual `(n,)` [px], by medians.
+
+    Near the place all edges have one, unless motion made those of one way wider: these are less exact, by the square of
+    their widths at most.
+    """
+    usual, each = median(size[edges.found]), _medians(size, edges.found, upright)
+    if not is_near:
+        return np.full(len(size), max(each))
+    own = np.where(upright, *each)
+    return np.clip(own, usual, usual * (edges.widths / float(edges.widths.min())) ** 2)
+
+
+def _medians(size: Array, found: npt.NDArray[np.bool_], upright: npt.NDArray[np.bool_]) -> tuple[float, float]:
+    """The medians of what was found of the two ways that edges run; where one has too few, that of all, twice."""
+    kinds = found & upright, found & ~upright
+    if min(int(kind.sum()) for kind in kinds) < LEAST_OF_A_KIND:
+        return (median(size[found]),) * 2
+    return median(size[kinds[0]]), median(size[kinds[1]])
 
 
 def _damped(normal: Array) -> Array:

@@ -37,10 +37,10 @@ Array = npt.NDArray[np.float64]
 Grey = npt.NDArray[np.uint8]
 
 START_BLUR_PX = 0.7
-BLUR_PX = (0.35, 5.0)
-"""Point spread that is modelled, deviation [px]."""
+BLUR_PX = (0.35, 12.0)
+"""Point spread that is modelled, deviation [px]: streaks up to 41 px."""
 MAX_BLUR_STEP = 0.8
-"""Most its variance changes in one step [px^2]."""
+"""Most its variance changes in one step [px^2], or as much as it is."""
 FIRST_DAMPING, LEAST_DAMPING, MOST_DAMPING = 1e-3, 1e-7, 1e-2
 """Levenberg's share of the diagonal: at first, at least, and the last from which a worse step is tried again."""
 EASE, TIGHTEN = 0.3, 30.0
@@ -163,14 +163,13 @@ class PhotoFit:
         """Of several prints those that the image shows at a state: hidden and missed ones would lead a fit astray."""
         return tuple(model for model in prints if self._stepper.match(pixels, model, at) >= least)
 
+    def resembles(self, grey: Pose) -> bool:
+        """Whether the model of a fit to grey values looks like the image."""
+        return grey.likeness is not None and grey.likeness >= self._limits.photo.polish_match
+
     def explains(self, grey: Pose) -> bool:
         """Whether the model holds for a fit to grey values: nothing lies over the print or shines on it."""
-        limits = self._limits
-        return (
-            grey.likeness is not None
-            and grey.likeness >= limits.photo.polish_match
-            and grey.inliers >= limits.agreement.whole
-        )
+        return self.resembles(grey) and grey.inliers >= self._limits.agreement.whole
 
     def polish(self, pixels: Grey, pose: Pose) -> Pose:
         """Measure a pose from edges once more by the grey values, where these know more and do not object.
@@ -203,7 +202,8 @@ class PhotoFit:
 
 def _moved(at: PhotoState, change: Array) -> PhotoState:
     """The state after a step; a point spread stays one."""
-    xx, xy, yy = np.clip(change[SPREAD], -MAX_BLUR_STEP, MAX_BLUR_STEP)
+    most = max(MAX_BLUR_STEP, float(np.linalg.eigvalsh(at.spread)[-1]))
+    xx, xy, yy = np.clip(change[SPREAD], -most, most)
     values, vectors = np.linalg.eigh(at.spread + np.array([[xx, xy], [xy, yy]]))
     spread = vectors @ np.diag(np.clip(values, BLUR_PX[0] ** 2, BLUR_PX[1] ** 2)) @ vectors.T
     motion = None if at.motion is None else at.motion + change[MOTION]

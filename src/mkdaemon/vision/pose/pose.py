@@ -55,7 +55,8 @@ class Pose:
             hidden samples cost both rivals the same.
         match: correlation between model and image, where the fit knows it.
         blur_px: half width of an edge in the image, or of grey values the deviation of the point spread, where known.
-        widest_px: of an edge of the widest quarter, in a fit to edges.
+        widest_px: the same of the edges that run the way of the wider ones, in a fit to edges.
+        ragged_px: residual of the edges that run the way that agrees less, in a fit to edges [px].
         shift_px: how far all edges lie towards their bright side, where the fit asked [px]: less than zero where a tone
             curve makes white spread over black.
         motion: of the camera while its rows were read `(4,)`, where the fit asked; see `rolling`.
@@ -79,6 +80,7 @@ class Pose:
     match: float | None = None
     blur_px: float | None = None
     widest_px: float | None = None
+    ragged_px: float | None = None
     shift_px: float = 0.0
     motion: Array | None = None
     known_motion: KnownMotion | None = None

@@ -112,7 +112,8 @@ class PrintModel:
         if not bool(visible.all()):
             return None
         narrow, wide, direction = _axes(spread)
-        pad = int(np.ceil(BLUR_REACH * wide)) + 2
+        length = float(np.sqrt(BOX * (wide**2 - narrow**2)))
+        pad = int(np.ceil(BLUR_REACH * narrow + length / 2)) + 2
         x0, y0 = np.maximum(np.floor(uv.min(axis=0)).astype(int), pad)
         x1, y1 = np.minimum(np.ceil(uv.max(axis=0)).astype(int) + 1, [shape[1] - pad, shape[0] - pad])
         width, height = int(x1 - x0), int(y1 - y0)
@@ -131,7 +132,6 @@ class PrintModel:
         if motion is not None:
             plane_from_pixel = self._rolled(plane_from_pixel, window, rotation, position, motion)
         fine = np.asarray(cv2.GaussianBlur(fine, (0, 0), narrow * FINE), dtype=np.float32)
-        length = float(np.sqrt(BOX * (wide**2 - narrow**2)))
         if length > LEAST_STREAK_PX:
             fine = np.asarray(cv2.filter2D(fine, -1, _streak(FINE * length * direction)), dtype=np.float32)
         fine = np.asarray(cv2.blur(fine, (FINE, FINE)), dtype=np.float32)
