@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import math
 from contextlib import asynccontextmanager
+from functools import partial
 
 import pytest
 
 from lab.rigs.waiting import wait_until
+from mkdaemon.bus.session import session_config
 from mkdaemon.cli.mkctl import flight, flightshow, gains, manoeuvre, preflight, script, stick
 from mkdaemon.cli.mkctl.app import app
 from mkdaemon.cli.mkctl.connection import Connection
@@ -35,7 +37,8 @@ NOWHERE = ["--connect", "tcp/127.0.0.1:1"]
         ["stop"],
     ],
 )
-def test_negative_numbers_are_arguments(arguments, capsys):
+def test_negative_numbers_are_arguments(arguments, capsys, monkeypatch):
+    monkeypatch.setattr("mkdaemon.client.connection.session_config", partial(session_config, patience=0.1))
     assert run(app, [*arguments, *NOWHERE]) == EXIT_FAILURE
     assert "tcp/127.0.0.1:1" in capsys.readouterr().err, "it got as far as looking for a daemon"
 

@@ -101,7 +101,7 @@ def test_the_page_ends_with_sticks_that_fly(tmp_path: Path) -> None:
                 assert watcher.stdout.readline().startswith("state/")
             assert terminal.run(get_osd).startswith("rx/nc/osd")
             terminal.run(start)
-            wait_blocking(lambda: height(terminal, get_position) > 1.7, step=0.5)
+            wait_blocking(lambda: height(terminal, get_position) > 1.7, step=2.0)
             assert "nobody holds the lease" in terminal.run(show)
             before = place(terminal)
             assert "setpoints; last stick frame: pitch 8," in terminal.run(stick)
