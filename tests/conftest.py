@@ -8,6 +8,7 @@ import signal
 from collections.abc import Iterator
 from pathlib import Path
 
+import cv2
 import pytest
 import structlog
 from hypothesis import HealthCheck, settings
@@ -25,6 +26,10 @@ settings.load_profile("house")
 
 SPREAD = 0.5
 """Share of the other files among which those that start whole programs are spread."""
+
+# As in the daemon (`vision.worker`): with a thread for every core, and tests in every core, OpenCV's threads wait for
+# each other, and tests of images take half as long again.
+cv2.setNumThreads(1)
 
 # Who starts the tests in the background or under nohup leaves signals ignored, and every program would inherit that.
 signal.signal(signal.SIGHUP, signal.SIG_DFL)
