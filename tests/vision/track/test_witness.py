@@ -12,11 +12,13 @@ from mkdaemon.vision.camera.image import CameraImage
 from mkdaemon.vision.tags.tagmap import TagMap
 from mkdaemon.vision.track.attitude import LOOKING_DOWN, AttitudeHistory, AttitudeSample
 from mkdaemon.vision.track.tracker import Tracker
-from mkdaemon.vision.track.witness import AGAINST, BACK_AFTER, FORGET, LOOKS, AttitudeWitness
+from mkdaemon.vision.track.witness import AGAINST, BACK_AFTER, FORGET, LOOKS, PARTLY, WHOLE, AttitudeWitness
 from tests.vision.views import View, place, shipped
 
 RIGHT, WRONG, GATE = radians(1.0), radians(12.0), radians(5.0)
 STEP = 1 / 30
+PARTS, WHOLES = AGAINST // PARTLY, AGAINST // WHOLE
+"""Images that leave it out."""
 
 
 def shown(witness: AttitudeWitness, offs: list[float], start: float = 0.0) -> float:
@@ -38,7 +40,7 @@ def test_single_contradictions_leave_the_attitude_in_use() -> None:
 
 def test_contradictions_far_apart_leave_the_attitude_in_use() -> None:
     witness = AttitudeWitness()
-    for k in range(AGAINST + 1):
+    for k in range(PARTS + 1):
         witness.image_seen(1.5 * k, WRONG, GATE)
     assert not witness.contradicts
 
@@ -46,16 +48,29 @@ def test_contradictions_far_apart_leave_the_attitude_in_use() -> None:
 def test_a_lasting_contradiction_is_told_once_with_its_angle() -> None:
     witness = AttitudeWitness()
     told = [witness.image_seen(k * STEP, WRONG, GATE) for k in range(LOOKS)]
-    assert told == [k == AGAINST - 1 for k in range(LOOKS)]
+    assert told == [k == PARTS - 1 for k in range(LOOKS)]
     assert witness.contradicts
     assert round(witness.off_deg) == 12
+
+
+def test_images_in_which_nearly_all_edges_agree_leave_it_out_sooner() -> None:
+    witness = AttitudeWitness()
+    told = [witness.image_seen(k * STEP, WRONG, GATE, is_whole=True) for k in range(LOOKS)]
+    assert told == [k == WHOLES - 1 for k in range(LOOKS)]
+    assert WHOLES < PARTS
+
+
+def test_a_deck_that_is_tilted_a_little_too_much_needs_more_images() -> None:
+    witness = AttitudeWitness()
+    told = [witness.image_seen(k * STEP, 1.1 * GATE, GATE, is_whole=True) for k in range(LOOKS)]
+    assert told == [k == PARTS - 1 for k in range(LOOKS)]
 
 
 def test_the_attitude_is_taken_up_again_after_it_agreed_and_later_each_time() -> None:
     witness, now = AttitudeWitness(), 0.0
     waited = []
     for _ in range(3):
-        now = shown(witness, [WRONG] * AGAINST, now)
+        now = shown(witness, [WRONG] * PARTS, now)
         start = now
         while is_left_out(witness):
             now = shown(witness, [RIGHT], now)
@@ -65,7 +80,7 @@ def test_the_attitude_is_taken_up_again_after_it_agreed_and_later_each_time() ->
 
 def test_one_contradiction_starts_the_wait_anew() -> None:
     witness = AttitudeWitness()
-    now = shown(witness, [WRONG] * AGAINST)
+    now = shown(witness, [WRONG] * PARTS)
     most = int(BACK_AFTER[0] / STEP) - 2
     shown(witness, [*[RIGHT] * most, WRONG, *[RIGHT] * most], now)
     assert witness.contradicts
@@ -73,7 +88,7 @@ def test_one_contradiction_starts_the_wait_anew() -> None:
 
 def test_without_images_that_tell_the_attitude_is_tried_again() -> None:
     witness = AttitudeWitness()
-    now = shown(witness, [WRONG] * AGAINST)
+    now = shown(witness, [WRONG] * PARTS)
     witness.time_passed(now + FORGET / 2)
     assert witness.contradicts
     witness.time_passed(now + FORGET)
@@ -96,6 +111,6 @@ def test_the_tracker_poses_by_the_images_alone_while_the_attitude_is_wrong_and_c
         if k == 14:
             assert tracker.witness.contradicts
             assert np.degrees(0.5) < tracker.witness.off_deg < np.degrees(0.7)
-    assert not any(posed[: AGAINST - 1])
-    assert all(posed[AGAINST:])
+    assert not any(posed[: WHOLES - 1])
+    assert all(posed[WHOLES - 1 :])
     assert not tracker.witness.contradicts

@@ -116,8 +116,11 @@ class Checks:
 
     def is_conclusive(self, seen: Sight, pose: Pose) -> bool:
         """Whether the image alone decides the tilt: a large, sharp target in full view."""
-        whole = pose.source == "edges" and pose.inliers >= self.limits.agreement.whole
-        return whole and self.shows_perspective(pose) and self.is_plain(seen, pose)
+        return self.is_whole(pose) and self.shows_perspective(pose) and self.is_plain(seen, pose)
+
+    def is_whole(self, pose: Pose) -> bool:
+        """Whether nearly all edges of the target are seen and agree."""
+        return pose.source == "edges" and pose.inliers >= self.limits.agreement.whole
 
     def is_plain(self, seen: Sight, pose: Pose) -> bool:
         """Whether the target is large and its cells are read clearly: hidden parts then mislead nobody."""

@@ -31,6 +31,7 @@ from mkdaemon.vision.track.result import FoundBy, TargetPose
 from mkdaemon.vision.track.sheet import LearnedBend
 from mkdaemon.vision.track.starts import Starts
 from mkdaemon.vision.track.track import Prediction, Track, known_motion
+from mkdaemon.vision.track.witness import AttitudeWitness
 
 Grey = npt.NDArray[np.uint8]
 Window = tuple[int, int, int, int]
@@ -102,22 +103,29 @@ class Follower:
             frame.detections.extend(found)
             self.start(frame, found, "roi", None if track.in_doubt else predicted.pose)
 
-    def tilt_against(self, frame: Frame, reported: Sight) -> tuple[float, float] | None:
-        """How far what was found in an image is from the attitude reported.
+    def witness_against(self, frame: Frame, reported: Sight, witness: AttitudeWitness) -> bool:
+        """Let what was found in an image speak for or against the attitude.
 
         Args:
             frame: the image, with or without its attitude.
             reported: with it.
+            witness: that hears it.
 
         Returns:
-            Angle between the target's normal by the image and by the attitude, and the largest one that is
-            believed [rad]; none where the image or the attitude says nothing.
+            Whether the attitude is left out from this image on, and was not before.
         """
         level = self._checks.level
         published = next((found.pose for found in frame.poses if found.target == self.name), None)
         pose = published or frame.contradicting.get(self.name)
         tilt = level.tilt(reported, pose) if pose is not None else None
-        return None if pose is None or tilt is None else (tilt, level.gate(reported, pose))
+        if pose is None or tilt is None:
+            return False
+        return witness.image_seen(reported.time, tilt, level.gate(reported, pose), is_whole=self._checks.is_whole(pose))
+
+    def start_alone(self, frame: Frame) -> None:
+        """Start from an image whose attitude was left out after it had refused what the image shows."""
+        if self.name in frame.contradicting:
+            self.start(frame, frame.detections, "search", None)
 
     def forget_deck(self) -> None:
         """Forget how the target lies."""

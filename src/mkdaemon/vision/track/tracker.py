@@ -85,10 +85,10 @@ class Tracker:
             for follower in self.followers:
                 follower.follow(frame)
             self._search_missing(frame)
+            self._ask_witness(frame, reported)
             for follower in self.followers:
                 if not frame.has(follower.name):
                     follower.note_miss(frame)
-            self._ask_witness(frame, reported)
         else:
             alarms.append(Alarm.UNCALIBRATED)
             frame.detections.extend(self._search(frame))
@@ -116,12 +116,13 @@ class Tracker:
         return Sight(pixels, time, attitude.at(time, self._cfg.max_attitude_age), attitude.turning_at(time))
 
     def _ask_witness(self, frame: Frame, reported: Sight) -> None:
-        """Let what was found speak for or against the attitude."""
+        """Let what was found speak for or against the attitude; the image that leaves it out is looked at without."""
+        if not any(follower.witness_against(frame, reported, self.witness) for follower in self.followers):
+            return
+        frame.sight = reported.without_attitude()
         for follower in self.followers:
-            tilt = follower.tilt_against(frame, reported)
-            if tilt is not None and self.witness.image_seen(reported.time, *tilt):
-                for other in self.followers:
-                    other.forget_deck()
+            follower.forget_deck()
+            follower.start_alone(frame)
 
     def _search_missing(self, frame: Frame) -> None:
         """Look for what is still missing in the whole image."""
