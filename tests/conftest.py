@@ -8,6 +8,8 @@ import signal
 from collections.abc import Iterator
 from pathlib import Path
 
+os.environ["OPENBLAS_NUM_THREADS"] = "1"  # read when numpy is imported
+
 import cv2
 import pytest
 import structlog
@@ -27,8 +29,8 @@ settings.load_profile("house")
 SPREAD = 0.5
 """Share of the other files among which those that start whole programs are spread."""
 
-# As in the daemon (`vision.worker`): with a thread for every core, and tests in every core, OpenCV's threads wait for
-# each other, and tests of images take half as long again.
+# As in the daemon (`vision.worker`): with a thread for every core, and tests in every core, the threads of OpenCV wait
+# for each other, and tests of images take half as long again. Those of OpenBLAS do, too.
 cv2.setNumThreads(1)
 
 # Who starts the tests in the background or under nohup leaves signals ignored, and every program would inherit that.

@@ -97,6 +97,13 @@ def test_errors_are_one_line_and_an_exit_code(error, code, capsys):
     assert not err or err.startswith("prog: ")
 
 
+def test_the_daemon_lets_numpy_start_no_threads(monkeypatch):
+    monkeypatch.delenv("OPENBLAS_NUM_THREADS", raising=False)
+    monkeypatch.setattr(mkdaemon, "_main", lambda *_: None)
+    mkdaemon.main()
+    assert os.environ["OPENBLAS_NUM_THREADS"] == "1"
+
+
 def test_exit_codes_of_commands_pass_through():
     app = App(name="prog")
 

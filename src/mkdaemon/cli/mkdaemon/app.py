@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from typing import Final, NoReturn
 
 from mkdaemon.cli.program import CommandEntry
@@ -49,6 +50,9 @@ app = _build("mkdaemon", ABOUT, COMMANDS)
 
 def main() -> NoReturn:
     """Entry point."""
+    # numpy's OpenBLAS starts a thread for every core, which wait for each other longer than they compute: matrices of
+    # a pose are small. Read when numpy is imported.
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     _main("mkdaemon", ABOUT, COMMANDS)
 
 
