@@ -96,7 +96,7 @@ def test_what_near_edges_told_is_forgotten_within_minutes() -> None:
     prior = Bend(np.zeros(3), 1e-4 * np.eye(3))
     learned = LearnedBend(prior)
     told = Bend(np.array([0.01, 0.0, 0.0]), 1e-8 * np.eye(3))
-    pose = Pose(np.eye(3), np.array([0.0, 0.0, 1.0]), np.eye(6), "edges", 200, 0.05, bend=told)
+    pose = Pose(np.eye(3), np.array([0.0, 0.0, 1.0]), np.eye(6), "edges", 200, 0.05, bend=told, known_bend=prior)
     learned.learn(0.0, replace(pose, source="photometric"))
     assert learned.at(0.1) is not None
     assert (learned.at(0.1) or told).mean[0] == 0.0
@@ -108,3 +108,27 @@ def test_what_near_edges_told_is_forgotten_within_minutes() -> None:
     assert soon.covariance[0, 0] < 2e-6
     assert late.mean[0] == pytest.approx(0.0, abs=1e-6)
     assert late.covariance == pytest.approx(prior.covariance, rel=1e-3)
+
+
+def test_a_bend_that_an_image_contradicts_is_learned_anew() -> None:
+    prior, told = Bend(np.zeros(3), 1e-4 * np.eye(3)), Bend(np.array([0.01, 0.0, 0.0]), 1e-8 * np.eye(3))
+    learned = LearnedBend(prior)
+    pose = Pose(np.eye(3), np.array([0.0, 0.0, 1.0]), np.eye(6), "edges", 200, 0.05, bend=told, known_bend=prior)
+    learned.learn(0.0, pose)
+    moved = replace(told, mean=told.mean + np.array([0.0, 5e-4, 0.0]))
+    learned.learn(0.1, replace(pose, bend=moved, known_bend=told))
+    known = learned.at(0.1)
+    assert known is not None
+    assert known.covariance == pytest.approx(prior.covariance)
+
+
+@pytest.mark.parametrize("distance", [0.25, 0.3, 0.4, 0.5])
+def test_a_bend_is_never_surer_than_without_doubt(distance: float) -> None:
+    """Whatever step a fit ends with: what was known of the bend is weighed once."""
+    known = Bend(np.zeros(3), 1e-10 * np.eye(3))
+    for k in range(8):
+        view = View(TARGET, place(distance, 0.05 * k, around=0.7 * k, roll=0.9 * k), Conditions(noise_sd=6.0))
+        found = EdgeFit(TARGET, PROJECTION).fit(view.pixels, replace(start_of(view), known_bend=known))
+        if found is not None and found.bend is not None:
+            spread = np.linalg.eigvalsh(found.bend.covariance)
+            assert 0.0 < spread[0] <= spread[2] < 1.001e-10

@@ -144,7 +144,7 @@ class EdgeFit:
         limits = self._limits.edges
         rotation, position = start.rotation, start.position
         last: EdgeStep | None = None
-        edge_px = bend_px = limits.located_px
+        edge_px = weighed_px = limits.located_px
         moved = np.inf
         light: UnevenLight | None = None
         projection, stretch = self._projection, 0.0
@@ -195,7 +195,7 @@ class EdgeFit:
             if last is not None and k > len(limits.reach_px) - 1 and moved > before:
                 # Edges of jagged pixels answer more than a move asks: the step before was nearer.
                 break
-            last = now
+            last, weighed_px = now, bend_px
             rotation = turn(rotation, step[3:6])
             position = position + step[:3]
             if not np.isfinite(position).all() or position[2] < NEAR_M:
@@ -213,7 +213,7 @@ class EdgeFit:
                 projection = self._projection.stretch(stretch)
         if last is None:
             return None
-        fitted = last.pose(rotation, position, self.model.square, self._limits, bent, bend_px)
+        fitted = last.pose(rotation, position, self.model.square, self._limits, bent, weighed_px)
         return replace(
             fitted,
             motion=motion,

@@ -13,6 +13,8 @@ import numpy as np
 from mkdaemon.vision.pose.bend import Bend
 from mkdaemon.vision.pose.pose import Pose
 
+MOVED: Final = 16.3
+"""Squared distance of a bend from what was known of it, from which that was wrong: chi-square(3), one in 1000."""
 LASTS: Final = 300.0
 """Correlation time of a bend [s]; chosen."""
 
@@ -39,5 +41,9 @@ class LearnedBend:
         are larger: learned from them as well, the bend was off by 2.7 deviations (three flights of a bent print, 298
         images), from edges alone by 1.1.
         """
-        if pose.bend is not None and pose.source == "edges":
-            self._last, self._time = pose.bend, time
+        if pose.bend is None or pose.known_bend is None or pose.source != "edges":
+            return
+        surprise = pose.bend.mean - pose.known_bend.mean
+        is_moved = float(surprise @ pose.known_bend.information @ surprise) > MOVED
+        # A sheet that moved, or was learned wrong, is learned anew.
+        self._last, self._time = self._prior if is_moved else pose.bend, time
