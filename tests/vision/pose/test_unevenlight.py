@@ -7,7 +7,10 @@ import pytest
 
 from mkdaemon.sim.scene.light import Conditions
 from mkdaemon.sim.scene.processing import Processing
+from mkdaemon.vision.limits import LIMITS
+from mkdaemon.vision.pose.edgefind import Samples
 from mkdaemon.vision.pose.edgefit import EdgeFit
+from mkdaemon.vision.pose.nuisance import with_shift
 from mkdaemon.vision.pose.pose import Pose
 from mkdaemon.vision.pose.projection import Projection
 from tests.vision.views import VGA, View, place, shipped
@@ -55,3 +58,15 @@ def test_small_cells_behind_a_tone_curve_do_not_shift_large_ones(distance: float
     """One shift for both tags: 0.5 to 0.8 mm."""
     view = View(TARGET, place(distance, 0.2), Conditions(processing=Processing(gamma=2.2)))
     assert abs(farther(view, view.pixels)) < 0.0004
+
+
+def test_what_is_known_of_shifts_is_weighed_by_the_edges_of_the_image() -> None:
+    """Weighed as in a bad image, 0.1 px held the shift of small cells that are trusted little."""
+    samples = Samples(
+        np.arange(4), *(np.zeros((4, 2)),) * 2, np.ones(4), np.ones((4, 6)), *(np.ones(4),) * 2, np.ones(4, bool)
+    )
+    smaller = np.array([[True], [True], [False], [False]])
+    prior = np.zeros((6, 6)), np.zeros(6)
+    grown, (matrix, _) = with_shift(samples, prior, smaller, 0.05, LIMITS.edges)
+    assert grown.jacobian.shape == (4, 8)
+    assert np.diag(matrix)[6:] == pytest.approx([0.25, 0.0625])

@@ -185,7 +185,9 @@ class EdgeFit:
                 samples, prior = with_motion(samples, prior, start, motion, position, edge_px, limits)
             if edges.blown is not None:
                 samples, prior = with_blown(samples, prior, edges.blown, edge_px)
-            samples, prior = with_shift(samples, prior, self.model.smaller[samples.index] if is_near else None, limits)
+            smaller = self.model.smaller[samples.index] if is_near else None
+            weighed = edge_px if is_near else limits.located_px
+            samples, prior = with_shift(samples, prior, smaller, weighed, limits)
             least_scale = limits.first_scale_px if k == 0 else limits.least_scale_px
             now = EdgeStep.solve(samples, edges, least_scale, limits.tukey, prior, is_near=is_near)
             step = now.change

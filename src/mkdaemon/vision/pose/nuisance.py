@@ -28,7 +28,7 @@ BEYOND: Final = 5
 
 
 def with_shift(
-    samples: Samples, prior: Prior, smaller: npt.NDArray[np.bool_] | None, limits: EdgeLimits
+    samples: Samples, prior: Prior, smaller: npt.NDArray[np.bool_] | None, edge_px: float, limits: EdgeLimits
 ) -> tuple[Samples, Prior]:
     """A common shift s of all edges, the last unknown, which every offset holds in full, and that of smaller tags.
 
@@ -40,6 +40,7 @@ def with_shift(
         samples: whose edges were found.
         prior: of the unknowns so far.
         smaller: which of them are on tags of each smaller size `(n, k)`; none while the place is not nearly known.
+        edge_px: deviation of a located edge [px].
         limits: how far these are known.
     """
     if smaller is None:
@@ -48,7 +49,7 @@ def with_shift(
     count = seen.shape[1]
     spread = np.array([*[limits.own_shift_sd_px] * count, limits.shift_sd_px])
     jacobian = np.hstack([samples.jacobian, seen, np.ones((len(seen), 1))])
-    return replace(samples, jacobian=jacobian), _grown(prior, (limits.located_px / spread) ** 2, np.zeros(count + 1))
+    return replace(samples, jacobian=jacobian), _grown(prior, (edge_px / spread) ** 2, np.zeros(count + 1))
 
 
 def with_blown(samples: Samples, prior: Prior, blown: Blown, edge_px: float) -> tuple[Samples, Prior]:
