@@ -135,25 +135,27 @@ def test_what_a_flight_says_about_the_files_is_in_the_figures() -> None:
 
 
 BLACK, WHITE = np.zeros((480, 640), np.uint8), np.full((480, 640), 255, np.uint8)
+WIDE = np.full((720, 1280), 90, np.uint8)
 
 
 @pytest.mark.parametrize(
     ("pictures", "change", "state", "words"),
     [
-        ([BLACK] * 8, {}, EyeState.DARK, "lens cap"),
-        ([WHITE] * 8, {}, EyeState.BLOWN, "shorten the exposure"),
-        ([np.full((720, 1280), 90, np.uint8)] * 2, {}, EyeState.WRONG_SIZE, "1280x720, its calibration is for 640x480"),
-        ([shot()[:, :600]] * 2, {}, EyeState.WRONG_SIZE, "600x480, its calibration is for 640x480"),
-        ([shot()], {"calibration": None}, EyeState.UNCALIBRATED, "mkdaemon calibrate camera"),
+        (lambda: [BLACK] * 8, {}, EyeState.DARK, "lens cap"),
+        (lambda: [WHITE] * 8, {}, EyeState.BLOWN, "shorten the exposure"),
+        (lambda: [WIDE] * 2, {}, EyeState.WRONG_SIZE, "1280x720, its calibration is for 640x480"),
+        (lambda: [shot()[:, :600]] * 2, {}, EyeState.WRONG_SIZE, "600x480, its calibration is for 640x480"),
+        (lambda: [shot()], {"calibration": None}, EyeState.UNCALIBRATED, "mkdaemon calibrate camera"),
     ],
     ids=["black", "blown", "mis-sized", "cropped", "uncalibrated"],
 )
 def test_unusable_images_are_named_and_give_no_pose(
-    pictures: list[np.ndarray], change: dict[str, object], state: EyeState, words: str
+    pictures: Callable[[], list[np.ndarray]], change: dict[str, object], state: EyeState, words: str
 ) -> None:
     pipeline = CameraPipeline(section(**change), VisionSection(), CLOCK)
-    values = feed(pipeline, pictures)
-    height, width = pictures[-1].shape
+    taken = pictures()
+    values = feed(pipeline, taken)
+    height, width = taken[-1].shape
     found = stats(pipeline, replace(STREAMING, width=width, height=height))
     assert poses(values) == []
     assert (found.state, found.posed, found.faults) == (state, 0.0, 0)

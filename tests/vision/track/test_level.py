@@ -238,6 +238,16 @@ def test_a_pose_whose_edges_partly_disagree_leans_on_the_attitude() -> None:
     assert tilts[1] < 0.85 * tilts[0]
 
 
+def test_edges_that_disagree_alike_for_a_second_hardly_turn_a_deck_that_was_known() -> None:
+    level = knowledge()
+    for k in range(60):
+        level.learn(seen(time=k / 30), pose_of(DOWN, np.radians(0.2) ** 2))
+    for k in range(1, 21):
+        pulled = pose_of(DOWN @ rotation_from_euler(np.radians(0.2 * k), 0.0, 0.0), np.radians(1.0) ** 2)
+        level.learn(seen(time=2.0 + k / 30), replace(pulled, inliers=0.77))
+    assert np.degrees(level.tilt(seen(time=2.7), pose_of(DOWN))) < 1.0
+
+
 def test_a_deck_is_learned_more_slowly_from_a_pose_whose_edges_partly_disagree() -> None:
     """What hid or moved those edges touches the others, in the next images too."""
     tilted = DOWN @ rotation_from_euler(np.radians(5.0), 0.0, 0.0)

@@ -13,7 +13,7 @@ from mkdaemon.vision.pose.edgefit import Level
 from mkdaemon.vision.pose.pose import Pose, largest_variance, turn
 from mkdaemon.vision.pose.rolling import skew
 from mkdaemon.vision.track.attitude import Mounting, Turning, fuse_normal, normal_beside
-from mkdaemon.vision.track.course import doubted, shared_doubt
+from mkdaemon.vision.track.course import doubted, lasting_doubt
 from mkdaemon.vision.track.deck import Deck
 from mkdaemon.vision.tracklimits import JudgeLimits
 
@@ -123,7 +123,7 @@ class LevelKnowledge:
         enu_from_cam = seen.enu_from_flu @ self._mounting.flu_from_cam
         # A small turn w moves the normal n by w x n; its horizontal part is what the deck is known by.
         moved = (enu_from_cam @ np.cross(np.eye(3), normal).T)[:2]
-        covariance = shared_doubt(pose) * (moved @ spread @ moved.T) + self._spread**2 * np.eye(2)
+        covariance = lasting_doubt(pose) * (moved @ spread @ moved.T) + self._spread**2 * np.eye(2)
         self._deck.measured(seen.time, enu_from_cam @ normal, covariance, is_sure=held is None)
 
     def replace_tilt(self, seen: Sight, pose: Pose) -> Pose:
