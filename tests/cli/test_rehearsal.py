@@ -25,7 +25,7 @@ def test_the_aircraft_lifts_off_seen_by_the_real_eyes_and_over_the_real_link():
             if status is not None and status.stage == "climbs" and heights[-1] > 0.6:
                 flies.set()
 
-        flight = asyncio.create_task(rehearse(seed=1, wind="indoor", fps=15.0, watcher=watch))
+        flight = asyncio.create_task(rehearse(seed=1, wind="indoor", fps=10.0, watcher=watch))
         await asyncio.wait_for(flies.wait(), 20.0)
         flight.cancel()
         await asyncio.gather(flight, return_exceptions=True)

@@ -20,7 +20,7 @@ from tests.control.events import PERIOD, Driver, flight
 
 LOW_CELL = 3.2
 SET = replace(UNREAD, name="Easy", low_cell=LOW_CELL)
-CALM = Flight(seed=4, wind=WindClass.INDOOR, seconds=30.0)
+CALM = Flight(seed=4, wind=WindClass.INDOOR, seconds=20.0)
 
 
 def battery(voltage, *, is_low=False, at=0.0):
