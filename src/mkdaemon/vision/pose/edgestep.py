@@ -84,20 +84,20 @@ class EdgeStep:
         clear = np.sqrt(edges.room if edges.blown is None else edges.room * edges.blown.clear)
         sure = edges.trust * clear**2
         residual, normal, inside = offsets, prior[0], weights
-        bound, told = weights, weights
+        bound, precision = weights, weights
         for _ in range(ROUNDS):
             size = np.abs(residual) * np.sqrt(sure)
             scale = np.maximum(MAD * _spreads(size, edges, samples.upright, is_near=is_near), least_scale)
             bound = tukey * scale
             inside = np.maximum(1.0 - (size / bound) ** 2, 0.0) * found
-            told = (float(scale.min()) / scale) ** 2 * sure
-            weights = inside**2 * told
+            precision = (float(scale.min()) / scale) ** 2 * sure
+            weights = inside**2 * precision
             weighted = (jacobian * weights[:, None]).T
             normal = weighted @ jacobian + prior[0]
             change[:] = np.linalg.solve(_damped(normal), weighted @ offsets + prior[1])
             residual = offsets - jacobian @ change
         # d(r (1 - u)^2) / dr with u = (r / bound)^2 is (1 - u) (1 - 5 u).
-        slope = inside * (5.0 * inside - 4.0) * told
+        slope = inside * (5.0 * inside - 4.0) * precision
         agreeing = np.maximum(1.0 - (residual * clear / bound) ** 2, 0.0) ** 2 * found
         return cls(samples, edges, change, weights, normal, residual, agreeing, slope)
 
