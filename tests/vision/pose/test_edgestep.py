@@ -20,13 +20,13 @@ UNKNOWNS = 7
 FREE = (np.zeros((UNKNOWNS, UNKNOWNS)), np.zeros(UNKNOWNS))
 
 
-def step(jacobian: np.ndarray, offsets: np.ndarray) -> EdgeStep:
+def step(jacobian: np.ndarray, offsets: np.ndarray, room: np.ndarray | None = None) -> EdgeStep:
     count = len(offsets)
     flat, ones = np.zeros((count, 2)), np.ones(count)
     upright = np.arange(count) % 2 > 0
     samples = Samples(np.arange(count), flat, flat, ones, jacobian, np.zeros(count), 30.0 * ones, upright)
     width = LIMITS.blur.sharp_px
-    edges = FoundEdges(offsets, np.ones(count, dtype=bool), width, width * ones, ones, ones)
+    edges = FoundEdges(offsets, np.ones(count, dtype=bool), width, width * ones, ones, ones if room is None else room)
     return EdgeStep.solve(samples, edges, LIMITS.edges.least_scale_px, LIMITS.edges.tukey, FREE)
 
 
@@ -50,6 +50,14 @@ def test_the_covariance_of_a_robust_step_is_that_of_drawn_errors(kind: str) -> N
     if kind == "heavy":
         errors *= np.where(rng.random(errors.shape) < 0.2, 4.0, 1.0)
     assert 0.7 < covariances(errors, places, square) < 1.4
+
+
+def test_many_edges_without_room_make_none_that_have_it_an_outlier() -> None:
+    """Their doubt makes their residuals small: 150 of them set the bound, and 30 large ones lay beyond it."""
+    rng = np.random.default_rng(7)
+    room = np.concatenate([np.ones(30), np.full(150, 0.01)])
+    found = step(rng.standard_normal((180, UNKNOWNS)), 0.1 * rng.standard_normal(180), room)
+    assert np.mean(found.agreeing[:30] > LIMITS.edges.counted) > 0.9
 
 
 def test_an_edge_with_a_rim_of_light_beside_it_is_trusted_less() -> None:

@@ -23,6 +23,8 @@ stay finite."""
 LEAST_SLOPE = 0.3
 """Of the influence, over the mean weight: below, a robust estimate has no variance of its own (0.83 for Gaussian
 residuals)."""
+ROOMY = 0.5
+"""Room of edges that tell how large residuals are."""
 ROUNDS = 3
 """Weights and step depend on each other: so often."""
 
@@ -201,7 +203,10 @@ def _spreads(size: Array, edges: FoundEdges, upright: npt.NDArray[np.bool_], *, 
     Near the place all edges have one, unless motion made those of one way wider: these are less exact, by the square of
     their widths at most.
     """
-    usual, each = median(size[edges.found]), _medians(size, edges.found, upright)
+    # Doubt of edges without room makes their residuals small: they would make those outliers that have it.
+    roomy = edges.found & (edges.room > ROOMY)
+    told = roomy if int(roomy.sum()) >= LEAST_OF_A_KIND else edges.found
+    usual, each = median(size[told]), _medians(size, told, upright)
     if not is_near:
         return np.full(len(size), max(each))
     own = np.where(upright, *each)
