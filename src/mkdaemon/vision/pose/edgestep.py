@@ -205,8 +205,8 @@ def _spreads(size: Array, edges: FoundEdges, upright: npt.NDArray[np.bool_], *, 
     """
     # Doubt of edges without room makes their residuals small: they would make those outliers that have it.
     roomy = edges.found & (edges.room > ROOMY)
-    told = roomy if int(roomy.sum()) >= LEAST_OF_A_KIND else edges.found
-    usual, each = median(size[told]), _medians(size, told, upright)
+    telling = roomy if int(roomy.sum()) >= LEAST_OF_A_KIND else edges.found
+    usual, each = median(size[telling]), _medians(size, telling, upright)
     if not is_near:
         return np.full(len(size), max(each))
     own = np.where(upright, *each)
