@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 from typing import Final
 
@@ -31,4 +32,5 @@ ABOUT: Final = """Measure this machine. With `--json` the last line is one JSON 
 app = build("lab", ABOUT, CAMPAIGNS)
 
 if __name__ == "__main__":
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # as in the daemon
     sys.exit(run(build("lab", ABOUT, CAMPAIGNS, chosen=sys.argv[1] if len(sys.argv) > 1 else "")))
