@@ -173,10 +173,11 @@ def test_cells_have_to_be_clearer_when_a_track_comes_back_late(bits, misses, ref
 @pytest.mark.parametrize(
     ("free", "held", "refusal"),
     [
-        (fitted(tilt_deg=6.0), fitted(), None),
+        (fitted(tilt_deg=6.0, inliers=0.8), fitted(), None),
+        (fitted(tilt_deg=6.0), fitted(), PoseRefusal.ATTITUDE),
         (None, fitted(), None),
-        (fitted(tilt_deg=6.0), None, PoseRefusal.ATTITUDE),
-        (fitted(tilt_deg=6.0), fitted(inliers=0.1), PoseRefusal.ATTITUDE),
+        (fitted(tilt_deg=6.0, inliers=0.8), None, PoseRefusal.ATTITUDE),
+        (fitted(tilt_deg=6.0, inliers=0.8), fitted(inliers=0.1), PoseRefusal.ATTITUDE),
     ],
 )
 def test_a_fit_that_follows_what_lies_on_the_target_is_tried_again_with_its_tilt_held(free, held, refusal):

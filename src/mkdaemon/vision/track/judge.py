@@ -72,12 +72,19 @@ class Judge:
                 checks.level.learn(seen, pose)
                 return self._judge_with_attitude(seen, checks.level.fuse(seen, pose))
             return self._judge_without_attitude(seen, pose, predicted)
-        if vertical is not None:
+        if vertical is not None and not self._is_contradicted(pose, refused):
             # A free fit may follow something lying over the target: hold the tilt and try again.
             leaning = self._fitter.refine(seen.pixels, replace(start, rotation=predicted.rotation), vertical)
             if leaning is not None and checks.refusal(seen, leaning, predicted) is None:
                 return self.add_inertia(seen, doubted(leaning))
         return Verdict(None, refused)
+
+    def _is_contradicted(self, pose: Pose | None, refused: PoseRefusal | None) -> bool:
+        """Whether the attitude refuses a fit that nearly all edges agree with: nothing lies over such a target.
+
+        A tilt that is held agrees with the attitude whatever the image says, and nobody would hear of it.
+        """
+        return pose is not None and refused is PoseRefusal.ATTITUDE and self._checks.is_whole(pose)
 
     def _refit(self, seen: Sight, pose: Pose, others: Iterable[Pose], held: Level | None) -> Pose:
         """The best fit from other starts, up to the first that most edges or all grey values agree with."""
