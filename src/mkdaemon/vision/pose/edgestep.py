@@ -14,6 +14,7 @@ from mkdaemon.vision.pose.nuisance import Prior
 from mkdaemon.vision.pose.pose import Pose, median
 
 Array = npt.NDArray[np.float64]
+Bools = npt.NDArray[np.bool_]
 
 MAD = 1.4826
 """Deviation of Gaussian residuals over their median absolute value."""
@@ -87,9 +88,10 @@ class EdgeStep:
         sure = edges.trust * clear**2
         residual, normal, inside = offsets, prior[0], weights
         bound, precision = weights, weights
+        usual, root = _Spread.among(edges, samples.upright, is_near=is_near), np.sqrt(sure)
         for _ in range(ROUNDS):
-            size = np.abs(residual) * np.sqrt(sure)
-            scale = np.maximum(MAD * _spreads(size, edges, samples.upright, is_near=is_near), least_scale)
+            size = np.abs(residual) * root
+            scale = np.maximum(MAD * usual.of(size), least_scale)
             bound = tukey * scale
             inside = np.maximum(1.0 - (size / bound) ** 2, 0.0) * found
             precision = (float(scale.min()) / scale) ** 2 * sure
@@ -175,7 +177,8 @@ class EdgeStep:
             covariance[:3, :3] += bent.sheet.plane_covariance(rotation, bend)
         # Loss for rivals: geometric mean of min(r, missed)^2 + least^2. Log odds of two fits are then n / 2 times the
         # log of their ratio, and a hidden sample costs both the same.
-        missed = np.where(self.agreeing > 0.0, np.abs(self.residual), limits.missed_px)
+        size = np.abs(self.residual)
+        missed = np.where(self.agreeing > 0.0, size, limits.missed_px)
         squared = np.minimum(missed, limits.missed_px) ** 2 + limits.least_scale_px**2
         counted = self.agreeing > limits.counted
         return Pose(
@@ -190,35 +193,59 @@ class EdgeStep:
             loss=float(np.exp(np.mean(np.log(squared)))),
             blur_px=self.edges.width,
             widest_px=self.edges.widest,
-            ragged_px=MAD * max(_medians(np.abs(self.residual), self.edges.found, self.samples.upright)),
+            ragged_px=MAD * max(median(size[kind]) for kind in _kinds(self.edges.found, self.samples.upright)),
             shift_px=float(self.change[-1]),
             bend=bend,
             known_bend=None if bent is None else bent.known,
         )
 
 
-def _spreads(size: Array, edges: FoundEdges, upright: npt.NDArray[np.bool_], *, is_near: bool) -> Array:
-    """The usual size of each residual `(n,)` [px], by medians.
+@dataclass(frozen=True, slots=True, eq=False)
+class _Spread:
+    """The usual size of residuals, by medians.
 
     Near the place all edges have one, unless motion made those of one way wider: these are less exact, by the square of
     their widths at most.
+
+    Attributes:
+        telling: which residuals are asked `(n,)`.
+        kinds: which of them belong to either way that edges run; the same twice where one has too few.
+        is_near: whether the fit is about in its place.
+        most: of the usual size, by the widths `(n,)`; none where all edges are equally wide.
+        upright: which edges run one way `(n,)`.
     """
-    # Doubt of edges without room makes their residuals small: they would make those outliers that have it.
-    roomy = edges.found & (edges.room > ROOMY)
-    telling = roomy if int(roomy.sum()) >= LEAST_OF_A_KIND else edges.found
-    usual, each = median(size[telling]), _medians(size, telling, upright)
-    if not is_near:
-        return np.full(len(size), max(each))
-    own = np.where(upright, *each)
-    return np.clip(own, usual, usual * (edges.widths / float(edges.widths.min())) ** 2)
+
+    telling: Bools
+    kinds: tuple[Bools, Bools]
+    is_near: bool
+    most: Array | None
+    upright: Bools
+
+    @classmethod
+    def among(cls, edges: FoundEdges, upright: Bools, *, is_near: bool) -> _Spread:
+        """Of the residuals of some edges."""
+        # Doubt of edges without room makes their residuals small: they would make those outliers that have it.
+        roomy = edges.found & (edges.room > ROOMY)
+        telling = roomy if np.count_nonzero(roomy) >= LEAST_OF_A_KIND else edges.found
+        least, widest = float(edges.widths.min()), float(edges.widths.max())
+        most = (edges.widths / least) ** 2 if is_near and widest > least else None
+        return cls(telling, _kinds(telling, upright), is_near, most, upright)
+
+    def of(self, size: Array) -> Array:
+        """The usual size of each `(n,)`, or of all `()`, of residuals `(n,)` [px]."""
+        if self.is_near and self.most is None:
+            return np.asarray(median(size[self.telling]))
+        each = [median(size[kind]) for kind in self.kinds]
+        if self.most is None:
+            return np.asarray(max(each))
+        usual = median(size[self.telling])
+        return np.clip(np.where(self.upright, *each), usual, usual * self.most)
 
 
-def _medians(size: Array, found: npt.NDArray[np.bool_], upright: npt.NDArray[np.bool_]) -> tuple[float, float]:
-    """The medians of what was found of the two ways that edges run; where one has too few, that of all, twice."""
+def _kinds(found: Bools, upright: Bools) -> tuple[Bools, Bools]:
+    """What was found of the two ways that edges run; all, twice, where one has too few."""
     kinds = found & upright, found & ~upright
-    if min(int(kind.sum()) for kind in kinds) < LEAST_OF_A_KIND:
-        return (median(size[found]),) * 2
-    return median(size[kinds[0]]), median(size[kinds[1]])
+    return kinds if min(np.count_nonzero(kind) for kind in kinds) >= LEAST_OF_A_KIND else (found, found)
 
 
 def _damped(normal: Array) -> Array:
