@@ -50,6 +50,17 @@ LIES: Final = {
     "roll_sign_swapped": "sign of roll swapped",
     "both_signs_swapped": "signs of roll and pitch swapped",
 }
+TROUBLES: Final = {
+    "none": "none",
+    "band": "covered side",
+    "defocus": "defocus",
+    "dim": "6-30 % of the light",
+    "glare": "glare",
+    "motion": "motion blur",
+    "patches": "patches",
+    "shadow": "shadow edge",
+}
+ATTITUDES: Final = {"with_attitude": "yes", "without_attitude": "no"}
 NEAR, FAR = "to_4_m", "to_8_m"
 
 
@@ -227,13 +238,29 @@ def _decks(results: Results) -> Iterator[str]:
 def _flights(results: Results) -> Iterator[str]:
     rows = []
     for target in ("nested", "single"):
-        for eyes, words in (("with_attitude", "yes"), ("without_attitude", "no")):
+        for eyes, words in ATTITUDES.items():
             row = results["flights"][target][eyes]
             usual = f"{row['median_cm']:.3f} cm, {row['median_deg']:.3f} deg"
             largest = f"{row['p99_cm']:.2f} cm, {row['p99_deg']:.2f} deg"
             posed = f"{_tenth(row['posed'], 1.0)} of {row['frames']}"
             rows.append((target, words, posed, str(row["wrong"]), str(row["flips"]), usual, largest))
     yield from table(("target", "attitude", "posed", "wrong", "flips", "median error", "99 %"), rows)
+
+
+def _troubles(results: Results) -> Iterator[str]:
+    """Posed in flights by what was wrong with the image."""
+    found = [results["flights"][target][eyes] for target in ("nested", "single") for eyes in ATTITUDES]
+    names = sorted(found[0]["posed_by_trouble"], key=lambda name: (name != "none", name))
+    rows = [(TROUBLES[name], *(_share(one["posed_by_trouble"][name]) for one in found)) for name in names]
+    yield from table(("trouble", "nested with attitude", "without", "single with attitude", "without"), rows)
+
+
+def _nees(results: Results) -> Iterator[str]:
+    rows = []
+    for kind, words in (("measurement", "measurement, exact lens"), ("published", "published, lens within the floor")):
+        pair = [results["nees"][f"{kind}_{target}"] for target in ("nested", "single")]
+        rows.append((words, *(f"{one['nees_per_dof']:.2f} ({one['median']:.2f})" for one in pair)))
+    yield from table(("mean (median) NEES per degree of freedom", "nested", "single"), rows)
 
 
 TABLES: Final[Mapping[str, Callable[[Results], Iterator[str]]]] = {
@@ -249,5 +276,7 @@ TABLES: Final[Mapping[str, Callable[[Results], Iterator[str]]]] = {
     "hardships": _hardships,
     "decks": _decks,
     "flights": _flights,
+    "troubles": _troubles,
+    "nees": _nees,
 }
 """The tables by the names that the page gives them."""
