@@ -75,9 +75,9 @@ class TargetSection(Section):
     """Whether it moves in the world (another vehicle, a deck): its pose is relative only."""
     level: bool = True
     """Whether its xy plane is horizontal when at rest, so that the vehicle's roll and pitch are known against it."""
-    bend: float = Field(default=0.01, ge=0.0, le=0.05)
+    bend: float = Field(default=0.003, ge=0.0, le=0.05)
     """How far its print may bend: rise of the centre over the middle of a side, standard deviation, as a share of the
-    side. 0 for a print on a rigid board."""
+    side. 0 for a print on a rigid board, 0.01 for paper that lies by itself."""
     tags: tuple[TagPlacement, ...] = ()
     """Tags placed one by one."""
     board: BoardSection | None = None

@@ -103,7 +103,7 @@ class Target:
     moving: bool
     level: bool
     tags: tuple[Tag, ...]
-    bend: float = 0.01
+    bend: float = 0.003
 
     @cached_property
     def is_planar(self) -> bool:
