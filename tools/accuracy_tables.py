@@ -8,6 +8,7 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Callable, Iterator, Mapping
+from math import radians
 from pathlib import Path
 from typing import Any, Final
 
@@ -123,6 +124,17 @@ def _distances(results: Results) -> Iterator[str]:
         )
         for row in results["accuracy"]["by_distance"]
     ]
+    yield from table(head, rows)
+
+
+def _target_frame(results: Results) -> Iterator[str]:
+    """Where the vehicle is over the target: an error of the angles counts with the distance."""
+    rows = []
+    for row in results["accuracy"]["by_distance"]:
+        across = 100.0 * row["distance"] * radians(max(row["sd_rpy_deg"][:2]))
+        along = row["sd_xyz_cm"][2]
+        rows.append((f"{row['distance']:.3g} m", f"{across:.2g} cm", f"{along:.2g} cm", f"{across / along:.0f}"))
+    head = ("distance", "deviation across in the target's frame", "in the camera's frame", "times")
     yield from table(head, rows)
 
 
@@ -266,6 +278,7 @@ def _nees(results: Results) -> Iterator[str]:
 TABLES: Final[Mapping[str, Callable[[Results], Iterator[str]]]] = {
     "seeds": _seeds,
     "distances": _distances,
+    "target_frame": _target_frame,
     "cold": _cold,
     "cold_720p": _cold_720p,
     "steep": _steep,
