@@ -12,9 +12,9 @@ unexport PYTHONDONTWRITEBYTECODE
 demo: venv
 	$(BIN)/mkdaemon demo
 
-# Four processes on two cores: what runs in real time mostly waits.
+# Three processes on two cores: what runs in real time mostly waits; beside four it came too late.
 test: venv
-	$(BIN)/python -m pytest -n 4 --dist loadfile --no-loadscope-reorder -p tools.branches --branches build/branches.json
+	$(BIN)/python -m pytest -n 3 --dist loadfile --no-loadscope-reorder -p tools.branches --branches build/branches.json
 	$(BIN)/python -m tools.floor
 
 check: venv

@@ -26,9 +26,6 @@ settings.register_profile("house", derandomize=True, **SLOW)
 settings.register_profile("explore", max_examples=1000, **SLOW)
 settings.load_profile("house")
 
-SPREAD = 0.5
-"""Share of the other files among which those that start whole programs are spread."""
-
 # As in the daemon (`vision.worker`): with a thread for every core, and tests in every core, the threads of OpenCV wait
 # for each other, and tests of images take half as long again. Those of OpenBLAS do, too.
 cv2.setNumThreads(1)
@@ -44,12 +41,9 @@ def pytest_configure(config: pytest.Config) -> None:
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Files that start whole programs mostly wait: they are spread among the others, and none of them begins last."""
-    slow = dict.fromkeys(item.path for item in items if item.get_closest_marker("flight"))
-    quick = dict.fromkeys(item.path for item in items if item.path not in slow)
-    begin = {path: number / len(slow) for number, path in enumerate(slow)}
-    begin |= {path: number / (SPREAD * len(quick)) for number, path in enumerate(quick)}
-    items.sort(key=lambda item: begin[item.path])
+    """Files that start whole programs come first: beside those that compute, what runs in real time comes too late."""
+    slow = {item.path for item in items if item.get_closest_marker("flight")}
+    items.sort(key=lambda item: item.path not in slow)
 
 
 def pytest_collectstart() -> None:
