@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 import numpy.typing as npt
@@ -155,6 +155,6 @@ def _stills(setting: Setting) -> Iterator[View]:
         yield View(still.image, still.attitude, still.rotation, still.position, TWICE)
 
 
-def by_scene(all_settings: Sequence[Setting]) -> dict[str, Any]:
+def by_scene(all_settings: Sequence[Setting]) -> dict[str, int]:
     """Number of images of every scene."""
     return {scene: sum(one.images for one in all_settings if one.scene == scene) for scene in SCENES}

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import numpy.typing as npt
 import pytest
 
 from lab.vision.flight import VGA
@@ -13,14 +14,13 @@ from mkdaemon.sim.scene.light import Conditions
 from mkdaemon.sim.scene.motion import Platform
 from mkdaemon.sim.scene.processing import NO_PROCESSING, Processing
 from mkdaemon.sim.scene.scene import Scene, SceneTarget, cam_from_target
-from mkdaemon.sim.scene.view import view_towards
+from mkdaemon.sim.scene.view import CameraView, view_towards
 from mkdaemon.vision.pose.edgefit import EdgeFit
 from mkdaemon.vision.pose.photofit import PhotoFit
 from mkdaemon.vision.pose.pose import Pose
 from mkdaemon.vision.pose.projection import Projection
 
 PAD = SceneTarget.of(target_named("single"), Platform())
-SCENE = Scene([PAD], ground=None, seed=4, fine=False)
 GAMMA = Processing(gamma=2.2)
 WEBCAM = Processing(gamma=2.2, sharpening=0.8)
 
@@ -29,14 +29,17 @@ def processed(processing: Processing) -> Conditions:
     return Conditions(vignetting=0.0, noise_sd=0.5, shot_gain=0.0, processing=processing)
 
 
+def rendered(view: CameraView, conditions: Conditions) -> npt.NDArray[np.uint8]:
+    """An image by a scene of its own: the noise of a shared one would depend on which tests ran before."""
+    return Scene([PAD], ground=None, seed=4, fine=False).render(view, conditions)
+
+
 def fit(fitter: EdgeFit | PhotoFit, distance: float, processing: Processing) -> tuple[Pose, float]:
     """A fitted pose, and its distance over the true one, less 1."""
     view = view_towards(VGA, distance * np.array([0.3, 0.2, 0.93]), np.zeros(3))
     rotation, position = cam_from_target(PAD, view)
     start = Pose(rotation, position * 1.003, np.eye(6), "corners", 4, 0.1)
-    # A scene of its own: the noise of a shared one would depend on which tests ran before.
-    scene = Scene([PAD], ground=None, seed=4, fine=False)
-    found = fitter.fit(scene.render(view, processed(processing)), start)
+    found = fitter.fit(rendered(view, processed(processing)), start)
     assert found is not None
     return found, found.range_m / float(np.linalg.norm(position)) - 1.0
 
@@ -65,7 +68,7 @@ def test_located_edges_lie_at_the_pose_when_their_common_shift_is_known() -> Non
     fitter = EdgeFit(PAD.target, Projection(VGA))
     view = view_towards(VGA, np.array([0.3, 0.2, 2.0]), np.zeros(3))
     rotation, position = cam_from_target(PAD, view)
-    pixels = SCENE.render(view, processed(GAMMA))
+    pixels = rendered(view, processed(GAMMA))
     found = fitter.fit(pixels, Pose(rotation, position, np.eye(6), "corners", 4, 0.1))
     assert found is not None
     edges = fitter.locate(pixels, found)
@@ -80,7 +83,7 @@ def test_a_far_print_smeared_by_motion_is_fitted_with_its_smear(angle: float) ->
     view = replace(view, rate_cam=rate, exposure_time=0.004)
     rotation, position = cam_from_target(PAD, view)
     start = Pose(rotation, position * 1.003, np.eye(6), "corners", 4, 0.1)
-    found = PhotoFit(PAD.target, Projection(VGA)).fit(SCENE.render(view, Conditions()), start)
+    found = PhotoFit(PAD.target, Projection(VGA)).fit(rendered(view, Conditions()), start)
     assert found is not None
     error = error_of(found.rotation, found.position, rotation, position)
     assert error.distance < 0.012
