@@ -63,7 +63,6 @@ WHOLE: Final = Variant("whole", "whole", "everything on")
 VARIANTS: Final[tuple[Variant, ...]] = (
     Variant("search decimate1", "search", "full resolution", without_search("decimate1")),
     Variant("search log", "search", "logarithm of the grey values", without_search("log")),
-    Variant("search halflog", "search", "the same at half the resolution", without_search("halflog")),
     Variant("search halflog", "search", "logarithm at half the resolution", without_search("halflog")),
     Variant("search equalised", "search", "local contrast", without_search("equalised")),
     Variant("search linear", "search", "light from grey values", without_search("linear")),

@@ -133,3 +133,12 @@ def test_a_bend_is_never_surer_than_without_doubt(distance: float) -> None:
         if found is not None and found.bend is not None:
             spread = np.linalg.eigvalsh(found.bend.covariance)
             assert 0.0 < spread[0] <= spread[2] < 1.001e-10
+
+
+def test_paper_that_bends_more_than_its_file_expects_is_learned() -> None:
+    prior = Bend(np.zeros(3), 0.002**2 * np.eye(3))
+    told = Bend(np.array([0.01, 0.0, 0.0]), 1e-8 * np.eye(3))
+    learned = LearnedBend(prior)
+    pose = Pose(np.eye(3), np.array([0.0, 0.0, 1.0]), np.eye(6), "edges", 200, 0.05, bend=told, known_bend=prior)
+    learned.learn(0.0, pose)
+    assert (learned.at(0.1) or prior).mean[0] == pytest.approx(0.01, rel=0.01)

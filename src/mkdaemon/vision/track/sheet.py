@@ -44,6 +44,7 @@ class LearnedBend:
         if pose.bend is None or pose.known_bend is None or pose.source != "edges":
             return
         surprise = pose.bend.mean - pose.known_bend.mean
-        is_moved = float(surprise @ pose.known_bend.information @ surprise) > MOVED
-        # A sheet that moved, or was learned wrong, is learned anew.
+        is_learned = self._last is not self._prior
+        is_moved = is_learned and float(surprise @ pose.known_bend.information @ surprise) > MOVED
+        # A sheet that moved, or was learned wrong, is learned anew; one that its file does not expect is learned, too.
         self._last, self._time = self._prior if is_moved else pose.bend, time
