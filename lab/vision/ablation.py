@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -93,8 +93,9 @@ def plan(quick: bool, seeds: SeedSet, variants: Sequence[Variant] = VARIANTS) ->
 def look(setting: Setting, variants: Sequence[Variant]) -> dict[tuple[str, bool], Score]:
     """The images of a setting, seen by every variant: scores by its name and whether the attitude was known."""
     target = target_named(setting.target)
+    taken_for = {False: target, True: replace(target, bend=0.0)}
     trackers = {
-        (v.name, known): Tracker(TagMap((target,)), setting.lens, LOOKING_DOWN, v.tracker, v.detector, v.limits)
+        (v.name, known): Tracker(TagMap((taken_for[v.is_flat],)), setting.lens, LOOKING_DOWN, v.tracker, v.detector, v.limits)
         for v in (WHOLE, *variants)
         for known in (True, False)
     }

@@ -30,6 +30,7 @@ class Variant:
         limits: with it switched off.
         tracker: settings with it switched off.
         detector: the same.
+        is_flat: whether the target is taken for one that does not bend.
     """
 
     name: str
@@ -38,6 +39,7 @@ class Variant:
     limits: Limits = LIMITS
     tracker: TrackerSection | None = None
     detector: DetectorSection | None = None
+    is_flat: bool = False
 
 
 def limits(**groups: dict[str, Any]) -> Limits:
@@ -81,6 +83,9 @@ VARIANTS: Final[tuple[Variant, ...]] = (
     Variant("melted edges", "fit", "grey values where edges melt", limits(cells={"melted_widths": 0.0})),
     Variant("joint prints", "fit", "grey values of several prints at once", limits(photo={"found_match": 2.0})),
     Variant("common shift", "fit", "an unknown that all edges share", limits(edges={"shift_sd_px": KNOWN})),
+    Variant("own shift", "fit", "of a smaller tag's edges as an unknown", limits(edges={"own_shift_sd_px": KNOWN})),
+    Variant("uneven light", "fit", "edges that growing light moves", limits(edges={"smooth_light": KNOWN})),
+    Variant("bend", "fit", "of a print as an unknown", is_flat=True),
     Variant(
         "blown edges",
         "fit",

@@ -34,7 +34,8 @@ def test_images_are_compared_one_by_one():
 def test_every_variant_switches_something_off_and_only_that():
     assert len({variant.name for variant in VARIANTS}) == len(VARIANTS)
     for variant in VARIANTS:
-        changed = variant.limits != WHOLE.limits, variant.tracker is not None, variant.detector is not None
+        handed = variant.tracker is not None, variant.detector is not None
+        changed = variant.limits != WHOLE.limits, *handed, variant.is_flat
         assert sum(changed) == 1, variant.name
 
 
