@@ -22,7 +22,7 @@ import numpy.typing as npt
 from mkdaemon.vision.limits import LIMITS, Limits
 from mkdaemon.vision.pose.bend import BENT, RISES, BentPrint
 from mkdaemon.vision.pose.edgefind import Samples, find_edges, without_glare
-from mkdaemon.vision.pose.edgemodel import EdgeModel
+from mkdaemon.vision.pose.edgemodel import EdgeModel, seen_across
 from mkdaemon.vision.pose.edgestep import EdgeStep
 from mkdaemon.vision.pose.nuisance import Prior, with_bend, with_blown, with_motion, with_shift, with_stretch
 from mkdaemon.vision.pose.pose import Pose, turn
@@ -44,8 +44,6 @@ from mkdaemon.vision.tags.tagmap import Target
 Array = npt.NDArray[np.float64]
 Grey = npt.NDArray[np.uint8]
 
-NORMAL_STEP = 0.1
-"""Length of the step that gives a normal's direction in the image [cells]."""
 FIRST_BEND_PX = 30.0
 """Deviation of an edge while its reach is long, for the bend [px]: edges that are not yet found would bend a print."""
 
@@ -108,9 +106,7 @@ class EdgeFit:
         self, target: Target, projection: Projection, max_samples: int | None = None, limits: Limits = LIMITS
     ) -> None:
         model = self.model = EdgeModel.of(target)
-        # The samples, and so far along their normals that these have a direction in the image.
-        ends = model.points + model.normals * (NORMAL_STEP * model.cell)[:, None]
-        self._points = np.concatenate([model.points, ends])
+        self._points = model.stepped
         self._cell = float(model.cell.max())
         self._sheet = sheet_of(target)
         self._bends = np.zeros((0, 0)) if self._sheet is None else self._sheet.terms(self._points)
@@ -255,17 +251,14 @@ class EdgeFit:
         bent: BentPrint | None,
     ) -> Samples | None:
         """Samples in view with u = project(R p + t) and J = n . du/dx; none when they are too few."""
-        limits, count = self._limits, len(self._points) // 2
+        limits, count = self._limits, len(self.model.points)
         still = seen = (self._points if bent is None else bent.points) @ rotation.T + position
-        times = np.zeros(2 * count)
+        times = np.zeros(len(still))
         if motion is not None:
             seen, times = exposed(still, motion, projection)
         pixels, are_visible = projection.project(seen)
-        uv, tips = pixels[:count], pixels[count:]
-        visible = are_visible[:count] & are_visible[count:]
-        direction = tips - uv
-        length = np.sqrt((direction * direction).sum(axis=1))
-        cell_px = length * (1.0 / NORMAL_STEP)
+        uv, visible = pixels[:count], are_visible.reshape(3, count).all(axis=0)
+        normals, cell_px = seen_across(pixels)
         edge = np.minimum(reach, limits.edges.reach_cells * cell_px) + 1.0
         height, width = shape
         visible &= cell_px > limits.cells.readable_px
@@ -278,7 +271,7 @@ class EdgeFit:
             return None
         if len(index) > self._max_samples:
             index = index[np.linspace(0, len(index) - 1, self._max_samples).astype(np.intp)]
-        normals = direction[index] / length[index, None]
+        normals = normals[index]
         point, rest = projection.jacobian(seen[index]), still[index]
         along = normals
         if motion is not None:

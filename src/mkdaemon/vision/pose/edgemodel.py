@@ -18,6 +18,8 @@ COVER_CELLS = 0.3
 
 ON_EDGE = 1e-6
 """Rounding errors of a point on an edge, at most [cells]."""
+STEP = 0.1
+"""Length of the steps along and across an edge that give its direction in the image [cells]."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -27,6 +29,7 @@ class EdgeModel:
     Attributes:
         points: `(n, 3)` [m; target].
         normals: towards the brighter side, unit `(n, 3)` [target].
+        tangents: along the edges, unit `(n, 3)` [target].
         cell: side of the cell at each sample `(n,)` [m].
         tag: index of the tag of each sample `(n,)`.
         side: 0-3 for samples on the border (top, right, bottom, left), -1 inside `(n,)`.
@@ -37,6 +40,7 @@ class EdgeModel:
 
     points: Array
     normals: Array
+    tangents: Array
     cell: Array
     tag: npt.NDArray[np.intp]
     side: npt.NDArray[np.intp]
@@ -53,6 +57,7 @@ class EdgeModel:
             [part[1] @ tag.rotation[:, :2].T for tag, part in zip(target.tags, parts, strict=True)]
         )
         index = np.concatenate([np.full(len(part[0]), k) for k, part in enumerate(parts)])
+        tangents = np.cross(np.array([tag.rotation[:, 2] for tag in target.tags])[index], normals)
         cell = np.array([tag.module for tag in target.tags])[index]
         side = np.concatenate([part[2] for part in parts])
         keep = np.ones(len(points), dtype=bool)
@@ -63,7 +68,42 @@ class EdgeModel:
         by_axis = np.abs(normals @ target.tags[0].rotation[:, :2])
         upright = by_axis[:, 0] > by_axis[:, 1]
         smaller = cell[keep, None] == sorted({tag.module for tag in target.tags}, reverse=True)[1:]
-        return cls(points[keep], normals[keep], cell[keep], index[keep], side[keep], square, smaller, upright[keep])
+        return cls(
+            points[keep],
+            normals[keep],
+            tangents[keep],
+            cell[keep],
+            index[keep],
+            side[keep],
+            square,
+            smaller,
+            upright[keep],
+        )
+
+    @property
+    def stepped(self) -> Array:
+        """The samples, then a step from each across its edge, then one along it `(3 n, 3)` [m; target]."""
+        step = (STEP * self.cell)[:, None]
+        return np.concatenate([self.points, self.points + step * self.normals, self.points + step * self.tangents])
+
+
+def seen_across(pixels: Array) -> tuple[Array, Array]:
+    """How edges and their cells run in the image, from where `EdgeModel.stepped` is seen `(3 n, 2)` [px].
+
+    The normal of an edge in the image is not the image of its normal on the print: in a steep view onto a corner these
+    are 40 degrees apart.
+
+    Returns:
+        Normals towards the brighter side, unit `(n, 2)`, and the side of the cells along them `(n,)` [px].
+    """
+    at, across, along = pixels.reshape(3, -1, 2)
+    run, rise = along - at, across - at
+    normals = np.stack([-run[:, 1], run[:, 0]], axis=1)
+    length = np.sqrt((run * run).sum(axis=1))
+    normals /= np.maximum(length, ON_EDGE)[:, None]
+    height = (rise * normals).sum(axis=1)
+    normals *= np.where(height < 0.0, -1.0, 1.0)[:, None]
+    return normals, np.abs(height) / STEP
 
 
 def covered(points: Array, tag: Tag) -> npt.NDArray[np.bool_]:
