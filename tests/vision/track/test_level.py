@@ -33,6 +33,7 @@ from tests.vision.views import angle_deg, shipped
 
 DOWN = LOOKING_DOWN.flu_from_cam.T
 SHARP = np.radians(0.2) ** 2 * np.eye(2)
+AHEAD = np.eye(3)
 
 
 def pose_of(rotation: np.ndarray, angle_variance: float = 1e-6) -> Pose:
@@ -121,9 +122,9 @@ def test_a_deck_is_learned_from_the_image_and_not_from_what_the_fit_was_told(
 def test_a_vague_image_that_surprises_does_not_move_the_deck() -> None:
     deck = Deck()
     for k in range(60):
-        deck.measured(k / 30, np.array([0.0, 0.0, 1.0]), SHARP)
-    deck.measured(2.0, np.array([0.14, 0.0, 1.0]), np.radians(2.0) ** 2 * np.eye(2), is_sure=False)
-    assert abs(float(deck.normal[0])) < np.radians(1.0)
+        deck.measured(k / 30, AHEAD, np.array([0.0, 0.0, 1.0]), SHARP)
+    deck.measured(2.0, AHEAD, np.array([0.14, 0.0, 1.0]), np.radians(2.0) ** 2 * np.eye(2), is_sure=False)
+    assert abs(float(deck.normal(AHEAD)[0])) < np.radians(1.0)
 
 
 def test_a_tilted_deck_is_learned_whatever_way_the_vehicle_faces() -> None:
@@ -142,32 +143,32 @@ def test_a_tilted_deck_is_learned_whatever_way_the_vehicle_faces() -> None:
 
 def test_what_is_known_of_a_deck_fades_to_the_prior() -> None:
     deck = Deck()
-    assert deck.sd(0.0) == pytest.approx(PRIOR_SD)
+    assert deck.sd(0.0, AHEAD) == pytest.approx(PRIOR_SD)
     for k in range(20):
-        deck.measured(k / 30, np.array([0.05, 0.0, 1.0]), SHARP)
-    known = deck.sd(20 / 30)
+        deck.measured(k / 30, AHEAD, np.array([0.05, 0.0, 1.0]), SHARP)
+    known = deck.sd(20 / 30, AHEAD)
     assert known < 0.3 * PRIOR_SD
-    assert known < deck.sd(1.0) < deck.sd(1.5) < deck.sd(9.0) == pytest.approx(PRIOR_SD)
-    deck.measured(1.0 + LONGEST, np.array([0.0, 0.0, 1.0]), SHARP)
-    np.testing.assert_allclose(deck.normal, [0.0, 0.0, 1.0], atol=1e-6)
+    assert known < deck.sd(1.0, AHEAD) < deck.sd(1.5, AHEAD) < deck.sd(9.0, AHEAD) == pytest.approx(PRIOR_SD)
+    deck.measured(1.0 + LONGEST, AHEAD, np.array([0.0, 0.0, 1.0]), SHARP)
+    np.testing.assert_allclose(deck.normal(AHEAD), [0.0, 0.0, 1.0], atol=1e-6)
 
 
 def test_a_deck_that_moves_suddenly_is_followed() -> None:
     deck = Deck()
     for k in range(60):
-        deck.measured(k / 30, np.array([0.05, 0.0, 1.0]), SHARP)
+        deck.measured(k / 30, AHEAD, np.array([0.05, 0.0, 1.0]), SHARP)
     for k in range(3):
-        deck.measured(2.0 + k / 30, np.array([-0.07, 0.02, 1.0]), SHARP)
-    np.testing.assert_allclose(deck.normal[:2], [-0.07, 0.02], atol=0.01)
+        deck.measured(2.0 + k / 30, AHEAD, np.array([-0.07, 0.02, 1.0]), SHARP)
+    np.testing.assert_allclose(deck.normal(AHEAD)[:2], [-0.07, 0.02], atol=0.01)
 
 
 def test_a_deck_that_rested_is_still_known_after_images_that_hardly_show_it() -> None:
     deck = Deck()
     for k in range(60):
-        deck.measured(k / 30, np.array([0.05, 0.0, 1.0]), SHARP)
+        deck.measured(k / 30, AHEAD, np.array([0.05, 0.0, 1.0]), SHARP)
     for k in range(60, 120):
-        deck.measured(k / 30, np.array([0.05, 0.0, 1.0]), np.radians(8.0) ** 2 * np.eye(2))
-    assert deck.sd(4.0) < np.radians(1.0)
+        deck.measured(k / 30, AHEAD, np.array([0.05, 0.0, 1.0]), np.radians(8.0) ** 2 * np.eye(2))
+    assert deck.sd(4.0, AHEAD) < np.radians(1.0)
 
 
 def test_a_deck_that_rocks_is_followed_and_not_trusted_where_no_image_shows_it() -> None:
@@ -175,10 +176,22 @@ def test_a_deck_that_rocks_is_followed_and_not_trusted_where_no_image_shows_it()
     for k in range(120):
         time = k / 30
         normal = np.array([np.radians(4.0) * np.sin(np.pi * time / 2), 0.0, 1.0])
-        late.append(abs(float(deck.normal[0] - normal[0])))
-        deck.measured(time, normal, np.radians(0.5) ** 2 * np.eye(2))
+        late.append(abs(float(deck.normal(AHEAD)[0] - normal[0])))
+        deck.measured(time, AHEAD, normal, np.radians(0.5) ** 2 * np.eye(2))
     assert max(late[30:]) < np.radians(2.0)
-    assert deck.sd(119 / 30 + 1.0) > np.radians(1.5)
+    assert deck.sd(119 / 30 + 1.0, AHEAD) > np.radians(1.5)
+
+
+def test_a_biased_attitude_is_learned_as_one_and_turns_with_the_vehicle() -> None:
+    bias, deck = rotation_from_euler(np.radians(5.0), 0.0, 0.0), Deck()
+    for k in range(60):
+        reported = rotation_from_euler(0.0, 0.0, k / 40) @ bias
+        normal = reported @ rotation_from_euler(0.0, 0.0, k / 40).T @ np.array([0.0, 0.0, 1.0])
+        deck.measured(k / 30, reported, normal, SHARP)
+    turned = rotation_from_euler(0.0, 0.0, 3.0) @ bias
+    true = turned @ rotation_from_euler(0.0, 0.0, 3.0).T @ np.array([0.0, 0.0, 1.0])
+    assert np.degrees(np.linalg.norm(deck.normal(turned) - true)) < 1.0
+    assert deck.sd(2.0, turned) < np.radians(1.0)
 
 
 def test_a_target_on_a_tilted_deck_gets_true_poses_from_far_to_near() -> None:

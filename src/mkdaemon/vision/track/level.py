@@ -14,7 +14,7 @@ from mkdaemon.vision.pose.pose import Pose, largest_variance, turn
 from mkdaemon.vision.pose.rolling import skew
 from mkdaemon.vision.track.attitude import Mounting, Turning, fuse_normal, normal_beside
 from mkdaemon.vision.track.course import doubted, lasting_doubt
-from mkdaemon.vision.track.deck import Deck
+from mkdaemon.vision.track.deck import PRIOR_SD, Deck
 from mkdaemon.vision.tracklimits import JudgeLimits
 
 Array = npt.NDArray[np.float64]
@@ -83,7 +83,7 @@ class LevelKnowledge:
 
     def gate(self, seen: Sight, pose: Pose) -> float:
         """Largest disagreement that is believed of a pose [rad]."""
-        return self.hidden_gate(pose) + self._deck.sd(seen.time)
+        return self.hidden_gate(pose) + self._deck_sd(seen)
 
     def hidden_gate(self, pose: Pose) -> float:
         """The same for a partly hidden first pose, which cannot tell a tilted deck from a border that is covered."""
@@ -124,7 +124,7 @@ class LevelKnowledge:
         # A small turn w moves the normal n by w x n; its horizontal part is what the deck is known by.
         moved = (enu_from_cam @ np.cross(np.eye(3), normal).T)[:2]
         covariance = lasting_doubt(pose) * (moved @ spread @ moved.T) + self._spread**2 * np.eye(2)
-        self._deck.measured(seen.time, enu_from_cam @ normal, covariance, is_sure=held is None)
+        self._deck.measured(seen.time, seen.enu_from_flu, enu_from_cam @ normal, covariance, is_sure=held is None)
 
     def replace_tilt(self, seen: Sight, pose: Pose) -> Pose:
         """The pose with its tilt replaced by the attitude's; the place stays."""
@@ -138,9 +138,13 @@ class LevelKnowledge:
         """The normal expected `(3,)`, camera axes; none where nothing is known."""
         if seen.enu_from_flu is None or self._mounting is None:
             return None
-        expected: Array = (seen.enu_from_flu @ self._mounting.flu_from_cam).T @ self._deck.normal
+        expected: Array = (seen.enu_from_flu @ self._mounting.flu_from_cam).T @ self._deck.normal(seen.enu_from_flu)
         return expected
 
     def _sd(self, seen: Sight) -> float:
         """Deviation of the normal expected, each axis [rad]."""
-        return float(np.hypot(min(self._spread, FAST), self._deck.sd(seen.time)))
+        return float(np.hypot(min(self._spread, FAST), self._deck_sd(seen)))
+
+    def _deck_sd(self, seen: Sight) -> float:
+        """Deviation of how the target lies by the attitude of an image [rad]; the prior's without one."""
+        return self._deck.sd(seen.time, seen.enu_from_flu) if seen.enu_from_flu is not None else PRIOR_SD
