@@ -95,7 +95,9 @@ def look(setting: Setting, variants: Sequence[Variant]) -> dict[tuple[str, bool]
     target = target_named(setting.target)
     taken_for = {False: target, True: replace(target, bend=0.0)}
     trackers = {
-        (v.name, known): Tracker(TagMap((taken_for[v.is_flat],)), setting.lens, LOOKING_DOWN, v.tracker, v.detector, v.limits)
+        (v.name, known): Tracker(
+            TagMap((taken_for[v.is_flat],)), setting.lens, LOOKING_DOWN, v.tracker, v.detector, v.limits
+        )
         for v in (WHOLE, *variants)
         for known in (True, False)
     }
