@@ -130,19 +130,21 @@ def find_edges(
     spacing = max(STEP_PX, longest / STEPS)
     count = int(np.ceil((longest + 1.0) / spacing))
     along = np.arange(-count, count + 1) * spacing
-    x = (samples.pixels[:, :1] + samples.normals[:, :1] * along).astype(np.float32)
-    y = (samples.pixels[:, 1:] + samples.normals[:, 1:] * along).astype(np.float32)
+    # A column a sample: what is done with each runs along rows.
+    x = (samples.pixels[:, 0] + along[:, None] * samples.normals[:, 0]).astype(np.float32)
+    y = (samples.pixels[:, 1] + along[:, None] * samples.normals[:, 1]).astype(np.float32)
     profile = cv2.remap(pixels, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE).astype(np.float32)
     # g'(s) by central differences, nothing beyond the reach and half a step more.
     place = along[1:-1].astype(np.float32)
-    slope = profile[:, 2:] - profile[:, :-2]
-    either = np.abs(slope)
+    slope = profile[2:] - profile[:-2]
+    either = np.abs(slope) if is_near else slope
     np.maximum(slope, 0.0, out=slope)
-    slope *= np.abs(place) <= samples.reach[:, None] + STEP_PX / 2
-    peak_at = slope.argmax(axis=1)
-    peak = slope[np.arange(len(slope)), peak_at]
+    away = np.abs(place)[:, None]
+    slope *= away <= samples.reach + STEP_PX / 2
+    peak_at = slope.argmax(axis=0)
+    peak = slope.max(axis=0)
     # Width of an edge in this image: area of the slope over its peak, median over the samples.
-    area = slope.sum(axis=1) * spacing / np.maximum(peak, 1e-3)
+    area = slope.sum(axis=0) * spacing / np.maximum(peak, 1e-3)
     width = min(max(WIDTH_FACTOR * median(area), blur.sharp_px), WIDEST_PX)
     widths = _widths(area, samples, width)
     centre = place[peak_at]
@@ -159,9 +161,9 @@ def find_edges(
     room: Array = np.ones(len(found))
     if is_near:
         # A fit that is not yet near its place has other edges beside these.
-        beside = np.abs(place - offsets[:, None])
-        either *= (beside > widths[:, None]) & (np.abs(place) <= samples.reach[:, None] + STEP_PX)
-        trust = _trust(either.max(axis=1), peak, found)
+        beside = np.abs(place[:, None] - offsets)
+        either *= (beside > widths) & (away <= samples.reach + STEP_PX)
+        trust = _trust(either.max(axis=0), peak, found)
         sides = _sides(profile, along, samples, area)
         room = 1.0 / (1.0 + (limits.cells.melted_widths * widths / samples.cell_px) ** 4)
         room /= float(room.max())
@@ -188,10 +190,10 @@ def _widths(area: Array32, samples: Samples, least: float) -> Array32:
 def _sides(
     profile: Array32, along: npt.NDArray[np.floating], samples: Samples, area: npt.NDArray[np.floating]
 ) -> EdgeSides:
-    """Both ends of the profiles, at their reach."""
+    """Both ends of the profiles, one a column, at their reach."""
     end = np.searchsorted(along, samples.reach, side="right") - 1
-    rows = np.arange(len(profile))
-    dark, bright = profile[rows, len(along) - 1 - end], profile[rows, end]
+    columns = np.arange(profile.shape[1])
+    dark, bright = profile[len(along) - 1 - end, columns], profile[end, columns]
     return EdgeSides(
         dark.astype(np.float64),
         bright.astype(np.float64),
@@ -223,10 +225,10 @@ def _centre(
     widths: Array32,
     skirt: float,
 ) -> npt.NDArray[np.float32]:
-    """Centre of gravity of each slope within its width of a place `(n,)` [px]."""
-    body = slope - skirt * peak[:, None]
+    """Centre of gravity of each slope, a column, within its width of a place `(n,)` [px]."""
+    body = slope - skirt * peak
     np.maximum(body, 0.0, out=body)
-    body *= np.abs(place - around[:, None]) <= widths[:, None]
-    moment, mass = (body @ np.stack([place, np.ones_like(place)], axis=1)).T
+    body *= np.abs(place[:, None] - around) <= widths
+    moment, mass = np.stack([place, np.ones_like(place)]) @ body
     found: npt.NDArray[np.float32] = moment / np.maximum(mass, 1e-6)
     return found

@@ -15,6 +15,7 @@ Source: model-edge tracking, Drummond and Cipolla, PAMI 24(7), 2002; Tukey weigh
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from math import sqrt
 
 import numpy as np
 import numpy.typing as npt
@@ -22,7 +23,7 @@ import numpy.typing as npt
 from mkdaemon.vision.limits import LIMITS, Limits
 from mkdaemon.vision.pose.bend import BENT, RISES, BentPrint
 from mkdaemon.vision.pose.edgefind import Samples, find_edges, without_glare
-from mkdaemon.vision.pose.edgemodel import EdgeModel, seen_across
+from mkdaemon.vision.pose.edgemodel import EdgeModel, rows_of, seen_across, spread_evenly
 from mkdaemon.vision.pose.edgestep import EdgeStep
 from mkdaemon.vision.pose.nuisance import Prior, with_bend, with_blown, with_motion, with_shift, with_stretch
 from mkdaemon.vision.pose.pose import Pose, turn
@@ -189,7 +190,7 @@ class EdgeFit:
             step = now.change
             # By the mean square: a move along one side of the tag shifts half of the edges, and no middle one.
             shifts = samples.jacobian[:, :carried] @ step[:carried]
-            before, moved = moved, float(np.sqrt(np.mean(shifts**2)))
+            before, moved = moved, sqrt(float(shifts @ shifts) / len(shifts))
             if last is not None and k > len(limits.reach_px) - 1 and moved > before:
                 # Edges of jagged pixels answer more than a move asks: the step before was nearer.
                 break
@@ -252,7 +253,7 @@ class EdgeFit:
     ) -> Samples | None:
         """Samples in view with u = project(R p + t) and J = n . du/dx; none when they are too few."""
         limits, count = self._limits, len(self.model.points)
-        still = seen = (self._points if bent is None else bent.points) @ rotation.T + position
+        still = seen = (rotation @ (self._points if bent is None else bent.points).T + position[:, None]).T
         times = np.zeros(len(still))
         if motion is not None:
             seen, times = exposed(still, motion, projection)
@@ -270,12 +271,12 @@ class EdgeFit:
         if len(index) < limits.edges.min_samples:
             return None
         if len(index) > self._max_samples:
-            index = index[np.linspace(0, len(index) - 1, self._max_samples).astype(np.intp)]
-        normals = normals[index]
-        point, rest = projection.jacobian(seen[index]), still[index]
-        along = normals
+            index = index[spread_evenly(len(index), self._max_samples)]
+        normals, rest = rows_of(normals, index), rows_of(still, index)
+        moved = rest if motion is None else seen[index]
+        point, along = projection.jacobian(moved), normals
         if motion is not None:
-            along = at_rest(normals, point, seen[index], motion, self._line_time)
+            along = at_rest(normals, point, moved, motion, self._line_time)
         by_point = by_rest = along[:, :1] * point[:, 0] + along[:, 1:] * point[:, 1]
         columns = []
         if motion is not None:
@@ -283,9 +284,9 @@ class EdgeFit:
             columns = [motion_jacobian(by_point, rest, times[index])]
         if bent is not None:
             by_height = by_rest @ (rotation @ bent.sheet.normal)
-            columns = [by_height[:, None] * bent.terms[index, :RISES], *columns]
+            columns = [by_height[:, None] * rows_of(bent.terms[:, :RISES], index), *columns]
         # A turn w moves a point at `arm` by w x arm, so that n . du = w . (arm x n du/dP).
         jacobian = np.column_stack([by_rest, cross(rest - position, by_rest), *columns])
         near = np.minimum(reach, limits.edges.reach_cells * cell_px[index])
         upright = self.model.upright[index]
-        return Samples(index, uv[index], normals, near, jacobian, times[index], cell_px[index], upright)
+        return Samples(index, rows_of(uv, index), normals, near, jacobian, times[index], cell_px[index], upright)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 import numpy.typing as npt
@@ -98,7 +99,7 @@ def seen_across(pixels: Array) -> tuple[Array, Array]:
     """
     at, across, along = pixels.reshape(3, -1, 2)
     run, rise = along - at, across - at
-    normals = np.stack([-run[:, 1], run[:, 0]], axis=1)
+    normals = np.stack([-run[:, 1], run[:, 0]]).T
     length = np.sqrt((run * run).sum(axis=1))
     normals /= np.maximum(length, ON_EDGE)[:, None]
     height = (rise * normals).sum(axis=1)
@@ -112,6 +113,17 @@ def covered(points: Array, tag: Tag) -> npt.NDArray[np.bool_]:
     half = tag.paper / 2 + COVER_CELLS * tag.module
     under: npt.NDArray[np.bool_] = (np.abs(local[:, 2]) < tag.module) & (np.abs(local[:, :2]).max(axis=1) <= half)
     return under
+
+
+def rows_of(columns: Array, index: npt.NDArray[np.intp]) -> Array:
+    """Some rows `(m, k)` of an array `(n, k)`, with columns that lie together in memory."""
+    return columns.T[:, index].T
+
+
+@lru_cache(maxsize=1024)
+def spread_evenly(count: int, most: int) -> npt.NDArray[np.intp]:
+    """`most` of the numbers below `count`."""
+    return np.linspace(0, count - 1, most).astype(np.intp)
 
 
 def _squares(tag: Tag, plane: Array, k: int) -> npt.NDArray[np.intp]:

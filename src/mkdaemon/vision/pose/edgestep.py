@@ -15,6 +15,7 @@ from mkdaemon.vision.pose.pose import Pose, median
 
 Array = npt.NDArray[np.float64]
 Bools = npt.NDArray[np.bool_]
+Numbers = npt.NDArray[np.intp]
 
 MAD = 1.4826
 """Deviation of Gaussian residuals over their median absolute value."""
@@ -87,14 +88,15 @@ class EdgeStep:
         clear = np.sqrt(edges.room if edges.blown is None else edges.room * edges.blown.clear)
         sure = edges.trust * clear**2
         residual, normal, inside = offsets, prior[0], weights
-        bound, precision = weights, weights
+        bound: Array | float = np.inf
+        precision = weights
         usual, root = _Spread.among(edges, samples.upright, is_near=is_near), np.sqrt(sure)
         for _ in range(ROUNDS):
             size = np.abs(residual) * root
-            scale = np.maximum(MAD * usual.of(size), least_scale)
+            scale = usual.of(size, least_scale)
             bound = tukey * scale
             inside = np.maximum(1.0 - (size / bound) ** 2, 0.0) * found
-            precision = (float(scale.min()) / scale) ** 2 * sure
+            precision = sure if isinstance(scale, float) else (float(scale.min()) / scale) ** 2 * sure
             weights = inside**2 * precision
             weighted = (jacobian * weights[:, None]).T
             normal = weighted @ jacobian + prior[0]
@@ -130,8 +132,9 @@ class EdgeStep:
         shadow's rim does, moves neighbouring edges alike. Source: covariance by clusters, Liang and Zeger 1986.
         """
         pulls = self.samples.jacobian * (self.weights * self.residual)[:, None]
-        together = np.zeros((int(square.max()) + 1, pulls.shape[1]))
-        np.add.at(together, square, pulls)
+        count = pulls.shape[1]
+        place = count * square + np.arange(count)[:, None]
+        together = np.bincount(place.ravel(), pulls.T.ravel()).reshape(-1, count)
         alone = float(((pulls @ inverse) * pulls).sum())
         return float(((together @ inverse) * together).sum()) / max(alone, LEAST_RIDGE)
 
@@ -188,7 +191,7 @@ class EdgeStep:
             "edges",
             int(counted.sum()),
             float(np.sqrt(variance)),
-            float(np.average(counted, weights=self.edges.room)),
+            float(self.edges.room[counted].sum() / self.edges.room.sum()),
             float(np.linalg.norm(self.change[:3])) / max(float(np.linalg.norm(position)), 1e-9),
             loss=float(np.exp(np.mean(np.log(squared)))),
             blur_px=self.edges.width,
@@ -208,15 +211,15 @@ class _Spread:
     their widths at most.
 
     Attributes:
-        telling: which residuals are asked `(n,)`.
-        kinds: which of them belong to either way that edges run; the same twice where one has too few.
+        telling: numbers of the residuals that are asked.
+        kinds: of those of either way that edges run; the same twice where one has too few.
         is_near: whether the fit is about in its place.
         most: of the usual size, by the widths `(n,)`; none where all edges are equally wide.
         upright: which edges run one way `(n,)`.
     """
 
-    telling: Bools
-    kinds: tuple[Bools, Bools]
+    telling: Numbers
+    kinds: tuple[Numbers, Numbers]
     is_near: bool
     most: Array | None
     upright: Bools
@@ -229,28 +232,32 @@ class _Spread:
         telling = roomy if np.count_nonzero(roomy) >= LEAST_OF_A_KIND else edges.found
         least, widest = float(edges.widths.min()), float(edges.widths.max())
         most = (edges.widths / least) ** 2 if is_near and widest > least else None
-        return cls(telling, _kinds(telling, upright), is_near, most, upright)
+        return cls(np.flatnonzero(telling), _kinds(telling, upright), is_near, most, upright)
 
-    def of(self, size: Array) -> Array:
-        """The usual size of each `(n,)`, or of all `()`, of residuals `(n,)` [px]."""
+    def of(self, size: Array, least: float) -> Array | float:
+        """The deviation of each `(n,)`, or one of all, by the sizes of residuals `(n,)` [px]."""
         if self.is_near and self.most is None:
-            return np.asarray(median(size[self.telling]))
+            return max(MAD * median(size[self.telling]), least)
         each = [median(size[kind]) for kind in self.kinds]
         if self.most is None:
-            return np.asarray(max(each))
+            return max(MAD * max(each), least)
         usual = median(size[self.telling])
-        return np.clip(np.where(self.upright, *each), usual, usual * self.most)
+        own = np.minimum(np.maximum(np.where(self.upright, *each), usual), usual * self.most)
+        return np.maximum(MAD * own, least)
 
 
-def _kinds(found: Bools, upright: Bools) -> tuple[Bools, Bools]:
+def _kinds(found: Bools, upright: Bools) -> tuple[Numbers, Numbers]:
     """What was found of the two ways that edges run; all, twice, where one has too few."""
-    kinds = found & upright, found & ~upright
-    return kinds if min(np.count_nonzero(kind) for kind in kinds) >= LEAST_OF_A_KIND else (found, found)
+    kinds = np.flatnonzero(found & upright), np.flatnonzero(found & ~upright)
+    if min(len(kinds[0]), len(kinds[1])) >= LEAST_OF_A_KIND:
+        return kinds
+    every = np.flatnonzero(found)
+    return every, every
 
 
 def _damped(normal: Array) -> Array:
     """A normal matrix with its ridge."""
     damped: Array = normal.copy()
-    diagonal = np.einsum("ii->i", damped)
+    diagonal = damped.reshape(-1)[:: len(damped) + 1]
     diagonal += RIDGE * diagonal + LEAST_RIDGE
     return damped

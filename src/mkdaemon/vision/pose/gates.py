@@ -86,10 +86,12 @@ class BitModel:
             size.append(np.full(int(keep.sum()), tag.module))
             count += int(keep.sum())
         self._points = np.concatenate(points)
-        self._bright = np.concatenate(bright)
         self._size = np.concatenate(size)
         self._pairs = np.concatenate(pairs)
-        self._plane = self._points / max(float(np.abs(self._points).max()), 1e-9)
+        known = np.concatenate(bright)
+        self._is_white = known > 0
+        plane = self._points / max(float(np.abs(self._points).max()), 1e-9)
+        self._design = np.column_stack([np.ones_like(known), plane, known])
 
     def correlation(self, pixels: Grey, pose: Pose) -> float | None:
         """How well the image shows the known cells where the pose puts them.
@@ -101,25 +103,26 @@ class BitModel:
         grey, visible = self._look(pixels, pose, self._points, self._size)
         if not bool(visible.any()):
             return None
-        white = visible & (self._bright > 0)
-        if float((grey[white] < self._read.saturated).mean() if bool(white.any()) else 0.0) > self._read.paper_share:
+        white, unblown = visible & self._is_white, grey < self._read.saturated
+        count = np.count_nonzero(white)
+        if np.count_nonzero(white & unblown) > self._read.paper_share * count:
             # The paper is not blown: what is, lies in a highlight and says nothing about the cells below it.
-            visible &= grey < self._read.saturated
-        if int(visible.sum()) < self._read.min_cells:
+            visible, white = visible & unblown, white & unblown
+            count = np.count_nonzero(white)
+        seen, design, pairs = np.count_nonzero(visible), self._design, self._pairs
+        if seen < self._read.min_cells or count in (0, seen):
             return None
-        known = self._bright[visible]
-        if bool((known > 0).all()) or bool((known < 0).all()):
-            return None
-        design = np.column_stack([np.ones_like(known), self._plane[visible], known])
+        shown = grey
+        if seen < len(grey):
+            shown, design, pairs = grey[visible], design[visible], pairs[visible[pairs].all(axis=1)]
         normal = design.T @ design
-        fitted = np.linalg.solve(normal + 1e-9 * len(known) * np.eye(len(normal)), design.T @ grey[visible])
-        even = correlation(grey[visible] - design[:, :-1] @ fitted[:-1], known)
-        both = visible[self._pairs].all(axis=1)
-        if int(both.sum()) < self._read.min_cells:
+        fitted = np.linalg.solve(normal + 1e-9 * seen * np.eye(len(normal)), design.T @ shown)
+        even = correlation(shown - design[:, :-1] @ fitted[:-1], design[:, -1])
+        if len(pairs) < self._read.min_cells:
             return even
-        rise = grey[self._pairs[both, 1]] - grey[self._pairs[both, 0]]
-        clear = rise > max(self._read.rise_grey, self._read.rise * float(np.abs(rise).mean()))
-        return max(even, 2.0 * float(clear.mean()) - 1.0)
+        rise = grey[pairs[:, 1]] - grey[pairs[:, 0]]
+        enough = max(self._read.rise_grey, self._read.rise * float(np.abs(rise).mean()))
+        return max(even, 2.0 * np.count_nonzero(rise > enough) / len(rise) - 1.0)
 
     def is_beside(self, pixels: Grey, pose: Pose) -> bool:
         """Whether a tag's cells are read clearly some whole cells beside where the pose puts them, and not there.
@@ -146,7 +149,7 @@ class BitModel:
         self, pixels: Grey, pose: Pose, points: Array, size: Array | float
     ) -> tuple[Array, npt.NDArray[np.bool_]]:
         """Grey values `(n,)` where a pose puts points `(n, 3)` of cells of a size [m], and which can be read."""
-        seen = points @ pose.rotation.T + pose.position
+        seen = (pose.rotation @ points.T + pose.position[:, None]).T
         if pose.motion is not None:
             seen, _ = exposed(seen, pose.motion, self._projection)
         uv, visible = self._projection.project(seen)
@@ -154,6 +157,8 @@ class BitModel:
         depth = np.where(visible, seen[:, 2], 1.0)
         visible &= (uv[:, 0] > 1) & (uv[:, 1] > 1) & (uv[:, 0] < width - 2) & (uv[:, 1] < height - 2)
         visible &= size * float(self._projection.focal[0]) > self._readable_px * depth
+        if bool(visible.all()):
+            return sample(pixels, uv), visible
         grey = np.zeros(len(uv))
         if bool(visible.any()):
             grey[visible] = sample(pixels, uv[visible])

@@ -48,7 +48,7 @@ def with_shift(
     seen = smaller[:, smaller.any(axis=0) & ~smaller.all(axis=0)]
     count = seen.shape[1]
     spread = np.array([*[limits.own_shift_sd_px] * count, limits.shift_sd_px])
-    jacobian = np.hstack([samples.jacobian, seen, np.ones((len(seen), 1))])
+    jacobian = np.column_stack([samples.jacobian, *seen.T, np.ones(len(seen))])
     return replace(samples, jacobian=jacobian), _grown(prior, (edge_px / spread) ** 2, np.zeros(count + 1))
 
 

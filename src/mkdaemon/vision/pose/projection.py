@@ -44,7 +44,7 @@ class Projection:
         """Derivative of the pixel with respect to the point `(n, 2, 3)` [px/m]; points must be in front."""
         iz = 1.0 / points_cam[:, 2]
         x, y = points_cam[:, 0] * iz, points_cam[:, 1] * iz
-        normalised = np.zeros((len(points_cam), 2, 3))
+        normalised = np.zeros((2, 3, len(points_cam))).transpose(2, 0, 1)
         normalised[:, 0, 0] = iz
         normalised[:, 1, 1] = iz
         normalised[:, 0, 2] = -x * iz

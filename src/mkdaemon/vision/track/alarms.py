@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
+from statistics import median
 
 import numpy as np
 import numpy.typing as npt
@@ -10,7 +11,7 @@ import numpy.typing as npt
 from mkdaemon.telemetry.vision import Alarm
 from mkdaemon.vision.limits import LIMITS
 from mkdaemon.vision.pose.edgefind import HALF_WIDTH
-from mkdaemon.vision.pose.pose import Pose, quantile
+from mkdaemon.vision.pose.pose import Pose
 
 Grey = npt.NDArray[np.uint8]
 
@@ -37,15 +38,15 @@ class ImageHealth:
         limits = LIMITS.health
         alarms: list[Alarm] = []
         thin = pixels[::8, ::8]
-        if quantile(thin, BRIGHTEST) < limits.dark_grey:
+        if np.count_nonzero(thin < limits.dark_grey) > BRIGHTEST * thin.size:
             alarms.append(Alarm.DARK)
-        if float((thin >= LIMITS.read.saturated).mean()) > limits.blown_share:
+        if np.count_nonzero(thin >= LIMITS.read.saturated) > limits.blown_share * thin.size:
             alarms.append(Alarm.BLOWN)
         if self._is_frozen(np.ascontiguousarray(pixels[::3, ::5])):
             alarms.append(Alarm.FROZEN)
-        if len(self._blur) == self._blur.maxlen and float(np.median(self._blur)) > LIMITS.blur.alarm_px:
+        if len(self._blur) == self._blur.maxlen and median(self._blur) > LIMITS.blur.alarm_px:
             alarms.append(Alarm.BLURRED)
-        if len(self._residuals) == self._residuals.maxlen and float(np.median(self._residuals)) > limits.drift_px:
+        if len(self._residuals) == self._residuals.maxlen and median(self._residuals) > limits.drift_px:
             alarms.append(Alarm.RESIDUAL_DRIFT)
         return alarms
 

@@ -32,6 +32,9 @@ CAUTION = 4.0
 FLOOR = 0.002
 """Deviation of the lens from what a pose says that is always possible, of the range."""
 
+PLACES, BOTH, SPEEDS = (np.kron(blocks, np.eye(3)) for blocks in ([[1, 0], [0, 0]], [[0, 1], [1, 0]], [[0, 0], [0, 1]]))
+"""Which parts of a course's covariance an unknown acceleration makes larger."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Course:
@@ -80,10 +83,8 @@ class Course:
         dt = time - self.time
         move = np.eye(6)
         move[:3, 3:] = dt * np.eye(3)
-        grown = move @ self.covariance @ move.T
-        for row, column, power in ((0, 0, dt**3 / 3), (0, 3, dt**2 / 2), (3, 0, dt**2 / 2), (3, 3, dt)):
-            grown[row : row + 3, column : column + 3] += self.psd * power * np.eye(3)
-        return replace(self, time=time, state=move @ self.state, covariance=grown)
+        noise = self.psd * (dt**3 / 3 * PLACES + dt**2 / 2 * BOTH + dt * SPEEDS)
+        return Course(time, move @ self.state, move @ self.covariance @ move.T + noise, self.psd)
 
     def mahalanobis2(self, pose: Pose, caution: float | None = None) -> float:
         """Squared Mahalanobis distance of a pose from this course, three degrees of freedom.
@@ -102,7 +103,7 @@ class Course:
         gain = self.covariance[:, :3] @ np.linalg.inv(self.covariance[:3, :3] + spread)
         covariance = self.covariance - gain @ self.covariance[:3, :]
         state = self.state + gain @ (centre - self.centre)
-        return replace(self, state=state, covariance=(covariance + covariance.T) / 2)
+        return Course(self.time, state, (covariance + covariance.T) / 2, self.psd)
 
     def fuse(self, pose: Pose) -> Pose:
         """A pose with what this course knew before it about where the lens is.

@@ -114,6 +114,7 @@ class Deck:
     def __init__(self) -> None:
         self._belief = PRIOR
         self._time = -np.inf
+        self._asked = (-np.inf, PRIOR)
 
     def normal(self, enu_from_flu: Array) -> Array:
         """The normal expected by an attitude `(3, 3)`: `(3,)`, ENU, length 1."""
@@ -142,7 +143,7 @@ class Deck:
             is_sure: whether a surprise means that the deck has moved; one that is not sure is left out.
         """
         belief, observe = self._at(time), _observe(enu_from_flu)
-        self._belief, self._time = belief, max(time, self._time)
+        self._belief, self._time, self._asked = belief, max(time, self._time), (-np.inf, PRIOR)
         mean, spread = belief.mixture(observe)
         surprise = normal[:2] - mean
         if float(surprise @ np.linalg.solve(spread + covariance, surprise)) > MOVED:
@@ -156,7 +157,8 @@ class Deck:
 
     def _at(self, time: float) -> _Belief:
         """What is known at a time, before anything is measured then."""
-        passed = max(time - self._time, 0.0)
-        if passed > LONGEST:
-            return PRIOR
-        return self._belief.later(passed) if passed > 0.0 else self._belief
+        if time != self._asked[0]:
+            passed = max(time - self._time, 0.0)
+            grown = self._belief.later(passed) if 0.0 < passed <= LONGEST else self._belief
+            self._asked = time, PRIOR if passed > LONGEST else grown
+        return self._asked[1]

@@ -122,7 +122,7 @@ class LevelKnowledge:
             normal = turn(pose.rotation, turned)[:, 2]
         enu_from_cam = seen.enu_from_flu @ self._mounting.flu_from_cam
         # A small turn w moves the normal n by w x n; its horizontal part is what the deck is known by.
-        moved = (enu_from_cam @ np.cross(np.eye(3), normal).T)[:2]
+        moved = -(enu_from_cam @ skew(normal))[:2]
         covariance = lasting_doubt(pose) * (moved @ spread @ moved.T) + self._spread**2 * np.eye(2)
         self._deck.measured(seen.time, seen.enu_from_flu, enu_from_cam @ normal, covariance, is_sure=held is None)
 
