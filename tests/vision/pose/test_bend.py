@@ -60,14 +60,14 @@ def test_a_bend_is_found_and_not_taken_for_a_tilt(axis: float) -> None:
 
 def test_far_grey_values_use_what_is_known_of_the_bend() -> None:
     conditions, rise = curled(0.6)
-    view = View(TARGET, place(5.5, 0.5), conditions)
+    view = View(TARGET, place(6.5, 0.25), conditions)
     known = replace(start_of(view), known_bend=Bend(rise, 1e-8 * np.eye(3)))
     fitted = [PhotoFit(TARGET, PROJECTION).fit(view.pixels, start) for start in (known, start_of(view))]
     flat = PhotoFit(replace(TARGET, bend=0.0), PROJECTION).fit(view.pixels, start_of(view))
     assert fitted[0] is not None
     assert fitted[1] is not None
     assert flat is not None
-    assert angle_deg(fitted[0].rotation, view.rotation) < 0.5 * angle_deg(flat.rotation, view.rotation)
+    assert angle_deg(fitted[0].rotation, view.rotation) < 0.7 * angle_deg(flat.rotation, view.rotation)
     assert max(nees(pose, view) for pose in fitted if pose is not None) < 2.0
     sure, unsure = (largest_variance(pose.covariance[3:, 3:]) for pose in fitted if pose is not None)
     assert sure < unsure

@@ -21,6 +21,8 @@ Image32 = npt.NDArray[np.float32]
 Grey = npt.NDArray[np.uint8]
 
 TEXELS_PER_CELL = 12
+TEXEL_PARTS = 16
+"""Sub-samples of a texel, each way, where cells of a smaller tag end within it."""
 SMALLEST_LEVEL = 12
 """Texels across the coarsest level of the texture."""
 BLUR_REACH = 3
@@ -72,25 +74,46 @@ class PrintModel:
         self.cell = first.module
         side = (first.family.black_cells + 2) * TEXELS_PER_CELL
         self._texel = first.paper / side
-        grid = (np.arange(side) + 0.5) * self._texel - self.half
-        x, y = np.meshgrid(grid, -grid)
         texture = np.ones((side, side), dtype=np.float32)
         for tag in tags:
-            plane = (tag.position - first.position) @ first.rotation
-            turned = first.rotation.T @ tag.rotation
-            local = np.stack([x - plane[0], y - plane[1]], axis=-1) @ turned[:2, :2]
-            cells = np.pad(tag.bitmap, 1, constant_values=255)
-            n = len(cells)
-            column = np.floor(local[..., 0] / tag.module + n / 2).astype(int)
-            row = np.floor(n / 2 - local[..., 1] / tag.module).astype(int)
-            inside = (row >= 0) & (row < n) & (column >= 0) & (column < n)
-            texture[inside] = cells[row[inside], column[inside]] / np.float32(255)
+            self._draw(texture, tag, first)
         self._levels: list[Image32] = [texture]
         while len(self._levels[-1]) >= 2 * SMALLEST_LEVEL:
             size = len(self._levels[-1]) // 2
             self._levels.append(
                 np.asarray(cv2.resize(texture, (size, size), interpolation=cv2.INTER_AREA), dtype=np.float32)
             )
+
+    def _draw(self, texture: Image32, tag: Tag, first: Tag) -> None:
+        """Draw a tag with its quiet zone over the texture of the print; a texel that several cells share is their mean.
+
+        The cells of the first tag are whole texels. Those of the inner tag of `nested.toml` are 1.9 texels wide: drawn
+        by the middles of texels it had 26 % too little white, which shows in every image from afar.
+        """
+        parts = 1 if tag is first else TEXEL_PARTS
+        turned = (first.rotation.T @ tag.rotation)[:2, :2]
+        place = ((tag.position - first.position) @ first.rotation)[:2]
+        middle = self.half + place * (1.0, -1.0)
+        reach = np.abs(turned).sum(axis=1) * (tag.paper / 2)
+        left, top = np.clip(np.floor((middle - reach) / self._texel).astype(int), 0, len(texture))
+        right, bottom = np.clip(np.ceil((middle + reach) / self._texel).astype(int), 0, len(texture))
+        if right <= left or bottom <= top:
+            return
+        step = self._texel / parts
+        x, y = np.meshgrid(
+            (np.arange(left * parts, right * parts) + 0.5) * step - self.half,
+            self.half - (np.arange(top * parts, bottom * parts) + 0.5) * step,
+        )
+        local = (np.stack([x, y], axis=-1) - place) @ turned
+        cells = np.pad(tag.bitmap, 1, constant_values=255)
+        n = len(cells)
+        column = np.floor(local[..., 0] / tag.module + n / 2).astype(int)
+        row = np.floor(n / 2 - local[..., 1] / tag.module).astype(int)
+        inside = (row >= 0) & (row < n) & (column >= 0) & (column < n)
+        part = texture[top:bottom, left:right]
+        fine = part.repeat(parts, axis=0).repeat(parts, axis=1)
+        fine[inside] = cells[row[inside], column[inside]] / np.float32(255)
+        part[...] = fine.reshape(bottom - top, parts, right - left, parts).mean(axis=(1, 3))
 
     def render(
         self, shape: tuple[int, ...], rotation: Array, position: Array, spread: Array, motion: Array | None = None
