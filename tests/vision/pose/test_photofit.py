@@ -1,16 +1,19 @@
-"""The fit to grey values where a print leaves the image."""
+"""The fit to grey values where it ends, and where a print leaves the image."""
 
 from __future__ import annotations
 
+import cv2
 import numpy as np
 import pytest
 
+from mkdaemon.sim.scene.light import Conditions
 from mkdaemon.vision.camera.calibration_file import load_camera
 from mkdaemon.vision.pose.photofit import PhotoFit
-from mkdaemon.vision.pose.pose import Pose
+from mkdaemon.vision.pose.pose import Pose, turn
 from mkdaemon.vision.pose.projection import Projection
 from mkdaemon.vision.tags.tagmap import load
 from tests.places import CONFIGS
+from tests.vision.views import VGA, View, place, shipped
 
 CAMERA = load_camera(CONFIGS / "cameras" / "sim.toml")
 TARGET = load([CONFIGS / "targets" / "landing.toml"]).targets[0]
@@ -37,3 +40,25 @@ def test_a_far_print_that_leaves_by_a_corner_gives_no_pose(distance: float, low:
     for outside in np.linspace(-40.0, 0.0, 41):
         pose = fit.fit(pixels, pose_at(corner + inwards * outside, distance), iterations=1)
         assert pose is None or np.isfinite(pose.position).all()
+
+
+def test_a_fit_in_dusk_ends_where_it_ends_from_another_start() -> None:
+    """Weights that change from step to step change the cost, too: fits ended two deviations beside the place."""
+    target = shipped("nested")
+    fit, rng = PhotoFit(target, Projection(VGA)), np.random.default_rng(4)
+    apart = []
+    for k in range(7):
+        view = View(target, place(2.4 + 0.15 * k, 0.05 * (k + 1), 0.7 * k, 0.4 * k), Conditions(exposure=0.06))
+        ends = []
+        for _ in range(2):
+            rotation = turn(view.rotation, np.radians(1.0) * rng.standard_normal(3))
+            found = fit.fit(
+                view.pixels, Pose(rotation, view.position * rng.normal(1.0, 0.003), np.eye(6), "edges", 9, 0.1)
+            )
+            assert found is not None
+            ends.append(found)
+        one, other = ends
+        turned = np.asarray(cv2.Rodrigues(one.rotation @ other.rotation.T)[0], dtype=np.float64).ravel()
+        error = np.concatenate([one.position - other.position, turned])
+        apart.append(float(error @ np.linalg.solve(one.covariance, error)))
+    assert np.median(apart) < 0.3

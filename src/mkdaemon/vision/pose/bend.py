@@ -74,8 +74,11 @@ class Sheet:
 
     def heights(self, points: Array) -> Array:
         """Derivative `(n, 3)` [m] of the height over the plane by the rise, at points `(n, 3)` [m; target]."""
-        x, y = ((points - self._origin) @ self._axes).T
-        heights: Array = self._scale * np.stack([x * x, x * y, y * y], axis=1) - self._mean
+        return self.heights_at(*((points - self._origin) @ self._axes).T).T
+
+    def heights_at(self, x: Array, y: Array) -> Array:
+        """The same `(3, n)` at places `(n,)` of the print along its own axes [m]."""
+        heights: Array = self._scale * np.stack([x * x, x * y, y * y]) - self._mean[:, None]
         return heights
 
     def terms(self, points: Array) -> Array:

@@ -47,7 +47,7 @@ EASE, TIGHTEN = 0.3, 30.0
 """Factors on the damping after a better and a worse step."""
 SAME_COST = 3e-4
 """A step that lowers the cost by a smaller share ends the fit."""
-WORSE_COST = 1.001
+WORSE_COST = 1.003
 """A step whose cost rises by less is no worse: the fit has settled."""
 SETTLED, SETTLED_BLUR = 0.06, 0.05
 """A step below both is the last: squared length in deviations of the fit, change of the blur's variance [px^2]."""
@@ -125,16 +125,17 @@ class PhotoFit:
         level: Level | None,
     ) -> tuple[PhotoState, Pose] | None:
         """Where a fit to some prints ends, and its pose."""
-        damping, last = FIRST_DAMPING, np.inf
+        damping, last, left = FIRST_DAMPING, np.inf, np.inf
         best: PhotoState | None = None
         fitted: Pose | None = None
         for _ in range(iterations):
             step = self._stepper.step(pixels, prints, at, start, level, damping)
             if step is None or (best is None and (step.pose.match or 0.0) < self._limits.photo.start_match):
                 return None
-            if step.cost < last:
+            # Pixels that come and go at the rim change the cost, too: then the shorter step is nearer.
+            if step.cost < last or (step.cost < last * WORSE_COST and step.length2 < left):
                 settled = last - step.cost < SAME_COST * step.cost
-                best, last, fitted = at, step.cost, step.pose
+                best, last, fitted, left = at, step.cost, step.pose, step.length2
                 if settled:
                     break
                 damping = max(damping * EASE, LEAST_DAMPING)

@@ -190,7 +190,9 @@ class PhotoStepper:
             common=shared.common,
         )
         length2 = float(change[POSE] @ np.linalg.solve(pose.covariance, change[POSE]))
-        return PhotoStep(change, cost * (1.0 + surprise / value.size), pose, length2)
+        # Clarity of mean logarithm zero: a cost by which two states compare, each with a clarity of its own.
+        comparable = cost * float(np.exp(-2.0 * np.mean(np.log(clear))))
+        return PhotoStep(change, comparable * (1.0 + surprise / value.size), pose, length2)
 
     def match(self, pixels: Grey, model: PrintModel, state: PhotoState) -> float:
         """Correlation between one print and the image where a state puts it; -1 where it cannot be told."""
@@ -228,13 +230,15 @@ class PhotoStepper:
     def _jacobian(self, at: PrintSamples, lit: Lit, model: PrintModel, state: PhotoState) -> tuple[Array, Array]:
         """Derivative of a print's grey values by all its unknowns `(k, n)`, in units `(k,)` of one size."""
         rotation, axes, motion = state.rotation, model.axes, state.motion
-        arm = np.column_stack([at.u, at.v]) @ (rotation @ axes[:, :2]).T + rotation @ model.origin
+        # Columns that lie together in memory are added and multiplied faster than rows of three.
+        place = np.stack([at.u, at.v])
+        arm = (rotation @ axes[:, :2] @ place + (rotation @ model.origin)[:, None]).T
         seen, times = arm + state.position, np.zeros(len(arm))
         if motion is not None:
             times = (at.row - (self._projection.intrinsics.height - 1) / 2) * self._line_time
             seen = at_times(seen, motion, times)
         point = self._projection.jacobian(seen)
-        along = np.column_stack([at.dx, at.dy])
+        along = np.stack([at.dx, at.dy]).T
         if motion is not None:
             along = at_rest(along, point, seen, motion, self._line_time)
         # Pose: a print that moves by d shows at a pixel what was d before it, dI = -dI/dm grad(m) . du; a turn w moves
@@ -250,11 +254,12 @@ class PhotoStepper:
             rows += [by_motion.T, beyond_motion(by_motion, moved, times, state.position).T]
             units.append(np.ones(MOTIONS + BEYOND))
         if model.sheet is not None:
-            places = np.column_stack([at.u, at.v]) @ axes[:, :2].T + model.origin
-            rows.append((moved @ (rotation @ model.sheet.normal)) * model.sheet.heights(places).T)
+            rows.append((moved @ (rotation @ model.sheet.normal)) * model.sheet.heights_at(*place))
             units.append(np.ones(RISES))
         unit = np.concatenate(units)
-        return np.concatenate(rows) * unit[:, None], unit
+        jacobian = np.concatenate(rows)
+        jacobian *= unit[:, None]
+        return jacobian, unit
 
     def _prior(
         self, state: PhotoState, bends: Array, start: Pose, level: Level | None, noise: float, count: int

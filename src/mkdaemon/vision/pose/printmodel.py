@@ -31,6 +31,8 @@ BOX = 12.0
 """Square of a box's length over its variance: what motion blur adds is a box."""
 LEAST_STREAK_PX = 0.3
 """Shorter streaks are rendered as round [px]."""
+SHORT_STREAK = 8.0
+"""Of which a longer one is put together [sub-samples]: with a kernel of 11 x 11."""
 LENS_PATCH = 0.7
 """Share of the window at whose corners the lens is taken: the error of an affine lens is least in the middle."""
 
@@ -147,16 +149,12 @@ class PrintModel:
         plane_from_pixel = self._plane_from_pixel(window, rotation, position)
         if plane_from_pixel is None:
             return None
-        fine = (
-            self._warp(window, plane_from_pixel, rotation, position)
-            if motion is None
-            else self._warp_rows(window, plane_from_pixel, rotation, position, motion)
-        )
+        fine = self._warp(window, plane_from_pixel, rotation, position, motion)
         if motion is not None:
             plane_from_pixel = self._rolled(plane_from_pixel, window, rotation, position, motion)
         fine = np.asarray(cv2.GaussianBlur(fine, (0, 0), narrow * FINE), dtype=np.float32)
         if length > LEAST_STREAK_PX:
-            fine = np.asarray(cv2.filter2D(fine, -1, _streak(FINE * length * direction)), dtype=np.float32)
+            fine = _streaked(fine, FINE * length * direction)
         fine = np.asarray(cv2.blur(fine, (FINE, FINE)), dtype=np.float32)
         return RenderedPrint(fine, window, pad, plane_from_pixel, self.half, half)
 
@@ -210,41 +208,27 @@ class PrintModel:
             return None
         return found
 
-    def _warp(self, window: Window, plane_from_pixel: Array, rotation: Array, position: Array) -> Image32:
-        """The print on the fine grid of the window."""
-        texture, texel_from_plane = self._texture(self.depth(rotation, position))
-        offset = (1.0 / FINE - 1.0) / 2
-        pixel_from_fine = np.array([[1 / FINE, 0, offset], [0, 1 / FINE, offset], [0, 0, 1.0]])
-        return np.asarray(
-            cv2.warpPerspective(
-                texture,
-                texel_from_plane @ plane_from_pixel @ pixel_from_fine,
-                (window.width * FINE, window.height * FINE),
-                flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP,
-                borderMode=cv2.BORDER_CONSTANT,
-                borderValue=1.0,
-            ),
-            dtype=np.float32,
-        )
-
-    def _warp_rows(
-        self, window: Window, plane_from_pixel: Array, rotation: Array, position: Array, motion: Array
+    def _warp(
+        self, window: Window, plane_from_pixel: Array, rotation: Array, position: Array, motion: Array | None
     ) -> Image32:
-        """The same under a rolling shutter: a row is exposed at one time t, and has its own homography.
+        """The print on the fine grid of the window.
 
-        A point M q of the print is then at A q with A = (I - t [w]) M + t s e (0 0 1), see `rolling`, so that
-        q = A^-1 M H p for a pixel p and the homography H at rest.
+        Under a rolling shutter a row is exposed at one time t and has its own homography: a point M q of the print is
+        then at A q with A = (I - t [w]) M + t s e (0 0 1), see `rolling`, so that q = A^-1 M H p for a pixel p and the
+        homography H at rest.
         """
         texture, texel_from_plane = self._texture(self.depth(rotation, position))
-        intrinsics = self._projection.intrinsics
         column = (np.arange(window.width * FINE, dtype=np.float32) + 0.5) / FINE - 0.5
         row = (np.arange(window.height * FINE) + 0.5) / FINE - 0.5
-        shown = np.clip(row + window.y0, 0.0, intrinsics.height - 1.0)
-        times = (shown - (intrinsics.height - 1) / 2) * intrinsics.line_time
-        at_rest = self._cam_from_plane(rotation, position)
-        exposed_at = at_rest - times[:, None, None] * (skew(motion[:3]) @ at_rest)
-        exposed_at[:, 2, 2] += times * motion[3]
-        by_row = texel_from_plane @ np.linalg.solve(exposed_at, at_rest @ plane_from_pixel)
+        by_row = (texel_from_plane @ plane_from_pixel)[None]
+        if motion is not None:
+            intrinsics = self._projection.intrinsics
+            shown = np.clip(row + window.y0, 0.0, intrinsics.height - 1.0)
+            times = (shown - (intrinsics.height - 1) / 2) * intrinsics.line_time
+            at_rest = self._cam_from_plane(rotation, position)
+            exposed_at = at_rest - times[:, None, None] * (skew(motion[:3]) @ at_rest)
+            exposed_at[:, 2, 2] += times * motion[3]
+            by_row = texel_from_plane @ np.linalg.solve(exposed_at, at_rest @ plane_from_pixel)
         right = by_row[:, :, 0].astype(np.float32)[:, :, None]
         start = (by_row[:, :, 1] * row[:, None] + by_row[:, :, 2]).astype(np.float32)[:, :, None]
         x, y, w = np.moveaxis(right * column + start, 1, 0)
@@ -282,10 +266,29 @@ def _axes(spread: Array) -> tuple[float, float, Array]:
     return float(np.sqrt(values[0])), float(np.sqrt(values[1])), np.asarray(vectors[:, 1], dtype=np.float64)
 
 
-def _streak(way: Array) -> Image32:
-    """Kernel of an even, centred motion along `way` `(2,)` [sub-samples]."""
+def _streaked(fine: Image32, way: Array) -> Image32:
+    """An image after an even, centred motion along `way` `(2,)` [sub-samples].
+
+    A long streak is a short one at several places: filters of 13 x 13 and more go through a Fourier transform.
+    """
+    length = float(np.linalg.norm(way))
+    parts = int(np.ceil(length / SHORT_STREAK))
+    short = np.asarray(cv2.filter2D(fine, -1, _kernel(way / parts, 4 * int(np.ceil(length / parts)) + 1)), np.float32)
+    if parts == 1:
+        return short
+    places = _kernel(way, parts)
+    (height, width), reach = fine.shape, len(places) // 2
+    around = cv2.copyMakeBorder(short, reach, reach, reach, reach, cv2.BORDER_REPLICATE)
+    moved = np.zeros_like(fine)
+    for down, right in np.argwhere(places).tolist():
+        part = around[down : down + height, right : right + width]
+        cv2.scaleAdd(part, float(places[down, right]), moved, moved)
+    return moved
+
+
+def _kernel(way: Array, count: int) -> Image32:
+    """Kernel of so many places, evenly along `way` `(2,)` about its middle [sub-samples]."""
     reach = int(np.ceil(np.abs(way).max() / 2)) + 1
-    count = 4 * int(np.ceil(np.linalg.norm(way))) + 1
     at = ((np.arange(count) + 0.5) / count - 0.5)[:, None] * way + reach
     first = np.floor(at).astype(np.intp)
     right, down = (at - first).T
