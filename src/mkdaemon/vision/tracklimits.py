@@ -60,6 +60,9 @@ class JudgeLimits:
     expected: float = of(9.0, "", "the same, inertia speaks for the pose", "chi-square(3), one in 34")
     backing_sd: float = of(radians(1.0), "rad", "of the predicted direction, for inertia to speak", BLIND)
     tilt_spread: float = of(radians(1.0), "rad", "of a pose that widens the attitude gate, at most", FLIGHTS)
+    most_lean: float = of(
+        radians(10.0), "rad", "of a level target by the attitude", "derived: 4 of the deck's deviations"
+    )
     holds_tilt: bool = of(True, "", "a fit that fails is tried again with its tilt held level", EARNED)
     fuses_course: bool = of(True, "", "a pose takes in what inertia knew before it", EARNED)
 
@@ -101,6 +104,7 @@ class BranchLimits:
     decided: float = of(8.0, "nats", "from which the better branch is believed", "derived: one in 3,000")
     min_images: int = of(5, "images", "needed besides: two smeared ones may agree on nonsense", BLIND)
     overruled: float = of(0.5, "nats", "of the newest image against, that stop a publication", BLIND)
+    remembered: float = of(0.9, "share", "of what images said against a branch, an image later", "a third of a second")
     same_direction: float = of(radians(3.5), "rad", "branches that see the target so are one answer", BLIND)
     differ_place: float = of(0.01, "share", "of the range, between places of branches that differ", BLIND)
     differ_speed: float = of(0.2, "1/s", "or of the range a second, between velocities", BLIND)

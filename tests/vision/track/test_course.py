@@ -84,6 +84,15 @@ def test_a_vague_pose_is_moved_onto_the_course_and_a_sharp_one_stays():
     assert angle_deg(course.fuse(sharp).rotation, off) < 0.05
 
 
+def test_a_course_is_believed_less_by_a_pose_that_surprises_it():
+    course, centre = flown(25, 1.0)
+    near, far = seen(centre, sd_deg=1.5), seen(centre + np.array([0.0, 0.3, 0.0]), sd_deg=1.5)
+    surprise = course.mahalanobis2(far, 1.0)
+    assert course.mahalanobis2(near, 1.0) < 3.0 < surprise < LIMITS.judge.expected
+    spread = [np.sqrt(np.linalg.eigvalsh(course.fuse(pose).covariance[3:, 3:])[1]) for pose in (near, far)]
+    assert spread[1] > 1.2 * spread[0]
+
+
 def test_hidden_parts_make_a_pose_count_less():
     course, centre = flown(20, 0.3)
     aside = centre + np.array([0.3, 0.0, 0.0])

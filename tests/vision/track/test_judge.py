@@ -263,6 +263,20 @@ def test_a_pose_off_the_course_is_followed_and_not_published():
     assert verdict.pose is not None
 
 
+@pytest.mark.parametrize(("loss", "refusal"), [(0.0101, None), (0.0108, PoseRefusal.AMBIGUOUS)])
+def test_a_reading_that_images_keep_speaking_against_is_not_published(loss, refusal):
+    """Each of them says too little to count as odds: inertia may not overrule all of them together."""
+    followed_one, other = replace(TILTED, loss=loss), mirrored(TILTED, loss=0.01)
+    track, verdict = followed(followed_one), None
+    for k in range(1, 30):
+        judge = Judge(checks(GivenFits(followed_one, mirror=other, cell_px=4.5), track))
+        if track.branches is None:
+            track.branches = judge.start_branches(sight(0.0), [followed_one, other], decided=True)
+        verdict = judge.measure(sight(k * STEP, attitude=False), followed_one, followed_one)
+    assert verdict is not None
+    assert verdict.refusal is refusal
+
+
 def test_a_track_without_branches_cannot_choose_between_poses_found_anew():
     judge = Judge(checks(GivenFits(), followed(TILTED)))
     verdict = judge.rejoin(sight(attitude=False), [TILTED, mirrored(TILTED)], TILTED)
@@ -319,6 +333,25 @@ def test_of_two_first_poses_the_attitude_chooses_the_level_one():
     assert verdict.choice is not None
     assert verdict.choice.decided_by == "attitude"
     assert angle_deg(verdict.choice.pose.rotation, level.rotation) < 0.1
+
+
+@pytest.mark.parametrize(("loss", "contradicts"), [(0.011, False), (0.0095, False), (0.006, True)])
+def test_what_a_track_led_to_and_the_image_prefers_contradicts_an_attitude_that_chose_the_mirror_image(
+    loss, contradicts
+):
+    level, tilted = fitted(loss=0.01), fitted(tilt_deg=8.0, loss=loss)
+    first = FirstJudge(checks(GivenFits(mirror=level)))
+    verdict = first.choose(sight(), [tilted, level], None)
+    assert verdict.choice is not None
+    assert (first.contradicting(sight(), [tilted, level], verdict, tilted) is tilted) == contradicts
+
+
+def test_a_followed_target_whose_edges_agree_tells_that_the_attitude_refuses_it():
+    whole, hidden = fitted(tilt_deg=7.0), fitted(tilt_deg=7.0, inliers=0.85)
+    for pose, told in ((whole, whole), (hidden, None)):
+        verdict = Judge(checks(GivenFits(pose), followed())).measure(sight(), fitted(), fitted())
+        assert verdict.refusal is PoseRefusal.ATTITUDE
+        assert verdict.contradicting is told
 
 
 def test_rivals_that_are_nearly_one_pose_are_published_with_the_doubt_in_their_covariance():

@@ -114,3 +114,21 @@ def test_the_tracker_poses_by_the_images_alone_while_the_attitude_is_wrong_and_c
     assert not any(posed[: WHOLES - 1])
     assert all(posed[WHOLES - 1 :])
     assert not tracker.witness.contradicts
+
+
+def test_a_level_target_far_from_level_contradicts_the_attitude_however_slowly_it_got_there() -> None:
+    """A swapped sign grows with the angle: learned as a deck that moves, it would be followed to any tilt."""
+    target = shipped("nested")
+    tracker = Tracker(TagMap((target,)), VGA, LOOKING_DOWN)
+    left_out = []
+    for k in range(60):
+        view = View(target, place(2.0, 0.3))
+        right = euler_from_rotation(view.view.enu_from_cam @ LOOKING_DOWN.flu_from_cam.T)
+        time = k * STEP
+        noisy = np.roll(view.pixels, k % 2, axis=1)
+        off = radians(15.0) * k / 60
+        reported = AttitudeHistory([AttitudeSample(time, right[0] + off, right[1], right[2])])
+        tracker.update(CameraImage(noisy, time, time, k, "down"), reported)
+        left_out.append(tracker.witness.contradicts)
+    assert not any(left_out[:30])
+    assert left_out[-1]

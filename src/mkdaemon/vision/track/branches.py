@@ -39,6 +39,7 @@ class Branch:
         weight: log odds against the best branch, zero or less.
         missed: whether no candidate belongs to it; `pose` is the nearest.
         against: what the newest image says for another candidate than `pose`, in log odds.
+        together: what the newest images together say for others, however little each of them says [nats].
     """
 
     course: Course
@@ -47,6 +48,7 @@ class Branch:
     weight: float
     missed: bool = False
     against: float = 0.0
+    together: float = 0.0
 
     def next(self, time: float, candidates: Sequence[Pose]) -> list[Branch]:
         """Everything that may have become of this branch in a new image."""
@@ -59,9 +61,11 @@ class Branch:
             course = Course.begin(time, pose, prior.psd) if leaps else prior.correct(pose)
             against = _evidence(likeliest, pose)
             weight = self.weight - against - min(cost, BRANCHES.jump)
-            found.append(Branch(course, prior, pose, weight, against=against))
+            together = max(0.0, BRANCHES.remembered * self.together - _odds_for(pose, candidates))
+            found.append(Branch(course, prior, pose, weight, against=against, together=together))
         nearest = candidates[int(np.argmin(costs))]
-        return [*found, Branch(prior, prior, nearest, self.weight - BRANCHES.miss, missed=True)]
+        missed = Branch(prior, prior, nearest, self.weight - BRANCHES.miss, missed=True, together=self.together)
+        return [*found, missed]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -129,6 +133,11 @@ def _evidence(better: Pose, worse: Pose) -> float:
         return 0.0
     trusted = BRANCHES.trusted_share * (log_odds(better, worse) - BRANCHES.silent)
     return float(np.clip(trusted, 0.0, BRANCHES.max_image))
+
+
+def _odds_for(pose: Pose, candidates: Sequence[Pose]) -> float:
+    """Log odds of one image for a pose against the best of the others; 0 without others."""
+    return min((log_odds(pose, other) for other in candidates if other is not pose), default=0.0)
 
 
 def _apart(a: Branch, b: Branch) -> float:

@@ -110,15 +110,17 @@ class Course:
 
         The lens is at c = -R^T p in the target's frame; dc = -R^T dp - R^T [p]x w. A Kalman update of (p, w) by what
         the course knows of c; nearby, where the image says far more than inertia, nothing changes.
+
+        A pose that surprises the course makes it as uncertain as the surprise is large: of two that contradict each
+        other both together would claim to know more than either.
+
+        Source: the ratio of Birge, Physical Review 40 (1932), 207.
         """
+        known = max(1.0, self.mahalanobis2(pose, 1.0) / 3.0) * self.covariance[:3, :3]
         back = pose.rotation.T
         jacobian = np.hstack([-back, -back @ skew(pose.position)])
         prior = pose.covariance
-        gain = (
-            prior
-            @ jacobian.T
-            @ np.linalg.inv(jacobian @ prior @ jacobian.T + self.covariance[:3, :3] + 1e-12 * np.eye(3))
-        )
+        gain = prior @ jacobian.T @ np.linalg.inv(jacobian @ prior @ jacobian.T + known + 1e-12 * np.eye(3))
         step = gain @ (self.centre + back @ pose.position)
         posterior = prior - gain @ jacobian @ prior
         return replace(

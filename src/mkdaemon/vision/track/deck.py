@@ -31,7 +31,7 @@ Over a deck tilted by 5 degrees 1 degree gave 2 wrong poses of 340, 2 and 3 degr
 poses far away lose their certainty.
 """
 MOVING: Final = 1
-DRIFTS: Final = np.radians([[0.3, 0.3, 0.25, 0.25], [2.0, 2.0, 0.25, 0.25]])
+DRIFTS: Final = np.radians([[0.1, 0.1, 0.25, 0.25], [2.0, 2.0, 0.25, 0.25]])
 """Random walk of the normal of a deck that rests, of one that moves, and of the attitude's bias [rad/sqrt(s)]; a deck
 that rocks by 4 degrees in 4 s was lost for 40 images by 0.5 degrees."""
 CHANGE: Final = 20.0

@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from mkdaemon.telemetry.vision import PoseRefusal
-from mkdaemon.vision.pose.ambiguity import Choice, choose
+from mkdaemon.vision.pose.ambiguity import Choice, choose, log_odds
 from mkdaemon.vision.pose.gates import certainty_refusal
 from mkdaemon.vision.pose.pose import Pose, angle_between
 from mkdaemon.vision.track.checks import Checks, with_angle_variance
@@ -104,12 +104,23 @@ class FirstJudge:
         )
         return _refused(refused) if refused is not None else FirstVerdict(replace(choice, pose=fused), None)
 
-    def contradicting(self, seen: Sight, candidates: Sequence[Pose], verdict: FirstVerdict) -> Pose | None:
+    def contradicting(
+        self, seen: Sight, candidates: Sequence[Pose], verdict: FirstVerdict, followed: Pose | None = None
+    ) -> Pose | None:
         """The pose that the image alone would publish, where the attitude refuses it or chose its mirror image.
 
         An attitude with both signs swapped agrees with the mirror image of a target in the middle of the image, which
-        may be too uncertain to be published.
+        may be too uncertain to be published. What a track led to, and the image prefers to the mirror image that the
+        attitude chose, contradicts it too.
+
+        Args:
+            seen: the image.
+            candidates: fitted poses.
+            verdict: about them.
+            followed: what the track led to and the attitude refuses though nearly all edges agree with it.
         """
+        if followed is not None and self._is_preferred(followed, verdict):
+            return followed
         is_overruled = verdict.choice is not None and verdict.choice.decided_by == "attitude"
         if not is_overruled and verdict.refusal not in OVERRULED:
             return None
@@ -120,6 +131,12 @@ class FirstJudge:
             return alone.pose
         apart = angle_between(alone.pose.rotation, verdict.choice.pose.rotation)
         return alone.pose if apart > self._limits.ambiguity.track_near else None
+
+    def _is_preferred(self, followed: Pose, verdict: FirstVerdict) -> bool:
+        """Whether the image prefers what a track led to, by more than blur or light do, to what was chosen."""
+        if verdict.choice is None or verdict.choice.pose.source != followed.source:
+            return verdict.choice is None and verdict.refusal in OVERRULED
+        return log_odds(followed, verdict.choice.pose) > self._limits.branches.silent
 
     def _decide_mirror(self, seen: Sight, pose: Pose) -> Pose | None:
         """Compare a first pose that has no rival with its mirror image; none when nothing decides."""

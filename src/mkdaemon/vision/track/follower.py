@@ -85,6 +85,8 @@ class Follower:
         for mode, start, others in self._starts.of(frame.sight.pixels, predicted):
             verdict = self.judge.measure(frame.sight, start, predicted.pose, others)
             if verdict.pose is None:
+                if verdict.contradicting is not None:
+                    frame.contradicting.setdefault(self.name, verdict.contradicting)
                 frame.refused[self.name] = verdict.refusal or PoseRefusal.NO_FIT
                 continue
             if not self._decode_again(frame, verdict.pose):
@@ -114,13 +116,17 @@ class Follower:
         Returns:
             Whether the attitude is left out from this image on, and was not before.
         """
-        level = self._checks.level
+        level, limits = self._checks.level, self._limits.judge
         published = next((found.pose for found in frame.poses if found.target == self.name), None)
         pose = published or frame.contradicting.get(self.name)
         tilt = level.tilt(reported, pose) if pose is not None else None
         if pose is None or tilt is None:
             return False
-        return witness.image_seen(reported.time, tilt, level.gate(reported, pose), is_whole=self._checks.is_whole(pose))
+        off, gate = tilt, level.gate(reported, pose)
+        lean = level.lean(reported, pose)
+        if lean > limits.most_lean:
+            off, gate = max(lean, tilt), limits.most_lean
+        return witness.image_seen(reported.time, off, gate, is_whole=self._checks.is_whole(pose))
 
     def start_alone(self, frame: Frame) -> None:
         """Start from an image whose attitude was left out after it had refused what the image shows."""
@@ -161,8 +167,8 @@ class Follower:
             lambda place: known_motion(place, None, seen.turning_flu, mounting),
             self._bend.at(seen.time),
         )
-        verdict = self._first.choose(frame.sight, candidates, predicted.rotation if predicted is not None else None)
-        contradicting = self._first.contradicting(seen, candidates, verdict)
+        verdict = self._first.choose(seen, candidates, predicted.rotation if predicted is not None else None)
+        contradicting = self._first.contradicting(seen, candidates, verdict, frame.contradicting.pop(self.name, None))
         if contradicting is not None:
             frame.contradicting[self.name] = contradicting
             frame.refused[self.name] = PoseRefusal.ATTITUDE

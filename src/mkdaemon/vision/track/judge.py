@@ -24,10 +24,12 @@ class Verdict:
     Attributes:
         pose: to go on following the target with; none when a gate stopped it.
         refusal: why it is not published; none when it is.
+        contradicting: a fit that nearly all edges agree with and the attitude refuses; none without one.
     """
 
     pose: Pose | None
     refusal: PoseRefusal | None
+    contradicting: Pose | None = None
 
 
 class Judge:
@@ -72,12 +74,13 @@ class Judge:
                 checks.level.learn(seen, pose)
                 return self._judge_with_attitude(seen, checks.level.fuse(seen, pose))
             return self._judge_without_attitude(seen, pose, predicted)
-        if vertical is not None and not self._is_contradicted(pose, refused):
+        contradicting = pose if self._is_contradicted(pose, refused) else None
+        if vertical is not None and contradicting is None:
             # A free fit may follow something lying over the target: hold the tilt and try again.
             leaning = self._fitter.refine(seen.pixels, replace(start, rotation=predicted.rotation), vertical)
             if leaning is not None and checks.refusal(seen, leaning, predicted) is None:
                 return self.add_inertia(seen, doubted(leaning))
-        return Verdict(None, refused)
+        return Verdict(None, refused, contradicting)
 
     def _is_contradicted(self, pose: Pose | None, refused: PoseRefusal | None) -> bool:
         """Whether the attitude refuses a fit that nearly all edges agree with: nothing lies over such a target.
@@ -163,7 +166,9 @@ class Judge:
         self._track.branches = branches
         self.is_backed = False
         chosen, prior = branches.best.pose, branches.best.prior
-        if not branches.is_decided or branches.best.against > limits.branches.overruled:
+        best = branches.best
+        speaks_against = best.against > limits.branches.overruled or best.together > limits.branches.decided
+        if not branches.is_decided or speaks_against:
             return Verdict(chosen, PoseRefusal.AMBIGUOUS)
         fused = prior.fuse(chosen) if prior is not None and limits.judge.fuses_course else chosen
         fused = with_angle_variance(fused, branches.doubt)

@@ -71,10 +71,13 @@ class LevelKnowledge:
     def tilt(self, seen: Sight, pose: Pose) -> float | None:
         """Angle between the normal of a pose and the one expected [rad]; none where nothing is known."""
         expected = self._expected(seen)
-        if expected is None:
-            return None
-        normal = pose.rotation[:, 2]
-        return float(np.arctan2(np.linalg.norm(skew(normal) @ expected), normal @ expected))
+        return None if expected is None else _between(pose.rotation[:, 2], expected)
+
+    def lean(self, seen: Sight, pose: Pose) -> float:
+        """Angle between the normal of a pose and the vertical, whatever was learned [rad]; 0 where nothing is known."""
+        if seen.enu_from_flu is None or self._mounting is None:
+            return 0.0
+        return _between(pose.rotation[:, 2], (seen.enu_from_flu @ self._mounting.flu_from_cam)[2])
 
     def log_odds(self, seen: Sight, first: Pose, second: Pose) -> float:
         """How much likelier the attitude makes one pose than another [nats]; 0 where nothing is known."""
@@ -148,3 +151,8 @@ class LevelKnowledge:
     def _deck_sd(self, seen: Sight) -> float:
         """Deviation of how the target lies by the attitude of an image [rad]; the prior's without one."""
         return self._deck.sd(seen.time, seen.enu_from_flu) if seen.enu_from_flu is not None else PRIOR_SD
+
+
+def _between(a: Array, b: Array) -> float:
+    """Angle between two directions [rad]."""
+    return float(np.arctan2(np.linalg.norm(skew(a) @ b), a @ b))
