@@ -38,19 +38,19 @@ PLACES = (
 
 
 class _Held:
-    """A board held somewhere in front of a camera that looks north from the origin."""
+    """A board held before a camera that looks north from the origin, a second in each of its places."""
 
-    def __init__(self, width: float, place: tuple[float, ...], lens: Intrinsics) -> None:
-        column, row, far, about_y, about_x, turn = place
-        distance = far * width
+    def __init__(self, width: float, places: tuple[tuple[float, ...], ...], lens: Intrinsics) -> None:
+        self._width, self._places, self._lens = width, places, lens
+
+    def pose_at(self, time: float) -> Pose:
+        column, row, far, about_y, about_x, turn = self._places[int(time)]
+        distance, lens = far * self._width, self._lens
         x = (column * lens.width - lens.cx) / lens.fx * distance
         z = -(row * lens.height - lens.cy) / lens.fy * distance
         upright = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
         tilt = rotation_from_euler(np.radians(about_x), np.radians(about_y), np.radians(turn))
-        self._pose = Pose(upright @ tilt, np.array([x, distance, z]))
-
-    def pose_at(self, time: float) -> Pose:
-        return self._pose
+        return Pose(upright @ tilt, np.array([x, distance, z]))
 
 
 def board_views(
@@ -62,11 +62,9 @@ def board_views(
 ) -> list[npt.NDArray[np.uint8]]:
     """Render a board of `width` [m] in `places`."""
     looking_north = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
-    view = CameraView(lens, looking_north, np.zeros(3))
     sheet = sheet_layer(layers[0].width * 1.08, layers[0].height * 1.1)
+    held = SceneTarget(single(1.0, 0), (sheet, *layers), _Held(width, places, lens))
+    scene = Scene([held], ground=None, seed=0)
     return [
-        Scene([SceneTarget(single(1.0, 0), (sheet, *layers), _Held(width, place, lens))], ground=None, seed=k).render(
-            view, conditions
-        )
-        for k, place in enumerate(places)
+        scene.render(CameraView(lens, looking_north, np.zeros(3), time=k + 0.5), conditions) for k in range(len(places))
     ]

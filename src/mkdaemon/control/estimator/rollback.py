@@ -46,11 +46,15 @@ class Measurement:
 
 @dataclass(slots=True)
 class _Slot:
-    """The state at the beginning of a grid step, everything measured in the step before added."""
+    """The state at the beginning of a grid step, everything measured in the step before added.
+
+    It lacks what the reference was shifted by since `shifted`.
+    """
 
     state: Array
     covariance: Array
     drive: Array
+    shifted: Array
     measurements: list[tuple[float, Measurement]] = field(default_factory=list)
 
 
@@ -81,7 +85,8 @@ class RollbackFilter:
         self._first = math.floor(now / STEP)
         axes = len(states)
         self._undriven = np.zeros(axes)
-        self._slots = [_Slot(states.copy(), np.repeat(covariance[None], axes, axis=0), self._undriven)]
+        self._shifted = np.zeros(states.shape)
+        self._slots = [_Slot(states.copy(), np.repeat(covariance[None], axes, axis=0), self._undriven, self._shifted)]
         self._known = 0  # the last slot that holds what was measured before it
         self.rejected = 0
         self.dropped = 0
@@ -95,7 +100,7 @@ class RollbackFilter:
     def states(self) -> Array:
         """The newest states (k, n)."""
         self._come_forward(len(self._slots) - 1)
-        return self._slots[-1].state
+        return self._state_of(self._slots[-1])
 
     @property
     def covariances(self) -> Array:
@@ -107,7 +112,7 @@ class RollbackFilter:
         """The states (k, n) at the grid step of a moment; the oldest or newest ones beyond the memory."""
         index = min(max(math.floor(at / STEP) - self._first, 0), len(self._slots) - 1)
         self._come_forward(index)
-        return self._slots[index].state
+        return self._state_of(self._slots[index])
 
     def set_dynamics(self, f: Array, g: Array) -> None:
         """Go on with another transition (n, n) and input (n,) over `STEP`."""
@@ -122,8 +127,8 @@ class RollbackFilter:
     def shift(self, place: int, amounts: Array) -> None:
         """Add known amounts (k,) to one state, now and in the past: a change of the reference, not of the aircraft."""
         self._come_forward(len(self._slots) - 1)
-        for slot in self._slots:
-            slot.state[:, place] += amounts
+        self._shifted = self._shifted.copy()
+        self._shifted[:, place] += amounts
 
     def advance(self, drive: Array) -> None:
         """Go one step forward under an input (k,)."""
@@ -131,7 +136,7 @@ class RollbackFilter:
         slot = self._slots[-1]
         slot.drive = drive
         state, covariance = self._predicted(slot)
-        self._slots.append(_Slot(state, covariance, self._undriven))
+        self._slots.append(_Slot(state, covariance, self._undriven, self._shifted))
         if len(self._slots) > MEMORY / STEP:
             del self._slots[0]
             self._first += 1
@@ -175,12 +180,19 @@ class RollbackFilter:
         for index in range(self._known, to):
             after = self._slots[index + 1]
             after.state, after.covariance = self._predicted(self._slots[index])
+            after.shifted = self._shifted
             for late, known in after.measurements:
                 self._corrected(after, late, known)
         self._known = max(self._known, to)
 
+    def _state_of(self, slot: _Slot) -> Array:
+        """The state of a slot with all shifts."""
+        if slot.shifted is not self._shifted:
+            slot.state, slot.shifted = slot.state + (self._shifted - slot.shifted), self._shifted
+        return slot.state
+
     def _predicted(self, slot: _Slot) -> tuple[Array, Array]:
-        state = slot.state @ self._f.T + slot.drive[:, None] * self._g
+        state = self._state_of(slot) @ self._f.T + slot.drive[:, None] * self._g
         return state, self._f @ slot.covariance @ self._f.T + self._noise
 
     def _corrected(self, slot: _Slot, offset: float, measurement: Measurement) -> Array:
@@ -188,7 +200,7 @@ class RollbackFilter:
         row = measurement.row + (measurement.row @ self._rate) * offset
         gain = slot.covariance @ row
         spread = gain @ row + measurement.variance
-        innovation = measurement.values - slot.state @ row
+        innovation = measurement.values - self._state_of(slot) @ row
         ratio: Array = innovation / np.sqrt(spread)
         weight = np.where(np.abs(ratio) <= measurement.gate, 1.0, 0.0)
         step = gain * (weight / spread)[:, None]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import cv2
 import numpy as np
@@ -194,7 +195,7 @@ class Sensor:
 
     def __init__(self, seed: int) -> None:
         self._rng = np.random.default_rng([seed, 0x5E50])
-        self._pool = np.random.default_rng([seed, 0xF001]).standard_normal(NOISE_POOL, dtype=np.float32)
+        self._pool = _pool(seed)
         self._fields: dict[tuple[float, ...], Image32] = {}
 
     def expose(self, light: Image32, conditions: Conditions) -> npt.NDArray[np.uint8]:
@@ -219,6 +220,14 @@ class Sensor:
                 self._fields.clear()
             found = self._fields[key] = _brightness(shape, conditions)
         return found
+
+
+@lru_cache(maxsize=2)
+def _pool(seed: int) -> Image32:
+    """The noise that a sensor draws from; kept, scenes share their seed."""
+    pool: Image32 = np.random.default_rng([seed, 0xF001]).standard_normal(NOISE_POOL, dtype=np.float32)
+    pool.setflags(write=False)
+    return pool
 
 
 def _brightness(shape: tuple[int, ...], conditions: Conditions) -> Image32:

@@ -7,6 +7,7 @@ no code with the renderer (which maps pixels to planes) or with the pose estimat
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from functools import lru_cache
 
 import cv2
 import numpy as np
@@ -179,11 +180,15 @@ class RayGrid:
         return np.asarray(fine[factor:-factor, factor:-factor], dtype=np.float32)
 
 
+@lru_cache(maxsize=4)
 def _directions(intrinsics: Intrinsics) -> tuple[Image32, Image32]:
-    """Directions of all pixels and of a border of one."""
+    """Directions of all pixels and of a border of one; kept, scenes share their lens."""
     v, u = np.mgrid[-1 : intrinsics.height + 1, -1 : intrinsics.width + 1].astype(np.float64)
     x, y = _undistorted((u - intrinsics.cx) / intrinsics.fx, (v - intrinsics.cy) / intrinsics.fy, intrinsics)
-    return x.astype(np.float32), y.astype(np.float32)
+    found = x.astype(np.float32), y.astype(np.float32)
+    for grid in found:
+        grid.setflags(write=False)
+    return found
 
 
 def _undistorted(xd: Array, yd: Array, intrinsics: Intrinsics) -> tuple[Array, Array]:
