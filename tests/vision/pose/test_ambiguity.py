@@ -93,3 +93,32 @@ def test_what_neighbouring_pixels_share_speaks_less_for_a_reading():
     veiled = [replace(pose, shared=9.6) for pose in (first, second)]
     assert log_odds(first, second) > 30.0
     assert log_odds(*veiled) < log_odds(first, second) / 7.0
+
+
+def grey(degrees: float, cost: float, shared: float = 1.2, common: float = 0.1, loss: float = 9.0) -> Pose:
+    """A fit to grey values that leaves what `common` says beside noise."""
+    pose = replace(tilted(degrees, loss, 700), source="photometric", rms_px=0.06)
+    return replace(pose, cost=cost, shared=shared, common=common)
+
+
+def test_why_a_reading_is_wrong_does_not_speak_for_it():
+    """The residuals of a mirror image are shared by neighbours because it lies elsewhere: no noise is."""
+    true = grey(10, 3.7)
+    odds = log_odds(true, grey(-10, 5.0, shared=5.0, common=0.7, loss=10.0))
+    assert odds == log_odds(true, grey(-10, 5.0, loss=10.0))
+    assert odds > LIMITS.ambiguity.min_log_odds
+    assert choose([true, grey(-10, 5.0, shared=5.0, common=0.7, loss=10.0)], min_ratio=2.0) is not None
+
+
+def test_a_reading_whose_cost_is_larger_is_not_chosen():
+    """What is hidden hardly moves the loss; cost has what the bend and the motion of a reading ask for."""
+    assert log_odds(grey(10, 5.0), grey(-10, 3.7, loss=10.0)) < 0.0
+    assert choose([grey(10, 5.0), grey(-10, 3.7, loss=10.0)], min_ratio=2.0) is None
+
+
+def test_what_leaves_more_than_noise_is_compared_by_what_hidden_samples_hardly_move():
+    veil = {"shared": 3.0, "common": 0.9}
+    first, second = (
+        replace(grey(angle, 3.7, loss=loss), rms_px=0.2, **veil) for angle, loss in ((10, 9.0), (-10, 9.5))
+    )
+    assert log_odds(first, second) == log_odds(first, replace(second, cost=30.0))

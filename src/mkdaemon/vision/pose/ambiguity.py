@@ -18,7 +18,8 @@ from mkdaemon.vision.pose.pose import Pose, angle_between
 
 Array = npt.NDArray[np.float64]
 EXPLAINED_PX: Final = 0.15
-"""Residual of a grey-value fit, as a shift of edges, that leaves nothing unmodelled: then nothing takes sides [px]."""
+"""What neighbours share of the residual of a grey-value fit, as a shift of edges, that leaves nothing unmodelled: then
+nothing takes sides [px]."""
 Decision = Literal["unique", "image", "attitude", "track"]
 
 
@@ -84,35 +85,45 @@ def choose(
     if len(distinct) == 1:
         return Choice(first, ratio, "unique")
     second = candidates[distinct[1]]
-    if log_odds(first, second) >= decides.min_log_odds and (ratio >= min_ratio or _is_explained(first, second, limits)):
+    if log_odds(first, second, limits) >= decides.min_log_odds and (
+        ratio >= min_ratio or _is_explained(first, second, limits)
+    ):
         return Choice(first, ratio, "image")
     if predicted is not None:
         by_track = sorted(distinct, key=lambda k: angle_between(candidates[k].rotation, predicted))
         near, far = (angle_between(candidates[k].rotation, predicted) for k in by_track[:2])
         chosen = candidates[by_track[0]]
         # The track may break a tie; it may not overrule what the image says.
-        against = log_odds(first, chosen) if chosen is not first else 0.0
+        against = log_odds(first, chosen, limits) if chosen is not first else 0.0
         is_near = near < decides.track_near and far > 2.0 * near + decides.track_far
         if is_near and against < decides.max_odds_against:
             return Choice(chosen, ratio, "track")
     return None
 
 
-def log_odds(first: Pose, second: Pose) -> float:
+def log_odds(first: Pose, second: Pose, limits: Limits = LIMITS) -> float:
     """Log likelihood ratio of two fits of equal Gaussian residuals with unknown variance.
 
     n / 2 ln(s2^2 / s1^2) with n independent residuals; neighbouring samples share pixels and are not, and those of grey
     values share what the model lacks too: behind a dirty lens it spoke for the mirror image by 6 nats an image.
+
+    Where a fit leaves nothing but noise, s^2 is its cost: the noise is that of its own residuals, as what the other's
+    share is why it is wrong, and a reading that wants a bend or a motion nobody expects pays for it. Elsewhere
+    something may take sides, and the loss, which what is hidden hardly moves, is asked.
     """
-    alike = float(max(first.shared, second.shared) ** FIELD)
-    facts = min(first.points, second.points) / max(LIMITS.ambiguity.samples_per_fact, alike)
-    return 0.5 * facts * float(np.log(max(second.loss, 1e-12) / max(first.loss, 1e-12)))
+    least = limits.ambiguity.samples_per_fact
+    points = 0.5 * min(first.points, second.points)
+    if first.cost is not None and second.cost is not None and _is_explained(first, second, limits):
+        facts = points / max(least, first.shared**FIELD)
+        return facts * float(np.log(max(second.cost, 1e-12) / max(first.cost, 1e-12)))
+    facts = points / max(least, max(first.shared, second.shared) ** FIELD)
+    return facts * float(np.log(max(second.loss, 1e-12) / max(first.loss, 1e-12)))
 
 
 def _is_explained(first: Pose, second: Pose, limits: Limits) -> bool:
     """Whether a fit to grey values leaves no more than noise: then nothing unmodelled takes sides."""
     grey = first.source == "photometric" and second.source == "photometric"
-    quiet = first.rms_px <= EXPLAINED_PX
+    quiet = first.unexplained_px <= EXPLAINED_PX
     return grey and quiet and first.inliers >= limits.agreement.whole
 
 

@@ -168,6 +168,8 @@ class PhotoStepper:
             covariance[:3, :3] += sheet.plane_covariance(rotation, bend)
         # Residual as a shift of edges: rms over the rms slope of the lit prints [grey / (grey/px)].
         steepness = sqrt(sum(part.steepness**2 * part.residual.size for part in parts) / value.size)
+        # Clarity of mean logarithm zero: a cost by which two states compare, each with a clarity of its own.
+        comparable = cost * float(np.exp(-2.0 * np.mean(np.log(clear)))) * (1.0 + surprise / value.size)
         squared = np.minimum(size, limits.lost_grey) ** 2 + limits.quiet_grey**2
         is_positive = all(part.brightness > 0.0 for part in parts)
         pose = Pose(
@@ -182,6 +184,7 @@ class PhotoStepper:
             float(np.exp(np.mean(np.log(squared)))),
             correlation(grey, grey - residual) if is_positive else -1.0,
             float(np.linalg.det(state.spread)) ** 0.25,
+            cost=comparable,
             motion=state.motion,
             known_motion=start.known_motion,
             bend=bend,
@@ -190,9 +193,7 @@ class PhotoStepper:
             common=shared.common,
         )
         length2 = float(change[POSE] @ np.linalg.solve(pose.covariance, change[POSE]))
-        # Clarity of mean logarithm zero: a cost by which two states compare, each with a clarity of its own.
-        comparable = cost * float(np.exp(-2.0 * np.mean(np.log(clear))))
-        return PhotoStep(change, comparable * (1.0 + surprise / value.size), pose, length2)
+        return PhotoStep(change, comparable, pose, length2)
 
     def match(self, pixels: Grey, model: PrintModel, state: PhotoState) -> float:
         """Correlation between one print and the image where a state puts it; -1 where it cannot be told."""

@@ -66,6 +66,8 @@ class Pose:
         stretch: logarithm of the ratio of the focal lengths over the calibrated one, where the fit was free to ask.
         shared: by how much residuals that neighbouring pixels share raise the variance, 1 or more (`greynoise`).
         common: share of the residuals' variance that neighbouring pixels share: the rest is noise.
+        cost: robust mean square of the residuals of a fit to grey values [grey^2], with what its bend and motion cost
+            by what was known of them; compares rivals where the model holds.
     """
 
     rotation: Array
@@ -89,6 +91,7 @@ class Pose:
     stretch: float | None = None
     shared: float = 1.0
     common: float = 1.0
+    cost: float | None = None
 
     @property
     def unexplained_px(self) -> float:

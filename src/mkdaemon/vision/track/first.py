@@ -79,6 +79,7 @@ class FirstJudge:
         )
         if choice is None and known:
             return self._fit_level(seen, min(believable, key=lambda pose: pose.loss))
+        choice = choice or self._choose_by_all_pixels(seen, believable)
         if choice is None:
             return _refused(PoseRefusal.AMBIGUOUS)
         is_supported = False
@@ -140,12 +141,10 @@ class FirstJudge:
 
     def _decide_mirror(self, seen: Sight, pose: Pose) -> Pose | None:
         """Compare a first pose that has no rival with its mirror image; none when nothing decides."""
-        min_ratio, limits = self._checks.cfg.min_ambiguity_ratio, self._limits
+        limits = self._limits
         rivals = self._checks.candidates(seen, pose)
-        choice = choose(rivals, min_ratio=min_ratio, limits=limits)
-        if choice is None and pose.source == "edges" and self._checks.cell_px(pose) < limits.cells.small_px:
-            grey = self._fitter.fit_grey_values(seen.pixels, rivals)
-            choice = choose(grey, min_ratio=min_ratio, limits=limits) if grey else None
+        choice = choose(rivals, min_ratio=self._checks.cfg.min_ambiguity_ratio, limits=limits)
+        choice = choice or self._choose_by_all_pixels(seen, rivals)
         if choice is not None:
             return choice.pose
         between = angle_between(rivals[0].rotation, rivals[1].rotation)
@@ -154,6 +153,14 @@ class FirstJudge:
         if between > limits.ambiguity.harmless:
             return None
         return with_angle_variance(min(rivals, key=lambda rival: rival.loss), (between / 2) ** 2)
+
+    def _choose_by_all_pixels(self, seen: Sight, rivals: Sequence[Pose]) -> Choice | None:
+        """Choose between edge fits of a small target by all its pixels; none where nothing decides."""
+        small = self._limits.cells.small_px
+        if any(rival.source != "edges" or self._checks.cell_px(rival) >= small for rival in rivals):
+            return None
+        grey = self._fitter.fit_grey_values(seen.pixels, rivals)
+        return choose(grey, min_ratio=self._checks.cfg.min_ambiguity_ratio, limits=self._limits) if grey else None
 
     def _nearer_to_level(self, seen: Sight, rivals: Sequence[Pose], between: float) -> Pose:
         """The rival that agrees better with the attitude; where both might, with the doubt in its covariance.
