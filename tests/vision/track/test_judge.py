@@ -354,6 +354,16 @@ def test_a_followed_target_whose_edges_agree_tells_that_the_attitude_refuses_it(
         assert verdict.contradicting is told
 
 
+@pytest.mark.parametrize(("held_loss", "is_published"), [(0.0055, True), (0.019, False)])
+def test_no_tilt_is_held_that_the_image_contradicts_however_many_edges_are_hidden(held_loss, is_published):
+    """An attitude that jumped by 6 degrees while patches lay over the target turned 22 published poses in a row."""
+    free = fitted(tilt_deg=7.0, inliers=0.76, loss=0.005)
+    held = fitted(inliers=0.8, loss=held_loss)
+    verdict = Judge(checks(GivenFits(free, held), followed())).measure(sight(), fitted(), fitted())
+    assert (verdict.refusal is None) == is_published
+    assert verdict.contradicting is (None if is_published else free)
+
+
 def test_rivals_that_are_nearly_one_pose_are_published_with_the_doubt_in_their_covariance():
     tilted = fitted(tilt_deg=1.6)
     rival = replace(tilted, rotation=turn(tilted.rotation, np.radians([1.5, 0.0, 0.0])))

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 from mkdaemon.telemetry.vision import PoseRefusal
-from mkdaemon.vision.pose.ambiguity import choose
+from mkdaemon.vision.pose.ambiguity import choose, log_odds
 from mkdaemon.vision.pose.edgefit import Level
 from mkdaemon.vision.pose.gates import certainty_refusal
 from mkdaemon.vision.pose.pose import Pose
@@ -24,7 +24,8 @@ class Verdict:
     Attributes:
         pose: to go on following the target with; none when a gate stopped it.
         refusal: why it is not published; none when it is.
-        contradicting: a fit that nearly all edges agree with and the attitude refuses; none without one.
+        contradicting: a fit that the attitude refuses, and that nearly all edges agree with or the image prefers to the
+            one with the attitude's tilt; none without one.
     """
 
     pose: Pose | None
@@ -79,8 +80,17 @@ class Judge:
             # A free fit may follow something lying over the target: hold the tilt and try again.
             leaning = self._fitter.refine(seen.pixels, replace(start, rotation=predicted.rotation), vertical)
             if leaning is not None and checks.refusal(seen, leaning, predicted) is None:
-                return self.add_inertia(seen, doubted(leaning))
+                if pose is None or refused is not PoseRefusal.ATTITUDE or not self._is_preferred(pose, leaning):
+                    return self.add_inertia(seen, doubted(leaning))
+                contradicting = pose
         return Verdict(None, refused, contradicting)
+
+    def _is_preferred(self, free: Pose, held: Pose) -> bool:
+        """Whether the image prefers a free fit to the one whose tilt is held, by more than blur or light do.
+
+        What lies over a target misleads a free fit, which agrees with the image no better then.
+        """
+        return free.source == held.source and log_odds(free, held) > self._limits.branches.silent
 
     def _is_contradicted(self, pose: Pose | None, refused: PoseRefusal | None) -> bool:
         """Whether the attitude refuses a fit that nearly all edges agree with: nothing lies over such a target.
