@@ -254,6 +254,19 @@ def test_an_interrupt_while_the_command_is_imported_is_not_lost(module, argument
     assert (ended.returncode, ended.stdout, ended.stderr) == (-signal.SIGINT, "", "")
 
 
+def test_a_command_is_imported_without_the_collector(tmp_path):
+    (tmp_path / "looked.py").write_text("import gc\nseen = gc.isenabled()\n", encoding="utf-8")
+    code = (
+        "import gc, sys\n"
+        "from mkdaemon.cli.program import CommandEntry, main\n"
+        "import atexit; atexit.register(lambda: print(sys.modules['looked'].seen, gc.isenabled()))\n"
+        "main('x', 'x', [CommandEntry('look', 'looked:seen', 'x')], ['look'])"
+    )
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join([str(tmp_path), *sys.path])}
+    ended = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False, env=environment)
+    assert ended.stdout.splitlines()[-1:] == ["False True"]
+
+
 def test_an_interrupt_after_importing_ends_in_order():
     with piped("decode", "-") as program:
         program.stdin.write("#av@w\r")

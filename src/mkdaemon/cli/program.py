@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import gc
 import importlib
 import importlib.util
 import os
@@ -101,12 +102,19 @@ def main(name: str, about: str, table: Iterable[CommandEntry], tokens: list[str]
 
 
 def _import_commands(table: Iterable[CommandEntry], tokens: Sequence[str]) -> None:
-    """Import the module of the command that is going to run."""
+    """Import the module of the command that is going to run.
+
+    Nothing of it becomes garbage: the collector, which would look through it a hundred times, an eighth of the time
+    that the daemon takes to be imported, does not see it.
+    """
+    gc.disable()
     for entry in table:
         if entry.name in tokens[:1]:
             # What is missing, or broken, is said when the command runs.
             with suppress(Exception):
                 importlib.import_module(entry.target.partition(":")[0])
+    gc.freeze()
+    gc.enable()
 
 
 def let_signals_kill() -> None:
