@@ -45,6 +45,8 @@ from mkdaemon.vision.tags.tagmap import Target
 Array = npt.NDArray[np.float64]
 Grey = npt.NDArray[np.uint8]
 
+CUT = 1.05
+"""Width of edges over their reach from which a fit has not settled: the next reach is longer."""
 FIRST_BEND_PX = 30.0
 """Deviation of an edge while its reach is long, for the bend [px]: edges that are not yet found would bend a print."""
 
@@ -120,7 +122,7 @@ class EdgeFit:
         self,
         pixels: Grey,
         start: Pose,
-        iterations: int = 8,
+        iterations: int = 12,
         level: Level | None = None,
         stretch_sd: float = 0.0,
     ) -> Pose | None:
@@ -191,7 +193,9 @@ class EdgeFit:
             # By the mean square: a move along one side of the tag shifts half of the edges, and no middle one.
             shifts = samples.jacobian[:, :carried] @ step[:carried]
             before, moved = moved, sqrt(float(shifts @ shifts) / len(shifts))
-            if last is not None and k > len(limits.reach_px) - 1 and moved > before:
+            # Edges wider than they were looked for are cut off, and less far from their place than they are.
+            is_cut = edges.widest > CUT * reach
+            if last is not None and k > len(limits.reach_px) - 1 and moved > before and not is_cut:
                 # Edges of jagged pixels answer more than a move asks: the step before was nearer.
                 break
             last, weighed_px = now, bend_px
@@ -205,7 +209,7 @@ class EdgeFit:
                 bent = bent.moved(step[BENT])
             if motion is not None:
                 motion = motion + step[carried - MOTIONS : carried]
-            if moved < limits.settled_px and is_near:
+            if moved < limits.settled_px and is_near and not is_cut:
                 break
             if stretch_sd > 0.0:
                 stretch += float(step[carried - 1])
