@@ -398,3 +398,16 @@ def test_a_first_pose_without_rival_is_followed_beside_its_mirror_image():
     assert [p.loss for p in alone] == [0.009, 0.01, 0.02], "the best first"
     both = checks(GivenFits(mirror=fitted(5.0))).with_mirror(sight(attitude=False), [pose, rival])
     assert both == [rival, pose], "a rival that is there is not asked for"
+
+
+@pytest.mark.parametrize(("loss", "expected_deg"), [(0.009, 4.0), (0.03, 2.0)])
+def test_what_the_attitude_chose_gives_way_to_the_mirror_image_of_a_better_fit(
+    loss: float, expected_deg: float
+) -> None:
+    """A fit may end on the saddle between both readings; the other one's mirror image is the pose that it missed."""
+    stuck, other = fitted(tilt_deg=2.0, loss=0.02), fitted(tilt_deg=-12.0, loss=0.01)
+    fits = GivenFits(mirror=fitted(tilt_deg=4.0, loss=loss))
+    choice = FirstJudge(checks(fits)).choose(sight(), [stuck, other], None).choice
+    assert choice is not None
+    assert choice.decided_by == "attitude"
+    assert angle_deg(choice.pose.rotation, fitted(tilt_deg=expected_deg).rotation) < 0.1

@@ -99,6 +99,8 @@ class FirstJudge:
             if decided is None:
                 return _refused(PoseRefusal.AMBIGUOUS)
             choice = replace(choice, pose=decided)
+        elif choice.decided_by == "attitude":
+            choice = replace(choice, pose=self._fitted_best(seen, believable, choice.pose))
         fused = level.fuse(seen, choice.pose)
         refused = checks.refusal(seen, choice.pose, None) or certainty_refusal(
             fused, has_attitude=bool(known), is_plain=is_supported, limits=self._limits
@@ -153,6 +155,20 @@ class FirstJudge:
         if between > limits.ambiguity.harmless:
             return None
         return with_angle_variance(min(rivals, key=lambda rival: rival.loss), (between / 2) ** 2)
+
+    def _fitted_best(self, seen: Sight, candidates: Sequence[Pose], chosen: Pose) -> Pose:
+        """The pose that the attitude chose, or the mirror image of a better fit where that is better yet.
+
+        Between both readings of a small tag lies a saddle on which a fit may have ended: off by 4.3 degrees, 0.9
+        claimed, one of 180 first images at 12 m.
+        """
+        best = min(candidates, key=lambda pose: pose.loss)
+        level = self._checks.level
+        for rival in self._checks.candidates(seen, best)[1:] if best is not chosen else ():
+            tilt = level.tilt(seen, rival)
+            if rival.loss < chosen.loss and tilt is not None and tilt <= level.gate(seen, rival):
+                return rival
+        return chosen
 
     def _choose_by_all_pixels(self, seen: Sight, rivals: Sequence[Pose]) -> Choice | None:
         """Choose between edge fits of a small target by all its pixels; none where nothing decides."""
