@@ -44,7 +44,9 @@ def draw_layer(image: Image32, seen: SeenLayer, rays: RayGrid, budget: int) -> N
     if widest <= 0.0:
         return
     allowed = max(int(np.sqrt(budget / x.size)), 1)
-    factor = int(np.clip(np.ceil(0.8 * widest / narrowest), min(2, allowed), min(6, allowed)))
+    # Two samples a cell at least: coarser texels would blur a far inner tag by two of its cells.
+    wanted = np.ceil(max(0.8 * widest, 2.0) / narrowest)
+    factor = int(np.clip(wanted, min(2, allowed), min(6, allowed)))
     density = layer.texels_per_cell(max(narrowest * factor, widest / 1.5))
     u, v = _texel_map(cells_from_ray, density, *rays.fine(rows, columns, factor))
     whole, shade = seen.fills_image, layer.shade
