@@ -251,6 +251,12 @@ def test_a_pose_whose_edges_partly_disagree_leans_on_the_attitude() -> None:
     assert tilts[1] < 0.85 * tilts[0]
 
 
+def test_a_pose_whose_edges_partly_disagree_is_less_certain_without_an_attitude_too() -> None:
+    pose = replace(pose_of(DOWN), inliers=0.8)
+    published = knowledge().fuse(seen().without_attitude(), pose)
+    np.testing.assert_allclose(published.covariance, pose.covariance / 0.8**4)
+
+
 def test_edges_that_disagree_alike_for_a_second_hardly_turn_a_deck_that_was_known() -> None:
     level = knowledge()
     for k in range(60):

@@ -180,7 +180,9 @@ class Judge:
         speaks_against = best.against > limits.branches.overruled or best.together > limits.branches.decided
         if not branches.is_decided or speaks_against:
             return Verdict(chosen, PoseRefusal.AMBIGUOUS)
-        fused = prior.fuse(chosen) if prior is not None and limits.judge.fuses_course else chosen
+        fused = doubted(chosen)
+        if prior is not None and limits.judge.fuses_course:
+            fused = prior.fuse(fused)
         fused = with_angle_variance(fused, branches.doubt)
         # The branches allow for errors that last; to be published a pose has to fit by its own covariance.
         distance2 = prior.mahalanobis2(chosen, 1.0) if prior is not None else 0.0

@@ -99,11 +99,9 @@ class LevelKnowledge:
         return None if expected is None or not self._limits.holds_tilt else Level(expected, self._sd(seen))
 
     def fuse(self, seen: Sight, pose: Pose) -> Pose:
-        """The pose with what the attitude knows about its tilt, believed less where its points partly disagree."""
-        expected = self._expected(seen)
-        if expected is None:
-            return pose
-        return fuse_normal(doubted(pose), expected, self._sd(seen))
+        """The pose, believed less where its points partly disagree, with what the attitude knows about its tilt."""
+        expected, pose = self._expected(seen), doubted(pose)
+        return pose if expected is None else fuse_normal(pose, expected, self._sd(seen))
 
     def forget(self) -> None:
         """Forget how the target lies."""
