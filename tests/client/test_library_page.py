@@ -14,7 +14,7 @@ import pytest
 from lab.places import ROOT
 from lab.rigs.live import VEHICLE, live_daemon
 from lab.rigs.overtarget import VEHICLE as FLOWN
-from lab.rigs.overtarget import hovering
+from lab.rigs.overtarget import Setting, hovering
 from lab.rigs.waiting import wait_for
 from mkdaemon.config.sim import PilotPlan
 
@@ -113,7 +113,7 @@ async def test_a_backup_is_written(tmp_path):
 @pytest.mark.flight
 @pytest.mark.real_time(tolerance=0.1)
 async def test_a_square_is_flown_by_positions_over_a_target():
-    async with hovering() as hover:
+    async with hovering(Setting(fps=10.0)) as hover:
         found = os.environ | {"MK_CONNECT": hover.endpoint, "MK_VEHICLE": FLOWN}
         lines = await output_of("Fly a square", env=found)
         await wait_for(lambda: hover.seen.phases[-1].startswith("free"), PATIENCE)

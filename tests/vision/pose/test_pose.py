@@ -134,13 +134,15 @@ def test_a_right_lens_is_not_doubted_away():
 
 def test_grey_values_polish_a_pose_from_edges():
     target = shipped("single")
+    edge_fit, photo_fit = EdgeFit(target, PROJECTION), PhotoFit(target, PROJECTION)
     edges, polished = [], []
     for k in range(64):
         distance = 2.6 + 0.03 * k
         view = View(target, place(distance, 0.05 + 0.08 * (k % 8), around=0.7 * k, roll=0.4 * k))
-        rough = EdgeFit(target, PROJECTION).fit(view.pixels, cold(view, target)[0])
+        start = Pose(turn(view.rotation, np.full(3, 0.01)), 1.003 * view.position, np.eye(6), "corners", 4, 0.1)
+        rough = edge_fit.fit(view.pixels, start)
         assert rough is not None
-        fine = PhotoFit(target, PROJECTION).polish(view.pixels, rough)
+        fine = photo_fit.polish(view.pixels, rough)
         assert np.linalg.det(fine.covariance) < np.linalg.det(rough.covariance)
         assert (fine.source, fine.loss, fine.points) == (rough.source, rough.loss, rough.points)
         edges.append(np.linalg.norm(rough.position - view.position) / distance)

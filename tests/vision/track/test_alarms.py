@@ -26,7 +26,7 @@ VIEW = view_towards(VGA, np.array([0.1, 0.2, 1.2]), np.zeros(3))
 
 @cache
 def scene() -> Scene:
-    return Scene([PAD], seed=3, fine=False)
+    return Scene([PAD], ground=None, seed=3, fine=False)
 
 
 def shot(**change: float) -> np.ndarray:

@@ -114,7 +114,7 @@ def log_odds(first: Pose, second: Pose, limits: Limits = LIMITS) -> float:
     least = limits.ambiguity.samples_per_fact
     points = 0.5 * min(first.points, second.points)
     if first.cost is not None and second.cost is not None and _is_explained(first, second, limits):
-        facts = points / max(least, first.shared**FIELD)
+        facts: float = points / max(least, first.shared**FIELD)
         return facts * float(np.log(max(second.cost, 1e-12) / max(first.cost, 1e-12)))
     facts = points / max(least, max(first.shared, second.shared) ** FIELD)
     return facts * float(np.log(max(second.loss, 1e-12) / max(first.loss, 1e-12)))

@@ -14,6 +14,7 @@ import numpy.typing as npt
 from mkdaemon.frames import rotation_from_euler
 from mkdaemon.vision.limits import LIMITS
 from mkdaemon.vision.pose.pose import Pose, turn
+from mkdaemon.vision.pose.rolling import skew
 
 Array = npt.NDArray[np.float64]
 
@@ -177,7 +178,7 @@ def _apart(normal: Array, expected: Array) -> tuple[Array, Array]:
 
     Rotation vectors across the normal tilt it; the one along it is yaw, which the attitude says nothing about.
     """
-    error = np.cross(normal, expected)
+    error = skew(normal) @ expected
     sine = float(np.linalg.norm(error))
     if sine > LEAST_SINE:
         error = error / sine * float(np.arctan2(sine, normal @ expected))

@@ -100,8 +100,8 @@ def _observe(enu_from_flu: Array) -> Array:
 
     A small turn b of the vehicle moves a vertical normal by (R b) x up = (b'_north, -b'_east), b' = R b.
     """
-    turned = enu_from_flu[:2, :2]
-    return np.hstack([np.eye(2), np.array([turned[1], -turned[0]])])
+    (east, by_east), (north, by_north) = enu_from_flu[:2, :2].tolist()
+    return np.array([[1.0, 0.0, north, by_north], [0.0, 1.0, -east, -by_east]])
 
 
 class Deck:
@@ -118,8 +118,7 @@ class Deck:
 
     def normal(self, enu_from_flu: Array) -> Array:
         """The normal expected by an attitude `(3, 3)`: `(3,)`, ENU, length 1."""
-        mean, _ = self._belief.mixture(_observe(enu_from_flu))
-        east, north = mean.tolist()
+        east, north = (_observe(enu_from_flu) @ (self._belief.weight @ self._belief.mean)).tolist()
         return np.array([east, north, sqrt(max(1.0 - east**2 - north**2, 0.0))])
 
     def sd(self, time: float, enu_from_flu: Array) -> float:
