@@ -10,6 +10,7 @@ from lab.vision.real import DEVICES
 from lab.vision.stills import error_of, target_named
 from mkdaemon.vision.pose.pose import Pose
 from mkdaemon.vision.tags.tagmap import TagMap
+from mkdaemon.vision.track.attitude import LOOKING_DOWN
 from mkdaemon.vision.track.track import Track
 from mkdaemon.vision.track.tracker import Tracker
 
@@ -38,3 +39,18 @@ def test_a_camera_that_turns_without_an_attitude_does_not_climb() -> None:
     known = track.predict(2 / 30, None, None).pose.known_motion
     assert known is not None
     assert abs(known.expected[3]) < 0.05  # 0.4 m/s where the turn was taken for a climb
+
+
+def test_the_second_image_knows_the_climb_from_both_ranges() -> None:
+    """Its own range and that of the first tell the speed along the optical axis."""
+    device, target = DEVICES["rolling"], target_named("nested")
+    tracker = Tracker(TagMap((target,)), VGA.model_copy(update={"line_time": device.line_time}), LOOKING_DOWN)
+    posed = []
+    for frame in fly(target, 3003203, seconds=0.1, near=0.35, far=8.0, troubled=False, device=device):
+        found = tracker.update(frame.image, frame.attitude).pose_of(target.name)
+        posed.append(found is not None)
+        if found is not None:
+            error = error_of(found.pose.rotation, found.pose.position, frame.rotation, frame.position)
+            assert error.distance < 0.01
+            assert error.angle_deg < 2.0
+    assert posed == [False, True, True]

@@ -44,6 +44,7 @@ class TargetFitter:
 
     def __init__(self, target: Target, projection: Projection, limits: Limits = LIMITS) -> None:
         self.target = target
+        self.rolls = projection.intrinsics.line_time > 0.0
         self._projection = projection
         self._limits = limits
         self._edges = EdgeFit(target, projection, limits=limits)

@@ -69,7 +69,7 @@ class Follower:
         self._cfg, self._limits = cfg, limits
         self._fitter = TargetFitter(target, projection, limits)
         self._bend = LearnedBend(self._fitter.bend_known)
-        self._starts = Starts(self._fitter, Carrier(target, projection, limits), self.track, limits)
+        self._starts = Starts(self._fitter, Carrier(target, projection, limits), self.track, mounting, limits)
         self._checks = Checks(self._fitter, self.track, cfg, mounting, limits)
         self.judge = Judge(self._checks)
         self._first = FirstJudge(self._checks)
@@ -83,6 +83,7 @@ class Follower:
             return
         predicted = self._predicted(frame.sight)
         for mode, start, others in self._starts.of(frame.sight.pixels, predicted):
+            start = self._starts.with_climb(frame.sight, start)
             verdict = self.judge.measure(frame.sight, start, predicted.pose, others)
             if verdict.pose is None:
                 if verdict.contradicting is not None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from itertools import chain, tee
 
 import numpy as np
@@ -12,6 +13,8 @@ from mkdaemon.vision.limits import Limits
 from mkdaemon.vision.pose.carry import Carrier
 from mkdaemon.vision.pose.fitting import TargetFitter
 from mkdaemon.vision.pose.pose import Pose
+from mkdaemon.vision.track.attitude import Mounting
+from mkdaemon.vision.track.level import Sight
 from mkdaemon.vision.track.result import FoundBy
 from mkdaemon.vision.track.track import Prediction, Track
 
@@ -26,12 +29,15 @@ class Starts:
         fitter: that will begin there.
         carrier: of its last pose.
         track: its memory.
+        mounting: of the camera.
         limits: all thresholds.
     """
 
-    def __init__(self, fitter: TargetFitter, carrier: Carrier, track: Track, limits: Limits) -> None:
+    def __init__(
+        self, fitter: TargetFitter, carrier: Carrier, track: Track, mounting: Mounting | None, limits: Limits
+    ) -> None:
         self._fitter, self._carrier = fitter, carrier
-        self._track, self._limits = track, limits
+        self._track, self._mounting, self._limits = track, mounting, limits
 
     def of(self, pixels: Grey, predicted: Prediction) -> Iterator[tuple[FoundBy, Pose, Iterator[Pose]]]:
         """Where to begin in an image `(h, w)`, the likeliest first, with the starts that are left to the first one.
@@ -61,3 +67,16 @@ class Starts:
             yield from chain(expected, carried) if is_seen else chain(carried, expected)
         else:
             yield from carried
+
+    def with_climb(self, seen: Sight, start: Pose) -> Pose:
+        """The start of a track's second image with the speed that both ranges tell.
+
+        Under a rolling shutter a climb looks like a tilt, and does not change the range half way through the image.
+        """
+        if not self._fitter.rolls or self._track.has_velocity:
+            return start
+        found = self._fitter.refine(seen.pixels, start)
+        if found is None:
+            return start
+        known = self._track.motion_with(seen.time, found, seen.enu_from_flu, self._mounting, seen.turning_flu)
+        return start if known is None else replace(start, known_motion=known)
