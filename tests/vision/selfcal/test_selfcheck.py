@@ -50,8 +50,11 @@ def watched(camera: Camera = RIGHT, target: Target | None = None, *, attitude: b
     check = SelfCheck(TagMap((target,)), camera, np.radians(1.0), has_mount=True)
     fit = EdgeFit(target, Projection(camera.intrinsics))
     share = camera.intrinsics.fx / VGA.fx
+    # A track begins where the camera file puts the target: beyond half a cell a fit would not find it.
+    aside = np.array([(VGA.cx - camera.intrinsics.cx) / VGA.fx, 0.0, 0.0])
     for k, shot in enumerate(shots()):
-        start = Pose(shot.rotation, shot.position * (1.0, 1.0, share), np.eye(6), "edges", 99, 0.1)
+        seen_at = shot.position * (1.0, 1.0, share) + shot.position[2] * aside
+        start = Pose(shot.rotation, seen_at, np.eye(6), "edges", 99, 0.1)
         pose = fit.fit(shot.pixels, start)
         assert pose is not None
         known = shot.enu_from_flu if attitude else None
