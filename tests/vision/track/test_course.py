@@ -133,6 +133,17 @@ def test_small_differences_decide_nothing_however_many_there_are():
     assert fly(branches_of(0.0102, 0.010), [(0.0102, 0.0100)] * 60).lead < 1e-6
 
 
+def test_what_images_said_against_a_reading_stays_with_a_history_that_leaps_to_it():
+    """Inertia makes such a leap the likeliest history within three images of a fast flight."""
+    before = fly(branches_of(0.010, 0.0106, decided=True), [(0.010, 0.0106)] * 15)
+    true = seen([0.7 + 0.3 * 16 * STEP, 0.0, 4.0], loss=0.010)
+    after = before.after(16 * STEP, [mirrored(true, 0.0106), true])
+    against = [branch.together for branch in after.ranked if branch.course.centre[0] < 0]
+    assert against
+    assert min(against) > LIMITS.branches.decided
+    assert all(branch.together == 0.0 for branch in after.ranked if branch.course.centre[0] > 0)
+
+
 def test_a_decided_branch_stays_through_images_that_say_nothing():
     kept = fly(branches_of(0.010, 0.010, decided=True), [(0.0101, 0.0100)] * 20)
     assert kept.is_decided

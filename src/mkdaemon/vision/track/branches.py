@@ -39,7 +39,7 @@ class Branch:
         weight: log odds against the best branch, zero or less.
         missed: whether no candidate belongs to it; `pose` is the nearest.
         against: what the newest image says for another candidate than `pose`, in log odds.
-        together: what the newest images together say for others, however little each of them says [nats].
+        together: what the newest images together say against this reading, however little each of them says [nats].
     """
 
     course: Course
@@ -50,22 +50,21 @@ class Branch:
     against: float = 0.0
     together: float = 0.0
 
-    def next(self, time: float, candidates: Sequence[Pose]) -> list[Branch]:
-        """Everything that may have become of this branch in a new image."""
+    def next(self, time: float, candidates: Sequence[Pose], together: Sequence[float]) -> list[Branch]:
+        """Everything that may have become of this branch in a new image; `together` of every candidate."""
         prior = self.course.predict_at(time)
         costs = [prior.mahalanobis2(pose) / 2 for pose in candidates]
         likeliest = min(candidates, key=lambda pose: pose.loss)
         found = []
-        for pose, cost in zip(candidates, costs, strict=True):
+        for pose, cost, against_it in zip(candidates, costs, together, strict=True):
             leaps = cost > BRANCHES.jump
             course = Course.begin(time, pose, prior.psd) if leaps else prior.correct(pose)
             against = _evidence(likeliest, pose)
             weight = self.weight - against - min(cost, BRANCHES.jump)
-            together = max(0.0, BRANCHES.remembered * self.together - _odds_for(pose, candidates))
-            found.append(Branch(course, prior, pose, weight, against=against, together=together))
-        nearest = candidates[int(np.argmin(costs))]
-        missed = Branch(prior, prior, nearest, self.weight - BRANCHES.miss, missed=True, together=self.together)
-        return [*found, missed]
+            found.append(Branch(course, prior, pose, weight, against=against, together=against_it))
+        k = int(np.argmin(costs))
+        weight = self.weight - BRANCHES.miss
+        return [*found, Branch(prior, prior, candidates[k], weight, missed=True, together=together[k])]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -123,8 +122,19 @@ class Branches:
 
     def after(self, time: float, candidates: Sequence[Pose]) -> Branches:
         """Go on with the candidates of a new image."""
-        found = [grown for branch in self.ranked for grown in branch.next(time, candidates)]
+        together = [self._sum_against(pose, candidates) for pose in candidates]
+        found = [grown for branch in self.ranked for grown in branch.next(time, candidates, together)]
         return Branches(_prune(found), self.images + 1)
+
+    def _sum_against(self, pose: Pose, candidates: Sequence[Pose]) -> float:
+        """What images together say against the reading that a candidate belongs to, its own image included [nats].
+
+        A reading is where the target is seen from, not one history of it: that may begin with a leap from the other.
+        """
+        place = -pose.rotation.T @ pose.position
+        before = min(self.ranked, key=lambda branch: _angle(branch.course.centre, place))
+        odds = min((log_odds(pose, other) for other in candidates if other is not pose), default=0.0)
+        return max(0.0, BRANCHES.remembered * before.together - odds)
 
 
 def _evidence(better: Pose, worse: Pose) -> float:
@@ -135,14 +145,12 @@ def _evidence(better: Pose, worse: Pose) -> float:
     return float(np.clip(trusted, 0.0, BRANCHES.max_image))
 
 
-def _odds_for(pose: Pose, candidates: Sequence[Pose]) -> float:
-    """Log odds of one image for a pose against the best of the others; 0 without others."""
-    return min((log_odds(pose, other) for other in candidates if other is not pose), default=0.0)
-
-
 def _apart(a: Branch, b: Branch) -> float:
     """Angle between the directions from which two branches see the target [rad]."""
-    p, q = a.course.centre, b.course.centre
+    return _angle(a.course.centre, b.course.centre)
+
+
+def _angle(p: Array, q: Array) -> float:
     return float(np.arctan2(np.linalg.norm(skew(p) @ q), p @ q))
 
 
