@@ -149,7 +149,7 @@ def test_shadow_edge_is_found_by_the_log_search():
 
 def test_a_far_nested_tag_behind_a_tone_curve_is_found_in_light():
     streaked = replace(Conditions(), psf_px=0.9, processing=Processing(gamma=2.2))
-    view = View(shipped("nested"), place(6.5, 0.2), streaked)
+    view = View(shipped("nested"), place(6.0, 0.2), streaked)
     detector = Detector({"tag36h11": frozenset({48})})
     assert detector.search(view.pixels, "decimate2") == []
     (found,) = detector.search(view.pixels, "linear")
