@@ -132,9 +132,12 @@ class Branches:
         A reading is where the target is seen from, not one history of it: that may begin with a leap from the other.
         """
         place = -pose.rotation.T @ pose.position
-        before = min(self.ranked, key=lambda branch: _angle(branch.course.centre, place))
+        apart = [_angle(branch.course.centre, place) for branch in self.ranked]
+        near = max(BRANCHES.same_direction, min(apart))
+        # Where both readings are nearly one, what was said against one of them says nothing.
+        before = min(branch.together for branch, angle in zip(self.ranked, apart, strict=True) if angle <= near)
         odds = min((log_odds(pose, other) for other in candidates if other is not pose), default=0.0)
-        return max(0.0, BRANCHES.remembered * before.together - odds)
+        return float(np.clip(BRANCHES.remembered * before - odds, 0.0, BRANCHES.certain))
 
 
 def _evidence(better: Pose, worse: Pose) -> float:
