@@ -23,6 +23,9 @@ Report = Callable[[AttitudeSample], AttitudeSample]
 SECONDS: Final = 4.0
 TILT: Final = radians(4.0)
 BIAS: Final = radians(5.0)
+JUMP: Final = radians(6.0)
+JUMPS_AT: Final = SECONDS / 2
+"""Since take-off [s]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,10 +41,13 @@ LIES: Final = {
     "tilted": Lie(Platform(roll=TILT, pitch=-0.75 * TILT)),
     "rocking": Lie(Platform(rocking=TILT)),
     "attitude_biased": Lie(report=lambda s: AttitudeSample(s.time, s.roll + BIAS, s.pitch, s.yaw)),
+    "attitude_jumps": Lie(
+        report=lambda s: AttitudeSample(s.time, s.roll + (JUMP if s.time > JUMPS_AT else 0.0), s.pitch, s.yaw)
+    ),
     "roll_sign_swapped": Lie(report=lambda s: AttitudeSample(s.time, -s.roll, s.pitch, s.yaw)),
     "both_signs_swapped": Lie(report=lambda s: AttitudeSample(s.time, -s.roll, -s.pitch, s.yaw)),
 }
-"""Decks and biases of 5 degrees at most."""
+"""Decks of 4 degrees, and attitudes that are wrong from the start or from the middle of a flight on."""
 
 
 @dataclass(frozen=True, slots=True)

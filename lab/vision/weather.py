@@ -254,6 +254,7 @@ def figures(looks: list[Look]) -> dict[str, Any]:
     row: dict[str, Any] = {"images": len(looks), "posed": len(posed), "wrong": sum(look.wrong for look in posed)}
     if posed:
         row |= {
+            "nees_measured_mean": round(float(np.mean([look.measured_nees for look in posed])), 2),
             "nees_measured_median": round(float(np.median([look.measured_nees for look in posed])), 2),
             "nees_published_mean": round(float(np.mean([look.published_nees for look in posed])), 2),
             "median_cm": round(100 * float(np.median([look.off for look in posed])), 3),

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from mkdaemon.vision.limits import LIMITS
+from mkdaemon.vision.pose.ambiguity import log_odds
 from mkdaemon.vision.pose.pose import Pose, turn
 from mkdaemon.vision.track.branches import Branches
 from mkdaemon.vision.track.course import MOVING_PSD, Course
@@ -142,6 +143,20 @@ def test_what_images_said_against_a_reading_stays_with_a_history_that_leaps_to_i
     assert against
     assert min(against) > LIMITS.branches.decided
     assert all(branch.together == 0.0 for branch in after.ranked if branch.course.centre[0] > 0)
+
+
+@pytest.mark.parametrize(("aside", "gathers"), [(0.7, True), (0.06, False)])
+def test_where_two_readings_are_nearly_one_nothing_gathers_against_either(aside, gathers):
+    """From nearly above a swing through the vertical makes each of them the other one."""
+    losses = 0.010, 0.0106
+    true = seen([aside, 0.0, 4.0], loss=losses[0])
+    branches = Branches.begin(0.0, [true, mirrored(true, losses[1])], decided=True, moving=False)
+    of_one_image = log_odds(true, mirrored(true, losses[1]))
+    for k in range(1, 16):
+        branches = branches.after(k * STEP, [mirrored(true, losses[1]), true])
+    against = max(branch.together for branch in branches.ranked if not branch.missed)
+    assert (against > 3 * of_one_image) is gathers
+    assert against > 0.9 * of_one_image
 
 
 def test_a_decided_branch_stays_through_images_that_say_nothing():
