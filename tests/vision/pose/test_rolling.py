@@ -6,19 +6,20 @@ from dataclasses import replace
 
 import numpy as np
 import numpy.typing as npt
+import pytest
 
 from lab.vision.stills import error_of, target_named
-from mkdaemon.sim.scene.light import CLEAN
+from mkdaemon.sim.scene.light import CLEAN, Conditions
 from mkdaemon.sim.scene.motion import Platform
 from mkdaemon.sim.scene.scene import Scene, SceneTarget, cam_from_target
 from mkdaemon.sim.scene.view import CameraView, view_towards
 from mkdaemon.vision.camera.intrinsics import Intrinsics
 from mkdaemon.vision.limits import LIMITS
 from mkdaemon.vision.pose.edgefind import Samples
-from mkdaemon.vision.pose.edgefit import EdgeFit
+from mkdaemon.vision.pose.edgefit import EdgeFit, Level
 from mkdaemon.vision.pose.nuisance import with_motion
 from mkdaemon.vision.pose.photofit import PhotoFit
-from mkdaemon.vision.pose.pose import Pose
+from mkdaemon.vision.pose.pose import Pose, turn
 from mkdaemon.vision.pose.projection import Projection
 from mkdaemon.vision.pose.rolling import KnownMotion, at_rest, before_motion, exposed, motion_jacobian, motion_of
 
@@ -169,3 +170,30 @@ def test_a_turn_about_the_optical_axis_bends_a_far_print_and_turns_no_pose() -> 
         errors.append(np.degrees(error_of(found.rotation, found.position, rotation, position).rpy))
     # 0.8 where all rows share one homography.
     assert float(np.linalg.norm(errors[1] - errors[0])) < 0.15
+
+
+@pytest.mark.parametrize("seed", [10, 24])
+def test_a_far_fit_under_a_rolling_shutter_passes_a_rise_of_its_cost(seed: int) -> None:
+    """Tilt, range and climb move together along a valley that bends: fits ended at its side, 3 degrees off."""
+    rng = np.random.default_rng(seed)
+    eye, middle = np.array([*rng.uniform(-1.5, 1.5, 2), 7.7]), np.array([*rng.uniform(-0.6, 0.6, 2), 0.0])
+    at_rest, rate = view_towards(GLOBAL, eye, middle), 0.4 * rng.standard_normal(3)
+    climbing = np.array([0.0, 0.0, rng.uniform(-4.0, 4.0)])
+    view = CameraView(GLOBAL, at_rest.enu_from_cam, eye, velocity_enu=climbing, rate_cam=rate, line_time=LINE_TIME)
+    rotation, position = cam_from_target(PAD, view)
+    pixels = SCENE.render(view, Conditions())
+    expected = np.array([*(rate + 0.12 * rng.standard_normal(3)), 0.0])
+    known = KnownMotion(expected, np.array([0.12, 0.12, 0.12, 4.0]))
+    ends = []
+    for degrees, nearer in ((9.0, 0.97), (0.5, 1.0)):
+        axis = rng.standard_normal(3) * (1.0, 1.0, 0.2)
+        turned = turn(rotation, axis * np.radians(degrees) / np.linalg.norm(axis))
+        start = Pose(turned, position * nearer, np.eye(6), "corners", 4, 0.1, known_motion=known)
+        level = Level(rotation[:, 2], np.radians(0.65))
+        found = PhotoFit(PAD.target, Projection(LENS)).fit(pixels, start, level=level)
+        assert found is not None
+        ends.append(found)
+    one, other = ends
+    apart = error_of(one.rotation, one.position, other.rotation, other.position)
+    error = np.array([*apart.xyz, *apart.rpy])
+    assert float(error @ np.linalg.solve(other.covariance, error)) < 0.15

@@ -49,6 +49,9 @@ SAME_COST = 3e-4
 """A step that lowers the cost by a smaller share ends the fit."""
 WORSE_COST = 1.003
 """A step whose cost rises by less is no worse: the fit has settled."""
+NEARER = 0.25
+"""A state from which the next step is half as long is nearer, whatever its cost: of squared lengths. The natural
+monotonicity test of Deuflhard, Newton Methods for Nonlinear Problems, Springer 2004, 3.3."""
 SETTLED, SETTLED_BLUR = 0.06, 0.05
 """A step below both is the last: squared length in deviations of the fit, change of the blur's variance [px^2]."""
 
@@ -132,9 +135,11 @@ class PhotoFit:
             step = self._stepper.step(pixels, prints, at, start, level, damping)
             if step is None or (best is None and (step.pose.match or 0.0) < self._limits.photo.start_match):
                 return None
-            # Pixels that come and go at the rim change the cost, too: then the shorter step is nearer.
-            if step.cost < last or (step.cost < last * WORSE_COST and step.length2 < left):
-                settled = last - step.cost < SAME_COST * step.cost
+            # Pixels that come and go at the rim change the cost, too, and a valley that bends lies beyond a rise: then
+            # the shorter step is nearer.
+            is_nearer = step.length2 < NEARER * left
+            if step.cost < last or is_nearer or (step.cost < last * WORSE_COST and step.length2 < left):
+                settled = not is_nearer and last - step.cost < SAME_COST * step.cost
                 best, last, fitted, left = at, step.cost, step.pose, step.length2
                 if settled:
                     break
