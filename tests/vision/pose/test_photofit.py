@@ -42,6 +42,20 @@ def test_a_far_print_that_leaves_by_a_corner_gives_no_pose(distance: float, low:
         assert pose is None or np.isfinite(pose.position).all()
 
 
+def test_a_fit_that_has_not_arrived_says_how_far_it_would_go_on() -> None:
+    target = shipped("nested")
+    view = View(target, place(6.5, 0.3, 0.7, 0.4), Conditions())
+    start = Pose(turn(view.rotation, np.radians([6.0, -3.0, 0.0])), view.position * 0.98, np.eye(6), "edges", 9, 0.1)
+    fit = PhotoFit(target, Projection(VGA))
+    broken_off, arrived = (fit.fit(view.pixels, start, iterations=count) for count in (1, 10))
+    assert broken_off is not None
+    assert arrived is not None
+    turned = np.asarray(cv2.Rodrigues(broken_off.rotation @ arrived.rotation.T)[0], dtype=np.float64).ravel()
+    apart = np.concatenate([broken_off.position - arrived.position, turned])
+    assert float(apart @ np.linalg.solve(arrived.covariance, apart)) > 100.0
+    assert float(apart @ np.linalg.solve(broken_off.covariance, apart)) < 6.0
+
+
 def test_a_fit_in_dusk_ends_where_it_ends_from_another_start() -> None:
     """Weights that change from step to step change the cost, too: fits ended two deviations beside the place."""
     target = shipped("nested")

@@ -25,7 +25,7 @@ import numpy.typing as npt
 from mkdaemon.vision.limits import LIMITS, Limits
 from mkdaemon.vision.pose.bend import RISES
 from mkdaemon.vision.pose.edgefit import Level
-from mkdaemon.vision.pose.photostep import MOTION, SPREAD, PhotoState, PhotoStepper
+from mkdaemon.vision.pose.photostep import MOTION, POSE, SPREAD, PhotoState, PhotoStepper
 from mkdaemon.vision.pose.pose import Pose, turn
 from mkdaemon.vision.pose.printmodel import PrintModel
 from mkdaemon.vision.pose.prints import Prints
@@ -52,6 +52,8 @@ WORSE_COST = 1.003
 NEARER = 0.25
 """A state from which the next step is half as long is nearer, whatever its cost: of squared lengths. The natural
 monotonicity test of Deuflhard, Newton Methods for Nonlinear Problems, Springer 2004, 3.3."""
+UNSETTLED, LONGEST = 1.0, 2
+"""A fit that is still farther than a deviation from its place, squared, takes this many times as many steps."""
 SETTLED, SETTLED_BLUR = 0.06, 0.05
 """A step below both is the last: squared length in deviations of the fit, change of the blur's variance [px^2]."""
 
@@ -78,7 +80,7 @@ class PhotoFit:
         Args:
             pixels: `(h, w)` uint8.
             start: within about a cell of the truth.
-            iterations: steps at most; converged fits stop earlier.
+            iterations: steps, twice as many where these end far from the place; converged fits stop earlier.
             level: where the target's normal should point.
             blur_px: deviation of the point spread to begin with.
 
@@ -130,8 +132,11 @@ class PhotoFit:
         """Where a fit to some prints ends, and its pose."""
         damping, last, left = FIRST_DAMPING, np.inf, np.inf
         best: PhotoState | None = None
+        to_go: Array = np.zeros(6)
         fitted: Pose | None = None
-        for _ in range(iterations):
+        for count in range(LONGEST * iterations):
+            if count >= iterations and left < UNSETTLED:
+                break
             step = self._stepper.step(pixels, prints, at, start, level, damping)
             if step is None or (best is None and (step.pose.match or 0.0) < self._limits.photo.start_match):
                 return None
@@ -140,7 +145,7 @@ class PhotoFit:
             is_nearer = step.length2 < NEARER * left
             if step.cost < last or is_nearer or (step.cost < last * WORSE_COST and step.length2 < left):
                 settled = not is_nearer and last - step.cost < SAME_COST * step.cost
-                best, last, fitted, left = at, step.cost, step.pose, step.length2
+                best, last, fitted, left, to_go = at, step.cost, step.pose, step.length2, step.change[POSE]
                 if settled:
                     break
                 damping = max(damping * EASE, LEAST_DAMPING)
@@ -154,14 +159,19 @@ class PhotoFit:
                     return None
             at = _moved(at, step.change)
             if step.length2 < SETTLED and float(np.abs(step.change[SPREAD]).max()) < SETTLED_BLUR:
-                best = at
+                best, left = at, step.length2
                 fitted = replace(step.pose, rotation=at.rotation, position=at.position, motion=at.motion)
                 break
             if not np.isfinite(at.position).all() or at.position[2] < NEAR_M:
                 return None
             if np.linalg.norm(at.position - start.position) > self._limits.edges.max_move * start.range_m:
                 return None
-        return None if best is None or fitted is None else (best, fitted)
+        if best is None or fitted is None:
+            return None
+        if left > UNSETTLED:
+            # It has not arrived: how far it would go on is an error, too.
+            fitted = replace(fitted, covariance=fitted.covariance + np.outer(to_go, to_go))
+        return best, fitted
 
     def _alike(
         self, pixels: Grey, prints: Sequence[PrintModel], at: PhotoState, least: float
