@@ -168,7 +168,8 @@ class BitModel:
 def fit_refusal(pose: Pose, cfg: TrackerSection) -> PoseRefusal | None:
     """What is wrong with a fit by itself; none when nothing is."""
     if pose.source == "corners":
-        return None
+        # Neither edges nor grey values found the target there; four corners alone vouch for nothing.
+        return PoseRefusal.NO_FIT
     if pose.inliers < cfg.min_inlier_fraction:
         return PoseRefusal.INLIERS
     if pose.points < cfg.min_points:
@@ -193,7 +194,7 @@ def certainty_refusal(
         limits: what is certain enough.
     """
     certain = limits.certainty
-    if not has_attitude and pose.source != "corners":
+    if not has_attitude:
         # In a dark image the residual is large and yet nearly all points agree.
         noisy = is_backed and pose.source == "edges" and pose.inliers > limits.agreement.whole
         most = certain.blind_rms_px if pose.source == "edges" else certain.blind_grey_rms_px
