@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from threading import Event
+
 import pytest
 
 from mkdaemon.config.camera import CameraSection
@@ -58,9 +60,13 @@ def test_http_images_are_stamped_by_their_arrival_whatever_ffmpeg_counts() -> No
 
 
 def test_a_stream_that_changes_size_is_handed_on_as_it_is_not_scaled() -> None:
-    with HttpCamera(0.02, picture=lambda n: jpeg(n) if n < 5 else jpeg(n, WIDTH // 2, HEIGHT // 2)) as camera:
+    changed = Event()
+    with HttpCamera(
+        0.02, picture=lambda n: jpeg(n, WIDTH // 2, HEIGHT // 2) if changed.is_set() else jpeg(n)
+    ) as camera:
         stream, _ = watch(camera.address)
         wait_for_status(stream, lambda s: s.width == WIDTH)
+        changed.set()
         status = wait_for_status(stream, lambda s: s.width != WIDTH)
         assert (status.width, status.height) == (WIDTH // 2, HEIGHT // 2)
         stream.stop()
