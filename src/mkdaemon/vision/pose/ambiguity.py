@@ -120,6 +120,11 @@ def log_odds(first: Pose, second: Pose, limits: Limits = LIMITS) -> float:
     return facts * float(np.log(max(second.loss, 1e-12) / max(first.loss, 1e-12)))
 
 
+def prefers(first: Pose, second: Pose, limits: Limits) -> bool:
+    """Whether the image prefers one fit to another of its kind, by more than blur or light do."""
+    return first.source == second.source and log_odds(first, second, limits) > limits.branches.silent
+
+
 def _is_explained(first: Pose, second: Pose, limits: Limits) -> bool:
     """Whether a fit to grey values leaves no more than noise: then nothing unmodelled takes sides."""
     grey = first.source == "photometric" and second.source == "photometric"

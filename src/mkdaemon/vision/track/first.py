@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from mkdaemon.telemetry.vision import PoseRefusal
-from mkdaemon.vision.pose.ambiguity import Choice, choose, log_odds
+from mkdaemon.vision.pose.ambiguity import Choice, choose, prefers
 from mkdaemon.vision.pose.gates import certainty_refusal
 from mkdaemon.vision.pose.pose import Pose, angle_between
 from mkdaemon.vision.track.checks import Checks, with_angle_variance
@@ -136,10 +136,10 @@ class FirstJudge:
         return alone.pose if apart > self._limits.ambiguity.track_near else None
 
     def _is_preferred(self, followed: Pose, verdict: FirstVerdict) -> bool:
-        """Whether the image prefers what a track led to, by more than blur or light do, to what was chosen."""
-        if verdict.choice is None or verdict.choice.pose.source != followed.source:
-            return verdict.choice is None and verdict.refusal in OVERRULED
-        return log_odds(followed, verdict.choice.pose) > self._limits.branches.silent
+        """Whether the image prefers the pose that a track led to; fits of two kinds do not compare."""
+        if verdict.choice is None:
+            return verdict.refusal in OVERRULED
+        return prefers(followed, verdict.choice.pose, self._limits)
 
     def _decide_mirror(self, seen: Sight, pose: Pose) -> Pose | None:
         """Compare a first pose that has no rival with its mirror image; none when nothing decides."""

@@ -247,10 +247,7 @@ class Follower:
 
     def _start_ambiguous(self, frame: Frame, candidates: Sequence[Pose], mode: FoundBy) -> None:
         """Let the track decide between a pose and its mirror image, or start one that waits until it can."""
-        rivals = [pose for pose in candidates if pose.source != "corners"]
-        if not rivals:
-            return
-        rivals = self._checks.with_mirror(frame.sight, rivals)
+        rivals = self._checks.with_mirror(frame.sight, candidates)
         track, judge, now = self.track, self.judge, frame.sight.time
         verdict = Verdict(None, PoseRefusal.AMBIGUOUS)
         if track.is_live:

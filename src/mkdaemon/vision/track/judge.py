@@ -6,7 +6,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 from mkdaemon.telemetry.vision import PoseRefusal
-from mkdaemon.vision.pose.ambiguity import choose, log_odds
+from mkdaemon.vision.pose.ambiguity import choose, prefers
 from mkdaemon.vision.pose.edgefit import Level
 from mkdaemon.vision.pose.gates import certainty_refusal
 from mkdaemon.vision.pose.pose import Pose
@@ -77,20 +77,14 @@ class Judge:
             return self._judge_without_attitude(seen, pose, predicted)
         contradicting = pose if self._is_contradicted(pose, refused) else None
         if vertical is not None and contradicting is None:
-            # A free fit may follow something lying over the target: hold the tilt and try again.
+            # A free fit may follow something lying over the target, and agrees with the image no better then: hold the
+            # tilt and try again.
             leaning = self._fitter.refine(seen.pixels, replace(start, rotation=predicted.rotation), vertical)
             if leaning is not None and checks.refusal(seen, leaning, predicted) is None:
-                if pose is None or refused is not PoseRefusal.ATTITUDE or not self._is_preferred(pose, leaning):
+                if pose is None or refused is not PoseRefusal.ATTITUDE or not prefers(pose, leaning, self._limits):
                     return self.add_inertia(seen, doubted(leaning))
                 contradicting = pose
         return Verdict(None, refused, contradicting)
-
-    def _is_preferred(self, free: Pose, held: Pose) -> bool:
-        """Whether the image prefers a free fit to the one whose tilt is held, by more than blur or light do.
-
-        What lies over a target misleads a free fit, which agrees with the image no better then.
-        """
-        return free.source == held.source and log_odds(free, held) > self._limits.branches.silent
 
     def _is_contradicted(self, pose: Pose | None, refused: PoseRefusal | None) -> bool:
         """Whether the attitude refuses a fit that nearly all edges agree with: nothing lies over such a target.
