@@ -87,6 +87,7 @@ class CellSizes:
     readable_px: float = of(2.5, "px", "smaller cells have no edge, corner or grey value of their own", EARNED)
     photometric_px: float = of(4.0, "px", "smaller cells are fitted by grey values", EARNED)
     mixed_px: float = of(5.0, "px", "below, grey values measure what edges have found", FLIGHTS)
+    blown_px: float = of(7.0, "px", "the same where most edges are blown", "range NEES 8.5 in edges of 5-6 px, 2 above")
     melted_widths: float = of(3.0, "half widths", "of its edges: smaller cells melt", "5 px where sharp: 1.75 px")
     plain_widths: float = of(
         3.0, "half widths", "of its edges: larger cells are plain between them", "5 px: range +.1 %"

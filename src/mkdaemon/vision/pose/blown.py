@@ -61,8 +61,10 @@ class Blown:
 
     Attributes:
         moved: offset of each edge that it causes, as far as blur and contrast are known `(n,)` [px].
-        columns: derivative of the offsets by blur and contrast, as shares of them `(n, 2)` [px].
-        spread: how well these are known `(2,)`.
+        columns: derivative of the offsets by the blur of the edges that run either way and by the contrast, as shares
+            of them `(n, 3)` [px]. Motion blurs edges of one way: with one blur for both, edges across it lay 0.04-0.13
+            px beside those along it (over-exposed flights), which looks like a tilt.
+        spread: how well these are known `(3,)`.
         clear: variance of a located edge that is not blown over its own `(n,)`.
     """
 
@@ -70,6 +72,11 @@ class Blown:
     columns: Array
     spread: Array
     clear: Array
+
+    @property
+    def share(self) -> float:
+        """Of the edges that are blown."""
+        return float(np.count_nonzero(self.clear < 1.0)) / len(self.clear)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -93,12 +100,13 @@ class EdgeSides:
     reach: Array
 
 
-def blown_edges(sides: EdgeSides, found: Bools, limits: Limits) -> Blown | None:
+def blown_edges(sides: EdgeSides, found: Bools, upright: Bools, limits: Limits) -> Blown | None:
     """What clipping does to edges; none where no bright side is blown.
 
     Args:
         sides: what lies beside the edges.
         found: which of them were found `(n,)`.
+        upright: which of them run one way `(n,)`.
         limits: all thresholds.
     """
     edges = limits.edges
@@ -111,15 +119,26 @@ def blown_edges(sides: EdgeSides, found: Bools, limits: Limits) -> Blown | None:
     # Where all are blown, those that are cut least come nearest to a whole edge.
     clearest = whole if sees_both else found & (contrast >= quantile(contrast[found], LEAST_CUT))
     usual = (1.0 if sees_both else BEYOND) * median(contrast[clearest])
-    width = median(sides.slope_width[clearest]) / SLOPE_WIDTH
-    blur = sqrt(max(width**2 - LOOKED, LEAST_BLUR))
+    kinds = np.stack([upright, ~upright])
+    width = _widths(sides.slope_width, clearest, kinds)
+    blur = np.sqrt(np.maximum(width**2 - LOOKED, LEAST_BLUR))
     dark = sides.dark + (sides.reach + AHEAD * width) * _rise(sides, found)
     place = np.interp((TOP - dark) / max(usual, 1.0), BELOW, PLACES)
     moved = -blur * np.interp(place, PLACES, MOVED) * cut
     by_contrast = -blur * np.interp(place, PLACES, BY_CONTRAST) * cut
-    spread = np.array([edges.blur_share, edges.contrast_share if sees_both else edges.unseen_contrast_share])
+    of_contrast = edges.contrast_share if sees_both else edges.unseen_contrast_share
+    spread = np.array([edges.blur_share, edges.blur_share, of_contrast])
     clear = 1.0 / (1.0 + (moved / edges.blown_px) ** 2)
-    return Blown(moved, np.column_stack([moved, by_contrast]), spread, clear)
+    return Blown(moved, np.column_stack([*(kinds * moved), by_contrast]), spread, clear)
+
+
+def _widths(slope_width: npt.NDArray[np.floating], clearest: Bools, kinds: Bools) -> Array:
+    """Width of the slope of each edge `(n,)` [px]: motion blurs edges of one kind, of `kinds` `(2, n)`, more."""
+    widths: Array = np.full(len(clearest), median(slope_width[clearest]))
+    for kind in kinds:
+        if int((clearest & kind).sum()) >= ENOUGH // 2:
+            widths[kind] = median(slope_width[clearest & kind])
+    return widths / SLOPE_WIDTH
 
 
 def _rise(sides: EdgeSides, found: Bools) -> Array:

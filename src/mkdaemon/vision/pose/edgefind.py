@@ -168,7 +168,11 @@ def find_edges(
         room = 1.0 / (1.0 + (limits.cells.melted_widths * widths / samples.cell_px) ** 4)
         room /= float(room.max())
     located = offsets.astype(np.float64)
-    blown = blown_edges(sides or _sides(profile, along, samples, area), found, limits) if is_blown else None
+    blown = (
+        blown_edges(sides or _sides(profile, along, samples, area), found, samples.upright, limits)
+        if is_blown
+        else None
+    )
     if blown is not None:
         located -= blown.moved
     return FoundEdges(located, found, width, widths.astype(np.float64), trust, room, blown, sides)

@@ -198,6 +198,7 @@ class EdgeStep:
             widest_px=self.edges.widest,
             ragged_px=MAD * max(median(size[kind]) for kind in _kinds(self.edges.found, self.samples.upright)),
             shift_px=float(self.change[-1]),
+            blown=0.0 if self.edges.blown is None else self.edges.blown.share,
             bend=bend,
             known_bend=None if bent is None else bent.known,
         )

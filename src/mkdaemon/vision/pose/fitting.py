@@ -115,7 +115,11 @@ class TargetFitter:
             return None
         is_melted = self._are_melted(edges)
         is_noisy = edges.rms_px > self._limits.edges.noisy_px
-        if not is_melted and not is_noisy and self._photo.prints.cell_px(edges) >= self._limits.cells.mixed_px:
+        cells = self._limits.cells
+        # The dimmer corners of small white cells are clipped less than their middle, which moves edges differently.
+        is_blown = edges.blown > self._limits.edges.blown_share
+        edges_from = cells.blown_px if is_blown else cells.mixed_px
+        if not is_melted and not is_noisy and self._photo.prints.cell_px(edges) >= edges_from:
             return edges
         # Edges that melted lie; others have found the place, from which a few steps are left.
         grey = self._fit_from(pixels, start if is_melted else edges, (edges.blur_px or 0.0) / HALF_WIDTH, level)

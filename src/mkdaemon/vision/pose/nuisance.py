@@ -61,7 +61,7 @@ def with_blown(samples: Samples, prior: Prior, blown: Blown, edge_px: float) -> 
         blown: what clipping does to the edges.
         edge_px: deviation of a located edge [px].
     """
-    grown = _grown(prior, (edge_px / blown.spread) ** 2, np.zeros(2))
+    grown = _grown(prior, (edge_px / blown.spread) ** 2, np.zeros(len(blown.spread)))
     return replace(samples, jacobian=np.hstack([samples.jacobian, blown.columns])), grown
 
 

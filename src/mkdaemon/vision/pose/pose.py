@@ -59,6 +59,7 @@ class Pose:
         ragged_px: residual of the edges that run the way that agrees less, in a fit to edges [px].
         shift_px: how far all edges lie towards their bright side, where the fit asked [px]: less than zero where a tone
             curve makes white spread over black.
+        blown: share of the edges whose bright side is blown.
         motion: of the camera while its rows were read `(4,)`, where the fit asked; see `rolling`.
         known_motion: what was known about it before the fit.
         bend: of the print, where the fit asked.
@@ -84,6 +85,7 @@ class Pose:
     widest_px: float | None = None
     ragged_px: float | None = None
     shift_px: float = 0.0
+    blown: float = 0.0
     motion: Array | None = None
     known_motion: KnownMotion | None = None
     bend: Bend | None = None

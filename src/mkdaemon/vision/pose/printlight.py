@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Final
 
 import numpy as np
@@ -38,3 +38,26 @@ class Lit:
         gain = np.asarray(np.linalg.solve(columns @ columns.T + 1e-6 * np.eye(LIGHTS), columns @ at.grey), np.float64)
         contrast = gain[0] + gain[4] * skew + gain[5] * (1.0 - 6.0 * tone)
         return cls(columns, gain, contrast + gain[6] * (TOE_GAIN / (TOE + at.value) - 1.0))
+
+
+def without_blown(at: PrintSamples, saturated: int) -> PrintSamples:
+    """The samples without pixels that are blown and should be: they may have been anything.
+
+    A blown pixel that should be dark stays, and speaks against the pose. Which should be is told by a straight line
+    from the pixels that are not blown; clipped paper would be a white that ends before its edge does.
+
+    Args:
+        at: all pixels of a print.
+        saturated: grey value of a blown pixel.
+    """
+    blown = at.grey >= saturated
+    if not bool(blown.any()):
+        return at
+    line = np.stack([at.value, np.ones_like(at.value)])
+    seen = line[:, ~blown]
+    gain = np.linalg.solve(seen @ seen.T + 1e-6 * np.eye(len(seen)), seen @ at.grey[~blown])
+    keep = ~blown | (gain @ line < saturated)
+    used = at.used.copy()
+    used[at.used] = keep
+    kept = {part.name: getattr(at, part.name)[keep] for part in fields(at) if part.name != "used"}
+    return PrintSamples(**kept, used=used)
