@@ -8,20 +8,23 @@ variant only. Of n images that differ, chance makes a difference of sqrt(n); `no
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 
 from lab.campaign import Part, run_parts
-from lab.vision.ablationscenes import Setting, View, by_scene, settings, views
+from lab.vision.ablationscenes import FLOWN, SCENES, Setting, View, by_scene, settings, views
 from lab.vision.stills import SeedSet, error_of, target_named
 from lab.vision.variants import VARIANTS, WHOLE, Variant
 from mkdaemon.vision.pose.pose import Pose
 from mkdaemon.vision.tags.tagmap import TagMap
 from mkdaemon.vision.track.attitude import LOOKING_DOWN
 from mkdaemon.vision.track.tracker import Tracker
+
+KNOWLEDGE: Final = {True: "with attitude", False: "without"}
+"""What was known of an image."""
 
 
 @dataclass(slots=True)
@@ -108,8 +111,10 @@ def look(setting: Setting, variants: Sequence[Variant]) -> dict[tuple[str, bool]
                 tracker.reset()
             attitude = view.attitude if key[1] else None
             start = time.process_time()
-            found = tracker.update(view.image, attitude).pose_of(target.name)
-            for _ in range(1, view.looks):
+            found = None
+            for turn in range(view.looks):
+                # one pixel in the corner changes: equal images would be those of a frozen camera
+                view.image.pixels[0, 0] ^= turn & 1
                 found = found or tracker.update(view.image, attitude).pose_of(target.name)
             scores[key].seconds += time.process_time() - start
             scores[key].add(found.pose if found is not None else None, view)
@@ -144,28 +149,43 @@ def run(quick: bool, seeds: SeedSet, jobs: int = 1, variants: Sequence[Variant] 
 
 
 def table(figures: dict[str, Any]) -> str:
-    """The figures as Markdown: images lost and won, and wrong poses more, in each scene.
+    """The figures as Markdown: images lost and won, followed and first ones, and all wrong poses.
 
     Args:
         figures: of `run`.
     """
-    scenes = list(figures["whole"])
-    whole = figures["whole"]
+    whole, images = figures["whole"], figures["images"]
+    kinds = {"followed": FLOWN, "first": tuple(scene for scene in SCENES if scene not in FLOWN)}
+    counts = {kind: sum(images[scene] for scene in scenes) for kind, scenes in kinds.items()}
+    columns = {
+        f"{kind}, {words}": [f"{scene} {words}" for scene in scenes if images[scene]]
+        for kind, scenes in kinds.items()
+        for words in KNOWLEDGE.values()
+    }
+    posed = [sum(images[s.split()[0]] * whole[s]["posed"] for s in scenes) for scenes in columns.values()]
+    shares = [f"{100 * n / max(counts[c.split(',')[0]], 1):.1f} %" for c, n in zip(columns, posed, strict=True)]
     lines = [
-        "| without | " + " | ".join(scenes) + " | wrong | ms |",
-        "|---|" + "---|" * (len(scenes) + 2),
-        "| nothing | "
-        + " | ".join(f"{100 * whole[scene]['posed']:.0f} %" for scene in scenes)
-        + f" | {sum(w['wrong'] for w in whole.values())} | {_mean_ms(whole, scenes):.1f} |",
+        "| without | " + " | ".join(f"{c} ({counts[c.split(',')[0]]})" for c in columns) + " | wrong | time |",
+        "|---|" + "---|" * (len(columns) + 2),
+        "| nothing: posed | " + " | ".join(shares) + f" | {_wrong(whole, whole)} | |",
     ]
     for row in figures["without"]:
-        cells = [f"-{row[scene]['lost']} +{row[scene]['won']}" for scene in scenes]
-        wrong = sum(row[scene]["wrong"] for scene in scenes)
-        lines.append(f"| {row['name']} | " + " | ".join(cells) + f" | {wrong} | {_mean_ms(row, scenes):.1f} |")
+        cells = [_difference(row, scenes) for scenes in columns.values()]
+        time = 100 * (_mean_ms(row, whole) / _mean_ms(whole, whole) - 1)
+        lines.append(f"| {row['name']} | " + " | ".join(cells) + f" | {_wrong(row, whole)} | {time:+.0f} % |")
     return "\n".join(lines)
 
 
-def _mean_ms(row: dict[str, Any], scenes: Sequence[str]) -> float:
+def _difference(row: dict[str, Any], scenes: Sequence[str]) -> str:
+    lost, won = (sum(row[scene][what] for scene in scenes) for what in ("lost", "won"))
+    return " ".join(f"{sign}{count}" for sign, count in (("-", lost), ("+", won)) if count) or "0"
+
+
+def _wrong(row: dict[str, Any], scenes: Iterable[str]) -> int:
+    return sum(row[scene]["wrong"] for scene in scenes)
+
+
+def _mean_ms(row: dict[str, Any], scenes: Iterable[str]) -> float:
     return float(np.mean([row[scene]["ms"] for scene in scenes]))
 
 
@@ -175,7 +195,7 @@ def _by_scene(
     """Scores by scene and attitude."""
     found: dict[str, Score] = {}
     for part, scores in zip(parts, results, strict=True):
-        for known, words in ((True, "with attitude"), (False, "without")):
+        for known, words in KNOWLEDGE.items():
             found.setdefault(f"{part.args[0].scene} {words}", Score()).extend(scores[variant.name, known])
     return found
 

@@ -29,10 +29,12 @@ FLIGHT_SECONDS: Final = 4.0
 SHORT_SECONDS: Final = 1.5
 MET_EVERY: Final = 15
 """Images of a flight from one that is shown as a first one to the next."""
-TWICE: Final = 2
-"""Looks at a first image, so that the searches beside the first one have a turn."""
+LOOKS: Final = 8
+"""At a first image, so that every search has its turn: four of them share every second look."""
 
-SCENES: Final = ("flights", "far", "cameras", "hardships", "decks", "cold", "hidden", "steep", "met")
+FLOWN: Final = ("flights", "far", "cameras", "hardships", "decks")
+"""Scenes in which a target is followed."""
+SCENES: Final = (*FLOWN, "cold", "hidden", "steep", "met")
 """Troubled flights below 4.5 m and from 3 to 9 m; flights behind the cameras of `real`, under the hardships of
 `conditions`, over the decks of `decks`; first images by distance, in covers and bad light, from 70 degrees up, and
 behind those cameras and under those hardships."""
@@ -61,7 +63,7 @@ class Setting:
     @property
     def is_flight(self) -> bool:
         """Whether the images follow each other; others are looked at as if nothing was known before."""
-        return self.scene in ("flights", "far", "cameras", "hardships", "decks")
+        return self.scene in FLOWN
 
     @property
     def lens(self) -> Intrinsics:
@@ -75,7 +77,7 @@ class Setting:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class View:
-    """One image of a setting, with its truth."""
+    """One image of a setting, with its truth, and how often it is looked at until it is posed."""
 
     image: CameraImage
     attitude: AttitudeHistory
@@ -113,7 +115,7 @@ def views(setting: Setting) -> Iterator[View]:
     if not setting.is_flight and setting.scene != "met":
         yield from _stills(setting)
         return
-    every, looks = (MET_EVERY, TWICE) if setting.scene == "met" else (1, 1)
+    every, looks = (MET_EVERY, LOOKS) if setting.scene == "met" else (1, 1)
     for k, frame in enumerate(_frames(setting, every * setting.images / FPS)):
         if k % every == 0:
             yield View(frame.image, frame.attitude, frame.rotation, frame.position, looks)
@@ -152,7 +154,7 @@ def _stills(setting: Setting) -> Iterator[View]:
         else:
             distance = float(which)
             still = studio.shoot(distance, float(rng.uniform(0, 0.7)), off=0.05 if distance < 0.2 else 0.12)
-        yield View(still.image, still.attitude, still.rotation, still.position, TWICE)
+        yield View(still.image, still.attitude, still.rotation, still.position, LOOKS)
 
 
 def by_scene(all_settings: Sequence[Setting]) -> dict[str, int]:
