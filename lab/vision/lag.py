@@ -23,7 +23,7 @@ from mkdaemon.bus.codec import encode
 from mkdaemon.clock import Clock
 from mkdaemon.config.camera import CameraSection
 from mkdaemon.config.vision import VisionSection
-from mkdaemon.daemon.priority import favour_loop, treat_loop_equally
+from mkdaemon.daemon.priority import favour_eyes, favour_loop, treat_threads_equally
 from mkdaemon.frames import euler_from_rotation
 from mkdaemon.telemetry.base import Telemetry
 from mkdaemon.telemetry.vision import VisionPose, VisionStats
@@ -54,8 +54,8 @@ def loop_lag(seed: int, fps: int, rounds: int) -> dict[str, Any]:
         rounds: each has one block of every kind.
 
     Returns:
-        The figures with the priority the loop has in the daemon, as far as the system allows it here; `ordinary` holds
-        those without.
+        The figures with the priorities that loop and eyes have in the daemon, as far as the system allows it here;
+        `ordinary` holds those without.
     """
     lens = load_camera(CAMERA_FILE).intrinsics
     film = Film(list(fly(target_named("nested"), seed, seconds=4.0, fps=fps, intrinsics=lens, troubled=False)), fps)
@@ -138,16 +138,17 @@ async def _measure(film: Film, rounds: int) -> dict[str, Any]:
         for favours, plays in list(samples) * rounds:
             if favours:
                 allowed = favour_loop()
+                favour_eyes()
             (film.playing.set if plays else film.playing.clear)()
             started = loop.time()
             await asyncio.sleep(SETTLING)
             samples[favours, plays].append(await _probe(BLOCK_TIME))
-            treat_loop_equally()
+            treat_threads_equally()
             played += plays * (loop.time() - started)
         film.playing.clear()
         await asyncio.sleep(STATS_EVERY + 0.2)
     finally:
-        treat_loop_equally()
+        treat_threads_equally()
         await asyncio.to_thread(worker.stop)
     ordinary = _figures(samples[False, False], samples[False, True])
     favoured = _figures(samples[True, False], samples[True, True]) if allowed else ordinary

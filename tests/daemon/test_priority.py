@@ -7,22 +7,25 @@ import gc
 import os
 import sys
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
 
 import pytest
 
 from mkdaemon.daemon import priority
 from mkdaemon.daemon.priority import (
+    EYES,
     NICE,
     SWITCH,
+    favour_eyes,
     favour_loop,
     favour_session,
     favour_threads,
     is_favoured,
     keep_threads_favoured,
     spare_collector,
-    treat_loop_equally,
+    treat_threads_equally,
 )
 
 pytestmark = pytest.mark.skipif(not hasattr(os, "sched_setscheduler"), reason="this system has no such call")
@@ -52,7 +55,7 @@ def test_only_the_thread_that_asks_is_favoured():
         children: list[int] = []
         in_a_thread(lambda: children.append(policy()))
         assert children == [os.SCHED_OTHER]
-        treat_loop_equally()
+        treat_threads_equally()
         assert policy() == os.SCHED_OTHER
 
     in_a_thread(act)
@@ -72,7 +75,8 @@ def test_without_the_right_the_loop_stays_ordinary(monkeypatch):
 def test_a_system_without_such_priorities_is_no_fault(monkeypatch):
     monkeypatch.delattr(os, "sched_setscheduler")
     assert favour_loop() is False
-    treat_loop_equally()
+    assert favour_eyes() is False
+    treat_threads_equally()
     assert sys.getswitchinterval() == pytest.approx(SWITCH)
 
 
@@ -114,6 +118,54 @@ def test_without_the_right_threads_stay_as_they_are(monkeypatch):
         other.join()
 
 
+@contextmanager
+def waiting_threads(*names: str) -> Iterator[list[threading.Thread]]:
+    done = threading.Event()
+    threads = [threading.Thread(target=done.wait, name=name) for name in names]
+    for thread in threads:
+        thread.start()
+    try:
+        yield threads
+    finally:
+        done.set()
+        for thread in threads:
+            thread.join()
+
+
+def policy_of(thread: threading.Thread) -> int:
+    assert thread.native_id is not None
+    return os.sched_getscheduler(thread.native_id) & ~os.SCHED_RESET_ON_FORK
+
+
+def test_the_eyes_go_with_the_loop_and_no_other_thread_does(monkeypatch):
+    monkeypatch.setattr(os, "sched_getaffinity", lambda _process: {0, 1})
+    with waiting_threads(EYES, "recorder") as (eyes, other):
+        allowed = favour_eyes()
+        assert policy_of(eyes) == (os.SCHED_RR if allowed else os.SCHED_OTHER)
+        assert policy_of(other) == os.SCHED_OTHER
+        treat_threads_equally()
+        assert policy_of(eyes) == os.SCHED_OTHER
+    assert favour_eyes() is False
+
+
+def test_on_one_core_the_eyes_stay_behind_the_loop(monkeypatch):
+    monkeypatch.setattr(os, "sched_getaffinity", lambda _process: {0})
+    with waiting_threads(EYES) as (eyes,):
+        assert favour_eyes() is False
+        assert policy_of(eyes) == os.SCHED_OTHER
+
+
+@pytest.mark.parametrize(("error", "found"), [(PermissionError, False), (ProcessLookupError, True)])
+def test_eyes_that_are_refused_or_gone_are_no_fault(monkeypatch, error, found):
+    def refuse(*_: object) -> None:
+        raise error
+
+    monkeypatch.setattr(os, "sched_getaffinity", lambda _process: {0, 1})
+    monkeypatch.setattr(os, "sched_setscheduler", refuse)
+    with waiting_threads(EYES):
+        assert favour_eyes() is found
+
+
 def test_a_thread_that_ends_meanwhile_is_no_fault(monkeypatch):
     asked = []
 
@@ -151,15 +203,17 @@ def test_without_the_right_or_without_sessions_in_the_kernel_nothing_is_favoured
 
 
 async def test_threads_that_come_later_are_favoured_too(monkeypatch, tmp_path):
-    looks, group = [], tmp_path / "autogroup"
+    looks, eyes, group = [], [], tmp_path / "autogroup"
     monkeypatch.setattr(priority, "AUTOGROUP", group)
     monkeypatch.setattr(priority, "favour_threads", lambda: looks.append(1))
+    monkeypatch.setattr(priority, "favour_eyes", lambda: eyes.append(1))
     monkeypatch.setattr(priority, "THREADS_LOOK", 0.0)
     keeping = asyncio.create_task(keep_threads_favoured())
     for _ in range(5):
         await asyncio.sleep(0)
     keeping.cancel()
     assert len(looks) > 1
+    assert len(eyes) > 1
     assert group.exists()
 
 

@@ -18,6 +18,7 @@ from lab.rigs.waiting import wait_until
 from mkdaemon.clock import Clock
 from mkdaemon.config.camera import CameraSection
 from mkdaemon.config.vision import VisionSection
+from mkdaemon.daemon.priority import EYES
 from mkdaemon.errors import ConfigError
 from mkdaemon.frames import rotation_from_quaternion
 from mkdaemon.sim.scene.light import Conditions
@@ -326,6 +327,7 @@ async def test_the_worker_ends_when_the_loop_is_gone() -> None:
     async with asyncio.timeout(PATIENCE):
         await asyncio.to_thread(worker._thread.join, PATIENCE)
     assert not worker._thread.is_alive()
+    assert worker._thread.name == EYES  # by which its priority is set
     worker.stop()
 
 

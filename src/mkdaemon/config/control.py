@@ -69,8 +69,8 @@ class ControlConfig(Section):
     """Stick frames a second while someone flies [Hz]; above 44 gains nothing, above 100 the boards lose frames. In a
     flight by images one more answers each image."""
     real_time: bool | None = None
-    """Run the event loop at the lowest real-time priority, and the daemon's threads before other programs; what that
-    can starve: docs/operations.md. Unset: as a service of systemd only."""
+    """Run the event loop and the eyes at the lowest real-time priority, and the daemon's threads before other programs;
+    what that can starve: docs/operations.md. Unset: as a service of systemd only."""
     guard: bool = True
     """A process of its own releases the aircraft when the daemon dies or stands still; docs/safety.md."""
     limiter: LimiterConfig = LimiterConfig()
