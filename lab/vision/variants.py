@@ -102,7 +102,6 @@ VARIANTS: Final[tuple[Variant, ...]] = (
     Variant("shift", "memory", "the target found again as a whole", limits(track={"alike": 2.0})),
     Variant("flow and shift", "memory", "both", limits(track={"flow_min_points": 1000, "alike": 2.0})),
     Variant("start shown", "memory", "asking the image before a start is fitted", limits(read={"start_match": -2.0})),
-    Variant("patience", "memory", "a prediction with attitude over misses", limits(track={"predict_through": 1})),
     Variant("coast", "memory", "looking for a lost target where it should be", tracker=settings(coast=0.0)),
     Variant("branches", "memory", "odds over images between rival readings", limits(branches={"decided": NEVER})),
     Variant("mirror of first", "gate", "asking a first pose for its mirror", limits(ambiguity={"asks_mirror": False})),

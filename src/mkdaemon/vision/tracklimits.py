@@ -54,7 +54,7 @@ class AmbiguityLimits:
 class JudgeLimits:
     """What a track asks of a pose."""
 
-    flow_through: int = of(5, "images", "missed, over which optical flow finds its way", FLIGHTS)
+    flow_through: int = of(5, "images", "missed, over which a prediction holds and optical flow finds its way", FLIGHTS)
     clear_bits: float = of(0.8, "correlation", "of cells that vouch for a late, hidden or undecoded pose", FLIGHTS)
     surprising: float = of(16.0, "", "squared distance from the course, not published", "chi-square(3), one in 900")
     expected: float = of(9.0, "", "the same, inertia speaks for the pose", "chi-square(3), one in 34")
@@ -85,7 +85,6 @@ class TrackLimits:
     max_gap: float = of(1.0, "s", "without an image, that ends a track", FLIGHTS)
     undecoded_grace: float = of(1.0, "s", "without a decoded tag beyond the re-detection period", FLIGHTS)
     blind_grace: float = of(5.0, "s", "the same with no whole tag in view, or backed by inertia", BLIND)
-    predict_through: int = of(18, "images", "missed, over which a prediction with attitude holds", FLIGHTS)
     retry_decode: float = of(0.1, "s", "between attempts to decode", "3 ms each: 3 % of a core")
     search_every: int = of(5, "images", "between searches for others while one is tracked", "cost: a search over five")
     decode_agrees: float = of(0.5, "cells", "between decoded corners and pose", "derived: half way to the next edge")

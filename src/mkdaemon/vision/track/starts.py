@@ -56,12 +56,11 @@ class Starts:
     def _ways(self, pixels: Grey, predicted: Prediction) -> Iterator[Way]:
         """The prediction, and the last pose carried over: before it where the image does not show what it expects."""
         track, through = self._track, self._limits.judge.flow_through
-        patience = self._limits.track.predict_through if predicted.has_attitude else through
         carried: Iterator[Way] = iter(())
         if track.misses < through and track.image is not None:
             starts = self._carrier.starts(track.image, pixels, track.last, predicted.pose)
             carried = (("flow", start) for start in starts)
-        if track.misses < patience and (predicted.has_attitude or track.has_velocity):
+        if track.misses < through and (predicted.has_attitude or track.has_velocity):
             expected: list[Way] = [("predicted", predicted.pose)]
             is_seen = self._fitter.shows(pixels, predicted.pose)
             yield from chain(expected, carried) if is_seen else chain(carried, expected)
