@@ -103,7 +103,6 @@ VARIANTS: Final[tuple[Variant, ...]] = (
     Variant("flow and shift", "memory", "both", limits(track={"flow_min_points": 1000, "alike": 2.0})),
     Variant("start shown", "memory", "asking the image before a start is fitted", limits(read={"start_match": -2.0})),
     Variant("coast", "memory", "looking for a lost target where it should be", tracker=settings(coast=0.0)),
-    Variant("branches", "memory", "odds over images between rival readings", limits(branches={"decided": NEVER})),
     Variant("mirror of first", "gate", "asking a first pose for its mirror", limits(ambiguity={"asks_mirror": False})),
     Variant("evidence", "fit", "edges that support a partly hidden first pose", limits(evidence={"min_seen": 2.0})),
     Variant("points gate", "gate", "fewest that agree", tracker=settings(min_points=0)),
@@ -136,7 +135,6 @@ VARIANTS: Final[tuple[Variant, ...]] = (
     Variant("whole inliers gate", "gate", "0.9 of a first pose", limits(agreement={"whole": 0.0})),
     Variant("smear gate", "gate", "no perspective in blurred images", limits(blur={"smeared_px": NEVER})),
     Variant("course gate", "gate", "distance from the course", limits(judge={"surprising": NEVER})),
-    Variant("agreement power", "gate", "doubt from points that disagree", limits(agreement={"power": 0})),
     Variant("quiet zone", "gate", "white around a decoded tag", detector=DetectorSection(quiet_zone=False)),
     Variant("decision margin", "gate", "contrast of a decoded tag", detector=DetectorSection(min_decision_margin=0.0)),
 )

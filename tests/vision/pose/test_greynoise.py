@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mkdaemon.vision.pose.greynoise import clarity, shared_by
+from mkdaemon.vision.pose.greynoise import LEAST_SHARED, clarity, shared_by
 
 RNG = np.random.default_rng(5)
 
@@ -44,3 +44,13 @@ def test_noise_that_neighbours_share_counts_more() -> None:
     noise = shared_by(smooth.ravel(), used)
     assert noise.factor == pytest.approx(1.5**2 / 0.5, rel=0.15)
     assert noise.common == pytest.approx(0.5 / 0.7, rel=0.1)
+
+
+def test_neighbours_that_sharpening_sets_against_each_other_tell_more() -> None:
+    noise = np.random.default_rng(3).normal(size=(60, 60)).astype(np.float32)
+    sharp = noise - 0.2 * (np.roll(noise, 1, 0) + np.roll(noise, 1, 1))
+    used = np.ones(sharp.shape, dtype=bool)
+    apart = shared_by(sharp[used].astype(np.float64), used, LEAST_SHARED)
+    assert apart.factor < 0.75
+    assert apart.common <= 1.0 / 60.0
+    assert shared_by(sharp[used].astype(np.float64), used).factor == 1.0

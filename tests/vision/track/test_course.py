@@ -9,7 +9,7 @@ from mkdaemon.vision.limits import LIMITS
 from mkdaemon.vision.pose.ambiguity import log_odds
 from mkdaemon.vision.pose.pose import Pose, turn
 from mkdaemon.vision.track.branches import Branches
-from mkdaemon.vision.track.course import MOVING_PSD, Course
+from mkdaemon.vision.track.course import CAUTION, MOVING_PSD, Course, lasting_doubt, shared_doubt
 from tests.vision.views import angle_deg
 
 DOWN = np.diag([1.0, -1.0, -1.0])
@@ -220,3 +220,14 @@ def test_what_was_missed_until_it_is_impossible_is_forgotten():
     branches = fly(branches_of(0.010, 0.020), [(0.010, 0.020)] * 40)
     floor = -LIMITS.branches.certain
     assert all(branch.weight > floor or not branch.missed for branch in branches.ranked)
+
+
+@pytest.mark.parametrize(("inliers", "factor", "lasting"), [(1.0, 1.0, 1.0), (0.9, 0.9**-2, 0.9**-4)])
+def test_what_images_in_a_row_share_is_doubted_more_than_one_image(inliers, factor, lasting):
+    pose = seen((0.0, 0.0, 2.0), inliers=inliers)
+    assert shared_doubt(pose) == pytest.approx(factor)
+    assert lasting_doubt(pose) == pytest.approx(lasting)
+
+
+def test_a_pose_that_is_partly_hidden_teaches_less():
+    assert lasting_doubt(seen((0.0, 0.0, 2.0), inliers=0.8)) == pytest.approx(CAUTION * 0.8**-4)

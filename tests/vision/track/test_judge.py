@@ -233,7 +233,7 @@ def test_without_attitude_edges_that_disagree_are_in_the_covariance():
     verdict = Judge(checks(GivenFits(pose, cell_px=30.0), followed(pose))).measure(sight(attitude=False), pose, pose)
     assert verdict.refusal is None
     assert verdict.pose is not None
-    np.testing.assert_allclose(verdict.pose.covariance, pose.covariance / 0.8**4, rtol=1e-6)
+    np.testing.assert_allclose(verdict.pose.covariance, pose.covariance / 0.8**2, rtol=1e-6)
 
 
 @pytest.mark.parametrize("anew", [False, True])

@@ -23,6 +23,8 @@ MOST_RATIO = 5.0
 """Of the noise of black and white."""
 MOST_SHARED = 0.7
 """Correlation of neighbouring residuals, at most, and of residuals that hold nothing but what the model lacks."""
+LEAST_SHARED = -0.5
+"""The same where sharpening has set the noise of neighbours against each other: webcams have -0.2."""
 
 
 def clarity(residual: Array, value: Array) -> Array:
@@ -46,7 +48,7 @@ class SharedNoise:
     """What neighbouring residuals have in common.
 
     Attributes:
-        factor: by which that raises the variance of a fit, 1 or more.
+        factor: by which that raises the variance of a fit; less than 1 where neighbours contradict each other.
         common: share of the variance of a residual, 0 to 1; not less than so many pixels can tell from none.
     """
 
@@ -54,40 +56,42 @@ class SharedNoise:
     common: float
 
 
-def shared_by(residual: Array, used: npt.NDArray[np.bool_]) -> SharedNoise:
+def shared_by(residual: Array, used: npt.NDArray[np.bool_], least: float = 0.0) -> SharedNoise:
     """What neighbours share of the residuals of a fit.
 
     Demosaicing, denoising and what the model lacks are shared; the noise of a sensor is not. Where the correlation
     falls by r from a pixel to the next, the variance of a mean is (1 + r) / (1 - r) times that of independent pixels,
     each way; edges, which change over a few pixels, suffer less: (1 + r) / sqrt(1 - r), by the NEES of 80 development
-    images (0.66 to 1.19).
+    images (0.66 to 1.19). Sharpening sets the noise of neighbours against each other, r < 0, and a mean has less of it.
 
     Args:
         residual: of each used pixel `(n,)`.
         used: which pixels of a window these are `(rows, columns)`.
+        least: correlation that is believed.
     """
     image = np.zeros(used.shape)
     image[used] = residual
     total = max(float(residual @ residual), LEAST_SCATTER)
     factor, common = 1.0, 0.0
     for one, neighbour in ((image[:, 1:], image[:, :-1]), (image[1:], image[:-1])):
-        r = float(np.clip((one * neighbour).sum() / total, 0.0, MOST_SHARED))
+        r = float(np.clip((one * neighbour).sum() / total, least, MOST_SHARED))
         factor *= (1.0 + r) / sqrt(1.0 - r)
-        common += r / MOST_SHARED / 2.0
+        common += max(r, 0.0) / MOST_SHARED / 2.0
     return SharedNoise(factor, min(max(common, 1.0 / sqrt(max(residual.size, 1))), 1.0))
 
 
-def shared_by_all(residual: Array, windows: Sequence[npt.NDArray[np.bool_]]) -> SharedNoise:
+def shared_by_all(residual: Array, windows: Sequence[npt.NDArray[np.bool_]], least: float = 0.0) -> SharedNoise:
     """The same over several prints, the mean of their pixels.
 
     Args:
         residual: of each used pixel of all windows, one window after the other `(n,)`.
         windows: which pixels of each are used, each `(rows, columns)`.
+        least: correlation that is believed.
     """
     if len(windows) == 1:
-        return shared_by(residual, windows[0])
+        return shared_by(residual, windows[0], least)
     pieces = np.split(residual, np.cumsum([int(used.sum()) for used in windows])[:-1])
-    shares = [shared_by(piece, used) for piece, used in zip(pieces, windows, strict=True)]
+    shares = [shared_by(piece, used, least) for piece, used in zip(pieces, windows, strict=True)]
     size = np.array([piece.size for piece in pieces]) / residual.size
     factor, common = size @ np.array([(share.factor, share.common) for share in shares])
     return SharedNoise(float(factor), float(common))

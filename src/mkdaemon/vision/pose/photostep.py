@@ -14,7 +14,7 @@ from mkdaemon.vision.limits import Limits
 from mkdaemon.vision.pose.bend import RISES, Bend
 from mkdaemon.vision.pose.edgefit import Level
 from mkdaemon.vision.pose.edgestep import MAD
-from mkdaemon.vision.pose.greynoise import clarity, shared_by_all
+from mkdaemon.vision.pose.greynoise import LEAST_SHARED, clarity, shared_by_all
 from mkdaemon.vision.pose.nuisance import BEYOND, beyond_motion, beyond_sd, motion_known
 from mkdaemon.vision.pose.pose import Pose, correlation, median
 from mkdaemon.vision.pose.printimage import PrintSamples
@@ -147,7 +147,8 @@ class PhotoStepper:
         cost = float(np.mean(np.minimum(size, COST_BOUND * scatter) ** 2))
         weighted = jacobian * weights
         noise = max(float((weights * residual**2).sum() / max(weights.sum() - len(unit), 1.0)), LEAST_NOISE)
-        shared = shared_by_all(np.clip(residual * clear, -bound, bound), [part.at.used for part in parts])
+        least = LEAST_SHARED if state.motion is None else 0.0  # what a motion lacks hides under opposed noise
+        shared = shared_by_all(np.clip(residual * clear, -bound, bound), [part.at.used for part in parts], least)
         noise *= shared.factor
         prior, pull, surprise = self._prior(state, bends, start, level, noise, len(unit))
         sheet = prints[0].sheet
@@ -159,7 +160,7 @@ class PhotoStepper:
         normal = weighted @ jacobian.T + prior * np.outer(unit, unit)
         ridge = damping * np.diag(np.diag(normal)) + 1e-9 * np.eye(len(unit))
         change = np.linalg.solve(normal + ridge, weighted @ residual + pull * unit) * unit
-        # Covariance of the pose with the rest unknown: sigma^2 times its block of the inverse normal matrix.
+        # Of the pose with the rest unknown: sigma^2 times its block of the inverse normal matrix.
         inverse = noise * np.linalg.inv(normal + 1e-9 * np.eye(len(unit))) * np.outer(unit, unit)
         covariance = (inverse[POSE, POSE] + inverse[POSE, POSE].T) / 2
         bend = None

@@ -131,9 +131,14 @@ class Course:
         )
 
 
-def shared_doubt(pose: Pose) -> float:
-    """Factor on a pose's variance over several images: what lies over some points of them touches others."""
-    return 1.0 / max(pose.inliers, AGREEMENT.floor) ** AGREEMENT.power
+def shared_doubt(pose: Pose, power: int = AGREEMENT.power) -> float:
+    """Factor on a pose's variance: what lies over some points of it touches others.
+
+    Args:
+        pose: of one image.
+        power: of the share that agrees; by NEES an image needs 1 to 2, what several in a row teach more.
+    """
+    return 1.0 / max(pose.inliers, AGREEMENT.floor) ** power
 
 
 def lasting_doubt(pose: Pose) -> float:
@@ -142,7 +147,7 @@ def lasting_doubt(pose: Pose) -> float:
     A leaf's shadow pulls fits of one second by 4 degrees one way, each of which says it knows the tilt to 1 degree.
     """
     lasts = CAUTION if pose.inliers < AGREEMENT.whole else 1.0
-    return lasts * shared_doubt(pose)
+    return lasts * shared_doubt(pose, AGREEMENT.lasting_power)
 
 
 def doubted(pose: Pose) -> Pose:
@@ -152,6 +157,6 @@ def doubted(pose: Pose) -> Pose:
 
 def _lens_place(pose: Pose, caution: float | None = None) -> tuple[Array, Array]:
     """Where a pose puts the lens [m; target] and how well that may be believed over several images."""
-    factor = CAUTION * shared_doubt(pose) if caution is None else caution
+    factor = CAUTION * shared_doubt(pose, AGREEMENT.lasting_power) if caution is None else caution
     _, centre, spread = inverse(pose, factor * pose.covariance)
     return centre, spread[:3, :3] + (FLOOR * pose.range_m) ** 2 * np.eye(3)
