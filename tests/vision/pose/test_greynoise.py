@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mkdaemon.vision.pose.greynoise import LEAST_SHARED, clarity, shared_by
+from mkdaemon.vision.pose.greynoise import LEAST_SHARED, STREAK_PX, clarity, shared_by, streak_doubt
 
 RNG = np.random.default_rng(5)
 
@@ -54,3 +54,10 @@ def test_neighbours_that_sharpening_sets_against_each_other_tell_more() -> None:
     assert apart.factor < 0.75
     assert apart.common <= 1.0 / 60.0
     assert shared_by(sharp[used].astype(np.float64), used).factor == 1.0
+
+
+@pytest.mark.parametrize(("length", "factor"), [(0.0, 1.0), (6.0, 1.0256), (STREAK_PX, 2.0), (2 * STREAK_PX, 17.0)])
+def test_a_long_streak_is_believed_less_whichever_way_it_runs(length: float, factor: float) -> None:
+    along = np.array([0.6, 0.8])
+    spread = 1.5 * np.eye(2) + length**2 / 12.0 * np.outer(along, along)
+    assert streak_doubt(spread) == pytest.approx(factor, rel=1e-3)

@@ -14,7 +14,7 @@ from mkdaemon.vision.limits import Limits
 from mkdaemon.vision.pose.bend import RISES, Bend
 from mkdaemon.vision.pose.edgefit import Level
 from mkdaemon.vision.pose.edgestep import MAD
-from mkdaemon.vision.pose.greynoise import LEAST_SHARED, clarity, shared_by_all
+from mkdaemon.vision.pose.greynoise import LEAST_SHARED, clarity, shared_by_all, streak_doubt
 from mkdaemon.vision.pose.nuisance import BEYOND, beyond_motion, beyond_sd, motion_known
 from mkdaemon.vision.pose.pose import Pose, correlation, median
 from mkdaemon.vision.pose.printimage import PrintSamples
@@ -149,7 +149,7 @@ class PhotoStepper:
         noise = max(float((weights * residual**2).sum() / max(weights.sum() - len(unit), 1.0)), LEAST_NOISE)
         least = LEAST_SHARED if state.motion is None else 0.0  # what a motion lacks hides under opposed noise
         shared = shared_by_all(np.clip(residual * clear, -bound, bound), [part.at.used for part in parts], least)
-        noise *= shared.factor
+        noise *= shared.factor * streak_doubt(state.spread)
         prior, pull, surprise = self._prior(state, bends, start, level, noise, len(unit))
         sheet = prints[0].sheet
         if sheet is not None and state.rise is not None:
