@@ -102,7 +102,7 @@ def shared_by_all(residual: Array, windows: Sequence[npt.NDArray[np.bool_]], lea
 
 
 def streak_doubt(spread: Array) -> float:
-    """Factor on the variance of a fit for what a streak hides: it differs over the print and smears ground over its rim.
+    """Factor on the variance of a fit for what a streak hides: it differs over the print, and its rim has ground in it.
 
     Args:
         spread: covariance of the point spread `(2, 2)` [px^2]; an even streak of length L adds L^2 / 12 one way.
