@@ -171,8 +171,8 @@ def table(figures: dict[str, Any]) -> str:
     ]
     for row in figures["without"]:
         cells = [_difference(row, scenes) for scenes in columns.values()]
-        time = 100 * (_mean_ms(row, whole) / _mean_ms(whole, whole) - 1)
-        lines.append(f"| {row['name']} | " + " | ".join(cells) + f" | {_wrong(row, whole)} | {time:+.0f} % |")
+        longer = 100 * (_mean_ms(row, whole) / _mean_ms(whole, whole) - 1)
+        lines.append(f"| {row['name']} | " + " | ".join(cells) + f" | {_wrong(row, whole)} | {longer:+.0f} % |")
     return "\n".join(lines)
 
 

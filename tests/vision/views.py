@@ -15,6 +15,7 @@ from mkdaemon.sim.scene.scene import Scene, SceneTarget, cam_from_target, true_c
 from mkdaemon.sim.scene.view import CameraView
 from mkdaemon.vision.camera.image import CameraImage
 from mkdaemon.vision.camera.intrinsics import Intrinsics
+from mkdaemon.vision.pose.pose import Pose, turn
 from mkdaemon.vision.tags.tagmap import Target, load
 from tests.places import CONFIGS
 
@@ -69,3 +70,16 @@ def printed(cells: npt.NDArray[np.uint8], pixels_per_cell: int = 20, margin: int
 
 def angle_deg(a: npt.NDArray[np.float64], b: npt.NDArray[np.float64]) -> float:
     return float(np.degrees(np.linalg.norm(cv2.Rodrigues(a @ b.T)[0])))
+
+
+def nearly(view: View) -> Pose:
+    """What a track expects: nearly the truth."""
+    turned = turn(view.rotation, np.radians([0.6, -0.5, 0.4]))
+    return Pose(turned, 1.002 * view.position, 1e-6 * np.eye(6), "edges", 200, 0.05)
+
+
+def nees(view: View, pose: Pose, covariance: npt.NDArray[np.float64]) -> float:
+    """Per degree of freedom, the truth against what is claimed."""
+    turned = cv2.Rodrigues(view.rotation @ pose.rotation.T)[0].ravel()
+    error = np.concatenate([view.position - pose.position, turned])
+    return float(error @ np.linalg.solve(covariance, error)) / 6

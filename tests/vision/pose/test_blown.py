@@ -15,9 +15,8 @@ from mkdaemon.vision.pose.edgefind import FoundEdges, Samples, find_edges
 from mkdaemon.vision.pose.edgefit import EdgeFit
 from mkdaemon.vision.pose.fitting import TargetFitter
 from mkdaemon.vision.pose.photofit import PhotoFit
-from mkdaemon.vision.pose.pose import Pose, turn
 from mkdaemon.vision.pose.projection import Projection
-from tests.vision.views import VGA, View, place, shipped
+from tests.vision.views import VGA, View, angle_deg, nearly, nees, place, shipped
 
 TARGET = replace(shipped("nested"), bend=0.0)
 COUNT = 60
@@ -71,31 +70,14 @@ def test_a_highlight_does_not_turn_the_pose(beside: float, distance: float) -> N
     """It lies over one side of a print seen from nearly above; without what clipping does 2.8 to 7.6 degrees."""
     gloss = Gloss(0.06, (np.sin(beside), 0.0, np.cos(beside)))
     view = View(TARGET, place(distance, 0.03, around=7.0 * beside), Conditions(gloss=gloss))
-    turned = turn(view.rotation, np.radians([0.6, -0.5, 0.4]))
-    start = Pose(turned, 1.002 * view.position, 1e-6 * np.eye(6), "edges", 200, 0.05)
-    pose = EdgeFit(TARGET, Projection(VGA)).fit(view.pixels, start)
+    pose = EdgeFit(TARGET, Projection(VGA)).fit(view.pixels, nearly(view))
     assert pose is not None
-    turn_left = cv2.Rodrigues(view.rotation @ pose.rotation.T)[0].ravel()
-    error = np.concatenate([view.position - pose.position, turn_left])
-    assert np.degrees(np.linalg.norm(turn_left)) < 1.5
-    assert float(error @ np.linalg.solve(pose.covariance, error)) / 6 < 5.5
+    assert angle_deg(view.rotation, pose.rotation) < 1.5
+    assert nees(view, pose, pose.covariance) < 5.5
     assert pose.inliers > LIMITS.agreement.blind
 
 
 OVER = Conditions(exposure=1.8)
-
-
-def start(view: View) -> Pose:
-    """What a track expects: nearly the truth."""
-    turned = turn(view.rotation, np.radians([0.6, -0.5, 0.4]))
-    return Pose(turned, 1.002 * view.position, 1e-6 * np.eye(6), "edges", 200, 0.05)
-
-
-def nees(view: View, pose: Pose) -> float:
-    """Per degree of freedom, the truth against what the pose claims."""
-    turned = cv2.Rodrigues(view.rotation @ pose.rotation.T)[0].ravel()
-    error = np.concatenate([view.position - pose.position, turned])
-    return float(error @ np.linalg.solve(pose.covariance, error)) / 6
 
 
 def test_motion_moves_blown_edges_across_it_only() -> None:
@@ -104,19 +86,19 @@ def test_motion_moves_blown_edges_across_it_only() -> None:
     for around in (0.0, 1.3, 2.6):
         rate = 2.4 / VGA.fx / 0.004 * np.array([np.sin(around), np.cos(around), 0.0])
         view = View(TARGET, replace(place(2.9, 0.15, around), rate_cam=rate, exposure_time=0.004), OVER)
-        pose = EdgeFit(TARGET, Projection(VGA)).fit(view.pixels, start(view))
+        pose = EdgeFit(TARGET, Projection(VGA)).fit(view.pixels, nearly(view))
         assert pose is not None
-        off.append(float(np.linalg.norm(cv2.Rodrigues(view.rotation @ pose.rotation.T)[0])))
-        surprise.append(nees(view, pose))
-    assert np.degrees(np.mean(off)) < 0.5
+        off.append(angle_deg(view.rotation, pose.rotation))
+        surprise.append(nees(view, pose, pose.covariance))
+    assert np.mean(off) < 0.5
     assert np.mean(surprise) < 1.5
 
 
 def test_blown_paper_tells_grey_values_nothing() -> None:
     """Fitted as if it ended at the largest grey value it put a print 3 to 4 mm too near or too far at 5 m."""
     views = [View(TARGET, place(5.0, tilt, 7.0 * tilt), OVER) for tilt in (0.05, 0.15, 0.25, 0.35)]
-    found = [(view, PhotoFit(TARGET, Projection(VGA)).fit(view.pixels, start(view))) for view in views]
-    assert np.mean([nees(view, pose) for view, pose in found if pose is not None]) < 3.0
+    found = [(view, PhotoFit(TARGET, Projection(VGA)).fit(view.pixels, nearly(view))) for view in views]
+    assert np.mean([nees(view, pose, pose.covariance) for view, pose in found if pose is not None]) < 3.0
     assert all(pose is not None and pose.likeness is not None and pose.likeness > 0.95 for _, pose in found)
 
 
@@ -124,7 +106,7 @@ def test_blown_paper_tells_grey_values_nothing() -> None:
 def test_small_cells_of_blown_paper_are_measured_by_grey_values(exposure: float, source: str) -> None:
     """Their corners are dimmer and clipped less: edges of 5 px cells put the print 4 mm too far, 1.6 claimed."""
     view = View(TARGET, place(4.4, 0.2), Conditions(exposure=exposure))
-    pose = TargetFitter(TARGET, Projection(VGA)).refine(view.pixels, start(view))
+    pose = TargetFitter(TARGET, Projection(VGA)).refine(view.pixels, nearly(view))
     assert pose is not None
     assert pose.source == source
-    assert nees(view, pose) < 3.0
+    assert nees(view, pose, pose.covariance) < 3.0

@@ -4,16 +4,15 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import cv2
 import numpy as np
 import pytest
 
 from mkdaemon.sim.scene.light import Conditions, Cover
 from mkdaemon.vision.pose import fitting
 from mkdaemon.vision.pose.fitting import TargetFitter
-from mkdaemon.vision.pose.pose import Pose, angle_between, turn, with_floor
+from mkdaemon.vision.pose.pose import angle_between, with_floor
 from mkdaemon.vision.pose.projection import Projection
-from tests.vision.views import VGA, View, place, shipped
+from tests.vision.views import VGA, View, nearly, nees, place, shipped
 
 TARGET = shipped("single")
 DISTANCE = 4.2
@@ -29,53 +28,40 @@ def smeared(streak_px: float, way: float, conditions: Conditions | None = None) 
     return View(TARGET, view, conditions)
 
 
-def start(view: View) -> Pose:
-    """What a track expects: nearly the truth."""
-    turned = turn(view.rotation, np.radians([0.6, -0.5, 0.4]))
-    return Pose(turned, 1.002 * view.position, 1e-6 * np.eye(6), "edges", 200, 0.05)
-
-
-def nees(view: View, pose: Pose) -> float:
-    """Per degree of freedom, the truth against what the pose claims."""
-    turned = cv2.Rodrigues(view.rotation @ pose.rotation.T)[0].ravel()
-    error = np.concatenate([view.position - pose.position, turned])
-    return float(error @ np.linalg.solve(with_floor(pose), error)) / 6
-
-
 @pytest.mark.parametrize("way", [0.2, 0.9, 1.7, 2.4])
 def test_a_smeared_target_is_measured_by_its_grey_values(way: float) -> None:
     view = smeared(6.0, way)
-    found = TargetFitter(TARGET, Projection(VGA)).refine(view.pixels, start(view))
+    found = TargetFitter(TARGET, Projection(VGA)).refine(view.pixels, nearly(view))
     assert found is not None
     assert found.source == "photometric"
     assert np.degrees(angle_between(found.rotation, view.rotation)) < 0.6
-    assert nees(view, found) < 3.0
+    assert nees(view, found, with_floor(found)) < 3.0
 
 
 def test_a_sharp_target_is_measured_by_its_edges() -> None:
     view = smeared(0.5, 0.9)
-    found = TargetFitter(TARGET, Projection(VGA)).refine(view.pixels, start(view))
+    found = TargetFitter(TARGET, Projection(VGA)).refine(view.pixels, nearly(view))
     assert found is not None
     assert found.source == "edges"
 
 
 def test_grey_values_that_the_print_does_not_explain_are_left_out() -> None:
     view = smeared(6.0, 0.9, Conditions(covers=(OVER_ONE_SIDE,)))
-    found = TargetFitter(TARGET, Projection(VGA)).refine(view.pixels, start(view))
+    found = TargetFitter(TARGET, Projection(VGA)).refine(view.pixels, nearly(view))
     assert found is None or found.source == "edges"
 
 
 def test_grey_values_that_have_not_arrived_are_left_out(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(fitting, "MIXED_STEPS", 2)
     view = smeared(8.0, 0.2)
-    found = TargetFitter(TARGET, Projection(VGA)).refine(view.pixels, start(view))
+    found = TargetFitter(TARGET, Projection(VGA)).refine(view.pixels, nearly(view))
     assert found is None or found.source == "edges"
 
 
 def test_the_mirror_image_of_a_smeared_target_is_measured_the_same_way() -> None:
     view = smeared(6.0, 0.9)
     fitter = TargetFitter(TARGET, Projection(VGA))
-    found = fitter.refine(view.pixels, start(view))
+    found = fitter.refine(view.pixels, nearly(view))
     assert found is not None
     rival = fitter.fit_mirrored(view.pixels, found)
     assert rival is None or rival.source == "photometric"

@@ -160,7 +160,7 @@ class PhotoStepper:
         normal = weighted @ jacobian.T + prior * np.outer(unit, unit)
         ridge = damping * np.diag(np.diag(normal)) + 1e-9 * np.eye(len(unit))
         change = np.linalg.solve(normal + ridge, weighted @ residual + pull * unit) * unit
-        # Of the pose with the rest unknown: sigma^2 times its block of the inverse normal matrix.
+        # Covariance of the pose with the rest unknown: sigma^2 times its block of the inverse normal matrix.
         inverse = noise * np.linalg.inv(normal + 1e-9 * np.eye(len(unit))) * np.outer(unit, unit)
         covariance = (inverse[POSE, POSE] + inverse[POSE, POSE].T) / 2
         bend = None
