@@ -19,8 +19,8 @@ DECK_NORMAL = np.array([np.radians(1.5), np.radians(-1.0), 1.0])
 
 def evidence(rotation: np.ndarray, lens: np.ndarray | None = None) -> ImageEvidence:
     """An image that shows a pose exactly, and knows the lens where one is given."""
-    count = len(LENS)
-    sharpness = np.zeros((count, count)) if lens is None else np.diag([1e6, 1.0, 1.0, 1e6])
+    count = len(LENS) + 1
+    sharpness = np.zeros((count, count)) if lens is None else np.diag([1e6, 1.0, 1.0, 1e6, 0.0])
     pull = np.zeros(count) if lens is None else sharpness @ lens
     return ImageEvidence(rotation, 1e-6 * np.eye(3), np.zeros((3, count)), sharpness, pull)
 
@@ -67,7 +67,7 @@ def test_on_a_moving_deck_more_time_is_needed() -> None:
 
 
 def test_without_attitude_or_mounting_only_the_lens_is_learned() -> None:
-    off = np.array([0.02, 3.0, -2.0, 0.01])
+    off = np.array([0.02, 3.0, -2.0, 0.01, 0.0])
     for mounting, attitude in ((None, np.eye(3)), (BELIEVED, None)):
         found = CameraFilter(np.radians(1.0), mounting, is_level=True, is_moving=False, sizes=0)
         for k in range(20):

@@ -87,6 +87,7 @@ class LocatedEdges:
         index: which samples of the model are in view `(n,)`.
         offsets: of the edges from where the pose puts them `(n,)` [px], towards the bright side.
         found: whether an edge of the right sense was found `(n,)`.
+        trust: what lies beside them and neighbours leave of each, over the variance of the offset `(n,)`.
         jacobian: of the offsets by pose `(n, 6)`.
         by_rise: and by the rise of the print `(n, 3)`; empty where it does not bend.
         pixels: where the pose puts them `(n, 2)` [px].
@@ -96,6 +97,7 @@ class LocatedEdges:
     index: npt.NDArray[np.intp]
     offsets: Array
     found: npt.NDArray[np.bool_]
+    trust: Array
     jacobian: Array
     by_rise: Array
     pixels: Array
@@ -235,7 +237,8 @@ class EdgeFit:
         edges = find_edges(pixels, samples, self._limits, is_blown=int(pixels.max()) >= self._limits.read.saturated)
         jacobian, by_rise = samples.jacobian[:, :6], samples.jacobian[:, BENT if self._sheet is not None else slice(0)]
         offsets = edges.offsets - pose.shift_px
-        return LocatedEdges(samples.index, offsets, edges.found, jacobian, by_rise, samples.pixels, samples.normals)
+        seen = edges.found, edges.trust * edges.room
+        return LocatedEdges(samples.index, offsets, *seen, jacobian, by_rise, samples.pixels, samples.normals)
 
     def _bent_at(self, start: Pose) -> BentPrint | None:
         """The bend where a fit begins; none where the target has no sheet that bends."""

@@ -43,6 +43,8 @@ LONGEST: Final = 10.0
 """A longer time without an image counts as so much [s]."""
 SIZE_SD: Final = 0.03
 """How far a tag's size may be off, logarithm."""
+MELT_SD: Final = 0.008
+"""By how much a tag of the smallest readable cells may look smaller or larger, logarithm; one error of all images."""
 MOUNTING: Final = slice(0, 3)
 DECK: Final = slice(3, 5)
 TILT_SCALE: Final = 5
@@ -58,7 +60,7 @@ class CameraFilter:
         flu_from_cam: the mounting believed `(3, 3)`; none says nothing about attitude.
         is_level: whether the target lies level at rest.
         is_moving: whether it moves.
-        sizes: how many unknown sizes the images speak of.
+        sizes: how many unknown sizes the images speak of, melting apart.
         bend: what is known of that of its print; none where it does not bend.
 
     Attributes:
@@ -81,7 +83,9 @@ class CameraFilter:
         self._flu_from_cam = flu_from_cam if is_level else None
         self._deck_drift = DECK_DRIFT[is_moving]
         rises = np.zeros(0 if bend is None else len(bend.mean))
-        sd = np.array([*[MOUNTING_SD] * 3, *[DECK_SD] * 2, TILT_SCALE_SD, *LENS_SD, *[SIZE_SD] * sizes, *rises])
+        sd = np.array(
+            [*[MOUNTING_SD] * 3, *[DECK_SD] * 2, TILT_SCALE_SD, *LENS_SD, *[SIZE_SD] * sizes, MELT_SD, *rises]
+        )
         self.mean: Array = np.zeros(len(sd))
         self.covariance: Array = np.diag(sd**2)
         if bend is not None:

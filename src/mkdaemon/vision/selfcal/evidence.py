@@ -45,11 +45,14 @@ MOST_SIZES: Final = 8
 """Targets of more tags share one unknown size."""
 SHIFT_SD_PX: Final = 0.5
 """How far all edges may be shifted together [px]."""
+MELTS: Final = 5
+"""Small cells look smaller by a share that falls with this power of their side: neighbours pull their edges. Measured:
+docs/vision.md."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ImageEvidence:
-    """One image's say about unknowns `(k,)`: the lens in the order of `LENS`, sizes, the rise of a print that bends.
+    """One image's say about unknowns `(k,)`: the lens in the order of `LENS`, sizes, melting, the rise of a bent print.
 
     Attributes:
         rotation: camera from target by the image alone, lens and sizes as believed `(3, 3)`.
@@ -98,16 +101,19 @@ class EvidenceMaker:
         edges = self._fit.locate(pixels, pose)
         if edges is None or int(edges.found.sum()) < LIMITS.edges.min_samples:
             return None
-        shifted = np.column_stack([edges.jacobian, np.ones(len(edges.index))])
+        smaller = self._fit.model.smaller[edges.index]
+        smaller = smaller[:, smaller.any(axis=0) & ~smaller.all(axis=0)]
+        shifted = np.column_stack([edges.jacobian, np.ones(len(edges.index)), smaller])
         seen = self._fit.model.points[edges.index] @ pose.rotation.T + pose.position
         columns = np.column_stack([self._by_lens(edges, seen), self._by_size(edges, pose), edges.by_rise])
         # The pose knows how its print bends in this image; here all images say so together.
         offsets = edges.offsets if pose.bend is None else edges.offsets + edges.by_rise @ pose.bend.mean
         left_px = hypot(ROLLING_PX if self._rolls else LEFT_PX, SHIFTED * pose.shift_px)
-        weights = _weights(np.column_stack([shifted, columns]), offsets, edges.found, left_px)
+        weights = _weights(np.column_stack([shifted, columns]), offsets, edges, left_px)
         weighted = shifted * weights[:, None]
         normal = weighted.T @ shifted
-        normal[6, 6] += SHIFT_SD_PX**-2
+        shift_sd = np.array([SHIFT_SD_PX, *[LIMITS.edges.own_shift_sd_px] * smaller.shape[1]])
+        normal[6:, 6:] += np.diag(shift_sd**-2)
         normal += RIDGE * np.diag(np.diag(normal))
         right = weighted.T @ offsets
         both = weighted.T @ columns
@@ -131,15 +137,19 @@ class EvidenceMaker:
         return np.column_stack([along.sum(axis=1), normals, (bent * normals).sum(axis=1)])
 
     def _by_size(self, edges: LocatedEdges, pose: Pose) -> Array:
-        """Derivative of the offsets by the logarithms of the sizes `(n, unknown_sizes)`."""
+        """Derivative of the offsets by the logarithms of the sizes, and by melting `(n, unknown_sizes + 1)`."""
         grown = (edges.jacobian[:, :3] * (self._from_centre[edges.index] @ pose.rotation.T)).sum(axis=1)
         tag = self._tag[edges.index]
         own = [np.where(tag == k, grown, 0.0) for k in range(1, self.sizes + 1)]
-        return np.column_stack([*own, *([grown] if self.is_spread else []), np.empty((len(tag), 0))])
+        cell_px = self._fit.model.cell[edges.index] * self._projection.focal[0] / float(pose.position[2])
+        melts = (LIMITS.cells.readable_px / cell_px) ** MELTS
+        return np.column_stack([*own, *([grown] if self.is_spread else []), grown * melts])
 
 
-def _weights(jacobian: Array, offsets: Array, found: npt.NDArray[np.bool_], left_px: float) -> Array:
+def _weights(jacobian: Array, offsets: Array, edges: LocatedEdges, left_px: float) -> Array:
     """Tukey's weights of the offsets over their variance [1/px^2], around the best that all unknowns can do."""
+    found, root = edges.found, np.sqrt(edges.trust)
+    jacobian, offsets = jacobian * root[:, None], offsets * root
     weights = found.astype(np.float64)
     residual = offsets
     for _ in range(3):
@@ -151,6 +161,8 @@ def _weights(jacobian: Array, offsets: Array, found: npt.NDArray[np.bool_], left
         reach = LIMITS.edges.tukey * spread
         inside = found & (np.abs(residual) < reach)
         weights = np.where(inside, (1.0 - (residual / reach) ** 2) ** 2, 0.0)
+    # Doubt makes residuals small: by as much less they say how large residuals are.
+    weights = edges.trust * weights
     variance = float((weights * residual**2).sum()) / max(float(weights.sum()) - jacobian.shape[1], 1.0)
     scaled: Array = weights / (ALIKE * (variance + left_px**2))
     return scaled

@@ -77,7 +77,7 @@ class TargetWatch:
                     f" {1000 * tag.size * exp(share):.1f} +- {1000 * tag.size * sd:.1f} mm against tag"
                     f" {largest.tag_id}: measure the print"
                 )
-        share, sd = self._known(-1, SELFCAL.size_floor)
+        share, sd = self._known(SIZES_AT + self._maker.sizes, SELFCAL.size_floor)
         if self._maker.is_spread and self._tells(share, sd, SELFCAL.size):
             yield (
                 f"tag {largest.tag_id} of {self.target.name}: {1000 * largest.size:.1f} mm in its file,"
@@ -121,7 +121,8 @@ class TargetWatch:
         mean, sd = self._filter.mean, self._filter.sd
         known = np.where(sd[MOUNTING] < SELFCAL.mounting, mean[MOUNTING], 0.0)
         height, height_sd = self.heights.scale
-        sizes = [(float(m), float(s)) for m, s in zip(mean[SIZES_AT:], sd[SIZES_AT:], strict=True)]
+        own = slice(SIZES_AT, SIZES_AT + self._maker.sizes)
+        sizes = [(float(m), float(s)) for m, s in zip(mean[own], sd[own], strict=True)]
         return SelfCalibration(
             target=self.target.name,
             looks=self._filter.looks,
