@@ -196,6 +196,16 @@ def test_far_away_the_attitude_is_in_the_fit_and_not_told_a_second_time():
     np.testing.assert_allclose(verdict.pose.covariance, held.covariance)
 
 
+def test_an_image_counts_once_beside_what_the_images_before_told_of_the_deck():
+    pose = fitted(tilt_deg=2.0, covariance=np.diag([1e-7, 1e-7, 1e-6, 1e-4, 1e-4, 1e-7]))
+    asked = checks(GivenFits(pose), followed())
+    expected = asked.level.fuse(sight(), pose)
+    verdict = Judge(asked).measure(sight(), fitted(), fitted())
+    np.testing.assert_allclose(verdict.pose.covariance, expected.covariance)
+    assert angle_deg(verdict.pose.rotation, expected.rotation) < 1e-9
+    assert asked.level.tilt(sight(), pose) < np.radians(1.9)
+
+
 TILTED = fitted(tilt_deg=12.0)
 WITHOUT_ATTITUDE = [
     # large in the image: perspective tells

@@ -72,8 +72,10 @@ class Judge:
                 checks.level.learn(seen, pose, held)
                 return self._judge_with_attitude(seen, doubted(pose))
             if checks.level.knows(seen):
+                # What the images before told of the deck; with this one in it the image would count twice.
+                fused = checks.level.fuse(seen, pose)
                 checks.level.learn(seen, pose)
-                return self._judge_with_attitude(seen, checks.level.fuse(seen, pose))
+                return self._judge_with_attitude(seen, fused)
             return self._judge_without_attitude(seen, pose, predicted)
         contradicting = pose if self._is_contradicted(pose, refused) else None
         if vertical is not None and contradicting is None:
