@@ -4,11 +4,14 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import cv2
 import numpy as np
 import pytest
 
 from mkdaemon.vision.camera.calibration_file import load_camera
 from mkdaemon.vision.limits import LIMITS
+from mkdaemon.vision.pose.fitting import TargetFitter
+from mkdaemon.vision.pose.pose import Pose, turn
 from mkdaemon.vision.pose.prints import Prints
 from mkdaemon.vision.pose.projection import Projection
 from mkdaemon.vision.tags.tagmap import Target, load
@@ -16,6 +19,12 @@ from tests.places import CONFIGS
 
 CAMERA = load_camera(CONFIGS / "cameras" / "sim.toml")
 ABOVE = np.diag([1.0, -1.0, -1.0])
+STRAIGHT = CAMERA.intrinsics.model_copy(update={"k1": 0.0, "k2": 0.0})
+BLUR_PX = 0.6
+PARTS = 24
+"""Sub-samples of a pixel, each way, of a drawing that is taken for exact."""
+ALONG_ROWS = [(10.6, 0.0), (10.6, 0.6), (8.3, 0.3), (6.1, 0.5)]
+"""Distance [m] and tilt about the rows of the image [rad]: edges lie along rows, and all of each is drawn alike."""
 
 
 def white_of(target: Target, distance: float) -> float:
@@ -36,3 +45,47 @@ def test_an_inner_tag_has_as_much_white_from_afar_as_its_cells(distance: float) 
     # The inner tag lies on black cells.
     added = white_of(target, distance) - white_of(replace(target, tags=(outer,)), distance)
     assert added == pytest.approx(inner.module**2 * cells.sum(), rel=0.02)
+
+
+def drawn(target: Target, rotation: np.ndarray, position: np.ndarray) -> np.ndarray:
+    """White of the single tag in every pixel of the image `(480, 640)`, the lens's blur before the pixels see it."""
+    tag, lens = target.tags[0], STRAIGHT
+    cells = np.pad((tag.bitmap > 0).astype(np.float32), 2, constant_values=1.0)
+    middle = position[:2] / position[2] * lens.fx + (lens.cx, lens.cy)
+    left, top = (int(v) - 24 for v in middle)
+    at = (np.arange(48 * PARTS) + 0.5) / PARTS - 0.5
+    ray_x, ray_y = (at + left - lens.cx) / lens.fx, (at + top - lens.cy)[:, None] / lens.fy
+    to_plane = np.linalg.inv(np.column_stack([rotation[:, 0], rotation[:, 1], position]))
+    x, y, w = (row[0] * ray_x + row[1] * ray_y + row[2] for row in to_plane)
+    n = len(cells)
+    column = np.clip(np.floor(x / w / tag.module + n / 2).astype(int), 0, n - 1)
+    row = np.clip(np.floor(n / 2 - y / w / tag.module).astype(int), 0, n - 1)
+    sharp = cells[row, column]
+    soft = cv2.GaussianBlur(sharp, (0, 0), BLUR_PX * PARTS)
+    image = np.ones((lens.height, lens.width))
+    image[top : top + 48, left : left + 48] = soft.reshape(48, PARTS, 48, PARTS).mean(axis=(1, 3))
+    return image
+
+
+@pytest.mark.parametrize(("distance", "tilt"), ALONG_ROWS)
+def test_an_edge_along_a_row_of_pixels_is_drawn_in_its_place(distance: float, tilt: float) -> None:
+    target = load([CONFIGS / "targets" / "single.toml"]).targets[0]
+    rotation, position = turn(ABOVE, np.array([tilt, 0.0, 0.0])), np.array([0.013, 0.021, distance])
+    model = Prints(target, Projection(STRAIGHT), LIMITS).all[0]
+    rendered = model.render((480, 640), rotation, position, BLUR_PX**2 * np.eye(2))
+    assert rendered is not None
+    seen, used, left, top = rendered.template()
+    exact = drawn(target, rotation, position)[top : top + seen.shape[0], left : left + seen.shape[1]]
+    assert float(np.abs(seen - exact)[used].max()) < 0.016
+
+
+@pytest.mark.parametrize(("distance", "tilt"), ALONG_ROWS)
+def test_the_range_of_such_a_tag_is_right(distance: float, tilt: float) -> None:
+    target = load([CONFIGS / "targets" / "single.toml"]).targets[0]
+    rotation, position = turn(ABOVE, np.array([tilt, 0.0, 0.0])), np.array([0.013, 0.021, distance])
+    image = np.rint(10.0 + 160.0 * drawn(target, rotation, position)).astype(np.uint8)
+    start = Pose(rotation, position, np.eye(6), "corners", 4, 0.0)
+    found = TargetFitter(target, Projection(STRAIGHT)).refine(image, start)
+    assert found is not None
+    assert found.source == "photometric"
+    assert abs(found.range_m - float(np.linalg.norm(position))) < 0.001 * distance

@@ -11,7 +11,9 @@ import numpy.typing as npt
 
 from mkdaemon.vision.limits import Limits
 from mkdaemon.vision.pose.bend import Sheet
+from mkdaemon.vision.pose.pointspread import PointSpread
 from mkdaemon.vision.pose.printimage import FINE, RenderedPrint, Window
+from mkdaemon.vision.pose.printtexture import PrintTexture
 from mkdaemon.vision.pose.projection import NEAR_M, Projection
 from mkdaemon.vision.pose.rolling import exposed, skew
 from mkdaemon.vision.tags.tagmap import ONE_PLANE, Tag, Target
@@ -20,19 +22,11 @@ Array = npt.NDArray[np.float64]
 Image32 = npt.NDArray[np.float32]
 Grey = npt.NDArray[np.uint8]
 
-TEXELS_PER_CELL = 12
-TEXEL_PARTS = 16
+TEXELS_PER_CELL = 24
+TEXEL_PARTS = 8
 """Sub-samples of a texel, each way, where cells of a smaller tag end within it."""
-SMALLEST_LEVEL = 12
-"""Texels across the coarsest level of the texture."""
-BLUR_REACH = 3
-"""Deviations of the point spread that are rendered around the print."""
-BOX = 12.0
-"""Square of a box's length over its variance: what motion blur adds is a box."""
-LEAST_STREAK_PX = 0.3
-"""Shorter streaks are rendered as round [px]."""
-SHORT_STREAK = 8.0
-"""Of which a longer one is put together [sub-samples]: with a kernel of 11 x 11."""
+SLANTED = 0.5
+"""Cosine of the slant from which a texture gets no softer: it would be longer the other way than a point spread."""
 LENS_PATCH = 0.7
 """Share of the window at whose corners the lens is taken: the error of an affine lens is least in the middle."""
 
@@ -79,12 +73,7 @@ class PrintModel:
         texture = np.ones((side, side), dtype=np.float32)
         for tag in tags:
             self._draw(texture, tag, first)
-        self._levels: list[Image32] = [texture]
-        while len(self._levels[-1]) >= 2 * SMALLEST_LEVEL:
-            size = len(self._levels[-1]) // 2
-            self._levels.append(
-                np.asarray(cv2.resize(texture, (size, size), interpolation=cv2.INTER_AREA), dtype=np.float32)
-            )
+        self._texture = PrintTexture(texture)
 
     def _draw(self, texture: Image32, tag: Tag, first: Tag) -> None:
         """Draw a tag with its quiet zone over the texture of the print; a texel that several cells share is their mean.
@@ -136,9 +125,8 @@ class PrintModel:
         uv, visible = self._projection.project(corners)
         if not bool(visible.all()):
             return None
-        narrow, wide, direction = _axes(spread)
-        length = float(np.sqrt(BOX * (wide**2 - narrow**2)))
-        pad = int(np.ceil(BLUR_REACH * narrow + length / 2)) + 2
+        point_spread = PointSpread.of(spread)
+        pad = point_spread.pad
         x0, y0 = np.maximum(np.floor(uv.min(axis=0)).astype(int), pad)
         x1, y1 = np.minimum(np.ceil(uv.max(axis=0)).astype(int) + 1, [shape[1] - pad, shape[0] - pad])
         width, height = int(x1 - x0), int(y1 - y0)
@@ -149,13 +137,11 @@ class PrintModel:
         plane_from_pixel = self._plane_from_pixel(window, rotation, position)
         if plane_from_pixel is None:
             return None
-        fine = self._warp(window, plane_from_pixel, rotation, position, motion)
+        texture, soft_px = self._soft_texture(rotation, position)
+        fine = self._warp(texture, window, plane_from_pixel, rotation, position, motion)
         if motion is not None:
             plane_from_pixel = self._rolled(plane_from_pixel, window, rotation, position, motion)
-        fine = np.asarray(cv2.GaussianBlur(fine, (0, 0), narrow * FINE), dtype=np.float32)
-        if length > LEAST_STREAK_PX:
-            fine = _streaked(fine, FINE * length * direction)
-        fine = np.asarray(cv2.blur(fine, (FINE, FINE)), dtype=np.float32)
+        fine = point_spread.blurred(fine, soft_px)
         return RenderedPrint(fine, window, pad, plane_from_pixel, self.half, half)
 
     def _in_camera(self, plane: Array, rotation: Array, position: Array) -> Array:
@@ -209,7 +195,13 @@ class PrintModel:
         return found
 
     def _warp(
-        self, window: Window, plane_from_pixel: Array, rotation: Array, position: Array, motion: Array | None
+        self,
+        texture: Image32,
+        window: Window,
+        plane_from_pixel: Array,
+        rotation: Array,
+        position: Array,
+        motion: Array | None,
     ) -> Image32:
         """The print on the fine grid of the window.
 
@@ -217,7 +209,9 @@ class PrintModel:
         then at A q with A = (I - t [w]) M + t s e (0 0 1), see `rolling`, so that q = A^-1 M H p for a pixel p and the
         homography H at rest.
         """
-        texture, texel_from_plane = self._texture(self.depth(rotation, position))
+        side = len(texture)
+        scale = side / (2 * self.half)
+        texel_from_plane = np.array([[scale, 0, side / 2 - 0.5], [0, -scale, side / 2 - 0.5], [0, 0, 1.0]])
         column = (np.arange(window.width * FINE, dtype=np.float32) + 0.5) / FINE - 0.5
         row = (np.arange(window.height * FINE) + 0.5) / FINE - 0.5
         by_row = (texel_from_plane @ plane_from_pixel)[None]
@@ -246,54 +240,14 @@ class PrintModel:
         """How far the middle of the print is along the optical axis [m]."""
         return float((rotation @ self.origin + position)[2])
 
-    def _texture(self, depth: float) -> tuple[Image32, Array]:
-        """The level whose texels are about a sub-sample wide, and texels from places on the print.
+    def _soft_texture(self, rotation: Array, position: Array) -> tuple[Image32, float]:
+        """The texture for the sub-samples of a pose, and the deviation of the blur that is in it [px].
 
-        Source: mip maps, Williams, SIGGRAPH 1983.
+        It is one in the print: seen at a slant it is shorter one way; the blur is that of the mean variance.
         """
-        size_px = float(self._projection.focal[0]) * self._texel / max(depth, NEAR_M)
-        wanted = 1.0 / max(size_px * FINE, 1e-6)
-        level = int(np.clip(np.floor(np.log2(max(wanted, 1.0))), 0, len(self._levels) - 1))
-        texture = self._levels[level]
-        side = len(texture)
-        scale = side / (2 * self.half)
-        return texture, np.array([[scale, 0, side / 2 - 0.5], [0, -scale, side / 2 - 0.5], [0, 0, 1.0]])
-
-
-def _axes(spread: Array) -> tuple[float, float, Array]:
-    """Deviation of a point spread across and along its longer axis [px], and that axis `(2,)`."""
-    values, vectors = np.linalg.eigh(spread)
-    return float(np.sqrt(values[0])), float(np.sqrt(values[1])), np.asarray(vectors[:, 1], dtype=np.float64)
-
-
-def _streaked(fine: Image32, way: Array) -> Image32:
-    """An image after an even, centred motion along `way` `(2,)` [sub-samples].
-
-    A long streak is a short one at several places: filters of 13 x 13 and more go through a Fourier transform.
-    """
-    length = float(np.linalg.norm(way))
-    parts = int(np.ceil(length / SHORT_STREAK))
-    short = np.asarray(cv2.filter2D(fine, -1, _kernel(way / parts, 4 * int(np.ceil(length / parts)) + 1)), np.float32)
-    if parts == 1:
-        return short
-    places = _kernel(way, parts)
-    (height, width), reach = fine.shape, len(places) // 2
-    around = cv2.copyMakeBorder(short, reach, reach, reach, reach, cv2.BORDER_REPLICATE)
-    moved = np.zeros_like(fine)
-    for down, right in np.argwhere(places).tolist():
-        part = around[down : down + height, right : right + width]
-        cv2.scaleAdd(part, float(places[down, right]), moved, moved)
-    return moved
-
-
-def _kernel(way: Array, count: int) -> Image32:
-    """Kernel of so many places, evenly along `way` `(2,)` about its middle [sub-samples]."""
-    reach = int(np.ceil(np.abs(way).max() / 2)) + 1
-    at = ((np.arange(count) + 0.5) / count - 0.5)[:, None] * way + reach
-    first = np.floor(at).astype(np.intp)
-    right, down = (at - first).T
-    kernel = np.zeros((2 * reach + 1, 2 * reach + 1))
-    for y, below in ((0, 1.0 - down), (1, down)):
-        for x, beside in ((0, 1.0 - right), (1, right)):
-            np.add.at(kernel, (first[:, 1] + y, first[:, 0] + x), below * beside)
-    return (kernel / count).astype(np.float32)
+        place = rotation @ self.origin + position
+        texel_px = float(self._projection.focal[0]) * self._texel / max(float(place[2]), NEAR_M)
+        facing = abs(float(rotation @ self.axes[:, 2] @ place)) / max(float(np.linalg.norm(place)), NEAR_M)
+        facing = max(facing, SLANTED)
+        texture, blur = self._texture.level(1.0 / max(texel_px * facing * FINE, 1e-6))
+        return texture, blur * texel_px * float(np.sqrt(facing))
