@@ -84,7 +84,7 @@ def test_edges_stand_where_something_lies_over_the_print() -> None:
     assert not PhotoFit(TARGET, PROJECTION).explains(grey)
 
 
-@pytest.mark.parametrize("cells", [3.0, 6.0])
+@pytest.mark.parametrize("cells", [4.0, 6.0])
 def test_grey_values_do_not_begin_where_nothing_resembles_the_print(cells: float) -> None:
     view = View(TARGET, place(VGA.fx * CELL / 3.8, 0.2, 0.8))
     start = beside(view, 0.0, 0.0)
