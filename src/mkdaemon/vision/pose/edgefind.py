@@ -83,7 +83,7 @@ class FoundEdges:
             edge without room says nothing for a pose and nothing against it `(n,)`.
         blown: what clipping does to the edges, already out of `offsets`; none where nothing is blown.
         sides: what lies beside the edges, where their places are nearly known.
-        unsure: an error that they may have in common, deviation with its sign `(n,)` [px].
+        unsure: errors that they may have in common, each a deviation with its signs `(k, n)` [px].
     """
 
     offsets: Array

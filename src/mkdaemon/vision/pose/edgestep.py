@@ -173,9 +173,9 @@ class EdgeStep:
             bend = Bend(bent.rise, noise * inverse[BENT, BENT])
         covariance = noise * inverse[:6, :6]
         if self.edges.unsure is not None:
-            # What light may have moved is one error of all edges: e moves the unknowns by N^-1 J^T W e.
-            off = inverse @ ((self.samples.jacobian * self.weights[:, None]).T @ self.edges.unsure)
-            covariance += np.outer(off[:6], off[:6])
+            # What light may have moved are errors of all edges: each e moves the unknowns by N^-1 J^T W e.
+            off = inverse[:6] @ ((self.samples.jacobian * self.weights[:, None]).T @ self.edges.unsure.T)
+            covariance += off @ off.T
         if bent is not None and bend is not None:
             covariance[:3, :3] += bent.sheet.plane_covariance(rotation, bend)
         # Loss for rivals: geometric mean of min(r, missed)^2 + least^2. Log odds of two fits are then n / 2 times the

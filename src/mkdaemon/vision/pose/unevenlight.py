@@ -28,7 +28,8 @@ MOVED: Final = 0.38
 ROUNDS: Final = 2
 """Of weights and light."""
 UNSURE: Final = 0.7
-"""Share of what the light moves that is unsure: marks of dirt are smaller than a quadratic over the print."""
+"""Share of what the light moves that is unsure, and that it moves edges another way: marks of dirt are smaller than a
+quadratic over the print."""
 EVEN_PX: Final = 0.003
 """What the light may move edges against each other without being asked [px]: below a third of `systematic_px`."""
 ENOUGH: Final = 60
@@ -75,9 +76,13 @@ class Light:
         """By how much the slope differs within that part of the image, at most [grey/px]."""
         return 2.0 * float(np.abs(self.terms[3:]).sum()) / self.size
 
+    def place(self, pixels: Array) -> Array:
+        """Places `(n, 2)` [px] in that part of the image, -1 to 1."""
+        return np.asarray((pixels - self.middle) / self.size)
+
     def at(self, places: Array, normals: Array) -> tuple[Array, Array]:
         """Grey value and slope along normals at places, `(n,)` each [grey], [grey/px]."""
-        place = (places - self.middle) / self.size
+        place = self.place(places)
         x, y = place.T
         _, by_x, by_y, xx, xy, yy = self.terms
         along_x, along_y = by_x + 2.0 * xx * x + xy * y, by_y + xy * x + 2.0 * yy * y
@@ -116,8 +121,20 @@ class UnevenLight:
             return edges
         moved = self.moved(edges.sides, edges.width, limits.edges)
         if cell_px < limits.cells.plain_widths * edges.width:
-            return replace(edges, unsure=UNSURE * moved)
-        return replace(edges, offsets=edges.offsets - moved, unsure=UNSURE * moved)
+            return replace(edges, unsure=self._unsure(moved, edges.sides))
+        return replace(edges, offsets=edges.offsets - moved, unsure=self._unsure(moved, edges.sides))
+
+    def _unsure(self, moved: Array, sides: EdgeSides) -> Array:
+        """Errors of all edges that what the light moves `(n,)` leaves, deviations with their signs `(7, n)` [px].
+
+        A share of it, and shifts of the same size that grow evenly over the print: e = n . (a + B x), each of the six
+        coefficients an unknown.
+        """
+        x, y = self.bright.place(sides.pixels).T
+        across, down = sides.normals.T
+        size = float(np.sqrt(np.mean(moved**2)))
+        even = size * np.stack([across, down, across * x, across * y, down * x, down * y])
+        return np.asarray(UNSURE * np.vstack([moved, even]))
 
     def is_even(self, width: float) -> bool:
         """Whether the light moves no edge of a half width by as much as could turn the print."""
