@@ -10,16 +10,19 @@ import pytest
 
 from mkdaemon.config.vision import TrackerSection
 from mkdaemon.telemetry.vision import PoseRefusal
+from mkdaemon.vision.camera.image import CameraImage
 from mkdaemon.vision.limits import LIMITS
 from mkdaemon.vision.pose.pose import Pose, turn
-from mkdaemon.vision.tags.tagmap import Target
+from mkdaemon.vision.tags.tagmap import TagMap, Target
 from mkdaemon.vision.track.attitude import LOOKING_DOWN
 from mkdaemon.vision.track.checks import Checks
 from mkdaemon.vision.track.first import FirstJudge
-from mkdaemon.vision.track.judge import Judge
+from mkdaemon.vision.track.frame import Frame
+from mkdaemon.vision.track.judge import Judge, Verdict
 from mkdaemon.vision.track.level import Sight
 from mkdaemon.vision.track.track import Track
-from tests.vision.views import angle_deg, shipped
+from mkdaemon.vision.track.tracker import Tracker
+from tests.vision.views import VGA, angle_deg, shipped
 
 PIXELS = np.zeros((480, 640), np.uint8)
 LEVEL = LOOKING_DOWN.flu_from_cam.T
@@ -380,6 +383,42 @@ def test_no_tilt_is_held_that_the_image_contradicts_however_many_edges_are_hidde
     verdict = Judge(checks(GivenFits(free, held), followed())).measure(sight(), fitted(), fitted())
     assert (verdict.refusal is None) == is_published
     assert verdict.contradicting is (None if is_published else free)
+
+
+@pytest.mark.parametrize(("cell_px", "is_there"), [(40.0, True), (6.0, False)])
+def test_where_cells_are_read_clearly_a_target_is_followed_that_the_attitude_refuses(cell_px, is_there):
+    """Something lies over it, so its tilt may be misled, but not its place: the next image begins there."""
+    free = fitted(tilt_deg=7.0, inliers=0.76)
+    verdict = Judge(checks(GivenFits(free, cell_px=cell_px), followed())).measure(sight(), fitted(), fitted())
+    assert verdict.refusal is PoseRefusal.ATTITUDE
+    assert verdict.contradicting is verdict.pose
+    assert verdict.pose is (free if is_there else None)
+
+
+@dataclass
+class GivenVerdicts:
+    """A judge that says what the test says, of one start after the other."""
+
+    verdicts: list[Verdict]
+
+    def measure(self, seen, start, predicted, others=()):
+        return self.verdicts.pop(0)
+
+
+def test_where_one_start_contradicts_the_attitude_no_other_start_is_asked() -> None:
+    """A fit held at the tilt of an attitude that had jumped by 10 degrees was published from a second start."""
+    target = shipped("single")
+    follower = Tracker(TagMap((target,)), VGA, LOOKING_DOWN).followers[0]
+    verdicts = [Verdict(None, PoseRefusal.ATTITUDE, fitted(tilt_deg=7.0)), Verdict(fitted(), None)]
+    follower.judge = GivenVerdicts(verdicts)  # type: ignore[assignment]
+    for time in (-STEP, 0.0):
+        follower.track.accept(time, fitted(), np.eye(3), PIXELS)
+    follower.track.decoded_at = 0.0
+    frame = Frame(CameraImage(PIXELS, STEP, STEP, 1, "down"), sight())
+    follower.follow(frame)
+    assert len(verdicts) == 1
+    assert not frame.poses
+    assert frame.refused == {target.name: PoseRefusal.ATTITUDE}
 
 
 def test_rivals_that_are_nearly_one_pose_are_published_with_the_doubt_in_their_covariance():

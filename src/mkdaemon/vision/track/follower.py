@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from typing import Final
 
-import numpy as np
-import numpy.typing as npt
-
 from mkdaemon.config.vision import TrackerSection
 from mkdaemon.telemetry.vision import PoseRefusal
-from mkdaemon.vision.limits import LIMITS, Limits, Stage
+from mkdaemon.vision.limits import LIMITS, Limits
 from mkdaemon.vision.pose.ambiguity import Choice
 from mkdaemon.vision.pose.carry import Carrier
 from mkdaemon.vision.pose.fitting import TargetFitter
@@ -19,7 +16,7 @@ from mkdaemon.vision.pose.pose import Pose
 from mkdaemon.vision.pose.projection import Projection
 from mkdaemon.vision.tags.detection import Detection
 from mkdaemon.vision.tags.detector import Detector
-from mkdaemon.vision.tags.tagmap import Tag, Target
+from mkdaemon.vision.tags.tagmap import Target
 from mkdaemon.vision.track.alarms import ImageHealth
 from mkdaemon.vision.track.attitude import Mounting
 from mkdaemon.vision.track.checks import Checks
@@ -27,19 +24,15 @@ from mkdaemon.vision.track.first import FirstJudge
 from mkdaemon.vision.track.frame import Frame
 from mkdaemon.vision.track.judge import Judge, Verdict
 from mkdaemon.vision.track.level import Sight
+from mkdaemon.vision.track.ownsearch import OwnSearch
 from mkdaemon.vision.track.result import FoundBy, TargetPose
 from mkdaemon.vision.track.sheet import LearnedBend
-from mkdaemon.vision.track.starts import Starts
+from mkdaemon.vision.track.starts import Start, Starts
 from mkdaemon.vision.track.track import Prediction, Track, known_motion
 from mkdaemon.vision.track.witness import AttitudeWitness
 
-Grey = npt.NDArray[np.uint8]
-Window = tuple[int, int, int, int]
-"""`(x0, y0, x1, y1)` [px], end exclusive."""
 UNDECIDED: Final = (PoseRefusal.AMBIGUOUS, PoseRefusal.ANGLE_UNCERTAIN)
 """Why a first pose is followed without being published: the next images may decide, or know how the camera climbs."""
-REDECODED: Final[tuple[Stage, ...]] = ("decimate1", "linear", "log")
-"""How a followed target is decoded again."""
 
 
 class Follower:
@@ -64,7 +57,7 @@ class Follower:
         self.name = target.name
         self.track = Track()
         self._target = target
-        self._detector, self._health = detector, health
+        self._search, self._health = OwnSearch(target, detector, limits), health
         self._mounting = mounting
         self._cfg, self._limits = cfg, limits
         self._fitter = TargetFitter(target, projection, limits)
@@ -82,16 +75,35 @@ class Follower:
         if not track.is_live:
             return
         predicted = self._predicted(frame.sight)
-        for mode, start, others in self._starts.of(frame.sight.pixels, predicted):
+        if self._measured(frame, predicted.pose, self._starts.of(frame.sight.pixels, predicted)):
+            return
+        # An attitude that jumps, or has a swapped sign, turns a prediction away from a target that is where it was.
+        if predicted.has_attitude and self.name not in frame.contradicting:
+            alone = self._predicted(frame.sight.without_attitude())
+            if self._measured(frame, alone.pose, self._starts.of(frame.sight.pixels, alone)):
+                return
+        window = self._fitter.window(predicted.pose, frame.sight.pixels.shape)
+        if window is not None:
+            found = self._search.nearby(frame.sight.pixels, window, track.misses)
+            frame.detections.extend(found)
+            self.start(frame, found, "roi", None if track.in_doubt else predicted.pose)
+
+    def _measured(self, frame: Frame, predicted: Pose, starts: Iterable[Start]) -> bool:
+        """Whether the target is found from one of several starts; it is followed then, and published if believed."""
+        track = self.track
+        for mode, start, others in starts:
             start = self._starts.with_climb(frame.sight, start)
-            verdict = self.judge.measure(frame.sight, start, predicted.pose, others)
+            verdict = self.judge.measure(frame.sight, start, predicted, others)
+            if verdict.contradicting is not None:
+                frame.contradicting.setdefault(self.name, verdict.contradicting)
             if verdict.pose is None:
-                if verdict.contradicting is not None:
-                    frame.contradicting.setdefault(self.name, verdict.contradicting)
                 frame.refused[self.name] = verdict.refusal or PoseRefusal.NO_FIT
+                if verdict.contradicting is not None:
+                    # The image has told; what another start leads to beside the attitude is no better for it.
+                    return False
                 continue
             if not self._decode_again(frame, verdict.pose):
-                return
+                return True
             if verdict.refusal is not None:
                 self._accept(frame, verdict.pose)
                 track.in_doubt = track.in_doubt or verdict.refusal is PoseRefusal.AMBIGUOUS
@@ -99,12 +111,8 @@ class Follower:
             else:
                 track.in_doubt = False
                 self._publish(frame, Choice(verdict.pose, float("inf"), "track"), mode)
-            return
-        window = self._fitter.window(predicted.pose, frame.sight.pixels.shape)
-        if window is not None:
-            found = self._search_nearby(frame, window)
-            frame.detections.extend(found)
-            self.start(frame, found, "roi", None if track.in_doubt else predicted.pose)
+            return True
+        return False
 
     def witness_against(self, frame: Frame, reported: Sight, witness: AttitudeWitness) -> bool:
         """Let what was found in an image speak for or against the attitude.
@@ -131,8 +139,13 @@ class Follower:
 
     def start_alone(self, frame: Frame) -> None:
         """Start from an image whose attitude was left out after it had refused what the image shows."""
-        if self.name in frame.contradicting:
-            self.start(frame, frame.detections, "search", None)
+        seen = frame.contradicting.get(self.name)
+        if seen is None:
+            return
+        frame.poses = [found for found in frame.poses if found.target != self.name]
+        self.start(frame, frame.detections, "search", None)
+        if self.track.is_live and all(found.target != self.name for found in frame.poses):
+            self._measured(frame, self._predicted(frame.sight).pose, [("predicted", seen, iter(()))])
 
     def forget_deck(self) -> None:
         """Forget how the target lies."""
@@ -158,7 +171,7 @@ class Follower:
             mode: how they were found.
             predicted: by the track; none when it has no say.
         """
-        tags = self._own(found)
+        tags = self._search.own(found)
         if not tags:
             return
         seen, mounting = frame.sight, self._mounting
@@ -194,8 +207,8 @@ class Follower:
         if now - track.tried_at >= limits.retry_decode:
             track.tried_at = now
             window = self._fitter.window(pose, pixels.shape)
-            found = self._decoded(pixels, window) if window is not None else []
-            tags = self._own(found)
+            found = self._search.again(pixels, window) if window is not None else []
+            tags = self._search.own(found)
             frame.detections.extend(found)
             if tags:
                 if self._fitter.disagreement(pose, tags) < limits.decode_agrees:
@@ -211,14 +224,6 @@ class Follower:
         track.lose()
         return False
 
-    def _decoded(self, pixels: Grey, window: Window) -> list[Detection]:
-        """Tags of a part of the image, searched as it is and in light."""
-        for stage in REDECODED:
-            found = self._detector.search_shrunk(pixels, stage, window)
-            if self._own(found):
-                return found
-        return []
-
     def _is_vouched_for(self, frame: Frame, pose: Pose, overdue: float) -> bool:
         """Whether clear cells and a second witness stand in for a tag that could not be decoded."""
         pixels = frame.sight.pixels
@@ -230,20 +235,6 @@ class Follower:
         # Where no tag is whole in the image, decoding cannot succeed and its failure says nothing.
         is_cut = not self._fitter.shows_whole_tag(pose, pixels.shape)
         return (is_cut or self.judge.is_backed) and overdue < self._limits.track.blind_grace
-
-    def _search_nearby(self, frame: Frame, window: Window) -> list[Detection]:
-        """Search a part of the image, in another way after every miss."""
-        ways: tuple[tuple[Stage, ...], ...] = self._limits.search.nearby
-        found: list[Detection] = []
-        for stage in ways[self.track.misses % len(ways)]:
-            found = found or self._detector.search_shrunk(frame.sight.pixels, stage, window)
-        return found
-
-    def _own(self, found: Sequence[Detection]) -> list[tuple[Tag, Detection]]:
-        """The target's own tags among decoded ones."""
-        own = {(tag.family.name, tag.tag_id): tag for tag in self._target.tags}
-        pairs = ((own.get((detection.family, detection.tag_id)), detection) for detection in found)
-        return [(tag, detection) for tag, detection in pairs if tag is not None]
 
     def _start_ambiguous(self, frame: Frame, candidates: Sequence[Pose], mode: FoundBy) -> None:
         """Let the track decide between a pose and its mirror image, or start one that waits until it can."""

@@ -82,11 +82,15 @@ class Judge:
             # A free fit may follow something lying over the target, and agrees with the image no better then: hold the
             # tilt and try again.
             leaning = self._fitter.refine(seen.pixels, replace(start, rotation=predicted.rotation), vertical)
-            if leaning is not None and checks.refusal(seen, leaning, predicted) is None:
-                if pose is None or refused is not PoseRefusal.ATTITUDE or not prefers(pose, leaning, self._limits):
-                    return self.add_inertia(seen, doubted(leaning))
-                contradicting = pose
-        return Verdict(None, refused, contradicting)
+            leans = leaning is not None and checks.refusal(seen, leaning, predicted) is None
+            off = pose if refused is PoseRefusal.ATTITUDE else None
+            if leaning is not None and leans and (off is None or not prefers(off, leaning, self._limits)):
+                return self.add_inertia(seen, doubted(leaning))
+            if off is not None and (leans or checks.is_plain(seen, off)):
+                contradicting = off
+        # Where cells are read clearly the target is there, however it is tilted.
+        is_there = contradicting is not None and checks.is_plain(seen, contradicting)
+        return Verdict(contradicting if is_there else None, refused, contradicting)
 
     def _is_contradicted(self, pose: Pose | None, refused: PoseRefusal | None) -> bool:
         """Whether the attitude refuses a fit that nearly all edges agree with: nothing lies over such a target.

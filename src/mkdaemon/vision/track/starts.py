@@ -20,6 +20,8 @@ from mkdaemon.vision.track.track import Prediction, Track
 
 Grey = npt.NDArray[np.uint8]
 Way = tuple[FoundBy, Pose]
+Start = tuple[FoundBy, Pose, Iterator[Pose]]
+"""How it was found, where a fit begins, and the starts that are left to it where few edges agree."""
 
 
 class Starts:
@@ -39,7 +41,7 @@ class Starts:
         self._fitter, self._carrier = fitter, carrier
         self._track, self._mounting, self._limits = track, mounting, limits
 
-    def of(self, pixels: Grey, predicted: Prediction) -> Iterator[tuple[FoundBy, Pose, Iterator[Pose]]]:
+    def of(self, pixels: Grey, predicted: Prediction) -> Iterator[Start]:
         """Where to begin in an image `(h, w)`, the likeliest first, with the starts that are left to the first one.
 
         Later ones are computed only when they are asked for.

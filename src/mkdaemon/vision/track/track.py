@@ -80,8 +80,10 @@ class Track:
         return self._moments[-1].time
 
     def accept(self, time: float, pose: Pose, enu_from_flu: Array | None, image: npt.NDArray[np.uint8]) -> None:
-        """Remember a pose and the image it came from."""
+        """Remember a pose and the image it came from, in place of another one of that image."""
         self.image = image
+        if self._moments and self._moments[-1].time == time:
+            self._moments.pop()
         gap = time - self._moments[-1].time if self._moments else 0.0
         if self.misses > TRACK.forget_misses or (self._moments and not 0 < gap < TRACK.forget_velocity):
             self._moments.clear()

@@ -1,0 +1,58 @@
+"""An attitude that turns otherwise than the camera does not lose a target that is near."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from mkdaemon.frames import euler_from_rotation
+from mkdaemon.sim.scene.light import Conditions, Cover
+from mkdaemon.vision.camera.image import CameraImage
+from mkdaemon.vision.tags.tagmap import TagMap
+from mkdaemon.vision.track.attitude import LOOKING_DOWN, AttitudeHistory, AttitudeSample
+from mkdaemon.vision.track.tracker import Tracker
+from tests.vision.views import VGA, View, angle_deg, place, shipped
+
+TARGET = shipped("single")
+HALF = TARGET.tags[0].size / 2
+BAND = Cover(((-2 * HALF, 0.72 * HALF), (2 * HALF, 0.72 * HALF), (2 * HALF, 2 * HALF), (-2 * HALF, 2 * HALF)), 0.4)
+"""Over one border of the tag: it is not decoded."""
+STEP = 1.0 / 30.0
+IMAGES, NEAR, LIES = 30, 12, 16
+"""Of a flight, from which the tag is larger than the image and covered, and from which the attitude is wrong."""
+
+
+def lost(report: Callable[[int, AttitudeSample], AttitudeSample]) -> list[int]:
+    """Images without a pose, of a descent that turns by 4 degrees an image; every pose that is published is right."""
+    tracker = Tracker(TagMap((TARGET,)), VGA, LOOKING_DOWN)
+    without, samples = [], []
+    for k in range(IMAGES):
+        view = View(
+            TARGET,
+            place(max(0.38, 0.7 - 0.32 * k / NEAR), 0.12, roll=0.07 * k),
+            Conditions(covers=(BAND,)) if k >= NEAR else None,
+        )
+        rpy = euler_from_rotation(view.view.enu_from_cam @ LOOKING_DOWN.flu_from_cam.T)
+        samples.append(report(k, AttitudeSample(k * STEP, *rpy)))
+        image = CameraImage(view.pixels, k * STEP, k * STEP, k, "down")
+        found = tracker.update(image, AttitudeHistory(samples)).pose_of(TARGET.name)
+        if found is None:
+            without.append(k)
+        else:
+            assert angle_deg(found.pose.rotation, view.rotation) < 0.5
+            assert float(np.linalg.norm(found.pose.position - view.position)) < 0.005
+    return without
+
+
+def test_a_yaw_of_the_wrong_sign_loses_no_image() -> None:
+    assert lost(lambda k, s: AttitudeSample(s.time, s.roll, s.pitch, -s.yaw if k >= LIES else s.yaw)) == []
+
+
+def test_a_roll_that_jumps_loses_two_images() -> None:
+    jumped = lost(lambda k, s: AttitudeSample(s.time, s.roll + np.radians(10.0 if k >= LIES else 0.0), s.pitch, s.yaw))
+    assert jumped == [LIES, LIES + 1]
+
+
+def test_a_right_attitude_loses_none() -> None:
+    assert lost(lambda _k, s: s) == []
