@@ -57,6 +57,8 @@ class ReadLimits:
     quiet_contrast: float = of(0.15, "share", "of the usual contrast, for such a sample", STILLS)
     quiet_grey: float = of(3.0, "grey", "the same at least", NOISE)
     min_cells: int = of(16, "", "fewer cells tell nothing", "derived: one in 65,000 by chance")
+    misread: float = of(0.05, "share", "of neighbouring cells in view, where the print is", STILLS)
+    beside_nats: float = of(4.0, "nats", "for another place, against a pose", "1,287 right ones, edges hidden: none")
     beside_cells: int = of(3, "cells", "that a fit may lie beside its place", "nested targets; farther fails the bits")
     paper_share: float = of(0.2, "share", "unsaturated white cells that make saturated ones a highlight", STILLS)
     start_match: float = of(0.4, "correlation", "of cells from where a fit finds its place", "97 % above, 41 % below")

@@ -10,7 +10,9 @@ import pytest
 
 from mkdaemon.config.vision import TrackerSection
 from mkdaemon.telemetry.vision import PoseRefusal
+from mkdaemon.vision.limits import LIMITS
 from mkdaemon.vision.pose.fitting import TargetFitter
+from mkdaemon.vision.pose.gates import CellsSaid
 from mkdaemon.vision.pose.pose import Pose
 from mkdaemon.vision.pose.projection import Projection
 from mkdaemon.vision.track.attitude import LOOKING_DOWN
@@ -20,6 +22,7 @@ from mkdaemon.vision.track.track import Track
 from tests.vision.views import VGA, View, place, shipped
 
 CFG = TrackerSection()
+NOTHING = CellsSaid(-np.inf, 0.0)
 
 
 def truth(view: View) -> Pose:
@@ -53,7 +56,7 @@ def test_a_pose_two_cells_of_the_inner_tag_beside_its_place_is_refused(name, dis
     bits = fitter.match(view.pixels, pose)
     assert bits is not None
     assert bits > CFG.min_bit_correlation, "all cells together do not tell"
-    assert fitter.is_beside(view.pixels, pose)
+    assert fitter.cells_said(view.pixels, pose).beside > LIMITS.read.beside_nats
     doubted = replace(pose, inliers=0.5)  # as of a fit that stays there
     assert Checks(fitter, Track(), CFG, LOOKING_DOWN).refusal(seen, doubted, None) is PoseRefusal.BITS
 
@@ -79,7 +82,7 @@ def test_a_right_pose_with_the_inner_tag_hidden_stays(texture):
     pose = fitter.refine(pixels, truth(view))
     assert pose is not None
     assert off(pose, view) < 1e-3
-    assert not fitter.is_beside(pixels, pose)
+    assert fitter.cells_said(pixels, pose).beside == 0.0
     assert Checks(fitter, Track(), CFG, LOOKING_DOWN).refusal(sight(view, pixels), pose, None) is None
 
 
@@ -88,5 +91,31 @@ def test_cells_outside_the_image_or_too_small_tell_nothing():
     fitter = TargetFitter(target, Projection(VGA))
     away = replace(truth(view), position=view.position + np.array([5.0, 0.0, 0.0]))
     far = replace(truth(view), position=20.0 * view.position)
-    assert not fitter.is_beside(view.pixels, away)
-    assert not fitter.is_beside(view.pixels, far)
+    assert fitter.cells_said(view.pixels, away) == NOTHING
+    assert fitter.cells_said(view.pixels, far) == NOTHING
+
+
+def turned_away(name: str, distance: float, toward: float) -> View:
+    """A view of a target whose middle is at the border of the image, `toward` [rad] from its x axis."""
+    ahead = place(distance, 0.2)
+    heading = np.array([np.cos(toward), np.sin(toward)])
+    half = np.array([VGA.width / VGA.fx, VGA.height / VGA.fy]) / 2
+    aside, down = np.arctan(heading * float(np.min(half / np.abs(heading))))
+    turned = cv2.Rodrigues(np.array([0.0, -aside, 0.0]))[0] @ cv2.Rodrigues(np.array([down, 0.0, 0.0]))[0]
+    return View(shipped(name), replace(ahead, enu_from_cam=ahead.enu_from_cam @ turned))
+
+
+@pytest.mark.parametrize(
+    ("distance", "toward", "cells"), [(1.9, 0.52, (0, 2)), (1.9, 5.76, (0, -2)), (2.2, 0.52, (0, 2))]
+)
+def test_a_fit_beside_the_place_of_a_target_that_leaves_the_image_is_refused(distance, toward, cells):
+    view = turned_away("nested", distance, toward)
+    step = shipped("nested").tags[0].module * np.array([*cells, 0])
+    fitter, seen = TargetFitter(shipped("nested"), Projection(VGA)), sight(view)
+    checks = Checks(fitter, Track(), CFG, LOOKING_DOWN)
+    start = replace(truth(view), position=view.position + view.rotation @ step)
+    beside, right = fitter.refine(view.pixels, start), fitter.refine(view.pixels, truth(view))
+    assert off(beside, view) > 0.05, "two cells on, edges agree with their neighbours'"
+    assert checks.refusal(seen, beside, None) is PoseRefusal.BITS
+    assert off(right, view) < 1e-3
+    assert checks.refusal(seen, right, None) is None

@@ -8,15 +8,16 @@ import pytest
 from mkdaemon.config.vision import TrackerSection
 from mkdaemon.frames import rotation_from_euler
 from mkdaemon.telemetry.vision import PoseRefusal
+from mkdaemon.vision.pose.edgefit import EdgeFit, Level
 from mkdaemon.vision.pose.fitting import TargetFitter
-from mkdaemon.vision.pose.pose import Pose
+from mkdaemon.vision.pose.pose import Pose, turn
 from mkdaemon.vision.pose.projection import Projection
-from mkdaemon.vision.track.attitude import LOOKING_DOWN
+from mkdaemon.vision.track.attitude import LOOKING_DOWN, fuse_normal
 from mkdaemon.vision.track.checks import Checks
 from mkdaemon.vision.track.judge import Judge, Verdict
 from mkdaemon.vision.track.level import Sight
 from mkdaemon.vision.track.track import Track
-from tests.vision.views import VGA, View, place, shipped
+from tests.vision.views import VGA, View, angle_deg, nearly, place, shipped
 
 KNOWN = 30
 """Images that told the tilt."""
@@ -49,3 +50,20 @@ def test_a_whole_target_that_agrees_is_posed(name: str) -> None:
     verdict = judged(name, 1.0)
     assert verdict.pose is not None
     assert verdict.refusal is None
+
+
+@pytest.mark.parametrize(("name", "distance"), [("single", 3.0), ("single", 4.0), ("nested", 3.5)])
+@pytest.mark.parametrize("off_deg", [0.0, 0.8])
+def test_a_tilt_that_a_fit_is_told_counts_as_much_as_it_is_known(name: str, distance: float, off_deg: float) -> None:
+    """A fit that is told a normal ends where a free one ends that hears of it afterwards, and is as certain."""
+    view = View(shipped(name), place(distance, 0.5))
+    spread = np.radians(0.6)
+    up = turn(view.rotation, np.radians([off_deg, 0.0, 0.0]))[:, 2]
+    fit = EdgeFit(shipped(name), Projection(VGA))
+    free, told = fit.fit(view.pixels, nearly(view)), fit.fit(view.pixels, nearly(view), level=Level(up, spread))
+    assert free is not None
+    assert told is not None
+    fused = fuse_normal(free, up, spread)
+    assert np.linalg.norm(told.position - fused.position) < 0.6 * np.sqrt(np.trace(fused.covariance[:3, :3]))
+    assert angle_deg(told.rotation, fused.rotation) < 0.6 * np.degrees(np.sqrt(np.trace(fused.covariance[3:, 3:])))
+    assert np.trace(told.covariance[3:, 3:]) > 0.5 * np.trace(fused.covariance[3:, 3:])

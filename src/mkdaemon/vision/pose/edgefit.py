@@ -171,11 +171,10 @@ class EdgeFit:
                 light = light or UnevenLight.of(edges.sides, edges.found)
                 if light is not None:
                     edges = light.without(edges, self._cell * projection.focal[0] / position[2], self._limits)
-            prior: Prior = (
-                level.pull(rotation, limits.located_px) if level is not None else (np.zeros((6, 6)), np.zeros(6))
-            )
             if last is not None:
                 edge_px = max(last.variance**0.5, limits.least_scale_px)
+            weighed = edge_px if is_near else limits.located_px
+            prior: Prior = (np.zeros((6, 6)), np.zeros(6)) if level is None else level.pull(rotation, weighed)
             bend_px = edge_px if is_near else FIRST_BEND_PX
             if bent is not None:
                 prior = with_bend(prior, bent, bend_px)
@@ -187,7 +186,6 @@ class EdgeFit:
             if edges.blown is not None:
                 samples, prior = with_blown(samples, prior, edges.blown, edge_px)
             smaller = self.model.smaller[samples.index] if is_near else None
-            weighed = edge_px if is_near else limits.located_px
             samples, prior = with_shift(samples, prior, smaller, weighed, limits)
             least_scale = limits.first_scale_px if k == 0 else limits.least_scale_px
             now = EdgeStep.solve(samples, edges, least_scale, limits.tukey, prior, is_near=is_near)

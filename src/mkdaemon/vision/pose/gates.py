@@ -39,13 +39,25 @@ class _Grid:
     steps: Array
 
 
+@dataclass(frozen=True, slots=True)
+class CellsSaid:
+    """What the cells of a target say about a pose.
+
+    Attributes:
+        here: for it, of the tag that says most [nats]; minus infinity where no cells are in view.
+        beside: for a place some whole cells beside, by how much more, of the tag for which that is most [nats].
+    """
+
+    here: float
+    beside: float
+
+
 class BitModel:
     """The cells of a target, to be compared with an image."""
 
     def __init__(self, target: Target, projection: Projection, limits: Limits = LIMITS) -> None:
         self._projection = projection
         self._read, self._readable_px = limits.read, limits.cells.readable_px
-        self._clear = limits.judge.clear_bits
         cells = range(-limits.read.beside_cells, limits.read.beside_cells + 1)
         steps = np.array([(0.0, 0.0), *(step for step in product(cells, repeat=2) if any(step))])
         self._grids: list[_Grid] = []
@@ -124,26 +136,29 @@ class BitModel:
         enough = max(self._read.rise_grey, self._read.rise * float(np.abs(rise).mean()))
         return max(even, 2.0 * np.count_nonzero(rise > enough) / len(rise) - 1.0)
 
-    def is_beside(self, pixels: Grey, pose: Pose) -> bool:
-        """Whether a tag's cells are read clearly some whole cells beside where the pose puts them, and not there.
+    def said(self, pixels: Grey, pose: Pose) -> CellsSaid:
+        """What the cells say about where a pose puts the target, and about places some whole cells beside.
 
-        A third of a small tag's edges agrees with its neighbours' after such a step, and the cells of a large tag
-        around it are still read.
+        After such a step edges agree with their neighbours', and where the rest of the tag is outside the image, little
+        contradicts them. A pair of neighbouring cells in view says ln 2 (1 - e) for a place when it is read there, and
+        ln 2 e when it is not: odds against a pair that is read by chance, with e misread in the right place. A tag that
+        is hidden is read nowhere.
         """
+        right, wrong = np.log(2.0 * (1.0 - self._read.misread)), np.log(2.0 * self._read.misread)
+        here, beside = -np.inf, 0.0
         for grid in self._grids:
             points = (grid.points + grid.steps[:, None]).reshape(-1, 3)
             grey, visible = self._look(pixels, pose, points, grid.cell)
             grey, visible = grey.reshape(len(grid.steps), -1), visible.reshape(len(grid.steps), -1)
             both = visible[:, grid.pairs[:, 0]] & visible[:, grid.pairs[:, 1]]
-            known = grid.pairs[both[0]]
-            if len(known) < self._read.min_cells:
+            if not bool(both.any()):
                 continue
-            rise = grey[:, known[:, 1]] - grey[:, known[:, 0]]
-            enough = np.maximum(self._read.rise_grey, self._read.rise * np.abs(rise).mean(axis=1, keepdims=True))
-            read = 2.0 * ((rise > enough) & both[:, both[0]]).mean(axis=1) - 1.0
-            if read[0] < self._clear <= read.max():
-                return True
-        return False
+            rise = grey[:, grid.pairs[:, 1]] - grey[:, grid.pairs[:, 0]]
+            enough = max(self._read.rise_grey, self._read.rise * float(np.abs(rise[both]).mean()))
+            said = np.where(both, np.where(rise > enough, right, wrong), 0.0).sum(axis=1)
+            here = max(here, float(said[0]))
+            beside = max(beside, float(said.max() - max(said[0], 0.0)))
+        return CellsSaid(here, beside)
 
     def _look(
         self, pixels: Grey, pose: Pose, points: Array, size: Array | float

@@ -59,8 +59,11 @@ class Checks:
         bits = self.fitter.match(seen.pixels, pose)
         if bits is not None and bits < (limits.clear_bits if is_late else self.cfg.min_bit_correlation):
             return PoseRefusal.BITS
-        if self.has_few_edges(pose) and self.fitter.is_beside(seen.pixels, pose):
-            return PoseRefusal.BITS
+        if self.is_partial(pose):
+            said = self.fitter.cells_said(seen.pixels, pose)
+            is_elsewhere = said.here <= 0.0 and bits is not None and bits < limits.clear_bits
+            if is_elsewhere or said.beside > self.limits.read.beside_nats:
+                return PoseRefusal.BITS
         tilt = self.level.tilt(seen, pose)
         if tilt is not None and tilt > self.level.gate(seen, pose) and not self.is_conclusive(seen, pose):
             return PoseRefusal.ATTITUDE
@@ -74,6 +77,10 @@ class Checks:
             has_velocity=self.track.has_velocity,
             limits=self.limits,
         )
+
+    def is_partial(self, pose: Pose) -> bool:
+        """Whether some edges do not agree: something lies over the target, or the pose is beside it."""
+        return pose.source == "edges" and not self.is_whole(pose)
 
     def has_few_edges(self, pose: Pose) -> bool:
         """Whether so few edges agree that something lies over the target, or edges were taken for their neighbours."""
