@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mkdaemon.vision.pose.greynoise import LEAST_SHARED, STREAK_PX, clarity, shared_by, streak_doubt
+from mkdaemon.vision.pose.greynoise import LEAST_SHARED, STREAK_PX, clarity, shared_by, streak_doubt, told_on_slopes
 
 RNG = np.random.default_rng(5)
 
@@ -54,6 +54,16 @@ def test_neighbours_that_sharpening_sets_against_each_other_tell_more() -> None:
     assert apart.factor < 0.75
     assert apart.common <= 1.0 / 60.0
     assert shared_by(sharp[used].astype(np.float64), used).factor == 1.0
+
+
+@pytest.mark.parametrize("larger", [1.0, 3.0])
+def test_what_a_model_lacks_on_slopes_is_not_lost_among_even_paper(larger: float) -> None:
+    """Nine tenths of the pixels are even, and hold the noise of the sensor alone."""
+    used = np.ones((100, 100), bool)
+    slopes = np.random.default_rng(4).random(used.size) < 0.1
+    residual = np.random.default_rng(5).standard_normal(used.size) * np.where(slopes, larger, 1.0)
+    told = told_on_slopes(residual, slopes.astype(np.float64), [used])
+    assert told == pytest.approx(larger**2 / np.mean(residual**2), rel=0.1)
 
 
 @pytest.mark.parametrize(("length", "factor"), [(0.0, 1.0), (6.0, 1.0256), (STREAK_PX, 2.0), (2 * STREAK_PX, 17.0)])

@@ -101,6 +101,25 @@ def shared_by_all(residual: Array, windows: Sequence[npt.NDArray[np.bool_]], lea
     return SharedNoise(float(factor), float(common))
 
 
+def told_on_slopes(
+    residual: Array, steep: Array, windows: Sequence[npt.NDArray[np.bool_]], least: float = 0.0
+) -> float:
+    """By how much the residuals on the slopes of a print raise the variance of a fit, as `SharedNoise.factor`.
+
+    Only slopes tell a pose, and what the model lacks of a point spread, of paper that is blown beside them or of
+    sharpening lies there; the even inside of cells from 5 px, most of what is seen, knows nothing of it.
+
+    Args:
+        residual: of each used pixel of all windows `(n,)`.
+        steep: squared slope of the model there `(n,)`.
+        windows: which pixels of each are used, each `(rows, columns)`.
+        least: correlation that is believed.
+    """
+    told = residual * np.sqrt(steep / max(float(np.mean(steep)), 1e-12))
+    larger = float(told @ told) / max(float(residual @ residual), LEAST_SCATTER)
+    return larger * shared_by_all(told, windows, least).factor
+
+
 def streak_doubt(spread: Array) -> float:
     """Factor on the variance of a fit for what a streak hides: it differs over the print, and its rim has ground in it.
 

@@ -14,7 +14,7 @@ from mkdaemon.vision.limits import Limits
 from mkdaemon.vision.pose.bend import RISES, Bend
 from mkdaemon.vision.pose.edgefit import Level
 from mkdaemon.vision.pose.edgestep import MAD
-from mkdaemon.vision.pose.greynoise import LEAST_SHARED, clarity, shared_by_all, streak_doubt
+from mkdaemon.vision.pose.greynoise import LEAST_SHARED, clarity, shared_by_all, streak_doubt, told_on_slopes
 from mkdaemon.vision.pose.nuisance import BEYOND, beyond_motion, beyond_sd, motion_known
 from mkdaemon.vision.pose.pose import Pose, correlation, median
 from mkdaemon.vision.pose.printimage import PrintSamples
@@ -118,8 +118,7 @@ class PhotoStepper:
     ) -> PhotoStep | None:
         """One step: (J W J^T + P + damping diag) s = J W r + p with what is known beforehand, P and p.
 
-        Pose, point spread and motion are those of all prints, each has light of its own. None where no print is in full
-        view, or the image holds fewer pixels of each than the smallest print has.
+        Pose, spread and motion are those of all prints, each has its own light. None where no print is seen whole.
         """
         parts = [part for part in (self._part(pixels, model, state) for model in prints) if part is not None]
         if not parts:
@@ -138,9 +137,8 @@ class PhotoStepper:
             residual -= state.rise @ jacobian[rises]
         # Robust weights: 1 within c sigma, (c sigma / r)^2 beyond, sigma from the median of |r|; times the clarity.
         clear = clarity(residual, value)
-        size = np.abs(residual) * clear
+        size = np.maximum(np.abs(residual) * clear, 1e-6)
         scatter = max(MAD * median(size), 1.0)
-        np.maximum(size, 1e-6, out=size)
         bound = limits.outlier * scatter
         agreeing = np.where(size < bound, 1.0, (bound / size) ** 2)
         weights = agreeing * clear**2
@@ -148,8 +146,10 @@ class PhotoStepper:
         weighted = jacobian * weights
         noise = max(float((weights * residual**2).sum() / max(weights.sum() - len(unit), 1.0)), LEAST_NOISE)
         least = LEAST_SHARED if state.motion is None else 0.0  # what a motion lacks hides under opposed noise
-        shared = shared_by_all(np.clip(residual * clear, -bound, bound), [part.at.used for part in parts], least)
-        noise *= shared.factor * streak_doubt(state.spread)
+        clipped, windows = np.clip(residual * clear, -bound, bound), [part.at.used for part in parts]
+        shared = shared_by_all(clipped, windows, least)
+        told = told_on_slopes(clipped, np.concatenate([part.at.steep for part in parts]), windows, least)
+        noise *= max(shared.factor, told) * streak_doubt(state.spread)
         prior, pull, surprise = self._prior(state, bends, start, level, noise, len(unit))
         sheet = prints[0].sheet
         if sheet is not None and state.rise is not None:
@@ -213,7 +213,7 @@ class PhotoStepper:
             return None
         lit = Lit.of(at, model.half)
         rows, unit = self._jacobian(at, lit, model, state)
-        steepness = float(np.sqrt(np.mean(at.dx**2 + at.dy**2))) * abs(float(lit.gain[0]))
+        steepness = float(np.sqrt(np.mean(at.steep))) * abs(float(lit.gain[0]))
         return _Part(at, at.grey - lit.gain @ lit.columns, rows, unit, float(lit.gain[0]), steepness)
 
     def _bends(self, residual: Array, columns: Array) -> Array:
@@ -226,8 +226,8 @@ class PhotoStepper:
         variance = max(MAD * median(np.abs(residual)), 1.0) ** 2
         known = np.diag(variance / beyond_sd(self._limits.edges) ** 2)
         weights = 1.0 / np.maximum(residual**2 / (self._limits.photo.outlier**2 * variance), 1.0)
-        bends = np.linalg.solve((columns * weights) @ columns.T + known, columns @ (weights * residual))
-        return np.asarray(bends, np.float64)
+        normal = (columns * weights) @ columns.T + known
+        return np.asarray(np.linalg.solve(normal, columns @ (weights * residual)), np.float64)
 
     def _jacobian(self, at: PrintSamples, lit: Lit, model: PrintModel, state: PhotoState) -> tuple[Array, Array]:
         """Derivative of a print's grey values by all its unknowns `(k, n)`, in units `(k,)` of one size."""

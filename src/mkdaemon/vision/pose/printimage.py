@@ -55,6 +55,11 @@ class PrintSamples:
     grey: Array
     used: npt.NDArray[np.bool_]
 
+    @property
+    def steep(self) -> Array:
+        """Squared slope of the model `(n,)` [1/px^2]."""
+        return self.dx**2 + self.dy**2
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RenderedPrint:
