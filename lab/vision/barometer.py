@@ -9,6 +9,7 @@ from typing import Any, Final
 import numpy as np
 
 from lab.campaign import Case, Part
+from lab.vision.bounds import scale_sd
 from lab.vision.selfcal import FPS, SECONDS, Descent
 from lab.vision.stills import SeedSet
 from mkdaemon.vision.selfcal.heightfilter import HeightFilter
@@ -58,6 +59,7 @@ def _plan(quick: bool, seeds: SeedSet) -> list[Part]:
 
 def _sum_up(_quick: bool, parts: Sequence[Part], found: Sequence[Outcome]) -> dict[str, Any]:
     rows: dict[str, Any] = {}
+    bound = scale_sd(Descent(0, yaws=False).height, SECONDS)
     for share, descents in FLIGHTS:
         ours = [one for part, one in zip(parts, found, strict=True) if part.args[:2] == (share, descents)]
         off, sd = np.array([one.off for one in ours]), np.array([one.sd for one in ours])
@@ -66,6 +68,7 @@ def _sum_up(_quick: bool, parts: Sequence[Part], found: Sequence[Outcome]) -> di
             "told": sum(one.told for one in ours),
             "rms_percent": round(100 * float(np.sqrt((off**2).mean())), 2),
             "sd_percent": round(100 * float(sd.mean()), 2),
+            "bound_percent": round(100 * bound / (1 + share) / float(np.sqrt(descents)), 2),
         }
     return rows
 
