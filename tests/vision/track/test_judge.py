@@ -420,23 +420,52 @@ class GivenVerdicts:
     verdicts: list[Verdict]
 
     def measure(self, seen, start, predicted, others=()):
-        return self.verdicts.pop(0)
+        return self.verdicts.pop(0) if self.verdicts else Verdict(None, PoseRefusal.ATTITUDE)
 
 
-def test_where_one_start_contradicts_the_attitude_no_other_start_is_asked() -> None:
+@pytest.mark.parametrize(("loss", "is_published"), [(0.0055, True), (0.019, False)])
+def test_no_start_leads_to_a_pose_that_the_image_likes_less_than_one_the_attitude_refused(loss, is_published) -> None:
     """A fit held at the tilt of an attitude that had jumped by 10 degrees was published from a second start."""
     target = shipped("single")
     follower = Tracker(TagMap((target,)), VGA, LOOKING_DOWN).followers[0]
-    verdicts = [Verdict(None, PoseRefusal.ATTITUDE, fitted(tilt_deg=7.0)), Verdict(fitted(), None)]
+    refused, held = fitted(tilt_deg=7.0, loss=0.005), fitted(loss=loss)
+    verdicts = [Verdict(None, PoseRefusal.ATTITUDE, refused), Verdict(held, None)]
     follower.judge = GivenVerdicts(verdicts)  # type: ignore[assignment]
     for time in (-STEP, 0.0):
         follower.track.accept(time, fitted(), np.eye(3), PIXELS)
     follower.track.decoded_at = 0.0
     frame = Frame(CameraImage(PIXELS, STEP, STEP, 1, "down"), sight())
     follower.follow(frame)
-    assert len(verdicts) == 1
-    assert not frame.poses
-    assert frame.refused == {target.name: PoseRefusal.ATTITUDE}
+    assert not verdicts
+    assert bool(frame.poses) == is_published
+    assert frame.contradicting == ({} if is_published else {target.name: refused})
+    assert frame.refused.get(target.name) is (None if is_published else PoseRefusal.ATTITUDE)
+
+
+def test_a_target_that_the_attitude_refuses_is_followed_only_where_no_other_start_does_better() -> None:
+    """A band over a border misled a fit by 23 degrees beside a right attitude, and another start found the place."""
+    target = shipped("single")
+    misled, right = fitted(tilt_deg=23.0, loss=0.3), fitted(tilt_deg=0.2)
+    for verdicts, position in (
+        ([Verdict(misled, PoseRefusal.ATTITUDE, misled), Verdict(right, None)], right),
+        ([Verdict(misled, PoseRefusal.ATTITUDE, misled)], misled),
+    ):
+        follower = Tracker(TagMap((target,)), VGA, LOOKING_DOWN).followers[0]
+        follower.judge = GivenVerdicts(list(verdicts))  # type: ignore[assignment]
+        for time in (-STEP, 0.0):
+            follower.track.accept(time, fitted(), np.eye(3), PIXELS)
+        follower.track.decoded_at = 0.0
+        frame = Frame(CameraImage(PIXELS, STEP, STEP, 1, "down"), sight())
+        follower.follow(frame)
+        assert follower.track.last is position
+        assert bool(frame.poses) == (position is right)
+
+
+def test_a_large_residual_is_no_word_against_the_attitude_where_edges_are_hidden() -> None:
+    free = fitted(tilt_deg=23.0, inliers=0.8, rms_px=0.9)
+    verdict = Judge(checks(GivenFits(free, cell_px=40.0), followed())).measure(sight(), fitted(), fitted())
+    assert verdict.refusal is not None
+    assert verdict.contradicting is None
 
 
 def test_rivals_that_are_nearly_one_pose_are_published_with_the_doubt_in_their_covariance():

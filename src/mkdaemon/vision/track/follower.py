@@ -9,7 +9,7 @@ from typing import Final
 from mkdaemon.config.vision import TrackerSection
 from mkdaemon.telemetry.vision import PoseRefusal
 from mkdaemon.vision.limits import LIMITS, Limits
-from mkdaemon.vision.pose.ambiguity import Choice
+from mkdaemon.vision.pose.ambiguity import Choice, prefers
 from mkdaemon.vision.pose.carry import Carrier
 from mkdaemon.vision.pose.fitting import TargetFitter
 from mkdaemon.vision.pose.pose import Pose
@@ -78,7 +78,7 @@ class Follower:
         if self._measured(frame, predicted.pose, self._starts.of(frame.sight.pixels, predicted)):
             return
         # An attitude that jumps, or has a swapped sign, turns a prediction away from a target that is where it was.
-        if predicted.has_attitude and self.name not in frame.contradicting:
+        if predicted.has_attitude:
             alone = self._predicted(frame.sight.without_attitude())
             if self._measured(frame, alone.pose, self._starts.of(frame.sight.pixels, alone)):
                 return
@@ -90,29 +90,41 @@ class Follower:
 
     def _measured(self, frame: Frame, predicted: Pose, starts: Iterable[Start]) -> bool:
         """Whether the target is found from one of several starts; it is followed then, and published if believed."""
-        track = self.track
+        refused: Verdict | None = None
         for mode, start, others in starts:
             start = self._starts.with_climb(frame.sight, start)
             verdict = self.judge.measure(frame.sight, start, predicted, others)
-            if verdict.contradicting is not None:
-                frame.contradicting.setdefault(self.name, verdict.contradicting)
-            if verdict.pose is None:
-                frame.refused[self.name] = verdict.refusal or PoseRefusal.NO_FIT
-                if verdict.contradicting is not None:
-                    # The image has told; what another start leads to beside the attitude is no better for it.
-                    return False
+            rival, against = frame.contradicting.get(self.name), verdict.contradicting
+            if against is not None:
+                if rival is None or prefers(against, rival, self._limits):
+                    frame.contradicting[self.name] = against
+                if verdict.pose is not None:
+                    refused = refused or verdict
+            elif verdict.pose is not None:
+                if rival is None or not prefers(rival, verdict.pose, self._limits):
+                    self._found(frame, verdict, verdict.pose, mode)
+                    return True
+                # It agrees with the attitude; the image prefers what the attitude refused.
+                frame.refused[self.name] = PoseRefusal.ATTITUDE
                 continue
-            if not self._decode_again(frame, verdict.pose):
-                return True
-            if verdict.refusal is not None:
-                self._accept(frame, verdict.pose)
-                track.in_doubt = track.in_doubt or verdict.refusal is PoseRefusal.AMBIGUOUS
-                frame.follow(self.name, verdict.refusal)
-            else:
-                track.in_doubt = False
-                self._publish(frame, Choice(verdict.pose, float("inf"), "track"), mode)
-            return True
-        return False
+            frame.refused[self.name] = verdict.refusal or PoseRefusal.NO_FIT
+        if refused is None or refused.pose is None:
+            return False
+        self._found(frame, refused, refused.pose, "predicted")
+        return True
+
+    def _found(self, frame: Frame, verdict: Verdict, pose: Pose, mode: FoundBy) -> None:
+        """Follow a target that is found, and publish it if it is believed."""
+        track = self.track
+        if not self._decode_again(frame, pose):
+            return
+        if verdict.refusal is not None:
+            self._accept(frame, pose)
+            track.in_doubt = track.in_doubt or verdict.refusal is PoseRefusal.AMBIGUOUS
+            frame.follow(self.name, verdict.refusal)
+            return
+        track.in_doubt = False
+        self._publish(frame, Choice(pose, float("inf"), "track"), mode)
 
     def witness_against(self, frame: Frame, reported: Sight, witness: AttitudeWitness) -> bool:
         """Let what was found in an image speak for or against the attitude.
@@ -142,7 +154,6 @@ class Follower:
         seen = frame.contradicting.get(self.name)
         if seen is None:
             return
-        frame.poses = [found for found in frame.poses if found.target != self.name]
         self.start(frame, frame.detections, "search", None)
         if self.track.is_live and all(found.target != self.name for found in frame.poses):
             self._measured(frame, self._predicted(frame.sight).pose, [("predicted", seen, iter(()))])
@@ -272,6 +283,7 @@ class Follower:
         self._accept(frame, choice.pose)
         self._bend.learn(frame.sight.time, choice.pose)
         frame.refused.pop(self.name, None)
+        frame.contradicting.pop(self.name, None)
         self._health.note(choice.pose, self._fitter.side_px(choice.pose))
         frame.poses.append(
             TargetPose(

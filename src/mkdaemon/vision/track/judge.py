@@ -86,11 +86,16 @@ class Judge:
             off = pose if refused is PoseRefusal.ATTITUDE else None
             if leaning is not None and leans and (off is None or not prefers(off, leaning, self._limits)):
                 return self.add_inertia(seen, doubted(leaning))
-            if off is not None and (leans or checks.is_plain(seen, off)):
+            if off is not None and (leans or self._is_plainly_there(seen, off)):
                 contradicting = off
-        # Where cells are read clearly the target is there, however it is tilted.
-        is_there = contradicting is not None and checks.is_plain(seen, contradicting)
+        is_there = contradicting is not None and self._is_plainly_there(seen, contradicting)
         return Verdict(contradicting if is_there else None, refused, contradicting)
+
+    def _is_plainly_there(self, seen: Sight, pose: Pose) -> bool:
+        """Whether a large target whose cells are read clearly lies as a pose says, for all but the attitude."""
+        if not self._checks.is_plain(seen, pose):
+            return False
+        return certainty_refusal(pose, has_attitude=False, is_plain=True, limits=self._limits) is None
 
     def _is_contradicted(self, pose: Pose | None, refused: PoseRefusal | None) -> bool:
         """Whether the attitude refuses a fit that nearly all edges agree with: nothing lies over such a target.
