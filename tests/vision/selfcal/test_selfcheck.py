@@ -164,6 +164,21 @@ def test_without_a_camera_file_nothing_is_watched() -> None:
     assert (check.alarms, check.reports()) == ({}, ())
 
 
+def test_edges_along_rows_of_pixels_share_an_error_and_say_less() -> None:
+    target = shipped(NESTED)
+    along, across = (View(target, place(2.0, 0.15, around=0.0, roll=roll)) for roll in (0.0, 0.3))
+    said = []
+    for view in (along, across):
+        pose = EdgeFit(target, Projection(VGA)).fit(
+            view.pixels, Pose(view.rotation, view.position, np.eye(6), "edges", 99, 0.1)
+        )
+        assert pose is not None
+        evidence = EvidenceMaker(target, Projection(VGA)).look(view.pixels, pose)
+        assert evidence is not None
+        said.append(evidence.matrix[0, 0])
+    assert said[1] > 4.0 * said[0]
+
+
 def test_a_rolling_shutter_and_a_hidden_target_say_less() -> None:
     target, shot = shipped(NESTED), shots()[0]
     pose = Pose(shot.rotation, shot.position, np.eye(6), "edges", 99, 0.1)

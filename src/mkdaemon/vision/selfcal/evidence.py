@@ -9,7 +9,6 @@ Source: the Schur complement of a bundle adjustment, Triggs et al., Vision Algor
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import hypot
 from typing import Final
 
 import numpy as np
@@ -27,11 +26,10 @@ Grey = npt.NDArray[np.uint8]
 
 LENS: Final = ("focal", "cx", "cy", "k1")
 """What may be wrong with a lens: logarithm of the focal lengths, principal point [px], radial distortion."""
-LEFT_PX: Final = 0.03
-"""Error of an edge that no residual of an image shows [px]: interpolation, paper."""
-ALIKE: Final = 1.5
-"""Edges that share one error: neighbours within the blur. Measured: errors over deviations, docs/accuracy.md."""
-SHIFTED: Final = 0.25
+ALIGNED_PX: Final = 0.08
+"""Error that the edges of a tag's side share where it runs along a row of pixels [px]: all lie between the same two. It
+falls with the rows that a side crosses. Measured: errors over deviations, docs/accuracy.md."""
+SHIFTED: Final = 0.15
 """The same for each pixel all edges are shifted by: a tone curve or sharpening bends them too."""
 ROLLING_PX: Final = 0.3
 """The same under a rolling shutter, whose motion is part of the error [px]."""
@@ -85,6 +83,7 @@ class EvidenceMaker:
         centres = np.array([tag.position for tag in target.tags])
         self._from_centre = model.points - centres[model.tag]
         self._tag = model.tag
+        self._size = np.array([tag.size for tag in target.tags])[model.tag]
         self.sizes = len(target.tags) - 1 if len(target.tags) <= MOST_SIZES else 0
         apart = np.linalg.norm(centres - centres[0], axis=1).max()
         self.is_spread = bool(apart > APART * target.tags[0].size)
@@ -108,8 +107,11 @@ class EvidenceMaker:
         columns = np.column_stack([self._by_lens(edges, seen), self._by_size(edges, pose), edges.by_rise])
         # The pose knows how its print bends in this image; here all images say so together.
         offsets = edges.offsets if pose.bend is None else edges.offsets + edges.by_rise @ pose.bend.mean
-        left_px = hypot(ROLLING_PX if self._rolls else LEFT_PX, SHIFTED * pose.shift_px)
-        weights = _weights(np.column_stack([shifted, columns]), offsets, edges, left_px)
+        crossed = np.abs(edges.normals).min(axis=1) * self._size[edges.index] * self._px_per_m(pose)
+        shared = ALIGNED_PX**2 / (1.0 + crossed**2) + (SHIFTED * pose.shift_px) ** 2
+        if self._rolls:
+            shared += ROLLING_PX**2
+        weights = _weights(np.column_stack([shifted, columns]), offsets, edges, shared)
         weighted = shifted * weights[:, None]
         normal = weighted.T @ shifted
         shift_sd = np.array([SHIFT_SD_PX, *[LIMITS.edges.own_shift_sd_px] * smaller.shape[1]])
@@ -141,13 +143,24 @@ class EvidenceMaker:
         grown = (edges.jacobian[:, :3] * (self._from_centre[edges.index] @ pose.rotation.T)).sum(axis=1)
         tag = self._tag[edges.index]
         own = [np.where(tag == k, grown, 0.0) for k in range(1, self.sizes + 1)]
-        cell_px = self._fit.model.cell[edges.index] * self._projection.focal[0] / float(pose.position[2])
+        cell_px = self._fit.model.cell[edges.index] * self._px_per_m(pose)
         melts = (LIMITS.cells.readable_px / cell_px) ** MELTS
         return np.column_stack([*own, *([grown] if self.is_spread else []), grown * melts])
 
+    def _px_per_m(self, pose: Pose) -> float:
+        """Of the target in the image."""
+        return float(self._projection.focal[0] / pose.position[2])
 
-def _weights(jacobian: Array, offsets: Array, edges: LocatedEdges, left_px: float) -> Array:
-    """Tukey's weights of the offsets over their variance [1/px^2], around the best that all unknowns can do."""
+
+def _weights(jacobian: Array, offsets: Array, edges: LocatedEdges, shared: Array) -> Array:
+    """Tukey's weights of the offsets over their variance [1/px^2], around the best that all unknowns can do.
+
+    Args:
+        jacobian: derivative of the offsets by all unknowns `(n, k)`.
+        offsets: of the edges `(n,)` [px].
+        edges: that were located.
+        shared: variance of errors that no residual shows, as edges share them `(n,)` [px^2].
+    """
     found, root = edges.found, np.sqrt(edges.trust)
     jacobian, offsets = jacobian * root[:, None], offsets * root
     weights = found.astype(np.float64)
@@ -164,5 +177,5 @@ def _weights(jacobian: Array, offsets: Array, edges: LocatedEdges, left_px: floa
     # Doubt makes residuals small: by as much less they say how large residuals are.
     weights = edges.trust * weights
     variance = float((weights * residual**2).sum()) / max(float(weights.sum()) - jacobian.shape[1], 1.0)
-    scaled: Array = weights / (ALIKE * (variance + left_px**2))
+    scaled: Array = weights / (variance + shared)
     return scaled
