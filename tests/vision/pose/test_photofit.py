@@ -8,6 +8,7 @@ import pytest
 
 from mkdaemon.sim.scene.light import Conditions
 from mkdaemon.vision.camera.calibration_file import load_camera
+from mkdaemon.vision.pose.edgefit import EdgeFit
 from mkdaemon.vision.pose.photofit import PhotoFit
 from mkdaemon.vision.pose.pose import Pose, turn
 from mkdaemon.vision.pose.projection import Projection
@@ -54,6 +55,17 @@ def test_a_fit_that_has_not_arrived_says_how_far_it_would_go_on() -> None:
     apart = np.concatenate([broken_off.position - arrived.position, turned])
     assert float(apart @ np.linalg.solve(arrived.covariance, apart)) > 100.0
     assert float(apart @ np.linalg.solve(broken_off.covariance, apart)) < 6.0
+
+
+def test_under_a_rolling_shutter_pixels_know_a_first_pose_no_better_than_its_edges() -> None:
+    target = shipped("single")
+    view = View(target, place(2.8, 0.3, 0.7, 0.4), Conditions())
+    start = Pose(view.rotation, 1.002 * view.position, 1e-6 * np.eye(6), "edges", 200, 0.05)
+    for line_time in (0.0, 30e-6):
+        projection = Projection(VGA.model_copy(update={"line_time": line_time}))
+        edges = EdgeFit(target, projection).fit(view.pixels, start)
+        assert edges is not None
+        assert (PhotoFit(target, projection).polish(view.pixels, edges) is edges) is (line_time > 0.0)
 
 
 def test_a_fit_in_dusk_ends_where_it_ends_from_another_start() -> None:

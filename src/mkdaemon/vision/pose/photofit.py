@@ -192,6 +192,7 @@ class PhotoFit:
 
         Cells of five to ten pixels have sharp edges and still few of them: the pixels between tell as much again. The
         edges stay the evidence that gates and rivals are judged by; only place and covariance are taken over.
+        Under a rolling shutter both lack the same of a first image's motion, and pixels do not know it better.
 
         Args:
             pixels: `(h, w)` uint8.
@@ -202,7 +203,7 @@ class PhotoFit:
         """
         limits, whole = self._limits, self._limits.agreement.whole
         cell_px = self.prints.cell_px(pose)
-        if pose.source != "edges" or cell_px > limits.cells.small_px or pose.inliers < whole:
+        if self._rolls or pose.source != "edges" or cell_px > limits.cells.small_px or pose.inliers < whole:
             return pose
         grey = self.fit(pixels, pose)
         if grey is None or not self.explains(grey):
