@@ -27,9 +27,9 @@ MOVED: Final = 0.38
 """Share of w^2 c that an edge moves: edges drawn with a point spread of 0.5 to 1.5 px, 0.33 to 0.41."""
 ROUNDS: Final = 2
 """Of weights and light."""
-UNSURE: Final = 0.7
-"""Share of what the light moves that is unsure, and that it moves edges another way: marks of dirt are smaller than a
-quadratic over the print."""
+UNSURE, OTHERWISE: Final = 0.7, 0.35
+"""Shares of what the light moves: that is unsure, and by which it may move edges another way, as marks of dirt are
+smaller than a quadratic over the print (twice as much makes poses under a shadow's rim too unsure)."""
 EVEN_PX: Final = 0.003
 """What the light may move edges against each other without being asked [px]: below a third of `systematic_px`."""
 ENOUGH: Final = 60
@@ -127,14 +127,14 @@ class UnevenLight:
     def _unsure(self, moved: Array, sides: EdgeSides) -> Array:
         """Errors of all edges that what the light moves `(n,)` leaves, deviations with their signs `(7, n)` [px].
 
-        A share of it, and shifts of the same size that grow evenly over the print: e = n . (a + B x), each of the six
+        A share of it, and shifts in proportion that grow evenly over the print: e = n . (a + B x), each of the six
         coefficients an unknown.
         """
         x, y = self.bright.place(sides.pixels).T
         across, down = sides.normals.T
-        size = float(np.sqrt(np.mean(moved**2)))
+        size = OTHERWISE * float(np.sqrt(np.mean(moved**2)))
         even = size * np.stack([across, down, across * x, across * y, down * x, down * y])
-        return np.asarray(UNSURE * np.vstack([moved, even]))
+        return np.vstack([UNSURE * moved, even])
 
     def is_even(self, width: float) -> bool:
         """Whether the light moves no edge of a half width by as much as could turn the print."""
