@@ -27,7 +27,7 @@ MOVED: Final = 0.38
 """Share of w^2 c that an edge moves: edges drawn with a point spread of 0.5 to 1.5 px, 0.33 to 0.41."""
 ROUNDS: Final = 2
 """Of weights and light."""
-UNSURE, OTHERWISE: Final = 0.7, 0.35
+UNSURE, OTHERWISE = 0.7, 0.35
 """Shares of what the light moves: that is unsure, and by which it may move edges another way, as marks of dirt are
 smaller than a quadratic over the print (twice as much makes poses under a shadow's rim too unsure)."""
 EVEN_PX: Final = 0.003
