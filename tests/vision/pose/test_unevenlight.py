@@ -52,7 +52,7 @@ def test_light_that_may_move_edges_is_in_the_covariance() -> None:
     even, uneven = fitted(view, view.pixels), fitted(view, lit(view, 0.5))
     assert uneven.covariance[2, 2] > 2.0 * even.covariance[2, 2]
     # The light of this image moves nothing sideways, that of one with another mark does.
-    assert uneven.covariance[0, 0] > 2.0 * even.covariance[0, 0]
+    assert uneven.covariance[0, 0] > 1.35 * even.covariance[0, 0]
 
 
 @pytest.mark.parametrize("distance", [1.0, 1.2, 1.4])
