@@ -163,7 +163,8 @@ def test_a_fit_beside_an_attitude(pose, refusal, is_kept):
     ("bits", "said", "inliers", "refusal"),
     [
         (0.7, CellsSaid(here=5.0, beside=0.0), 0.7, None),
-        (0.7, CellsSaid(here=-4.0, beside=0.0), 0.7, PoseRefusal.BITS),  # no tag is read there
+        (0.7, CellsSaid(here=-4.0, beside=0.0), 0.5, PoseRefusal.BITS),  # no tag is read there
+        (0.7, CellsSaid(here=-4.0, beside=0.0), 0.7, None),  # half of it may be covered
         (0.9, CellsSaid(here=-20.0, beside=0.0), 0.7, None),  # but for a shadow that lies over it
         (0.9, CellsSaid(here=5.0, beside=7.0), 0.7, PoseRefusal.BITS),  # one is read beside
         (0.9, CellsSaid(here=5.0, beside=3.0), 0.7, None),

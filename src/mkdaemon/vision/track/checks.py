@@ -61,8 +61,8 @@ class Checks:
             return PoseRefusal.BITS
         if self.is_partial(pose):
             said = self.fitter.cells_said(seen.pixels, pose)
-            is_elsewhere = said.here <= 0.0 and bits is not None and bits < limits.clear_bits
-            if is_elsewhere or said.beside > self.limits.read.beside_nats:
+            is_unread = said.here <= 0.0 and bits is not None and bits < limits.clear_bits
+            if (is_unread and self.has_few_edges(pose)) or said.beside > self.limits.read.beside_nats:
                 return PoseRefusal.BITS
         tilt = self.level.tilt(seen, pose)
         if tilt is not None and tilt > self.level.gate(seen, pose) and not self.is_conclusive(seen, pose):
