@@ -16,6 +16,7 @@ from lab.vision.troubles import band, patches, shadow
 from lab.vision.weather import FLIGHT_IMAGES, SKIES, fly_conditions, sum_up_flights
 from mkdaemon.sim.scene.light import Conditions, Glare
 from mkdaemon.vision.camera.intrinsics import Intrinsics
+from mkdaemon.vision.tags.cover import covered_cells
 from mkdaemon.vision.tags.detector import Detector
 from mkdaemon.vision.tags.tagmap import TagMap, Target
 
@@ -69,7 +70,8 @@ class _Share:
 
     def __init__(self, target: Target) -> None:
         self._target = target
-        self._detector = Detector(TagMap((target,)).whitelist)
+        tags = TagMap((target,))
+        self._detector = Detector(tags.whitelist, covered=covered_cells(tags))
         self.images = self.decoded = self.posed = self.blind = self.wrong = 0
 
     def add(self, still: Still, intrinsics: Intrinsics = VGA, *, blind: bool = True) -> None:

@@ -19,6 +19,7 @@ from mkdaemon.vision.pose.fitting import TargetFitter
 from mkdaemon.vision.pose.gates import fit_refusal
 from mkdaemon.vision.pose.pose import FLOOR_RANGE, Pose, angle_between, with_floor
 from mkdaemon.vision.pose.projection import Projection
+from mkdaemon.vision.tags.cover import covered_cells
 from mkdaemon.vision.tags.detection import Detection, Stage
 from mkdaemon.vision.tags.detector import Detector
 from mkdaemon.vision.tags.tagfamily import find_family
@@ -109,7 +110,7 @@ class StillEye:
         self._edges: dict[tuple[str, int] | str, EdgeFit] = {}
         wanted = None if ids is None else frozenset(ids)
         if tagmap is not None:
-            self._detector = Detector(tagmap.whitelist)
+            self._detector = Detector(tagmap.whitelist, covered=covered_cells(tagmap))
         else:
             whitelist = {name: wanted or frozenset(range(find_family(name).ids)) for name in families}
             cfg = DetectorSection() if wanted else DetectorSection(max_false_rate=ANY_ID_FALSE_RATE)

@@ -10,9 +10,9 @@ import numpy as np
 import numpy.typing as npt
 
 from mkdaemon.vision.limits import LIMITS, Limits
-from mkdaemon.vision.pose.edgemodel import covered
 from mkdaemon.vision.pose.pose import Pose
 from mkdaemon.vision.pose.projection import NEAR_M, Projection
+from mkdaemon.vision.tags.cover import covered
 from mkdaemon.vision.tags.tagmap import Target
 
 Array = npt.NDArray[np.float64]

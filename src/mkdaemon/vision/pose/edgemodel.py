@@ -8,14 +8,13 @@ from functools import lru_cache
 import numpy as np
 import numpy.typing as npt
 
+from mkdaemon.vision.tags.cover import covered
 from mkdaemon.vision.tags.tagmap import Tag, Target
 
 Array = npt.NDArray[np.float64]
 
 SAMPLED = (0.15, 0.7)
 """Where the samples of an edge begin, and the length they are spread over [cells]: corners are rounded by blur."""
-COVER_CELLS = 0.3
-"""How far beyond its paper a tag hides what lies below [cells]: its rim casts a shadow and blurs."""
 BESIDE_CELLS = 0.5
 """An edge is left out where a tag hides a point so far beside it [cells]: the paper's rim is nearer than that, and far
 away both are one (in fair light 9 of 210 edges of the nested target lay beside their place, its inner tag among 8 mm of
@@ -111,14 +110,6 @@ def seen_across(pixels: Array) -> tuple[Array, Array]:
     height = (rise * normals).sum(axis=1)
     normals *= np.where(height < 0.0, -1.0, 1.0)[:, None]
     return normals, np.abs(height) / STEP
-
-
-def covered(points: Array, tag: Tag) -> npt.NDArray[np.bool_]:
-    """Which points `(n, 3)` [m; target] lie under the paper of a tag in the same plane."""
-    local = (points - tag.position) @ tag.rotation
-    half = tag.paper / 2 + COVER_CELLS * tag.module
-    under: npt.NDArray[np.bool_] = (np.abs(local[:, 2]) < tag.module) & (np.abs(local[:, :2]).max(axis=1) <= half)
-    return under
 
 
 def rows_of(columns: Array, index: npt.NDArray[np.intp]) -> Array:

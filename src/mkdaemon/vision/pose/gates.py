@@ -11,11 +11,11 @@ import numpy.typing as npt
 from mkdaemon.config.vision import TrackerSection
 from mkdaemon.telemetry.vision import PoseRefusal
 from mkdaemon.vision.limits import LIMITS, Limits
-from mkdaemon.vision.pose.edgemodel import covered
 from mkdaemon.vision.pose.pose import Pose, angle_between, correlation, largest_variance
 from mkdaemon.vision.pose.projection import Projection
 from mkdaemon.vision.pose.rolling import exposed
 from mkdaemon.vision.tags.cellread import sample
+from mkdaemon.vision.tags.cover import covered
 from mkdaemon.vision.tags.tagmap import Target
 
 Array = npt.NDArray[np.float64]

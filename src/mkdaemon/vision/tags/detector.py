@@ -17,7 +17,7 @@ from mkdaemon.vision.tags import apriltaglib
 from mkdaemon.vision.tags.aruco_fallback import ArucoSearch
 from mkdaemon.vision.tags.cellread import quiet_sides
 from mkdaemon.vision.tags.detection import Detection, Search, Stage
-from mkdaemon.vision.tags.outline import OutlineSearch
+from mkdaemon.vision.tags.outline import Covered, OutlineSearch
 from mkdaemon.vision.tags.searchplan import FIRST, Look, first_of, looks_of, shrink, shrinking
 from mkdaemon.vision.tags.tagfamily import find_family
 
@@ -133,8 +133,16 @@ class Detector:
         *,
         backend: Literal["auto", "apriltag", "aruco"] = "auto",
         limits: Limits = LIMITS,
+        covered: Covered | None = None,
     ) -> None:
         """Prepare the searches.
+
+        Args:
+            whitelist: ids by family.
+            cfg: settings.
+            backend: which library; `auto` takes the best that is installed.
+            limits: which searches there are.
+            covered: cells that another tag lies on (`cover.covered_cells`); a broken outline is read without them.
 
         Raises:
             VisionError: an unknown family, or one that only pyapriltags can search for, without its wheel.
@@ -149,7 +157,7 @@ class Detector:
         self._max_hamming = {name: self._allowed_hamming(name, len(ids)) for name, ids in self._whitelist.items()}
         self._search: Search = AprilTagSearch(families) if backend == "apriltag" else ArucoSearch(families)
         classic = {name: ids for name, ids in self._whitelist.items() if not find_family(name).is_inverted}
-        self._outline = OutlineSearch(classic)
+        self._outline = OutlineSearch(classic, covered or {})
         self.stages: tuple[Stage, ...] = limits.search.ladder if backend == "apriltag" else ARUCO_LADDER
         if not classic:
             # It starts from the outline of something black, and an inverted tag has data there.

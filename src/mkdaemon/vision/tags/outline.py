@@ -23,6 +23,9 @@ from mkdaemon.vision.tags.tagfamily import cells, find_family
 
 Array = npt.NDArray[np.float64]
 Grey = npt.NDArray[np.uint8]
+Bools = npt.NDArray[np.bool_]
+Covered = Mapping[tuple[str, int], Bools]
+"""Cells `(n, n)` of tags, by family and id, that say nothing."""
 
 OUTLINE = LIMITS.outline
 MAX_LINES, MAX_BLOBS = 8, 12
@@ -33,6 +36,23 @@ CORNER_POINTS = 2
 """Points at each end of a piece that do not lie on its line: corners of a blob are round."""
 LINE_REACH = 0.01
 """A line's direction is good to this angle: collinear pieces may be off by so much of their distance [rad]."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Code:
+    """Data cells of a tag, turned counter-clockwise by so many quarters.
+
+    Attributes:
+        tag_id: the code.
+        turn: quarters.
+        bits: which cells are white.
+        seen: which have nothing on them.
+    """
+
+    tag_id: int
+    turn: int
+    bits: Bools
+    seen: Bools
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -52,12 +72,19 @@ class OutlineSearch:
     Corners are those of fitted lines, good to some tenths of a pixel: a start for the edge fit.
     """
 
-    def __init__(self, whitelist: Mapping[str, frozenset[int]]) -> None:
-        """Prepare the codes of a whitelist."""
+    def __init__(self, whitelist: Mapping[str, frozenset[int]], covered: Covered) -> None:
+        """Prepare the codes of a whitelist.
+
+        Args:
+            whitelist: ids by family.
+            covered: cells of a code that another tag lies on, which say nothing.
+        """
         self._codes = {
             name: [
-                (tag_id, np.rot90(cells(name, tag_id)[1:-1, 1:-1] > 0, turn), turn)
+                _Code(tag_id, turn, np.rot90(bits[1:-1, 1:-1], turn), np.rot90(seen[1:-1, 1:-1], turn))
                 for tag_id in sorted(ids)
+                for bits in (cells(name, tag_id) > 0,)
+                for seen in (~covered.get((name, tag_id), np.zeros_like(bits)),)
                 for turn in range(4)
             ]
             for name, ids in whitelist.items()
@@ -93,15 +120,15 @@ class OutlineSearch:
                 continue
             share = (ring[1:-1, 1:-1] - ink) / (paper - ink)
             white, black = np.abs(share - 1) < OUTLINE.level, np.abs(share) < OUTLINE.level
-            known = int(white.sum() + black.sum())
-            for tag_id, bits, turn in codes:
-                wrong = int((white & ~bits).sum() + (black & bits).sum())
+            for code in codes:
+                known = int(((white | black) & code.seen).sum())
+                wrong = int(((white & ~code.bits | black & code.bits) & code.seen).sum())
                 chance = len(codes) * sum(math.comb(known, k) for k in range(wrong + 1)) / 2.0**known
                 if chance <= OUTLINE.max_chance and (best is None or chance < best[0]):
                     margin = float(np.abs(share - 0.5)[white | black].mean()) * (paper - ink)
                     # The print is turned counter-clockwise by `turn` quarters: so are its corners.
-                    corners = np.roll(quad, turn, axis=0)
-                    best = chance, Detection(name, tag_id, wrong, margin, corners, stage)
+                    corners = np.roll(quad, code.turn, axis=0)
+                    best = chance, Detection(name, code.tag_id, wrong, margin, corners, stage)
         return best[1] if best is not None else None
 
 

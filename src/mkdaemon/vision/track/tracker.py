@@ -14,6 +14,7 @@ from mkdaemon.vision.camera.intrinsics import Intrinsics
 from mkdaemon.vision.camera.tone import in_light
 from mkdaemon.vision.limits import LIMITS, Limits
 from mkdaemon.vision.pose.projection import Projection
+from mkdaemon.vision.tags.cover import covered_cells
 from mkdaemon.vision.tags.detection import Detection
 from mkdaemon.vision.tags.detector import Detector
 from mkdaemon.vision.tags.searchplan import first_of
@@ -51,7 +52,7 @@ class Tracker:
         self._limits = limits
         self._mounting = mounting
         self._gamma = intrinsics.gamma if intrinsics is not None else 1.0
-        self.detector = Detector(tagmap.whitelist, detector, limits=limits)
+        self.detector = Detector(tagmap.whitelist, detector, limits=limits, covered=covered_cells(tagmap))
         self._health = ImageHealth(*((intrinsics.width, intrinsics.height) if intrinsics is not None else (None, None)))
         self.witness = AttitudeWitness()
         self.followers: tuple[Follower, ...] = ()
