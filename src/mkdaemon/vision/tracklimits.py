@@ -46,7 +46,7 @@ class AmbiguityLimits:
     track_near: float = of(radians(5.0), "rad", "farthest from its prediction that a track chooses", BLIND)
     track_far: float = of(radians(2.0), "rad", "the rival must be twice as far and so much more", BLIND)
     harmless: float = of(radians(2.0), "rad", "closer rivals are published with the doubt in the covariance", BLIND)
-    small_tilt: float = of(radians(1.5), "rad", "below, the mirrored pose is the pose", BLIND)
+    small_tilt: float = of(radians(0.3), "rad", "below, the mirrored pose is the pose", "a saddle at 1.5 deg, 5.5 off")
     asks_mirror: bool = of(True, "", "a first pose without a rival is asked for its mirror image", "0 flips in 8643")
 
 

@@ -4,11 +4,20 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import cv2
 import numpy as np
 import pytest
 
+from mkdaemon.config.vision import TrackerSection
 from mkdaemon.vision.camera.intrinsics import Intrinsics
+from mkdaemon.vision.pose.fitting import TargetFitter
+from mkdaemon.vision.pose.pose import Pose
+from mkdaemon.vision.pose.projection import Projection
 from mkdaemon.vision.tags.tagmap import TagMap
+from mkdaemon.vision.track.attitude import LOOKING_DOWN
+from mkdaemon.vision.track.checks import Checks
+from mkdaemon.vision.track.level import Sight
+from mkdaemon.vision.track.track import Track
 from mkdaemon.vision.track.tracker import Tracker
 from tests.vision.views import VGA, View, angle_deg, place, shipped
 
@@ -32,3 +41,19 @@ def test_the_first_image_decides(name: str, lens: Intrinsics, distance: float, t
     assert found.decided_by == "image"
     assert angle_deg(found.pose.rotation, view.rotation) < 1.0
     assert np.linalg.norm(found.pose.position - view.position) < 0.01 * distance
+
+
+def test_a_fit_that_ended_between_both_readings_is_asked_for_another() -> None:
+    """Nearly head on, on the saddle between a target tilted by a few degrees and its mirror image."""
+    view = View(shipped("single"), place(7.0, np.radians(4.0)))
+    fitter = TargetFitter(shipped("single"), Projection(VGA))
+    axis = np.cross(view.rotation[:, 2], -view.position)
+    beyond = cv2.Rodrigues(np.radians(5.6) * axis / np.linalg.norm(axis))[0] @ view.rotation
+    saddle = fitter.refine(view.pixels, Pose(beyond, view.position, 1e-6 * np.eye(6), "photometric", 800, 0.05))
+    assert saddle is not None
+    assert np.degrees(saddle.tilt) < 1.0
+    assert angle_deg(saddle.rotation, view.rotation) > 4.0
+    checks = Checks(fitter, Track(), TrackerSection(), LOOKING_DOWN)
+    rivals = checks.candidates(Sight(view.pixels, 0.0, None), saddle)
+    best = min(rivals, key=lambda rival: rival.loss)
+    assert angle_deg(best.rotation, view.rotation) < 1.0

@@ -241,7 +241,8 @@ WITHOUT_ATTITUDE = [
     ({"mirror": mirrored(TILTED)}, TILTED, PoseRefusal.AMBIGUOUS),
     ({"mirror": mirrored(TILTED, loss=0.1)}, TILTED, None),
     ({"mirror": None}, TILTED, None),
-    ({"mirror": mirrored(TILTED)}, fitted(tilt_deg=1.0), None),
+    ({"mirror": mirrored(TILTED)}, fitted(tilt_deg=1.0), PoseRefusal.AMBIGUOUS),  # on the saddle between two readings
+    ({"mirror": mirrored(TILTED)}, fitted(tilt_deg=0.2), None),
     # without the mirror image nothing contradicts but the fit itself
     ({}, replace(TILTED, inliers=0.8), PoseRefusal.INLIERS),
     ({}, replace(TILTED, rms_px=0.6), PoseRefusal.RESIDUAL),
