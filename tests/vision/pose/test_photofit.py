@@ -88,3 +88,13 @@ def test_a_fit_in_dusk_ends_where_it_ends_from_another_start() -> None:
         error = np.concatenate([one.position - other.position, turned])
         apart.append(float(error @ np.linalg.solve(one.covariance, error)))
     assert np.median(apart) < 0.3
+
+
+def test_a_print_of_which_only_even_paper_is_in_view_is_no_fault() -> None:
+    """No pixel then knows anything of the pose, and light and its slope are one."""
+    target = shipped("nested")
+    rotation = cv2.Rodrigues(np.array([1.646, 2.02, -1.366]))[0]
+    start = Pose(rotation, np.array([0.413, -0.227, 0.429]), np.eye(6), "corners", 4, 0.1)
+    pixels = np.random.default_rng(3).normal(20.0, 5.0, (480, 640)).clip(0, 255).astype(np.uint8)
+    found = PhotoFit(target, Projection(VGA)).fit(pixels, start)
+    assert found is None or found.covariance[0, 0] > 1.0

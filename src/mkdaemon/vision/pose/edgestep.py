@@ -100,7 +100,7 @@ class EdgeStep:
             weights = inside**2 * precision
             weighted = (jacobian * weights[:, None]).T
             normal = weighted @ jacobian + prior[0]
-            change[:] = np.linalg.solve(_damped(normal), weighted @ offsets + prior[1])
+            change[:] = np.linalg.solve(damped(normal), weighted @ offsets + prior[1])
             residual = offsets - jacobian @ change
         # d(r (1 - u)^2) / dr with u = (r / bound)^2 is (1 - u) (1 - 5 u).
         slope = inside * (5.0 * inside - 4.0) * precision
@@ -158,7 +158,7 @@ class EdgeStep:
             edge_px: deviation of a located edge that the bend was weighed with [px].
         """
         limits, variance = all_limits.edges, self.variance
-        inverse = np.asarray(np.linalg.inv(_damped(self.normal)), np.float64)
+        inverse = np.asarray(np.linalg.inv(damped(self.normal)), np.float64)
         # C = (v b + s^2) (J^T W J)^-1: in a blurred image neighbours share pixels over b, the width of the blur over
         # that of a sharp edge, or more by their residuals; s is what interpolation leaves and no number of samples
         # averages out.
@@ -169,7 +169,7 @@ class EdgeStep:
             # What is known of the bend is no better for edges that are worse than they look.
             normal = self.normal.copy()
             normal[BENT, BENT] += (noise - edge_px**2) * bent.information
-            inverse = np.asarray(np.linalg.inv(_damped(normal)), np.float64)
+            inverse = np.asarray(np.linalg.inv(damped(normal)), np.float64)
             bend = Bend(bent.rise, noise * inverse[BENT, BENT])
         covariance = noise * inverse[:6, :6]
         if self.edges.unsure is not None:
@@ -256,8 +256,8 @@ def _kinds(found: Bools, upright: Bools) -> tuple[Numbers, Numbers]:
     return every, every
 
 
-def _damped(normal: Array) -> Array:
-    """A normal matrix with its ridge."""
+def damped(normal: Array) -> Array:
+    """A normal matrix `(k, k)` with its ridge."""
     damped: Array = normal.copy()
     diagonal = damped.reshape(-1)[:: len(damped) + 1]
     diagonal += RIDGE * diagonal + LEAST_RIDGE

@@ -13,7 +13,7 @@ import numpy.typing as npt
 from mkdaemon.vision.limits import Limits
 from mkdaemon.vision.pose.bend import RISES, Bend
 from mkdaemon.vision.pose.edgefit import Level
-from mkdaemon.vision.pose.edgestep import MAD
+from mkdaemon.vision.pose.edgestep import MAD, damped
 from mkdaemon.vision.pose.greynoise import LEAST_SHARED, clarity, shared_by_all, streak_doubt, told_on_slopes
 from mkdaemon.vision.pose.nuisance import BEYOND, beyond_motion, beyond_sd, motion_known
 from mkdaemon.vision.pose.pose import Pose, correlation, median
@@ -157,11 +157,11 @@ class PhotoStepper:
             off, information = known.mean - state.rise, known.information
             prior[rises, rises], pull[rises] = noise * information, noise * information @ off
             surprise += float(off @ information @ off)
-        normal = weighted @ jacobian.T + prior * np.outer(unit, unit)
-        ridge = damping * np.diag(np.diag(normal)) + 1e-9 * np.eye(len(unit))
+        normal = damped(weighted @ jacobian.T + prior * np.outer(unit, unit))
+        ridge = damping * np.diag(np.diag(normal))
         change = np.linalg.solve(normal + ridge, weighted @ residual + pull * unit) * unit
         # Covariance of the pose with the rest unknown: sigma^2 times its block of the inverse normal matrix.
-        inverse = noise * np.linalg.inv(normal + 1e-9 * np.eye(len(unit))) * np.outer(unit, unit)
+        inverse = noise * np.linalg.inv(normal) * np.outer(unit, unit)
         covariance = (inverse[POSE, POSE] + inverse[POSE, POSE].T) / 2
         bend = None
         if sheet is not None and state.rise is not None:
