@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from mkdaemon.errors import MkError
+from tools.accuracy_words import CAMERAS, LEAVING, LIES, SKIES, TROUBLES
 from tools.markdown import table
 
 Results = Mapping[str, Any]
@@ -20,48 +21,6 @@ Results = Mapping[str, Any]
 PLACE: Final = re.compile(r"(?P<begin><!-- table (?P<name>\w+) -->\n).*?(?P<end><!-- end -->)", re.DOTALL)
 FEET: Final = {0.6096: "2 ft (0.61 m)", 1.2192: "4 ft (1.22 m)", 1.8288: "6 ft (1.83 m)", 4.572: "15 ft (4.57 m)"}
 """Distances that 2010 measured."""
-CAMERAS: Final = {
-    "ideal": "ideal",
-    "gamma": "gamma 2.2",
-    "low_light": "little light",
-    "webcam": "webcam",
-    "rolling": "rolling shutter",
-    "webcam_rolling": "webcam, rolling shutter",
-}
-SKIES: Final = {
-    "fair": "none",
-    "sun_shadow": "sun and shadow",
-    "leaf_shadows": "leaf shadows",
-    "vehicle_shadow": "vehicle's shadow",
-    "gloss": "gloss",
-    "grass": "grass",
-    "dark": "dusk, 6 % of the light",
-    "exposure_18_ms": "exposure of 18 ms",
-    "over_exposed": "over-exposed, 1.8 times",
-    "dirty_lens": "dirty lens",
-    "fringe": "colours 2 px apart in the corner",
-    "curl": "bent print",
-    "auto_exposure": "camera's own exposure under clouds, gamma 2.2",
-}
-LIES: Final = {
-    "level": "right, the deck level",
-    "tilted": "right, the deck tilted by 4 and 3 degrees",
-    "rocking": "right, the deck rocking by 4 degrees",
-    "attitude_biased": "roll off by 5 degrees",
-    "attitude_jumps": "roll jumps by 6 degrees in flight",
-    "roll_sign_swapped": "sign of roll swapped",
-    "both_signs_swapped": "signs of roll and pitch swapped",
-}
-TROUBLES: Final = {
-    "none": "none",
-    "band": "covered side",
-    "defocus": "defocus",
-    "dim": "6-30 % of the light",
-    "glare": "glare",
-    "motion": "motion blur",
-    "patches": "patches",
-    "shadow": "shadow edge",
-}
 ATTITUDES: Final = {"with_attitude": "yes", "without_attitude": "no"}
 NEAR, FAR = "to_4_m", "to_8_m"
 
@@ -249,6 +208,19 @@ def _decks(results: Results) -> Iterator[str]:
     yield from table(head, rows)
 
 
+def _leaving(results: Results) -> Iterator[str]:
+    """Targets on their way out of the image, by where their middle is."""
+    found = results["leaving"]
+    rows = []
+    for name, words in LEAVING.items():
+        one = found[name]
+        posed = (_share(share) for share in one["posed_by_way_out"].values())
+        counted = (one["images"], one["published"], one["wrong"], one["faults"])
+        rows.append((words, *(f"{count:,}" for count in counted), *posed))
+    ways = [f"at {_share(float(way))} of the way out" for way in found["whole"]["posed_by_way_out"]]
+    yield from table(("target, shutter", "images", "published", "wrong", "faults", *ways), rows)
+
+
 def _flights(results: Results) -> Iterator[str]:
     rows = []
     for target in ("nested", "single"):
@@ -290,6 +262,7 @@ TABLES: Final[Mapping[str, Callable[[Results], Iterator[str]]]] = {
     "published": _published,
     "hardships": _hardships,
     "decks": _decks,
+    "leaving": _leaving,
     "flights": _flights,
     "troubles": _troubles,
     "nees": _nees,

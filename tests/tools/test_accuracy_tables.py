@@ -7,14 +7,16 @@ import json
 import pytest
 
 from lab.vision.decks import LIES as DECKS
+from lab.vision.leaving import CAMERAS as SHUTTERS
 from lab.vision.main import put_into
 from lab.vision.real import DEVICES
 from lab.vision.troubles import TROUBLES
 from lab.vision.weather import SKIES as WEATHERS
 from mkdaemon.errors import ConfigError, MkError
 from tests.places import ROOT
-from tools.accuracy_tables import CAMERAS, LIES, SKIES, TABLES, accuracy_page
-from tools.accuracy_tables import TROUBLES as WORDS
+from tools.accuracy_tables import TABLES, accuracy_page
+from tools.accuracy_words import CAMERAS, LEAVING, LIES, SKIES
+from tools.accuracy_words import TROUBLES as WORDS
 
 RESULTS = ROOT / "docs/results/vision.json"
 
@@ -34,6 +36,10 @@ def test_every_table_stands_in_the_page():
 def test_every_camera_hardship_deck_and_trouble_has_a_row():
     assert (set(CAMERAS), set(SKIES), set(LIES)) == (set(DEVICES), set(WEATHERS), set(DECKS))
     assert set(WORDS) == {"none", *TROUBLES}
+    assert set(LEAVING) == {
+        "whole",
+        *(f"{target}_{shutter}" for target in ("nested", "single") for shutter in SHUTTERS),
+    }
 
 
 def test_a_figure_reaches_its_table_and_the_prose_stays(tmp_path):
