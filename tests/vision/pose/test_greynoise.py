@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mkdaemon.vision.pose.greynoise import LEAST_SHARED, STREAK_PX, clarity, shared_by, streak_doubt, told_on_slopes
+from mkdaemon.vision.pose.greynoise import LEAST_SHARED, STREAK_PX, clarity, shared_by, shared_on_slopes, streak_doubt
 
 RNG = np.random.default_rng(5)
 
@@ -62,7 +62,7 @@ def test_what_a_model_lacks_on_slopes_is_not_lost_among_even_paper(larger: float
     used = np.ones((100, 100), bool)
     slopes = np.random.default_rng(4).random(used.size) < 0.1
     residual = np.random.default_rng(5).standard_normal(used.size) * np.where(slopes, larger, 1.0)
-    told = told_on_slopes(residual, slopes.astype(np.float64), [used])
+    told = shared_on_slopes(residual, slopes.astype(np.float64), [used])
     assert told == pytest.approx(larger**2 / np.mean(residual**2), rel=0.1)
 
 

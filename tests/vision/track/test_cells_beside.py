@@ -12,7 +12,7 @@ from mkdaemon.config.vision import TrackerSection
 from mkdaemon.telemetry.vision import PoseRefusal
 from mkdaemon.vision.limits import LIMITS
 from mkdaemon.vision.pose.fitting import TargetFitter
-from mkdaemon.vision.pose.gates import CellsSaid
+from mkdaemon.vision.pose.gates import CellEvidence
 from mkdaemon.vision.pose.pose import Pose
 from mkdaemon.vision.pose.projection import Projection
 from mkdaemon.vision.track.attitude import LOOKING_DOWN
@@ -22,7 +22,7 @@ from mkdaemon.vision.track.track import Track
 from tests.vision.views import VGA, View, place, shipped
 
 CFG = TrackerSection()
-NOTHING = CellsSaid(-np.inf, 0.0)
+NOTHING = CellEvidence(-np.inf, 0.0)
 
 
 def truth(view: View) -> Pose:
@@ -56,7 +56,7 @@ def test_a_pose_two_cells_of_the_inner_tag_beside_its_place_is_refused(name, dis
     bits = fitter.match(view.pixels, pose)
     assert bits is not None
     assert bits > CFG.min_bit_correlation, "all cells together do not tell"
-    assert fitter.cells_said(view.pixels, pose).beside > LIMITS.read.beside_nats
+    assert fitter.cell_evidence(view.pixels, pose).beside > LIMITS.read.beside_nats
     doubted = replace(pose, inliers=0.5)  # as of a fit that stays there
     assert Checks(fitter, Track(), CFG, LOOKING_DOWN).refusal(seen, doubted, None) is PoseRefusal.BITS
 
@@ -82,7 +82,7 @@ def test_a_right_pose_with_the_inner_tag_hidden_stays(texture):
     pose = fitter.refine(pixels, truth(view))
     assert pose is not None
     assert off(pose, view) < 1e-3
-    assert fitter.cells_said(pixels, pose).beside == 0.0
+    assert fitter.cell_evidence(pixels, pose).beside == 0.0
     assert Checks(fitter, Track(), CFG, LOOKING_DOWN).refusal(sight(view, pixels), pose, None) is None
 
 
@@ -91,8 +91,8 @@ def test_cells_outside_the_image_or_too_small_tell_nothing():
     fitter = TargetFitter(target, Projection(VGA))
     away = replace(truth(view), position=view.position + np.array([5.0, 0.0, 0.0]))
     far = replace(truth(view), position=20.0 * view.position)
-    assert fitter.cells_said(view.pixels, away) == NOTHING
-    assert fitter.cells_said(view.pixels, far) == NOTHING
+    assert fitter.cell_evidence(view.pixels, away) == NOTHING
+    assert fitter.cell_evidence(view.pixels, far) == NOTHING
 
 
 def turned_away(name: str, distance: float, toward: float) -> View:

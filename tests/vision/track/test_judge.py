@@ -12,7 +12,7 @@ from mkdaemon.config.vision import TrackerSection
 from mkdaemon.telemetry.vision import PoseRefusal
 from mkdaemon.vision.camera.image import CameraImage
 from mkdaemon.vision.limits import LIMITS
-from mkdaemon.vision.pose.gates import CellsSaid
+from mkdaemon.vision.pose.gates import CellEvidence
 from mkdaemon.vision.pose.pose import Pose, turn
 from mkdaemon.vision.tags.tagmap import TagMap, Target
 from mkdaemon.vision.track.attitude import LOOKING_DOWN
@@ -56,7 +56,7 @@ class GivenFits:
     cell_px: float = 10.0
     grey: list[Pose] = field(default_factory=list)
     supported: bool = False
-    said: CellsSaid = field(default_factory=lambda: CellsSaid(here=20.0, beside=0.0))
+    evidence: CellEvidence = field(default_factory=lambda: CellEvidence(here=20.0, beside=0.0))
     target: Target = field(default_factory=lambda: shipped("single"))
 
     def refine(self, pixels, start, level=None):
@@ -74,8 +74,8 @@ class GivenFits:
     def match(self, pixels, pose):
         return self.bits
 
-    def cells_said(self, pixels, pose):
-        return self.said
+    def cell_evidence(self, pixels, pose):
+        return self.evidence
 
     def is_supported(self, pixels, pose):
         return self.supported
@@ -160,19 +160,19 @@ def test_a_fit_beside_an_attitude(pose, refusal, is_kept):
 
 
 @pytest.mark.parametrize(
-    ("bits", "said", "inliers", "refusal"),
+    ("bits", "evidence", "inliers", "refusal"),
     [
-        (0.7, CellsSaid(here=5.0, beside=0.0), 0.7, None),
-        (0.7, CellsSaid(here=-4.0, beside=0.0), 0.5, PoseRefusal.BITS),  # no tag is read there
-        (0.7, CellsSaid(here=-4.0, beside=0.0), 0.7, None),  # half of it may be covered
-        (0.9, CellsSaid(here=-20.0, beside=0.0), 0.7, None),  # but for a shadow that lies over it
-        (0.9, CellsSaid(here=5.0, beside=7.0), 0.7, PoseRefusal.BITS),  # one is read beside
-        (0.9, CellsSaid(here=5.0, beside=3.0), 0.7, None),
-        (0.7, CellsSaid(here=-4.0, beside=7.0), 0.95, None),  # nearly all edges agree
+        (0.7, CellEvidence(here=5.0, beside=0.0), 0.7, None),
+        (0.7, CellEvidence(here=-4.0, beside=0.0), 0.5, PoseRefusal.BITS),  # no tag is read there
+        (0.7, CellEvidence(here=-4.0, beside=0.0), 0.7, None),  # half of it may be covered
+        (0.9, CellEvidence(here=-20.0, beside=0.0), 0.7, None),  # but for a shadow that lies over it
+        (0.9, CellEvidence(here=5.0, beside=7.0), 0.7, PoseRefusal.BITS),  # one is read beside
+        (0.9, CellEvidence(here=5.0, beside=3.0), 0.7, None),
+        (0.7, CellEvidence(here=-4.0, beside=7.0), 0.95, None),  # nearly all edges agree
     ],
 )
-def test_where_edges_disagree_the_cells_are_asked(bits, said, inliers, refusal) -> None:
-    fits = GivenFits(fitted(inliers=inliers), bits=bits, said=said)
+def test_where_edges_disagree_the_cells_are_asked(bits, evidence, inliers, refusal) -> None:
+    fits = GivenFits(fitted(inliers=inliers), bits=bits, evidence=evidence)
     assert Judge(checks(fits, followed())).measure(sight(), fitted(), fitted()).refusal is refusal
 
 

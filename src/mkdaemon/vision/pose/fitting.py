@@ -14,7 +14,7 @@ from mkdaemon.vision.pose.bend import Bend
 from mkdaemon.vision.pose.edgefind import HALF_WIDTH
 from mkdaemon.vision.pose.edgefit import EdgeFit, Level
 from mkdaemon.vision.pose.evidence import EdgeEvidence
-from mkdaemon.vision.pose.gates import BitModel, CellsSaid
+from mkdaemon.vision.pose.gates import BitModel, CellEvidence
 from mkdaemon.vision.pose.gather import PrintGatherer
 from mkdaemon.vision.pose.photofit import PhotoFit
 from mkdaemon.vision.pose.pose import Pose, solve
@@ -189,9 +189,9 @@ class TargetFitter:
         read = self._bits.correlation(pixels, start)
         return read is None or read >= self._limits.read.start_match
 
-    def cells_said(self, pixels: Grey, pose: Pose) -> CellsSaid:
+    def cell_evidence(self, pixels: Grey, pose: Pose) -> CellEvidence:
         """What the cells say about where a pose puts the target, and about places some whole cells beside."""
-        return self._bits.said(pixels, pose)
+        return self._bits.evidence(pixels, pose)
 
     def is_supported(self, pixels: Grey, pose: Pose) -> bool:
         """Whether the edges that are seen support a pose with parts of the target hidden."""

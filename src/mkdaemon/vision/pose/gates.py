@@ -40,7 +40,7 @@ class _Grid:
 
 
 @dataclass(frozen=True, slots=True)
-class CellsSaid:
+class CellEvidence:
     """What the cells of a target say about a pose.
 
     Attributes:
@@ -136,7 +136,7 @@ class BitModel:
         enough = max(self._read.rise_grey, self._read.rise * float(np.abs(rise).mean()))
         return max(even, 2.0 * np.count_nonzero(rise > enough) / len(rise) - 1.0)
 
-    def said(self, pixels: Grey, pose: Pose) -> CellsSaid:
+    def evidence(self, pixels: Grey, pose: Pose) -> CellEvidence:
         """What the cells say about where a pose puts the target, and about places some whole cells beside.
 
         After such a step edges agree with their neighbours', and where the rest of the tag is outside the image, little
@@ -155,10 +155,10 @@ class BitModel:
                 continue
             rise = grey[:, grid.pairs[:, 1]] - grey[:, grid.pairs[:, 0]]
             enough = max(self._read.rise_grey, self._read.rise * float(np.abs(rise[both]).mean()))
-            said = np.where(both, np.where(rise > enough, right, wrong), 0.0).sum(axis=1)
-            here = max(here, float(said[0]))
-            beside = max(beside, float(said.max() - max(said[0], 0.0)))
-        return CellsSaid(here, beside)
+            evidence = np.where(both, np.where(rise > enough, right, wrong), 0.0).sum(axis=1)
+            here = max(here, float(evidence[0]))
+            beside = max(beside, float(evidence.max() - max(evidence[0], 0.0)))
+        return CellEvidence(here, beside)
 
     def _look(
         self, pixels: Grey, pose: Pose, points: Array, size: Array | float

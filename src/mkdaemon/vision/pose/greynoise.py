@@ -101,7 +101,7 @@ def shared_by_all(residual: Array, windows: Sequence[npt.NDArray[np.bool_]], lea
     return SharedNoise(float(factor), float(common))
 
 
-def told_on_slopes(
+def shared_on_slopes(
     residual: Array, steep: Array, windows: Sequence[npt.NDArray[np.bool_]], least: float = 0.0
 ) -> float:
     """By how much the residuals on the slopes of a print raise the variance of a fit, as `SharedNoise.factor`.
@@ -115,9 +115,9 @@ def told_on_slopes(
         windows: which pixels of each are used, each `(rows, columns)`.
         least: correlation that is believed.
     """
-    told = residual * np.sqrt(steep / max(float(np.mean(steep)), 1e-12))
-    larger = float(told @ told) / max(float(residual @ residual), LEAST_SCATTER)
-    return larger * shared_by_all(told, windows, least).factor
+    weighed = residual * np.sqrt(steep / max(float(np.mean(steep)), 1e-12))
+    larger = float(weighed @ weighed) / max(float(residual @ residual), LEAST_SCATTER)
+    return larger * shared_by_all(weighed, windows, least).factor
 
 
 def streak_doubt(spread: Array) -> float:

@@ -14,7 +14,7 @@ from mkdaemon.vision.limits import Limits
 from mkdaemon.vision.pose.bend import RISES, Bend
 from mkdaemon.vision.pose.edgefit import Level
 from mkdaemon.vision.pose.edgestep import MAD, damped
-from mkdaemon.vision.pose.greynoise import LEAST_SHARED, clarity, shared_by_all, streak_doubt, told_on_slopes
+from mkdaemon.vision.pose.greynoise import LEAST_SHARED, clarity, shared_by_all, shared_on_slopes, streak_doubt
 from mkdaemon.vision.pose.nuisance import BEYOND, beyond_motion, beyond_sd, motion_known
 from mkdaemon.vision.pose.pose import Pose, correlation, median
 from mkdaemon.vision.pose.printimage import PrintSamples
@@ -148,8 +148,8 @@ class PhotoStepper:
         least = LEAST_SHARED if state.motion is None else 0.0  # what a motion lacks hides under opposed noise
         clipped, windows = np.clip(residual * clear, -bound, bound), [part.at.used for part in parts]
         shared = shared_by_all(clipped, windows, least)
-        told = told_on_slopes(clipped, np.concatenate([part.at.steep for part in parts]), windows, least)
-        noise *= max(shared.factor, told) * streak_doubt(state.spread)
+        steeper = shared_on_slopes(clipped, np.concatenate([part.at.steep for part in parts]), windows, least)
+        noise *= max(shared.factor, steeper) * streak_doubt(state.spread)
         prior, pull, surprise = self._prior(state, bends, start, level, noise, len(unit))
         sheet = prints[0].sheet
         if sheet is not None and state.rise is not None:
