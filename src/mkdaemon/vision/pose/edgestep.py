@@ -258,7 +258,7 @@ def _kinds(found: Bools, upright: Bools) -> tuple[Numbers, Numbers]:
 
 def damped(normal: Array) -> Array:
     """A normal matrix `(k, k)` with its ridge."""
-    damped: Array = normal.copy()
-    diagonal = damped.reshape(-1)[:: len(damped) + 1]
+    found: Array = normal.copy()
+    diagonal = found.reshape(-1)[:: len(found) + 1]
     diagonal += RIDGE * diagonal + LEAST_RIDGE
-    return damped
+    return found

@@ -9,6 +9,7 @@ from math import sqrt
 import numpy as np
 import numpy.typing as npt
 
+from mkdaemon.vision.pose.pointspread import BOX
 from mkdaemon.vision.pose.pose import median
 
 Array = npt.NDArray[np.float64]
@@ -124,7 +125,7 @@ def streak_doubt(spread: Array) -> float:
     """Factor on the variance of a fit for what a streak hides: it differs over the print, and its rim has ground in it.
 
     Args:
-        spread: covariance of the point spread `(2, 2)` [px^2]; an even streak of length L adds L^2 / 12 one way.
+        spread: covariance of the point spread `(2, 2)` [px^2]; an even streak of length L adds L^2 / `BOX` one way.
     """
     least, most = np.linalg.eigvalsh(spread)
-    return 1.0 + (12.0 * float(most - least) / STREAK_PX**2) ** 2
+    return 1.0 + (BOX * float(most - least) / STREAK_PX**2) ** 2

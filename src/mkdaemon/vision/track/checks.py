@@ -60,9 +60,9 @@ class Checks:
         if bits is not None and bits < (limits.clear_bits if is_late else self.cfg.min_bit_correlation):
             return PoseRefusal.BITS
         if self.is_partial(pose):
-            cells = self.fitter.cell_evidence(seen.pixels, pose)
-            is_unread = cells.here <= 0.0 and bits is not None and bits < limits.clear_bits
-            if (is_unread and self.has_few_edges(pose)) or cells.beside > self.limits.read.beside_nats:
+            evidence = self.fitter.cell_evidence(seen.pixels, pose)
+            is_unread = evidence.here <= 0.0 and bits is not None and bits < limits.clear_bits
+            if (is_unread and self.has_few_edges(pose)) or evidence.beside > self.limits.read.beside_nats:
                 return PoseRefusal.BITS
         tilt = self.level.tilt(seen, pose)
         if tilt is not None and tilt > self.level.gate(seen, pose) and not self.is_conclusive(seen, pose):

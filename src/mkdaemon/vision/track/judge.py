@@ -22,10 +22,11 @@ class Verdict:
     """What is thought of a fit.
 
     Attributes:
-        pose: to go on following the target with; none when a gate stopped it.
+        pose: to go on following the target with; none when a gate stopped it. Where only the attitude speaks against a
+            target that is plainly there, that is the contradicting fit.
         refusal: why it is not published; none when it is.
-        contradicting: a fit that the attitude refuses, and that nearly all edges agree with or the image prefers to the
-            one with the attitude's tilt; none without one.
+        contradicting: a fit that the attitude refuses, and that nearly all edges agree with, whose cells are clear, or
+            that the image prefers to the one with the attitude's tilt; none without one.
     """
 
     pose: Pose | None
