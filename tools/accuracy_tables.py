@@ -13,6 +13,8 @@ from pathlib import Path
 from typing import Any, Final
 
 from mkdaemon.errors import MkError
+from tools.accuracy_goals import goals
+from tools.accuracy_part_goals import camera_goals, deck_goals, hardship_goals, leaving_goals
 from tools.accuracy_words import CAMERAS, LEAVING, LIES, SKIES, TROUBLES
 from tools.markdown import table
 
@@ -71,13 +73,14 @@ def _dict(found: Any) -> Mapping[str, Any]:
 
 
 def _distances(results: Results) -> Iterator[str]:
-    head = ("distance", "posed", "mean 3-D", "largest", "sd x / y / z", "sd roll / pitch / yaw", "wrong")
+    head = ("distance", "posed", "mean 3-D", "largest", "mean range", "sd x / y / z", "sd roll / pitch / yaw", "wrong")
     rows = [
         (
             FEET.get(round(row["distance"], 4), f"{row['distance']:g} m"),
             _share(row["posed"]),
             f"{row['mean_3d_cm']:.3f} cm",
             f"{row['max_3d_cm']:.3f} cm",
+            f"{row['mean_xyz_cm'][2]:+.3f} cm",
             f"{_all(row['sd_xyz_cm'], 3)} cm",
             f"{_all(row['sd_rpy_deg'], 3)} deg",
             str(row["wrong"]),
@@ -105,13 +108,16 @@ def _first(row: Mapping[str, Any]) -> str:
 def _cold(results: Results) -> Iterator[str]:
     cold = results["cold"]
     pairs = zip(cold["nested"], cold["single"], strict=True)
-    rows = [(f"{nested['distance']:g} m", _first(nested), _first(single)) for nested, single in pairs]
-    yield from table(("distance", "nested", "single"), rows)
+    rows = [
+        (f"{nested['distance']:g} m", _first(nested), _first(single), f"{nested['wrong'] + single['wrong']}")
+        for nested, single in pairs
+    ]
+    yield from table(("distance", "nested", "single", "wrong"), rows)
 
 
 def _cold_720p(results: Results) -> Iterator[str]:
-    rows = [(f"{row['distance']:g} m", _first(row)) for row in results["cold"]["single_720p"]]
-    yield from table(("distance", "single, 1280x720"), rows)
+    rows = [(f"{row['distance']:g} m", _first(row), str(row["wrong"])) for row in results["cold"]["single_720p"]]
+    yield from table(("distance", "single, 1280x720", "wrong"), rows)
 
 
 def _steep(results: Results) -> Iterator[str]:
@@ -251,6 +257,7 @@ def _nees(results: Results) -> Iterator[str]:
 
 TABLES: Final[Mapping[str, Callable[[Results], Iterator[str]]]] = {
     "seeds": _seeds,
+    "goals": goals,
     "distances": _distances,
     "target_frame": _target_frame,
     "cold": _cold,
@@ -259,10 +266,14 @@ TABLES: Final[Mapping[str, Callable[[Results], Iterator[str]]]] = {
     "stills": _stills,
     "cameras": _cameras,
     "plain_cameras": _plain_cameras,
+    "camera_goals": camera_goals,
     "published": _published,
     "hardships": _hardships,
+    "hardship_goals": hardship_goals,
     "decks": _decks,
+    "deck_goals": deck_goals,
     "leaving": _leaving,
+    "leaving_goals": leaving_goals,
     "flights": _flights,
     "troubles": _troubles,
     "nees": _nees,
