@@ -133,6 +133,7 @@ class EdgeLimits:
     max_move: float = of(0.2, "share", "of the range; a fit that moves farther ran away", FLIGHTS)
     max_move_m: float = of(0.02, "m", "and so much more (edges only)", FLIGHTS)
     settled_px: float = of(0.08, "px", "a step that moves samples less ends the fit", "below a located edge's error")
+    on_its_way2: float = of(22.5, "", "squared length of a step no jagged pixels ask for", "chi-square(6), 1 in 1000")
     tukey: float = of(4.685, "deviations", "outlier bound", "95 % efficiency; Holland and Welsch 1977")
     counted: float = of(0.1, "weight", "from which a sample agrees", "derived: 83 % of the outlier bound")
     first_scale_px: float = of(0.15, "px", "least deviation believed in the first iteration", FLIGHTS)

@@ -12,7 +12,7 @@ from mkdaemon.sim.scene.motion import Platform
 from mkdaemon.sim.scene.scene import Scene, SceneTarget, cam_from_target
 from mkdaemon.sim.scene.view import view_towards
 from mkdaemon.vision.pose.edgefit import EdgeFit
-from mkdaemon.vision.pose.pose import Pose
+from mkdaemon.vision.pose.pose import Pose, largest_variance, turn
 from mkdaemon.vision.pose.projection import Projection
 
 
@@ -32,3 +32,19 @@ def test_a_start_that_is_off_along_one_side_ends_at_the_place(name: str, distanc
         error = error_of(found.rotation, found.position, rotation, position)
         assert error.distance < 0.0002, off_px  # by one median for all edges most of them end 1-27 cm off, or nowhere
         assert found.inliers > 0.95, off_px
+
+
+def test_a_fit_that_has_not_arrived_says_how_far_it_would_go_on() -> None:
+    pad = SceneTarget.of(target_named("nested"), Platform())
+    view = view_towards(VGA, np.array([0.4, 0.2, 1.5]), np.zeros(3))
+    rotation, position = cam_from_target(pad, view)
+    pixels = Scene([pad], ground=None, seed=4, fine=False).render(view, CLEAN)
+    start = Pose(turn(rotation, np.array([0.08, -0.05, 0.0])), 0.99 * position, np.eye(6), "corners", 4, 0.1)
+    fitter = EdgeFit(pad.target, Projection(VGA))
+    broken_off, arrived = (fitter.fit(pixels, start, iterations=count) for count in (1, 12))
+    assert broken_off is not None
+    assert arrived is not None
+    off = error_of(broken_off.rotation, broken_off.position, rotation, position)
+    assert largest_variance(arrived.covariance[3:, 3:]) < np.radians(0.1) ** 2
+    assert off.angle_deg > 0.5
+    assert largest_variance(broken_off.covariance[3:, 3:]) > np.radians(off.angle_deg) ** 2

@@ -197,3 +197,25 @@ def test_a_far_fit_under_a_rolling_shutter_passes_a_rise_of_its_cost(seed: int) 
     apart = error_of(one.rotation, one.position, other.rotation, other.position)
     error = np.array([*apart.xyz, *apart.rpy])
     assert float(error @ np.linalg.solve(other.covariance, error)) < 0.15
+
+
+@pytest.mark.parametrize("seed", [5, 27, 50])
+def test_a_fit_to_edges_from_the_mirror_image_goes_on_while_its_steps_are_long(seed: int) -> None:
+    """Turning by 6-10 rad/s stands in for a tilt on the way back: fits ended there, sure to be right."""
+    rng = np.random.default_rng(seed)
+    tilt, around, distance = rng.uniform(0.3, 0.6), rng.uniform(0.0, 6.28), rng.uniform(4.6, 5.6)
+    eye = distance * np.array([np.sin(tilt) * np.cos(around), np.sin(tilt) * np.sin(around), np.cos(tilt)])
+    middle = np.array([*rng.uniform(-0.8, 0.8, 2), 0.0])
+    at_rest = view_towards(GLOBAL, eye + middle, middle * rng.uniform(-1.0, 1.0))
+    rate = 0.3 * rng.standard_normal(3)
+    view = CameraView(GLOBAL, at_rest.enu_from_cam, eye + middle, rate_cam=rate, line_time=LINE_TIME)
+    rotation, position = cam_from_target(PAD, view)
+    toward = -position / np.linalg.norm(position)
+    axis = np.cross(rotation[:, 2], toward)
+    mirrored = turn(rotation, axis / np.linalg.norm(axis) * 2.0 * np.arccos(rotation[:, 2] @ toward))
+    start = Pose(mirrored, position, np.eye(6), "corners", 4, 0.1)
+    found = EdgeFit(PAD.target, Projection(LENS)).fit(SCENE.render(view, Conditions()), start)
+    assert found is not None
+    off = error_of(found.rotation, found.position, rotation, position)
+    error = np.array([*off.xyz, *off.rpy])
+    assert float(error @ np.linalg.solve(found.covariance, error)) / 6.0 < 2.0  # 175 to 1,200

@@ -134,10 +134,8 @@ class EdgeFit:
             pixels: `(h, w)` uint8.
             start: within about half a cell of the truth.
             iterations: Gauss-Newton steps at most.
-            level: where the target's normal should point; edges of something lying over the target, which a free fit
-                would follow, then become outliers.
-            stretch_sd: how well the ratio of the focal lengths is known; the fit weighs the image against it and the
-                covariance holds what stays unknown. Zero takes the calibration as exact.
+            level: where the target's normal should point; what lies over the target is then an outlier.
+            stretch_sd: deviation of the ratio of the focal lengths, which is unknown then; zero takes them as exact.
 
         Returns:
             The pose, or none when too few edges were seen or the fit ran away.
@@ -146,7 +144,7 @@ class EdgeFit:
         rotation, position = start.rotation, start.position
         last: EdgeStep | None = None
         edge_px = weighed_px = limits.located_px
-        moved = np.inf
+        moved, to_go = np.inf, np.zeros(6)
         light: UnevenLight | None = None
         projection, stretch = self._projection, 0.0
         # stills that doubt the lens show no motion of the camera, and take the print for flat
@@ -195,7 +193,9 @@ class EdgeFit:
             before, moved = moved, sqrt(float(shifts @ shifts) / len(shifts))
             # Edges wider than they were looked for are cut off, and less far from their place than they are.
             is_cut = edges.widest > CUT * reach
-            if last is not None and k > len(limits.reach_px) - 1 and moved > before and not is_cut:
+            to_go = step[:6]
+            is_longer = last is not None and k > len(limits.reach_px) - 1 and moved > before and not is_cut
+            if is_longer and now.length2 < limits.on_its_way2:
                 # Edges of jagged pixels answer more than a move asks: the step before was nearer.
                 break
             last, weighed_px = now, bend_px
@@ -210,6 +210,7 @@ class EdgeFit:
             if motion is not None:
                 motion = motion + step[carried - MOTIONS : carried]
             if moved < limits.settled_px and is_near and not is_cut:
+                to_go = np.zeros(6)
                 break
             if stretch_sd > 0.0:
                 stretch += float(step[carried - 1])
@@ -219,6 +220,8 @@ class EdgeFit:
         fitted = last.pose(rotation, position, self.model.square, self._limits, bent, weighed_px)
         return replace(
             fitted,
+            # It has not arrived: how far it would go on is an error, too.
+            covariance=fitted.covariance + np.outer(to_go, to_go),
             motion=motion,
             known_motion=start.known_motion if rolls else None,
             stretch=stretch if stretch_sd > 0.0 else None,

@@ -113,6 +113,12 @@ class EdgeStep:
         return float(self.weights @ self.residual**2) / max(float(self.weights.sum()) - 6.0, 1.0)
 
     @property
+    def length2(self) -> float:
+        """Squared length of the pose's part of the step, in deviations that the edges leave."""
+        spread = self.variance * np.linalg.inv(damped(self.normal))[:6, :6]
+        return float(self.change[:6] @ np.linalg.solve(spread, self.change[:6]))
+
+    @property
     def influence_variance(self) -> float:
         """Variance of an edge as the robust estimate feels it [px^2].
 
