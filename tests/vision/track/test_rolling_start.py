@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import cv2
 import numpy as np
+import pytest
 
 from lab.vision.flight import VGA, fly
 from lab.vision.real import DEVICES
@@ -30,15 +31,18 @@ def test_images_of_an_unknown_climb_are_followed_until_they_tell_it() -> None:
     assert all(posed[5:])  # 0 of 9 were posed when such an image was forgotten
 
 
-def test_a_camera_that_turns_without_an_attitude_does_not_climb() -> None:
+@pytest.mark.parametrize("known", [False, True])
+@pytest.mark.parametrize("rate", [0.4, 1.5])
+def test_a_camera_that_turns_without_an_attitude_does_not_climb(rate: float, known: bool) -> None:
+    """Nor where the images before had one: the turn is in the step all the same."""
     track, place = Track(), np.array([0.6, 0.4, 3.0])
     for k in range(2):
-        turned = np.asarray(cv2.Rodrigues(k / 30 * np.array([0.4, -0.4, 0.0]))[0], dtype=np.float64)
+        turned = np.asarray(cv2.Rodrigues(k / 30 * rate * np.array([1.0, -1.0, 0.0]))[0], dtype=np.float64)
         pose = Pose(turned, turned @ place, 1e-6 * np.eye(6), "edges", 300, 0.05)
-        track.accept(k / 30, pose, None, np.zeros((4, 4), dtype=np.uint8))
-    known = track.predict(2 / 30, None, None).pose.known_motion
-    assert known is not None
-    assert abs(known.expected[3]) < 0.05  # 0.4 m/s where the turn was taken for a climb
+        track.accept(k / 30, pose, np.eye(3) if known else None, np.zeros((4, 4), dtype=np.uint8))
+    motion = track.predict(2 / 30, None, LOOKING_DOWN).pose.known_motion
+    assert motion is not None
+    assert abs(motion.expected[3]) < 0.05  # 0.4 m/s and more where the turn was taken for a climb
 
 
 def test_the_second_image_knows_the_climb_from_both_ranges() -> None:
