@@ -91,9 +91,6 @@ class CellSizes:
     mixed_px: float = of(5.0, "px", "below, grey values measure what edges have found", FLIGHTS)
     blown_px: float = of(7.0, "px", "the same where most edges are blown", "range NEES 8.5 in edges of 5-6 px, 2 above")
     melted_widths: float = of(3.0, "half widths", "of its edges: smaller cells melt", "5 px where sharp: 1.75 px")
-    plain_widths: float = of(
-        3.0, "half widths", "of its edges: larger cells are plain between them", "5 px: range +.1 %"
-    )
     small_px: float = of(10.0, "px", "below, all pixels of a first pose tell more than its edges", EARNED)
     perspective_px: float = of(24.0, "px", "from here perspective tells a pose from its mirror image", BLIND)
     edges_up_to: float = of(radians(60.0), "rad", "tilt from which edges run into each other", "steep stills")
@@ -116,7 +113,7 @@ class Agreement:
 class BlurWidths:
     """Half width of edges in the image."""
 
-    sharp_px: float = of(1.75, "px", "in focus and at rest", "rendered images, point spread 0.6 px")
+    sharp_px: float = of(1.75, "px", "no edge is taken for narrower", "1.9-2.1 in focus at rest, 1.75 cut by clipping")
     wide_px: float = of(3.0, "px", "from here the shape of the blur moves edges", "NEES beyond 3 m")
     smeared_px: float = of(3.5, "px", "from here perspective drowns in blur; at 3.0 1 % fewer poses", BLIND)
     alarm_px: float = of(5.0, "px", "from here motion or focus is at fault", STILLS)

@@ -40,7 +40,7 @@ def lit(view: View, lost: float) -> np.ndarray:
     return np.rint(view.pixels * np.clip(light, 0.1, 1.0)).astype(np.uint8)
 
 
-@pytest.mark.parametrize("distance", [2.2, 2.8])
+@pytest.mark.parametrize("distance", [2.2, 2.8, 4.2])
 def test_light_that_falls_towards_the_rims_does_not_make_a_print_smaller(distance: float) -> None:
     view = View(TARGET, place(distance, 0.2))
     shares = [farther(view, lit(view, lost)) - farther(view, view.pixels) for lost in (0.2, 0.4)]
@@ -69,6 +69,6 @@ def test_what_is_known_of_shifts_is_weighed_by_the_edges_of_the_image() -> None:
     )
     smaller = np.array([[True], [True], [False], [False]])
     prior = np.zeros((6, 6)), np.zeros(6)
-    grown, (matrix, _) = with_shift(samples, prior, smaller, 0.05, LIMITS.edges)
+    grown, (matrix, _) = with_shift(samples, prior, np.ones(4), smaller, 0.05, LIMITS.edges)
     assert grown.jacobian.shape == (4, 8)
     assert np.diag(matrix)[6:] == pytest.approx([0.25, 0.0625])

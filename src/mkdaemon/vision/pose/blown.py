@@ -121,7 +121,7 @@ def blown_edges(sides: EdgeSides, found: Bools, upright: Bools, limits: Limits) 
     usual = (1.0 if sees_both else BEYOND) * median(contrast[clearest])
     kinds = np.stack([upright, ~upright])
     width = _widths(sides.slope_width, clearest, kinds)
-    blur = np.sqrt(np.maximum(width**2 - LOOKED, LEAST_BLUR))
+    blur = blur_of(width)
     dark = sides.dark + (sides.reach + AHEAD * width) * _rise(sides, found)
     place = np.interp((TOP - dark) / max(usual, 1.0), BELOW, PLACES)
     moved = -blur * np.interp(place, PLACES, MOVED) * cut
@@ -130,6 +130,11 @@ def blown_edges(sides: EdgeSides, found: Bools, upright: Bools, limits: Limits) 
     spread = np.array([edges.blur_share, edges.blur_share, of_contrast])
     clear = 1.0 / (1.0 + (moved / edges.blown_px) ** 2)
     return Blown(moved, np.column_stack([*(kinds * moved), by_contrast]), spread, clear)
+
+
+def blur_of(width: Array) -> Array:
+    """Deviation of the blur of edges, by that of their slopes `(n,)` [px]."""
+    return np.asarray(np.sqrt(np.maximum(width**2 - LOOKED, LEAST_BLUR)))
 
 
 def _widths(slope_width: npt.NDArray[np.floating], clearest: Bools, kinds: Bools) -> Array:

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from mkdaemon.vision.limits import Limits
-from mkdaemon.vision.pose.blown import Blown, EdgeSides, blown_edges
+from mkdaemon.vision.pose.blown import SLOPE_WIDTH, Blown, EdgeSides, blown_edges, blur_of
 from mkdaemon.vision.pose.pose import median, quantile
 
 Array = npt.NDArray[np.float64]
@@ -77,6 +77,7 @@ class FoundEdges:
         found: whether an edge of the right sense was found `(n,)`.
         width: half width of the edges of this image [px].
         widths: the same of those that run the way of each: motion blurs one of two ways `(n,)` [px].
+        toned: what a tone curve shifts each by over what it shifts all, as their blur `(n,)`.
         trust: 1 where both sides of an edge are even, less where a shadow's rim or a leaf lies beside it; over the
             variance of the offset `(n,)`.
         room: what neighbours leave of each, against the one with most room; over the variance of the offset too. An
@@ -90,6 +91,7 @@ class FoundEdges:
     found: npt.NDArray[np.bool_]
     width: float
     widths: Array
+    toned: Array
     trust: Array
     room: Array
     blown: Blown | None = None
@@ -146,7 +148,8 @@ def find_edges(
     # Width of an edge in this image: area of the slope over its peak, median over the samples.
     area = slope.sum(axis=0) * spacing / np.maximum(peak, 1e-3)
     width = min(max(WIDTH_FACTOR * median(area), blur.sharp_px), WIDEST_PX)
-    widths = _widths(area, samples, width)
+    areas = _areas(area, samples)
+    widths = np.maximum(WIDTH_FACTOR * areas, width).astype(np.float32)
     centre = place[peak_at]
     if width > blur.sharp_px:
         # The peak of a wide edge is noise: a first centre of gravity puts the window where the edge is.
@@ -157,9 +160,12 @@ def find_edges(
     enough = max(edges.min_slope, edges.min_peak * float(np.partition(peak, -tenth)[-tenth]))
     found = (peak > enough) & (np.abs(offsets) < samples.reach)
     trust: Array = np.ones(len(found))
+    toned: Array = np.ones(len(found))
     sides: EdgeSides | None = None
     room: Array = np.ones(len(found))
     if is_near:
+        toned = blur_of(areas / SLOPE_WIDTH)
+        toned /= toned.mean()
         # A fit that is not yet near its place has other edges beside these.
         beside = np.abs(place[:, None] - offsets)
         either *= (beside > widths) & (away <= samples.reach + STEP_PX)
@@ -175,20 +181,19 @@ def find_edges(
     )
     if blown is not None:
         located -= blown.moved
-    return FoundEdges(located, found, width, widths.astype(np.float64), trust, room, blown, sides)
+    return FoundEdges(located, found, width, widths.astype(np.float64), toned, trust, room, blown, sides)
 
 
-def _widths(area: Array32, samples: Samples, least: float) -> Array32:
-    """Half width of the edges that run the way of each `(n,)` [px], `least` at least.
+def _areas(area: Array32, samples: Samples) -> Array:
+    """Area of the slope over its peak, of those that run the way of each `(n,)` [px].
 
     Told by the larger cells: in small ones a neighbour cuts an edge off.
     """
-    widths = np.full(len(area), least, np.float32)
+    areas: Array = np.full(len(area), median(area))
     for kind in (samples.upright, ~samples.upright):
         if int(kind.sum()) >= LEAST_OF_A_KIND:
-            large = kind & (samples.reach >= LARGE * float(samples.reach[kind].max()))
-            widths[kind] = max(WIDTH_FACTOR * median(area[large]), least)
-    return widths
+            areas[kind] = median(area[kind & (samples.reach >= LARGE * float(samples.reach[kind].max()))])
+    return areas
 
 
 def _sides(

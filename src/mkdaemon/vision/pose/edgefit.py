@@ -112,7 +112,6 @@ class EdgeFit:
     ) -> None:
         model = self.model = EdgeModel.of(target)
         self._points = model.stepped
-        self._cell = float(model.cell.max())
         self._sheet = sheet_of(target)
         self._bends = np.zeros((0, 0)) if self._sheet is None else self._sheet.terms(self._points)
         self._projection = projection
@@ -168,7 +167,7 @@ class EdgeFit:
             if edges.sides is not None and edges.blown is None:
                 light = light or UnevenLight.of(edges.sides, edges.found)
                 if light is not None:
-                    edges = light.without(edges, self._cell * projection.focal[0] / position[2], self._limits)
+                    edges = light.without(edges, limits)
             if last is not None:
                 edge_px = max(last.variance**0.5, limits.least_scale_px)
             weighed = edge_px if is_near else limits.located_px
@@ -184,7 +183,7 @@ class EdgeFit:
             if edges.blown is not None:
                 samples, prior = with_blown(samples, prior, edges.blown, edge_px)
             smaller = self.model.smaller[samples.index] if is_near else None
-            samples, prior = with_shift(samples, prior, smaller, weighed, limits)
+            samples, prior = with_shift(samples, prior, edges.toned, smaller, weighed, limits)
             least_scale = limits.first_scale_px if k == 0 else limits.least_scale_px
             now = EdgeStep.solve(samples, edges, least_scale, limits.tukey, prior, is_near=is_near)
             step = now.change
@@ -237,7 +236,7 @@ class EdgeFit:
             return None
         edges = find_edges(pixels, samples, self._limits, is_blown=int(pixels.max()) >= self._limits.read.saturated)
         jacobian, by_rise = samples.jacobian[:, :6], samples.jacobian[:, BENT if self._sheet is not None else slice(0)]
-        offsets = edges.offsets - pose.shift_px
+        offsets = edges.offsets - pose.shift_px * edges.toned
         seen = edges.found, edges.trust * edges.room
         return LocatedEdges(samples.index, offsets, *seen, jacobian, by_rise, samples.pixels, samples.normals)
 

@@ -165,10 +165,9 @@ class EdgeStep:
         """
         limits, variance = all_limits.edges, self.variance
         inverse = np.asarray(np.linalg.inv(damped(self.normal)), np.float64)
-        # C = (v b + s^2) (J^T W J)^-1: in a blurred image neighbours share pixels over b, the width of the blur over
-        # that of a sharp edge, or more by their residuals; s is what interpolation leaves and no number of samples
-        # averages out.
-        shared = max(self.edges.width / all_limits.blur.sharp_px, self.shared(square[self.samples.index], inverse))
+        # C = (v b + s^2) (J^T W J)^-1: b is what neighbours share by their residuals (blur makes v larger, not b); s is
+        # what interpolation leaves and no number of samples averages out.
+        shared = max(self.shared(square[self.samples.index], inverse), 1.0)
         noise = shared * self.influence_variance + limits.systematic_px**2
         bend = None
         if bent is not None:

@@ -15,7 +15,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from mkdaemon.vision.limits import EdgeLimits, Limits
+from mkdaemon.vision.limits import EdgeLimits
 from mkdaemon.vision.pose.blown import EdgeSides
 from mkdaemon.vision.pose.edgefind import FoundEdges
 from mkdaemon.vision.pose.pose import median
@@ -27,9 +27,9 @@ MOVED: Final = 0.38
 """Share of w^2 c that an edge moves: edges drawn with a point spread of 0.5 to 1.5 px, 0.33 to 0.41."""
 ROUNDS: Final = 2
 """Of weights and light."""
-UNSURE, OTHERWISE = 0.7, 0.35
-"""Shares of what the light moves: that is unsure, and by which it may move edges another way, as marks of dirt are
-smaller than a quadratic over the print (twice as much makes poses under a shadow's rim too unsure)."""
+UNSURE: Final = 0.5
+"""Share of what the light moves that is unsure, and by which it may move edges another way, as marks of dirt are
+smaller than a quadratic over the print: NEES 1.2-1.4 behind dirt and 0.8-1.0 under a shadow's rim."""
 EVEN_PX: Final = 0.003
 """What the light may move edges against each other without being asked [px]: below a third of `systematic_px`."""
 ENOUGH: Final = 60
@@ -105,23 +105,11 @@ class UnevenLight:
         at, out = sides.pixels[use], sides.reach[use, None] * sides.normals[use]
         return cls(Light.of(at + out, sides.bright[use]), Light.of(at - out, sides.dark[use]))
 
-    def without(self, edges: FoundEdges, cell_px: float, limits: Limits) -> FoundEdges:
-        """Edges without what the light moves, and with what of that is unsure.
-
-        Cells that are small for their edges show no plain black and white: there nothing is taken out.
-
-        Args:
-            edges: with what lies beside them.
-            cell_px: of the largest tag [px].
-            limits: all thresholds.
-        """
-        if edges.sides is None:
+    def without(self, edges: FoundEdges, limits: EdgeLimits) -> FoundEdges:
+        """Edges without what the light moves, and with what of that is unsure."""
+        if edges.sides is None or self.is_even(edges.width):
             return edges
-        if self.is_even(edges.width):
-            return edges
-        moved = self.moved(edges.sides, edges.width, limits.edges)
-        if cell_px < limits.cells.plain_widths * edges.width:
-            return replace(edges, unsure=self._unsure(moved, edges.sides))
+        moved = self.moved(edges.sides, edges.widths, limits)
         return replace(edges, offsets=edges.offsets - moved, unsure=self._unsure(moved, edges.sides))
 
     def _unsure(self, moved: Array, sides: EdgeSides) -> Array:
@@ -132,7 +120,7 @@ class UnevenLight:
         """
         x, y = self.bright.place(sides.pixels).T
         across, down = sides.normals.T
-        size = OTHERWISE * float(np.sqrt(np.mean(moved**2)))
+        size = UNSURE * float(np.sqrt(np.mean(moved**2)))
         even = size * np.stack([across, down, across * x, across * y, down * x, down * y])
         return np.vstack([UNSURE * moved, even])
 
@@ -141,12 +129,12 @@ class UnevenLight:
         growth = self.bright.growth + self.dark.growth
         return MOVED * width**2 * growth < EVEN_PX * max(float(self.bright.terms[0] - self.dark.terms[0]), 1.0)
 
-    def moved(self, sides: EdgeSides, width: float, limits: EdgeLimits) -> Array:
+    def moved(self, sides: EdgeSides, widths: Array, limits: EdgeLimits) -> Array:
         """How far edges are moved towards their bright side `(n,)` [px].
 
         Args:
             sides: of the edges.
-            width: half width of the window an edge's centre is taken in [px].
+            widths: half widths of the windows in which their centres are taken `(n,)` [px].
             limits: how far the light may be from a quadratic.
         """
         out = sides.reach[:, None] * sides.normals
@@ -156,7 +144,7 @@ class UnevenLight:
         contrast = np.maximum(bright - dark, scatter)
         beside = np.maximum(np.abs(sides.bright - bright), np.abs(sides.dark - dark))
         explained = 1.0 / (1.0 + (np.maximum(beside, scatter) / (limits.smooth_light * contrast)) ** 4)
-        return np.asarray(MOVED * width**2 * explained * (bright_grows - dark_grows) / contrast)
+        return np.asarray(MOVED * widths**2 * explained * (bright_grows - dark_grows) / contrast)
 
 
 def _powers(place: Array) -> Array:
