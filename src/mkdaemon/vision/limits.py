@@ -173,6 +173,7 @@ class PhotoLimits:
     counted: float = of(0.5, "weight", "from which a pixel agrees", "derived: 5.7 deviations")
     quiet_grey: float = of(2.0, "grey", "residuals below are equally good when rivals compare", NOISE)
     lost_grey: float = of(60.0, "grey", "residuals above are equally bad", BLIND)
+    nearly_blown_grey: float = of(6.0, "grey", "so far below a blown pixel noise decides", "two deviations, bright ink")
     margin_cells: float = of(0.3, "cells", "rim of the quiet zone that is left out", STILLS)
     start_match: float = of(0.3, "correlation", "of a start that leads to its place", "0.34 and more, development")
     found_match: float = of(0.7, "correlation", "of one of several prints that is found as a whole", STILLS)

@@ -6,6 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
+from mkdaemon.sim.scene.gloss import Gloss
 from mkdaemon.sim.scene.light import Conditions
 from mkdaemon.vision.camera.calibration_file import load_camera
 from mkdaemon.vision.pose.edgefit import EdgeFit
@@ -98,3 +99,17 @@ def test_a_print_of_which_only_even_paper_is_in_view_is_no_fault() -> None:
     pixels = np.random.default_rng(3).normal(20.0, 5.0, (480, 640)).clip(0, 255).astype(np.uint8)
     found = PhotoFit(target, Projection(VGA)).fit(pixels, start)
     assert found is None or found.covariance[0, 0] > 1.0
+
+
+@pytest.mark.parametrize("around", [0.0, 2.0, 4.0])
+def test_a_highlight_that_blows_paper_and_grows_over_the_ink_turns_no_pose(around: float) -> None:
+    target = shipped("nested")
+    sun = (0.15 * np.cos(around), 0.15 * np.sin(around), 1.0)
+    view = View(target, place(4.4, 0.03, 0.7, 0.4), Conditions(gloss=Gloss(0.06, sun)))
+    start = Pose(turn(view.rotation, np.radians([2.0, -1.0, 0.5])), view.position, np.eye(6), "edges", 9, 0.1)
+    found = PhotoFit(target, Projection(VGA)).fit(view.pixels, start)
+    assert found is not None
+    turned = np.asarray(cv2.Rodrigues(found.rotation @ view.rotation.T)[0], dtype=np.float64).ravel()
+    apart = np.concatenate([found.position - view.position, turned])
+    assert np.degrees(np.linalg.norm(turned)) < 1.5
+    assert float(apart @ np.linalg.solve(found.covariance, apart)) < 22.5

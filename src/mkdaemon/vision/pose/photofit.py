@@ -3,12 +3,12 @@
 Below four pixels a cell edges melt into each other and a located edge means little. Here the known print is rendered
 through pose, pixel area and point spread, and pose x, light a and point spread B are fitted to the grey values at once:
 
-    I(p) = a0 m(p; x, B) + a1 + a2 u(p) + a3 v(p) + m (1 - m) (a4 + a5 (1 - 2 m)) + a6 (l(m) - m)
+    I(p) = a0 m(p; x, B) + a1 + a2 u + a3 v + m (1 - m) (a4 + a5 (1 - 2 m)) + a6 (l(m) - m) + a7 u^2 + a8 u v + a9 v^2
 
 with m the rendered print, 0 to 1, and (u, v) the place of the pixel p in the print; a4 to a6 are the camera's tone
 curve, which leaves black and white as they are: to third order, and a logarithm l(m) that lifts the dark as a gamma
-does. B is a covariance `(2, 2)`: motion blur is longer one way. Under a rolling shutter the camera's motion while the
-rows are read is fitted too.
+does. What should be blown is left out. B is a covariance `(2, 2)`: motion blur is longer one way. Under a rolling
+shutter the camera's motion while the rows are read is fitted too.
 
 Source: direct alignment, Lucas and Kanade, IJCAI 1981; Gauss-Newton with Levenberg damping.
 """

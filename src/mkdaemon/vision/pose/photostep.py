@@ -30,7 +30,7 @@ COST_BOUND: Final = 5.0
 """Deviations at which a residual costs no more."""
 LEAST_NOISE: Final = 0.3
 """Variance of grey values rounded to integers and averaged by the fit [grey^2]."""
-POSE, LIGHT, SPREAD, MOTION, BENDS = slice(0, 6), slice(6, 13), slice(13, 16), slice(16, 20), slice(20, 25)
+POSE, LIGHT, SPREAD, MOTION, BENDS = slice(0, 6), slice(6, 16), slice(16, 19), slice(19, 23), slice(23, 28)
 """Where the unknowns are: pose, then light with its tone curve, point spread; under a rolling shutter the motion and
 what it lacks. Behind all of them comes the bend of an only print, or the light of further prints."""
 SPREADS: Final = 3
@@ -208,7 +208,7 @@ class PhotoStepper:
         rendered = model.render(pixels.shape, state.rotation, state.position, state.spread, state.motion)
         if rendered is None:
             return None
-        at = without_blown(rendered.samples(pixels), self._limits.read.saturated)
+        at = without_blown(rendered.samples(pixels), model.half, self._limits)
         if at.value.size < self._limits.photo.min_window_px**2:
             return None
         lit = Lit.of(at, model.half)

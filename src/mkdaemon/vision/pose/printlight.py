@@ -1,4 +1,4 @@
-"""The light on a print: black, white, their gradients over it, and the tone curve of the camera."""
+"""The light on a print: black, white, how it changes over the print, and the tone curve of the camera."""
 
 from __future__ import annotations
 
@@ -8,12 +8,16 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
+from mkdaemon.vision.limits import Limits
 from mkdaemon.vision.pose.printimage import PrintSamples
 
 Array = npt.NDArray[np.float64]
 
-LIGHTS: Final = 7
-"""Unknowns: white over black, black, two gradients, three of the tone curve."""
+LIGHTS: Final = 10
+"""Unknowns: white over black, black, two gradients, three of the tone curve, three of how the gradients change."""
+ROUNDS: Final = 3
+"""Of telling which pixels are blown, each by the light on the others (two give the same to 1 %)."""
+RIDGE: Final = 1e-6
 TOE: Final = 0.05
 """Light of ink over that of paper: where a tone curve lifts the dark. With a logarithm from there the model follows a
 gamma of 1.6 to 2.2 to 0.3 % of the contrast, a cubic polynomial alone to 0.7-3.4 % (ink 0.03 to 0.1)."""
@@ -30,34 +34,55 @@ class Lit:
 
     @classmethod
     def of(cls, at: PrintSamples, half: float) -> Lit:
-        """Light by least squares at the present pose and blur."""
+        """Light by least squares at the present pose and blur.
+
+        Args:
+            at: the print's pixels.
+            half: half the side of its paper [m].
+        """
+        columns = _columns(at, half)
+        gain = _gain(columns, at.grey)
         tone = at.value * (1.0 - at.value)
-        skew = 1.0 - 2.0 * at.value
-        lifted = TOE_GAIN * np.log1p(at.value / TOE) - at.value
-        columns = np.stack([at.value, np.ones_like(at.value), at.u / half, at.v / half, tone, tone * skew, lifted])
-        gain = np.asarray(np.linalg.solve(columns @ columns.T + 1e-6 * np.eye(LIGHTS), columns @ at.grey), np.float64)
-        contrast = gain[0] + gain[4] * skew + gain[5] * (1.0 - 6.0 * tone)
+        contrast = gain[0] + gain[4] * (1.0 - 2.0 * at.value) + gain[5] * (1.0 - 6.0 * tone)
         return cls(columns, gain, contrast + gain[6] * (TOE_GAIN / (TOE + at.value) - 1.0))
 
 
-def without_blown(at: PrintSamples, saturated: int) -> PrintSamples:
+def without_blown(at: PrintSamples, half: float, limits: Limits) -> PrintSamples:
     """The samples without pixels that are blown and should be: they may have been anything.
 
-    A blown pixel that should be dark stays, and speaks against the pose. Which should be is told by a straight line
-    from the pixels that are not blown; clipped paper would be a white that ends before its edge does.
+    What should be blown is told by the light on the other pixels. Under a highlight that is more than black and white:
+    its slope lifts the ink by half of the contrast, and edges are blown from differing places on. Pixels that should
+    be nearly blown are left out whether they are or not; without the blown ones alone the others would be too dark by
+    their noise. A blown pixel that should be dark stays, as a dark one that should be blown, and speaks against the
+    pose.
 
     Args:
         at: all pixels of a print.
-        saturated: grey value of a blown pixel.
+        half: half the side of its paper [m].
+        limits: from where a pixel is blown, or nearly.
     """
-    blown = at.grey >= saturated
-    if not bool(blown.any()):
+    saturated, nearly = limits.read.saturated, limits.photo.nearly_blown_grey
+    keep = at.grey < saturated
+    if bool(keep.all()):
         return at
-    line = np.stack([at.value, np.ones_like(at.value)])
-    seen = line[:, ~blown]
-    gain = np.linalg.solve(seen @ seen.T + 1e-6 * np.eye(len(seen)), seen @ at.grey[~blown])
-    keep = ~blown | (gain @ line < saturated)
+    columns, dark = _columns(at, half), at.grey < saturated - 2.0 * nearly
+    for _ in range(ROUNDS):
+        keep = dark | (_gain(columns[:, keep], at.grey[keep]) @ columns < saturated - nearly)
     used = at.used.copy()
     used[at.used] = keep
     kept = {part.name: getattr(at, part.name)[keep] for part in fields(at) if part.name != "used"}
     return PrintSamples(**kept, used=used)
+
+
+def _columns(at: PrintSamples, half: float) -> Array:
+    """What each unknown of the light adds to each pixel `(10, n)`."""
+    tone = at.value * (1.0 - at.value)
+    lifted = TOE_GAIN * np.log1p(at.value / TOE) - at.value
+    u, v = at.u / half, at.v / half
+    curve = [tone, tone * (1.0 - 2.0 * at.value), lifted]
+    return np.stack([at.value, np.ones_like(u), u, v, *curve, u * u, u * v, v * v])
+
+
+def _gain(columns: Array, grey: Array) -> Array:
+    """The light that explains grey values best `(10,)`."""
+    return np.asarray(np.linalg.solve(columns @ columns.T + RIDGE * np.eye(LIGHTS), columns @ grey), np.float64)
