@@ -101,7 +101,7 @@ def test_a_print_of_which_only_even_paper_is_in_view_is_no_fault() -> None:
     assert found is None or found.covariance[0, 0] > 1.0
 
 
-@pytest.mark.parametrize("around", [0.0, 2.0, 4.0])
+@pytest.mark.parametrize("around", [1.0, 2.0, 3.0])
 def test_a_highlight_that_blows_paper_and_grows_over_the_ink_turns_no_pose(around: float) -> None:
     target = shipped("nested")
     sun = (0.15 * np.cos(around), 0.15 * np.sin(around), 1.0)

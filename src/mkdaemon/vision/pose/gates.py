@@ -121,7 +121,9 @@ class BitModel:
             # The paper is not blown: what is, lies in a highlight and says nothing about the cells below it.
             visible, white = visible & unblown, white & unblown
             count = np.count_nonzero(white)
-        seen, design, pairs = np.count_nonzero(visible), self._design, self._pairs
+        # Where a highlight floods both cells of a pair, it says nothing.
+        pairs = self._pairs[unblown[self._pairs].any(axis=1)]
+        seen, design = np.count_nonzero(visible), self._design
         if seen < self._read.min_cells or count in (0, seen):
             return None
         shown = grey

@@ -1,0 +1,27 @@
+"""Cells that a highlight floods, where the paper around them is blown."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from mkdaemon.sim.scene.gloss import Gloss
+from mkdaemon.sim.scene.light import Conditions
+from mkdaemon.vision.pose.gates import BitModel
+from mkdaemon.vision.pose.pose import Pose
+from mkdaemon.vision.pose.projection import Projection
+from tests.vision.views import VGA, View, place, shipped
+
+
+@pytest.mark.parametrize("tilt", [0.0, 0.03, 0.06])
+def test_cells_that_a_highlight_floods_contradict_no_pose_and_the_others_do(tilt: float) -> None:
+    target = shipped("nested")
+    view = View(target, place(1.2, 0.03, 0.7, 0.4), Conditions(gloss=Gloss(0.06, (tilt, 0.0, 1.0)), exposure=1.2))
+    pose = Pose(view.rotation, view.position, 1e-8 * np.eye(6), "edges", 40, 0.1)
+    bits = BitModel(target, Projection(VGA))
+    assert (bits.correlation(view.pixels, pose) or 0.0) > 0.6
+    for column, row in ((1, 0), (0, 1), (2, 0), (0, 2), (1, 1), (3, 0), (-1, 0), (0, -1)):
+        aside = pose.position + target.tags[0].module * np.array([column, row, 0.0])
+        assert (bits.correlation(view.pixels, replace(pose, position=aside)) or 0.0) < 0.5
