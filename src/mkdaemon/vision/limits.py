@@ -53,6 +53,7 @@ class ReadLimits:
     """Reading the cells of a known print."""
 
     saturated: int = of(253, "grey", "a pixel from here up may have been anything", NOISE)
+    nearly_blown: float = of(6.0, "grey", "so far below, noise decides which pixels are", "two deviations, bright ink")
     quiet_share: float = of(0.5, "share", "samples of a side that must be white outside, black inside", STILLS)
     quiet_contrast: float = of(0.15, "share", "of the usual contrast, for such a sample", STILLS)
     quiet_grey: float = of(3.0, "grey", "the same at least", NOISE)
@@ -173,7 +174,6 @@ class PhotoLimits:
     counted: float = of(0.5, "weight", "from which a pixel agrees", "derived: 5.7 deviations")
     quiet_grey: float = of(2.0, "grey", "residuals below are equally good when rivals compare", NOISE)
     lost_grey: float = of(60.0, "grey", "residuals above are equally bad", BLIND)
-    nearly_blown_grey: float = of(6.0, "grey", "so far below a blown pixel noise decides", "two deviations, bright ink")
     margin_cells: float = of(0.3, "cells", "rim of the quiet zone that is left out", STILLS)
     start_match: float = of(0.3, "correlation", "of a start that leads to its place", "0.34 and more, development")
     found_match: float = of(0.7, "correlation", "of one of several prints that is found as a whole", STILLS)

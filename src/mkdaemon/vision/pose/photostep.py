@@ -208,7 +208,7 @@ class PhotoStepper:
         rendered = model.render(pixels.shape, state.rotation, state.position, state.spread, state.motion)
         if rendered is None:
             return None
-        at = without_blown(rendered.samples(pixels), model.half, self._limits)
+        at = without_blown(rendered.samples(pixels), model.half, self._limits.read)
         if at.value.size < self._limits.photo.min_window_px**2:
             return None
         lit = Lit.of(at, model.half)

@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from mkdaemon.vision.limits import Limits
+from mkdaemon.vision.limits import ReadLimits
 from mkdaemon.vision.pose.printimage import PrintSamples
 
 Array = npt.NDArray[np.float64]
@@ -47,7 +47,7 @@ class Lit:
         return cls(columns, gain, contrast + gain[6] * (TOE_GAIN / (TOE + at.value) - 1.0))
 
 
-def without_blown(at: PrintSamples, half: float, limits: Limits) -> PrintSamples:
+def without_blown(at: PrintSamples, half: float, limits: ReadLimits) -> PrintSamples:
     """The samples without pixels that are blown and should be: they may have been anything.
 
     What should be blown is told by the light on the other pixels. Under a highlight that is more than black and white:
@@ -61,7 +61,7 @@ def without_blown(at: PrintSamples, half: float, limits: Limits) -> PrintSamples
         half: half the side of its paper [m].
         limits: from where a pixel is blown, or nearly.
     """
-    saturated, nearly = limits.read.saturated, limits.photo.nearly_blown_grey
+    saturated, nearly = limits.saturated, limits.nearly_blown
     keep = at.grey < saturated
     if bool(keep.all()):
         return at
