@@ -66,12 +66,14 @@ class Blown:
             px beside those along it (over-exposed flights), which looks like a tilt.
         spread: how well these are known `(3,)`.
         clear: variance of a located edge that is not blown over its own `(n,)`.
+        shown: whether the ink beside each is darker than what is blown: a highlight floods the others `(n,)`.
     """
 
     moved: Array
     columns: Array
     spread: Array
     clear: Array
+    shown: Bools
 
     @property
     def share(self) -> float:
@@ -122,14 +124,16 @@ def blown_edges(sides: EdgeSides, found: Bools, upright: Bools, limits: Limits) 
     kinds = np.stack([upright, ~upright])
     width = _widths(sides.slope_width, clearest, kinds)
     blur = blur_of(width)
-    dark = sides.dark + (sides.reach + AHEAD * width) * _rise(sides, found)
+    light, rise = _dark_light(sides, found)
+    dark = sides.dark + (sides.reach + AHEAD * width) * rise
     place = np.interp((TOP - dark) / max(usual, 1.0), BELOW, PLACES)
     moved = -blur * np.interp(place, PLACES, MOVED) * cut
     by_contrast = -blur * np.interp(place, PLACES, BY_CONTRAST) * cut
     of_contrast = edges.contrast_share if sees_both else edges.unseen_contrast_share
     spread = np.array([edges.blur_share, edges.blur_share, of_contrast])
     clear = 1.0 / (1.0 + (moved / edges.blown_px) ** 2)
-    return Blown(moved, np.column_stack([*(kinds * moved), by_contrast]), spread, clear)
+    shown = light < limits.read.saturated - limits.read.nearly_blown
+    return Blown(moved, np.column_stack([*(kinds * moved), by_contrast]), spread, clear, shown)
 
 
 def blur_of(width: Array) -> Array:
@@ -146,8 +150,11 @@ def _widths(slope_width: npt.NDArray[np.floating], clearest: Bools, kinds: Bools
     return widths / SLOPE_WIDTH
 
 
-def _rise(sides: EdgeSides, found: Bools) -> Array:
-    """By how much a highlight lights the dark more along each normal `(n,)` [grey/px]: a quadratic in the image."""
+def _dark_light(sides: EdgeSides, found: Bools) -> tuple[Array, Array]:
+    """The dark beside each edge in a highlight, and how it grows along the normal, `(n,)` each [grey], [grey/px].
+
+    A quadratic in the image.
+    """
     at = sides.pixels - sides.reach[:, None] * sides.normals
     middle, size = at.mean(axis=0), float(np.abs(at - at.mean(axis=0)).max())
     x, y = ((at - middle) / max(size, 1.0)).T
@@ -161,4 +168,4 @@ def _rise(sides: EdgeSides, found: Bools) -> Array:
     along_x = light[1] + 2.0 * light[3] * x + light[4] * y
     along_y = light[2] + light[4] * x + 2.0 * light[5] * y
     rise: Array = (sides.normals[:, 0] * along_x + sides.normals[:, 1] * along_y) / max(size, 1.0)
-    return rise
+    return light @ terms, rise

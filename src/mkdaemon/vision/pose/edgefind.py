@@ -181,6 +181,10 @@ def find_edges(
     )
     if blown is not None:
         located -= blown.moved
+        if is_near and float(blown.shown.mean()) > limits.evidence.min_seen:
+            # A flooded edge is no missing one, as long as enough others are left to be missed.
+            found &= blown.shown
+            room *= blown.shown
     return FoundEdges(located, found, width, widths.astype(np.float64), toned, trust, room, blown, sides)
 
 

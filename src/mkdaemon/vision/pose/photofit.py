@@ -7,8 +7,9 @@ through pose, pixel area and point spread, and pose x, light a and point spread 
 
 with m the rendered print, 0 to 1, and (u, v) the place of the pixel p in the print; a4 to a6 are the camera's tone
 curve, which leaves black and white as they are: to third order, and a logarithm l(m) that lifts the dark as a gamma
-does. What should be blown is left out. B is a covariance `(2, 2)`: motion blur is longer one way. Under a rolling
-shutter the camera's motion while the rows are read is fitted too.
+does. What should be blown is left out, and a7 to a9 are asked only where something is: a highlight's slope. B is a
+covariance `(2, 2)`: motion blur is longer one way. Under a rolling shutter the camera's motion while the rows are read
+is fitted too.
 
 Source: direct alignment, Lucas and Kanade, IJCAI 1981; Gauss-Newton with Levenberg damping.
 """

@@ -18,7 +18,7 @@ from mkdaemon.vision.pose.greynoise import LEAST_SHARED, clarity, shared_by_all,
 from mkdaemon.vision.pose.nuisance import BEYOND, beyond_motion, beyond_sd, motion_known
 from mkdaemon.vision.pose.pose import Pose, correlation, median
 from mkdaemon.vision.pose.printimage import PrintSamples
-from mkdaemon.vision.pose.printlight import LIGHTS, Lit, without_blown
+from mkdaemon.vision.pose.printlight import LIGHTS, Lit, lit_print
 from mkdaemon.vision.pose.printmodel import PrintModel
 from mkdaemon.vision.pose.projection import Projection
 from mkdaemon.vision.pose.rolling import MOTIONS, at_rest, at_times, before_motion, cross, motion_jacobian
@@ -208,10 +208,9 @@ class PhotoStepper:
         rendered = model.render(pixels.shape, state.rotation, state.position, state.spread, state.motion)
         if rendered is None:
             return None
-        at = without_blown(rendered.samples(pixels), model.half, self._limits.read)
+        at, lit = lit_print(rendered.samples(pixels), model.half, self._limits.read)
         if at.value.size < self._limits.photo.min_window_px**2:
             return None
-        lit = Lit.of(at, model.half)
         rows, unit = self._jacobian(at, lit, model, state)
         steepness = float(np.sqrt(np.mean(at.steep))) * abs(float(lit.gain[0]))
         return _Part(at, at.grey - lit.gain @ lit.columns, rows, unit, float(lit.gain[0]), steepness)

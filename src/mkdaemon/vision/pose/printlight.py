@@ -14,7 +14,7 @@ from mkdaemon.vision.pose.printimage import PrintSamples
 Array = npt.NDArray[np.float64]
 
 LIGHTS: Final = 10
-"""Unknowns: white over black, black, two gradients, three of the tone curve, three of how the gradients change."""
+"""Unknowns: white over black, black, two gradients, three of the tone curve, three of a highlight's slope."""
 ROUNDS: Final = 3
 """Of telling which pixels are blown, each by the light on the others (two give the same to 1 %)."""
 RIDGE: Final = 1e-6
@@ -33,54 +33,59 @@ class Lit:
     contrast: Array
 
     @classmethod
-    def of(cls, at: PrintSamples, half: float) -> Lit:
+    def of(cls, at: PrintSamples, columns: Array) -> Lit:
         """Light by least squares at the present pose and blur.
 
         Args:
             at: the print's pixels.
-            half: half the side of its paper [m].
+            columns: what each unknown adds to them `(10, n)`.
         """
-        columns = _columns(at, half)
         gain = _gain(columns, at.grey)
         tone = at.value * (1.0 - at.value)
         contrast = gain[0] + gain[4] * (1.0 - 2.0 * at.value) + gain[5] * (1.0 - 6.0 * tone)
         return cls(columns, gain, contrast + gain[6] * (TOE_GAIN / (TOE + at.value) - 1.0))
 
 
-def without_blown(at: PrintSamples, half: float, limits: ReadLimits) -> PrintSamples:
-    """The samples without pixels that are blown and should be: they may have been anything.
+def lit_print(at: PrintSamples, half: float, limits: ReadLimits) -> tuple[PrintSamples, Lit]:
+    """The light on a print, and its pixels without those that should be blown: they may have been anything.
 
     What should be blown is told by the light on the other pixels. Under a highlight that is more than black and white:
     its slope lifts the ink by half of the contrast, and edges are blown from differing places on. Pixels that should
     be nearly blown are left out whether they are or not; without the blown ones alone the others would be too dark by
     their noise. A blown pixel that should be dark stays, as a dark one that should be blown, and speaks against the
-    pose.
+    pose. Where nothing is blown there is no highlight, and slopes are even: ground beside its shadow would look like a
+    print with some light on it.
 
     Args:
         at: all pixels of a print.
         half: half the side of its paper [m].
         limits: from where a pixel is blown, or nearly.
     """
-    saturated, nearly = limits.saturated, limits.nearly_blown
-    keep = at.grey < saturated
+    keep = at.grey < limits.saturated
     if bool(keep.all()):
-        return at
-    columns, dark = _columns(at, half), at.grey < saturated - 2.0 * nearly
+        return at, Lit.of(at, _columns(at, half, is_highlit=False))
+    columns, dark = _columns(at, half, is_highlit=True), at.grey < limits.saturated - 2.0 * limits.nearly_blown
     for _ in range(ROUNDS):
-        keep = dark | (_gain(columns[:, keep], at.grey[keep]) @ columns < saturated - nearly)
+        shown = _gain(columns[:, keep], at.grey[keep]) @ columns
+        keep = dark | (shown < limits.saturated - limits.nearly_blown)
     used = at.used.copy()
     used[at.used] = keep
-    kept = {part.name: getattr(at, part.name)[keep] for part in fields(at) if part.name != "used"}
-    return PrintSamples(**kept, used=used)
+    kept = PrintSamples(
+        **{part.name: getattr(at, part.name)[keep] for part in fields(at) if part.name != "used"}, used=used
+    )
+    return kept, Lit.of(kept, columns[:, keep])
 
 
-def _columns(at: PrintSamples, half: float) -> Array:
-    """What each unknown of the light adds to each pixel `(10, n)`."""
-    tone = at.value * (1.0 - at.value)
-    lifted = TOE_GAIN * np.log1p(at.value / TOE) - at.value
+def _columns(at: PrintSamples, half: float, *, is_highlit: bool) -> Array:
+    """What each unknown of the light adds to each pixel `(10, n)`; nothing for those that are not asked."""
+    columns = np.zeros((LIGHTS, at.value.size))
     u, v = at.u / half, at.v / half
-    curve = [tone, tone * (1.0 - 2.0 * at.value), lifted]
-    return np.stack([at.value, np.ones_like(u), u, v, *curve, u * u, u * v, v * v])
+    tone = at.value * (1.0 - at.value)
+    curve = tone, tone * (1.0 - 2.0 * at.value), TOE_GAIN * np.log1p(at.value / TOE) - at.value
+    columns[:7] = at.value, np.ones_like(u), u, v, *curve
+    if is_highlit:
+        columns[7:] = u * u, u * v, v * v
+    return columns
 
 
 def _gain(columns: Array, grey: Array) -> Array:

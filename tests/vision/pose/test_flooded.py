@@ -1,4 +1,4 @@
-"""Cells that a highlight floods, where the paper around them is blown."""
+"""Cells and edges that a highlight floods, where the paper around them is blown."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ import pytest
 
 from mkdaemon.sim.scene.gloss import Gloss
 from mkdaemon.sim.scene.light import Conditions
+from mkdaemon.vision.pose.edgefit import EdgeFit
 from mkdaemon.vision.pose.gates import BitModel
 from mkdaemon.vision.pose.pose import Pose
 from mkdaemon.vision.pose.projection import Projection
@@ -25,3 +26,19 @@ def test_cells_that_a_highlight_floods_contradict_no_pose_and_the_others_do(tilt
     for column, row in ((1, 0), (0, 1), (2, 0), (0, 2), (1, 1), (3, 0), (-1, 0), (0, -1)):
         aside = pose.position + target.tags[0].module * np.array([column, row, 0.0])
         assert (bits.correlation(view.pixels, replace(pose, position=aside)) or 0.0) < 0.5
+
+
+def test_edges_that_a_highlight_floods_are_not_missed() -> None:
+    target = shipped("nested")
+    projection = Projection(VGA)
+    view = View(target, place(1.2, 0.03, 0.7, 0.4), Conditions(gloss=Gloss(0.06, (0.1, 0.0, 1.0)), exposure=1.2))
+    start = Pose(view.rotation, view.position, 1e-8 * np.eye(6), "edges", 40, 0.1)
+    found = EdgeFit(target, projection).fit(view.pixels, start)
+    assert found is not None
+    assert found.inliers > 0.9
+    assert np.linalg.norm(found.position - view.position) < 0.005
+    covered = view.pixels.copy()
+    column, row = projection.project(view.position[None])[0][0].astype(int)
+    covered[row:, column:] = 255
+    found = EdgeFit(target, projection).fit(covered, start)
+    assert found is None or found.inliers < 0.9
