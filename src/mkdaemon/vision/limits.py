@@ -80,6 +80,7 @@ class OutlineLimits:
     min_sine: float = of(0.2, "sine", "between neighbouring sides", STILLS)
     level: float = of(0.2, "share", "of the contrast within which a cell is black or white", STILLS)
     min_contrast: float = of(20.0, "grey", "between paper and border", STILLS)
+    highlight_box_px: int = of(15, "px", "surroundings that ink in a highlight is darker than", STILLS)
     max_chance: float = of(4e-6, "probability", "that a random quad reads so well", "0 false in 10,000 images")
 
 

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import itertools
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from typing import TYPE_CHECKING, Literal
 
@@ -16,8 +17,9 @@ from mkdaemon.vision.limits import LIMITS, Limits
 from mkdaemon.vision.tags import apriltaglib
 from mkdaemon.vision.tags.aruco_fallback import ArucoSearch
 from mkdaemon.vision.tags.cellread import quiet_sides
+from mkdaemon.vision.tags.coderead import Covered
 from mkdaemon.vision.tags.detection import Detection, Search, Stage
-from mkdaemon.vision.tags.outline import Covered, OutlineSearch
+from mkdaemon.vision.tags.outline import OutlineSearch
 from mkdaemon.vision.tags.searchplan import FIRST, Look, first_of, looks_of, shrink, shrinking
 from mkdaemon.vision.tags.tagfamily import find_family
 
@@ -175,14 +177,17 @@ class Detector:
             Tags that passed every check, at most one per code: the one with the clearest bits.
         """
         height, width = pixels.shape
-        x0, y0, x1, y1 = roi or (0, 0, width, height)
+        x0, y0, x1, y1 = frame = roi or (0, 0, width, height)
         part = pixels[y0:y1, x0:x1]
         best: dict[tuple[str, int], Detection] = {}
-        for found in self._find(part, stage):
-            moved = replace(found, corners=found.corners + np.array([x0, y0]))
-            key = (moved.family, moved.tag_id)
-            if self._accepts(pixels, moved, (x0, y0, x1, y1)) and (key not in best or _rank(moved) > _rank(best[key])):
-                best[key] = moved
+        for ways in self._find(part, stage):
+            for found in ways:
+                moved = replace(found, corners=found.corners + np.array([x0, y0]))
+                key = (moved.family, moved.tag_id)
+                if (key not in best or _rank(moved) > _rank(best[key])) and self._accepts(pixels, moved, frame):
+                    best[key] = moved
+            if best:
+                break
         return list(best.values())
 
     def search_shrunk(
@@ -214,7 +219,8 @@ class Detector:
     def search_all(self, pixels: Grey, stage: Stage = "thorough") -> list[Detection]:
         """Every accepted tag of one search, also several with the same code."""
         frame = (0, 0, pixels.shape[1], pixels.shape[0])
-        return [found for found in self._find(pixels, stage) if self._accepts(pixels, found, frame)]
+        found = itertools.chain.from_iterable(self._find(pixels, stage))
+        return [tag for tag in found if self._accepts(pixels, tag, frame)]
 
     def search_ladder(self, pixels: Grey) -> list[Detection]:
         """Search from cheap to thorough until something is found."""
@@ -229,20 +235,20 @@ class Detector:
         height, width = pixels.shape
         return looks_of(width, height, self.stages)
 
-    def _find(self, pixels: Grey, stage: Stage) -> list[Detection]:
-        """One search of a part that is large enough for a tag; libapriltag crashes on images of a few rows."""
-        if min(pixels.shape) < LIMITS.search.min_window_px:
-            return []
-        if stage != "outline":
-            return self._search.find(pixels, stage)
-        return self._outline.find(pixels, stage) or self._in_highlight(pixels)
+    def _find(self, pixels: Grey, stage: Stage) -> Iterator[list[Detection]]:
+        """The ways of one search, each where the ones before led to nothing.
 
-    def _in_highlight(self, pixels: Grey) -> list[Detection]:
-        """Tags whose outline a highlight breaks, or nearly: its ink is told from paper by the brightest grey values."""
-        if int(pixels.max()) < LIMITS.read.saturated:
-            return []
-        bright = np.asarray(_prepare(pixels, "bright"), dtype=np.uint8)
-        return self._search.find(pixels, "bright") or self._outline.find(bright, "outline")
+        A part has to be large enough for a tag: libapriltag crashes on images of a few rows.
+        """
+        if min(pixels.shape) < LIMITS.search.min_window_px:
+            return
+        if stage != "outline":
+            yield self._search.find(pixels, stage)
+            return
+        yield self._outline.find(pixels, stage)
+        if int(pixels.max()) >= LIMITS.read.saturated:
+            yield self._search.find(pixels, "bright")
+            yield self._outline.find_in_highlight(pixels, stage)
 
     def _allowed_hamming(self, name: str, ids: int) -> int:
         """Most corrected bits that keep the chance of a random quad within bounds (four rotations, all codes)."""

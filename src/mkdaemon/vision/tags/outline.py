@@ -1,8 +1,8 @@
 """A search for tags with things lying on them: four lines of a broken outline, and the cells that can still be read.
 
 libapriltag wants an unbroken quad. Here a dark blob's outline is cut into straight pieces, pieces of one line are put
-together, and every four lines that could bound a black square are tried. Cells that are neither as black as the border
-nor as white as the paper say nothing; the others have to agree with a code beyond chance.
+together, and every four lines that could bound a black square are tried. What can be read of their cells has to agree
+with a code beyond chance (`coderead.py`).
 """
 
 from __future__ import annotations
@@ -17,15 +17,11 @@ import numpy as np
 import numpy.typing as npt
 
 from mkdaemon.vision.limits import LIMITS
-from mkdaemon.vision.tags.cellread import carry, image_from_cells, sample
+from mkdaemon.vision.tags.coderead import CodeReader, Covered
 from mkdaemon.vision.tags.detection import Detection, Stage
-from mkdaemon.vision.tags.tagfamily import cells, find_family
 
 Array = npt.NDArray[np.float64]
 Grey = npt.NDArray[np.uint8]
-Bools = npt.NDArray[np.bool_]
-Covered = Mapping[tuple[str, int], Bools]
-"""Cells `(n, n)` of tags, by family and id, that say nothing."""
 
 OUTLINE = LIMITS.outline
 MAX_LINES, MAX_BLOBS = 8, 12
@@ -36,23 +32,6 @@ CORNER_POINTS = 2
 """Points at each end of a piece that do not lie on its line: corners of a blob are round."""
 LINE_REACH = 0.01
 """A line's direction is good to this angle: collinear pieces may be off by so much of their distance [rad]."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Code:
-    """Data cells of a tag, turned counter-clockwise by so many quarters.
-
-    Attributes:
-        tag_id: the code.
-        turn: quarters.
-        bits: which cells are white.
-        seen: which have nothing on them.
-    """
-
-    tag_id: int
-    turn: int
-    bits: Bools
-    seen: Bools
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -79,57 +58,40 @@ class OutlineSearch:
             whitelist: ids by family.
             covered: cells of a code that another tag lies on, which say nothing.
         """
-        self._codes = {
-            name: [
-                _Code(tag_id, turn, np.rot90(bits[1:-1, 1:-1], turn), np.rot90(seen[1:-1, 1:-1], turn))
-                for tag_id in sorted(ids)
-                for bits in (cells(name, tag_id) > 0,)
-                for seen in (~covered.get((name, tag_id), np.zeros_like(bits)),)
-                for turn in range(4)
-            ]
-            for name, ids in whitelist.items()
-        }
+        self._reader = CodeReader(whitelist, covered)
 
     def find(self, pixels: Grey, stage: Stage) -> list[Detection]:
-        """All codes whose readable cells agree beyond chance."""
+        """All codes whose readable cells agree beyond chance, in an image of dark and light."""
         _, dark = cv2.threshold(pixels, 0, 255, cv2.THRESH_BINARY_INV | cv2.THRESH_OTSU)
+        return self._read(pixels, np.asarray(dark, dtype=np.uint8), stage)
+
+    def find_in_highlight(self, pixels: Grey, stage: Stage) -> list[Detection]:
+        """The same where a highlight makes ink brighter than paper is elsewhere.
+
+        Dark is what is not blown and no brighter than its surroundings, so that every edge has a line of light along
+        its bright side, and what is even and noisy has no outlines.
+        """
+        side, rise = OUTLINE.highlight_box_px, OUTLINE.min_contrast
+        even = cv2.adaptiveThreshold(pixels, 255, cv2.ADAPTIVE_THRESH_MEAN_C, cv2.THRESH_BINARY_INV, side, -rise)
+        dark = np.where(pixels < LIMITS.read.saturated, even, 0)
+        return self._read(pixels, np.asarray(dark, dtype=np.uint8), stage)
+
+    def _read(self, pixels: Grey, dark: Grey, stage: Stage) -> list[Detection]:
+        """The codes inside of dark outlines; of quads around the same tag the sharpest."""
         outlines, _ = cv2.findContours(dark, cv2.RETR_LIST, cv2.CHAIN_APPROX_NONE)
         least = 3 * OUTLINE.min_side_px  # points of three sides
         large = sorted((c for c in outlines if len(c) > least), key=len, reverse=True)[:MAX_BLOBS]
-        found: list[Detection] = []
+        found: dict[tuple[str, int], Detection] = {}
         for outline in large:
             for quad in _quads(np.asarray(outline, dtype=np.int32)):
-                read = self._read(pixels, quad, stage)
-                if read is not None:
-                    found.append(read)
-                    break
-        return found
-
-    def _read(self, pixels: Grey, quad: Array, stage: Stage) -> Detection | None:
-        """The code that explains the readable cells of a quad; none when chance does as well."""
-        best: tuple[float, Detection] | None = None
-        for name, codes in self._codes.items():
-            n = find_family(name).black_cells
-            row, column = np.divmod(np.arange((n + 2) ** 2), n + 2)
-            points = carry(image_from_cells(quad, n), np.column_stack([column - 0.5, row - 0.5]))
-            values = sample(pixels, points).reshape(n + 2, n + 2)
-            paper = float(np.median(np.concatenate([values[0], values[-1], values[1:-1, 0], values[1:-1, -1]])))
-            ring = values[1:-1, 1:-1]
-            ink = float(np.median(np.concatenate([ring[0], ring[-1], ring[1:-1, 0], ring[1:-1, -1]])))
-            if paper - ink < OUTLINE.min_contrast:
-                continue
-            share = (ring[1:-1, 1:-1] - ink) / (paper - ink)
-            white, black = np.abs(share - 1) < OUTLINE.level, np.abs(share) < OUTLINE.level
-            for code in codes:
-                known = int(((white | black) & code.seen).sum())
-                wrong = int(((white & ~code.bits | black & code.bits) & code.seen).sum())
-                chance = len(codes) * sum(math.comb(known, k) for k in range(wrong + 1)) / 2.0**known
-                if chance <= OUTLINE.max_chance and (best is None or chance < best[0]):
-                    margin = float(np.abs(share - 0.5)[white | black].mean()) * (paper - ink)
-                    # The print is turned counter-clockwise by `turn` quarters: so are its corners.
-                    corners = np.roll(quad, code.turn, axis=0)
-                    best = chance, Detection(name, code.tag_id, wrong, margin, corners, stage)
-        return best[1] if best is not None else None
+                read = self._reader.read(pixels, quad, stage)
+                if read is None:
+                    continue
+                key = (read.family, read.tag_id)
+                if key not in found or read.decision_margin > found[key].decision_margin:
+                    found[key] = read
+                break
+        return list(found.values())
 
 
 def _quads(outline: npt.NDArray[np.int32]) -> list[Array]:
