@@ -42,6 +42,7 @@ class SearchLimits:
     tile_px: float = of(70.0, "px", "neighbourhood in which `equalised` spreads grey values", STILLS)
     tone: float = of(1.8, "power", "of grey that `linear` takes for light", "decodes at gamma 1 to 2.2, 6-8 m")
     highlight: float = of(12.0, "power", "of grey that leaves ink in a highlight dark", "ink of 230: 65 posed; 8: 32")
+    highlight_px: int = of(400, "px", "blown pixels that may be a print in a highlight", "derived: 16 cells of 5 px")
     small_tag_px: float = of(46.0, "px", "side below which two corner sets are averaged", "rms .12 for .15 px, stills")
     twin_px: float = of(4.0, "px", "detections closer than this are one tag", "derived: half of a small tag's side")
     min_window_px: int = of(16, "px", "smaller parts of an image are not searched", "derived: 2 px a cell")

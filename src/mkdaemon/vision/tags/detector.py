@@ -8,7 +8,6 @@ from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from typing import TYPE_CHECKING, Literal
 
-import cv2
 import numpy as np
 import numpy.typing as npt
 
@@ -20,8 +19,9 @@ from mkdaemon.vision.tags.cellread import quiet_sides
 from mkdaemon.vision.tags.coderead import Covered
 from mkdaemon.vision.tags.detection import Detection, Search, Stage
 from mkdaemon.vision.tags.outline import OutlineSearch
-from mkdaemon.vision.tags.searchplan import FIRST, Look, first_of, looks_of, shrink, shrinking
+from mkdaemon.vision.tags.searchplan import FIRST, Look, every_second, first_of, looks_of, shrink, shrinking
 from mkdaemon.vision.tags.tagfamily import find_family
+from mkdaemon.vision.tags.tones import prepare
 
 if TYPE_CHECKING:
     from pyapriltags import Detector as LibDetector
@@ -41,30 +41,6 @@ LOST_WITHOUT_APRILTAG = (
     " tags; install mkdaemon with its pyapriltags wheel"
 )
 
-_LOG_LUT: Grey = np.round(100 + 14 * (np.log10(np.arange(256) + 4.0) - np.log10(64.0))).clip(0, 255).astype(np.uint8)
-"""Compresses bright and dark halves of a shadow to equal steps; 14 levels a decade merge texture below a real edge."""
-
-
-_LIGHT_LUT: Grey = np.round(255 * (np.arange(256) / 255) ** LIMITS.search.tone).astype(np.uint8)
-"""Light from grey values: a tone curve lets white cells spread over small black ones, which then read as white."""
-
-_BRIGHT_LUT: Grey = np.round(255 * (np.arange(256) / 255) ** LIMITS.search.highlight).astype(np.uint8)
-"""Spreads the brightest grey values: ink in a highlight is nearly as bright as paper beside it."""
-
-
-def _prepare(pixels: Grey, stage: Stage) -> npt.NDArray[np.generic]:
-    """The image a stage searches."""
-    if stage in ("log", "halflog"):
-        return cv2.LUT(pixels, _LOG_LUT)
-    if stage == "linear":
-        return cv2.LUT(pixels, _LIGHT_LUT)
-    if stage == "bright":
-        return cv2.LUT(pixels, _BRIGHT_LUT)
-    if stage == "equalised":
-        tiles = [max(round(length / LIMITS.search.tile_px), 2) for length in (pixels.shape[1], pixels.shape[0])]
-        return cv2.createCLAHE(4.0, (tiles[0], tiles[1])).apply(pixels)
-    return pixels
-
 
 class AprilTagSearch:
     """libapriltag through pyapriltags, in one thread.
@@ -77,7 +53,7 @@ class AprilTagSearch:
 
     def find(self, pixels: Grey, stage: Stage) -> list[Detection]:
         """All codes libapriltag sees, in our corner order and pixel convention."""
-        image = np.asarray(_prepare(pixels, stage), dtype=np.uint8, order="C")
+        image = np.asarray(prepare(pixels, stage), dtype=np.uint8, order="C")
         decimate = 2.0 if stage in (*FIRST, "equalised") else 1.0
         found = self._read(apriltaglib.detector(self._families, decimate, refine=True), image, stage)
         return self._merge(found, image) if stage == "thorough" else found
@@ -224,16 +200,19 @@ class Detector:
 
     def search_ladder(self, pixels: Grey) -> list[Detection]:
         """Search from cheap to thorough until something is found."""
-        for look in (*(Look(stage) for stage in first_of(self.stages)), *self.looks(pixels)):
+        for look in dict.fromkeys((*(Look(stage) for stage in first_of(self.stages)), *self.looks(pixels))):
             found = self.search_shrunk(pixels, look.stage, look.part)
             if found:
                 return found
         return []
 
     def looks(self, pixels: Grey) -> tuple[Look, ...]:
-        """The searches of an image that take turns beside the first ones."""
+        """The searches of an image that take turns beside the first ones; where much is blown, one sees highlights."""
         height, width = pixels.shape
-        return looks_of(width, height, self.stages)
+        looks = looks_of(width, height, self.stages)
+        if np.count_nonzero(pixels >= LIMITS.read.saturated) < LIMITS.search.highlight_px:
+            return looks
+        return every_second(looks, "outline")
 
     def _find(self, pixels: Grey, stage: Stage) -> Iterator[list[Detection]]:
         """The ways of one search, each where the ones before led to nothing.

@@ -145,8 +145,10 @@ class Tracker:
         found = self.detector.search_shrunk(pixels, first[self._searches % len(first)])
         turn, not_now = divmod(self._searches, self._limits.search.thorough_every)
         self._searches += 1
+        if found or not_now:
+            return found
         looks = self.detector.looks(pixels)
-        if found or not_now or not looks:
+        if not looks:
             return found
         look = looks[turn % len(looks)]
         return self.detector.search_shrunk(pixels, look.stage, look.part)
