@@ -57,6 +57,7 @@ class JudgeLimits:
     flow_through: int = of(5, "images", "missed, over which a prediction holds and optical flow finds its way", FLIGHTS)
     clear_bits: float = of(0.8, "correlation", "of cells that vouch for a late, hidden or undecoded pose", FLIGHTS)
     surprising: float = of(16.0, "", "squared distance from the course, not published", "chi-square(3), one in 900")
+    asks_mirror2: float = of(4.0, "", "squared surprise of the attitude from which the mirror image is asked", BLIND)
     expected: float = of(9.0, "", "the same, inertia speaks for the pose", "chi-square(3), one in 34")
     backing_sd: float = of(radians(1.0), "rad", "of the predicted direction, for inertia to speak", BLIND)
     tilt_spread: float = of(radians(1.0), "rad", "of a pose that widens the attitude gate, at most", FLIGHTS)

@@ -107,9 +107,15 @@ class TargetFitter:
     def refine(self, pixels: Grey, start: Pose, level: Level | None = None) -> Pose | None:
         """Improve a pose by the method its size, tilt and blur ask for, with a level its tilt held near it."""
         start = self._gatherer.gathered(pixels, start)
+        most = self._limits.certainty.blind_grey_rms_px
         if self._wants_photometric(start):
             grey = self._fit(pixels, start, photometric=True, level=level)
-            return self._fit(pixels, start, photometric=False, level=level) if grey is None else grey
+            if grey is not None and (grey.unexplained_px <= most or self._has_small_cells(start)):
+                return grey
+            # Large cells in a steep view, of a print cut by the border: grey values may stay on the way, with a streak.
+            edges = self._fit(pixels, start, photometric=False, level=level)
+            is_better = grey is None or (edges is not None and edges.rms_px < grey.unexplained_px)
+            return edges if is_better else grey
         edges = self._fit(pixels, start, photometric=False, level=level)
         if edges is None:
             return None
@@ -123,7 +129,6 @@ class TargetFitter:
             return edges
         # Edges that melted lie; others have found the place, from which a few steps are left.
         grey = self._fit_from(pixels, start if is_melted else edges, (edges.blur_px or 0.0) / HALF_WIDTH, level)
-        most = self._limits.certainty.blind_grey_rms_px
         if grey is None:
             return edges
         if self._photo.explains(grey) and grey.unexplained_px <= most:
@@ -139,9 +144,11 @@ class TargetFitter:
         return self._photo.prints.cell_px(pose) < self._limits.cells.mixed_px
 
     def _wants_photometric(self, start: Pose) -> bool:
-        cells = self._limits.cells
-        prints = self._photo.prints
-        return prints.cell_px(start) < cells.photometric_px or prints.looked_at(start)[2] > cells.edges_up_to
+        is_steep = self._photo.prints.looked_at(start)[2] > self._limits.cells.edges_up_to
+        return is_steep or self._has_small_cells(start)
+
+    def _has_small_cells(self, start: Pose) -> bool:
+        return self._photo.prints.cell_px(start) < self._limits.cells.photometric_px
 
     def _are_melted(self, pose: Pose) -> bool:
         """Whether the edges of a fit have run into their neighbours, which shifts them and makes others.

@@ -64,15 +64,13 @@ class Prints:
         self.all = tuple(PrintModel(target, tag, projection, limits, self.sheet) for tag in self.roots)
 
     def seen(self, rotation: Array, position: Array, shape: tuple[int, ...] | None = None) -> tuple[PrintModel, ...]:
-        """Prints of which a pose puts enough into the image, the largest there first; a target's only print always.
+        """Prints of which a pose puts enough into the image, the largest there first.
 
         Args:
             rotation: camera from target `(3, 3)`.
             position: of the target `(3,)` [m; RDF].
             shape: of the image; that of the calibration if none is given.
         """
-        if len(self.all) == 1:
-            return self.all
         intrinsics = self._projection.intrinsics
         height, width = (intrinsics.height, intrinsics.width) if shape is None else shape
         shown = [model for model in self.all if self._is_shown(model, rotation, position, width, height)]

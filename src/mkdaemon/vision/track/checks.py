@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from math import exp
 
 import numpy as np
 
@@ -142,3 +143,19 @@ def with_angle_variance(pose: Pose, variance: float) -> Pose:
     covariance = pose.covariance.copy()
     covariance[3:, 3:] += variance * np.eye(3)
     return replace(pose, covariance=covariance)
+
+
+def with_rival(pose: Pose, rival: Pose, odds: float) -> Pose:
+    """The pose with the doubt in its covariance that a rival leaves.
+
+    A mixture of two poses `between` apart, the other one with probability p, has the variance p (1 - p) between^2 about
+    the better one's axis of difference.
+
+    Args:
+        pose: the likelier one.
+        rival: the other.
+        odds: for the pose [nats].
+    """
+    doubt = 1.0 / (1.0 + exp(odds))
+    between = angle_between(pose.rotation, rival.rotation)
+    return with_angle_variance(pose, doubt * (1.0 - doubt) * between**2)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from math import exp
 from typing import Final
 
 import numpy as np
@@ -14,7 +13,7 @@ from mkdaemon.telemetry.vision import PoseRefusal
 from mkdaemon.vision.pose.ambiguity import Choice, choose, prefers
 from mkdaemon.vision.pose.gates import certainty_refusal
 from mkdaemon.vision.pose.pose import Pose, angle_between
-from mkdaemon.vision.track.checks import Checks, with_angle_variance
+from mkdaemon.vision.track.checks import Checks, with_angle_variance, with_rival
 from mkdaemon.vision.track.level import Sight
 
 Array = npt.NDArray[np.float64]
@@ -151,7 +150,7 @@ class FirstJudge:
             return choice.pose
         between = angle_between(rivals[0].rotation, rivals[1].rotation)
         if self._checks.level.knows(seen):
-            return self._nearer_to_level(seen, rivals, between)
+            return self._nearer_to_level(seen, rivals)
         if between > limits.ambiguity.harmless:
             return None
         return with_angle_variance(min(rivals, key=lambda rival: rival.loss), (between / 2) ** 2)
@@ -178,18 +177,13 @@ class FirstJudge:
         grey = self._fitter.fit_grey_values(seen.pixels, rivals)
         return choose(grey, min_ratio=self._checks.cfg.min_ambiguity_ratio, limits=self._limits) if grey else None
 
-    def _nearer_to_level(self, seen: Sight, rivals: Sequence[Pose], between: float) -> Pose:
-        """The rival that agrees better with the attitude; where both might, with the doubt in its covariance.
-
-        A mixture of two poses `between` apart, the other one with probability p, has the variance p (1 - p) between^2
-        about the better one's axis of difference.
-        """
+    def _nearer_to_level(self, seen: Sight, rivals: Sequence[Pose]) -> Pose:
+        """The rival that agrees better with the attitude; where both might, with the doubt in its covariance."""
         level = self._checks.level
         best, other = rivals if level.log_odds(seen, *rivals) > 0.0 else reversed(rivals)
         if (level.tilt(seen, other) or 0.0) > level.gate(seen, other):
             return best
-        doubt = 1.0 / (1.0 + exp(level.log_odds(seen, best, other)))
-        return with_angle_variance(best, doubt * (1.0 - doubt) * between**2)
+        return with_rival(best, other, level.log_odds(seen, best, other))
 
     def _fit_level(self, seen: Sight, pose: Pose) -> FirstVerdict:
         """Fit once more with the tilt held: something lying over one side gives a quad that is off by that much."""

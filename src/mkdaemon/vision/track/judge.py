@@ -6,13 +6,13 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 from mkdaemon.telemetry.vision import PoseRefusal
-from mkdaemon.vision.pose.ambiguity import choose, prefers
+from mkdaemon.vision.pose.ambiguity import choose, log_odds, prefers
 from mkdaemon.vision.pose.edgefit import Level
 from mkdaemon.vision.pose.gates import certainty_refusal
 from mkdaemon.vision.pose.pose import Pose
 from mkdaemon.vision.track.attitude import without_normal
 from mkdaemon.vision.track.branches import Branches
-from mkdaemon.vision.track.checks import Checks, with_angle_variance
+from mkdaemon.vision.track.checks import Checks, with_angle_variance, with_rival
 from mkdaemon.vision.track.course import doubted
 from mkdaemon.vision.track.level import Sight
 
@@ -73,6 +73,7 @@ class Judge:
                 checks.level.learn(seen, pose, held)
                 return self._judge_with_attitude(seen, doubted(pose))
             if checks.level.knows(seen):
+                pose = self._or_mirror(seen, pose, predicted)
                 # What the images before told of the deck; with this one in it the image would count twice.
                 fused = checks.level.fuse(seen, pose)
                 checks.level.learn(seen, pose)
@@ -91,6 +92,21 @@ class Judge:
                 contradicting = off
         is_there = contradicting is not None and self._is_plainly_there(seen, contradicting)
         return Verdict(contradicting if is_there else None, refused, contradicting)
+
+    def _or_mirror(self, seen: Sight, pose: Pose, predicted: Pose) -> Pose:
+        """A pose that surprises the attitude, or its mirror image where image and attitude together prefer that.
+
+        A target seen nearly head on looks alike tilted some degrees either way, and a fit ends in the reading that its
+        start is nearer to. Where both may be right, the doubt is in its covariance.
+        """
+        checks, level = self._checks, self._checks.level
+        if level.surprise2(seen, pose) < self._limits.judge.asks_mirror2:
+            return pose
+        for rival in checks.candidates(seen, pose)[1:]:
+            if checks.refusal(seen, rival, predicted) is None:
+                odds = log_odds(pose, rival, self._limits) + level.log_odds(seen, pose, rival)
+                return with_rival(pose, rival, odds) if odds > 0.0 else with_rival(rival, pose, -odds)
+        return pose
 
     def _is_plainly_there(self, seen: Sight, pose: Pose) -> bool:
         """Whether a large target whose cells are read clearly lies as a pose says, for all but the attitude."""
