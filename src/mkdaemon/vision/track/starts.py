@@ -72,12 +72,13 @@ class Starts:
     def with_climb(self, seen: Sight, start: Pose) -> Pose:
         """The start of a track's second image with the speed that both ranges tell.
 
-        Under a rolling shutter a climb looks like a tilt, and does not change the range half way through the image.
+        Under a rolling shutter a climb looks like a tilt, and does not change the range half way through the image. A
+        fit that few edges agree with may have taken them for their neighbours, and its range says nothing.
         """
         if not self._fitter.rolls or self._track.has_velocity:
             return start
         found = self._fitter.refine(seen.pixels, start)
-        if found is None:
+        if found is None or found.inliers < self._limits.agreement.blind:
             return start
         known = self._track.motion_with(seen.time, found, seen.enu_from_flu, self._mounting, seen.turning_flu)
         return start if known is None else replace(start, known_motion=known)
