@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from lab.campaign import Case, Part
-from lab.vision.flight import VGA
+from lab.vision.flight import VGA, share_in_view
 from lab.vision.stills import HD, SeedSet, Still, Studio, error_of, look_once, target_named
 from lab.vision.troubles import band, patches, shadow
 from lab.vision.weather import FLIGHT_IMAGES, SKIES, fly_conditions, sum_up_flights
@@ -155,13 +155,19 @@ def _plan_view_angle(quick: bool, seeds: SeedSet) -> list[Part]:
 
 
 def _view_row(place: str, degrees: int, count: int, seed: int, part: int) -> dict[str, Any]:
-    """Share of images posed at one steep view from 2 m."""
+    """Share of images posed at one steep view from 2 m, and of those that show the whole tag."""
     target = target_named("single")
     studio = Studio(target, seed, fine=False, part=part)
     tally = _Share(target)
+    whole = posed_whole = 0
     for _ in range(count):
-        tally.add(studio.shoot(2.0, float(np.radians(degrees)), off=PLACES[place]), blind=False)
-    return {"angle_deg": degrees, **tally.row(blind=False)}
+        still = studio.shoot(2.0, float(np.radians(degrees)), off=PLACES[place])
+        before = tally.posed
+        tally.add(still, blind=False)
+        if share_in_view(target, still.rotation, still.position, VGA) == 1.0:
+            whole += 1
+            posed_whole += tally.posed - before
+    return {"angle_deg": degrees, **tally.row(blind=False), "whole": whole, "posed_whole": posed_whole}
 
 
 def _sum_up_view_angle(_quick: bool, parts: Sequence[Part], rows: Sequence[dict[str, Any]]) -> dict[str, Any]:

@@ -244,8 +244,22 @@ def fly(
         pixels = scene.render(view, conditions)
         if weather is not None:
             weather.image_seen(pixels)
-        seen = target.tags[0].corners @ rotation.T + position
-        uv = seen[:, :2] / np.maximum(seen[:, 2:], 1e-3) * intrinsics.fx + (intrinsics.cx, intrinsics.cy)
-        inside = (seen[:, 2] > 0) & (uv > 0).all(axis=1) & (uv < (intrinsics.width, intrinsics.height)).all(axis=1)
         image = CameraImage(pixels, t, t, k, "bench", "driver")
-        yield FlightFrame(image, attitude, rotation, position, trouble, float(inside.mean()))
+        yield FlightFrame(
+            image, attitude, rotation, position, trouble, share_in_view(target, rotation, position, intrinsics)
+        )
+
+
+def share_in_view(target: Target, rotation: Array, position: Array, intrinsics: Intrinsics) -> float:
+    """Share of the corners of a target's largest tag inside the image.
+
+    Args:
+        target: what is seen.
+        rotation: camera from target `(3, 3)`.
+        position: of the target `(3,)` [m; RDF].
+        intrinsics: of the camera; its distortion is left out.
+    """
+    seen = target.tags[0].corners @ rotation.T + position
+    uv = seen[:, :2] / np.maximum(seen[:, 2:], 1e-3) * intrinsics.fx + (intrinsics.cx, intrinsics.cy)
+    inside = (seen[:, 2] > 0) & (uv > 0).all(axis=1) & (uv < (intrinsics.width, intrinsics.height)).all(axis=1)
+    return float(inside.mean())

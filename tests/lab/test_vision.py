@@ -8,7 +8,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from lab.vision.flight import VGA, fly
+from lab.vision.flight import VGA, fly, share_in_view
 from lab.vision.lag import Film
 from lab.vision.main import CASES, main, run_case
 from lab.vision.stills import SeedSet, Studio, error_of, is_flip, look_once, target_named
@@ -40,6 +40,13 @@ def test_the_truth_of_a_still_is_where_the_tracker_finds_it():
     error = error_of(found.pose.rotation, found.pose.position, still.rotation, still.position)
     assert error.distance < 0.002
     assert not error.is_wrong
+
+
+def test_the_share_of_a_target_in_view_counts_its_corners():
+    target = target_named("single")
+    facing = np.diag([1.0, -1.0, -1.0])
+    shares = [share_in_view(target, facing, np.array([x, 0.0, 1.0]), VGA) for x in (0.0, 0.5, 2.0)]
+    assert shares == [1.0, 0.5, 0.0]
 
 
 def test_a_mirrored_pose_counts_as_flip_and_a_turned_one_as_wrong_only():
