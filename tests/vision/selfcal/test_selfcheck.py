@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cache
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -15,8 +16,10 @@ from mkdaemon.vision.camera.calibration_file import CalibrationRecord, Camera
 from mkdaemon.vision.pose.edgefit import EdgeFit
 from mkdaemon.vision.pose.pose import Pose
 from mkdaemon.vision.pose.projection import Projection
+from mkdaemon.vision.selfcal.camerafilter import LENS_AT
 from mkdaemon.vision.selfcal.evidence import EvidenceMaker
-from mkdaemon.vision.selfcal.selfcheck import SelfCheck
+from mkdaemon.vision.selfcal.limits import SELFCAL
+from mkdaemon.vision.selfcal.selfcheck import SelfCheck, TargetWatch
 from mkdaemon.vision.tags.tagmap import TagMap, Target
 from mkdaemon.vision.track.attitude import LOOKING_DOWN
 from tests.vision.views import VGA, View, place, shipped
@@ -104,6 +107,26 @@ def test_a_focal_length_of_two_percent_too_much_is_named(attitude: bool) -> None
     assert set(check.alarms) == {Alarm.SCALE}
     assert "focal length 612.0 px in the camera file, " in check.alarms[Alarm.SCALE]
     assert check.reports()[0].focal_percent == pytest.approx(-1.98, abs=0.4)
+
+
+@pytest.mark.parametrize(
+    ("share", "sd", "is_named"),
+    [
+        (0.019, 0.0055, True),  # settled: from three deviations, 0.3 % of them that no image shows
+        (0.018, 0.0055, False),
+        (0.036, 0.0115, False),  # what comes still moves it: from four
+        (0.049, 0.0115, True),
+        (0.009, 0.001, False),  # less is what a calibration leaves
+    ],
+)
+def test_a_focal_length_that_has_settled_is_told_sooner(
+    share: float, sd: float, is_named: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    watch = TargetWatch(shipped(NESTED), RIGHT, np.radians(1.0), has_mount=True)
+    known = SimpleNamespace(mean=np.zeros(12), sd=np.ones(12), looks=SELFCAL.least_looks)
+    known.mean[LENS_AT], known.sd[LENS_AT] = share, sd
+    monkeypatch.setattr(watch, "_filter", known)
+    assert bool(list(watch.scale_words())) == is_named
 
 
 def test_an_inner_tag_of_another_size_is_named() -> None:

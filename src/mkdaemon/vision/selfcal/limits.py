@@ -18,6 +18,8 @@ class SelfCalLimits:
     period: float = of(0.09, "s", "between images that are looked at", "cost: 1.2 ms each")
     side_px: float = of(40.0, "px", "side of the largest tag from which its edges count", "as `large_tag_px`, farther")
     certain: float = of(4.0, "deviations", "from which a difference is told", MEASURED)
+    settled: float = of(0.0065, "share", "deviation of a focal length that little more will move", MEASURED)
+    settled_certain: float = of(3.0, "deviations", "from which such a focal length is told", MEASURED)
     least_looks: int = of(20, "images", "before anything is told", "derived: two seconds")
     focal: float = of(0.01, "share", "of the focal length; less is what a calibration leaves", "docs/accuracy.md")
     centre_px: float = of(4.0, "px", "of the principal point", "1.5 cm at 4 m")

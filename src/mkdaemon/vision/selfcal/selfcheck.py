@@ -63,7 +63,8 @@ class TargetWatch:
         """What contradicts a size or the focal length, each with both numbers."""
         k = self._camera.intrinsics
         share, sd = self._known(LENS_AT, SELFCAL.focal_floor)
-        if self._tells(share, sd, SELFCAL.focal):
+        certain = SELFCAL.settled_certain if sd <= SELFCAL.settled else SELFCAL.certain
+        if self._tells(share, sd, SELFCAL.focal, certain):
             yield (
                 f"focal length {k.fx:.1f} px in the camera file, {k.fx * exp(share):.1f} +- {k.fx * sd:.1f} px by"
                 " the images: calibrate again"
@@ -149,9 +150,9 @@ class TargetWatch:
         """An unknown and its deviation, with what no image shows."""
         return float(self._filter.mean[n]), hypot(float(self._filter.sd[n]), floor)
 
-    def _tells(self, value: float, sd: float, least: float) -> bool:
+    def _tells(self, value: float, sd: float, least: float, certain: float = SELFCAL.certain) -> bool:
         """Whether a difference is told: large enough to matter, and no accident."""
-        return self._filter.looks >= SELFCAL.least_looks and abs(value) > max(least, SELFCAL.certain * sd)
+        return self._filter.looks >= SELFCAL.least_looks and abs(value) > max(least, certain * sd)
 
 
 class SelfCheck:
