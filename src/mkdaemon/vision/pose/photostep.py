@@ -149,7 +149,7 @@ class PhotoStepper:
         clipped, windows = np.clip(residual * clear, -bound, bound), [part.at.used for part in parts]
         shared = shared_by_all(clipped, windows, least)
         steeper = shared_on_slopes(clipped, np.concatenate([part.at.steep for part in parts]), windows, least)
-        noise *= max(shared.factor, steeper) * streak_doubt(state.spread)
+        noise *= steeper * streak_doubt(state.spread)
         prior, pull, surprise = self._prior(state, bends, start, level, noise, len(unit))
         sheet = prints[0].sheet
         if sheet is not None and state.rise is not None:
