@@ -52,7 +52,7 @@ def test_grey_values_that_the_print_does_not_explain_are_left_out() -> None:
 
 
 def test_grey_values_that_have_not_arrived_are_left_out(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(fitting, "MIXED_STEPS", 2)
+    monkeypatch.setattr(fitting, "MIXED_STEPS", 1)
     view = smeared(8.0, 0.2)
     found = TargetFitter(TARGET, Projection(VGA)).refine(view.pixels, nearly(view))
     assert found is None or found.source == "edges"
