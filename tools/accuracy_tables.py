@@ -126,10 +126,16 @@ def _steep(results: Results) -> Iterator[str]:
 
     views = results["view_angle"]
     rows = [
-        (f"{centre['angle_deg']} deg", cell(centre), cell(edge), str(centre["wrong"] + edge["wrong"]))
+        (
+            f"{centre['angle_deg']} deg",
+            cell(centre),
+            cell(edge),
+            f"{edge['posed_whole']} of {edge['whole']}",
+            str(centre["wrong"] + edge["wrong"]),
+        )
         for centre, edge in zip(views["centre"], views["edge"], strict=True)
     ]
-    yield from table(("angle", "target in the middle", "near the edge of the image", "wrong"), rows)
+    yield from table(("angle", "in the middle", "near the edge of the image", "whole tags there, posed", "wrong"), rows)
 
 
 def _stills(results: Results) -> Iterator[str]:
