@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -157,6 +159,17 @@ def test_where_two_readings_are_nearly_one_nothing_gathers_against_either(aside,
     against = max(branch.together for branch in branches.ranked if not branch.missed)
     assert (against > 3 * of_one_image) is gathers
     assert against > 0.9 * of_one_image
+
+
+@pytest.mark.parametrize(
+    ("lead", "together", "is_against"), [(9.7, 4.1, True), (9.7, 1.5, False), (25.0, 7.5, False), (25.0, 8.5, True)]
+)
+def test_a_lead_has_to_outweigh_what_images_say_together(lead, together, is_against):
+    """A poor fit threw the true course aside: its mirror image led by one jump, and was published 25 degrees off."""
+    best, other = branches_of(0.010, 0.010).ranked
+    branches = Branches((replace(best, together=together), replace(other, weight=-lead)), LIMITS.branches.min_images)
+    assert branches.is_decided
+    assert branches.is_spoken_against is is_against
 
 
 def test_a_decided_branch_stays_through_images_that_say_nothing():

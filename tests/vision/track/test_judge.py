@@ -318,7 +318,7 @@ def test_a_pose_off_the_course_is_followed_and_not_published():
     assert verdict.pose is not None
 
 
-@pytest.mark.parametrize(("loss", "refusal"), [(0.0101, None), (0.0108, PoseRefusal.AMBIGUOUS)])
+@pytest.mark.parametrize(("loss", "refusal"), [(0.01003, None), (0.0108, PoseRefusal.AMBIGUOUS)])
 def test_a_reading_that_images_keep_speaking_against_is_not_published(loss, refusal):
     """Each of them says too little to count as odds: inertia may not overrule all of them together."""
     followed_one, other = replace(TILTED, loss=loss), mirrored(TILTED, loss=0.01)
@@ -330,6 +330,20 @@ def test_a_reading_that_images_keep_speaking_against_is_not_published(loss, refu
         verdict = judge.measure(sight(k * STEP, attitude=False), followed_one, followed_one)
     assert verdict is not None
     assert verdict.refusal is refusal
+
+
+@pytest.mark.parametrize(("again_loss", "asked"), [(0.01, True), (0.019, False)])
+def test_a_fit_beside_its_reading_is_asked_for_once_more_from_its_mirror_image(again_loss, asked):
+    """What a poor fit lacks would speak against a reading that nobody fitted."""
+    poor, other = (
+        replace(TILTED, rotation=turn(TILTED.rotation, np.radians([8.0, 0.0, 0.0])), loss=0.02),
+        mirrored(TILTED),
+    )
+    again = replace(TILTED, loss=again_loss)
+    fits = GivenFits(mirror=other, cell_px=4.5)
+    fits.fit_mirrored = lambda pixels, pose: again if pose is other else other
+    found = checks(fits, followed(TILTED)).candidates(sight(attitude=False), poor)
+    assert [id(pose) for pose in found] == [id(again if asked else poor), id(other)]
 
 
 def test_a_track_without_branches_cannot_choose_between_poses_found_anew():

@@ -113,6 +113,16 @@ class Branches:
         return self.lead >= BRANCHES.decided and self.images >= BRANCHES.min_images
 
     @property
+    def is_spoken_against(self) -> bool:
+        """Whether images speak against the likeliest branch: the newest by itself, or several together.
+
+        Together they may say no more than what it leads by beyond `decided`: a course that a poor fit threw aside lets
+        its rival lead by one jump, whatever image after image says.
+        """
+        spare = min(self.lead - BRANCHES.decided, BRANCHES.decided)
+        return self.best.against > BRANCHES.overruled or self.best.together > spare
+
+    @property
     def doubt(self) -> float:
         """Variance of the direction from what is left of other branches close to the likeliest [rad^2]."""
         odds = np.exp([b.weight for b in self.ranked])

@@ -198,9 +198,7 @@ class Judge:
         self._track.branches = branches
         self.is_backed = False
         chosen, prior = branches.best.pose, branches.best.prior
-        best = branches.best
-        speaks_against = best.against > limits.branches.overruled or best.together > limits.branches.decided
-        if not branches.is_decided or speaks_against:
+        if not branches.is_decided or branches.is_spoken_against:
             return Verdict(chosen, PoseRefusal.AMBIGUOUS)
         fused = doubted(chosen)
         if prior is not None and limits.judge.fuses_course:
