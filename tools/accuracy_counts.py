@@ -5,9 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import Any, NamedTuple
 
-from tools.accuracy_words import CAMERAS, LIES, SKIES
-
-Results = Mapping[str, Any]
+from tools.accuracy_words import CAMERAS, FAR, LIES, NEAR, SKIES, WITH, WITHOUT, Results
 
 
 class Count(NamedTuple):
@@ -43,7 +41,7 @@ def published(results: Results, *eyes: str) -> Count:
 
     Args:
         results: docs/results/vision.json.
-        eyes: `eyes_with_attitude`, `eyes_without` or both.
+        eyes: `WITH`, `WITHOUT` or both.
     """
     rows = (results["published"]["by_camera"][camera][which] for camera in CAMERAS for which in eyes)
     return total(Count(row["published"], row["wrong"]) for row in rows)
@@ -69,10 +67,7 @@ def decks(results: Results) -> Count:
 def real(results: Results) -> Count:
     """Whole targets behind the six cameras to 8 m."""
     rows = (
-        results["real"][camera][eyes][part]
-        for camera in CAMERAS
-        for eyes in ("eyes_with_attitude", "eyes_without")
-        for part in ("to_4_m", "to_8_m")
+        results["real"][camera][eyes][part] for camera in CAMERAS for eyes in (WITH, WITHOUT) for part in (NEAR, FAR)
     )
     return total(Count(row["posed"], row["wrong"]) for row in rows)
 

@@ -6,8 +6,9 @@ from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
 from tools import accuracy_counts as counts
-from tools.accuracy_counts import Count, Results
+from tools.accuracy_counts import Count
 from tools.accuracy_verdicts import honest_verdict, percent, verdict
+from tools.accuracy_words import WITH, WITHOUT, Results
 from tools.markdown import table
 
 Goal = tuple[str, str, str, str]
@@ -134,7 +135,7 @@ def _flights(results: Results) -> Iterator[Goal]:
 def _wrong(results: Results) -> Iterator[Goal]:
     parts = [
         ("on these flights", counts.flights(results)),
-        ("behind [six cameras](#cameras-as-they-are)", counts.published(results, "eyes_with_attitude", "eyes_without")),
+        ("behind [six cameras](#cameras-as-they-are)", counts.published(results, WITH, WITHOUT)),
         ("under [hardships](#hardships)", counts.hardships(results, "with_attitude", "without")),
         ("over [decks](#attitudes-that-are-wrong)", counts.decks(results)),
         ("in `real`", counts.real(results)),

@@ -6,14 +6,11 @@ from collections.abc import Iterator
 from typing import Final
 
 from tools import accuracy_counts as counts
-from tools.accuracy_counts import Results
 from tools.accuracy_verdicts import honest_verdict, percent, percents, span, verdict
-from tools.accuracy_words import CAMERAS, SKIES
+from tools.accuracy_words import CAMERAS, FAR, NEAR, SKIES, WITH, WITHOUT, Results
 from tools.markdown import table
 
 HEAD: Final = ("goal", "measured", "")
-WITH, WITHOUT = "eyes_with_attitude", "eyes_without"
-NEAR, FAR = "to_4_m", "to_8_m"
 
 
 def camera_goals(results: Results) -> Iterator[str]:

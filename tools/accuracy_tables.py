@@ -15,16 +15,13 @@ from typing import Any, Final
 from mkdaemon.errors import MkError
 from tools.accuracy_goals import goals
 from tools.accuracy_part_goals import camera_goals, deck_goals, hardship_goals, leaving_goals
-from tools.accuracy_words import CAMERAS, LEAVING, LIES, SKIES, TROUBLES
+from tools.accuracy_words import CAMERAS, FAR, LEAVING, LIES, NEAR, SKIES, TROUBLES, WITH, WITHOUT, Results
 from tools.markdown import table
-
-Results = Mapping[str, Any]
 
 PLACE: Final = re.compile(r"(?P<begin><!-- table (?P<name>\w+) -->\n).*?(?P<end><!-- end -->)", re.DOTALL)
 FEET: Final = {0.6096: "2 ft (0.61 m)", 1.2192: "4 ft (1.22 m)", 1.8288: "6 ft (1.83 m)", 4.572: "15 ft (4.57 m)"}
 """Distances that 2010 measured."""
 ATTITUDES: Final = {"with_attitude": "yes", "without_attitude": "no"}
-NEAR, FAR = "to_4_m", "to_8_m"
 
 
 def accuracy_page(root: Path) -> str:
@@ -164,8 +161,8 @@ def _plain(row: Mapping[str, Any]) -> str:
 
 def _cameras(results: Results) -> Iterator[str]:
     found = results["real"]
-    near, far = (found["ideal"]["eyes_with_attitude"][part]["images"] for part in (NEAR, FAR))
-    columns = [(eyes, part) for eyes in ("eyes_with_attitude", "eyes_without") for part in (NEAR, FAR)]
+    near, far = (found["ideal"][WITH][part]["images"] for part in (NEAR, FAR))
+    columns = [(eyes, part) for eyes in (WITH, WITHOUT) for part in (NEAR, FAR)]
     head = (f"with attitude, to 4 m ({near} images)", f"4-8 m ({far})", "without, to 4 m", "4-8 m")
     rows = [(words, *(_eyes(found[name][eyes][part]) for eyes, part in columns)) for name, words in CAMERAS.items()]
     yield from table(("camera", *head), rows)
@@ -183,7 +180,7 @@ def _published(results: Results) -> Iterator[str]:
     found = results["published"]["by_camera"]
     rows = []
     for name, words in CAMERAS.items():
-        eyes = [found[name][which] for which in ("eyes_with_attitude", "eyes_without")]
+        eyes = [found[name][which] for which in (WITH, WITHOUT)]
         rows.append((words, str(eyes[0]["images"]), *(f"{one['published']}, {one['wrong']}" for one in eyes)))
     yield from table(("camera", "images", "with attitude: published, wrong", "without"), rows)
 

@@ -2,7 +2,15 @@
 
 from __future__ import annotations
 
-from typing import Final
+from collections.abc import Mapping
+from typing import Any, Final
+
+Results = Mapping[str, Any]
+"""docs/results/vision.json."""
+
+WITH, WITHOUT = "eyes_with_attitude", "eyes_without"
+NEAR, FAR = "to_4_m", "to_8_m"
+"""Keys of the campaigns behind cameras: the eyes with and without attitude, by distance."""
 
 CAMERAS: Final = {
     "ideal": "ideal",
