@@ -31,9 +31,9 @@ BLOWN = 255.0
 """Brightest grey value."""
 READINGS = 2
 """By levels and by steps: chance has so many tries."""
-DEPTH = 0.3
-"""Where a step is sampled, from the line between both cells [cells]: beyond the blur of small tags, before light
-changes much."""
+DEPTHS = (0.3, 0.25, 0.2, 0.15, 0.1)
+"""Where a step is sampled, from the line between both cells [cells]: beyond the blur of small tags, and in larger ones
+no farther than `OutlineLimits.max_depth_px`, before light changes much."""
 ALONG = (-0.3, 0.0, 0.3)
 """The same, along the line."""
 SHARP_DEPTH = 0.1
@@ -81,7 +81,11 @@ class _Sides:
 
 
 class CodeReader:
-    """Reads quads against the codes of a whitelist."""
+    """Reads quads against the codes of a whitelist.
+
+    Attributes:
+        sizes: cells along the black squares of its families.
+    """
 
     def __init__(self, whitelist: Mapping[str, frozenset[int]], covered: Covered) -> None:
         """Prepare the codes.
@@ -91,6 +95,7 @@ class CodeReader:
             covered: cells of a code that another tag lies on, which say nothing.
         """
         self._codes = {name: _turned(name, ids, covered) for name, ids in whitelist.items() if ids}
+        self.sizes = sorted({find_family(name).black_cells for name in self._codes})
 
     def read(self, pixels: Grey, quad: Array, stage: Stage) -> Detection | None:
         """The code that explains the readable cells of a quad; none when chance does as well.
@@ -165,17 +170,18 @@ def _steps(pixels: Grey, homography: Array, n: int, codes: _Codes) -> Array | No
     it is white; beside a white one b - contrast and b. One blown neighbour of a white cell is as good as any; a cell
     that is blown beside one tells nothing. Cells without a line that tells have one half.
     """
-    sides = _sides(n)
+    sides = _sides(n, _depth(homography, n))
     outside, inside = sample(pixels, carry(homography, sides.rim)).reshape(2, -1)
     contrast = float(np.percentile(outside - inside, CLEAR_PERCENT))
     if contrast < OUTLINE.min_contrast:
         return None
     here, there = sample(pixels, carry(homography, sides.points)).reshape(2, -1, len(ALONG)).mean(axis=2)
+    least = max(OUTLINE.min_room, OUTLINE.min_room_share * contrast)
     room = np.minimum(there + contrast, BLOWN) - there
-    by_black = np.where(room < OUTLINE.min_contrast, 0.0, (here - there) / np.maximum(room, 1.0) - 0.5)
+    by_black = np.where(room < least, 0.0, (here - there) / np.maximum(room, 1.0) - 0.5)
     by_white = 0.5 + (here - there) / contrast
     blown = there >= LIMITS.read.saturated
-    by_white[blown] = np.where(here[blown] < BLOWN - OUTLINE.min_contrast, -0.5, 0.0)
+    by_white[blown] = np.where(here[blown] < BLOWN - least, -0.5, 0.0)
     white = codes.bits.reshape(len(codes.turn), -1)[:, sides.outer]
     seen = codes.seen.reshape(len(codes.turn), -1)[:, sides.outer]
     votes = np.where(white, by_white, by_black).clip(-0.5, 0.5) * seen
@@ -184,15 +190,22 @@ def _steps(pixels: Grey, homography: Array, n: int, codes: _Codes) -> Array | No
     return share.reshape(-1, n, n)
 
 
+def _depth(homography: Array, n: int) -> float:
+    """Where steps are sampled in cells as large as those of a quad [cells]."""
+    square = carry(homography, np.array([[0.0, 0.0], [n, 0.0], [n, n], [0.0, n]]))
+    cell_px = float(np.linalg.norm(square - np.roll(square, 1, axis=0), axis=1).mean()) / n
+    return next((depth for depth in DEPTHS if depth * cell_px <= OUTLINE.max_depth_px), DEPTHS[-1])
+
+
 def _sharpness(pixels: Grey, homography: Array, n: int) -> float:
     """Mean step over the quad's sides, close to them: a quad that lies beside the tag's has little [grey]."""
     outside, inside = sample(pixels, carry(homography, _rim(n, SHARP_DEPTH))).reshape(2, -1)
     return float(np.mean(outside - inside))
 
 
-@lru_cache(maxsize=16)
-def _sides(n: int) -> _Sides:
-    """The lines of a tag of `n` cells a side."""
+@lru_cache(maxsize=32)
+def _sides(n: int, depth: float) -> _Sides:
+    """The lines of a tag of `n` cells a side, sampled `depth` cells from them."""
     index = np.arange(n * n).reshape(n, n)
     first = np.concatenate([index[:, :-1].ravel(), index[:-1].ravel()])
     second = np.concatenate([index[:, 1:].ravel(), index[1:].ravel()])
@@ -206,12 +219,12 @@ def _sides(n: int) -> _Sides:
     across = middle[cell] - middle[outer]
     line = (middle[cell] + middle[outer]) / 2
     spread = np.array(ALONG)[:, None] * across[:, None, ::-1]
-    points = [(line + depth * across)[:, None] + spread for depth in (DEPTH, -DEPTH)]
+    points = [(line + away * across)[:, None] + spread for away in (depth, -depth)]
     of_cell = (cell[:, None] == np.arange(n * n)).astype(np.float64)
-    return _Sides(outer, of_cell, np.concatenate(points).reshape(-1, 2), _rim(n, DEPTH))
+    return _Sides(outer, of_cell, np.concatenate(points).reshape(-1, 2), _rim(n, depth))
 
 
-@lru_cache(maxsize=16)
+@lru_cache(maxsize=32)
 def _rim(n: int, depth: float) -> Array:
     """Samples `depth` cells outside the black square, then as many inside `(2 * 8 * n, 2)`."""
     along = (np.arange(2 * n) + 0.5) / 2
