@@ -26,7 +26,7 @@ import numpy.typing as npt
 from mkdaemon.vision.limits import LIMITS, Limits
 from mkdaemon.vision.pose.bend import RISES
 from mkdaemon.vision.pose.edgefit import Level
-from mkdaemon.vision.pose.photostep import MOTION, POSE, SPREAD, PhotoState, PhotoStepper
+from mkdaemon.vision.pose.photostep import MOTION, SPREAD, PhotoState, PhotoStepper
 from mkdaemon.vision.pose.pose import Pose, turn
 from mkdaemon.vision.pose.printmodel import PrintModel
 from mkdaemon.vision.pose.prints import Prints
@@ -146,7 +146,7 @@ class PhotoFit:
             is_nearer = step.length2 < NEARER * left
             if step.cost < last or is_nearer or (step.cost < last * WORSE_COST and step.length2 < left):
                 settled = not is_nearer and last - step.cost < SAME_COST * step.cost
-                best, last, fitted, left, to_go = at, step.cost, step.pose, step.length2, step.change[POSE]
+                best, last, fitted, left, to_go = at, step.cost, step.pose, step.length2, step.to_go
                 if settled:
                     break
                 damping = max(damping * EASE, LEAST_DAMPING)

@@ -16,6 +16,7 @@ from mkdaemon.vision.pose.edgefit import Level
 from mkdaemon.vision.pose.edgestep import MAD, damped
 from mkdaemon.vision.pose.greynoise import LEAST_SHARED, clarity, shared_by_all, shared_on_slopes, streak_doubt
 from mkdaemon.vision.pose.nuisance import BEYOND, beyond_motion, beyond_sd, motion_known
+from mkdaemon.vision.pose.photobeside import asked_anew
 from mkdaemon.vision.pose.pose import Pose, correlation, median
 from mkdaemon.vision.pose.printimage import PrintSamples
 from mkdaemon.vision.pose.printlight import LIGHTS, Lit, lit_print
@@ -65,12 +66,14 @@ class PhotoStep:
         change: of all unknowns: position [m], rotation vector [rad], light, point spread [px^2], motion.
         cost: robust mean square of the residuals before the step [grey^2], with what prior knowledge adds.
         pose: the pose the step starts from, with its covariance.
-        length2: of the step of the pose, in deviations of that covariance, squared.
+        to_go: that of the pose without damping: how far it is from its place `(6,)`.
+        length2: of that, in deviations of the pose's covariance, squared.
     """
 
     change: Array
     cost: float
     pose: Pose
+    to_go: Array
     length2: float
 
 
@@ -128,13 +131,17 @@ class PhotoStepper:
         value = np.concatenate([part.at.value for part in parts])
         grey = np.concatenate([part.at.grey for part in parts])
         residual = np.concatenate([part.residual for part in parts])
-        bends = self._bends(residual, jacobian[BENDS] if state.motion is not None else jacobian[:0])
-        if bends.size:
-            residual -= bends @ jacobian[BENDS]
+        rises = slice(len(unit) - RISES if state.rise is not None else len(unit), len(unit))
         if state.rise is not None:
             # The print is rendered flat; its bend moves what is seen by less than a pixel.
-            rises = slice(len(unit) - RISES, len(unit))
             residual -= state.rise @ jacobian[rises]
+        bends = np.zeros(0)
+        if state.motion is not None:
+            rows = jacobian[np.r_[BENDS, LIGHT, BENDS.stop : rises.start]]
+            spread = np.concatenate([beyond_sd(self._limits.edges), np.full(len(rows) - BEYOND, np.inf)])
+            anew = asked_anew(residual, rows, spread, limits.outlier)
+            residual -= anew @ rows
+            bends = anew[:BEYOND]
         # Robust weights: 1 within c sigma, (c sigma / r)^2 beyond, sigma from the median of |r|; times the clarity.
         clear = clarity(residual, value)
         size = np.maximum(np.abs(residual) * clear, 1e-6)
@@ -159,9 +166,12 @@ class PhotoStepper:
             surprise += float(off @ information @ off)
         normal = damped(weighted @ jacobian.T + prior * np.outer(unit, unit))
         ridge = damping * np.diag(np.diag(normal))
-        change = np.linalg.solve(normal + ridge, weighted @ residual + pull * unit) * unit
+        right = weighted @ residual + pull * unit
+        change = np.linalg.solve(normal + ridge, right) * unit
         # Covariance of the pose with the rest unknown: sigma^2 times its block of the inverse normal matrix.
-        inverse = noise * np.linalg.inv(normal) * np.outer(unit, unit)
+        inverse = np.linalg.inv(normal) * np.outer(unit, unit)
+        to_go = (inverse @ (right / unit))[POSE]
+        inverse = noise * inverse
         covariance = (inverse[POSE, POSE] + inverse[POSE, POSE].T) / 2
         bend = None
         if sheet is not None and state.rise is not None:
@@ -193,8 +203,7 @@ class PhotoStepper:
             shared=shared.factor,
             common=shared.common,
         )
-        length2 = float(change[POSE] @ np.linalg.solve(pose.covariance, change[POSE]))
-        return PhotoStep(change, comparable, pose, length2)
+        return PhotoStep(change, comparable, pose, to_go, float(to_go @ np.linalg.solve(pose.covariance, to_go)))
 
     def match(self, pixels: Grey, model: PrintModel, state: PhotoState) -> float:
         """Correlation between one print and the image where a state puts it; -1 where it cannot be told."""
@@ -214,19 +223,6 @@ class PhotoStepper:
         rows, unit = self._jacobian(at, lit, model, state)
         steepness = float(np.sqrt(np.mean(at.steep))) * abs(float(lit.gain[0]))
         return _Part(at, at.grey - lit.gain @ lit.columns, rows, unit, float(lit.gain[0]), steepness)
-
-    def _bends(self, residual: Array, columns: Array) -> Array:
-        """What the motion lacks, by the residuals `(n,)` of this state, with its columns `(k, n)`; empty without one.
-
-        It is not carried from step to step: as the light, each asks for all of it.
-        """
-        if not len(columns):
-            return np.zeros(0)
-        variance = max(MAD * median(np.abs(residual)), 1.0) ** 2
-        known = np.diag(variance / beyond_sd(self._limits.edges) ** 2)
-        weights = 1.0 / np.maximum(residual**2 / (self._limits.photo.outlier**2 * variance), 1.0)
-        normal = (columns * weights) @ columns.T + known
-        return np.asarray(np.linalg.solve(normal, columns @ (weights * residual)), np.float64)
 
     def _jacobian(self, at: PrintSamples, lit: Lit, model: PrintModel, state: PhotoState) -> tuple[Array, Array]:
         """Derivative of a print's grey values by all its unknowns `(k, n)`, in units `(k,)` of one size."""

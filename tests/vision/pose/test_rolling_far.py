@@ -1,0 +1,76 @@
+"""Fits to the grey values of a far print under a rolling shutter arrive, or say how far they are from their place."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+
+from lab.vision.stills import error_of, target_named
+from mkdaemon.sim.scene.light import Conditions
+from mkdaemon.sim.scene.motion import Platform
+from mkdaemon.sim.scene.scene import Scene, SceneTarget, cam_from_target
+from mkdaemon.sim.scene.view import CameraView, view_towards
+from mkdaemon.vision.camera.intrinsics import Intrinsics
+from mkdaemon.vision.limits import LIMITS
+from mkdaemon.vision.pose.photofit import PhotoFit
+from mkdaemon.vision.pose.photostep import PhotoState, PhotoStepper
+from mkdaemon.vision.pose.pose import Pose, turn
+from mkdaemon.vision.pose.prints import Prints
+from mkdaemon.vision.pose.projection import Projection
+from mkdaemon.vision.pose.rolling import motion_at_rest
+
+LENS = Intrinsics(width=640, height=480, fx=600.0, fy=600.0, cx=319.5, cy=239.5, line_time=30e-3 / 480)
+PAD = SceneTarget.of(target_named("nested"), Platform())
+
+
+def turning_view(seed: int) -> tuple[npt.NDArray[np.uint8], Pose, Pose]:
+    """A print 6 to 7 m away, in the outer half of the image of a camera that turns: pixels, truth and a start."""
+    rng = np.random.default_rng(seed)
+    eye = np.array([*rng.uniform(-1.0, 1.0, 2), rng.uniform(6.0, 7.2)])
+    away, around = rng.uniform(1.0, 2.0), rng.uniform(0.0, 6.28)
+    at_rest = view_towards(LENS, eye, away * np.array([np.cos(around), np.sin(around), 0.0]))
+    rate = 0.5 * rng.standard_normal(3)
+    view = CameraView(LENS, at_rest.enu_from_cam, eye, rate_cam=rate, line_time=LENS.line_time)
+    rotation, position = cam_from_target(PAD, view)
+    pixels = Scene([PAD], ground=None, seed=seed, fine=False).render(view, Conditions())
+    axis = rng.standard_normal(3) * (1.0, 1.0, 0.2)
+    turned = turn(rotation, axis * np.radians(5.0) / np.linalg.norm(axis))
+    start = Pose(turned, position * 1.005 + np.array([0.03, -0.02, 0.0]), np.eye(6), "corners", 4, 0.1)
+    return pixels, replace(start, rotation=rotation, position=position, motion=np.array([*rate, 0.0])), start
+
+
+@pytest.mark.parametrize("seed", [3, 7, 28, 46])
+def test_costs_fall_along_the_way_to_the_place(seed: int) -> None:
+    """Light and what the motion lacks are told at once: one after the other, costs rose, and fits ended beside it."""
+    pixels, truth, start = turning_view(seed)
+    fitter = PhotoFit(PAD.target, Projection(LENS))
+    found, best = fitter.fit(pixels, start), fitter.fit(pixels, truth)
+    assert found is not None
+    assert best is not None
+    assert found.cost is not None
+    assert best.cost is not None
+    # A sixteenth of the pixels' log odds, as neighbours share what they show: 10 to 236 nats before.
+    assert found.points / 16.0 * np.log(found.cost / best.cost) < 2.0
+    apart = error_of(found.rotation, found.position, truth.rotation, truth.position)
+    error = np.array([*apart.xyz, *apart.rpy])
+    assert float(error @ np.linalg.solve(found.covariance, error)) / 6.0 < 3.0
+
+
+def test_how_far_a_fit_is_from_its_place_is_told_without_damping() -> None:
+    """A short damped step is no sign of having arrived: the fit would claim to be where it stays."""
+    pixels, _, start = turning_view(1)
+    projection = Projection(LENS)
+    prints = Prints(PAD.target, projection, LIMITS)
+    at = PhotoState(start.rotation, start.position, 0.5 * np.eye(2), motion_at_rest(), prints.rise_of(start))
+    models = prints.seen(at.rotation, at.position, pixels.shape)
+    steps = [PhotoStepper(projection, LIMITS).step(pixels, models, at, start, None, damp) for damp in (1e-7, 1.0)]
+    free, damped = steps
+    assert free is not None
+    assert damped is not None
+    taken = damped.change[:6]
+    assert float(taken @ np.linalg.solve(damped.pose.covariance, taken)) < 0.5 * damped.length2
+    assert damped.length2 == pytest.approx(free.length2)
+    np.testing.assert_allclose(damped.to_go, free.change[:6], rtol=1e-2, atol=1e-5)
