@@ -232,6 +232,16 @@ def test_a_far_pose_that_surprises_the_attitude_is_held_against_its_mirror_image
     assert near is is_mirror
 
 
+def test_a_surprising_pose_that_is_asked_for_once_more_is_weighed_as_it_was_found_then():
+    """The fit ended beside its reading: what it lacked speaks against nobody."""
+    poor, again = fitted(8.0, 5.9, covariance=VAGUE, loss=0.02), fitted(8.0, 3.5, covariance=VAGUE, loss=0.01)
+    mirror = fitted(8.0, -3.0, covariance=VAGUE, loss=0.0105)
+    fits = GivenFits(poor)
+    fits.fit_mirrored = lambda pixels, pose: again if pose is mirror else mirror
+    verdict = Judge(checks(fits, followed())).measure(sight(), fitted(8.0), fitted(8.0))
+    assert angle_deg(verdict.pose.rotation, again.rotation) < angle_deg(verdict.pose.rotation, mirror.rotation) - 1.0
+
+
 def test_an_image_counts_once_beside_what_the_images_before_told_of_the_deck():
     pose = fitted(tilt_deg=2.0, covariance=np.diag([1e-7, 1e-7, 1e-6, 1e-4, 1e-4, 1e-7]))
     asked = checks(GivenFits(pose), followed())
@@ -342,8 +352,11 @@ def test_a_fit_beside_its_reading_is_asked_for_once_more_from_its_mirror_image(a
     again = replace(TILTED, loss=again_loss)
     fits = GivenFits(mirror=other, cell_px=4.5)
     fits.fit_mirrored = lambda pixels, pose: again if pose is other else other
-    found = checks(fits, followed(TILTED)).candidates(sight(attitude=False), poor)
+    asking = checks(fits, followed(TILTED))
+    found = asking.candidates(sight(attitude=False), poor)
     assert [id(pose) for pose in found] == [id(again if asked else poor), id(other)]
+    first = asking.with_mirror(sight(attitude=False), [poor])
+    assert {id(pose) for pose in first} == {id(again if asked else poor), id(other)}
 
 
 def test_a_track_without_branches_cannot_choose_between_poses_found_anew():

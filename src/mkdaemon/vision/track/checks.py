@@ -114,7 +114,8 @@ class Checks:
         """
         best = min(poses, key=lambda pose: pose.loss)
         alone = all(angle_between(best.rotation, pose.rotation) < self.limits.ambiguity.same_pose for pose in poses)
-        return sorted([*poses, *(self.candidates(seen, best)[1:] if alone else [])], key=lambda pose: pose.loss)
+        others = [pose for pose in poses if pose is not best]
+        return sorted([*others, *(self.candidates(seen, best) if alone else [best])], key=lambda pose: pose.loss)
 
     def cell_px(self, pose: Pose) -> float:
         """Side of a cell of the largest tag in the image [px]."""

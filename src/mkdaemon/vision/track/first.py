@@ -163,7 +163,7 @@ class FirstJudge:
         """
         best = min(candidates, key=lambda pose: pose.loss)
         level = self._checks.level
-        for rival in self._checks.candidates(seen, best)[1:] if best is not chosen else ():
+        for rival in self._checks.candidates(seen, best) if best is not chosen else ():
             tilt = level.tilt(seen, rival)
             if rival.loss < chosen.loss and tilt is not None and tilt <= level.gate(seen, rival):
                 return rival

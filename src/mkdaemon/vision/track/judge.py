@@ -102,7 +102,11 @@ class Judge:
         checks, level = self._checks, self._checks.level
         if level.surprise2(seen, pose) < self._limits.judge.asks_mirror2:
             return pose
-        for rival in checks.candidates(seen, pose)[1:]:
+        # Where the fit ended beside its reading the first is that reading, asked for once more.
+        again, *rivals = checks.candidates(seen, pose)
+        if again is not pose and checks.refusal(seen, again, predicted) is None:
+            pose = again
+        for rival in rivals:
             if checks.refusal(seen, rival, predicted) is None:
                 odds = log_odds(pose, rival, self._limits) + level.log_odds(seen, pose, rival)
                 return with_rival(pose, rival, odds) if odds > 0.0 else with_rival(rival, pose, -odds)
