@@ -95,12 +95,12 @@ def test_cells_outside_the_image_or_too_small_tell_nothing():
     assert fitter.cell_evidence(view.pixels, far) == NOTHING
 
 
-def turned_away(name: str, distance: float, toward: float) -> View:
-    """A view of a target whose middle is at the border of the image, `toward` [rad] from its x axis."""
-    ahead = place(distance, 0.2)
+def turned_away(name: str, distance: float, toward: float, way: float = 1.0, tilt: float = 0.2) -> View:
+    """A view of a target `way` to the border of the image or beyond, `toward` [rad] from its x axis."""
+    ahead = place(distance, tilt)
     heading = np.array([np.cos(toward), np.sin(toward)])
     half = np.array([VGA.width / VGA.fx, VGA.height / VGA.fy]) / 2
-    aside, down = np.arctan(heading * float(np.min(half / np.abs(heading))))
+    aside, down = np.arctan(way * heading * float(np.min(half / np.abs(heading))))
     turned = cv2.Rodrigues(np.array([0.0, -aside, 0.0]))[0] @ cv2.Rodrigues(np.array([down, 0.0, 0.0]))[0]
     return View(shipped(name), replace(ahead, enu_from_cam=ahead.enu_from_cam @ turned))
 
@@ -119,3 +119,34 @@ def test_a_fit_beside_the_place_of_a_target_that_leaves_the_image_is_refused(dis
     assert checks.refusal(seen, beside, None) is PoseRefusal.BITS
     assert off(right, view) < 1e-3
     assert checks.refusal(seen, right, None) is None
+
+
+@pytest.mark.parametrize(
+    ("distance", "toward", "step"),
+    [(0.29, 4.4, (0.0, -0.014)), (0.29, 5.2, (0.0, -0.014)), (0.32, 4.8, (0.0, -0.014)), (0.29, 4.0, (0.0, -0.014))],
+)
+def test_where_few_edges_agree_those_that_are_seen_have_to(distance, toward, step):
+    """A corner of a near target is in view: part of a cell beside its place a few edges agree with others."""
+    view = turned_away("nested", distance, toward, 1.3, 0.35)
+    fitter, seen = TargetFitter(shipped("nested"), Projection(VGA)), sight(view)
+    checks = Checks(fitter, Track(), CFG, LOOKING_DOWN)
+    start = replace(truth(view), position=view.position + view.rotation @ np.array([*step, 0.0]))
+    beside, right = fitter.refine(view.pixels, start), fitter.refine(view.pixels, truth(view))
+    assert off(beside, view) > 0.01
+    assert beside.inliers < LIMITS.agreement.blind
+    assert checks.refusal(seen, beside, None) is PoseRefusal.INLIERS
+    assert off(right, view) < 1e-3
+    assert checks.refusal(seen, right, None) is None
+
+
+def test_a_target_that_is_covered_by_half_shows_the_other_edges_where_they_are():
+    target, view = shipped("nested"), View(shipped("nested"), place(0.8, 0.2))
+    fitter = TargetFitter(target, Projection(VGA))
+    half = np.array([[-1.0, 0.06, 0.0], [1.0, 0.06, 0.0], [1.0, -1.0, 0.0], [-1.0, -1.0, 0.0]])
+    corners, _ = Projection(VGA).project(half @ view.rotation.T + view.position)
+    hidden = cv2.fillConvexPoly(np.zeros_like(view.pixels), np.rint(corners).astype(np.int32), 1)
+    pixels = np.where(hidden > 0, np.uint8(120), view.pixels)
+    pose = fitter.refine(pixels, truth(view))
+    assert off(pose, view) < 1e-3
+    assert pose.inliers < LIMITS.agreement.blind
+    assert fitter.explains_seen_edges(pixels, pose)

@@ -56,6 +56,7 @@ class GivenFits:
     cell_px: float = 10.0
     grey: list[Pose] = field(default_factory=list)
     supported: bool = False
+    explains: bool = True
     evidence: CellEvidence = field(default_factory=lambda: CellEvidence(here=20.0, beside=0.0))
     target: Target = field(default_factory=lambda: shipped("single"))
 
@@ -79,6 +80,9 @@ class GivenFits:
 
     def is_supported(self, pixels, pose):
         return self.supported
+
+    def explains_seen_edges(self, pixels, pose):
+        return self.explains
 
     def side_px(self, pose):
         return self.cell_px * self.target.tags[0].family.size_cells
@@ -173,6 +177,12 @@ def test_a_fit_beside_an_attitude(pose, refusal, is_kept):
 )
 def test_where_edges_disagree_the_cells_are_asked(bits, evidence, inliers, refusal) -> None:
     fits = GivenFits(fitted(inliers=inliers), bits=bits, evidence=evidence)
+    assert Judge(checks(fits, followed())).measure(sight(), fitted(), fitted()).refusal is refusal
+
+
+@pytest.mark.parametrize(("inliers", "refusal"), [(0.5, PoseRefusal.INLIERS), (0.7, None)])
+def test_where_few_edges_agree_those_that_are_seen_are_asked(inliers, refusal) -> None:
+    fits = GivenFits(fitted(inliers=inliers), explains=False)
     assert Judge(checks(fits, followed())).measure(sight(), fitted(), fitted()).refusal is refusal
 
 

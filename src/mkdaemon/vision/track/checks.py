@@ -66,6 +66,9 @@ class Checks:
             is_unread = evidence.here <= 0.0 and bits is not None and bits < limits.clear_bits
             if (is_unread and self.has_few_edges(pose)) or evidence.beside > self.limits.read.beside_nats:
                 return PoseRefusal.BITS
+            # What lies over a target hides edges; one that is beside its place has other edges in view.
+            if self.has_few_edges(pose) and not self.fitter.explains_seen_edges(seen.pixels, pose):
+                return PoseRefusal.INLIERS
         tilt = self.level.tilt(seen, pose)
         if tilt is not None and tilt > self.level.gate(seen, pose) and not self.is_conclusive(seen, pose):
             return PoseRefusal.ATTITUDE
