@@ -191,12 +191,13 @@ class PhotoLimits:
 
 @dataclass(frozen=True, slots=True)
 class EvidenceLimits:
-    """The edges of a partly hidden first pose, without attitude."""
+    """The edges of a partly hidden pose."""
 
     seen_contrast: float = of(0.5, "share", "of the clear edges' contrast from which one is seen", STILLS)
     least_scale_px: float = of(0.1, "px", "located edges scatter at least so much", STILLS)
     outlier: float = of(4.0, "deviations", "from which an edge disagrees", STILLS)
     min_agreeing: float = of(0.9, "share", "of seen edges that a right pose explains", "0.94 and more, development")
+    agreeing_beside: float = of(0.75, "share", "the same of a pose with few edges", "0.81 and more; beside it 0.4-0.71")
     min_seen: float = of(0.4, "share", "of the edges in view that is seen", STILLS)
     max_leverage: float = of(radians(0.4), "rad", "turn by one line of edges", "right < 0.3, wrong > 0.48 deg")
 

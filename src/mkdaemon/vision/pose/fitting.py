@@ -208,7 +208,7 @@ class TargetFitter:
     def explains_seen_edges(self, pixels: Grey, pose: Pose) -> bool:
         """Whether the edges that are seen lie where a pose puts them, however many are hidden."""
         evidence = self._evidence.measure(pixels, pose)
-        return evidence is not None and evidence.agreeing >= self._limits.evidence.min_agreeing
+        return evidence is not None and evidence.agreeing >= self._limits.evidence.agreeing_beside
 
     def fit_mirrored(self, pixels: Grey, pose: Pose) -> Pose | None:
         """Fit the rival of a pose: the same place, the normal mirrored about the line of sight.
