@@ -111,9 +111,8 @@ class Agreement:
 
     blind: float = of(0.6, "share", "without an attitude that could contradict", BLIND)
     whole: float = of(0.9, "share", "where nothing lies over the target; a faked border leaves fewer", EARNED)
-    power: int = of(2, "", "variance over share**power: what hid some points touches others", "NEES of 4,165 poses")
-    lasting_power: int = of(
-        4, "", "the same of what images in a row teach: they share it", "a wrong pose, set 17 million"
+    power: int = of(
+        4, "", "variance over share**power in what images in a row teach: they share it", "a wrong pose, set 17 million"
     )
     floor: float = of(0.3, "share", "smaller ones count as this in the power", "below the least that passes")
 

@@ -21,16 +21,35 @@ FREE = (np.zeros((UNKNOWNS, UNKNOWNS)), np.zeros(UNKNOWNS))
 
 
 def step(
-    jacobian: np.ndarray, offsets: np.ndarray, room: np.ndarray | None = None, width: float = LIMITS.blur.sharp_px
+    jacobian: np.ndarray,
+    offsets: np.ndarray,
+    room: np.ndarray | None = None,
+    width: float = LIMITS.blur.sharp_px,
+    trust: np.ndarray | None = None,
 ) -> EdgeStep:
     count = len(offsets)
     flat, ones = np.zeros((count, 2)), np.ones(count)
     upright = np.arange(count) % 2 > 0
     samples = Samples(np.arange(count), flat, flat, ones, jacobian, np.zeros(count), 30.0 * ones, upright)
-    edges = FoundEdges(
-        offsets, np.ones(count, dtype=bool), width, width * ones, ones, ones, ones if room is None else room
-    )
+    sure, free = ones if trust is None else trust, ones if room is None else room
+    edges = FoundEdges(offsets, np.ones(count, dtype=bool), width, width * ones, ones, sure, free)
     return EdgeStep.solve(samples, edges, LIMITS.edges.least_scale_px, LIMITS.edges.tukey, FREE)
+
+
+def upright_edges() -> tuple[np.ndarray, Samples]:
+    """Rows `(56,)` and samples at column 32, bright to the right."""
+    rows = np.arange(4.0, 60.0)
+    count = len(rows)
+    return rows, Samples(
+        np.arange(count),
+        np.column_stack([np.full(count, 32.0), rows]),
+        np.tile([1.0, 0.0], (count, 1)),
+        np.full(count, 2.5),
+        np.zeros((count, 6)),
+        np.zeros(count),
+        np.full(count, 30.0),
+        np.ones(count, dtype=bool),
+    )
 
 
 def covariances(errors: np.ndarray, jacobian: np.ndarray, square: np.ndarray, width: float) -> np.ndarray:
@@ -59,6 +78,23 @@ def test_the_covariance_of_a_robust_step_is_that_of_drawn_errors(kind: str, widt
     assert 0.7 < covariances(errors, places, square, width) < 1.4
 
 
+def test_what_few_squares_share_is_in_the_covariance_though_the_fit_gives_way_to_it() -> None:
+    """Twelve squares of nine samples with one error each: seven unknowns take up much of it."""
+    rng = np.random.default_rng(5)
+    square = np.repeat(np.arange(12), 9)
+    places = np.repeat(rng.standard_normal((12, UNKNOWNS)), 9, axis=0) + 0.5 * rng.standard_normal((108, UNKNOWNS))
+    errors = np.repeat(0.3 * rng.standard_normal((400, 12)), 9, axis=1) + 0.03 * rng.standard_normal((400, 108))
+    assert 0.8 < covariances(errors, places, square, LIMITS.blur.sharp_px) < 1.3
+
+
+def test_doubt_of_some_edges_makes_no_other_one_disagree() -> None:
+    """Their weighed residuals are small: they would set a bound beyond which the others lie."""
+    rng = np.random.default_rng(9)
+    trust = np.where(np.arange(180) < 120, 0.02, 1.0)
+    found = step(rng.standard_normal((180, UNKNOWNS)), 0.1 * rng.standard_normal(180), trust=trust)
+    assert np.mean(found.agreeing > LIMITS.edges.counted) > 0.95
+
+
 def test_many_edges_without_room_make_none_that_have_it_an_outlier() -> None:
     """Their doubt makes their residuals small: 150 of them set the bound, and 30 large ones lay beyond it."""
     rng = np.random.default_rng(7)
@@ -68,27 +104,32 @@ def test_many_edges_without_room_make_none_that_have_it_an_outlier() -> None:
 
 
 def test_an_edge_with_a_rim_of_light_beside_it_is_trusted_less() -> None:
-    """Upright edges at column 32, lit evenly above and with a rim three pixels beside it below."""
+    """Upright edges at column 32, lit evenly above and with a rim three pixels beside it at the bottom."""
     column = np.arange(64)
     edge = 40.0 + 120.0 / (1.0 + np.exp(-5.0 * (column - 32.0)))
     rim = 80.0 / (1.0 + np.exp(-5.0 * (column - 35.0)))
-    pixels = np.vstack([np.tile(edge, (32, 1)), np.tile(edge + rim, (32, 1))]).astype(np.uint8)
-    rows = np.arange(4.0, 60.0)
-    count = len(rows)
-    samples = Samples(
-        np.arange(count),
-        np.column_stack([np.full(count, 32.0), rows]),
-        np.tile([1.0, 0.0], (count, 1)),
-        np.full(count, 2.5),
-        np.zeros((count, 6)),
-        np.zeros(count),
-        np.full(count, 30.0),
-        np.ones(count, dtype=bool),
-    )
+    pixels = np.vstack([np.tile(edge, (50, 1)), np.tile(edge + rim, (14, 1))]).astype(np.uint8)
+    rows, samples = upright_edges()
     edges = find_edges(pixels, samples, LIMITS)
     assert edges.found.all()
-    assert edges.trust[rows < 30].min() > 0.9
-    assert edges.trust[rows > 34].max() < 0.5
+    assert edges.trust[rows < 48].min() > 0.9
+    assert edges.trust[rows > 52].max() < 0.5
+
+
+def test_an_edge_in_the_shade_is_trusted_less() -> None:
+    """A sixth of the light on the lower half; less contrast for all of them, or by clipping, is no shade."""
+    edge = np.tile(40.0 + 120.0 / (1.0 + np.exp(-5.0 * (np.arange(64) - 32.0))), (64, 1))
+    lower = np.repeat([0.0, 1.0], 32)[:, None]
+    rows, samples = upright_edges()
+    half, dark, blown = (
+        find_edges(np.minimum(grey, 255.0).astype(np.uint8), samples, LIMITS, is_blown=bool(grey.max() > 255.0))
+        for grey in (edge * (1.0 - 5.0 / 6.0 * lower), edge / 6.0, edge + 150.0 * lower)
+    )
+    assert half.found.all()
+    assert half.trust[rows < 30].min() > 0.9
+    assert half.trust[rows > 34].max() < 0.1
+    assert dark.trust.min() > 0.9
+    assert blown.trust.min() > 0.9
 
 
 def test_leaf_shadows_leave_a_pose_that_its_covariance_allows() -> None:

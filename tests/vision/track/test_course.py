@@ -11,7 +11,7 @@ from mkdaemon.vision.limits import LIMITS
 from mkdaemon.vision.pose.ambiguity import log_odds
 from mkdaemon.vision.pose.pose import Pose, turn
 from mkdaemon.vision.track.branches import Branches
-from mkdaemon.vision.track.course import CAUTION, MOVING_PSD, Course, lasting_doubt, shared_doubt
+from mkdaemon.vision.track.course import CAUTION, MOVING_PSD, Course, lasting_doubt
 from tests.vision.views import angle_deg
 
 DOWN = np.diag([1.0, -1.0, -1.0])
@@ -235,11 +235,9 @@ def test_what_was_missed_until_it_is_impossible_is_forgotten():
     assert all(branch.weight > floor or not branch.missed for branch in branches.ranked)
 
 
-@pytest.mark.parametrize(("inliers", "factor", "lasting"), [(1.0, 1.0, 1.0), (0.9, 0.9**-2, 0.9**-4)])
-def test_what_images_in_a_row_share_is_doubted_more_than_one_image(inliers, factor, lasting):
-    pose = seen((0.0, 0.0, 2.0), inliers=inliers)
-    assert shared_doubt(pose) == pytest.approx(factor)
-    assert lasting_doubt(pose) == pytest.approx(lasting)
+@pytest.mark.parametrize(("inliers", "lasting"), [(1.0, 1.0), (0.9, 0.9**-4)])
+def test_what_hides_points_of_images_in_a_row_is_doubted(inliers, lasting):
+    assert lasting_doubt(seen((0.0, 0.0, 2.0), inliers=inliers)) == pytest.approx(lasting)
 
 
 def test_a_pose_that_is_partly_hidden_teaches_less():

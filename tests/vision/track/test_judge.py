@@ -295,14 +295,6 @@ def test_a_fit_without_attitude(given, pose, refusal):
     assert track.branches.is_decided == (refusal is not PoseRefusal.AMBIGUOUS)
 
 
-def test_without_attitude_edges_that_disagree_are_in_the_covariance():
-    pose = replace(TILTED, inliers=0.8)
-    verdict = Judge(checks(GivenFits(pose, cell_px=30.0), followed(pose))).measure(sight(attitude=False), pose, pose)
-    assert verdict.refusal is None
-    assert verdict.pose is not None
-    np.testing.assert_allclose(verdict.pose.covariance, pose.covariance / 0.8**2, rtol=1e-6)
-
-
 @pytest.mark.parametrize("anew", [False, True])
 def test_a_track_in_doubt_goes_over_to_the_reading_that_the_images_speak_for(anew):
     """It followed the wrong one; the other is a jump from there, and what the images say counts all the same."""

@@ -27,6 +27,8 @@ LEAST_SLOPE = 0.3
 residuals)."""
 ROOMY = 0.5
 """Room of edges that tell how large residuals are."""
+GIVES_WAY = (1.0 / 2.0, 3.0 / 4.0, 5.0 / 6.0)
+"""Each term of the series of (1 - h)^-1/2 over h times the one before."""
 ROUNDS = 3
 """Weights and step depend on each other: so often."""
 
@@ -104,7 +106,8 @@ class EdgeStep:
             residual = offsets - jacobian @ change
         # d(r (1 - u)^2) / dr with u = (r / bound)^2 is (1 - u) (1 - 5 u).
         slope = inside * (5.0 * inside - 4.0) * precision
-        agreeing = np.maximum(1.0 - (residual * clear / bound) ** 2, 0.0) ** 2 * found
+        size = np.abs(residual) * clear
+        agreeing = np.maximum(1.0 - (size / (tukey * usual.of(size, least_scale))) ** 2, 0.0) ** 2 * found
         return cls(samples, edges, change, weights, normal, residual, agreeing, slope)
 
     @property
@@ -135,13 +138,22 @@ class EdgeStep:
 
         With g_i = J_i w_i r_i, A the inverse normal matrix and G the sum of g over a square:
         sum(G^T A G) / sum(g^T A g), 1 for errors that have nothing in common. What falls on a print unevenly, as a
-        shadow's rim does, moves neighbouring edges alike. Source: covariance by clusters, Liang and Zeger 1986.
+        shadow's rim does, moves neighbouring edges alike.
+
+        A fit gives way to what its samples have in common, the more the fewer there are: the residuals of a square are
+        (I - H)^-1/2 r, H = (w^1/2 J) A (w^1/2 J)^T among them. Source: covariance by clusters, Bell and McCaffrey,
+        Survey Methodology 28(2), 2002; the root by the first terms of its series.
         """
-        pulls = self.samples.jacobian * (self.weights * self.residual)[:, None]
-        count = pulls.shape[1]
-        place = count * square + np.arange(count)[:, None]
-        together = np.bincount(place.ravel(), pulls.T.ravel()).reshape(-1, count)
+        steep = self.samples.jacobian * np.sqrt(self.weights)[:, None]
+        count = steep.shape[1]
+        place = (count * square + np.arange(count)[:, None]).ravel()
+        pulls = steep * (np.sqrt(self.weights) * self.residual)[:, None]
         alone = float(((pulls @ inverse) * pulls).sum())
+        term = together = np.bincount(place, pulls.T.ravel()).reshape(-1, count)
+        for ratio in GIVES_WAY:
+            back = ratio * (steep * (term @ inverse)[square]).sum(axis=1)
+            term = np.bincount(place, (steep * back[:, None]).T.ravel()).reshape(-1, count)
+            together = together + term
         return float(((together @ inverse) * together).sum()) / max(alone, LEAST_RIDGE)
 
     def pose(

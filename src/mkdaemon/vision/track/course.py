@@ -131,32 +131,25 @@ class Course:
         )
 
 
-def shared_doubt(pose: Pose, power: int = AGREEMENT.power) -> float:
-    """Factor on a pose's variance: what lies over some points of it touches others.
+def shared_doubt(pose: Pose) -> float:
+    """Factor on a pose's variance for what images in a row teach: what lies over some points of it stays there.
 
-    Args:
-        pose: of one image.
-        power: of the share that agrees; by NEES an image needs 1 to 2, what several in a row teach more.
+    The covariance of one image knows by its residuals what its points share.
     """
-    return 1.0 / max(pose.inliers, AGREEMENT.floor) ** power
+    return 1.0 / max(pose.inliers, AGREEMENT.floor) ** AGREEMENT.power
 
 
 def lasting_doubt(pose: Pose) -> float:
-    """The same for a state that many images teach: where points disagree, they do so alike from image to image.
+    """The same for a state that only images teach: where points disagree, they do so alike from image to image.
 
     A leaf's shadow pulls fits of one second by 4 degrees one way, each of which says it knows the tilt to 1 degree.
     """
     lasts = CAUTION if pose.inliers < AGREEMENT.whole else 1.0
-    return lasts * shared_doubt(pose, AGREEMENT.lasting_power)
-
-
-def doubted(pose: Pose) -> Pose:
-    """The pose with the doubt in its covariance that its disagreeing points leave."""
-    return replace(pose, covariance=shared_doubt(pose) * pose.covariance)
+    return lasts * shared_doubt(pose)
 
 
 def _lens_place(pose: Pose, caution: float | None = None) -> tuple[Array, Array]:
     """Where a pose puts the lens [m; target] and how well that may be believed over several images."""
-    factor = CAUTION * shared_doubt(pose, AGREEMENT.lasting_power) if caution is None else caution
+    factor = CAUTION * shared_doubt(pose) if caution is None else caution
     _, centre, spread = inverse(pose, factor * pose.covariance)
     return centre, spread[:3, :3] + (FLOOR * pose.range_m) ** 2 * np.eye(3)

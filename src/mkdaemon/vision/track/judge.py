@@ -13,7 +13,6 @@ from mkdaemon.vision.pose.pose import Pose
 from mkdaemon.vision.track.attitude import without_normal
 from mkdaemon.vision.track.branches import Branches
 from mkdaemon.vision.track.checks import Checks, with_angle_variance, with_rival
-from mkdaemon.vision.track.course import doubted
 from mkdaemon.vision.track.level import Sight
 
 
@@ -71,7 +70,7 @@ class Judge:
         if pose is not None and refused is None:
             if held is not None:
                 checks.level.learn(seen, pose, held)
-                return self._judge_with_attitude(seen, doubted(pose))
+                return self._judge_with_attitude(seen, pose)
             if checks.level.knows(seen):
                 pose = self._or_mirror(seen, pose, predicted)
                 # What the images before told of the deck; with this one in it the image would count twice.
@@ -87,7 +86,7 @@ class Judge:
             leans = leaning is not None and checks.refusal(seen, leaning, predicted) is None
             off = pose if refused is PoseRefusal.ATTITUDE else None
             if leaning is not None and leans and (off is None or not prefers(off, leaning, self._limits)):
-                return self.add_inertia(seen, doubted(leaning))
+                return self.add_inertia(seen, leaning)
             if off is not None and (leans or self._is_plainly_there(seen, off)):
                 contradicting = off
         is_there = contradicting is not None and self._is_plainly_there(seen, contradicting)
@@ -166,7 +165,7 @@ class Judge:
 
         Args:
             seen: the image.
-            pose: with the doubt its disagreeing points leave in its covariance (`course.doubted`).
+            pose: measured in it.
         """
         limits = self._limits
         refused, before = certainty_refusal(pose, has_attitude=True, limits=limits), self._track.branches
@@ -204,9 +203,7 @@ class Judge:
         chosen, prior = branches.best.pose, branches.best.prior
         if not branches.is_decided or branches.is_spoken_against:
             return Verdict(chosen, PoseRefusal.AMBIGUOUS)
-        fused = doubted(chosen)
-        if prior is not None and limits.judge.fuses_course:
-            fused = prior.fuse(fused)
+        fused = prior.fuse(chosen) if prior is not None and limits.judge.fuses_course else chosen
         fused = with_angle_variance(fused, branches.doubt)
         # The branches allow for errors that last; to be published a pose has to fit by its own covariance.
         distance2 = prior.mahalanobis2(chosen, 1.0) if prior is not None else 0.0

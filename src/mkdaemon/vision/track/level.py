@@ -13,7 +13,7 @@ from mkdaemon.vision.pose.edgefit import Level
 from mkdaemon.vision.pose.pose import Pose, largest_variance, turn
 from mkdaemon.vision.pose.rolling import skew
 from mkdaemon.vision.track.attitude import Mounting, Turning, fuse_normal, normal_beside
-from mkdaemon.vision.track.course import doubted, lasting_doubt
+from mkdaemon.vision.track.course import lasting_doubt
 from mkdaemon.vision.track.deck import PRIOR_SD, Deck
 from mkdaemon.vision.tracklimits import JudgeLimits
 
@@ -105,8 +105,8 @@ class LevelKnowledge:
         return None if expected is None or not self._limits.holds_tilt else Level(expected, self._sd(seen))
 
     def fuse(self, seen: Sight, pose: Pose) -> Pose:
-        """The pose, believed less where its points partly disagree, with what the attitude knows about its tilt."""
-        expected, pose = self._expected(seen), doubted(pose)
+        """The pose with what the attitude knows about its tilt."""
+        expected = self._expected(seen)
         return pose if expected is None else fuse_normal(pose, expected, self._sd(seen))
 
     def forget(self) -> None:
