@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 import numpy.typing as npt
+
+BRIGHTEST: Final = 255.0
+"""The largest grey value, which what is blown has."""
 
 
 @dataclass(frozen=True, slots=True)

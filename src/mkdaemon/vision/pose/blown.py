@@ -19,14 +19,13 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
+from mkdaemon.vision.camera.image import BRIGHTEST
 from mkdaemon.vision.limits import Limits
 from mkdaemon.vision.pose.pose import median, quantile
 
 Array = npt.NDArray[np.float64]
 Bools = npt.NDArray[np.bool_]
 
-TOP: Final = 255.0
-"""The largest grey value."""
 PLACES: Final = np.linspace(-3.0, 2.0, 201)
 """At which the two functions below are tabled [sigma]: shares of 0.1 to 98 %."""
 BELOW: Final = np.array([(1.0 + erf(z / sqrt(2.0))) / 2.0 for z in PLACES])
@@ -126,7 +125,7 @@ def blown_edges(sides: EdgeSides, found: Bools, upright: Bools, limits: Limits) 
     blur = blur_of(width)
     light, rise = _dark_light(sides, found)
     dark = sides.dark + (sides.reach + AHEAD * width) * rise
-    place = np.interp((TOP - dark) / max(usual, 1.0), BELOW, PLACES)
+    place = np.interp((BRIGHTEST - dark) / max(usual, 1.0), BELOW, PLACES)
     moved = -blur * np.interp(place, PLACES, MOVED) * cut
     by_contrast = -blur * np.interp(place, PLACES, BY_CONTRAST) * cut
     of_contrast = edges.contrast_share if sees_both else edges.unseen_contrast_share

@@ -15,6 +15,7 @@ from functools import lru_cache
 import numpy as np
 import numpy.typing as npt
 
+from mkdaemon.vision.camera.image import BRIGHTEST
 from mkdaemon.vision.limits import LIMITS
 from mkdaemon.vision.tags.cellread import carry, image_from_cells, sample
 from mkdaemon.vision.tags.detection import Detection, Stage
@@ -27,8 +28,6 @@ Covered = Mapping[tuple[str, int], Bools]
 """Cells `(n, n)` of tags, by family and id, that say nothing."""
 
 OUTLINE = LIMITS.outline
-BLOWN = 255.0
-"""Brightest grey value."""
 READINGS = 2
 """By levels and by steps: chance has so many tries."""
 DEPTHS = (0.3, 0.25, 0.2, 0.15, 0.1)
@@ -177,11 +176,11 @@ def _steps(pixels: Grey, homography: Array, n: int, codes: _Codes) -> Array | No
         return None
     here, there = sample(pixels, carry(homography, sides.points)).reshape(2, -1, len(ALONG)).mean(axis=2)
     least = max(OUTLINE.min_room, OUTLINE.min_room_share * contrast)
-    room = np.minimum(there + contrast, BLOWN) - there
+    room = np.minimum(there + contrast, BRIGHTEST) - there
     by_black = np.where(room < least, 0.0, (here - there) / np.maximum(room, 1.0) - 0.5)
     by_white = 0.5 + (here - there) / contrast
     blown = there >= LIMITS.read.saturated
-    by_white[blown] = np.where(here[blown] < BLOWN - least, -0.5, 0.0)
+    by_white[blown] = np.where(here[blown] < BRIGHTEST - least, -0.5, 0.0)
     white = codes.bits.reshape(len(codes.turn), -1)[:, sides.outer]
     seen = codes.seen.reshape(len(codes.turn), -1)[:, sides.outer]
     votes = np.where(white, by_white, by_black).clip(-0.5, 0.5) * seen
