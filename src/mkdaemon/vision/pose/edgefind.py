@@ -177,7 +177,7 @@ def find_edges(
         either *= (beside > widths) & (away <= samples.reach + STEP_PX)
         trust = _trust(either.max(axis=0), peak, found)
         sides = _sides(profile, along, samples, area)
-        room = 1.0 / (1.0 + (limits.cells.melted_widths * widths / samples.cell_px) ** 4)
+        room = 1.0 / (1.0 + (limits.cells.melted_widths * widths / samples.cell_px) ** 6)
         room /= float(room.max())
     located = offsets.astype(np.float64)
     blown = (
