@@ -76,7 +76,7 @@ def test_the_mirror_image_of_a_smeared_target_is_measured_the_same_way() -> None
 
 
 def test_edges_that_a_streak_melts_are_believed_less_than_those_along_it() -> None:
-    """Two poses beside a glare, on edges 0.7 of a cell wide one way, were off by 5 cm; half that was claimed, or less."""
+    """Two poses beside a glare, on edges 0.7 of a cell wide one way, were off by 5 cm and claimed far less."""
     honest = []
     for around in np.arange(24) * np.pi / 12:
         view = smeared(6.0, round(around) % 2 * np.pi / 2, distance=4.4, tilt=0.25, around=around)
