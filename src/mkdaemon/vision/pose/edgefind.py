@@ -45,6 +45,9 @@ OF_NOISE = 0.5
 """Of the variance of an edge of usual contrast, what grows with the square of the contrast that others lack. In a shade
 of 1 to 6 edges were off by 1.7 times as much, those dimmed to a half by grass or a leaf by 2 to 2.6 (45 development
 flights); of 0.03 to 1, angles were best at 0.15-0.5 in the sun's shadow and at 1 under grass and leaves."""
+MELTING = 6
+"""Power with which the variance of an edge grows by its width in cells. With 4 edges 0.7 of a cell wide, which
+neighbours pull by 0.4 px, were taken for half as exact as they are (docs/vision-fits.md, room)."""
 FIRST_SKIRT = 0.25
 """The same for the first of two centres of a wide edge."""
 
@@ -177,7 +180,7 @@ def find_edges(
         either *= (beside > widths) & (away <= samples.reach + STEP_PX)
         trust = _trust(either.max(axis=0), peak, found)
         sides = _sides(profile, along, samples, area)
-        room = 1.0 / (1.0 + (limits.cells.melted_widths * widths / samples.cell_px) ** 6)
+        room = 1.0 / (1.0 + (limits.cells.melted_widths * widths / samples.cell_px) ** MELTING)
         room /= float(room.max())
     located = offsets.astype(np.float64)
     blown = (

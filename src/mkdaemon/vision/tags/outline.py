@@ -1,8 +1,8 @@
 """A search for tags with things lying on them: four lines of a broken outline, and the cells that can still be read.
 
 libapriltag wants an unbroken quad. Here a dark blob's outline is cut into straight pieces, pieces of one line are put
-together, and every four lines that could bound a black square are tried. What can be read of their cells has to agree
-with a code beyond chance (`coderead.py`).
+together, and every four lines that could bound a black square are tried; in a highlight, where one side may be gone,
+three too (`openquad.py`). What can be read of their cells has to agree with a code beyond chance (`coderead.py`).
 """
 
 from __future__ import annotations
