@@ -16,8 +16,8 @@ from cyclopts import Parameter
 from lab.link import figures as link_figures
 from lab.vision import figures as vision_figures
 from mkdaemon.errors import ConfigError, MkError
-from mkdaemon.sim.scene.sheet import contact_sheet
 from mkdaemon.vision.tags import tagmap
+from mksim.scene.sheet import contact_sheet
 
 
 class Plot(NamedTuple):

@@ -18,12 +18,12 @@ from rich.table import Table
 
 from mkdaemon.cli.arguments import AsJson
 from mkdaemon.config.sim_flight import AirframeConfig, FlightConfig, LoopConfig, SensorConfig, WindClass
-from mkdaemon.sim.boards.fc import FlightCtrl
-from mkdaemon.sim.boards.generations import FC_GENERATIONS, NC_GENERATIONS
-from mkdaemon.sim.boards.nc import NaviCtrl
-from mkdaemon.sim.physics.attitude_loop import EASY, FAST, AttitudeGains
-from mkdaemon.sim.physics.hand_flight import CircleFlight
-from mkdaemon.sim.physics.world import DT, StartState, StickInput, World
+from mksim.boards.fc import FlightCtrl
+from mksim.boards.generations import FC_GENERATIONS, NC_GENERATIONS
+from mksim.boards.nc import NaviCtrl
+from mksim.physics.attitude_loop import EASY, FAST, AttitudeGains
+from mksim.physics.hand_flight import CircleFlight
+from mksim.physics.world import DT, StartState, StickInput, World
 
 GOAL_SPEED = 30.0
 """Times real time the simulator must reach on one core without a camera."""

@@ -14,10 +14,10 @@ from mkdaemon.cli.mkdaemon.app import app as mkdaemon
 from mkdaemon.cli.program import EXIT_CONFIG, EXIT_FAILURE, EXIT_OK, run
 from mkdaemon.client.settings_files import write_backup
 from mkdaemon.errors import ConfigError, MkError
-from mkdaemon.sim.boards.parameters import factory_set
 from mkdaemon.telemetry.settings import SettingsBackup, StoredSet
 from mkdaemon.vision.camera.calibration_file import load_camera, save_camera
 from mkdaemon.vision.overlay import write_picture
+from mksim.boards.parameters import factory_set
 from tests.places import CONFIGS, ROOT
 
 OLD = b"what was there"

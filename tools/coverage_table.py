@@ -11,8 +11,8 @@ from mkdaemon.protocol.dialect import Dialect, Evidence, decide
 from mkdaemon.protocol.generations import Release
 from mkdaemon.protocol.messages import NaviVersion200, NaviVersionClassic, VersionClassic, VersionFc200, VersionFc210
 from mkdaemon.protocol.wire import MESSAGES, Board, Direction, WireMessage
-from mkdaemon.sim.boards import fc_commands, nc_commands
-from mkdaemon.sim.boards.generations import FC_GENERATIONS, NC_GENERATIONS
+from mksim.boards import fc_commands, nc_commands
+from mksim.boards.generations import FC_GENERATIONS, NC_GENERATIONS
 
 RECORDED: Final = {Board.FC: Release(2, 12), Board.NC: Release(0, 24)}
 """Releases the recordings in tests/data were made with."""

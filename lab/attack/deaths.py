@@ -44,7 +44,7 @@ from mkdaemon.bus.endpoint import reserved_endpoint
 from mkdaemon.bus.session import session_config
 from mkdaemon.config.sim import PilotPlan, SimConfig
 from mkdaemon.daemon.priority import favour_loop, favour_threads
-from mkdaemon.sim.runtime import Runtime
+from mksim.runtime import Runtime
 
 NEUTRAL_LIMIT: Final = 0.35
 """Sticks are neutral in the FlightCtrl this long after the attack [s]; docs/safety.md, "The guard"."""

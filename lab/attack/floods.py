@@ -31,7 +31,7 @@ from mkdaemon.cli.mkctl.connection import Connection
 from mkdaemon.cli.mkctl.release import release
 from mkdaemon.config.sim import PilotPlan, SimConfig
 from mkdaemon.daemon.priority import favour_loop, favour_threads
-from mkdaemon.sim.runtime import Runtime
+from mksim.runtime import Runtime
 
 GAP_LIMIT: Final = 0.06
 """Between two stick frames, 99th percentile [s]."""

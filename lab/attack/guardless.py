@@ -20,8 +20,8 @@ from mkdaemon import guard
 from mkdaemon.bus.endpoint import reserved_endpoint
 from mkdaemon.config.sim import PilotPlan, SimConfig
 from mkdaemon.daemon.priority import favour_loop, favour_threads
-from mkdaemon.sim.runtime import Runtime
 from mkdaemon.telemetry.refusals import Token
+from mksim.runtime import Runtime
 
 NOTICE_LIMIT: Final = 0.5
 """The daemon says that its guard is gone within this time [s]."""

@@ -20,7 +20,7 @@ from mkdaemon.config.sim_flight import WindClass
 from mkdaemon.control.estimator.model import NO_FILTER
 from mkdaemon.control.guidance.autopilot import Goal
 from mkdaemon.control.guidance.landing import LandingPhase
-from mkdaemon.sim.physics.attitude_loop import EASY, LEAK_SLOW, AttitudeGains
+from mksim.physics.attitude_loop import EASY, LEAK_SLOW, AttitudeGains
 
 SETTLED: Final = 12.0
 """Figures of a hover are taken after this [s]."""

@@ -16,8 +16,6 @@ from mkdaemon.control.guidance.autopilot import GAS_CENTRE, AutopilotSticks, Goa
 from mkdaemon.control.modes import IN_FLIGHT
 from mkdaemon.control.vehicle import VehicleFacts
 from mkdaemon.frames import quaternion_from_rotation
-from mkdaemon.sim.physics.hand_flight import HandFlight
-from mkdaemon.sim.physics.world import StickInput
 from mkdaemon.stamp import Stamp
 from mkdaemon.telemetry.command import LeaseRequest
 from mkdaemon.telemetry.control import ControlLine, EstimateValue, LeaseGrant
@@ -26,6 +24,8 @@ from mkdaemon.telemetry.setpoint import PositionSetpoint, Setpoint, SetpointFram
 from mkdaemon.telemetry.signature import signed
 from mkdaemon.telemetry.state import Attitude
 from mkdaemon.telemetry.vision import VisionPose
+from mksim.physics.hand_flight import HandFlight
+from mksim.physics.world import StickInput
 
 CLIENT: Final = "lab"
 

@@ -19,7 +19,7 @@ from mkdaemon.control.guidance.horizontal import HorizontalCosts
 from mkdaemon.control.guidance.landing import LandingLimits, LandingPhase
 from mkdaemon.control.guidance.vertical import VerticalGains
 from mkdaemon.control.linear import Array
-from mkdaemon.sim.physics.attitude_loop import EASY, AttitudeGains
+from mksim.physics.attitude_loop import EASY, AttitudeGains
 
 
 @dataclass(frozen=True, slots=True)

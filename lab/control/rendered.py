@@ -11,11 +11,11 @@ from mkdaemon.clock import Clock
 from mkdaemon.config.camera import CameraSection
 from mkdaemon.config.scene import SceneConfig
 from mkdaemon.config.vision import VisionSection
-from mkdaemon.sim.scene.camera import BodyState, SceneCamera
 from mkdaemon.telemetry.vision import VisionPose
 from mkdaemon.vision.camera.image import CameraImage
 from mkdaemon.vision.pipeline import CameraPipeline
 from mkdaemon.vision.track.attitude import AttitudeHistory, AttitudeSample
+from mksim.scene.camera import BodyState, SceneCamera
 
 CAMERA: Final = ROOT / "configs" / "cameras" / "sim.toml"
 TARGET: Final = ROOT / "configs" / "targets" / "nested.toml"

@@ -25,9 +25,9 @@ from mkdaemon.control.guidance.autopilot import Autopilot, AutopilotSticks, Goal
 from mkdaemon.control.guidance.landing import Landing, LandingPhase
 from mkdaemon.control.guidance.reference import ReferenceLimits
 from mkdaemon.control.linear import Array
-from mkdaemon.sim.physics.attitude_loop import AttitudeGains
-from mkdaemon.sim.physics.deck import MovingDeck
-from mkdaemon.sim.physics.world import DT, StartState, StickInput, World
+from mksim.physics.attitude_loop import AttitudeGains
+from mksim.physics.deck import MovingDeck
+from mksim.physics.world import DT, StartState, StickInput, World
 
 CONTROL_PERIOD: Final = 0.02
 """[s]."""

@@ -12,12 +12,12 @@ from lab.rigs.boardport import LineFault
 from mkdaemon.control.guidance.takeoff import TakeOffLimits
 from mkdaemon.control.modes import IN_FLIGHT
 from mkdaemon.link.session.traffic import Purpose
-from mkdaemon.sim.boards.parameters import FIRST_POTI, Parameters
-from mkdaemon.sim.physics.pilot import GPS_SWITCH, GPS_SWITCH_VALUES
 from mkdaemon.telemetry.command import AbortRequest, LeaseRequest, ReleaseRequest
 from mkdaemon.telemetry.control import Phase
 from mkdaemon.telemetry.setpoint import PositionSetpoint, TakeOffSetpoint
 from mkdaemon.virtualtime import VirtualLoop
+from mksim.boards.parameters import FIRST_POTI, Parameters
+from mksim.physics.pilot import GPS_SWITCH, GPS_SWITCH_VALUES
 
 HEIGHT_CONTROL: Final = 0x01
 """Bit of GlobalConfig: height control can be switched on."""

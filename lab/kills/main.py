@@ -30,8 +30,8 @@ from mkdaemon.client import Vehicle
 from mkdaemon.client.settings_files import write_backup
 from mkdaemon.config.sim import PilotPlan, SimConfig
 from mkdaemon.errors import MkError
-from mkdaemon.sim.runtime import Runtime
 from mkdaemon.telemetry.settings import SettingsBackup, StoredSet
+from mksim.runtime import Runtime
 
 VERBS: Final = ("backup", "restore")
 """Procedures in which is killed."""

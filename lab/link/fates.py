@@ -21,8 +21,8 @@ from lab.link.virtual import Waits, configurations, running_link, steer_steadily
 from mkdaemon.config.sim import SimConfig
 from mkdaemon.link.session.limits import PROBE_TIMEOUT
 from mkdaemon.protocol.framing import Frame, FrameDecoder
-from mkdaemon.sim.boards.generations import FC_GENERATIONS
 from mkdaemon.virtualtime import run_virtually
+from mksim.boards.generations import FC_GENERATIONS
 
 PROOF: Final = 600.0
 """Length of a proof [s]: 6000 link tests; none of ours lost among them bounds our share to 0.05 %."""

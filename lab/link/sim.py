@@ -18,9 +18,9 @@ from typing import Final
 
 from mkdaemon.config.sim import SimConfig
 from mkdaemon.protocol.framing import Frame, FrameDecoder
-from mkdaemon.sim.radio import Channel
-from mkdaemon.sim.runtime import Runtime
-from mkdaemon.sim.simulation import Simulation
+from mksim.radio import Channel
+from mksim.runtime import Runtime
+from mksim.simulation import Simulation
 
 PROBES: Final = {"z": "Z", "v": "V"}
 """Link tests and their answers."""

@@ -20,7 +20,7 @@ from lab.rigs.pilot import Pilot
 from lab.rigs.processes import ObservedSimulation, connected, daemon_process, wait_for_control
 from mkdaemon.config.sim import PilotPlan, SimConfig
 from mkdaemon.link.session.roundtrips import percentile
-from mkdaemon.sim.runtime import Runtime
+from mksim.runtime import Runtime
 
 SETTLE: Final = 3.0
 """After the aircraft obeys, before anything counts [s]."""

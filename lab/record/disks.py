@@ -28,7 +28,7 @@ from mkdaemon.record.reader import Recording
 from mkdaemon.record.recorder import RETRY, Recorder
 from mkdaemon.record.tap import Tap
 from mkdaemon.record.thread import RecorderThread
-from mkdaemon.sim.runtime import Runtime
+from mksim.runtime import Runtime
 
 SMALL: Final = "4m"
 """Size of the disk that is filled."""

@@ -30,7 +30,7 @@ from mkdaemon.config.sim import PilotPlan, SimConfig
 from mkdaemon.record.entry import Kind
 from mkdaemon.record.reader import Recording
 from mkdaemon.record.rewrite import recover
-from mkdaemon.sim.runtime import Runtime
+from mksim.runtime import Runtime
 
 ALLOWED: Final = 1.1
 """Nothing older than this may be lost [s]."""

@@ -25,7 +25,7 @@ from mkdaemon.config.sim import PilotPlan, SimConfig
 from mkdaemon.link.session.roundtrips import percentile
 from mkdaemon.record.entry import Entry, Kind
 from mkdaemon.record.reader import Recording
-from mkdaemon.sim.runtime import Runtime
+from mksim.runtime import Runtime
 
 SHOWN: Final = "show"
 """Vehicle as which it is played."""

@@ -29,11 +29,11 @@ from mkdaemon.record.queue import EntryQueue
 from mkdaemon.record.tap import Tap
 from mkdaemon.record.writer import RecordingWriter
 from mkdaemon.replay.run import AtOnce
-from mkdaemon.sim.simulation import Simulation
 from mkdaemon.stamp import Stamp
 from mkdaemon.telemetry.command import CommandResult
 from mkdaemon.telemetry.setpoint import Setpoint
 from mkdaemon.telemetry.signature import sign
+from mksim.simulation import Simulation
 
 WALL: Final = 1.7e9
 """Unix time when virtual time is zero [s]."""

@@ -15,7 +15,7 @@ from typing import Final
 from mkdaemon.errors import LinkError, LinkLostError
 from mkdaemon.link.ports.port import Port
 from mkdaemon.protocol.framing import Frame, FrameDecoder
-from mkdaemon.sim.simulation import Simulation
+from mksim.simulation import Simulation
 
 TICK_TIME: Final = 1e-3
 """How often bytes are carried, where it matters when they arrive [s]."""

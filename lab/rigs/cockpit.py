@@ -30,13 +30,13 @@ from mkdaemon.daemon.sink import BusSink
 from mkdaemon.link.link import Link
 from mkdaemon.link.session.guarding import LineGuard
 from mkdaemon.link.session.traffic import Received, Sent
-from mkdaemon.sim.physics.world import World
-from mkdaemon.sim.simulation import Simulation
 from mkdaemon.telemetry.command import LeaseRequest
 from mkdaemon.telemetry.control import LeaseGrant
 from mkdaemon.telemetry.link import LinkState
 from mkdaemon.telemetry.setpoint import StickSetpoint
 from mkdaemon.telemetry.signature import sign
+from mksim.physics.world import World
+from mksim.simulation import Simulation
 
 GATE_OPEN: Final = 255
 """The pilot's external-control switch."""

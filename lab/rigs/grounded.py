@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from mkdaemon.sim.faults import Faults
-from mkdaemon.sim.physics.attitude_loop import AttitudeGains
-from mkdaemon.sim.physics.sensors import GpsFix
-from mkdaemon.sim.physics.world import DT, StickInput
+from mksim.faults import Faults
+from mksim.physics.attitude_loop import AttitudeGains
+from mksim.physics.sensors import GpsFix
+from mksim.physics.world import DT, StickInput
 
 FIX = GpsFix(530712345, 87912345, 12.0, (0.0, 0.0, 0.0), 9, True, 0.0, 1)
 

@@ -14,7 +14,7 @@ from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from typing import Final
 
-from mkdaemon.sim.runtime import PseudoTerminal
+from mksim.runtime import PseudoTerminal
 
 LOOK: Final = 0.005
 """Time between two looks [s]."""

@@ -19,10 +19,10 @@ from mkdaemon.config.sim import PilotPlan, SimConfig
 from mkdaemon.link.link import Link
 from mkdaemon.link.session.guarding import LineGuard
 from mkdaemon.link.session.traffic import LinkSink, Lost, Received, Sent
-from mkdaemon.sim.physics.world import World
-from mkdaemon.sim.simulation import Simulation
 from mkdaemon.telemetry.link import LinkHealth, LinkState, LinkTraffic
 from mkdaemon.virtualtime import run_virtually
+from mksim.physics.world import World
+from mksim.simulation import Simulation
 
 
 def virtually(test: Callable[..., Awaitable[None]]) -> Callable[..., None]:

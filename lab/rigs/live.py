@@ -24,8 +24,8 @@ from mkdaemon.config.root import Config
 from mkdaemon.config.sim import PilotPlan, SimConfig
 from mkdaemon.config.vehicle import VehicleConfig
 from mkdaemon.daemon import run
-from mkdaemon.sim.runtime import Runtime
-from mkdaemon.sim.simulation import Simulation
+from mksim.runtime import Runtime
+from mksim.simulation import Simulation
 
 VEHICLE: Final = "cockpit"
 

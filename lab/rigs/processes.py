@@ -23,7 +23,7 @@ from mkdaemon.client import Vehicle, connect
 from mkdaemon.config.sim import SimConfig
 from mkdaemon.errors import MkError
 from mkdaemon.protocol.framing import Frame, FrameDecoder
-from mkdaemon.sim.simulation import Simulation
+from mksim.simulation import Simulation
 
 VEHICLE: Final = "stories"
 START: Final = 150.0

@@ -16,8 +16,6 @@ from mkdaemon.config.sim import PilotPlan, SimConfig
 from mkdaemon.control.core import FlightCore
 from mkdaemon.daemon.eyes import Eyes, PoseSink
 from mkdaemon.daemon.imagerecord import ImageRecorder
-from mkdaemon.sim.scene.camera import BodyState, Grey, SceneCamera
-from mkdaemon.sim.simulation import Simulation
 from mkdaemon.telemetry.base import Telemetry
 from mkdaemon.telemetry.setpoint import Setpoint
 from mkdaemon.telemetry.state import Attitude
@@ -25,6 +23,8 @@ from mkdaemon.vision.camera.camera import StreamState, StreamStatus
 from mkdaemon.vision.camera.image import CameraImage
 from mkdaemon.vision.pipeline import CameraPipeline
 from mkdaemon.vision.track.attitude import AttitudeHistory, AttitudeSample
+from mksim.scene.camera import BodyState, Grey, SceneCamera
+from mksim.simulation import Simulation
 
 CAMERA: Final = Path("tests/data/recordings/camera.toml")
 TARGET: Final = Path("configs/targets/nested.toml")

@@ -25,7 +25,7 @@ from lab.rigs.processes import (
 )
 from lab.rigs.waiting import wait_until
 from mkdaemon.config.sim import PilotPlan, SimConfig
-from mkdaemon.sim.runtime import Runtime
+from mksim.runtime import Runtime
 
 TILT: Final = 40.0
 SIGNALS: Final = (signal.SIGKILL, signal.SIGSTOP)

@@ -22,9 +22,9 @@ from mkdaemon.errors import CommandRejectedError, LinkError
 from mkdaemon.link.link import Link
 from mkdaemon.link.session.traffic import Purpose, ReleaseResult, Sent
 from mkdaemon.protocol.messages import LabelRequest
-from mkdaemon.sim.boards.line import HOST_CHAR
 from mkdaemon.telemetry.control import Phase, ReleaseOutcome
 from mkdaemon.virtualtime import run_virtually
+from mksim.boards.line import HOST_CHAR
 
 STICK_HZ: Final = 50.0
 NEUTRAL_TIME: Final = 0.350

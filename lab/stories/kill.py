@@ -26,7 +26,7 @@ from lab.rigs.waiting import wait_until
 from lab.stories.cable import first_words
 from mkdaemon.config.sim import PilotPlan, SimConfig
 from mkdaemon.protocol.framing import Frame, FrameDecoder
-from mkdaemon.sim.runtime import Runtime
+from mksim.runtime import Runtime
 
 END_TIME: Final = 2.0
 """An orderly end takes no longer than this, the release included [s]."""

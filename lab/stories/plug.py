@@ -20,7 +20,7 @@ from lab.rigs.waiting import wait_until
 from lab.stories.cable import BACK, first_words
 from mkdaemon.client import Sample
 from mkdaemon.config.sim import PilotPlan, SimConfig
-from mkdaemon.sim.runtime import Runtime
+from mksim.runtime import Runtime
 
 STREAMED: Final = frozenset({"osd", "attitude", "debug"})
 WARM_UP: Final = 0.25

@@ -21,7 +21,7 @@ from mkdaemon.client import Sample
 from mkdaemon.config.sim import PilotPlan, SimConfig
 from mkdaemon.protocol.framing import Frame, FrameDecoder
 from mkdaemon.protocol.messages import ExternControlV2
-from mkdaemon.sim.runtime import Runtime
+from mksim.runtime import Runtime
 
 TILT: Final = 30.0
 ENGAGE: Final = 1.3

@@ -28,7 +28,7 @@ from lab.rigs.processes import (
 )
 from mkdaemon.client import Vehicle
 from mkdaemon.config.sim import PilotPlan, SimConfig
-from mkdaemon.sim.runtime import Runtime
+from mksim.runtime import Runtime
 
 LOAD: Final = "rates = {osd = 100, debug = 200, attitude = 50}\necho_hz = 10"
 STICK_HZ: Final = 40.0

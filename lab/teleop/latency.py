@@ -29,7 +29,7 @@ from mkdaemon.cli.mkctl.teleop.session import Session
 from mkdaemon.config.sim import PilotPlan, SimConfig
 from mkdaemon.protocol.framing import Frame, FrameDecoder
 from mkdaemon.protocol.messages import ExternControlV2
-from mkdaemon.sim.runtime import Runtime
+from mksim.runtime import Runtime
 
 LIMIT: Final = 0.025
 """From the event to the bytes, 99th percentile [s]."""

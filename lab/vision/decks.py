@@ -12,11 +12,11 @@ import numpy as np
 from lab.campaign import Case, Part
 from lab.vision.flight import LEVEL, VGA, fly
 from lab.vision.stills import SeedSet, error_of, target_named
-from mkdaemon.sim.scene.motion import Platform
 from mkdaemon.vision.pose.pose import with_floor
 from mkdaemon.vision.tags.tagmap import TagMap
 from mkdaemon.vision.track.attitude import LOOKING_DOWN, AttitudeHistory, AttitudeSample
 from mkdaemon.vision.track.tracker import Tracker
+from mksim.scene.motion import Platform
 
 Report = Callable[[AttitudeSample], AttitudeSample]
 """What a vehicle makes of its attitude."""

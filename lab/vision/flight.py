@@ -11,15 +11,15 @@ import numpy.typing as npt
 
 from lab.vision.troubles import plan_troubles
 from mkdaemon.frames import rotation_from_euler
-from mkdaemon.sim.scene.ground import GroundKind
-from mkdaemon.sim.scene.light import Conditions
-from mkdaemon.sim.scene.motion import Platform
-from mkdaemon.sim.scene.scene import Scene, SceneTarget, cam_from_target
-from mkdaemon.sim.scene.view import CameraView
 from mkdaemon.vision.camera.image import CameraImage
 from mkdaemon.vision.camera.intrinsics import Intrinsics
 from mkdaemon.vision.tags.tagmap import Target
 from mkdaemon.vision.track.attitude import LOOKING_DOWN, AttitudeHistory, AttitudeSample
+from mksim.scene.ground import GroundKind
+from mksim.scene.light import Conditions
+from mksim.scene.motion import Platform
+from mksim.scene.scene import Scene, SceneTarget, cam_from_target
+from mksim.scene.view import CameraView
 
 Array = npt.NDArray[np.float64]
 

@@ -17,10 +17,10 @@ import numpy.typing as npt
 
 from lab.campaign import Case, Part
 from lab.vision.stills import SeedSet, target_named
-from mkdaemon.sim.scene.layers import INK, PAPER
 from mkdaemon.vision.tags.detector import AprilTagSearch
 from mkdaemon.vision.tags.tagfamily import find_family
 from mkdaemon.vision.tags.tagmap import Target, single
+from mksim.scene.layers import INK, PAPER
 
 Array = npt.NDArray[np.float64]
 Image32 = npt.NDArray[np.float32]

@@ -18,13 +18,13 @@ from lab.campaign import Case, Part, in_parts
 from lab.vision.flight import GROUNDS, VGA
 from lab.vision.stills import WRONG_DEG, WRONG_M, SeedSet, Still, error_of, ground_of, look_along, target_named
 from mkdaemon.frames import euler_from_rotation
-from mkdaemon.sim.scene.motion import Platform
-from mkdaemon.sim.scene.scene import Scene, SceneTarget, cam_from_target
-from mkdaemon.sim.scene.view import CameraView
 from mkdaemon.vision.camera.image import CameraImage
 from mkdaemon.vision.tags.tagmap import TagMap
 from mkdaemon.vision.track.attitude import LOOKING_DOWN, AttitudeHistory, AttitudeSample
 from mkdaemon.vision.track.tracker import Tracker
+from mksim.scene.motion import Platform
+from mksim.scene.scene import Scene, SceneTarget, cam_from_target
+from mksim.scene.view import CameraView
 
 Array = npt.NDArray[np.float64]
 

@@ -12,13 +12,13 @@ import numpy.typing as npt
 from lab.campaign import Case, Part
 from lab.vision.flight import VGA, Device, fly
 from lab.vision.stills import SeedSet, error_of, target_named
-from mkdaemon.sim.scene.electrons import PhotonSensor
-from mkdaemon.sim.scene.light import Conditions
-from mkdaemon.sim.scene.view import CameraView
 from mkdaemon.vision.camera.exposure import ExposureControl, Reach, Setting, first_setting
 from mkdaemon.vision.tags.tagmap import TagMap
 from mkdaemon.vision.track.attitude import LOOKING_DOWN
 from mkdaemon.vision.track.tracker import Tracker
+from mksim.scene.electrons import PhotonSensor
+from mksim.scene.light import Conditions
+from mksim.scene.view import CameraView
 
 SECONDS: Final = 3.0
 LUX: Final = (400.0, 40.0, 10.0, 3.0, 1.0, 0.3)

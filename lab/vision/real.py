@@ -16,8 +16,6 @@ import numpy.typing as npt
 from lab.campaign import Case, Part
 from lab.vision.flight import VGA, Device, FlightFrame, fly
 from lab.vision.stills import SeedSet, error_of, target_named
-from mkdaemon.sim.scene.light import Conditions
-from mkdaemon.sim.scene.processing import Processing
 from mkdaemon.vision.pose.pose import Pose, solve, with_floor
 from mkdaemon.vision.pose.projection import Projection
 from mkdaemon.vision.tags.aruco_fallback import ArucoSearch
@@ -27,6 +25,8 @@ from mkdaemon.vision.tags.tagmap import TagMap, Target
 from mkdaemon.vision.track.attitude import LOOKING_DOWN
 from mkdaemon.vision.track.result import TargetPose
 from mkdaemon.vision.track.tracker import Tracker
+from mksim.scene.light import Conditions
+from mksim.scene.processing import Processing
 
 Array = npt.NDArray[np.float64]
 Grey = npt.NDArray[np.uint8]

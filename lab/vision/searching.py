@@ -14,13 +14,13 @@ import numpy.typing as npt
 from lab.campaign import Case, Part
 from lab.vision.rates import opencv_search
 from lab.vision.stills import SeedSet, Studio, target_named
-from mkdaemon.sim.scene.light import Conditions
 from mkdaemon.vision.camera.image import CameraImage
 from mkdaemon.vision.camera.intrinsics import Intrinsics
 from mkdaemon.vision.limits import LIMITS
 from mkdaemon.vision.tags.detector import Detector
 from mkdaemon.vision.tags.tagmap import TagMap
 from mkdaemon.vision.track.tracker import Tracker
+from mksim.scene.light import Conditions
 
 Grey = npt.NDArray[np.uint8]
 

@@ -17,8 +17,6 @@ from lab.vision.real import DEVICES
 from lab.vision.stills import SeedSet, target_named
 from mkdaemon.config.camera import MountSection
 from mkdaemon.frames import rotation_from_euler
-from mkdaemon.sim.scene.scene import Scene, SceneTarget
-from mkdaemon.sim.scene.view import CameraView
 from mkdaemon.telemetry.selfcal import SelfCalibration
 from mkdaemon.vision.camera.calibration_file import Camera, mount_rotation
 from mkdaemon.vision.camera.image import CameraImage
@@ -27,6 +25,8 @@ from mkdaemon.vision.selfcal.selfcheck import SelfCheck
 from mkdaemon.vision.tags.tagmap import TagMap, Target
 from mkdaemon.vision.track.attitude import LOOKING_DOWN, AttitudeHistory, AttitudeSample, Mounting
 from mkdaemon.vision.track.tracker import Tracker
+from mksim.scene.scene import Scene, SceneTarget
+from mksim.scene.view import CameraView
 
 Array = npt.NDArray[np.float64]
 

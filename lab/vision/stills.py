@@ -14,11 +14,6 @@ import numpy.typing as npt
 from lab.places import CONFIGS
 from lab.vision.flight import GROUNDS, VGA
 from mkdaemon.frames import euler_from_rotation
-from mkdaemon.sim.scene.ground import Ground, GroundKind
-from mkdaemon.sim.scene.light import Conditions
-from mkdaemon.sim.scene.motion import Platform
-from mkdaemon.sim.scene.scene import Scene, SceneTarget, cam_from_target
-from mkdaemon.sim.scene.view import CameraView
 from mkdaemon.vision.camera.image import CameraImage
 from mkdaemon.vision.camera.intrinsics import Intrinsics
 from mkdaemon.vision.limits import LIMITS
@@ -27,6 +22,11 @@ from mkdaemon.vision.tags.tagmap import TagMap, Target, load
 from mkdaemon.vision.track.attitude import LOOKING_DOWN, AttitudeHistory, AttitudeSample
 from mkdaemon.vision.track.result import VisionResult
 from mkdaemon.vision.track.tracker import Tracker
+from mksim.scene.ground import Ground, GroundKind
+from mksim.scene.light import Conditions
+from mksim.scene.motion import Platform
+from mksim.scene.scene import Scene, SceneTarget, cam_from_target
+from mksim.scene.view import CameraView
 
 Array = npt.NDArray[np.float64]
 Grey = npt.NDArray[np.uint8]

@@ -15,12 +15,12 @@ from lab.campaign import Case, Part, in_parts
 from lab.vision.flight import GROUNDS, VGA
 from lab.vision.stills import SeedSet, target_named
 from lab.vision.truth import PHOTOGRAPHS
-from mkdaemon.sim.scene.light import Conditions, Glare, Shadow
-from mkdaemon.sim.scene.motion import Platform
-from mkdaemon.sim.scene.scene import Scene, SceneTarget
-from mkdaemon.sim.scene.view import CameraView
 from mkdaemon.vision.tags.detector import Detector
 from mkdaemon.vision.track.attitude import LOOKING_DOWN
+from mksim.scene.light import Conditions, Glare, Shadow
+from mksim.scene.motion import Platform
+from mksim.scene.scene import Scene, SceneTarget
+from mksim.scene.view import CameraView
 
 Grey = npt.NDArray[np.uint8]
 

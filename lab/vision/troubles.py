@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import numpy.typing as npt
 
-from mkdaemon.sim.scene.light import Conditions, Cover, Glare, Shadow
+from mksim.scene.light import Conditions, Cover, Glare, Shadow
 
 Array = npt.NDArray[np.float64]
 

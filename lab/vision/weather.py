@@ -12,20 +12,20 @@ import numpy.typing as npt
 from lab.campaign import Part
 from lab.vision.flight import VGA, Device, fly
 from lab.vision.stills import error_of, target_named
-from mkdaemon.sim.scene.autoexposure import AutoExposure, AutoSettings
-from mkdaemon.sim.scene.curl import Curl
-from mkdaemon.sim.scene.gloss import Gloss
-from mkdaemon.sim.scene.grass import blades
-from mkdaemon.sim.scene.lensfaults import Dirt, grey_scale
-from mkdaemon.sim.scene.light import Conditions, Shadow
-from mkdaemon.sim.scene.processing import Processing
-from mkdaemon.sim.scene.shadows import SUN_OVER_SKY, LeafShadow, VehicleShadow
-from mkdaemon.sim.scene.view import CameraView
 from mkdaemon.vision.camera.intrinsics import Intrinsics
 from mkdaemon.vision.pose.pose import with_floor
 from mkdaemon.vision.tags.tagmap import TagMap
 from mkdaemon.vision.track.attitude import LOOKING_DOWN
 from mkdaemon.vision.track.tracker import Tracker
+from mksim.scene.autoexposure import AutoExposure, AutoSettings
+from mksim.scene.curl import Curl
+from mksim.scene.gloss import Gloss
+from mksim.scene.grass import blades
+from mksim.scene.lensfaults import Dirt, grey_scale
+from mksim.scene.light import Conditions, Shadow
+from mksim.scene.processing import Processing
+from mksim.scene.shadows import SUN_OVER_SKY, LeafShadow, VehicleShadow
+from mksim.scene.view import CameraView
 
 Array = npt.NDArray[np.float64]
 Change = Callable[[np.random.Generator, float], "Callable[[CameraView, Conditions], Conditions]"]

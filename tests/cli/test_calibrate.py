@@ -10,10 +10,10 @@ import pytest
 
 from mkdaemon.cli.mkdaemon.app import app
 from mkdaemon.cli.program import EXIT_CONFIG, EXIT_FAILURE, EXIT_OK, run
-from mkdaemon.sim.scene.layers import board_layer
 from mkdaemon.vision.calibrate.board import CharucoBoard
 from mkdaemon.vision.calibrate.views import LiveViews
 from mkdaemon.vision.camera.calibration_file import load_camera
+from mksim.scene.layers import board_layer
 from tests.vision.calibrate.boardviews import LENS, PLACES, board_views
 
 BOARD = CharucoBoard(9, 6, 0.03)

@@ -13,6 +13,7 @@ import msgpack
 import numpy as np
 import pytest
 import zenoh
+from mkdaemon.cli.mksim import sim
 
 from lab.places import ROOT
 from lab.rigs.programs import run_mkdaemon
@@ -20,13 +21,11 @@ from lab.rigs.waiting import wait_until
 from mkdaemon.bus.codec import encode
 from mkdaemon.bus.session import close_session, session_config
 from mkdaemon.cli.mkdaemon.scene_only import PoseStream, film_poses
-from mkdaemon.cli.mkdaemon.sim import sim
 from mkdaemon.clock import Clock
 from mkdaemon.config.camera import CameraSection
 from mkdaemon.config.scene import SceneConfig
 from mkdaemon.config.sim import SimConfig
 from mkdaemon.errors import ConfigError
-from mkdaemon.sim.scene.camera import SceneCamera
 from mkdaemon.telemetry.sim import ScenePose, SimTruth
 from mkdaemon.vision.camera.camera import CameraStream
 from mkdaemon.vision.camera.image import CameraImage
@@ -34,6 +33,7 @@ from mkdaemon.vision.camera.slot import NewestSlot
 from mkdaemon.vision.camera.sources import source_of
 from mkdaemon.vision.still import StillEye
 from mkdaemon.vision.tags.tagmap import TagMap
+from mksim.scene.camera import SceneCamera
 from tests.bus.support import free_endpoint
 
 CLOCK = Clock()

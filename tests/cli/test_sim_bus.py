@@ -13,9 +13,9 @@ from mkdaemon.bus.gateway import Bus
 from mkdaemon.cli.mkdaemon.sim_bus import apply_fault_request, sim_on_bus, truth_of
 from mkdaemon.config.sim import SimConfig
 from mkdaemon.errors import CommandRejectedError, ConfigError
-from mkdaemon.sim.simulation import Simulation
 from mkdaemon.stamp import Stamp
 from mkdaemon.telemetry.sim import FaultRequest, SimFaults
+from mksim.simulation import Simulation
 from tests.bus.support import ask, bus_config, client, free_endpoint
 from tests.places import SOURCE
 

@@ -15,11 +15,11 @@ from mkdaemon.config.camera import CameraSection
 from mkdaemon.config.scene import SceneConfig
 from mkdaemon.config.sim import PilotPlan, SimConfig
 from mkdaemon.errors import ConfigError
-from mkdaemon.sim.simulation import Simulation
 from mkdaemon.vision.camera.camera import CameraStream
 from mkdaemon.vision.camera.image import CameraImage
 from mkdaemon.vision.camera.slot import NewestSlot
 from mkdaemon.vision.camera.sources import source_of
+from mksim.simulation import Simulation
 
 
 async def test_frames_of_the_simulation_reach_a_camera_on_the_bus(tmp_path: Path) -> None:

@@ -28,7 +28,7 @@ def run_program(*words: str) -> subprocess.CompletedProcess[str]:
 
 def test_daemon_simulator_and_client_need_no_opencv():
     done = run_without_opencv(
-        "import mkdaemon.daemon, mkdaemon.client, mkdaemon.sim.simulation, mkdaemon.sim.runtime\n"
+        "import mkdaemon.daemon, mkdaemon.client, mksim.simulation, mksim.runtime\n"
         "import mkdaemon.cli.mkdaemon.app, mkdaemon.cli.mkctl.app, mkdaemon.missions"
     )
     assert (done.returncode, done.stderr) == (0, "")
@@ -59,7 +59,7 @@ def test_a_program_of_the_camera_side_names_the_extra_in_one_line(words):
 def test_the_simulated_camera_names_the_extra_too():
     done = run_without_opencv(
         "from mkdaemon.errors import ConfigError\n"
-        "try:\n import mkdaemon.sim.scene.camera\nexcept ConfigError as error:\n print(error)"
+        "try:\n import mksim.scene.camera\nexcept ConfigError as error:\n print(error)"
     )
     assert (done.returncode, done.stdout) == (0, FIX + "\n")
 

@@ -16,8 +16,8 @@ from mkdaemon.cli.mkctl.export import export
 from mkdaemon.config.root import Config
 from mkdaemon.config.sim import SimConfig
 from mkdaemon.frames import enu_from_geodetic
-from mkdaemon.sim.simulation import Simulation
 from mkdaemon.virtualtime import run_virtually
+from mksim.simulation import Simulation
 from tests.client.test_export import GPX, GX
 
 LENGTH = 24.0

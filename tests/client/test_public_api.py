@@ -34,4 +34,4 @@ def test_importing_the_library_loads_no_command_line_no_models_and_no_message_ta
     loaded = loaded_by("import mkdaemon.client")
     heavy = {"cyclopts", "rich", "pydantic", "numpy", "cv2", "mkdaemon.bus.keys", "mkdaemon.protocol.wire"}
     assert heavy & loaded == set()
-    assert not any(name.startswith(("mkdaemon.daemon", "mkdaemon.link", "mkdaemon.sim")) for name in loaded)
+    assert not any(name.startswith(("mkdaemon.daemon", "mkdaemon.link", "mksim")) for name in loaded)

@@ -23,7 +23,6 @@ from mkdaemon.control.targetflight import FORGOTTEN, TargetFlight
 from mkdaemon.control.targetgoals import Arrival, obstacle, velocity_between
 from mkdaemon.control.vehicle import VehicleFacts
 from mkdaemon.errors import CommandRejectedError
-from mkdaemon.sim.physics.attitude_loop import EASY, AttitudeGains
 from mkdaemon.telemetry.control import Phase
 from mkdaemon.telemetry.refusals import Token
 from mkdaemon.telemetry.setpoint import (
@@ -34,6 +33,7 @@ from mkdaemon.telemetry.setpoint import (
     VelocitySetpoint,
 )
 from mkdaemon.telemetry.state import Attitude
+from mksim.physics.attitude_loop import EASY, AttitudeGains
 from tests.control.events import pose
 
 CFG = AutopilotConfig()

@@ -15,10 +15,10 @@ from mkdaemon.control.activeset import UNREAD
 from mkdaemon.daemon import flight
 from mkdaemon.daemon.preflight import active_set, free_disk
 from mkdaemon.protocol.settings import ParameterSet
-from mkdaemon.sim.boards.parameters import factory_set
 from mkdaemon.telemetry.control import Phase
 from mkdaemon.telemetry.preflight import CheckState
 from mkdaemon.virtualtime import run_virtually
+from mksim.boards.parameters import factory_set
 
 STILL = {"pitch": 0.0, "roll": 0.0, "yaw": 0.0, "throttle": 0.0}
 

@@ -12,7 +12,7 @@ from lab.rigs.sticks import build_sticks
 from mkdaemon.errors import CommandRejectedError
 from mkdaemon.link.session.reboot import is_printed
 from mkdaemon.protocol.messages import ExternControlV1, ExternControlV2, ExternControlV3
-from mkdaemon.sim.simulation import Simulation
+from mksim.simulation import Simulation
 
 LAYOUTS = {"early": ExternControlV1, "2.08": ExternControlV1, "2.12a": ExternControlV2, "2.14": ExternControlV3}
 SIM = {"gate_parameter": 200}

@@ -19,7 +19,7 @@ from mkdaemon.link.session.release import (
 from mkdaemon.protocol.flags import ControlConfig
 from mkdaemon.protocol.messages import ExternControlV1, ExternControlV2, ExternControlV3
 from mkdaemon.protocol.wire import WireMessage
-from mkdaemon.sim.boards.reception import FcReceiver
+from mksim.boards.reception import FcReceiver
 
 FLYING = ExternControlV2(pitch=20, roll=-20, yaw=10, throttle=40, frame=9, config=1)
 

@@ -7,8 +7,8 @@ import math
 import pytest
 
 from mkdaemon.errors import CommandRejectedError
-from mkdaemon.sim.faults import Faults
 from mkdaemon.telemetry.sim_faults import FAULTS, FaultChoice, FaultNumber, Reader
+from mksim.faults import Faults
 
 NAMES = (
     "motor_weak",

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from pydantic import ValidationError
 
 from mkdaemon.config.sim_radio import ChannelConfig, RadioConfig, RadioKind
-from mkdaemon.sim.radio import PACKET_BYTES, Channel
+from mksim.radio import PACKET_BYTES, Channel
 
 BYTE = 10 / 57600
 XBEE = ChannelConfig(kind=RadioKind.XBEE, loss=0.0)

@@ -13,9 +13,9 @@ from mkdaemon.config.sim import PilotPlan, SimConfig
 from mkdaemon.config.sim_radio import ChannelConfig, RadioConfig
 from mkdaemon.errors import ConfigError, LinkError
 from mkdaemon.protocol.framing import Frame, FrameDecoder, encode_frame
-from mkdaemon.sim.boards.line import HOST_CHAR
-from mkdaemon.sim.runtime import PseudoTerminal, Runtime
-from mkdaemon.sim.simulation import Simulation
+from mksim.boards.line import HOST_CHAR
+from mksim.runtime import PseudoTerminal, Runtime
+from mksim.simulation import Simulation
 from tests.bus.support import PATIENCE, free_endpoint
 
 WIRED = RadioConfig(to_host=ChannelConfig())

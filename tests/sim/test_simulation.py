@@ -8,8 +8,8 @@ from mkdaemon.config.sim import PilotPlan, SimConfig
 from mkdaemon.config.sim_radio import ChannelConfig, RadioConfig, RadioKind
 from mkdaemon.errors import ConfigError
 from mkdaemon.protocol.framing import Frame, FrameDecoder, encode_frame
-from mkdaemon.sim.boards.eeprom import Eeprom
-from mkdaemon.sim.simulation import Simulation
+from mksim.boards.eeprom import Eeprom
+from mksim.simulation import Simulation
 
 DIRECT = RadioConfig(to_host=ChannelConfig())
 

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from mkdaemon.config.sim_flight import FlightConfig, WindClass
-from mkdaemon.sim.physics.hand_flight import Phase
-from mkdaemon.sim.physics.world import StartState, StickInput, World
-from mkdaemon.sim.supervision import CEILING_GAS, Supervision
+from mksim.physics.hand_flight import Phase
+from mksim.physics.world import StartState, StickInput, World
+from mksim.supervision import CEILING_GAS, Supervision
 
 from .physics.steering import GAS_AT_REST, RcBoard
 

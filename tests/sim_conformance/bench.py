@@ -9,12 +9,12 @@ from typing import NamedTuple
 from lab.rigs.grounded import GroundedAircraft, Readings, Transmitter
 from mkdaemon.config.sim import GasLaw
 from mkdaemon.protocol.framing import Dropped, Frame, FrameDecoder
-from mkdaemon.sim.boards.fc import FlightCtrl
-from mkdaemon.sim.boards.generations import FC_GENERATIONS, NC_GENERATIONS
-from mkdaemon.sim.boards.line import HOST_CHAR
-from mkdaemon.sim.boards.nc import NaviCtrl
-from mkdaemon.sim.physics.sensors import GpsFix
-from mkdaemon.sim.physics.world import StickInput
+from mksim.boards.fc import FlightCtrl
+from mksim.boards.generations import FC_GENERATIONS, NC_GENERATIONS
+from mksim.boards.line import HOST_CHAR
+from mksim.boards.nc import NaviCtrl
+from mksim.physics.sensors import GpsFix
+from mksim.physics.world import StickInput
 
 MAG = 3
 FIX = GpsFix(532301000, 74591000, 12.0, (0.0, 0.0, 0.0), 9, True, 0.0, 1)

@@ -9,7 +9,7 @@ import pytest
 from mkdaemon.config.sim import PilotPlan, SimConfig
 from mkdaemon.config.sim_radio import ChannelConfig, RadioConfig, RadioKind
 from mkdaemon.protocol.framing import Frame, FrameDecoder, encode_frame
-from mkdaemon.sim.simulation import Simulation
+from mksim.simulation import Simulation
 
 XBEE = RadioConfig(
     to_board=ChannelConfig(kind=RadioKind.XBEE, loss=0.03), to_host=ChannelConfig(kind=RadioKind.XBEE, loss=0.03)

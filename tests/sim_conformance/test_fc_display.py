@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from mkdaemon.protocol.framing import encode_frame
-from mkdaemon.sim.boards.labels import FC_LABELS, NC_LABELS, label_checksum
+from mksim.boards.labels import FC_LABELS, NC_LABELS, label_checksum
 from tests.sim_conformance.bench import fc_bench, nc_bench
 
 

@@ -8,7 +8,7 @@ import pytest
 
 from mkdaemon.config.sim import GasLaw
 from mkdaemon.protocol.framing import encode_frame
-from mkdaemon.sim.boards.line import HOST_CHAR
+from mksim.boards.line import HOST_CHAR
 from tests.sim_conformance.bench import fc_bench, median, moments
 
 

@@ -8,8 +8,8 @@ import pytest
 
 from mkdaemon.errors import ConfigError
 from mkdaemon.protocol.framing import encode_frame
-from mkdaemon.sim.boards.eeprom import Eeprom, bl_checksum
-from mkdaemon.sim.physics.attitude_loop import AttitudeGains
+from mksim.boards.eeprom import Eeprom, bl_checksum
+from mksim.physics.attitude_loop import AttitudeGains
 from tests.sim_conformance.bench import fc_bench
 
 GENERATIONS = ["early", "2.08", "2.12a", "2.14"]

@@ -9,10 +9,10 @@ from mkdaemon.config.sim import GasLaw
 from mkdaemon.control.limiter import Sticks, count, limit
 from mkdaemon.protocol.flags import ControlConfig
 from mkdaemon.protocol.messages import ExternControlV1, ExternControlV2, ExternControlV3
-from mkdaemon.sim.boards import external
-from mkdaemon.sim.boards.generations import FC_GENERATIONS
-from mkdaemon.sim.boards.gestures import CALIBRATE_TIME, MOTOR, GestureReader
 from mkdaemon.translate import extern_control
+from mksim.boards import external
+from mksim.boards.generations import FC_GENERATIONS
+from mksim.boards.gestures import CALIBRATE_TIME, MOTOR, GestureReader
 
 WIDE = LimiterConfig(
     max_pitch=127, max_roll=127, max_yaw=127, min_throttle=-127, max_throttle=127, slew=20_000, throttle_slew=20_000

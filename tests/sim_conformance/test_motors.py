@@ -7,9 +7,9 @@ import pytest
 from mkdaemon.config.sim import GasLaw
 from mkdaemon.config.sim_flight import BatteryConfig, FlightConfig, SensorConfig, WindClass
 from mkdaemon.protocol.framing import encode_frame
-from mkdaemon.sim.boards.fc import FlightCtrl
-from mkdaemon.sim.boards.generations import FC_GENERATIONS
-from mkdaemon.sim.physics.world import World
+from mksim.boards.fc import FlightCtrl
+from mksim.boards.generations import FC_GENERATIONS
+from mksim.physics.world import World
 
 BENCH_SUPPLY = BatteryConfig(charge=0.21, cell_resistance=0.0, capacity_mah=60000.0)
 """14.8 V, as a bench supply gives it under any load."""

@@ -10,7 +10,7 @@ from mkdaemon.protocol.decoder import MessageDecoder
 from mkdaemon.protocol.errorcodes import ErrorCode
 from mkdaemon.protocol.framing import encode_frame
 from mkdaemon.protocol.messages import OsdVolatile
-from mkdaemon.sim.physics.attitude_loop import LEAK_FAST, LEAK_SLOW
+from mksim.physics.attitude_loop import LEAK_FAST, LEAK_SLOW
 from tests.sim_conformance.bench import nc_bench
 
 LENGTHS = {10: 26, 11: 34, 12: 38, 13: 46, 14: 38, 15: 30, 16: 42}

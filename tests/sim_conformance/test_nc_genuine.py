@@ -11,10 +11,10 @@ from mkdaemon.protocol.errorcodes import ErrorCode
 from mkdaemon.protocol.flags import FlightStatus, NaviStatus, PointType, PositionStatus
 from mkdaemon.protocol.framing import encode_frame
 from mkdaemon.protocol.messages import OsdData5, WriteWaypoint024
-from mkdaemon.sim.boards.fc import FlightCtrl
-from mkdaemon.sim.boards.generations import FC_GENERATIONS, NC_GENERATIONS
-from mkdaemon.sim.boards.nc import NaviCtrl
-from mkdaemon.sim.boards.redirect import ESCAPE
+from mksim.boards.fc import FlightCtrl
+from mksim.boards.generations import FC_GENERATIONS, NC_GENERATIONS
+from mksim.boards.nc import NaviCtrl
+from mksim.boards.redirect import ESCAPE
 from tests.sim_conformance.bench import FIX, Bench, StillAircraft, nc_bench
 
 HOME = (74591000, 532301000)

@@ -13,9 +13,9 @@ import pytest
 
 from mkdaemon.config.sim import GasLaw
 from mkdaemon.protocol.framing import Frame, FrameDecoder
-from mkdaemon.sim.boards.fc import FlightCtrl
-from mkdaemon.sim.boards.generations import FC_GENERATIONS, NC_GENERATIONS
-from mkdaemon.sim.boards.nc import NaviCtrl
+from mksim.boards.fc import FlightCtrl
+from mksim.boards.generations import FC_GENERATIONS, NC_GENERATIONS
+from mksim.boards.nc import NaviCtrl
 from tests.sim_conformance.bench import Bench, StillAircraft
 
 START_TIME = 1.0

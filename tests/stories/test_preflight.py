@@ -12,10 +12,10 @@ from mkdaemon.control.knowledge import Knowledge
 from mkdaemon.daemon.preflight import active_set, read_active_set
 from mkdaemon.errors import CommandRejectedError
 from mkdaemon.protocol.settings import ParameterSet
-from mkdaemon.sim.boards.parameters import factory_set
 from mkdaemon.telemetry.control import ControlLine
 from mkdaemon.telemetry.preflight import Blocks
 from mkdaemon.virtualtime import run_virtually
+from mksim.boards.parameters import factory_set
 from tests.control.events import link_state
 
 

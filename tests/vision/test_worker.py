@@ -21,10 +21,6 @@ from mkdaemon.config.vision import VisionSection
 from mkdaemon.daemon.priority import EYES
 from mkdaemon.errors import ConfigError
 from mkdaemon.frames import rotation_from_quaternion
-from mkdaemon.sim.scene.light import Conditions
-from mkdaemon.sim.scene.motion import Platform
-from mkdaemon.sim.scene.scene import Scene, SceneTarget
-from mkdaemon.sim.scene.view import CameraView, view_towards
 from mkdaemon.telemetry.base import Telemetry
 from mkdaemon.telemetry.image import CameraFrame
 from mkdaemon.telemetry.vision import Alarm, AttitudeLoss, EyeState, Tags, Transform, VisionPose, VisionStats
@@ -37,6 +33,10 @@ from mkdaemon.vision.pipeline import ALARM_ADVICE, CameraPipeline
 from mkdaemon.vision.tags.tagmap import load
 from mkdaemon.vision.track.attitude import AttitudeHistory, AttitudeSample
 from mkdaemon.vision.worker import VisionWorker
+from mksim.scene.light import Conditions
+from mksim.scene.motion import Platform
+from mksim.scene.scene import Scene, SceneTarget
+from mksim.scene.view import CameraView, view_towards
 from tests.places import CONFIGS
 
 CAMERA_FILE = CONFIGS / "cameras" / "sim.toml"

@@ -10,7 +10,7 @@ from mkdaemon.config.base import Section
 
 
 class WindClass(StrEnum):
-    """Wind strengths a flight is judged in; the figures are in `mkdaemon.sim.physics.wind.WIND_FIGURES`."""
+    """Wind strengths a flight is judged in; the figures are in `mksim.physics.wind.WIND_FIGURES`."""
 
     NONE = "none"
     INDOOR = "indoor"

@@ -16,9 +16,9 @@ from lab.rigs.handpad import HandPad
 from mkdaemon.cli.mkctl.teleop.leasekeeper import LeaseKeeper
 from mkdaemon.cli.mkctl.teleop.session import Session
 from mkdaemon.config.sim import PilotPlan, SimConfig
-from mkdaemon.sim.simulation import Simulation
 from mkdaemon.telemetry.control import Phase
 from mkdaemon.virtualtime import run_virtually
+from mksim.simulation import Simulation
 
 HOVERING = 9.0
 """By then the simulated pilot hovers at 2 m [s]."""

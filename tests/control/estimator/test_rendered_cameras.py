@@ -16,14 +16,14 @@ from mkdaemon.control.estimator.model import P, T
 from mkdaemon.control.estimator.rollback import STEP
 from mkdaemon.control.targetgoals import view_of
 from mkdaemon.frames import rotation_from_euler
-from mkdaemon.sim.scene.motion import Platform
-from mkdaemon.sim.scene.scene import Scene, SceneTarget
-from mkdaemon.sim.scene.view import CameraView
 from mkdaemon.telemetry.vision import VisionPose
 from mkdaemon.vision.camera.calibration_file import load_camera, mount_rotation
 from mkdaemon.vision.camera.image import CameraImage
 from mkdaemon.vision.pipeline import CameraPipeline
 from mkdaemon.vision.track.attitude import AttitudeHistory, AttitudeSample
+from mksim.scene.motion import Platform
+from mksim.scene.scene import Scene, SceneTarget
+from mksim.scene.view import CameraView
 from tests.control.estimator.test_estimator import HOVER, MODEL, Plant
 from tests.places import CONFIGS
 from tests.vision.views import asphalt, shipped

@@ -29,9 +29,9 @@ from mkdaemon.daemon.sink import BusSink
 from mkdaemon.errors import CommandRejectedError
 from mkdaemon.link.labels import LabelCache
 from mkdaemon.link.link import Link
-from mkdaemon.sim.simulation import Simulation
 from mkdaemon.telemetry.command import CommandResult, refused
 from mkdaemon.telemetry.control import Phase
+from mksim.simulation import Simulation
 
 
 class PromptDisk(Executor):

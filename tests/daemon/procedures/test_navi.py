@@ -16,9 +16,9 @@ from mkdaemon.config.sim import PilotPlan, SimConfig
 from mkdaemon.config.sim_flight import FlightConfig, SensorConfig, WindClass
 from mkdaemon.errors import CommandRejectedError, ManoeuvreError
 from mkdaemon.frames import geodetic_from_enu
-from mkdaemon.sim.simulation import Simulation
 from mkdaemon.telemetry.mission import Mission, MissionPoint
 from mkdaemon.telemetry.navi import ControlNavi, NaviStage
+from mksim.simulation import Simulation
 from tests.daemon.procedures.procedure_rig import plug_in, procedure_rig
 
 AIRBORNE = 13.0

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from mkdaemon.config.sim_flight import FlightConfig, WindClass
-from mkdaemon.sim.boards.fc import FlightCtrl
-from mkdaemon.sim.boards.generations import FC_GENERATIONS
-from mkdaemon.sim.physics.hand_flight import CircleFlight, Phase
-from mkdaemon.sim.physics.world import World
+from mksim.boards.fc import FlightCtrl
+from mksim.boards.generations import FC_GENERATIONS
+from mksim.physics.hand_flight import CircleFlight, Phase
+from mksim.physics.world import World
 
 
 def airborne(word: str, *, seed: int = 1) -> tuple[World, FlightCtrl]:

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from mkdaemon.config.sim import GasLaw
 from mkdaemon.protocol.framing import encode_frame
-from mkdaemon.sim.boards.redirect import ESCAPE
+from mksim.boards.redirect import ESCAPE
 from tests.sim_conformance.bench import fc_bench, nc_bench
 
 LETTERS = "abcdefghijklmnopqstuvwxyzKVZ?!"  # without R: it resets

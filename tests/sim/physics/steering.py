@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from mkdaemon.sim.physics.pilot import Pilot
-from mkdaemon.sim.physics.world import DT, StickInput, World
+from mksim.physics.pilot import Pilot
+from mksim.physics.world import DT, StickInput, World
 
 GAS_AT_REST = 127.0
 """Gas of a centred stick [count]."""

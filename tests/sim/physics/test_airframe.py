@@ -8,7 +8,7 @@ import pytest
 
 from mkdaemon.config.sim_flight import AirframeConfig
 from mkdaemon.frames import rotation_from_quaternion
-from mkdaemon.sim.physics.airframe import GRAVITY, Airframe, FlatGround
+from mksim.physics.airframe import GRAVITY, Airframe, FlatGround
 
 DT = 2.048e-3
 STILL = (0.0, 0.0, 0.0)

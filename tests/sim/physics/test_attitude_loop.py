@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from mkdaemon.config.sim_flight import AirframeConfig, FlightConfig, LoopConfig, SensorConfig, WindClass
-from mkdaemon.sim.physics.attitude_loop import (
+from mksim.physics.attitude_loop import (
     AGILE,
     EASY,
     FAST,
@@ -19,7 +19,7 @@ from mkdaemon.sim.physics.attitude_loop import (
     AxisLoop,
     YawLoop,
 )
-from mkdaemon.sim.physics.world import DT, StartState, StickInput, World
+from mksim.physics.world import DT, StartState, StickInput, World
 
 G = 9.81
 SETS = {"easy": EASY, "agile": AGILE, "fast": FAST}

@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mkdaemon.config.sim_flight import BatteryConfig
-from mkdaemon.sim.physics.battery import OPEN_CIRCUIT_V, Battery, open_circuit_voltage
+from mksim.physics.battery import OPEN_CIRCUIT_V, Battery, open_circuit_voltage
 
 
 @given(low=st.floats(-0.5, 1.5), high=st.floats(-0.5, 1.5))

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from mkdaemon.config.sim_flight import FlightConfig, SensorConfig, WindClass
-from mkdaemon.sim.physics.deck import MovingDeck
-from mkdaemon.sim.physics.world import DT, MOTORS_OFF, StartState, World
+from mksim.physics.deck import MovingDeck
+from mksim.physics.world import DT, MOTORS_OFF, StartState, World
 
 STILL_AIR = FlightConfig(wind=WindClass.NONE, sensors=SensorConfig.ideal())
 

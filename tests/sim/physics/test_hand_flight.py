@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from mkdaemon.config.sim_flight import BatteryConfig, FlightConfig, WindClass
-from mkdaemon.sim.physics.attitude_loop import FAST, AttitudeGains
-from mkdaemon.sim.physics.hand_flight import CircleFlight, HandFlight, Phase
-from mkdaemon.sim.physics.pilot import DelayedProgram, Program
-from mkdaemon.sim.physics.world import StartState, World
+from mksim.physics.attitude_loop import FAST, AttitudeGains
+from mksim.physics.hand_flight import CircleFlight, HandFlight, Phase
+from mksim.physics.pilot import DelayedProgram, Program
+from mksim.physics.world import StartState, World
 
 from .steering import RcBoard
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 
 from mkdaemon.config.sim_flight import FlightConfig, SensorConfig, WindClass
-from mkdaemon.sim.physics.height_control import CLIMB_PER_COUNT, DEAD_BAND, MAX_CLIMB, HeightControl
-from mkdaemon.sim.physics.world import DT, StartState, StickInput, World
+from mksim.physics.height_control import CLIMB_PER_COUNT, DEAD_BAND, MAX_CLIMB, HeightControl
+from mksim.physics.world import DT, StartState, StickInput, World
 
 
 def fly(gas: float, seconds: float, *, on: bool = True, noise: bool = False) -> World:

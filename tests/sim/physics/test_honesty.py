@@ -19,8 +19,8 @@ import numpy.typing as npt
 import pytest
 
 from mkdaemon.config.sim_flight import FlightConfig, WindClass
-from mkdaemon.sim.physics.attitude_loop import AttitudeGains
-from mkdaemon.sim.physics.world import StartState, StickInput, World
+from mksim.physics.attitude_loop import AttitudeGains
+from mksim.physics.world import StartState, StickInput, World
 
 G = 9.81
 DELAY = 0.250

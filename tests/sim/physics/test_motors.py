@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 
 from mkdaemon.config.sim_flight import AirframeConfig
-from mkdaemon.sim.physics.airframe import GRAVITY
-from mkdaemon.sim.physics.motors import FACTORY_CHAIN, MAX_COUNT, MIN_COUNT, GasChain, Motors
+from mksim.physics.airframe import GRAVITY
+from mksim.physics.motors import FACTORY_CHAIN, MAX_COUNT, MIN_COUNT, GasChain, Motors
 
 CONFIG = AirframeConfig()
 DT = 2.048e-3

@@ -7,9 +7,9 @@ import math
 import pytest
 
 from mkdaemon.config.sim_flight import FlightConfig, PilotConfig, SensorConfig, WindClass
-from mkdaemon.sim.physics.hand_flight import HandFlight
-from mkdaemon.sim.physics.pilot import GOOD_RC, RC_PERIOD
-from mkdaemon.sim.physics.world import DT, StartState, StickInput, World
+from mksim.physics.hand_flight import HandFlight
+from mksim.physics.pilot import GOOD_RC, RC_PERIOD
+from mksim.physics.world import DT, StartState, StickInput, World
 
 from .steering import RcBoard
 

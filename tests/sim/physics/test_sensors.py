@@ -10,9 +10,9 @@ import pytest
 
 from mkdaemon.config.sim_flight import FlightConfig, SensorConfig
 from mkdaemon.frames import enu_from_geodetic
-from mkdaemon.sim.physics.airframe import GRAVITY, Airframe, FlatGround
-from mkdaemon.sim.physics.battery import Battery
-from mkdaemon.sim.physics.sensors import Sensors
+from mksim.physics.airframe import GRAVITY, Airframe, FlatGround
+from mksim.physics.battery import Battery
+from mksim.physics.sensors import Sensors
 
 PERIOD = 0.02048
 NOISY = FlightConfig()

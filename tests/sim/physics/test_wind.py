@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from mkdaemon.config.sim_flight import WindClass
-from mkdaemon.sim.physics.wind import CORRELATION_TIME, WIND_FIGURES, Wind
+from mksim.physics.wind import CORRELATION_TIME, WIND_FIGURES, Wind
 
 PERIOD = 0.02048
 

@@ -13,10 +13,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mkdaemon.config.sim_flight import BatteryConfig, FlightConfig, SensorConfig, WindClass
-from mkdaemon.sim.physics.attitude_loop import EASY, AttitudeGains
-from mkdaemon.sim.physics.hand_flight import CircleFlight
-from mkdaemon.sim.physics.world import DT, MOTORS_OFF, StartState, StickInput, World
 from mkdaemon.telemetry.sim_faults import FAULTS
+from mksim.physics.attitude_loop import EASY, AttitudeGains
+from mksim.physics.hand_flight import CircleFlight
+from mksim.physics.world import DT, MOTORS_OFF, StartState, StickInput, World
 
 from .steering import RcBoard
 

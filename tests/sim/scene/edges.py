@@ -6,8 +6,8 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from mkdaemon.sim.scene.view import CameraView, Pose, project
 from mkdaemon.vision.tags.tagmap import Tag
+from mksim.scene.view import CameraView, Pose, project
 
 Array = npt.NDArray[np.float64]
 

@@ -17,17 +17,17 @@ from mkdaemon.config.sim import PilotPlan, SimConfig
 from mkdaemon.config.sim_flight import FlightConfig
 from mkdaemon.errors import ConfigError
 from mkdaemon.frames import rotation_from_euler
-from mkdaemon.sim.faults import Faults
-from mkdaemon.sim.physics.truth import Truth
-from mkdaemon.sim.physics.world import StartState, World
-from mkdaemon.sim.scene.camera import BUILT_IN, BodyState, SceneCamera, landing_world, platform_of
-from mkdaemon.sim.scene.feed import SceneFeed
-from mkdaemon.sim.scene.outputs import VIDIOC_S_FMT, LoopWriter, VideoWriter, loop_format
-from mkdaemon.sim.simulation import Simulation
 from mkdaemon.vision.camera.calibration_file import load_camera
 from mkdaemon.vision.camera.imagecodec import unpack
 from mkdaemon.vision.still import StillEye, StillResult
 from mkdaemon.vision.tags.tagmap import TagMap
+from mksim.faults import Faults
+from mksim.physics.truth import Truth
+from mksim.physics.world import StartState, World
+from mksim.scene.camera import BUILT_IN, BodyState, SceneCamera, landing_world, platform_of
+from mksim.scene.feed import SceneFeed
+from mksim.scene.outputs import VIDIOC_S_FMT, LoopWriter, VideoWriter, loop_format
+from mksim.simulation import Simulation
 from tests.places import CONFIGS
 
 TURNED = rotation_from_euler(0.1, -0.08, 0.7)

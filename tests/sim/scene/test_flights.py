@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from mkdaemon.frames import euler_from_rotation
-from mkdaemon.sim.scene.flights import HIGHEST_M, LOWEST_M, attitude_deg, patches, random_flight, side_cut
-from mkdaemon.sim.scene.motion import Platform
-from mkdaemon.sim.scene.scene import SceneTarget, true_corners
 from mkdaemon.vision.camera.intrinsics import Intrinsics
 from mkdaemon.vision.tags.tagmap import single
+from mksim.scene.flights import HIGHEST_M, LOWEST_M, attitude_deg, patches, random_flight, side_cut
+from mksim.scene.motion import Platform
+from mksim.scene.scene import SceneTarget, true_corners
 
 CAMERA = Intrinsics(width=640, height=480, fx=600, fy=600, cx=319.5, cy=239.5)
 SIZE = 0.3048

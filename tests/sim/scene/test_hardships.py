@@ -10,20 +10,20 @@ import pytest
 
 from lab.vision.stills import target_named
 from mkdaemon.config.scene import LightConfig
-from mkdaemon.sim.scene.autoexposure import AutoExposure, AutoSettings
-from mkdaemon.sim.scene.curl import Curl, bend
-from mkdaemon.sim.scene.gloss import Gloss
-from mkdaemon.sim.scene.grass import blades
-from mkdaemon.sim.scene.hardships import fair_conditions, shadow_of_vehicle
-from mkdaemon.sim.scene.kinds import CAMERA_KINDS
-from mkdaemon.sim.scene.lensfaults import Dirt, add_dirt, add_fringe, grey_scale
-from mkdaemon.sim.scene.light import CLEAN, Conditions
-from mkdaemon.sim.scene.motion import Platform
-from mkdaemon.sim.scene.scene import Scene, SceneTarget
-from mkdaemon.sim.scene.shadows import LeafShadow, VehicleShadow, leaf_pattern
-from mkdaemon.sim.scene.view import CameraView, RayGrid, project, rotation_from_vector
 from mkdaemon.vision.camera.intrinsics import Intrinsics
 from mkdaemon.vision.track.attitude import LOOKING_DOWN
+from mksim.scene.autoexposure import AutoExposure, AutoSettings
+from mksim.scene.curl import Curl, bend
+from mksim.scene.gloss import Gloss
+from mksim.scene.grass import blades
+from mksim.scene.hardships import fair_conditions, shadow_of_vehicle
+from mksim.scene.kinds import CAMERA_KINDS
+from mksim.scene.lensfaults import Dirt, add_dirt, add_fringe, grey_scale
+from mksim.scene.light import CLEAN, Conditions
+from mksim.scene.motion import Platform
+from mksim.scene.scene import Scene, SceneTarget
+from mksim.scene.shadows import LeafShadow, VehicleShadow, leaf_pattern
+from mksim.scene.view import CameraView, RayGrid, project, rotation_from_vector
 
 LENS = Intrinsics(width=320, height=240, fx=300.0, fy=300.0, cx=159.5, cy=119.5)
 PAD = SceneTarget.of(target_named("single"), Platform())

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from mkdaemon.frames import euler_from_rotation
-from mkdaemon.sim.scene.motion import Platform
+from mksim.scene.motion import Platform
 
 
 def velocity(platform: Platform, time: float) -> np.ndarray:

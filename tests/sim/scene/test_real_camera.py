@@ -8,15 +8,15 @@ import numpy as np
 import pytest
 
 from lab.vision.stills import target_named
-from mkdaemon.sim.scene.light import CLEAN
-from mkdaemon.sim.scene.motion import Platform
-from mkdaemon.sim.scene.processing import NO_PROCESSING, Processing
-from mkdaemon.sim.scene.scene import Scene, SceneTarget
-from mkdaemon.sim.scene.view import CameraView, project
 from mkdaemon.vision.camera.intrinsics import Intrinsics
 from mkdaemon.vision.tags.detector import Detector
 from mkdaemon.vision.tags.tagmap import TagMap
 from mkdaemon.vision.track.attitude import LOOKING_DOWN
+from mksim.scene.light import CLEAN
+from mksim.scene.motion import Platform
+from mksim.scene.processing import NO_PROCESSING, Processing
+from mksim.scene.scene import Scene, SceneTarget
+from mksim.scene.view import CameraView, project
 
 LENS = Intrinsics(width=640, height=480, fx=600.0, fy=600.0, cx=319.5, cy=239.5)
 PAD = SceneTarget.of(target_named("single"), Platform())

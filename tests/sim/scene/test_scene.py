@@ -11,13 +11,13 @@ import pyapriltags
 import pytest
 
 from mkdaemon.config.vision import TagPlacement, TargetSection
-from mkdaemon.sim.scene.layers import INK, PAPER
-from mkdaemon.sim.scene.light import CLEAN, FULL_LIGHT, Conditions, Cover, Glare, Shadow
-from mkdaemon.sim.scene.motion import Platform
-from mkdaemon.sim.scene.scene import Scene, SceneTarget, cam_from_target, true_corners
-from mkdaemon.sim.scene.view import CameraView, project, rotation_from_vector, view_towards
 from mkdaemon.vision.camera.intrinsics import Intrinsics
 from mkdaemon.vision.tags.tagmap import build, single
+from mksim.scene.layers import INK, PAPER
+from mksim.scene.light import CLEAN, FULL_LIGHT, Conditions, Cover, Glare, Shadow
+from mksim.scene.motion import Platform
+from mksim.scene.scene import Scene, SceneTarget, cam_from_target, true_corners
+from mksim.scene.view import CameraView, project, rotation_from_vector, view_towards
 
 from .edges import corner_errors
 

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import cv2
 
-from mkdaemon.sim.scene.sheet import contact_sheet
 from mkdaemon.vision.tags.tagmap import single
+from mksim.scene.sheet import contact_sheet
 
 
 def test_the_sheet_has_twenty_pictures_with_captions(tmp_path: Path) -> None:

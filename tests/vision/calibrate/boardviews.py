@@ -6,12 +6,12 @@ import numpy as np
 import numpy.typing as npt
 
 from mkdaemon.frames import rotation_from_euler
-from mkdaemon.sim.scene.layers import Layer, sheet_layer
-from mkdaemon.sim.scene.light import Conditions
-from mkdaemon.sim.scene.scene import Scene, SceneTarget
-from mkdaemon.sim.scene.view import CameraView, Pose
 from mkdaemon.vision.camera.intrinsics import Intrinsics
 from mkdaemon.vision.tags.tagmap import single
+from mksim.scene.layers import Layer, sheet_layer
+from mksim.scene.light import Conditions
+from mksim.scene.scene import Scene, SceneTarget
+from mksim.scene.view import CameraView, Pose
 
 LENS = Intrinsics(
     width=640, height=480, fx=512.3, fy=514.8, cx=326.4, cy=236.1, k1=-0.21, k2=0.06, p1=0.0008, p2=-0.0005

@@ -13,15 +13,15 @@ import pytest
 from mkdaemon.config.camera import MountSection
 from mkdaemon.config.vision import BoardSection, TargetSection
 from mkdaemon.errors import ConfigError, VisionError
-from mkdaemon.sim.scene.flights import FLU_FROM_CAM_DOWN
-from mkdaemon.sim.scene.layers import board_layer, sheet_layer, tag_layer
-from mkdaemon.sim.scene.light import Conditions
-from mkdaemon.sim.scene.view import project
 from mkdaemon.vision.calibrate.board import BoardPoints, CharucoBoard, TagBoard
 from mkdaemon.vision.calibrate.calibration import CalibrationResult, calibrate, hold_out_rms, rounded
 from mkdaemon.vision.calibrate.coverage import Coverage
 from mkdaemon.vision.camera.calibration_file import CalibrationRecord, Camera, load_camera, mount_rotation, save_camera
 from mkdaemon.vision.tags.tagmap import build
+from mksim.scene.flights import FLU_FROM_CAM_DOWN
+from mksim.scene.layers import board_layer, sheet_layer, tag_layer
+from mksim.scene.light import Conditions
+from mksim.scene.view import project
 from tests.places import CONFIGS
 
 from .boardviews import LENS, PLACES, board_views

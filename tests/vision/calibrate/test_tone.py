@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from mkdaemon.errors import VisionError
-from mkdaemon.sim.scene.layers import board_layer
-from mkdaemon.sim.scene.light import Conditions
-from mkdaemon.sim.scene.processing import Processing
 from mkdaemon.vision.calibrate.board import BoardPoints, CharucoBoard
 from mkdaemon.vision.calibrate.tone import curve_to_store, edge_levels, gamma_of
 from mkdaemon.vision.camera.tone import in_light
+from mksim.scene.layers import board_layer
+from mksim.scene.light import Conditions
+from mksim.scene.processing import Processing
 from tests.vision.calibrate.boardviews import PLACES, board_views
 
 BOARD = CharucoBoard(9, 6, 0.03)

@@ -9,8 +9,6 @@ import numpy as np
 import pytest
 
 from mkdaemon.config.camera import CameraSection
-from mkdaemon.sim.scene.electrons import PhotonSensor
-from mkdaemon.sim.scene.light import Conditions
 from mkdaemon.vision.camera.camera import CameraStream
 from mkdaemon.vision.camera.exposure import (
     ExposureControl,
@@ -31,6 +29,8 @@ from mkdaemon.vision.pose.pose import Pose
 from mkdaemon.vision.pose.projection import Projection
 from mkdaemon.vision.tags.tagmap import load
 from mkdaemon.vision.track.result import TargetPose, VisionResult
+from mksim.scene.electrons import PhotonSensor
+from mksim.scene.light import Conditions
 from tests.places import CONFIGS
 
 REACH = Reach(100e-6, 15e-3, 16.0)

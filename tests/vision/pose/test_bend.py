@@ -7,8 +7,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from mkdaemon.sim.scene.curl import Curl
-from mkdaemon.sim.scene.light import Conditions
 from mkdaemon.vision.pose.bend import Bend, Sheet
 from mkdaemon.vision.pose.edgefit import EdgeFit
 from mkdaemon.vision.pose.photofit import PhotoFit
@@ -17,6 +15,8 @@ from mkdaemon.vision.pose.prints import sheet_of
 from mkdaemon.vision.pose.projection import Projection
 from mkdaemon.vision.tags.tagmap import Target
 from mkdaemon.vision.track.sheet import LearnedBend
+from mksim.scene.curl import Curl
+from mksim.scene.light import Conditions
 from tests.vision.views import VGA, View, angle_deg, place, shipped
 
 TARGET = replace(shipped("nested"), bend=0.01)

@@ -8,14 +8,14 @@ import cv2
 import numpy as np
 import pytest
 
-from mkdaemon.sim.scene.gloss import Gloss
-from mkdaemon.sim.scene.light import Conditions
 from mkdaemon.vision.limits import LIMITS
 from mkdaemon.vision.pose.edgefind import FoundEdges, Samples, find_edges
 from mkdaemon.vision.pose.edgefit import EdgeFit
 from mkdaemon.vision.pose.fitting import TargetFitter
 from mkdaemon.vision.pose.photofit import PhotoFit
 from mkdaemon.vision.pose.projection import Projection
+from mksim.scene.gloss import Gloss
+from mksim.scene.light import Conditions
 from tests.vision.views import VGA, View, angle_deg, nearly, nees, place, shipped
 
 TARGET = replace(shipped("nested"), bend=0.0)

@@ -7,10 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from mkdaemon.sim.scene.light import Conditions
 from mkdaemon.vision.pose.carry import Carrier
 from mkdaemon.vision.pose.pose import Pose, turn
 from mkdaemon.vision.pose.projection import Projection
+from mksim.scene.light import Conditions
 from tests.vision.views import VGA, View, place, shipped
 
 DIM = replace(Conditions(), exposure=0.06, noise_sd=2.5)

@@ -9,13 +9,13 @@ import pytest
 
 from lab.vision.flight import VGA
 from lab.vision.stills import error_of, target_named
-from mkdaemon.sim.scene.light import Conditions
-from mkdaemon.sim.scene.motion import Platform
-from mkdaemon.sim.scene.scene import Scene, SceneTarget, cam_from_target
-from mkdaemon.sim.scene.view import view_towards
 from mkdaemon.vision.pose.edgefit import EdgeFit
 from mkdaemon.vision.pose.pose import Pose, turn
 from mkdaemon.vision.pose.projection import Projection
+from mksim.scene.light import Conditions
+from mksim.scene.motion import Platform
+from mksim.scene.scene import Scene, SceneTarget, cam_from_target
+from mksim.scene.view import view_towards
 
 
 @pytest.mark.parametrize("distance", [0.6, 0.75])

@@ -5,14 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mkdaemon.sim.scene.light import Conditions
-from mkdaemon.sim.scene.shadows import LeafShadow
 from mkdaemon.vision.limits import LIMITS
 from mkdaemon.vision.pose.edgefind import FoundEdges, Samples, find_edges
 from mkdaemon.vision.pose.edgefit import EdgeFit
 from mkdaemon.vision.pose.edgestep import EdgeStep
 from mkdaemon.vision.pose.pose import Pose, turn
 from mkdaemon.vision.pose.projection import Projection
+from mksim.scene.light import Conditions
+from mksim.scene.shadows import LeafShadow
 from tests.vision.views import VGA, View, angle_deg, place, shipped
 
 PROJECTION = Projection(VGA)

@@ -7,7 +7,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from mkdaemon.sim.scene.light import Conditions, Cover
 from mkdaemon.vision.limits import LIMITS
 from mkdaemon.vision.pose.edgefit import EdgeFit
 from mkdaemon.vision.pose.evidence import EdgeEvidence
@@ -16,6 +15,7 @@ from mkdaemon.vision.pose.projection import Projection
 from mkdaemon.vision.tags.tagmap import TagMap
 from mkdaemon.vision.track.attitude import LOOKING_DOWN
 from mkdaemon.vision.track.tracker import Tracker
+from mksim.scene.light import Conditions, Cover
 from tests.vision.views import VGA, View, angle_deg, place, shipped
 
 PROJECTION = Projection(VGA)

@@ -7,12 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from mkdaemon.sim.scene.gloss import Gloss
-from mkdaemon.sim.scene.light import Conditions
 from mkdaemon.vision.pose.edgefit import EdgeFit
 from mkdaemon.vision.pose.gates import BitModel
 from mkdaemon.vision.pose.pose import Pose
 from mkdaemon.vision.pose.projection import Projection
+from mksim.scene.gloss import Gloss
+from mksim.scene.light import Conditions
 from tests.vision.views import VGA, View, place, shipped
 
 

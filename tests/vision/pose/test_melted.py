@@ -7,12 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from mkdaemon.sim.scene.light import Conditions, Cover
 from mkdaemon.vision.pose import fitting
 from mkdaemon.vision.pose.edgefit import EdgeFit
 from mkdaemon.vision.pose.fitting import TargetFitter
 from mkdaemon.vision.pose.pose import angle_between, with_floor
 from mkdaemon.vision.pose.projection import Projection
+from mksim.scene.light import Conditions, Cover
 from tests.vision.views import VGA, View, nearly, nees, place, shipped
 
 TARGET = shipped("single")

@@ -9,7 +9,6 @@ import numpy.typing as npt
 import pytest
 
 from mkdaemon.config.vision import TrackerSection
-from mkdaemon.sim.scene.light import Conditions, Cover
 from mkdaemon.vision.limits import LIMITS
 from mkdaemon.vision.pose.edgefit import EdgeFit
 from mkdaemon.vision.pose.fitting import TargetFitter
@@ -17,6 +16,7 @@ from mkdaemon.vision.pose.gates import fit_refusal
 from mkdaemon.vision.pose.photofit import PhotoFit
 from mkdaemon.vision.pose.pose import Pose, turn
 from mkdaemon.vision.pose.projection import Projection
+from mksim.scene.light import Conditions, Cover
 from tests.vision.views import VGA, View, place, shipped
 
 PROJECTION, TARGET = Projection(VGA), shipped("single")

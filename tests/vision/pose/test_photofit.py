@@ -8,10 +8,6 @@ import cv2
 import numpy as np
 import pytest
 
-from mkdaemon.sim.scene.gloss import Gloss
-from mkdaemon.sim.scene.light import Conditions
-from mkdaemon.sim.scene.processing import Processing
-from mkdaemon.sim.scene.view import CameraView
 from mkdaemon.vision.camera.calibration_file import load_camera
 from mkdaemon.vision.pose.edgefit import EdgeFit
 from mkdaemon.vision.pose.fitting import TargetFitter
@@ -19,6 +15,10 @@ from mkdaemon.vision.pose.photofit import PhotoFit
 from mkdaemon.vision.pose.pose import Pose, turn
 from mkdaemon.vision.pose.projection import Projection
 from mkdaemon.vision.tags.tagmap import load
+from mksim.scene.gloss import Gloss
+from mksim.scene.light import Conditions
+from mksim.scene.processing import Processing
+from mksim.scene.view import CameraView
 from tests.places import CONFIGS
 from tests.vision.views import VGA, View, nees, place, shipped
 

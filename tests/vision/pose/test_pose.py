@@ -9,7 +9,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mkdaemon.sim.scene.light import Conditions, Glare
 from mkdaemon.vision.camera.intrinsics import Intrinsics
 from mkdaemon.vision.pose.edgefit import EdgeFit, Level
 from mkdaemon.vision.pose.edgemodel import EdgeModel
@@ -19,6 +18,7 @@ from mkdaemon.vision.pose.pose import FLOOR_RANGE, Pose, inverse, largest_varian
 from mkdaemon.vision.pose.projection import Projection
 from mkdaemon.vision.tags.detector import Detector
 from mkdaemon.vision.tags.tagmap import TagMap, load
+from mksim.scene.light import Conditions, Glare
 from tests.vision.views import VGA, View, angle_deg, place, shipped
 
 PROJECTION = Projection(VGA)

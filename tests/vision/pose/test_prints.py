@@ -10,9 +10,6 @@ import numpy.typing as npt
 import pytest
 
 from mkdaemon.config.vision import TagPlacement, TargetSection
-from mkdaemon.sim.scene.light import Conditions, Cover
-from mkdaemon.sim.scene.motion import Platform
-from mkdaemon.sim.scene.scene import Scene, SceneTarget, cam_from_target
 from mkdaemon.vision.camera.image import CameraImage
 from mkdaemon.vision.limits import LIMITS
 from mkdaemon.vision.pose.fitting import TargetFitter
@@ -22,6 +19,9 @@ from mkdaemon.vision.pose.prints import MOST, Prints, roots
 from mkdaemon.vision.pose.projection import Projection
 from mkdaemon.vision.tags.tagmap import TagMap, Target, build
 from mkdaemon.vision.track.tracker import Tracker
+from mksim.scene.light import Conditions, Cover
+from mksim.scene.motion import Platform
+from mksim.scene.scene import Scene, SceneTarget, cam_from_target
 from tests.vision.views import VGA, asphalt, place, shipped
 
 Array = npt.NDArray[np.float64]

@@ -9,10 +9,6 @@ import numpy.typing as npt
 import pytest
 
 from lab.vision.stills import error_of, target_named
-from mkdaemon.sim.scene.light import CLEAN, Conditions
-from mkdaemon.sim.scene.motion import Platform
-from mkdaemon.sim.scene.scene import Scene, SceneTarget, cam_from_target
-from mkdaemon.sim.scene.view import CameraView, view_towards
 from mkdaemon.vision.camera.intrinsics import Intrinsics
 from mkdaemon.vision.limits import LIMITS
 from mkdaemon.vision.pose.edgefind import Samples
@@ -22,6 +18,10 @@ from mkdaemon.vision.pose.photofit import PhotoFit
 from mkdaemon.vision.pose.pose import Pose, turn
 from mkdaemon.vision.pose.projection import Projection
 from mkdaemon.vision.pose.rolling import KnownMotion, at_rest, before_motion, exposed, motion_jacobian, motion_of
+from mksim.scene.light import CLEAN, Conditions
+from mksim.scene.motion import Platform
+from mksim.scene.scene import Scene, SceneTarget, cam_from_target
+from mksim.scene.view import CameraView, view_towards
 
 Array = npt.NDArray[np.float64]
 

@@ -9,10 +9,6 @@ import numpy.typing as npt
 import pytest
 
 from lab.vision.stills import error_of, target_named
-from mkdaemon.sim.scene.light import Conditions
-from mkdaemon.sim.scene.motion import Platform
-from mkdaemon.sim.scene.scene import Scene, SceneTarget, cam_from_target
-from mkdaemon.sim.scene.view import CameraView, view_towards
 from mkdaemon.vision.camera.intrinsics import Intrinsics
 from mkdaemon.vision.limits import LIMITS
 from mkdaemon.vision.pose.photofit import PhotoFit
@@ -21,6 +17,10 @@ from mkdaemon.vision.pose.pose import Pose, turn
 from mkdaemon.vision.pose.prints import Prints
 from mkdaemon.vision.pose.projection import Projection
 from mkdaemon.vision.pose.rolling import motion_at_rest
+from mksim.scene.light import Conditions
+from mksim.scene.motion import Platform
+from mksim.scene.scene import Scene, SceneTarget, cam_from_target
+from mksim.scene.view import CameraView, view_towards
 
 LENS = Intrinsics(width=640, height=480, fx=600.0, fy=600.0, cx=319.5, cy=239.5, line_time=30e-3 / 480)
 PAD = SceneTarget.of(target_named("nested"), Platform())

@@ -7,14 +7,14 @@ import pytest
 
 from lab.vision.flight import VGA
 from lab.vision.stills import error_of, target_named
-from mkdaemon.sim.scene.light import CLEAN
-from mkdaemon.sim.scene.motion import Platform
-from mkdaemon.sim.scene.scene import Scene, SceneTarget, cam_from_target
-from mkdaemon.sim.scene.view import view_towards
 from mkdaemon.vision.pose.edgefit import EdgeFit
 from mkdaemon.vision.pose.edgemodel import EdgeModel, seen_across
 from mkdaemon.vision.pose.pose import Pose, turn
 from mkdaemon.vision.pose.projection import Projection
+from mksim.scene.light import CLEAN
+from mksim.scene.motion import Platform
+from mksim.scene.scene import Scene, SceneTarget, cam_from_target
+from mksim.scene.view import view_towards
 
 
 def slanted(tilt_deg: float, around_deg: float) -> np.ndarray:

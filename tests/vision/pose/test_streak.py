@@ -8,13 +8,13 @@ import cv2
 import numpy as np
 import pytest
 
-from mkdaemon.sim.scene.light import Conditions, Cover
-from mkdaemon.sim.scene.processing import Processing
 from mkdaemon.vision.limits import LIMITS
 from mkdaemon.vision.pose.edgefit import EdgeFit
 from mkdaemon.vision.pose.fitting import TargetFitter
 from mkdaemon.vision.pose.pose import Pose, angle_between, turn
 from mkdaemon.vision.pose.projection import Projection
+from mksim.scene.light import Conditions, Cover
+from mksim.scene.processing import Processing
 from tests.vision.views import VGA, View, place, shipped
 
 PROJECTION = Projection(VGA)

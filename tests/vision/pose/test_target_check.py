@@ -99,8 +99,8 @@ def test_without_a_calibration_nothing_is_judged() -> None:
 
 def test_the_camera_says_so_in_place_of_a_pose(tmp_path) -> None:
     from mkdaemon.config.scene import SceneConfig
-    from mkdaemon.sim.scene.camera import BodyState, SceneCamera
     from mkdaemon.vision.camera.calibration_file import save_camera
+    from mksim.scene.camera import BodyState, SceneCamera
 
     scene = SceneCamera(SceneConfig(enabled=True), seed=3)
     lens, target = tmp_path / "lens.toml", tmp_path / "pad.toml"

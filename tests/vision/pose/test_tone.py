@@ -10,15 +10,15 @@ import pytest
 
 from lab.vision.flight import VGA
 from lab.vision.stills import error_of, target_named
-from mkdaemon.sim.scene.light import Conditions
-from mkdaemon.sim.scene.motion import Platform
-from mkdaemon.sim.scene.processing import NO_PROCESSING, Processing
-from mkdaemon.sim.scene.scene import Scene, SceneTarget, cam_from_target
-from mkdaemon.sim.scene.view import CameraView, view_towards
 from mkdaemon.vision.pose.edgefit import EdgeFit
 from mkdaemon.vision.pose.photofit import PhotoFit
 from mkdaemon.vision.pose.pose import Pose
 from mkdaemon.vision.pose.projection import Projection
+from mksim.scene.light import Conditions
+from mksim.scene.motion import Platform
+from mksim.scene.processing import NO_PROCESSING, Processing
+from mksim.scene.scene import Scene, SceneTarget, cam_from_target
+from mksim.scene.view import CameraView, view_towards
 
 PAD = SceneTarget.of(target_named("single"), Platform())
 GAMMA = Processing(gamma=2.2)

@@ -5,14 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mkdaemon.sim.scene.light import Conditions
-from mkdaemon.sim.scene.processing import Processing
 from mkdaemon.vision.limits import LIMITS
 from mkdaemon.vision.pose.edgefind import Samples
 from mkdaemon.vision.pose.edgefit import EdgeFit
 from mkdaemon.vision.pose.nuisance import with_shift
 from mkdaemon.vision.pose.pose import Pose
 from mkdaemon.vision.pose.projection import Projection
+from mksim.scene.light import Conditions
+from mksim.scene.processing import Processing
 from tests.vision.views import VGA, View, place, shipped
 
 TARGET = shipped("nested")

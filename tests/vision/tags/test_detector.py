@@ -10,16 +10,16 @@ import numpy as np
 import pytest
 
 from mkdaemon.config.vision import DetectorSection
-from mkdaemon.sim.scene.gloss import Gloss
-from mkdaemon.sim.scene.light import Conditions, Cover, Shadow
-from mkdaemon.sim.scene.processing import Processing
-from mkdaemon.sim.scene.shadows import LeafShadow
 from mkdaemon.vision.limits import LIMITS
 from mkdaemon.vision.tags.aruco_fallback import ArucoSearch
 from mkdaemon.vision.tags.cellread import quiet_sides
 from mkdaemon.vision.tags.detector import Detector
 from mkdaemon.vision.tags.searchplan import first_of
 from mkdaemon.vision.tags.tagfamily import cells, find_family
+from mksim.scene.gloss import Gloss
+from mksim.scene.light import Conditions, Cover, Shadow
+from mksim.scene.processing import Processing
+from mksim.scene.shadows import LeafShadow
 from tests.vision.views import View, place, printed, shipped
 
 PX, MARGIN = 20, 3

@@ -9,8 +9,6 @@ import pytest
 from lab.vision.stills import error_of
 from mkdaemon.config.vision import TagPlacement, TargetSection
 from mkdaemon.errors import ConfigError, VisionError
-from mkdaemon.sim.scene.motion import Platform
-from mkdaemon.sim.scene.scene import Scene, SceneTarget, cam_from_target, true_corners
 from mkdaemon.vision.calibrate.target_print import svg
 from mkdaemon.vision.calibrate.target_shapes import target_page
 from mkdaemon.vision.camera.image import CameraImage
@@ -22,6 +20,8 @@ from mkdaemon.vision.tags.tagfamily import FAMILIES
 from mkdaemon.vision.tags.tagmap import TagMap, Target, build, single
 from mkdaemon.vision.track.attitude import LOOKING_DOWN
 from mkdaemon.vision.track.tracker import Tracker
+from mksim.scene.motion import Platform
+from mksim.scene.scene import Scene, SceneTarget, cam_from_target, true_corners
 from tests.vision.calibrate.test_target_print import PX_PER_MM, paint_svg
 from tests.vision.views import VGA, place
 

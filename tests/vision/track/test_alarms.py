@@ -9,15 +9,15 @@ from functools import cache, partial
 import numpy as np
 import pytest
 
-from mkdaemon.sim.scene.light import Conditions
-from mkdaemon.sim.scene.motion import Platform
-from mkdaemon.sim.scene.scene import Scene, SceneTarget
-from mkdaemon.sim.scene.view import view_towards
 from mkdaemon.vision.camera.intrinsics import Intrinsics
 from mkdaemon.vision.limits import LIMITS
 from mkdaemon.vision.pose.pose import Pose
 from mkdaemon.vision.tags.tagmap import single
 from mkdaemon.vision.track.alarms import ImageHealth
+from mksim.scene.light import Conditions
+from mksim.scene.motion import Platform
+from mksim.scene.scene import Scene, SceneTarget
+from mksim.scene.view import view_towards
 
 VGA = Intrinsics(width=640, height=480, fx=600, fy=600, cx=319.5, cy=239.5)
 PAD = SceneTarget.of(single(0.3048, 48), Platform())

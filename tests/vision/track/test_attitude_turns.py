@@ -7,11 +7,11 @@ from collections.abc import Callable
 import numpy as np
 
 from mkdaemon.frames import euler_from_rotation
-from mkdaemon.sim.scene.light import Conditions, Cover
 from mkdaemon.vision.camera.image import CameraImage
 from mkdaemon.vision.tags.tagmap import TagMap
 from mkdaemon.vision.track.attitude import LOOKING_DOWN, AttitudeHistory, AttitudeSample
 from mkdaemon.vision.track.tracker import Tracker
+from mksim.scene.light import Conditions, Cover
 from tests.vision.views import VGA, View, angle_deg, place, shipped
 
 TARGET = shipped("single")

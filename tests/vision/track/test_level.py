@@ -10,9 +10,6 @@ import pytest
 from lab.vision.flight import VGA
 from mkdaemon.config.vision import TrackerSection
 from mkdaemon.frames import rotation_from_euler
-from mkdaemon.sim.scene.motion import Platform
-from mkdaemon.sim.scene.scene import Scene, SceneTarget, cam_from_target
-from mkdaemon.sim.scene.view import CameraView
 from mkdaemon.vision.camera.image import CameraImage
 from mkdaemon.vision.limits import LIMITS
 from mkdaemon.vision.pose.edgefit import Level
@@ -29,6 +26,9 @@ from mkdaemon.vision.track.attitude import (
 from mkdaemon.vision.track.deck import LONGEST, PRIOR_SD, Deck
 from mkdaemon.vision.track.level import LevelKnowledge, Sight
 from mkdaemon.vision.track.tracker import Tracker
+from mksim.scene.motion import Platform
+from mksim.scene.scene import Scene, SceneTarget, cam_from_target
+from mksim.scene.view import CameraView
 from tests.vision.views import angle_deg, shipped
 
 DOWN = LOOKING_DOWN.flu_from_cam.T

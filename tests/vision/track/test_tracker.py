@@ -10,9 +10,6 @@ import pytest
 
 from lab.vision.flight import VGA, fly
 from mkdaemon.frames import euler_from_rotation, rotation_from_euler
-from mkdaemon.sim.scene.light import Conditions
-from mkdaemon.sim.scene.motion import Platform
-from mkdaemon.sim.scene.scene import Scene, SceneTarget, cam_from_target
 from mkdaemon.telemetry.vision import PoseRefusal
 from mkdaemon.vision.camera.image import CameraImage
 from mkdaemon.vision.pose.fitting import TargetFitter
@@ -22,6 +19,9 @@ from mkdaemon.vision.tags.tagmap import TagMap, load
 from mkdaemon.vision.track.attitude import LOOKING_DOWN, AttitudeHistory, AttitudeSample
 from mkdaemon.vision.track.level import Sight
 from mkdaemon.vision.track.tracker import Tracker
+from mksim.scene.light import Conditions
+from mksim.scene.motion import Platform
+from mksim.scene.scene import Scene, SceneTarget, cam_from_target
 from tests.places import CONFIGS
 from tests.vision.views import View, angle_deg, place, shipped
 

@@ -24,7 +24,7 @@ from mkdaemon.frames import rotation_from_quaternion
 from mkdaemon.telemetry.sim import ScenePose
 
 if TYPE_CHECKING:
-    from mkdaemon.sim.scene.feed import SceneFeed
+    from mksim.scene.feed import SceneFeed
 
 _log = structlog.get_logger(__name__)
 JSON: Final = "application/json"
@@ -56,7 +56,7 @@ class PoseStream:
             encoding: `application/json`; anything else is a msgpack map.
             raw: as it came.
         """
-        from mkdaemon.sim.scene.camera import BodyState
+        from mksim.scene.camera import BodyState
 
         now = self._clock.now()
         try:
@@ -112,8 +112,8 @@ async def film_poses(config: SimConfig, vehicle: str, expression: str) -> AsyncI
     Raises:
         ConfigError: the key, an endpoint, or a camera or target file is wrong.
     """
-    from mkdaemon.sim.scene.camera import SceneCamera
-    from mkdaemon.sim.scene.feed import SceneFeed
+    from mksim.scene.camera import SceneCamera
+    from mksim.scene.feed import SceneFeed
 
     check_endpoints(config.connect)
     try:

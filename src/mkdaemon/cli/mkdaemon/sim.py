@@ -21,8 +21,8 @@ from mkdaemon.config.reader import load
 from mkdaemon.config.root import Config
 from mkdaemon.config.sim import PilotPlan
 from mkdaemon.errors import ConfigError
-from mkdaemon.sim.runtime import Runtime
-from mkdaemon.sim.simulation import Simulation
+from mksim.runtime import Runtime
+from mksim.simulation import Simulation
 
 
 def sim(

@@ -22,11 +22,11 @@ from mkdaemon.cli.mkdaemon.simsession import check_endpoints, stay_connected
 from mkdaemon.clock import Clock
 from mkdaemon.config.sim import SimConfig
 from mkdaemon.errors import CommandRejectedError
-from mkdaemon.sim.simulation import Simulation
 from mkdaemon.stamp import Stamp
 from mkdaemon.telemetry.command import CommandResult, refused
 from mkdaemon.telemetry.refusals import Status
 from mkdaemon.telemetry.sim import FaultAction, FaultRequest, RunningFault, SimFaults, SimTruth
+from mksim.simulation import Simulation
 
 _log = structlog.get_logger(__name__)
 _FAULTS_PERIOD = 1.0

@@ -12,13 +12,13 @@ import zenoh
 from mkdaemon.bus.codec import encoding_of
 from mkdaemon.bus.names import key
 from mkdaemon.config.sim import SimConfig
-from mkdaemon.sim.simulation import Simulation
 from mkdaemon.telemetry.image import CameraFrame
+from mksim.simulation import Simulation
 
 if TYPE_CHECKING:
-    from mkdaemon.sim.physics.world import World
-    from mkdaemon.sim.scene.camera import SceneCamera
-    from mkdaemon.sim.scene.outputs import FrameWriter
+    from mksim.physics.world import World
+    from mksim.scene.camera import SceneCamera
+    from mksim.scene.outputs import FrameWriter
 
 CAMERA_TICK_TIME = 0.002
 """Period of the clock check [s]: exposures are this punctual, their stamps exact."""
@@ -32,7 +32,7 @@ def open_camera(config: SimConfig) -> SceneCamera | None:
     """
     if not config.scene.enabled:
         return None
-    from mkdaemon.sim.scene.camera import SceneCamera
+    from mksim.scene.camera import SceneCamera
 
     return SceneCamera(config.scene, config.seed)
 
@@ -41,7 +41,7 @@ def open_world(config: SimConfig) -> World | None:
     """The world whose ground is the scene's moving platform; None for the configured world on flat ground."""
     if not config.scene.enabled:
         return None
-    from mkdaemon.sim.scene.camera import landing_world
+    from mksim.scene.camera import landing_world
 
     return landing_world(config)
 
@@ -88,7 +88,7 @@ async def run_camera(
     if camera is None:
         yield
         return
-    from mkdaemon.sim.scene.feed import SceneFeed
+    from mksim.scene.feed import SceneFeed
 
     writers = _writers(camera)
     feed = SceneFeed(camera, publisher.send, seed=config.seed, writers=writers)
@@ -111,7 +111,7 @@ async def run_camera(
 
 
 def _writers(camera: SceneCamera) -> tuple[FrameWriter, ...]:
-    from mkdaemon.sim.scene.outputs import LoopWriter, VideoWriter
+    from mksim.scene.outputs import LoopWriter, VideoWriter
 
     cfg, k = camera.cfg, camera.camera.intrinsics
     writers: list[FrameWriter] = []

@@ -8,7 +8,7 @@ from typing import Final
 
 from mkdaemon.errors import LinkLostError
 from mkdaemon.link.ports.port import Port
-from mkdaemon.sim.simulation import Simulation
+from mksim.simulation import Simulation
 
 TICK: Final = 2e-3
 """How often bytes are carried [s]."""

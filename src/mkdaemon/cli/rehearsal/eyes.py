@@ -14,8 +14,6 @@ from mkdaemon.config.vision import VisionSection
 from mkdaemon.control.core import FlightCore
 from mkdaemon.daemon.eyes import Eyes
 from mkdaemon.errors import MkError
-from mkdaemon.sim.physics.world import World
-from mkdaemon.sim.scene.camera import BodyState, Grey, SceneCamera
 from mkdaemon.telemetry.state import Attitude
 from mkdaemon.telemetry.vision import VisionPose
 from mkdaemon.vision.camera.calibration_file import mount_rotation
@@ -24,6 +22,8 @@ from mkdaemon.vision.output import values_of
 from mkdaemon.vision.tags.nested import nested_map
 from mkdaemon.vision.track.attitude import AttitudeHistory, AttitudeSample, Mounting
 from mkdaemon.vision.track.tracker import Tracker
+from mksim.physics.world import World
+from mksim.scene.camera import BodyState, Grey, SceneCamera
 
 KEPT: Final = 200
 """Attitudes kept for late images."""

@@ -26,8 +26,6 @@ from mkdaemon.daemon.audit import Audit
 from mkdaemon.daemon.flight import FlightControl
 from mkdaemon.daemon.sink import BusSink
 from mkdaemon.link.link import Link
-from mkdaemon.sim.scene.camera import SceneCamera, landing_world
-from mkdaemon.sim.simulation import Simulation
 from mkdaemon.telemetry.command import LeaseRequest
 from mkdaemon.telemetry.control import ControlError, ControlEstimate, ControlStatus, LeaseGrant
 from mkdaemon.telemetry.setpoint import (
@@ -39,6 +37,8 @@ from mkdaemon.telemetry.setpoint import (
     TakeOffSetpoint,
 )
 from mkdaemon.telemetry.signature import sign
+from mksim.scene.camera import SceneCamera, landing_world
+from mksim.simulation import Simulation
 
 HEIGHT: Final = 2.0
 """Flown above the target [m]."""

@@ -1,0 +1,249 @@
+"""The world the simulated boards fly in: one fixed step is one loop of the FlightCtrl.
+
+`World` owns no clock: every call of `step` advances simulated time by `DT`. The same seed and the same stick inputs
+give the same flight, bit for bit.
+"""
+
+from __future__ import annotations
+
+import math
+import random
+from dataclasses import dataclass
+from typing import Final
+
+from mkdaemon.config.sim_flight import FlightConfig
+from mksim.faults import ActiveFault, Faults
+from mksim.physics.airframe import GRAVITY, Airframe, FlatGround, Ground
+from mksim.physics.attitude_loop import LOOP_PERIOD, AttitudeGains, AxisLoop, YawLoop
+from mksim.physics.battery import Battery
+from mksim.physics.hand_flight import HandFlight, lean
+from mksim.physics.height_control import HeightControl
+from mksim.physics.motors import FACTORY_CHAIN, GasChain, Motors
+from mksim.physics.pilot import RC_PERIOD, FlightView, Pilot
+from mksim.physics.sensors import Sensors
+from mksim.physics.truth import Truth
+from mksim.physics.wind import Wind
+
+DT: Final = LOOP_PERIOD
+"""One step [s]."""
+SLOW_STEPS: Final = 10
+"""Steps between two updates of wind, battery and slow sensors (20.5 ms)."""
+_SLOW: Final = SLOW_STEPS * DT
+_RC_STEPS: Final = round(RC_PERIOD / DT)
+_FLYING_GAS: Final = 40.0
+"""Gas from which the FlightCtrl counts itself flying and lets its integral work [count]."""
+
+
+@dataclass(frozen=True, slots=True)
+class StickInput:
+    """What the FlightCtrl's control law consumes: sticks after mixing, in counts and FIRMWARE signs.
+
+    Attributes:
+        pitch: nose down positive [count].
+        roll: LEFT side down positive [count].
+        yaw: nose left positive [count].
+        gas: collective before voltage compensation, 0..254; hover about 125 [count].
+        motors_running: armed.
+        height_control: gas is a climb-rate stick.
+        chain: how gas becomes a motor set point.
+    """
+
+    pitch: float
+    roll: float
+    yaw: float
+    gas: float
+    motors_running: bool
+    height_control: bool = False
+    chain: GasChain = FACTORY_CHAIN
+
+
+MOTORS_OFF: Final = StickInput(0.0, 0.0, 0.0, 0.0, motors_running=False)
+"""An aircraft that stands there."""
+
+
+@dataclass(frozen=True, slots=True)
+class StartState:
+    """Where a flight begins.
+
+    Attributes:
+        east: [m].
+        north: [m].
+        height: of the feet above the ground [m]; above zero the rotors already turn at hover.
+        yaw: ENU, zero towards east [rad].
+    """
+
+    east: float = 0.0
+    north: float = 0.0
+    height: float = 0.0
+    yaw: float = math.pi / 2.0
+
+
+class World:
+    """Aircraft, air, sensors, pilot and faults.
+
+    Attributes:
+        now: simulated time [s].
+        sensors: what the boards see.
+        truth: what is.
+        pilot: the person with the transmitter.
+        faults: what is broken.
+    """
+
+    def __init__(
+        self,
+        cfg: FlightConfig,
+        *,
+        seed: int,
+        start: StartState | None = None,
+        ground: Ground | None = None,
+        gains: AttitudeGains | None = None,
+    ) -> None:
+        """Set the aircraft up.
+
+        Args:
+            cfg: everything that can be chosen.
+            seed: of every random stream.
+            start: where; default standing at the origin, nose north.
+            ground: what is below; default flat.
+            gains: of the attitude loop; default the Easy set on a 2.12a.
+        """
+        begin = start or StartState()
+        self._config = cfg
+        self._step = 0
+        self.now = 0.0
+        self.faults = Faults()
+        self._faults_seen = 0
+        self._gust_seen: ActiveFault | None = None
+        self._airframe = Airframe(cfg.airframe, ground or FlatGround())
+        self._airframe.place(begin.east, begin.north, begin.height, begin.yaw)
+        self._gains = gains or AttitudeGains.from_parameters()
+        self._pitch = AxisLoop(self._gains, cfg.loop)
+        self._roll = AxisLoop(self._gains, cfg.loop)
+        self._motors = Motors(cfg.airframe, cfg.battery.cells)
+        if begin.height > 0.0:
+            self._motors.spin_up(cfg.airframe.hover_count)
+        self._acc_scale = random.Random(f"{seed} accelerometer scale").uniform(
+            cfg.sensors.acc_scale_min, cfg.sensors.acc_scale_max
+        )
+        self._height_control = HeightControl(cfg.airframe.hover_count)
+        self._battery = Battery(cfg.battery)
+        # one stream each: switching one thing off leaves the noise of the others as it was
+        self._wind = Wind(cfg.wind, rng=random.Random(f"{seed} wind"), period=_SLOW, from_deg=cfg.wind_from_deg)
+        self.sensors = Sensors(cfg, rng=random.Random(f"{seed} sensors"), slow_period=_SLOW, airframe=self._airframe)
+        self.truth = Truth(self._airframe, self._wind)
+        self.pilot = Pilot(cfg.pilot, rescue=lambda: HandFlight(height=1.5, hold_time=3.0, flying=True))
+        self._view = FlightView(self._airframe, self._pitch, self._roll, self._gains, self._battery)
+        self._away: tuple[float, float] | None = None
+        self._lean = (0.0, 0.0)
+        self.sensors.update_slow(self._airframe, self._battery, 0.0)
+        self.sensors.update_inertial(self._airframe)
+        self._yaw = YawLoop(self._gains, cfg.loop, self.sensors.compass_yaw)
+        self._report()
+
+    @property
+    def gains(self) -> AttitudeGains:
+        """Constants the attitude loop flies with."""
+        return self._gains
+
+    def set_attitude_gains(self, gains: AttitudeGains) -> None:
+        """Fly on with another parameter set."""
+        self._gains = self._view.gains = gains
+        for loop in (self._pitch, self._roll, self._yaw):
+            loop.set_gains(gains)
+
+    def steer(self, away: tuple[float, float] | None) -> None:
+        """Let the NaviCtrl lean the aircraft towards a place so far east and north of it [m]; None lets it alone."""
+        self._away = away
+
+    def calibrate(self) -> None:
+        """Zero the FlightCtrl's angles, as its calibration gesture does."""
+        self._pitch.believed = self._roll.believed = 0.0
+        self._pitch.integral = self._roll.integral = 0.0
+
+    def step(self, sticks: StickInput) -> None:
+        """Advance one `DT` with these sticks."""
+        now, step = self.now, self._step
+        self.faults.advance(now)
+        if self.faults.generation != self._faults_seen:
+            self._apply_faults()
+        if step % SLOW_STEPS == 0:
+            self._wind.update(now)
+            self._battery.update(self._motors.load, _SLOW)
+            self.sensors.update_slow(self._airframe, self._battery, now)
+        if step % _RC_STEPS == 0:
+            self._view.motors_running = sticks.motors_running
+            self.pilot.update(self._view, now)
+            self._lean = (0.0, 0.0) if self._away is None else lean(self._view, self._away)
+        self._control(sticks)
+        motors, wind = self._motors, self._wind
+        self._airframe.step(
+            motors.thrust,
+            (motors.torque_x, motors.torque_y, motors.torque_z),
+            (wind.east, wind.north, wind.up),
+            now,
+            DT,
+        )
+        self.sensors.update_inertial(self._airframe)
+        self._report()
+        self._step = step + 1
+        self.now = (step + 1) * DT
+
+    def _control(self, sticks: StickInput) -> None:
+        """Run the FlightCtrl's law and the motors."""
+        sensors = self.sensors
+        running = sticks.motors_running and not self._airframe.crashed
+        flying = running and sticks.gas > _FLYING_GAS
+        pitch, roll, yaw, motors = self._pitch, self._roll, self._yaw, self._motors
+        rate_z = sensors.gyro_z
+        # small-angle tilt from the lateral accelerations, as the FlightCtrl takes it
+        scale = self._acc_scale / GRAVITY
+        leaned_pitch, leaned_roll = -sensors.acc_x * scale, sensors.acc_y * scale
+        pitch_coupling, roll_coupling = -rate_z * roll.believed, rate_z * pitch.believed
+        navi_pitch, navi_roll = self._lean
+        pitch.update(sticks.pitch + navi_pitch, sensors.gyro_y, leaned_pitch, pitch_coupling, flying=flying)
+        roll.update(navi_roll - sticks.roll, sensors.gyro_x, leaned_roll, roll_coupling, flying=flying)
+        yaw.update(sticks.yaw, rate_z, sensors.compass_yaw, flying=flying)
+        if not running:
+            self._height_control.switch_off()
+            motors.coast(DT)
+            return
+        gas = sticks.gas
+        if sticks.height_control:
+            gas = self._height_control.update(gas, sensors.baro_height, sensors.vertical_speed, DT)
+        else:
+            self._height_control.switch_off()
+        motors.update(
+            gas, roll.acceleration, pitch.acceleration, yaw.acceleration, self._battery.voltage, sticks.chain, DT
+        )
+
+    def _report(self) -> None:
+        self.sensors.report(self._pitch.believed, self._roll.believed, self._yaw.heading, self._motors.setpoints)
+
+    def _apply_faults(self) -> None:
+        """Bring the world in line with the faults that run now."""
+        faults, sensors = self.faults, self.sensors
+        self._faults_seen = faults.generation
+        health = [1.0, 1.0, 1.0, 1.0]
+        if faults.is_active("motor_weak"):
+            health[int(faults.number("motor_weak", "motor")) - 1] = faults.number("motor_weak", "share")
+        self._motors.health = health
+        self.pilot.rc_lost = faults.is_active("rc_lost")
+        self.pilot.gate_fault = faults.is_active("gate_closed")
+        self.pilot.turn_gps_switch(faults.word("gps_switch", "to") if faults.is_active("gps_switch") else None)
+        self._battery.drop = faults.number("battery_drop", "volts") if faults.is_active("battery_drop") else 0.0
+        sensors.gps_lost = faults.is_active("gps_lost")
+        sensors.compass_fault_deg = faults.number("compass_bias", "deg") if faults.is_active("compass_bias") else 0.0
+        biased = faults.is_active("imu_bias")
+        sensors.gyro_fault = math.radians(faults.number("imu_bias", "rate_deg")) if biased else 0.0
+        sensors.lean_fault = math.radians(faults.number("imu_bias", "lean_deg")) if biased else 0.0
+        gust = faults.active.get("wind_gust")
+        if gust is None:
+            self._wind.stop_gust()
+        elif gust is not self._gust_seen:
+            self._wind.start_gust(
+                gust.began,
+                speed=faults.number("wind_gust", "speed"),
+                from_deg=faults.number("wind_gust", "from_deg"),
+                duration=gust.ends - gust.began,
+            )
+        self._gust_seen = gust

@@ -1,0 +1,63 @@
+"""The light and the print of a configured scene, as far as they stay the same for a flight."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import Final
+
+import numpy as np
+
+from mkdaemon.config.scene import LightConfig
+from mksim.scene.curl import Curl
+from mksim.scene.gloss import Gloss
+from mksim.scene.grass import blades
+from mksim.scene.lensfaults import Dirt
+from mksim.scene.light import Conditions
+from mksim.scene.shadows import LeafShadow, VehicleShadow
+from mksim.scene.view import CameraView, Pose
+
+LEAF_SWAY_M: Final = 0.05
+LEAF_PERIOD: Final = 2.0
+"""Leaves in the wind: how far their shadows move and how long it takes [s]; chosen."""
+TO_SUN: Final = (0.17, 0.05, 1.0)
+"""Direction of the sun in target axes: 10 degrees beside the zenith, where a camera above sees it in a glossy print;
+chosen."""
+SHEET_SIDES: Final = 1.4
+"""Width of the sheet over the largest tag on it; chosen, a margin of a fifth of the tag all around."""
+
+
+def fair_conditions(light: LightConfig, camera: Conditions, side: float, seed: int) -> Conditions:
+    """Conditions of a camera in the configured light.
+
+    Args:
+        light: what is configured; noise and vignetting count where they are worse than the camera's own.
+        camera: of the kind of camera.
+        side: of the largest tag [m].
+        seed: draws leaves, grass and dirt.
+    """
+    curl = None
+    if light.curl != 0.0:
+        curl = Curl(side / (8 * light.curl), math.radians(30.0), SHEET_SIDES * side)
+    return replace(
+        camera,
+        noise_sd=max(light.noise_sd, camera.noise_sd),
+        vignetting=max(light.vignetting, camera.vignetting),
+        defocus_px=light.defocus_px,
+        gradient=light.gradient,
+        leaves=LeafShadow(seed, light.leaves_height) if light.leaves_height > 0.0 else None,
+        gloss=Gloss(light.gloss, TO_SUN) if light.gloss > 0.0 else None,
+        curl=curl,
+        covers=blades(np.random.default_rng([seed, 0x67A5]), side, light.grass),
+        dirt=Dirt(seed, light.dirt) if light.dirt > 0.0 else None,
+        jpeg_quality=light.jpeg_quality if light.jpeg_quality is not None else camera.jpeg_quality,
+    )
+
+
+def shadow_of_vehicle(view: CameraView, target: Pose) -> VehicleShadow:
+    """Where the vehicle's shadow falls on the target."""
+    place = target.enu_from_body.T @ (view.position_enu - target.position_enu)
+    nose = target.enu_from_body.T @ view.enu_from_cam[:, 0]
+    height = float(place[2])
+    x, y = (float(place[k]) - height * TO_SUN[k] for k in (0, 1))
+    return VehicleShadow(height, (x, y), math.atan2(float(nose[1]), float(nose[0])))
