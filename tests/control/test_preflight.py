@@ -19,7 +19,7 @@ from tests.control.test_checks import battery
 @pytest.fixture
 def drive():
     driver = Driver()
-    driver.core.pose_received(pose(0.0))
+    driver.core.pose_received(pose(0.0), 0.0)
     return driver
 
 

@@ -182,10 +182,10 @@ class FlightCore:
             self._target.attitude_received(value)
             self._preflight.motion.attitude_received(at - ATTITUDE_LATENCY, value.pitch, value.roll)
 
-    def pose_received(self, pose: VisionPose) -> None:
-        """Take a pose of the vehicle against a target."""
+    def pose_received(self, pose: VisionPose, at: float) -> None:
+        """Take a pose of the vehicle against a target that arrives at a time [s]."""
         self.facts.pose_received(pose)
-        self._target.pose_received(pose)
+        self._target.pose_received(pose, at)
         self.pacing.image_taken(pose.stamp.monotonic, is_ours=pose.target == self._target.target)
         self._preflight.pose_received(pose, self._target.contradicting)
 
