@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any, Final, NamedTuple
 
 DIED: Final = "died"
-"""Key of the result of a child that told nothing: the signal that ended it, or 0."""
+"""Key of the result of a child that said nothing: the signal that ended it, or 0."""
 FAILED: Final = "failed"
 """Key of the result of a child whose work raised: the traceback."""
 
@@ -24,7 +24,7 @@ class _Child(NamedTuple):
     pid: int
     pipe: int
     folder: Path
-    told: bytearray
+    received: bytearray
 
 
 def run_forked(
@@ -53,7 +53,7 @@ def run_forked(
             for key, _ in selector.select():
                 child = running[key.data]
                 chunk = os.read(child.pipe, 1 << 16)
-                child.told.extend(chunk)
+                child.received.extend(chunk)
                 if not chunk:
                     selector.unregister(child.pipe)
                     yield key.data, _end(running.pop(key.data))
@@ -95,7 +95,7 @@ def _end(child: _Child) -> dict[str, Any]:
     os.close(child.pipe)
     shutil.rmtree(child.folder, ignore_errors=True)
     try:
-        result = json.loads(child.told)
+        result = json.loads(child.received)
     except ValueError:
         return {DIED: os.WTERMSIG(status) if os.WIFSIGNALED(status) else 0}
     assert isinstance(result, dict)

@@ -144,13 +144,13 @@ def judge_all(tree: Tree, mutants: Sequence[Mutant], jobs: int, *, anew: bool = 
         swapped = [mutant for mutant in waiting if not mutant.at_import]
         unreached = {mutant.id for mutant in waiting if mutant.at_import}
         warm: list[str] = []
-        for told in _serve_apart(tree, swapped, coverage, jobs):
-            if "coverage" in told:
-                coverage = Coverage(**told["coverage"])
-                (tree.keep / f"coverage-{key}.json").write_text(json.dumps(told["coverage"]), encoding="utf-8")
-            elif "modules" in told:
-                warm = told["modules"]
-            elif (verdict := Verdict(*told["verdict"])).outcome == "unreached":
+        for message in _serve_apart(tree, swapped, coverage, jobs):
+            if "coverage" in message:
+                coverage = Coverage(**message["coverage"])
+                (tree.keep / f"coverage-{key}.json").write_text(json.dumps(message["coverage"]), encoding="utf-8")
+            elif "modules" in message:
+                warm = message["modules"]
+            elif (verdict := Verdict(*message["verdict"])).outcome == "unreached":
                 unreached.add(verdict.mutant)
             else:
                 store.add(verdict)
@@ -177,13 +177,13 @@ def _serve_apart(
                 os.dup2(output, stream)
             with os.fdopen(writing, "w", encoding="utf-8") as pipe:
 
-                def tell(message: dict[str, Any]) -> None:
+                def report(message: dict[str, Any]) -> None:
                     pipe.write(json.dumps(message) + "\n")
                     pipe.flush()
 
                 choose = functools.partial(choose_tests, tree)
-                serve(Server(tree.root, tree.modules, mutants, coverage, jobs, choose, tell), tree.root, tree.tests)
-                tell({"modules": [name for name in sys.modules if name.startswith(("mkdaemon.", "mksim."))]})
+                serve(Server(tree.root, tree.modules, mutants, coverage, jobs, choose, report), tree.root, tree.tests)
+                report({"modules": [name for name in sys.modules if name.startswith(("mkdaemon.", "mksim."))]})
         except BaseException as error:  # noqa: BLE001 - the log says what it was
             print(repr(error), file=sys.stderr, flush=True)
             os._exit(1)
@@ -291,14 +291,14 @@ class _Progress:
     def __init__(self, total: int) -> None:
         self._total = total
         self._counts: Counter[str] = Counter()
-        self._start = self._told = time.monotonic()
+        self._start = self._shown_at = time.monotonic()
 
     def add(self, verdict: Verdict) -> None:
         """One more is judged."""
         self._counts[verdict.outcome] += 1
         now, done = time.monotonic(), self._counts.total()
-        if now - self._told >= TELL_EVERY or done == self._total:
-            self._told = now
+        if now - self._shown_at >= TELL_EVERY or done == self._total:
+            self._shown_at = now
             left = (now - self._start) * (self._total - done) / done
             counts = ", ".join(f"{count} {outcome}" for outcome, count in sorted(self._counts.items()))
             print(f"mutants: {done} of {self._total}, {counts}; {left / 60:.0f} min left", file=sys.stderr, flush=True)

@@ -269,8 +269,8 @@ class _Finder:
 
     def _negate(self, parent: ast.AST, field: str, test: ast.expr, index: int | None = None) -> None:
         """A condition, where not a change of the comparison says the same."""
-        is_said = isinstance(test, ast.Constant) or (isinstance(test, ast.Compare) and len(test.ops) == 1)
-        if not is_said and not (isinstance(test, ast.UnaryOp) and isinstance(test.op, ast.Not)):
+        is_covered = isinstance(test, ast.Constant) or (isinstance(test, ast.Compare) and len(test.ops) == 1)
+        if not is_covered and not (isinstance(test, ast.UnaryOp) and isinstance(test.op, ast.Not)):
             self._add("negated", test, parent, field, index, _negated(test), show=test)
 
     def _add(

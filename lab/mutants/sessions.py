@@ -119,7 +119,7 @@ class Server:
         coverage: known already, or None.
         jobs: children at a time.
         choose: tests for a mutant, the likeliest to kill it first.
-        tell: takes each verdict and, when measured, the coverage.
+        report: takes each verdict and, when measured, the coverage.
     """
 
     def __init__(
@@ -130,7 +130,7 @@ class Server:
         coverage: Coverage | None,
         jobs: int,
         choose: Callable[[Mutant, Coverage, Counter[str]], list[str]],
-        tell: Callable[[dict[str, Any]], None],
+        report: Callable[[dict[str, Any]], None],
     ) -> None:
         self._root = root
         self._modules = modules
@@ -138,7 +138,7 @@ class Server:
         self._coverage = coverage
         self._jobs = jobs
         self._choose = choose
-        self._tell = tell
+        self._report = report
         self._items: dict[str, pytest.Item] = {}
         self._killers: Counter[str] = Counter()
         self._started: dict[str, float] = {}
@@ -156,13 +156,13 @@ class Server:
             if DIED in result or FAILED in result:
                 pytest.exit(f"the tests could not be measured: {result}", returncode=3)
             self._coverage = Coverage(**result)
-            self._tell({"coverage": result})
+            self._report({"coverage": result})
         names = {mutant.id: mutant for mutant in self._mutants}
         for name, result in run_forked(self._work(functions), self._jobs):
             verdict = judge(names[name].id, result, time.monotonic() - self._started[name])
             if verdict.outcome == "killed":
                 self._killers[verdict.by] += 1
-            self._tell({"verdict": [verdict.mutant, verdict.outcome, verdict.by, verdict.seconds]})
+            self._report({"verdict": [verdict.mutant, verdict.outcome, verdict.by, verdict.seconds]})
         return True
 
     def _work(self, functions: LiveFunctions) -> Iterator[tuple[str, Callable[[], dict[str, Any]]]]:
@@ -170,7 +170,7 @@ class Server:
         for mutant in self._mutants:
             tests = [test for test in self._choose(mutant, self._coverage, self._killers) if test in self._items]
             if not tests:
-                self._tell({"verdict": [mutant.id, "unreached", "", 0.0]})
+                self._report({"verdict": [mutant.id, "unreached", "", 0.0]})
                 continue
             self._started[mutant.id] = time.monotonic()
             yield mutant.id, lambda mutant=mutant, tests=tests: self._try(functions, mutant, tests)  # type: ignore[misc]
@@ -211,15 +211,15 @@ class Server:
         for item, following in zip(items, [*items[1:], None], strict=True):
             for lines in seen.values():
                 lines.clear()
-            begun, began = time.process_time(), time.monotonic()
+            cpu_start, wall_start = time.process_time(), time.monotonic()
             failed = _Judge({})
             item.config.pluginmanager.register(failed, "failing")
             item.ihook.pytest_runtest_protocol(item=item, nextitem=following)
             item.config.pluginmanager.unregister(failed)
             if failed.killer:
                 coverage.failing.append(item.nodeid)
-            coverage.seconds[item.nodeid] = time.process_time() - begun
-            coverage.waited[item.nodeid] = time.monotonic() - began
+            coverage.seconds[item.nodeid] = time.process_time() - cpu_start
+            coverage.waited[item.nodeid] = time.monotonic() - wall_start
             coverage.lines[item.nodeid] = {path: sorted(lines) for path, lines in seen.items() if lines}
         return asdict(coverage)
 
