@@ -154,7 +154,7 @@ def test_random_bytes_break_no_reader(tmp_path_factory, name, content):
         ("mkdaemon", "decode", "FILE"),
         ("mkdaemon", "detect", "FILE"),
         ("mkctl", "waypoints", "convert", "FILE", "OUT.plan"),
-        ("mkctl", "settings", "diff", "FILE", "FILE"),
+        ("mkctl", "settings", "compare", "FILE", "FILE"),
     ],
     ids=" ".join,
 )

@@ -32,7 +32,7 @@ NOWHERE = ["--connect", "tcp/127.0.0.1:1"]
         ["land", "--yaw", "-10"],
         ["goto", "-1", "0", "0", "--frame", "body"],
         ["attitude", "--pitch", "-3"],
-        ["takeoff", "2"],
+        ["take-off", "2"],
         ["abort"],
         ["stop"],
     ],

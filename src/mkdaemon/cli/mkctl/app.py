@@ -38,9 +38,9 @@ COMMANDS: Final = (
         "stick", "mkdaemon.cli.mkctl.stick:stick", "Fly by sticks: stream stick offsets for some seconds.", _FLY
     ),
     CommandEntry(
-        "takeoff",
-        "mkdaemon.cli.mkctl.manoeuvre:takeoff",
-        "Take off from the target and hold over it: `takeoff 2`.",
+        "take-off",
+        "mkdaemon.cli.mkctl.manoeuvre:take_off",
+        "Take off from the target and hold over it: `take-off 2`.",
         _FLY,
     ),
     CommandEntry(
@@ -64,19 +64,26 @@ COMMANDS: Final = (
         "stop", "mkdaemon.cli.mkctl.manoeuvre:stop", "Stop the motors, where the firmware can be asked.", _FLY
     ),
     CommandEntry("release", "mkdaemon.cli.mkctl.release:release", "Let go of the aircraft, now, whoever flies.", _FLY),
-    CommandEntry("rate", "mkdaemon.cli.mkctl.rate:rate", "Ask for a stream at an interval: `rate osd 100ms`.", _BOARDS),
+    CommandEntry("rates", "mkdaemon.cli.mkctl.rate:rates", "Streams at an interval: `rates osd 100ms`.", _BOARDS),
     CommandEntry(
         "send", "mkdaemon.cli.mkctl.send:app", "Any MikroKopter request, with help, units and limits.", _BOARDS
     ),
     CommandEntry(
-        "settings", "mkdaemon.cli.mkctl.settings:app", "Parameter sets: show, backup, diff, edit, restore.", _BOARDS
+        "settings", "mkdaemon.cli.mkctl.settings:app", "Parameter sets: show, backup, compare, write, restore.", _BOARDS
     ),
     CommandEntry(
-        "waypoints", "mkdaemon.cli.mkctl.waypoints:app", "Routes: upload, download, verify, clear, convert.", _BOARDS
+        "waypoints", "mkdaemon.cli.mkctl.waypoints:app", "Missions: upload, read, verify, clear, convert.", _BOARDS
     ),
+    CommandEntry("route", "mkdaemon.cli.mkctl.verbforms:route", "The NaviCtrl's list in flight: start, end.", _BOARDS),
     CommandEntry("motors", "mkdaemon.cli.mkctl.motors:app", "Motor test, propellers off.", _BOARDS),
     CommandEntry("mixer", "mkdaemon.cli.mkctl.mixer:app", "The FlightCtrl's mixer table.", _BOARDS),
-    CommandEntry("bl", "mkdaemon.cli.mkctl.blctrl:app", "Configuration of the motor controllers.", _BOARDS),
+    CommandEntry(
+        "motor-controllers",
+        "mkdaemon.cli.mkctl.blctrl:app",
+        "Configuration of the motor controllers.",
+        _BOARDS,
+    ),
+    CommandEntry("do", "mkdaemon.cli.mkctl.verbforms:app", "Any verb of the daemon, with help and limits.", _BOARDS),
     CommandEntry("nc-param", "mkdaemon.cli.mkctl.ncparam:app", "Parameters of the NaviCtrl.", _BOARDS),
     CommandEntry("sim", "mkdaemon.cli.mkctl.sim_fault:app", "Faults of a running simulator.", "Simulator"),
 )

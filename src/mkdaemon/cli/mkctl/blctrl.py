@@ -1,9 +1,9 @@
-"""`mkctl bl`: configuration of the motor controllers, through the FlightCtrl."""
+"""`mkctl motor-controllers`: configuration of the motor controllers, through the FlightCtrl."""
 
 from __future__ import annotations
 
 import json
-from typing import Annotated
+from typing import Annotated, Any
 
 from cyclopts import App, Parameter, validators
 
@@ -12,22 +12,25 @@ from mkdaemon.errors import ConfigError
 from mkdaemon.protocol.messages import MotorController
 from mkdaemon.telemetry.settings import ControllerSettings
 
-app = App(name="bl", help="Configuration of BL-Ctrl 2.0 and later, through a FlightCtrl 0.80 and later; motors off.")
+app = App(
+    name="motor-controllers",
+    help="Configuration of BL-Ctrl 2.0 and later, through a FlightCtrl 0.80 and later; motors off.",
+)
 
 Motor = Annotated[int, Parameter(help="Motor 1..16.", validator=validators.Number(gte=1, lte=16))]
 Byte = validators.Number(gte=0, lte=255)
 
 
 @app.command
-async def get(motor: Motor, /, *, connection: Connection = HERE) -> None:
+async def read(motor: Motor, /, *, connection: Connection = HERE) -> None:
     """Show a motor controller's configuration."""
     async with connection.open() as uav:
-        [found] = await uav.motor_controllers([motor])
+        [found] = (await uav.motor_controllers.read([motor])).controllers
     _show(connection, found)
 
 
-@app.command(name="set")
-async def set_configuration(
+@app.command
+async def write(
     motor: Motor,
     /,
     *,
@@ -48,7 +51,7 @@ async def set_configuration(
         ConfigError: nothing to change, or it was not confirmed.
         MkError: the controller refused it, or holds something else afterwards.
     """
-    given = {
+    given: dict[str, Any] = {
         "pwm_scaling": pwm_scaling,
         "current_limit": current_limit,
         "temperature_limit": temperature_limit,
@@ -61,7 +64,9 @@ async def set_configuration(
         msg = "a wrong sense of rotation or limit crashes the aircraft; check it and repeat with --confirm"
         raise ConfigError(msg)
     async with connection.open() as uav:
-        stored = await uav.change_motor_controller(motor, confirm=confirm, reverse=reverse, save=save, **given)
+        [stored] = (
+            await uav.motor_controllers.write(motor, confirm=confirm, reverse=reverse, save=save, **given)
+        ).controllers
     _show(connection, stored)
 
 

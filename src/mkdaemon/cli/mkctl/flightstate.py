@@ -13,11 +13,8 @@ FRESH: Final = 3.0
 
 async def motors_running(client: Vehicle) -> bool | None:
     """Whether motors run, by the last flight state; None where nobody has told lately."""
-    sample = await client.get("state/flight")
-    if sample is None or sample.fields.get("age", FRESH) >= FRESH:
-        return None
-    running: bool | None = sample.fields["motors_running"]
-    return running
+    flight = await client.state.flight.latest()
+    return None if flight is None or flight.age >= FRESH else flight.value.motors_running
 
 
 async def refuse_running(client: Vehicle, why: str) -> None:

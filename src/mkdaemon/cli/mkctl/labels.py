@@ -18,7 +18,7 @@ async def labels(
 ) -> None:
     """Read all 32 labels; the daemon keeps them by firmware, and by their checksum where the board tells one."""
     async with connection.open() as uav:
-        names = await uav.labels(board)
+        names = (await uav.labels(board)).names
     if connection.json:
         print(json.dumps(names))
         return

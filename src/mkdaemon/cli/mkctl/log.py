@@ -35,10 +35,8 @@ async def mark(text: str, *, connection: Connection = HERE) -> None:
     Args:
         text: What happened, up to 200 characters.
     """
-    from mkdaemon.client.identity import client_name
-
-    async with connection.open() as client:
-        (await client.command("do", "mark", {"text": text, "holder": client_name()})).require()
+    async with connection.open() as uav:
+        await uav.records.mark(text)
     print(json_line({"marked": text}) if connection.json else f"marked: {text}")
 
 

@@ -1,4 +1,4 @@
-"""`mkctl takeoff`, `attitude`, `abort`, `stop`: what begins, bypasses and ends a flight against a target."""
+"""`mkctl take-off`, `attitude`, `abort`, `stop`: what begins, bypasses and ends a flight against a target."""
 
 from __future__ import annotations
 
@@ -11,13 +11,9 @@ from mkdaemon.cli.arguments import require_length
 from mkdaemon.cli.mkctl.connection import HERE, Connection
 from mkdaemon.cli.mkctl.flight import Force, Seconds
 from mkdaemon.cli.mkctl.flightshow import leased, metres, print_end, require_finite, showing
-from mkdaemon.client import Vehicle
-from mkdaemon.protocol.messages import DisarmMotors
-from mkdaemon.protocol.wire import Board
-from mkdaemon.telemetry.refusals import Token, refuse
 
 
-async def takeoff(
+async def take_off(
     height: Annotated[float, Parameter(validator=validators.Number(gte=0.5, lte=10.0))],
     /,
     *,
@@ -71,8 +67,8 @@ async def attitude(
             thrust=thrust,
             seconds=seconds,
         )
-        output = await uav.get("control/output")
-        is_limited = output is not None and bool(output.fields["limited"])
+        output = await uav.control.output.latest()
+        is_limited = output is not None and bool(output.value.limited)
         words = f"{lease.setpoints} setpoints{'; the limiter cut the last stick frame' if is_limited else ''}"
         print_end({"setpoints": lease.setpoints, "limited": is_limited}, words, connection)
 
@@ -105,21 +101,5 @@ async def stop(
         MkError: refused: an aircraft that flies, stock firmware, or `commands.fork_arming` is not set.
     """
     async with connection.open() as uav:
-        await ask_motors_to_stop(uav, in_flight=in_flight)
+        await uav.stop(in_flight=in_flight)
     print_end({"stopped": None}, "asked for; only telemetry tells whether the motors stand", connection)
-
-
-async def ask_motors_to_stop(uav: Vehicle, *, in_flight: bool) -> None:
-    """Ask for the motors to stop.
-
-    Args:
-        uav: the daemon's client.
-        in_flight: also an aircraft that flies, or may.
-
-    Raises:
-        MkError: refused: an aircraft that flies, stock firmware, or `commands.fork_arming` is not set.
-    """
-    flight = await uav.get("state/flight")
-    if not in_flight and (flight is None or flight.fields["is_flying"] is not False):
-        raise refuse(Token.FLYING_STOP)
-    await uav.request(Board.FC, DisarmMotors(), confirm=True)

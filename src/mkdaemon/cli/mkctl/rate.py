@@ -1,4 +1,4 @@
-"""`mkctl rate`: streams and their intervals."""
+"""`mkctl rates`: streams and their intervals."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def read_interval(text: str) -> float:
     return number / 1000 if unit == "ms" else number
 
 
-async def rate(stream: str | None = None, interval: str | None = None, *, connection: Connection = HERE) -> None:
+async def rates(stream: str | None = None, interval: str | None = None, *, connection: Connection = HERE) -> None:
     """Ask for a stream at an interval, or show all streams.
 
     The line carries 5.5 kB/s; what does not fit is refused with the arithmetic.
@@ -43,11 +43,11 @@ async def rate(stream: str | None = None, interval: str | None = None, *, connec
         CommandRejectedError: there is no such stream, or the line cannot carry it.
     """
     if stream is not None and interval is None:
-        msg = f"which interval for {stream}? For example: mkctl rate {stream} 100ms"
+        msg = f"which interval for {stream}? For example: mkctl rates {stream} 100ms"
         raise ConfigError(msg)
     wanted = None if stream is None else read_interval(interval or "")
     async with connection.open() as uav:
-        intervals = await (uav.rates() if stream is None or wanted is None else uav.rate(stream, wanted))
+        intervals = (await uav.rates(stream, wanted)).intervals
     if connection.json:
         print(json_line({"intervals": intervals}))
         return

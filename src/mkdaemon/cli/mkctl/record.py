@@ -21,7 +21,7 @@ from mkdaemon.cli.promptness import favour_threads
 from mkdaemon.errors import ConfigError
 
 if TYPE_CHECKING:
-    from mkdaemon.client.ground import GroundRecording
+    from mkdaemon.client.groundrecorder import GroundRecording
 
 REDRAW: Final = 0.25
 """Time between two progress lines on a terminal [s]."""
@@ -67,8 +67,7 @@ async def record(
         ConfigError: an option cannot be.
         MkError: the disk took nothing at the end.
     """
-    from mkdaemon.client.ground import GroundPlan, record_ground
-    from mkdaemon.client.groundtap import EVERYTHING
+    from mkdaemon.client.groundrecorder import EVERYTHING, GroundPlan, record_ground
     from mkdaemon.record.folder import Limits
 
     require_length(seconds, "--seconds")

@@ -50,8 +50,8 @@ async def send(
 async def find_board(client: Vehicle, form: RequestForm) -> Board:
     """Return who is asked by default: the NaviCtrl where one is on the line, for it must not be passed through."""
     if len(form.boards) > 1:
-        state = await client.get("link/state")
-        present = () if state is None else state.fields["boards"]
+        state = await client.link.state.latest()
+        present = () if state is None else state.value.boards
         if Board.NC in form.boards and Board.NC.word in present:
             return Board.NC
     return form.boards[0]

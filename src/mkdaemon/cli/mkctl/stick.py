@@ -54,9 +54,8 @@ async def stick(
     require_length(rate, "--rate")
     async with connection.open() as uav, leased(uav, connection, force=force) as lease:
         await lease.stick(**wanted, seconds=seconds, rate=rate)
-        output = await uav.get("control/output")
-    fields = {} if output is None else output.fields
-    sent = {name: fields.get(name) for name in (*AXES, "limited")}
+        output = await uav.control.output.latest()
+    sent = {name: None if output is None else getattr(output.value, name) for name in (*AXES, "limited")}
     if connection.json:
         print(json_line({"epoch": lease.epoch, "setpoints": lease.setpoints, "last_output": sent}))
     else:

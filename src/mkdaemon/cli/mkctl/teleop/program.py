@@ -12,7 +12,6 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 from mkdaemon.cli.mkctl.connection import Connection
-from mkdaemon.cli.mkctl.manoeuvre import ask_motors_to_stop
 from mkdaemon.cli.mkctl.teleop.leasekeeper import LeaseKeeper
 from mkdaemon.cli.mkctl.teleop.screen import drawing, screen_lines
 from mkdaemon.cli.mkctl.teleop.session import Session
@@ -146,7 +145,7 @@ class Program:
 
         async def ask() -> None:
             try:
-                await ask_motors_to_stop(self._uav, in_flight=False)
+                await self._uav.stop()
                 self.session.notice = "motors: asked to stop; only telemetry tells whether they stand"
             except MkError as error:
                 self.session.notice = str(error)

@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Sequence
-from typing import Any, Final
+from typing import Final
 
 from mkdaemon.cli.mkctl.teleop.devices import DeviceLostError, DeviceState
 from mkdaemon.cli.mkctl.teleop.recording import Line
 from mkdaemon.cli.mkctl.teleop.session import Session
 from mkdaemon.client import Vehicle
 from mkdaemon.control.teleop.inputs import PadFacts
+from mkdaemon.telemetry.link import LinkState
 from mkdaemon.telemetry.refusals import Token, refuse
+from mkdaemon.telemetry.sim import SimTruth
 
 TRUTH_AGE: Final = 1.0
 """Oldest word of the simulator that counts [s]; it speaks fifty times a second."""
@@ -95,22 +97,22 @@ async def require_simulator(uav: Vehicle) -> None:
     Raises:
         CommandRejectedError: `not_simulated`.
     """
-    truth = await uav.get("sim/truth")
-    state = await uav.get("link/state")
-    if truth is None or (truth.age or 0.0) > TRUTH_AGE:
+    truth = await uav.sim.truth.latest()
+    state = await uav.link.state.latest()
+    if truth is None or truth.age > TRUTH_AGE:
         raise refuse(Token.NOT_SIMULATED, detail="no simulator speaks for this vehicle")
     if state is None:
         raise refuse(Token.NOT_SIMULATED, detail="the daemon does not say which port it has open")
-    held, opened = _place(truth.fields, truth.fields.get("port")), _place(state.fields, state.fields["port"])
+    held, opened = _place(truth.value), _place(state.value)
     if not held[1] or held != opened:
-        detail = f"the daemon's port is {state.fields['port']}, the simulator's {truth.fields.get('port') or 'unknown'}"
+        detail = f"the daemon's port is {state.value.port}, the simulator's {truth.value.port or 'unknown'}"
         raise refuse(Token.NOT_SIMULATED, detail=detail)
 
 
-def _place(fields: dict[str, Any], port: object) -> tuple[str, str]:
+def _place(value: SimTruth | LinkState) -> tuple[str, str]:
     """Boot of the machine, and the path of a pseudo terminal; empty where it is none."""
-    path = str(port or "").removeprefix("pty:")
-    return str(fields["stamp"]["boot"]), path if path.startswith("/dev/pts/") else ""
+    path = (value.port or "").removeprefix("pty:")
+    return str(value.stamp.boot), path if path.startswith("/dev/pts/") else ""
 
 
 async def watch_simulator(uav: Vehicle) -> None:
