@@ -23,12 +23,15 @@ from pydantic import BaseModel
 
 from mkdaemon.bus.keys import KEYS, KeySpec, Use
 from mkdaemon.described import meanings_of
+from mkdaemon.telemetry.setpoint import SETPOINTS, Setpoint
 from mkdaemon.telemetry.verbs import VERBS, Verb
 
 _MADE: Final = "Made by `python -m tools.docs` from {table}; do not edit."
 _WIDTH: Final = 120
-_FILLED_IN: Final = frozenset({"holder"})
-"""Fields of requests that the client fills in itself."""
+_FILLED_IN: Final = frozenset({"holder", "epoch", "sequence", "ttl"})
+"""Fields that the client fills in itself, or that every setpoint has."""
+TTL: Final = 0.3
+"""Time a setpoint holds [s]; the daemon's own limit, `control.limiter.setpoint_ttl`, is the same."""
 
 
 def key_tree(_root: Path | None = None) -> str:
@@ -78,7 +81,7 @@ def verb_calls(_root: Path | None = None) -> str:
             (model.__module__, model.__name__)
             for verb in VERBS
             if verb.has_method
-            for model in (*_models_of(verb), *([verb.reply] if verb.reply else []))
+            for model in (*_models_of(verb.request), *([verb.reply] if verb.reply else []))
         }
     )
     head = [
@@ -95,6 +98,43 @@ def verb_calls(_root: Path | None = None) -> str:
         *(f"    from {module} import {name}" for module, name in models),
     ]
     return _formatted([*head, *body])
+
+
+def setpoint_calls(_root: Path | None = None) -> str:
+    """The source of `mkdaemon.client.setpointcalls`: a method for every kind of setpoint."""
+    body = ["", "", "class SetpointCalls:", '    """One setpoint of each kind: `lease.set.velocity(...)`."""', ""]
+    body += ["    def __init__(self, put: Callable[[str, Mapping[str, Any], float], None]) -> None:"]
+    body += ["        self._put = put"]
+    for model in SETPOINTS:
+        body += _setpoint(model)
+    models = sorted({(kind.__module__, kind.__name__) for model in SETPOINTS for kind in _models_of(model)})
+    head = [
+        *_head("Every kind of setpoint as a method with its types.", "telemetry/setpoint.py"),
+        "from collections.abc import Callable, Mapping, Sequence",
+        "from typing import TYPE_CHECKING, Any, Literal",
+        "",
+        "if TYPE_CHECKING:",
+        *(f"    from {module} import {name}" for module, name in models),
+    ]
+    return _formatted([*head, *body])
+
+
+def _setpoint(model: type[Setpoint]) -> Iterator[str]:
+    kind = model.suffix.removeprefix("setpoint/")
+    fields = [name for name in model.model_fields if name not in _FILLED_IN]
+    arguments = ["self", "*", *(_argument(model, name) for name in fields), f"ttl: float = {TTL}"]
+    method = re.sub(r"(?<!^)(?=[A-Z])", "_", model.__name__.removesuffix("Setpoint")).lower()
+    yield from ("", f"    def {method}({', '.join(arguments)}) -> None:")
+    text = " ".join((model.__doc__ or "").split()).replace(f": `setpoint/{kind}`", "")
+    yield from _summary(text)
+    yield "        Args:"
+    meanings = meanings_of(model)
+    for name in fields:
+        yield from _wrapped(f"{name}: {_plain_words(meanings[name])}", 12, hanging=4)
+    yield "            ttl: Time after arrival at which it no longer holds [s]."
+    yield from ("", "        Raises:", "            LeaseLostError: the lease has ended; says why.")
+    yield from ("            CommandRejectedError: `bad_field`: a number is out of range.", '        """')
+    yield f'        self._put("{kind}", {{{", ".join(f"{chr(34)}{name}{chr(34)}: {name}" for name in fields)}}}, ttl)'
 
 
 def _head(about: str, table: str) -> list[str]:
@@ -234,9 +274,9 @@ def _method(verb: Verb) -> Iterator[str]:
     positional = [*required, *(plain if len(fields) <= 2 else [])]
     keyword = [name for name in fields if name not in positional]
     yield ""
-    arguments = ["self", *(_argument(verb, name) for name in positional)]
+    arguments = ["self", *(_argument(verb.request, name) for name in positional)]
     if keyword or verb.is_procedure:
-        arguments += ["*", *(_argument(verb, name) for name in keyword)]
+        arguments += ["*", *(_argument(verb.request, name) for name in keyword)]
     if verb.is_procedure:
         arguments.append("on_progress: OnProgress | None = None")
     reply = verb.reply.__name__ if verb.reply else "None"
@@ -256,8 +296,8 @@ def _method(verb: Verb) -> Iterator[str]:
         yield f"        await {helper}.order({given})"
 
 
-def _argument(verb: Verb, name: str) -> str:
-    info = verb.request.model_fields[name]
+def _argument(model: type[BaseModel], name: str) -> str:
+    info = model.model_fields[name]
     text = f"{name}: {_spell(info.annotation)}"
     return text if info.is_required() else f"{text} = {info.default!r}"
 
@@ -269,11 +309,7 @@ def _is_flag(annotation: Any) -> bool:
 def _docstring(verb: Verb, names: list[str]) -> Iterator[str]:
     """What the request's class says, its fields, and what is refused."""
     text = " ".join((verb.request.__doc__ or "").split()).replace(f": `do/{verb.name}`", "")
-    first, _, rest = text.partition(". ")
-    yield from _wrapped(f'"""{first.rstrip(".")}.', 8)
-    if rest:
-        yield from ("", *_wrapped(rest, 8))
-    yield ""
+    yield from _summary(text)
     meanings = meanings_of(verb.request)
     if names or verb.is_procedure:
         yield "        Args:"
@@ -285,6 +321,15 @@ def _docstring(verb: Verb, names: list[str]) -> Iterator[str]:
     yield "        Raises:"
     yield "            MkError: refused or failed (`CommandRejectedError`: token, reason, fix), or there is no daemon."
     yield '        """'
+
+
+def _summary(text: str) -> Iterator[str]:
+    """The beginning of a docstring: the first sentence, then the others."""
+    first, _, rest = text.partition(". ")
+    yield from _wrapped(f'"""{first.rstrip(".")}.', 8)
+    if rest:
+        yield from ("", *_wrapped(rest, 8))
+    yield ""
 
 
 def _plain_words(text: str) -> str:
@@ -301,8 +346,8 @@ def _wrapped(text: str, indent: int, *, hanging: int = 0) -> list[str]:
     )
 
 
-def _models_of(verb: Verb) -> Iterator[type]:
-    for name, info in verb.request.model_fields.items():
+def _models_of(model: type[BaseModel]) -> Iterator[type]:
+    for name, info in model.model_fields.items():
         if name not in _FILLED_IN:
             yield from _models_in(info.annotation)
 
@@ -327,6 +372,8 @@ def _spell(annotation: Any) -> str:
         return f"Sequence[{_spell(parts[0])}]"
     if origin is dict:
         return f"Mapping[{', '.join(map(_spell, parts))}]"
+    if isinstance(annotation, type) and issubclass(annotation, Enum):
+        return f"{annotation.__name__} | Literal[{', '.join(repr(member.value) for member in annotation)}]"
     if origin is not None:
         return f"{origin.__name__}[{', '.join(map(_spell, parts))}]"
     return "None" if annotation is type(None) else str(annotation.__name__)

@@ -20,6 +20,7 @@ from mkdaemon.files import write_whole
 
 GENERATED: Final[Mapping[str, str]] = {
     "src/mkdaemon/client/keytree.py": "tools.client_sources:key_tree",
+    "src/mkdaemon/client/setpointcalls.py": "tools.client_sources:setpoint_calls",
     "src/mkdaemon/client/verbcalls.py": "tools.client_sources:verb_calls",
     "docs/configuration.md": "tools.configuration_page:configuration_page",
     "docs/figures/teleop_mapping.svg": "tools.teleop_pictures:mapping_picture",

@@ -73,7 +73,7 @@ async def test_a_lost_lease_ends_the_flight_with_the_reason():
         with pytest.raises(LeaseLostError, match="the lease was lost: the link is mute"):
             await flying
         with pytest.raises(LeaseLostError):
-            lease.set("stick", pitch=0, roll=0, yaw=0, throttle=0)
+            lease.set.stick(pitch=0, roll=0, yaw=0, throttle=0)
 
 
 async def test_a_lease_somebody_else_took_is_lost():
@@ -130,7 +130,7 @@ async def test_an_exception_and_a_cancellation_release_the_aircraft():
 
 async def test_own_streams_set_one_setpoint_at_a_time():
     async with connected() as (daemon, uav), uav.lease() as lease:
-        lease.set(pitch=1, roll=2, yaw=3, throttle=4, ttl=0.2)
+        lease.set.stick(pitch=1, roll=2, yaw=3, throttle=4, ttl=0.2)
         await wait_until(lambda: daemon.setpoints)
         wanted = {"pitch": 1.0, "roll": 2.0, "yaw": 3.0, "throttle": 4.0, "ttl": 0.2, "epoch": EPOCH, "sequence": 1}
         assert daemon.setpoints == [wanted]
@@ -141,9 +141,9 @@ async def test_setpoints_out_of_range_are_refused_before_they_are_sent():
         with pytest.raises(CommandRejectedError, match="pitch"):
             await lease.stick(pitch=300, throttle=0, seconds=1)
         with pytest.raises(CommandRejectedError, match="throttle"):
-            lease.set("stick", pitch=1, roll=2, yaw=3, throttle=float("nan"))
+            lease.set.stick(pitch=1, roll=2, yaw=3, throttle=float("nan"))
         with pytest.raises(MkError, match="there is no setpoint 'stik'; there is stick"):
-            lease.set("stik", pitch=1)
+            lease.put("stik", {"pitch": 1})
         assert (lease.setpoints, daemon.setpoints) == (0, [])
 
 

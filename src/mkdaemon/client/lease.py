@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, Final, Literal
 
 from mkdaemon.client.asking import client_name
 from mkdaemon.client.setpoints import RATE, SIGHTING, SetpointStream
@@ -33,6 +33,7 @@ class Lease(SetpointStream):
     Attributes:
         holder: name others see.
         epoch: number of the lease; every setpoint carries it.
+        set: sends one setpoint; for programs that stream at their own rate, at least twice a second.
     """
 
     async def stick(
@@ -105,7 +106,7 @@ class Lease(SetpointStream):
         y: float,
         z: float,
         *,
-        frame: str = "pad",
+        frame: Literal["pad", "body"] = "pad",
         yaw_rate: float = 0.0,
         seconds: float,
         rate: float = RATE,
@@ -136,7 +137,7 @@ class Lease(SetpointStream):
         z: float,
         *,
         yaw: float | None = None,
-        frame: str = "pad",
+        frame: Literal["pad", "body"] = "pad",
         seconds: float,
         rate: float = RATE,
     ) -> None:
@@ -199,7 +200,7 @@ class Lease(SetpointStream):
         z: float,
         *,
         yaw: float | None = None,
-        frame: str = "pad",
+        frame: Literal["pad", "body"] = "pad",
         patience: float = GOING,
         rate: float = RATE,
     ) -> None:

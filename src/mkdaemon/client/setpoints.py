@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, Final, Self
 
 from mkdaemon.client.answers import Answer
 from mkdaemon.client.samples import Sample
+from mkdaemon.client.setpointcalls import SetpointCalls
 from mkdaemon.client.transport import SetpointPublisher, Transport
 from mkdaemon.errors import CommandRejectedError, LeaseLostError, ManoeuvreError, MkError, NotEngagedError
 from mkdaemon.telemetry.tokens import Status, Token
@@ -115,6 +116,7 @@ class SetpointStream:
     Attributes:
         holder: name others see.
         epoch: number of the lease; every setpoint carries it.
+        set: sends one setpoint; for programs that stream at their own rate, at least twice a second.
     """
 
     def __init__(
@@ -125,6 +127,7 @@ class SetpointStream:
         self._secret = secret
         self._transport = transport
         self._statuses = statuses
+        self.set = SetpointCalls(self.put)
         self._setpoints = Setpoints(transport, epoch, secret)
         self._loop = asyncio.get_running_loop()
         self._taken_at = self._received_at = self._loop.time()
@@ -178,13 +181,13 @@ class SetpointStream:
         refusal, self._refusal = self._refusal, None
         return refusal
 
-    def set(self, kind: str = "stick", *, ttl: float = TTL, **fields: Any) -> None:
-        """Send one setpoint; for programs that stream at their own rate, at least twice a second.
+    def put(self, kind: str, fields: Mapping[str, Any], ttl: float = TTL) -> None:
+        """Send one setpoint of a kind that is only known by its name; see `set`.
 
         Args:
             kind: last word of a key `setpoint/<kind>`.
-            ttl: time after arrival at which it no longer holds [s]; 0.3 unless given.
-            fields: of the setpoint, without epoch and sequence: for sticks `pitch`, `roll`, `yaw`, `throttle`.
+            fields: of the setpoint, without epoch and sequence.
+            ttl: time after arrival at which it no longer holds [s].
 
         Raises:
             LeaseLostError: the lease has ended; says why.
@@ -283,7 +286,7 @@ class SetpointStream:
             await asyncio.sleep(max(due - self._loop.time(), 0.0))
             if self._refusal is not None:
                 raise self._refusal
-            self.set(kind, **fields)
+            self.put(kind, fields)
             due = max(due + 1.0 / rate, self._loop.time())
         await asyncio.sleep(max(start + seconds - self._loop.time(), 0.0))
         self._require_held()
