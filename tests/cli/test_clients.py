@@ -11,7 +11,7 @@ import pytest
 from lab.rigs.background import background_daemon
 from lab.rigs.live import VEHICLE
 from mkdaemon.cli.mkctl.app import app
-from mkdaemon.cli.mkctl.rate import read_interval
+from mkdaemon.cli.mkctl.streams import read_interval
 from mkdaemon.cli.program import run
 from mkdaemon.errors import ConfigError
 

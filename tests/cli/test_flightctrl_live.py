@@ -85,13 +85,13 @@ def test_a_set_of_another_revision_is_refused_before_writing(at: list[str], ctl:
 
 def test_mixer_and_motor_controllers(at: list[str], ctl: Ctl, tmp_path: Path) -> None:
     file = tmp_path / "mixer.toml"
-    assert ctl(at, "mixer", "get", str(file))[::2] == (EXIT_OK, "")
+    assert ctl(at, "mixer", "read", str(file))[::2] == (EXIT_OK, "")
     file.write_text(file.read_text().replace("1 = [64, 64, 0, 64]", "1 = [60, 64, 0, 64]"))
-    code, _, err = ctl(at, "mixer", "set", str(file))
+    code, _, err = ctl(at, "mixer", "write", str(file))
     assert code == EXIT_CONFIG
     assert "--confirm" in err
-    assert ctl(at, "mixer", "set", str(file), "--confirm")[::2] == (EXIT_OK, "")
-    assert "1 = [60, 64, 0, 64]" in ctl(at, "mixer", "get")[1]
+    assert ctl(at, "mixer", "write", str(file), "--confirm")[::2] == (EXIT_OK, "")
+    assert "1 = [60, 64, 0, 64]" in ctl(at, "mixer", "read")[1]
 
     assert "current_limit        30 A" in ctl(at, "motor-controllers", "read", "2")[1]
     code, out, _ = ctl(

@@ -130,6 +130,6 @@ def test_the_flightctrl_behind_a_navictrl_is_reached_and_telemetry_goes_on(
     code, out, err = ctl(at, "settings", "backup", str(tmp_path / "backup"))
     assert (code, err) == (EXIT_OK, "")
     assert "set 3 is live, byte for byte as before" in out
-    assert "1 = [64, 64, 0, 64]" in ctl(at, "mixer", "get")[1]
+    assert "1 = [64, 64, 0, 64]" in ctl(at, "mixer", "read")[1]
     assert ctl(at, "send", "version-request", "--board", "nc")[::2] == (EXIT_OK, "")
     assert json.loads(ctl(at, "get", "state/flight", "--json")[1])["motors_running"] is False

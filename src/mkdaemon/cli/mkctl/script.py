@@ -9,8 +9,8 @@ from typing import Annotated, Final
 from cyclopts import Parameter
 
 from mkdaemon.cli.mkctl.connection import HERE, Connection
-from mkdaemon.cli.mkctl.flight import Force
 from mkdaemon.cli.mkctl.flightshow import leased, metres, print_end, showing
+from mkdaemon.cli.mkctl.manoeuvres import Force
 from mkdaemon.client import Lease, Vehicle
 from mkdaemon.errors import ManoeuvreError
 from mkdaemon.missions.script import (

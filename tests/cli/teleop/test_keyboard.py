@@ -12,7 +12,7 @@ import pytest
 
 from lab.rigs.waiting import wait_until
 from mkdaemon.cli.mkctl.teleop.devices import DeviceLostError
-from mkdaemon.cli.mkctl.teleop.terminal import ANSWER, PATIENCE, QUESTION, Keyboard, KeyReader, raw_terminal
+from mkdaemon.cli.mkctl.teleop.keyboard import ANSWER, PATIENCE, QUESTION, Keyboard, KeyReader, raw_terminal
 
 
 @pytest.mark.parametrize(

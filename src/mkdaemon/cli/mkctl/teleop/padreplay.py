@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from typing import Final
 
 from mkdaemon.cli.mkctl.teleop.devices import DeviceLostError, DeviceState
-from mkdaemon.cli.mkctl.teleop.recording import Line
+from mkdaemon.cli.mkctl.teleop.padrecording import Line
 from mkdaemon.cli.mkctl.teleop.session import Session
 from mkdaemon.client import Vehicle
 from mkdaemon.control.teleop.inputs import PadFacts

@@ -7,7 +7,7 @@ import sys
 
 import pytest
 
-from mkdaemon.cli.mkctl.options import move_behind_command
+from mkdaemon.cli.mkctl.app import move_behind_command
 
 GROUPS = {"lease", "sim"}
 

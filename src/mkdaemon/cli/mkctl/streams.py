@@ -1,8 +1,12 @@
-"""`mkctl rates`: streams and their intervals."""
+"""`mkctl rates` and `labels`: streams of the boards, and the names of their debug channels."""
 
 from __future__ import annotations
 
+import json
 import re
+from typing import Annotated, Literal
+
+from cyclopts import Parameter
 
 from mkdaemon.cli.mkctl.connection import HERE, Connection
 from mkdaemon.cli.printing import json_line
@@ -53,3 +57,19 @@ async def rates(stream: str | None = None, interval: str | None = None, *, conne
         return
     for name, seconds in sorted(intervals.items()):
         print(f"{name:<12} {1000 * seconds:6.0f} ms  {1 / seconds if seconds else 0:6.1f} Hz")
+
+
+async def labels(
+    board: Annotated[Literal["fc", "nc", "mag"], Parameter(help="Whose.")] = "fc",
+    /,
+    *,
+    connection: Connection = HERE,
+) -> None:
+    """Read all 32 labels; the daemon keeps them by firmware, and by their checksum where the board tells one."""
+    async with connection.open() as uav:
+        names = (await uav.labels(board)).names
+    if connection.json:
+        print(json.dumps(names))
+        return
+    for index, name in enumerate(names):
+        print(f"{index:2}  {name}")

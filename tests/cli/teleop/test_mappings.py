@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from mkdaemon.cli.mkctl.teleop.devices import DeviceState
-from mkdaemon.cli.mkctl.teleop.learn import Learner, save_mapping
+from mkdaemon.cli.mkctl.teleop.mappings import Learner, save_mapping
 from mkdaemon.config.gamepad import Gamepad
 from mkdaemon.config.reader import load_section
 from mkdaemon.control.teleop.learning import is_calm, mapping_text, moved_axis, pressed_control

@@ -6,8 +6,7 @@ from typing import cast
 
 import pytest
 
-from mkdaemon.cli.mkctl.requests import request_forms
-from mkdaemon.cli.mkctl.send import describe_reply, find_board
+from mkdaemon.cli.mkctl.send import describe_reply, find_board, request_forms
 from mkdaemon.client import Vehicle
 from mkdaemon.errors import ConfigError
 from mkdaemon.protocol.flags import MotorControllerItems
@@ -35,12 +34,11 @@ def test_every_request_of_the_table_has_a_form() -> None:
     ],
 )
 async def test_the_board_at_the_end_of_the_line_is_asked_by_default(form, heard, board) -> None:
-    class Client:
-        async def get(self, suffix: str) -> SimpleNamespace | None:
-            assert suffix == "link/state"
-            return None if heard is None else SimpleNamespace(fields={"boards": heard})
+    async def latest() -> SimpleNamespace | None:
+        return None if heard is None else SimpleNamespace(value=SimpleNamespace(boards=heard))
 
-    assert await find_board(cast("Vehicle", Client()), FORMS[form]) is board
+    client = SimpleNamespace(link=SimpleNamespace(state=SimpleNamespace(latest=latest)))
+    assert await find_board(cast("Vehicle", client), FORMS[form]) is board
 
 
 def test_layouts_are_one_form_with_the_limits_of_each() -> None:

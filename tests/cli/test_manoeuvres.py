@@ -10,7 +10,7 @@ import pytest
 
 from lab.rigs.waiting import wait_until
 from mkdaemon.bus.session import session_config
-from mkdaemon.cli.mkctl import flight, flightshow, gains, manoeuvre, preflight, script, stick
+from mkdaemon.cli.mkctl import flightshow, gains, manoeuvres, preflight, script
 from mkdaemon.cli.mkctl.app import app
 from mkdaemon.cli.mkctl.connection import Connection
 from mkdaemon.cli.program import EXIT_CONFIG, EXIT_FAILURE, run
@@ -50,7 +50,7 @@ def test_what_is_missing_or_unknown_is_a_usage_error(arguments):
 
 async def test_a_number_that_is_none_is_refused():
     with pytest.raises(ConfigError, match="x nan"):
-        await flight.goto(math.nan, 0.0, 2.0)
+        await manoeuvres.goto(math.nan, 0.0, 2.0)
 
 
 def publish_estimate(daemon, position, image_age=0.05):
@@ -83,7 +83,7 @@ async def flying(place, image_age=0.05, **more):
 async def test_goto_reports_the_error_at_the_end(place, code, capsys, monkeypatch):
     monkeypatch.setattr(flightshow, "LOG_PERIOD", 0.1)
     async with flying(place) as (daemon, here):
-        assert await flight.goto(-1.0, 0.0, 2.0, yaw=180.0, seconds=0.5, connection=here) == code
+        assert await manoeuvres.goto(-1.0, 0.0, 2.0, yaw=180.0, seconds=0.5, connection=here) == code
         await wait_until(lambda: daemon.holder is None)
         assert daemon.setpoints[-1]["yaw"] == pytest.approx(math.pi)
     shown = capsys.readouterr()
@@ -93,7 +93,7 @@ async def test_goto_reports_the_error_at_the_end(place, code, capsys, monkeypatc
 
 async def test_a_place_that_no_image_has_shown_for_long_is_not_shown(capsys):
     async with flying((5.0, 287.0, -60.0), image_age=2.0) as (_, here):
-        assert await flight.goto(0.0, 0.0, 2.0, seconds=0.3, connection=here) == 1
+        assert await manoeuvres.goto(0.0, 0.0, 2.0, seconds=0.3, connection=here) == 1
     shown = capsys.readouterr()
     assert shown.out == "no image showed where it ended\n"
     assert "287" not in shown.err
@@ -101,7 +101,7 @@ async def test_a_place_that_no_image_has_shown_for_long_is_not_shown(capsys):
 
 async def test_hold_goes_where_the_aircraft_is(capsys):
     async with flying((0.3, -0.2, 1.7)) as (daemon, here):
-        assert await flight.hold(height=1.5, seconds=0.3, connection=here) == 0
+        assert await manoeuvres.hold(height=1.5, seconds=0.3, connection=here) == 0
         assert tuple(daemon.setpoints[-1]["position"]) == (0.3, -0.2, 1.5)
     assert "20 cm from the goal" in capsys.readouterr().out
 
@@ -115,7 +115,7 @@ def reach(daemon):
 async def test_a_take_off_is_followed_by_a_hold(capsys):
     async with flying((0.0, 0.0, 2.0)) as (daemon, here):
         daemon.follow = lambda: reach(daemon)
-        await manoeuvre.takeoff(2.0, seconds=0.2, connection=here)
+        await manoeuvres.take_off(2.0, seconds=0.2, connection=here)
         assert daemon.setpoints[30]["height"] == 2.0
         assert "height" not in daemon.setpoints[-1]
     assert "took off" in capsys.readouterr().out
@@ -134,7 +134,7 @@ async def test_a_take_off_that_is_not_done_in_time_says_where_it_stood(monkeypat
 
 async def test_a_flight_by_attitude_is_in_degrees(capsys):
     async with flying((0.0, 0.0, 2.0)) as (daemon, here):
-        await manoeuvre.attitude(pitch=3.0, seconds=0.2, connection=here)
+        await manoeuvres.attitude(pitch=3.0, seconds=0.2, connection=here)
         assert daemon.setpoints[-1]["pitch"] == pytest.approx(math.radians(3.0))
     assert "setpoints" in capsys.readouterr().out
 
@@ -173,7 +173,7 @@ async def test_gains_are_shown_with_their_margins(capsys):
 async def test_motors_that_may_carry_an_aircraft_are_not_stopped():
     async with flying((0.0, 0.0, 2.0)) as (_, here):
         with pytest.raises(CommandRejectedError) as refusal:
-            await manoeuvre.stop(connection=here)
+            await manoeuvres.stop(connection=here)
     assert refusal.value.token == Token.FLYING_STOP
 
 
@@ -185,7 +185,7 @@ def end_landing(daemon):
 async def test_a_landing_ends_with_the_words_of_the_daemon(capsys):
     async with flying((0.0, 0.0, 0.1)) as (daemon, here):
         daemon.follow = lambda: end_landing(daemon)
-        await flight.land(connection=here)
+        await manoeuvres.land(connection=here)
     assert capsys.readouterr().out == "landed on pad; the pilot stops the motors\n"
 
 
@@ -197,7 +197,7 @@ def cap(daemon):
 async def test_a_throttle_that_caps_ours_is_told_in_capitals(capsys):
     async with flying((0.0, 0.0, 2.0)) as (daemon, here):
         daemon.follow = lambda: cap(daemon)
-        await flight.velocity(0.0, 0.0, 0.0, seconds=0.6, connection=here)
+        await manoeuvres.velocity(0.0, 0.0, 0.0, seconds=0.6, connection=here)
     assert "THE PILOT RAISES THE THROTTLE ABOVE HOVER, NOW" in capsys.readouterr().err.splitlines()
 
 
@@ -212,9 +212,9 @@ async def test_what_the_pilot_does_when_the_machine_lets_go_is_the_last_word(ver
     async with flying((0.0, 0.0, 2.0)) as (daemon, here):
         daemon.follow = lambda: release_by_itself(daemon)
         verbs = {
-            "velocity": lambda: flight.velocity(0.0, 0.0, 0.0, seconds=3.0, connection=here),
-            "attitude": lambda: manoeuvre.attitude(seconds=3.0, connection=here),
-            "stick": lambda: stick.stick(throttle=0.0, seconds=3.0, connection=here),
+            "velocity": lambda: manoeuvres.velocity(0.0, 0.0, 0.0, seconds=3.0, connection=here),
+            "attitude": lambda: manoeuvres.attitude(seconds=3.0, connection=here),
+            "stick": lambda: manoeuvres.stick(throttle=0.0, seconds=3.0, connection=here),
         }
         with pytest.raises(MkError, match="no image of pad"):
             await verbs[verb]()
@@ -224,7 +224,7 @@ async def test_what_the_pilot_does_when_the_machine_lets_go_is_the_last_word(ver
 async def test_what_the_daemon_waits_for_is_shown(capsys, monkeypatch):
     monkeypatch.setattr(flightshow, "LOG_PERIOD", 0.05)
     async with flying((0.0, 0.0, 2.0), engages=20) as (daemon, here):
-        await flight.velocity(0.0, 0.0, 0.0, seconds=0.1, connection=here)
+        await manoeuvres.velocity(0.0, 0.0, 0.0, seconds=0.1, connection=here)
         assert daemon.setpoints[-1]["velocity"] == [0.0, 0.0, 0.0]
     assert "waiting for a live, neutral stream" in capsys.readouterr().err
 
@@ -233,7 +233,7 @@ async def test_a_flight_that_does_not_begin_fails(monkeypatch):
     monkeypatch.setattr("mkdaemon.client.lease.SIGHTING", 0.3)
     async with flying((0.0, 0.0, 2.0), engages=None) as (_, here):
         with pytest.raises(MkError, match="did not engage within"):
-            await flight.goto(0.0, 0.0, 2.0, connection=here)
+            await manoeuvres.goto(0.0, 0.0, 2.0, connection=here)
 
 
 SCRIPT = """
