@@ -15,9 +15,10 @@ SHOWN: Final = 90
 
 _HEAD: Final = """# Mutants
 
-`python -m lab mutants` changes the code that decides, one place at a time (a comparison, a constant, a sign, a condition, a value returned, a statement left
-out), and runs the tests that come by. A mutant is killed when a test fails or takes too long. What survives is a missing test, or changes nothing that matters:
-then its reason stands below and in `lab/mutants/survivors.toml`. The share leaves out mutants that do the same as the code.
+`python -m lab mutants` changes the code that decides, one place at a time (a comparison, a constant, a sign, a
+condition, a value returned, a statement left out), and runs the tests that come by. A mutant is killed when a test
+fails or takes too long. What survives is a missing test, or changes nothing that matters: then its reason stands below
+and in `lab/mutants/survivors.toml`. The share leaves out mutants that do the same as the code.
 
 This page is made by `python -m tools.docs` from `docs/results/mutants.json`.
 """
