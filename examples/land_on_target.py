@@ -7,7 +7,7 @@ from mkdaemon.client import connect
 from mkdaemon.errors import CommandRejectedError, LeaseLostError, ManoeuvreError, NotEngagedError
 
 
-async def main() -> str:
+async def main() -> str | None:
     async with connect() as uav:
         report = await uav.preflight()
         for finding in report.findings:
@@ -24,7 +24,7 @@ async def main() -> str:
             return f"the daemon did not begin: {why}"
         except (LeaseLostError, ManoeuvreError) as why:
             return f"not landed, the pilot has the aircraft: {why}"
-    return ""
+    return None
 
 
 sys.exit(asyncio.run(main()))

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import asyncio
+import subprocess
+import sys
 
 import pytest
 
@@ -246,3 +248,45 @@ async def test_a_landing_that_ends_otherwise_is_a_lost_lease():
         with pytest.raises(LeaseLostError, match="no image of pad"):
             await landing
         assert lease_module.LANDED not in lease.reason
+
+
+IMPORTED_LATE = """
+import asyncio, sys
+from contextlib import asynccontextmanager
+from mkdaemon.client.answers import Answer
+from mkdaemon.client.lease import Leases
+from mkdaemon.telemetry.tokens import Status
+
+class Quiet:
+    def __init__(self): self.loaded = set()
+    @asynccontextmanager
+    async def token(self, name): yield
+    @asynccontextmanager
+    async def watch(self, *patterns, **_):
+        async def none():
+            await asyncio.Event().wait()
+            yield
+        yield none()
+    def stream(self, suffix): return self
+    def put(self, payload, **_): pass
+    async def command(self, target, name, fields, **_):
+        if fields["action"] == "take":
+            self.loaded = set(sys.modules)
+            grant = {"holder": "me", "epoch": 1, "ttl": 5.0, "left": 5.0, "secret": "s"}
+            return Answer(Status.ACCEPTED, grant)
+        return Answer(Status.ACCEPTED, {})
+
+async def main():
+    quiet = Quiet()
+    async with Leases(quiet)() as lease:
+        lease.set.stick(pitch=0, roll=0, yaw=0, throttle=0)
+    print(sorted(name for name in set(sys.modules) - quiet.loaded if name.startswith(("mkdaemon", "pydantic"))))
+
+asyncio.run(main())
+"""
+
+
+def test_nothing_is_imported_any_more_once_the_lease_is_held():
+    """An import takes a second on a busy companion: setpoints would grow stale, and old status seem new."""
+    done = subprocess.run([sys.executable, "-c", IMPORTED_LATE], capture_output=True, text=True, check=True)
+    assert done.stdout == "[]\n"

@@ -44,7 +44,7 @@ async def output_of(name, *arguments, endpoint, vehicle=VEHICLE):
     """What an example printed; it must end well."""
     async with asyncio.timeout(PATIENCE), running(name, *arguments, endpoint=endpoint, vehicle=vehicle) as process:
         out, err = await process.communicate()
-        assert (process.returncode, err.decode()) == (0, ""), out.decode()
+        assert (process.returncode, err) == (0, b""), f"{process.pid}: {(out + err).decode()}"
         return out.decode().splitlines()
 
 

@@ -7,7 +7,7 @@ from contextlib import asynccontextmanager
 from typing import TYPE_CHECKING, Any, Final, Literal
 
 from mkdaemon.client.asking import client_name
-from mkdaemon.client.setpoints import RATE, SIGHTING, SetpointStream
+from mkdaemon.client.setpoints import RATE, SIGHTING, SetpointStream, load_models
 from mkdaemon.client.transport import Transport
 from mkdaemon.errors import LeaseLostError, ManoeuvreError
 from mkdaemon.telemetry.tokens import Token
@@ -277,6 +277,7 @@ class Leases:
             CommandRejectedError: `lease_held` by somebody else, `busy`, `gate_shut`, `link_down`, ...; says what to do.
             MkError: no daemon speaks for this vehicle.
         """
+        load_models()
         name = holder or client_name()
         watch = self._transport.watch("control/status", "event/command", are_known=True)
         async with self._transport.token(name), watch as statuses:

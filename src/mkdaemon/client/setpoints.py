@@ -9,7 +9,7 @@ from functools import cache
 from typing import TYPE_CHECKING, Any, Final, Self
 
 from mkdaemon.client.answers import Answer
-from mkdaemon.client.samples import Sample
+from mkdaemon.client.samples import Sample, typed_value
 from mkdaemon.client.setpointcalls import SetpointCalls
 from mkdaemon.client.transport import SetpointPublisher, Transport
 from mkdaemon.errors import CommandRejectedError, LeaseLostError, ManoeuvreError, MkError, NotEngagedError
@@ -100,6 +100,21 @@ class Setpoints:
         self.sequence += 1
         payload = encode(setpoint)
         publisher.put(payload, encoding=encoding, attachment=sign(self._secret, f"setpoint/{kind}", payload))
+
+
+def load_models() -> None:
+    """Import what a lease needs.
+
+    Done before it is asked for: imports take up to a second, in which setpoints would grow stale, and what the daemon
+    said before the lease would seem to be said after it.
+    """
+    import mkdaemon.telemetry.control
+    import mkdaemon.telemetry.event
+    import mkdaemon.telemetry.refusals
+    import mkdaemon.telemetry.signature  # noqa: F401
+
+    _models()
+    typed_value(None, {})
 
 
 @cache
