@@ -230,14 +230,14 @@ class FlightCore:
 
     def _pose_seen(self, event: PoseSeen, now: float) -> Reply:
         pose = event.pose
-        self._target.pose_received(pose)
+        self._target.pose_received(pose, now)
         self._preflight.pose_received(pose, self._target.contradicting)
         is_ours = pose.target == self._target.target
         return DUE if self._pacing.image_taken(pose.stamp.monotonic, is_ours=is_ours) else NOTED
 
     def _model_known(self, event: ModelKnown, now: float) -> Reply:
         self._target.model_known(event.model)
-        self._preflight.model_known(event.model)
+        self._preflight.model_known(event.model, event.unknown)
         return NOTED
 
     def _active_set_read(self, event: ActiveSetRead, now: float) -> Reply:
@@ -322,10 +322,10 @@ class FlightCore:
 
     def _guide(self, setpoint: Setpoint, now: float, is_flying: bool) -> Guided:
         if self._authority.phase is Phase.ABORTED:
-            return self._target.stop(setpoint, self.facts, now)
+            return self._target.stop(setpoint, self._facts, now)
         if self._authority.phase is Phase.LANDING:
             setpoint = landing_of(setpoint)
-        guided = guidance_for(setpoint, self._guidance).guide(setpoint, self.facts, now, is_flying=is_flying)
+        guided = guidance_for(setpoint, self._guidance).guide(setpoint, self._facts, now, is_flying=is_flying)
         return self._preflight.wait_for_board(guided)
 
     def _fly(self, order: Fly, now: float, *, engaging: bool) -> SendSticks | None:

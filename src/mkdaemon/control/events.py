@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 from mkdaemon.control.activeset import ActiveSet
-from mkdaemon.control.estimator.model import AircraftModel
+from mkdaemon.control.estimator.model import AircraftModel, ModelUnknown
 from mkdaemon.errors import CommandRejectedError
 from mkdaemon.telemetry.base import Telemetry
 from mkdaemon.telemetry.command import AbortRequest, LeaseRequest, ReleaseRequest
@@ -158,9 +158,15 @@ class FreeDisk:
 
 @dataclass(frozen=True, slots=True)
 class ModelKnown:
-    """The model of this aircraft's parameter set."""
+    """The model to fly by.
+
+    Attributes:
+        model: of the aircraft.
+        unknown: why it is not that of the aircraft's own parameter set; None where it is.
+    """
 
     model: AircraftModel
+    unknown: ModelUnknown | None = None
 
 
 @dataclass(frozen=True, slots=True)
