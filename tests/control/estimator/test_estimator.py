@@ -10,7 +10,7 @@ import pytest
 from mkdaemon.control.estimator.estimator import Estimator
 from mkdaemon.control.estimator.model import GRAVITY, LEVEL_STATES, TH, AircraftModel, B, D, P, S, T, V
 from mkdaemon.control.estimator.rollback import STEP
-from mkdaemon.control.estimator.values import StickCommand, TargetView
+from mkdaemon.control.estimator.values import OURS, StickCommand, TargetView, ThrottleUse
 from mkdaemon.control.guidance.horizontal import HorizontalCosts, HorizontalRegulator
 from mkdaemon.control.guidance.reference import Reference
 
@@ -189,8 +189,44 @@ def test_the_hover_throttle_moves_until_the_model_explains_the_height():
     start = estimator.hover_gas
     estimator._vertical.shift(3, np.array([-0.5]))
     for _ in range(500):
-        estimator.recentre_hover(0.02)
+        estimator.recentre_hover(0.02, HOVER)
     assert estimator.hover_gas == pytest.approx(start * (1 + 0.5 / 9.81 / 2), rel=0.01)
+
+
+NOT_OURS = ThrottleUse(None, is_ours=False)
+
+
+@pytest.mark.parametrize(
+    ("use", "sent"), [(NOT_OURS, HOVER), (ThrottleUse(110.0, is_ours=False), HOVER), (OURS, HOVER - 2.0)]
+)
+def test_what_does_not_act_as_it_was_asked_for_teaches_nothing_about_hover(use, sent):
+    estimator = run(Plant(), 5.0)
+    estimator._vertical.shift(3, np.array([-0.5]))
+    estimator.sent(StickCommand(5.0, 0.0, 0.0, 0.0, sent, use))
+    for _ in range(100):
+        estimator.recentre_hover(0.02, HOVER)
+    assert estimator.hover_gas == HOVER
+    estimator.sent(StickCommand(5.0, 0.0, 0.0, 0.0, HOVER - 1.0, OURS))
+    estimator.recentre_hover(0.02, HOVER)
+    assert estimator.hover_gas > HOVER
+
+
+def test_before_any_stick_frame_nothing_is_learnt_about_hover():
+    estimator = Estimator(MODEL, view(0.0, np.zeros((2, LEVEL_STATES)), 2.0, 0.0), HOVER)
+    estimator._vertical.shift(3, np.array([-0.5]))
+    estimator.recentre_hover(0.02, HOVER)
+    assert (estimator.hover_gas, estimator.throttle_cap) == (HOVER, None)
+
+
+@pytest.mark.parametrize(("cap", "sinks"), [(None, False), (HOVER + 5.0, False), (HOVER - 15.0, True)])
+def test_the_throttle_that_acts_is_the_smaller_of_ours_and_the_pilots(cap, sinks):
+    estimator = Estimator(MODEL, view(0.0, np.zeros((2, LEVEL_STATES)), 2.0, 0.0), HOVER)
+    for k in range(20):
+        estimator.sent(StickCommand(0.02 * k, 0.0, 0.0, 0.0, HOVER, ThrottleUse(cap, is_ours=cap is None)))
+    estimator.advance(0.5)
+    assert estimator.throttle_cap == cap
+    climb = estimator.estimate(0.5).vertical[S]
+    assert (climb < -0.5) if sinks else climb == pytest.approx(0.0, abs=0.01)
 
 
 def test_while_nobody_here_sends_sticks_they_ask_for_the_tilt_that_is_reported():

@@ -13,23 +13,26 @@ from typing import Final
 
 import numpy as np
 
+from mkdaemon.config.control import HIGHEST_HOVER, LOWEST_HOVER
 from mkdaemon.control.estimator.cameras import Cameras
 from mkdaemon.control.estimator.commands import Command, CommandHistory
 from mkdaemon.control.estimator.model import GRAVITY, LEVEL_STATES, TH, AircraftModel, D, E, H, P, S, T, V
 from mkdaemon.control.estimator.rollback import GATE, STEP, Measurement, RollbackFilter
 from mkdaemon.control.estimator.stickresponse import StickResponse
 from mkdaemon.control.estimator.tuning import NOMINAL, ROBUST, Tuning
-from mkdaemon.control.estimator.values import Estimate, StickCommand, TargetView, upright
+from mkdaemon.control.estimator.values import GAS_CENTRE, Estimate, StickCommand, TargetView, upright
 from mkdaemon.control.linear import Array
 
 COMPASS_MEMORY: Final = 1.0
 """Headings kept for late pictures [s]."""
+ROUNDED: Final = 1.0
+"""Throttle that was sent and differs no more than this from what was asked for is that [count of 254]."""
 UNSENT: Final = 0.3
 """Without a stick frame for this long somebody else flies, whose sticks nobody knows: they ask for the tilt that the
 boards report [s]."""
-HOVER_LOWEST: Final = 60.0
+HOVER_LOWEST: Final = LOWEST_HOVER + GAS_CENTRE
 """Smallest hover throttle believed [count of 254]."""
-HOVER_HIGHEST: Final = 190.0
+HOVER_HIGHEST: Final = HIGHEST_HOVER + GAS_CENTRE
 """Largest hover throttle believed [count of 254]."""
 
 
@@ -66,7 +69,7 @@ class Estimator:
             robust: beliefs before that.
         """
         self.model = model
-        self.hover_gas = hover_gas
+        self.hover_gas = min(max(hover_gas, HOVER_LOWEST), HOVER_HIGHEST)
         self.innovation = 1.0
         self.is_nominal = False
         self._nominal, self._tuning, self._robust = nominal, robust, robust
@@ -80,6 +83,7 @@ class Estimator:
         self._response = StickResponse(model, view.at)
         self._has_other_filter = False
         self._sent_at = -math.inf
+        self._last_command: StickCommand | None = None
         f, g = model.horizontal(STEP)
         start = np.zeros((2, LEVEL_STATES))
         start[:, P] = -(self._turn_matrix(view.at) @ view.position_flu)[:2]
@@ -132,7 +136,7 @@ class Estimator:
     def sent(self, command: StickCommand) -> None:
         """Take note of a stick frame that was written."""
         c, s = self._turn(command.at)
-        self._sent_at = command.at
+        self._sent_at, self._last_command = command.at, command
         asked = np.array([command.pitch, command.roll]) * self.model.rad_per_count
         self._response.sent(command.at + self.model.uplink, asked)
         pitch, roll = (float(tilt) for tilt in asked * self._response.gain)
@@ -140,7 +144,7 @@ class Estimator:
             Command(
                 command.at + self.model.uplink,
                 (pitch * c + roll * s, pitch * s - roll * c),
-                (command.gas / self.hover_gas) ** 2 * upright(self._level.states[:, T]) - 1.0,
+                (command.acting_gas / self.hover_gas) ** 2 * upright(self._level.states[:, T]) - 1.0,
                 command.yaw,
             )
         )
@@ -242,12 +246,24 @@ class Estimator:
             age=at - self._seen_at,
         )
 
-    def recentre_hover(self, rate: float) -> None:
+    @property
+    def throttle_cap(self) -> float | None:
+        """What the pilot's stick lets through of our throttle [count of 254]; None where it lets through all."""
+        return None if self._last_command is None else self._last_command.use.cap
+
+    def recentre_hover(self, rate: float, asked: float) -> None:
         """Move a share of the unexplained vertical acceleration into the hover throttle: the model is true there.
+
+        Not while another throttle acts than was asked for: the pilot's, or that of a limit. What cannot act would be
+        learnt without end.
 
         Args:
             rate: share a call.
+            asked: throttle that was asked for last [count of 254].
         """
+        command = self._last_command
+        if command is None or not command.use.is_ours or abs(command.gas - asked) > ROUNDED:
+            return
         excess = float(self._vertical.states[0, E])
         change = rate * min(max(-excess / GRAVITY, -0.2), 0.2)
         gas = min(max(self.hover_gas * (1.0 + change / 2.0), HOVER_LOWEST), HOVER_HIGHEST)
