@@ -17,7 +17,7 @@ from mkdaemon.config.control import HIGHEST_HOVER, LOWEST_HOVER
 from mkdaemon.control.estimator.cameras import Cameras
 from mkdaemon.control.estimator.commands import Command, CommandHistory
 from mkdaemon.control.estimator.model import GRAVITY, LEVEL_STATES, TH, AircraftModel, D, E, H, P, S, T, V
-from mkdaemon.control.estimator.rollback import GATE, STEP, Measurement, RollbackFilter
+from mkdaemon.control.estimator.rollback import GATE, MEMORY, STEP, Measurement, RollbackFilter
 from mkdaemon.control.estimator.stickresponse import StickResponse
 from mkdaemon.control.estimator.tuning import NOMINAL, ROBUST, Tuning
 from mkdaemon.control.estimator.values import GAS_CENTRE, Estimate, StickCommand, TargetView, upright
@@ -27,6 +27,14 @@ COMPASS_MEMORY: Final = 1.0
 """Headings kept for late pictures [s]."""
 ROUNDED: Final = 1.0
 """Throttle that was sent and differs no more than this from what was asked for is that [count of 254]."""
+REMEMBERED: Final = round(MEMORY / STEP)
+"""Steps that the filter can go back; what is older is caught up in one [steps]."""
+UNKNOWN_TILT: Final = 0.175
+"""What the sticks of somebody else may have asked for in a silence [rad], as a standard deviation: half of the largest
+tilt that is ever asked for here, `AutopilotConfig.max_tilt`."""
+UNKNOWN_THRUST: Final = 0.3
+"""What his throttle may have given, over the weight, as a standard deviation: 0.63 to 1.26 of hover throttle are
+within two of them."""
 UNSENT: Final = 0.3
 """Without a stick frame for this long somebody else flies, whose sticks nobody knows: they ask for the tilt that the
 boards report [s]."""
@@ -219,7 +227,17 @@ class Estimator:
             self._heights.judged(view.camera, is_refused=is_refused)
 
     def advance(self, now: float) -> None:
-        """Bring the estimate up to a moment [s; monotonic]."""
+        """Bring the estimate up to a moment [s; monotonic].
+
+        After a silence longer than the memory of the filter it coasts: all before that memory is one step, in which
+        anybody may have flown, and the estimate is as uncertain as that makes it.
+        """
+        forgotten = math.floor((now - self._level.time) / STEP) - REMEMBERED
+        if forgotten > 0:
+            self._level.coast(forgotten, UNKNOWN_TILT**2)
+            self._vertical.coast(forgotten, UNKNOWN_THRUST**2)
+            self._agrees_since = now
+            self._believe(is_nominal=False)
         while self._level.time + STEP <= now:
             acting = self._commands.at(self._level.time + STEP / 2.0)
             self._level.advance(np.array(acting.tilt))
@@ -227,6 +245,7 @@ class Estimator:
 
     def estimate(self, at: float) -> Estimate:
         """Return the estimate at a moment, which may lie ahead: the commands under way are known [s; monotonic]."""
+        self.advance(at - MEMORY)
         steps = max(0, round((at - self._level.time) / STEP))
         acting = [self._commands.at(self._level.time + (k + 0.5) * STEP) for k in range(steps)]
         axes = self._level.ahead(np.array([command.tilt for command in acting]).reshape(-1, 2))
@@ -307,9 +326,13 @@ class Estimator:
             self._agrees_since = at
         agrees = at - self._agrees_since >= self._agreement
         if agrees != self.is_nominal and (agrees or self.innovation > tuning.innovation_limit):
-            self.is_nominal = agrees
             if not agrees:
                 self._agreement *= 2.0
-            self._tuning = self._nominal if agrees else self._robust
-            self._level.set_noise(self._tuning.level_noise(STEP))
-            self._vertical.set_noise(self._tuning.upright_noise(STEP))
+            self._believe(is_nominal=agrees)
+
+    def _believe(self, *, is_nominal: bool) -> None:
+        """Go on with the beliefs of a model that agrees with the innovations, or of one that may not."""
+        self.is_nominal = is_nominal
+        self._tuning = self._nominal if is_nominal else self._robust
+        self._level.set_noise(self._tuning.level_noise(STEP))
+        self._vertical.set_noise(self._tuning.upright_noise(STEP))
