@@ -10,7 +10,7 @@ from mkdaemon.config.control import ControlConfig
 from mkdaemon.control.activeset import UNREAD, ActiveSet
 from mkdaemon.control.checks import findings, is_ready, standing
 from mkdaemon.control.estimator.model import AircraftModel, Gap, ModelUnknown
-from mkdaemon.control.guidance.autopilot import GAS_CENTRE
+from mkdaemon.control.estimator.values import GAS_CENTRE
 from mkdaemon.control.guidance.margins import gains_of, loop_refusal
 from mkdaemon.control.knowledge import Knowledge
 from mkdaemon.control.motionmatch import MotionMatch

@@ -16,8 +16,8 @@ import numpy as np
 from mkdaemon.config.autopilot import AutopilotConfig
 from mkdaemon.control.estimator.estimator import Estimator
 from mkdaemon.control.estimator.model import AircraftModel
-from mkdaemon.control.estimator.values import Estimate, StickCommand, TargetView
-from mkdaemon.control.guidance.autopilot import GAS_CENTRE, Autopilot, Goal, at_origin
+from mkdaemon.control.estimator.values import GAS_CENTRE, Estimate, StickCommand, TargetView, ThrottleUse
+from mkdaemon.control.guidance.autopilot import Autopilot, Goal, at_origin
 from mkdaemon.control.guidance.landing import Landing, LandingLimits, LandingPhase
 from mkdaemon.control.guidance.takeoff import IDLE_GAS, TakeOff, TakeOffLimits, TakeOffPhase
 from mkdaemon.control.limiter import StickCounts
@@ -139,9 +139,9 @@ class TargetFlight:
             scale = SHOWN if attitude.source.startswith("fc/") else 1.0
             self._estimator.attitude_received(at, attitude.pitch / scale, attitude.roll / scale, attitude.yaw)
 
-    def sticks_made(self, counts: StickCounts, now: float) -> None:
-        """Take note of a stick frame that goes out now [s]."""
-        command = StickCommand(now, counts.pitch, counts.roll, counts.yaw, counts.throttle + GAS_CENTRE)
+    def sticks_made(self, counts: StickCounts, use: ThrottleUse, now: float) -> None:
+        """Take note of a stick frame that goes out now [s], and of what becomes of its throttle."""
+        command = StickCommand(now, counts.pitch, counts.roll, counts.yaw, counts.throttle + GAS_CENTRE, use)
         self._sent.append(command)
         if self._estimator is not None:
             self._estimator.sent(command)
