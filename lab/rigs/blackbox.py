@@ -22,9 +22,8 @@ from mkdaemon.daemon.eyes import Eyes
 from mkdaemon.daemon.lineport import record_port
 from mkdaemon.daemon.procedures import Journal
 from mkdaemon.daemon.wiring import Wiring
-from mkdaemon.record.entry import Entry, TimeBase
+from mkdaemon.record.entry import Entry, Notice, TimeBase
 from mkdaemon.record.layout import Session
-from mkdaemon.record.notices import Notice
 from mkdaemon.record.queue import EntryQueue
 from mkdaemon.record.tap import Tap
 from mkdaemon.record.writer import RecordingWriter

@@ -19,9 +19,8 @@ from mkdaemon.daemon.blackbox import LOCAL_EXCHANGES, BlackBox, open_black_box, 
 from mkdaemon.daemon.imagerecord import ImageRecorder
 from mkdaemon.daemon.lineport import record_port
 from mkdaemon.errors import LinkLostError
-from mkdaemon.record.entry import Kind
+from mkdaemon.record.entry import Kind, Notice
 from mkdaemon.record.looks import unpack_looks
-from mkdaemon.record.notices import Notice
 from mkdaemon.record.reader import Recording
 from mkdaemon.telemetry.command import CommandResult
 from mkdaemon.telemetry.refusals import Status

@@ -5,8 +5,7 @@ from __future__ import annotations
 import msgpack
 
 from mkdaemon.clock import Clock
-from mkdaemon.record.entry import Kind, TimeBase
-from mkdaemon.record.notices import Notice
+from mkdaemon.record.entry import Kind, Notice, TimeBase
 from mkdaemon.record.queue import EntryQueue
 from mkdaemon.record.tap import Tap, hide_secrets
 from mkdaemon.stamp import Stamp

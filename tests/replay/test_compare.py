@@ -5,10 +5,9 @@ from __future__ import annotations
 import msgpack
 import pytest
 
-from mkdaemon.record.entry import Entry, Kind, TimeBase
+from mkdaemon.record.entry import Entry, Kind, Notice, TimeBase
 from mkdaemon.record.layout import Session
 from mkdaemon.record.looks import LookLog
-from mkdaemon.record.notices import Notice
 from mkdaemon.replay.compare import Comparison, Difference, KeyReport, compare
 from mkdaemon.replay.recorded import arrange
 from mkdaemon.replay.report import ReplayReport

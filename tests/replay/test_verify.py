@@ -19,8 +19,7 @@ from lab.rigs.programs import run_mkdaemon
 from mkdaemon.errors import ConfigError, MkError
 from mkdaemon.protocol.fields import WireField
 from mkdaemon.protocol.messages import OsdData5
-from mkdaemon.record.entry import Kind
-from mkdaemon.record.notices import Notice
+from mkdaemon.record.entry import Kind, Notice
 from mkdaemon.record.reader import Recording
 from mkdaemon.record.writer import RecordingWriter
 from mkdaemon.replay.compare import compare

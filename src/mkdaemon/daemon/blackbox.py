@@ -24,14 +24,14 @@ from mkdaemon.daemon.eyes import RecordImage
 from mkdaemon.daemon.imagerecord import ImageRecorder
 from mkdaemon.daemon.localsocket import Answer
 from mkdaemon.daemon.procedures import state_folder
-from mkdaemon.record.notices import Notice
+from mkdaemon.record.entry import Notice
 from mkdaemon.record.queue import EntryQueue
 from mkdaemon.record.tap import Tap
 from mkdaemon.telemetry.command import CommandResult
 from mkdaemon.telemetry.record import BusCounts, RecorderState, RecordStatus
 
 if TYPE_CHECKING:
-    from mkdaemon.record.thread import RecorderThread
+    from mkdaemon.record.recorder import RecorderThread
 
 PERIOD: Final = 1.0
 """Of what is published about the recorder [s]."""
@@ -169,8 +169,7 @@ def open_black_box(cfg: Config, clock: Clock, *, is_recording: bool) -> BlackBox
     from mkdaemon.record.entry import TimeBase
     from mkdaemon.record.folder import Limits, RecordingFolder, recording_name
     from mkdaemon.record.layout import Session
-    from mkdaemon.record.recorder import Recorder
-    from mkdaemon.record.thread import RecorderThread
+    from mkdaemon.record.recorder import Recorder, RecorderThread
     from mkdaemon.record.view import JsonView
 
     stamp, vehicle = clock.stamp(), cfg.vehicle.name

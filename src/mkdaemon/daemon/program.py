@@ -30,7 +30,7 @@ from mkdaemon.daemon.watchdog import Notifier, feed_watchdog
 from mkdaemon.daemon.wiring import Wiring
 from mkdaemon.errors import ConfigError, MkError
 from mkdaemon.link.ports.port import open_port
-from mkdaemon.record.notices import Notice
+from mkdaemon.record.entry import Notice
 
 RECORDING: Final = "replay:"
 """Ports that begin so are recordings."""

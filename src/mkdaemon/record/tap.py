@@ -9,9 +9,8 @@ from typing import Any, Final
 import msgpack
 
 from mkdaemon.clock import Clock
-from mkdaemon.record.entry import HOLDER, SEQUENCES, STRANGER, Entry, Kind, TimeBase
+from mkdaemon.record.entry import HOLDER, SEQUENCES, STRANGER, Entry, Kind, Notice, TimeBase
 from mkdaemon.record.looks import LookLog
-from mkdaemon.record.notices import Notice
 from mkdaemon.record.queue import EntryQueue
 from mkdaemon.stamp import Stamp
 

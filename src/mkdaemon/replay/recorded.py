@@ -13,10 +13,9 @@ from pydantic import BaseModel, ValidationError
 from mkdaemon.config.root import Config
 from mkdaemon.errors import ConfigError, MkError
 from mkdaemon.reading import parse_json
-from mkdaemon.record.entry import Entry, Kind
+from mkdaemon.record.entry import Entry, Kind, Notice
 from mkdaemon.record.layout import Session
 from mkdaemon.record.looks import Look, unpack_looks
-from mkdaemon.record.notices import Notice
 from mkdaemon.record.reader import Recording
 from mkdaemon.replay.port import Refusal
 from mkdaemon.replay.script import Moment

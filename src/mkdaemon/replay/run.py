@@ -20,8 +20,7 @@ from mkdaemon.control.core import FlightCore
 from mkdaemon.daemon.eyes import Eyes
 from mkdaemon.daemon.procedures import Journal
 from mkdaemon.daemon.wiring import Wiring
-from mkdaemon.record.entry import Entry, Kind
-from mkdaemon.record.notices import Notice
+from mkdaemon.record.entry import Entry, Kind, Notice
 from mkdaemon.record.tap import EYES
 from mkdaemon.replay.port import ReplayedLine
 from mkdaemon.replay.recorded import Recorded, fields_of

@@ -10,8 +10,7 @@ from mkdaemon.config.root import Config
 from mkdaemon.control.core import FlightCore
 from mkdaemon.daemon.audit import Outlet
 from mkdaemon.daemon.eyes import Eyes, PoseSink
-from mkdaemon.record.entry import Entry, Kind
-from mkdaemon.record.notices import Notice
+from mkdaemon.record.entry import Entry, Kind, Notice
 from mkdaemon.replay.recorded import Recorded, fields_of, value_of
 from mkdaemon.telemetry.state import Attitude
 from mkdaemon.telemetry.vision import Transform, VisionPose, VisionStats
