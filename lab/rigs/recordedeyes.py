@@ -14,8 +14,8 @@ from mkdaemon.config.root import Config
 from mkdaemon.config.scene import LightConfig, SceneConfig
 from mkdaemon.config.sim import PilotPlan, SimConfig
 from mkdaemon.control.core import FlightCore
+from mkdaemon.daemon.blackbox import ImageRecorder
 from mkdaemon.daemon.eyes import Eyes, PoseSink
-from mkdaemon.daemon.imagerecord import ImageRecorder
 from mkdaemon.telemetry.base import Telemetry
 from mkdaemon.telemetry.setpoint import Setpoint
 from mkdaemon.telemetry.state import Attitude
@@ -75,20 +75,20 @@ class RecordedEyes(Eyes):
         """Expose for ever, from a time on [s]."""
         await asyncio.sleep(dark)
         loop = asyncio.get_running_loop()
-        due = report = since = self._clock.monotonic()
+        due = report = since = self._clock.now()
         while True:
-            truth, at = self._socket.aircraft.world.truth, self._clock.monotonic()
+            truth, at = self._socket.aircraft.world.truth, self._clock.now()
             state = BodyState(at, truth.position_enu, truth.velocity_enu, truth.enu_from_flu, truth.rates)
             loop.call_later(LATENCY, self._look, self._scene.expose(state), at)
             if at >= report:
                 report += STATS
                 self._report(since)
             due += 1.0 / self._scene.cfg.fps
-            await asyncio.sleep(max(due - self._clock.monotonic(), 0.0))
+            await asyncio.sleep(max(due - self._clock.now(), 0.0))
 
     def _look(self, pixels: Grey, exposed: float) -> None:
         self._images += 1
-        image = CameraImage(pixels, exposed, self._clock.monotonic(), self._images, self._name, "header")
+        image = CameraImage(pixels, exposed, self._clock.now(), self._images, self._name, "header")
         attitude = AttitudeHistory(tuple(self._attitudes))
         self._record(image, attitude)
         values = self._pipeline.process(image, attitude)
@@ -171,7 +171,7 @@ async def fly_over_target(parts: Sequence[Part], folder: Path, *, seed: int, fps
     assert isinstance(daemon.wiring.eyes, RecordedEyes)
     eyes = asyncio.create_task(daemon.wiring.eyes.run(dark), name="eyes")
     await daemon.until(lambda: daemon.can_fly)
-    await daemon.until(lambda: bool(daemon.wiring.facts.motors_running(daemon.clock.monotonic())))
+    await daemon.until(lambda: bool(daemon.wiring.facts.motors_running(daemon.clock.now())))
     await client.take_lease()
     for part in parts:
         await client.stream(part.kind, part.seconds, period=1.0 / RATE, **part.fields)

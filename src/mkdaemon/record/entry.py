@@ -47,8 +47,10 @@ class Kind(StrEnum):
     """The line was lost or closed; the payload is a map of `reason`."""
     IMAGE = "image"
     """What a camera saw, kept by the recorder at a rate of its own; the payload is a `CameraFrame`."""
+    EVENT = "event"
+    """What the flight core was told and answered, or that it decided; see `events`."""
     NOTICE = "notice"
-    """What the daemon was told from beside the bus and the line, see `Notice`."""
+    """What the daemon was told or decided beside all this; see `Notice`."""
 
 
 class Congestion(StrEnum):
@@ -187,16 +189,10 @@ NOTICES: Final = "notice/"
 class Notice(StrEnum):
     """What a notice is about; its payload is a msgpack map, or nothing."""
 
-    LOOKS = "looks"
-    """What the replayed part of the daemon saw on its clock since the notice before; see `looks`."""
+    LAYOUTS = "layouts"
+    """By which layouts frames are decoded from now on: `layouts`, rows of board, command letter and layout."""
     IMAGE_SEEN = "image_seen"
     """An image was looked at: `camera`, `sequence`, `attitude`, the time of the newest attitude known by then [s]."""
-    CLIENT = "client"
-    """A client showed or withdrew its liveliness token: `name`, `is_here`."""
-    GUARD_ALIVE = "guard_alive"
-    """The guard is there or gone: `is_alive`."""
-    GUARD_ACTED = "guard_acted"
-    """The guard sent something: `released`."""
     SETPOINT_REFUSED = "setpoint_refused"
     """The setpoint before it was refused: `key` without `mk/<vehicle>/`, `sequence` of its entry, `token`, `reason`."""
     STOP = "stop"
