@@ -11,8 +11,8 @@ from mkdaemon.config.control import ControlConfig, LimiterConfig
 from mkdaemon.control.actions import Action, PublishEstimate, SendSticks
 from mkdaemon.control.activeset import ActiveSet, Gate, GateKind
 from mkdaemon.control.core import FlightCore
-from mkdaemon.control.estimator.values import TargetView
-from mkdaemon.control.guidance.autopilot import GAS_CENTRE, AutopilotSticks, Goal
+from mkdaemon.control.estimator.values import GAS_CENTRE, TargetView
+from mkdaemon.control.guidance.autopilot import AutopilotSticks, Goal
 from mkdaemon.control.modes import IN_FLIGHT
 from mkdaemon.control.vehicle import VehicleFacts
 from mkdaemon.frames import quaternion_from_rotation
