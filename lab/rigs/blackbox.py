@@ -18,7 +18,7 @@ from mkdaemon.bus.gateway import Watcher
 from mkdaemon.bus.intake import Prover, Taker
 from mkdaemon.clock import Clock
 from mkdaemon.config.root import Config
-from mkdaemon.control.core import FlightCore
+from mkdaemon.control.events import Feed
 from mkdaemon.daemon.eyes import Eyes
 from mkdaemon.daemon.procedures import Journal
 from mkdaemon.daemon.wiring import Wiring
@@ -179,7 +179,7 @@ class RecordedDaemon:
         seed: int,
         tick: float = TICK_TIME,
         age: float = 0.0,
-        make_eyes: Callable[[FlightCore, RecordedDaemon], Eyes] = lambda core, daemon: Eyes(None),
+        make_eyes: Callable[[Feed, RecordedDaemon], Eyes] = lambda feed, daemon: Eyes(None),
     ) -> None:
         """Put it together.
 
@@ -203,7 +203,7 @@ class RecordedDaemon:
             cfg,
             self.client,
             clock,
-            make_eyes=lambda core: make_eyes(core, self),
+            make_eyes=lambda feed: make_eyes(feed, self),
             opener=self.socket.open,
             tap=self.tape.tap,
             journal=Journal(cfg.vehicle.state_folder or Path(), AtOnce()),

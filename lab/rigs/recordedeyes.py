@@ -13,7 +13,7 @@ from lab.rigs.blackbox import RecordedDaemon
 from mkdaemon.config.root import Config
 from mkdaemon.config.scene import LightConfig, SceneConfig
 from mkdaemon.config.sim import PilotPlan, SimConfig
-from mkdaemon.control.core import FlightCore
+from mkdaemon.control.events import Feed
 from mkdaemon.daemon.blackbox import ImageRecorder
 from mkdaemon.daemon.eyes import Eyes, PoseSink
 from mkdaemon.telemetry.base import Telemetry
@@ -48,19 +48,19 @@ ATTITUDES: Final = 200
 class RecordedEyes(Eyes):
     """One camera; what it sees comes to the loop later, as from the thread of `VisionWorker`."""
 
-    def __init__(self, scene: SceneCamera, core: FlightCore, daemon: RecordedDaemon) -> None:
+    def __init__(self, scene: SceneCamera, feed: Feed, daemon: RecordedDaemon) -> None:
         """Set the camera up.
 
         Args:
             scene: renders what it sees.
-            core: hears of poses.
+            feed: tells the flight core of poses.
             daemon: its configuration has one camera.
         """
         super().__init__(None)
         (camera,) = daemon.cfg.cameras
         self._name, self._scene, self._clock = camera.name, scene, daemon.clock
         self._socket = daemon.socket
-        self._sink = PoseSink(core, daemon.client, daemon.clock)
+        self._sink = PoseSink(feed, daemon.client, daemon.clock)
         self._record = ImageRecorder(daemon.cfg.record.images, daemon.tape.tap, daemon.clock).record
         self._pipeline = CameraPipeline(camera, daemon.cfg.vision, daemon.clock)
         self._attitudes: deque[AttitudeSample] = deque(maxlen=ATTITUDES)
@@ -165,7 +165,7 @@ async def fly_over_target(parts: Sequence[Part], folder: Path, *, seed: int, fps
         seed=seed,
         tick=TICK,
         age=IDLING,
-        make_eyes=lambda core, daemon: RecordedEyes(camera_of_aircraft, core, daemon),
+        make_eyes=lambda feed, daemon: RecordedEyes(camera_of_aircraft, feed, daemon),
     )
     tasks, client = daemon.start(), daemon.client
     assert isinstance(daemon.wiring.eyes, RecordedEyes)

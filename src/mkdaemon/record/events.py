@@ -74,7 +74,7 @@ def unpack_event(suffix: str, payload: bytes) -> Event:
     try:
         cls = _EVENTS[name]
         told = msgpack.unpackb(payload, strict_map_key=False)["event"]
-        return cls(**{field: _built(hint, told[field]) for field, hint in _hints(cls).items()})
+        return cls(**{field: _built(hint, told[field]) for field, hint in _hints(name).items()})
     except (ValueError, TypeError, KeyError, ValidationError, msgpack.exceptions.UnpackException) as error:
         reason = " ".join(str(error).split())[:200]
         msg = f"{suffix}: not as the event is today ({reason}); verify the recording with the version that made it"
@@ -111,8 +111,8 @@ def _built(hint: Any, told: Any) -> Any:
 
 
 @cache
-def _hints(cls: type[Event]) -> dict[str, Any]:
-    return get_type_hints(cls)
+def _hints(name: str) -> dict[str, Any]:
+    return get_type_hints(_EVENTS[name])
 
 
 @cache
