@@ -162,7 +162,7 @@ def _by_key(values: Iterable[tuple[float, Entry | Output]]) -> dict[str, list[_V
             mark = float(stamp["monotonic"]) if isinstance(stamp, dict) and "monotonic" in stamp else at
             name = f"{name}:{fields.get(_TOLD_APART[name])}" if name in _TOLD_APART else name
         found.setdefault(name, []).append(_Value(at, mark, value.encoding, value.payload))
-    return found
+    return {name: sorted(found[name], key=lambda value: value.mark) for name in found}
 
 
 def _compare_key(key: str, before: Sequence[_Value], after: Sequence[_Value], began: float) -> KeyReport:

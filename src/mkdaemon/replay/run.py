@@ -95,7 +95,8 @@ class _Replay:
             self._bring(entry, place)
         has_eyes = has_every_image(self._recorded, self._cfg)
         if has_eyes:
-            for suffix, value in look_again(self._recorded, self._cfg, self._clock):
+            for at, suffix, value in look_again(self._recorded, self._cfg, self._clock):
+                self._bus.at = at
                 self._bus.publish(suffix, value)
         return Replayed(self._bus.kept, has_eyes)
 

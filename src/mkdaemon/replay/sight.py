@@ -20,6 +20,9 @@ if TYPE_CHECKING:
 ATTITUDES: Final = 200
 """Attitudes that are known of an image; as many as `mkdaemon.vision.worker` keeps."""
 
+LATE: Final = 0.1
+"""Something that is seen today and was not then would have been published so long after the image came [s]."""
+
 
 def has_every_image(recorded: Recorded, cfg: Config) -> bool:
     """Whether every image that was looked at is in the recording: a tracker follows from image to image."""
@@ -31,8 +34,10 @@ def has_every_image(recorded: Recorded, cfg: Config) -> bool:
     return bool(cfg.cameras) and len(recorded.of(Kind.IMAGE)) >= max(sum(looked.values()), 1)
 
 
-def look_again(recorded: Recorded, cfg: Config, clock: Clock) -> Iterator[tuple[str, Telemetry]]:
-    """Look at every image with the attitudes that were known then; yields keys and values, in order of each camera.
+def look_again(recorded: Recorded, cfg: Config, clock: Clock) -> Iterator[tuple[float, str, Telemetry]]:
+    """Look at every image with the attitudes that were known then.
+
+    Yields when something was seen in that image then [s], keys and values, in order of each camera.
 
     Args:
         recorded: has the images.
@@ -55,17 +60,24 @@ def look_again(recorded: Recorded, cfg: Config, clock: Clock) -> Iterator[tuple[
         (seen["camera"], seen["sequence"]): seen["attitude"]
         for seen in map(fields_of, recorded.notices(Notice.IMAGE_SEEN))
     }
+    seen_at = {
+        (entry.suffix.split("/")[1], fields_of(entry).get("sequence")): entry.received
+        for entry in recorded.of(Kind.SAMPLE)
+        if entry.suffix.startswith("vision/") and not entry.suffix.endswith(("/stats", "/image"))
+    }
     pipelines = {camera.name: CameraPipeline(camera, cfg.vision, clock) for camera in cfg.cameras}
     for image in filter(None, map(_image, recorded.of(Kind.IMAGE))):
         until = known_until.get((image.camera, image.sequence))
         known = 0 if until is None else bisect_right(times, until)
         history = AttitudeHistory(attitudes[max(known - ATTITUDES, 0) : known])
-        yield from pipelines[image.camera].process(image, history)
+        at = seen_at.get((image.camera, image.sequence), image.received_at + LATE)
+        for suffix, value in pipelines[image.camera].process(image, history):
+            yield at, suffix, value
     mounts = {camera_frame(name): pipeline for name, pipeline in pipelines.items()}
     for edge in (value_of(entry, Transform) for entry in samples if entry.suffix == "tf"):
         mount = mounts[edge.child].mount(edge.stamp) if edge.child in mounts else None
         if mount is not None:
-            yield "tf", mount
+            yield edge.stamp.monotonic, "tf", mount
 
 
 def _image(entry: Entry) -> CameraImage | None:
