@@ -12,7 +12,7 @@ from collections.abc import Callable
 from mkdaemon.config.control import ControlConfig
 from mkdaemon.control.decisions import Decision, Fly, ReleaseOrder, SendNothing
 from mkdaemon.control.lease import Lease
-from mkdaemon.control.modes import IN_FLIGHT, Trigger, Reaction, Row, Situation, find_row
+from mkdaemon.control.modes import IN_FLIGHT, Reaction, Row, Situation, Trigger, find_row
 from mkdaemon.control.setpoints import Guided, landing_of
 from mkdaemon.errors import CommandRejectedError
 from mkdaemon.telemetry.control import LeaseGrant, LeaseState, Phase, Progress
@@ -34,8 +34,7 @@ class Authority:
         progress: what is flown, and how far it is; None while no setpoint's sticks are sent.
     """
 
-    def __init__(
-        self, cfg: ControlConfig, *, first_epoch: int, guide: Guide) -> None:
+    def __init__(self, cfg: ControlConfig, *, first_epoch: int, guide: Guide) -> None:
         """Start with nobody flying.
 
         Args:
@@ -75,7 +74,9 @@ class Authority:
 
     # -- what clients ask for -------------------------------------------------------------------------------------
 
-    def take(self, holder: str, secret: str, now: float, *, ttl: float | None = None, force: bool = False) -> LeaseGrant:
+    def take(
+        self, holder: str, secret: str, now: float, *, ttl: float | None = None, force: bool = False
+    ) -> LeaseGrant:
         """Give the lease to a client; another one of the present holder's name is another client.
 
         Args:

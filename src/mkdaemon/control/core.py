@@ -38,8 +38,8 @@ from mkdaemon.control.events import (
     MotorsReported,
     MotorTestSent,
     PoseSeen,
-    Released,
     ReleaseAsked,
+    Released,
     Reply,
     SetpointAccepted,
     SetpointUnreadable,
@@ -344,7 +344,7 @@ class FlightCore:
                 self._pacing.hurry()
             self._reports.frame_not_sent(error, now)
             return None
-        frame = self._output.make(order, line.layout, now, is_extra=self.pacing.answers_image)
+        frame = self._output.make(order, line.layout, now, is_extra=self._pacing.answers_image)
         self._target.sticks_made(frame.counts, self._output.lid.use, now)
         self._reports.estimate(self._target.estimate(now), self._target.error)
         return frame

@@ -166,7 +166,9 @@ def _release(event: Trigger, sources: tuple[Phase, ...], reason: str, *, is_aske
 ROWS: Final = (
     Row((_FREE, *_HELD), Trigger.LEASE_TAKEN, ALWAYS, _LEASED, Reaction.NOTHING, _WAITING, is_asked=True),
     Row((_RELEASING,), Trigger.LEASE_TAKEN, ALWAYS, _RELEASING, Reaction.NOTHING, "{reason}", is_asked=True),
-    Row((_LEASED,), Trigger.TICK, SILENT, _RELEASING, Reaction.RELEASE, "no sign of life from {holder} for {silence} s"),
+    Row(
+        (_LEASED,), Trigger.TICK, SILENT, _RELEASING, Reaction.RELEASE, "no sign of life from {holder} for {silence} s"
+    ),
     Row((_LEASED,), Trigger.TICK, NOT_READY, _LEASED, Reaction.NOTHING, "{holder} streams; waiting for {obstacle}"),
     Row((_LEASED,), Trigger.TICK, READY, _FLYING, Reaction.STICKS, _FLIES),
     Row((_LEASED,), Trigger.TICK, READY_BUT_OLD, _STALE, Reaction.NEUTRAL, _OLD),
