@@ -13,8 +13,8 @@ from mkdaemon.clock import Clock
 from mkdaemon.config.control import ControlConfig
 from mkdaemon.control.actions import PublishError, PublishEstimate
 from mkdaemon.control.core import FlightCore
-from mkdaemon.control.vehicle import VehicleFacts
-from mkdaemon.daemon.audit import Audit
+from mkdaemon.control.events import PoseSeen
+from mkdaemon.daemon.deck import Deck
 from mkdaemon.daemon.eyes import PoseSink
 from mkdaemon.daemon.flight import FlightControl
 from mkdaemon.daemon.procedures import Interlock
@@ -57,7 +57,7 @@ class Core(FlightCore):
     """A flight core that also wants what a test gives it."""
 
     def __init__(self):
-        super().__init__(ControlConfig(), VehicleFacts(), first_epoch=1)
+        super().__init__(ControlConfig(), first_epoch=1)
         self.wanted = []
 
     def tick(self, now, **more):
@@ -72,8 +72,9 @@ class Shell:
         self.bus, self.core, self.releases = Bus(), Core(), []
         clock = Clock(monotonic=asyncio.get_running_loop().time)
         link = SimpleNamespace(control_line=lambda: ControlLine("v2"), release=self.release, released_at=float("-inf"))
-        self.audit = Audit(self.bus, clock)
-        self.flight = FlightControl(self.core, link, self.bus, self.audit, clock=clock)
+        deck = Deck(ControlConfig(), self.bus, clock, first_epoch=1, core=self.core)
+        self.audit = deck.audit
+        self.flight = FlightControl(deck, link, clock=clock)
 
     def release(self, reason):
         self.releases.append(asyncio.get_running_loop().create_future())
@@ -167,9 +168,9 @@ async def test_a_setpoint_that_is_too_long_is_refused_by_its_length():
 
 @virtually
 async def test_a_pose_reaches_the_core_and_the_bus_and_other_values_only_the_bus():
-    core, bus = Core(), Bus()
-    sink = PoseSink(core, bus, Clock(monotonic=lambda: 1.2))
+    told, bus = [], Bus()
+    sink = PoseSink(lambda event, now: told.append((event, now)), bus, Clock(monotonic=lambda: 1.2))
     sink.publish("vision/down/pose", pose(1.0))
     sink.publish("vision/down/stats", ESTIMATE)
-    assert core.facts.pose_age(1.5) == 0.5
+    assert told == [(PoseSeen(pose(1.0)), 1.2)]
     assert [key for key, _ in bus.published] == ["vision/down/pose", "vision/down/stats"]

@@ -19,7 +19,7 @@ from mkdaemon.link.session.guarding import LineGuard
 from mkdaemon.link.session.knownflight import FlightMemory
 from mkdaemon.link.session.peers import Proof
 from mkdaemon.link.session.streams import check_rates
-from mkdaemon.link.session.traffic import LinkSink, Purpose, ReleaseResult
+from mkdaemon.link.session.traffic import LineTap, LinkSink, Purpose, ReleaseResult
 from mkdaemon.protocol.dialect import Dialect
 from mkdaemon.protocol.wire import Board, WireMessage
 from mkdaemon.telemetry.control import ControlLine, ReleaseOutcome
@@ -46,6 +46,7 @@ class Conversation:
         clock: Clock,
         motors_running: MotorsRunning,
         guard: LineGuard | None = None,
+        tap: LineTap | None = None,
     ) -> None:
         """Prepare; arguments as for `Link`.
 
@@ -57,7 +58,7 @@ class Conversation:
         self._clock = clock
         self._motors_running = motors_running
         self._dialogue = Dialogue(cfg, clock.now())
-        self._exchange = Exchange(cfg, sink, self._dialogue, clock, guard)
+        self._exchange = Exchange(cfg, sink, self._dialogue, clock, guard, tap)
         self.passage = asyncio.Lock()
 
     # -- what callers use -----------------------------------------------------------------------------------------
