@@ -126,12 +126,14 @@ class Module:
         source: its text.
 
     Attributes:
-        tree: its syntax tree; unchanged outside `mutated`.
+        original: its syntax tree.
+        tree: another one; unchanged outside `mutated`.
         mutants: by their ids, in the order of the text.
         is_program: tests may start the file in a process of its own, where no line is seen.
     """
 
     def __init__(self, path: str, source: str) -> None:
+        self.original = ast.parse(source)
         self.tree = ast.parse(source)
         self.is_program = any(
             isinstance(node, ast.If) and _is_left_alone(node) and "__main__" in ast.unparse(node)

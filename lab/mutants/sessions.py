@@ -178,10 +178,9 @@ class Server:
     def _try(self, functions: LiveFunctions, mutant: Mutant, tests: list[str]) -> dict[str, Any]:
         """In the child: become the mutant and run tests until one fails."""
         module, file = self._modules[mutant.path], self._file(mutant.path)
-        original = ast.parse(Path(file).read_bytes())
         try:
             with module.mutated(mutant.id) as tree:
-                functions.exchange(file, original, tree)
+                functions.exchange(file, module.original, tree)
                 if module.is_program:
                     for living in [m for m in sys.modules.values() if getattr(m, "__file__", None) == file]:
                         living.__file__ = write_program(file, tree)
@@ -202,10 +201,7 @@ class Server:
 
     def _measure(self, functions: LiveFunctions) -> dict[str, Any]:
         """In a child: run every test with probes in the files."""
-        seen = {
-            path: functions.add_probes(self._file(path), ast.parse((self._root / path).read_bytes()))
-            for path in self._modules
-        }
+        seen = {path: functions.add_probes(self._file(path), module.original) for path, module in self._modules.items()}
         coverage = Coverage()
         items = list(self._items.values())
         for item, following in zip(items, [*items[1:], None], strict=True):
