@@ -29,7 +29,8 @@ CPU_LIMIT: Final = 2.0
 """Computing time of a test with a mutant [s], and `CPU_FACTOR` times its own."""
 CPU_FACTOR: Final = 5.0
 WALL_LIMIT: Final = 60.0
-"""Time of a test with a mutant [s]: it may wait for what never comes."""
+"""Time of a test with a mutant [s], and `WALL_FACTOR` times its own: it may wait for what never comes."""
+WALL_FACTOR: Final = 5.0
 COLLECTING_LIMIT: Final = 60.0
 """Computing time of importing and collecting with a mutant [s]."""
 OPTIONS: Final = (
@@ -85,15 +86,18 @@ class _Profile:
 
 
 class _Judge:
-    """Plugin: limits the time of each test and keeps the first that fails."""
+    """Plugin: keeps the first test that fails, and limits the time of each where it is known what it takes."""
 
-    def __init__(self, seconds: Mapping[str, float]) -> None:
+    def __init__(self, known: Coverage | None = None) -> None:
         self.killer = ""
-        self._seconds = seconds
+        self._known = known
 
     @pytest.hookimpl(wrapper=True)
     def pytest_runtest_protocol(self, item: pytest.Item) -> Generator[None, object, object]:
-        limit_time(CPU_LIMIT + CPU_FACTOR * self._seconds.get(item.nodeid, CPU_LIMIT))
+        if self._known is not None:
+            cpu = self._known.seconds.get(item.nodeid, CPU_LIMIT)
+            wall = self._known.waited.get(item.nodeid, WALL_LIMIT)
+            limit_time(CPU_LIMIT + CPU_FACTOR * cpu, WALL_LIMIT + WALL_FACTOR * wall)
         return (yield)
 
     def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
@@ -101,12 +105,12 @@ class _Judge:
             self.killer = report.nodeid
 
 
-def limit_time(seconds: float) -> None:
-    """End this process when it has computed for so long [s], or when `WALL_LIMIT` is over."""
+def limit_time(cpu: float, wall: float) -> None:
+    """End this process when it has computed for so long [s], or when so much time is over [s]."""
     for number in _SIGNALS:
         signal.signal(number, signal.SIG_DFL)
-    signal.setitimer(signal.ITIMER_PROF, seconds)
-    signal.setitimer(signal.ITIMER_REAL, WALL_LIMIT)
+    signal.setitimer(signal.ITIMER_PROF, cpu)
+    signal.setitimer(signal.ITIMER_REAL, wall)
 
 
 class Server:
@@ -187,7 +191,7 @@ class Server:
         except NotReachableError as error:
             return {"unreached": str(error)}
         assert self._coverage is not None
-        return self._run([self._items[test] for test in tests], _Judge(self._coverage.seconds))
+        return self._run([self._items[test] for test in tests], _Judge(self._coverage))
 
     def _run(self, items: Sequence[pytest.Item], judge: _Judge) -> dict[str, Any]:
         items[0].config.pluginmanager.register(judge, "judge-of-mutants")
@@ -208,7 +212,7 @@ class Server:
             for lines in seen.values():
                 lines.clear()
             cpu_start, wall_start = time.process_time(), time.monotonic()
-            failed = _Judge({})
+            failed = _Judge()
             item.config.pluginmanager.register(failed, "failing")
             item.ihook.pytest_runtest_protocol(item=item, nextitem=following)
             item.config.pluginmanager.unregister(failed)
@@ -310,8 +314,8 @@ class _Selection:
 
 def try_fresh(root: Path, module: Module, mutant: Mutant, tests: Sequence[str], coverage: Coverage) -> dict[str, Any]:
     """In a child that has not imported the module: import the mutant and run tests until one fails."""
-    limit_time(COLLECTING_LIMIT)
-    judging = _Judge(coverage.seconds)
+    limit_time(COLLECTING_LIMIT, WALL_FACTOR * COLLECTING_LIMIT)
+    judging = _Judge(coverage)
     files = dict.fromkeys(test.partition("::")[0] for test in tests)
     with module.mutated(mutant.id) as tree:
         sys.meta_path.insert(0, _Finder(str(root / mutant.path), tree))
