@@ -11,14 +11,11 @@ from typing import Protocol
 
 from mkdaemon.link.ports.port import Port
 from mkdaemon.link.session import release
-from mkdaemon.link.session.controlpath import ControlEntry, FrameNumber
+from mkdaemon.link.session.controlpath import ControlEntry
 from mkdaemon.link.session.scheduler import Entry
 from mkdaemon.link.session.steering import Steering
-from mkdaemon.link.session.traffic import Purpose
+from mkdaemon.link.session.traffic import UNNUMBERED, Purpose
 from mkdaemon.protocol.wire import WireMessage
-
-_UNCONFIRMED = FrameNumber(0)
-"""Frame number that asks for no confirmation."""
 
 
 class LineGuard(Protocol):
@@ -69,7 +66,7 @@ class GuardFeed:
             return
         if entry.purpose is Purpose.SETPOINT:
             self._is_armed = True
-            self._guard.frame_written(release.neutral_of(entry.message, _UNCONFIRMED).to_frame())
+            self._guard.frame_written(release.neutral_of(entry.message, UNNUMBERED).to_frame())
         elif self._is_armed:
             self._guard.frame_written(entry.raw)
 
