@@ -34,8 +34,6 @@ from mkdaemon.telemetry.link import LinkCondition
 
 JUDGE_PERIOD: Final = 0.05
 """How often the evidence is weighed [s]; a twentieth of a second of the half second a verdict may take."""
-CLOSED: Final = "closed by us"
-"""Reason of an orderly end."""
 Discovery = Callable[[], Coroutine[Any, Any, None]]
 """Finds out who is there whenever `needs_discovery` is set; runs for ever."""
 
@@ -112,11 +110,11 @@ class Exchange:
         self._guard.port_opened(port)
         self.follow_dialect()
         self._publish()
-        reason = CLOSED
+        lost = None
         try:
             self.pump()
-            reason = await self._converse(port, discover)
-        except asyncio.CancelledError:
+            lost = await self._converse(port, discover)
+        except BaseException:  # cancelled, or a defect of this program: either way nobody flies from now on
             if not port.is_recording:
                 write = partial(self._write, port)
                 leaving = leave(
@@ -127,7 +125,11 @@ class Exchange:
             raise
         finally:
             self._stop()
-            self.port_lost(reason, self.bauds.attempt.condition if self.bauds.attempt else LinkCondition.DOWN)
+            if lost is None:
+                self._guard.port_given_up()
+                self._end("closed by us", LinkCondition.CLOSED)
+            else:
+                self.port_lost(lost, self.bauds.attempt.condition if self.bauds.attempt else LinkCondition.DOWN)
         return self._has_ended
 
     async def _converse(self, port: Port, discover: Discovery) -> str:
@@ -280,9 +282,12 @@ class Exchange:
 
     def port_lost(self, reason: str, condition: LinkCondition = LinkCondition.DOWN) -> None:
         """Say at once that the port is gone, and why."""
+        self._guard.port_lost()
+        self._end(reason, condition)
+
+    def _end(self, reason: str, condition: LinkCondition) -> None:
         self.port = None
         self._sticks.forget()
-        self._guard.port_lost()
         self._dialogue.port_lost(self._clock.now(), reason, condition)
         self._settle()
         self.waiters.port_lost(reason)

@@ -50,10 +50,15 @@ class GuardFeed:
             self._guard.port_opened(port.descriptor)
 
     def port_lost(self) -> None:
-        """The port is gone."""
+        """The port is gone, and what was owed with it."""
         if self._guard is not None:
             self._guard.port_closed()
         self._disarm()
+
+    def port_given_up(self) -> None:
+        """We close the port; an aircraft that is not released yet is left to the guard and its duplicate."""
+        if not self._is_armed:
+            self.port_lost()
 
     def dialect_changed(self, layout: type[WireMessage] | None) -> None:
         """The aircraft takes another layout of external control, or it is known for the first time."""
