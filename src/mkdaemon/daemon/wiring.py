@@ -20,7 +20,7 @@ from mkdaemon.bus.intake import Prover, Taker
 from mkdaemon.clock import Clock
 from mkdaemon.config.root import Config
 from mkdaemon.control.core import FlightCore
-from mkdaemon.control.guidance.margins import require_safe_loop
+from mkdaemon.control.regulator.margins import require_safe_loop
 from mkdaemon.control.vehicle import VehicleFacts
 from mkdaemon.daemon.audit import Audit, Outlet
 from mkdaemon.daemon.blackbox import recording_folder
