@@ -180,7 +180,7 @@ async def test_a_line_that_refuses_a_frame_ends_nothing_and_is_told_once():
         assert not shell.task.done()
         assert [output.frame for output in shell.bus.values("control/output")] == [7]
         told = [event.text for event in shell.bus.values("event/log")]
-        assert told == ["stick frame 3 was not sent: the link is down: nothing arrives any more."] * 2
+        assert told == [f"stick frame not sent: {refused.refusal}"] * 2
 
 
 @virtually
