@@ -16,7 +16,7 @@ import numpy as np
 from mkdaemon.config.autopilot import AutopilotConfig
 from mkdaemon.control.estimator.estimator import Estimator
 from mkdaemon.control.estimator.model import AircraftModel
-from mkdaemon.control.estimator.values import GAS_CENTRE, Estimate, StickCommand, TargetView, ThrottleUse
+from mkdaemon.control.estimator.values import GAS_CENTRE, Estimate, StickCommand, TargetView, ThrottleUse, fault_of
 from mkdaemon.control.guidance.autopilot import Autopilot, Goal, at_origin
 from mkdaemon.control.guidance.landing import Landing, LandingLimits, LandingPhase
 from mkdaemon.control.guidance.takeoff import IDLE_GAS, TakeOff, TakeOffLimits, TakeOffPhase
@@ -110,6 +110,8 @@ class TargetFlight:
     def pose_received(self, pose: VisionPose, now: float) -> None:
         """Take a pose that arrives now [s]; the first target is followed until it has been out of sight for long."""
         view, known = view_of(pose), self._estimator
+        if fault_of(view, now) is not None:
+            return
         is_other = bool(self.target) and pose.target != self.target
         lifted_by = None
         if self.take_off is not None and not is_other:
@@ -125,7 +127,7 @@ class TargetFlight:
                 self._estimator.sent(command)
             self.target, self._autopilot, self._clean_since = pose.target, None, view.at
         elif pose.target == self.target:
-            known.target_seen(view)
+            known.target_seen(view, now)
             if known.innovation > self._cfg.clean_innovation:
                 self._clean_since = view.at
         if pose.target == self.target:
