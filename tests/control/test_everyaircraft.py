@@ -13,6 +13,7 @@ from pydantic import ValidationError
 from mkdaemon.config.autopilot import AutopilotConfig
 from mkdaemon.config.control import ControlConfig, LeaseConfig, LimiterConfig
 from mkdaemon.control.estimator.model import AircraftModel, ModelUnknown
+from mkdaemon.control.events import ModelKnown, PoseSeen
 from mkdaemon.telemetry.setpoint import AttitudeSetpoint, PositionSetpoint, SetpointFrame
 from tests.control.events import PERIOD, Driver, pose
 
@@ -78,10 +79,10 @@ def flown(cfg, gains):
     model = AircraftModel.from_parameters(**gains, has_stick_filter=True, has_slow_leak=False)
     drive = Driver(cfg)
     if isinstance(model, ModelUnknown):
-        drive.core.model_known(AircraftModel(), model)
+        drive.core.feed(ModelKnown(AircraftModel(), model), drive.now)
     else:
-        drive.core.model_known(model)
-    drive.core.pose_received(pose(0.0), 0.0)
+        drive.core.feed(ModelKnown(model), drive.now)
+    drive.core.feed(PoseSeen(pose(0.0)), drive.now)
     drive.take(ttl=None)
     return drive
 
@@ -96,7 +97,7 @@ def test_an_attitude_flies_or_is_refused_with_every_set_and_every_configuration(
         level = {"pitch": 0.0, "roll": 0.0, "yaw_rate": 0.0, "thrust": 1.0}
         drive.offer(AttitudeSetpoint(epoch=drive.epoch, sequence=drive.sequence, ttl=0.3, **(level | wanted)))
         drive.now += max(PERIOD, 1.0 / cfg.rate)
-        drive.core.pose_received(pose(drive.now - 0.05), drive.now)
+        drive.core.feed(PoseSeen(pose(drive.now - 0.05)), drive.now)
         drive.tick()
     for sent in drive.sticks:
         assert cfg.limiter.min_throttle <= sent.counts.throttle <= cfg.limiter.max_throttle
@@ -111,7 +112,7 @@ def test_a_position_flies_or_is_refused_with_every_set_and_every_configuration(c
         stream = {"epoch": drive.epoch, "sequence": drive.sequence, "ttl": 0.3}
         drive.offer(PositionSetpoint(**stream, position=(0.0, 0.0, 2.0), frame=SetpointFrame.PAD))
         drive.now += max(PERIOD, 1.0 / cfg.rate)
-        drive.core.pose_received(pose(drive.now - 0.05), drive.now)
+        drive.core.feed(PoseSeen(pose(drive.now - 0.05)), drive.now)
         drive.tick()
     assert all(math.isfinite(sent.wanted.pitch) for sent in drive.sticks)
 

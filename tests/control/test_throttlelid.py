@@ -12,6 +12,7 @@ from lab.control.flights import Flight
 from mkdaemon.config.sim_flight import WindClass
 from mkdaemon.control.actions import PublishStatus, SendSticks, Warn
 from mkdaemon.control.estimator.values import GAS_CENTRE, OURS, ThrottleUse
+from mkdaemon.control.events import StateValue
 from mkdaemon.control.guidance.autopilot import LEAP, at_origin
 from mkdaemon.control.throttlelid import LASTING, ThrottleLid
 from mkdaemon.control.vehicle import FRESH, ThrottleReport
@@ -122,7 +123,7 @@ class Capped(CoreRig):
         super()._report(at)
         gas = round(self.scale * self.in_use)
         if round(at / PERIOD) % 10 == 0:
-            self._at(at + 0.03, lambda now: self.core.state_received(reported(now, gas), now))
+            self._at(at + 0.03, lambda now: self.core.feed(StateValue(reported(now, gas)), now))
 
 
 class Pinned(Capped):

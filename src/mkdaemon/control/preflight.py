@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Final
 
@@ -36,8 +37,11 @@ class Preflight:
         has_guard: the guard is there.
     """
 
-    def __init__(self, cfg: ControlConfig, facts: VehicleFacts) -> None:
-        self._cfg, self._facts = cfg, facts
+    def __init__(
+        self, cfg: ControlConfig, facts: VehicleFacts, target_age: Callable[[float], float | None] = lambda now: None
+    ) -> None:
+        """Check; `target_age` tells the age of the newest image of the target at a time [s]."""
+        self._cfg, self._facts, self._target_age = cfg, facts, target_age
         self.motion = MotionMatch()
         self.active_set: ActiveSet = UNREAD
         self.line = ControlLine()
@@ -134,9 +138,9 @@ class Preflight:
             pilot=facts.pilot(now),
             battery=facts.battery(now),
             highest_voltage=facts.highest_voltage,
-            eyes=tuple(facts.eyes.values()),
+            eyes=facts.eyes,
             contradicting=self._contradicting,
-            target_age=facts.pose_age(now),
+            target_age=self._target_age(now),
             stamps=None if is_quick else self.motion.match(now),
             free_disk=facts.free_disk,
             model=self._unknown,

@@ -130,7 +130,7 @@ class TargetFlight:
             known.target_seen(view, now)
             if known.innovation > self._cfg.clean_innovation:
                 self._clean_since = view.at
-        if pose.target == self.target:
+        if pose.target == self.target and (is_other or self._last_view is None or view.at >= self._last_view.at):
             self._last_view = view
 
     def attitude_received(self, attitude: Attitude) -> None:
@@ -151,6 +151,10 @@ class TargetFlight:
     def is_in_sight(self, now: float) -> bool:
         """Whether a target has been seen lately enough to hold or land by it."""
         return self._estimator is not None and now - self._estimator.seen_at <= self._cfg.level_after
+
+    def pose_age(self, now: float) -> float | None:
+        """Time since the newest image of the target that is followed [s]; None where there was none."""
+        return None if self._last_view is None else now - self._last_view.at
 
     @property
     def contradicting(self) -> tuple[str, ...]:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 from dataclasses import asdict, astuple, fields
-from functools import partial
 
 from mkdaemon.clock import Clock
 from mkdaemon.control.actions import (
@@ -19,6 +18,7 @@ from mkdaemon.control.actions import (
 from mkdaemon.daemon.audit import Audit, Outlet
 from mkdaemon.daemon.releases import Releases
 from mkdaemon.link.link import Link
+from mkdaemon.link.session.traffic import SetpointRefused
 from mkdaemon.telemetry.control import ControlError, ControlEstimate, ControlOutput, ControlStatus
 from mkdaemon.telemetry.navi import ControlNavi
 from mkdaemon.translate import extern_control
@@ -29,6 +29,7 @@ class Orders:
 
     def __init__(self, link: Link, bus: Outlet, audit: Audit, releases: Releases, clock: Clock) -> None:
         self._link, self._bus, self._audit, self._releases, self._clock = link, bus, audit, releases, clock
+        self._was_refused = False
 
     def carry_out(self, action: Action, tasks: asyncio.TaskGroup) -> None:
         """Carry out one action; what takes time goes on in a task of its own."""
@@ -51,14 +52,20 @@ class Orders:
                 self._audit.report(action)
 
     def _send(self, order: SendSticks) -> None:
-        layout = self._link.dialect.extern_control
-        assert layout is not None
-        frame = self._link.send_setpoint(partial(extern_control, layout, order.counts), deadline=order.deadline)
+        """Hand stick frames to the line; one that it does not take is said once, until it takes one again."""
+        fate = self._link.send_setpoint(
+            lambda layout, number: extern_control(layout, order.counts, number), deadline=order.deadline
+        )
+        was_refused, self._was_refused = self._was_refused, isinstance(fate, SetpointRefused)
+        if isinstance(fate, SetpointRefused):
+            if not was_refused:
+                self._audit.log("warning", f"stick frame {order.sequence} was not sent: {fate.refusal.reason}")
+            return
         output = ControlOutput(
             stamp=self._clock.stamp(),
             epoch=order.epoch,
             sequence=order.sequence,
-            frame=frame,
+            frame=fate.number,
             age=order.age,
             **asdict(order.counts),
             limited=order.is_limited,

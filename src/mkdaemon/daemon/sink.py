@@ -11,7 +11,6 @@ from mkdaemon.clock import Clock
 from mkdaemon.control.core import FlightCore
 from mkdaemon.daemon.audit import Audit, Outlet
 from mkdaemon.daemon.eyes import Eyes
-from mkdaemon.link.session.exchange import CLOSED
 from mkdaemon.link.session.traffic import Lost, Purpose, Received, Sent
 from mkdaemon.protocol.boards import board_at
 from mkdaemon.protocol.decoder import Unknown
@@ -118,7 +117,7 @@ class BusSink:
         """Publish the verdict on the line; a new condition is also a line in the log, with what to do about it."""
         before = self._core.facts.link
         if before is None or before.condition != state.condition:
-            is_ordinary = state.condition is LinkCondition.UP or state.reason == CLOSED
+            is_ordinary = state.condition in {LinkCondition.UP, LinkCondition.CLOSED}
             level = "info" if is_ordinary else "warning"
             self._audit.log(level, f"{state.port}: {state.condition.value}: {state.reason}")
         self._core.link_changed(state)
