@@ -231,7 +231,7 @@ class FlightCore:
     def _pose_seen(self, event: PoseSeen, now: float) -> Reply:
         pose = event.pose
         self._target.pose_received(pose, now)
-        self._preflight.pose_received(pose, self._target.contradicting)
+        self._preflight.pose_received(pose, self._target.target, self._target.contradicting)
         is_ours = pose.target == self._target.target
         return DUE if self._pacing.image_taken(pose.stamp.monotonic, is_ours=is_ours) else NOTED
 
