@@ -48,7 +48,7 @@ from mkdaemon.telemetry.setpoint import (
     StickSetpoint,
     TakeOffSetpoint,
 )
-from mkdaemon.telemetry.state import Attitude
+from mkdaemon.telemetry.state import AngleScale, Attitude
 from mkdaemon.telemetry.vision import VisionPose
 
 ATTITUDE_LATENCY: Final = 0.024
@@ -138,7 +138,7 @@ class TargetFlight:
         self._attitude = attitude
         if self._estimator is not None:
             at = attitude.stamp.monotonic - ATTITUDE_LATENCY
-            scale = SHOWN if attitude.source.startswith("fc/") else 1.0
+            scale = SHOWN if attitude.scale is AngleScale.FLIGHTCTRL else 1.0
             self._estimator.attitude_received(at, attitude.pitch / scale, attitude.roll / scale, attitude.yaw)
 
     def sticks_made(self, counts: StickCounts, use: ThrottleUse, now: float) -> None:
