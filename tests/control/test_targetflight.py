@@ -33,7 +33,7 @@ from mkdaemon.telemetry.setpoint import (
     SetpointFrame,
     VelocitySetpoint,
 )
-from mkdaemon.telemetry.state import Attitude
+from mkdaemon.telemetry.state import AngleScale, Attitude
 from mksim.physics.attitude_loop import EASY, AttitudeGains
 from tests.control.events import pose
 from tests.control.flying import Flying
@@ -291,17 +291,17 @@ def test_a_target_seen_after_a_long_time_is_met_anew_and_another_target_is_ignor
     assert words == ["target other is followed now: pad was out of sight for too long"]
 
 
-@pytest.mark.parametrize(("source", "scale"), [("fc/attitude", 1.13), ("nc/attitude", 1.0)])
-def test_the_flightctrls_own_attitude_is_larger_than_what_its_sticks_ask_for(source, scale, monkeypatch):
+@pytest.mark.parametrize(("scale", "factor"), [(AngleScale.FLIGHTCTRL, 1.13), (AngleScale.STICKS, 1.0)])
+def test_the_flightctrls_own_attitude_is_larger_than_what_its_sticks_ask_for(scale, factor, monkeypatch):
     flying = Flying()
     flying.see(pose(1.0), 1.0)
     target, taken = flying.sight, []
     monkeypatch.setattr(target.estimator, "attitude_received", lambda at, *angles: taken.append(angles))
     quaternion = (1.0, 0.0, 0.0, 0.0)
     target.attitude_received(
-        Attitude(stamp=stamp(1.1), source=source, quaternion=quaternion, pitch=0.113, roll=-0.113, yaw=0.5)
+        Attitude(stamp=stamp(1.1), source="", quaternion=quaternion, pitch=0.113, roll=-0.113, yaw=0.5, scale=scale)
     )
-    assert taken == [pytest.approx((0.113 / scale, -0.113 / scale, 0.5))]
+    assert taken == [pytest.approx((0.113 / factor, -0.113 / factor, 0.5))]
 
 
 def test_two_views_whose_tilts_disagree_by_half_a_radian_give_the_speed_of_the_aircraft():
