@@ -7,7 +7,7 @@ from functools import lru_cache
 
 import numpy as np
 import numpy.typing as npt
-from mkdaemon.control.targetgoals import view_of
+from mkdaemon.control.sight import view_of
 
 from mkdaemon.clock import Clock
 from mkdaemon.config.camera import CameraSection, MountSection
