@@ -17,7 +17,6 @@ from lab.rigs.processes import ObservedSimulation, connected, daemon_process
 from lab.rigs.waiting import wait_until
 from mkdaemon.client import Vehicle
 from mkdaemon.clock import Clock
-from mkdaemon.config.sim import PilotPlan, SimConfig
 from mkdaemon.errors import MkError
 from mkdaemon.record.entry import TimeBase
 from mkdaemon.record.folder import Limits, RecordingFolder
@@ -28,6 +27,7 @@ from mkdaemon.record.reader import Recording
 from mkdaemon.record.recorder import RETRY, Recorder
 from mkdaemon.record.tap import Tap
 from mkdaemon.record.thread import RecorderThread
+from mksim.config import PilotPlan, SimConfig
 from mksim.runtime import Runtime
 
 SMALL: Final = "4m"

@@ -16,7 +16,7 @@ from lab.rigs.live import VEHICLE, live_daemon
 from lab.rigs.overtarget import VEHICLE as FLOWN
 from lab.rigs.overtarget import Setting, hovering
 from lab.rigs.waiting import wait_for
-from mkdaemon.config.sim import PilotPlan
+from mksim.config import PilotPlan
 
 PAGE = (ROOT / "docs" / "library.md").read_text(encoding="utf-8")
 CORNERS = (("middle", 0.0, 0.0), ("east", 0.4, 0.0), ("north", 0.4, 0.4), ("west", 0.0, 0.4), ("south", 0.0, 0.0))

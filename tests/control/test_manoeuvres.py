@@ -12,7 +12,6 @@ from lab.control.camera import CameraModel
 from lab.control.corerig import CoreRig, stamp
 from lab.control.flights import Flight
 from mkdaemon.config.autopilot import AutopilotConfig
-from mkdaemon.config.sim_flight import WindClass
 from mkdaemon.control.actions import PublishError, PublishStatus, Release, SendSticks
 from mkdaemon.control.targetflight import TargetFlight
 from mkdaemon.control.vehicle import VehicleFacts
@@ -29,6 +28,7 @@ from mkdaemon.telemetry.setpoint import (
     TakeOffSetpoint,
 )
 from mkdaemon.telemetry.state import Pilot
+from mksim.config import WindClass
 from tests.control.events import pose
 
 BASE = {"epoch": 1, "sequence": 1, "ttl": 0.3}

@@ -8,12 +8,12 @@ import numpy as np
 
 from lab.control.corerig import CoreRig, stamp
 from lab.control.flights import Flight
-from mkdaemon.config.sim_flight import WindClass
 from mkdaemon.control.actions import PublishStatus, Warn
 from mkdaemon.control.throttlelid import LASTING, ThrottleLid
 from mkdaemon.control.vehicle import ThrottleReport
 from mkdaemon.telemetry.control import Phase
 from mkdaemon.telemetry.state import Pilot
+from mksim.config import WindClass
 
 PERIOD = 0.02
 LID = -14.0

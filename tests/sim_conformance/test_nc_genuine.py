@@ -6,7 +6,6 @@ from dataclasses import replace
 
 import pytest
 
-from mkdaemon.config.sim import GasLaw
 from mkdaemon.protocol.errorcodes import ErrorCode
 from mkdaemon.protocol.flags import FlightStatus, NaviStatus, PointType, PositionStatus
 from mkdaemon.protocol.framing import encode_frame
@@ -15,6 +14,7 @@ from mksim.boards.fc import FlightCtrl
 from mksim.boards.generations import FC_GENERATIONS, NC_GENERATIONS
 from mksim.boards.nc import NaviCtrl
 from mksim.boards.redirect import ESCAPE
+from mksim.config import GasLaw
 from tests.sim_conformance.bench import FIX, Bench, StillAircraft, nc_bench
 
 HOME = (74591000, 532301000)

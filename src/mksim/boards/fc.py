@@ -12,7 +12,6 @@ import random
 from pathlib import Path
 from typing import Final
 
-from mkdaemon.config.sim import GasLaw
 from mksim.boards.aircraft import Aircraft
 from mksim.boards.boot_text import boot_text
 from mksim.boards.fc_board import FcBoard
@@ -28,6 +27,7 @@ from mksim.boards.generations import (
     FcGeneration,
 )
 from mksim.boards.gestures import Gesture
+from mksim.config import GasLaw
 from mksim.physics.world import DT, MOTORS_OFF
 
 BOOT: Final = 4.7

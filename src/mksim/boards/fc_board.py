@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from mkdaemon.config.sim import GasLaw
 from mkdaemon.protocol.wire import Board, WireMessage
 from mksim.boards.aircraft import Aircraft
 from mksim.boards.display import MenuPages
@@ -17,6 +16,7 @@ from mksim.boards.line import FC_CHAR, BoardPort
 from mksim.boards.motors import MotorBench
 from mksim.boards.parameters import Parameters
 from mksim.boards.reception import FcReceiver
+from mksim.config import GasLaw
 
 
 class FcBoard(BoardPort):

@@ -11,7 +11,7 @@ import random
 from dataclasses import dataclass
 from typing import Final
 
-from mkdaemon.config.sim_flight import FlightConfig
+from mksim.config import FlightConfig
 from mksim.faults import ActiveFault, Faults
 from mksim.physics.airframe import GRAVITY, Airframe, FlatGround, Ground
 from mksim.physics.attitude_loop import LOOP_PERIOD, AttitudeGains, AxisLoop, YawLoop

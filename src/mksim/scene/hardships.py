@@ -8,7 +8,7 @@ from typing import Final
 
 import numpy as np
 
-from mkdaemon.config.scene import LightConfig
+from mksim.config import LightConfig
 from mksim.scene.curl import Curl
 from mksim.scene.gloss import Gloss
 from mksim.scene.grass import blades
