@@ -68,7 +68,7 @@ class CoreRig(Rig):
 
     def _see(self, view: TargetView, at: float) -> None:
         self._show_pilot(view, at)
-        self.core.pose_received(pose_of(view))
+        self.core.pose_received(pose_of(view), at)
 
     def _hear(self, measured: float, pitch: float, roll: float, yaw: float, at: float) -> None:
         super()._hear(measured, pitch, roll, yaw, at)

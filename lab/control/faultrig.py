@@ -232,11 +232,11 @@ class FaultRig(CoreRig):
         pose = pose_of(view)
         until, late = trouble.camera_late
         if at < trouble.eyes_stalled:
-            self._at(trouble.eyes_stalled, lambda now: self.core.pose_received(pose))
+            self._at(trouble.eyes_stalled, lambda now: self.core.pose_received(pose, now))
         elif at < until:
-            self._at(at + late, lambda now: self.core.pose_received(pose))
+            self._at(at + late, lambda now: self.core.pose_received(pose, now))
         else:
-            self.core.pose_received(pose)
+            self.core.pose_received(pose, at)
 
     def _hear(self, measured: float, pitch: float, roll: float, yaw: float, at: float) -> None:
         if at >= self.trouble.telemetry_silent:

@@ -62,7 +62,7 @@ class RenderedRig(CoreRig):
             for _, value in self._pipeline.process(image, AttitudeHistory(tuple(self._attitudes))):
                 if isinstance(value, VisionPose):
                     self.posed += 1
-                    self.core.pose_received(value)
+                    self.core.pose_received(value, now)
 
         self._at(at + delay, look)
 

@@ -72,7 +72,7 @@ class Client:
         while True:
             if self.is_seeing:
                 self.seen = loop.time()
-                self._flown.core.pose_received(_pose(loop.time()))
+                self._flown.core.pose_received(_pose(loop.time()), loop.time())
             await asyncio.sleep(IMAGES)
 
 

@@ -59,7 +59,7 @@ class RecordedEyes(Eyes):
         (camera,) = daemon.cfg.cameras
         self._name, self._scene, self._clock = camera.name, scene, daemon.clock
         self._socket = daemon.socket
-        self._sink = PoseSink(core, daemon.client)
+        self._sink = PoseSink(core, daemon.client, daemon.clock)
         self._record = ImageRecorder(daemon.cfg.record.images, daemon.tape.tap, daemon.clock).record
         self._pipeline = CameraPipeline(camera, daemon.cfg.vision, daemon.clock)
         self._attitudes: deque[AttitudeSample] = deque(maxlen=ATTITUDES)

@@ -501,7 +501,7 @@ def test_states_verdicts_and_motors_reach_the_facts_through_the_core(drive):
 def test_status_tells_how_old_the_newest_pose_is(drive):
     drive.tick()
     assert drive.of(PublishStatus)[-1].pose_age is None
-    drive.core.pose_received(pose(0.5))
-    drive.core.pose_received(pose(0.2))  # of an older image
+    drive.core.pose_received(pose(0.5), 0.6)
+    drive.core.pose_received(pose(0.2), 0.6)  # of an older image
     drive.run(1.5)
     assert drive.of(PublishStatus)[-1].pose_age == pytest.approx(drive.done[-1][0] - 0.5)

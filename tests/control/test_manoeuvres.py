@@ -119,7 +119,7 @@ def test_who_flies_by_stick_does_not_take_off_in_the_air():
 
 def test_a_take_off_of_an_aircraft_that_is_seen_in_the_air_waits():
     target = TargetFlight(CFG, -2.0)
-    target.pose_received(pose(1.0))
+    target.pose_received(pose(1.0), 1.0)
     guided = target.guide(TakeOffSetpoint(**BASE, height=2.0), VehicleFacts(), 1.1, is_flying=False)
     assert "an aircraft on the ground: its feet are 1.9 m above the target" in guided.obstacle
 

@@ -8,7 +8,7 @@ import pytest
 
 from mkdaemon.control import preflight
 from mkdaemon.control.activeset import ActiveSet, Gate, GateKind
-from mkdaemon.control.estimator.model import AircraftModel
+from mkdaemon.control.estimator.model import AircraftModel, Gap, ModelUnknown
 from mkdaemon.errors import CommandRejectedError
 from mkdaemon.telemetry.control import Phase
 from mkdaemon.telemetry.setpoint import PositionSetpoint, SetpointFrame
@@ -19,7 +19,7 @@ from tests.control.test_checks import battery
 @pytest.fixture
 def drive():
     driver = Driver()
-    driver.core.pose_received(pose(0.0))
+    driver.core.pose_received(pose(0.0), 0.0)
     return driver
 
 
@@ -60,9 +60,22 @@ def test_a_model_of_its_own_may_be_what_stands_in_the_way(drive):
     drive.core.model_known(replace(AircraftModel(), rad_per_count=1e-4))
     assert loop() == "loop_unstable"
     assert drive.core.gains().degrees_per_count < 0.01
-    drive.core.model_known(replace(AircraftModel(), a1=0.0, a2=0.0))
+    drive.core.model_known(replace(AircraftModel(), a1=1e-200, a2=1e-200))
     with pytest.raises(CommandRejectedError, match="loop_unstable"):
         drive.core.gains()
+
+
+def test_a_gain_on_a_potentiometer_prevents_autonomous_flight_but_no_flight_by_sticks(drive):
+    drive.core.model_known(AircraftModel(), ModelUnknown(Gap.ON_POTENTIOMETER, "gyro_i", 255, 1))
+    drive.take()
+    error = to_position(drive)
+    assert error.token == "gain_on_poti"
+    assert "gyro_i = 255" in error.reason
+    assert "gyro_i=..." in error.fix
+    assert drive.put() is None
+    drive.core.model_known(AircraftModel())
+    drive.now += 0.6
+    assert to_position(drive) is None
 
 
 def test_the_report_has_what_was_read_last(drive):

@@ -275,9 +275,9 @@ def test_a_target_seen_after_a_long_time_is_met_anew_and_another_target_is_ignor
     rig.fly()
     target = rig.core._target
     first = target._estimator
-    target.pose_received(pose(4.1).model_copy(update={"target": "other"}))
+    target.pose_received(pose(4.1).model_copy(update={"target": "other"}), 4.1)
     assert target._estimator is first
-    target.pose_received(pose(4.1 + FORGOTTEN).model_copy(update={"target": "other"}))
+    target.pose_received(pose(4.1 + FORGOTTEN).model_copy(update={"target": "other"}), 4.1 + FORGOTTEN)
     assert target._estimator is not first
     assert target.target == "other"
 
@@ -285,7 +285,7 @@ def test_a_target_seen_after_a_long_time_is_met_anew_and_another_target_is_ignor
 @pytest.mark.parametrize(("source", "scale"), [("fc/attitude", 1.13), ("nc/attitude", 1.0)])
 def test_the_flightctrls_own_attitude_is_larger_than_what_its_sticks_ask_for(source, scale, monkeypatch):
     target = TargetFlight(CFG, -2.0)
-    target.pose_received(pose(1.0))
+    target.pose_received(pose(1.0), 1.0)
     taken = []
     monkeypatch.setattr(target._estimator, "attitude_received", lambda at, *angles: taken.append(angles))
     quaternion = (1.0, 0.0, 0.0, 0.0)
@@ -305,7 +305,7 @@ def test_two_views_whose_tilts_disagree_by_half_a_radian_give_the_speed_of_the_a
 
 def test_another_model_begins_the_estimate_anew():
     target = TargetFlight(CFG, -2.0)
-    target.pose_received(pose(1.0))
+    target.pose_received(pose(1.0), 1.0)
     target.model_known(AircraftModel())
     assert target.estimate(1.1) is not None
     target.model_known(replace(AircraftModel(), drag=0.2))
@@ -314,7 +314,7 @@ def test_another_model_begins_the_estimate_anew():
 
 def test_entry_waits_for_a_fresh_image_and_a_certain_position():
     target = TargetFlight(CFG, -2.0)
-    target.pose_received(pose(1.0))
+    target.pose_received(pose(1.0), 1.0)
     fresh = target.guide(position(), VehicleFacts(), 1.05, is_flying=False)
     assert "agree with the model" in fresh.obstacle
     old = target.guide(position(), VehicleFacts(), 1.6, is_flying=False)

@@ -168,7 +168,7 @@ async def test_a_setpoint_that_is_too_long_is_refused_by_its_length():
 @virtually
 async def test_a_pose_reaches_the_core_and_the_bus_and_other_values_only_the_bus():
     core, bus = Core(), Bus()
-    sink = PoseSink(core, bus)
+    sink = PoseSink(core, bus, Clock(monotonic=lambda: 1.2))
     sink.publish("vision/down/pose", pose(1.0))
     sink.publish("vision/down/stats", ESTIMATE)
     assert core.facts.pose_age(1.5) == 0.5

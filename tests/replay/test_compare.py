@@ -78,8 +78,10 @@ def test_what_is_no_map_is_compared_as_bytes():
 @pytest.mark.parametrize(
     ("key", "field", "recorded", "replayed", "is_admitted"),
     [
-        ("control/estimate", "position.0", 1.0, 1.0 + 5e-7, True),
-        ("control/estimate", "position.0", 1.0, 1.0 + 5e-6, False),
+        ("control/estimate", "position.0", 1.0, 1.0 + 5e-8, True),
+        ("control/estimate", "position.0", 1.0, 1.0 + 5e-7, False),
+        ("state/attitude", "quaternion.0", 0.6940141018708658, 0.6940141018708659, True),
+        ("state/attitude", "quaternion.0", 0.694014, 0.694014 * (1 + 1e-6), False),
         ("control/estimate", "target", "pad", "mat", False),
         ("control/estimate", "is_good", True, 1.0, False),
         ("control/output", "pitch", 12, 13, False),
@@ -91,14 +93,20 @@ def test_what_is_no_map_is_compared_as_bytes():
         ("event/command", "fields.echo", "a1", "b2", True),
     ],
 )
-def test_what_is_not_in_the_table_must_be_equal(key, field, recorded, replayed, is_admitted):
+def test_bytes_integers_and_words_are_equal_and_floats_nearly(key, field, recorded, replayed, is_admitted):
     assert admits(key, field, recorded, replayed) is is_admitted
 
 
-def test_no_time_of_the_loop_has_a_tolerance():
-    assert not any("monotonic" in rule.field for rule in RULES)
+def test_times_of_the_loop_are_equal_to_their_nanoseconds():
+    assert admits("control/output", "stamp.monotonic", 1e6, 1e6 + 2e-9)
+    assert not admits("control/output", "stamp.monotonic", 1e6, 1e6 + 1e-7)
     assert all(rule.why for rule in RULES)
-    assert Within(0.5).admits(1, 1.5)
+
+
+def test_an_integer_has_no_tolerance():
+    assert Within(0.5).admits(1.0, 1.5)
+    assert not Within(2).admits(1, 2)
+    assert not Within(2).admits(1, 1.5)
     assert not Worded("a+").admits("a", 1)
 
 

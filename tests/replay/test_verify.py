@@ -3,8 +3,15 @@
 from __future__ import annotations
 
 import json
+import math
+import sys
 from dataclasses import replace
+from functools import partial
+from importlib import import_module
+from random import Random
 
+import msgpack
+import numpy as np
 import pytest
 
 from lab.places import ROOT
@@ -17,9 +24,10 @@ from mkdaemon.record.notices import Notice
 from mkdaemon.record.reader import Recording
 from mkdaemon.record.writer import RecordingWriter
 from mkdaemon.replay.compare import compare
-from mkdaemon.replay.recorded import arrange, read_recorded
+from mkdaemon.replay.recorded import arrange, fields_of, read_recorded
 from mkdaemon.replay.report import verify
 from mkdaemon.replay.run import replay
+from mkdaemon.replay.tolerances import Within, rule_for
 from tests.places import DATA
 from tools.recordings import make
 
@@ -35,6 +43,93 @@ def test_todays_code_does_what_it_did_when_this_was_recorded(path, monkeypatch):
     report = verify([path])
     assert report.is_equal, "\n".join([*report.lines(), "a change that is meant: python -m tools.recordings"])
     assert report.comparison.compared > 300
+
+
+@pytest.fixture(scope="module")
+def replayed():
+    """Every recording with what comes out of it today."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(ROOT)
+        recordings = [read_recorded([path]) for path in RECORDINGS]
+        return [(recorded, replay(recorded, recorded.config).outputs) for recorded in recordings]
+
+
+def changed(value, change):
+    """A value with every float changed; stamps too."""
+    match value:
+        case float():
+            return change(value)
+        case dict():
+            return {name: changed(inner, change) for name, inner in value.items()}
+        case list():
+            return [changed(inner, change) for inner in value]
+    return value
+
+
+def with_floats(outputs, change):
+    """What came out, with every float changed."""
+    unpack = partial(msgpack.unpackb, strict_map_key=False)
+    return [replace(output, payload=msgpack.packb(changed(unpack(output.payload), change))) for output in outputs]
+
+
+@pytest.mark.parametrize("towards", [float("-inf"), float("inf")])
+def test_floats_that_differ_in_the_last_place_are_equal(replayed, towards):
+    for recorded, outputs in replayed:
+        beside = with_floats(outputs, lambda value: math.nextafter(value, towards))
+        found = compare(recorded, beside).keys.values()
+        assert [key.first for key in found if key.differences] == []
+
+
+def test_floats_that_differ_by_a_millionth_are_named(replayed):
+    for recorded, outputs in replayed:
+        keys = compare(recorded, with_floats(outputs, lambda value: value * (1 + 1e-6))).keys
+        checked = 0
+        for moment in recorded.of(Kind.SAMPLE):
+            entry = moment.entry
+            for path, value in floats_of(fields_of(entry)):
+                tolerance = rule_for(entry.suffix, path).tolerance
+                if entry.suffix in keys and isinstance(tolerance, Within) and abs(value) > 1.0:
+                    assert path in keys[entry.suffix].fields, (entry.suffix, path, value)
+                    checked += "stamp" not in path
+        assert checked > 100
+
+
+def floats_of(value, path=""):
+    """Every float of a value that is one by its form, with its path."""
+    match value:
+        case float():
+            yield path, value
+        case dict():
+            for name, inner in value.items():
+                yield from floats_of(inner, f"{path}.{name}" if path else str(name))
+        case list():
+            for number, inner in enumerate(value):
+                yield from floats_of(inner, f"{path}.{number}")
+
+
+LIBM = ("sin", "cos", "tan", "atan2", "asin", "acos", "exp", "log", "hypot")
+"""What IEEE 754 does not round for every machine alike."""
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_a_recording_verifies_with_the_libm_of_another_processor(monkeypatch, seed):
+    monkeypatch.chdir(ROOT)
+    import_module("mkdaemon.vision.pipeline")  # whatever a replay imports later keeps its own names
+    random = Random(seed)
+    modules = [module for name, module in sys.modules.items() if name.startswith("mkdaemon.")]
+    for name in LIBM:
+        own = getattr(math, name)
+
+        def other(*args, own=own):
+            return math.nextafter(own(*args), random.choice([float("-inf"), float("inf")]))
+
+        for module in [math, *(module for module in modules if getattr(module, name, None) is own)]:
+            monkeypatch.setattr(module, name, other)
+    for name in ("sin", "cos", "tan", "arctan2", "exp", "log", "hypot"):
+        own = getattr(np, name)
+        monkeypatch.setattr(np, name, lambda *args, own=own, **more: np.nextafter(own(*args, **more), np.inf))
+    report = verify([OVER_TARGET])
+    assert report.is_equal, "\n".join(report.lines())
 
 
 def test_what_is_recorded_now_comes_out_the_same(tmp_path):

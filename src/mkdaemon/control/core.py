@@ -14,7 +14,7 @@ from mkdaemon.control.actions import Action, ReadGate, Release, SendSticks
 from mkdaemon.control.activeset import UNREAD, ActiveSet
 from mkdaemon.control.authority import Authority
 from mkdaemon.control.decisions import Fly, ReleaseOrder
-from mkdaemon.control.estimator.model import AircraftModel
+from mkdaemon.control.estimator.model import AircraftModel, ModelUnknown
 from mkdaemon.control.flightwatch import FlightWatch
 from mkdaemon.control.modes import IN_FLIGHT, Event
 from mkdaemon.control.output import StickOutput
@@ -182,17 +182,17 @@ class FlightCore:
             self._target.attitude_received(value)
             self._preflight.motion.attitude_received(at - ATTITUDE_LATENCY, value.pitch, value.roll)
 
-    def pose_received(self, pose: VisionPose) -> None:
-        """Take a pose of the vehicle against a target."""
+    def pose_received(self, pose: VisionPose, at: float) -> None:
+        """Take a pose of the vehicle against a target that arrives at a time [s]."""
         self.facts.pose_received(pose)
-        self._target.pose_received(pose)
+        self._target.pose_received(pose, at)
         self.pacing.image_taken(pose.stamp.monotonic, is_ours=pose.target == self._target.target)
         self._preflight.pose_received(pose, self._target.contradicting)
 
-    def model_known(self, model: AircraftModel) -> None:
-        """Take the model of this aircraft's parameter set."""
+    def model_known(self, model: AircraftModel, unknown: ModelUnknown | None = None) -> None:
+        """Take the model to fly by, and why it is not that of the aircraft's own parameter set; None where it is."""
         self._target.model_known(model)
-        self._preflight.model_known(model)
+        self._preflight.model_known(model, unknown)
 
     def preflight(self, now: float, found: ActiveSet | None = None) -> PreflightReport:
         """Make every check before a flight; with what the active set says, where it was read just now."""

@@ -8,7 +8,7 @@ from typing import Final
 from mkdaemon.config.control import ControlConfig
 from mkdaemon.control.activeset import UNREAD, ActiveSet
 from mkdaemon.control.checks import findings, is_ready, standing
-from mkdaemon.control.estimator.model import AircraftModel
+from mkdaemon.control.estimator.model import AircraftModel, Gap, ModelUnknown
 from mkdaemon.control.guidance.autopilot import GAS_CENTRE
 from mkdaemon.control.guidance.margins import gains_of, loop_refusal
 from mkdaemon.control.knowledge import Knowledge
@@ -44,6 +44,7 @@ class Preflight:
         self.has_guard = True
         self._contradicting: tuple[str, ...] = ()
         self._model = AircraftModel()
+        self._unknown: ModelUnknown | None = ModelUnknown(Gap.UNREAD)
         self._gains: Gains | None = None
         self._loop: CommandRejectedError | None = None
         self._is_loop_known = False
@@ -101,8 +102,9 @@ class Preflight:
         self.motion.target_seen(pose.stamp.monotonic, pose.position_flu, pose.camera)
         self._contradicting = contradicting
 
-    def model_known(self, model: AircraftModel) -> None:
-        """Take the model of the aircraft's own parameter set."""
+    def model_known(self, model: AircraftModel, unknown: ModelUnknown | None) -> None:
+        """Take the model to fly by, and why it is not that of the aircraft's own parameter set; None where it is."""
+        self._unknown = unknown
         if model != self._model:
             self._model, self._gains, self._loop, self._is_loop_known = model, None, None, False
 
@@ -137,6 +139,7 @@ class Preflight:
             target_age=facts.pose_age(now),
             stamps=None if is_quick else self.motion.match(now),
             free_disk=facts.free_disk,
+            model=self._unknown,
             loop=loop,
             is_loop_known=self._is_loop_known,
         )

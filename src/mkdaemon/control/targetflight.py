@@ -107,8 +107,8 @@ class TargetFlight:
             self.model = model
             self._estimator = self._autopilot = None
 
-    def pose_received(self, pose: VisionPose) -> None:
-        """Take a pose; the first target seen is followed until it has been out of sight for long."""
+    def pose_received(self, pose: VisionPose, now: float) -> None:
+        """Take a pose that arrives now [s]; the first target is followed until it has been out of sight for long."""
         view, known = view_of(pose), self._estimator
         is_other = bool(self.target) and pose.target != self.target
         lifted_by = None

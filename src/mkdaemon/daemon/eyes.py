@@ -67,14 +67,15 @@ class Eyes:
 class PoseSink:
     """Takes what the cameras see and say of themselves: it reaches the flight core before the bus."""
 
-    def __init__(self, core: FlightCore, bus: Outlet) -> None:
+    def __init__(self, core: FlightCore, bus: Outlet, clock: Clock) -> None:
         self._core = core
+        self._clock = clock
         self._bus = bus
 
     def publish(self, suffix: str, value: Telemetry) -> None:
         """Hand a value on; see `Bus.publish`."""
         if isinstance(value, VisionPose):
-            self._core.pose_received(value)
+            self._core.pose_received(value, self._clock.monotonic())
         elif isinstance(value, VisionStats):
             self._core.facts.eyes[value.camera] = value
         self._bus.publish(suffix, value)
@@ -104,7 +105,7 @@ def open_eyes(
     from mkdaemon.vision.worker import VisionWorker
 
     loop = asyncio.get_running_loop()
-    sink = PoseSink(core, bus)
+    sink = PoseSink(core, bus, clock)
     worker = VisionWorker(cfg.cameras, cfg.vision, sink, loop, clock, session=lambda: bus.session, record=record)
     return Eyes(worker)
 

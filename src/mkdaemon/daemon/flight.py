@@ -17,6 +17,7 @@ from mkdaemon.control.actions import (
 )
 from mkdaemon.control.activeset import ActiveSet
 from mkdaemon.control.core import FlightCore
+from mkdaemon.control.estimator.model import ModelUnknown
 from mkdaemon.control.modes import IN_FLIGHT
 from mkdaemon.daemon.audit import Audit, Outlet
 from mkdaemon.daemon.discovery import require_flightctrl
@@ -138,8 +139,11 @@ class FlightControl:
         self._core.facts.free_disk = free_disk(self._records)
         parameters, dialect = await read_active_set(self._link), self._link.dialect
         # Flown with the slow leak of a NaviCtrl 2.x, an aircraft is lost once that stops to correct: docs/control.md.
-        model = None if parameters is None else aircraft_model(parameters, dialect, has_slow_leak=False)
-        self._core.model_known(model or assumed_model(dialect))
+        found = aircraft_model(parameters, dialect, has_slow_leak=False)
+        if isinstance(found, ModelUnknown):
+            self._core.model_known(assumed_model(dialect), found)
+        else:
+            self._core.model_known(found)
         return active_set(parameters)
 
     async def preflight(self) -> PreflightReport:

@@ -124,7 +124,7 @@ class _Replay:
                 self._cfg, self._station, core, self._clock, self._recorded
             )
         else:
-            self._eyes = BlindEyes(core, self._station)
+            self._eyes = BlindEyes(core, self._station, self._clock)
         return self._eyes
 
     # -- what went in ---------------------------------------------------------------------------------------------

@@ -28,9 +28,9 @@ ATTITUDES: Final = 200
 class BlindEyes(Eyes):
     """No camera, or one whose images were not recorded: the recorded poses reach the flight core."""
 
-    def __init__(self, core: FlightCore, outlet: Outlet) -> None:
+    def __init__(self, core: FlightCore, outlet: Outlet, clock: Clock) -> None:
         super().__init__(None)
-        self._sink = PoseSink(core, outlet)
+        self._sink = PoseSink(core, outlet, clock)
 
     def bring_seen(self, entry: Entry) -> None:
         """Hand on what was seen, and what a camera said of itself."""
@@ -60,7 +60,7 @@ class ReplayedEyes(Eyes):
         from mkdaemon.vision.pipeline import CameraPipeline
 
         super().__init__(None)
-        self._sink, self._clock = PoseSink(core, outlet), clock
+        self._sink, self._clock = PoseSink(core, outlet, clock), clock
         self._attitudes: deque[AttitudeSample] = deque(maxlen=ATTITUDES)
         self._known_until = {
             (seen["camera"], seen["sequence"]): seen["attitude"]

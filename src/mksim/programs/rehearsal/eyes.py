@@ -83,4 +83,4 @@ class RehearsedEyes(Eyes):
             for _, value in values_of(result, image, self._clock.stamp(exposed), self._mounting, now):
                 if isinstance(value, VisionPose):
                     self.posed += 1
-                    self._core.pose_received(value)
+                    self._core.pose_received(value, now)
