@@ -27,7 +27,7 @@ def test_overrides_lie_over_the_file(tmp_path):
         ("[sim]\npilot_plan = 'loop'\n", r"x\.toml:2: sim\.pilot_plan: 'circle', .* is needed, not \"loop\"$"),
         ("[sim]\nlisten = 'h:70000'\n", r"x\.toml:2: sim\.listen: 'h:70000': a TCP port is 0 to 65535$"),
         ("[sim.radio.to_host]\nlatency_mean = 0.06\n", r"latency_mean 0\.06 must lie between latency_min"),
-        ("[sim]\nlatency_ms = 3\n", r'x\.toml:2: sim\.latency_ms: .*"sim\.scene\.latency_ms" is where it belongs$'),
+        ("[sim]\ntruncate_sticks = true\n", r'x\.toml:2: .*"sim\.flight\.loop\.truncate_sticks" is where it belongs$'),
         ('[link]\nprot = "x"\n', r'x\.toml:2: link\.prot: unknown key; did you mean "port"\?'),
         ("sim = 3\n", r"x\.toml:1: sim: a section \[sim\] is needed, not 3$"),
     ],

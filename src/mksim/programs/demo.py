@@ -77,6 +77,7 @@ def demo(
 
 
 def _fly(pace: float, seed: int, wind: str, fps: float, picture: Path, *, is_quiet: bool, is_headless: bool) -> int:
+    import mksim.scene  # noqa: F401 - before the eyes: where OpenCV is missing it names the extra to install
     from mkdaemon.virtualtime import run_virtually
     from mksim.programs.flightpicture import write_picture
     from mksim.programs.rehearsal.flight import rehearse
