@@ -30,8 +30,8 @@ from mkdaemon.vision.camera.sources import source_of
 from mkdaemon.vision.still import StillEye
 from mkdaemon.vision.tags.tagmap import TagMap
 from mksim.config import SceneConfig, SimConfig
-from mksim.programs import sim
 from mksim.programs.scene_only import PoseStream, film_poses
+from mksim.programs.sim import sim
 from mksim.scene.camera import SceneCamera
 from tests.bus.support import free_endpoint
 
