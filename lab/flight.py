@@ -17,9 +17,9 @@ from rich.console import Console
 from rich.table import Table
 
 from mkdaemon.cli.arguments import AsJson
-from mksim.boards.fc import FlightCtrl
+from mksim.boards.flightctrl import FlightCtrl
 from mksim.boards.generations import FC_GENERATIONS, NC_GENERATIONS
-from mksim.boards.nc import NaviCtrl
+from mksim.boards.navictrl import NaviCtrl
 from mksim.config import AirframeConfig, FlightConfig, LoopConfig, SensorConfig, WindClass
 from mksim.physics.attitude_loop import EASY, FAST, AttitudeGains
 from mksim.physics.hand_flight import CircleFlight

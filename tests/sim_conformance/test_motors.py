@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from mkdaemon.protocol.framing import encode_frame
-from mksim.boards.fc import FlightCtrl
+from mksim.boards.flightctrl import FlightCtrl
 from mksim.boards.generations import FC_GENERATIONS
 from mksim.config import BatteryConfig, FlightConfig, GasLaw, SensorConfig, WindClass
 from mksim.physics.world import World

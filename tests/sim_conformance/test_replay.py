@@ -12,9 +12,9 @@ from collections import Counter
 import pytest
 
 from mkdaemon.protocol.framing import Frame, FrameDecoder
-from mksim.boards.fc import FlightCtrl
+from mksim.boards.flightctrl import FlightCtrl
 from mksim.boards.generations import FC_GENERATIONS, NC_GENERATIONS
-from mksim.boards.nc import NaviCtrl
+from mksim.boards.navictrl import NaviCtrl
 from mksim.config import GasLaw
 from tests.sim_conformance.bench import Bench, StillAircraft
 

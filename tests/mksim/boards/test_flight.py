@@ -8,7 +8,7 @@ import math
 import numpy as np
 import pytest
 
-from mksim.boards.fc import FlightCtrl
+from mksim.boards.flightctrl import FlightCtrl
 from mksim.boards.generations import FC_GENERATIONS
 from mksim.config import FlightConfig, WindClass
 from mksim.physics.hand_flight import CircleFlight, Phase

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mkdaemon.protocol.framing import encode_frame
-from mksim.boards.redirect import ESCAPE
+from mksim.boards.navictrl_state import ESCAPE
 from mksim.config import GasLaw
 from tests.sim_conformance.bench import fc_bench, nc_bench
 

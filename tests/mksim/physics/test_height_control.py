@@ -5,8 +5,7 @@ from __future__ import annotations
 import pytest
 
 from mksim.config import FlightConfig, SensorConfig, WindClass
-from mksim.physics.height_control import CLIMB_PER_COUNT, DEAD_BAND, MAX_CLIMB, HeightControl
-from mksim.physics.world import DT, StartState, StickInput, World
+from mksim.physics.world import CLIMB_PER_COUNT, DEAD_BAND, DT, MAX_CLIMB, HeightControl, StartState, StickInput, World
 
 
 def fly(gas: float, seconds: float, *, on: bool = True, noise: bool = False) -> World:

@@ -15,8 +15,7 @@ from mksim.config import LightConfig
 from mksim.scene.autoexposure import AutoExposure, AutoSettings
 from mksim.scene.curl import Curl, bend
 from mksim.scene.gloss import Gloss
-from mksim.scene.grass import blades
-from mksim.scene.hardships import fair_conditions, shadow_of_vehicle
+from mksim.scene.hardships import blades, fair_conditions, shadow_of_vehicle
 from mksim.scene.kinds import CAMERA_KINDS
 from mksim.scene.lensfaults import Dirt, add_dirt, add_fringe, grey_scale
 from mksim.scene.light import CLEAN, Conditions

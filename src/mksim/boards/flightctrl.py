@@ -1,13 +1,21 @@
-"""What each command letter does on a FlightCtrl: one handler a letter, one table.
+"""The FlightCtrl: one loop pass every 2 ms, one receive buffer, one frame leaving at a time; and its commands.
 
-A handler reads the receive buffer as the firmware does, garbage of short payloads included. Letters of the first table
-need the board's own address; those of the second are obeyed whatever the address says. Source: docs/firmware-notes,
-"Sending" and "Commands with side effects"; docs/protocol.md, sections 5 to 7.
+`receive` takes characters with the time they were put on the line, `advance` runs the board to a time, `poll` returns
+characters with the time their stop bit was out. Nothing here knows real time. Behaviour and figures:
+docs/firmware-notes. The board's state is in `flightctrl_state`, what it sends in `flightctrl_replies`.
+
+Commands have one handler a letter. A handler reads the receive buffer as the firmware does, garbage of short payloads
+included. Source: docs/firmware-notes, "Sending" and "Commands with side effects"; docs/protocol.md, sections 5 to 7.
+
+While it boots it prints plain text between frames, 628 characters in stages. That number is a genuine 2.12a's. As
+there, a line begins with its line break and the last one is never ended. Words and times of the stages are our own.
 """
 
 from __future__ import annotations
 
+import random
 from collections.abc import Callable
+from pathlib import Path
 from typing import Final
 
 from mkdaemon.protocol.messages import (
@@ -18,12 +26,45 @@ from mkdaemon.protocol.messages import (
     SettingsSelected,
     SettingsWritten,
 )
-from mksim.boards import fc_display
+from mksim.boards.aircraft import Aircraft
 from mksim.boards.eeprom import BL_SIZE, MIXER_REVISION, MIXER_SIZE
-from mksim.boards.fc_board import FcBoard
-from mksim.boards.generations import FC_MS
-from mksim.boards.motors import READ, WRITE
+from mksim.boards.flightctrl_replies import press_keys, start_next_frame
+from mksim.boards.flightctrl_state import BL_READ, BL_WRITE, FcBoard
+from mksim.boards.generations import (
+    FC_MS,
+    LONG_PASS,
+    LONG_SHARE,
+    LONGEST_PASS,
+    LONGEST_SHARE,
+    SHORT_PASS,
+    SLOW_TICK,
+    FcGeneration,
+)
+from mksim.boards.gestures import Gesture
 from mksim.boards.parameters import SETS, clamp_written, parameter_size
+from mksim.config import GasLaw
+from mksim.physics.world import DT, MOTORS_OFF
+
+BOOT_TEXT_LENGTH: Final = 628
+"""Characters of the whole text."""
+_BREAK: Final = "\n\r"
+_RULE: Final = "=" * 35
+_STAGES: Final = (
+    (0.1, (_RULE, "Flight-Ctrl HW:2.2 SW:{release}", _RULE, "Clock: ok", "Settings: ok")),
+    (0.6, ("Receiver: PPM, 12 channels", *(f"Motor {number}: found, version 2" for number in range(1, 5)))),
+    (2.4, ("Gyro offsets: pitch ok, roll ok, yaw ok", "ACC neutral: pitch ok, roll ok, top ok")),
+    (3.6, ("Pressure sensor: offset set", "NaviCtrl: looked for", "Mixer: quadrocopter, 4 motors")),
+)
+"""Time after the reset [s] and lines."""
+_LAST_STAGE: Final = 4.4
+
+
+def boot_text(release: str) -> tuple[tuple[float, str], ...]:
+    """Return the stages for a release such as `2.12a`: seconds after the reset, and text."""
+    stages = [(after, "".join(_BREAK + line.format(release=release) for line in lines)) for after, lines in _STAGES]
+    missing = BOOT_TEXT_LENGTH - sum(len(text) for _, text in stages) - len(_BREAK)
+    return (*stages, (_LAST_STAGE, _BREAK + "=" * missing))
+
 
 _OWN_ADDRESS: Final = 1
 _EEPROM_READ: Final = 1.2e-3
@@ -95,7 +136,7 @@ def _attitude(board: FcBoard, now: float) -> None:
 
 def _display(board: FcBoard, now: float) -> None:
     keys, interval = _read(board, 2)
-    fc_display.press_keys(board, keys)
+    press_keys(board, keys)
     # the obsolete format is refused once, not streamed
     board.requests.display_stream.interval = interval if keys & 0x80 else 0
     board.requests.display = True
@@ -211,7 +252,7 @@ def _serial_channels(board: FcBoard, now: float) -> None:
 def _read_motor_controller(board: FcBoard, now: float) -> None:
     motor = _read(board, 1)[0]
     reply = board.motors.read(motor, running=board.core.running)
-    took = READ if reply.done else _SETTLE
+    took = BL_READ if reply.done else _SETTLE
     board.send_when_free(reply, now + took)
 
 
@@ -220,7 +261,7 @@ def _write_motor_controller(board: FcBoard, now: float) -> None:
         return
     raw = _read(board, BL_SIZE + 1)
     reply = board.motors.write(raw[0], raw[1:], running=board.core.running)
-    took = WRITE if reply.done else _SETTLE
+    took = BL_WRITE if reply.done else _SETTLE
     board.send_when_free(reply, now + took)
 
 
@@ -270,6 +311,7 @@ _ANY: Final[dict[str, _Handler]] = {
     "K": _compass,
     "t": _motor_test,
 }
+"""Obeyed whatever address the frame bears."""
 _OWN: Final[dict[str, _Handler]] = {
     "p": _receiver,
     "n": _mixer,
@@ -282,6 +324,159 @@ _OWN: Final[dict[str, _Handler]] = {
     "w": _write_motor_controller,
     "j": _bridge,
 }
+"""Obeyed only at the board's own address."""
 _FORK: Final[dict[str, _Handler]] = {"x": _arm, "e": _disarm, "r": _calibrate, "o": _beep}
 HANDLED: Final = frozenset({*_ANY, *_OWN, *_FORK, "R"})
 """Every letter some generation acts on; the reset is taken in the receive interrupt."""
+
+
+BOOT: Final = 4.7
+"""From reset to the first handled frame."""
+BOOT_DEAD_MAN: Final = 6.75
+"""From reset to the first count of the dead-man: a stick frame kept through the boot acts from 4.7 to 8.8 s."""
+RESET: Final = 0.25
+"""From `R` to the watchdog's reset."""
+CALIBRATE_BUSY: Final = 1.5
+_ACTUATION: Final = 0.5e-3
+"""From the pass after sticks were evaluated to the set points on the motor bus."""
+
+
+class FlightCtrl(FcBoard):
+    """One FlightCtrl."""
+
+    def __init__(
+        self,
+        generation: FcGeneration,
+        aircraft: Aircraft,
+        *,
+        seed: int,
+        gas_law: GasLaw = GasLaw.STOCK,
+        eeprom: Path | None = None,
+        gate_parameter: int = 0,
+        calibrated: bool = False,
+    ) -> None:
+        """Power the board up; it is ready at once, as after a long time on the bench.
+
+        Args:
+            generation: which release it is.
+            aircraft: what it flies.
+            seed: of its loop's jitter.
+            gas_law: stock or fork.
+            eeprom: file that keeps its settings.
+            gate_parameter: ExternalControl in a new EEPROM's parameter sets.
+            calibrated: no calibration is needed before the motors start.
+
+        Raises:
+            ConfigError: the EEPROM file cannot be used.
+        """
+        super().__init__(
+            generation,
+            aircraft,
+            gas_law=gas_law,
+            eeprom=eeprom,
+            gate_parameter=gate_parameter,
+            calibrated=calibrated,
+        )
+        self._rng = random.Random(f"{seed} fc")
+        self._next_pass = self._rng.uniform(0.0, SHORT_PASS)
+        self._reset_loop()
+
+    def _reset_loop(self) -> None:
+        self._next_tick = self.now
+        self._reset_at: float | None = None
+        self._sticks = self._next_sticks = MOTORS_OFF
+        self._sticks_at = 0.0
+
+    def advance(self, to: float) -> None:
+        """Run to `to` [s]."""
+        while self._next_pass <= to:
+            now = self._next_pass
+            self._next_pass = now + self._pass_time()
+            self.now = now
+            self._pass(now)
+        self._step_aircraft_to(to)
+        self.now = to
+
+    def _pass_time(self) -> float:
+        drawn = self._rng.random()
+        if drawn < LONG_SHARE:
+            return LONG_PASS
+        return LONGEST_PASS if drawn >= 1.0 - LONGEST_SHARE else SHORT_PASS
+
+    def _pass(self, now: float) -> None:
+        """One turn of the main loop."""
+        self._step_aircraft_to(now)
+        for at, byte in self._line.take(now):
+            if not self.bridged and self.rx.take(byte) and self.rx.buffer.command == "R":
+                self._request_reset(at)
+        if self._reset_at is not None and now >= self._reset_at:
+            self.reboot(now)
+        if self.aircraft.faults.take("fc_reboot"):
+            self.reboot(now)
+        if now < self.blocked_until or self.bridged:
+            return
+        if self.keeps_buffer:
+            self.keeps_buffer = False
+            self.rx.release()
+        self._run_slow_ticks(now)
+        if self.core.is_due(now):
+            self._evaluate(now)
+        if self._out.busy_until <= now:
+            start_next_frame(self, now)
+        if self.rx.has_frame:
+            handle(self, now)
+            if not self.keeps_buffer:
+                self.rx.release()
+
+    def _step_aircraft_to(self, to: float) -> None:
+        """Let the aircraft fly under the sticks in force."""
+        aircraft = self.aircraft
+        while aircraft.now + DT <= to:
+            if self._next_sticks is not self._sticks and aircraft.now + DT > self._sticks_at:
+                self._sticks = self._next_sticks
+            aircraft.step(self._sticks)
+
+    def _run_slow_ticks(self, now: float) -> None:
+        while self._next_tick <= now:
+            self._next_tick += SLOW_TICK
+            self.core.tick(now, self.live)
+            self.external.tick_until(now)
+            self.motors.pass_time(now, running=self.core.running)
+            self._set_sticks()
+
+    def _evaluate(self, now: float) -> None:
+        """A receiver frame: sample sticks, obey gestures, move the motors one pass later."""
+        gesture = self.core.evaluate(now, self.live, may_start=self.companion_error == 0)
+        if gesture is Gesture.CALIBRATE:
+            if self.core.chosen is not None:
+                self.eeprom.active = self.core.chosen
+                self.load(self.core.chosen)
+                self.eeprom.save()
+            self.block(now + CALIBRATE_BUSY)
+        self._set_sticks()
+
+    def _set_sticks(self) -> None:
+        sticks = self.core.stick_input(self.live)
+        if sticks != self._next_sticks:
+            self._next_sticks = sticks
+            self._sticks_at = self._next_pass + _ACTUATION
+
+    def _request_reset(self, at: float) -> None:
+        """`R` acts in the receive interrupt."""
+        self.rx.release()
+        if not (self.generation.reset_gated and self.core.running):
+            self._reset_at = at + RESET
+
+    def reboot(self, now: float) -> None:
+        """Reset: motors off, everything volatile lost; the first frame received meanwhile is handled after the boot."""
+        self.external.clear()
+        self.external.start_dead_man_at(now + BOOT_DEAD_MAN)
+        self.now = now
+        self._out.cut(now)
+        self.load(self.eeprom.active)
+        self.reset_state(calibrated=False)
+        self._reset_loop()
+        self.booted_at = now + BOOT
+        self.block(self.booted_at)
+        for after, text in boot_text(self.generation.label):
+            self._out.send(text.encode("ascii"), now + after)

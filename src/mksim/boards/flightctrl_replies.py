@@ -1,11 +1,18 @@
-"""The replies of a FlightCtrl, each built from the project's own messages. No state, no timing."""
+"""What a FlightCtrl sends: its replies, the pages of its menu, and which frame leaves next.
+
+Replies are built from the project's own messages; the texts of the menu are our own. At most one frame starts in a
+pass of the main loop, and only on an idle transmitter.
+
+Source: docs/protocol.md, "Common commands"; docs/firmware-notes, "Losses" and "Subscriptions", and for what a page too
+high gives.
+"""
 
 from __future__ import annotations
 
 import math
 from typing import Final
 
-from mkdaemon.protocol.flags import BoardStatus, FlightFault0, FlightFault1, VersionFlags
+from mkdaemon.protocol.flags import BoardStatus, FlightFault0, FlightFault1, MenuKey, VersionFlags
 from mkdaemon.protocol.messages import (
     AttitudeDataFc210,
     AttitudeDataFcOld,
@@ -13,6 +20,7 @@ from mkdaemon.protocol.messages import (
     ControlConfirm,
     DebugDataFc,
     Label,
+    Menu,
     NaviVersionClassic,
     Receiver071,
     Receiver200,
@@ -20,9 +28,10 @@ from mkdaemon.protocol.messages import (
     VersionFc200,
     VersionFc210,
 )
-from mkdaemon.protocol.wire import WireMessage
+from mkdaemon.protocol.wire import Board, WireMessage
+from mksim.boards.display import compose
 from mksim.boards.external import FULL
-from mksim.boards.fc_board import FcBoard
+from mksim.boards.flightctrl_state import FcBoard
 from mksim.boards.labels import FC_LABELS, label, label_checksum
 
 PROTOCOL_MAJOR: Final = 11
@@ -195,3 +204,146 @@ def compass_feed(board: FcBoard) -> WireMessage:
         calibration_step=0,
         orientation=0,
     )
+
+
+PRINT: Final = 1.2e-3
+"""Time to print a page before it is sent."""
+_TRIM_PAGE: Final = 5
+"""The accelerometer's page: keys 3 and 4 trim it."""
+
+
+def press_keys(board: FcBoard, keys_inverted: int) -> None:
+    """Take the keys of an `h` frame."""
+    keys = board.menu.turn(keys_inverted)
+    if board.menu.shown == _TRIM_PAGE and not board.core.running:
+        board.trim += bool(keys & MenuKey.KEY_3) - bool(keys & MenuKey.KEY_4)
+
+
+def display(board: FcBoard) -> WireMessage:
+    """Build H."""
+    return board.menu.wrap(_text(board, board.menu.shown))
+
+
+def menu(board: FcBoard, number: int) -> WireMessage:
+    """Build L; a number too high gives an empty page and falls back to page 0."""
+    pages = board.menu
+    if number > pages.last:
+        pages.shown = 0
+        return Menu(page=0, last_page=pages.last, text=compose(number))
+    pages.shown = number
+    return Menu(page=number, last_page=pages.last, text=_text(board, number))
+
+
+def _text(board: FcBoard, page: int) -> str:
+    sensors, core, live = board.aircraft.sensors, board.core, board.live
+    sticks, potis = core.receiver, core.potis
+    motors = sensors.motor_setpoints
+    pages: dict[int, tuple[str, ...]] = {
+        0: (
+            "FlightCtrl",
+            f"HW 2.2  SW {board.generation.label}",
+            f"Set {board.eeprom.active}  Mixer {board.eeprom.mixer[1:13].split(bytes(1))[0].decode('latin-1')}",
+            "Motors running" if core.running else "",
+        ),
+        1: ("Height", f"Height {sensors.baro_height * 20:8.0f}", f"Climb {sensors.vertical_speed:9.1f}"),
+        2: (
+            "Attitude",
+            f"Pitch  {math.degrees(sensors.fc_angle_pitch):8.1f}",
+            f"Roll   {-math.degrees(sensors.fc_angle_roll):8.1f}",
+            f"Compass{sensors.compass_deg:8.0f}",
+        ),
+        3: (
+            "Receiver",
+            f"Thr{sticks.throttle:6.0f} Pit{sticks.pitch:6.0f}",
+            f"Rol{sticks.roll:6.0f} Yaw{sticks.yaw:6.0f}",
+            f"Level{core.quality:6d}",
+        ),
+        4: (
+            "Settings",
+            f"StickP {live['stick_p']:3d} GyroP {live['gyro_p']:3d}",
+            f"GyroI {live['gyro_i']:4d} IF {live['integral_factor']:4d}",
+        ),
+        5: ("Accelerometer", f"Pitch {sensors.acc_x:9.2f}", f"Roll {sensors.acc_y:10.2f}", f"Trim {board.trim:10d}"),
+        6: ("Battery", f"{sensors.battery_voltage:6.1f} V", f"{sensors.battery_current:6.1f} A"),
+        7: (
+            "External control",
+            f"Gate {'open' if core.gate_open else 'closed'}",
+            f"Held {'valid' if board.external.is_valid else 'none'}",
+            f"Poti1 {potis[0]:4d}",
+        ),
+        8: ("Motors", f"{motors[0]:5d}{motors[1]:5d}{motors[2]:5d}{motors[3]:5d}"),
+        10: ("Potis", *(f"{potis[i]:5d}{potis[i + 1]:5d}" for i in (0, 2, 4))),
+        19: ("Motor controllers", "2.08 2.08 2.08 2.08"),
+    }
+    return compose(page, *pages.get(page, (f"Page {page}",)))
+
+
+_COMPASS: Final = 0.099
+_COMPASS_SLOW: Final = 0.999
+"""Period of the compass feed without and with a NaviCtrl. Source: docs/protocol.md, section 9."""
+
+
+def start_next_frame(board: FcBoard, now: float) -> None:
+    """Start at most one frame; a label asked for while a debug frame starts collides with it."""
+    requests = board.requests
+    requests.end_expired(now, debug_is_endless=board.is_fork)
+    if _start_first(board, now) or _start_compass_feed(board, now):
+        return
+    started = False
+    if requests.debug or requests.debug_stream.is_due(now):
+        requests.debug = False
+        requests.debug_stream.restart(now)
+        board.send(debug(board), now)
+        started = True
+    if requests.label is not None:
+        index, requests.label = requests.label, None
+        board.cut(now)
+        board.send(name(index), now)
+        return
+    if not started:
+        _start_last(board, now)
+
+
+def _start_first(board: FcBoard, now: float) -> bool:
+    """Version and external control go before everything."""
+    requests = board.requests
+    if requests.version is not None:
+        reply = companion_version if requests.version == 2 else version
+        requests.version = None
+        board.send(reply(board), now)
+        return True
+    if requests.control:
+        requests.control = False
+        board.send(control_state(board), now)
+        return True
+    return False
+
+
+def _start_compass_feed(board: FcBoard, now: float) -> bool:
+    """Early firmware sends an MK3Mag its attitude, whether there is one or not."""
+    if not board.generation.feeds_compass or now < board.requests.compass_at:
+        return False
+    board.requests.compass_at = now + (_COMPASS_SLOW if board.has_companion else _COMPASS)
+    board.send(compass_feed(board), now, Board.MAG)
+    return True
+
+
+def _start_last(board: FcBoard, now: float) -> None:
+    """Send what a fast debug stream starves."""
+    requests = board.requests
+    if board.external.confirm:
+        board.send(confirm(board.external.confirm), now)
+        board.external.confirm = 0
+    elif requests.attitude_stream.is_due(now):
+        requests.attitude_stream.restart(now)
+        board.send(attitude(board), now)
+    elif requests.display or requests.display_stream.is_due(now):
+        requests.display = False
+        requests.display_stream.restart(now)
+        board.send(display(board), now + PRINT)
+    elif requests.menu is not None:
+        page, requests.menu = requests.menu, None
+        board.send(menu(board, page), now + PRINT)
+    elif requests.receiver:
+        requests.receiver = False
+        board.send(receiver(board), now)
