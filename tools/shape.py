@@ -20,9 +20,11 @@ from rich.table import Table
 from mkdaemon.cli.program import run
 from mkdaemon.errors import MkError
 
-LONGEST_FILE: Final = 300
+LONGEST_FILE: Final = 600
 """Lines a file of src/, lab/ or tools/ may have."""
 FOLDERS: Final = ("src", "lab", "tools", "tests")
+PRODUCT: Final = ("mkdaemon", "mksim")
+"""Packages of `src/`."""
 LIMITED: Final = ("src", "lab", "tools")
 """Folders whose files have the limit."""
 
@@ -49,15 +51,19 @@ def count_lines(root: Path) -> dict[str, int]:
 
 
 def measure_packages(lines: Mapping[str, int]) -> list[Package]:
-    """Return the packages of mkdaemon, its modules together, and the other folders, each group largest first."""
+    """Return the packages of `src/`, modules above them together, and the other folders, each group largest first."""
     groups: dict[str, list[int]] = {}
     for path, count in lines.items():
         parts = path.split("/")
-        is_product = parts[0] == "src"
-        name = f"mkdaemon.{parts[2]}" if is_product and len(parts) > 3 else "mkdaemon" if is_product else parts[0]
+        name = ".".join(parts[1:-1][:2]) if parts[0] == "src" else parts[0]
         groups.setdefault(name, []).append(count)
     packages = [Package(name, len(counts), sum(counts)) for name, counts in groups.items()]
-    return sorted(packages, key=lambda package: (not package.name.startswith("mkdaemon"), -package.lines))
+    return sorted(packages, key=lambda package: (not is_product(package), -package.lines))
+
+
+def is_product(package: Package) -> bool:
+    """Return whether a package is in the wheel."""
+    return package.name.partition(".")[0] in PRODUCT
 
 
 def find_long_files(lines: Mapping[str, int]) -> list[str]:
@@ -69,19 +75,19 @@ def find_long_files(lines: Mapping[str, int]) -> list[str]:
     ]
 
 
-def find_circles(package: str = "mkdaemon") -> list[list[str]]:
-    """Return the circles of imports in a package.
+def find_circles(*packages: str) -> list[list[str]]:
+    """Return the circles of imports in packages.
 
     Two kinds count: modules that import each other, and neighbours in one package (modules or packages) that do when
     each stands for everything below it.
 
     Args:
-        package: importable package.
+        packages: importable packages; those of the product by default.
 
     Returns:
         Every circle once, its members sorted.
     """
-    graph = grimp.build_graph(package, cache_dir=None)
+    graph = grimp.build_graph(*(packages or PRODUCT), cache_dir=None)
     circles = _circles(graph.modules, graph.find_modules_directly_imported_by)
     for parent in sorted(graph.modules):
         children = graph.find_children(parent)
@@ -134,10 +140,9 @@ def _print_sizes(packages: list[Package], lines: Mapping[str, int]) -> None:
     table = Table("package", "files", "lines", "share", box=None)
     for column in table.columns[1:]:
         column.justify = "right"
-    product = sum(package.lines for package in packages if package.name.startswith("mkdaemon"))
+    product = sum(package.lines for package in packages if is_product(package))
     for package in packages:
-        is_product = package.name.startswith("mkdaemon")
-        share = f"{100 * package.lines / product:.1f} %" if is_product else ""
+        share = f"{100 * package.lines / product:.1f} %" if is_product(package) else ""
         table.add_row(package.name, str(package.files), str(package.lines), share)
     console = Console()
     console.print(table)
