@@ -14,7 +14,7 @@ from mkdaemon.errors import CommandRejectedError
 from mkdaemon.telemetry.control import Phase
 from mkdaemon.telemetry.setpoint import PositionSetpoint, SetpointFrame
 from tests.control.events import CHANNEL, PERIOD, Driver, pose
-from tests.control.test_checks import battery
+from tests.control.admission.situations import battery
 
 
 @pytest.fixture
