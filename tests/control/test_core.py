@@ -307,6 +307,7 @@ def test_released_out_of_place_changes_nothing(drive):
     [
         (LinkCondition.DOWN, 0.0),
         (LinkCondition.ABSENT, 0.0),
+        (LinkCondition.CLOSED, 0.0),
         (LinkCondition.MUTE, 0.15),
         (LinkCondition.GARBAGE, 0.15),
         (LinkCondition.ONE_WAY, CFG.lease.release_after),

@@ -9,7 +9,7 @@ import pytest
 from mkdaemon.control import preflight
 from mkdaemon.control.activeset import ActiveSet, Gate, GateKind
 from mkdaemon.control.estimator.model import AircraftModel, Gap, ModelUnknown
-from mkdaemon.control.events import ModelKnown, PoseSeen, StateValue
+from mkdaemon.control.events import ActiveSetRead, ModelKnown, PoseSeen, StateValue
 from mkdaemon.errors import CommandRejectedError
 from mkdaemon.telemetry.control import Phase
 from mkdaemon.telemetry.setpoint import PositionSetpoint, SetpointFrame
@@ -79,19 +79,25 @@ def test_a_gain_on_a_potentiometer_prevents_autonomous_flight_but_no_flight_by_s
     assert to_position(drive) is None
 
 
+def read(drive, found):
+    """What the checks find with an active set that was read just now."""
+    drive.tell(ActiveSetRead(found))
+    return drive.core.preflight(drive.now)
+
+
 def test_the_report_has_what_was_read_last(drive):
     def height_control():
         report = drive.core.preflight(drive.now)
         return next(found.token for found in report.findings if found.name == "height control")
 
-    assert drive.core.preflight(0.0, ActiveSet(CHANNEL, "Easy", has_height_control=True)).is_ready is False
+    assert read(drive, ActiveSet(CHANNEL, "Easy", has_height_control=True)).is_ready is False
     assert height_control() == "height_control"
     drive.take()
     assert height_control() is None
 
 
 def test_a_gate_that_was_shut_is_read_again_before_the_next_lease(drive):
-    drive.core.preflight(0.0, ActiveSet(Gate(GateKind.CONSTANT, 0), "Easy"))
+    read(drive, ActiveSet(Gate(GateKind.CONSTANT, 0), "Easy"))
     drive.take()
 
 
