@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from mkdaemon.control.estimator.values import TargetView
-from mkdaemon.control.guidance.autopilot import AutopilotSticks
+from mkdaemon.control.regulator.autopilot import AutopilotSticks
 from mkdaemon.control.linear import Array
 
 PERIOD = 1 / 15

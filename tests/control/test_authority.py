@@ -6,7 +6,7 @@ import pytest
 
 from mkdaemon.config.control import ControlConfig
 from mkdaemon.control.authority import Authority
-from mkdaemon.control.decisions import Fly, ReleaseOrder, SendNothing
+from mkdaemon.control.authority import Fly, ReleaseOrder, SendNothing
 from mkdaemon.control.lease import LONGEST_JUMP
 from mkdaemon.control.modes import Trigger
 from mkdaemon.control.setpoints import StickGuidance

@@ -18,8 +18,8 @@ from mkdaemon.control.actions import PublishStatus, Release, ReportFailsafe, Rep
 from mkdaemon.control.estimator.model import AircraftModel
 from mkdaemon.control.estimator.values import TargetView
 from mkdaemon.control.events import Released
-from mkdaemon.control.guidance.autopilot import Goal
-from mkdaemon.control.guidance.landing import LandingPhase
+from mkdaemon.control.regulator.autopilot import Goal
+from mkdaemon.control.manoeuvres.land import LandingPhase
 from mkdaemon.control.targetflight import FORGOTTEN, TargetFlight
 from mkdaemon.control.targetgoals import Arrival, obstacle, velocity_between
 from mkdaemon.control.vehicle import VehicleFacts
