@@ -176,15 +176,20 @@ REFUSALS: Final[Mapping[str, Refusal]] = {
         "{name} needs to know where the aircraft is, and no camera has seen a target yet.",
         "`mkctl watch 'vision/**'` shows what the cameras see; [[cameras]] in the configuration needs one, calibrated.",
     ),
-    Token.NOT_READY: Refusal(
-        Status.DENIED,
-        "{name} cannot begin now: it waits for {detail}.",
-        "Go on with what is flown and repeat; `mkctl watch control/estimate` shows the estimate.",
-    ),
     Token.NO_FRAME: Refusal(
         Status.UNSUPPORTED,
         "{name} cannot be followed in frame {frame}: GPS errs by 2 to 3 m, and its age is not told.",
         "Give it in frame pad or body; `mkctl goto X Y Z --frame home` (`do/navi_goto`) lets the NaviCtrl fly there.",
+    ),
+    Token.NOT_READY: Refusal(
+        Status.DENIED,
+        "{name} cannot begin from sticks or attitude now; it needs {detail}.",
+        "Fly on by sticks until it is so, then stream it again; docs/flying.md lists the conditions.",
+    ),
+    Token.NOT_ON_GROUND: Refusal(
+        Status.DENIED,
+        "a take-off begins on the ground, and this aircraft is flown by sticks or attitude.",
+        "In the air stream hold or a position; on the ground `mkctl release`, take the lease again, then take off.",
     ),
     Token.FLYING_STOP: Refusal(
         Status.DENIED,
@@ -204,6 +209,11 @@ REFUSALS: Final[Mapping[str, Refusal]] = {
         Status.DENIED,
         "with {cause} the control loop is not safe on the model of this aircraft: {detail}.",
         "`mkctl gains` shows the loop; {remedy}.",
+    ),
+    Token.LOOP_UNKNOWN: Refusal(
+        Status.DENIED,
+        "the control loop has not been computed for the model of this aircraft, and is not computed in flight.",
+        "Land, or fly by sticks; `mkctl preflight` and the next lease compute it.",
     ),
     Token.GAIN_ON_POTI: Refusal(
         Status.DENIED,

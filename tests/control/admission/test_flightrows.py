@@ -1,4 +1,4 @@
-"""The table of checks before a flight: what each one finds, and what it prevents."""
+"""The checks before a flight: what each one finds, and what it prevents."""
 
 from __future__ import annotations
 
@@ -6,64 +6,19 @@ from dataclasses import replace
 
 import pytest
 
-from mkdaemon.config.control import LeaseConfig
-from mkdaemon.control.activeset import UNREAD, ActiveSet, Gate, GateKind
-from mkdaemon.control.checks import CHECKS, findings, is_ready, standing
+from mkdaemon.config.control import ControlConfig, LeaseConfig
+from mkdaemon.control.activeset import UNREAD, Gate, GateKind
+from mkdaemon.control.admission import ROWS, Concern, NewManoeuvre, TakeLease, findings, is_ready, refusals
 from mkdaemon.control.estimator.model import Gap, ModelUnknown
-from mkdaemon.control.knowledge import Knowledge
 from mkdaemon.control.motionmatch import Match
 from mkdaemon.telemetry.control import ControlLine
-from mkdaemon.telemetry.link import LinkCondition, LinkHealth, RoundTripStats
+from mkdaemon.telemetry.link import LinkCondition
 from mkdaemon.telemetry.preflight import Blocks, CheckState
 from mkdaemon.telemetry.refusals import Token, refuse
-from mkdaemon.telemetry.state import Battery, Flight, GpsMode, Pilot
-from mkdaemon.telemetry.vision import Alarm, EyeState, VisionStats
-from tests.control.events import STAMP, flight, link_state, pilot
-
-SET = ActiveSet(Gate(GateKind.CHANNEL, 255), "Easy", emergency_throttle=110, emergency_time=90, low_cell=3.2)
-
-SHARED = Gate(GateKind.CHANNEL, 255, altitude_channel=5)
-
-
-def health(*, lost=0, sent=50):
-    echo = RoundTripStats(sent=sent, lost=lost, loss_percent=100.0 * lost / sent if sent else 0.0)
-    return LinkHealth(stamp=STAMP, state=link_state(), echo=echo, confirm=RoundTripStats())
-
-
-def battery(voltage, *, is_low=None):
-    return Battery(stamp=STAMP, source="nc/osd", voltage=voltage, current=None, used_mah=None, is_low=is_low)
-
-
-def eyes(state=EyeState.OK, alarms=None, reason="", **more):
-    fields = {"state": state, "alarms": alarms or {}, "reason": reason, "processed": 9, "latency_p50_ms": 80.0}
-    return VisionStats.model_construct(stamp=STAMP, camera="down", **(fields | more))
-
-
-def reception(quality):
-    return Pilot.model_copy(pilot(0.0), update={"rc_quality": quality})
-
-
-def flags(**flags):
-    return Flight.model_copy(flight(is_flying=False), update=flags)
-
-
-GOOD = Knowledge(
-    now=1.0,
-    lease=LeaseConfig(),
-    hover_gas=125.0,
-    line=ControlLine("v2"),
-    link=link_state(),
-    health=health(),
-    active_set=SET,
-    flight=flight(is_flying=False),
-    pilot=pilot(0.0),
-    battery=battery(16.0),
-    highest_voltage=16.0,
-    eyes=(eyes(),),
-    target_age=0.1,
-    stamps=Match(0.01, 0.95),
-    free_disk=5e9,
-)
+from mkdaemon.telemetry.state import GpsMode
+from mkdaemon.telemetry.vision import Alarm, EyeState
+from tests.control.admission.situations import GOOD, SET, SHARED, battery, eyes, flags, health, reception
+from tests.control.events import link_state
 
 STANDS = [
     ("guard", "guard_dead", {"has_guard": False}),
@@ -84,6 +39,7 @@ STANDS = [
     ("aircraft model", "gain_on_poti", {"model": ModelUnknown(Gap.ON_POTENTIOMETER, "gyro_i", 255, 1)}),
     ("aircraft model", "gain_zero", {"model": ModelUnknown(Gap.NO_AIRCRAFT, "stick_p", 0)}),
     ("control loop", "loop_unstable", {"loop": refuse(Token.LOOP_UNSTABLE, detail="x", cause="y", remedy="z")}),
+    ("control loop", "loop_unknown", {"is_loop_known": False}),
     ("receiver", "receiver_weak", {"pilot": reception(0.7)}),
     ("receiver", "receiver_weak", {"flight": flags(emergency_landing=True)}),
     ("battery", "battery_low", {"battery": battery(16.0, is_low=True)}),
@@ -120,7 +76,6 @@ UNKNOWN = [
     ("target", {"target_age": 1.1}),
     ("time stamps", {"stamps": None}),
     ("time stamps", {"stamps": Match(0.2, 0.5)}),
-    ("control loop", {"is_loop_known": False}),
     ("disk", {"free_disk": None}),
 ]
 
@@ -132,7 +87,7 @@ def finding(known, name):
 def test_all_is_well():
     found = findings(GOOD)
     assert [each.name for each in found if each.state is not CheckState.PASSED] == []
-    assert len({check.name for check in CHECKS}) == len(CHECKS)
+    assert len({row.name for row in ROWS}) == len(ROWS)
     assert is_ready(found)
 
 
@@ -143,7 +98,9 @@ def test_what_stands_is_refused_with_a_reason_and_a_remedy(name, token, change):
     assert (found.state, found.token) == (CheckState.STANDS, token)
     assert found.reason
     assert found.fix
-    assert token in [refusal.token for refusal in standing(known, found.blocks)]
+    beginning = TakeLease(holder="alice") if found.blocks is Blocks.LEASE else NewManoeuvre(Concern.POSITION)
+    refused = [refusal.token for refusal in refusals(beginning, known)]
+    assert refused == ([] if found.blocks is Blocks.NOTHING else [token])
     assert is_ready(findings(known)) is (found.blocks is Blocks.NOTHING)
 
 
@@ -155,7 +112,7 @@ def test_what_nobody_can_tell_prevents_nothing(name, change):
 
 
 def test_every_check_can_stand_but_for_the_target_which_the_flight_itself_waits_for():
-    assert {check.name for check in CHECKS} - {name for name, _, _ in STANDS} == {"target"}
+    assert {row.name for row in ROWS if row.is_shown} - {name for name, _, _ in STANDS} == {"target"}
 
 
 def test_one_camera_that_sees_is_enough():
@@ -164,7 +121,7 @@ def test_one_camera_that_sees_is_enough():
 
 def test_an_accepted_constant_gate_passes():
     gate = replace(SET, gate=Gate(GateKind.CONSTANT, 200))
-    known = replace(GOOD, lease=LeaseConfig(allow_constant_gate=True), active_set=gate)
+    known = replace(GOOD, cfg=ControlConfig(lease=LeaseConfig(allow_constant_gate=True)), active_set=gate)
     assert finding(known, "gate").state is CheckState.PASSED
 
 
