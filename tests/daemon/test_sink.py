@@ -7,7 +7,6 @@ import pytest
 from mkdaemon.clock import Clock
 from mkdaemon.config.control import ControlConfig
 from mkdaemon.daemon.deck import Deck
-from mkdaemon.link.session.exchange import CLOSED
 from mkdaemon.link.session.traffic import Lost, Purpose, Received, Sent
 from mkdaemon.protocol.boards import Direction
 from mkdaemon.protocol.decoder import Unknown
@@ -67,12 +66,12 @@ def test_only_a_new_condition_of_the_line_is_a_line_in_the_log(sink, bus):
         link_state(LinkCondition.DOWN, "just opened"),
         link_state(LinkCondition.UP),
         link_state(LinkCondition.UP, "with losses"),
-        link_state(LinkCondition.DOWN, CLOSED),
+        link_state(LinkCondition.CLOSED, "closed by us"),
     ):
         sink.state_changed(state)
     assert len(bus.values("link/state")) == 4
     assert [(event.level, event.text) for event in bus.values("event/log")] == [
         ("warning", "p: down: just opened"),
         ("info", "p: up: all is well"),
-        ("info", "p: down: closed by us"),
+        ("info", "p: closed: closed by us"),
     ]

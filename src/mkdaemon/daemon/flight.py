@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import asyncio
 from contextlib import suppress
-from functools import partial
 from pathlib import Path
 from secrets import token_hex
 
@@ -41,7 +40,7 @@ from mkdaemon.daemon.preflight import active_set, free_disk, read_active_set
 from mkdaemon.daemon.releases import Releases
 from mkdaemon.errors import CommandRejectedError
 from mkdaemon.link.link import Link
-from mkdaemon.link.session.traffic import ReleaseResult
+from mkdaemon.link.session.traffic import ReleaseResult, SetpointRefused
 from mkdaemon.telemetry.command import AbortRequest, LeaseRequest, ReleaseRequest
 from mkdaemon.telemetry.control import ControlLine, Gains, LeaseState, Phase
 from mkdaemon.telemetry.preflight import PreflightReport
@@ -230,11 +229,10 @@ class FlightControl:
 
     def _send(self, order: SendSticks, now: float) -> None:
         """Hand a stick frame to the line; the core hears of one that the line does not take."""
-        layout = self._link.dialect.extern_control
-        assert layout is not None
-        try:
-            frame = self._link.send_setpoint(partial(extern_control, layout, order.counts), deadline=order.deadline)
-        except CommandRejectedError as error:
-            self._deck.feed(FrameNotSent(error), now)
-            return
-        self._deck.publish_output(order, frame, now)
+        fate = self._link.send_setpoint(
+            lambda layout, number: extern_control(layout, order.counts, number), deadline=order.deadline
+        )
+        if isinstance(fate, SetpointRefused):
+            self._deck.feed(FrameNotSent(fate.refusal), now)
+        else:
+            self._deck.publish_output(order, fate.number, now)

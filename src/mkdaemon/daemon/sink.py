@@ -20,7 +20,6 @@ from mkdaemon.control.events import (
 from mkdaemon.control.vehicle import VehicleFacts
 from mkdaemon.daemon.audit import Audit, Outlet
 from mkdaemon.daemon.eyes import Eyes
-from mkdaemon.link.session.exchange import CLOSED
 from mkdaemon.link.session.traffic import Lost, Purpose, Received, Sent
 from mkdaemon.protocol.boards import board_at
 from mkdaemon.protocol.decoder import Unknown
@@ -132,7 +131,7 @@ class BusSink:
         """Publish the verdict on the line; a new condition is also a line in the log, with what to do about it."""
         before = self._facts.link
         if before is None or before.condition != state.condition:
-            is_ordinary = state.condition is LinkCondition.UP or state.reason == CLOSED
+            is_ordinary = state.condition in {LinkCondition.UP, LinkCondition.CLOSED}
             level = "info" if is_ordinary else "warning"
             self._audit.log(level, f"{state.port}: {state.condition.value}: {state.reason}")
         self._feed(LinkVerdict(state), state.stamp.monotonic)

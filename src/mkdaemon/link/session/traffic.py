@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from enum import IntEnum
-from typing import NamedTuple, Protocol
+from typing import Final, NamedTuple, NewType, Protocol
 
+from mkdaemon.errors import CommandRejectedError
 from mkdaemon.protocol.boards import Direction
 from mkdaemon.protocol.decoder import Layouts, Unknown
 from mkdaemon.protocol.framing import DropReason, Frame
@@ -31,6 +33,42 @@ class Purpose(IntEnum):
     """Tests the link."""
     BACKGROUND = 6
     """Labels, settings: whenever there is room."""
+
+
+FrameNumber = NewType("FrameNumber", int)
+"""Number of an external control frame, 1..255: the board's confirmation repeats it. Never 0, which asks for none."""
+UNNUMBERED: Final = FrameNumber(0)
+"""Asks for no confirmation."""
+BuildControl = Callable[[FrameNumber], WireMessage]
+"""Makes the external control message that carries a frame number."""
+BuildSetpoint = Callable[[type[WireMessage], FrameNumber], WireMessage]
+"""Makes the same in the layout of this aircraft."""
+
+
+@dataclass(frozen=True, slots=True)
+class SetpointQueued:
+    """A setpoint that the line took; it leaves at its turn unless a newer one or its deadline comes first.
+
+    Attributes:
+        number: of its frame.
+    """
+
+    number: FrameNumber
+
+
+@dataclass(frozen=True, slots=True)
+class SetpointRefused:
+    """A setpoint that the line did not take: nothing of it is sent.
+
+    Attributes:
+        refusal: why.
+    """
+
+    refusal: CommandRejectedError
+
+
+SetpointFate = SetpointQueued | SetpointRefused
+"""What became of a setpoint that was handed in: a line that takes none is nothing unusual, so nothing is raised."""
 
 
 class Received(NamedTuple):
