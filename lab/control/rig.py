@@ -86,7 +86,7 @@ class Rig:
         self._autopilot: Autopilot | None = None
         self._landing: Landing | None = None
         self._law = None if flight.law is None else PiLaw(flight.law, 2.0)
-        self._queue: list[tuple[float, int, Callable[[float], None]]] = []
+        self._queue: list[tuple[float, int, Callable[[float], object]]] = []
         self._count = 0
 
     def fly(self) -> Record:
@@ -108,7 +108,7 @@ class Rig:
         """Whether nothing is left to see."""
         return self.record.landing is LandingPhase.DOWN and at > self.record.touched + 1.0
 
-    def _at(self, at: float, event: Callable[[float], None]) -> None:
+    def _at(self, at: float, event: Callable[[float], object]) -> None:
         self._count += 1
         heapq.heappush(self._queue, (at, self._count, event))
 

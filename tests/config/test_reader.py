@@ -55,7 +55,7 @@ MISTAKES = [
     ("[sim]\npilot_plan = 'loop'\n", r"x\.toml:2: sim\.pilot_plan: 'circle', .* is needed, not \"loop\"$"),
     ("[control.limiter]\nmax_yaw = inf\n", r"x\.toml:2: control\.limiter\.max_yaw: a whole number is needed"),
     ("[control.limiter]\nslew = nan\n", r"x\.toml:2: control\.limiter\.slew: a finite number is needed"),
-    ("[control.limiter]\nhover_throttle = 100\n", r"x\.toml:1: control\.limiter: .*does not hold"),
+    ("[control.limiter]\nhover_throttle = 60\nmax_throttle = 50\n", r"x\.toml:1: control\.limiter: .*does not hold"),
     ("[[cameras]]\nsource='x'\nreopen_min = 9\n", r"cameras\.0: reopen_min 9 <= reopen_max 5 does not hold$"),
     ("[sim]\nlisten = 'h:70000'\n", r"x\.toml:2: sim\.listen: 'h:70000': a TCP port is 0 to 65535$"),
     ("[sim.radio.to_host]\nlatency_mean = 0.06\n", r"latency_mean 0\.06 must lie between latency_min"),

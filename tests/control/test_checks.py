@@ -9,6 +9,7 @@ import pytest
 from mkdaemon.config.control import LeaseConfig
 from mkdaemon.control.activeset import UNREAD, ActiveSet, Gate, GateKind
 from mkdaemon.control.checks import CHECKS, findings, is_ready, standing
+from mkdaemon.control.estimator.model import Gap, ModelUnknown
 from mkdaemon.control.knowledge import Knowledge
 from mkdaemon.control.motionmatch import Match
 from mkdaemon.telemetry.control import ControlLine
@@ -80,6 +81,8 @@ STANDS = [
     ("emergency throttle", "emergency_climbs", {"active_set": replace(SET, emergency_throttle=119)}),
     ("emergency descent", "emergency_falls", {"active_set": replace(SET, emergency_throttle=65)}),
     ("emergency descent", "emergency_falls", {"active_set": replace(SET, emergency_time=0)}),
+    ("aircraft model", "gain_on_poti", {"model": ModelUnknown(Gap.ON_POTENTIOMETER, "gyro_i", 255, 1)}),
+    ("aircraft model", "gain_zero", {"model": ModelUnknown(Gap.NO_AIRCRAFT, "stick_p", 0)}),
     ("control loop", "loop_unstable", {"loop": refuse(Token.LOOP_UNSTABLE, detail="x", cause="y", remedy="z")}),
     ("receiver", "receiver_weak", {"pilot": reception(0.7)}),
     ("receiver", "receiver_weak", {"flight": flags(emergency_landing=True)}),
@@ -106,6 +109,7 @@ UNKNOWN = [
     ("GPS switch", {"flight": flags(gps_mode=GpsMode.UNKNOWN)}),
     ("emergency throttle", {"active_set": UNREAD}),
     ("emergency descent", {"active_set": replace(SET, emergency_throttle=None)}),
+    ("aircraft model", {"model": ModelUnknown(Gap.UNREAD)}),
     ("receiver", {"pilot": None}),
     ("battery", {"battery": None}),
     ("camera", {"eyes": ()}),

@@ -17,6 +17,7 @@ from mkdaemon.config.sim_flight import WindClass
 from mkdaemon.control.actions import PublishStatus, Release, ReportFailsafe, ReportMode, SendSticks
 from mkdaemon.control.estimator.model import AircraftModel
 from mkdaemon.control.estimator.values import TargetView
+from mkdaemon.control.events import Released
 from mkdaemon.control.guidance.autopilot import Goal
 from mkdaemon.control.guidance.landing import LandingPhase
 from mkdaemon.control.targetflight import FORGOTTEN, TargetFlight
@@ -167,7 +168,7 @@ def test_a_landing_ends_on_the_target_with_a_release_that_is_no_failsafe(pad):
     assert released_at >= record.touched + 0.3
     last = [action.counts.throttle for at, action in rig.actions if isinstance(action, SendSticks)][-1]
     assert last <= -90
-    rig.core.released(None, released_at)
+    rig.core.feed(Released(None), released_at)
     assert not any(isinstance(action, ReportFailsafe) for at, action in rig.actions)
 
 
@@ -275,9 +276,9 @@ def test_a_target_seen_after_a_long_time_is_met_anew_and_another_target_is_ignor
     rig.fly()
     target = rig.core._target
     first = target._estimator
-    target.pose_received(pose(4.1).model_copy(update={"target": "other"}))
+    target.pose_received(pose(4.1).model_copy(update={"target": "other"}), 4.1)
     assert target._estimator is first
-    target.pose_received(pose(4.1 + FORGOTTEN).model_copy(update={"target": "other"}))
+    target.pose_received(pose(4.1 + FORGOTTEN).model_copy(update={"target": "other"}), 4.1 + FORGOTTEN)
     assert target._estimator is not first
     assert target.target == "other"
 
@@ -285,7 +286,7 @@ def test_a_target_seen_after_a_long_time_is_met_anew_and_another_target_is_ignor
 @pytest.mark.parametrize(("source", "scale"), [("fc/attitude", 1.13), ("nc/attitude", 1.0)])
 def test_the_flightctrls_own_attitude_is_larger_than_what_its_sticks_ask_for(source, scale, monkeypatch):
     target = TargetFlight(CFG, -2.0)
-    target.pose_received(pose(1.0))
+    target.pose_received(pose(1.0), 1.0)
     taken = []
     monkeypatch.setattr(target._estimator, "attitude_received", lambda at, *angles: taken.append(angles))
     quaternion = (1.0, 0.0, 0.0, 0.0)
@@ -305,7 +306,7 @@ def test_two_views_whose_tilts_disagree_by_half_a_radian_give_the_speed_of_the_a
 
 def test_another_model_begins_the_estimate_anew():
     target = TargetFlight(CFG, -2.0)
-    target.pose_received(pose(1.0))
+    target.pose_received(pose(1.0), 1.0)
     target.model_known(AircraftModel())
     assert target.estimate(1.1) is not None
     target.model_known(replace(AircraftModel(), drag=0.2))
@@ -314,7 +315,7 @@ def test_another_model_begins_the_estimate_anew():
 
 def test_entry_waits_for_a_fresh_image_and_a_certain_position():
     target = TargetFlight(CFG, -2.0)
-    target.pose_received(pose(1.0))
+    target.pose_received(pose(1.0), 1.0)
     fresh = target.guide(position(), VehicleFacts(), 1.05, is_flying=False)
     assert "agree with the model" in fresh.obstacle
     old = target.guide(position(), VehicleFacts(), 1.6, is_flying=False)

@@ -3,13 +3,24 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from dataclasses import astuple, replace
 
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
-from mkdaemon.control.estimator.model import LEAK_FAST, LEAK_SLOW, NO_FILTER, STICK_FILTER, AircraftModel
+from mkdaemon.control.estimator.model import (
+    LEAK_FAST,
+    LEAK_SLOW,
+    NO_FILTER,
+    STICK_FILTER,
+    AircraftModel,
+    Gap,
+    ModelUnknown,
+)
 from mkdaemon.protocol.dialect import Dialect
-from mkdaemon.protocol.settings import ParameterSet
+from mkdaemon.protocol.settings import ParameterSet, layout_of
+from mkdaemon.protocol.settings_fields import Kind
 from mkdaemon.translate import aircraft_model, assumed_model
 
 EASY = {"stick_p": 6, "gyro_p": 100, "gyro_i": 120, "integral_factor": 16, "gyro_stability": 6, "stick_yaw_p": 4}
@@ -43,11 +54,48 @@ def test_an_aircraft_whose_set_cannot_be_read_is_taken_for_easy_on_its_own_firmw
     assert assumed_model(Dialect()) == replace(AircraftModel(), stick_filter=NO_FILTER)
 
 
-@pytest.mark.parametrize("changes", [{"gyro_i": 0}, {"gyro_stability": 0}])
-def test_a_set_without_angle_feedback_has_no_model(changes):
-    assert model(**changes) is None
+@pytest.mark.parametrize("name", ["gyro_i", "gyro_stability", "stick_p", "stick_yaw_p"])
+def test_a_parameter_that_makes_no_aircraft_is_named_with_its_value(name):
+    assert model(**{name: 0}) == ModelUnknown(Gap.NO_AIRCRAFT, name, 0)
 
 
-def test_an_unknown_revision_has_no_model():
+@pytest.mark.parametrize("value", [248, 251, 255])
+@pytest.mark.parametrize("name", ["gyro_p", "gyro_i", "integral_factor", "gyro_stability"])
+def test_a_gain_on_a_potentiometer_is_no_gain(name, value):
+    assert model(**{name: value}) == ModelUnknown(Gap.ON_POTENTIOMETER, name, value, 256 - value)
+    assert isinstance(model(**{name: 247}), AircraftModel)
+
+
+@pytest.mark.parametrize("name", ["stick_p", "stick_yaw_p"])
+def test_a_gain_that_cannot_be_on_a_potentiometer_is_the_number_it_is(name):
+    assert isinstance(model(**{name: 255}), AircraftModel)
+
+
+def test_which_gains_can_be_on_a_potentiometer_is_what_the_table_of_settings_declares(monkeypatch):
+    layout = parameters().layout
+    place = layout.places["stick_p"]
+    declared = place._replace(parameter=replace(place.parameter, kind=Kind.POTI))
+    changed = replace(layout, places={**layout.places, "stick_p": declared})
+    monkeypatch.setattr(ParameterSet, "layout", property(lambda self: changed))
+    assert model(stick_p=250) == ModelUnknown(Gap.ON_POTENTIOMETER, "stick_p", 250, 6)
+
+
+def test_a_set_that_says_too_little_is_unread():
     unknown = ParameterSet.from_payload(bytes([200]) + bytes(146))
-    assert aircraft_model(unknown, Dialect(), has_slow_leak=False) is None
+    assert aircraft_model(unknown, Dialect(), has_slow_leak=False) == ModelUnknown(Gap.UNREAD)
+    old = ParameterSet.from_payload(bytes([73]) + bytes(layout_of(73).size - 1))
+    assert aircraft_model(old, Dialect(), has_slow_leak=False) == ModelUnknown(Gap.UNREAD, "gyro_stability")
+
+
+GAINS = st.fixed_dictionaries({name: st.integers(0, 255) for name in EASY})
+
+
+@settings(max_examples=300, deadline=None)
+@given(GAINS, st.booleans(), st.booleans())
+def test_every_set_gives_a_model_or_says_which_parameter_prevents_it(gains, has_filter, has_slow_leak):
+    found = model(has_filter=has_filter, has_slow_leak=has_slow_leak, **gains)
+    if isinstance(found, ModelUnknown):
+        assert gains[found.parameter] == found.value
+        assert found.value == 0 or found.poti == 256 - found.value
+    else:
+        assert all(math.isfinite(number) and number > 0.0 for number in astuple(found))

@@ -121,8 +121,3 @@ class Warn:
 Report = ReportMode | ReportFailsafe | ReportCommand | Warn
 """What goes into the audit trail."""
 Action = SendSticks | Release | PublishEstimate | PublishError | PublishNavi | PublishStatus | Report
-
-
-@dataclass(frozen=True, slots=True)
-class ReadGate:
-    """Read ExternalControl of the active set, then ask for the lease again with what was read."""

@@ -8,18 +8,17 @@ Source: docs/safety.md.
 from __future__ import annotations
 
 from collections.abc import Callable
-from secrets import token_hex
 
 from mkdaemon.config.control import ControlConfig
 from mkdaemon.control.decisions import Decision, Fly, ReleaseOrder, SendNothing
 from mkdaemon.control.lease import Lease
-from mkdaemon.control.modes import IN_FLIGHT, Event, Reaction, Row, Situation, find_row
+from mkdaemon.control.modes import IN_FLIGHT, Reaction, Row, Situation, Trigger, find_row
 from mkdaemon.control.setpoints import Guided, landing_of
 from mkdaemon.errors import CommandRejectedError
 from mkdaemon.telemetry.control import LeaseGrant, LeaseState, Phase, Progress
 from mkdaemon.telemetry.refusals import Token, refuse
 from mkdaemon.telemetry.setpoint import Setpoint
-from mkdaemon.telemetry.signature import Signature
+from mkdaemon.telemetry.signature import HolderKey
 
 Guide = Callable[[Setpoint, float, bool], Guided]
 """Turns a setpoint into sticks, at a time [s]; whether its sticks are being sent."""
@@ -35,9 +34,7 @@ class Authority:
         progress: what is flown, and how far it is; None while no setpoint's sticks are sent.
     """
 
-    def __init__(
-        self, cfg: ControlConfig, *, first_epoch: int, guide: Guide, new_secret: Callable[[], str] = token_hex
-    ) -> None:
+    def __init__(self, cfg: ControlConfig, *, first_epoch: int, guide: Guide) -> None:
         """Start with nobody flying.
 
         Args:
@@ -45,10 +42,8 @@ class Authority:
             first_epoch: epoch of the first lease; must be above every epoch of an earlier run of the daemon, so that
                 nothing a client still streams from before is applied.
             guide: turns a setpoint into sticks.
-            new_secret: makes the secret of a lease.
         """
         self._cfg = cfg
-        self._new_secret = new_secret
         self._next_epoch = first_epoch
         self._guide = guide
         self._lease: Lease | None = None
@@ -79,11 +74,14 @@ class Authority:
 
     # -- what clients ask for -------------------------------------------------------------------------------------
 
-    def take(self, holder: str, now: float, *, ttl: float | None = None, force: bool = False) -> LeaseGrant:
+    def take(
+        self, holder: str, secret: str, now: float, *, ttl: float | None = None, force: bool = False
+    ) -> LeaseGrant:
         """Give the lease to a client; another one of the present holder's name is another client.
 
         Args:
             holder: its name.
+            secret: what nobody else knows.
             now: [s].
             ttl: life without a sign of life, if shorter than configured [s].
             force: take it from whoever holds it.
@@ -97,12 +95,11 @@ class Authority:
         if present is None and self.phase is Phase.RELEASING:
             raise refuse(Token.BUSY, detail="a release is under way")
         if present is not None:
-            self.end(Event.LEASE_TAKEN_OVER, taker=holder)
+            self.end(Trigger.LEASE_TAKEN_OVER, taker=holder)
         life = self._cfg.lease.ttl if ttl is None else min(ttl, self._cfg.lease.ttl)
-        secret = self._new_secret()
         self._lease = Lease(holder, self._next_epoch, secret, life, sign_of_life=now, since=now, arrived=now)
         self._next_epoch += 1
-        self._move(Event.LEASE_TAKEN)
+        self._move(Trigger.LEASE_TAKEN)
         return LeaseGrant(**self._lease.shown(now).__dict__, secret=secret)
 
     def renew(self, epoch: int, secret: str, now: float) -> LeaseState:
@@ -119,14 +116,14 @@ class Authority:
             CommandRejectedError: `not_leased`, `wrong_epoch`, `not_holder`.
         """
         self._check(epoch).check_secret(secret)
-        self.end(Event.LEASE_RETURNED)
+        self.end(Trigger.LEASE_RETURNED)
 
     def client_gone(self, holder: str) -> None:
         """End the lease if this client held it: the client died."""
         if self._lease is not None and self._lease.holder == holder:
-            self.end(Event.CLIENT_GONE)
+            self.end(Trigger.CLIENT_GONE)
 
-    def end(self, event: Event, **words: str) -> None:
+    def end(self, event: Trigger, **words: str) -> None:
         """End the lease, whoever holds it, and release the aircraft at the next tick, even if nobody holds the lease.
 
         Args:
@@ -143,19 +140,19 @@ class Authority:
         Raises:
             CommandRejectedError: `nothing_flown`.
         """
-        if self._move(Event.ABORT_REQUESTED, cause=cause) is None and self.phase is not Phase.ABORTED:
+        if self._move(Trigger.ABORT_REQUESTED, cause=cause) is None and self.phase is not Phase.ABORTED:
             raise refuse(Token.NOTHING_FLOWN, phase=self.reason)
 
     def battery_low(self, cause: str, *, can_land: bool) -> None:
         """End the flight because the battery is low: with a landing where a target is in sight, else with a release."""
         situation = Situation(is_held=self._lease is not None, can_land=can_land)
-        row = find_row(self.phase, Event.BATTERY_LOW, situation)
+        row = find_row(self.phase, Trigger.BATTERY_LOW, situation)
         if row is not None and row.reaction is Reaction.RELEASE:
             self._pending = self._release_order(row, cause=cause)
         elif row is not None:
             self.phase, self.reason = row.target, self._reason(row, cause=cause)
 
-    def offer(self, setpoint: Setpoint, now: float, signature: Signature) -> bool:
+    def offer(self, setpoint: Setpoint, now: float, signed_for: int) -> bool:
         """Take a setpoint; the newest of the present lease wins.
 
         Returns:
@@ -164,25 +161,43 @@ class Authority:
         Raises:
             CommandRejectedError: `not_leased`, `wrong_epoch`, `not_holder`, `stale_sequence`, `sequence_jump`.
         """
-        lease = self.check_setpoint(setpoint, signature)
+        lease = self.check_setpoint(setpoint, signed_for)
         is_first = lease.newest is None
         lease.take_setpoint(setpoint, self._cfg.lease, now)
         return is_first
 
-    def is_signed_by_holder(self, signature: Signature) -> bool:
-        """Whether who holds the lease signed this."""
-        lease = self._lease
-        return lease is not None and signature.is_by(lease.secret)
+    @property
+    def holder_key(self) -> HolderKey | None:
+        """By which setpoints of the present holder are told from others; None while nobody holds the lease."""
+        return None if self._lease is None else HolderKey(self._lease.epoch, self._lease.secret)
 
-    def check_setpoint(self, setpoint: Setpoint, signature: Signature) -> Lease:
+    def is_present(self, epoch: int) -> bool:
+        """Whether the present lease has this epoch."""
+        return self._lease is not None and self._lease.epoch == epoch
+
+    def refuse_unsigned(self, setpoint: Setpoint) -> CommandRejectedError:
+        """Why a setpoint is refused that the holder did not sign: `not_leased`, `wrong_epoch`, `not_holder`."""
+        self.refused += 1
+        try:
+            return self._check(setpoint.epoch).not_holder()
+        except CommandRejectedError as error:
+            return error
+
+    def check_setpoint(self, setpoint: Setpoint, signed_for: int) -> Lease:
         """Return the lease a setpoint stands on; take nothing yet.
+
+        Args:
+            setpoint: what is asked for.
+            signed_for: epoch of the lease whose holder signed it.
 
         Raises:
             CommandRejectedError: see `offer`.
         """
         try:
             lease = self._check(setpoint.epoch)
-            lease.check_setpoint(setpoint, signature)
+            if signed_for != lease.epoch:
+                raise lease.not_holder()
+            lease.check_setpoint(setpoint)
         except CommandRejectedError:
             self.refused += 1
             raise
@@ -203,13 +218,13 @@ class Authority:
         is_in_flight = self.phase in IN_FLIGHT
         guided = None if lease.newest is None else self._guide(lease.newest, now, is_in_flight)
         if guided is not None and is_in_flight and (guided.failure or guided.finished):
-            event = Event.GUIDANCE_LOST if guided.failure else Event.FLIGHT_FINISHED
+            event = Trigger.GUIDANCE_LOST if guided.failure else Trigger.FLIGHT_FINISHED
             self.end(event, cause=guided.failure or guided.finished)
             self.progress = flown
             return self.tick(now)
         words = {"silence": f"{lease.silence(now, is_in_flight=is_in_flight):.2f}"}
         words["obstacle"] = "" if guided is None else guided.obstacle
-        row = self._move(Event.TICK, self._judge(lease, guided, now), **words)
+        row = self._move(Trigger.TICK, self._judge(lease, guided, now), **words)
         if row is None or row.reaction is Reaction.NOTHING:
             return SendNothing()
         if row.reaction is Reaction.RELEASE:
@@ -224,7 +239,7 @@ class Authority:
     def released(self, now: float) -> None:
         """Note that the release is done, or queued as the first bytes after the line comes back."""
         owed = self._pending is not None
-        row = self._move(Event.RELEASE_DONE, Situation(is_held=self._lease is not None, is_release_owed=owed))
+        row = self._move(Trigger.RELEASE_DONE, Situation(is_held=self._lease is not None, is_release_owed=owed))
         if row is not None and row.target is Phase.LEASED and self._lease is not None:
             self._lease.sign_of_life = now
 
@@ -253,7 +268,7 @@ class Authority:
             is_fresh=now - lease.arrived <= lease.setpoint_life(cfg.limiter),
         )
 
-    def _move(self, event: Event, situation: Situation | None = None, **words: str) -> Row | None:
+    def _move(self, event: Trigger, situation: Situation | None = None, **words: str) -> Row | None:
         """Take the row of an event, if there is one."""
         row = find_row(self.phase, event, situation or Situation(is_held=self._lease is not None))
         if row is not None:

@@ -13,6 +13,7 @@ from typing import Final
 
 from mkdaemon.control.activeset import OPEN_ABOVE, GateKind
 from mkdaemon.control.batterywatch import low_voltage
+from mkdaemon.control.estimator.model import Gap
 from mkdaemon.control.knowledge import Knowledge
 from mkdaemon.control.motionmatch import ALIKE
 from mkdaemon.control.verdict import Verdict, passed, stands, unknown
@@ -226,6 +227,19 @@ def _stamps(known: Knowledge) -> Verdict:
     return passed(f"camera and boards move together to {1000.0 * match.lag:+.0f} ms")
 
 
+def _model(known: Knowledge) -> Verdict:
+    model = known.model
+    if model is None:
+        return passed("known from the active parameter set")
+    match model.gap:
+        case Gap.ON_POTENTIOMETER:
+            return stands(refuse(Token.GAIN_ON_POTI, parameter=model.parameter, value=model.value, poti=model.poti))
+        case Gap.NO_AIRCRAFT:
+            return stands(refuse(Token.GAIN_ZERO, parameter=model.parameter, value=model.value))
+        case Gap.UNREAD:
+            return unknown("its set cannot be read from here: it is flown as one with the set Easy")
+
+
 def _loop(known: Knowledge) -> Verdict:
     if known.loop is not None:
         return stands(known.loop)
@@ -253,6 +267,7 @@ CHECKS: Final = (
     Check("GPS switch", Blocks.AUTONOMY, _gps_switch),
     Check("emergency throttle", Blocks.AUTONOMY, _emergency),
     Check("emergency descent", Blocks.NOTHING, _emergency_gentle),
+    Check("aircraft model", Blocks.AUTONOMY, _model),
     Check("control loop", Blocks.AUTONOMY, _loop),
     Check("receiver", Blocks.AUTONOMY, _receiver),
     Check("battery", Blocks.AUTONOMY, _battery),

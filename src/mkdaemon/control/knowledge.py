@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from mkdaemon.config.control import LeaseConfig
 from mkdaemon.control.activeset import UNREAD, ActiveSet
+from mkdaemon.control.estimator.model import ModelUnknown
 from mkdaemon.control.motionmatch import Match
 from mkdaemon.errors import CommandRejectedError
 from mkdaemon.telemetry.control import ControlLine
@@ -36,6 +37,7 @@ class Knowledge:
         target_age: time since the newest image of a target [s]; None where there was none.
         stamps: do camera and boards tell of the same motion; None where nothing moved.
         free_disk: where the recorder writes [bytes]; None where nobody looked.
+        model: why the model of the aircraft is not known from its set; None where it is.
         loop: why the control loop must not be flown; None where it is safe.
         is_loop_known: that has been computed.
     """
@@ -57,5 +59,6 @@ class Knowledge:
     target_age: float | None = None
     stamps: Match | None = None
     free_disk: float | None = None
+    model: ModelUnknown | None = None
     loop: CommandRejectedError | None = None
     is_loop_known: bool = True

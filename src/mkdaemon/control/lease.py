@@ -7,10 +7,10 @@ from hmac import compare_digest
 from typing import Final
 
 from mkdaemon.config.control import LeaseConfig, LimiterConfig
+from mkdaemon.errors import CommandRejectedError
 from mkdaemon.telemetry.control import LeaseState
 from mkdaemon.telemetry.refusals import Token, refuse
 from mkdaemon.telemetry.setpoint import Setpoint
-from mkdaemon.telemetry.signature import Signature
 
 LONGEST_JUMP: Final = 10_000
 """Most that the sequence may grow from one setpoint to the next: 200 s of a stream at 50 Hz."""
@@ -52,16 +52,18 @@ class Lease:
             CommandRejectedError: `not_holder`.
         """
         if not compare_digest(secret.encode(), self.secret.encode()):
-            raise refuse(Token.NOT_HOLDER, holder=self.holder)
+            raise self.not_holder()
 
-    def check_setpoint(self, setpoint: Setpoint, signature: Signature) -> None:
-        """Make sure that the holder streams it, that it is newer than the last one, and not unbelievably so.
+    def not_holder(self) -> CommandRejectedError:
+        """Why somebody else is refused."""
+        return refuse(Token.NOT_HOLDER, holder=self.holder)
+
+    def check_setpoint(self, setpoint: Setpoint) -> None:
+        """Make sure that a setpoint is newer than the last one, and not unbelievably so.
 
         Raises:
-            CommandRejectedError: `not_holder`, `stale_sequence`, `sequence_jump`.
+            CommandRejectedError: `stale_sequence`, `sequence_jump`.
         """
-        if not signature.is_by(self.secret):
-            raise refuse(Token.NOT_HOLDER, holder=self.holder)
         if self.newest is None:
             return
         sequence, last = setpoint.sequence, self.newest.sequence

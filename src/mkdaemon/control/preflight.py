@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Final
 
 from mkdaemon.config.control import ControlConfig
 from mkdaemon.control.activeset import UNREAD, ActiveSet
 from mkdaemon.control.checks import findings, is_ready, standing
-from mkdaemon.control.estimator.model import AircraftModel
-from mkdaemon.control.guidance.autopilot import GAS_CENTRE
+from mkdaemon.control.estimator.model import AircraftModel, Gap, ModelUnknown
+from mkdaemon.control.estimator.values import GAS_CENTRE
 from mkdaemon.control.guidance.margins import gains_of, loop_refusal
 from mkdaemon.control.knowledge import Knowledge
 from mkdaemon.control.motionmatch import MotionMatch
@@ -36,14 +37,18 @@ class Preflight:
         has_guard: the guard is there.
     """
 
-    def __init__(self, cfg: ControlConfig, facts: VehicleFacts) -> None:
-        self._cfg, self._facts = cfg, facts
+    def __init__(
+        self, cfg: ControlConfig, facts: VehicleFacts, target_age: Callable[[float], float | None] = lambda now: None
+    ) -> None:
+        """Check; `target_age` tells the age of the newest image of the target at a time [s]."""
+        self._cfg, self._facts, self._target_age = cfg, facts, target_age
         self.motion = MotionMatch()
         self.active_set: ActiveSet = UNREAD
         self.line = ControlLine()
         self.has_guard = True
         self._contradicting: tuple[str, ...] = ()
         self._model = AircraftModel()
+        self._unknown: ModelUnknown | None = ModelUnknown(Gap.UNREAD)
         self._gains: Gains | None = None
         self._loop: CommandRejectedError | None = None
         self._is_loop_known = False
@@ -101,8 +106,9 @@ class Preflight:
         self.motion.target_seen(pose.stamp.monotonic, pose.position_flu, pose.camera)
         self._contradicting = contradicting
 
-    def model_known(self, model: AircraftModel) -> None:
-        """Take the model of the aircraft's own parameter set."""
+    def model_known(self, model: AircraftModel, unknown: ModelUnknown | None) -> None:
+        """Take the model to fly by, and why it is not that of the aircraft's own parameter set; None where it is."""
+        self._unknown = unknown
         if model != self._model:
             self._model, self._gains, self._loop, self._is_loop_known = model, None, None, False
 
@@ -132,11 +138,12 @@ class Preflight:
             pilot=facts.pilot(now),
             battery=facts.battery(now),
             highest_voltage=facts.highest_voltage,
-            eyes=tuple(facts.eyes.values()),
+            eyes=facts.eyes,
             contradicting=self._contradicting,
-            target_age=facts.pose_age(now),
+            target_age=self._target_age(now),
             stamps=None if is_quick else self.motion.match(now),
             free_disk=facts.free_disk,
+            model=self._unknown,
             loop=loop,
             is_loop_known=self._is_loop_known,
         )

@@ -16,8 +16,8 @@ import numpy as np
 from mkdaemon.config.autopilot import AutopilotConfig
 from mkdaemon.control.estimator.estimator import Estimator
 from mkdaemon.control.estimator.model import AircraftModel
-from mkdaemon.control.estimator.values import Estimate, StickCommand, TargetView
-from mkdaemon.control.guidance.autopilot import GAS_CENTRE, Autopilot, Goal, at_origin
+from mkdaemon.control.estimator.values import GAS_CENTRE, Estimate, StickCommand, TargetView, ThrottleUse
+from mkdaemon.control.guidance.autopilot import Autopilot, Goal, at_origin
 from mkdaemon.control.guidance.landing import Landing, LandingLimits, LandingPhase
 from mkdaemon.control.guidance.takeoff import IDLE_GAS, TakeOff, TakeOffLimits, TakeOffPhase
 from mkdaemon.control.limiter import StickCounts
@@ -107,8 +107,8 @@ class TargetFlight:
             self.model = model
             self._estimator = self._autopilot = None
 
-    def pose_received(self, pose: VisionPose) -> None:
-        """Take a pose; the first target seen is followed until it has been out of sight for long."""
+    def pose_received(self, pose: VisionPose, now: float) -> None:
+        """Take a pose that arrives now [s]; the first target is followed until it has been out of sight for long."""
         view, known = view_of(pose), self._estimator
         is_other = bool(self.target) and pose.target != self.target
         lifted_by = None
@@ -128,7 +128,7 @@ class TargetFlight:
             known.target_seen(view)
             if known.innovation > self._cfg.clean_innovation:
                 self._clean_since = view.at
-        if pose.target == self.target:
+        if pose.target == self.target and (is_other or self._last_view is None or view.at >= self._last_view.at):
             self._last_view = view
 
     def attitude_received(self, attitude: Attitude) -> None:
@@ -139,9 +139,9 @@ class TargetFlight:
             scale = SHOWN if attitude.source.startswith("fc/") else 1.0
             self._estimator.attitude_received(at, attitude.pitch / scale, attitude.roll / scale, attitude.yaw)
 
-    def sticks_made(self, counts: StickCounts, now: float) -> None:
-        """Take note of a stick frame that goes out now [s]."""
-        command = StickCommand(now, counts.pitch, counts.roll, counts.yaw, counts.throttle + GAS_CENTRE)
+    def sticks_made(self, counts: StickCounts, use: ThrottleUse, now: float) -> None:
+        """Take note of a stick frame that goes out now [s], and of what becomes of its throttle."""
+        command = StickCommand(now, counts.pitch, counts.roll, counts.yaw, counts.throttle + GAS_CENTRE, use)
         self._sent.append(command)
         if self._estimator is not None:
             self._estimator.sent(command)
@@ -149,6 +149,10 @@ class TargetFlight:
     def is_in_sight(self, now: float) -> bool:
         """Whether a target has been seen lately enough to hold or land by it."""
         return self._estimator is not None and now - self._estimator.seen_at <= self._cfg.level_after
+
+    def pose_age(self, now: float) -> float | None:
+        """Time since the newest image of the target that is followed [s]; None where there was none."""
+        return None if self._last_view is None else now - self._last_view.at
 
     @property
     def contradicting(self) -> tuple[str, ...]:

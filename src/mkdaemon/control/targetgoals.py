@@ -11,8 +11,8 @@ import numpy as np
 from mkdaemon.config.autopilot import AutopilotConfig
 from mkdaemon.control.estimator.estimator import Estimator
 from mkdaemon.control.estimator.model import AircraftModel
-from mkdaemon.control.estimator.values import Estimate, TargetView
-from mkdaemon.control.guidance.autopilot import GAS_CENTRE, Autopilot, AutopilotSticks, Goal
+from mkdaemon.control.estimator.values import GAS_CENTRE, Estimate, TargetView
+from mkdaemon.control.guidance.autopilot import Autopilot, AutopilotSticks, Goal
 from mkdaemon.control.guidance.horizontal import HorizontalCosts
 from mkdaemon.control.guidance.reference import ReferenceLimits
 from mkdaemon.control.guidance.vertical import VerticalGains

@@ -18,7 +18,7 @@ from mkdaemon.link.session.guarding import LineGuard
 from mkdaemon.link.session.knownflight import FlightMemory
 from mkdaemon.link.session.peers import Proof
 from mkdaemon.link.session.streams import check_rates
-from mkdaemon.link.session.traffic import BuildSetpoint, LinkSink, Purpose, ReleaseResult, SetpointFate
+from mkdaemon.link.session.traffic import BuildSetpoint, LineTap, LinkSink, Purpose, ReleaseResult, SetpointFate
 from mkdaemon.protocol.dialect import Dialect
 from mkdaemon.protocol.wire import Board, WireMessage
 from mkdaemon.telemetry.control import ControlLine, ReleaseOutcome
@@ -45,6 +45,7 @@ class Conversation:
         clock: Clock,
         motors_running: MotorsRunning,
         guard: LineGuard | None = None,
+        tap: LineTap | None = None,
     ) -> None:
         """Prepare; arguments as for `Link`.
 
@@ -56,7 +57,7 @@ class Conversation:
         self._clock = clock
         self._motors_running = motors_running
         self._dialogue = Dialogue(cfg, clock.now())
-        self._exchange = Exchange(cfg, sink, self._dialogue, clock, guard)
+        self._exchange = Exchange(cfg, sink, self._dialogue, clock, guard, tap)
         self.passage = asyncio.Lock()
 
     # -- what callers use -----------------------------------------------------------------------------------------

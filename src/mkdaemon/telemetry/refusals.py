@@ -200,6 +200,17 @@ REFUSALS: Final[Mapping[str, Refusal]] = {
         "with {cause} the control loop is not safe on the model of this aircraft: {detail}.",
         "`mkctl gains` shows the loop; {remedy}.",
     ),
+    Token.GAIN_ON_POTI: Refusal(
+        Status.DENIED,
+        "{parameter} = {value} of the active set is potentiometer {poti} of the transmitter and no number: nobody can "
+        "know what a stick does.",
+        "Give it a number below 248: `mkctl settings edit {parameter}=...`, motors off; or fly by sticks.",
+    ),
+    Token.GAIN_ZERO: Refusal(
+        Status.DENIED,
+        "with {parameter} = {value} in the active set the aircraft does not answer its sticks as its model says.",
+        "Give it a number above 0: `mkctl settings edit {parameter}=...`, motors off; or fly by sticks.",
+    ),
     Token.LINK_POOR: Refusal(
         Status.DENIED,
         "{lost:.0f} % of the echoes are lost, more than {limit:g} %.",

@@ -80,6 +80,8 @@ class Token(StrEnum):
 
     # before a flight against a target
     LOOP_UNSTABLE = "loop_unstable"
+    GAIN_ON_POTI = "gain_on_poti"
+    GAIN_ZERO = "gain_zero"
     LINK_POOR = "link_poor"
     HEIGHT_CONTROL = "height_control"
     GPS_STEERS = "gps_steers"

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from mkdaemon.control.estimator.estimator import Estimator
-from mkdaemon.control.estimator.model import AircraftModel, V
-from mkdaemon.control.estimator.values import StickCommand, TargetView
+from mkdaemon.control.estimator.model import AircraftModel, E, V
+from mkdaemon.control.estimator.values import OURS, StickCommand, TargetView, ThrottleUse
 from mkdaemon.control.guidance.autopilot import UNKNOWN_SPEED, Autopilot, at_origin
 from mkdaemon.control.guidance.horizontal import HorizontalCosts
 from mkdaemon.control.guidance.reference import ReferenceLimits
@@ -68,6 +68,22 @@ def test_the_reference_begins_with_the_speed_that_made_it_known_and_not_with_the
             break
     assert autopilot.reference.velocity[0] == pytest.approx(autopilot.estimate.velocity[0])
     assert autopilot.height.velocity[0] == pytest.approx(autopilot.estimate.velocity[2], abs=0.02)
+
+
+@pytest.mark.parametrize(("cap", "most"), [(None, 200), (135.0, 147), (100.0, HOVER + 12)])
+def test_while_the_pilots_throttle_caps_ours_not_much_more_is_asked_for_than_flies_or_hovers(cap, most):
+    autopilot, asked = begin(look(0.0, 0.0)), []
+    for k in range(100):
+        now, is_known = 0.02 * k, k > 40
+        sticks = autopilot.sticks(at_origin(5.0 if is_known else 2.0), now)
+        use = ThrottleUse(cap, is_ours=False) if is_known and cap else OURS
+        autopilot.estimator.sent(StickCommand(now, 0.0, 0.0, 0.0, sticks.throttle + 127.0, use))
+        if not is_known:
+            autopilot.estimator.target_seen(look(now, 0.0))
+        elif k == 60:
+            autopilot.estimator._vertical.shift(E, np.array([-5.0]))  # it sinks for no known reason
+        asked.append(sticks.throttle + 127)
+    assert max(asked) > 147 + 1 if cap is None else most - 1 <= max(asked) <= most + 1
 
 
 def test_the_regulator_is_that_of_the_stick_filter_that_was_found():

@@ -67,7 +67,7 @@ def test_other_values_are_not_refused(options):
     assert refused(**options) is None
 
 
-@pytest.mark.parametrize("changes", [{"a1": 0.0, "a2": 0.0}, {"rad_per_count": 1e-4}])
+@pytest.mark.parametrize("changes", [{"a1": 1e-200, "a2": 1e-200}, {"rad_per_count": 1e-4}])
 def test_a_parameter_set_that_cannot_be_flown_is_refused_whatever_the_configuration(changes):
     error = loop_refusal(replace(AircraftModel(), **changes), ControlConfig())
     assert "this parameter set" in error.reason

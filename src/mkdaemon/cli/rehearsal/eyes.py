@@ -11,7 +11,7 @@ from typing import Final
 from mkdaemon.cli.rehearsal.scenery import EYES_TIME, IMAGE_LATENCY
 from mkdaemon.clock import Clock
 from mkdaemon.config.vision import VisionSection
-from mkdaemon.control.core import FlightCore
+from mkdaemon.control.events import Feed, PoseSeen
 from mkdaemon.daemon.eyes import Eyes
 from mkdaemon.errors import MkError
 from mkdaemon.telemetry.state import Attitude
@@ -39,10 +39,10 @@ class RehearsedEyes(Eyes):
         posed: of those, with a pose.
     """
 
-    def __init__(self, scene: SceneCamera, world: World, core: FlightCore, clock: Clock, seed: int) -> None:
+    def __init__(self, scene: SceneCamera, world: World, feed: Feed, clock: Clock, seed: int) -> None:
         super().__init__(None)
         self.images = self.posed = 0
-        self._scene, self._world, self._core, self._clock = scene, world, core, clock
+        self._scene, self._world, self._feed, self._clock = scene, world, feed, clock
         self._rng = random.Random(f"{seed} latency")
         self._attitudes: deque[AttitudeSample] = deque(maxlen=KEPT)
         mount = scene.camera.mount
@@ -83,4 +83,4 @@ class RehearsedEyes(Eyes):
             for _, value in values_of(result, image, self._clock.stamp(exposed), self._mounting, now):
                 if isinstance(value, VisionPose):
                     self.posed += 1
-                    self._core.pose_received(value)
+                    self._feed(PoseSeen(value), now)

@@ -20,11 +20,9 @@ from mkdaemon.cli.rehearsal.scenery import PAD_STARTS, simulated_aircraft
 from mkdaemon.clock import Clock
 from mkdaemon.config.control import ControlConfig
 from mkdaemon.config.link import LinkConfig
-from mkdaemon.control.core import FlightCore
-from mkdaemon.control.vehicle import VehicleFacts
-from mkdaemon.daemon.audit import Audit
+from mkdaemon.control.events import Feed
+from mkdaemon.daemon.deck import Deck
 from mkdaemon.daemon.flight import FlightControl
-from mkdaemon.daemon.sink import BusSink
 from mkdaemon.link.link import Link
 from mkdaemon.telemetry.command import LeaseRequest
 from mkdaemon.telemetry.control import ControlError, ControlEstimate, ControlStatus, LeaseGrant
@@ -80,20 +78,23 @@ class Rehearsal:
         self._world, self._watcher, self._loop = world, watcher, loop
         self._scene = SceneCamera(config.scene, seed)
         clock = Clock(monotonic=loop.time, wall=lambda: 1.7e9 + loop.time(), synchronised=lambda: True)
-        core = FlightCore(ControlConfig(), VehicleFacts(), first_epoch=1)
-        self._facts = core.facts
-        audit = Audit(self, clock)
-        self._eyes = RehearsedEyes(self._scene, world, core, clock, seed)
-        sink = BusSink(self, core, audit, self._eyes, clock)
+        eyes: list[RehearsedEyes] = []
+
+        def make_eyes(feed: Feed) -> RehearsedEyes:
+            eyes.append(RehearsedEyes(self._scene, world, feed, clock, seed))
+            return eyes[0]
+
+        deck = Deck(ControlConfig(), self, clock, first_epoch=1, make_eyes=make_eyes)
+        (self._eyes,), self._facts = eyes, deck.core.vehicle
         cable = Cable(Simulation(config, world), self._moved)
         self._link = Link(
             LinkConfig(port="simulated"),
-            sink,
+            deck.sink,
             opener=cable.open,
             clock=clock,
-            motors_running=core.facts.motors_running,
+            motors_running=self._facts.motors_running,
         )
-        self._flight = FlightControl(core, self._link, self, audit, clock=clock)
+        self._flight = FlightControl(deck, self._link, clock=clock)
         self._status: ControlStatus | None = None
         self._error: ControlError | None = None
         self._estimate: ControlEstimate | None = None

@@ -19,7 +19,8 @@ and the vertical axis, with `q` the squared ratio of throttle to hover throttle,
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import astuple, dataclass, replace
+from enum import Enum, auto
 from typing import Final
 
 import numpy as np
@@ -47,9 +48,37 @@ H, S, F, E = range(4)
 """Places in the state of the vertical axis."""
 
 
+class Gap(Enum):
+    """Why a parameter set gives no model."""
+
+    UNREAD = auto()
+    """The set could not be read, its layout is not known, or it has no such parameter."""
+    ON_POTENTIOMETER = auto()
+    """A gain stands for a potentiometer of the transmitter, and the pilot may turn it."""
+    NO_AIRCRAFT = auto()
+    """With this value the stick tilts or turns nothing, or no angle is fed back: the model does not hold."""
+
+
+@dataclass(frozen=True, slots=True)
+class ModelUnknown:
+    """The set does not say how this aircraft answers its sticks.
+
+    Attributes:
+        gap: why.
+        parameter: whose value it is, named as in docs/settings.md; empty where none is known.
+        value: of that parameter.
+        poti: which potentiometer it stands for, 1 to 8; None for none.
+    """
+
+    gap: Gap
+    parameter: str = ""
+    value: int = 0
+    poti: int | None = None
+
+
 @dataclass(frozen=True, slots=True)
 class AircraftModel:
-    """The constants of one aircraft.
+    """The constants of one aircraft, all of them positive.
 
     Attributes:
         rad_per_count: tilt that a stick count asks for [rad].
@@ -64,6 +93,9 @@ class AircraftModel:
         yaw_square: yaw rate per squared count beyond it [rad/s].
         uplink: time from the transmission of a stick frame to its effect [s]: 18 ms of radio and the mean wait of 11 ms
             for a receiver frame; docs/firmware-notes.md, "Timing".
+
+    Raises:
+        ValueError: a constant is not a positive number.
     """
 
     rad_per_count: float = math.radians(0.451)
@@ -78,6 +110,11 @@ class AircraftModel:
     yaw_square: float = math.radians(0.0047 / 6 * 4)
     uplink: float = 0.029
 
+    def __post_init__(self) -> None:
+        if not all(math.isfinite(number) and number > 0.0 for number in astuple(self)):
+            msg = f"every constant of a model is a positive number: {self}"
+            raise ValueError(msg)
+
     @classmethod
     def from_parameters(
         cls,
@@ -90,8 +127,10 @@ class AircraftModel:
         stick_yaw_p: int,
         has_stick_filter: bool,
         has_slow_leak: bool,
-    ) -> AircraftModel:
+    ) -> AircraftModel | ModelUnknown:
         """Compute the constants from values of the active parameter set, named as in docs/settings.md.
+
+        A gain of 0 makes no aircraft: the sticks tilt or turn nothing, or the set flies without angle feedback.
 
         Args:
             stick_p: tilt per count.
@@ -103,14 +142,12 @@ class AircraftModel:
             has_stick_filter: FC >= 2.10.
             has_slow_leak: a NaviCtrl newer than 0.24 is mounted.
 
-        Raises:
-            ValueError: the set flies without angle feedback (`gyro_i` is 0): this model does not hold then.
-
         Source: docs/control.md, "The attitude loop".
         """
-        if gyro_i <= 0 or gyro_stability <= 0:
-            msg = "the active parameter set has no angle feedback (gyro_i or gyro_stability is 0)"
-            raise ValueError(msg)
+        needed = {"stick_p": stick_p, "gyro_i": gyro_i, "gyro_stability": gyro_stability, "stick_yaw_p": stick_yaw_p}
+        for name, value in needed.items():
+            if value <= 0:
+                return ModelUnknown(Gap.NO_AIRCRAFT, name, value)
         a1 = gyro_i * 64.0 / ((gyro_p + 10) * 11000.0 * FC_PERIOD)
         integral = max(1, 10300 // (integral_factor + 1))
         return cls(

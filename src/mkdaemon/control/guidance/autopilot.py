@@ -9,17 +9,20 @@ from typing import Final
 import numpy as np
 
 from mkdaemon.control.estimator.estimator import Estimator
-from mkdaemon.control.estimator.values import Estimate
+from mkdaemon.control.estimator.values import GAS_CENTRE, Estimate
 from mkdaemon.control.guidance.horizontal import STEP, HorizontalCosts, HorizontalRegulator
 from mkdaemon.control.guidance.reference import Reference, ReferenceLimits
 from mkdaemon.control.guidance.shaping import CountShaper
 from mkdaemon.control.guidance.vertical import VerticalGains, gas
 from mkdaemon.control.linear import Array
 
-GAS_CENTRE: Final = 127.0
-"""Throttle of a centred stick [count of 254]; docs/protocol.md, "ExternalControl"."""
 UNKNOWN_SPEED: Final = 0.25
 """A flight begins with a reference that rests on the estimate, until the speed is known to this [m/s]."""
+LEAP: Final = 12.0
+"""While the pilot's throttle caps ours, so much more than flies or hovers is asked for [count of 254]: a fifth of the
+weight, by which the aircraft rises when he lets go, and more than `throttlelid.MARGIN`, so that the cap shows."""
+RECENTRED: Final = 0.02
+"""Share of the unexplained vertical acceleration that goes into the hover throttle at each call: a second at 50 Hz."""
 YAW_TOLERANCE: Final = math.radians(4.0)
 """Heading error that is left alone: the compass of the FlightCtrl holds the heading meanwhile."""
 YAW_LEAST: Final = 8.0
@@ -93,6 +96,7 @@ class Autopilot:
         }
         self._pitch, self._roll = CountShaper(-127, 127), CountShaper(-127, 127)
         self._throttle = CountShaper(-127, 127)
+        self._asked = 0
         self.estimate = estimator.estimate(now)
         self._is_speed_known = False
         self.reference = Reference(self.estimate.position[:2], self.estimate.velocity[:2])
@@ -125,17 +129,26 @@ class Autopilot:
         rad_per_count = estimator.model.rad_per_count * estimator.stick_gain
         tilt = self._regulators[estimator.model.stick_filter].tilt(estimate, self.reference) / rad_per_count
         c, s = math.cos(estimate.yaw), math.sin(estimate.yaw)
-        if goal.gas_share is None:
-            throttle = gas(estimate, float(self.height.position[0]), float(self.height.velocity[0]), self._gains)
-            estimator.recentre_hover(0.02)
-        else:
-            throttle = goal.gas_share * estimate.hover_gas
         return AutopilotSticks(
             pitch=self._pitch.count(float(tilt[0] * c + tilt[1] * s)),
             roll=self._roll.count(float(tilt[0] * s - tilt[1] * c)),
             yaw=self._yaw_stick(goal),
-            throttle=self._throttle.count(throttle - GAS_CENTRE),
+            throttle=self._throttle_stick(goal),
         )
+
+    def _throttle_stick(self, goal: Goal) -> int:
+        """Return the throttle for the height, or for what the goal says; where ours cannot act, not much more."""
+        estimator, estimate = self.estimator, self.estimate
+        if goal.gas_share is None:
+            wanted = gas(estimate, float(self.height.position[0]), float(self.height.velocity[0]), self._gains)
+            estimator.recentre_hover(RECENTRED, self._asked + GAS_CENTRE)
+        else:
+            wanted = goal.gas_share * estimate.hover_gas
+        cap = estimator.throttle_cap
+        if cap is not None:
+            wanted = min(wanted, max(cap, estimate.hover_gas) + LEAP)
+        self._asked = self._throttle.count(wanted - GAS_CENTRE)
+        return self._asked
 
     def _yaw_stick(self, goal: Goal) -> int:
         """Return the yaw stick for a heading, or a rate that the tilts can follow [stick]."""

@@ -13,8 +13,7 @@ import numpy as np
 
 from mkdaemon.config.control import ControlConfig
 from mkdaemon.control.estimator.model import GRAVITY, LEVEL_STATES, AircraftModel, D, E, H, P
-from mkdaemon.control.estimator.values import Estimate
-from mkdaemon.control.guidance.autopilot import GAS_CENTRE
+from mkdaemon.control.estimator.values import GAS_CENTRE, Estimate
 from mkdaemon.control.guidance.horizontal import HorizontalCosts, HorizontalRegulator
 from mkdaemon.control.guidance.reference import Reference
 from mkdaemon.control.guidance.shaping import CountShaper

@@ -24,7 +24,7 @@ from mkdaemon.link.session.report import Reporter
 from mkdaemon.link.session.scheduler import Entry
 from mkdaemon.link.session.standstill import StandstillWatch
 from mkdaemon.link.session.stickqueue import LOOK, StickQueue
-from mkdaemon.link.session.traffic import LinkSink, Lost, Received, Sent
+from mkdaemon.link.session.traffic import LineTap, LinkSink, Lost, Received, Sent
 from mkdaemon.link.session.turns import in_turns
 from mkdaemon.link.session.waiters import Waiters
 from mkdaemon.protocol.boards import Direction
@@ -34,6 +34,8 @@ from mkdaemon.telemetry.link import LinkCondition
 
 JUDGE_PERIOD: Final = 0.05
 """How often the evidence is weighed [s]; a twentieth of a second of the half second a verdict may take."""
+CLOSED: Final = "closed by us"
+"""Reason of an orderly end."""
 Discovery = Callable[[], Coroutine[Any, Any, None]]
 """Finds out who is there whenever `needs_discovery` is set; runs for ever."""
 
@@ -50,14 +52,20 @@ class Exchange:
     """
 
     def __init__(
-        self, cfg: LinkConfig, sink: LinkSink, dialogue: Dialogue, clock: Clock, guard: LineGuard | None = None
+        self,
+        cfg: LinkConfig,
+        sink: LinkSink,
+        dialogue: Dialogue,
+        clock: Clock,
+        guard: LineGuard | None = None,
+        tap: LineTap | None = None,
     ) -> None:
         """Prepare.
 
         Raises:
             ConfigError: the configured port cannot exist.
         """
-        self._sink = sink
+        self._sink, self._tap = sink, tap
         self._dialogue = dialogue
         self._clock = clock
         self._guard = GuardFeed(guard)
@@ -107,6 +115,8 @@ class Exchange:
             searching=self.bauds.attempt,
         )
         self.reporter.port_opened(port.name)
+        if self._tap is not None:
+            self._tap.port_opened(port.name, self.bauds.current, self._opened_at)
         self._guard.port_opened(port)
         self.follow_dialect()
         self._publish()
@@ -124,10 +134,10 @@ class Exchange:
                 await asyncio.create_task(leaving, name="link.leave")
             raise
         finally:
-            self._stop()
+            self._stop(lost or CLOSED)
             if lost is None:
                 self._guard.port_given_up()
-                self._end("closed by us", LinkCondition.CLOSED)
+                self._end(CLOSED, LinkCondition.CLOSED)
             else:
                 self.port_lost(lost, self.bauds.attempt.condition if self.bauds.attempt else LinkCondition.DOWN)
         return self._has_ended
@@ -162,6 +172,8 @@ class Exchange:
 
     def _process(self, chunk: bytes) -> None:
         now = self._clock.now()
+        if self._tap is not None:
+            self._tap.port_read(chunk, now)
         dialogue, sink = self._dialogue, self._sink
         dialogue.bytes_received(len(chunk), now)
         for item in self._decoder.feed(chunk):
@@ -169,20 +181,22 @@ class Exchange:
                 message = self._messages.decode(item)
                 if dialogue.frame_received(item, message, now) and self.port is not None and not self.port.is_recording:
                     self.needs_discovery.set()
-                self.follow_dialect()
                 sink.received(Received(now, item, message))
                 for key in dialogue.streams.take_ended():
                     sink.stream_ended(key)
             else:
                 if dialogue.bytes_damaged(item, now) and self.port is not None and not self.port.is_recording:
                     self.needs_discovery.set()
-                    self.follow_dialect()
                 sink.dropped(Lost(now, Direction.FROM_BOARD, item.reason, item.raw))
+        self.follow_dialect()  # after the portion: a recording of portions and changes tells how each frame was decoded
 
     def follow_dialect(self) -> None:
         """Decode as the boards speak now, and let the guard release as they listen."""
         if self._dialogue.identity.take_change():
-            self._messages = MessageDecoder(self._dialogue.dialect.layouts)
+            layouts = self._dialogue.dialect.layouts
+            self._messages = MessageDecoder(layouts)
+            if self._tap is not None:
+                self._tap.layouts_changed(layouts, self._clock.now())
             self._guard.dialect_changed(self._dialogue.dialect.extern_control)
 
     async def _wait_for_failure(self) -> None:
@@ -226,7 +240,10 @@ class Exchange:
         port.write(entry.raw)
         self._sticks.written(entry)
         self._guard.written(entry)
-        self._sink.sent(Sent(self._clock.now(), entry.raw, entry.message, entry.purpose))
+        now = self._clock.now()
+        if self._tap is not None:
+            self._tap.port_written(entry.raw, now, entry.purpose.name.lower())
+        self._sink.sent(Sent(now, entry.raw, entry.message, entry.purpose))
 
     def _look_after_sticks(self, port: Port) -> None:
         """Let no stick frame wait behind another in the kernel; throw away what waits there when a release begins.
@@ -299,13 +316,15 @@ class Exchange:
             self._timer.cancel()
         self._timer = asyncio.get_running_loop().call_later(max(delay, 0.0), self.pump)
 
-    def _stop(self) -> None:
+    def _stop(self, reason: str) -> None:
         if self._timer is not None:
             self._timer.cancel()
             self._timer = None
         if self._failure is not None and not self._failure.done():
             self._failure.cancel()
         now = self._clock.now()
+        if self._tap is not None:
+            self._tap.port_lost(reason, now)
         for item in self._decoder.flush():
             if not isinstance(item, Frame):
                 self._dialogue.bytes_damaged(item, now)
