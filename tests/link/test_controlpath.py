@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from functools import partial
 
 import pytest
 
@@ -12,7 +13,7 @@ from mkdaemon.link.session.health import HealthMonitor
 from mkdaemon.link.session.traffic import Purpose
 from mkdaemon.protocol.messages import ExternControlV2
 
-STICKS = build_sticks(ExternControlV2, pitch=10, throttle=50)
+STICKS = partial(build_sticks(ExternControlV2, pitch=10, throttle=50), ExternControlV2)
 
 
 @pytest.fixture
