@@ -22,7 +22,7 @@ from lab.rigs.processes import ObservedSimulation, connected, daemon_process, wa
 from lab.rigs.waiting import wait_until
 from mkdaemon.bus.endpoint import reserved_endpoint
 from mkdaemon.config.sim import PilotPlan, SimConfig
-from mkdaemon.link.session.roundtrips import percentile
+from mkdaemon.link.session.evidence import percentile
 from mkdaemon.record.entry import Entry, Kind
 from mkdaemon.record.reader import Recording
 from mksim.runtime import Runtime
