@@ -116,6 +116,15 @@ def test_while_the_layout_is_unknown_both_forms_go_out_in_turn_and_the_old_one_i
     assert run.result().status == "not_observable"
 
 
+def test_while_the_layout_is_unknown_no_confirmation_counts():
+    """A board confirms a frame in the form of another generation under a number that was never sent."""
+    run = plan(confirms=True, flying=None, layout=None)
+    play(run, confirm=0.005)
+    result = run.result()
+    assert (result.status, result.confirmed) == ("unconfirmed", 0)
+    assert result.sent > REPEATS
+
+
 @pytest.mark.parametrize("number", range(256))
 def test_no_frame_for_an_unknown_layout_sets_the_valid_bit_in_any_form(number):
     """Read as whatever a FlightCtrl may take it for, with whatever an older frame has left in its buffer."""
