@@ -232,7 +232,7 @@ class Steering:
         is_understood = type(entry.message) is self._peers.dialect.extern_control
         self.control.sent(entry, now, confirms=self.confirms and is_understood)
         if isinstance(entry.tag, release.ReleasePlan) and entry.message is not None:
-            entry.tag.sent(entry.message, entry.number, now)
+            entry.tag.sent(entry.message, entry.number)
 
     def step(self, now: float) -> None:
         """Queue the next frame of the release, and act on its end."""
