@@ -19,6 +19,7 @@ from mkdaemon.config.link import LinkConfig
 from mkdaemon.control.events import Feed
 from mkdaemon.daemon.deck import Deck
 from mkdaemon.daemon.flight import FlightControl
+from mkdaemon.link.discovery import discover
 from mkdaemon.link.link import Link
 from mkdaemon.telemetry.command import LeaseRequest
 from mkdaemon.telemetry.control import ControlError, ControlEstimate, ControlStatus, LeaseGrant
@@ -119,7 +120,7 @@ class Rehearsal:
     async def fly(self) -> Rehearsed:
         """Fly from the pilot's start of the motors to motors that stand still; the record."""
         jobs = [
-            asyncio.create_task(self._link.run(), name="link"),
+            asyncio.create_task(self._link.run(discover), name="link"),
             asyncio.create_task(self._flight.run(), name="control"),
             asyncio.create_task(self._eyes.run(), name="eyes"),
         ]
