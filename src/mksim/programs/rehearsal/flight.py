@@ -174,7 +174,9 @@ class Rehearsal:
             setpoint = kind(epoch=self._lease.epoch, sequence=self._sequence, ttl=0.3, **fields)
             payload = encode(setpoint)
             proof = sign(self._lease.secret, kind.suffix, payload)
-            self._flight.setpoint_arrived(kind, self._loop.time(), payload, proof)
+            self._flight.setpoint_arrived(
+                kind, self._loop.time(), payload, self._flight.signed_for(kind, payload, proof)
+            )
             await asyncio.sleep(PERIOD)
             status = self._status
             if status is None or status.lease is None:
