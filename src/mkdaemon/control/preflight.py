@@ -47,6 +47,7 @@ class Preflight:
         self.line = ControlLine()
         self.has_guard = True
         self._contradicting: tuple[str, ...] = ()
+        self._followed = ""
         self._model = AircraftModel()
         self._unknown: ModelUnknown | None = ModelUnknown(Gap.UNREAD)
         self._loop: _Loop | None = None
@@ -55,10 +56,10 @@ class Preflight:
 
     # -- what is told ---------------------------------------------------------------------------------------------
 
-    def pose_received(self, pose: VisionPose, contradicting: tuple[str, ...]) -> None:
-        """Take a pose, and the cameras whose poses contradict those of others."""
-        self.motion.target_seen(pose.stamp.monotonic, pose.position_flu, pose.camera)
-        self._contradicting = contradicting
+    def pose_received(self, pose: VisionPose, followed: str, contradicting: tuple[str, ...]) -> None:
+        """Take a pose, the target that is followed, and the cameras whose poses contradict those of others."""
+        self.motion.target_seen(pose.target, pose.stamp.monotonic, pose.position_flu, pose.camera)
+        self._followed, self._contradicting = followed, contradicting
 
     def model_known(self, model: AircraftModel, unknown: ModelUnknown | None, *, is_flying: bool = False) -> None:
         """Take the model to fly by.
@@ -106,7 +107,7 @@ class Preflight:
         facts, throttle = self._facts, self._facts.throttle_in_use()
         is_told = throttle is not None and now - throttle.at <= REPORTED
         if now - self._matched_at >= MATCHED_FOR:
-            self._match, self._matched_at = self.motion.match(now), now
+            self._match, self._matched_at = self.motion.match(now, self._followed), now
         return Situation(
             cfg=self._cfg,
             now=now,
