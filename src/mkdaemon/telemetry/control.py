@@ -105,6 +105,11 @@ class ReleaseReport(Telemetry):
     reason: str
     """Why it was released."""
 
+    @property
+    def is_done(self) -> bool:
+        """Whether it was confirmed, or cannot be."""
+        return self.status in {ReleaseOutcome.CONFIRMED, ReleaseOutcome.NOT_OBSERVABLE}
+
 
 @dataclass(frozen=True, slots=True)
 class Progress:
