@@ -276,7 +276,7 @@ class Estimator:
         )
 
     def attitude_received(self, at: float, pitch: float, roll: float, yaw: float) -> None:
-        """Take the attitude the boards report; one that is not finite is counted and does nothing.
+        """Take the attitude the boards report; one that can be none is counted and does nothing.
 
         Args:
             at: when it was measured [s; monotonic].
@@ -284,8 +284,9 @@ class Estimator:
             roll: right side down positive [rad].
             yaw: counter-clockwise, ENU or any other fixed zero [rad].
         """
-        if not all(math.isfinite(number) for number in (at, pitch, roll, yaw)):
-            self.refused[ViewFault.NOT_FINITE] += 1
+        is_finite = all(math.isfinite(number) for number in (at, pitch, roll, yaw))
+        if not is_finite or max(abs(pitch), abs(roll)) > math.pi:
+            self.refused[ViewFault.NO_ROTATION if is_finite else ViewFault.NOT_FINITE] += 1
             return
         self._headings.append((at, yaw))
         while self._headings[0][0] < at - COMPASS_MEMORY:
