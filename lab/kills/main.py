@@ -28,9 +28,9 @@ from lab.rigs.waiting import PATIENCE
 from mkdaemon.cli.arguments import AsJson
 from mkdaemon.client import Vehicle
 from mkdaemon.client.settings_files import write_backup
-from mkdaemon.config.sim import PilotPlan, SimConfig
 from mkdaemon.errors import MkError
 from mkdaemon.telemetry.settings import SettingsBackup, StoredSet
+from mksim.config import PilotPlan, SimConfig
 from mksim.runtime import Runtime
 
 VERBS: Final = ("backup", "restore")
@@ -67,9 +67,10 @@ class Bench:
     async def ask(self, uav: Vehicle, verb: str, wanted: dict[int, bytes]) -> None:
         """Ask for the procedure and wait for its end."""
         if verb == "backup":
-            await uav.read_settings()
+            await uav.settings.backup()
         else:
-            await uav.restore_settings(wanted)
+            sets = [StoredSet(slot=slot, raw=raw) for slot, raw in wanted.items()]
+            await uav.settings.restore(sets, confirm=True)
 
 
 @asynccontextmanager
@@ -153,7 +154,7 @@ async def wait_until_proven(uav: Vehicle) -> None:
             with suppress(MkError):
                 state = await uav.get("link/state")
                 is_up = state is not None and state.fields["firmware"] and state.fields["condition"] == "up"
-                if is_up and not await uav.recover_settings():
+                if is_up and not (await uav.settings.recover()).notes:
                     return
             await asyncio.sleep(LOOK)
 

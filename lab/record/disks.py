@@ -17,17 +17,15 @@ from lab.rigs.processes import ObservedSimulation, connected, daemon_process
 from lab.rigs.waiting import wait_until
 from mkdaemon.client import Vehicle
 from mkdaemon.clock import Clock
-from mkdaemon.config.sim import PilotPlan, SimConfig
 from mkdaemon.errors import MkError
 from mkdaemon.record.entry import TimeBase
-from mkdaemon.record.folder import Limits, RecordingFolder
+from mkdaemon.record.folder import Limits, RawFile, RecordingFolder
 from mkdaemon.record.layout import Session
 from mkdaemon.record.queue import EntryQueue
-from mkdaemon.record.rawfile import RawFile
 from mkdaemon.record.reader import Recording
-from mkdaemon.record.recorder import RETRY, Recorder
+from mkdaemon.record.recorder import RETRY, Recorder, RecorderThread
 from mkdaemon.record.tap import Tap
-from mkdaemon.record.thread import RecorderThread
+from mksim.config import PilotPlan, SimConfig
 from mksim.runtime import Runtime
 
 SMALL: Final = "4m"

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Callable, Sequence
+from concurrent.futures import Executor, Future
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, ParamSpec, TypeVar
 
 import msgpack
 from pydantic import BaseModel
@@ -17,18 +18,15 @@ from mkdaemon.bus.gateway import Watcher
 from mkdaemon.bus.intake import Prover, Taker
 from mkdaemon.clock import Clock
 from mkdaemon.config.root import Config
-from mkdaemon.control.core import FlightCore
+from mkdaemon.control.events import Feed
 from mkdaemon.daemon.eyes import Eyes
-from mkdaemon.daemon.lineport import record_port
 from mkdaemon.daemon.procedures import Journal
 from mkdaemon.daemon.wiring import Wiring
-from mkdaemon.record.entry import Entry, TimeBase
+from mkdaemon.record.entry import Entry, Notice, TimeBase
 from mkdaemon.record.layout import Session
-from mkdaemon.record.notices import Notice
 from mkdaemon.record.queue import EntryQueue
 from mkdaemon.record.tap import Tap
 from mkdaemon.record.writer import RecordingWriter
-from mkdaemon.replay.run import AtOnce
 from mkdaemon.stamp import Stamp
 from mkdaemon.telemetry.command import CommandResult
 from mkdaemon.telemetry.setpoint import Setpoint
@@ -41,8 +39,25 @@ SOURCE: Final = "5eed"
 """Id of the client's session."""
 ROOM: Final = 1 << 30
 """Nothing is lost [bytes]."""
+_Parameters = ParamSpec("_Parameters")
+_Result = TypeVar("_Result")
 HANDED_OVER: Final = 8e-5
 """Time from the arrival of a setpoint at the bus to its arrival at the loop [s]."""
+
+
+class AtOnce(Executor):
+    """Does everything at once: a thread would take time that virtual time does not know."""
+
+    def submit(
+        self, fn: Callable[_Parameters, _Result], /, *args: _Parameters.args, **kwargs: _Parameters.kwargs
+    ) -> Future[_Result]:
+        """Do it."""
+        future: Future[_Result] = Future()
+        try:
+            future.set_result(fn(*args, **kwargs))
+        except OSError as error:
+            future.set_exception(error)
+        return future
 
 
 class Tape:
@@ -52,11 +67,9 @@ class Tape:
         self.base = TimeBase.of(clock.stamp())
         self._queue = EntryQueue(ROOM)
         self.tap = Tap(self._queue, clock, vehicle, self.base)
-        clock.on_look = self.tap.looked
 
     def entries(self) -> list[Entry]:
         """Return what was recorded, once."""
-        self.tap.end_looks()
         taken = (item if isinstance(item, Entry) else item() for item in self._queue.take(len(self._queue)))
         return [entry for entry in taken if entry is not None]
 
@@ -114,7 +127,6 @@ class ClientSide:
     async def take_lease(self, holder: str = "pilot") -> None:
         """Take the lease, as the library does."""
         for watcher in self._watchers:
-            self._tap.client(holder, True)
             watcher(holder, True)
         probe = await self.ask("do/lease", action="probe")
         assert isinstance(probe.reply, dict)
@@ -129,7 +141,6 @@ class ClientSide:
     async def vanish(self, holder: str = "pilot") -> None:
         """End the client without a word."""
         for watcher in self._watchers:
-            self._tap.client(holder, False)
             watcher(holder, False)
 
     async def stream(self, kind: type[Setpoint], seconds: float, *, period: float = 0.02, **fields: Any) -> None:
@@ -168,7 +179,7 @@ class RecordedDaemon:
         seed: int,
         tick: float = TICK_TIME,
         age: float = 0.0,
-        make_eyes: Callable[[FlightCore, RecordedDaemon], Eyes] = lambda core, daemon: Eyes(None),
+        make_eyes: Callable[[Feed, RecordedDaemon], Eyes] = lambda feed, daemon: Eyes(None),
     ) -> None:
         """Put it together.
 
@@ -192,9 +203,9 @@ class RecordedDaemon:
             cfg,
             self.client,
             clock,
-            make_eyes=lambda core: make_eyes(core, self),
-            opener=record_port(self.socket.open, self.tape.tap, clock),
-            record_written=self.tape.tap.port_written,
+            make_eyes=lambda feed: make_eyes(feed, self),
+            opener=self.socket.open,
+            tap=self.tape.tap,
             journal=Journal(cfg.vehicle.state_folder or Path(), AtOnce()),
         )
 
@@ -216,7 +227,6 @@ class RecordedDaemon:
     def start(self) -> list[asyncio.Task[None]]:
         """Start everything; returns the tasks, the line first."""
         loop = asyncio.get_running_loop()
-        self.tape.tap.notice(Notice.GUARD_ALIVE, fields={"is_alive": True})
         self.wiring.guard_changed(True)
         return [
             loop.create_task(self.wiring.run_line(), name="link"),

@@ -13,7 +13,7 @@ from mkdaemon.client import connect
 from mkdaemon.clock import Clock
 from mkdaemon.config.control import ControlConfig
 from mkdaemon.control.estimator.model import AircraftModel
-from mkdaemon.control.guidance.margins import gains_of
+from mkdaemon.control.regulator.margins import gains_of
 from mkdaemon.protocol.messages import Settings
 from mkdaemon.telemetry.command import CommandResult
 from mkdaemon.telemetry.control import ControlStatus, LeaseGrant, LeaseState, Phase
@@ -79,7 +79,7 @@ class FakeDaemon:
                 self.lose(fields["reason"])
                 reply = {"status": "confirmed", "sent": 5, "confirmed": 5, "reason": fields["reason"]}
                 return CommandResult(status=Status.ACCEPTED, reply=reply)
-            case "do/rate", _:
+            case "do/rates", _:
                 return CommandResult(status=Status.ACCEPTED, reply={"intervals": {"osd": fields.get("interval", 0.1)}})
             case "do/gains", _:
                 reply = dict(gains_of(AircraftModel(), ControlConfig()))

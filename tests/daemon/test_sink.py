@@ -6,11 +6,7 @@ import pytest
 
 from mkdaemon.clock import Clock
 from mkdaemon.config.control import ControlConfig
-from mkdaemon.control.core import FlightCore
-from mkdaemon.control.vehicle import VehicleFacts
-from mkdaemon.daemon.audit import Audit
-from mkdaemon.daemon.eyes import Eyes
-from mkdaemon.daemon.sink import BusSink
+from mkdaemon.daemon.deck import Deck
 from mkdaemon.link.session.traffic import Lost, Purpose, Received, Sent
 from mkdaemon.protocol.boards import Direction
 from mkdaemon.protocol.decoder import Unknown
@@ -30,8 +26,7 @@ def bus():
 @pytest.fixture
 def sink(bus):
     clock = Clock(monotonic=lambda: 0.0)
-    core = FlightCore(ControlConfig(), VehicleFacts(), first_epoch=1)
-    return BusSink(bus, core, Audit(bus, clock), Eyes(None), clock)
+    return Deck(ControlConfig(), bus, clock, first_epoch=1).sink
 
 
 @pytest.mark.parametrize(

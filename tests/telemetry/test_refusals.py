@@ -11,7 +11,7 @@ from mkdaemon.telemetry.control import Obstacle
 from mkdaemon.telemetry.refusals import REFUSALS, Status, Token, refuse
 from tests.places import DOCS, ROOT
 
-SOURCES = sorted((ROOT / "src" / "mkdaemon").rglob("*.py"))
+SOURCES = sorted((ROOT / "src").rglob("*.py"))
 
 
 def words_of(token: str) -> set[str]:

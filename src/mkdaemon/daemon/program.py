@@ -20,8 +20,7 @@ from mkdaemon.config.root import Config
 from mkdaemon.daemon.blackbox import BlackBox, open_black_box
 from mkdaemon.daemon.eyes import open_eyes
 from mkdaemon.daemon.flightnote import FlightNotes
-from mkdaemon.daemon.guard import GuardProcess, take_report
-from mkdaemon.daemon.lineport import record_port
+from mkdaemon.daemon.guard import GuardProcess, LastWord, take_report
 from mkdaemon.daemon.localsocket import LocalSocket
 from mkdaemon.daemon.priority import spare_collector
 from mkdaemon.daemon.procedures import state_folder
@@ -30,7 +29,6 @@ from mkdaemon.daemon.watchdog import Notifier, feed_watchdog
 from mkdaemon.daemon.wiring import Wiring
 from mkdaemon.errors import ConfigError, MkError
 from mkdaemon.link.ports.port import open_port
-from mkdaemon.record.notices import Notice
 
 RECORDING: Final = "replay:"
 """Ports that begin so are recordings."""
@@ -43,13 +41,14 @@ SETTLE: Final = 0.3
 """After the first subscriber has come: time for its other subscriptions, and for the last samples to leave [s]."""
 
 
-async def run(cfg: Config, stop: asyncio.Event, clock: Clock | None = None) -> None:
+async def run(cfg: Config, stop: asyncio.Event, clock: Clock | None = None, last_word: LastWord | None = None) -> None:
     """Fly until `stop` is set, or until a recording has ended.
 
     Args:
         cfg: all of it.
         stop: ends the flight.
         clock: the machine's if none is given.
+        last_word: learns what to say to the aircraft where the program has to end at once.
 
     Raises:
         ConfigError: the configuration cannot work.
@@ -63,7 +62,7 @@ async def run(cfg: Config, stop: asyncio.Event, clock: Clock | None = None) -> N
     takes_images = any(camera.source.startswith(OVER_BUS) for camera in cfg.cameras)
     opening = Bus.open(cfg.bus, cfg.vehicle.name, black_box.bus_recorder, takes_images=takes_images)
     async with black_box.run(), opening as bus:
-        daemon = Daemon(cfg, bus, clock, black_box)
+        daemon = Daemon(cfg, bus, clock, black_box, last_word)
         spare_collector()
         try:
             await daemon.serve(stop, notifier)
@@ -79,7 +78,14 @@ async def run(cfg: Config, stop: asyncio.Event, clock: Clock | None = None) -> N
 class Daemon:
     """Everything that runs, wired together."""
 
-    def __init__(self, cfg: Config, bus: Bus, clock: Clock, black_box: BlackBox | None = None) -> None:
+    def __init__(
+        self,
+        cfg: Config,
+        bus: Bus,
+        clock: Clock,
+        black_box: BlackBox | None = None,
+        last_word: LastWord | None = None,
+    ) -> None:
         """Build and wire; nothing runs yet.
 
         Raises:
@@ -90,16 +96,17 @@ class Daemon:
         self._clock = clock
         self._report = state_folder(cfg.vehicle) / "guard.json"
         needs_guard = cfg.control.guard and not cfg.link.port.startswith(RECORDING)
-        self._guard = GuardProcess(self._report, clock=clock.monotonic) if needs_guard else None
+        self._guard = GuardProcess(self._report, clock=clock.now) if needs_guard else None
+        last_word = last_word or LastWord()
+        last_word.guard = self._guard
         box = self._black_box = black_box or BlackBox(clock)
         wiring = self._wiring = Wiring(
             cfg,
             bus,
             clock,
             make_eyes=partial(open_eyes, cfg, bus, clock, record=box.image_recorder(cfg.record.images)),
-            guard=self._guard,
-            opener=record_port(open_port, box.tap, clock),
-            record_written=box.record_written,
+            guard=last_word,
+            tap=box.tap,
         )
         self._link, self._flight, self._audit = wiring.link, wiring.flight, wiring.audit
         self._notes = FlightNotes(state_folder(cfg.vehicle), cfg.link.port, clock)
@@ -137,7 +144,7 @@ class Daemon:
                 if not is_recording:
                     tasks.append(above.create_task(self._notes.follow(self._link, self._audit), name="flight note"))
                 await asyncio.wait({stopped, link}, return_when=asyncio.FIRST_COMPLETED)
-                self._black_box.note(Notice.STOP)
+                self._black_box.note_stop()
                 for task in tasks:
                     task.cancel()
             link.cancel()
@@ -149,7 +156,7 @@ class Daemon:
         if guard is None:
             yield
             return
-        guard.acted, guard.changed = self._guard_acted, self._guard_changed
+        guard.acted, guard.changed = self._wiring.guard_acted, self._wiring.guard_changed
         try:
             self._report.parent.mkdir(parents=True, exist_ok=True)
         except OSError as error:
@@ -164,14 +171,6 @@ class Daemon:
             finally:
                 watcher.cancel()
                 await guard.stop()
-
-    def _guard_acted(self, released: bool) -> None:
-        self._black_box.note(Notice.GUARD_ACTED, released=released)
-        self._wiring.guard_acted(released)
-
-    def _guard_changed(self, is_alive: bool) -> None:
-        self._black_box.note(Notice.GUARD_ALIVE, is_alive=is_alive)
-        self._wiring.guard_changed(is_alive)
 
     @asynccontextmanager
     async def _listening_locally(self) -> AsyncIterator[None]:

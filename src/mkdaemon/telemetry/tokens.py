@@ -72,6 +72,8 @@ class Token(StrEnum):
     NO_GUIDANCE = "no_guidance"
     NO_ESTIMATE = "no_estimate"
     NO_FRAME = "no_frame"
+    NOT_READY = "not_ready"
+    NOT_ON_GROUND = "not_on_ground"
     GATE_SHUT = "gate_shut"
     GATE_CONSTANT = "gate_constant"
     GATE_SWITCHES_ALTITUDE = "gate_switches_altitude"
@@ -80,6 +82,7 @@ class Token(StrEnum):
 
     # before a flight against a target
     LOOP_UNSTABLE = "loop_unstable"
+    LOOP_UNKNOWN = "loop_unknown"
     GAIN_ON_POTI = "gain_on_poti"
     GAIN_ZERO = "gain_zero"
     LINK_POOR = "link_poor"

@@ -22,8 +22,8 @@ from mkdaemon.control.estimator.values import (
     ViewFault,
     fault_of,
 )
-from mkdaemon.control.guidance.horizontal import HorizontalCosts, HorizontalRegulator
-from mkdaemon.control.guidance.reference import Reference
+from mkdaemon.control.regulator.horizontal import HorizontalCosts, HorizontalRegulator
+from mkdaemon.control.regulator.reference import Reference
 
 MODEL = AircraftModel()
 HOVER = 125.0

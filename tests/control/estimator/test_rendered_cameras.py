@@ -14,7 +14,7 @@ from mkdaemon.config.vision import VisionSection
 from mkdaemon.control.estimator.estimator import Estimator
 from mkdaemon.control.estimator.model import P, T
 from mkdaemon.control.estimator.rollback import STEP
-from mkdaemon.control.targetgoals import view_of
+from mkdaemon.control.sight import view_of
 from mkdaemon.frames import rotation_from_euler
 from mkdaemon.telemetry.vision import VisionPose
 from mkdaemon.vision.camera.calibration_file import load_camera, mount_rotation

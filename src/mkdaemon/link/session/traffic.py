@@ -9,7 +9,7 @@ from typing import Final, NamedTuple, NewType, Protocol
 
 from mkdaemon.errors import CommandRejectedError
 from mkdaemon.protocol.boards import Direction
-from mkdaemon.protocol.decoder import Unknown
+from mkdaemon.protocol.decoder import Layouts, Unknown
 from mkdaemon.protocol.framing import DropReason, Frame
 from mkdaemon.protocol.wire import WireMessage
 from mkdaemon.telemetry.control import ReleaseOutcome
@@ -140,6 +140,25 @@ class LinkSink(Protocol):
 
     def traffic_counted(self, traffic: LinkTraffic) -> None:
         """Take the counters, once a second."""
+
+
+class LineTap(Protocol):
+    """Who records what the link is told by the port and what it decides about it; every method returns at once."""
+
+    def port_opened(self, port: str, baud: int, at: float) -> None:
+        """Take note of an open port."""
+
+    def port_read(self, data: bytes, at: float) -> None:
+        """Take bytes, in the portions in which they are decoded."""
+
+    def port_written(self, data: bytes, at: float, issuer: str) -> None:
+        """Take bytes that were given to the port, and what for."""
+
+    def port_lost(self, reason: str, at: float) -> None:
+        """Take note of the port's end; decoding ends with it."""
+
+    def layouts_changed(self, layouts: Layouts, at: float) -> None:
+        """Take the layouts by which frames are decoded from now on."""
 
 
 @dataclass(frozen=True, slots=True)
