@@ -21,8 +21,8 @@ from mkdaemon.control.events import (
     SetpointAccepted,
     StateValue,
 )
-from mkdaemon.control.guidance.autopilot import AutopilotSticks, Goal
 from mkdaemon.control.modes import IN_FLIGHT
+from mkdaemon.control.regulator.autopilot import AutopilotSticks, Goal
 from mkdaemon.frames import quaternion_from_rotation
 from mkdaemon.stamp import Stamp
 from mkdaemon.telemetry.command import LeaseRequest

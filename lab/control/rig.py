@@ -21,10 +21,10 @@ from mkdaemon.config.sim_flight import AirframeConfig, FlightConfig, SensorConfi
 from mkdaemon.control.estimator.estimator import Estimator
 from mkdaemon.control.estimator.model import NO_FILTER, AircraftModel
 from mkdaemon.control.estimator.values import StickCommand, TargetView
-from mkdaemon.control.guidance.autopilot import Autopilot, AutopilotSticks, Goal, at_origin
-from mkdaemon.control.guidance.landing import Landing, LandingPhase
-from mkdaemon.control.guidance.reference import ReferenceLimits
 from mkdaemon.control.linear import Array
+from mkdaemon.control.manoeuvres.land import Landing, LandingPhase
+from mkdaemon.control.regulator.autopilot import Autopilot, AutopilotSticks, Goal, at_origin
+from mkdaemon.control.regulator.reference import ReferenceLimits
 from mksim.physics.attitude_loop import AttitudeGains
 from mksim.physics.deck import MovingDeck
 from mksim.physics.world import DT, StartState, StickInput, World

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import pytest
+from mkdaemon.control.setpoints import StickGuidance
 
 from mkdaemon.config.control import ControlConfig
-from mkdaemon.control.authority import Authority
-from mkdaemon.control.decisions import Fly, ReleaseOrder, SendNothing
+from mkdaemon.control.authority import Authority, Fly, ReleaseOrder, SendNothing
 from mkdaemon.control.lease import LONGEST_JUMP
 from mkdaemon.control.modes import Trigger
-from mkdaemon.control.setpoints import StickGuidance
 from mkdaemon.control.vehicle import VehicleFacts
 from mkdaemon.errors import CommandRejectedError
 from mkdaemon.telemetry.control import Phase

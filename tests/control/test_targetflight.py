@@ -7,6 +7,8 @@ from dataclasses import asdict, replace
 
 import numpy as np
 import pytest
+from mkdaemon.control.targetflight import FORGOTTEN, TargetFlight
+from mkdaemon.control.targetgoals import Arrival, obstacle, velocity_between
 
 from lab.control.camera import CameraModel, rotation_of
 from lab.control.corerig import CoreRig, stamp
@@ -18,10 +20,8 @@ from mkdaemon.control.actions import PublishStatus, Release, ReportFailsafe, Rep
 from mkdaemon.control.estimator.model import AircraftModel
 from mkdaemon.control.estimator.values import TargetView
 from mkdaemon.control.events import Released
-from mkdaemon.control.guidance.autopilot import Goal
-from mkdaemon.control.guidance.landing import LandingPhase
-from mkdaemon.control.targetflight import FORGOTTEN, TargetFlight
-from mkdaemon.control.targetgoals import Arrival, obstacle, velocity_between
+from mkdaemon.control.manoeuvres.land import LandingPhase
+from mkdaemon.control.regulator.autopilot import Goal
 from mkdaemon.control.vehicle import VehicleFacts
 from mkdaemon.errors import CommandRejectedError
 from mkdaemon.telemetry.control import Phase

@@ -11,10 +11,10 @@ from mkdaemon.control.activeset import UNREAD, ActiveSet
 from mkdaemon.control.checks import findings, is_ready, standing
 from mkdaemon.control.estimator.model import AircraftModel, Gap, ModelUnknown
 from mkdaemon.control.estimator.values import GAS_CENTRE
-from mkdaemon.control.guidance.margins import gains_of, loop_refusal
 from mkdaemon.control.knowledge import Knowledge
+from mkdaemon.control.manoeuvres.manoeuvre import Step
 from mkdaemon.control.motionmatch import MotionMatch
-from mkdaemon.control.setpoints import Guided
+from mkdaemon.control.regulator.margins import gains_of, loop_refusal
 from mkdaemon.control.vehicle import VehicleFacts
 from mkdaemon.errors import CommandRejectedError
 from mkdaemon.telemetry.control import ControlLine, Gains, Obstacle
@@ -70,19 +70,14 @@ class Preflight:
         if refusal is not None:
             raise refusal
 
-    def check_setpoint(self, setpoint: Setpoint, now: float) -> None:
-        """Refuse what would begin a flight against a target while a check stands in its way.
-
-        Raises:
-            CommandRejectedError: the first such check.
-        """
-        if isinstance(setpoint, StickSetpoint | AttitudeSetpoint):
-            return
+    def refusal(self, kind: type[Setpoint], now: float) -> CommandRejectedError | None:
+        """Why a flight against a target may not begin; None where it may, and for flights by hand."""
+        if kind in (StickSetpoint, AttitudeSetpoint):
+            return None
         if now - self._looked_at >= FRESH:
             self._looked_at = now
             self._obstacle = next(standing(self._known(now), Blocks.AUTONOMY), None)
-        if self._obstacle is not None:
-            raise self._obstacle
+        return self._obstacle
 
     def gains(self, *, is_flying: bool = False) -> Gains:
         """Model, gains and margins of the loop; computed once for a model, which takes too long in flight.
@@ -117,9 +112,9 @@ class Preflight:
             self._loop, self._is_loop_known = loop_refusal(self._model, self._cfg, self._gains), True
         return self._loop
 
-    def wait_for_board(self, guided: Guided) -> Guided:
+    def wait_for_board(self, step: Step) -> Step:
         """Begin no flight while a board does not listen: the first frame it hears must be one of neutral sticks."""
-        return replace(guided, obstacle=self.line.reason) if self.line.obstacle is Obstacle.DEAF else guided
+        return replace(step, obstacle=self.line.reason) if self.line.obstacle is Obstacle.DEAF else step
 
     def _known(self, now: float, *, is_quick: bool = False) -> Knowledge:
         """What the checks look at; `is_quick` leaves out what takes long to compute: the loop would stand still."""

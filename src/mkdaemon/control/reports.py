@@ -94,6 +94,10 @@ class Reports:
             self._refusal_at[is_by_holder] = now
             self._waiting.append(ReportCommand(key, fields, refused(error)))
 
+    def target_changed(self, before: str, after: str) -> None:
+        """Report that another target is followed, because the one before was out of sight for long."""
+        self._waiting.append(Warn(f"target {after} is followed now: {before} was out of sight for too long"))
+
     def frame_not_sent(self, error: CommandRejectedError, now: float) -> None:
         """Report a stick frame that the line does not take, but not too often."""
         if now - self._unsent_at >= REPORT_PERIOD:
@@ -179,6 +183,7 @@ class Reports:
                 manoeuvre=None if progress is None else progress.manoeuvre,
                 stage="" if progress is None else progress.stage,
                 is_done=progress is not None and progress.is_done,
+                outcome=authority.outcome,
                 pilots_throttle=lid,
                 hands=pilots_hands(authority.phase, progress, is_capped=lid is not None),
             )

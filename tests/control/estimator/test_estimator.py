@@ -11,8 +11,8 @@ from mkdaemon.control.estimator.estimator import Estimator
 from mkdaemon.control.estimator.model import GRAVITY, LEVEL_STATES, TH, AircraftModel, B, D, P, S, T, V
 from mkdaemon.control.estimator.rollback import MEMORY, STEP, RollbackFilter
 from mkdaemon.control.estimator.values import OURS, StickCommand, TargetView, ThrottleUse
-from mkdaemon.control.guidance.horizontal import HorizontalCosts, HorizontalRegulator
-from mkdaemon.control.guidance.reference import Reference
+from mkdaemon.control.regulator.horizontal import HorizontalCosts, HorizontalRegulator
+from mkdaemon.control.regulator.reference import Reference
 
 MODEL = AircraftModel()
 HOVER = 125.0

@@ -10,10 +10,10 @@ import pytest
 from mkdaemon.control.estimator.estimator import Estimator
 from mkdaemon.control.estimator.model import AircraftModel, E, V
 from mkdaemon.control.estimator.values import OURS, StickCommand, TargetView, ThrottleUse
-from mkdaemon.control.guidance.autopilot import UNKNOWN_SPEED, Autopilot, at_origin
-from mkdaemon.control.guidance.horizontal import HorizontalCosts
-from mkdaemon.control.guidance.reference import ReferenceLimits
-from mkdaemon.control.guidance.vertical import VerticalGains
+from mkdaemon.control.regulator.autopilot import UNKNOWN_SPEED, Autopilot, at_origin
+from mkdaemon.control.regulator.horizontal import HorizontalCosts
+from mkdaemon.control.regulator.reference import ReferenceLimits
+from mkdaemon.control.regulator.vertical import VerticalGains
 
 MODEL = AircraftModel()
 HOVER = 125.0

@@ -14,8 +14,8 @@ import numpy as np
 
 from mkdaemon.control.estimator.model import GRAVITY, TH, US, AircraftModel, B, P, T, V, W
 from mkdaemon.control.estimator.values import Estimate
-from mkdaemon.control.guidance.reference import Reference
 from mkdaemon.control.linear import Array, regulator_gain, spectral_radius
+from mkdaemon.control.regulator.reference import Reference
 
 STEP: Final = 0.02
 """Control period [s]; sticks are evaluated every 22.5 ms, faster has no effect."""

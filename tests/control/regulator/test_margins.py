@@ -8,7 +8,7 @@ import pytest
 
 from mkdaemon.config.control import ControlConfig
 from mkdaemon.control.estimator.model import LEAK_SLOW, NO_FILTER, AircraftModel
-from mkdaemon.control.guidance.margins import NAMES, gains_of, loop_refusal, require_safe_loop
+from mkdaemon.control.regulator.margins import NAMES, gains_of, loop_refusal, require_safe_loop
 from mkdaemon.errors import ConfigError
 
 

@@ -12,11 +12,11 @@ from hypothesis import strategies as st
 
 from mkdaemon.control.estimator.model import LEVEL_STATES, AircraftModel, D, P
 from mkdaemon.control.estimator.values import Estimate
-from mkdaemon.control.guidance.autopilot import YAW_LEAST, YAW_MOST, yaw_stick
-from mkdaemon.control.guidance.horizontal import HorizontalCosts, HorizontalRegulator
-from mkdaemon.control.guidance.reference import Reference, ReferenceLimits
-from mkdaemon.control.guidance.shaping import CountShaper
-from mkdaemon.control.guidance.vertical import VerticalGains, gas
+from mkdaemon.control.regulator.autopilot import YAW_LEAST, YAW_MOST, yaw_stick
+from mkdaemon.control.regulator.horizontal import HorizontalCosts, HorizontalRegulator
+from mkdaemon.control.regulator.reference import Reference, ReferenceLimits
+from mkdaemon.control.regulator.shaping import CountShaper
+from mkdaemon.control.regulator.vertical import VerticalGains, gas
 
 MODEL = AircraftModel()
 REST = Estimate(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from mkdaemon.control.guidance.takeoff import IDLE_GAS, LIKELY, OLDEST, TakeOff, TakeOffLimits, TakeOffPhase
+from mkdaemon.control.manoeuvres.take_off import IDLE_GAS, LIKELY, OLDEST, TakeOff, TakeOffLimits, TakeOffPhase
 
 LIMITS = TakeOffLimits(ready=1.0)
 HOVER = 120.0

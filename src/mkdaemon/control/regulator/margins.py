@@ -9,9 +9,9 @@ import numpy as np
 from mkdaemon.config.autopilot import AutopilotConfig
 from mkdaemon.config.control import ControlConfig, LimiterConfig
 from mkdaemon.control.estimator.model import AircraftModel
-from mkdaemon.control.guidance.horizontal import HorizontalCosts, HorizontalRegulator
-from mkdaemon.control.guidance.modelflight import fly_model
 from mkdaemon.control.linear import Array, spectral_radius
+from mkdaemon.control.regulator.horizontal import HorizontalCosts, HorizontalRegulator
+from mkdaemon.control.regulator.modelflight import fly_model
 from mkdaemon.errors import CommandRejectedError, ConfigError
 from mkdaemon.telemetry.control import Gains
 from mkdaemon.telemetry.refusals import Token, refuse

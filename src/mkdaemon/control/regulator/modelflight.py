@@ -14,11 +14,11 @@ import numpy as np
 from mkdaemon.config.control import ControlConfig
 from mkdaemon.control.estimator.model import GRAVITY, LEVEL_STATES, AircraftModel, D, E, H, P
 from mkdaemon.control.estimator.values import GAS_CENTRE, Estimate
-from mkdaemon.control.guidance.horizontal import HorizontalCosts, HorizontalRegulator
-from mkdaemon.control.guidance.reference import Reference
-from mkdaemon.control.guidance.shaping import CountShaper
-from mkdaemon.control.guidance.vertical import VerticalGains, gas
 from mkdaemon.control.linear import Array
+from mkdaemon.control.regulator.horizontal import HorizontalCosts, HorizontalRegulator
+from mkdaemon.control.regulator.reference import Reference
+from mkdaemon.control.regulator.shaping import CountShaper
+from mkdaemon.control.regulator.vertical import VerticalGains, gas
 
 LENGTH: Final = 12.0
 """Of the flight [s]."""

@@ -11,13 +11,20 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from enum import StrEnum
+from typing import ClassVar
 
 import numpy as np
 
+from mkdaemon.config.autopilot import AutopilotConfig
 from mkdaemon.control.estimator.model import F
 from mkdaemon.control.estimator.values import Estimate
-from mkdaemon.control.guidance.autopilot import Goal
-from mkdaemon.control.guidance.fall import Fall
+from mkdaemon.control.manoeuvres.by_target import ByTarget, error_value, floating
+from mkdaemon.control.manoeuvres.fall import Fall
+from mkdaemon.control.manoeuvres.hold import Hold
+from mkdaemon.control.manoeuvres.manoeuvre import Manoeuvre, Step, ended, level_at
+from mkdaemon.control.regulator.autopilot import Autopilot, Goal
+from mkdaemon.control.sight import Sight
+from mkdaemon.telemetry.control import Outcome
 
 
 class LandingPhase(StrEnum):
@@ -169,3 +176,43 @@ class Landing:
             self.phase, self.down_since = LandingPhase.DOWN, estimate.at
             spread = float(np.hypot(*estimate.position_sd[:2]))
             self.is_on_target = error + 2.0 * spread < limits.pad_radius
+
+
+class Land(ByTarget):
+    """Goes down on the target; once committed or standing, what the eyes see no longer matters."""
+
+    kind: ClassVar[str] = "land"
+
+    def __init__(self, sight: Sight, cfg: AutopilotConfig, yaw: float | None = None) -> None:
+        """Land with a heading [rad], None for any."""
+        super().__init__(sight, cfg)
+        self.landing: Landing | None = None
+        self._yaw = yaw
+
+    def abort(self, now: float) -> Manoeuvre:
+        """Hold; below its last decision a landing goes on."""
+        is_decided = self.landing is not None and self.landing.phase in (LandingPhase.COMMIT, LandingPhase.DOWN)
+        return self if is_decided else Hold(self._sight, self._cfg)
+
+    def _flies_blind(self) -> bool:
+        return self.landing is not None
+
+    def _fly(self, estimate: Estimate, autopilot: Autopilot, now: float, step: float, *, is_flying: bool) -> Step:
+        if not is_flying:
+            return Step(
+                floating(autopilot.sticks(Goal(position=estimate.position, yaw=self._yaw), now, step)), self.kind
+            )
+        landing = self.landing = self.landing or Landing(LandingLimits(stand_height=self._cfg.stand_height), estimate)
+        goal = landing.goal(estimate, self._yaw, step)
+        error = error_value(self.kind, goal, estimate)
+        sticks, stage = floating(autopilot.sticks(goal, now, step)), landing.phase.value
+        if landing.phase is LandingPhase.DOWN:
+            how = Outcome.LANDED if landing.is_on_target else Outcome.LANDED_ASIDE
+            stands = now - landing.down_since >= self._cfg.stand_time
+            end = ended(how, target=self._sight.target) if stands else None
+            return Step(sticks, self.kind, stage=stage, is_done=True, end=end, error=error)
+        self._sight.hover_gas = estimate.hover_gas
+        if landing.phase is LandingPhase.COMMIT or estimate.age <= self._cfg.level_after:
+            return Step(sticks, self.kind, stage=stage, error=error)
+        level = level_at(estimate.hover_gas)
+        return Step(level, self.kind, stage=stage, end=self._lost_sight(estimate), error=error)

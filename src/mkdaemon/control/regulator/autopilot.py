@@ -10,11 +10,11 @@ import numpy as np
 
 from mkdaemon.control.estimator.estimator import Estimator
 from mkdaemon.control.estimator.values import GAS_CENTRE, Estimate
-from mkdaemon.control.guidance.horizontal import STEP, HorizontalCosts, HorizontalRegulator
-from mkdaemon.control.guidance.reference import Reference, ReferenceLimits
-from mkdaemon.control.guidance.shaping import CountShaper
-from mkdaemon.control.guidance.vertical import VerticalGains, gas
 from mkdaemon.control.linear import Array
+from mkdaemon.control.regulator.horizontal import STEP, HorizontalCosts, HorizontalRegulator
+from mkdaemon.control.regulator.reference import Reference, ReferenceLimits
+from mkdaemon.control.regulator.shaping import CountShaper
+from mkdaemon.control.regulator.vertical import VerticalGains, gas
 
 UNKNOWN_SPEED: Final = 0.25
 """A flight begins with a reference that rests on the estimate, until the speed is known to this [m/s]."""
