@@ -18,7 +18,7 @@ from hypothesis import strategies as st
 from mkdaemon.bus.session import session_config
 from mkdaemon.cli.mkctl.app import app as mkctl
 from mkdaemon.cli.mkctl.mixer import from_toml
-from mkdaemon.cli.mkctl.teleop.recording import read_recording as read_pad
+from mkdaemon.cli.mkctl.teleop.padrecording import read_recording as read_pad
 from mkdaemon.cli.mkdaemon.app import app as mkdaemon
 from mkdaemon.cli.program import run
 from mkdaemon.client.settings_files import read_sets
@@ -154,7 +154,7 @@ def test_random_bytes_break_no_reader(tmp_path_factory, name, content):
         ("mkdaemon", "decode", "FILE"),
         ("mkdaemon", "detect", "FILE"),
         ("mkctl", "waypoints", "convert", "FILE", "OUT.plan"),
-        ("mkctl", "settings", "diff", "FILE", "FILE"),
+        ("mkctl", "settings", "compare", "FILE", "FILE"),
     ],
     ids=" ".join,
 )

@@ -11,7 +11,7 @@ from pydantic import BaseModel
 from mkdaemon.bus.keys import KEYS, KeySpec, Use
 from mkdaemon.config.bus import BusConfig
 from mkdaemon.stamp import Stamp
-from mkdaemon.telemetry.command import CommandResult, RateRequest
+from mkdaemon.telemetry.command import CommandResult, RatesRequest
 from mkdaemon.telemetry.control import LeaseState
 from mkdaemon.telemetry.refusals import REFUSALS
 from tools.markdown import escape, table
@@ -139,4 +139,4 @@ def _who(spec: KeySpec) -> str:
 def _models() -> list[type[BaseModel]]:
     carried = [spec.carries for spec in KEYS if spec.carries is not None]
     replies = [spec.reply for spec in KEYS if spec.reply is not None]
-    return with_parts([Stamp, *carried, *replies, CommandResult, LeaseState, RateRequest])
+    return with_parts([Stamp, *carried, *replies, CommandResult, LeaseState, RatesRequest])

@@ -20,6 +20,7 @@ from mkdaemon.errors import MkError
 from mkdaemon.telemetry.command import LeaseRequest
 from mkdaemon.telemetry.control import LeaseGrant
 from mkdaemon.telemetry.setpoint import SETPOINTS
+from mkdaemon.telemetry.tokens import Status
 
 WAY: Final = (0.0005, 0.004)
 """Shortest and longest way of a sample on the bus [s]; Zenoh on loopback needs a millisecond."""
@@ -97,11 +98,11 @@ class CockpitClient:
             await asyncio.sleep(patience)
             raise MkError("no answer")
         state = await self._flown.flight.lease(LeaseRequest.model_validate(dict(fields)))
-        return Answer("accepted", {} if state is None else state.model_dump())
+        return Answer(Status.ACCEPTED, {} if state is None else state.model_dump())
 
     @asynccontextmanager
     async def lease(self) -> AsyncIterator[Lease]:
-        """Hold the lease; see `Leasing.lease`.
+        """Hold the lease; see `uav.lease()`.
 
         Raises:
             CommandRejectedError: it was refused.

@@ -131,14 +131,14 @@ async def test_a_command_is_answered_by_its_handler_and_refusals_keep_their_word
     async def handler(suffix: str, payload: bytes) -> CommandResult:
         if suffix == "do/release":
             return CommandResult(status=Status.ACCEPTED, reply={"heard": msgpack.unpackb(payload)})
-        if suffix == "do/rate":
+        if suffix == "do/rates":
             raise refuse(Token.NOT_LEASED)
         raise RuntimeError("wires crossed")
 
     opened.serve("do", handler)
     with client(endpoint) as session:
         [(_, good, encoding)] = await asyncio.to_thread(ask, session, "mk/t1/do/release", {"a": 1})
-        [(_, bad, _)] = await asyncio.to_thread(ask, session, "mk/t1/do/rate")
+        [(_, bad, _)] = await asyncio.to_thread(ask, session, "mk/t1/do/rates")
         [(_, broken, _)] = await asyncio.to_thread(ask, session, "mk/t1/do/lease")
         looking_around = await asyncio.to_thread(ask, session, "mk/t1/do/*")
     assert (good["status"], good["reply"]) == ("accepted", {"heard": {"a": 1}})

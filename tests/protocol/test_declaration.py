@@ -9,7 +9,7 @@ from typing import Annotated
 import pytest
 
 from mkdaemon.bus.codec import schema_name
-from mkdaemon.cli.mkctl.requests import request_forms
+from mkdaemon.cli.mkctl.send import request_forms
 from mkdaemon.cli.mkdaemon.schema import describe_message
 from mkdaemon.control.danger import check_danger
 from mkdaemon.errors import CommandRejectedError

@@ -13,6 +13,7 @@ from mkdaemon.config.control import ControlConfig
 from mkdaemon.control.actions import Action, Release, SendSticks
 from mkdaemon.control.activeset import UNREAD
 from mkdaemon.control.authority import Authority, Fly, ReleaseOrder
+from mkdaemon.control.estimator.values import fault_of
 from mkdaemon.control.events import (
     DUE,
     NOTED,
@@ -235,6 +236,10 @@ class FlightCore:
     def _pose_seen(self, event: PoseSeen, now: float) -> Reply:
         pose = event.pose
         sight, view = self._sight, view_of(pose)
+        fault = fault_of(view, now)
+        if fault is not None:
+            self._reports.pose_refused(pose, fault, now)
+            return NOTED
         is_ours = not sight.target or pose.target == sight.target
         current = self._flown.current
         lifted_by = None
@@ -244,7 +249,7 @@ class FlightCore:
         before = sight.view_received(pose.target, view, now, lifted_by=lifted_by, may_change=may_change)
         if before:
             self._reports.target_changed(before, sight.target)
-        self._preflight.pose_received(pose, sight.contradicting)
+        self._preflight.pose_received(pose, sight.target, sight.contradicting)
         is_ours = pose.target == sight.target
         return DUE if self._pacing.image_taken(pose.stamp.monotonic, is_ours=is_ours) else NOTED
 

@@ -47,6 +47,7 @@ class Preflight:
         self.line = ControlLine()
         self.has_guard = True
         self._contradicting: tuple[str, ...] = ()
+        self._followed = ""
         self._model = AircraftModel()
         self._unknown: ModelUnknown | None = ModelUnknown(Gap.UNREAD)
         self._gains: Gains | None = None
@@ -96,10 +97,10 @@ class Preflight:
                 raise refusal from None
         return self._gains
 
-    def pose_received(self, pose: VisionPose, contradicting: tuple[str, ...]) -> None:
-        """Take a pose, and the cameras whose poses contradict those of others."""
-        self.motion.target_seen(pose.stamp.monotonic, pose.position_flu, pose.camera)
-        self._contradicting = contradicting
+    def pose_received(self, pose: VisionPose, followed: str, contradicting: tuple[str, ...]) -> None:
+        """Take a pose, the target that is followed, and the cameras whose poses contradict those of others."""
+        self.motion.target_seen(pose.target, pose.stamp.monotonic, pose.position_flu, pose.camera)
+        self._followed, self._contradicting = followed, contradicting
 
     def model_known(self, model: AircraftModel, unknown: ModelUnknown | None) -> None:
         """Take the model to fly by, and why it is not that of the aircraft's own parameter set; None where it is."""
@@ -136,7 +137,7 @@ class Preflight:
             eyes=facts.eyes,
             contradicting=self._contradicting,
             target_age=self._target_age(now),
-            stamps=None if is_quick else self.motion.match(now),
+            stamps=None if is_quick else self.motion.match(now, self._followed),
             free_disk=facts.free_disk,
             model=self._unknown,
             loop=loop,

@@ -16,7 +16,7 @@ from mkdaemon.control.limiter import StickCounts
 from mkdaemon.control.linear import Array
 from mkdaemon.frames import rotation_from_quaternion
 from mkdaemon.telemetry.control import EstimateValue
-from mkdaemon.telemetry.state import Attitude
+from mkdaemon.telemetry.state import AngleScale, Attitude
 from mkdaemon.telemetry.vision import VisionPose
 
 ATTITUDE_LATENCY: Final = 0.024
@@ -71,7 +71,7 @@ class Sight:
         self.attitude = attitude
         if self.estimator is not None:
             at = attitude.stamp.monotonic - ATTITUDE_LATENCY
-            scale = SHOWN if attitude.source.startswith("fc/") else 1.0
+            scale = SHOWN if attitude.scale is AngleScale.FLIGHTCTRL else 1.0
             self.estimator.attitude_received(at, attitude.pitch / scale, attitude.roll / scale, attitude.yaw)
 
     def view_received(
@@ -108,7 +108,7 @@ class Sight:
                 self.estimator.sent(command)
             self.target, self._clean_since, self._last_view = target, view.at, None
         else:
-            known.target_seen(view)
+            known.target_seen(view, now)
             if not known.innovation <= self._cfg.clean_innovation:
                 self._clean_since = view.at
         if self._last_view is None or view.at >= self._last_view.at:

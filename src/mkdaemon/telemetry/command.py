@@ -86,8 +86,8 @@ class PreflightRequest(Command):
     """Make every check before a flight: `do/preflight`."""
 
 
-class RateRequest(Command):
-    """Ask for a telemetry stream at a rate, or just for the present rates: `do/rate`."""
+class RatesRequest(Command):
+    """Ask for a telemetry stream at a rate, or just for the present rates: `do/rates`."""
 
     stream: str | None = None
     """Key of the message, for example `osd`, `attitude`, `debug`, `display`; null to look only."""
@@ -96,7 +96,7 @@ class RateRequest(Command):
 
 
 class Rates(Telemetry):
-    """The streams that are asked for: the answer to `do/rate`."""
+    """The streams that are asked for: the answer to `do/rates`."""
 
     intervals: dict[str, float]
     """Time between two frames of each stream [s]."""

@@ -93,7 +93,7 @@ FAILURES: Final[Mapping[str, Refusal]] = {
     Token.ROUTE_ACTIVE: Refusal(
         Status.DENIED,
         "the list is active already, at point {index} of {count}.",
-        "The pilot's GPS switch at coming home flies it; `mkctl waypoints end` ends it.",
+        "The pilot's GPS switch at coming home flies it; `mkctl route end` ends it.",
     ),
     Token.SWITCH_AT_HOME: Refusal(
         Status.DENIED,

@@ -108,7 +108,7 @@ REFUSALS: Final[Mapping[str, Refusal]] = {
     Token.MOTORS_UNKNOWN: Refusal(
         Status.DENIED,
         "nobody has told lately whether motors run, and {detail}.",
-        "Subscribe to the NaviCtrl's OSD data (`mkctl rate osd 200ms`), or check the cable to the NaviCtrl.",
+        "Subscribe to the NaviCtrl's OSD data (`mkctl rates osd 200ms`), or check the cable to the NaviCtrl.",
     ),
     Token.BOARD_UNPROVEN: Refusal(
         Status.DENIED,
@@ -155,18 +155,18 @@ REFUSALS: Final[Mapping[str, Refusal]] = {
     Token.GATE_SHUT: Refusal(
         Status.DENIED,
         "the FlightCtrl ignores stick frames: ExternalControl of its active set is {value}, not above 128.",
-        "Put it on a switch of the transmitter: `mkctl settings edit external_control=poti1` (to poti8).",
+        "Put it on a switch of the transmitter: `mkctl settings write external_control=poti1` (to poti8).",
     ),
     Token.GATE_CONSTANT: Refusal(
         Status.DENIED,
         "no switch of the transmitter ends external control: ExternalControl of the active set is {value}, a constant.",
-        "`mkctl settings edit external_control=poti1`, or set control.lease.allow_constant_gate = true, knowing why.",
+        "`mkctl settings write external_control=poti1`, or set control.lease.allow_constant_gate = true, knowing why.",
     ),
     Token.GATE_SWITCHES_ALTITUDE: Refusal(
         Status.DENIED,
         "the switch that opens external control also turns height control on: HoeheChannel of the active set is "
         "{channel}, the gate's own channel, and height control is enabled (GlobalConfig bit 0).",
-        "Put one of them on another channel: `mkctl settings edit external_control=poti2`, or altitude_channel=0.",
+        "Put one of them on another channel: `mkctl settings write external_control=poti2`, or altitude_channel=0.",
     ),
     Token.NO_CONTROL: Refusal(
         Status.DENIED, "external control is not possible: {detail}.", "`mkctl status` shows the firmware and the gate."
@@ -224,7 +224,7 @@ REFUSALS: Final[Mapping[str, Refusal]] = {
     Token.HEIGHT_CONTROL: Refusal(
         Status.DENIED,
         "height control takes the throttle for a climb rate: {detail}.",
-        "Clear the bit altitude_control of global_config with `mkctl settings edit`; motors off.",
+        "Clear the bit altitude_control of global_config with `mkctl settings write`; motors off.",
     ),
     Token.GPS_STEERS: Refusal(
         Status.DENIED,
@@ -235,13 +235,13 @@ REFUSALS: Final[Mapping[str, Refusal]] = {
         Status.DENIED,
         "with the emergency throttle NotGas {value} the aircraft does not sink when the receiver is lost; it hovers at "
         "about {hover}.",
-        "Make it smaller: `mkctl settings edit emergency_throttle=...`; or set control.limiter.hover_throttle right.",
+        "Make it smaller: `mkctl settings write emergency_throttle=...`; or set control.limiter.hover_throttle right.",
     ),
     Token.EMERGENCY_FALLS: Refusal(
         Status.DENIED,
         "with the emergency throttle NotGas {value} for {time} (NotGasZeit) the aircraft falls when the receiver is "
         "lost: {share:.0f} % of its weight are carried.",
-        "`mkctl settings edit emergency_throttle=...`, {low} to {high}, and a time above zero.",
+        "`mkctl settings write emergency_throttle=...`, {low} to {high}, and a time above zero.",
     ),
     Token.RECEIVER_WEAK: Refusal(
         Status.DENIED,
