@@ -7,7 +7,6 @@ from functools import lru_cache
 
 import numpy as np
 import numpy.typing as npt
-from mkdaemon.control.sight import view_of
 
 from mkdaemon.clock import Clock
 from mkdaemon.config.camera import CameraSection, MountSection
@@ -15,6 +14,7 @@ from mkdaemon.config.vision import VisionSection
 from mkdaemon.control.estimator.estimator import Estimator
 from mkdaemon.control.estimator.model import P, T
 from mkdaemon.control.estimator.rollback import STEP
+from mkdaemon.control.sight import view_of
 from mkdaemon.frames import rotation_from_euler
 from mkdaemon.telemetry.vision import VisionPose
 from mkdaemon.vision.camera.calibration_file import load_camera, mount_rotation

@@ -22,9 +22,8 @@ from mkdaemon.errors import ConfigError
 from mkdaemon.record.entry import NANOSECONDS
 
 if TYPE_CHECKING:
-    from mkdaemon.record.glance import Glance
     from mkdaemon.record.reader import ReadReport
-    from mkdaemon.record.summary import Summary
+    from mkdaemon.record.summary import Glance, Summary
     from mkdaemon.record.writer import View
 
 Force = Annotated[bool, Parameter(negative=(), help="Replace a file that is there.")]
