@@ -21,8 +21,8 @@ from mkdaemon.control.events import (
     SetpointAccepted,
     StateValue,
 )
-from mkdaemon.control.guidance.autopilot import AutopilotSticks, Goal
 from mkdaemon.control.modes import IN_FLIGHT
+from mkdaemon.control.regulator.autopilot import AutopilotSticks, Goal
 from mkdaemon.frames import quaternion_from_rotation
 from mkdaemon.stamp import Stamp
 from mkdaemon.telemetry.command import LeaseRequest
@@ -51,6 +51,7 @@ class CoreRig(Rig):
         cfg: with which it decides.
         actions: everything it decided, with its time [s].
         estimates: what it published.
+        is_silent: the client sends nothing any more.
         handover: when the client begins to stream; until the core flies, who flew before holds the aircraft [s].
     """
 
@@ -66,6 +67,7 @@ class CoreRig(Rig):
         self.core.feed(LinkVerdict(link_state(LinkCondition.UP)), 0.0)
         self.actions: list[tuple[float, Action]] = []
         self.estimates: list[EstimateValue] = []
+        self.is_silent = False
         self._epoch = 0
         self._sequence = 0
 
@@ -100,7 +102,8 @@ class CoreRig(Rig):
             self._epoch = granted.epoch
         self._sequence += 1
         setpoint = self._setpoint(goal, at)
-        self.core.feed(SetpointAccepted(setpoint, self._epoch), at)
+        if not self.is_silent:
+            self.core.feed(SetpointAccepted(setpoint, self._epoch), at)
         for action in self.core.tick(at):
             self.actions.append((at, action))
             if isinstance(action, SendSticks):

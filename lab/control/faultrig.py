@@ -23,8 +23,8 @@ from mkdaemon.control.actions import Release, ReportMode, SendSticks
 from mkdaemon.control.activeset import ActiveSet, Gate, GateKind
 from mkdaemon.control.estimator.values import TargetView
 from mkdaemon.control.events import LeaseAsked, LinkVerdict, PoseSeen, Released, SetpointAccepted
-from mkdaemon.control.guidance.autopilot import AutopilotSticks
 from mkdaemon.control.modes import IN_FLIGHT
+from mkdaemon.control.regulator.autopilot import AutopilotSticks
 from mkdaemon.telemetry.command import LeaseRequest
 from mkdaemon.telemetry.control import Phase, ReleaseOutcome
 from mkdaemon.telemetry.link import LinkCondition

@@ -30,13 +30,13 @@ from lab.rigs.motors import MotorWatch
 from lab.rigs.sticks import build_sticks
 from mkdaemon.cli.arguments import AsJson
 from mkdaemon.config.link import LinkConfig
-from mkdaemon.config.sim import SimConfig
 from mkdaemon.errors import ConfigError
 from mkdaemon.link.discovery import discover
 from mkdaemon.link.link import Link
 from mkdaemon.link.session.evidence import percentile
 from mkdaemon.link.session.traffic import Lost, Purpose, Received, Sent, SetpointRefused
 from mkdaemon.telemetry.link import LinkHealth, LinkState, LinkTraffic
+from mksim.config import SimConfig
 
 LAG = 0.005
 """How often the lag of the event loop is sampled [s]."""

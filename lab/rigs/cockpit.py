@@ -20,7 +20,6 @@ from lab.rigs.grounded import GroundedAircraft
 from mkdaemon.clock import Clock
 from mkdaemon.config.control import ControlConfig
 from mkdaemon.config.link import LinkConfig
-from mkdaemon.config.sim import PilotPlan, SimConfig
 from mkdaemon.control.core import FlightCore
 from mkdaemon.daemon.audit import Outlet
 from mkdaemon.daemon.deck import Deck
@@ -35,6 +34,7 @@ from mkdaemon.telemetry.control import LeaseGrant
 from mkdaemon.telemetry.link import LinkState
 from mkdaemon.telemetry.setpoint import StickSetpoint
 from mkdaemon.telemetry.signature import sign
+from mksim.config import PilotPlan, SimConfig
 from mksim.physics.world import World
 from mksim.simulation import Simulation
 

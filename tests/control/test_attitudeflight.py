@@ -11,11 +11,11 @@ import pytest
 
 from lab.control.corerig import CoreRig
 from lab.control.flights import Flight
-from mkdaemon.config.sim_flight import WindClass
 from mkdaemon.control.actions import PublishEstimate, PublishStatus, Release, ReportMode, SendSticks
+from mkdaemon.control.events import SetpointAccepted
 from mkdaemon.telemetry.control import Phase
 from mkdaemon.telemetry.setpoint import AttitudeSetpoint
-from mkdaemon.telemetry.signature import signed
+from mksim.config import WindClass
 
 CALM = Flight(seed=4, wind=WindClass.NONE, seconds=5.5, start=3.0)
 LEVEL = {"roll": 0.0, "pitch": 0.0, "yaw_rate": 0.0, "thrust": 1.0}
@@ -39,7 +39,7 @@ class Leans(CoreRig):
 
     def _control(self, at):
         if at >= self.until:
-            self.core.setpoint = lambda *_: None  # the client is silent
+            self.is_silent = True
         super()._control(at)
 
     def _setpoint(self, goal, at):
@@ -90,7 +90,7 @@ def test_an_attitude_leans_the_aircraft_the_way_it_says(lean, axis, sign):
     way = np.subtract(turned(rig, 2.0), drift())
     assert 0.8 < sign * way[axis] < 3.0, "6 degrees are 1 m/s2, and more with the leak"
     assert abs(way[1 - axis]) < 0.35 * abs(way[axis])
-    asked = math.degrees(LEAN) / math.degrees(rig.core._target.model.rad_per_count)
+    asked = math.degrees(LEAN) / math.degrees(rig.core._sight.model.rad_per_count)
     [largest] = {max(max(abs(c.pitch), abs(c.roll)) for c in rig.counts(3.5))}
     assert largest == round(asked)
 
@@ -123,7 +123,7 @@ def test_an_attitude_begins_no_flight_while_it_leans_and_reaches_no_wire_under_a
     status = [action for _, action in rig.actions if isinstance(action, PublishStatus)][-1]
     assert status.reason.endswith("waiting for a level attitude")
     old = AttitudeSetpoint(epoch=rig._epoch - 1, sequence=9999, ttl=0.3, **LEVEL)
-    refused = rig.core.setpoint(old, 6.0, signed(rig._secret, old.suffix, b""))
+    refused = rig.core.feed(SetpointAccepted(old, rig._epoch), 6.0).refusal
     assert refused.token == "wrong_epoch"
 
 

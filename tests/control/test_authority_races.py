@@ -7,7 +7,7 @@ from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, rule
 
-from mkdaemon.control.decisions import Fly, ReleaseOrder
+from mkdaemon.control.authority import Fly, ReleaseOrder
 from mkdaemon.control.modes import Trigger
 from mkdaemon.errors import CommandRejectedError
 from mkdaemon.telemetry.control import Phase

@@ -8,15 +8,15 @@ import pytest
 
 from lab.control.corerig import CoreRig, stamp
 from lab.control.flights import Flight
-from mkdaemon.config.sim_flight import WindClass
 from mkdaemon.control.actions import PublishStatus, Release, ReportFailsafe, ReportMode, Warn
 from mkdaemon.control.activeset import UNREAD
 from mkdaemon.control.batterywatch import LASTING, BatteryWatch
 from mkdaemon.control.events import AbortAsked, StateValue
-from mkdaemon.control.vehicle import VehicleFacts
+from mkdaemon.control.vehicle import VehicleMemory
 from mkdaemon.telemetry.command import AbortRequest
 from mkdaemon.telemetry.control import Phase
 from mkdaemon.telemetry.state import Battery
+from mksim.config import WindClass
 from tests.control.events import PERIOD, Driver, flight
 
 LOW_CELL = 3.2
@@ -30,8 +30,8 @@ def battery(voltage, *, is_low=False, at=0.0):
 
 def watched(*reports):
     """A watch that saw reports, each a voltage and when [V, s], of four cells."""
-    facts = VehicleFacts()
-    facts.highest_voltage = 16.8
+    facts = VehicleMemory()
+    facts.state_received(battery(16.8), -1.0)
     watch = BatteryWatch(facts)
     for voltage, at in reports:
         facts.state_received(battery(voltage), at)
@@ -59,7 +59,7 @@ def test_a_little_more_voltage_is_not_yet_the_end_of_it():
 
 
 def test_the_boards_own_alarm_counts_where_the_set_is_not_known():
-    facts = VehicleFacts()
+    facts = VehicleMemory()
     watch = BatteryWatch(facts)
     watch.look(UNREAD, 0.0)
     assert watch.warning is None, "nobody says how full it is"

@@ -6,21 +6,26 @@ import pytest
 
 from mkdaemon.control.events import StateValue
 from mkdaemon.control.limiter import Sticks
-from mkdaemon.control.setpoints import Guided
+from mkdaemon.control.manoeuvres.goto import Goto
+from mkdaemon.control.manoeuvres.manoeuvre import Step
+from mkdaemon.control.manoeuvres.table import Row
 from mkdaemon.telemetry.control import Phase
 from mkdaemon.telemetry.setpoint import PositionSetpoint, SetpointFrame
 from mkdaemon.telemetry.state import GpsMode
 from tests.control.events import PERIOD, Driver, flight
 
 
-class Anywhere:
-    """Guidance that is always content."""
+class Anywhere(Goto):
+    """A manoeuvre that is always content."""
 
-    def check(self, setpoint):
-        """Refuse nothing."""
+    def enter(self, before, facts, now):
+        return ""
 
-    def guide(self, setpoint, facts, now, *, is_flying):
-        return Guided(Sticks(0.0, 0.0, 0.0, -2.0))
+    def step(self, now, *, is_flying):
+        return Step(Sticks(0.0, 0.0, 0.0, -2.0), self.kind)
+
+
+ANYWHERE = {PositionSetpoint: Row(lambda sight, cfg, new: Anywhere(sight, cfg.autopilot, new), needs_estimate=False)}
 
 
 def by_position(drive, seconds):
@@ -33,7 +38,7 @@ def by_position(drive, seconds):
 
 @pytest.mark.parametrize("mode", list(GpsMode))
 def test_a_navictrl_that_steers_too_ends_a_flight_by_position(mode):
-    drive = Driver(guidance={PositionSetpoint: Anywhere()})
+    drive = Driver(rows=ANYWHERE)
     drive.take()
     by_position(drive, 1.2)
     assert drive.core.phase is Phase.FLYING

@@ -6,15 +6,18 @@ from dataclasses import replace
 
 import pytest
 
+from mkdaemon.config.control import ControlConfig, LimiterConfig
 from mkdaemon.control import preflight
+from mkdaemon.control.actions import PublishStatus
 from mkdaemon.control.activeset import ActiveSet, Gate, GateKind
 from mkdaemon.control.estimator.model import AircraftModel, Gap, ModelUnknown
-from mkdaemon.control.events import ModelKnown, PoseSeen, StateValue
+from mkdaemon.control.events import AbortAsked, ActiveSetRead, ModelKnown, PoseSeen, StateValue
 from mkdaemon.errors import CommandRejectedError
+from mkdaemon.telemetry.command import AbortRequest
 from mkdaemon.telemetry.control import Phase
 from mkdaemon.telemetry.setpoint import PositionSetpoint, SetpointFrame
+from tests.control.admission.situations import battery
 from tests.control.events import CHANNEL, PERIOD, Driver, pose
-from tests.control.test_checks import battery
 
 
 @pytest.fixture
@@ -41,14 +44,37 @@ def test_a_low_battery_prevents_autonomous_flight_until_it_is_charged_but_no_fli
     assert to_position(drive) is None
 
 
-def test_who_flies_flies_on_whatever_a_check_finds(drive):
+def test_who_flies_flies_on_whatever_a_check_finds_but_begins_nothing_else(drive):
     drive.take()
-    for _ in range(80):
-        drive.put()
-        drive.run(PERIOD)
+    drive.stream(1.6)
     assert drive.core.phase is Phase.FLYING
     drive.core.feed(StateValue(battery(16.0, is_low=True)), drive.now)
-    assert to_position(drive) is None
+    assert to_position(drive).token == "battery_low"
+    assert drive.put() is None
+    drive.run(PERIOD)
+    assert drive.core.phase is Phase.FLYING
+
+
+def test_a_loop_that_is_not_safe_is_refused_in_flight_as_on_the_ground():
+    drive = Driver(ControlConfig(limiter=LimiterConfig(slew=100.0)))
+    drive.core.feed(PoseSeen(pose(0.0)), 0.0)
+    drive.take()
+    assert to_position(drive).token == "loop_unstable"
+    drive.stream(2.0)
+    assert drive.core.phase is Phase.FLYING
+    assert to_position(drive).token == "loop_unstable"
+
+
+def test_an_abort_of_a_flight_by_hand_begins_no_hold_that_a_check_forbids(drive):
+    drive.take()
+    drive.stream(1.6)
+    drive.tell(PoseSeen(pose(drive.now)))
+    drive.tell(StateValue(battery(16.0, is_low=True)))
+    drive.tell(AbortAsked(AbortRequest()))
+    drive.stream(0.3, pitch=20.0)
+    assert drive.core.phase is Phase.ABORTED
+    assert drive.of(PublishStatus)[-1].manoeuvre == "level"
+    assert drive.sticks[-1].counts.pitch == 0
 
 
 def test_a_model_of_its_own_may_be_what_stands_in_the_way(drive):
@@ -79,19 +105,25 @@ def test_a_gain_on_a_potentiometer_prevents_autonomous_flight_but_no_flight_by_s
     assert to_position(drive) is None
 
 
+def read(drive, found):
+    """What the checks find with an active set that was read just now."""
+    drive.tell(ActiveSetRead(found))
+    return drive.core.preflight(drive.now)
+
+
 def test_the_report_has_what_was_read_last(drive):
     def height_control():
         report = drive.core.preflight(drive.now)
         return next(found.token for found in report.findings if found.name == "height control")
 
-    assert drive.core.preflight(0.0, ActiveSet(CHANNEL, "Easy", has_height_control=True)).is_ready is False
+    assert read(drive, ActiveSet(CHANNEL, "Easy", has_height_control=True)).is_ready is False
     assert height_control() == "height_control"
     drive.take()
     assert height_control() is None
 
 
 def test_a_gate_that_was_shut_is_read_again_before_the_next_lease(drive):
-    drive.core.preflight(0.0, ActiveSet(Gate(GateKind.CONSTANT, 0), "Easy"))
+    read(drive, ActiveSet(Gate(GateKind.CONSTANT, 0), "Easy"))
     drive.take()
 
 

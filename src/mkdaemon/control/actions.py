@@ -7,7 +7,7 @@ from typing import Any
 
 from mkdaemon.control.limiter import StickCounts, Sticks
 from mkdaemon.telemetry.command import CommandResult
-from mkdaemon.telemetry.control import ErrorValue, EstimateValue, LeaseState, Phase
+from mkdaemon.telemetry.control import ErrorValue, EstimateValue, LeaseState, Outcome, Phase
 from mkdaemon.telemetry.navi import NaviFlight
 
 
@@ -59,6 +59,8 @@ class PublishStatus:
     manoeuvre: str | None
     stage: str
     is_done: bool
+    outcome: Outcome | None
+    poses_refused: int
     pilots_throttle: float | None
     hands: str
 

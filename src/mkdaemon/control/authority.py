@@ -8,20 +8,63 @@ Source: docs/safety.md.
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 
 from mkdaemon.config.control import ControlConfig
-from mkdaemon.control.decisions import Decision, Fly, ReleaseOrder, SendNothing
 from mkdaemon.control.lease import Lease
+from mkdaemon.control.limiter import Sticks
+from mkdaemon.control.manoeuvres.manoeuvre import Step
 from mkdaemon.control.modes import IN_FLIGHT, Reaction, Row, Situation, Trigger, find_row
-from mkdaemon.control.setpoints import Guided, landing_of
 from mkdaemon.errors import CommandRejectedError
-from mkdaemon.telemetry.control import LeaseGrant, LeaseState, Phase, Progress
+from mkdaemon.telemetry.control import LeaseGrant, LeaseState, Outcome, Phase, Progress
 from mkdaemon.telemetry.refusals import Token, refuse
 from mkdaemon.telemetry.setpoint import Setpoint
 from mkdaemon.telemetry.signature import HolderKey
 
-Guide = Callable[[Setpoint, float, bool], Guided]
+Guide = Callable[[Setpoint, float, bool], Step]
 """Turns a setpoint into sticks, at a time [s]; whether its sticks are being sent."""
+
+
+@dataclass(frozen=True, slots=True)
+class SendNothing:
+    """Send nothing."""
+
+
+@dataclass(frozen=True, slots=True)
+class Fly:
+    """Send these sticks, through the limiter, which levels them when they are too old.
+
+    Attributes:
+        sticks: what the holder of the lease asked for [stick; FLU].
+        age: time since it arrived [s].
+        ttl: time it claims to hold [s].
+        epoch: the lease.
+        sequence: the setpoint's number.
+    """
+
+    sticks: Sticks
+    age: float
+    ttl: float
+    epoch: int
+    sequence: int
+
+
+@dataclass(frozen=True, slots=True)
+class ReleaseOrder:
+    """Release the aircraft now, and call `released` when that is done.
+
+    Attributes:
+        reason: why, one sentence.
+        holder: who lost the lease; empty for nobody.
+        asked: somebody asked for it, so it is no failsafe.
+    """
+
+    reason: str
+    holder: str
+    asked: bool
+
+
+Decision = SendNothing | Fly | ReleaseOrder
 
 
 class Authority:
@@ -32,6 +75,7 @@ class Authority:
         reason: why, one sentence.
         refused: setpoints refused since the start.
         progress: what is flown, and how far it is; None while no setpoint's sticks are sent.
+        outcome: how the last manoeuvre of the newest lease ended by itself; None while it has not.
     """
 
     def __init__(self, cfg: ControlConfig, *, first_epoch: int, guide: Guide) -> None:
@@ -52,6 +96,7 @@ class Authority:
         self.reason = "nobody has taken the lease"
         self.refused = 0
         self.progress: Progress | None = None
+        self.outcome: Outcome | None = None
 
     # -- what is known --------------------------------------------------------------------------------------------
 
@@ -99,6 +144,7 @@ class Authority:
         life = self._cfg.lease.ttl if ttl is None else min(ttl, self._cfg.lease.ttl)
         self._lease = Lease(holder, self._next_epoch, secret, life, sign_of_life=now, since=now, arrived=now)
         self._next_epoch += 1
+        self.outcome = None
         self._move(Trigger.LEASE_TAKEN)
         return LeaseGrant(**self._lease.shown(now).__dict__, secret=secret)
 
@@ -166,6 +212,12 @@ class Authority:
         lease.take_setpoint(setpoint, self._cfg.lease, now)
         return is_first
 
+    def refuse_setpoint(self, setpoint: Setpoint, now: float, *, goes_on: bool) -> None:
+        """Take note that a setpoint of the holder was refused; see `Lease.refuse_setpoint`."""
+        self.refused += 1
+        if self._lease is not None and self._lease.epoch == setpoint.epoch:
+            self._lease.refuse_setpoint(setpoint, now, goes_on=goes_on)
+
     @property
     def holder_key(self) -> HolderKey | None:
         """By which setpoints of the present holder are told from others; None while nobody holds the lease."""
@@ -217,10 +269,10 @@ class Authority:
             return SendNothing()
         is_in_flight = self.phase in IN_FLIGHT
         guided = None if lease.newest is None else self._guide(lease.newest, now, is_in_flight)
-        if guided is not None and is_in_flight and (guided.failure or guided.finished):
-            event = Trigger.GUIDANCE_LOST if guided.failure else Trigger.FLIGHT_FINISHED
-            self.end(event, cause=guided.failure or guided.finished)
-            self.progress = flown
+        if guided is not None and is_in_flight and guided.end is not None:
+            event = Trigger.GUIDANCE_LOST if guided.end.is_failure else Trigger.FLIGHT_FINISHED
+            self.end(event, cause=guided.end.words)
+            self.progress, self.outcome = flown, guided.end.outcome
             return self.tick(now)
         words = {"silence": f"{lease.silence(now, is_in_flight=is_in_flight):.2f}"}
         words["obstacle"] = "" if guided is None else guided.obstacle
@@ -232,8 +284,7 @@ class Authority:
             return ReleaseOrder(self.reason, lease.holder, row.is_asked)
         assert lease.newest is not None
         assert guided is not None
-        followed = landing_of(lease.newest) if self.phase is Phase.LANDING else lease.newest
-        self.progress = Progress(followed.kind, guided.stage, guided.is_done)
+        self.progress = Progress(guided.manoeuvre, guided.stage, guided.is_done)
         return Fly(guided.sticks, now - lease.arrived, lease.newest.ttl, lease.epoch, lease.newest.sequence)
 
     def released(self, now: float) -> None:
@@ -252,7 +303,7 @@ class Authority:
             raise refuse(Token.WRONG_EPOCH, epoch=epoch, current=self._lease.epoch)
         return self._lease
 
-    def _judge(self, lease: Lease, guided: Guided | None, now: float) -> Situation:
+    def _judge(self, lease: Lease, guided: Step | None, now: float) -> Situation:
         """Gather what the guards of a tick look at."""
         cfg, is_in_flight = self._cfg, self.phase in IN_FLIGHT
         is_silent = lease.silence(now, is_in_flight=is_in_flight) >= (

@@ -12,8 +12,19 @@ from typing import Any
 from mkdaemon.config.control import ControlConfig
 from mkdaemon.control.actions import Action, Release, SendSticks
 from mkdaemon.control.activeset import UNREAD
-from mkdaemon.control.authority import Authority
-from mkdaemon.control.decisions import Fly, ReleaseOrder
+from mkdaemon.control.admission import (
+    Concern,
+    NewManoeuvre,
+    Situation,
+    TakeLease,
+    findings,
+    is_ready,
+    refusal,
+    refusals,
+    waits_for,
+)
+from mkdaemon.control.authority import Authority, Fly, ReleaseOrder
+from mkdaemon.control.estimator.values import fault_of
 from mkdaemon.control.events import (
     DUE,
     NOTED,
@@ -47,19 +58,21 @@ from mkdaemon.control.events import (
     StateValue,
 )
 from mkdaemon.control.flightwatch import FlightWatch
+from mkdaemon.control.flown import Flown
+from mkdaemon.control.manoeuvres.manoeuvre import Step
+from mkdaemon.control.manoeuvres.table import MANOEUVRES, Row
 from mkdaemon.control.modes import IN_FLIGHT, Trigger
 from mkdaemon.control.output import StickOutput
 from mkdaemon.control.pacing import Pacing
 from mkdaemon.control.patience import LinePatience
 from mkdaemon.control.preflight import Preflight
 from mkdaemon.control.reports import Reports
-from mkdaemon.control.setpoints import Guidance, Guided, guidance, guidance_for, landing_of
-from mkdaemon.control.targetflight import ATTITUDE_LATENCY, TargetFlight
+from mkdaemon.control.sight import ATTITUDE_LATENCY, Sight, view_of
 from mkdaemon.control.vehicle import VehicleFacts, VehicleMemory
 from mkdaemon.errors import CommandRejectedError
-from mkdaemon.telemetry.control import ControlLine, Gains, LeaseState, Obstacle, Phase
+from mkdaemon.telemetry.control import ControlLine, ErrorValue, Gains, LeaseState, Obstacle, Phase
 from mkdaemon.telemetry.preflight import PreflightReport
-from mkdaemon.telemetry.refusals import Token, refuse
+from mkdaemon.telemetry.refusals import TOKENS, Token, refuse
 from mkdaemon.telemetry.setpoint import Setpoint
 from mkdaemon.telemetry.signature import HolderKey
 from mkdaemon.telemetry.state import Attitude
@@ -73,29 +86,30 @@ class FlightCore:
         cfg: ControlConfig,
         *,
         first_epoch: int,
-        known: Mapping[type[Setpoint], Guidance] | None = None,
+        rows: Mapping[type[Setpoint], Row] = MANOEUVRES,
     ) -> None:
         """Start with nobody flying and nothing known.
 
         Args:
             cfg: times, bands and bounds.
             first_epoch: see `Authority`.
-            known: what turns each kind of setpoint into sticks; the product's own if none is given.
+            rows: the manoeuvre of each kind of setpoint.
         """
         self._cfg = cfg
         facts = self._facts = VehicleMemory()
-        self._target = TargetFlight(cfg.autopilot, cfg.limiter.hover_throttle)
-        self._guidance = guidance(self._target, cfg.lease.neutral_band) if known is None else known
+        self._sight = Sight(cfg.autopilot, cfg.limiter.hover_throttle)
+        self._flown = Flown(cfg, self._sight, facts, rows, self._admit, self._waits_for)
         self._authority = Authority(cfg, first_epoch=first_epoch, guide=self._guide)
         self._output = StickOutput(cfg, facts)
-        self._reports = Reports(self._authority, self._output, facts, self._target.pose_age)
+        self._reports = Reports(self._authority, self._output, facts, self._sight.pose_age)
         self._patience = LinePatience(one_way=cfg.lease.release_after)
-        self._watch = FlightWatch(self._authority, facts, self._patience, self._target.is_in_sight)
-        self._preflight = Preflight(cfg, facts, self._target.pose_age)
+        self._watch = FlightWatch(self._authority, facts, self._patience, self._can_land)
+        self._preflight = Preflight(cfg, facts)
         self._release: ReleaseOrder | None = None
         self._nameless = 0
         self._pacing = Pacing(cfg)
         self._line = ControlLine()
+        self._error: ErrorValue | None = None
         self._handlers: Mapping[type[Event], Callable[[Any, float], Reply]] = {
             SetpointAccepted: self._setpoint_accepted,
             SetpointUnsigned: self._setpoint_unsigned,
@@ -142,20 +156,22 @@ class FlightCore:
     def _setpoint_accepted(self, event: SetpointAccepted, now: float) -> Reply:
         """Take a streamed setpoint; the newest of the present lease wins.
 
-        Refused with `no_guidance`, `no_estimate`, `no_frame`, what a check before an autonomous flight found, and see
-        `Authority.offer`.
+        Refused as in `Flown.check` and `Authority.offer`. What is refused in flight changes nothing: a manoeuvre that
+        keeps its place is flown on, sticks and attitudes grow stale.
         """
         setpoint = event.setpoint
-        is_by_holder = True
+        is_by_holder, is_of_lease = True, False
         try:
             # Who sent it comes first: a stranger's setpoint must not be reported as one that the holder got wrong.
             is_by_holder = self._authority.is_present(event.signed_for)
             self._authority.check_setpoint(setpoint, event.signed_for)
-            guidance_for(setpoint, self._guidance).check(setpoint)
-            if self._authority.phase not in IN_FLIGHT:
-                self._preflight.check_setpoint(setpoint, now)
+            is_of_lease = True
+            self._flown.check(setpoint, self._authority.phase, now)
             is_first = self._authority.offer(setpoint, now, event.signed_for)
         except CommandRejectedError as error:
+            if is_of_lease:
+                goes_on = self._authority.phase in IN_FLIGHT and self._flown.keeps_place
+                self._authority.refuse_setpoint(setpoint, now, goes_on=goes_on)
             self._reports.setpoint_refused(setpoint.suffix, setpoint.__dict__, error, now, is_by_holder=is_by_holder)
             return Reply(refusal=error)
         if is_first:
@@ -189,7 +205,12 @@ class FlightCore:
                 is_to_be_read = found is None and self._authority.lease(now) is None
                 if found is not None or is_to_be_read:
                     self._preflight.active_set = found or UNREAD
-                self._preflight.require_lease(now)
+                if self._authority.phase not in IN_FLIGHT:
+                    self._preflight.compute_loop()
+                for error in refusals(TakeLease(holder=request.holder, force=request.force), self.situation(now)):
+                    # A release that is under way may end while the set is read.
+                    if not (is_to_be_read and error.token == Token.BUSY):
+                        raise error
                 if is_to_be_read:
                     return Reply(must_read_set=True)
                 assert self._facts.link is not None
@@ -220,7 +241,7 @@ class FlightCore:
         value = event.value
         self._facts.state_received(value, now)
         if isinstance(value, Attitude):
-            self._target.attitude_received(value)
+            self._sight.attitude_received(value)
             self._preflight.motion.attitude_received(now - ATTITUDE_LATENCY, value.pitch, value.roll)
         return NOTED
 
@@ -230,14 +251,27 @@ class FlightCore:
 
     def _pose_seen(self, event: PoseSeen, now: float) -> Reply:
         pose = event.pose
-        self._target.pose_received(pose, now)
-        self._preflight.pose_received(pose, self._target.contradicting)
-        is_ours = pose.target == self._target.target
+        sight, view = self._sight, view_of(pose)
+        fault = fault_of(view, now)
+        if fault is not None:
+            self._reports.pose_refused(pose, fault, now)
+            return NOTED
+        is_ours = not sight.target or pose.target == sight.target
+        current = self._flown.current
+        lifted_by = None
+        if current is not None and is_ours:
+            lifted_by = current.height_seen(-float(view.position_flu[2]), view.at)
+        may_change = self._authority.phase not in IN_FLIGHT or not self._flown.is_by_target
+        before = sight.view_received(pose.target, view, now, lifted_by=lifted_by, may_change=may_change)
+        if before:
+            self._reports.target_changed(before, sight.target)
+        self._preflight.pose_received(pose, sight.target, sight.contradicting)
+        is_ours = pose.target == sight.target
         return DUE if self._pacing.image_taken(pose.stamp.monotonic, is_ours=is_ours) else NOTED
 
     def _model_known(self, event: ModelKnown, now: float) -> Reply:
-        self._target.model_known(event.model)
-        self._preflight.model_known(event.model, event.unknown)
+        self._sight.model_known(event.model)
+        self._preflight.model_known(event.model, event.unknown, is_flying=self.phase in IN_FLIGHT)
         return NOTED
 
     def _active_set_read(self, event: ActiveSetRead, now: float) -> Reply:
@@ -284,8 +318,15 @@ class FlightCore:
         return self._authority.holder_key
 
     def preflight(self, now: float) -> PreflightReport:
-        """Every check before a flight."""
-        return self._preflight.report(now, is_flying=self.phase in IN_FLIGHT)
+        """Every check before a flight; in flight nothing that takes long is computed anew."""
+        if self.phase not in IN_FLIGHT:
+            self._preflight.compute_loop()
+        found = findings(self.situation(now))
+        return PreflightReport(is_ready=is_ready(found), findings=found)
+
+    def situation(self, now: float) -> Situation:
+        """All that admission looks at, at a time [s]; who runs procedures adds the work that keeps the boards busy."""
+        return self._situation(self._flown.concern if self.phase in IN_FLIGHT else None, now)
 
     def gains(self) -> Gains:
         """Model, gains and margins of the horizontal loop.
@@ -317,16 +358,44 @@ class FlightCore:
             elif isinstance(decision, ReleaseOrder):
                 self._release, order = decision, Release(decision.reason)
         self._reports.status(self._preflight.line.layout, self._watch.battery.warning, now)
-        self._pacing.sends(is_flying=self._authority.phase in IN_FLIGHT, is_by_images=self._target.guided_at == now)
+        self._pacing.sends(is_flying=self._authority.phase in IN_FLIGHT, is_by_images=self._is_by_images(now))
         return ([] if order is None else [order]) + self._reports.take()
 
-    def _guide(self, setpoint: Setpoint, now: float, is_flying: bool) -> Guided:
-        if self._authority.phase is Phase.ABORTED:
-            return self._target.stop(setpoint, self._facts, now)
-        if self._authority.phase is Phase.LANDING:
-            setpoint = landing_of(setpoint)
-        guided = guidance_for(setpoint, self._guidance).guide(setpoint, self._facts, now, is_flying=is_flying)
-        return self._preflight.wait_for_board(guided)
+    def _is_by_images(self, now: float) -> bool:
+        """Whether the sticks of this tick followed from what images show."""
+        current = self._flown.current
+        return current is not None and current.is_by_target and current.stepped_at == now
+
+    def _guide(self, setpoint: Setpoint, now: float, is_flying: bool) -> Step:
+        step = self._flown.step(setpoint, self._authority.phase, now, is_flying=is_flying)
+        self._error = step.error
+        return step
+
+    def _situation(self, flown: Concern | None, now: float) -> Situation:
+        return self._preflight.situation(
+            now,
+            phase=self.phase,
+            lease=self._authority.lease(now),
+            flown=flown,
+            entry=self._sight.entry(now),
+            hover_gas=self._sight.hover_gas,
+            target_age=self._sight.pose_age(now),
+        )
+
+    def _admit(self, wanted: NewManoeuvre, before: Concern | None, now: float) -> CommandRejectedError | None:
+        """Why a manoeuvre may not begin after another one; None where it may."""
+        return refusal(wanted, self._situation(before, now))
+
+    def _waits_for(self, wanted: NewManoeuvre, now: float) -> str:
+        """What a flight waits for that would begin with a manoeuvre; empty for nothing."""
+        return waits_for(wanted, self._situation(None, now))
+
+    def _can_land(self, now: float) -> bool:
+        """Whether a battery that is low is landed with: it cannot wait until entry conditions are met."""
+        if not self._sight.is_fresh(now):
+            return False
+        found = refusals(NewManoeuvre(Concern.LAND), self.situation(now))
+        return all(error.token == Token.NOT_READY for error in found)
 
     def _fly(self, order: Fly, now: float, *, engaging: bool) -> SendSticks | None:
         """Make a stick frame; None where the line does not take it."""
@@ -338,15 +407,16 @@ class FlightCore:
         if engaging or line.obstacle is not None:
             self._output.engage(order.sticks, now)
         if line.obstacle is not None:
-            error = refuse(Token(line.obstacle.value), state="down", detail=line.reason)
+            error = refuse(TOKENS[line.obstacle.value], state="down", detail=line.reason)
             if line.obstacle in {Obstacle.RELEASING, Obstacle.UNCONFIRMED}:  # nobody flies then, so the lease ends
                 self._end(Trigger.LINE_RELEASING, error.reason)
                 self._pacing.hurry()
             self._reports.frame_not_sent(error, now)
             return None
-        frame = self._output.make(order, line.layout, now, is_extra=self._pacing.answers_image)
-        self._target.sticks_made(frame.counts, self._output.lid.use, now)
-        self._reports.estimate(self._target.estimate(now), self._target.error)
+        hover = self._sight.hover_throttle(now)
+        frame = self._output.make(order, line.layout, now, is_extra=self._pacing.answers_image, hover=hover)
+        self._sight.sticks_made(frame.counts, self._output.lid.use, now)
+        self._reports.estimate(self._sight.estimate(now), self._error)
         return frame
 
     def _end(self, event: Trigger, cause: str) -> Reply:

@@ -29,6 +29,7 @@ class Lease:
         since: since when its stream lives without a pause [s].
         arrived: when the newest setpoint did [s].
         newest: that setpoint; None before the first.
+        sequence: number of the last setpoint that its holder sent, taken or refused; None before the first.
     """
 
     holder: str
@@ -39,6 +40,7 @@ class Lease:
     since: float
     arrived: float
     newest: Setpoint | None = None
+    sequence: int | None = None
 
     def shown(self, now: float) -> LeaseState:
         """Return the lease as the bus shows it."""
@@ -64,9 +66,9 @@ class Lease:
         Raises:
             CommandRejectedError: `stale_sequence`, `sequence_jump`.
         """
-        if self.newest is None:
+        if self.sequence is None:
             return
-        sequence, last = setpoint.sequence, self.newest.sequence
+        sequence, last = setpoint.sequence, self.sequence
         if sequence <= last:
             raise refuse(Token.STALE_SEQUENCE, sequence=sequence, last=last)
         if sequence - last > LONGEST_JUMP:
@@ -77,7 +79,19 @@ class Lease:
         if self.newest is None or now - self.arrived > 1.0 / cfg.engage_rate:
             self.since = now
         self.sign_of_life = self.arrived = now
-        self.newest = setpoint
+        self.newest, self.sequence = setpoint, setpoint.sequence
+
+    def refuse_setpoint(self, setpoint: Setpoint, now: float, *, goes_on: bool) -> None:
+        """Take note of a setpoint of the holder that was refused: it is spent, or a stranger could send it again.
+
+        Args:
+            setpoint: what was refused.
+            now: when it arrived [s].
+            goes_on: what is flown keeps its place, so it is flown on while its holder streams anything.
+        """
+        self.sign_of_life, self.sequence = now, setpoint.sequence
+        if goes_on and self.newest is not None:
+            self.arrived = now
 
     def setpoint_life(self, cfg: LimiterConfig) -> float:
         """Time the newest setpoint holds [s]."""

@@ -1,9 +1,7 @@
-"""Gathers what admission looks at, and asks it; the table is `admission`."""
+"""Gathers what admission looks at; the table is `admission`."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import replace
 from functools import lru_cache
 from typing import Final, NamedTuple
 
@@ -13,25 +11,16 @@ from mkdaemon.control.admission import (
     NO_WORK,
     Concern,
     Entry,
-    Fly,
     Situation,
-    TakeLease,
-    findings,
-    is_ready,
-    refusal,
-    refusals,
 )
 from mkdaemon.control.estimator.model import AircraftModel, Gap, ModelUnknown
 from mkdaemon.control.estimator.values import GAS_CENTRE
-from mkdaemon.control.guidance.margins import gains_of, loop_refusal
 from mkdaemon.control.motionmatch import Match, MotionMatch
-from mkdaemon.control.setpoints import Guided
+from mkdaemon.control.regulator.margins import gains_of, loop_refusal
 from mkdaemon.control.vehicle import VehicleFacts
 from mkdaemon.errors import CommandRejectedError
-from mkdaemon.telemetry.control import ControlLine, Gains, LeaseState, Obstacle, Phase
-from mkdaemon.telemetry.preflight import PreflightReport
+from mkdaemon.telemetry.control import ControlLine, Gains, LeaseState, Phase
 from mkdaemon.telemetry.refusals import Token, refuse
-from mkdaemon.telemetry.setpoint import AttitudeSetpoint, Setpoint, StickSetpoint
 from mkdaemon.telemetry.vision import VisionPose
 
 MATCHED_FOR: Final = 0.5
@@ -50,16 +39,15 @@ class Preflight:
         has_guard: the guard is there.
     """
 
-    def __init__(
-        self, cfg: ControlConfig, facts: VehicleFacts, target_age: Callable[[float], float | None] = lambda now: None
-    ) -> None:
-        """Gather; `target_age` tells the age of the newest image of the target at a time [s]."""
-        self._cfg, self._facts, self._target_age = cfg, facts, target_age
+    def __init__(self, cfg: ControlConfig, facts: VehicleFacts) -> None:
+        """Gather; nothing is known yet but the configuration."""
+        self._cfg, self._facts = cfg, facts
         self.motion = MotionMatch()
         self.active_set: ActiveSet = UNREAD
         self.line = ControlLine()
         self.has_guard = True
         self._contradicting: tuple[str, ...] = ()
+        self._followed = ""
         self._model = AircraftModel()
         self._unknown: ModelUnknown | None = ModelUnknown(Gap.UNREAD)
         self._loop: _Loop | None = None
@@ -68,10 +56,10 @@ class Preflight:
 
     # -- what is told ---------------------------------------------------------------------------------------------
 
-    def pose_received(self, pose: VisionPose, contradicting: tuple[str, ...]) -> None:
-        """Take a pose, and the cameras whose poses contradict those of others."""
-        self.motion.target_seen(pose.stamp.monotonic, pose.position_flu, pose.camera)
-        self._contradicting = contradicting
+    def pose_received(self, pose: VisionPose, followed: str, contradicting: tuple[str, ...]) -> None:
+        """Take a pose, the target that is followed, and the cameras whose poses contradict those of others."""
+        self.motion.target_seen(pose.target, pose.stamp.monotonic, pose.position_flu, pose.camera)
+        self._followed, self._contradicting = followed, contradicting
 
     def model_known(self, model: AircraftModel, unknown: ModelUnknown | None, *, is_flying: bool = False) -> None:
         """Take the model to fly by.
@@ -102,7 +90,8 @@ class Preflight:
         lease: LeaseState | None,
         flown: Concern | None,
         entry: Entry | None,
-        hover_throttle: float,
+        hover_gas: float,
+        target_age: float | None,
     ) -> Situation:
         """All that admission looks at, now; cheap.
 
@@ -112,12 +101,13 @@ class Preflight:
             lease: the present one; None for nobody.
             flown: the manoeuvre whose sticks are being sent; None while no stick frames are sent.
             entry: what the estimate says; None where there is no estimate.
-            hover_throttle: that carries the aircraft [stick from the centre].
+            hover_gas: throttle that carries the aircraft [count of 254].
+            target_age: time since the newest image of the target [s]; None where there was none.
         """
         facts, throttle = self._facts, self._facts.throttle_in_use()
         is_told = throttle is not None and now - throttle.at <= REPORTED
         if now - self._matched_at >= MATCHED_FOR:
-            self._match, self._matched_at = self.motion.match(now), now
+            self._match, self._matched_at = self.motion.match(now, self._followed), now
         return Situation(
             cfg=self._cfg,
             now=now,
@@ -139,11 +129,11 @@ class Preflight:
             gps=facts.gps(now),
             battery=facts.battery(now),
             highest_voltage=facts.highest_voltage,
-            hover_gas=hover_throttle + GAS_CENTRE,
+            hover_gas=hover_gas,
             gas_in_use=throttle.throttle + GAS_CENTRE if throttle is not None and is_told else None,
             eyes=facts.eyes,
             contradicting=self._contradicting,
-            target_age=self._target_age(now),
+            target_age=target_age,
             entry=entry,
             stamps=self._match,
             free_disk=facts.free_disk,
@@ -166,44 +156,6 @@ class Preflight:
             assert self._loop.refusal is not None
             raise self._loop.refusal
         return self._loop.gains
-
-    def report(self, now: float, *, is_flying: bool = False) -> PreflightReport:
-        """Every check, at a time [s]; in flight nothing that takes long is computed anew."""
-        if not is_flying:
-            self.compute_loop()
-        found = findings(self._on_ground(now))
-        return PreflightReport(is_ready=is_ready(found), findings=found)
-
-    def require_lease(self, now: float) -> None:
-        """Refuse a lease nobody could fly with.
-
-        Raises:
-            CommandRejectedError: the first row that stands in the way.
-        """
-        error = refusal(TakeLease(), self._on_ground(now))
-        if error is not None:
-            raise error
-
-    def check_setpoint(self, setpoint: Setpoint, now: float) -> None:
-        """Refuse what would begin a flight against a target while a row stands in its way.
-
-        Raises:
-            CommandRejectedError: the first such row.
-        """
-        if isinstance(setpoint, StickSetpoint | AttitudeSetpoint):
-            return
-        self.compute_loop()
-        for error in refusals(Fly.by(setpoint), self._on_ground(now)):
-            if error.token != Token.NO_ESTIMATE:
-                raise error
-
-    def wait_for_board(self, guided: Guided) -> Guided:
-        """Begin no flight while a board does not listen: the first frame it hears must be one of neutral sticks."""
-        return replace(guided, obstacle=self.line.reason) if self.line.obstacle is Obstacle.DEAF else guided
-
-    def _on_ground(self, now: float) -> Situation:
-        throttle = self._cfg.limiter.hover_throttle
-        return self.situation(now, phase=Phase.FREE, lease=None, flown=None, entry=None, hover_throttle=throttle)
 
 
 class _Loop(NamedTuple):

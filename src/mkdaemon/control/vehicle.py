@@ -137,8 +137,8 @@ class VehicleFacts:
     def is_receiver_lost(self, now: float) -> bool:
         """Whether the FlightCtrl is known to fly without the pilot's transmitter."""
         flight = self.flight(now)
-        if flight is not None:
-            return flight.emergency_landing is True
+        if flight is not None and flight.emergency_landing is not None:
+            return flight.emergency_landing
         pilot = self.pilot(now)
         return pilot is not None and not pilot.has_signal
 

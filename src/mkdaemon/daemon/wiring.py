@@ -17,7 +17,7 @@ from mkdaemon.bus.gateway import Watcher
 from mkdaemon.bus.intake import Prover, Taker
 from mkdaemon.clock import Clock
 from mkdaemon.config.root import Config
-from mkdaemon.control.guidance.margins import require_safe_loop
+from mkdaemon.control.regulator.margins import require_safe_loop
 from mkdaemon.daemon.audit import Outlet
 from mkdaemon.daemon.blackbox import recording_folder
 from mkdaemon.daemon.deck import Deck, MakeEyes

@@ -38,6 +38,7 @@ DERIVED: Final = frozenset({StateValue, MotorsReported, FlightctrlReported, Fram
 """A replay makes them of recorded bytes, as the daemon does."""
 _KIND: Final = "kind of setpoint"
 _EVENTS: Final[Mapping[str, type[Event]]] = {cls.__name__: cls for cls in get_args(Event)}
+_FIELDS: Final[dict[type, tuple[str, ...] | None]] = {}
 _SETPOINTS: Final = {kind.suffix: kind for kind in SETPOINTS}
 
 
@@ -86,19 +87,27 @@ def _hidden(secret: str, key: bytes) -> str:
 
 
 def _plain(value: Any) -> Any:
-    """What msgpack can pack of a value."""
+    """What msgpack can pack of a value; the frequent ones first."""
+    names = _names(type(value))
+    if names is not None:
+        return {name: getattr(value, name) for name in names}
     if isinstance(value, Setpoint):
         return {_KIND: value.suffix, **value.__dict__}
     if isinstance(value, CommandRejectedError):
         return {"token": value.token, "reason": value.reason, "fix": value.fix}
     if isinstance(value, Enum):
         return value.value
-    if is_dataclass(value):
-        return {field.name: getattr(value, field.name) for field in fields(value)}
     if isinstance(value, Mapping):
         return dict(value)
     inner = getattr(value, "__dict__", None)
     return value.tolist() if inner is None else inner
+
+
+def _names(cls: type) -> tuple[str, ...] | None:
+    """The fields of a dataclass; None for what is none. Asking `dataclasses` each time takes longer than packing."""
+    if cls not in _FIELDS:
+        _FIELDS[cls] = tuple(field.name for field in fields(cls)) if is_dataclass(cls) else None
+    return _FIELDS[cls]
 
 
 def _built(hint: Any, told: Any) -> Any:

@@ -8,7 +8,7 @@ import pytest
 
 from mkdaemon.config.control import ControlConfig, LeaseConfig
 from mkdaemon.control.activeset import UNREAD, Gate, GateKind
-from mkdaemon.control.admission import ROWS, Concern, Fly, TakeLease, findings, is_ready, refusals
+from mkdaemon.control.admission import ROWS, Concern, NewManoeuvre, TakeLease, findings, is_ready, refusals
 from mkdaemon.control.estimator.model import Gap, ModelUnknown
 from mkdaemon.control.motionmatch import Match
 from mkdaemon.telemetry.control import ControlLine
@@ -98,7 +98,7 @@ def test_what_stands_is_refused_with_a_reason_and_a_remedy(name, token, change):
     assert (found.state, found.token) == (CheckState.STANDS, token)
     assert found.reason
     assert found.fix
-    beginning = TakeLease(holder="alice") if found.blocks is Blocks.LEASE else Fly(Concern.POSITION)
+    beginning = TakeLease(holder="alice") if found.blocks is Blocks.LEASE else NewManoeuvre(Concern.POSITION)
     refused = [refusal.token for refusal in refusals(beginning, known)]
     assert refused == ([] if found.blocks is Blocks.NOTHING else [token])
     assert is_ready(findings(known)) is (found.blocks is Blocks.NOTHING)

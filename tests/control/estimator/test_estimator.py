@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,9 +11,17 @@ import pytest
 from mkdaemon.control.estimator.estimator import Estimator
 from mkdaemon.control.estimator.model import GRAVITY, LEVEL_STATES, TH, AircraftModel, B, D, P, S, T, V
 from mkdaemon.control.estimator.rollback import MEMORY, STEP, RollbackFilter
-from mkdaemon.control.estimator.values import OURS, StickCommand, TargetView, ThrottleUse
-from mkdaemon.control.guidance.horizontal import HorizontalCosts, HorizontalRegulator
-from mkdaemon.control.guidance.reference import Reference
+from mkdaemon.control.estimator.values import (
+    FUTURE,
+    OURS,
+    StickCommand,
+    TargetView,
+    ThrottleUse,
+    ViewFault,
+    fault_of,
+)
+from mkdaemon.control.regulator.horizontal import HorizontalCosts, HorizontalRegulator
+from mkdaemon.control.regulator.reference import Reference
 
 MODEL = AircraftModel()
 HOVER = 125.0
@@ -83,7 +92,7 @@ def run(plant, seconds=20.0, delay=8, sight=lambda t: True):
             if estimator is None:
                 estimator = Estimator(MODEL, seen, HOVER)
             estimator.advance(plant.now)
-            estimator.target_seen(seen)
+            estimator.target_seen(seen, plant.now)
         if estimator is not None and k % 2 == 0:
             estimator.attitude_received(plant.now, *plant.reported(), plant.yaw + 0.4)
             tilt = regulator.tilt(estimator.estimate(plant.now + MODEL.uplink), path(plant.now)) / MODEL.rad_per_count
@@ -127,8 +136,8 @@ def test_one_first_image_whose_tilt_is_wrong_moves_the_estimate_little():
     tilted = wrong.target_from_flu
     seen = np.array([0.0, 0.0, -2.0])  # level, over the middle
     covariance = np.diag([0.17**2, 0.17**2, 0.01**2, 0.085**2, 0.085**2, 0.01**2])
-    covariance[0, 4] = covariance[4, 0] = 0.17 * 0.085
-    covariance[1, 3] = covariance[3, 1] = -0.17 * 0.085
+    covariance[0, 4] = covariance[4, 0] = 0.999 * 0.17 * 0.085
+    covariance[1, 3] = covariance[3, 1] = -0.999 * 0.17 * 0.085
     estimator = Estimator(MODEL, TargetView(0.0, seen, tilted, covariance), HOVER)
     estimator.attitude_received(0.0, 0.0, 0.0, 0.0)
     estimate = estimator.estimate(0.0)
@@ -155,7 +164,7 @@ def test_the_stick_filter_that_the_aircraft_has_replaces_the_models():
             estimator.attitude_received(plant.now, *plant.reported(), 0.0)
             estimator.sent(plant.stick(round(15 * math.sin(5 * plant.now)), round(15 * math.cos(4 * plant.now))))
         if k % 3 == 0:
-            estimator.target_seen(view(plant.now, plant.axes, 2.0, 0.0))
+            estimator.target_seen(view(plant.now, plant.axes, 2.0, 0.0), plant.now)
         plant.step()
     assert estimator.model == MODEL
     assert estimator.estimate(plant.now).tilt == pytest.approx(plant.axes[:, T], abs=0.01)
@@ -178,7 +187,7 @@ def test_one_wild_image_is_rejected():
     before = estimator.estimate(plant.now).position.copy()
     wild = plant.axes.copy()
     wild[0, P] += 3.0
-    estimator.target_seen(view(plant.now, wild, 2.0, 0.0))
+    estimator.target_seen(view(plant.now, wild, 2.0, 0.0), plant.now)
     assert estimator.rejected >= 1
     assert estimator.estimate(plant.now).position == pytest.approx(before, abs=0.02)
 
@@ -240,7 +249,7 @@ def test_while_nobody_here_sends_sticks_they_ask_for_the_tilt_that_is_reported()
         if k % 2 == 0:
             estimator.attitude_received(now, lean[0], -lean[1], 0.0)
         if k % 3 == 0:
-            estimator.target_seen(view(now, plant.axes, 2.0, 0.0))
+            estimator.target_seen(view(now, plant.axes, 2.0, 0.0), now)
     found = estimator.estimate(4.0)
     assert estimator.innovation < 1.0
     assert found.disturbance == pytest.approx(plant.axes[:, D], abs=0.1)
@@ -253,10 +262,10 @@ def test_a_height_that_every_image_contradicts_is_given_up(wrong):
     estimator = Estimator(MODEL, view(0.0, plant.axes, 2.0, 0.0), HOVER)
     for k in range(100):
         estimator.advance(0.01 * k)
-        estimator.target_seen(view(0.01 * k, plant.axes, 2.0, 0.0))
+        estimator.target_seen(view(0.01 * k, plant.axes, 2.0, 0.0), 0.01 * k)
     for k in range(100, 110):
         estimator.advance(0.01 * k)
-        estimator.target_seen(view(0.01 * k, plant.axes, 2.0 + wrong, 0.0))
+        estimator.target_seen(view(0.01 * k, plant.axes, 2.0 + wrong, 0.0), 0.01 * k)
     assert estimator.estimate(1.1).position[2] == pytest.approx(2.0 + wrong, abs=0.2)
 
 
@@ -328,8 +337,80 @@ def test_after_a_silence_the_next_images_are_believed_wherever_they_show_the_air
         at = now + 0.02 * k
         estimator.advance(at)
         estimator.attitude_received(at, 0.0, 0.0, 0.4)
-        estimator.target_seen(view(at, plant.axes, 3.0, 0.0))
+        estimator.target_seen(view(at, plant.axes, 3.0, 0.0), at)
     found = estimator.estimate(now + 2.0)
     assert found.position == pytest.approx([1.5, -2.0, 3.0], abs=0.05)
     assert found.velocity == pytest.approx([0.0, 0.0, 0.0], abs=0.1)
     assert estimator.innovation < 1.5
+
+
+WRONG = {
+    ViewFault.NOT_FINITE: [
+        {"at": math.nan},
+        {"position_flu": np.array([0.0, math.inf, -2.0])},
+        {"target_from_flu": np.full((3, 3), math.nan)},
+        {"covariance": np.diag([1e-4] * 5 + [math.nan])},
+    ],
+    ViewFault.TOO_FAR: [{"position_flu": np.array([0.0, 0.0, -1001.0])}, {"covariance": np.diag([1e-4] * 5 + [1e7])}],
+    ViewFault.NO_ROTATION: [{"target_from_flu": np.diag([1.0, 1.0, -1.0])}, {"target_from_flu": 1.1 * np.eye(3)}],
+    ViewFault.NO_COVARIANCE: [
+        {"covariance": np.zeros((6, 6))},
+        {"covariance": np.diag([1e-4] * 5 + [-1e-4])},
+        {"covariance": np.diag([1e-4] * 6) + 1e-5 * np.eye(6, k=1)},
+    ],
+    ViewFault.FUTURE: [{"at": 5.0 + FUTURE + 0.001}, {"at": 1e9}],
+    ViewFault.TOO_OLD: [{"at": 5.0 - MEMORY - 0.001}, {"at": -1e9}],
+}
+EACH = [(fault, change) for fault, changes in WRONG.items() for change in changes]
+
+
+@pytest.mark.parametrize(("fault", "change"), EACH)
+def test_a_view_that_cannot_be_one_changes_nothing_and_is_counted(fault, change):
+    estimator = run(Plant(), 5.0)
+    good = view(4.95, np.zeros((2, LEVEL_STATES)), 2.0, 0.0)
+    wrong = replace(good, **change)
+    before, seen_at, innovation = estimator.estimate(5.0), estimator.seen_at, estimator.innovation
+    assert fault_of(good, 5.0) is None
+    assert fault_of(wrong, 5.0) is fault
+    estimator.target_seen(wrong, 5.0)
+    after = estimator.estimate(5.0)
+    assert estimator.refused == {fault: 1}
+    assert (estimator.seen_at, estimator.innovation) == (seen_at, innovation)
+    assert np.array_equal(after.axes, before.axes)
+    assert np.array_equal(after.vertical, before.vertical)
+    assert after.yaw == before.yaw
+    estimator.target_seen(good, 5.0)
+    assert estimator.seen_at == 4.95
+
+
+def test_no_estimate_begins_with_a_view_that_cannot_be_one():
+    good = view(0.0, np.zeros((2, LEVEL_STATES)), 2.0, 0.0)
+    with pytest.raises(ValueError, match="finite"):
+        Estimator(MODEL, replace(good, at=math.nan), HOVER)
+
+
+@pytest.mark.parametrize("wrong", [(math.nan, 0.0, 0.0, 0.0), (5.0, math.nan, 0.0, 0.0), (5.0, 0.0, 0.0, math.inf)])
+def test_an_attitude_that_is_no_number_changes_nothing(wrong):
+    estimator = run(Plant(), 5.0)
+    before = estimator.estimate(5.0)
+    estimator.attitude_received(*wrong)
+    assert np.array_equal(estimator.estimate(5.0).axes, before.axes)
+    assert estimator.estimate(5.0).yaw == before.yaw
+    assert estimator.refused == {ViewFault.NOT_FINITE: 1}
+
+
+def test_an_image_just_ahead_of_our_clock_is_of_now_and_the_newest_image_never_gets_older():
+    estimator = run(Plant(), 5.0)
+    ahead = view(5.0 + FUTURE, np.zeros((2, LEVEL_STATES)), 2.0, 0.0)
+    estimator.target_seen(ahead, 5.0)
+    assert estimator.seen_at == 5.0
+    estimator.target_seen(view(4.5, np.zeros((2, LEVEL_STATES)), 2.0, 0.0), 5.0)
+    assert estimator.seen_at == 5.0
+    assert estimator.estimate(5.3).age == pytest.approx(0.3)
+
+
+def test_an_image_older_than_the_filter_is_no_sight_of_the_target():
+    estimator = Estimator(MODEL, view(5.0, np.zeros((2, LEVEL_STATES)), 2.0, 0.0), HOVER)
+    estimator.target_seen(view(4.9, np.zeros((2, LEVEL_STATES)), 2.0, 1.0), 5.0)
+    assert estimator.refused == {ViewFault.TOO_OLD: 1}
+    assert estimator.estimate(5.0).yaw == 0.0

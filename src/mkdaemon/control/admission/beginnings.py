@@ -69,7 +69,7 @@ class TakeLease:
 
 
 @dataclass(frozen=True, slots=True)
-class Fly:
+class NewManoeuvre:
     """A manoeuvre begins, or takes the place of the one that is flown.
 
     Attributes:
@@ -86,7 +86,7 @@ class Fly:
         return False
 
     @classmethod
-    def by(cls, setpoint: Setpoint) -> Fly:
+    def by(cls, setpoint: Setpoint) -> NewManoeuvre:
         """The manoeuvre that a setpoint asks for."""
         return cls(Concern(setpoint.kind), getattr(setpoint, "frame", None))
 
@@ -214,5 +214,5 @@ class NaviGoto:
         return Concern.NAVI_GOTO
 
 
-Beginning = TakeLease | Fly | BoardRequest | Procedure | Upload | StartRoute | NaviGoto
+Beginning = TakeLease | NewManoeuvre | BoardRequest | Procedure | Upload | StartRoute | NaviGoto
 """Everything that may begin."""

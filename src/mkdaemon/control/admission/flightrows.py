@@ -10,7 +10,7 @@ from collections.abc import Callable
 from typing import Final
 
 from mkdaemon.control.activeset import OPEN_ABOVE, GateKind
-from mkdaemon.control.admission.beginnings import BY_HAND, BY_TARGET, MANOEUVRES, Concern, Fly, TakeLease
+from mkdaemon.control.admission.beginnings import BY_HAND, BY_TARGET, MANOEUVRES, Concern, NewManoeuvre, TakeLease
 from mkdaemon.control.admission.row import Look, Row, Rule, Verdict, at, passed, stands, unknown, when
 from mkdaemon.control.admission.situation import Situation
 from mkdaemon.control.batterywatch import low_voltage
@@ -253,11 +253,11 @@ def _disk(now: Situation) -> Verdict:
 # -- what a manoeuvre itself needs --------------------------------------------------------------------------------
 
 
-def _estimate(now: Situation, wanted: Fly) -> Verdict:
+def _estimate(now: Situation, wanted: NewManoeuvre) -> Verdict:
     return when(refuse(Token.NO_ESTIMATE, name=f"setpoint/{wanted.concern}") if now.entry is None else None)
 
 
-def _frame(now: Situation, wanted: Fly) -> Verdict:
+def _frame(now: Situation, wanted: NewManoeuvre) -> Verdict:
     is_home = wanted.frame is SetpointFrame.HOME
     refusal = refuse(Token.NO_FRAME, name=f"setpoint/{wanted.concern}", frame=SetpointFrame.HOME.value)
     return when(refusal if is_home else None)
@@ -267,32 +267,32 @@ def _on_ground(now: Situation) -> Verdict:
     return when(refuse(Token.NOT_ON_GROUND) if now.flown in BY_HAND else None)
 
 
-def _waiting(wanted: Fly, detail: str) -> Verdict:
+def _waiting(wanted: NewManoeuvre, detail: str) -> Verdict:
     """Say what a manoeuvre waits for; the words stand after "waiting for"."""
     refusal = refuse(Token.NOT_READY, name=wanted.concern.value, detail=detail)
     return Verdict(CheckState.STANDS, detail, refusal)
 
 
-def _board_listens(now: Situation, wanted: Fly) -> Verdict:
+def _board_listens(now: Situation, wanted: NewManoeuvre) -> Verdict:
     """Begin no flight while a board does not listen: the first frame it hears must be one of neutral sticks."""
     return _waiting(wanted, now.line.reason) if now.line.obstacle is Obstacle.DEAF else passed()
 
 
-def _fresh_image(now: Situation, wanted: Fly) -> Verdict:
+def _fresh_image(now: Situation, wanted: NewManoeuvre) -> Verdict:
     entry = now.entry
     if entry is None or entry.age <= now.cfg.autopilot.entry_age:
         return passed()
     return _waiting(wanted, f"a fresh image of {entry.target}: the last is {entry.age:.2f} s old")
 
 
-def _slow(now: Situation, wanted: Fly) -> Verdict:
+def _slow(now: Situation, wanted: NewManoeuvre) -> Verdict:
     entry = now.entry
     if entry is None or entry.speed <= now.cfg.autopilot.entry_speed:
         return passed()
     return _waiting(wanted, f"a slower aircraft: it moves at {entry.speed:.1f} m/s over {entry.target}")
 
 
-def _near(now: Situation, wanted: Fly) -> Verdict:
+def _near(now: Situation, wanted: NewManoeuvre) -> Verdict:
     entry = now.entry
     if entry is None or entry.offset <= now.cfg.autopilot.entry_offset * entry.height:
         return passed()
@@ -300,27 +300,27 @@ def _near(now: Situation, wanted: Fly) -> Verdict:
     return _waiting(wanted, f"a place nearer over {entry.target}: {where}")
 
 
-def _certain(now: Situation, wanted: Fly) -> Verdict:
+def _certain(now: Situation, wanted: NewManoeuvre) -> Verdict:
     entry = now.entry
     if entry is None or entry.sd <= now.cfg.autopilot.entry_sd:
         return passed()
     return _waiting(wanted, f"a certain position: its standard deviation is {100 * entry.sd:.0f} cm")
 
 
-def _clean(now: Situation, wanted: Fly) -> Verdict:
+def _clean(now: Situation, wanted: NewManoeuvre) -> Verdict:
     entry = now.entry
     if entry is None or entry.clean >= now.cfg.autopilot.entry_clean:
         return passed()
     return _waiting(wanted, f"images that agree with the model for {now.cfg.autopilot.entry_clean:g} s")
 
 
-def _motors_run(now: Situation, wanted: Fly) -> Verdict:
+def _motors_run(now: Situation, wanted: NewManoeuvre) -> Verdict:
     if now.motors_running is not False:
         return passed()
     return _waiting(wanted, "running motors: the pilot starts them, throttle at its lowest")
 
 
-def _feet_down(now: Situation, wanted: Fly) -> Verdict:
+def _feet_down(now: Situation, wanted: NewManoeuvre) -> Verdict:
     """A take-off begins with the lowest throttle, which would drop an aircraft that a pilot holds in the air."""
     entry = now.entry
     if entry is None or entry.age > now.cfg.autopilot.entry_age:
@@ -331,7 +331,7 @@ def _feet_down(now: Situation, wanted: Fly) -> Verdict:
     return _waiting(wanted, f"an aircraft on the ground: its feet are {feet:.1f} m above the target")
 
 
-def _throttle_low(now: Situation, wanted: Fly) -> Verdict:
+def _throttle_low(now: Situation, wanted: NewManoeuvre) -> Verdict:
     gas = now.gas_in_use
     if gas is None or gas <= CARRIES * now.hover_gas:
         return passed()

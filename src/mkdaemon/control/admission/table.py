@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Final
 
-from mkdaemon.control.admission.beginnings import Beginning, Concern, Fly
+from mkdaemon.control.admission.beginnings import Beginning, Concern, NewManoeuvre
 from mkdaemon.control.admission.boardrows import BUSY_ROWS, PROCEDURE_ROWS, REQUEST_ROWS
 from mkdaemon.control.admission.flightrows import FLIGHT_ROWS, LEASE_ROWS
 from mkdaemon.control.admission.navirows import NAVI_ROWS
@@ -45,8 +45,10 @@ def refusals(beginning: Beginning, situation: Situation) -> Iterator[CommandReje
             yield found
 
 
-def waits_for(beginning: Fly, situation: Situation) -> str:
+def waits_for(beginning: NewManoeuvre, situation: Situation) -> str:
     """Say what a flight waits for that would begin with this manoeuvre; empty for nothing.
+
+    What refuses it is waited for, too: it may stand only since the newest setpoint was taken.
 
     Args:
         beginning: the manoeuvre that is streamed.
@@ -54,6 +56,9 @@ def waits_for(beginning: Fly, situation: Situation) -> str:
     """
     if situation.flown is not None:
         return ""
+    refused = refusal(beginning, situation)
+    if refused is not None:
+        return f"an end of this: {refused.reason.removesuffix('.')}"
     for row in ROWS:
         if row.rule in {Rule.ENTRY, Rule.WAITS} and beginning.concern in row.concerns:
             found = row.look(situation, beginning)
@@ -76,7 +81,7 @@ def _refuses(row: Row, beginning: Beginning, situation: Situation) -> bool:
     """Whether a row is asked about a beginning, where it would refuse."""
     if beginning.concern not in row.concerns or (beginning.is_early and not row.is_early):
         return False
-    flown = situation.flown if isinstance(beginning, Fly) else None
+    flown = situation.flown if isinstance(beginning, NewManoeuvre) else None
     match row.rule:
         case Rule.ALWAYS:
             return True

@@ -8,7 +8,7 @@ numbers: docs/control.md, "Estimator".
 from __future__ import annotations
 
 import math
-from collections import deque
+from collections import Counter, deque
 from typing import Final
 
 import numpy as np
@@ -20,7 +20,15 @@ from mkdaemon.control.estimator.model import GRAVITY, LEVEL_STATES, TH, Aircraft
 from mkdaemon.control.estimator.rollback import GATE, MEMORY, STEP, Measurement, RollbackFilter
 from mkdaemon.control.estimator.stickresponse import StickResponse
 from mkdaemon.control.estimator.tuning import NOMINAL, ROBUST, Tuning
-from mkdaemon.control.estimator.values import GAS_CENTRE, Estimate, StickCommand, TargetView, upright
+from mkdaemon.control.estimator.values import (
+    GAS_CENTRE,
+    Estimate,
+    StickCommand,
+    TargetView,
+    ViewFault,
+    fault_of,
+    upright,
+)
 from mkdaemon.control.linear import Array
 
 COMPASS_MEMORY: Final = 1.0
@@ -51,6 +59,7 @@ class Estimator:
         model: the plant believed in.
         hover_gas: throttle that carries the aircraft, estimated [count of 254].
         innovation: mean square of the recent innovations over their expected size; at most 1 when all is well.
+        refused: measurements that are none, since the start, by what is wrong with them.
         is_nominal: the innovations agree with the model, so the model counts for more.
     """
 
@@ -75,11 +84,19 @@ class Estimator:
             velocity: against the target (3,) [m/s]; at rest if none is given.
             nominal: beliefs while the innovations agree with the model.
             robust: beliefs before that.
+
+        Raises:
+            ValueError: the view is none, see `fault_of`.
         """
+        fault = fault_of(view, view.at)
+        if fault is not None:
+            msg = f"no estimate begins with this view: {fault.value}"
+            raise ValueError(msg)
         self.model = model
         self.hover_gas = min(max(hover_gas, HOVER_LOWEST), HOVER_HIGHEST)
         self.innovation = 1.0
         self.is_nominal = False
+        self.refused: Counter[ViewFault] = Counter()
         self._nominal, self._tuning, self._robust = nominal, robust, robust
         self._agrees_since, self._agreement = view.at, robust.agreement
         self._cameras, self._heights = Cameras(robust.patience), Cameras(robust.patience)
@@ -107,7 +124,7 @@ class Estimator:
             np.diag(tuning.first_upright_spread) ** 2,
             view.at,
         )
-        self.target_seen(view)
+        self.target_seen(view, view.at)
 
     @property
     def seen_at(self) -> float:
@@ -158,7 +175,7 @@ class Estimator:
         )
 
     def attitude_received(self, at: float, pitch: float, roll: float, yaw: float) -> None:
-        """Take the attitude the boards report.
+        """Take the attitude the boards report; one that is not finite is counted and does nothing.
 
         Args:
             at: when it was measured [s; monotonic].
@@ -166,6 +183,9 @@ class Estimator:
             roll: right side down positive [rad].
             yaw: counter-clockwise, ENU or any other fixed zero [rad].
         """
+        if not all(math.isfinite(number) for number in (at, pitch, roll, yaw)):
+            self.refused[ViewFault.NOT_FINITE] += 1
+            return
         self._headings.append((at, yaw))
         while self._headings[0][0] < at - COMPASS_MEMORY:
             self._headings.popleft()
@@ -181,15 +201,26 @@ class Estimator:
         row[TH] = 1.0
         self._level.measure(Measurement(at, row, believed, self._tuning.attitude_sd**2))
 
-    def target_seen(self, view: TargetView) -> None:
-        """Take what an image showed of the target, however late."""
+    def target_seen(self, view: TargetView, now: float) -> None:
+        """Take what an image showed of the target, however late; what is no view is counted and does nothing.
+
+        Args:
+            view: what it showed.
+            now: when it arrives [s; monotonic].
+        """
+        fault = fault_of(view, now)
+        if fault is None and not self._level.remembers(view.at):
+            fault = ViewFault.TOO_OLD
+        if fault is not None:
+            self.refused[fault] += 1
+            return
         tuning = self._tuning
         shared_by = self._cameras.seen(view.camera, view.at)
         self._heights.seen(view.camera, view.at)
         is_trusted = view.camera not in self.contradicting
         if is_trusted:
             self._align(view)
-            self._seen_at = max(self._seen_at, view.at)
+            self._seen_at = max(self._seen_at, min(view.at, now))
         turn = self._turn_matrix(view.at)
         seen, spread = turn @ view.position_flu, turn @ view.sight_covariance @ turn.T
         speed = float(np.abs(self._level.states[:, V]).max())

@@ -208,7 +208,7 @@ class Exchange:
                 await asyncio.create_task(self._leave(port), name="link.leave")
             raise
         finally:
-            self._stop(lost or CLOSED)
+            self._stop(lost or "")
             if lost is None:
                 self._guard.port_given_up()
                 self._end(CLOSED, LinkCondition.CLOSED)
