@@ -17,10 +17,10 @@ from rich.console import Console
 from rich.table import Table
 
 from mkdaemon.cli.arguments import AsJson
-from mkdaemon.config.sim_flight import AirframeConfig, FlightConfig, LoopConfig, SensorConfig, WindClass
-from mksim.boards.fc import FlightCtrl
+from mksim.boards.flightctrl import FlightCtrl
 from mksim.boards.generations import FC_GENERATIONS, NC_GENERATIONS
-from mksim.boards.nc import NaviCtrl
+from mksim.boards.navictrl import NaviCtrl
+from mksim.config import AirframeConfig, FlightConfig, LoopConfig, SensorConfig, WindClass
 from mksim.physics.attitude_loop import EASY, FAST, AttitudeGains
 from mksim.physics.hand_flight import CircleFlight
 from mksim.physics.world import DT, StartState, StickInput, World

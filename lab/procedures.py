@@ -22,14 +22,14 @@ from mkdaemon.cli.arguments import AsJson
 from mkdaemon.errors import CommandRejectedError, MkError
 from mkdaemon.protocol.generations import Release
 from mkdaemon.protocol.procedures.points import point_format, to_points
-from mkdaemon.protocol.procedures.settings import backup_settings
+from mkdaemon.protocol.procedures.settings_slots import backup_settings
 from mkdaemon.protocol.procedures.steps import Patience, Procedure
-from mkdaemon.protocol.procedures.waypoints import upload_points
+from mkdaemon.protocol.procedures.waypoint_list import upload_points
 from mkdaemon.protocol.wire import WireMessage
 from mkdaemon.telemetry.mission import Mission, MissionPoint
-from mksim.boards.fc import FlightCtrl
+from mksim.boards.flightctrl import FlightCtrl
 from mksim.boards.generations import FC_GENERATIONS, NC_GENERATIONS
-from mksim.boards.nc import NaviCtrl
+from mksim.boards.navictrl import NaviCtrl
 
 NOISE: Final = Noise(lost=0.015, damaged=0.015, stalled=0.01, longest_stall=1.0, repeated=0.01)
 """Three of a hundred bytes come to harm, half of them lost, half damaged; some frames are late or come twice."""

@@ -29,7 +29,7 @@ def wheel(tmp_path_factory) -> zipfile.ZipFile:
 
 def test_the_wheel_holds_the_product_and_nothing_else(wheel):
     names = [name for name in wheel.namelist() if f"{SAMPLES}/" not in name]
-    assert {name.split("/")[0].partition("-")[0] for name in names} == {"mkdaemon"}
+    assert {name.split("/")[0].partition("-")[0] for name in names} == {"mkdaemon", "mksim"}
     sources = {path.relative_to(ROOT / "src").as_posix() for path in (ROOT / "src").rglob("*.py")}
     assert {name for name in names if name.endswith(".py")} == sources
     assert not any(room in name.split("/") for name in names for room in ("lab", "tools", "tests", "bench"))

@@ -13,10 +13,10 @@ from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
 from mkdaemon.config.gamepad import Gamepad
-from mkdaemon.config.root import Config
 from mkdaemon.config.vision import TargetFile
 from mkdaemon.described import meanings_of
 from mkdaemon.vision.camera.calibration_file import Camera
+from mksim.config import SimulatorFile
 from tools.markdown import table
 from tools.model_tables import limits_of
 
@@ -42,7 +42,7 @@ is in seconds or another SI unit.
 | `mkctl --vehicle`, `--connect`, `--zenoh-file` | `MK_VEHICLE`, `MK_CONNECT`, `MK_ZENOH_FILE` | they have no file |
 """
 _FILES: Final = (
-    ("The aircraft's file", Config, ""),
+    ("The aircraft's file", SimulatorFile, ""),
     ("A target file", TargetFile, "Named by `cameras.targets`; `mkdaemon target` prints it and writes one."),
     (
         "A mapping file of a gamepad",

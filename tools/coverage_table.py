@@ -11,7 +11,7 @@ from mkdaemon.protocol.dialect import Dialect, Evidence, decide
 from mkdaemon.protocol.generations import Release
 from mkdaemon.protocol.messages import NaviVersion200, NaviVersionClassic, VersionClassic, VersionFc200, VersionFc210
 from mkdaemon.protocol.wire import MESSAGES, Board, Direction, WireMessage
-from mksim.boards import fc_commands, nc_commands
+from mksim.boards import flightctrl, navictrl
 from mksim.boards.generations import FC_GENERATIONS, NC_GENERATIONS
 
 RECORDED: Final = {Board.FC: Release(2, 12), Board.NC: Release(0, 24)}
@@ -24,8 +24,8 @@ _SHOWN: Final = {
 """One release of each generation that differs from its neighbours."""
 
 _SIMULATED: Final = {
-    Board.FC: ({generation.release[:2] for generation in FC_GENERATIONS.values()}, fc_commands.HANDLED),
-    Board.NC: ({generation.release[:2] for generation in NC_GENERATIONS.values()}, nc_commands.HANDLED),
+    Board.FC: ({generation.release[:2] for generation in FC_GENERATIONS.values()}, flightctrl.HANDLED),
+    Board.NC: ({generation.release[:2] for generation in NC_GENERATIONS.values()}, navictrl.HANDLED),
 }
 
 _Place = tuple[Board, str, str]

@@ -33,8 +33,11 @@ GENERATED: Final[Mapping[str, str]] = {
 """Page or source, relative to the root of the source tree, and the function that makes it, imported when needed."""
 
 
-FILLED: Final[Mapping[str, str]] = {"docs/accuracy.md": "tools.accuracy_tables:accuracy_page"}
-"""Pages written by hand whose tables are made from results; a tree without the page needs none."""
+FILLED: Final[Mapping[str, str]] = {
+    "docs/accuracy.md": "tools.accuracy_tables:accuracy_page",
+    "docs/lab/mutants.md": "tools.mutants_page:mutants_page",
+}
+"""Pages whose tables are made from results; a tree without the page needs none."""
 
 
 def make_page(maker: str, root: Path) -> str:

@@ -42,8 +42,8 @@ from lab.rigs.waiting import wait_until
 from lab.stories.kill import steering
 from mkdaemon.bus.endpoint import reserved_endpoint
 from mkdaemon.bus.session import session_config
-from mkdaemon.config.sim import PilotPlan, SimConfig
 from mkdaemon.daemon.priority import favour_loop, favour_threads
+from mksim.config import PilotPlan, SimConfig
 from mksim.runtime import Runtime
 
 NEUTRAL_LIMIT: Final = 0.35

@@ -29,8 +29,8 @@ from lab.stories.losses import percentile
 from mkdaemon.bus.endpoint import reserved_endpoint
 from mkdaemon.cli.mkctl.connection import Connection
 from mkdaemon.cli.mkctl.release import release
-from mkdaemon.config.sim import PilotPlan, SimConfig
 from mkdaemon.daemon.priority import favour_loop, favour_threads
+from mksim.config import PilotPlan, SimConfig
 from mksim.runtime import Runtime
 
 GAP_LIMIT: Final = 0.06

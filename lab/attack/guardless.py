@@ -18,9 +18,9 @@ from lab.rigs.processes import START, ObservedSimulation, Sticks, connected, dae
 from lab.rigs.waiting import wait_until
 from mkdaemon import guard
 from mkdaemon.bus.endpoint import reserved_endpoint
-from mkdaemon.config.sim import PilotPlan, SimConfig
 from mkdaemon.daemon.priority import favour_loop, favour_threads
 from mkdaemon.telemetry.refusals import Token
+from mksim.config import PilotPlan, SimConfig
 from mksim.runtime import Runtime
 
 NOTICE_LIMIT: Final = 0.5

@@ -16,10 +16,10 @@ from lab.control.flights import Flight, Record
 from lab.control.law2010 import PiGains
 from lab.control.rendered import RenderedRig
 from lab.control.rig import Rig, believed_model
-from mkdaemon.config.sim_flight import WindClass
 from mkdaemon.control.estimator.model import NO_FILTER
 from mkdaemon.control.manoeuvres.land import LandingPhase
 from mkdaemon.control.regulator.autopilot import Goal
+from mksim.config import WindClass
 from mksim.physics.attitude_loop import EASY, LEAK_SLOW, AttitudeGains
 
 SETTLED: Final = 12.0

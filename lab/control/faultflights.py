@@ -20,7 +20,7 @@ from lab.control.expectations import TOLERANCE, Expectation
 from lab.control.faultrig import LAND_AT, FaultRig
 from lab.control.faults import FAULTS
 from lab.control.flights import Flight, Record
-from mkdaemon.config.sim_flight import WindClass
+from mksim.config import WindClass
 
 LENGTH: Final = 27.0
 """Longest flight [s]."""

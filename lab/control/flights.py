@@ -11,7 +11,6 @@ import numpy as np
 from lab.control.camera import CameraModel
 from lab.control.law2010 import PiGains
 from lab.control.radio import RadioModel
-from mkdaemon.config.sim_flight import WindClass
 from mkdaemon.control.estimator.model import AircraftModel
 from mkdaemon.control.estimator.tuning import NOMINAL, ROBUST, Tuning
 from mkdaemon.control.linear import Array
@@ -19,6 +18,7 @@ from mkdaemon.control.manoeuvres.land import LandingLimits, LandingPhase
 from mkdaemon.control.regulator.autopilot import Goal, at_origin
 from mkdaemon.control.regulator.horizontal import HorizontalCosts
 from mkdaemon.control.regulator.vertical import VerticalGains
+from mksim.config import WindClass
 from mksim.physics.attitude_loop import EASY, AttitudeGains
 
 

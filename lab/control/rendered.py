@@ -9,13 +9,13 @@ from lab.control.flights import Flight
 from lab.places import ROOT
 from mkdaemon.clock import Clock
 from mkdaemon.config.camera import CameraSection
-from mkdaemon.config.scene import SceneConfig
 from mkdaemon.config.vision import VisionSection
 from mkdaemon.control.events import PoseSeen
 from mkdaemon.telemetry.vision import VisionPose
 from mkdaemon.vision.camera.image import CameraImage
 from mkdaemon.vision.pipeline import CameraPipeline
 from mkdaemon.vision.track.attitude import AttitudeHistory, AttitudeSample
+from mksim.config import SceneConfig
 from mksim.scene.camera import BodyState, SceneCamera
 
 CAMERA: Final = ROOT / "configs" / "cameras" / "sim.toml"

@@ -17,7 +17,6 @@ import numpy as np
 from lab.control.flights import Flight, Record
 from lab.control.law2010 import PERIOD, PiLaw
 from lab.control.radio import Radio
-from mkdaemon.config.sim_flight import AirframeConfig, FlightConfig, SensorConfig
 from mkdaemon.control.estimator.estimator import Estimator
 from mkdaemon.control.estimator.model import NO_FILTER, AircraftModel
 from mkdaemon.control.estimator.values import StickCommand, TargetView
@@ -25,6 +24,7 @@ from mkdaemon.control.linear import Array
 from mkdaemon.control.manoeuvres.land import Landing, LandingPhase
 from mkdaemon.control.regulator.autopilot import Autopilot, AutopilotSticks, Goal, at_origin
 from mkdaemon.control.regulator.reference import ReferenceLimits
+from mksim.config import AirframeConfig, FlightConfig, SensorConfig
 from mksim.physics.attitude_loop import AttitudeGains
 from mksim.physics.deck import MovingDeck
 from mksim.physics.world import DT, StartState, StickInput, World

@@ -28,9 +28,9 @@ from lab.rigs.waiting import PATIENCE
 from mkdaemon.cli.arguments import AsJson
 from mkdaemon.client import Vehicle
 from mkdaemon.client.settings_files import write_backup
-from mkdaemon.config.sim import PilotPlan, SimConfig
 from mkdaemon.errors import MkError
 from mkdaemon.telemetry.settings import SettingsBackup, StoredSet
+from mksim.config import PilotPlan, SimConfig
 from mksim.runtime import Runtime
 
 VERBS: Final = ("backup", "restore")

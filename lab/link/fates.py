@@ -18,11 +18,11 @@ from typing import Any, Final
 from lab.link.cases import Case
 from lab.link.sim import Witness
 from lab.link.virtual import Waits, configurations, running_link, steer_steadily
-from mkdaemon.config.sim import SimConfig
-from mkdaemon.link.session.limits import PROBE_TIMEOUT
+from mkdaemon.link.session.health import PROBE_TIMEOUT
 from mkdaemon.protocol.framing import Frame, FrameDecoder
 from mkdaemon.virtualtime import run_virtually
 from mksim.boards.generations import FC_GENERATIONS
+from mksim.config import SimConfig
 
 PROOF: Final = 600.0
 """Length of a proof [s]: 6000 link tests; none of ours lost among them bounds our share to 0.05 %."""

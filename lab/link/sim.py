@@ -16,8 +16,8 @@ import time
 from collections import Counter
 from typing import Final
 
-from mkdaemon.config.sim import SimConfig
 from mkdaemon.protocol.framing import Frame, FrameDecoder
+from mksim.config import SimConfig
 from mksim.radio import Channel
 from mksim.runtime import Runtime
 from mksim.simulation import Simulation

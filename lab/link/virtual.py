@@ -12,13 +12,13 @@ from lab.link.sim import Witness
 from lab.rigs.boardport import TICK_TIME
 from lab.rigs.linkrig import rig
 from lab.rigs.sticks import build_sticks
-from mkdaemon.config.sim import PilotPlan, SimConfig
 from mkdaemon.errors import ConfigError
 from mkdaemon.link.link import Link
-from mkdaemon.link.session.roundtrips import percentile
+from mkdaemon.link.session.evidence import percentile
 from mkdaemon.link.session.traffic import Lost, Purpose, Received, Sent, SetpointQueued
 from mkdaemon.telemetry.link import LinkHealth, LinkState, LinkTraffic, RoundTripStats
 from mkdaemon.virtualtime import run_virtually
+from mksim.config import PilotPlan, SimConfig
 
 SETTLE_TIME: Final = 2.5
 """Discovery and the first streams are over by then; measuring begins [s]."""

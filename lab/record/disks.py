@@ -17,7 +17,6 @@ from lab.rigs.processes import ObservedSimulation, connected, daemon_process
 from lab.rigs.waiting import wait_until
 from mkdaemon.client import Vehicle
 from mkdaemon.clock import Clock
-from mkdaemon.config.sim import PilotPlan, SimConfig
 from mkdaemon.errors import MkError
 from mkdaemon.record.entry import TimeBase
 from mkdaemon.record.folder import Limits, RawFile, RecordingFolder
@@ -26,6 +25,7 @@ from mkdaemon.record.queue import EntryQueue
 from mkdaemon.record.reader import Recording
 from mkdaemon.record.recorder import RETRY, Recorder, RecorderThread
 from mkdaemon.record.tap import Tap
+from mksim.config import PilotPlan, SimConfig
 from mksim.runtime import Runtime
 
 SMALL: Final = "4m"

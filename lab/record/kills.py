@@ -26,10 +26,10 @@ from mcap.stream_reader import StreamReader
 
 from lab.rigs.processes import VEHICLE, ObservedSimulation, connected, daemon_process
 from lab.rigs.waiting import wait_until
-from mkdaemon.config.sim import PilotPlan, SimConfig
 from mkdaemon.record.entry import Kind
 from mkdaemon.record.reader import Recording
 from mkdaemon.record.rewrite import recover
+from mksim.config import PilotPlan, SimConfig
 from mksim.runtime import Runtime
 
 ALLOWED: Final = 1.1

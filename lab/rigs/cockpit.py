@@ -20,12 +20,12 @@ from lab.rigs.grounded import GroundedAircraft
 from mkdaemon.clock import Clock
 from mkdaemon.config.control import ControlConfig
 from mkdaemon.config.link import LinkConfig
-from mkdaemon.config.sim import PilotPlan, SimConfig
 from mkdaemon.control.core import FlightCore
 from mkdaemon.daemon.audit import Outlet
 from mkdaemon.daemon.deck import Deck
 from mkdaemon.daemon.flight import FlightControl
 from mkdaemon.daemon.sink import BusSink
+from mkdaemon.link.discovery import discover
 from mkdaemon.link.link import Link
 from mkdaemon.link.session.guarding import LineGuard
 from mkdaemon.link.session.traffic import Received, Sent
@@ -34,6 +34,7 @@ from mkdaemon.telemetry.control import LeaseGrant
 from mkdaemon.telemetry.link import LinkState
 from mkdaemon.telemetry.setpoint import StickSetpoint
 from mkdaemon.telemetry.signature import sign
+from mksim.config import PilotPlan, SimConfig
 from mksim.physics.world import World
 from mksim.simulation import Simulation
 
@@ -272,7 +273,10 @@ async def cockpit(
     )
     flight = FlightControl(deck, line, clock=clock)
     flown = Cockpit(core, line, flight, sink, cable)
-    flown.tasks = [asyncio.create_task(line.run(), name="link"), asyncio.create_task(flight.run(), name="control")]
+    flown.tasks = [
+        asyncio.create_task(line.run(discover), name="link"),
+        asyncio.create_task(flight.run(), name="control"),
+    ]
     try:
         if is_new and await flown.until(lambda: flown.may_fly) is None:
             msg = f"{boards.name}, seed {seed}: not ready to fly: {line.health().state.reason}"

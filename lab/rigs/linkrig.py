@@ -15,12 +15,13 @@ from lab.rigs.motors import MotorWatch
 from lab.rigs.waiting import wait_until
 from mkdaemon.clock import Clock
 from mkdaemon.config.link import LinkConfig
-from mkdaemon.config.sim import PilotPlan, SimConfig
+from mkdaemon.link.discovery import discover
 from mkdaemon.link.link import Link
 from mkdaemon.link.session.guarding import LineGuard
 from mkdaemon.link.session.traffic import LinkSink, Lost, Received, Sent
 from mkdaemon.telemetry.link import LinkHealth, LinkState, LinkTraffic
 from mkdaemon.virtualtime import run_virtually
+from mksim.config import PilotPlan, SimConfig
 from mksim.physics.world import World
 from mksim.simulation import Simulation
 
@@ -170,7 +171,7 @@ async def rig(
         motors_running=watch.facts.motors_running,
         guard=guard,
     )
-    task = asyncio.create_task(link.run())
+    task = asyncio.create_task(link.run(discover))
     try:
         yield Rig(link, log, socket, task)
     finally:

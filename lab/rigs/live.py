@@ -21,9 +21,9 @@ from mkdaemon.config.control import ControlConfig, LeaseConfig
 from mkdaemon.config.link import LinkConfig
 from mkdaemon.config.record import RecordConfig
 from mkdaemon.config.root import Config
-from mkdaemon.config.sim import PilotPlan, SimConfig
 from mkdaemon.config.vehicle import VehicleConfig
 from mkdaemon.daemon import run
+from mksim.config import PilotPlan, SimConfig
 from mksim.runtime import Runtime
 from mksim.simulation import Simulation
 

@@ -20,9 +20,9 @@ from typing import Any, Final, Self
 from lab.rigs.waiting import PATIENCE
 from mkdaemon.bus.endpoint import reserved_endpoint
 from mkdaemon.client import Vehicle, connect
-from mkdaemon.config.sim import SimConfig
 from mkdaemon.errors import MkError
 from mkdaemon.protocol.framing import Frame, FrameDecoder
+from mksim.config import SimConfig
 from mksim.simulation import Simulation
 
 VEHICLE: Final = "stories"

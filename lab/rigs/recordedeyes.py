@@ -11,8 +11,6 @@ from typing import Any, Final, NamedTuple
 
 from lab.rigs.blackbox import RecordedDaemon
 from mkdaemon.config.root import Config
-from mkdaemon.config.scene import LightConfig, SceneConfig
-from mkdaemon.config.sim import PilotPlan, SimConfig
 from mkdaemon.control.events import Feed
 from mkdaemon.daemon.blackbox import ImageRecorder
 from mkdaemon.daemon.eyes import Eyes, PoseSink
@@ -23,6 +21,7 @@ from mkdaemon.vision.camera.camera import StreamState, StreamStatus
 from mkdaemon.vision.camera.image import CameraImage
 from mkdaemon.vision.pipeline import CameraPipeline
 from mkdaemon.vision.track.attitude import AttitudeHistory, AttitudeSample
+from mksim.config import LightConfig, PilotPlan, SceneConfig, SimConfig
 from mksim.scene.camera import BodyState, Grey, SceneCamera
 from mksim.simulation import Simulation
 

@@ -24,7 +24,7 @@ from lab.rigs.processes import (
     wait_for_control,
 )
 from lab.rigs.waiting import wait_until
-from mkdaemon.config.sim import PilotPlan, SimConfig
+from mksim.config import PilotPlan, SimConfig
 from mksim.runtime import Runtime
 
 TILT: Final = 40.0

@@ -24,8 +24,8 @@ from lab.rigs.processes import (
 )
 from lab.rigs.waiting import wait_until
 from lab.stories.cable import first_words
-from mkdaemon.config.sim import PilotPlan, SimConfig
 from mkdaemon.protocol.framing import Frame, FrameDecoder
+from mksim.config import PilotPlan, SimConfig
 from mksim.runtime import Runtime
 
 END_TIME: Final = 2.0

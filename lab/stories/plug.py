@@ -19,7 +19,7 @@ from lab.rigs.processes import DaemonProcess, ObservedSimulation, connected, dae
 from lab.rigs.waiting import wait_until
 from lab.stories.cable import BACK, first_words
 from mkdaemon.client import Sample
-from mkdaemon.config.sim import PilotPlan, SimConfig
+from mksim.config import PilotPlan, SimConfig
 from mksim.runtime import Runtime
 
 STREAMED: Final = frozenset({"osd", "attitude", "debug"})

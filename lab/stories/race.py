@@ -18,9 +18,9 @@ from typing import Final, NamedTuple
 from lab.rigs.pilot import Pilot
 from lab.rigs.processes import ObservedSimulation, connected, daemon_process, wait_for_control
 from mkdaemon.client import Sample
-from mkdaemon.config.sim import PilotPlan, SimConfig
 from mkdaemon.protocol.framing import Frame, FrameDecoder
 from mkdaemon.protocol.messages import ExternControlV2
+from mksim.config import PilotPlan, SimConfig
 from mksim.runtime import Runtime
 
 TILT: Final = 30.0

@@ -27,7 +27,7 @@ from lab.rigs.processes import (
     wait_for_control,
 )
 from mkdaemon.client import Vehicle
-from mkdaemon.config.sim import PilotPlan, SimConfig
+from mksim.config import PilotPlan, SimConfig
 from mksim.runtime import Runtime
 
 LOAD: Final = "rates = {osd = 100, debug = 200, attitude = 50}\necho_hz = 10"

@@ -26,9 +26,9 @@ from mkdaemon.cli.mkctl.teleop.evdevpad import EvdevPad
 from mkdaemon.cli.mkctl.teleop.leasekeeper import LeaseKeeper
 from mkdaemon.cli.mkctl.teleop.mappings import find_mapping, load_mappings
 from mkdaemon.cli.mkctl.teleop.session import Session
-from mkdaemon.config.sim import PilotPlan, SimConfig
 from mkdaemon.protocol.framing import Frame, FrameDecoder
 from mkdaemon.protocol.messages import ExternControlV2
+from mksim.config import PilotPlan, SimConfig
 from mksim.runtime import Runtime
 
 LIMIT: Final = 0.025

@@ -20,7 +20,7 @@ from mkdaemon.vision.track.tracker import Tracker
 from mksim.scene.autoexposure import AutoExposure, AutoSettings
 from mksim.scene.curl import Curl
 from mksim.scene.gloss import Gloss
-from mksim.scene.grass import blades
+from mksim.scene.hardships import blades
 from mksim.scene.lensfaults import Dirt, grey_scale
 from mksim.scene.light import Conditions, Shadow
 from mksim.scene.processing import Processing

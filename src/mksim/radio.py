@@ -10,7 +10,7 @@ import random
 from collections import deque
 from typing import Final
 
-from mkdaemon.config.sim_radio import ChannelConfig, RadioKind
+from mksim.config import ChannelConfig, RadioKind
 
 BITS_PER_BYTE: Final = 10
 """8N1: start, eight data, stop."""

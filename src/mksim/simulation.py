@@ -5,11 +5,11 @@ Pure: no clock, no files but the EEPROM, no network. `runtime` gives it real tim
 
 from __future__ import annotations
 
-from mkdaemon.config.sim import PilotPlan, SimConfig
-from mksim.boards.fc import FlightCtrl
+from mksim.boards.flightctrl import FlightCtrl
 from mksim.boards.generations import FC_GENERATIONS, NC_GENERATIONS
 from mksim.boards.line import HOST_CHAR
-from mksim.boards.nc import NaviCtrl
+from mksim.boards.navictrl import NaviCtrl
+from mksim.config import PilotPlan, SimConfig
 from mksim.physics.hand_flight import CircleFlight, HandFlight
 from mksim.physics.pilot import DelayedProgram, Program
 from mksim.physics.world import World

@@ -12,9 +12,9 @@ from lab.rigs.background import background_daemon
 from lab.rigs.live import VEHICLE
 from lab.rigs.waiting import wait_blocking
 from mkdaemon.cli.program import EXIT_CONFIG, EXIT_FAILURE, EXIT_OK
-from mkdaemon.config.sim import PilotPlan
 from mkdaemon.missions import write_mission
 from mkdaemon.telemetry.mission import Mission, MissionPoint
+from mksim.config import PilotPlan
 from tests.cli.conftest import Ctl
 
 pytestmark = [pytest.mark.flight, pytest.mark.real_time(tolerance=0.1)]

@@ -18,8 +18,8 @@ from lab.__main__ import app as lab_app
 from mkdaemon.cli.mkctl import app as mkctl
 from mkdaemon.cli.mkdaemon import app as mkdaemon
 from mkdaemon.cli.program import CommandEntry, build, run
-from mkdaemon.config.sim import PilotPlan
 from mkdaemon.errors import CommandRejectedError, ConfigError, MkError
+from mksim.config import PilotPlan
 
 MKDAEMON = [sys.executable, "-c", "from mkdaemon.cli.entry import mkdaemon; mkdaemon()"]
 TABLES = [*mkctl.COMMANDS, *mkdaemon.COMMANDS, *CAMPAIGNS]
@@ -137,7 +137,7 @@ def test_wrong_usage_is_one_line_and_exit_code_2(tokens, says, points_to, capsys
 ASCII = """
 import sys
 from mkdaemon.cli import program
-from mkdaemon.config.sim import PilotPlan
+from mksim.config import PilotPlan
 from mkdaemon.errors import ConfigError
 
 def tell(word: str) -> None:

@@ -21,9 +21,9 @@ from mkdaemon.protocol.messages.blctrl import motor_controller_checksum
 from mkdaemon.protocol.procedures.steps import Patience, Pause, Procedure, ask
 from mkdaemon.protocol.procedures.steps import Question as Asked
 from mkdaemon.protocol.wire import MESSAGES, Board, WireMessage
-from mksim.boards.fc import FlightCtrl
+from mksim.boards.flightctrl import FlightCtrl
 from mksim.boards.generations import FC_GENERATIONS, NC_GENERATIONS
-from mksim.boards.nc import NaviCtrl
+from mksim.boards.navictrl import NaviCtrl
 
 
 class Boards:

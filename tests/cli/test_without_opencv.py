@@ -9,12 +9,14 @@ import pytest
 
 from mkdaemon.cli.mkdaemon.doctor import Machine, Verdict, examine
 from tests.bus.support import free_endpoint
+from tests.places import CONFIGS
 
 MISSING = """
 import sys
 sys.modules |= dict.fromkeys(["cv2", "pyapriltags"])  # None: as if they were not installed
 """
 FIX = "cameras and tags need OpenCV, which is not installed: pip install 'mkdaemon[vision]'"
+SIMULATOR_FIX = "the simulated camera needs OpenCV, which is not installed: pip install 'mkdaemon[sim]'"
 
 
 def run_without_opencv(code: str) -> subprocess.CompletedProcess[str]:
@@ -56,12 +58,12 @@ def test_a_program_of_the_camera_side_names_the_extra_in_one_line(words):
     assert (done.returncode, done.stderr) == (2, f"mkdaemon: {FIX}\n")
 
 
-def test_the_simulated_camera_names_the_extra_too():
-    done = run_without_opencv(
-        "from mkdaemon.errors import ConfigError\n"
-        "try:\n import mksim.scene.camera\nexcept ConfigError as error:\n print(error)"
-    )
-    assert (done.returncode, done.stdout) == (0, FIX + "\n")
+@pytest.mark.parametrize(
+    "words", [("demo", "--fast"), ("sim", "--config", str(CONFIGS / "sim-vision.toml")), ("sim", "--scene-only")]
+)
+def test_a_program_with_the_simulated_camera_names_the_extra_of_the_simulator(words):
+    done = run_program(*words)
+    assert (done.returncode, done.stdout, done.stderr) == (2, "", f"mkdaemon: {SIMULATOR_FIX}\n")
 
 
 def test_the_doctor_finds_it(tmp_path, monkeypatch):

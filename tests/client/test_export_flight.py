@@ -14,9 +14,9 @@ import pytest
 from lab.rigs.blackbox import RecordedDaemon
 from mkdaemon.cli.mkctl.export import export
 from mkdaemon.config.root import Config
-from mkdaemon.config.sim import SimConfig
 from mkdaemon.frames import enu_from_geodetic
 from mkdaemon.virtualtime import run_virtually
+from mksim.config import SimConfig
 from mksim.simulation import Simulation
 from tests.client.test_export import GPX, GX
 

@@ -14,7 +14,7 @@ import pytest
 from lab.places import ROOT
 from lab.rigs.live import VEHICLE, live_daemon
 from lab.rigs.waiting import wait_for
-from mkdaemon.config.sim import PilotPlan
+from mksim.config import PilotPlan
 
 PAGE = (ROOT / "docs" / "library.md").read_text(encoding="utf-8")
 PATIENCE = 120.0

@@ -11,11 +11,11 @@ import pytest
 
 from lab.control.corerig import CoreRig
 from lab.control.flights import Flight
-from mkdaemon.config.sim_flight import WindClass
 from mkdaemon.control.actions import PublishEstimate, PublishStatus, Release, ReportMode, SendSticks
 from mkdaemon.control.events import SetpointAccepted
 from mkdaemon.telemetry.control import Phase
 from mkdaemon.telemetry.setpoint import AttitudeSetpoint
+from mksim.config import WindClass
 
 CALM = Flight(seed=4, wind=WindClass.NONE, seconds=5.5, start=3.0)
 LEVEL = {"roll": 0.0, "pitch": 0.0, "yaw_rate": 0.0, "thrust": 1.0}

@@ -8,7 +8,6 @@ import pytest
 
 from lab.control.corerig import CoreRig, stamp
 from lab.control.flights import Flight
-from mkdaemon.config.sim_flight import WindClass
 from mkdaemon.control.actions import PublishStatus, Release, ReportFailsafe, ReportMode, Warn
 from mkdaemon.control.activeset import UNREAD
 from mkdaemon.control.batterywatch import LASTING, BatteryWatch
@@ -17,6 +16,7 @@ from mkdaemon.control.vehicle import VehicleMemory
 from mkdaemon.telemetry.command import AbortRequest
 from mkdaemon.telemetry.control import Phase
 from mkdaemon.telemetry.state import Battery
+from mksim.config import WindClass
 from tests.control.events import PERIOD, Driver, flight
 
 LOW_CELL = 3.2

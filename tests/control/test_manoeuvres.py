@@ -11,7 +11,6 @@ import pytest
 from lab.control.camera import CameraModel
 from lab.control.corerig import CoreRig, stamp
 from lab.control.flights import Flight
-from mkdaemon.config.sim_flight import WindClass
 from mkdaemon.control.actions import PublishError, PublishStatus, Release, SendSticks
 from mkdaemon.control.events import AbortAsked, MotorsReported
 from mkdaemon.errors import CommandRejectedError
@@ -27,6 +26,7 @@ from mkdaemon.telemetry.setpoint import (
     TakeOffSetpoint,
 )
 from mkdaemon.telemetry.state import Pilot
+from mksim.config import WindClass
 from tests.control.events import pose
 from tests.control.flying import Flying
 

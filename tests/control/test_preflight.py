@@ -16,8 +16,8 @@ from mkdaemon.errors import CommandRejectedError
 from mkdaemon.telemetry.command import AbortRequest
 from mkdaemon.telemetry.control import Phase
 from mkdaemon.telemetry.setpoint import PositionSetpoint, SetpointFrame
+from tests.control.admission.situations import battery
 from tests.control.events import CHANNEL, PERIOD, Driver, pose
-from tests.control.test_checks import battery
 
 
 @pytest.fixture

@@ -13,7 +13,6 @@ from lab.control.corerig import CoreRig, stamp
 from lab.control.flights import Flight
 from lab.control.rig import Rig, believed_model
 from mkdaemon.config.autopilot import AutopilotConfig
-from mkdaemon.config.sim_flight import WindClass
 from mkdaemon.control.actions import PublishStatus, Release, ReportFailsafe, ReportMode, SendSticks, Warn
 from mkdaemon.control.estimator.model import AircraftModel
 from mkdaemon.control.estimator.values import TargetView
@@ -34,6 +33,7 @@ from mkdaemon.telemetry.setpoint import (
     VelocitySetpoint,
 )
 from mkdaemon.telemetry.state import AngleScale, Attitude
+from mksim.config import WindClass
 from mksim.physics.attitude_loop import EASY, AttitudeGains
 from tests.control.events import pose
 from tests.control.flying import Flying

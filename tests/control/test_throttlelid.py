@@ -9,7 +9,6 @@ import pytest
 
 from lab.control.corerig import CoreRig, stamp
 from lab.control.flights import Flight
-from mkdaemon.config.sim_flight import WindClass
 from mkdaemon.control.actions import PublishStatus, SendSticks, Warn
 from mkdaemon.control.estimator.values import GAS_CENTRE, OURS, ThrottleUse
 from mkdaemon.control.events import StateValue
@@ -18,6 +17,7 @@ from mkdaemon.control.throttlelid import LASTING, ThrottleLid
 from mkdaemon.control.vehicle import FRESH, ThrottleReport
 from mkdaemon.telemetry.control import Phase
 from mkdaemon.telemetry.state import Pilot
+from mksim.config import WindClass
 
 PERIOD = 0.02
 LID = -14.0

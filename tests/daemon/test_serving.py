@@ -17,8 +17,7 @@ from mkdaemon.daemon.flightnote import FlightNotes
 from mkdaemon.daemon.program import Daemon, run
 from mkdaemon.daemon.watchdog import Notifier
 from mkdaemon.errors import ConfigError, LinkLostError, MkError
-from mkdaemon.link.session.knownflight import FlightMemory
-from mkdaemon.link.session.sighting import FlightState, Sighting
+from mkdaemon.link.session.knownflight import FlightMemory, FlightState, Sighting
 from mkdaemon.protocol.boards import Board
 from mkdaemon.protocol.evidence import Evidence
 from mkdaemon.protocol.generations import Release

@@ -14,7 +14,7 @@ NESTED = CONFIGS / "targets" / "nested.toml"
 
 @pytest.fixture(autouse=True)
 def sheets(monkeypatch):
-    """The sheet is rendered in tests/sim/scene/test_sheet.py; here it is only asked for."""
+    """The sheet is rendered in tests/mksim/scene/test_sheet.py; here it is only asked for."""
     drawn = []
     monkeypatch.setattr(figures, "contact_sheet", lambda target, path: drawn.append((target.name, path)))
     return drawn

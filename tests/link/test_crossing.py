@@ -18,6 +18,7 @@ from lab.rigs.sticks import build_sticks
 from mkdaemon.clock import Clock
 from mkdaemon.config.link import LinkConfig
 from mkdaemon.errors import CommandRejectedError, LinkError, LinkLostError
+from mkdaemon.link.discovery import discover
 from mkdaemon.link.link import Link
 from mkdaemon.protocol.framing import Frame, FrameDecoder, encode_frame
 from mkdaemon.protocol.messages import ExternControlV2, LabelRequest
@@ -177,7 +178,7 @@ class Session:
             await asyncio.sleep(0.03)
 
     async def _main(self, seconds: float) -> bool:
-        task = self.task = asyncio.create_task(self.link.run(), name="link")
+        task = self.task = asyncio.create_task(self.link.run(discover), name="link")
         others = [asyncio.create_task(self._fly()), asyncio.create_task(self._ask())]
         await asyncio.wait([task], timeout=seconds)
         has_ended = task.done()

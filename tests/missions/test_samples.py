@@ -10,7 +10,6 @@ from lab.control.corerig import CoreRig
 from lab.control.flights import Flight
 from lab.places import ROOT
 from mkdaemon.config.autopilot import AutopilotConfig
-from mkdaemon.config.sim_flight import WindClass
 from mkdaemon.control.actions import PublishStatus, Release
 from mkdaemon.control.events import MotorsReported
 from mkdaemon.missions.script import GotoStep, HoldStep, LandStep, TakeOffStep, VelocityStep, WaitStep, read_script
@@ -22,6 +21,7 @@ from mkdaemon.telemetry.setpoint import (
     TakeOffSetpoint,
     VelocitySetpoint,
 )
+from mksim.config import WindClass
 
 SAMPLES = sorted((ROOT / "configs" / "missions").glob("*.toml"))
 FLOWN = ROOT / "configs" / "missions" / "hover.toml"

@@ -7,12 +7,12 @@ from collections.abc import Iterable, Iterator
 from typing import NamedTuple
 
 from lab.rigs.grounded import GroundedAircraft, Readings, Transmitter
-from mkdaemon.config.sim import GasLaw
 from mkdaemon.protocol.framing import Dropped, Frame, FrameDecoder
-from mksim.boards.fc import FlightCtrl
+from mksim.boards.flightctrl import FlightCtrl
 from mksim.boards.generations import FC_GENERATIONS, NC_GENERATIONS
 from mksim.boards.line import HOST_CHAR
-from mksim.boards.nc import NaviCtrl
+from mksim.boards.navictrl import NaviCtrl
+from mksim.config import GasLaw
 from mksim.physics.sensors import GpsFix
 from mksim.physics.world import StickInput
 

@@ -6,10 +6,10 @@ import itertools
 
 import pytest
 
-from mkdaemon.config.sim import GasLaw
 from mkdaemon.protocol.flags import FlightStatus, FlightStatus2
 from mkdaemon.protocol.framing import encode_frame
 from mksim.boards.parameters import Parameters
+from mksim.config import GasLaw
 from tests.sim_conformance.bench import fc_bench
 
 GENERATIONS = ["early", "2.08", "2.12a", "2.14"]

@@ -6,9 +6,8 @@ import hashlib
 
 import pytest
 
-from mkdaemon.config.sim import PilotPlan, SimConfig
-from mkdaemon.config.sim_radio import ChannelConfig, RadioConfig, RadioKind
 from mkdaemon.protocol.framing import Frame, FrameDecoder, encode_frame
+from mksim.config import ChannelConfig, PilotPlan, RadioConfig, RadioKind, SimConfig
 from mksim.simulation import Simulation
 
 XBEE = RadioConfig(

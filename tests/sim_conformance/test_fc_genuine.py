@@ -6,9 +6,9 @@ import itertools
 
 import pytest
 
-from mkdaemon.config.sim import GasLaw
 from mkdaemon.protocol.framing import encode_frame
 from mksim.boards.line import HOST_CHAR
+from mksim.config import GasLaw
 from tests.sim_conformance.bench import fc_bench, median, moments
 
 

@@ -6,8 +6,8 @@ import itertools
 
 import pytest
 
-from mkdaemon.config.sim import GasLaw
 from mkdaemon.protocol.framing import DropReason, encode_frame
+from mksim.config import GasLaw
 from tests.sim_conformance.bench import fc_bench, median
 
 V2 = bytes([0, 0, 0, 0, 1, 1, 0])

@@ -7,9 +7,9 @@ import random
 
 import pytest
 
-from mkdaemon.config.sim import GasLaw
 from mkdaemon.protocol.framing import encode_frame
 from mksim.boards.line import FC_CHAR, HOST_CHAR
+from mksim.config import GasLaw
 from tests.sim_conformance.bench import fc_bench, median, moments
 
 V2 = bytes([20, 0x14, 0xF6, 0, 1, 1, 0])

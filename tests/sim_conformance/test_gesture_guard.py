@@ -5,7 +5,6 @@ from __future__ import annotations
 import pytest
 
 from mkdaemon.config.control import LimiterConfig
-from mkdaemon.config.sim import GasLaw
 from mkdaemon.control.limiter import Sticks, count, limit
 from mkdaemon.protocol.flags import ControlConfig
 from mkdaemon.protocol.messages import ExternControlV1, ExternControlV2, ExternControlV3
@@ -13,6 +12,7 @@ from mkdaemon.translate import extern_control
 from mksim.boards import external
 from mksim.boards.generations import FC_GENERATIONS
 from mksim.boards.gestures import CALIBRATE_TIME, MOTOR, GestureReader
+from mksim.config import GasLaw
 
 WIDE = LimiterConfig(
     max_pitch=127, max_roll=127, max_yaw=127, min_throttle=-127, max_throttle=127, slew=20_000, throttle_slew=20_000

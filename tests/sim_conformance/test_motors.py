@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import pytest
 
-from mkdaemon.config.sim import GasLaw
-from mkdaemon.config.sim_flight import BatteryConfig, FlightConfig, SensorConfig, WindClass
 from mkdaemon.protocol.framing import encode_frame
-from mksim.boards.fc import FlightCtrl
+from mksim.boards.flightctrl import FlightCtrl
 from mksim.boards.generations import FC_GENERATIONS
+from mksim.config import BatteryConfig, FlightConfig, GasLaw, SensorConfig, WindClass
 from mksim.physics.world import World
 
 BENCH_SUPPLY = BatteryConfig(charge=0.21, cell_resistance=0.0, capacity_mah=60000.0)

@@ -6,15 +6,15 @@ from dataclasses import replace
 
 import pytest
 
-from mkdaemon.config.sim import GasLaw
 from mkdaemon.protocol.errorcodes import ErrorCode
 from mkdaemon.protocol.flags import FlightStatus, NaviStatus, PointType, PositionStatus
 from mkdaemon.protocol.framing import encode_frame
 from mkdaemon.protocol.messages import OsdData5, WriteWaypoint024
-from mksim.boards.fc import FlightCtrl
+from mksim.boards.flightctrl import FlightCtrl
 from mksim.boards.generations import FC_GENERATIONS, NC_GENERATIONS
-from mksim.boards.nc import NaviCtrl
-from mksim.boards.redirect import ESCAPE
+from mksim.boards.navictrl import NaviCtrl
+from mksim.boards.navictrl_state import ESCAPE
+from mksim.config import GasLaw
 from tests.sim_conformance.bench import FIX, Bench, StillAircraft, nc_bench
 
 HOME = (74591000, 532301000)

@@ -7,7 +7,7 @@ import pytest
 from mkdaemon.protocol.flags import PointType, PositionStatus
 from mkdaemon.protocol.framing import DropReason, FrameDecoder, encode_frame
 from mkdaemon.protocol.messages import SendTarget024, WriteWaypoint024
-from mksim.boards.redirect import ESCAPE
+from mksim.boards.navictrl_state import ESCAPE
 from tests.sim_conformance.bench import nc_bench
 
 HOME = (74591000, 532301000)

@@ -11,11 +11,11 @@ from collections import Counter
 
 import pytest
 
-from mkdaemon.config.sim import GasLaw
 from mkdaemon.protocol.framing import Frame, FrameDecoder
-from mksim.boards.fc import FlightCtrl
+from mksim.boards.flightctrl import FlightCtrl
 from mksim.boards.generations import FC_GENERATIONS, NC_GENERATIONS
-from mksim.boards.nc import NaviCtrl
+from mksim.boards.navictrl import NaviCtrl
+from mksim.config import GasLaw
 from tests.sim_conformance.bench import Bench, StillAircraft
 
 START_TIME = 1.0

@@ -8,13 +8,13 @@ import tomllib
 import pytest
 from pydantic import BaseModel
 
-from mkdaemon.config.root import Config
 from mkdaemon.config.vision import TargetFile
 from mkdaemon.vision.camera.calibration_file import Camera
+from mksim.config import SimulatorFile
 from tests.places import CONFIGS
 from tools.configuration_page import configuration_page, keys_of
 
-FILES = [Config, TargetFile, Camera]
+FILES = [SimulatorFile, TargetFile, Camera]
 KEYS = [key for model in FILES for key in keys_of(model)]
 
 
@@ -62,4 +62,4 @@ def test_the_page_shows_every_section_of_the_samples():
         sections |= {name for name in tree if isinstance(tree[name], dict)}
     assert sections
     assert [name for name in sections if f"### `[{name}]`" not in page] == []
-    assert json.dumps(Config().bus.listen[0]) in page
+    assert json.dumps(SimulatorFile().bus.listen[0]) in page

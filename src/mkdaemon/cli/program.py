@@ -112,7 +112,8 @@ def _import_commands(table: Iterable[CommandEntry], tokens: Sequence[str]) -> No
         if entry.name in tokens[:1]:
             # What is missing, or broken, is said when the command runs.
             with suppress(Exception):
-                importlib.import_module(entry.target.partition(":")[0])
+                module, _, name = entry.target.partition(":")
+                getattr(importlib.import_module(module), name)
     gc.freeze()
     gc.enable()
 

@@ -10,7 +10,7 @@ from mkdaemon.client.asking import client_name
 from mkdaemon.client.setpoints import RATE, SIGHTING, SetpointStream, load_models
 from mkdaemon.client.transport import Transport
 from mkdaemon.errors import LeaseLostError, ManoeuvreError
-from mkdaemon.telemetry.tokens import Token
+from mkdaemon.telemetry.refusals import Token
 
 if TYPE_CHECKING:
     from mkdaemon.telemetry.control import LeaseGrant, LeaseState

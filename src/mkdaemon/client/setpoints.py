@@ -13,7 +13,7 @@ from mkdaemon.client.samples import Sample, typed_value
 from mkdaemon.client.setpointcalls import SetpointCalls
 from mkdaemon.client.transport import SetpointPublisher, Transport
 from mkdaemon.errors import CommandRejectedError, LeaseLostError, ManoeuvreError, MkError, NotEngagedError
-from mkdaemon.telemetry.tokens import Status, Token
+from mkdaemon.telemetry.refusals import Status, Token
 
 if TYPE_CHECKING:
     from pydantic import BaseModel

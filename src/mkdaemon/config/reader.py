@@ -32,20 +32,21 @@ def load(path: Path | None, overrides: Mapping[str, Any] | None = None) -> Confi
         ConfigError: the file is missing, unreadable, no TOML, or holds a wrong key or value. One line names the file,
             the line, the key, what is wrong and the nearest valid key.
     """
-    return _load(Config, path, "" if path is None else _read(path), dict(overrides or {}))
+    return load_section(Config, path, overrides)
 
 
-def load_section(kind: type[_Section], path: Path) -> _Section:
-    """Read a file that holds one section of its own, for example the mapping of a gamepad.
+def load_section(kind: type[_Section], path: Path | None, overrides: Mapping[str, Any] | None = None) -> _Section:
+    """Read a file of another kind, for example the mapping of a gamepad.
 
     Args:
         kind: what the file holds.
-        path: the TOML file.
+        path: the TOML file; None for defaults only.
+        overrides: see `load`.
 
     Raises:
         ConfigError: see `load`.
     """
-    return _load(kind, path, _read(path), {})
+    return _load(kind, path, "" if path is None else _read(path), dict(overrides or {}))
 
 
 def _load(kind: type[_Section], path: Path | None, text: str, given: Mapping[str, Any]) -> _Section:

@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+from typing import Any
+
+from pydantic import Field
+
 from mkdaemon.config.base import Section
 from mkdaemon.config.bus import BusConfig
 from mkdaemon.config.camera import CameraSection
@@ -9,13 +13,12 @@ from mkdaemon.config.commands import CommandsConfig
 from mkdaemon.config.control import ControlConfig
 from mkdaemon.config.link import LinkConfig
 from mkdaemon.config.record import RecordConfig
-from mkdaemon.config.sim import SimConfig
 from mkdaemon.config.vehicle import VehicleConfig
 from mkdaemon.config.vision import VisionSection
 
 
-class Config(Section):
-    """One aircraft: every section may be left out, every key has a documented default."""
+class DaemonSections(Section):
+    """What the daemon reads of a file: every section may be left out, every key has a documented default."""
 
     vehicle: VehicleConfig = VehicleConfig()
     """Which aircraft this is."""
@@ -33,5 +36,10 @@ class Config(Section):
     """Detector and tracker of all cameras."""
     record: RecordConfig = RecordConfig()
     """The black box: what is recorded, where, and how much room it may take."""
-    sim: SimConfig = SimConfig()
-    """The simulated aircraft of `mkdaemon sim` and `mkdaemon demo`."""
+
+
+class Config(DaemonSections):
+    """One aircraft: the file as the daemon reads it."""
+
+    sim: dict[str, Any] = Field(default_factory=dict)
+    """The simulated aircraft, as it stands there: only the simulator knows these keys, and checks them."""

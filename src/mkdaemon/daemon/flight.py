@@ -40,7 +40,7 @@ from mkdaemon.daemon.preflight import active_set, free_disk, read_active_set
 from mkdaemon.daemon.releases import Releases
 from mkdaemon.errors import CommandRejectedError
 from mkdaemon.link.link import Link
-from mkdaemon.link.session.traffic import ReleaseResult, SetpointRefused
+from mkdaemon.link.session.traffic import ReleaseResult, SetpointQueued, SetpointRefused
 from mkdaemon.telemetry.command import AbortRequest, LeaseRequest, ReleaseRequest
 from mkdaemon.telemetry.control import ControlLine, Gains, LeaseState, Phase
 from mkdaemon.telemetry.preflight import PreflightReport
@@ -232,7 +232,8 @@ class FlightControl:
         fate = self._link.send_setpoint(
             lambda layout, number: extern_control(layout, order.counts, number), deadline=order.deadline
         )
-        if isinstance(fate, SetpointRefused):
-            self._deck.feed(FrameNotSent(fate.refusal), now)
-        else:
-            self._deck.publish_output(order, fate.number, now)
+        match fate:
+            case SetpointQueued():
+                self._deck.publish_output(order, fate.number, now)
+            case SetpointRefused():
+                self._deck.feed(FrameNotSent(fate.refusal), now)

@@ -25,6 +25,7 @@ from mkdaemon.daemon.procedures import Interlock, Journal, ProcedureRunner, stat
 from mkdaemon.daemon.requests import BoardRequests
 from mkdaemon.daemon.verbs import Verbs
 from mkdaemon.daemon.vitals import vehicle_health
+from mkdaemon.link.discovery import discover
 from mkdaemon.link.labels import LabelCache
 from mkdaemon.link.link import Link, Opener
 from mkdaemon.link.ports.port import open_port
@@ -141,7 +142,7 @@ class Wiring:
 
     async def run_line(self) -> None:
         """Keep the line; see `Link.run`."""
-        await self.link.run()
+        await self.link.run(discover)
 
     def start(self, tasks: asyncio.TaskGroup | asyncio.AbstractEventLoop) -> list[asyncio.Task[None]]:
         """Start what stands above the line: control, procedures, and what is published by the clock."""

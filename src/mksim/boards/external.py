@@ -8,11 +8,11 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import Final
 
-from mkdaemon.config.sim import GasLaw
 from mkdaemon.protocol.flags import ControlConfig
 from mkdaemon.protocol.messages import ControlStateV1, ControlStateV2, ControlStateV3
 from mksim.boards.aircraft import Transmitter
 from mksim.boards.generations import SLOW_TICK, FcGeneration
+from mksim.config import GasLaw
 
 FULL: Final = 127
 """Full stick [count]."""

@@ -13,7 +13,7 @@ from typing import Final
 from mkdaemon.protocol.errorcodes import ErrorCode
 from mkdaemon.protocol.flags import FlightStatus, FlightStatus2, NaviStatus, PositionStatus
 from mksim.boards.external import RC_LOST
-from mksim.boards.fc_board import FcBoard
+from mksim.boards.flightctrl_state import FcBoard
 from mksim.boards.generations import NcGeneration
 from mksim.boards.waypoints import PointList, distance_and_bearing
 from mksim.physics.sensors import GpsFix

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from typing import Final, Protocol
 
-from mkdaemon.config.sim_flight import AirframeConfig
+from mksim.config import AirframeConfig
 
 GRAVITY: Final = 9.81
 """Gravity [m/s2]."""

@@ -16,7 +16,7 @@ import math
 from dataclasses import dataclass
 from typing import Final, TypedDict
 
-from mkdaemon.config.sim_flight import LoopConfig
+from mksim.config import LoopConfig
 
 LOOP_PERIOD: Final = 2.048e-3
 """Period of the FlightCtrl's control loop [s] (488 Hz)."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from bisect import bisect_right
 from typing import Final
 
-from mkdaemon.config.sim_flight import BatteryConfig
+from mksim.config import BatteryConfig
 
 OPEN_CIRCUIT_V: Final = (
     (0.00, 3.00),

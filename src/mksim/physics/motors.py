@@ -10,7 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Final
 
-from mkdaemon.config.sim_flight import AirframeConfig
+from mksim.config import AirframeConfig
 from mksim.physics.airframe import GRAVITY
 
 MAX_COUNT: Final = 254.0

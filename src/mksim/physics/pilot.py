@@ -14,7 +14,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Final, Protocol
 
-from mkdaemon.config.sim_flight import PilotConfig
+from mksim.config import PilotConfig
 from mksim.physics.airframe import Airframe
 from mksim.physics.attitude_loop import AttitudeGains, AxisLoop
 from mksim.physics.battery import Battery

@@ -7,8 +7,8 @@ import random
 from dataclasses import dataclass
 from typing import Final
 
-from mkdaemon.config.sim_flight import FlightConfig
 from mkdaemon.frames import geodetic_from_enu
+from mksim.config import FlightConfig
 from mksim.physics.airframe import GRAVITY, Airframe
 from mksim.physics.battery import Battery
 

@@ -7,7 +7,7 @@ import random
 from dataclasses import dataclass
 from typing import Final
 
-from mkdaemon.config.sim_flight import WindClass
+from mksim.config import WindClass
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,12 +8,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from mkdaemon.config.scene import PlatformConfig, SceneConfig
-from mkdaemon.config.sim import SimConfig
 from mkdaemon.vision.camera.calibration_file import Camera, load_camera, mount_rotation
 from mkdaemon.vision.camera.intrinsics import Intrinsics
 from mkdaemon.vision.tags.nested import nested_map
 from mkdaemon.vision.tags.tagmap import load
+from mksim.config import PlatformConfig, SceneConfig, SimConfig
 from mksim.physics.deck import MovingDeck
 from mksim.physics.world import World
 from mksim.scene.autoexposure import AutoExposure

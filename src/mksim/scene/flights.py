@@ -91,40 +91,55 @@ def random_flight(
         One frame per image.
     """
     rng = np.random.default_rng([seed, 0xF117])
-    sway = [_wave(rng, 1.0, 7.0), _wave(rng, 1.0, 6.0)]
-    climb, turn = _wave(rng, 1.0, 9.0), _wave(rng, 1.2, 8.0)
-    tilt = [_wave(rng, math.radians(6.0), 4.0), _wave(rng, math.radians(6.0), 3.5)]
-    heading = rng.uniform(-np.pi, np.pi)
+    way = _Way(rng, lowest, highest)
     weather = _Weather(rng, tag_size, duration)
-
-    def place(time: float) -> Array:
-        share = 0.5 + 0.5 * float(np.clip(climb.at(time), -1.0, 1.0))
-        height = lowest * (highest / lowest) ** share
-        reach = 0.12 * height
-        return np.array([reach * sway[0].at(time), reach * sway[1].at(time), height])
-
-    def attitude(time: float) -> Array:
-        return rotation_from_euler(tilt[0].at(time), tilt[1].at(time), heading + turn.at(time))
-
     for k in range(int(duration * rate_hz)):
         time = k / rate_hz
         jitter = rotation_from_vector(np.radians(rng.normal(0.0, shake_deg, 3)))
-        enu_from_flu = attitude(time) @ jitter
-        step = 1e-3
-        before, after = attitude(time - step), attitude(time + step)
-        spin = before.T @ after
-        rate_flu = np.array([spin[2, 1] - spin[1, 2], spin[0, 2] - spin[2, 0], spin[1, 0] - spin[0, 1]]) / (4 * step)
-        conditions = weather.at(time) if hard else Conditions()
+        enu_from_flu = way.attitude(time) @ jitter
         view = CameraView(
             intrinsics,
             enu_from_flu @ FLU_FROM_CAM_DOWN,
-            place(time),
-            velocity_enu=(place(time + step) - place(time - step)) / (2 * step),
-            rate_cam=FLU_FROM_CAM_DOWN.T @ (rate_flu + np.radians(rng.normal(0.0, 15.0, 3))),
+            way.place(time),
+            velocity_enu=way.velocity(time),
+            rate_cam=FLU_FROM_CAM_DOWN.T @ (way.rates(time) + np.radians(rng.normal(0.0, 15.0, 3))),
             exposure_time=exposure_time * (2.5 if hard and weather.is_blurred(time) else 1.0),
             time=time,
         )
-        yield FlightFrame(view, conditions, enu_from_flu)
+        yield FlightFrame(view, weather.at(time) if hard else Conditions(), enu_from_flu)
+
+
+class _Way:
+    """Where the vehicle is and how it lies, without its jitter."""
+
+    _STEP = 1e-3
+    """Differences are taken this far to either side [s]."""
+
+    def __init__(self, rng: np.random.Generator, lowest: float, highest: float) -> None:
+        self._lowest, self._highest = lowest, highest
+        self._sway = [_wave(rng, 1.0, 7.0), _wave(rng, 1.0, 6.0)]
+        self._climb, self._turn = _wave(rng, 1.0, 9.0), _wave(rng, 1.2, 8.0)
+        self._tilt = [_wave(rng, math.radians(6.0), 4.0), _wave(rng, math.radians(6.0), 3.5)]
+        self._heading = rng.uniform(-np.pi, np.pi)
+
+    def place(self, time: float) -> Array:
+        share = 0.5 + 0.5 * float(np.clip(self._climb.at(time), -1.0, 1.0))
+        height = self._lowest * (self._highest / self._lowest) ** share
+        reach = 0.12 * height
+        return np.array([reach * self._sway[0].at(time), reach * self._sway[1].at(time), height])
+
+    def velocity(self, time: float) -> Array:
+        return (self.place(time + self._STEP) - self.place(time - self._STEP)) / (2 * self._STEP)
+
+    def attitude(self, time: float) -> Array:
+        heading = self._heading + self._turn.at(time)
+        return rotation_from_euler(self._tilt[0].at(time), self._tilt[1].at(time), heading)
+
+    def rates(self, time: float) -> Array:
+        """Turn rates in the body [rad/s]."""
+        spin = self.attitude(time - self._STEP).T @ self.attitude(time + self._STEP)
+        turned = np.array([spin[2, 1] - spin[1, 2], spin[0, 2] - spin[2, 0], spin[1, 0] - spin[0, 1]])
+        return turned / (4 * self._STEP)
 
 
 class _Weather:

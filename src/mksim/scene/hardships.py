@@ -1,4 +1,4 @@
-"""The light and the print of a configured scene, as far as they stay the same for a flight."""
+"""The light and the print of a configured scene, and the grass over its rim, as far as they stay for a flight."""
 
 from __future__ import annotations
 
@@ -7,15 +7,47 @@ from dataclasses import replace
 from typing import Final
 
 import numpy as np
+import numpy.typing as npt
 
-from mkdaemon.config.scene import LightConfig
+from mksim.config import LightConfig
 from mksim.scene.curl import Curl
 from mksim.scene.gloss import Gloss
-from mksim.scene.grass import blades
 from mksim.scene.lensfaults import Dirt
-from mksim.scene.light import Conditions
+from mksim.scene.light import Conditions, Cover
 from mksim.scene.shadows import LeafShadow, VehicleShadow
 from mksim.scene.view import CameraView, Pose
+
+Array = npt.NDArray[np.float64]
+
+BLADE_SHADES = (0.08, 0.16, 0.26)
+"""Reflectance of blades in the shade, green and dry ones; chosen."""
+BLADE_WIDTH_M = (0.003, 0.007)
+BLADE_LENGTH_M = (0.05, 0.14)
+"""Of a blade; chosen as a lawn that was left to grow."""
+
+
+def blades(rng: np.random.Generator, side: float, count: int = 60) -> tuple[Cover, ...]:
+    """Blades that lean over a square target from outside.
+
+    Args:
+        rng: draws them.
+        side: of the largest tag [m]; they are rooted where its quiet zone ends, at 5/8 of the side.
+        count: of blades.
+    """
+    found = []
+    for _ in range(count):
+        root = np.array([rng.uniform(-0.7, 0.7), rng.uniform(0.6, 0.68)]) * side
+        lean = float(rng.normal(-np.pi / 2, 0.6))
+        length, width = float(rng.uniform(*BLADE_LENGTH_M)), float(rng.uniform(*BLADE_WIDTH_M))
+        tip = root + length * np.array([np.cos(lean), np.sin(lean)])
+        beside = 0.5 * width * np.array([-np.sin(lean), np.cos(lean)])
+        corners: Array = np.array([root - beside, root + beside, 0.4 * (root + beside) + 0.6 * tip, tip])
+        quarter = int(rng.integers(4)) * np.pi / 2
+        turn = np.array([[np.cos(quarter), np.sin(quarter)], [-np.sin(quarter), np.cos(quarter)]])
+        polygon = tuple((float(x), float(y)) for x, y in corners @ turn)
+        found.append(Cover(polygon, float(rng.choice(BLADE_SHADES))))
+    return tuple(found)
+
 
 LEAF_SWAY_M: Final = 0.05
 LEAF_PERIOD: Final = 2.0

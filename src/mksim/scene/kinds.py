@@ -15,7 +15,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Final
 
-from mkdaemon.config.scene import KindName
+from mksim.config import KindName
 from mksim.scene.autoexposure import AutoSettings
 from mksim.scene.light import Conditions
 from mksim.scene.processing import Processing

@@ -15,9 +15,9 @@ from lab.rigs.cockpitclient import CockpitClient, PublishedValues
 from lab.rigs.handpad import HandPad
 from mkdaemon.cli.mkctl.teleop.leasekeeper import LeaseKeeper
 from mkdaemon.cli.mkctl.teleop.session import Session
-from mkdaemon.config.sim import PilotPlan, SimConfig
 from mkdaemon.telemetry.control import Phase
 from mkdaemon.virtualtime import run_virtually
+from mksim.config import PilotPlan, SimConfig
 from mksim.simulation import Simulation
 
 HOVERING = 9.0

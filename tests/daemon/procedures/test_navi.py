@@ -13,12 +13,11 @@ from mkdaemon.bus.codec import encode_map, encoding_of
 from mkdaemon.client import Answer, Vehicle
 from mkdaemon.client.navi import NAVI
 from mkdaemon.client.samples import Sample
-from mkdaemon.config.sim import PilotPlan, SimConfig
-from mkdaemon.config.sim_flight import FlightConfig, SensorConfig, WindClass
 from mkdaemon.errors import CommandRejectedError, ManoeuvreError
 from mkdaemon.frames import geodetic_from_enu
 from mkdaemon.telemetry.mission import Mission, MissionPoint
 from mkdaemon.telemetry.navi import ControlNavi, NaviStage
+from mksim.config import FlightConfig, PilotPlan, SensorConfig, SimConfig, WindClass
 from mksim.simulation import Simulation
 from tests.daemon.procedures.procedure_rig import plug_in, procedure_rig
 

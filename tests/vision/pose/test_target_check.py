@@ -98,8 +98,8 @@ def test_without_a_calibration_nothing_is_judged() -> None:
 
 
 def test_the_camera_says_so_in_place_of_a_pose(tmp_path) -> None:
-    from mkdaemon.config.scene import SceneConfig
     from mkdaemon.vision.camera.calibration_file import save_camera
+    from mksim.config import SceneConfig
     from mksim.scene.camera import BodyState, SceneCamera
 
     scene = SceneCamera(SceneConfig(enabled=True), seed=3)

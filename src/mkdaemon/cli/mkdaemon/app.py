@@ -11,9 +11,9 @@ from mkdaemon.cli.program import main as _main
 
 COMMANDS: Final = (
     CommandEntry("run", "mkdaemon.cli.mkdaemon.run:run", "The daemon: serial line, link check, control, bus.", "Fly"),
-    CommandEntry("sim", "mkdaemon.cli.mksim:sim", "A simulated aircraft on a pseudo terminal.", "Fly"),
+    CommandEntry("sim", "mkdaemon.cli.mkdaemon.extraprograms:sim", "A simulated aircraft on a pseudo terminal.", "Fly"),
     CommandEntry(
-        "demo", "mkdaemon.cli.mkdaemon.demo:demo", "A whole flight by itself, simulated: a first look.", "Fly"
+        "demo", "mkdaemon.cli.mkdaemon.extraprograms:demo", "A whole flight by itself, simulated: a first look.", "Fly"
     ),
     CommandEntry(
         "doctor", "mkdaemon.cli.mkdaemon.doctor:doctor", "Check this machine: port, permissions, bus, camera."

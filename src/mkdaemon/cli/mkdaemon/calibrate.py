@@ -25,7 +25,7 @@ from mkdaemon.files import refuse_existing
 from mkdaemon.vision.calibrate.board import CalibrationBoard, CharucoBoard, TagBoard
 from mkdaemon.vision.calibrate.calibration import CalibrationResult, calibrate, rounded
 from mkdaemon.vision.calibrate.coverage import Coverage
-from mkdaemon.vision.calibrate.tone import curve_to_store
+from mkdaemon.vision.calibrate.tone_curve import curve_to_store
 from mkdaemon.vision.calibrate.views import LiveViews, ViewReport, views_of_folder
 from mkdaemon.vision.camera.calibration_file import CalibrationRecord, Camera, save_camera
 from mkdaemon.vision.camera.camera import CameraStream, StreamState
@@ -89,55 +89,70 @@ def camera(
         VisionError: too few pictures, or the calibration is poor and `--accept-poor` was not given.
         MkError: a file cannot be written.
     """
-    refuse_existing(output, overwrite=force)
-    for picture in sorted(keep.glob("view*.png")) if keep is not None else ():
-        refuse_existing(picture, overwrite=force)
-    output.parent.mkdir(parents=True, exist_ok=True)
     if (images is None) == (source is None):
-        msg = "give a folder of pictures, or --source for a live camera"
-        raise ConfigError(msg)
+        raise ConfigError("give a folder of pictures, or --source for a live camera")
+    _refuse_existing(output, keep, overwrite=force)
     shown = _board(board)
     if images is not None:
         coverage = _from_folder(images, shown, quiet=as_json)
     else:
         cfg = CameraSection(source=str(source), width=width, height=height)
         coverage = _live(cfg, shown, keep, seconds, connect, quiet=as_json)
-    image_width, image_height = coverage.size
-    result = calibrate(coverage.views, image_width, image_height, is_fisheye=fisheye)
-    gamma, tone = curve_to_store(np.concatenate(coverage.levels))
-    result = replace(result, intrinsics=result.intrinsics.model_copy(update={"gamma": gamma}))
-    faults = result.faults()
+    result, tone = _calibrated(coverage, is_fisheye=fisheye)
+    _show(result, coverage, tone, output, accept_poor=accept_poor, as_json=as_json)
+    where, record = MountSection(position_flu=mount, looks=looks), _record(result, lens, shown.title)
+    found = Camera(name=name, intrinsics=rounded(result.intrinsics), mount=where, calibration=record)
+    save_camera(found, output, overwrite=force)
     if not as_json:
-        _explain(result, coverage)
-        print(f"  tone curve (gamma) {tone}")
+        print(f"stored in {output}")
+
+
+def _refuse_existing(output: Path, keep: Path | None, *, overwrite: bool) -> None:
+    """Refuse to write over files, and make the folder of the camera file."""
+    for file in [output] if keep is None else [output, *sorted(keep.glob("view*.png"))]:
+        refuse_existing(file, overwrite=overwrite)
+    output.parent.mkdir(parents=True, exist_ok=True)
+
+
+def _show(
+    result: CalibrationResult, coverage: Coverage, tone: str, output: Path, *, accept_poor: bool, as_json: bool
+) -> None:
+    """Print what was found.
+
+    Raises:
+        VisionError: it is poor, and is not to be stored.
+    """
+    faults = result.faults()
     if as_json:
         print(json.dumps(_summary(result, coverage, str(output), stored=not faults or accept_poor)))
+    else:
+        _explain(result, coverage, tone)
     if faults and not accept_poor:
         msg = f"calibration refused: {'; '.join(faults)} (or store it with --accept-poor)"
         raise VisionError(msg)
-    record = CalibrationRecord(
+
+
+def _calibrated(coverage: Coverage, *, is_fisheye: bool) -> tuple[CalibrationResult, str]:
+    """The calibration with its tone curve, and words about that curve."""
+    width, height = coverage.size
+    result = calibrate(coverage.views, width, height, is_fisheye=is_fisheye)
+    gamma, tone = curve_to_store(np.concatenate(coverage.levels))
+    return replace(result, intrinsics=result.intrinsics.model_copy(update={"gamma": gamma})), tone
+
+
+def _record(result: CalibrationResult, lens: str, board: str) -> CalibrationRecord:
+    """What the camera file says about how it came about."""
+    return CalibrationRecord(
         date=datetime.now(UTC).date().isoformat(),
         lens=lens,
-        board=shown.title,
+        board=board,
         views=len(result.used),
         rms_px=round(result.rms_px, 4),
         focal_sd_percent=round(result.focal_sd_percent, 4),
         centre_sd_px=round(result.centre_sd_px, 3),
         k1_sd=round(result.sd["k1"], 6),
-        forced=bool(faults),
+        forced=bool(result.faults()),
     )
-    save_camera(
-        Camera(
-            name=name,
-            intrinsics=rounded(result.intrinsics),
-            mount=MountSection(position_flu=mount, looks=looks),
-            calibration=record,
-        ),
-        output,
-        overwrite=force,
-    )
-    if not as_json:
-        print(f"stored in {output}")
 
 
 def _board(text: str) -> CalibrationBoard:
@@ -234,7 +249,7 @@ def _guide(report: ViewReport, coverage: Coverage | None) -> None:
     print(f"[{100 * coverage.share():3.0f} %] {len(coverage.views)} views, {outcome}. Next: {following}")
 
 
-def _explain(result: CalibrationResult, coverage: Coverage) -> None:
+def _explain(result: CalibrationResult, coverage: Coverage, tone: str) -> None:
     k = result.intrinsics
     print(f"{len(result.used)} of {len(coverage.views)} views used, rms {result.rms_px:.3f} px")
     for name, unit in (
@@ -255,6 +270,7 @@ def _explain(result: CalibrationResult, coverage: Coverage) -> None:
     print(f"  focal length known to {result.focal_sd_percent:.3f} %, image centre to {result.centre_sd_px:.2f} px")
     for words in coverage.missing():
         print(f"  better with: {words}")
+    print(f"  tone curve (gamma) {tone}")
 
 
 def _summary(result: CalibrationResult, coverage: Coverage, output: str, *, stored: bool) -> dict[str, object]:

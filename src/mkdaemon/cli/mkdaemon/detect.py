@@ -23,7 +23,7 @@ from mkdaemon.vision.camera.intrinsics import Intrinsics
 from mkdaemon.vision.camera.shot import EndOfImages, PictureError
 from mkdaemon.vision.overlay import draw, write_picture
 from mkdaemon.vision.still import StillEye, StillPose, StillResult, StillTag
-from mkdaemon.vision.tags.tagmap import load
+from mkdaemon.vision.tags.tagmap import TagMap, load
 
 Grey = npt.NDArray[np.uint8]
 
@@ -75,52 +75,77 @@ def detect(
         MkError: a picture cannot be written.
     """
     if camera is not None and intrinsics is not None:
-        msg = "give --camera or --intrinsics, not both"
-        raise ConfigError(msg)
+        raise ConfigError("give --camera or --intrinsics, not both")
     if target and (tag_size is not None or ids is not None):
         msg = f"give --target or {'--tag-size' if tag_size is not None else '--ids'}, not both"
         raise ConfigError(msg)
-    fixed = load_camera(camera).intrinsics if camera is not None else None
     if intrinsics is not None:
         Intrinsics.parse(intrinsics, width=1, height=1)  # a mistake is said before any image is read
+    calibration = _Calibration(load_camera(camera).intrinsics if camera is not None else None, intrinsics)
     tagmap = load(target) if target else None
-    chosen = _ids(ids) if ids is not None else None
-    pictures = list(_inputs(images))
-
-    def eye_for(k: Intrinsics | None) -> StillEye:
-        return StillEye(k, tagmap=tagmap, tag_size=tag_size, families=family, ids=chosen)
-
-    try:
-        eyes: dict[Intrinsics | None, StillEye] = {
-            None: eye_for(None)
-        }  # says what is wrong with families, ids and size before any image is read
-    except VisionError as error:
-        raise ConfigError(str(error)) from None
-    if eyes[None].warning:
-        print(f"mkdaemon: {eyes[None].warning}", file=sys.stderr)
-    failed = 0
+    eyes = _Eyes(tagmap, tag_size, family, _ids(ids) if ids is not None else None)
+    pictures, failed = list(_inputs(images)), 0
     for picture in _pictures(pictures):
-        if picture.pixels is None:
+        fault = picture.error if picture.pixels is None else calibration.fault(picture.pixels)
+        if picture.pixels is None or fault:
             failed += 1
-            _print_picture(picture, None, None, as_json=as_json)
+            _print_picture(Picture(picture.file, picture.frame, None, fault), None, None, as_json=as_json)
             continue
-        height, width = picture.pixels.shape
-        k = fixed
-        if intrinsics is not None:
-            k = Intrinsics.parse(intrinsics, width=width, height=height)
-        if k is not None and (k.width, k.height) != (width, height):
-            failed += 1
-            reason = f"the picture is {width}x{height}, the calibration is for {k.width}x{k.height}"
-            _print_picture(Picture(picture.file, picture.frame, None, reason), None, None, as_json=as_json)
-            continue
-        if k not in eyes:
-            eyes[k] = eye_for(k)
-        result = eyes[k].look(picture.pixels)
+        k = calibration.of(picture.pixels)
+        result = eyes.of(k).look(picture.pixels)
         _print_picture(picture, result, k, as_json=as_json, sized=bool(target) or tag_size is not None)
         if overlay is not None:
             path = _overlay_path(overlay, picture, single=len(pictures) == 1)
             write_picture(path, draw(picture.pixels, result, k), overwrite=force)
     return 1 if failed else 0
+
+
+@dataclass(frozen=True, slots=True)
+class _Calibration:
+    """What is known about the camera: its file, or figures that hold for any size of image, or nothing."""
+
+    fixed: Intrinsics | None
+    figures: str | None
+
+    def of(self, pixels: Grey) -> Intrinsics | None:
+        """The intrinsics of an image; none are known without a calibration."""
+        if self.figures is None:
+            return self.fixed
+        height, width = pixels.shape
+        return Intrinsics.parse(self.figures, width=width, height=height)
+
+    def fault(self, pixels: Grey) -> str:
+        """Why an image cannot come from this camera; empty where it can."""
+        height, width = pixels.shape
+        k = self.of(pixels)
+        if k is None or (k.width, k.height) == (width, height):
+            return ""
+        return f"the picture is {width}x{height}, the calibration is for {k.width}x{k.height}"
+
+
+class _Eyes:
+    """What looks at the images: one eye for each calibration."""
+
+    def __init__(
+        self, tagmap: TagMap | None, tag_size: float | None, families: tuple[str, ...], ids: frozenset[int] | None
+    ) -> None:
+        """Begin with an eye without calibration: it says what is wrong with families, codes and size."""
+        self._tagmap, self._tag_size, self._families, self._ids = tagmap, tag_size, families, ids
+        self._eyes: dict[Intrinsics | None, StillEye] = {}
+        try:
+            warning = self.of(None).warning
+        except VisionError as error:
+            raise ConfigError(str(error)) from None
+        if warning:
+            print(f"mkdaemon: {warning}", file=sys.stderr)
+
+    def of(self, k: Intrinsics | None) -> StillEye:
+        """The eye of a calibration."""
+        if k not in self._eyes:
+            self._eyes[k] = StillEye(
+                k, tagmap=self._tagmap, tag_size=self._tag_size, families=self._families, ids=self._ids
+            )
+        return self._eyes[k]
 
 
 def _ids(text: str) -> frozenset[int]:

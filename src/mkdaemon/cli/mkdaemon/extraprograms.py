@@ -1,0 +1,41 @@
+"""Commands of `mkdaemon` that come with an extra of the installation: entry points, which other packages offer.
+
+The command table names them as attributes of this module, so that nothing is looked for before one is used.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from importlib.util import find_spec
+from typing import Any, Final
+
+from mkdaemon.errors import ConfigError
+
+GROUP: Final = "mkdaemon.programs"
+"""Entry points of this group are commands; each names a function as the command table does."""
+EXTRAS: Final[Mapping[str, str]] = {"sim": "sim", "demo": "sim"}
+"""Commands, and the extra that brings each."""
+
+
+def __getattr__(name: str) -> Any:
+    """Return the command of a name; see `load_program`."""
+    if name not in EXTRAS:
+        raise AttributeError(name)
+    return load_program(name)
+
+
+def load_program(name: str) -> Any:
+    """Return the function of a command that an installed package offers.
+
+    Args:
+        name: one of `EXTRAS`.
+
+    Raises:
+        ConfigError: no installed package offers it; says what to install.
+    """
+    from importlib.metadata import entry_points  # takes longer than everything else here
+
+    for point in entry_points(group=GROUP, name=name):
+        if find_spec(point.module.partition(".")[0]) is not None:
+            return point.load()
+    raise ConfigError(f"`mkdaemon {name}` is not installed here: pip install 'mkdaemon[{EXTRAS[name]}]'")

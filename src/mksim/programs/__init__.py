@@ -1,0 +1,1 @@
+"""`mkdaemon sim` and `mkdaemon demo`: programs on top of daemon and client, found by entry points."""

@@ -1,0 +1,172 @@
+"""`mkdaemon demo`: a whole flight by itself, take-off to landing on a moving target, in one process.
+
+The aircraft, its boards, the radio and the camera are simulated; control, link and eyes are the daemon's own. Time is
+virtual, and paced to the clock on the wall unless `--fast` is given: a slow computer makes it longer, not different.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Final, Literal
+
+import structlog
+from cyclopts import Parameter
+from rich.console import Console
+from rich.live import Live
+from rich.table import Table
+from rich.text import Text
+
+from mkdaemon.cli.arguments import AsJson, require_length
+from mkdaemon.cli.printing import json_line
+from mkdaemon.cli.program import EXIT_FAILURE, EXIT_OK
+
+if TYPE_CHECKING:
+    from mkdaemon.telemetry.control import ControlStatus
+    from mksim.programs.rehearsal.record import Moment
+
+REDRAW: Final = 0.25
+"""Least flight time between two tables [s]."""
+LINE_EVERY: Final = 5.0
+"""Least flight time between two lines where nobody looks [s]."""
+PICTURE: Final = Path("mkdaemon-demo.svg")
+COLUMNS: Final = 78
+SHOWN: Final = {
+    "hold_rms_cm": "hold over the target, horizontal RMS (cm)",
+    "hold_max_cm": "the same, farthest (cm)",
+    "step_t90_s": "step of 1 m, time to nine tenths (s)",
+    "step_overshoot_percent": "the same, overshoot (%)",
+    "follow_rms_cm": "over the moving target, horizontal RMS (cm)",
+    "touch_cm": "landed, distance from the middle (cm)",
+    "seconds": "flight time, with the pilot's own (s)",
+}
+"""Figures of the summary."""
+
+
+def demo(
+    *,
+    fast: Annotated[bool, Parameter(negative=(), help="In virtual time, as fast as it goes.")] = False,
+    headless: Annotated[bool, Parameter(negative=(), help="No live table: a line every 5 s of flight.")] = False,
+    picture: Annotated[Path, Parameter(help="Where the picture of the flight goes (SVG); replaced.")] = PICTURE,
+    wind: Annotated[Literal["none", "indoor", "light", "moderate"], Parameter(help="In the simulation.")] = "light",
+    seed: Annotated[int, Parameter(help="Of everything random.")] = 1,
+    fps: Annotated[float, Parameter(help="Images a second.")] = 15.0,
+    telemetry: Annotated[
+        bool, Parameter(negative=(), help="Instead: simulator, daemon and bus as processes, and what they tell.")
+    ] = False,
+    seconds: Annotated[float, Parameter(help="With --telemetry: how long to watch.")] = 30.0,
+    as_json: AsJson = False,
+) -> int:
+    """Fly by itself: take off, hold over a target, step aside by 1 m, follow the target when it moves, land on it.
+
+    Needs no hardware, no network and no terminal. Exit code 0 only when it landed on the target and the motors stand
+    still.
+
+    Raises:
+        ConfigError: a number cannot be, or the picture cannot be written.
+        MkError: with `--telemetry`: a process did not start, or ended while it flew.
+    """
+    require_length(seconds, "--seconds")
+    require_length(fps, "--fps")
+    if telemetry:
+        from mksim.programs.telemetrydemo import watch_telemetry
+
+        return watch_telemetry(seconds, as_json=as_json)
+    return _fly(0.0 if fast else 1.0, seed, wind, fps, picture, is_quiet=as_json, is_headless=headless)
+
+
+def _fly(pace: float, seed: int, wind: str, fps: float, picture: Path, *, is_quiet: bool, is_headless: bool) -> int:
+    import mksim.scene  # noqa: F401 - before the eyes: where OpenCV is missing it names the extra to install
+    from mkdaemon.virtualtime import run_virtually
+    from mksim.programs.flightpicture import write_picture
+    from mksim.programs.rehearsal.flight import rehearse
+
+    structlog.configure(wrapper_class=structlog.make_filtering_bound_logger(logging.CRITICAL))
+    console = Console(quiet=is_quiet)
+    console.print(f"a simulated aircraft on its target; {wind} wind, {fps:g} images a second, seed {seed}")
+    with _Board(console, is_live=console.is_terminal and not is_headless) as board:
+        record = run_virtually(rehearse(seed=seed, wind=wind, fps=fps, watcher=board.show), pace)
+    figures = record.figures()
+    write_picture(record, picture)
+    if is_quiet:
+        print(json_line({**figures, "picture": str(picture)}))
+    else:
+        console.print(summary_table(figures))
+        console.print(f"picture of the flight: {picture}")
+        words = "landed on the target, motors stand" if record.has_landed else f"NOT landed: {figures['outcome']}"
+        console.print(Text(words, style="bold green" if record.has_landed else "bold red"))
+    return EXIT_OK if record.has_landed else EXIT_FAILURE
+
+
+class _Board:
+    """Shows the flight while it is flown: a live table, or now and then a line."""
+
+    def __init__(self, console: Console, *, is_live: bool) -> None:
+        self._console = console
+        self._live = Live(console=console, auto_refresh=False, transient=True) if is_live else None
+        self._shown_at = float("-inf")
+        self._part = ""
+
+    def __enter__(self) -> _Board:
+        if self._live is not None:
+            self._live.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self._live is not None:
+            self._live.stop()
+
+    def show(self, moment: Moment, status: ControlStatus | None) -> None:
+        """Show a moment, if it is time."""
+        every = LINE_EVERY if self._live is None else REDRAW
+        if moment.at - self._shown_at < every and moment.part == self._part:
+            return
+        self._shown_at, self._part = moment.at, moment.part
+        if self._live is not None:
+            self._live.update(flight_table(moment, status), refresh=True)
+        else:
+            self._console.print(flight_line(moment), highlight=False)
+
+
+def flight_line(moment: Moment) -> str:
+    """A moment in one line of at most 80 columns."""
+    x, y, z = moment.position
+    words = f"{moment.at:5.1f} s  {moment.part:<9} x {x:+.2f} y {y:+.2f} z {z:.2f} m over the target"
+    if moment.goal is not None and moment.part != "take-off":
+        words += f", {100 * _distance(moment):.0f} cm off"
+    return words
+
+
+def flight_table(moment: Moment, status: ControlStatus | None) -> Table:
+    """A moment as a table of at most 80 columns."""
+    table = Table(width=COLUMNS, show_header=False, title=f"mkdaemon demo, {moment.at:.1f} s")
+    table.add_column(width=20)
+    table.add_column()
+    x, y, z = moment.position
+    table.add_row("part of the flight", moment.part)
+    table.add_row("control", "-" if status is None else f"{status.phase.value}: {status.stage or status.reason}")
+    table.add_row("over the target", f"x {x:+.2f}   y {y:+.2f}   z {z:.2f} m   (true)")
+    goal, estimate = moment.goal, moment.estimate
+    table.add_row("believed", "-" if estimate is None else "x {:+.2f}   y {:+.2f}   z {:.2f} m".format(*estimate))
+    table.add_row("wanted", "-" if goal is None else "x {:+.2f}   y {:+.2f}   z {:.2f} m".format(*goal))
+    table.add_row("error", "-" if goal is None else f"{100 * _distance(moment):.0f} cm")
+    table.add_row("the target is at", f"east {moment.target[0]:.2f} m, north {moment.target[1]:.2f} m")
+    return table
+
+
+def summary_table(figures: Mapping[str, Any]) -> Table:
+    """The figures of a flight."""
+    table = Table(width=COLUMNS)
+    table.add_column("figure", no_wrap=True)
+    table.add_column("value", justify="right")
+    for name, words in SHOWN.items():
+        if figures.get(name) is not None:
+            table.add_row(words, f"{figures[name]:g}")
+    return table
+
+
+def _distance(moment: Moment) -> float:
+    """From where it is to be [m]."""
+    assert moment.goal is not None
+    return float(sum((a - b) ** 2 for a, b in zip(moment.position, moment.goal, strict=True)) ** 0.5)

@@ -1,0 +1,119 @@
+"""`mkdaemon sim`: the simulated aircraft on a pseudo terminal, for mkdaemon or any other program."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import signal
+from contextlib import suppress
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from cyclopts import Parameter
+
+from mkdaemon.bus.names import key
+from mkdaemon.cli.arguments import require_length
+from mkdaemon.cli.mkdaemon.logs import configure
+from mkdaemon.cli.program import let_signals_kill
+from mkdaemon.errors import ConfigError
+from mksim.config import PilotPlan, SimulatorFile, load_simulator
+from mksim.programs.sim_bus import sim_on_bus
+from mksim.programs.sim_camera import CameraPublisher, open_camera, open_world, run_camera
+from mksim.runtime import Runtime
+from mksim.simulation import Simulation
+
+
+def sim(
+    *,
+    config: Annotated[Path | None, Parameter(help="Configuration file; section [sim] is read.")] = None,
+    board: Annotated[
+        Literal["nc", "fc"] | None, Parameter(help="Whose port: NaviCtrl (default) or FlightCtrl.")
+    ] = None,
+    fc: Annotated[str | None, Parameter(help="FlightCtrl release: early, 2.08, 2.12a, 2.14.")] = None,
+    nc: Annotated[str | None, Parameter(help="NaviCtrl release: 0.24, 2.14.")] = None,
+    seed: Annotated[int | None, Parameter(help="Of every random stream.")] = None,
+    pilot: Annotated[str | None, Parameter(help=f"{', '.join(PilotPlan)}.")] = None,
+    pilot_wait: Annotated[
+        float | None,
+        Parameter(help="Seconds before he touches the sticks, 20 by default; `mkctl sim start` asks him earlier."),
+    ] = None,
+    vehicle: Annotated[str | None, Parameter(help="Name under which truth and faults stand on the bus.")] = None,
+    connect: Annotated[str | None, Parameter(help="Zenoh endpoint of the daemon, for truth and faults.")] = None,
+    listen: Annotated[str | None, Parameter(help="Also offer the port over TCP, host:port.")] = None,
+    scene_only: Annotated[
+        bool, Parameter(negative=(), help="Only the camera: no aircraft; its pose comes from the bus.")
+    ] = False,
+    truth: Annotated[str | None, Parameter(help="With --scene-only: key of the poses; else mk/NAME/sim/pose.")] = None,
+    seconds: Annotated[float | None, Parameter(help="End after so long; otherwise on Ctrl-C.")] = None,
+) -> None:
+    """Simulate an aircraft. The first line on standard output is `{"port": "/dev/pts/N"}`: connect to that port.
+
+    The boards behave as measured ones do: byte timing, losses, time-outs, dead-man. Faults: `mkctl sim fault`.
+    With `--scene-only` another program flies, and publishes where its aircraft is; the first line is then
+    `{"camera": KEY, "truth": KEY}`, and images come under the first key (docs/simulator.md).
+
+    Raises:
+        ConfigError: an option, a file or an endpoint is wrong.
+        LinkError: no port can be opened.
+    """
+    if truth is not None and not scene_only:
+        msg = "--truth: only with --scene-only"
+        raise ConfigError(msg)
+    let_signals_kill()
+    configure("info")
+    require_length(seconds, "--seconds")
+    given = {
+        "sim.board": board,
+        "sim.fc": fc,
+        "sim.nc": nc,
+        "sim.seed": seed,
+        "sim.pilot_plan": pilot,
+        "sim.pilot_wait": pilot_wait,
+        "sim.listen": listen,
+        "sim.connect": None if connect is None else [connect],
+        "vehicle.name": vehicle,
+    }
+    overrides: dict[str, Any] = {key: value for key, value in given.items() if value is not None}
+    whole = load_simulator(config, overrides)
+    asyncio.run(_film(whole, truth, seconds) if scene_only else _serve(whole, seconds))
+
+
+def _stop_on_signals() -> asyncio.Event:
+    """An event that the signals which end a program set."""
+    stop = asyncio.Event()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        asyncio.get_running_loop().add_signal_handler(number, stop.set)
+    return stop
+
+
+async def _film(config: SimulatorFile, truth: str | None, seconds: float | None) -> None:
+    """Render poses of the bus until a signal comes or the time is over."""
+    from mksim.programs.scene_only import film_poses
+
+    stop, vehicle = _stop_on_signals(), config.vehicle.name
+    where = truth or key(vehicle, "sim/pose")
+    async with film_poses(config.sim, vehicle, where):
+        camera = key(vehicle, f"sim/camera/{config.sim.scene.name}")
+        print(json.dumps({"camera": camera, "truth": where}), flush=True)
+        with suppress(TimeoutError):
+            async with asyncio.timeout(seconds):
+                await stop.wait()
+
+
+async def _serve(config: SimulatorFile, seconds: float | None) -> None:
+    """Run until a signal comes or the time is over."""
+    stop = _stop_on_signals()
+    simulation = Simulation(config.sim, open_world(config.sim))
+    camera = open_camera(config.sim)
+    runtime = Runtime(simulation, listen=config.sim.listen)
+    publisher = CameraPublisher(config.vehicle.name, config.sim.scene.name)
+    async with (
+        runtime.serve(),
+        run_camera(camera, simulation, config.sim, publisher),
+        sim_on_bus(simulation, config.sim, config.vehicle.name, publisher, port=runtime.port),
+    ):
+        print(json.dumps({"port": runtime.port}), flush=True)
+        ends = [asyncio.ensure_future(event.wait()) for event in (stop, runtime.ended)]
+        await asyncio.wait(ends, timeout=seconds, return_when=asyncio.FIRST_COMPLETED)
+        for end in ends:
+            end.cancel()

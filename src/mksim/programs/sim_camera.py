@@ -1,0 +1,122 @@
+"""The simulated camera on the bus: a daemon takes it as `zenoh:mk/<vehicle>/sim/camera/<name>`."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+from collections.abc import AsyncIterator, Iterator
+from typing import TYPE_CHECKING
+
+import zenoh
+
+from mkdaemon.bus.codec import encoding_of
+from mkdaemon.bus.names import key
+from mkdaemon.telemetry.image import CameraFrame
+from mksim.config import SimConfig
+from mksim.simulation import Simulation
+
+if TYPE_CHECKING:
+    from mksim.physics.world import World
+    from mksim.scene.camera import SceneCamera
+    from mksim.scene.outputs import FrameWriter
+
+CAMERA_TICK_TIME = 0.002
+"""Period of the clock check [s]: exposures are this punctual, their stamps exact."""
+
+
+def open_camera(config: SimConfig) -> SceneCamera | None:
+    """Prepare the configured camera; a simulator without one never loads OpenCV.
+
+    Raises:
+        ConfigError: a camera or target file is wrong.
+    """
+    if not config.scene.enabled:
+        return None
+    from mksim.scene.camera import SceneCamera
+
+    return SceneCamera(config.scene, config.seed)
+
+
+def open_world(config: SimConfig) -> World | None:
+    """The world whose ground is the scene's moving platform; None for the configured world on flat ground."""
+    if not config.scene.enabled:
+        return None
+    from mksim.scene.camera import landing_world
+
+    return landing_world(config)
+
+
+class CameraPublisher:
+    """Publishes pictures while it has a session; without one they are dropped."""
+
+    def __init__(self, vehicle: str, camera: str) -> None:
+        self._key = key(vehicle, f"sim/camera/{camera}")
+        self._publisher: zenoh.Publisher | None = None
+        self._encoding = encoding_of(CameraFrame)
+
+    @property
+    def is_open(self) -> bool:
+        """Whether a session is there."""
+        return self._publisher is not None
+
+    @contextlib.contextmanager
+    def open(self, session: zenoh.Session) -> Iterator[None]:
+        """Send through `session` while the context lasts."""
+        self._publisher = session.declare_publisher(self._key, congestion_control=zenoh.CongestionControl.DROP)
+        try:
+            yield
+        finally:
+            self._publisher = None
+
+    def send(self, payload: bytes) -> None:
+        """Put one packed picture; from any thread."""
+        publisher = self._publisher
+        if publisher is not None:
+            with contextlib.suppress(zenoh.ZError):  # the session ends at the same moment
+                publisher.put(payload, encoding=self._encoding)
+
+
+@contextlib.asynccontextmanager
+async def run_camera(
+    camera: SceneCamera | None, simulation: Simulation, config: SimConfig, publisher: CameraPublisher
+) -> AsyncIterator[None]:
+    """Take pictures for as long as the context lasts: for the bus while it is there, for video and loop device always.
+
+    Raises:
+        ConfigError: a video or loop device cannot be written.
+    """
+    if camera is None:
+        yield
+        return
+    from mksim.scene.feed import SceneFeed
+
+    writers = _writers(camera)
+    feed = SceneFeed(camera, publisher.send, seed=config.seed, writers=writers)
+    feed.start()
+
+    async def expose() -> None:
+        while True:
+            if writers or publisher.is_open:
+                feed.tick(simulation.now, simulation.world.truth, simulation.world.faults)
+            await asyncio.sleep(CAMERA_TICK_TIME)
+
+    job = asyncio.create_task(expose(), name="simulated camera")
+    try:
+        yield
+    finally:
+        job.cancel()
+        with contextlib.suppress(asyncio.CancelledError):
+            await job
+        await asyncio.shield(asyncio.to_thread(feed.stop))
+
+
+def _writers(camera: SceneCamera) -> tuple[FrameWriter, ...]:
+    from mksim.scene.outputs import LoopWriter, VideoWriter
+
+    cfg, k = camera.cfg, camera.camera.intrinsics
+    writers: list[FrameWriter] = []
+    if cfg.video is not None:
+        writers.append(VideoWriter(cfg.video, k.width, k.height, cfg.fps))
+    if cfg.v4l2_loop is not None:
+        writers.append(LoopWriter(cfg.v4l2_loop, k.width, k.height))
+    return tuple(writers)

@@ -1,0 +1,79 @@
+"""The pilot flies every generation of the boards over the physics: gestures, gas law, parameter set, faults."""
+
+from __future__ import annotations
+
+import hashlib
+import math
+
+import numpy as np
+import pytest
+
+from mksim.boards.flightctrl import FlightCtrl
+from mksim.boards.generations import FC_GENERATIONS
+from mksim.config import FlightConfig, WindClass
+from mksim.physics.hand_flight import CircleFlight, Phase
+from mksim.physics.world import World
+
+
+def airborne(word: str, *, seed: int = 1) -> tuple[World, FlightCtrl]:
+    world = World(FlightConfig(wind=WindClass.LIGHT), seed=seed)
+    world.pilot.program = CircleFlight()
+    board = FlightCtrl(FC_GENERATIONS[word], world, seed=seed)
+    board.advance(18.0)
+    return world, board
+
+
+@pytest.mark.parametrize("word", list(FC_GENERATIONS))
+def test_circle_is_flown_on_every_generation(word: str) -> None:
+    world, board = airborne(word)
+    assert isinstance(world.pilot.program, CircleFlight)
+    assert world.pilot.program.phase is Phase.FLY
+    for until in np.arange(18.5, 40.0, 0.5):
+        board.advance(float(until))
+        assert world.truth.airborne
+        assert math.degrees(world.truth.tilt) < 15.0
+        assert np.hypot(world.truth.position_enu[0] + 1.5, world.truth.position_enu[1]) < 2.6
+        assert world.truth.position_enu[2] == pytest.approx(2.1, abs=0.3)
+    program = world.pilot.program
+    program.land()
+    board.advance(54.0)
+    assert program.phase is Phase.DONE
+    assert not board.core.running
+    assert world.truth.on_ground
+    assert not world.truth.crashed
+
+
+def test_lost_receiver_ends_in_emergency_gas_and_on_the_ground() -> None:
+    """Emergency gas is far below hover: from two metres the aircraft comes down hard."""
+    world, board = airborne("2.12a")
+    world.faults.start("rc_lost")
+    board.advance(18.5)
+    assert board.core.emergency
+    board.advance(32.0)
+    assert world.truth.on_ground
+    assert not board.core.running
+
+
+def test_a_reboot_in_flight_is_a_crash() -> None:
+    world, board = airborne("2.12a")
+    world.faults.start("fc_reboot")
+    board.advance(20.0)
+    assert world.truth.crashed
+    assert not world.faults.active
+
+
+def test_same_seed_same_flight_and_same_bytes() -> None:
+    def run() -> tuple[str, list[float]]:
+        world, board = airborne("2.12a", seed=7)
+        digest, heard = hashlib.sha256(), 0
+        for k in range(100):
+            if k % 40 == 0:
+                board.receive(b"#bdI]==EF\r", board.now)  # debug data every 100 ms
+            board.advance(18.0 + 0.05 * (k + 1))
+            sent = board.poll()
+            heard += len(sent)
+            digest.update(repr(sent).encode())
+        assert heard > 40
+        return digest.hexdigest(), [*world.truth.position_enu, *world.truth.velocity_enu]
+
+    assert run() == run()

@@ -1,0 +1,282 @@
+"""The attitude loop against its own equations, solved independently, and against the figures of the aircraft."""
+
+from __future__ import annotations
+
+import math
+from functools import cache
+
+import numpy as np
+import pytest
+
+from mksim.config import AirframeConfig, FlightConfig, LoopConfig, SensorConfig, WindClass
+from mksim.physics.attitude_loop import (
+    AGILE,
+    EASY,
+    FAST,
+    LEAK_FAST,
+    LEAK_SLOW,
+    AttitudeGains,
+    AxisLoop,
+    YawLoop,
+)
+from mksim.physics.world import DT, StartState, StickInput, World
+
+G = 9.81
+SETS = {"easy": EASY, "agile": AGILE, "fast": FAST}
+STEP_DEG = 8.0
+
+
+def gains_of(name: str, *, stick_filter: bool = True, ta: float = LEAK_FAST) -> AttitudeGains:
+    return AttitudeGains.from_parameters(**SETS[name], stick_filter=stick_filter, ta=ta)
+
+
+@pytest.mark.parametrize(
+    ("name", "deg_per_count", "a1", "a2"),
+    [("easy", 0.451, 3.10, 3.33), ("agile", 0.601, 3.10, 3.33), ("fast", 0.751, 3.41, 7.1)],
+)
+def test_gains_of_the_parameter_sets(name: str, deg_per_count: float, a1: float, a2: float) -> None:
+    gains = gains_of(name)
+    assert math.degrees(gains.rad_per_count) == pytest.approx(deg_per_count, abs=0.0006)
+    assert gains.a1 == pytest.approx(a1, rel=0.005)
+    assert gains.a2 == pytest.approx(a2, rel=0.005)
+    assert math.degrees(gains.yaw_linear) == pytest.approx(0.4)
+    assert math.degrees(gains.yaw_square) == pytest.approx(0.0047 * 4 / 6)
+
+
+def test_gains_of_any_parameter_set_are_finite() -> None:
+    extreme = AttitudeGains.from_parameters(
+        stick_p=0, gyro_p=0, gyro_i=0, i_factor=255, gyro_stability=0, stick_yaw_p=0
+    )
+    assert all(math.isfinite(getattr(extreme, name)) for name in extreme.__slots__)
+
+
+@cache
+def respond(
+    name: str, *, stick_filter: bool = True, ta: float = LEAK_FAST, drag: float = 0.35, truncate: bool = False
+) -> list[tuple[float, float, float]]:
+    """Time, true pitch and believed pitch [deg] after a step of 8 deg in hover gas, without wind or noise."""
+    gains = gains_of(name, stick_filter=stick_filter, ta=ta)
+    config = FlightConfig(
+        wind=WindClass.NONE,
+        sensors=SensorConfig.ideal(),
+        airframe=AirframeConfig(drag=drag),
+        loop=LoopConfig(truncate_sticks=truncate),
+    )
+    world = World(config, seed=1, start=StartState(height=60.0), gains=gains)
+    for _ in range(100):
+        world.step(StickInput(0.0, 0.0, 0.0, 125.0, motors_running=True))
+    began, stick = world.now, math.radians(STEP_DEG) / gains.rad_per_count
+    trace = []
+    while world.now - began < 4.2:
+        world.step(StickInput(stick, 0.0, 0.0, 125.0, motors_running=True))
+        trace.append((world.now - began, math.degrees(world.truth.pitch), math.degrees(world.sensors.fc_angle_pitch)))
+    return trace
+
+
+@cache
+def solve(name: str, *, stick_filter: bool, ta: float, drag: float = 0.35) -> list[tuple[float, float, float]]:
+    """The same step by the exact solution of the linear equations, without dead band: times, true, believed [deg]."""
+    gains = gains_of(name, stick_filter=stick_filter, ta=ta)
+    a = np.zeros((7, 7))  # speed, tilt, believed, integral, rate, stick, constant input
+    a[0, 0], a[0, 1] = -drag, G
+    a[1, 4] = 1.0
+    a[2, 4], a[2, 2], a[2, 0] = 1.0, -1.0 / ta, drag / G / ta
+    a[3, 2], a[3, 5] = 1.0, -1.0
+    a[4, 2], a[4, 5], a[4, 3], a[4, 4] = -gains.a1 / 0.04, gains.a1 / 0.04, -gains.a2 / 0.04, -1.0 / 0.04
+    ts = gains.ts or 1e-3
+    a[5, 5], a[5, 6] = -1.0 / ts, 1.0 / ts
+    values, vectors = np.linalg.eig(a)
+    start = np.linalg.solve(vectors, np.array([0, 0, 0, 0, 0, 0, STEP_DEG], dtype=complex))
+    times = np.arange(1, 2050) * DT
+    states = np.real(np.exp(np.outer(times, values)) * start @ vectors.T)
+    return [(float(t), float(x[1]), float(x[2])) for t, x in zip(times, states, strict=True)]
+
+
+def t63(trace: list[tuple[float, float, float]], column: int) -> float:
+    return next(row[0] for row in trace if row[column] >= (1.0 - math.exp(-1.0)) * STEP_DEG)
+
+
+def overshoot(trace: list[tuple[float, float, float]]) -> float:
+    return max(believed for _, _, believed in trace) / STEP_DEG - 1.0
+
+
+@pytest.mark.parametrize("ta", [LEAK_FAST, LEAK_SLOW])
+@pytest.mark.parametrize("stick_filter", [True, False])
+@pytest.mark.parametrize("name", ["easy", "fast"])
+def test_step_agrees_with_the_solved_equations(name: str, stick_filter: bool, ta: float) -> None:
+    flown = respond(name, stick_filter=stick_filter, ta=ta)
+    solved = solve(name, stick_filter=stick_filter, ta=ta)
+    assert t63(flown, 1) == pytest.approx(t63(solved, 1), rel=0.1)
+    assert t63(flown, 2) == pytest.approx(t63(solved, 2), rel=0.1)
+    assert overshoot(flown) == pytest.approx(overshoot(solved), rel=0.1)
+
+
+@pytest.mark.parametrize(("stick_filter", "measured"), [(True, 0.37), (False, 0.29)])
+def test_easy_step_has_the_measured_rise(stick_filter: bool, measured: float) -> None:
+    """0.37 s on 2.12, 0.29 s on the 2010 firmware."""
+    assert t63(respond("easy", stick_filter=stick_filter), 1) == pytest.approx(measured, rel=0.1)
+    assert t63(respond("easy", stick_filter=stick_filter, ta=LEAK_SLOW), 2) == pytest.approx(measured, rel=0.1)
+
+
+@pytest.mark.parametrize("ta", [LEAK_FAST, LEAK_SLOW])
+@pytest.mark.parametrize("stick_filter", [True, False])
+def test_easy_step_has_the_measured_overshoot(stick_filter: bool, ta: float) -> None:
+    assert 0.9 * 0.15 <= overshoot(respond("easy", stick_filter=stick_filter, ta=ta)) <= 1.1 * 0.19
+
+
+GENUINE_TILT = {0.25: 3.4, 0.5: 7.4, 1.0: 12.8, 2.0: 19.3, 3.0: 22.2, 4.0: 21.4}
+"""True tilt of the genuine firmware after a constant 18 counts, Easy set: seconds and degrees."""
+GENUINE_BELIEVED = {0.25: 3.0, 0.5: 5.9, 1.0: 7.8, 2.0: 8.6, 4.0: 8.8}
+
+
+def test_a_constant_command_tilts_as_on_the_genuine_firmware_where_the_accelerometer_is_weakest() -> None:
+    sensors = SensorConfig.ideal().model_copy(update={"acc_scale_min": 0.79, "acc_scale_max": 0.79})
+    world = World(FlightConfig(wind=WindClass.NONE, sensors=sensors), seed=1, start=StartState(height=60.0))
+    tilts = []
+    for _ in range(round(4.0 / DT)):
+        world.step(StickInput(18.0, 0.0, 0.0, 127.0, motors_running=True))
+        tilts.append((math.degrees(world.truth.pitch), math.degrees(world.sensors.fc_angle_pitch)))
+    for when, tilt in GENUINE_TILT.items():
+        assert tilts[round(when / DT) - 1][0] == pytest.approx(tilt, abs=0.25)
+    for when, tilt in GENUINE_BELIEVED.items():
+        assert tilts[round(when / DT) - 1][1] == pytest.approx(tilt, abs=0.15)
+
+
+def test_the_scale_of_the_accelerometer_is_drawn_once_per_seed() -> None:
+    def tilt(seed: int) -> float:
+        sensors = SensorConfig.ideal().model_copy(update={"acc_scale_min": 0.79})
+        world = World(FlightConfig(wind=WindClass.NONE, sensors=sensors), seed=seed, start=StartState(height=60.0))
+        for _ in range(round(4.0 / DT)):
+            world.step(StickInput(18.0, 0.0, 0.0, 127.0, motors_running=True))
+        return math.degrees(world.truth.pitch)
+
+    tilts = [tilt(seed) for seed in range(8)]
+    assert 16.9 < min(tilts) < max(tilts) < 21.5
+    assert max(tilts) - min(tilts) > 1.0
+    assert tilt(3) == tilts[3]
+
+
+@pytest.mark.parametrize("truncate", [False, True])
+def test_constant_command_runs_away_while_the_board_sees_nothing(truncate: bool) -> None:
+    """The leak: 8 deg commanded become 7.4, 12.9, 20 and 24.7 deg after 0.5, 1, 2 and 4 s; the board shows 8.5.
+
+    The last figure belongs to a drag of 0.18 1/s: with 0.35 the air itself shows the accelerometer the tilt after
+    two seconds (next test).
+    """
+    trace = respond("easy", drag=0.18, truncate=truncate)
+    for when, tilt in ((0.5, 7.4), (1.0, 12.9), (2.0, 20.0), (4.0, 24.7)):
+        assert trace[round(when / DT) - 1][1] == pytest.approx(tilt, rel=0.1), when
+    for when in (2.0, 3.0, 4.0):
+        assert trace[round(when / DT) - 1][2] == pytest.approx(8.5, rel=0.1), when
+
+
+def test_constant_command_with_ducts() -> None:
+    trace = respond("easy")
+    for when, tilt in ((0.5, 7.4), (1.0, 12.9), (2.0, 20.0)):
+        assert trace[round(when / DT) - 1][1] == pytest.approx(tilt, rel=0.1), when
+    assert trace[round(4.0 / DT) - 1][1] == pytest.approx(17.0, rel=0.1)
+    assert max(believed for _, _, believed in trace) < 9.5
+
+
+@pytest.mark.parametrize(("count", "kept"), [(10.0, 9.5), (-10.0, -9.5), (1.0, 0.5)])
+def test_a_growing_stick_stalls_half_a_count_short(count: float, kept: float) -> None:
+    loop = AxisLoop(gains_of("easy"), LoopConfig())
+    for _ in range(1000):
+        loop.update(count, 0.0, 0.0, 0.0, flying=True)
+    assert loop.stick == pytest.approx(kept, abs=0.02)
+    for _ in range(1000):
+        loop.update(0.0, 0.0, 0.0, 0.0, flying=True)
+    assert loop.stick == pytest.approx(0.0, abs=1e-6)
+
+
+def test_old_firmware_takes_the_stick_as_it_is() -> None:
+    loop = AxisLoop(gains_of("easy", stick_filter=False), LoopConfig())
+    loop.update(10.0, 0.0, 0.0, 0.0, flying=True)
+    assert loop.stick == 10.0
+
+
+@pytest.mark.parametrize(
+    ("leaned_deg", "after_one_second"),
+    [(0.3, 0.0), (-0.3, 0.0), (3.0, 3.0 * (1 - math.exp(-1 / LEAK_FAST))), (40.0, 12.8), (-40.0, -12.8)],
+)
+def test_leak_has_a_dead_band_and_a_slew(leaned_deg: float, after_one_second: float) -> None:
+    loop = AxisLoop(gains_of("easy"), LoopConfig())
+    for _ in range(round(1.0 / DT)):
+        loop.update(0.0, 0.0, math.radians(leaned_deg), 0.0, flying=True)
+    assert math.degrees(loop.believed) == pytest.approx(after_one_second, rel=0.01, abs=1e-9)
+
+
+def test_the_integral_rests_on_the_ground() -> None:
+    loop = AxisLoop(gains_of("easy"), LoopConfig())
+    for _ in range(100):
+        loop.update(30.0, 0.0, 0.0, 0.0, flying=False)
+    assert loop.integral == 0.0
+
+
+def turn(stick: float, seconds: float, *, lock: bool = True) -> tuple[YawLoop, float]:
+    """Turn an aircraft that follows its rate loop exactly; returns the loop and the yaw reached [deg]."""
+    loop = YawLoop(AttitudeGains.from_parameters(), LoopConfig(compass_lock=lock), 0.0)
+    yaw = rate = 0.0
+    for _ in range(round(seconds / DT)):
+        loop.update(stick, rate, yaw, flying=True)
+        rate += loop.acceleration * DT
+        yaw += rate * DT
+    return loop, math.degrees(yaw)
+
+
+@pytest.mark.parametrize(
+    ("stick", "rate_deg"), [(0, 0), (4, 0), (8, 1.65), (-8, -1.65), (12, 3.4), (20, 7.2), (40, 18.46), (-40, -18.46)]
+)
+def test_yaw_is_a_rate_with_a_dead_band(stick: float, rate_deg: float) -> None:
+    _, early = turn(stick, 2.0)
+    _, late = turn(stick, 4.0)
+    assert (late - early) / 2.0 == pytest.approx(rate_deg, rel=0.01, abs=1e-9)
+
+
+GENUINE_YAW = [(8, 1.5), (12, 3.25), (20, 7.5), (40, 19.3)]
+"""Stick and yaw rate [deg/s] of the genuine firmware, Easy set."""
+
+
+@pytest.mark.parametrize(("stick", "rate_deg"), GENUINE_YAW)
+def test_yaw_rates_of_the_easy_set_are_the_genuine_ones(stick: float, rate_deg: float) -> None:
+    _, early = turn(stick, 2.0)
+    _, late = turn(stick, 4.0)
+    assert (late - early) / 2.0 == pytest.approx(rate_deg, rel=0.1)
+
+
+def test_a_yaw_step_overshoots_by_40_percent_and_settles_in_0_35_s() -> None:
+    loop = YawLoop(AttitudeGains.from_parameters(), LoopConfig(), 0.0)
+    yaw = rate = 0.0
+    rates = []
+    for _ in range(round(1.5 / DT)):
+        loop.update(40.0, rate, yaw, flying=True)
+        rate += loop.acceleration * DT
+        yaw += rate * DT
+        rates.append(rate)
+    final = rates[-1]
+    share = [value / final for value in rates]
+    assert next(k for k, value in enumerate(share) if value >= 0.63) * DT == pytest.approx(0.08, abs=0.01)
+    assert max(share) - 1.0 == pytest.approx(0.40, abs=0.04)
+    assert max(k for k, value in enumerate(share) if abs(value - 1.0) > 0.05) * DT == pytest.approx(0.35, abs=0.04)
+
+
+def test_the_compass_lock_pulls_with_0_8_of_the_error_a_second() -> None:
+    loop = YawLoop(AttitudeGains.from_parameters(), LoopConfig(), 0.0)
+    yaw, rate, turned = math.radians(10.0), 0.0, 0.0
+    loop.locked_yaw, loop.heading = 0.0, yaw
+    for _ in range(round(1.5 / DT)):
+        loop.update(0.0, rate, yaw, flying=True)
+        rate += loop.acceleration * DT
+        yaw += rate * DT
+        turned = rate
+    assert -turned / yaw == pytest.approx(0.8, rel=0.1)
+
+
+@pytest.mark.parametrize("stick", [6, 7, -7])
+def test_a_small_yaw_stick_creeps_against_the_compass_lock(stick: float) -> None:
+    _, early = turn(stick, 10.0)
+    _, late = turn(stick, 20.0)
+    assert 0.3 < abs(late) < 5.0
+    assert late == pytest.approx(early, abs=0.1)
+    _, free = turn(stick, 20.0, lock=False)
+    assert abs(free) > 10.0

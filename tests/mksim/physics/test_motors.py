@@ -1,0 +1,143 @@
+"""Mixer, thrust and lag."""
+
+from __future__ import annotations
+
+import pytest
+
+from mksim.config import AirframeConfig
+from mksim.physics.airframe import GRAVITY
+from mksim.physics.motors import FACTORY_CHAIN, MAX_COUNT, MIN_COUNT, GasChain, Motors
+
+CONFIG = AirframeConfig()
+DT = 2.048e-3
+CELLS = 4
+HOVER_V = 12.8
+EXACT = GasChain(least=0, most=254)
+HOVER_GAS = 126.0
+"""At the hover voltage: the mixer loses nine tenths of a count."""
+
+
+def settled(gas: float, x: float = 0.0, y: float = 0.0, z: float = 0.0, *, v: float = HOVER_V) -> Motors:
+    motors = Motors(CONFIG, CELLS)
+    for _ in range(1000):
+        motors.update(gas, x, y, z, v, EXACT, DT)
+    return motors
+
+
+@pytest.mark.parametrize("mass", [1.25, 1.75])
+def test_hover_count_carries_the_mass(mass: float) -> None:
+    motors = Motors(AirframeConfig(mass=mass), CELLS)
+    for _ in range(1000):
+        motors.update(HOVER_GAS, 0.0, 0.0, 0.0, HOVER_V, EXACT, DT)
+    # the mixer loses nine tenths of a count, so a whole count of gas is a tenth off
+    assert motors.thrust == pytest.approx(mass * GRAVITY * (125.1 / 125.0) ** 2, rel=1e-6)
+    assert motors.load == pytest.approx((125.1 / 125.0) ** 3, rel=1e-6)
+
+
+def thrust_of_gas(gas: float) -> float:
+    return settled(gas, v=14.8).thrust
+
+
+def test_at_14_8_v_one_count_in_seven_is_dead_and_the_others_are_1_85_percent_of_thrust() -> None:
+    steps = [thrust_of_gas(gas + 1) / thrust_of_gas(gas) - 1.0 for gas in range(120, 134)]
+    assert sum(step == 0.0 for step in steps) == 2
+    assert [step for step in steps if step] == pytest.approx([0.0185] * 12, abs=0.0015)
+
+
+def test_gas_counts_are_whole_numbers() -> None:
+    assert settled(126.9).thrust == settled(126.0).thrust
+
+
+def test_thrust_jumps_by_one_count_where_the_measured_voltage_changes_by_a_tenth() -> None:
+    by_voltage = [settled(127.0, v=tenths / 10 + 0.05).setpoints[0] for tenths in range(148, 152)]
+    assert by_voltage == [108, 108, 107, 106]
+    assert settled(127.0, v=14.81).setpoints[0] == settled(127.0, v=14.89).setpoints[0] == 108
+
+
+def test_hover_needs_126_7_at_the_stick() -> None:
+    """Between two counts: whole numbers round down, and the mixer once more; mean over the voltages of a flight."""
+    needed = []
+    for tenths in range(148, 164):
+        thrusts = {gas: settled(gas, v=tenths / 10).thrust for gas in range(122, 133)}
+        below = max(gas for gas, thrust in thrusts.items() if thrust <= CONFIG.mass * GRAVITY)
+        low, high = thrusts[below], thrusts[below + 1]
+        needed.append(below + (CONFIG.mass * GRAVITY - low) / max(high - low, 1e-9))
+    assert sum(needed) / len(needed) == pytest.approx(126.7, abs=0.4)
+
+
+def test_collective_follows_in_the_motor_lag() -> None:
+    motors = settled(HOVER_GAS)
+    begin = motors.thrust
+    for _ in range(round(CONFIG.motor_lag / DT)):
+        motors.update(151.0, 0.0, 0.0, 0.0, HOVER_V, EXACT, DT)
+    reached = (motors.thrust / begin) ** 0.5 * 125.0
+    assert reached == pytest.approx(125.0 + 25.0 * 0.632, abs=0.5)
+
+
+def test_signs_are_those_seen_on_the_motors() -> None:
+    """Nose down lowers the front; right side down raises the left (4); nose left raises 1 and 2."""
+    front, rear, right, left = settled(HOVER_GAS, y=10.0).setpoints[:4]
+    assert front < 125 < rear
+    assert right == left == 125
+    front, rear, right, left = settled(HOVER_GAS, x=10.0).setpoints[:4]
+    assert right < 125 < left
+    assert front == rear == 125
+    front, rear, right, left = settled(HOVER_GAS, z=5.0).setpoints[:4]
+    assert front == rear > 125 > right == left
+
+
+def test_torque_gives_the_acceleration_asked_for_at_hover() -> None:
+    assert settled(HOVER_GAS, x=5.0).torque_x / CONFIG.inertia_roll == pytest.approx(5.0, rel=0.01)
+    assert settled(HOVER_GAS, y=-5.0).torque_y / CONFIG.inertia_pitch == pytest.approx(-5.0, rel=0.01)
+    assert settled(HOVER_GAS, z=3.0).torque_z / CONFIG.inertia_yaw == pytest.approx(3.0, rel=0.01)
+
+
+def test_authority_goes_with_gas() -> None:
+    half = settled(63.4, y=5.0).torque_y
+    assert half == pytest.approx(0.5 * settled(HOVER_GAS, y=5.0).torque_y, rel=0.02)
+
+
+def test_set_points_stay_in_range_and_limit_the_torque() -> None:
+    motors = settled(HOVER_GAS, y=1000.0)
+    assert motors.setpoints[0] == MIN_COUNT
+    assert motors.setpoints[1] == MAX_COUNT
+    assert motors.torque_y < 1000.0 * CONFIG.inertia_pitch
+    assert motors.setpoints[4:] == [0] * 8
+
+
+def test_compensation_lowers_set_points_not_thrust() -> None:
+    strong = settled(HOVER_GAS, v=16.0)
+    assert strong.setpoints[0] < settled(HOVER_GAS).setpoints[0]
+    assert strong.thrust == pytest.approx(settled(HOVER_GAS).thrust, rel=0.02)
+
+
+@pytest.mark.parametrize(("gas", "setpoint"), [(0.0, 17), (18.0, 17), (27.0, 22), (77.0, 65), (127.0, 108)])
+def test_set_points_at_the_bench_voltage(gas: float, setpoint: int) -> None:
+    assert int(FACTORY_CHAIN.setpoint(gas, 14.8)) == setpoint
+
+
+@pytest.mark.parametrize(("reference", "setpoint"), [(12.8, 108), (9.6, 81), (0.0, 126)])
+def test_the_reference_voltage_comes_from_the_set(reference: float, setpoint: int) -> None:
+    assert int(GasChain(reference=reference).setpoint(127.0, 14.8)) == setpoint
+
+
+def test_below_the_reference_thrust_fades() -> None:
+    assert settled(HOVER_GAS, v=0.9 * HOVER_V).thrust == pytest.approx(0.81 * settled(HOVER_GAS).thrust, rel=1e-6)
+
+
+def test_weak_motor_loses_its_share_and_turns_the_aircraft() -> None:
+    motors = Motors(CONFIG, CELLS)
+    motors.health = [0.8, 1.0, 1.0, 1.0]
+    for _ in range(1000):
+        motors.update(HOVER_GAS, 0.0, 0.0, 0.0, HOVER_V, EXACT, DT)
+    assert motors.thrust == pytest.approx(0.95 * CONFIG.mass * GRAVITY, rel=2e-3)
+    assert motors.torque_y > 0.0, "a weak front motor drops the nose"
+
+
+def test_motors_off_run_down() -> None:
+    motors = settled(HOVER_GAS)
+    for _ in range(round(0.5 / DT)):
+        motors.coast(DT)
+    assert motors.thrust < 1e-3
+    assert motors.setpoints == [0] * 12
+    assert motors.load == 0.0

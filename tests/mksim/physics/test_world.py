@@ -1,0 +1,310 @@
+"""The world as a whole: determinism, faults, ground, battery, the FlightCtrl's view."""
+
+from __future__ import annotations
+
+import hashlib
+import math
+import random
+import struct
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from mkdaemon.telemetry.sim_faults import FAULTS
+from mksim.config import BatteryConfig, FlightConfig, SensorConfig, WindClass
+from mksim.physics.attitude_loop import EASY, AttitudeGains
+from mksim.physics.hand_flight import CircleFlight
+from mksim.physics.world import DT, MOTORS_OFF, StartState, StickInput, World
+
+from .steering import RcBoard
+
+HOVER = StickInput(0.0, 0.0, 0.0, 125.0, motors_running=True)
+QUIET = FlightConfig(wind=WindClass.NONE, sensors=SensorConfig.ideal())
+
+
+def run(world: World, seconds: float, sticks: StickInput = HOVER) -> World:
+    for _ in range(round(seconds / DT)):
+        world.step(sticks)
+    return world
+
+
+def fingerprint(seed: int, *, faults: bool = True) -> str:
+    """Digest of everything the boards and the renderer see in a busy flight."""
+    world = World(FlightConfig(wind=WindClass.MODERATE), seed=seed, start=StartState(height=3.0))
+    sticks, digest = random.Random(99), hashlib.sha256()
+    world.pilot.program = CircleFlight()
+    for k in range(3000):
+        if faults and k == 1000:
+            world.faults.start("wind_gust", from_deg=90.0)
+            world.faults.start("imu_bias", duration=1.0)
+            world.faults.start("motor_weak", motor=2, share=0.9)
+        if k % 11 == 0:
+            pitch, roll = sticks.uniform(-10, 10), sticks.uniform(-10, 10)
+        world.step(StickInput(pitch, roll, 0.0, 127.0, motors_running=True))
+        s = world.sensors
+        row = (
+            *world.truth.position_enu,
+            *world.truth.velocity_enu,
+            *world.truth.quaternion,
+            *world.truth.rates,
+            *(s.gyro_x, s.acc_x, s.fc_angle_pitch, s.fc_angle_roll, s.heading_deg, s.compass_deg, s.baro_height),
+            *(s.battery_voltage, float(s.gps.latitude_1e7), s.gps.altitude, float(world.pilot.gas)),
+        )
+        digest.update(struct.pack(f"<{len(row)}d", *row))
+    return digest.hexdigest()
+
+
+def test_same_seed_same_bytes() -> None:
+    assert fingerprint(5) == fingerprint(5)
+
+
+def test_another_seed_is_another_flight() -> None:
+    assert fingerprint(5) != fingerprint(6)
+
+
+def test_faults_change_the_flight() -> None:
+    assert fingerprint(5) != fingerprint(5, faults=False)
+
+
+def test_one_step_is_one_loop_of_the_board() -> None:
+    world = World(QUIET, seed=1)
+    for k in range(1000):
+        assert world.now == k * DT
+        world.step(MOTORS_OFF)
+    assert DT == 2.048e-3
+
+
+def test_stands_until_gas_lifts_it() -> None:
+    world = World(FlightConfig(wind=WindClass.MODERATE), seed=3)
+    run(world, 3.0, StickInput(0.0, 0.0, 0.0, 90.0, motors_running=True))
+    assert world.truth.on_ground
+    assert world.truth.position_enu == pytest.approx([0.0, 0.0, 0.1], abs=1e-9)
+    run(world, 1.0, StickInput(0.0, 0.0, 0.0, 140.0, motors_running=True))
+    assert world.truth.airborne
+    assert world.truth.position_enu[2] > 0.3
+
+
+def test_hover_gas_holds_the_height_in_still_air() -> None:
+    """Whole counts of gas hover between two of them, and a little above the hover count of the rotors."""
+    climbed = {}
+    for gas in (125.0, 129.0):
+        start = World(QUIET, seed=1, start=StartState(height=3.0))
+        world = run(start, 3.0, StickInput(0.0, 0.0, 0.0, gas, motors_running=True))
+        climbed[gas] = world.truth.position_enu[2] - 3.1
+        assert world.truth.position_enu[:2] == pytest.approx([0.0, 0.0], abs=1e-6)
+        assert math.degrees(world.truth.tilt) < 0.01
+    assert -1.5 < climbed[125.0] < -0.05
+    assert 0.05 < climbed[129.0] < 1.5
+
+
+@pytest.mark.parametrize(
+    ("field", "axis", "sign"), [("pitch", 1, 1.0), ("roll", 0, -1.0)], ids=["nose down north", "left down west"]
+)
+def test_firmware_signs_move_the_aircraft(field: str, axis: int, sign: float) -> None:
+    """Nose north: pitch + is nose down and flies north; roll + is LEFT side down and flies west."""
+    sticks = {"pitch": 0.0, "roll": 0.0, field: 20.0}
+    world = World(QUIET, seed=1, start=StartState(height=10.0))
+    run(world, 1.5, StickInput(**sticks, yaw=0.0, gas=125.0, motors_running=True))
+    velocity = world.truth.velocity_enu
+    assert sign * velocity[axis] > 1.0
+    assert abs(velocity[1 - axis]) < 0.05
+    assert world.truth.pitch > 0.1 if field == "pitch" else world.truth.roll < -0.1
+
+
+def test_yaw_positive_turns_the_nose_left() -> None:
+    world = World(QUIET, seed=1, start=StartState(height=10.0, yaw=0.0))
+    run(world, 2.0, StickInput(0.0, 0.0, 44.0, 125.0, motors_running=True))
+    assert math.degrees(world.truth.yaw) == pytest.approx(2.0 * 21.0, rel=0.1)
+    assert world.sensors.heading_deg == pytest.approx(90.0 - math.degrees(world.truth.yaw), abs=2.0)
+
+
+def test_yawing_while_tilted_keeps_the_boards_angles_right() -> None:
+    world = World(QUIET, seed=1, start=StartState(height=30.0))
+    world.set_attitude_gains(AttitudeGains.from_parameters(**EASY, ta=1e9))
+    run(world, 1.5, StickInput(15.0, 0.0, 0.0, 125.0, motors_running=True))
+    run(world, 1.5, StickInput(15.0, 0.0, 80.0, 125.0, motors_running=True))
+    assert abs(math.remainder(world.truth.yaw - math.pi / 2.0, 2.0 * math.pi)) > 0.8
+    assert math.degrees(world.sensors.fc_angle_pitch - world.truth.pitch) == pytest.approx(0.0, abs=0.6)
+    assert math.degrees(world.sensors.fc_angle_roll - world.truth.roll) == pytest.approx(0.0, abs=0.6)
+
+
+def test_motors_off_in_flight_is_a_crash_and_stays_one() -> None:
+    world = run(World(QUIET, seed=1, start=StartState(height=10.0)), 3.0, MOTORS_OFF)
+    assert world.truth.crashed
+    assert "hit the ground" in world.truth.crash_reason
+    run(world, 1.0, StickInput(0.0, 0.0, 0.0, 200.0, motors_running=True))
+    assert world.truth.on_ground
+    assert world.sensors.motor_setpoints == [0] * 12
+
+
+def test_calibration_zeroes_the_angles() -> None:
+    world = run(World(FlightConfig(), seed=1), 2.0, MOTORS_OFF)
+    world.calibrate()
+    world.step(MOTORS_OFF)
+    assert abs(world.sensors.fc_angle_pitch) < 1e-3
+
+
+def test_motor_weak_drops_the_nose_and_the_loop_catches_it() -> None:
+    world = World(QUIET, seed=1, start=StartState(height=10.0))
+    run(world, 1.0)
+    world.faults.start("motor_weak", motor=1, share=0.8)
+    run(world, 0.5)
+    assert math.degrees(world.truth.pitch) > 1.0
+    run(world, 2.5)
+    assert math.degrees(world.truth.tilt) < 30.0
+    world.faults.stop("motor_weak")
+    assert world.faults.active == {}
+
+
+def test_a_dead_motor_is_a_crash() -> None:
+    world = World(QUIET, seed=1, start=StartState(height=10.0))
+    world.faults.start("motor_weak", motor=1, share=0.0)
+    run(world, 5.0)
+    assert world.truth.crashed
+
+
+def test_gust_pushes_and_passes() -> None:
+    world = World(QUIET, seed=1, start=StartState(height=10.0))
+    run(world, 0.5)
+    world.faults.start("wind_gust", speed=5.0, from_deg=270.0, duration=2.0)
+    run(world, 1.0)
+    assert world.truth.wind_enu[0] == pytest.approx(5.0, rel=0.02)
+    assert world.truth.velocity_enu[0] > 0.5
+    run(world, 1.2)
+    assert world.truth.wind_enu == pytest.approx([0.0, 0.0, 0.0])
+    assert not world.faults.is_active("wind_gust")
+
+
+def test_a_second_gust_replaces_the_first() -> None:
+    world = World(QUIET, seed=1, start=StartState(height=10.0))
+    world.faults.start("wind_gust", speed=5.0, from_deg=270.0, duration=4.0)
+    run(world, 1.0)
+    world.faults.start("gps_lost")
+    run(world, 1.0)
+    assert world.truth.wind_enu[0] == pytest.approx(5.0, rel=0.02), "another fault must not restart the gust"
+    world.faults.start("wind_gust", speed=3.0, from_deg=180.0, duration=2.0)
+    run(world, 1.0)
+    assert world.truth.wind_enu == pytest.approx([0.0, 3.0, 0.0], abs=0.1)
+
+
+def test_battery_drop_lowers_the_reading_and_below_low_the_thrust() -> None:
+    world = run(World(QUIET, seed=1, start=StartState(height=20.0)), 1.0)
+    before, height = world.sensors.battery_voltage, world.truth.position_enu[2]
+    setpoint = world.sensors.motor_setpoints[0]
+    world.faults.start("battery_drop", volts=1.5)
+    run(world, 1.0)
+    assert before - world.sensors.battery_voltage == pytest.approx(1.5, abs=0.1)
+    assert world.truth.position_enu[2] == pytest.approx(height, abs=0.6), "gas is compensated"
+    assert world.sensors.motor_setpoints[0] == pytest.approx(setpoint * before / (before - 1.5), abs=2)
+    world.faults.start("battery_drop", volts=5.5)
+    run(world, 2.0)
+    assert world.truth.velocity_enu[2] < -0.5
+
+
+def test_imu_bias_makes_it_drift() -> None:
+    def drift(biased: bool) -> float:
+        world = World(QUIET, seed=1, start=StartState(height=10.0))
+        if biased:
+            world.faults.start("imu_bias", rate_deg=0.0, lean_deg=3.0)
+        run(world, 4.0)
+        return float(np.hypot(*world.truth.position_enu[:2]))
+
+    assert drift(False) < 0.01
+    assert drift(True) > 1.0
+
+
+def test_compass_bias_turns_the_aircraft_with_the_lock() -> None:
+    world = run(World(QUIET, seed=1, start=StartState(height=10.0, yaw=0.0)), 1.0)
+    world.faults.start("compass_bias", deg=30.0)
+    run(world, 12.0)
+    assert math.degrees(world.truth.yaw) == pytest.approx(30.0, abs=6.0)
+
+
+def test_gps_lost_reaches_the_sensors() -> None:
+    world = run(World(QUIET, seed=1), 0.5, MOTORS_OFF)
+    assert world.sensors.gps.has_fix
+    world.faults.start("gps_lost", duration=1.0)
+    run(world, 0.5, MOTORS_OFF)
+    assert not world.sensors.gps.has_fix
+    run(world, 1.0, MOTORS_OFF)
+    assert world.sensors.gps.has_fix
+
+
+def test_parameter_set_changes_the_tilt_of_a_count() -> None:
+    def tilt(stick_p: int) -> float:
+        world = World(QUIET, seed=1, start=StartState(height=20.0))
+        world.set_attitude_gains(AttitudeGains.from_parameters(stick_p=stick_p, ta=1e9))
+        assert world.gains.stick_p == stick_p
+        run(world, 3.0, StickInput(20.0, 0.0, 0.0, 125.0, motors_running=True))
+        return math.degrees(world.truth.pitch)
+
+    assert tilt(10) / tilt(6) == pytest.approx(10 / 6, rel=0.05)
+
+
+def test_a_flight_draws_a_realistic_charge() -> None:
+    config = FlightConfig(battery=BatteryConfig(charge=0.5))
+    world = World(config, seed=1)
+    world.pilot.program = CircleFlight()
+    board = RcBoard(world)
+    board.run(60.0)
+    assert world.truth.airborne
+    used = world.sensors.battery_used_mah
+    assert used == pytest.approx(12.6 * 50.0 / 3.6, rel=0.15)
+    assert 14.0 < world.sensors.battery_voltage < 15.2
+
+
+def test_truth_is_a_proper_rotation() -> None:
+    world = run(World(FlightConfig(wind=WindClass.MODERATE), seed=2, start=StartState(height=5.0)), 3.0)
+    rotation = world.truth.enu_from_flu
+    assert rotation @ rotation.T == pytest.approx(np.eye(3), abs=1e-12)
+    assert np.linalg.det(rotation) == pytest.approx(1.0)
+    assert math.acos(rotation[2, 2]) == pytest.approx(world.truth.tilt, abs=1e-9)
+
+
+@settings(max_examples=40, deadline=None)
+@given(
+    seed=st.integers(0, 10_000),
+    height=st.sampled_from([0.0, 0.05, 1.0, 30.0]),
+    moves=st.lists(
+        st.tuples(
+            st.floats(-127, 127),
+            st.floats(-127, 127),
+            st.floats(-127, 127),
+            st.floats(0, 254),
+            st.booleans(),
+            st.booleans(),
+        ),
+        min_size=1,
+        max_size=8,
+    ),
+    faults=st.lists(st.sampled_from(sorted(FAULTS)), max_size=4),
+)
+def test_nothing_breaks_the_numbers(
+    seed: int, height: float, moves: list[tuple[float, float, float, float, bool, bool]], faults: list[str]
+) -> None:
+    """Whatever the sticks do and whatever fails: finite state, a proper rotation, never under the ground."""
+    world = World(FlightConfig(wind=WindClass.MODERATE), seed=seed, start=StartState(height=height))
+    for name in faults:
+        world.faults.start(name)
+    for move in moves:
+        for _ in range(80):
+            world.step(StickInput(*move))
+        truth, sensors = world.truth, world.sensors
+        assert np.isfinite([*truth.position_enu, *truth.velocity_enu, *truth.rates, truth.tilt]).all()
+        assert np.isfinite([sensors.fc_angle_pitch, sensors.fc_angle_roll, sensors.heading_deg, sensors.acc_z]).all()
+        assert np.linalg.det(truth.enu_from_flu) == pytest.approx(1.0)
+        assert truth.position_enu[2] >= 0.1 - 0.02
+        assert all(0 <= count <= 254 for count in sensors.motor_setpoints)
+        assert 0.0 <= sensors.heading_deg < 360.0
+
+
+def test_a_standing_aircraft_stays_where_it_is_while_its_pilot_stops_the_motors() -> None:
+    world = World(FlightConfig(), seed=1)
+    idle = StickInput(0.0, 0.0, 0.0, 8.0, motors_running=True)
+    corner = StickInput(-160.0, 160.0, 127.0, 8.0, motors_running=True)
+    for sticks in [idle] * 500 + [corner] * 700:
+        world.step(sticks)
+    assert math.hypot(world.truth.position_enu[0], world.truth.position_enu[1]) < 0.02
+    assert world.truth.on_ground

@@ -1,0 +1,69 @@
+"""`mkdaemon demo`: what is shown, where the picture goes, what the exit code means."""
+
+from __future__ import annotations
+
+import json
+from xml.etree import ElementTree
+
+import pytest
+from rich.console import Console
+
+from mkdaemon.cli.mkdaemon.app import app
+from mkdaemon.cli.program import run
+from mksim.programs import demo
+from mksim.programs.flightpicture import write_picture
+from tests.mksim.programs.test_rehearsal import flight
+
+
+@pytest.fixture
+def flown(monkeypatch):
+    """Let the demo fly a flight that is there already; returns what may be changed of it."""
+    shown = {"record": flight()}
+
+    async def rehearse(*, seed, wind, fps, watcher):
+        for moment in shown["record"].moments:
+            watcher(moment, None)
+        return shown["record"]
+
+    monkeypatch.setattr("mksim.programs.rehearsal.flight.rehearse", rehearse)
+    return shown
+
+
+def test_a_landing_is_a_success_with_figures_and_a_picture(flown, tmp_path, capsys):
+    picture = tmp_path / "flight.svg"
+    assert run(app, ["demo", "--fast", "--headless", "--picture", str(picture)]) == 0
+    shown = capsys.readouterr().out
+    assert "landed on the target, motors stand" in shown
+    assert "hold over the target, horizontal RMS (cm)" in shown
+    assert max(len(line) for line in shown.splitlines() if "picture" not in line) <= 80
+    assert ElementTree.parse(picture).getroot().tag.endswith("svg")
+
+
+def test_anything_else_is_a_failure_that_says_why(flown, tmp_path, capsys):
+    flown["record"] = flight(outcome="no image of pad for 3.0 s")
+    assert run(app, ["demo", "--fast", "--picture", str(tmp_path / "a.svg")]) == 1
+    assert "NOT landed: no image of pad for 3.0 s" in capsys.readouterr().out
+
+
+def test_figures_as_json_name_the_picture(flown, tmp_path, capsys):
+    picture = tmp_path / "a.svg"
+    assert run(app, ["demo", "--fast", "--json", "--picture", str(picture)]) == 0
+    figures = json.loads(capsys.readouterr().out)
+    assert figures["landed"] is True
+    assert figures["picture"] == str(picture)
+
+
+def test_the_live_table_fits_80_columns():
+    record = flight()
+    console = Console(width=80, record=True, force_terminal=True)
+    with console.capture() as shown:
+        console.print(demo.flight_table(record.moments[0], None))
+    assert max(len(line) for line in shown.get().splitlines()) <= 100  # with the codes of the terminal
+    assert all(len(demo.flight_line(moment)) <= 80 for moment in record.moments)
+
+
+def test_a_flight_that_never_began_has_a_picture_too(tmp_path):
+    record = flight()
+    record.moments = record.moments[:1]
+    write_picture(record, tmp_path / "a.svg")
+    assert (tmp_path / "a.svg").read_text().startswith("<svg")

@@ -1,0 +1,82 @@
+"""The demonstration in virtual time: it lifts off over the real link, seen by the real eyes; what is made of it."""
+
+from __future__ import annotations
+
+import asyncio
+import math
+
+import pytest
+
+from mkdaemon.virtualtime import run_virtually
+from mksim.programs.rehearsal.flight import rehearse
+from mksim.programs.rehearsal.record import Moment, Rehearsed
+
+
+def test_the_aircraft_lifts_off_seen_by_the_real_eyes_and_over_the_real_link():
+    heights = []
+
+    async def watch_the_lift_off():
+        flies = asyncio.Event()
+
+        def watch(moment, status):
+            if flies.is_set():
+                return  # the flight ends, and the pilot has the aircraft
+            heights.append(moment.position[2])
+            if status is not None and status.stage == "climbs" and heights[-1] > 0.6:
+                flies.set()
+
+        flight = asyncio.create_task(rehearse(seed=1, wind="indoor", fps=10.0, watcher=watch))
+        await asyncio.wait_for(flies.wait(), 20.0)
+        flight.cancel()
+        await asyncio.gather(flight, return_exceptions=True)
+
+    run_virtually(watch_the_lift_off())
+    assert heights[0] == pytest.approx(0.1)
+    assert max(heights) == heights[-1] == pytest.approx(0.65, abs=0.05)
+
+
+def moments(part, begin, places, goal=(0.0, 0.0, 2.0)):
+    """A part of a flight, twenty moments a second."""
+    return [Moment(begin + 0.05 * k, place, (0.0, 0.0, 0.0), goal, None, part) for k, place in enumerate(places)]
+
+
+def flight(end=(0.05, 0.0, 0.1), outcome="landed on pad", motors_stand=True):
+    """A flight that holds 10 cm beside its goal, steps by 1 m and lands."""
+    held = moments("hold", 10.0, [(0.1, 0.0, 2.0)] * 100)
+    step = moments("step", 20.0, [(min(0.05 * k - 0.5, 0.55), 0.0, 2.0) for k in range(60)])
+    land = moments("land", 30.0, [end] * 20, goal=None)
+    return Rehearsed(
+        moments=held + step + land,
+        parts={"hold": 10.0, "step": 20.0, "land": 30.0},
+        outcome=outcome,
+        motors_stand=motors_stand,
+    )
+
+
+def test_the_figures_are_those_of_the_true_flight():
+    figures = flight().figures()
+    assert figures["hold_rms_cm"] == figures["hold_max_cm"] == pytest.approx(10.0)
+    assert figures["step_t90_s"] == pytest.approx(0.9, abs=0.06)
+    assert figures["step_overshoot_percent"] == pytest.approx(5.0)
+    assert figures["touch_cm"] == pytest.approx(5.0)
+    assert figures["landed"] is True
+
+
+@pytest.mark.parametrize(
+    "flown",
+    [
+        flight(end=(0.5, 0.0, 0.1)),
+        flight(end=(0.0, 0.0, 1.0)),
+        flight(outcome="no image of pad for 3.0 s"),
+        flight(motors_stand=False),
+        Rehearsed(),
+    ],
+)
+def test_only_an_aircraft_that_stands_on_its_target_with_motors_that_stand_has_landed(flown):
+    assert not flown.has_landed
+
+
+def test_a_flight_that_was_broken_off_still_has_figures():
+    record = Rehearsed(crashed="hit the ground at 3.0 m/s")
+    assert math.isnan(record.touch_error)
+    assert record.figures()["crashed"].startswith("hit")

@@ -1,0 +1,102 @@
+"""The simulated camera on a real bus: frames of the flight arrive where a daemon's camera looks for them."""
+
+from __future__ import annotations
+
+import asyncio
+from pathlib import Path
+
+import cv2
+import pytest
+import zenoh
+
+from mkdaemon.bus.session import close_session, session_config
+from mkdaemon.config.camera import CameraSection
+from mkdaemon.errors import ConfigError
+from mkdaemon.vision.camera.camera import CameraStream
+from mkdaemon.vision.camera.image import CameraImage
+from mkdaemon.vision.camera.slot import NewestSlot
+from mkdaemon.vision.camera.sources import source_of
+from mksim.config import PilotPlan, SceneConfig, SimConfig
+from mksim.programs.sim_camera import CameraPublisher, open_camera, run_camera
+from mksim.simulation import Simulation
+
+
+async def test_frames_of_the_simulation_reach_a_camera_on_the_bus(tmp_path: Path) -> None:
+    scene = SceneConfig(enabled=True, fps=20, latency_ms=10.0, latency_jitter_ms=0.0, video=tmp_path / "flight.avi")
+    config = SimConfig(scene=scene, pilot_plan=PilotPlan.NOTHING)
+    session = zenoh.open(session_config("peer"))
+    cfg = CameraSection(source="zenoh:mk/film/sim/camera/down")
+    slot: NewestSlot[CameraImage] = NewestSlot()
+    stream = CameraStream(cfg, source_of(cfg, lambda: session), slot)
+    simulation = Simulation(config)
+    stream.start()
+    try:
+        async with asyncio.timeout(120.0):
+            publisher = CameraPublisher("film", "down")
+            async with run_camera(open_camera(config), simulation, config, publisher):
+                before = simulation.now
+                with publisher.open(session):
+                    while stream.status().images < 3:
+                        simulation.advance(simulation.now + 0.025)
+                        await asyncio.sleep(0.01)
+                assert simulation.now > before
+                assert not publisher.is_open
+    finally:
+        stream.stop()
+        await close_session(session)
+    image = slot.take(0.0)
+    assert image is not None
+    assert image.stamped_by == "header"
+    assert image.pixels.shape == (480, 640)
+    assert image.received_at - image.captured_at >= 0.0099
+    video = cv2.VideoCapture(str(tmp_path / "flight.avi"))
+    assert video.read()[0]
+    video.release()
+
+
+async def test_a_simulator_without_a_camera_films_nothing() -> None:
+    config = SimConfig()
+    assert open_camera(config) is None
+    async with run_camera(None, Simulation(config), config, CameraPublisher("film", "down")):
+        assert not [task for task in asyncio.all_tasks() if task.get_name() == "simulated camera"]
+
+
+def holds(folder: Path, size: int) -> bool:
+    """Whether a file in a folder has more than so many bytes."""
+    return any(file.stat().st_size > size for file in folder.iterdir())
+
+
+async def test_a_video_is_written_without_anybody_on_the_bus(tmp_path: Path) -> None:
+    clip = tmp_path / "alone.avi"
+    scene = SceneConfig(enabled=True, fps=20, video=clip)
+    config = SimConfig(scene=scene, pilot_plan=PilotPlan.NOTHING)
+    simulation = Simulation(config)
+    async with (
+        asyncio.timeout(120.0),
+        run_camera(open_camera(config), simulation, config, CameraPublisher("film", "down")),
+    ):
+        while not holds(tmp_path, 100_000):
+            simulation.advance(simulation.now + 0.025)
+            await asyncio.sleep(0.01)
+        assert not clip.exists()
+    video = cv2.VideoCapture(str(clip))
+    assert video.read()[0]
+    video.release()
+
+
+async def test_a_video_that_cannot_be_written_stops_the_simulator_at_once(tmp_path: Path) -> None:
+    config = SimConfig(scene=SceneConfig(enabled=True, video=tmp_path / "no" / "flight.avi"))
+    with pytest.raises(ConfigError, match=r"sim\.scene\.video"):
+        async with run_camera(open_camera(config), Simulation(config), config, CameraPublisher("film", "down")):
+            pytest.fail("filmed")
+
+
+def test_pictures_without_a_bus_go_nowhere() -> None:
+    publisher = CameraPublisher("film", "down")
+    publisher.send(b"picture")
+    assert not publisher.is_open
+
+
+def test_a_wrong_camera_file_stops_the_simulator_at_once() -> None:
+    with pytest.raises(ConfigError, match=r"camera file none\.toml"):
+        open_camera(SimConfig(scene=SceneConfig(enabled=True, camera=Path("none.toml"))))

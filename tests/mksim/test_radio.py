@@ -1,0 +1,212 @@
+"""The serial link by its statistics, and the promises that hold byte by byte."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from pydantic import ValidationError
+
+from mksim.config import ChannelConfig, RadioConfig, RadioKind
+from mksim.radio import PACKET_BYTES, Channel
+
+BYTE = 10 / 57600
+XBEE = ChannelConfig(kind=RadioKind.XBEE, loss=0.0)
+FRAME = bytes(range(22))
+
+
+def drain(channel: Channel) -> list[tuple[float, bytes]]:
+    out = []
+    while math.isfinite(channel.next_time):
+        out += channel.poll(channel.next_time)
+    return out
+
+
+def first_arrivals(config: ChannelConfig, count: int, period: float) -> list[float | None]:
+    """Delay of each frame's first byte over its last byte sent [s]; None when it was lost."""
+    channel = Channel(config, 7)
+    delays: list[float | None] = []
+    for k in range(count):
+        sent = k * period
+        channel.push(FRAME, sent)
+        got = []
+        while channel.next_time < sent + period:
+            got += channel.poll(channel.next_time)
+        delays.append(got[0][0] - BYTE - (sent + len(FRAME) * BYTE) if got else None)
+    return delays
+
+
+def test_a_cable_costs_wire_time_and_nothing_else() -> None:
+    channel = Channel(ChannelConfig(), 1)
+    channel.push(b"abc", 1.0)
+    assert [t for t, _ in drain(channel)] == pytest.approx([1.0 + BYTE, 1.0 + 2 * BYTE, 1.0 + 3 * BYTE])
+    assert abs(BYTE - 173.6e-6) < 1e-7
+
+
+def test_a_busy_line_queues() -> None:
+    channel = Channel(ChannelConfig(), 1)
+    channel.push(FRAME, 0.0)
+    channel.push(b"x", 0.0)
+    assert drain(channel)[-1] == (pytest.approx(23 * BYTE), b"x")
+
+
+def test_poll_gives_only_what_has_arrived() -> None:
+    channel = Channel(ChannelConfig(), 1)
+    channel.push(b"ab", 0.0)
+    assert channel.poll(0.9 * BYTE) == []
+    assert channel.next_time == pytest.approx(BYTE)
+    assert [data for _, data in channel.poll(1.5 * BYTE)] == [b"a"]
+    assert [data for _, data in channel.poll(10.0)] == [b"b"]
+    assert channel.next_time == math.inf
+
+
+def test_xbee_latency_is_that_of_2010() -> None:
+    """Mean 23 ms, standard deviation 9 to 10, spikes to 62."""
+    delays = np.array(first_arrivals(XBEE, 8000, 0.2), dtype=float)
+    assert delays.mean() == pytest.approx(0.023, abs=0.0005)
+    assert 0.009 <= delays.std() <= 0.010
+    assert delays.min() >= 0.013 - 1e-9
+    assert 0.058 < delays.max() <= 0.062 + 1e-9
+
+
+@pytest.mark.parametrize("loss", [0.01, 0.03])
+def test_loss_comes_in_bursts_of_four(loss: float) -> None:
+    delays = first_arrivals(ChannelConfig(kind=RadioKind.XBEE, loss=loss), 40000, 0.1)
+    lost = [delay is None for delay in delays]
+    bursts = [0]
+    for is_lost in lost:
+        if is_lost:
+            bursts[-1] += 1
+        elif bursts[-1]:
+            bursts.append(0)
+    lengths = [length for length in bursts if length]
+    assert sum(lost) / len(lost) == pytest.approx(loss, rel=0.35)
+    assert np.mean(lengths) == pytest.approx(4.0, rel=0.25)
+
+
+def test_no_loss_means_none() -> None:
+    assert None not in first_arrivals(XBEE, 2000, 0.1)
+
+
+def test_a_long_frame_crosses_in_two_packets() -> None:
+    channel = Channel(XBEE, 1)
+    channel.push(bytes(118), 0.0)
+    drain(channel)
+    assert channel.packets == 2
+    assert channel.bytes_out == 118
+    assert PACKET_BYTES < 118
+
+
+def test_a_pause_ends_a_packet() -> None:
+    channel = Channel(XBEE, 1)
+    channel.push(b"ab", 0.0)
+    channel.push(b"cd", 2 * BYTE + 2 * BYTE)
+    channel.push(b"ef", 10 * BYTE)
+    drain(channel)
+    assert channel.packets == 2
+
+
+@pytest.mark.parametrize("timer", [0.001, 0.016])
+def test_usb_timer_delays_by_half_its_length_on_average(timer: float) -> None:
+    channel = Channel(ChannelConfig(usb_timer=timer), 3)
+    waits = []
+    for k in range(3000):
+        sent = k * 0.0333
+        channel.push(b"x", sent)
+        waits.append(drain(channel)[0][0] - sent - BYTE)
+    assert np.mean(waits) == pytest.approx(timer / 2, rel=0.1)
+    assert max(waits) <= timer + 1e-9
+    assert min(waits) >= -1e-9
+
+
+def test_usb_adapter_delivers_full_packets_early() -> None:
+    channel = Channel(ChannelConfig(usb_timer=0.1), 3)
+    channel.push(bytes(200), 0.0)
+    assert [len(data) for _, data in drain(channel)][-1] < 62
+    assert channel.bytes_out == 200
+
+
+def test_a_cut_direction_carries_nothing_and_comes_back() -> None:
+    channel = Channel(ChannelConfig(), 1)
+    channel.is_cut = True
+    channel.push(FRAME, 0.0)
+    assert channel.next_time == math.inf
+    assert channel.bytes_lost == len(FRAME)
+    channel.is_cut = False
+    channel.push(FRAME, 1.0)
+    assert b"".join(data for _, data in drain(channel)) == FRAME
+
+
+def test_drop_outs_cover_their_share_of_the_time() -> None:
+    channel = Channel(ChannelConfig(outages_per_minute=6.0, outage_duration=1.0), 5)
+    for k in range(20000):
+        channel.push(b"x", 0.1 * k)
+    drain(channel)
+    assert channel.bytes_lost / channel.bytes_in == pytest.approx(1.0 / 11.0, rel=0.25)
+
+
+def test_directions_are_independent() -> None:
+    config = RadioConfig(to_board=ChannelConfig(kind=RadioKind.XBEE, loss=0.3), to_host=ChannelConfig())
+    up, down = Channel(config.to_board, "1 up"), Channel(config.to_host, "1 down")
+    for k in range(300):
+        up.push(FRAME, 0.1 * k)
+        down.push(FRAME, 0.1 * k)
+    drain(up)
+    drain(down)
+    assert up.bytes_lost > 0
+    assert down.bytes_out == 300 * len(FRAME)
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    sends=st.lists(st.tuples(st.floats(0.0, 0.05), st.binary(min_size=1, max_size=150)), max_size=20),
+    kind=st.sampled_from(list(RadioKind)),
+    timer=st.sampled_from([0.0, 0.001, 0.016]),
+    steps=st.floats(0.0005, 0.03),
+)
+def test_bytes_arrive_once_in_order_and_never_early(
+    sends: list[tuple[float, bytes]], kind: RadioKind, timer: float, steps: float
+) -> None:
+    channel = Channel(ChannelConfig(kind=kind, loss=0.0, usb_timer=timer), 11)
+    now, got, sent = 0.0, [], b""
+    for pause, data in sends:
+        until = now + pause
+        while now + steps < until:
+            now += steps
+            got += channel.poll(now)
+        now = until
+        channel.push(data, now)
+        sent += data
+    got += drain(channel)
+    assert b"".join(data for _, data in got) == sent
+    times = [t for t, _ in got]
+    assert times == sorted(times)
+    assert channel.bytes_in == channel.bytes_out == len(sent)
+    if times:
+        assert times[-1] >= len(sent) * BYTE
+
+
+@given(seed=st.integers(0, 2**32), chunk=st.floats(0.0003, 0.02))
+@settings(max_examples=20, deadline=None)
+def test_polling_pace_changes_nothing(seed: int, chunk: float) -> None:
+    """Same seed, same bytes: arrival times do not depend on how often somebody looks."""
+
+    def run(pace: float) -> list[tuple[float, bytes]]:
+        config = ChannelConfig(kind=RadioKind.XBEE, loss=0.1, usb_timer=0.004, outages_per_minute=30.0)
+        channel, got, now = Channel(config, seed), [], 0.0
+        for k in range(20):
+            while now + pace < 0.04 * k:
+                now += pace
+                got += channel.poll(now)
+            channel.push(FRAME, 0.04 * k)
+        return got + drain(channel)
+
+    assert run(chunk) == run(math.inf)
+
+
+def test_impossible_latencies_are_refused() -> None:
+    with pytest.raises(ValidationError, match="latency_mean"):
+        ChannelConfig(latency_mean=0.05)

@@ -1,0 +1,210 @@
+"""Real time and ports around the simulation, with a clock of our own where time matters."""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import termios
+import tty
+
+import pytest
+
+from mkdaemon.errors import ConfigError, LinkError
+from mkdaemon.protocol.framing import Frame, FrameDecoder, encode_frame
+from mksim.boards.line import HOST_CHAR
+from mksim.config import ChannelConfig, PilotPlan, RadioConfig, SimConfig
+from mksim.runtime import PseudoTerminal, Runtime
+from mksim.simulation import Simulation
+from tests.bus.support import PATIENCE, free_endpoint
+
+WIRED = RadioConfig(to_host=ChannelConfig())
+ECHO = encode_frame(2, "z", b"\x34\x12")
+
+
+def free_port():
+    return int(free_endpoint().rpartition(":")[2])
+
+
+class Clock:
+    def __init__(self):
+        self.now = 100.0
+
+    def __call__(self):
+        return self.now
+
+
+def quiet(**options):
+    return Simulation(SimConfig(pilot_plan=PilotPlan.NOTHING, radio=WIRED, **options))
+
+
+@pytest.fixture
+def terminal():
+    made = PseudoTerminal()
+    yield made
+    made.close()
+
+
+@pytest.fixture
+def host(terminal):
+    descriptor = os.open(terminal.name, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
+    yield descriptor
+    os.close(descriptor)
+
+
+def test_every_byte_passes_unchanged_both_ways(terminal, host):
+    every = bytes(range(256))
+    os.write(host, every)
+    assert terminal.read() == every
+    assert terminal.write(every) == 0
+    assert os.read(host, 512) == every
+
+
+def test_it_survives_a_host_that_closes_and_comes_back(terminal):
+    for round_ in range(3):
+        descriptor = os.open(terminal.name, os.O_RDWR | os.O_NOCTTY)
+        os.write(descriptor, bytes([round_]))
+        os.close(descriptor)
+        assert terminal.read() in (bytes([round_]), b"")
+        assert terminal.read() == b""
+
+
+def test_it_starts_raw(terminal, host):
+    flags = termios.tcgetattr(host)
+    assert not flags[tty.IFLAG] & (termios.ICRNL | termios.IXON)
+    assert not flags[tty.LFLAG] & (termios.ECHO | termios.ICANON | termios.ISIG)
+
+
+def test_a_host_that_does_not_read_loses_bytes_and_blocks_nobody(terminal, host):
+    lost = sum(terminal.write(b"x" * 1000) for _ in range(200))
+    assert lost > 0
+
+
+def test_no_byte_comes_out_before_its_wire_time():
+    clock = Clock()
+    runtime = Runtime(quiet(), clock=clock)
+    descriptor = os.open(runtime.port, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
+    try:
+        for _ in range(50):
+            clock.now += 1e-3
+            runtime._step()
+        os.write(descriptor, ECHO)
+        runtime._take_terminal()
+        sent, seen = clock.now, []
+        for _ in range(80):
+            clock.now += 0.1e-3
+            runtime._step()
+            try:
+                seen += [clock.now] * len(os.read(descriptor, 64))
+            except BlockingIOError:
+                continue
+    finally:
+        os.close(descriptor)
+        runtime._terminal.close()
+    # ten characters in, the FIFO's time-out, ten characters out
+    earliest = sent + 10 * HOST_CHAR + 0.56e-3
+    assert len(seen) == 10
+    for number, at in enumerate(seen, 1):
+        assert earliest + number * HOST_CHAR <= at <= earliest + number * HOST_CHAR + 0.35e-3
+
+
+def test_a_suspended_machine_skips_the_gap():
+    clock = Clock()
+    runtime = Runtime(quiet(), clock=clock)
+    clock.now += 0.1
+    runtime._step()
+    clock.now += 3600.0
+    runtime._step()
+    assert runtime.simulation.now == pytest.approx(0.1)
+    clock.now += 0.1
+    runtime._step()
+    assert runtime.simulation.now == pytest.approx(0.2)
+    runtime._terminal.close()
+
+
+async def ask(reader, writer, request, letter):
+    writer.write(request)
+    decoder = FrameDecoder()
+    async with asyncio.timeout(PATIENCE):
+        while data := await reader.read(256):
+            for item in decoder.feed(data):
+                if isinstance(item, Frame) and item.id == letter:
+                    return item
+    return None
+
+
+async def test_tcp_carries_one_client_at_a_time():
+    port = free_port()
+    runtime = Runtime(quiet(), listen=f"127.0.0.1:{port}")
+    async with runtime.serve():
+        reader, writer = await asyncio.open_connection("127.0.0.1", port)
+        heard = await ask(reader, writer, ECHO, "Z")
+        assert heard.payload[:2] == b"\x34\x12"
+        second, other = await asyncio.open_connection("127.0.0.1", port)
+        async with asyncio.timeout(PATIENCE):
+            assert await second.read(10) == b""
+        other.close()
+        writer.close()
+        await writer.wait_closed()
+        async with asyncio.timeout(PATIENCE):
+            while True:
+                reader, writer = await asyncio.open_connection("127.0.0.1", port)
+                heard = await ask(reader, writer, ECHO, "Z")  # None where the first client is still being let go of
+                writer.close()
+                if heard is not None:
+                    break
+                await asyncio.sleep(0.02)
+
+
+async def test_a_tcp_port_in_use_is_named():
+    port = free_port()
+    server = await asyncio.start_server(lambda _r, _w: None, "127.0.0.1", port)
+    runtime = Runtime(quiet(), listen=f"127.0.0.1:{port}")
+    with pytest.raises(LinkError, match=f"sim.listen 127.0.0.1:{port}"):
+        async with runtime.serve():
+            pass
+    server.close()
+    await server.wait_closed()
+
+
+async def test_the_pseudo_terminal_answers_in_real_time():
+    runtime = Runtime(quiet())
+    loop = asyncio.get_running_loop()
+    async with runtime.serve():
+        descriptor = os.open(runtime.port, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
+        arrived = asyncio.Queue()
+        loop.add_reader(descriptor, lambda: arrived.put_nowait(os.read(descriptor, 256)))
+        os.write(descriptor, encode_frame(2, "v"))
+        decoder, frames = FrameDecoder(), []
+        async with asyncio.timeout(PATIENCE):
+            while not frames:
+                frames += decoder.feed(await arrived.get())
+        loop.remove_reader(descriptor)
+        os.close(descriptor)
+    assert (frames[0].address, frames[0].id) == (2, "V")
+
+
+async def test_a_simulation_that_fails_is_noticed_and_named():
+    runtime = Runtime(quiet())
+
+    def fail(to):
+        raise ConfigError("sim.eeprom fc.json: No space left on device")
+
+    with pytest.raises(ConfigError, match="No space left"):
+        async with runtime.serve(), asyncio.timeout(10):
+            runtime.simulation.advance = fail
+            await runtime.ended.wait()
+
+
+async def test_at_the_end_a_tcp_client_is_hung_up_on():
+    port = free_port()
+    runtime = Runtime(quiet(), listen=f"127.0.0.1:{port}")
+    async with runtime.serve():
+        reader, writer = await asyncio.open_connection("127.0.0.1", port)
+        assert await ask(reader, writer, ECHO, "Z") is not None
+        serving = runtime._serving
+    async with asyncio.timeout(PATIENCE):
+        while await reader.read(256):
+            continue
+    assert serving.done()
+    assert not serving.cancelled(), "cancelled at the end of the loop it would print a trace"
+    writer.close()
