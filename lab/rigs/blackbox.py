@@ -15,7 +15,7 @@ from lab.rigs.boardport import TICK_TIME, Socket
 from mkdaemon.bus.codec import encode, encoding_of
 from mkdaemon.bus.commandserver import Handler
 from mkdaemon.bus.gateway import Watcher
-from mkdaemon.bus.intake import Prover, Taker
+from mkdaemon.bus.intake import Taker, Verifier
 from mkdaemon.clock import Clock
 from mkdaemon.config.root import Config
 from mkdaemon.control.events import Feed
@@ -87,7 +87,7 @@ class ClientSide:
         self._tap = tap
         self._loop = asyncio.get_running_loop()
         self._handlers: dict[str, Handler] = {}
-        self._takers: dict[str, Taker] = {}
+        self._takers: dict[str, tuple[Taker, Verifier]] = {}
         self._watchers: list[Watcher] = []
         self._exchanges = 0
         self._sequence = 0
@@ -104,9 +104,9 @@ class ClientSide:
         """Let a handler answer."""
         self._handlers[root] = handler
 
-    def receive(self, suffix: str, take: Taker, is_proven: Prover) -> None:
+    def receive(self, suffix: str, take: Taker, verify: Verifier) -> None:
         """Take setpoints."""
-        self._takers[suffix] = take
+        self._takers[suffix] = take, verify
 
     def watch_clients(self, watcher: Watcher) -> None:
         """Tell of clients."""
@@ -156,7 +156,8 @@ class ClientSide:
 
     def _arrive(self, suffix: str, at: float, payload: bytes, proof: bytes) -> None:
         self._tap.setpoint(suffix, payload, "application/msgpack", proof, at=at, source=SOURCE, is_holder=True)
-        self._takers[suffix](at, payload, proof)
+        take, verify = self._takers[suffix]
+        take(at, payload, verify(payload, proof))
 
 
 class RecordedDaemon:

@@ -72,7 +72,7 @@ from mkdaemon.control.vehicle import VehicleFacts, VehicleMemory
 from mkdaemon.errors import CommandRejectedError
 from mkdaemon.telemetry.control import ControlLine, ErrorValue, Gains, LeaseState, Obstacle, Phase
 from mkdaemon.telemetry.preflight import PreflightReport
-from mkdaemon.telemetry.refusals import Token, refuse
+from mkdaemon.telemetry.refusals import TOKENS, Token, refuse
 from mkdaemon.telemetry.setpoint import Setpoint
 from mkdaemon.telemetry.signature import HolderKey
 from mkdaemon.telemetry.state import Attitude
@@ -407,7 +407,7 @@ class FlightCore:
         if engaging or line.obstacle is not None:
             self._output.engage(order.sticks, now)
         if line.obstacle is not None:
-            error = refuse(Token(line.obstacle.value), state="down", detail=line.reason)
+            error = refuse(TOKENS[line.obstacle.value], state="down", detail=line.reason)
             if line.obstacle in {Obstacle.RELEASING, Obstacle.UNCONFIRMED}:  # nobody flies then, so the lease ends
                 self._end(Trigger.LINE_RELEASING, error.reason)
                 self._pacing.hurry()

@@ -19,6 +19,7 @@ from mkdaemon.config.link import LinkConfig
 from mkdaemon.control.events import Feed
 from mkdaemon.daemon.deck import Deck
 from mkdaemon.daemon.flight import FlightControl
+from mkdaemon.link.discovery import discover
 from mkdaemon.link.link import Link
 from mkdaemon.telemetry.command import LeaseRequest
 from mkdaemon.telemetry.control import ControlError, ControlEstimate, ControlStatus, LeaseGrant
@@ -119,7 +120,7 @@ class Rehearsal:
     async def fly(self) -> Rehearsed:
         """Fly from the pilot's start of the motors to motors that stand still; the record."""
         jobs = [
-            asyncio.create_task(self._link.run(), name="link"),
+            asyncio.create_task(self._link.run(discover), name="link"),
             asyncio.create_task(self._flight.run(), name="control"),
             asyncio.create_task(self._eyes.run(), name="eyes"),
         ]
@@ -173,7 +174,9 @@ class Rehearsal:
             setpoint = kind(epoch=self._lease.epoch, sequence=self._sequence, ttl=0.3, **fields)
             payload = encode(setpoint)
             proof = sign(self._lease.secret, kind.suffix, payload)
-            self._flight.setpoint_arrived(kind, self._loop.time(), payload, proof)
+            self._flight.setpoint_arrived(
+                kind, self._loop.time(), payload, self._flight.signed_for(kind, payload, proof)
+            )
             await asyncio.sleep(PERIOD)
             status = self._status
             if status is None or status.lease is None:

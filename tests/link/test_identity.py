@@ -8,7 +8,7 @@ import pytest
 
 from lab.rigs.linkrig import Rig, flight_ctrl, navi_ctrl, rig, virtually
 from lab.rigs.sticks import build_sticks
-from mkdaemon.link.session.reboot import is_printed
+from mkdaemon.link.session.identity import is_printed
 from mkdaemon.protocol.messages import ExternControlV1, ExternControlV2, ExternControlV3
 from mksim.simulation import Simulation
 
